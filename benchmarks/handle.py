@@ -18,8 +18,8 @@ from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play, run
 from hapscene.handle.sensor import ACCELEROMETER_HZ, Sensor
 from hapscene.surface.library import load_swatch
-from hapscene.teleoperation.experiment import compare_handles
 from hapscene.view.palette import OKABE_ITO
+from hapscene_experiments.teleoperation import compare_handles
 
 from .sheet import Sheet
 

@@ -15,7 +15,8 @@ Installed as `hapscene_experiments`. One study a file: each that one command alo
 | `field_case` | guides, magnets and viscosities that are too much for a device |
 | `zoo_case`, `zoo_hand` | the zoo's hard meshes and paths in closed loop, and the hand that goes along them |
 | `held_out` | swatches of one part of a recording against another part: `python -m hapscene_experiments.held_out` |
-| `delay_study` | position–position and wave variables over a line with delay: `hapscene teleoperate experiment` |
+| `delay_study` | position–position and wave variables over a line with delay: `python -m …delay_study FOLDER` |
+| `teleoperation` | what a hand feels through leader and follower, by compensator |
 | `level_prior` | how loud surfaces get with force and speed, learnt from many: `python -m …level_prior FOLDER` |
 | `haptography` | the tables of docs/haptography.md: `python -m …haptography RECORDINGS PAGE` |
 | `paper` | the haptography paper, its figures and numbers beside ours: `hapscene reproduce` |

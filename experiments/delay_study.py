@@ -5,6 +5,8 @@ bad one. Two questions are put to each run: does all come to rest where a hand i
 energy? A passive scheme can, at most, give out its allowances, of 1 mJ each. delay.png shows it all.
 """
 
+import json
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
@@ -13,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hapscene.constants import TICK_S
 from hapscene.device.hand import Grip
 from hapscene.device.point import PointMass
 from hapscene.parameter_sweep import Piece, sweep
@@ -20,7 +23,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import SCHEMES, Coupling
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operated, Operation
-from hapscene.teleoperation.test_plate import land, plate, swing
+from hapscene.teleoperation.test_plate import plate
 from hapscene.twin.hand_intent import Intent
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
@@ -35,6 +38,21 @@ BAD: Final = {"jitter_s": 0.005, "loss": 0.05, "reorder": 0.05}
 """The bad line: what comes to each delay."""
 
 GRIPS: Final = ("light", "firm")
+
+
+def land(grip: str) -> Intent:
+    """Come down at 0.2 m/s, aim 2 cm below the surface and stay: a hard contact, then a hand that insists."""
+    t_s = np.arange(4.0 / TICK_S) * TICK_S
+    z_m = np.maximum(0.03 - 0.2 * np.maximum(t_s - 0.2, 0.0), -0.02)
+    return Intent.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
+
+
+def swing(grip: str) -> Intent:
+    """Swing 1 cm up and down at 3 Hz in the air for two seconds, then be still."""
+    t_s = np.arange(4.0 / TICK_S) * TICK_S
+    z_m = 0.03 + 0.01 * np.sin(6.0 * np.pi * t_s) * np.minimum(5.0 * t_s, 1.0) * (t_s < 2.0)
+    return Intent.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
+
 
 CASES: Final[dict[str, Callable[[str], Intent]]] = {"land": land, "swing": swing}
 
@@ -260,3 +278,16 @@ def _shade(ax: "Axes", outcomes: list[DelayOutcome]) -> list[tuple[float, float]
     for a, b in spans:
         ax.axvspan(a, b, color=FAINT, linewidth=0, zorder=0)
     return spans
+
+
+def main(out: Path) -> None:
+    """Run the study, and write delay.png and delay.json into a folder."""
+    out.mkdir(parents=True, exist_ok=True)
+    outcomes, stiffness = study_delays(say=lambda text: print(text, end="")), study_stiffness()
+    write_delay_plot(outcomes, stiffness, trace_delay(), out / "delay.png")
+    summary = {"delay": summarise_delays(outcomes), "stiffness": stiffness}
+    (out / "delay.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

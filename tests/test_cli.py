@@ -216,7 +216,6 @@ def leaves(parser: argparse.ArgumentParser, words: tuple[str, ...]) -> Iterator[
         ["handle", "identify", "--from", "none.csv"],
         ["stability", "--scene", "none.scene.json"],
         ["stability", "--cases", "none.json"],
-        ["teleoperate", "experiment", "--recording", "none.csv"],
     ],
 )
 def test_a_missing_file_is_told_in_one_way(folder: Path, capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
@@ -252,7 +251,7 @@ def test_one_grip_everywhere() -> None:
     from hapscene.device.hand import GRIPS
 
     assert DEFAULT_GRIP in GRIPS
-    for words in (["paint"], ["stability"], ["teleoperate", "experiment"], ["teleoperate", "leader"]):
+    for words in (["paint"], ["stability"], ["teleoperate", "leader"]):
         assert _parser().parse_args(words).grip == DEFAULT_GRIP
     assert HAND_DEFAULTS["grip"] == DEFAULT_GRIP
 

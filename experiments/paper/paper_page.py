@@ -44,7 +44,7 @@ TABLE_ONE: Final = (
     ("retouching, a collage", "swatches painted onto a scene", "hapscene paint", ""),
     ("the screen, measured", "the handle, identified", "hapscene handle identify", "fig7"),
     ("looking at it", "touching it through the handle", "hapscene play", "taps"),
-    ("a live broadcast", "touching from afar", "hapscene teleoperate experiment", "fig8"),
+    ("a live broadcast", "touching from afar", "hapscene teleoperate leader", "fig8"),
 )
 """Photography, haptography, the command that this project has for it, and which section of the page shows it."""
 

@@ -8,9 +8,9 @@ from hapscene.capture.report_plots import Plot, drawn, spectrogram_panels
 from hapscene.constants import ACCELERATION_BAND_HZ, ACCELERATION_RATE_HZ, DEFAULT_GRIP
 from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.compensator import COMPENSATORS
-from hapscene.teleoperation.experiment import Rendering, compare_handles
 from hapscene.view.palette import INK
 from hapscene_benchmarks.handle import DRAGS, TAPS
+from hapscene_experiments.teleoperation import Rendering, compare_handles
 
 from .finding import COLOURS, PUBLISHED, REMEMBERED, Finding, Number, trace_panels
 

@@ -1,30 +1,23 @@
-"""`hapscene teleoperate experiment | follower | leader`."""
+"""`hapscene teleoperate follower | leader`."""
 
 import argparse
 import json
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.console import name_made, say
 from hapscene.command.options import (
     HOST,
     add_command,
     add_group,
-    add_out_folder,
-    add_recording_options,
-    add_workers,
-    check_out_folder,
     check_swatch,
-    check_there,
     number,
     port,
-    recording_options,
     seconds,
     seed,
     whole,
 )
 from hapscene.constants import DEFAULT_GRIP
-from hapscene.errors import CaptureError, HapsceneError
+from hapscene.errors import HapsceneError
 
 PORT: Final = 47600
 """Where a follower listens unless told otherwise; in the range that nobody has registered."""
@@ -34,47 +27,7 @@ SCHEMES: Final = ("wave", "position")  # as in teleoperation.port, which is heav
 
 def add_teleoperate(commands: Any) -> None:
     summary = "a follower touches a surface, a leader with the haptography handle feels it; all simulated"
-    add_group(commands, "teleoperate", summary, _add_experiment, _add_follower, _add_leader)
-
-
-def _add_experiment(parts: Any) -> None:
-    command = add_command(parts, "experiment", _experiment)
-    add_out_folder(command, "out/teleoperation")
-    surface = command.add_mutually_exclusive_group()
-    surface.add_argument("--swatch", default="wood", help="what is touched: a name, or a .swatch file (default wood)")
-    surface.add_argument("--recording", metavar="FILE", help="a recording of a real surface, fitted first")
-    command.add_argument("--compensator", default="adaptive", metavar="NAME", help="of the handle (default adaptive)")
-    command.add_argument("--grip", default=DEFAULT_GRIP, metavar="NAME", help=f"of the hand (default {DEFAULT_GRIP})")
-    command.add_argument("--seed", type=seed, default=0, help="of what is drawn at random (default 0)")
-    add_recording_options(command)
-    add_workers(command)
-
-
-def _experiment(options: argparse.Namespace) -> int:
-    """Base motors alone against base motors with the handle, and what delay does to both schemes; plots and numbers.
-
-    for example:
-      hapscene teleoperate experiment
-      hapscene teleoperate experiment --recording oak.csv --rate 10000 --units acceleration=m/s2 --out out/oak
-    """
-    check_there(options.recording, CaptureError)
-    check_out_folder(options.out)
-    check_swatch(options.swatch)
-    from hapscene.teleoperation.experiment import write_experiment
-    from hapscene.touch import step
-
-    swatch: Any = options.swatch
-    if options.recording is not None:
-        from hapscene.capture.recording_file import load_recording
-        from hapscene.capture.swatch_fit import fit_parts, prepare
-
-        with step(say, f"fitting {options.recording}"):
-            recording = load_recording(options.recording, **recording_options(options))
-            swatch = fit_parts([prepare(recording)], name=Path(options.recording).stem)
-    given = {name: getattr(options, name) for name in ("compensator", "grip", "seed", "jobs", "scheduler")}
-    made = write_experiment(options.out, swatch, **given, say=say)
-    name_made(made)
-    return 0
+    add_group(commands, "teleoperate", summary, _add_follower, _add_leader)
 
 
 def _add_follower(parts: Any) -> None:

@@ -19,11 +19,9 @@ operated = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(Intent.a
 | `endpoint` | how they are tied together; the position–position controller; the timeout |
 | `wave`, `jitter_buffer` | wave variables, passive over any line; messages that wait for their turn |
 | `datagram`, `link` | what they tell each other, and how it is sent; a line that delays, loses and reorders |
-| `bilateral_loop`, `operation` | both in one compiled loop: `Operation` |
+| `bilateral_loop`, `operation` | a tick of both; both in one compiled loop: `Operation` |
 | `udp_session` | each a process of its own, over UDP |
-| `test_plate`, `experiment` | what is touched and how; the haptography paper's experiment |
-
-What delay does to both schemes is `hapscene_experiments.delay_study`.
+| `test_plate` | a plate to be touched, and a hand that explores it |
 """
 
 import lazy_loader

@@ -1,4 +1,9 @@
-"""Leader, line and follower in one closed loop, compiled: many times faster than real time."""
+"""One tick of each end, and both ends in one compiled loop: many times faster than real time.
+
+The simulation and the network session (`udp_session`) run the same steps: `receive` hands messages to an end,
+`step_leader` and `step_follower` tick it and post its message to the link from there. In the simulation the peer
+receives from that link; over the network a socket carries what leaves it.
+"""
 
 from typing import Any, Final, NamedTuple
 
@@ -24,7 +29,7 @@ HAPPENED: Final = np.dtype(
     ],
     align=True,
 )
-"""What is noted of a tick."""
+"""The recorded quantities of a tick."""
 
 
 class Line(NamedTuple):
@@ -41,26 +46,25 @@ def operate(
     follower: Any,
     line: Any,
     first: int,
-    target_W_m: NDArray[np.float64],
-    grip: NDArray[np.float64],
-    push_W_N: NDArray[np.float64],
+    hand: Any,
     happened: Any,
     a_follower_m_s2: NDArray[np.float64],
     a_tip_m_s2: NDArray[np.float64],
     a_handle_m_s2: NDArray[np.float64],
 ) -> None:
-    """n ticks from number `first` on of what the leader's hand means to do (see `twin.intent.Intent`).
+    """n ticks from number `first` on of the leader's hand: target, grip and push (see `twin.intent.Intent`).
 
     Fills `happened` (n,) and, (n, SAMPLE_COUNT) each: what the follower's accelerometer read; the acceleration of the
     leader's tip by its base motors and the hand; that of its handle by the voice coil.
     """
-    for k in range(len(target_W_m)):
+    for k in range(len(happened)):
         now, row = first + k, happened[k]
-        begin_tick(leader, follower.end, line, now, target_W_m, grip, push_W_N, k)
+        receive(follower.end, line.forth, now, line.message)  # both, before either sends
+        receive(leader.end, line.back, now, line.message)
         _note(row.leader_W_m, find_tip(leader.arm))
         _note(row.follower_W_m, find_tip(follower.arm))
-        _note(row.f_follower_W_N, follow(follower, now))
-        _note(row.f_leader_W_N, end_tick(leader, follower.told, line, now))
+        _note(row.f_follower_W_N, step_follower(follower, line.back, now))
+        _note(row.f_leader_W_N, step_leader(leader, hand, k, line.forth, now))
         row.touching = follower.row[0].touching
         for i in range(3):
             row.f_contact_W_N[i] = follower.row[0].f_W_N[i]
@@ -71,55 +75,27 @@ def operate(
 
 
 @native
-def begin_tick(
-    leader: Any, follower_end: Any, line: Any, now: int, target_W_m: Any, grip: Any, push_W_N: Any, k: int
-) -> None:
-    """Both ends hear what has arrived by tick `now`, and the hand means row `k` of an intention."""
-    while collect(line.forth, now, line.message, 0):
-        hear(follower_end, now, line.message[0])
-    while collect(line.back, now, line.message, 0):
-        hear(leader.end, now, line.message[0])
-    intend(leader, target_W_m, grip, push_W_N, k)
+def receive(end: Any, link: Any, now: int, message: Any) -> None:
+    """Hand an end the messages that its incoming link has delivered by tick `now`."""
+    while collect(link, now, message, 0):
+        hear(end, now, message[0])
 
 
 @native
-def end_tick(leader: Any, follower_told: Any, line: Any, now: int) -> Vector:
-    """The leader's own tick, after the follower's; both messages leave. The force of the leader's motors [N]."""
+def step_leader(leader: Any, hand: Any, row: int, link: Any, now: int) -> Vector:
+    """Tick `now` of a leader whose hand does row `row` of its intention; the force of its motors [N]."""
+    intend(leader, hand[0], hand[1], hand[2], row)
     force = lead(leader, now)
-    post(line.forth, now, leader.told)
-    post(line.back, now, follower_told)
+    post(link, now, leader.told)
     return force
 
 
 @native
-def step_leader(leader: Any, intent: Any, row: int, link: Any, now: int, arrived: Any, count: int, leaving: Any) -> int:
-    """Tick `now` of a leader alone, for a process of its own: row `row` of the hand's intention (target, grip, push).
-
-    Hears `arrived[:count]`, and fills `leaving` with what the line lets out; returns how many.
-    """
-    for i in range(count):
-        hear(leader.end, now, arrived[i])
-    intend(leader, intent[0], intent[1], intent[2], row)
-    lead(leader, now)
-    return _let_out(link, now, leader.told, leaving)
-
-
-@native
-def step_follower(follower: Any, link: Any, now: int, arrived: Any, count: int, leaving: Any) -> int:
-    """Tick `now` of a follower alone, likewise."""
-    for i in range(count):
-        hear(follower.end, now, arrived[i])
-    follow(follower, now)
-    return _let_out(link, now, follower.told, leaving)
-
-
-@native
-def _let_out(link: Any, now: int, told: Any, leaving: Any) -> int:
-    post(link, now, told)
-    count = 0
-    while count < len(leaving) and collect(link, now, leaving, count):
-        count += 1
-    return count
+def step_follower(follower: Any, link: Any, now: int) -> Vector:
+    """Tick `now` of a follower; the force of its motors [N]."""
+    force = follow(follower, now)
+    post(link, now, follower.told)
+    return force
 
 
 @native

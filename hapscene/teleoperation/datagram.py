@@ -1,23 +1,18 @@
-"""What leader and follower tell each other, the UDP datagram that carries it, and the gate for the peer's alone.
+"""The messages of leader and follower, the UDP datagram that carries one, and the gate that checks what arrives.
 
     magic "HSTO" · version u8 · role u8 · scheme u8 · ends u8 · session u32 · tick i64 · echo i64 · position 3 f64 ·
     velocity 3 f64 · wave integral 3 f64 · wave energy f64 · acceleration 10 f32 · CRC-32 u32
 
-Little-endian, 148 bytes, one a tick. The CRC finds what was damaged, not who forged it: whoever can send from the
+Little-endian, 152 bytes, one a tick. The CRC finds what was damaged, not who forged it: whoever can send from the
 peer's address and has seen the session's number can speak for it. So both ends stay on this machine unless told
 otherwise, and over a network they belong in a tunnel.
 """
 
-import math
-import struct
 import zlib
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
-
-# What leader and follower tell each other, once a tick: the same record in simulation and over UDP.
-
 
 SAMPLE_COUNT: Final = 10
 """Acceleration samples in a message [count]: a tick of 1 ms at 10 kHz. The datagram's layout depends on it."""
@@ -38,32 +33,39 @@ MESSAGE: Final = np.dtype(
 (Niemeyer & Slotine 1998, "Towards force-reflecting teleoperation over the Internet")."""
 
 
-VERSION: Final = 1
-"""Version of the layout. A gate lets in no other."""
-
-LAYOUT: Final = struct.Struct(f"<4sBBBBIqq10d{SAMPLE_COUNT}f")
-CHECK: Final = struct.Struct("<I")
-SIZE: Final = LAYOUT.size + CHECK.size
+DATAGRAM: Final = np.dtype(
+    [
+        ("magic", "S4"),
+        ("version", "u1"),
+        ("role", "u1"),
+        ("scheme", "u1"),
+        ("ends", "u1"),
+        ("session", "<u4"),
+        ("tick", "<i8"),
+        ("echo", "<i8"),
+        ("p_WT_m", "<f8", (3,)),
+        ("v_WT_m_s", "<f8", (3,)),
+        ("wave_sqrtJs", "<f8", (3,)),
+        ("wave_J", "<f8"),
+        ("a_m_s2", "<f4", (SAMPLE_COUNT,)),
+        ("crc", "<u4"),  # of all before it
+    ]
+)
+"""A datagram as it is sent, without padding."""
 
 MAGIC: Final = b"HSTO"
 
+VERSION: Final = 1
+"""Version of the layout. A gate admits no other."""
+
 AHEAD_MAX: Final = 60_000
-"""Most ticks that a message may be ahead of the last one [count]: a minute. Beyond it, it is none of this session."""
+"""Most ticks that a message may be ahead of the last one [count]: a minute."""
 
 SEEN: Final = 1024
-"""Ticks for which it is known whether they were heard [count]."""
+"""Ticks for which duplicates are detected [count]."""
 
-POSITION_MAX_M: Final = 10.0
-"""Farthest that a tool is believed to be [m]."""
-
-SPEED_MAX_M_S: Final = 100.0
-"""Fastest that a tool is believed to be [m/s]."""
-
-WAVE_MAX: Final = 1e6
-"""Largest total of waves that is believed [√(J·s)], [J]."""
-
-ACCELERATION_MAX_M_S2: Final = 1e4
-"""Largest sample that is believed [m/s²]."""
+LIMITS: Final = {"p_WT_m": 10.0, "v_WT_m_s": 100.0, "wave_sqrtJs": 1e6, "wave_J": 1e6, "a_m_s2": 1e4}
+"""Largest magnitude of each quantity that is accepted, in the unit of its name."""
 
 
 def pack(message: Any, role: int, session: int, scheme: int = 1, ends: bool = False) -> bytes:
@@ -71,39 +73,31 @@ def pack(message: Any, role: int, session: int, scheme: int = 1, ends: bool = Fa
 
     Args:
         message: what it carries.
-        role: of the sender, an index into `port.ROLES`.
+        role: of the sender, an index into `endpoint.ROLES`.
         session: a number by which this run of the sender is known.
-        scheme: by which it is tied, an index into `coupling.SCHEMES`.
-        ends: whether this is its last word.
+        scheme: of its coupling, an index into `endpoint.SCHEMES`.
+        ends: whether this is its last message.
     """
-    body = LAYOUT.pack(
-        MAGIC,
-        VERSION,
-        role,
-        scheme,
-        ends,
-        session,
-        int(message["tick"]),
-        int(message["echo"]),
-        *message["p_WT_m"],
-        *message["v_WT_m_s"],
-        *message["wave_sqrtJs"],
-        message["wave_J"],
-        *message["a_m_s2"],
-    )
-    return body + CHECK.pack(zlib.crc32(body))
+    made = np.zeros(1, DATAGRAM)
+    made["magic"], made["version"], made["session"] = MAGIC, VERSION, session
+    made["role"], made["scheme"], made["ends"] = role, scheme, ends
+    with np.errstate(over="ignore"):  # a sample beyond float32 becomes infinite, which the gate refuses
+        for name in MESSAGE.names or ():
+            made[name] = message[name]
+    made["crc"] = zlib.crc32(made.tobytes()[:-4])
+    return made.tobytes()
 
 
 @dataclass
 class Gate:
-    """What of the datagrams that arrive is let in.
+    """Checks the datagrams that arrive.
 
     Attributes:
-        role: of the peer, an index into `port.ROLES`.
-        scheme: that it must be tied by, an index into `coupling.SCHEMES`.
+        role: of the peer, an index into `endpoint.ROLES`.
+        scheme: of the coupling, an index into `endpoint.SCHEMES`.
         session: of the peer, None before it was heard.
-        mismatched: whether a peer was heard that is tied by another scheme.
-        ended: whether the peer said that it ends.
+        mismatched: whether a peer with another scheme was heard.
+        ended: whether the peer has sent its last message.
         counts: datagrams by what became of them.
     """
 
@@ -127,17 +121,21 @@ class Gate:
         return fate == "let in"
 
     def _judge(self, data: bytes, message: Any) -> str:
-        if len(data) != SIZE or CHECK.unpack_from(data, LAYOUT.size)[0] != zlib.crc32(data[: LAYOUT.size]):
+        if len(data) != DATAGRAM.itemsize:
             return "malformed"
-        magic, version, role, scheme, ends, session, tick, echo, *numbers = LAYOUT.unpack_from(data)
-        if magic != MAGIC or version != VERSION or role != self.role:
+        found: Any = np.frombuffer(data, DATAGRAM)[0]
+        if found["crc"] != zlib.crc32(data[:-4]):
+            return "malformed"
+        tick, session = int(found["tick"]), int(found["session"])
+        if found["magic"] != MAGIC or found["version"] != VERSION or found["role"] != self.role:
             return "foreign"
-        if scheme != self.scheme:
+        if found["scheme"] != self.scheme:
             self.mismatched = self.session is None
             return "foreign"
         if session != self.session and self.session is not None:
             return "foreign"
-        if ends not in (0, 1) or not _sane(tick, echo, numbers):
+        sane = all(bool(np.all(np.abs(found[name]) <= most)) for name, most in LIMITS.items())  # NaN is not
+        if found["ends"] > 1 or tick < 0 or found["echo"] < -1 or not sane:
             return "malformed"
         if self._newest >= 0 and tick > self._newest + AHEAD_MAX:
             return "foreign"
@@ -146,17 +144,9 @@ class Gate:
         if self._seen[tick % SEEN] == tick:
             return "duplicate"
         self.session = session
-        self.ended = self.ended or bool(ends)
+        self.ended = self.ended or bool(found["ends"])
         self._newest = max(tick, self._newest)
         self._seen[tick % SEEN] = tick
-        message["tick"], message["echo"] = tick, echo
-        message["p_WT_m"], message["v_WT_m_s"], message["wave_sqrtJs"] = numbers[0:3], numbers[3:6], numbers[6:9]
-        message["wave_J"], message["a_m_s2"] = numbers[9], numbers[10:]
+        for name in MESSAGE.names or ():
+            message[name] = found[name]
         return "let in"
-
-
-def _sane(tick: int, echo: int, numbers: list[float]) -> bool:
-    """Whether the numbers can be those of a tool."""
-    bounds = [POSITION_MAX_M] * 3 + [SPEED_MAX_M_S] * 3 + [WAVE_MAX] * 4 + [ACCELERATION_MAX_M_S2] * SAMPLE_COUNT
-    finite = all(math.isfinite(x) and abs(x) <= most for x, most in zip(numbers, bounds, strict=True))
-    return finite and tick >= 0 and echo >= -1

@@ -16,12 +16,12 @@ from hapscene.records import records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect
-from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, begin_tick, end_tick, operate
+from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate, receive, step_leader
 from hapscene.teleoperation.body_follower import BodyFollower
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.leader_follower import Follower, Leader, new_follower, new_leader
-from hapscene.teleoperation.link import Impairment, new_link
+from hapscene.teleoperation.link import Impairment, new_link, post
 from hapscene.twin.hand_intent import Intent
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ class Operation:
         if isinstance(self.follower, BodyFollower):
             self._operate(self.follower, hand, happened, samples)
         else:
-            operate(self.leader, self.follower, self.line, self._ticks, *hand, happened, *samples)
+            operate(self.leader, self.follower, self.line, self._ticks, hand, happened, *samples)
         t_s = np.asarray((self._ticks + np.arange(n)) * TICK_S, np.float64)
         self._ticks += n
         column: dict[str, Any] = {name: np.ascontiguousarray(happened[name]) for name in HAPPENED.names or ()}
@@ -167,13 +167,15 @@ class Operation:
         self, follower: BodyFollower, hand: tuple[Array, Array, Array], happened: Any, samples: list[Array]
     ) -> None:
         """`bilateral_loop.operate`, where the follower is no compiled code."""
-        leader = self.leader
+        leader, line = self.leader, self.line
         for k, row in enumerate(happened):
             now = self._ticks + k
-            begin_tick(leader, follower.end, self.line, now, *hand, k)
+            receive(follower.end, line.forth, now, line.message)
+            receive(leader.end, line.back, now, line.message)
             row.leader_W_m, row.follower_W_m = find_tip(leader.arm), follower.p_W_m
             row.f_follower_W_N = follower.follow(now)
-            row.f_leader_W_N = end_tick(leader, follower.told, self.line, now)
+            post(line.back, now, follower.told)
+            row.f_leader_W_N = step_leader(leader, hand, k, line.forth, now)
             row.f_contact_W_N = follower.contact()
             row.touching = np.abs(row.f_contact_W_N).max() > 0.0
             for sample, read in zip(samples, (follower.read_m_s2, leader.tip_m_s2, leader.handle_m_s2), strict=True):

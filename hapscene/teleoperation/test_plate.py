@@ -89,20 +89,6 @@ STROKES: Final = ((-SPAN_M, 0.06), (SPAN_M, 0.1), (-SPAN_M, 0.15), (SPAN_M, 0.2)
 """Where each stroke begins [m], and its mean speed [m/s]."""
 
 
-def land(grip: str) -> Intent:
-    """Come down at 0.2 m/s, aim 2 cm below the surface and stay: a hard contact, then a hand that insists."""
-    t_s = np.arange(4.0 / TICK_S) * TICK_S
-    z_m = np.maximum(0.03 - 0.2 * np.maximum(t_s - 0.2, 0.0), -0.02)
-    return Intent.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
-
-
-def swing(grip: str) -> Intent:
-    """Swing 1 cm up and down at 3 Hz in the air for two seconds, then be still."""
-    t_s = np.arange(4.0 / TICK_S) * TICK_S
-    z_m = 0.03 + 0.01 * np.sin(6.0 * np.pi * t_s) * np.minimum(5.0 * t_s, 1.0) * (t_s < 2.0)
-    return Intent.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
-
-
 def _flat(x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> TopView:
     """The plate as it is seen from above."""
     count = len(x_m)

@@ -1,9 +1,9 @@
-"""What `hapscene teleoperate follower` and `leader` run, for a command is thin: a 1 kHz loop over UDP.
+"""Leader and follower as processes: the bilateral loop at 1 kHz, with UDP as its line.
 
-What has arrived is checked (`datagram`) and handed, with the tick, to one call of compiled code (`bilateral_loop`).
-When the peer has been silent for the coupling's `timeout_s` the motors let go (`endpoint`). After `PATIENCE_S` of
-silence, when the peer says that it ends, or at Ctrl-C, the session ends: the device is no longer driven, and the peer
-is told.
+What arrives is checked (`datagram`) and handed to the end; the tick is that of the simulation (`bilateral_loop`); what
+leaves the link is sent. When the peer has been silent for the coupling's `timeout_s` the motors let go (`endpoint`).
+After `PATIENCE_S` of silence, when the peer says that it ends, or at Ctrl-C, the session ends: the device is no longer
+driven, and the peer is told.
 """
 
 import gc
@@ -25,100 +25,20 @@ from hapscene.handle.plant import Plant
 from hapscene.interrupt import interrupt_noted
 from hapscene.records import records
 from hapscene.teleoperation.bilateral_loop import step_follower, step_leader
-from hapscene.teleoperation.datagram import MESSAGE, SIZE, Gate, pack
-from hapscene.teleoperation.endpoint import SCHEMES, Coupling
+from hapscene.teleoperation.datagram import DATAGRAM, MESSAGE, Gate, pack
+from hapscene.teleoperation.endpoint import ROLES, SCHEMES, Coupling, hear, new_endpoint
 from hapscene.teleoperation.leader_follower import Follower, Leader, new_follower, new_leader
-from hapscene.teleoperation.link import Impairment, new_link
+from hapscene.teleoperation.link import Impairment, collect, new_link
 from hapscene.teleoperation.operation import UP, world_of
 from hapscene.teleoperation.test_plate import START_M, explore, plate
 from hapscene.touch import speak
 from hapscene.twin.hand_intent import Intent
 
-# A thousand ticks a second from a process that sleeps in between, and how late they were.
-
-
 BEHIND_MAX: Final = 50
-"""Most ticks that are made up for at once [count]. A process that was held up for longer has lost the time for good:
-its clock moves back."""
-
-QUANTILES: Final = {"median": 50.0, "p99": 99.0, "p99_9": 99.9, "max": 100.0}
-"""What is told of times, in per cent."""
-
-BASE_COUNT: Final = 250
-"""Ticks of an empty loop by which the machine's own lateness is measured [count]."""
+"""Most ticks that are made up for [count]. A process that was held up for longer skips them."""
 
 KEPT_COUNT: Final = 60_000
-"""Ticks whose times are kept for the summary [count]: the last minute."""
-
-_TICK_NS: Final = round(TICK_S * 1e9)
-
-
-class Pace:
-    """Due times of a 1 kHz loop; measures first how late an empty one is.
-
-    Attributes:
-        slipped: ticks that were lost because the process was held up [count].
-    """
-
-    def __init__(self) -> None:
-        self.slipped = 0
-        self._late_ns: deque[int] = deque(maxlen=KEPT_COUNT)
-        self._work_ns: deque[int] = deque(maxlen=KEPT_COUNT)
-        self._base_ns = self._sleep_idly()
-        self._due_ns = self._woke_ns = 0
-
-    def start(self) -> None:
-        """The first tick is due a tick from now."""
-        self._due_ns = self._woke_ns = time.perf_counter_ns()
-
-    def await_tick(self) -> None:
-        """Sleep until the next tick is due."""
-        now_ns = time.perf_counter_ns()
-        if self._late_ns:
-            self._work_ns.append(now_ns - self._woke_ns)
-        self._due_ns += _TICK_NS
-        behind = (now_ns - self._due_ns) // _TICK_NS
-        if behind > BEHIND_MAX:
-            self.slipped += behind
-            self._due_ns += behind * _TICK_NS
-        self._woke_ns = _sleep_until(self._due_ns)
-        self._late_ns.append(self._woke_ns - self._due_ns)
-
-    def summary(self) -> dict[str, object]:
-        """Lateness of the last minute and of an empty loop before it, and the time of a tick's work, in µs."""
-        return {
-            "late_us": _spread(self._late_ns, 1e-3, 1),
-            "late_of_empty_loop_us": _spread(self._base_ns, 1e-3, 1),
-            "work_us": _spread(self._work_ns, 1e-3, 1),
-            "slipped_ticks": self.slipped,
-        }
-
-    @staticmethod
-    def _sleep_idly() -> list[int]:
-        late_ns = []
-        due_ns = time.perf_counter_ns()
-        for _ in range(BASE_COUNT):
-            due_ns += _TICK_NS
-            late_ns.append(_sleep_until(due_ns) - due_ns)
-        return late_ns
-
-
-def _sleep_until(due_ns: int) -> int:
-    """Sleep until a time of `perf_counter_ns`; return when it woke."""
-    left_ns = due_ns - time.perf_counter_ns()
-    if left_ns > 0:
-        time.sleep(left_ns * 1e-9)
-    return time.perf_counter_ns()
-
-
-def _spread(times: Collection[int], scale: float, digits: int, *names: str) -> dict[str, float]:
-    """The `QUANTILES` of times, or those named, each times `scale`, to so many digits; nothing of none."""
-    if not times:
-        return {}
-    told = names or tuple(QUANTILES)
-    points = np.percentile(list(times), [QUANTILES[name] for name in told]) * scale
-    return {name: round(float(time), digits) for name, time in zip(told, points, strict=True)}
-
+"""Ticks whose latency is kept for the summary [count]: the last minute."""
 
 PATIENCE_S: Final = 2.0
 """Silence after which a session ends [s]."""
@@ -129,22 +49,51 @@ WAIT_S: Final = 10.0
 ARRIVAL_MAX: Final = 64
 """Most datagrams that are taken in a tick [count]. A flood beyond it is dropped by the system."""
 
-REST_TICKS: Final = 500
-"""Ticks at the end over which the speed is measured [count]."""
-
 GOODBYES: Final = 3
-"""How often the peer is told that it is over [count]: each of them may be lost."""
+"""How often the peer is told that the session is over [count]: each of them may be lost."""
+
+_TICK_NS: Final = round(TICK_S * 1e9)
+
+
+class Pace:
+    """Due times of a 1 kHz loop.
+
+    Attributes:
+        slipped: ticks that were skipped because the process was held up [count].
+    """
+
+    def __init__(self) -> None:
+        self.slipped = 0
+        self.late_ns: deque[int] = deque(maxlen=KEPT_COUNT)
+        self._due_ns = time.perf_counter_ns()
+
+    def await_tick(self) -> None:
+        """Sleep until the next tick is due."""
+        self._due_ns += _TICK_NS
+        left_ns = self._due_ns - time.perf_counter_ns()
+        if left_ns < -BEHIND_MAX * _TICK_NS:
+            self.slipped += -left_ns // _TICK_NS
+            self._due_ns += -left_ns // _TICK_NS * _TICK_NS
+        elif left_ns > 0:
+            time.sleep(left_ns * 1e-9)
+        self.late_ns.append(time.perf_counter_ns() - self._due_ns)
+
+
+def _spread(times: Collection[int], scale: float) -> dict[str, float]:
+    """Quantiles of times, each times `scale`; empty without any."""
+    quantiles = {"median": 50.0, "p99": 99.0, "max": 100.0}
+    return {n: round(float(np.percentile(list(times), q)) * scale, 3) for n, q in quantiles.items()} if times else {}
 
 
 class UdpSession:
     """A leader or a follower, and its socket.
 
     Args:
-        side: what the process moves.
+        side: the end that this process moves; it may tick once before the first message, to be compiled.
         sock: a leader's is connected to its follower; a follower's is bound, and obeys the first leader it hears.
-        intent: of the leader's hand, which it means over and over.
-        impairment: how bad the line from here shall be made.
-        seed: of what that draws.
+        intent: of the leader's hand, which it repeats.
+        impairment: of the line from here.
+        seed: of the impairment.
         allowed: the one host that a follower listens to, as in "127.0.0.1"; None for any.
     """
 
@@ -159,54 +108,58 @@ class UdpSession:
     ) -> None:
         self._side, self._socket, self._allowed = side, sock, allowed
         self._hand = None if intent is None else (intent.target_W_m, intent.grip, intent.push_W_N)
-        self._role = 0 if isinstance(side, Leader) else 1
-        self._session = int.from_bytes(os.urandom(4), "little")
+        self._role = 0 if intent is not None else 1
         self._peer: Any = sock.getpeername() if self._role == 0 else None
+        self._session = int.from_bytes(os.urandom(4), "little")
         self._link = new_link(impairment or Impairment(), TICK_S, seed, ("forth", "back")[self._role])
-        self._arrived, self._leaving = records(ARRIVAL_MAX, MESSAGE), records(ARRIVAL_MAX, MESSAGE)
+        self._message = records(1, MESSAGE)
         self._scheme = int(side.end.port[0].wave)
         self.gate = Gate(1 - self._role, self._scheme)
         self._ticks = self._sent = self._strangers = 0
         self._trips: deque[int] = deque(maxlen=KEPT_COUNT)
-        self._p_m: deque[Any] = deque(maxlen=REST_TICKS)
         self._force_max_N = self._force_in_silence_N = 0.0
         sock.setblocking(False)
-
-    def rehearse(self) -> None:
-        """The first tick, which nobody hears: compiles, so that the next is in time. `run` does it where need be."""
-        if self._ticks == 0:
-            self._advance(0)
-            self._pace = Pace()
 
     def run(self, duration_s: float, stopped: Callable[[], bool] = lambda: False) -> dict[str, Any]:
         """Run until `duration_s` have passed since the peer was first heard, it is gone, or `stopped`.
 
         Returns:
-            how it went: why it ended, the datagrams by what became of them, times, forces.
+            a summary: why it ended, the datagrams by what became of them, times, forces.
 
         Raises:
-            HapsceneError: a leader heard nobody within `WAIT_S`; the peer is tied by another scheme.
+            HapsceneError: a leader heard nobody within `WAIT_S`; the peer has another scheme.
         """
-        self.rehearse()
-        self._pace.start()
+        if self._ticks == 0:
+            self.rehearse()
         collecting = gc.isenabled()
         gc.disable()  # a collection takes several ticks
         try:
-            reason = self._loop(duration_s / TICK_S, stopped)
+            pace = Pace()
+            reason = self._loop(pace, duration_s / TICK_S, stopped)
         finally:
             if collecting:
                 gc.enable()
             self._say_goodbye()
-        return {"ended": reason, **self._summary(), **self._pace.summary()}
+        late_us = _spread(pace.late_ns, 1e-3)
+        return {"ended": reason, **self._summary(), "late_us": late_us, "slipped_ticks": pace.slipped}
 
-    def _loop(self, tick_count: float, stopped: Callable[[], bool]) -> str:
+    def rehearse(self) -> None:
+        """The first tick, which compiles, so that the next is in time; `run` does it where it was not done."""
+        peer, self._peer = self._peer, None
+        self._advance()
+        self._peer = peer
+        while collect(self._link, 0, self._message, 0):  # nobody hears it
+            pass
+        hear(new_endpoint(Coupling(SCHEMES[self._scheme]), ROLES[self._role], TICK_S), 0, self._message[0])
+
+    def _loop(self, pace: Pace, tick_count: float, stopped: Callable[[], bool]) -> str:
         """Tick until something ends it; returns what."""
         silent, heard_since = 0, 0
         while True:
-            self._pace.await_tick()
-            count = self._receive()
-            self._step(count)
-            silent = 0 if count else silent + 1
+            pace.await_tick()
+            silent = 0 if self._receive() else silent + 1
+            if self._role == 0 or self.gate.session is not None:  # a follower without a leader does not tick
+                self._advance()
             heard_since += 1 if self.gate.session is not None else 0
             if self.gate.mismatched:
                 raise HapsceneError(
@@ -225,51 +178,44 @@ class UdpSession:
                     f"no follower answers at {_name(self._peer)}; start one there: hapscene teleoperate follower"
                 )
 
-    def _receive(self) -> int:
-        """Take in what has arrived; returns how many messages were let in."""
-        count = 0
+    def _receive(self) -> bool:
+        """Hand what has arrived to the end; whether a message was let in."""
+        heard = False
         for _ in range(ARRIVAL_MAX):
             try:
-                data, address = self._socket.recvfrom(SIZE + 1)
+                data, address = self._socket.recvfrom(DATAGRAM.itemsize + 1)
             except BlockingIOError:
                 break
             except OSError:  # the peer's port is not open yet, or no longer; the network is down
                 continue
-            if not self._is_peer(address):
+            known = address == self._peer if self._peer is not None else self._allowed in (None, address[0])
+            message = self._message[0]
+            if not known:
                 self._strangers += 1
-            elif self.gate.admit(data, self._arrived[count]):
-                self._peer = address
-                count += 1
-        return count
+            elif self.gate.admit(data, message):
+                self._peer, heard = address, True
+                hear(self._side.end, self._ticks, message)
+                if message.echo >= 0:
+                    self._trips.append(self._ticks - int(message.echo))
+        return heard
 
-    def _is_peer(self, address: Any) -> bool:
-        if self._peer is not None:
-            return bool(address == self._peer)
-        return self._allowed is None or address[0] == self._allowed
-
-    def _step(self, count: int) -> None:
-        """One tick, and what the line lets out of it. A follower that nobody leads yet does not tick."""
-        if self._role == 1 and self.gate.session is None:
-            return
-        self._trips += [self._ticks - int(m.echo) for m in self._arrived[:count] if m.echo >= 0]
-        for i in range(self._advance(count)):
-            self._send(pack(self._leaving[i], self._role, self._session, self._scheme))
+    def _advance(self) -> None:
+        """One tick, and what the line from here lets out."""
+        now, self._ticks = self._ticks, self._ticks + 1
+        if self._hand is not None:
+            step_leader(self._side, self._hand, now % len(self._hand[0]), self._link, now)
+        else:
+            step_follower(self._side, self._link, now)
+        while self._peer is not None and collect(self._link, now, self._message, 0):
+            self._send()
         port = self._side.end.port[0]
         force_N = float(np.linalg.norm(port.f_N))
         self._force_max_N = max(force_N, self._force_max_N)
-        self._p_m.append(port.x_m.copy())
         if port.silent_ticks > port.timeout_ticks:
             self._force_in_silence_N = max(force_N, self._force_in_silence_N)
 
-    def _advance(self, count: int) -> int:
-        """One tick in compiled code; returns how many messages the line has let out."""
-        now, self._ticks = self._ticks, self._ticks + 1
-        if self._hand is not None:
-            row = now % len(self._hand[0])
-            return int(step_leader(self._side, self._hand, row, self._link, now, self._arrived, count, self._leaving))
-        return int(step_follower(self._side, self._link, now, self._arrived, count, self._leaving))
-
-    def _send(self, data: bytes) -> None:
+    def _send(self, ends: bool = False) -> None:
+        data = pack(self._message[0], self._role, self._session, self._scheme, ends)
         try:
             self._socket.sendto(data, self._peer) if self._role == 1 else self._socket.send(data)
             self._sent += 1
@@ -278,37 +224,30 @@ class UdpSession:
 
     def _say_goodbye(self) -> None:
         """Tell the peer that it is over."""
-        if self._peer is None:
-            return
-        for _ in range(GOODBYES):
-            self._side.told[0].tick = self._ticks
+        for _ in range(GOODBYES if self._peer is not None else 0):
+            self._message[0] = self._side.told[0]
+            self._message[0].tick = self._ticks
             self._ticks += 1
-            self._send(pack(self._side.told[0], self._role, self._session, self._scheme, ends=True))
+            self._send(ends=True)
 
     def _summary(self) -> dict[str, Any]:
         port, queue = self._side.end.port[0], self._side.end.queue[0]
-        last = np.array(self._p_m)
-        speed_m_s = np.linalg.norm(np.diff(last, axis=0), axis=1) / TICK_S if len(last) > 1 else np.zeros(1)
         return {
-            "role": ("leader", "follower")[self._role],
+            "role": ROLES[self._role],
             "ticks": self._ticks,
             "sent": self._sent,
             "heard": {**self.gate.counts, "from strangers": self._strangers, "overtaken": int(port.overtaken)},
             "lost_by_impairment": int(self._link.line[0].lost),
-            "round_trip_ms": _spread(self._trips, TICK_S * 1e3, 3, "median", "p99", "max"),
+            "round_trip_ms": _spread(self._trips, TICK_S * 1e3),
             "queue_ms": round(int(queue.waited_ticks) / max(int(queue.stored), 1) * TICK_S * 1e3, 3),
             "force_max_N": self._force_max_N,
             "force_in_silence_N": self._force_in_silence_N,
-            "speed_at_the_end_mm_s": float(np.sqrt((speed_m_s**2).mean()) * 1e3),
             "work_of_motors_mJ": float(port.work_J) * 1e3,
         }
 
 
 def _name(address: Any) -> str:
     return f"{address[0]}:{address[1]}"
-
-
-# Follower and leader as processes of their own: a socket, a side, a session.
 
 
 def run_follower(
@@ -320,9 +259,9 @@ def run_follower(
     duration_s: float = math.inf,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Touch a plate for the first leader that speaks from the host `allowed`, until it ends; returns how it went.
+    """Touch a plate for the first leader that speaks from the host `allowed`, until it ends; returns a summary.
 
-    Says where it listens in one line on standard output, once it is ready.
+    Prints where it listens in one line on standard output, once it is ready.
 
     Raises:
         HapsceneError: an address that cannot be listened at, an unknown swatch.
@@ -335,10 +274,7 @@ def run_follower(
         except OSError as reason:
             raise HapsceneError(f"{_name(address)}: cannot be listened at: {reason.strerror}") from None
         session = UdpSession(side, sock, impairment=impairment, seed=seed, allowed=_resolved(allowed))
-        session.rehearse()
-        with interrupt_noted() as noted:
-            speak(f"a follower listens at {_name(sock.getsockname())}\n")
-            return session.run(duration_s, noted)
+        return _run(session, f"a follower listens at {_name(sock.getsockname())}", duration_s)
 
 
 def run_leader(
@@ -350,7 +286,7 @@ def run_leader(
     duration_s: float = math.inf,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Feel what a follower touches, with a simulated hand that explores over and over; returns how it went.
+    """Feel what a follower touches, with a simulated hand that explores over and over; returns a summary.
 
     Raises:
         HapsceneError: nobody follows at that address; an unknown grip or compensator.
@@ -364,10 +300,14 @@ def run_leader(
         except OSError as reason:
             raise HapsceneError(f"{_name(address)}: cannot be reached: {reason.strerror}") from None
         session = UdpSession(side, sock, gesture.intent, impairment, seed)
-        session.rehearse()
-        with interrupt_noted() as noted:
-            speak(f"a leader calls {_name(address)}\n")
-            return session.run(duration_s, noted)
+        return _run(session, f"a leader calls {_name(address)}", duration_s)
+
+
+def _run(session: UdpSession, told: str, duration_s: float) -> dict[str, Any]:
+    session.rehearse()
+    with interrupt_noted() as noted:
+        speak(f"{told}\n")
+        return session.run(duration_s, noted)
 
 
 def _resolved(host: str) -> str:

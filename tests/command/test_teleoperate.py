@@ -1,7 +1,6 @@
 """`hapscene teleoperate`, as typed."""
 
 import argparse
-from pathlib import Path
 
 import pytest
 
@@ -57,13 +56,3 @@ def test_nobody_follows(monkeypatch: pytest.MonkeyPatch) -> None:
     options = parse("leader", "--peer", "127.0.0.1:9", "--duration", "1")
     with pytest.raises(HapsceneError, match=r"no follower answers at 127\.0\.0\.1:9"):
         options.command(options)
-
-
-@pytest.mark.soak
-def test_the_experiment_of_a_recording(shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = shared / "data" / "recordings" / "cdp_leather.csv"
-    columns = "acceleration=accel,force=force,speed=speed"
-    words = ("--rate", "10000", "--columns", columns, "--units", "acceleration=m/s2,force=N,speed=mm/s")
-    options = parse("experiment", "--recording", str(file), *words, "--out", str(tmp_path / "out"))
-    assert options.command(options) == 0
-    assert "experiment.png" in capsys.readouterr().out

@@ -12,7 +12,6 @@ from hapscene.capture.metric import residual, spectrum
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.handle.plant import Plant
-from hapscene.teleoperation.experiment import Rendering
 from hapscene_experiments.paper import handle_figure
 from hapscene_experiments.paper.finding import REMEMBERED, Finding, Number
 from hapscene_experiments.paper.further import off_by_order
@@ -22,6 +21,7 @@ from hapscene_experiments.paper.paper_page import TABLE_ONE, page, table_of_numb
 from hapscene_experiments.paper.prediction_figure import predictor, synthetic
 from hapscene_experiments.paper.remote_figure import remote_numbers
 from hapscene_experiments.paper.tap_study import HIGHEST, TIRED, distances, rate, williams_square
+from hapscene_experiments.teleoperation import Rendering
 
 RATE_HZ = 10_000.0
 PLANTED = Plant(m_c_kg=0.02, k_s_N_m=320.0, b_s_Ns_m=0.4, m_h_kg=0.1)

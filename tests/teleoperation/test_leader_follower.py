@@ -13,7 +13,7 @@ from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.records import records
 from hapscene.renderer import Renderer
-from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate, step_follower, step_leader
+from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate, receive, step_follower, step_leader
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.leader_follower import (
@@ -111,20 +111,19 @@ def test_apart_both_ends_do_what_they_do_in_one_loop() -> None:
     hand = (intent.target_W_m, intent.grip, intent.push_W_N)
     leader, follower, forth, back, _renderer = make_ends()
     happened, samples = records(count, HAPPENED), [np.zeros((count, SAMPLE_COUNT)) for _ in range(3)]
-    operate(leader, follower, Line(forth, back, records(1, MESSAGE)), first, *hand, happened, *samples)
+    operate(leader, follower, Line(forth, back, records(1, MESSAGE)), first, hand, happened, *samples)
     assert happened.touching.any() and np.abs(happened.f_leader_W_N).max() > 0.01
     assert all(part.any() for part in samples) and forth.line[0].lost > 0 and back.line[0].lost > 0
 
     leader, follower, forth, back, _another = make_ends()
-    told_leader, told_follower = records(8, MESSAGE), records(8, MESSAGE)
-    to_leader = to_follower = 0
+    message = records(1, MESSAGE)
     for k in range(count):
         assert happened.leader_W_m[k].tolist() == leader.arm.point[0].x_m.tolist()
         assert happened.follower_W_m[k].tolist() == follower.arm.point[0].x_m.tolist()
-        forth_now, back_now = records(8, MESSAGE), records(8, MESSAGE)  # heard in the next tick
-        sent = step_leader(leader, hand, k, forth, first + k, told_leader, to_leader, forth_now)
-        to_leader = step_follower(follower, back, first + k, told_follower, to_follower, back_now)
-        told_leader, told_follower, to_follower = back_now, forth_now, sent
+        for end, link in ((leader.end, back), (follower.end, forth)):
+            receive(end, link, first + k, message)
+        step_leader(leader, hand, k, forth, first + k)
+        step_follower(follower, back, first + k)
         assert happened.f_leader_W_N[k].tolist() == leader.arm.point[0].f_N.tolist()
         assert happened.f_follower_W_N[k].tolist() == follower.arm.point[0].f_N.tolist()
         assert happened.f_contact_W_N[k].tolist() == follower.row[0].f_W_N.tolist()

@@ -12,7 +12,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operation
-from hapscene.teleoperation.test_plate import START_M, explore, plate, swing
+from hapscene.teleoperation.test_plate import START_M, explore, plate
 from hapscene.twin.hand_intent import Intent
 from hapscene_experiments.delay_study import (
     BAD,
@@ -21,6 +21,7 @@ from hapscene_experiments.delay_study import (
     measure_stiffness,
     operate_case,
     predict_stiffness,
+    swing,
 )
 
 

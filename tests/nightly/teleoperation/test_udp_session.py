@@ -32,20 +32,21 @@ from hapscene.teleoperation.udp_session import Pace, UdpSession, run_follower
 HOST = "127.0.0.1"
 
 
-def test_a_pace_tells_how_late_it_was_in_us(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pace_tells_how_late_it_was_and_skips_what_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     now_ns = [0]
-    monkeypatch.setattr(Pace, "_sleep_idly", staticmethod(lambda: [1_000]))
-    monkeypatch.setattr(module, "_sleep_until", lambda due_ns: due_ns + 20_000)
-    monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter_ns=lambda: now_ns[0]))
+
+    def sleep(s: float) -> None:
+        now_ns[0] += round(s * 1e9) + 20_000
+
+    monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter_ns=lambda: now_ns[0], sleep=sleep))
     pace = Pace()
-    pace.start()
-    for tick in range(4):
+    for _ in range(4):
         pace.await_tick()
-        now_ns[0] = (tick + 1) * 1_000_000 + 170_000  # 20 µs late, then 150 µs of work
-    told = pace.summary()
-    assert told["slipped_ticks"] == 0
-    for name, us in (("late_us", 20.0), ("late_of_empty_loop_us", 1.0), ("work_us", 150.0)):
-        assert set(told[name].values()) == {us}, name
+        now_ns[0] += 150_000
+    assert set(pace.late_ns) == {20_000} and pace.slipped == 0
+    now_ns[0] += 300_000_000
+    pace.await_tick()
+    assert pace.slipped == 299 and pace.late_ns[-1] < 1_000_000
 
 
 @pytest.fixture
@@ -167,10 +168,10 @@ import json, sys
 from hapscene.teleoperation.udp_session import Coupling, Impairment, UdpSession, run_leader
 receive = UdpSession._receive
 def told(session):
-    before, count = session.gate.counts["let in"], receive(session)
+    before, heard = session.gate.counts["let in"], receive(session)
     if before < 500 <= session.gate.counts["let in"]:
         print("it has heard enough", flush=True)
-    return count
+    return heard
 UdpSession._receive = told
 address = ("127.0.0.1", int(sys.argv[1]))
 print(json.dumps(run_leader(address, "medium", "inverse", Coupling(), {LINE}, duration_s=60.0)))
