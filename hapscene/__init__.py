@@ -4,7 +4,7 @@
 import hapscene
 
 scene = hapscene.Scene()
-scene.add("assets/meshes/toad.ply", name="toad", unit="m", swatch="wood")
+scene.add(hapscene.assets.path("toad"), name="toad", unit="m", swatch="wood")
 renderer = hapscene.Renderer(scene)
 recording = renderer.run([(0.0, 0.0, 0.05), (0.0, 0.0, 0.04)])  # where the tool is, a row per millisecond
 ```

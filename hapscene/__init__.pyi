@@ -1,3 +1,4 @@
+from . import assets as assets
 from . import bridge as bridge
 from . import capture as capture
 from . import device as device

@@ -269,6 +269,7 @@ def touch(
     with_picture: bool = True,
     dark: bool = False,
     say: Callable[[str], None] = lambda text: None,
+    caution: Callable[[str], None] | None = None,
     bridge: "MuJoCo | None" = None,
     fidelity: "Fidelity | str | Path | None" = None,
 ) -> list[Path]:
@@ -288,6 +289,7 @@ def touch(
         with_picture: whether to draw scene.png. Where it cannot be drawn, `say` gets one line why.
         dark: whether pictures are on dark ground.
         say: is given the progress, piece by piece.
+        caution: is given each of `cautions`, a sentence; else `say` is.
         bridge: whose scene it is, and which goes on meanwhile; pictures show it as it was at first.
         fidelity: how finely it is felt, or the file that says it; a touched face is then one of the coarser mesh.
 
@@ -310,8 +312,7 @@ def touch(
             )
         with step(say, f"rendering {len(p_WT) * tick_s:.1f} s of path"):
             recording = renderer.run(p_WT) if bridge is None else bridge.run(renderer, p_WT)
-        if not recording.touching.any():
-            say(f"nothing was touched: {why_nothing(scene, p_WT)}\n")
+        _give_cautions(scene, recording, say, caution)
         if t_s is not None:
             recording = replace(recording, t_s=t_s)
         missing = write_touch(scene, recording, folder, title, with_picture, say, dark=dark)
@@ -328,13 +329,14 @@ def touch_by_hand(
     with_picture: bool = True,
     dark: bool = False,
     say: Callable[[str], None] = lambda text: None,
+    caution: Callable[[str], None] | None = None,
     bridge: "MuJoCo | None" = None,
     **told: Any,
 ) -> list[Path]:
     """Touch a scene in closed loop, contact forces moving the tool; write `MADE_BY_HAND` into a folder, or nothing.
 
     Args:
-        scene, out, title, with_picture, dark, say, bridge: as `touch` has them.
+        scene, out, title, with_picture, dark, say, caution, bridge: as `touch` has them.
         intent: what the hand means to do.
         ready: makes the twin.
         told: goes into the summary's `hand`.
@@ -356,8 +358,7 @@ def touch_by_hand(
             twin = ready()
         with step(say, f"living through {len(intent) * twin.renderer.tick_s:.1f} s"):
             feel = twin.run(intent) if bridge is None else bridge.live(twin, intent)
-        if not feel.recording.touching.any():
-            say(f"nothing was touched: {why_nothing(scene, feel.recording.p_WT_m)}\n")
+        _give_cautions(scene, feel.recording, say, caution)
         hand = {**told, **summarise_feel(feel)}
         missing = write_touch(
             scene, feel.recording, folder, title, with_picture, say, feel.a_handle_m_s2, dark, hand=hand
@@ -373,6 +374,50 @@ def _made(out: str | Path, names: Sequence[str], missing: Mapping[str, str], say
     for name, reason in missing.items():
         say(f"without {name}: {reason}\n")
     return [file for name in names if (file := Path(out) / name).exists()]
+
+
+LIMITED_SHARE: Final = 0.05
+"""Share of the ticks in contact from which a force that is cut to the device's limit is warned about [1]."""
+
+
+def cautions(scene: "Scene", recording: Recording) -> list[str]:
+    """Why a touch may not be what was meant, a sentence each: nothing touched, no sound, a force that was cut."""
+    touching = recording.touching
+    count = int(np.count_nonzero(touching))
+    if count == 0:
+        return [f"nothing was touched: {why_nothing(scene, recording.p_WT_m)}"]
+    found = []
+    if not recording.a_m_s2.any():
+        found.append(f"feel.wav is silent: {_why_silent(scene, recording)}")
+    limited = int(np.count_nonzero(touching & (recording.flags & Flag.FORCE_LIMITED != 0)))
+    if limited > LIMITED_SHARE * count:
+        found.append(
+            f"the force was cut to the device's limit in {limited:,} of {count:,} ticks in contact "
+            f"({100 * limited / count:.0f} %): walls feel softer there than they are; press less deep, or choose a "
+            "stronger device (--device)"
+        )
+    return found
+
+
+def _why_silent(scene: "Scene", recording: Recording) -> str:
+    touched = {recording.swatch_names[i] for i in np.unique(recording.swatch[recording.touching])}
+    swatches = [swatch for swatch in scene.swatches if swatch.name in touched]
+    if any(swatch.texture is not None or swatch.taps is not None for swatch in swatches):
+        return f"the effects {', '.join(recording.effects)} make no vibration; lpc_texture and tap do (--effects)"
+    return (
+        f"no swatch that was touched ({', '.join(sorted(touched))}) has a texture or taps; paint one onto the scene, "
+        "or choose one for the whole mesh, as --swatch wood; `hapscene swatch list` names them"
+    )
+
+
+def _give_cautions(
+    scene: "Scene", recording: Recording, say: Callable[[str], None], caution: Callable[[str], None] | None
+) -> None:
+    for text in cautions(scene, recording):
+        if caution is None:
+            say(f"{text}\n")
+        else:
+            caution(text)
 
 
 def why_nothing(scene: "Scene", p_WT: NDArray[np.float64]) -> str:

@@ -63,6 +63,7 @@ INNER = ("handle", "interrupt", "motion", "servo", "twin", "wire")
 """What the core does not need, and others build on."""
 
 OUTER = (
+    "assets",
     "bridge",
     "capture",
     "cli",

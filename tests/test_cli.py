@@ -193,7 +193,7 @@ def leaves(parser: argparse.ArgumentParser, words: tuple[str, ...]) -> Iterator[
 @pytest.mark.parametrize(
     "words",
     [
-        *(["touch", name] for name in ("none.xyz", "none.stl", "none.ply", "none.glb", "none.scene.json", "none")),
+        *(["touch", name] for name in ("none.xyz", "none.stl", "none.ply", "none.glb", "none.scene.json")),
         ["touch", "cube.ply", "--unit", "m", "--swatch", "none.swatch"],
         ["view", "none.xyz"],
         ["view", "cube.ply", "--unit", "m", "--touch", "none.npz"],
@@ -271,7 +271,7 @@ def test_interrupt_is_one_line(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("hapscene.view.plot.write_plot", interrupt)
-    assert main(TOUCH) == 130
+    assert main([*TOUCH, "--swatch", "wood"]) == 130
     assert capsys.readouterr().err == "hapscene: interrupted; nothing was written\n"
     assert not (folder / "out").exists()
 

@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ from PIL import Image
 from scipy.io import wavfile
 
 from hapscene.errors import EffectError, PathError, SceneError, ViewError
+from hapscene.flags import Flag
 from hapscene.recording import Recording
+from hapscene.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.touch import MADE, open_scene, speak, summarise, touch, touch_by_hand, why_nothing
+from hapscene.touch import MADE, cautions, open_scene, speak, summarise, touch, touch_by_hand, why_nothing
 from hapscene.view.palette import DARK, LIGHT
 
 
@@ -132,11 +135,6 @@ def test_unknown_effect_writes_nothing(tmp_path: Path, scene: Scene, p_WT: np.nd
 
 
 def test_summary_counts_flags_by_name(scene: Scene, p_WT: np.ndarray) -> None:
-    from dataclasses import replace
-
-    from hapscene.flags import Flag
-    from hapscene.renderer import Renderer
-
     recording = Renderer(scene).run(p_WT)
     flags = np.zeros(len(p_WT), np.uint32)
     flags[:5] = Flag.FORCE_LIMITED | Flag.UNSETTLED
@@ -214,3 +212,50 @@ def test_progress_is_spoken_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdout", io.TextIOWrapper(heard, "utf-8"))
     speak("half done, ")
     assert heard.getvalue() == b"half done, "
+
+
+def test_silence_is_told_with_what_would_sound(scene: Scene, p_WT: np.ndarray) -> None:
+    recording = Renderer(scene).run(p_WT)
+    (text,) = cautions(scene, recording)
+    assert "silent" in text and "card" in text and "--swatch" in text
+    textured = Scene()
+    textured.add(Mesh.from_trimesh(trimesh.creation.box((0.1, 0.1, 0.02)), "m"), name="plate", swatch="wood")
+    assert cautions(textured, Renderer(textured).run(p_WT)) == []
+    (text,) = cautions(textured, Renderer(textured, ["wall"]).run(p_WT))
+    assert "silent" in text and "lpc_texture" in text
+
+
+@pytest.mark.parametrize(("share", "count"), [(0.04, 0), (0.06, 1)])
+def test_a_force_that_is_cut_for_long_is_told(scene: Scene, p_WT: np.ndarray, share: float, count: int) -> None:
+    recording = Renderer(scene).run(p_WT)
+    recording = replace(recording, a_m_s2=np.ones_like(recording.a_m_s2))
+    touching = np.flatnonzero(recording.touching)
+    recording.flags[touching[: round(share * len(touching))]] |= np.uint32(Flag.FORCE_LIMITED)
+    recording.flags[~recording.touching] |= np.uint32(Flag.FORCE_LIMITED)  # in the air it is none of this
+    told = cautions(scene, recording)
+    assert len(told) == count
+    assert all(f"of {len(touching)} ticks in contact" in text for text in told)
+
+
+def test_a_caution_goes_where_it_is_asked_to_else_into_the_progress(
+    tmp_path: Path, scene: Scene, p_WT: np.ndarray
+) -> None:
+    said: list[str] = []
+    warned: list[str] = []
+    touch(scene, tmp_path / "out", p_WT, with_picture=False, say=said.append, caution=warned.append)
+    assert len(warned) == 1 and "silent" in warned[0] and "silent" not in "".join(said)
+    touch(scene, tmp_path / "out", p_WT, with_picture=False, say=said.append)
+    assert f"{warned[0]}\n" in said
+
+
+def test_a_caution_is_a_line_to_standard_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from hapscene.cli import main
+
+    trimesh.creation.box((20, 20, 20)).export(tmp_path / "cube.stl")
+    monkeypatch.chdir(tmp_path)
+    assert main(["touch", "cube.stl", "--unit", "mm", "--no-picture"]) == 0
+    told = capsys.readouterr()
+    assert told.err.startswith("hapscene: warning: feel.wav is silent") and told.err.count("\n") == 1
+    assert "silent" not in told.out

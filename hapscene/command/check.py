@@ -14,13 +14,18 @@ from hapscene.command.options import (
     add_reading_options,
     check_scene,
     check_there,
+    find_asset,
     loading,
     reading,
 )
-from hapscene.errors import HapsceneError, MeshError, printable
+from hapscene.errors import HapsceneError, MeshError, SceneError, printable
 
 if TYPE_CHECKING:
+    from hapscene.scene.mesh import Mesh
     from hapscene.scene.mesh_report import Report
+
+SCENES: Final = (".scene.json", ".scene.zip")
+"""Ends of the names of scene files."""
 
 VERDICTS: Final = ("felt", "felt with notes", "felt with faults", "not felt", "not readable")
 """What is said of a mesh, from good to bad."""
@@ -33,7 +38,7 @@ CODES: Final = {FELT: 0, NOTES: 0, FAULTS: 1, NOT_FELT: 1, UNREADABLE: 2}
 
 def add_check(commands: Any) -> None:
     command = add_command(commands, "check", _check)
-    command.add_argument("mesh", nargs="+", metavar="MESH", help="a mesh file, several, or a folder of them")
+    command.add_argument("mesh", nargs="+", metavar="MESH", help="a mesh file, several, a folder of them, or a scene")
     add_reading_options(command)
     command.add_argument("--json", action="store_true", help="print JSON; a list of several meshes, or a folder's")
     command.add_argument("--fix", metavar="OUT", help="mend what can be mended safely, and write it here")
@@ -42,26 +47,30 @@ def add_check(commands: Any) -> None:
 def _check(options: argparse.Namespace) -> int:
     """Examine meshes: what is wrong with them, and what that means for touching them.
 
-    Of several, or a folder's, each is told in a line. Exit codes: 0 nothing is wrong; 1 a mesh has faults, or cannot
-    be felt; 2 a file cannot be read; of several the highest.
+    Of several, a folder's or a scene's, each is told in a line. Exit codes: 0 nothing is wrong; 1 a mesh has faults,
+    or cannot be felt; 2 a file cannot be read; of several the highest.
 
     for example:
+      hapscene check demo
       hapscene check part.stl --unit mm
       hapscene check part.stl --unit mm --fix part_mended.ply
       hapscene check meshes --unit mm
     """
     if len(options.mesh) == 1 and not Path(options.mesh[0]).is_dir():
-        return _check_one(options.mesh[0], options)
+        path, options.unit = find_asset(options.mesh[0], options.unit)
+        if not path.endswith(SCENES):
+            return _check_one(path, options)
+        options.mesh = [path]
     if options.fix is not None:
         raise MeshError("--fix mends one mesh; name one")
     if options.unit is not None:
         from hapscene.scene.mesh import unit_name
 
         unit_name(options.unit)
-    files = [file for name in options.mesh for file in _files(Path(name))]
-    if not files:
+    sources = [source for name in options.mesh for source in _sources(name)]
+    if not sources:
         raise MeshError(f"{options.mesh[0]}: no mesh file in this folder")
-    return _check_all(files, options)
+    return _check_all(sources, options)
 
 
 def _check_one(path: str, options: argparse.Namespace) -> int:
@@ -101,23 +110,28 @@ def _check_one(path: str, options: argparse.Namespace) -> int:
     return code
 
 
-def _files(path: Path) -> list[Path]:
-    """The mesh files of a folder, by their suffixes; or the one file."""
+def _sources(name: str) -> "list[tuple[Path, Mesh | None]]":
+    """The mesh files of a folder, by their suffixes; a scene's meshes, each under the name of its body; or the file."""
     from hapscene.scene.mesh_file import FORMATS
 
+    path = Path(name)
+    if name.endswith(SCENES):
+        from hapscene.scene.scene import load_scene
+
+        check_there(path, SceneError)
+        return [(Path(body.name), body.mesh) for body in load_scene(path).bodies]
     if not path.is_dir():
-        return [path]
-    return sorted(
-        file for file in path.iterdir() if file.suffix.lower().lstrip(".") in FORMATS and not file.name.startswith(".")
-    )
+        return [(path, None)]
+    files = sorted(file for file in path.iterdir() if file.suffix.lower().lstrip(".") in FORMATS)
+    return [(file, None) for file in files if not file.name.startswith(".")]
 
 
-def _check_all(files: list[Path], options: argparse.Namespace) -> int:
+def _check_all(sources: "list[tuple[Path, Mesh | None]]", options: argparse.Namespace) -> int:
     progress = _say_nothing if options.json else say
     told: list[dict[str, Any]] = []
-    for file in files:
+    for file, mesh in sources:
         progress(f"{file}: ")
-        told.append(_examined(file, options))
+        told.append(_examined(file, mesh, options))
         progress(f"{told[-1]['verdict']}{told[-1].pop('words')}\n")
     count = Counter(one["verdict"] for one in told)
     if options.json:
@@ -127,8 +141,8 @@ def _check_all(files: list[Path], options: argparse.Namespace) -> int:
     return max(CODES[verdict] for verdict in count)
 
 
-def _examined(file: Path, options: argparse.Namespace) -> dict[str, Any]:
-    """What is said of a mesh, as JSON, with its `verdict`, and more `words` for its line."""
+def _examined(file: Path, mesh: "Mesh | None", options: argparse.Namespace) -> dict[str, Any]:
+    """What is said of a mesh, loaded from its file unless it is given: as JSON, with its `verdict`, and `words`."""
     from hapscene.scene.mesh_doctor import examine
     from hapscene.scene.mesh_file import load_mesh
 
@@ -136,9 +150,10 @@ def _examined(file: Path, options: argparse.Namespace) -> dict[str, Any]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            check_there(file, MeshError, "file or folder")
-            own = file.suffix.lower().lstrip(".") not in (*UNITLESS, "zip")
-            mesh = load_mesh(file, None if own else options.unit, **reading(options))
+            if mesh is None:
+                check_there(file, MeshError, "file or folder")
+                own = file.suffix.lower().lstrip(".") not in (*UNITLESS, "zip")
+                mesh = load_mesh(file, None if own else options.unit, **reading(options))
             report = examine(mesh)
         except (HapsceneError, OSError, MemoryError) as error:
             reason = " ".join(str(error).removeprefix(prefix).split()) or "not enough memory"

@@ -78,6 +78,11 @@ def complain(text: str) -> None:
     print(f"hapscene: {' '.join(text.split())}", file=sys.stderr)
 
 
+def caution(text: str) -> None:
+    """A warning to standard error: the result is there, but may not be what was meant."""
+    complain(f"warning: {text}")
+
+
 def tell(lines: Iterable[str]) -> None:
     """A result in lines, each one line whatever the names in it are."""
     print("\n".join(map(printable, lines)), flush=True)

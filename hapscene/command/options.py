@@ -150,6 +150,26 @@ def nearest(word: str, known: Iterable[str], alike: float = 0.6) -> str | None:
     return next(iter(get_close_matches(word, list(known), 1, alike)), None)
 
 
+def find_asset(scene: str, unit: str | None) -> tuple[str, str | None]:
+    """A scene or mesh and its unit; where `scene` is the name of an asset, and no file, the asset's file and unit.
+
+    Raises:
+        SceneError: it is a bare name, and there is neither a file nor an asset of this name.
+    """
+    if Path(scene).suffix or Path(scene).name != scene or Path(scene).exists():
+        return scene, unit
+    from hapscene import assets
+
+    try:
+        return str(assets.path(scene)), unit or assets.unit(scene)
+    except SceneError as unknown:
+        try:
+            check_there(scene, SceneError)
+        except SceneError as error:
+            raise SceneError(f"{error}; {unknown}") from None
+        raise
+
+
 def check_swatch(name: str | None) -> None:
     """Refuse what is a .swatch file by its name, and is not there; other names are looked up later."""
     if name is not None and (name.endswith(".swatch") or "/" in name or os.sep in name):

@@ -20,6 +20,7 @@ from hapscene.command.options import (
     add_mesh_options,
     base_name,
     check_scene,
+    find_asset,
     loading,
     port,
     reading,
@@ -48,7 +49,7 @@ def add_paint(commands: Any) -> None:
         "scene",
         nargs="?",
         metavar="SCENE|MESH",
-        help="a scene file (.scene.json), a file that export wrote, or a mesh; else the demo scene",
+        help="a scene file (.scene.json), a file that export wrote, a mesh, or an asset, as toad; else the demo scene",
     )
     command.add_argument("more", nargs="*", metavar="MESH", help="further meshes, beside it in the same scene")
     add_mesh_options(command)
@@ -122,6 +123,7 @@ def rare_collections() -> Iterator[None]:
 
 def _open_page(options: argparse.Namespace, ends: ExitStack) -> "Page":
     """The page of what is named, served until `ends`. The browser fetches it while the scene is loaded."""
+    put_asset(options)
     for path in (options.scene, *options.more):
         if path is not None:
             check_scene(path, options.unit, options.swatch)
@@ -145,6 +147,14 @@ def _open_page(options: argparse.Namespace, ends: ExitStack) -> "Page":
     tell_size(session.scene, options.scene or "", options.device)
     earlier = earlier_scenes(session.path, str(options.scene).endswith(ZIP_SUFFIX))
     return Page(session, with_hand=not options.no_hand, hand=hand, earlier=earlier, server=server)
+
+
+def put_asset(options: argparse.Namespace) -> None:
+    """Put an asset's file in place of its name. The demo scene is copied first, as it is where no scene is named."""
+    if options.scene == "demo" and not Path("demo").exists():
+        options.scene = None
+    elif options.scene is not None:
+        options.scene, options.unit = find_asset(options.scene, options.unit)
 
 
 def _have_painted(page: "Page") -> None:
@@ -236,16 +246,15 @@ def open_session(options: argparse.Namespace, say: Any) -> "Session":
 
 def _copy_demo(folder: Path) -> Path:
     """The demo scene in a folder of the user's; as it was painted, where it is there already."""
-    from importlib.resources import as_file, files
+    from hapscene import assets
 
-    scene = folder / f"demo{SUFFIX}"
+    scene, source = folder / f"demo{SUFFIX}", assets.path("demo")
     if not scene.exists():
-        with as_file(files("hapscene_assets")) as source:
-            (folder / "meshes").mkdir(parents=True, exist_ok=True)
-            for file in sorted((source / "meshes").iterdir()):
-                if file.is_file():
-                    shutil.copyfile(file, folder / "meshes" / file.name)
-            shutil.copyfile(source / scene.name, scene)
+        (folder / "meshes").mkdir(parents=True, exist_ok=True)
+        for file in sorted((source.parent / "meshes").iterdir()):
+            if file.is_file():
+                shutil.copyfile(file, folder / "meshes" / file.name)
+        shutil.copyfile(source, scene)
     return scene
 
 

@@ -6,7 +6,7 @@ from copy import copy
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.console import name_made, say
+from hapscene.command.console import caution, name_made, say
 from hapscene.command.live import add_page_options, play_on_page
 from hapscene.command.options import (
     add_command,
@@ -16,6 +16,7 @@ from hapscene.command.options import (
     check_out_folder,
     check_scene,
     check_there,
+    find_asset,
     load_input,
     loading,
     rate,
@@ -36,7 +37,8 @@ def add_touch(commands: Any) -> None:
     command.add_argument(
         "scene",
         metavar="SCENE",
-        help="a scene (.scene.json), a file that export wrote, a mesh, or a model of MuJoCo (.xml)",
+        help="a scene (.scene.json), a file that export wrote, a mesh, or a model of MuJoCo (.xml); or an asset: demo, "
+        "bracket, plate, toad",
     )
     command.add_argument(
         "--path", metavar="CSV", help="path of the tool: columns t,x,y,z in s and m; else a hand feels it from above"
@@ -84,17 +86,27 @@ def _touch(options: argparse.Namespace) -> int:
     """Touch a scene or a mesh along a path, and write what was felt.
 
     for example:
+      hapscene touch demo                  # an asset by name: demo, bracket, plate, toad
       hapscene touch bunny.ply --unit m --swatch wood
       hapscene touch demo.scene.json --path hand.csv --out out/hand
       hapscene touch demo.scene.json --effects wall,weight --set weight.mass_kg=0.2
       hapscene touch demo.scene.json --hand stroke --grip light --device omni --out out/stroke
       hapscene touch table.xml --path push.csv   # a model of MuJoCo, whose bodies are pushed
     """
-    check_scene(options.scene, options.unit, options.swatch)
+    options.scene, options.unit = find_asset(options.scene, options.unit)
+    check_scene(options.scene, options.unit)
     check_there(options.path, PathError)
     check_there(options.fidelity, prefix="--fidelity ")
     options.out = options.out or f"out/{base_name(options.scene)}"
     check_out_folder(options.out)
+    from hapscene.view.offscreen import started_ahead
+
+    with started_ahead(not options.no_picture):
+        return _touch_scene(options)
+
+
+def _touch_scene(options: argparse.Namespace) -> int:
+    check_scene(options.scene, options.unit, options.swatch)
     effects = None if options.effects is None else [name for name in options.effects.split(",") if name]
     if effects == []:
         raise EffectError("--effects names none; `hapscene plugins` lists them")
@@ -140,6 +152,7 @@ def _touch(options: argparse.Namespace) -> int:
         with_picture=not options.no_picture,
         dark=options.dark,
         say=say,
+        caution=caution,
         bridge=bridge,
         fidelity=options.fidelity,
     )
@@ -254,6 +267,7 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, settin
         with_picture=not options.no_picture,
         dark=options.dark,
         say=say,
+        caution=caution,
         bridge=bridge,
         **{option: getattr(options, option) for option in ("hand", *HAND_DEFAULTS)},
     )
@@ -292,18 +306,24 @@ def _demo(options: argparse.Namespace) -> int:
       hapscene demo --live                 # with the mouse, or with what the screen takes
       hapscene demo --live --kiosk --host 0.0.0.0   # for visitors, also on their phones
     """
-    from importlib.resources import as_file, files
-
-    from hapscene.motion.hand_path import explore
-    from hapscene.touch import open_scene, step, touch
+    from hapscene.view.offscreen import started_ahead
 
     if options.kiosk and not options.live:
         raise HapsceneError("--kiosk is for the page; say --live as well")
-    with step(say, "loading the demo scene"), as_file(files("hapscene_assets")) as folder:
-        scene = open_scene(folder / "demo.scene.json")
+    with started_ahead(not options.live):
+        return _touch_demo(options)
+
+
+def _touch_demo(options: argparse.Namespace) -> int:
+    from hapscene import assets
+    from hapscene.motion.hand_path import explore
+    from hapscene.touch import open_scene, step, touch
+
+    with step(say, "loading the demo scene"):
+        scene = open_scene(assets.path("demo"))
     if options.live:
         play_on_page(scene, "demo", options)
         return 0
     path = explore(scene, TICK_S)
-    name_made(touch(scene, options.out, path, title="demo.scene.json", dark=options.dark, say=say))
+    name_made(touch(scene, options.out, path, title="demo.scene.json", dark=options.dark, say=say, caution=caution))
     return 0

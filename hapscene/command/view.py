@@ -1,6 +1,7 @@
 """`hapscene view`."""
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,6 +13,7 @@ from hapscene.command.options import (
     base_name,
     check_scene,
     check_there,
+    find_asset,
     load_input,
     new_file,
     number,
@@ -28,7 +30,9 @@ FILM_OPTIONS: Final = ("frames", "seconds", "turn", "painting")
 
 def add_view(commands: Any) -> None:
     command = add_command(commands, "view", _view)
-    command.add_argument("scene", metavar="SCENE", help="a scene (.scene.json), a file that export wrote, or a mesh")
+    command.add_argument(
+        "scene", metavar="SCENE", help="a scene (.scene.json), a file that export wrote, a mesh, or an asset, as demo"
+    )
     add_out_file(command, "FILE", "picture .png; film .gif, or .mp4 (extra `video`) (default NAME.png, as desk.png)")
     add_mesh_options(command, two_sided=False)
     command.add_argument("--touch", metavar="NPZ", help="a touch of it, touch.npz: path and forces; played in a film")
@@ -60,10 +64,12 @@ def _view(options: argparse.Namespace) -> int:
     """Draw a scene, and a touch of it, as a picture or a film.
 
     for example:
+      hapscene view demo
       hapscene view desk.scene.json
       hapscene view bunny.ply --unit m --swatch wood --out bunny.gif --size 480x360 --dark
       hapscene view desk.scene.json --touch out/desk/touch.npz --turn 0 --painting --out desk.mp4
     """
+    options.scene, options.unit = find_asset(options.scene, options.unit)
     check_scene(options.scene, options.unit, options.swatch)
     check_there(options.touch, ViewError)
     options.out = options.out or new_file(f"{base_name(options.scene)}.png")
@@ -74,6 +80,7 @@ def _view(options: argparse.Namespace) -> int:
     from hapscene.recording import Recording
     from hapscene.touch import step
     from hapscene.view.film import RATES_HZ, Film, write_film
+    from hapscene.view.offscreen import started_ahead
     from hapscene.view.palette import DARK, LIGHT
     from hapscene.view.picture import write_picture
 
@@ -84,10 +91,12 @@ def _view(options: argparse.Namespace) -> int:
     if kind == ".png" and given:
         raise ViewError(f"{options.out}: is a picture; --{next(iter(given))} is for films, .gif and .mp4")
     check_file(Path(options.out), ViewError)
-    scene = load_input(options.scene, options.unit, options.swatch, **reading(options))
-    recording = None if options.touch is None else Recording.load(options.touch)
     theme = DARK if options.dark else LIGHT
-    with step(say, f"drawing {options.out}"):
+    with ExitStack() as stack:
+        stack.enter_context(started_ahead())
+        scene = load_input(options.scene, options.unit, options.swatch, **reading(options))
+        recording = None if options.touch is None else Recording.load(options.touch)
+        stack.enter_context(step(say, f"drawing {options.out}"))
         if kind == ".png":
             write_picture(scene, recording, options.out, size=options.size, theme=theme)
         else:

@@ -4,6 +4,7 @@ A hand presses by aiming below the surface: with a grip of k [N/m] it aims F/k d
 give way, so that a light grip aims deep and yields, and a firm one aims shallow and insists.
 """
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
@@ -34,6 +35,13 @@ FREE_S: Final = 0.6
 SLOPE_MAX: Final = 0.25
 """Steepest end of a line that is felt [1]: a hand that yields slides off a steeper one."""
 
+TOOL_KG: Final = 0.075
+"""Mass of the tool that a hand reckons with [kg]: that of the heaviest of the devices by name."""
+
+CALM_PERIODS: Final = 1.5
+"""Shortest movement through the air, in periods in which the tool swings on the grip's spring [1]. At a third of it, a
+tool in a light grip came down 12 mm beside its aim, next to the bracket of the demo, and was dragged along its side."""
+
 REACH: Final = 0.35
 """Radius of a circle over the shorter of the two best lines [1]."""
 
@@ -57,8 +65,8 @@ def act(name: str, scene: "Scene", tick_s: float, *, grip: str = "light") -> Int
     if held.k_N_m == 0.0:
         raise PathError(f"a hand with grip {grip!r} does not hold the tool; choose light, medium or firm")
     if name == "explore":
-        return Intent.along(explore(scene, tick_s, STROKE_N / held.k_N_m), held)
-    place = _Place(scene, tick_s)
+        return Intent.along(explore(scene, tick_s, STROKE_N / held.k_N_m, calm_s=calm_time_s(held)), held)
+    place = _Place(scene, tick_s, calm_time_s(held))
     rows = _AT_A_PLACE[name](place, held)
     place.hand.rest(0.5)  # in which what buzzes is seen
     path = place.hand.p_WT_m
@@ -70,7 +78,7 @@ def act(name: str, scene: "Scene", tick_s: float, *, grip: str = "light") -> Int
 class _Place:
     """Where a gesture is made: the best lines on the first body that can be seen, and a hand above them."""
 
-    def __init__(self, scene: "Scene", tick_s: float) -> None:
+    def __init__(self, scene: "Scene", tick_s: float, calm_s: float) -> None:
         self.tick_s = tick_s
         look = look_from_above(scene)
         lines, size_m = next(places_to_feel(scene, look), ([], 0.0))
@@ -81,8 +89,13 @@ class _Place:
         self.reach_m = REACH * min(float(np.hypot(*np.subtract(b, a))) for a, b in lines)
         hover_m = min(HOVER_M, 0.2 * size_m)
         z_m = float(look(np.array([self.middle_m[0]]), np.array([self.middle_m[1]])).z_m[0])
-        self.hand = Hand((*self.middle_m, z_m + hover_m), tick_s, look, hover_m)
+        self.hand = Hand((*self.middle_m, z_m + hover_m), tick_s, look, hover_m, calm_s)
         self.hand.rest(0.05)
+
+
+def calm_time_s(grip: Grip) -> float:
+    """Shortest movement that does not make the tool swing in a grip [s]."""
+    return CALM_PERIODS * 2.0 * math.pi * math.sqrt((TOOL_KG + grip.mass_kg) / grip.k_N_m)
 
 
 def _without_steep_ends(look: Look, line: Line) -> Line:
@@ -140,7 +153,8 @@ def _grip_firmly(place: _Place, grip: Grip) -> NDArray[np.float64]:
     before = max((len(way) - len(ramp)) // 2, 0)
     rows = np.concatenate((np.tile(grip.row(), (before, 1)), ramp))[: len(way)]
     rows = np.concatenate((rows, np.tile(GRIPS["firm"].row(), (len(way) - len(rows), 1))))
-    start = place.hand.trace(way, STROKE_N / rows[:, 0])
+    start, at = place.hand.trace(way, STROKE_N / rows[:, 0])
+    rows = np.column_stack([np.interp(at, np.arange(len(rows)), column) for column in rows.T])
     return np.concatenate((np.tile(grip.row(), (start, 1)), rows))
 
 

@@ -48,9 +48,26 @@ BODY_MAX: Final = 4
 
 
 class Hand:
-    """A path of the tool, built from movements of which each begins where the last one ended."""
+    """A path of the tool, built from movements of which each begins where the last one ended.
 
-    def __init__(self, p_WT_m: tuple[float, float, float], tick_s: float, look: Look, hover_m: float = HOVER_M) -> None:
+    Args:
+        p_WT_m: where it starts.
+        tick_s: period of a tick [s].
+        look: looks down on the scene.
+        hover_m: height over the surface from which a movement begins and at which it ends.
+        calm_s: for a tool that hangs on a spring, the shortest movement that does not make it swing [s]: no movement
+            through the air is shorter, and a trace slows down where it climbs. 0 for a tool that is where it is put.
+    """
+
+    def __init__(
+        self,
+        p_WT_m: tuple[float, float, float],
+        tick_s: float,
+        look: Look,
+        hover_m: float = HOVER_M,
+        calm_s: float = 0.0,
+    ) -> None:
+        self._calm_s = calm_s
         self._pieces: list[NDArray[np.float64]] = [np.array([p_WT_m], dtype=float)]
         self._tick_s = tick_s
         self._look = look
@@ -107,20 +124,32 @@ class Hand:
         wait = np.tile(first[-1], (len(self._share(HESITATION_S)), 1))
         self.trace(np.concatenate((first, wait, second)), depth_m)
 
-    def trace(self, way_m: NDArray[np.float64], depth_m: float | NDArray[np.float64]) -> int:
+    def trace(
+        self, way_m: NDArray[np.float64], depth_m: float | NDArray[np.float64]
+    ) -> tuple[int, NDArray[np.float64]]:
         """Follow the surface under a curve (k, 2), a row per tick, from above its start to above its end.
 
-        The depth is one, or one for each row (k,). Returns the tick at which the curve starts.
+        Args:
+            way_m: the curve in x and y.
+            depth_m: one depth, or one for each row (k,).
+
+        Returns:
+            The tick at which the curve starts; and for each tick from there on, the row of the curve that it is at,
+            as a fraction between two rows where the hand slows down.
         """
         depths_m = np.broadcast_to(depth_m, len(way_m))
         way = np.column_stack((way_m, self._follow(way_m[:, 0], way_m[:, 1], depths_m)))
+        rows = np.arange(len(way), dtype=float)
+        if self._calm_s > 0.0:
+            rows = _slowed(way)
+            way = np.column_stack([np.interp(rows, np.arange(len(way)), column) for column in way.T])
         (x0, y0, z0), (x1, y1, z1) = way[0].tolist(), way[-1].tolist()
         self._go_over(x0, y0, z0 + float(depths_m[0]) + self.hover_m)
-        self.move((x0, y0, z0), 0.15)
+        self.move((x0, y0, z0), max(0.15, self._calm_s))
         start = self.tick_count - 1
         self._pieces.append(way[1:])
-        self.move((x1, y1, z1 + float(depths_m[-1]) + self.hover_m), 0.12)
-        return start
+        self.move((x1, y1, z1 + float(depths_m[-1]) + self.hover_m), max(0.12, self._calm_s))
+        return start, rows
 
     def line(self, start_m: tuple[float, float], end_m: tuple[float, float], speed_m_s: float) -> NDArray[np.float64]:
         """A line in x and y (k, 2) at a mean speed, a row per tick."""
@@ -146,7 +175,7 @@ class Hand:
         for point_m in ((here_m[0], here_m[1], safe_m), (x_m, y_m, safe_m), (x_m, y_m, z_m)):
             far_m = float(np.linalg.norm(np.subtract(point_m, self._pieces[-1][-1])))
             if far_m > self.hover_m * 1e-3:
-                self.move(point_m, float(np.clip(far_m / TRANSFER_M_S, 0.08, 0.6)))
+                self.move(point_m, max(float(np.clip(far_m / TRANSFER_M_S, 0.08, 0.6)), self._calm_s))
 
     def _share(self, duration_s: float) -> NDArray[np.float64]:
         """How much of a movement is done at each of its ticks, its start left out, 0 … 1: minimum jerk."""
@@ -171,6 +200,17 @@ class Hand:
         return np.asarray(gaussian_filter1d(over_m - depth_m + lifted * (depth_m + lift_m), sigma, mode="nearest"))
 
 
+def _slowed(way_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows of a curve (k, 3), one per tick, at which it is nowhere faster than it is in x and y alone.
+
+    A hand that climbs a wall as fast as it strokes level ground throws a loosely held tool off the surface.
+    """
+    step_m = np.linalg.norm(np.diff(way_m, axis=0), axis=1)
+    most_m = max(float(np.hypot(*np.diff(way_m[:, :2], axis=0).T).max(initial=0.0)), 1e-12)
+    tick = np.append(0.0, np.cumsum(np.maximum(step_m / most_m, 1.0)))
+    return np.interp(np.arange(np.ceil(tick[-1] - 1e-9) + 1.0), tick, np.arange(len(way_m)))
+
+
 def _climbed(z_m: NDArray[np.float64], rise_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """The lowest heights at or over `z_m` (n,) that fall from one to the next by at most `rise_m` (n − 1,)."""
     over_m = z_m.copy()
@@ -179,7 +219,7 @@ def _climbed(z_m: NDArray[np.float64], rise_m: NDArray[np.float64]) -> NDArray[n
     return over_m
 
 
-def explore(scene: "Scene", tick_s: float, depth_m: float | None = None) -> NDArray[np.float64]:
+def explore(scene: "Scene", tick_s: float, depth_m: float | None = None, *, calm_s: float = 0.0) -> NDArray[np.float64]:
     """A hand that feels a scene from above: on each body a tap, a press, and two strokes.
 
     The strokes go where they cross the most borders between swatches. The path follows from the scene alone.
@@ -188,6 +228,7 @@ def explore(scene: "Scene", tick_s: float, depth_m: float | None = None) -> NDAr
         scene: with one body or more; the first `BODY_MAX` that can be seen from above are felt.
         tick_s: period of a tick [s].
         depth_m: how deep taps and strokes go [m]; else `DEPTH_M`, or a twentieth of a small body's size.
+        calm_s: as `Hand` has it [s].
 
     Returns:
         p_WT (n, 3) [m].
@@ -203,7 +244,7 @@ def explore(scene: "Scene", tick_s: float, depth_m: float | None = None) -> NDAr
         x_m, y_m = between(*first, 0.2)
         if hand is None:
             z_m = float(look(np.array([x_m]), np.array([y_m])).z_m[0])
-            hand = Hand((x_m, y_m, z_m + 2 * hover_m), tick_s, look)
+            hand = Hand((x_m, y_m, z_m + 2 * hover_m), tick_s, look, calm_s=calm_s)
             hand.rest(0.1)
         hand.hover_m = hover_m
         hand.tap(x_m, y_m, deep_m)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.scene.mesh import Mesh
-from hapscene.view.triangles import shade_of
+from hapscene.view.body_triangles import shade_of
 
 COLOURS: Final = 16
 """Most colours that a file's own are brought down to [count]: each is drawn as a mesh of its own."""

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from hapscene.motion.look_from_above import bounds_of, look_from_above
+from hapscene.view.body_triangles import scene_solid
 from hapscene.view.camera import MARGIN, place
 from hapscene.view.offscreen import draw
 from hapscene.view.palette import Theme
-from hapscene.view.triangles import Drawing, Frame, scene_solid
+from hapscene.view.triangles import Drawing, Frame
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene

@@ -78,7 +78,7 @@ def explore(grip: str, give_N_m: float, taps: int = 3, strokes: int = 4) -> Gest
         parts["tap"].append((start, hand.tick_count))
     hand.press(0.0, 0.0, depth_m, hold_s=0.3)
     way = np.concatenate([hand.line((a, 0.0), (-a, 0.0), speed) for a, speed in STROKES[:strokes]])
-    start = hand.trace(way, depth_m)
+    start, _ = hand.trace(way, depth_m)
     parts["stroke"].append((start, start + len(way)))
     hand.move(START_M, 0.4)
     hand.rest(REST_S)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, Literal, cast
 
 import numpy as np
 
@@ -27,7 +27,12 @@ _PARTS: Final = ("color", "facecolor", "edgecolor", "markerfacecolor", "markered
 
 @contextmanager
 def new_chart(
-    width_in: float, height_in: float, title: str = "", style: Mapping[str, Any] | None = None
+    width_in: float,
+    height_in: float,
+    title: str = "",
+    style: Mapping[str, Any] | None = None,
+    *,
+    layout: Literal["constrained"] | None = "constrained",
 ) -> Iterator["Figure"]:
     """A figure to be drawn on in the style of all charts, without a window.
 
@@ -35,12 +40,13 @@ def new_chart(
         width_in, height_in: its size [in].
         title: stands over it.
         style: what differs from `CHART_STYLE`, as matplotlib's rc parameters.
+        layout: matplotlib's, which fits axes to their labels; None leaves them where they are put.
     """
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     with rc_context(cast(Any, {**CHART_STYLE, **(style or {})})):  # its type lists every key by name
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        figure = Figure(figsize=(width_in, height_in), layout=layout)
         if title:
             figure.suptitle(printable(title), x=0.01, ha="left")
         yield figure

@@ -8,21 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.recording import Recording
+from hapscene.view.body_triangles import scene_solid, worn_by
 from hapscene.view.camera import facing, pose_of
 from hapscene.view.palette import AIR, FORCE, OKABE_ITO, PATH, Theme
-from hapscene.view.triangles import (
-    Shown,
-    Triangles,
-    cut,
-    joined,
-    lathe,
-    moved,
-    packed,
-    scene_solid,
-    tube,
-    unpacked,
-    worn_by,
-)
+from hapscene.view.triangles import Shown, Triangles, cut, joined, lathe, moved, packed, tube, unpacked
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene

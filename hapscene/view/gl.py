@@ -28,13 +28,9 @@ def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
     Yields:
         RGB pixels (height, width, 3) of each frame.
     """
-    # Its viewer would load pyglet, and that libGL, libEGL or X11, which OSMesa does without.
-    stub = ModuleType("pyrender.viewer")
-    stub.Viewer = None  # type: ignore[attr-defined]
-    sys.modules.setdefault("pyrender.viewer", stub)
-    import pyrender
     from PIL import Image
 
+    pyrender = without_viewer()
     scene = _empty(pyrender, drawing.background)
     x_m, y_m, far_m = drawing.extent_m
     camera = scene.add(pyrender.OrthographicCamera(x_m, y_m, znear=far_m * 1e-4, zfar=far_m))
@@ -55,6 +51,16 @@ def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
             scene.set_pose(fixed, frame.X_SC @ X_CL)
         pixels, _ = renderer.render(scene)
         yield np.asarray(Image.fromarray(np.ascontiguousarray(pixels[..., :3])).reduce(drawing.oversampling))
+
+
+def without_viewer() -> Any:
+    """Import pyrender without its viewer, which would load pyglet, and that libGL, libEGL or X11: OSMesa needs none."""
+    stub = ModuleType("pyrender.viewer")
+    stub.Viewer = None  # type: ignore[attr-defined]
+    sys.modules.setdefault("pyrender.viewer", stub)
+    import pyrender
+
+    return pyrender
 
 
 def watch(

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -9,9 +11,9 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from hapscene.scene.mesh_report import length as length_text
+from hapscene.view.body_triangles import used_swatches
 from hapscene.view.figure_parts import PROXY_COLOUR
 from hapscene.view.palette import AIR, EDGE, FORCE, PATH, Theme, distinct_colours
-from hapscene.view.triangles import used_swatches
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -161,11 +163,12 @@ def _middle(row: int, size: int) -> int:
     return round((1.5 + 1.9 * row) * size)
 
 
+@cache
 def _font(size: int) -> ImageFont.FreeTypeFont:
     """The sans serif that comes with matplotlib: the same on every machine."""
-    import matplotlib
-
-    return ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", size)
+    package = find_spec("matplotlib")  # not imported: that takes longer than all the rest of a picture
+    assert package is not None and package.origin is not None
+    return ImageFont.truetype(Path(package.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf", size)
 
 
 def round_down(value: float) -> float:

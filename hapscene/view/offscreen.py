@@ -11,18 +11,20 @@ import sys
 import tempfile
 import threading
 from collections.abc import Generator, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from ctypes.util import find_library
 from dataclasses import replace
 from pathlib import Path
 from threading import Event, Timer
-from typing import IO, Any, Final
+from typing import IO, TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
-from hapscene.view.triangles import Drawing
+
+if TYPE_CHECKING:
+    from hapscene.view.triangles import Drawing
 
 # A process of its own that draws: how it is started, why it failed, and that it goes with the one that started it.
 #
@@ -45,6 +47,12 @@ class Drawer:
 
     def __init__(self, process: "subprocess.Popen[bytes]", complaint: IO[bytes]) -> None:
         self.process, self._complaint = process, complaint
+
+    def wake(self) -> None:
+        """Set the event of `go_with_the_other` in the process, if it still runs."""
+        assert self.process.stdin is not None
+        with suppress(OSError):
+            os.write(self.process.stdin.fileno(), b"\n")
 
     def reason(self) -> str:
         """The last line that it wrote on its way out."""
@@ -83,17 +91,23 @@ def start_drawer(module: str, job: Path, environment: Mapping[str, str], stdout:
             process.kill()
 
 
-def go_with_the_other(job: Path) -> None:
-    """In the process: once the one that started it is gone, remove what it left, and go too."""
+def go_with_the_other(job: Path) -> Event:
+    """In the process: once the one that started it is gone, remove what it left, and go too.
+
+    Returns:
+        An event that `Drawer.wake` sets.
+    """
+    woken = Event()
 
     def wait() -> None:
-        while os.read(0, 1):  # nothing is ever sent
-            pass
+        while os.read(0, 1):
+            woken.set()
         if job.name.startswith(PREFIX) and job.parent.samefile(tempfile.gettempdir()):  # none but ours
             shutil.rmtree(job, ignore_errors=True)
         os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()
+    return woken
 
 
 PLATFORMS: Final = {"osmesa": "libosmesa6", "egl": "libegl1 libgl1"}
@@ -109,6 +123,9 @@ TIMEOUT_S: Final = 120.0
 """Longest that a frame may take [s]. The first takes longest: a million triangles take 6."""
 
 
+UNUSED: Final = ("scipy", "cascadio")
+"""What pyrender imports through trimesh, where it is installed, and no drawing needs: half of the process's start."""
+
 BATCH: Final = 60
 """Frames that one process draws [count]: OSMesa keeps some MB of each until its process ends."""
 
@@ -117,7 +134,41 @@ class _Undrawn(Exception):
     """Why no frame came."""
 
 
-def draw(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
+_ahead: dict[str, tuple[Path, Drawer]] = {}
+"""Processes by platform that were started ahead and have no drawing yet, each with the folder of its job."""
+
+
+@contextmanager
+def started_ahead(wanted: bool = True) -> Iterator[None]:
+    """Start the process of the next `draw` now: importing GL takes it longer than drawing, and nobody waits for it.
+
+    Args:
+        wanted: whether anything will be drawn; else nothing is started.
+    """
+    if not wanted:
+        yield
+        return
+    platform = platforms()[0]
+    with _started(platform) as (job, drawer):
+        _ahead[platform] = job, drawer
+        try:
+            yield
+        finally:
+            _ahead.pop(platform, None)
+
+
+@contextmanager
+def _started(platform: str) -> Iterator[tuple[Path, Drawer]]:
+    """A process that draws on the platform, and the folder of its job: the one that was started ahead, if there is."""
+    if platform in _ahead:
+        yield _ahead.pop(platform)
+        return
+    environment = os.environ | {"PYOPENGL_PLATFORM": platform}
+    with job_folder() as job, start_drawer("hapscene.view.offscreen", job, environment, subprocess.PIPE) as drawer:
+        yield job, drawer
+
+
+def draw(drawing: "Drawing") -> Iterator[NDArray[np.uint8]]:
     """Draw with the first platform that can.
 
     Yields:
@@ -157,26 +208,25 @@ def _has_gpu() -> bool:
     return any(Path("/dev").glob("nvidia[0-9]*")) or any(Path("/dev/dri").glob("renderD*"))
 
 
-def _draw_with(platform: str, drawing: Drawing) -> Generator[NDArray[np.uint8]]:
+def _draw_with(platform: str, drawing: "Drawing") -> Generator[NDArray[np.uint8]]:
     """Draw in a process of its own.
 
     Raises:
         _Undrawn: why a frame did not come.
     """
     width, height = drawing.size
-    environment = os.environ | {"PYOPENGL_PLATFORM": platform}
-    with job_folder() as job:
+    with _started(platform) as (job, drawer):
         drawing.save(job / DRAWING)
-        with start_drawer("hapscene.view.offscreen", job, environment, subprocess.PIPE) as drawer:
-            pipe = drawer.process.stdout
-            assert pipe is not None
-            for _ in drawing.frames:
-                content, late = _read(pipe, width * height * 3, drawer.process)
-                if late:
-                    raise _Undrawn(f"took longer than {TIMEOUT_S:g} s")
-                if len(content) < width * height * 3:
-                    raise _Undrawn(_reason(platform, drawer))
-                yield np.frombuffer(content, np.uint8).reshape(height, width, 3)
+        drawer.wake()
+        pipe = drawer.process.stdout
+        assert pipe is not None
+        for _ in drawing.frames:
+            content, late = _read(pipe, width * height * 3, drawer.process)
+            if late:
+                raise _Undrawn(f"took longer than {TIMEOUT_S:g} s")
+            if len(content) < width * height * 3:
+                raise _Undrawn(_reason(platform, drawer))
+            yield np.frombuffer(content, np.uint8).reshape(height, width, 3)
 
 
 def _read(pipe: IO[bytes], count: int, process: "subprocess.Popen[bytes]") -> tuple[bytes, bool]:
@@ -201,12 +251,16 @@ def _reason(platform: str, drawer: Drawer) -> str:
     return told if all(map(find_library, LIBRARIES[platform])) else "not installed"
 
 
-def _render(job: Path) -> None:
-    """What the process does."""
-    from hapscene.view.gl import render
+def _render(job: Path, woken: Event) -> None:
+    """What the process does: import GL, wait for the drawing, draw."""
+    from hapscene.view.gl import render, without_viewer
+    from hapscene.view.triangles import Drawing
 
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(2, 1)  # what a driver prints must not come between the pixels
+        sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]  # None refuses an import
+        without_viewer()
+        woken.wait()
         for pixels in render(Drawing.load(job / DRAWING)):
             out.write(pixels.tobytes())
             out.flush()
@@ -214,8 +268,8 @@ def _render(job: Path) -> None:
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
-    go_with_the_other(folder)
+    event = go_with_the_other(folder)
     try:
-        _render(folder)
+        _render(folder, event)
     except (KeyboardInterrupt, BrokenPipeError):
         sys.exit(1)

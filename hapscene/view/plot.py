@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from hapscene.recording import Recording
@@ -58,25 +57,51 @@ def write_plot(
 
 def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | None = None) -> "Figure":
     """The figure that `write_plot` writes."""
-    with new_chart(13, 9.5, title, STYLE) as figure:
-        # legends and the colour bar have a column of their own, so they hide no data
-        grid = figure.add_gridspec(5, 2, height_ratios=(0.4, 3, 2, 2, 2.6), width_ratios=(1, 0.012))
-        axes = [figure.add_subplot(grid[0, 0])]
-        axes += [figure.add_subplot(grid[row, 0], sharex=axes[0]) for row in range(1, 5)]
+    with new_chart(*SIZE_IN, title, STYLE, layout=None) as figure:
+        swatch_count = len(np.unique(recording.swatch[recording.swatch >= 0]))
+        axes = _rows(figure, (0.4, 3, 2, 2, 2.6), legend_rows=-(-swatch_count // LEGEND_COLUMNS))
         _draw_swatches(axes[0], recording, colours or swatch_colours(len(recording.swatch_names)))
         _draw_force(axes[1], recording)
         _draw_depth(axes[2], recording)
         _draw_acceleration(axes[3], recording)
-        _draw_spectrogram(axes[4], figure.add_subplot(grid[4, 1]), recording)
+        _, bottom, _, height = axes[4].get_position().bounds
+        bar = figure.add_axes((RIGHT + 0.01, bottom, 0.01, height))  # beside the plots, so that it hides no data
+        _draw_spectrogram(axes[4], bar, recording)
         for ax in axes[1:4]:
             shade(ax, recording)
-        for ax in axes[:4]:
-            ax.tick_params(labelbottom=False)
-        axes[-1].set_xlabel("time [s]")
+        axes[0].yaxis.set_label_coords(-0.005, 0.5)
         axes[0].set_xlim(recording.t_s[0], recording.t_s[-1] + _tick_s(recording))
-        figure.align_ylabels(axes[1:])
     return figure
 
+
+def _rows(figure: "Figure", heights: Sequence[float], legend_rows: int = 1) -> list["Axes"]:
+    """Axes below each other over one time, with room for a legend over each, for more rows of it over the first.
+
+    Their places are fixed: to fit them to their labels, matplotlib would lay out all text twice.
+    """
+    top = 1.0 - TITLE - LEGEND_ROW * max(legend_rows, 1)
+    gap = LEGEND_ROW * len(heights) / (top - BOTTOM - LEGEND_ROW * (len(heights) - 1))
+    grid = figure.add_gridspec(
+        len(heights), 1, height_ratios=heights, left=LEFT, right=RIGHT, bottom=BOTTOM, top=top, hspace=gap
+    )
+    axes = [figure.add_subplot(grid[0])]
+    axes += [figure.add_subplot(grid[row], sharex=axes[0]) for row in range(1, len(heights))]
+    for ax in axes:
+        ax.yaxis.set_label_coords(-0.052, 0.5)
+    for ax in axes[:-1]:
+        ax.tick_params(labelbottom=False)
+    axes[-1].set_xlabel("time [s]")
+    return axes
+
+
+SIZE_IN: Final = (13.0, 9.5)
+"""Width and height of plots over time [in]."""
+
+LEFT, RIGHT, BOTTOM, TITLE, LEGEND_ROW = 0.076, 0.93, 0.055, 0.044, 0.034
+"""Where its axes begin and end, and heights of its title and of a row of a legend, over the figure's own [1]."""
+
+LEGEND_COLUMNS: Final = 8
+"""Entries in a row of a legend [count]."""
 
 STYLE: Final[dict[str, Any]] = {"axes.grid.axis": "y", "font.size": 11}
 """How plots over time differ from other charts."""
@@ -143,22 +168,12 @@ def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
         return
     # about as many windows as the plot has columns, and at least half overlapping
     hop = max(min(length // 2, len(a_m_s2) // 1200), 1)
-    pieces = []
-    for start in range(0, len(a_m_s2) - length + 1, WINDOWS * hop):  # what is not seen is let go piece by piece
-        frequency_Hz, t_s, density = scipy.signal.spectrogram(
-            a_m_s2[start : start + (WINDOWS - 1) * hop + length],
-            rate_Hz,
-            window="hann",
-            nperseg=length,
-            noverlap=length - hop,
-            nfft=2 * length,
-        )
-        seen = frequency_Hz <= FREQUENCY_MAX_HZ
-        pieces.append(density[seen])
-    t_s = t_s + start / rate_Hz
-    level_dB = 10 * np.log10(np.maximum(np.concatenate(pieces, axis=1), 1e-30))
+    frequency_Hz, density = power_density(a_m_s2, rate_Hz, length, hop)
+    level_dB = 10 * np.log10(np.maximum(density, 1e-30))
     top_dB = float(np.ceil(level_dB.max()))
-    extent = (recording.t_s[0] + length / 2 / rate_Hz, recording.t_s[0] + t_s[-1], 0.0, float(frequency_Hz[seen][-1]))
+    first_s = recording.t_s[0] + length / 2 / rate_Hz
+    last_s = first_s + (level_dB.shape[1] - 1) * hop / rate_Hz
+    extent = (first_s, last_s, 0.0, float(frequency_Hz[-1]))
     image = ax.imshow(
         level_dB, origin="lower", aspect="auto", cmap="magma", vmin=top_dB - RANGE_DB, vmax=top_dB, extent=extent
     )
@@ -166,11 +181,43 @@ def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
     ax.figure.colorbar(image, cax=bar, label="dB re 1 (m/s²)²/Hz")
 
 
+def power_density(
+    signal: NDArray[np.float64], rate_Hz: float, length: int, hop: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """One-sided power spectral density of Hann windows of `length` samples, `hop` apart, each without its mean.
+
+    Computed here, since scipy.signal takes longer to import than all plots to draw.
+
+    Returns:
+        The frequencies (k,) [Hz] up to `FREQUENCY_MAX_HZ`, half a window's resolution apart; and (k, n) [unit²/Hz].
+    """
+    frequency_Hz = np.asarray(np.fft.rfftfreq(2 * length, 1.0 / rate_Hz), np.float64)
+    seen = frequency_Hz <= FREQUENCY_MAX_HZ
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    windows = np.lib.stride_tricks.sliding_window_view(signal, length)[::hop]
+    pieces = []
+    for start in range(0, len(windows), WINDOWS):  # what is not seen is let go piece by piece
+        some = windows[start : start + WINDOWS]
+        spectrum = np.fft.rfft((some - some.mean(axis=1, keepdims=True)) * window, 2 * length, axis=1)[:, seen]
+        pieces.append(np.abs(spectrum.T) ** 2)
+    density = np.concatenate(pieces, axis=1) / (rate_Hz * np.sum(window**2))
+    density[(frequency_Hz[seen] > 0.0) & (frequency_Hz[seen] < 0.5 * rate_Hz)] *= 2.0  # the other side's
+    return frequency_Hz[seen], density
+
+
 def legend_above(ax: "Axes") -> None:
     """The legend in one line over the plot."""
     handles, names = ax.get_legend_handles_labels()
     if handles:
-        ax.legend(handles, names, bbox_to_anchor=(0, 1.0), loc="lower left", ncols=8, borderpad=0.2, handlelength=1.2)
+        ax.legend(
+            handles,
+            names,
+            bbox_to_anchor=(0, 1.0),
+            loc="lower left",
+            ncols=LEGEND_COLUMNS,
+            borderpad=0.2,
+            handlelength=1.2,
+        )
 
 
 def shade(ax: "Axes", recording: Recording) -> None:
@@ -215,15 +262,13 @@ def write_hand_plot(feel: "Feel", path: str | Path, title: str = "", dark: bool 
 
 def draw_hand_plot(feel: "Feel", title: str = "") -> "Figure":
     """The figure that `write_hand_plot` writes."""
-    with new_chart(13, 9.5, title, STYLE) as figure:
-        axes = figure.subplots(4, 1, sharex=True)
+    with new_chart(*SIZE_IN, title, STYLE, layout=None) as figure:
+        axes = _rows(figure, (1, 1, 1, 1))
         for ax, draw in zip(axes, (_draw_height, _draw_hand_force, _draw_hand_acceleration, _draw_work), strict=True):
             draw(ax, feel)
             shade(ax, feel.recording)
             legend_above(ax)
-        axes[-1].set_xlabel("time [s]")
         axes[0].set_xlim(feel.recording.t_s[0], feel.recording.t_s[-1])
-        figure.align_ylabels(axes)
     return figure
 
 

@@ -1,10 +1,10 @@
 """The acceleration channel as sound: what a voice coil would do to the hand, for the ear."""
 
+import wave
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-import scipy
 
 from hapscene.files import whole_file
 from hapscene.recording import Recording
@@ -32,11 +32,14 @@ def write_sound(recording: Recording, path: str | Path) -> float:
     a_m_s2 = recording.a_m_s2.ravel()
     peak_m_s2 = float(np.abs(a_m_s2).max(initial=0.0))
     full_scale_m_s2 = peak_m_s2 / 10 ** (PEAK_DBFS / 20)
-    wave = a_m_s2 / full_scale_m_s2 if peak_m_s2 > 0 else np.zeros_like(a_m_s2)
-    fade_count = min(round(FADE_S * recording.a_rate_Hz), len(wave) // 2)
+    signal = a_m_s2 / full_scale_m_s2 if peak_m_s2 > 0 else np.zeros_like(a_m_s2)
+    fade_count = min(round(FADE_S * recording.a_rate_Hz), len(signal) // 2)
     ramp = np.linspace(0.0, 1.0, fade_count, endpoint=False)
-    wave[:fade_count] *= ramp
-    wave[len(wave) - fade_count :] *= ramp[::-1]
-    with whole_file(path) as part:
-        scipy.io.wavfile.write(part, round(recording.a_rate_Hz), np.rint(wave * 32767).astype(np.int16))
+    signal[:fade_count] *= ramp
+    signal[len(signal) - fade_count :] *= ramp[::-1]
+    with whole_file(path) as part, wave.open(str(part), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(round(recording.a_rate_Hz))
+        file.writeframes(np.rint(signal * 32767).astype("<i2").tobytes())
     return full_scale_m_s2

@@ -101,3 +101,28 @@ def test_scene_that_shows_nothing_upwards_is_one_error() -> None:
     scene.add(Mesh.from_trimesh(sheet, "m"), name="sheet")
     with pytest.raises(PathError, match="--two-sided; or give a path by --path"):
         explore(scene, TICK_S)
+
+
+def test_a_calm_hand_hurries_nowhere_and_is_no_other_on_level_ground() -> None:
+    brisk, calm = (Hand((0.0, 0.0, 0.02), TICK_S, flat, calm_s=calm_s) for calm_s in (0.0, 0.4))
+    (start, rows), (later, calm_rows) = (
+        hand.trace(hand.line((0.01, 0.0), (0.06, 0.0), 0.1), 1e-3) for hand in (brisk, calm)
+    )
+    assert np.array_equal(rows, calm_rows) and later > start
+    assert np.array_equal(brisk.p_WT_m[start : start + len(rows)], calm.p_WT_m[later : later + len(rows)])
+    assert later >= 2 * 400  # across, and down
+
+
+def test_a_calm_hand_climbs_no_faster_than_it_strokes() -> None:
+    def step(x_m: np.ndarray, y_m: np.ndarray) -> TopView:
+        return TopView(np.where(x_m > 0.03, 0.02, 0.0), np.zeros(len(x_m), np.int64), np.zeros(len(x_m), np.int64))
+
+    hand = Hand((0.0, 0.0, 0.04), TICK_S, step, calm_s=0.3)
+    way = hand.line((0.01, 0.0), (0.06, 0.0), 0.1)
+    start, rows = hand.trace(way, 1e-3)
+    traced = hand.p_WT_m[start : start + len(rows)]
+    level_m_s = speed_m_s(np.column_stack((way, 0.0 * way[:, 0]))).max()
+    assert speed_m_s(traced).max() <= level_m_s * (1.0 + 1e-6)
+    assert len(rows) > len(way) + 50
+    np.testing.assert_allclose(traced[:, 0], np.interp(rows, np.arange(len(way)), way[:, 0]), atol=1e-15)
+    assert traced[-1, 0] == pytest.approx(0.06)

@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 import trimesh
 
+from hapscene import assets
 from hapscene.device.hand import GRIPS, Grip
+from hapscene.device.model import device_named, limits_of
 from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError, PathError
+from hapscene.flags import Flag
 from hapscene.handle.plant import Plant
 from hapscene.motion.gestures import GESTURES, PRESS_N, act
 from hapscene.renderer import Renderer
-from hapscene.scene.scene import Scene
+from hapscene.scene.scene import Scene, load_scene
 from hapscene.twin import Intent, Twin
 
 TICK_S = 1e-3
@@ -90,7 +93,9 @@ def test_the_same_seed_gives_the_same_bits_and_run_goes_on_where_it_was(plate: S
     X_WD = stand((0.0, 0.0, 0.01))
     first = Twin(plate, Omni(), handle=Plant(), seed=3, X_WD=X_WD).run(intent)
     twin = Twin(plate, Omni(), handle=Plant(), seed=3, X_WD=X_WD)
-    half = len(intent) // 2
+    quarter = len(intent) // 4
+    step_m = np.linalg.norm(np.diff(intent.target_W_m, axis=0), axis=1)
+    half = quarter + int(step_m[quarter : 3 * quarter].argmin()) + 1  # where the hand hardly moves
     parts = [
         Intent(intent.target_W_m[a:b], intent.grip[a:b], intent.push_W_N[a:b]) for a, b in ((0, half), (half, None))
     ]
@@ -171,3 +176,27 @@ def test_one_row_is_for_all_ticks() -> None:
     assert intent.push_W_N.tolist() == [[0.0, 0.0, -1.0]] * 4
     for plain in (Intent.along(np.zeros((4, 3))), Intent.hold((0.0, 0.0, 0.0), 4)):
         assert plain.grip.tolist() == [GRIPS["light"].row().tolist()] * 4 and not plain.push_W_N.any()
+
+
+@pytest.fixture(scope="module")
+def demo() -> Scene:
+    return load_scene(assets.path("demo"))
+
+
+@pytest.mark.parametrize("grip", ["light", "medium", "firm"])
+@pytest.mark.parametrize("device", ["omni", "phantom-1.0", "premium-1.5"])
+@pytest.mark.filterwarnings("ignore::hapscene.device.model.DeviceWarning")
+def test_a_stroke_over_walls_and_a_pocket_ends_in_the_air_over_its_body(demo: Scene, device: str, grip: str) -> None:
+    intent = act("stroke", demo, TICK_S, grip=grip)
+    held = Omni() if device == "omni" else device_named(device).point
+    feel = Twin(demo, held, limits=limits_of(device, TICK_S), handle=Plant()).run(intent)
+    recording = feel.recording
+    touching, body = recording.touching, demo.bodies[0]
+    assert np.count_nonzero(touching) > 800
+    assert np.all(recording.body[touching] == 0) and not touching[-1]
+    assert np.count_nonzero(touching & (recording.flags & Flag.FORCE_LIMITED > 0)) < 0.05 * np.count_nonzero(touching)
+    outward = recording.nhat_W[touching] @ (0.0, 0.0, 1.0)
+    assert outward.min() > -0.1  # it never comes under the body
+    assert np.linalg.norm(recording.p_WT_m[-1] - intent.target_W_m[-1]) < 0.01
+    low_m, high_m = body.mesh.bounds_m + body.X_WB[:3, 3]
+    assert np.all((recording.p_WT_m[touching, :2] > low_m[:2]) & (recording.p_WT_m[touching, :2] < high_m[:2]))

@@ -11,7 +11,7 @@ import pytest
 from hapscene.errors import ViewError
 from hapscene.view import offscreen
 from hapscene.view.camera import looks, place
-from hapscene.view.offscreen import draw, job_folder, platforms, start_drawer
+from hapscene.view.offscreen import draw, job_folder, platforms, start_drawer, started_ahead
 from hapscene.view.triangles import Drawing, Frame, lathe
 
 
@@ -36,6 +36,45 @@ def test_frames_come_one_by_one_and_batches_make_no_difference(
     assert whole[0][0, 0].tolist() == [0x10, 0x20, 0x30]
     assert (whole[0][..., 1] > 100).mean() > 0.1
     assert np.array_equal(whole[0], whole[2]) and not np.array_equal(whole[0], whole[1])  # of two processes
+
+
+def test_a_process_that_was_started_ahead_draws_the_same_and_once(
+    drawing: Drawing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[str] = []
+    start = offscreen.start_drawer
+
+    def counted(module: str, *arguments: object, **more: object) -> object:
+        started.append(module)
+        return start(module, *arguments, **more)
+
+    monkeypatch.setattr(offscreen, "start_drawer", counted)
+    try:
+        (expected,) = draw(replace(drawing, frames=drawing.frames[:1]))
+    except ViewError as error:
+        pytest.skip(str(error))
+    with started_ahead():
+        assert len(started) == 2
+        (ahead,) = draw(replace(drawing, frames=drawing.frames[:1]))
+        assert len(started) == 2
+        (after,) = draw(replace(drawing, frames=drawing.frames[:1]))
+        assert len(started) == 3
+    assert np.array_equal(ahead, expected) and np.array_equal(after, expected)
+
+
+def test_a_process_that_was_started_ahead_goes_unused_with_its_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    with started_ahead():
+        ((job, drawer),) = offscreen._ahead.values()
+        assert job.is_dir()
+    assert drawer.process.returncode is not None and not job.exists() and not offscreen._ahead
+    with started_ahead(wanted=False):
+        assert not offscreen._ahead
+
+
+def test_one_that_failed_ahead_is_told_like_any(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(offscreen.sys, "executable", "/bin/false")
+    with started_ahead(), pytest.raises(ViewError, match="install one of these"):
+        list(draw(drawing))
 
 
 def test_where_nothing_draws_one_line_names_the_packages(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:

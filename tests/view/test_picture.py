@@ -15,9 +15,9 @@ from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.view import picture
 from hapscene.view.legend import lay_out
-from hapscene.view.offscreen import Drawing
 from hapscene.view.palette import DARK, rgb
 from hapscene.view.picture import write_picture
+from hapscene.view.triangles import Drawing
 
 
 def scene_of(shape: trimesh.Trimesh) -> Scene:

@@ -7,19 +7,8 @@ import trimesh
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
-from hapscene.view.triangles import (
-    LATHE_SIDES,
-    NOTHING,
-    Triangles,
-    cut,
-    joined,
-    lathe,
-    moved,
-    same,
-    scene_solid,
-    tube,
-    worn_by,
-)
+from hapscene.view.body_triangles import scene_solid, worn_by
+from hapscene.view.triangles import LATHE_SIDES, NOTHING, Triangles, cut, joined, lathe, moved, same, tube
 
 
 def test_tube_lies_at_its_radius_and_ends_where_the_line_ends() -> None:

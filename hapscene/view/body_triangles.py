@@ -1,0 +1,106 @@
+"""Bodies as triangles to draw: each piece in the colour of its swatch, shaded by the colours in the mesh's file."""
+
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.scene.fine_paint import NOTHING as NO_LEAVES
+from hapscene.scene.fine_paint import parts, swatches_of
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.topology import unit
+from hapscene.view.palette import distinct_colours, rgb
+from hapscene.view.triangles import Triangles, joined, linear_rgb
+
+if TYPE_CHECKING:
+    from hapscene.scene.body import Body
+    from hapscene.scene.scene import Scene
+
+CREASE_COS: Final = 0.95
+"""Cosine of the angle, 18°, up to which a corner is shaded by the normal of all faces around it; beyond it by its own
+face's, so that edges stay sharp."""
+
+SHADE_SHARE: Final = 0.5
+"""How much of the light and dark in a file's own colours is seen through a swatch [1]."""
+
+
+class Pieces(NamedTuple):
+    """The k pieces of one paint that a body is drawn in: whole faces, and the leaves of those painted finer.
+
+    Their faces (k,), the barycentric coordinates of their corners there (k, 3, 3), and their paints (k,).
+    """
+
+    face: NDArray[np.integer]
+    corners: NDArray[np.float64]
+    paint: NDArray[np.int64]
+
+
+def pieces_of(body: "Body") -> Pieces:
+    """What a body is drawn in."""
+    whole = np.arange(len(body.mesh.faces))
+    leaves = body.fine or NO_LEAVES
+    whole = np.delete(whole, leaves.faces)
+    return Pieces(
+        np.concatenate((whole, leaves.face)),
+        np.concatenate((np.broadcast_to(np.eye(3), (len(whole), 3, 3)), leaves.corners())),
+        np.concatenate((body.face_swatch[whole], leaves.paint)),
+    )
+
+
+def used_swatches(scene: "Scene") -> list[int]:
+    """Indices of the swatches that some piece wears, ascending."""
+    return sorted({int(i) for body in scene.bodies for i in swatches_of(body)})
+
+
+def worn_by(scene: "Scene") -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Of each piece in `scene_solid`, the swatch that it wears, the heavier of a blend, and the index of its body."""
+    paints = [pieces_of(body).paint for body in scene.bodies]
+    return parts(np.concatenate(paints))[0], np.repeat(np.arange(len(paints)), [len(paint) for paint in paints])
+
+
+def scene_solid(scene: "Scene", painted: bool = True) -> Triangles:
+    """Every body of the scene at its pose, each piece in the colour of its paint; or, unpainted, of the plain one."""
+    colours = np.array([rgb(colour) for colour in distinct_colours(scene.swatches, used_swatches(scene))])
+    return joined([_body_solid(body, colours, painted) for body in scene.bodies])
+
+
+def _body_solid(body: "Body", colours: NDArray[np.float64], painted: bool) -> Triangles:
+    mesh, X_WB, pieces = body.mesh, np.asarray(body.X_WB), pieces_of(body)
+    vertices_m = mesh.vertices_m @ X_WB[:3, :3].T + X_WB[:3, 3]
+    a, b, weight = parts(pieces.paint * painted)
+    colour = (1 - weight)[:, None] * colours[a] + weight[:, None] * colours[b]
+    if mesh.colour_rgb is not None:
+        own, plain = mesh.colour_rgb[pieces.face], a == 0
+        colour[plain] = own[plain] / 255
+        colour[~plain] = np.clip(colour * shade_of(own, mesh.colour_rgb)[:, None], 0.0, 1.0)[~plain]
+    corner_m, normal = vertices_m[mesh.faces.ravel()], _corner_normals(mesh) @ X_WB[:3, :3].T
+    if body.fine is not None:
+        corner_m = (pieces.corners @ corner_m.reshape(-1, 3, 3)[pieces.face]).reshape(-1, 3)
+        normal = unit((pieces.corners @ normal.reshape(-1, 3, 3)[pieces.face]).reshape(-1, 3))
+    return Triangles(corner_m, normal, np.repeat(linear_rgb(colour), 3, axis=0))
+
+
+def shade_of(colour_rgb: NDArray[Any], all_rgb: NDArray[Any]) -> NDArray[np.float64]:
+    """By what (n,) a swatch's colour is multiplied where the file has a colour (n, 3): its picture stays visible.
+
+    Against the mean of all the file's colours (m, 3), 0 to 255 both.
+    """
+    grey = colour_rgb.mean(axis=1) + 1.0
+    return np.asarray(1.0 + SHADE_SHARE * np.clip(grey / (all_rgb.mean() + 1.0) - 1.0, -0.5, 0.5))
+
+
+def _corner_normals(mesh: Mesh) -> NDArray[np.float64]:
+    """A normal for each corner (3 m, 3): averaged over the faces around the vertex, save across a crease.
+
+    Faces count by their angle at the vertex: how a flat side is cut into triangles makes no difference.
+    """
+    triangle = mesh.triangles_m
+    ahead = unit((np.roll(triangle, -1, axis=1) - triangle).reshape(-1, 3))
+    back = unit((np.roll(triangle, 1, axis=1) - triangle).reshape(-1, 3))
+    angle = np.arccos(np.clip(np.einsum("ij,ij->i", ahead, back), -1.0, 1.0))
+    face = np.repeat(mesh.normals, 3, axis=0)
+    at, count = mesh.faces.ravel(), len(mesh.vertices_m)
+    around = np.column_stack([np.bincount(at, angle * face[:, k], count) for k in range(3)])
+    smooth = unit(around)[at]
+    crease = np.einsum("ij,ij->i", face, smooth) < CREASE_COS
+    return np.where(crease[:, None], face, smooth)

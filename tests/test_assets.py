@@ -1,0 +1,74 @@
+"""What comes with hapscene is found by name, from any folder."""
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+import hapscene
+from hapscene import assets
+from hapscene.cli import main
+from hapscene.command.options import find_asset
+from hapscene.command.paint import put_asset
+from hapscene.errors import SceneError
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder, which is the working one."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["bracket", "demo", "plate", "toad"])
+def test_each_is_a_file_that_loads(folder: Path, name: str) -> None:
+    assert name in assets.names()
+    path, unit = assets.path(name), assets.unit(name)
+    assert path.is_absolute()
+    bodies = hapscene.load_scene(path).bodies if unit is None else [hapscene.Scene().add(path, unit=unit)]
+    assert all(0.03 < body.mesh.diagonal_m < 0.3 for body in bodies)
+    assert len(bodies) == (3 if name == "demo" else 1)
+
+
+def test_another_name_is_refused_with_the_nearest_and_all() -> None:
+    for ask in (assets.path, assets.unit):
+        with pytest.raises(SceneError) as caught:
+            ask("taod")
+        assert all(name in str(caught.value) for name in assets.names())
+        assert str(caught.value).endswith("did you mean 'toad'?")
+
+
+def test_a_file_of_that_name_comes_first_and_a_unit_that_is_given_stays(folder: Path) -> None:
+    assert find_asset("toad", None) == (str(assets.path("toad")), "m")
+    assert find_asset("toad", "mm") == (str(assets.path("toad")), "mm")
+    assert find_asset("demo", None) == (str(assets.path("demo")), None)
+    for name in ("toad.ply", "meshes/toad"):
+        assert find_asset(name, None) == (name, None)
+    (folder / "toad").touch()
+    assert find_asset("toad", None) == ("toad", None)
+
+
+def test_the_demo_is_touched_and_checked_by_name(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["touch", "demo", "--no-picture", "--effects", "wall"]) == 0
+    assert (folder / "out" / "demo" / "touch.npz").exists()
+    assert main(["check", "demo"]) == 0
+    assert "3 meshes: 3 felt" in capsys.readouterr().out
+
+
+def test_the_demo_is_painted_as_a_copy(folder: Path) -> None:
+    options = argparse.Namespace(scene="demo", unit=None)
+    put_asset(options)
+    assert options.scene is None  # as where none is named
+    options.scene = "toad"
+    put_asset(options)
+    assert (options.scene, options.unit) == (str(assets.path("toad")), "m")
+
+
+@pytest.mark.parametrize("command", ["touch", "check", "view", "paint"])
+def test_who_names_neither_a_file_nor_an_asset_is_told_both(
+    folder: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    assert main([command, "toda"]) == 2
+    told = capsys.readouterr().err
+    assert "toda: no such file" in told and "did you mean 'toad'?" in told and told.count("\n") == 1
+    assert list(folder.iterdir()) == []
