@@ -113,7 +113,7 @@ def _place_all(
 ) -> int:
     start = now_ns(clock)
     for k in range(len(X_WB)):
-        place_bodies(world, surface, moving, X_WB, teleported, k)
+        place_bodies(world, surface, moving, X_WB, teleported, len(moving), k)
     return int(now_ns(clock) - start)
 
 

@@ -13,12 +13,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.entry import call_flags
 from hapscene.native import native
 from hapscene.recording import Recording
 from hapscene.records import ROW, records
 from hapscene.renderer import Renderer
 from hapscene.scene.mesh import Mesh
-from hapscene.tick import tick
+from hapscene.surface.surface_arrays import TICK
 
 from .case import Case
 from .tick_time import REPEATS, hot
@@ -63,7 +64,7 @@ def _run_cold(
         if k >= first:
             for i in range(0, len(buffer), 8):  # a word of each line of 64 bytes
                 buffer[i] += np.uint64(1)
-        tick(world, surface, path[k, 0], path[k, 1], path[k, 2], rows[k], samples[k])
+        call_flags(surface.entries[TICK], (world, surface, path[k, 0], path[k, 1], path[k, 2], rows[k], samples[k]))
 
 
 def main() -> None:

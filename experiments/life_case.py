@@ -147,7 +147,7 @@ def played(name: str, seconds: float, speed_m_s: float = SPEED_M_S, seed: int = 
     return np.asarray(renderer.run(path).a_m_s2[200:].ravel())
 
 
-COLOURS: Final = "green", "blue", "orange", "vermilion", "purple"
+COLOURS: Final = "green", "blue", "orange", "purple"
 
 
 def draw_life(path: Path) -> None:
@@ -157,7 +157,7 @@ def draw_life(path: Path) -> None:
 
 def _draw(axes: Any) -> None:
     shares = np.linspace(0.7, 1.3, 13)
-    for name, colour, marker in zip(textures(), COLOURS, "os^Dv", strict=True):
+    for name, colour, marker in zip(textures(), COLOURS, "os^v", strict=True):
         grown = [1e3 * growth(name, share * wall_N_m()) for share in shares]
         axes.plot(shares, grown, marker, color=OKABE_ITO[colour], label=name)
     axes.axhline(0.0, color=INK, linewidth=0.8)

@@ -16,11 +16,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.contact.moving import place_bodies
+from hapscene.compiled.entry import call_flags
 from hapscene.device.arm import SIMULATED_POINT, find_tip
 from hapscene.device.omni_kinematics import reachable, tip, turns_at
 from hapscene.native import native
 from hapscene.renderer import Renderer
+from hapscene.surface.surface_arrays import PLACE
 from hapscene.twin.twin_loop import beat, take_grip
 
 Array = NDArray[np.float64]
@@ -152,7 +153,8 @@ def press_along(
     hand, touch = body.arm.hand[0], surface.touch[0]
     share = 1.0 - math.exp(-touch.tick_s / HAND_S)
     for k in range(len(on_m)):
-        place_bodies(world, surface, moving, X_WB, teleported, k)
+        if surface.entries[PLACE] != 0:
+            call_flags(surface.entries[PLACE], (world, surface, moving, X_WB, teleported, len(moving), k))
         take_grip(body, grip[0], grip[1], grip[2])
         after = min(k + 1, len(on_m) - 1)
         pushes = nhat[k, 0] != 0.0 or nhat[k, 1] != 0.0 or nhat[k, 2] != 0.0

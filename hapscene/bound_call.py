@@ -90,7 +90,8 @@ def _store(address: int, value: Any) -> None:
 @cache
 def _compiled(function: Callable[[Any, Any], None], kind: Any) -> CFunction:
     """The function for an argument of that type."""
-    return CFunction(types.void(types.uintp, types.TypeRef(kind)), function)  # its second argument has no size: the caller leaves it out
+    # its second argument has no size: the caller leaves it out
+    return CFunction(types.void(types.uintp, types.TypeRef(kind)), function)
 
 
 def _size(kind: Any) -> int:

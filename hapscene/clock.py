@@ -1,9 +1,12 @@
-"""The time inside a tick, from compiled code: the operating system's monotonic clock, called by its symbol."""
+"""The time inside a tick, from compiled code: the operating system's monotonic clock, called by its symbol.
+
+A test can give a buffer a virtual time instead (`new_clock`): the same compiled loop then runs without waiting.
+"""
 
 import ctypes
 import sys
 import time
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numba import types
@@ -14,12 +17,14 @@ from hapscene.native import INTERPRETED, native
 _MONOTONIC = {"linux": 7, "darwin": 6}.get(sys.platform, 1)
 """The one that counts on while the machine sleeps: a loop that woke up must know."""
 
-now_ns: Any
-"""`now_ns(clock)`: nanoseconds of the monotonic clock; `clock` is a buffer from `new_clock`."""
+VIRTUAL: Final = 3
+"""Where a buffer holds a virtual time [ns]; 0: it reads the system's clock."""
 
-sleep_ns: Any
-"""`sleep_ns(clock, span_ns)`: sleep for so long, without the GIL. It wakes late, never early by more than a scheduler's
-grain; who needs the instant looks at the clock again."""
+LOOK_NS: Final = 1_000
+"""What each look at a virtual clock takes [ns]: a loop that watches it until an instant comes to an end."""
+
+_system_now_ns: Any
+_system_sleep_ns: Any
 
 
 def now_here_ns() -> int:
@@ -29,17 +34,17 @@ def now_here_ns() -> int:
 
 if INTERPRETED:
 
-    def now_ns(clock: NDArray[np.int64]) -> int:
+    def _system_now_ns(clock: NDArray[np.int64]) -> int:
         return now_here_ns()
 
-    def sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
+    def _system_sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
         time.sleep(span_ns * 1e-9)
 
 elif sys.platform == "win32":
     _query: Any = types.ExternalFunction("QueryPerformanceCounter", types.int32(types.uintp))
 
     @native
-    def now_ns(clock: NDArray[np.int64]) -> int:
+    def _system_now_ns(clock: NDArray[np.int64]) -> int:
         _query(clock.ctypes.data)
         whole, part = clock[0] // clock[2], clock[0] % clock[2]  # as one product it would overflow within minutes
         return int(whole * 1_000_000_000 + part * 1_000_000_000 // clock[2])
@@ -47,28 +52,53 @@ elif sys.platform == "win32":
     _sleep: Any = types.ExternalFunction("Sleep", types.void(types.uint32))
 
     @native
-    def sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
+    def _system_sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
         _sleep(np.uint32(span_ns // 1_000_000))
 
 else:
     _gettime: Any = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.uintp))
 
     @native
-    def now_ns(clock: NDArray[np.int64]) -> int:
+    def _system_now_ns(clock: NDArray[np.int64]) -> int:
         _gettime(np.int32(_MONOTONIC), clock.ctypes.data)
         return int(clock[0] * 1_000_000_000 + clock[1])
 
     _nanosleep: Any = types.ExternalFunction("nanosleep", types.int32(types.uintp, types.uintp))
 
     @native
-    def sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
+    def _system_sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
         clock[0], clock[1] = span_ns // 1_000_000_000, span_ns % 1_000_000_000
         _nanosleep(clock.ctypes.data, 0)
 
 
-def new_clock() -> NDArray[np.int64]:
-    """A buffer (3,) for `now_ns`: two words of scratch and, on Windows, the counter's frequency [Hz]."""
-    clock = np.zeros(3, np.int64)
+@native
+def now_ns(clock: NDArray[np.int64]) -> int:
+    """Nanoseconds of the monotonic clock, or of the buffer's virtual time; `clock` is a buffer from `new_clock`."""
+    if clock[VIRTUAL] == 0:
+        return int(_system_now_ns(clock))
+    clock[VIRTUAL] += LOOK_NS
+    return int(clock[VIRTUAL])
+
+
+@native
+def sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
+    """Sleep for so long, without the GIL.
+
+    It wakes late, never early by more than a scheduler's grain; who needs the instant looks at the clock again.
+    """
+    if clock[VIRTUAL] == 0:
+        _system_sleep_ns(clock, span_ns)
+    else:
+        clock[VIRTUAL] += span_ns
+
+
+def new_clock(virtual_ns: int = 0) -> NDArray[np.int64]:
+    """A buffer (4,) for `now_ns`: two words of scratch, the counter's frequency on Windows [Hz], the virtual time [ns].
+
+    With `virtual_ns` above 0 time begins there, and passes only as it is looked at, slept, or written by a test.
+    """
+    clock = np.zeros(4, np.int64)
+    clock[VIRTUAL] = virtual_ns
     if sys.platform == "win32":
         frequency = ctypes.c_int64()
         ctypes.windll.kernel32.QueryPerformanceFrequency(ctypes.byref(frequency))

@@ -3,12 +3,11 @@
 A reader of damaged files that is not memory-safe may crash, run away or fill the memory. `confined` runs a function of
 this package in a new process under limits, and takes nothing from it but arrays, which are never unpickled.
 
-STEP (Open CASCADE, which crashes on one damaged file in five), 3MF (libxml2, whose trees are twenty times as large as
-the text), MATLAB files (SciPy, which crashes on a wrong tag) and models of MuJoCo (which crashes on a number too large)
-are read there. In our own process stay, bounded before they begin: zlib and Python's zipfile, what they unpack counted
-first; libxml2 for X3D and the Penn toolkit, its tags counted first, without entities or network; Pillow for the
-textures of glTF and OBJ, whose pictures it holds to a size of its own, and of which an error costs the colours alone;
-NumPy for the numbers of STL, PLY, OFF, glTF and recordings.
+STEP (Open CASCADE, which crashes on one damaged file in five), MATLAB files (SciPy, which crashes on a wrong tag) and
+models of MuJoCo (which crashes on a number too large) are read there. In our own process stay, bounded before they
+begin: zlib and Python's zipfile, what they unpack counted first; libxml2 for the Penn toolkit's files, its tags counted
+first, without entities or network; Pillow for the textures of glTF and OBJ, whose pictures it holds to a size of its
+own, and of which an error costs the colours alone; NumPy for the numbers of STL, PLY, OFF, glTF and recordings.
 """
 
 import contextlib

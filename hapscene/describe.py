@@ -69,20 +69,20 @@ def _enter(world: Any, touch: Any) -> None:
 
 
 @native
-def shade(world: Any, surface: Any) -> None:
+def shade(world: Any, surface: Any) -> int:
     """Turn the normal to that interpolated over the touched face, where all that holds the proxy is one round surface.
 
-    Slip and speeds stay those along the face.
+    Slip and speeds stay those along the face. Returns no flags.
     """
     touch, proxy = surface.touch[0], world.proxy[0]
     if touch.touching == 0:
-        return
+        return 0
     for i in range(proxy.count):
         cosine = 0.0
         for k in range(3):
             cosine += proxy.nhat_W[i, k] * proxy.nhat_W[proxy.by, k]
         if cosine < proxy.crease_cos:
-            return
+            return 0
     body = world.bodies[touch.body]
     row = body.face + touch.face
     x = y = z = 0.0
@@ -95,10 +95,11 @@ def shade(world: Any, surface: Any) -> None:
     n = touch.nhat_W
     length = norm(s)
     if length == 0.0:
-        return
+        return 0
     if s[0] * n[0] + s[1] * n[1] + s[2] * n[2] < 0.0:  # the back of a two-sided face
         length = -length
     n[0], n[1], n[2] = s[0] / length, s[1] / length, s[2] / length
+    return 0
 
 
 @inlined

@@ -6,14 +6,15 @@ compiled when it is first called. With NUMBA_DISABLE_JIT=1 the same functions ru
 
 import functools
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, Final, TypeVar
 
 from numba import config, njit, types
 from numba.extending import typeof_impl
 
 from hapscene.compiled import cache, progress
-from hapscene.compiled.digest import digest_of
+from hapscene.compiled.digest import digest_of, function_below
 from hapscene.compiled.pipeline import part_options, whole_options
 
 _OPTIONS: Final = {"nogil": True, "error_model": "numpy", "_nrt": False}
@@ -24,6 +25,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 _njit: Any = njit  # numba types its options by name, not as a dictionary
 _Record: Any = types.Record
+_unliteral: Any = types.unliteral
 _typeof_impl: Any = typeof_impl
 
 # Numba names what it compiles for a record by the order in which the process met that type. Code that two processes
@@ -55,7 +57,15 @@ class Native:
             progress.advance()
             return compiled
 
+        template = dispatcher.get_call_template
+
+        def without_constants(arguments: Any, named: Any) -> Any:
+            return template(tuple(map(_unliteral, arguments)), named)
+
         compiler._compile_core = counted
+        dispatcher.get_call_template = (
+            without_constants  # numba compiles a function for each constant it is called with
+        )
         return dispatcher
 
     @functools.cached_property
@@ -96,6 +106,18 @@ def inlined(function: Function) -> Function:
     return compiled  # type: ignore[no-any-return]
 
 
+@contextmanager
+def compiling(*functions: Any) -> Iterator[None]:
+    """Meanwhile, what is compiled is announced as one run: these functions, unless they are cached, and any other."""
+    expected: dict[int, Any] = {}
+    for function in () if INTERPRETED else functions:
+        digest, below = digest_of(function_below(function))
+        if not cache.is_known(digest):
+            expected |= {id(part): part for part in (function, *below) if not _is_typed(part)}
+    with progress.compiling(len(expected)):
+        yield
+
+
 class CFunction:
     """A function compiled for C.
 
@@ -114,8 +136,13 @@ class CFunction:
         dispatcher = _cached(_njit(**options, **whole_options)(plain))
         dispatcher.compile(signature)
         (self._result,) = dispatcher.overloads.values()
+        self._call: Callable[..., Any] = self._result.entry_point
         name = self._result.fndesc.llvm_cfunc_wrapper_name
         self.address = int(self._result.library.get_pointer_to_function(name))
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call it from Python, with exactly the types of its signature: nothing is checked."""
+        return self._call(*arguments)
 
 
 def _cached(dispatcher: Any) -> Any:
@@ -130,10 +157,12 @@ def _cached(dispatcher: Any) -> Any:
             return dispatcher.overloads[arguments].entry_point
         if _load(dispatcher, kept, signature, arguments):
             return dispatcher.overloads[arguments].entry_point
-        with progress.compiling(), cache.locked(kept.lock_path(signature)):
+        with progress.compiling(), cache.locked(kept.lock_path()):
             progress.begin(1 + sum(not _is_typed(part) for part in below))
             dispatcher._cache = kept  # which looks once more, then keeps
-            return compile_(signature)
+            entry = compile_(signature)
+            progress.advance()
+            return entry
 
     dispatcher.compile = compile_once
     return dispatcher

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.compiled.entry import call_entry
 from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, REACH_MAX_M, TICK_S
 from hapscene.contact.deformation import Deformation, room_for, shape_of
 from hapscene.contact.moving import place_bodies
@@ -20,15 +21,14 @@ from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, n
 from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions, rigid
 from hapscene.moving_bodies import MovingBodies
-from hapscene.native import INTERPRETED
-from hapscene.old_spellings import old_spellings
+from hapscene.native import INTERPRETED, compiling
 from hapscene.records import ROW, block_of, records
 from hapscene.surface.device_clipping import Clip, Fit, Numbers, clips, given, share_of
 from hapscene.surface.effect import Effect, check_range
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.field_settings import FieldSetting, field_setting
 from hapscene.surface.surface_arrays import SWITCHED_OFF, Surface, build_surface, clear_states, put_numbers
-from hapscene.tick import run_ticks
+from hapscene.tick import run_ticks, tick, use_moving_bodies, use_tick
 
 if TYPE_CHECKING:
     from hapscene.fidelity.fidelity import Fidelity
@@ -114,7 +114,6 @@ class Renderer:
         MeshWarning: more bodies overlap in one place than a tick asks.
     """
 
-    @old_spellings()
     def __init__(
         self,
         scene: "Scene",
@@ -158,17 +157,19 @@ class Renderer:
         self._deformations: dict[int, Deformation] = {}
         self._deforming = Lock()  # of threads that give shapes; no tick asks for it
         self.fidelity = _fidelity_of(fidelity, scene)
-        rendered = self._at_fidelity(scene)
-        self.world = build_world(rendered.bodies, crease_rad)
-        self._fit, self.surface, messages = self._fitted(rendered)
-        _warn(messages + [str(clip) for k in range(len(self._fields)) for clip in self._field(k)[1] if clip.reported])
-        _warn_of_crowd(scene, self.world)
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
+        with compiling(tick, run_ticks, put, *(effect.render for effect in self._effects)):
+            rendered = self._at_fidelity(scene)
+            self.world = build_world(rendered.bodies, crease_rad)
+            self._fit, self.surface, messages = self._fitted(rendered)
+            use_tick(self.world, self.surface, self._row, self._samples)
+            self._play = _entry(self.world, self.surface, self._row, self._samples)
+        _warn(messages + [str(clip) for k in range(len(self._fields)) for clip in self._field(k)[1] if clip.reported])
+        _warn_of_crowd(scene, self.world)
         self._told = self._row.view(np.ndarray).view(np.uint8)
         row = self._row.view(np.ndarray)
         self._out = row["f_W_N"][0], row["flags"], row["touching"]  # views: a look-up by name costs a microsecond
-        self._play = _entry(self.world, self.surface, self._row, self._samples)
         self._started = False
         self._ticks = 0
 
@@ -366,6 +367,7 @@ class Renderer:
         for name in ("touch", "memory", "states", "muted"):
             getattr(surface, name)[:] = getattr(old, name)
         surface.touch["swatch"] = surface.touch["other"] = -1  # another one, or the same by another number
+        surface.entries[:] = old.entries
         self.surface, self._fit = surface, painting.fit
         self._swatch_names = painting.swatch_names
         if painting.growth is not None:
@@ -389,7 +391,7 @@ class Renderer:
         row.radius_m, row.shape_posted = -REACH_MAX_M, row.shape_felt  # nothing comes near it any more
         slots = self.moving([body])
         slots.teleported[:] = 1
-        place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
+        self._place(slots)
         self.world.proxy[0].near_room_m = 0.0  # which are near is looked up anew
         del self._index_of[body]
         self._mapped = None  # it may hold the body
@@ -411,6 +413,7 @@ class Renderer:
         """
         index = self._index(body)
         self._refuse_fidelity("no body is given another shape")
+        use_moving_bodies(self.world, self.surface)
         mesh = self._bodies[index].mesh
         vertices = shape_of(vertices_m, len(mesh.vertices_m), body)
         with self._deforming:
@@ -428,6 +431,7 @@ class Renderer:
         """
         if isinstance(names, str) or not isinstance(names, Iterable):
             raise SceneError(f"bodies are a list of names, as ['crate'], not {names!r:.40}")
+        use_moving_bodies(self.world, self.surface)
         self._see_poses()
         bodies = self.world.bodies
         X_WB = np.tile(np.eye(4), (len(bodies), 1, 1))
@@ -540,13 +544,22 @@ class Renderer:
         changed = [name for name, X, was in seen if name in self._index_of and X is not was]
         slots = MovingBodies(changed, self._index_of, np.array(X_WB))
         slots.teleported[:] = 1
-        place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
+        self._place(slots)
         self._seen, self._seen_X_WB = self._scene.pose_count, X_WB
+
+    def _place(self, slots: MovingBodies) -> None:
+        """Have bodies take their poses now, between two ticks."""
+        use_moving_bodies(self.world, self.surface)
+        call_entry(
+            place_bodies, self.world, self.surface, slots.index, slots.poses, slots.teleported, len(slots.index), 0
+        )
 
     def _poses(
         self, poses: Mapping[str, ArrayLike], count: int
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
         """Indices of the moving bodies (m,), their poses (count, m, 4, 4), and which of them jump (m,): none."""
+        if poses:
+            use_moving_bodies(self.world, self.surface)
         moving = np.zeros(len(poses), np.int64)
         X_WB = np.zeros((count, len(poses), 4, 4))
         for m, (name, X) in enumerate(poses.items()):

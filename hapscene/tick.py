@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import now_ns
+from hapscene.compiled.entry import address_of, call_flags
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.passing import let_in
 from hapscene.contact.proxy import move
@@ -33,7 +34,8 @@ from hapscene.flags import Flag
 from hapscene.geometry import Vector
 from hapscene.native import inlined, native
 from hapscene.reaction import react
-from hapscene.surface.mixer import limit, read_poses, render
+from hapscene.surface.mixer import limit, render_contact, render_fields
+from hapscene.surface.surface_arrays import COUPLE, FIELDS, GUARD, PLACE, SHADE, TICK
 
 _NOT_FINITE = int(Flag.TOOL_NOT_FINITE)
 _UNSETTLED = int(Flag.UNSETTLED)
@@ -41,14 +43,18 @@ _CROWDED = int(Flag.CROWDED)
 _POSE = int(Flag.POSE_REFUSED)
 
 
-@inlined
-def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]) -> None:
-    """One tick with the tool at (x, y, z) [m] in W; `row` is one `ROW`, `a_m_s2` (block,) its samples."""
+@native
+def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]) -> int:
+    """One tick with the tool at (x, y, z) [m] in W; `row` is one `ROW`, `a_m_s2` (block,) its samples. Returns flags.
+
+    Compiled once for all loops: they call it by `surface.entries[TICK]`, as it calls the phases that few scenes use.
+    """
     start_ns = now_ns(surface.clock)
+    entries = surface.entries
     tool_W, flags = _read(surface, x, y, z)
     p_WT = tool_W
-    if surface.limits[0].coupling_N_m > 0.0:
-        p_WT = couple(surface, tool_W)
+    if entries[COUPLE] != 0:
+        p_WT = _coupled(surface, tool_W)
     if not move(world, p_WT):
         flags |= _UNSETTLED
     if world.proxy[0].crowded == 1:
@@ -57,23 +63,23 @@ def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s
         flags |= _POSE
     contact_ns = now_ns(surface.clock) - start_ns
     describe(world, surface, p_WT)
-    if world.proxy[0].crease_cos < NO_SHADE:
-        shade(world, surface)
-    flags |= render(surface, False)
+    if entries[SHADE] != 0:
+        call_flags(entries[SHADE], (world, surface))
+    flags |= render_contact(surface)
     react(world, surface)
-    if len(surface.effects) > surface.contact_count[0]:
-        read_poses(world, surface)
-        flags |= render(surface, True)
+    if entries[FIELDS] != 0:
+        flags |= call_flags(entries[FIELDS], (world, surface))
     if surface.total[0].release != 0:
         let_in(world)
-    if surface.limits[0].guard_Ns_m > 0.0:
-        flags |= guard(surface, tool_W)
+    if entries[GUARD] != 0:
+        flags |= call_flags(entries[GUARD], (surface, tool_W))
     flags |= limit(surface)
     _keep(surface, tool_W)
     _note(surface, row, a_m_s2)
     row.flags = flags
     row.contact_ns = contact_ns
     row.tick_ns = now_ns(surface.clock) - start_ns
+    return int(flags)
 
 
 @native
@@ -91,9 +97,47 @@ def run_ticks(
 
     Where `teleported` (m,) is not 0, a body appears at its first pose.
     """
+    entries = surface.entries
     for k in range(len(p_WT_m)):
-        place_bodies(world, surface, moving, X_WB, teleported, k)
-        tick(world, surface, p_WT_m[k, 0], p_WT_m[k, 1], p_WT_m[k, 2], rows[k], a_m_s2[k])
+        if entries[PLACE] != 0:
+            call_flags(entries[PLACE], (world, surface, moving, X_WB, teleported, len(moving), k))
+        p = p_WT_m[k]
+        call_flags(entries[TICK], (world, surface, p[0], p[1], p[2], rows[k], a_m_s2[k]))
+
+
+def use_tick(world: Any, surface: Any, rows: Any, a_m_s2: NDArray[np.float64]) -> None:
+    """Compile the tick, and the phases that its device, its mesh and its effects ask for; or take them from the cache.
+
+    Args:
+        world, surface: on which it will work, with all that is in them.
+        rows, a_m_s2: (n,) ROW and (n, block) samples, as those into which it will write.
+    """
+    entries, point = surface.entries, (0.0, 0.0, 0.0)
+    if surface.limits[0].coupling_N_m > 0.0:
+        entries[COUPLE] = address_of(couple, surface)
+    if surface.limits[0].guard_Ns_m > 0.0:
+        entries[GUARD] = address_of(guard, surface, point)
+    if world.proxy[0].crease_cos < NO_SHADE:
+        entries[SHADE] = address_of(shade, world, surface)
+    if len(surface.effects) > surface.contact_count[0]:
+        entries[FIELDS] = address_of(render_fields, world, surface)
+    entries[TICK] = address_of(tick, world, surface, *point, rows[0], a_m_s2[0])
+
+
+def use_moving_bodies(world: Any, surface: Any) -> None:
+    """Compile what moves and deforms bodies, or take it from the cache; before the first tick that needs it."""
+    none = np.zeros(0, np.int64)
+    if surface.entries[PLACE] == 0:
+        surface.entries[PLACE] = address_of(place_bodies, world, surface, none, np.zeros((1, 0, 4, 4)), none, 0, 0)
+
+
+@inlined
+def _coupled(surface: Any, tool_W: Vector) -> Vector:
+    """The virtual tool of the coupling."""
+    now = surface.memory[0].now_W_m
+    now[0], now[1], now[2] = tool_W
+    call_flags(surface.entries[COUPLE], (surface,))
+    return now[0], now[1], now[2]
 
 
 @inlined

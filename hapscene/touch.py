@@ -119,13 +119,10 @@ def write_touch(
 @contextmanager
 def step(say: Callable[[str], None], what: str) -> Iterator[None]:
     """Say what is being done, and how long it took."""
-    from hapscene.native import compiling_told
-
     say(f"{what} … ")
     start_s = time.perf_counter()
     try:
-        with compiling_told(say):
-            yield
+        yield
     except BaseException:
         say("\n")
         raise

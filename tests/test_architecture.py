@@ -29,7 +29,6 @@ FLOOR = (
     *(
         "native",
         "number_files",
-        "old_spellings",
         "parameter_sweep",
         "perception",
         "plugin_registry",

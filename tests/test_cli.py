@@ -125,8 +125,8 @@ def test_bad_input_is_one_line_and_leaves_nothing(folder: Path, capsys: pytest.C
         (["swatch", "lst"], "no command 'swatch lst'; did you mean list? See `hapscene swatch --help`"),
         (["capture", "fti"], "no command 'capture fti'; did you mean fit? See `hapscene capture --help`"),
         (
-            ["capture", "fit", "--excitation", "gausian"],
-            "; there are: auto, gaussian, measured; did you mean gaussian?",
+            ["capture", "fit", "--interpolation", "lfs"],
+            "; there are: lsf, reflection, direct, hatt; did you mean lsf?",
         ),
         (["touch"], "the following arguments are required: SCENE; see `hapscene touch --help`"),
         (["touch", "cube.ply", "cube.stl"], "'cube.stl' is one word too many; see `hapscene touch --help`"),

@@ -19,7 +19,7 @@ WORDS = {
     "mujoco": "touch box.xml --no-picture",
     "parquet": "capture fit oak.parquet --rate 2000 --units acceleration=m/s2 -o oak.swatch",
     "paint": "paint cube.stl --unit mm --no-browser --no-hand",
-    "study": "study simulate gain.toml --people 1",
+    "study": "study gain.toml --no-browser",
     "serve": "serve cube.stl --unit mm --udp 0 --ws 0",
     "video": "view cube.stl --unit mm --out cube.mp4",
 }

@@ -1,4 +1,4 @@
-"""What is compiled is kept on disk, where nobody else may write; damaged, it is compiled anew."""
+"""Compiled functions: cached on disk where nobody else may write, by their code, and compiled anew when damaged."""
 
 import importlib
 import os
@@ -11,56 +11,100 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numba import config, from_dtype
+from numba import config, from_dtype, njit, types
 from numba.core.itanium_mangler import mangle_type
 
-from hapscene import native as module
-from hapscene.native import INTERPRETED, compiling_told, inlined, native
+from hapscene.compiled import cache, digest, pipeline, progress
+from hapscene.native import INTERPRETED, CFunction, compiling, inlined, native
 
 pytestmark = pytest.mark.skipif(INTERPRETED, reason="nothing is compiled: NUMBA_DISABLE_JIT")
 
-SOURCE = "def twice(x):\n    return 2.0 * x\n"
+SOURCE = '''
+"""A module."""
+FACTOR = {factor}
+
+def inner(x):
+    """{doc}"""
+    return FACTOR * x{comment}
+
+def unused(x):
+    return x + {other}
+'''
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="no such permissions there")
 
 
-@pytest.fixture
-def twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], Any]:
-    """Compiles a function of a file as a new process would, its cache in the folder `cache`."""
-    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
-    (tmp_path / "compiled_source.py").write_text(SOURCE)
-    monkeypatch.syspath_prepend(tmp_path)
+def source(**changed: Any) -> str:
+    return SOURCE.format(**{"factor": 2.0, "doc": "Double it.", "comment": "", "other": 1} | changed)
 
-    def compiled() -> Any:
-        module._folder.cache_clear()
+
+@pytest.fixture
+def compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+    """Compiles `twice` of a module, as a new process would, its cache in the folder `cache`."""
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+    def make(**changed: Any) -> Any:
+        cache._folder.cache_clear()
+        (tmp_path / "compiled_source.py").write_text(source(**changed))
         monkeypatch.delitem(sys.modules, "compiled_source", raising=False)
-        function: Any = native(importlib.import_module("compiled_source").twice)
-        assert function(21.0) == 42.0
+        importlib.invalidate_caches()
+        module = importlib.import_module("compiled_source")
+        module.inner = native(module.inner)  # type: ignore[attr-defined]
+        exec("def twice(x):\n    return inner(x)", vars(module))
+        function: Any = native(vars(module)["twice"])
+        assert function(21.0) == 21.0 * changed.get("factor", 2.0)
         return function
 
-    return compiled
+    return make
 
 
-def kept_files(tmp_path: Path) -> list[Path]:
-    return [file for file in (tmp_path / "cache").rglob("*.nb?")]
+def files(tmp_path: Path) -> list[Path]:
+    return sorted((tmp_path / "cache").rglob("*.nbc"))
 
 
 def hits(function: Any) -> int:
-    return sum(function.stats.cache_hits.values())
+    return sum(function.whole.stats.cache_hits.values())
 
 
-def test_what_is_compiled_is_kept(twice: Callable[[], Any], tmp_path: Path) -> None:
-    assert hits(twice()) == 0 and hits(twice()) == 1
-    assert sorted(file.suffix for file in kept_files(tmp_path)) == [".nbc", ".nbi"]
+def test_a_function_is_compiled_once(compiled: Callable[..., Any], tmp_path: Path) -> None:
+    assert hits(compiled()) == 0 and hits(compiled()) == 1
+    assert len(files(tmp_path)) == 1  # of the whole; its part has none
+
+
+@pytest.mark.parametrize("change", [{"doc": "Other words."}, {"comment": "  # why"}, {"other": 2}])
+def test_what_is_not_compiled_may_change(compiled: Callable[..., Any], change: dict[str, Any]) -> None:
+    compiled()
+    assert hits(compiled(**change)) == 1
+
+
+def test_a_constant_of_an_inner_function_may_not(compiled: Callable[..., Any]) -> None:
+    compiled()
+    assert hits(compiled(factor=3.0)) == 0
 
 
 def test_what_is_inlined_does_the_same_by_itself_and_in_a_caller() -> None:
-    """By itself it can be called too: `learn` of a handle is."""
-
-    def doubled(x: float) -> float:
-        return 2.0 * x
-
-    part = inlined(doubled)
+    part = inlined(lambda x: 2.0 * x)
     assert part(21.0) == native(lambda x: part(x) + part(x))(10.5) == 42.0
+
+
+def test_compiled_code_of_others_calls_a_native_function() -> None:
+    inner = native(lambda x: x + 1.0)
+    outer = native(lambda x: 2.0 * inner(x))
+    assert njit(lambda x: outer(x) + inner(x))(1.0) == 6.0
+
+
+def test_a_constant_argument_compiles_no_function_of_its_own() -> None:
+    part = native(lambda x, k: x + k)
+    whole = native(lambda x: part(x, 1) + part(x, 2) + part(x, int(x)))
+    assert whole(3.0) == 15.0 and len(part.part.signatures) == 1
+
+
+def test_a_c_function_is_called_by_its_address() -> None:
+    from ctypes import CFUNCTYPE, c_double
+
+    function = CFunction(types.float64(types.float64), lambda x: 3.0 * x)
+    assert CFUNCTYPE(c_double, c_double)(function.address)(2.0) == 6.0 == function(2.0)
 
 
 def folder_instead(file: Path) -> None:
@@ -68,70 +112,87 @@ def folder_instead(file: Path) -> None:
     file.mkdir()
 
 
+def one_bit(file: Path) -> None:
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+
+
 DAMAGE: dict[str, Callable[[Path], object]] = {
     "empty": lambda file: file.write_bytes(b""),
     "truncated": lambda file: file.write_bytes(file.read_bytes()[:-100]),
-    "garbage": lambda file: file.write_bytes(os.urandom(3000)),
-    "a byte of code": lambda file: file.write_bytes(
-        (data := file.read_bytes())[: len(data) // 2] + bytes([data[len(data) // 2] ^ 1]) + data[len(data) // 2 + 1 :]
-    ),
-    "zeros at the end": lambda file: file.write_bytes(file.read_bytes()[:-512] + bytes(512)),
+    "one bit": one_bit,
     "a folder": folder_instead,
     "gone": Path.unlink,
 }
 
 
-@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_what_is_damaged_is_compiled_anew(twice: Callable[[], Any], tmp_path: Path, damage: str, suffix: str) -> None:
-    twice()
-    (file,) = (file for file in kept_files(tmp_path) if file.suffix == suffix)
+def test_what_is_damaged_is_compiled_anew(compiled: Callable[..., Any], tmp_path: Path, damage: str) -> None:
+    compiled()
+    (file,) = files(tmp_path)
     DAMAGE[damage](file)
-    assert hits(twice()) == 0
-    assert hits(twice()) == (0 if damage == "a folder" else 1)
+    assert hits(compiled()) == 0
+    assert hits(compiled()) == (0 if damage == "a folder" else 1)
 
 
 @POSIX
-@pytest.mark.parametrize("place", ["", "hapscene", "hapscene/version"])
-def test_where_others_may_write_nothing_is_kept(
-    twice: Callable[[], Any], tmp_path: Path, place: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    twice()
-    assert [f.stat().st_mode & 0o777 for f in (tmp_path / "cache" / "hapscene").iterdir()] == [0o700]
-    (version,) = (tmp_path / "cache" / "hapscene").iterdir()
-    open_to_all = version if place.endswith("version") else tmp_path / "cache" / place
+@pytest.mark.parametrize("place", ["", "hapscene"])
+def test_where_others_may_write_nothing_is_cached(compiled: Callable[..., Any], tmp_path: Path, place: str) -> None:
+    compiled()
+    open_to_all = tmp_path / "cache" / place
     open_to_all.chmod(0o777)
-    module._warn_once.cache_clear()
-    with pytest.warns(RuntimeWarning, match=f"{open_to_all.name} can be written by others; .*NUMBA_CACHE_DIR"):
-        assert hits(twice()) == 0
+    cache.warn_not_kept.cache_clear()
+    with pytest.warns(RuntimeWarning, match=open_to_all.name):
+        assert hits(compiled()) == 0
     open_to_all.chmod(0o1777 if not place else 0o755)  # as /tmp
-    assert hits(twice()) == 1
+    assert hits(compiled()) == 1
 
 
 @POSIX
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives files away")
-def test_another_users_folder_is_not_trusted(twice: Callable[[], Any], tmp_path: Path) -> None:
-    twice()
+def test_another_users_folder_is_not_trusted(compiled: Callable[..., Any], tmp_path: Path) -> None:
+    compiled()
     shutil.chown(tmp_path / "cache" / "hapscene", 65534)
-    module._warn_once.cache_clear()
-    with pytest.warns(RuntimeWarning, match="hapscene can be written by others"):
-        assert hits(twice()) == 0
+    cache.warn_not_kept.cache_clear()
+    with pytest.warns(RuntimeWarning, match="hapscene can be written"):
+        assert hits(compiled()) == 0
 
 
-def test_compiling_is_told_once(twice: Callable[[], Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(module, "_told", False)
-    said: list[str] = []
-    with compiling_told(said.append):
-        twice()  # somebody else's, which is soon done
-        assert said == []
-        monkeypatch.setattr(module, "_HERE", tmp_path)
-        twice()  # kept
-        assert said == []
-        for file in kept_files(tmp_path):
-            file.unlink()
-        twice()
-        module._tell_compiling()
-    assert said == ["compiling, once; half a minute to two … "]
+def test_code_that_a_wheel_carries_is_used(
+    compiled: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Compiled for a processor that has no more than ours: found where the user's own cache has nothing."""
+    monkeypatch.setattr(cache, "PORTABLE_CPU", native(lambda x: x).whole.targetctx.codegen().magic_tuple()[1])
+    compiled()
+    shutil.move(tmp_path / "cache" / "hapscene", tmp_path / "shipped")
+    monkeypatch.setattr(cache, "SHIPPED", tmp_path / "shipped")
+    monkeypatch.setattr(cache, "_runs_portable_code", lambda: True)
+    assert hits(compiled()) == 1 and not files(tmp_path)
+    monkeypatch.setattr(cache, "_runs_portable_code", lambda: False)
+    assert hits(compiled()) == 0 and len(files(tmp_path)) == 1
+
+
+@pytest.fixture
+def printed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    texts: list[str] = []
+    monkeypatch.setattr(progress, "_write", texts.append)
+    monkeypatch.setattr(progress, "_rewrites", lambda: False)
+    return texts
+
+
+def test_a_long_compilation_is_announced_once(printed: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "FUNCTION_S", 10.0)
+    with compiling():
+        native(lambda x: x * 5.0)(1.0)
+        native(lambda x: x * 7.0)(1.0)
+    text = "".join(printed)
+    assert text.startswith("compiling (first run, about 10 s)") and text.count("compiling") == 1 and text[-1] == "\n"
+
+
+def test_a_short_one_is_not_announced(printed: list[str]) -> None:
+    native(lambda x: x * 9.0)(1.0)
+    assert not printed
 
 
 def test_code_for_a_record_is_named_by_its_layout_whatever_was_compiled_before() -> None:
@@ -139,3 +200,18 @@ def test_code_for_a_record_is_named_by_its_layout_whatever_was_compiled_before()
     elsewhere = copy(short)
     elsewhere._code = long._code  # as in a process that met the short one at that place
     assert mangle_type(elsewhere) == mangle_type(short) != mangle_type(long)
+
+
+def test_the_quick_way_is_used_with_the_numba_that_is_tested() -> None:
+    import numba
+
+    minor = tuple(map(int, numba.__version__.split(".")[:2]))
+    assert (minor in pipeline.TESTED) == pipeline.SUPPORTED
+
+
+def test_a_digest_is_that_of_the_code_below() -> None:
+    def make(factor: float) -> Any:
+        inner = native(lambda x: factor * x)
+        return lambda x: inner(x)
+
+    assert digest.digest_of(make(2.0))[0] == digest.digest_of(make(2.0))[0] != digest.digest_of(make(3.0))[0]

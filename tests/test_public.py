@@ -1,4 +1,4 @@
-"""The public face: reached at once after `import hapscene`, told in a line, and called by its older spellings too."""
+"""The public face: reached at once after `import hapscene`, and told in a line."""
 
 import ast
 import inspect
@@ -80,23 +80,6 @@ def test_repr_is_a_line_that_helps(things: list[Any]) -> None:
         line = repr(thing)
         assert "\n" not in line and len(line) <= LINE_MAX, line
         assert type(thing).__name__ in line and " at 0x" not in line, line
-
-
-def test_older_spellings_are_taken_and_told() -> None:
-    wood = hapscene.load_swatch("wood")
-    force, speed = np.full(2000, 1.0), np.full(2000, 0.1)
-    modern = hapscene.capture.synthesize(wood, force, speed, rate_Hz=10_000.0, seed=3)
-    with pytest.warns(DeprecationWarning, match=r"synthesize: say rate_Hz=…, seed=…"):
-        assert np.array_equal(hapscene.capture.synthesize(wood, force, speed, 10_000.0, 3), modern)
-    with pytest.warns(DeprecationWarning, match=r"model: say speed_m_s=…"):
-        old = wood.texture.model(1.0, slip_m_s=0.1)
-    assert np.array_equal(old[0], wood.texture.model(1.0, 0.1)[0])
-    with pytest.raises(TypeError, match="several values for speed_m_s"):
-        hapscene.capture.export_hjif(wood, "never.hjif", 1.0, 0.05, 0.5, slip_m_s=0.3)
-    with pytest.raises(TypeError, match="several values for seed"):
-        hapscene.capture.synthesize(wood, force, speed, 10_000.0, 3, seed=4)
-    assert hapscene.capture.load_surface_recording is hapscene.capture.load_recording
-    assert hapscene.servo.State is hapscene.servo.ServoState
 
 
 def test_calls_with_many_arguments_take_them_by_name() -> None:

@@ -1,9 +1,9 @@
 """A servo behind a socket: what a game engine or simulator says by UDP, and what it is told. One client at a time."""
 
+import math
 import secrets
 import select
 import socket
-import time
 from collections import deque
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Future
@@ -40,6 +40,7 @@ from hapscene.bridge.packets import (
 )
 from hapscene.contact_info import Impulse
 from hapscene.errors import HapsceneError
+from hapscene.wall_clock import CLOCK, Clock
 
 SILENT_S: Final = 2.0
 """How long a client may be silent before another one may come [s]."""
@@ -83,6 +84,7 @@ class BridgeServer:
     Args:
         orders: of a servo, which is entered before the first packet is answered.
         host, port: where to listen; port 0 for any that is free.
+        clock: measures how long a client is silent.
 
     Attributes:
         address: where it listens.
@@ -91,7 +93,8 @@ class BridgeServer:
         HapsceneError: the port is taken, the host not ours; more names than a packet takes.
     """
 
-    def __init__(self, orders: Orders, host: str, port: int) -> None:
+    def __init__(self, orders: Orders, host: str, port: int, clock: Clock = CLOCK) -> None:
+        self._clock = clock
         self.orders, self.servo, self.counts = orders, orders.servo, orders.counts
         self._welcome(0, 0)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -119,7 +122,7 @@ class BridgeServer:
 
     def _forget(self) -> None:
         """Nothing is known of a client yet."""
-        self._heard_s = 0.0
+        self._heard_s = -math.inf
         self._last = self._last_order = self._first_event = 0
         self._events_from = 0
 
@@ -187,7 +190,7 @@ class BridgeServer:
         if session is None or (packet.key, address) != (session.key, session.address):
             self.counts["forged"] += 1
             return self._refuse(packet, "no such session") if packet.kind in (FRAME, ORDER) else None
-        self._heard_s = time.monotonic()
+        self._heard_s = self._clock.now_s()
         if packet.kind == FRAME:
             return self._take_frame(session, packet)
         if packet.kind == ORDER:
@@ -203,7 +206,7 @@ class BridgeServer:
         session = self._session
         if session is not None and (session.nonce, session.address) == (hello.get("nonce"), address):
             return session.welcome  # the first was lost on its way
-        if session is not None and time.monotonic() - self._heard_s < SILENT_S:
+        if session is not None and self._clock.now_s() - self._heard_s < SILENT_S:
             self.counts["busy"] += 1
             return self._refuse(packet, "another client is here")
         if hello.get("version") != VERSION:
@@ -219,7 +222,7 @@ class BridgeServer:
         self.orders.fix_all()
         known = [len(self.servo.scene.bodies), len(self.servo.scene.swatches)]
         self._session = _Session(key, hello.get("nonce"), address, frame, welcome, deque(maxlen=EVENT_COUNT), {}, known)
-        self._heard_s = time.monotonic()
+        self._heard_s = self._clock.now_s()
         self.counts["hello"] += 1
         return welcome
 

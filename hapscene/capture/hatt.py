@@ -24,7 +24,6 @@ from hapscene.capture.streams import Array
 from hapscene.dsp.ar_filter import ar_from_lsf
 from hapscene.errors import HapsceneError, SwatchError
 from hapscene.files import refusing, write_whole
-from hapscene.old_spellings import old_spellings
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch, SwatchLike
 from hapscene.surface.swatch_file import SUFFIX, save_swatch
@@ -152,7 +151,6 @@ def _texture(models: HattModels) -> tuple[Texture, str]:
     )
 
 
-@old_spellings()
 def export_hatt(
     swatch: SwatchLike,
     models_xml: str | os.PathLike[str],

@@ -26,7 +26,6 @@ from hapscene.capture.synthesis import synthesize
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import SwatchError
 from hapscene.files import write_whole
-from hapscene.old_spellings import old_spellings
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch, SwatchLike, touched_with
 from hapscene.surface.taps import Taps
@@ -43,7 +42,6 @@ TAP_SPACING_S: Final = 0.5
 _HAND: Final = 0  # body part mask: unspecified
 
 
-@old_spellings(slip_m_s="speed_m_s")
 def export_hjif(
     swatch: SwatchLike,
     path: str | os.PathLike[str],

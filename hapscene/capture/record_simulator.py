@@ -6,13 +6,13 @@ A hand strokes back and forth: what it presses and how fast it goes set the leve
 
 import os
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import Final
 
 import numpy as np
 
+from hapscene.wall_clock import CLOCK, Clock
 from hapscene.wire.port import simulated_port, simulator_parser
 from hapscene.wire.protocol import Column, Header, header_line, sample_line
 
@@ -72,7 +72,7 @@ def lines(rate_Hz: float, seed: int = 0, drop: float = 0.0) -> Iterator[bytes]:
         number += len(counts)
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None, clock: Clock = CLOCK) -> int:
     """Run the simulator until its time is over or Ctrl-C."""
     parser = simulator_parser("hapscene.capture.record_simulator", __doc__, 3200.0)
     parser.add_argument("--drop", type=float, default=0.0, metavar="P", help="probability that a line is lost")
@@ -80,19 +80,19 @@ def main(arguments: list[str] | None = None) -> int:
     import scipy.signal  # noqa: F401  # takes long at first: whoever reads the port's name waits for a header
 
     wire = simulated_port(parser)
-    start_s = taken_s = time.monotonic()
+    start_s = taken_s = clock.now_s()
     with suppress(KeyboardInterrupt):
         for turn, text in enumerate(lines(options.rate, options.seed, options.drop)):
             if turn * BLOCK_S >= options.seconds:
                 break
-            time.sleep(max(0.0, start_s + turn * BLOCK_S - time.monotonic()))
+            clock.sleep_s(max(0.0, start_s + turn * BLOCK_S - clock.now_s()))
             while text:
                 try:
-                    text, taken_s = text[os.write(wire, text) :], time.monotonic()
+                    text, taken_s = text[os.write(wire, text) :], clock.now_s()
                 except BlockingIOError:
-                    if time.monotonic() - taken_s > HELD_S:  # nobody reads: lost, as on a wire
+                    if clock.now_s() - taken_s > HELD_S:  # nobody reads: lost, as on a wire
                         break
-                    time.sleep(LATE_S)
+                    clock.sleep_s(LATE_S)
     return 0
 
 

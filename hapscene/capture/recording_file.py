@@ -19,7 +19,6 @@ from hapscene.capture.streams import Array, direction_of, filtered, speed_of
 from hapscene.errors import CaptureError, warn
 from hapscene.files import check_memory, refusing
 from hapscene.number_files import TOO_MUCH
-from hapscene.old_spellings import old_spellings
 from hapscene.wire.unit import UNITS
 
 # Three axes of acceleration made one: DFT321.
@@ -151,7 +150,6 @@ class SurfaceRecording:
         return f"<SurfaceRecording: {count:,} samples, {count / rate_Hz:.3g} s at {rate_Hz:g} Hz, with {held}>"
 
 
-@old_spellings()
 def load_recording(
     path: str | os.PathLike[str],
     rate_Hz: float | None = None,
@@ -184,10 +182,6 @@ def load_recording(
     if recording.bridged:
         warn(f"{path}: {bridged_note(recording)}", BridgedWarning)
     return recording
-
-
-load_surface_recording = load_recording
-"""An older name of it, kept until 1.0."""
 
 
 def bridged_note(recording: SurfaceRecording) -> str:

@@ -20,7 +20,6 @@ from hapscene.capture.streams import BLOCK, Array, blocks
 from hapscene.errors import CaptureError
 from hapscene.files import check_memory, refusing
 from hapscene.number_files import TOO_MUCH
-from hapscene.old_spellings import old_spellings
 from hapscene.wire.unit import UNITS
 
 COMPUTER_S: Final = 20e-3
@@ -61,7 +60,6 @@ class _Part:
     units: Mapping[str, str]
 
 
-@old_spellings()
 def join(
     paths: Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str],

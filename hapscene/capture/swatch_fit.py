@@ -28,7 +28,6 @@ from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, fit_level, poo
 from hapscene.constants import ORDER_MAX
 from hapscene.dsp.warped_prediction import warp_at
 from hapscene.errors import CaptureError
-from hapscene.old_spellings import old_spellings, without_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
@@ -38,7 +37,6 @@ borders [1]. Of shorter ones too much is left over: of the project's recordings 
 likelihood of the other half fell by 0.003 a sample."""
 
 
-@old_spellings()
 def fit(
     acceleration_m_s2: ArrayLike | SurfaceRecording,
     rate_Hz: float | None = None,
@@ -51,7 +49,6 @@ def fit(
     model_count: int | Literal["auto"] = "auto",
     interpolation: str = "lsf",
     depth_m: ArrayLike | None = None,
-    excitation: object = None,
     domain: str = "auto",
     contact_angle_rad: ArrayLike | None = None,
     tool: str = "",
@@ -71,7 +68,6 @@ def fit(
         model_count: models over force and speed, or "auto": as many as hold on held-out data.
         interpolation: how the texture blends its models, see `hapscene.surface.texture`.
         depth_m: (n,) depth into the surface, negative above it, or None: then the stiffness is the default.
-        excitation: has no effect any more: the noise that drives a texture is Gaussian.
         domain: frequency axis of the AR models: "plain"; "warped", finer where more is felt, at rates above 3 kHz
             (`hapscene.dsp.warped_prediction`); or "auto": the better one on held-out data, "plain" for an order given.
         contact_angle_rad: (n,) angle of the tool to the surface's normal, one number, or None; its range is noted.
@@ -85,7 +81,6 @@ def fit(
     Raises:
         CaptureError: from such streams nothing can be fitted; the text says why.
     """
-    without_effect("fit", "excitation", excitation)
     if isinstance(acceleration_m_s2, SurfaceRecording):
         streams = (force_N, speed_m_s, tangential_force_N, depth_m, rate_Hz, contact_angle_rad)
         if any(stream is not None for stream in streams):

@@ -16,7 +16,6 @@ from hapscene.constants import LIFE_MAX
 from hapscene.dsp.lattice import run_texture, voice_fields
 from hapscene.dsp.noise import normal, seeded_state
 from hapscene.errors import CaptureError
-from hapscene.old_spellings import old_spellings
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch, SwatchLike
 from hapscene.surface.texture import Texture
@@ -34,7 +33,6 @@ SETTLE_S: Final = 0.1
 _PART: Final = 4096  # blocks whose filters are made at once: their memory is bounded, whatever the stroke's length
 
 
-@old_spellings(slip_m_s="speed_m_s")
 def synthesize(
     swatch: SwatchLike,
     force_N: ArrayLike,

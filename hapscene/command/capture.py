@@ -232,11 +232,10 @@ BATCH_OUT: Final = "out/swatches"
 
 DOMAINS: Final = ("auto", "plain", "warped")  # as in capture.order_search
 INTERPOLATIONS: Final = ("lsf", "reflection", "direct", "hatt")  # as in surface.blend, which is heavy to import
-EXCITATIONS: Final = ("auto", "gaussian", "measured")  # taken still, without effect
 
 
 def add_fit_options(command: argparse.ArgumentParser) -> None:
-    """Adds --order, --domain, --interpolation, --tool, --tip and --excitation."""
+    """Adds --order, --domain, --interpolation, --tool and --tip."""
     command.add_argument(
         "--order", type=_order, default="auto", metavar="N",
         help="of the texture's models (default: auto, held-out data)",
@@ -251,15 +250,10 @@ def add_fit_options(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--tool", default="", help="what held the tip, as in 'steel probe'; a swatch keeps it")
     command.add_argument("--tip", default="", help="what touched the surface, as in '3.2 mm ball'")
-    command.add_argument(
-        "--excitation", choices=EXCITATIONS, help="has no effect any more",
-    )  # fmt: skip
 
 
 def fit_options(options: argparse.Namespace) -> dict[str, Any]:
     """What `fit_parts` takes of them."""
-    if options.excitation is not None:
-        print("hapscene: --excitation has no effect any more", file=sys.stderr)
     found = {name: getattr(options, name) for name in ("order", "domain", "interpolation")}
     return found | {name: said for name in ("tool", "tip") if (said := getattr(options, name))}
 

@@ -21,42 +21,32 @@ from hapscene.errors import SaveConflict, SceneError
 def add_export(commands: Any) -> None:
     command = add_command(commands, "export", _export)
     command.add_argument("scene", metavar="SCENE", help="a scene file (.scene.json), or a file that import reads")
-    add_out_file(command, "FILE", ".glb, .gltf, .ply, .x3d, .obj, .3mf, .stl or .png (default NAME.glb, as desk.glb)")
+    add_out_file(command, "FILE", ".glb, .gltf, .ply, .obj, .stl or .png (default NAME.glb, as desk.glb)")
     add_reading_options(command)
     command.add_argument("--replace", action="store_true", help="take the place of a file that is there")
     command.add_argument("--body", metavar="NAME", help="in .png: of which body, where several could be meant")
-    command.add_argument(
-        "--haptics",
-        choices=["draft"],
-        help="in glTF: add MPEG_material_haptic, a draft extension (ISO/IEC 23090-14) that may still change",
-    )
 
 
 def _export(options: argparse.Namespace) -> int:
-    """Write a painted scene for other programs: GLB, glTF, PLY, X3D, OBJ, 3MF, STL.
+    """Write a painted scene for other programs: GLB, glTF, PLY, OBJ, STL.
 
     As .png it is a picture over the texture coordinates of a body, a colour for each swatch, with its legend beside it;
     `hapscene paint --map` reads it again.
 
     for example:
       hapscene export desk.scene.json                                 # as desk.glb
-      hapscene export desk.scene.json --out desk.gltf --haptics draft
-      hapscene export desk.scene.json --out desk.x3d
+      hapscene export desk.scene.json --out desk.ply
       hapscene export desk.scene.json --out desk.glb --replace
       hapscene export duck.scene.json --out duck.png                  # and its legend, duck.json
     """
     check_scene(options.scene, options.unit)
     options.out = options.out or f"{base_name(options.scene)}.glb"
-    from hapscene.exchange import EXPORTS, export_scene, losses
+    from hapscene.exchange import export_scene, losses
     from hapscene.exchange.format_registry import format_of
     from hapscene.scene.scene import Scene
     from hapscene.touch import step
 
     name = format_of(options.out)
-    if options.haptics is not None:
-        if name not in ("glb", "gltf"):
-            raise SceneError(f"{options.out}: --haptics is an extension of glTF: write .glb or .gltf")
-        name = "gltf-haptics"
     with step(say, loading(options.scene)):
         scene: Scene = _open(options)
     if options.out.lower().endswith(".png"):
@@ -69,8 +59,6 @@ def _export(options: argparse.Namespace) -> int:
     except SaveConflict as conflict:
         raise SaveConflict(f"{conflict} (--replace)") from None
     name_made(made)
-    if EXPORTS[name].draft:
-        print("MPEG_material_haptic is a draft: readers of other drafts may not know it")
     return 0
 
 
@@ -97,7 +85,7 @@ def _open(options: argparse.Namespace) -> Any:
 
 def add_import(commands: Any) -> None:
     command = add_command(commands, "import", _import)
-    command.add_argument("file", metavar="FILE", help=".glb, .gltf, .ply, .x3d, or any mesh file")
+    command.add_argument("file", metavar="FILE", help=".glb, .gltf, .ply, or any mesh file")
     add_out_file(command, "SCENE", "scene file to write (default NAME.scene.json, as desk.scene.json)")
     command.add_argument("--replace", action="store_true", help="take the place of a scene that is there")
     add_reading_options(command)

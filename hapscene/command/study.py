@@ -21,8 +21,6 @@ from hapscene.command.options import (
     check_out_folder,
     check_there,
     port,
-    seed,
-    whole,
 )
 from hapscene.errors import StudyError
 from hapscene.interrupt import interrupt_noted
@@ -44,12 +42,12 @@ WRONG: Final = {
 }
 """What may go wrong while it is played, by the names of a player's report."""
 
-WORDS: Final = ("run", "report", "simulate")
+WORDS: Final = ("run", "report")
 
 
 def add_study(commands: Any) -> None:
     about = "ask people what they can tell apart: a plan, a page to answer on, a report"
-    add_group(commands, "study", about, _add_run, _add_report, _add_simulate, metavar="PLAN | COMMAND")
+    add_group(commands, "study", about, _add_run, _add_report, metavar="PLAN | COMMAND")
     group = commands.choices["study"]
     group.epilog = "hapscene study PLAN.toml runs it; hapscene study run --help says more."
     parse = group.parse_known_args
@@ -70,15 +68,11 @@ def _add_run(commands: Any) -> None:
     command.add_argument("plan", metavar="PLAN", help="a TOML file, see docs/study.md")
     command.add_argument("--person", metavar="NAME", help="who is asked, or goes on (default: the next of P01, P02, …)")
     add_out_folder(command, None, "out/ and the plan's name")
-    command.add_argument("--channel", choices=("headphones", "handle", "device"), help="in place of the plan's")
+    command.add_argument("--channel", choices=("headphones", "handle"), help="in place of the plan's")
     played = command.add_argument_group("what it is played on")
     played.add_argument("--output", metavar="NAME", help="what plays vibrations: audio (default), serial, usb")
     add_pairs(played, "--output-option", "of the output")
     played.add_argument("--handle-file", metavar="FILE", help="of `handle identify`: what the compensator drives")
-    played.add_argument(
-        "--device", default="omni", metavar="NAME", help="of the channel device (default omni, simulated)"
-    )
-    add_pairs(played, "--option", "of the device")
     page = command.add_argument_group("the page")
     page.add_argument("--port", type=port, default=0, help="where it is (default: any that is free)")
     page.add_argument(
@@ -115,7 +109,7 @@ def _run(options: argparse.Namespace) -> int:
         sitting = stack.enter_context(Sitting(plan, folder, person))
         if sitting.trial is None:
             raise StudyError(f"{person} has answered all {sitting.done}; --person NAME asks another")
-        player = _player(plan, folder, options)
+        player = _player(plan, options)
         stack.callback(player.close)
         server = stack.enter_context(StudyServer(sitting, player, host=options.host, port=options.port))
         say(f"{person}: {sitting.done} of {sitting.total} answered\n")
@@ -147,22 +141,14 @@ def next_person(folder: Path) -> str:
     return next(name for k in range(1, len(known) + 2) if (name := f"P{k:02}") not in known)
 
 
-def _player(plan: "Plan", folder: Path, options: argparse.Namespace) -> "Player":
+def _player(plan: "Plan", options: argparse.Namespace) -> "Player":
     """What the plan's stimuli are played on, ready."""
-    from hapscene.device.driver_registry import DeviceChoice
-    from hapscene.device.model import DEVICES
     from hapscene.handle.live_process import open_output
-    from hapscene.study.playing import DevicePlayer, handle, headphones
+    from hapscene.study.playing import handle, headphones
     from hapscene.study.stimulus import StimulusMaker, all_stimuli
     from hapscene.touch import step
 
-    maker, stimuli = StimulusMaker(plan.folder, folder), all_stimuli(plan)
-    if plan.channel == "device":
-        device = options.device if options.device in DEVICES else DeviceChoice(options.device, dict(options.option))
-        played = DeviceChoice(options.output, dict(options.output_option)) if options.output else None
-        with step(say, f"starting {options.device}"):
-            made = {"handle": played, "handle_file": options.handle_file}
-            return DevicePlayer(maker, device, stimuli, seed=plan.seed, **made)
+    maker, stimuli = StimulusMaker(plan.folder), all_stimuli(plan)
     output = open_output(options.output or "audio", dict(options.output_option))
     try:
         with step(say, f"making {len(stimuli)} stimuli"):
@@ -195,44 +181,3 @@ def _report(options: argparse.Namespace) -> int:
     write_report(Path(options.folder), path)
     name_made([path])
     return 0
-
-
-def _add_simulate(commands: Any) -> None:
-    command = add_command(commands, "simulate", _simulate)
-    command.add_argument("plan", metavar="PLAN", help="a TOML file, see docs/study.md")
-    command.add_argument(
-        "--people", type=whole("a number of people", 1, 1000), default=20, metavar="N", help="how many (default 20)"
-    )
-    command.add_argument("--seed", type=seed, default=0, help="of the people and their noise (default 0)")
-    add_out_folder(command, None, "out/ and the plan's name, -simulated")
-
-
-def _simulate(options: argparse.Namespace) -> int:
-    """Have simulated people answer, whose thresholds are known: whether a plan finds what is there, before it is run.
-
-    for example:
-      hapscene study simulate life.toml --people 20
-    """
-    check_there(options.plan, StudyError, "plan of a study")
-    folder = Path(options.out or f"out/{base_name(options.plan)}-simulated")
-    check_out_folder(str(folder))
-    if (folder / "results.csv").exists():
-        raise StudyError(f"{folder}: has answers already; --out FOLDER names another")
-    from hapscene.study.plan import load_plan
-    from hapscene.study.simulated_person import simulate
-    from hapscene.study.study_report import write_report
-    from hapscene.touch import step
-
-    with step(say, f"asking {options.people} simulated people"):
-        truth = simulate(load_plan(options.plan), folder, people=options.people, seed=options.seed)
-    tell(["what they are like, to hold the report against:", *_truth_lines(truth)])
-    write_report(folder, folder / "report.html")
-    name_made([folder / "results.csv", folder / "report.html"])
-    return 0
-
-
-def _truth_lines(truth: Any) -> list[str]:
-    """What simulated people are like, by what is asked."""
-    named = {"d′ of each, over noise": truth.strength, "rated": truth.realism, "threshold of block": truth.threshold}
-    listed = {what: ", ".join(f"{n} {v:.3g}" for n, v in values.items()) for what, values in named.items()}
-    return [f"  {what}: {values}" for what, values in listed.items() if values]

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 from llvmlite import ir
-from numba import types, typeof
+from numba import typeof, types
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
@@ -74,16 +74,16 @@ def _load_array(context: Any, builder: Any, kind: Any, value: Any, name: str) ->
         loaded.set_metadata("invariant.load", never_changes)
         return loaded
 
-    structure = context.get_value_type(array)
-    item = ir.Constant(_I64, context.get_abi_sizeof(context.get_data_type(array.dtype)))
-    none = [ir.Constant(structure.elements[k], None) for k in range(2)]
-    found = ir.Constant(structure, ir.Undefined)
-    for k, part in enumerate((*none, word(2), item, builder.inttoptr(word(4), structure.elements[4]))):
-        found = builder.insert_value(found, part, k)
+    kinds, size = context.get_value_type(array).elements, context.get_abi_sizeof(context.get_data_type(array.dtype))
+    packed = array.ndim == 1 and array.layout == "C"
+    known = {0: None, 1: None, 3: size, 6: [ir.Constant(_I64, size)]} if packed else {0: None, 1: None, 3: size}
+    found = ir.Constant.literal_struct([ir.Constant(kind, known.get(k, ir.Undefined)) for k, kind in enumerate(kinds)])
+    found = builder.insert_value(found, word(2), 2)
+    found = builder.insert_value(found, builder.inttoptr(word(4), kinds[4]), 4)
     for axis in range(array.ndim):
-        packed = array.ndim == 1 and array.layout == "C"
         found = builder.insert_value(found, word(5 + axis), [5, axis])
-        found = builder.insert_value(found, item if packed else word(5 + array.ndim + axis), [6, axis])
+        if not packed:
+            found = builder.insert_value(found, word(5 + array.ndim + axis), [6, axis])
     return found
 
 

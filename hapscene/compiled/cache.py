@@ -30,7 +30,7 @@ from hapscene.errors import warn
 SHIPPED: Final = Path(__file__).with_name("shipped")
 """The folder of compiled code that a wheel carries; absent in a checkout."""
 
-V3_FEATURES: Final = "avx avx2 bmi bmi2 cmov cx16 f16c fma fxsr lzcnt mmx movbe popcnt sse sse2 sse3 sse4.1 sse4.2 ssse3"
+V3_FEATURES: Final = "avx avx2 bmi bmi2 cx16 f16c fma lzcnt movbe popcnt sse3 sse4.1 sse4.2 ssse3"
 """What a processor has on which code for x86-64-v3 runs, in LLVM's words."""
 
 PORTABLE_CPU: Final = "x86-64-v3" if llvm.get_default_triple().startswith("x86_64") else "generic"
@@ -86,10 +86,10 @@ class DiskCache(_Cache):  # type: ignore[misc]
     def flush(self) -> None:
         pass
 
-    def lock_path(self, signature: Any) -> Path | None:
+    def lock_path(self) -> Path | None:
         """A file that who compiles this locks; None where nothing is kept."""
         folder = cache_folder()
-        return folder / f"{self._name}-{self._digest[:16]}.lock" if folder is not None else None
+        return folder / f"{self._name}-{self._digest}.lock" if folder is not None else None
 
     def _places(self, signature: Any, target_context: Any) -> Iterator[Path]:
         """The files in which it may be."""
@@ -103,8 +103,8 @@ class DiskCache(_Cache):  # type: ignore[misc]
     def _file(self, signature: Any, target: tuple[str, ...]) -> str:
         if target[1] == PORTABLE_CPU:
             target = (target[0], PORTABLE_CPU, "")
-        key = hashlib.sha256(f"{_BUILD} {self._digest} {signature!s} {target}".encode()).hexdigest()[:32]
-        return f"{self._name}-{key}.nbc"
+        key = hashlib.sha256(f"{_BUILD} {signature!s} {target}".encode()).hexdigest()[:32]
+        return f"{self._name}-{self._digest}-{key}.nbc"
 
 
 def _whole_content(path: Path) -> bytes | None:
@@ -128,6 +128,12 @@ def _write_whole(path: Path, content: bytes) -> None:
         raise
 
 
+def is_known(digest: str) -> bool:
+    """Whether a function of this digest was compiled before, for whatever signature."""
+    folders = [folder for folder in (cache_folder(), SHIPPED) if folder is not None and folder.is_dir()]
+    return any(next(folder.glob(f"*-{digest}-*.nbc"), None) is not None for folder in folders)
+
+
 @cache
 def _runs_portable_code() -> bool:
     """Whether this processor runs what was compiled for `PORTABLE_CPU`."""
@@ -136,7 +142,7 @@ def _runs_portable_code() -> bool:
 
 
 def cache_folder() -> Path | None:
-    """The folder of the cache: below the one that NUMBA_CACHE_DIR names, else the user's. None where nothing is kept."""
+    """The folder of the cache: below the one that NUMBA_CACHE_DIR names, else the user's. None where it is unusable."""
     return _folder(vars(config)["CACHE_DIR"])
 
 

@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import numba
 from numba import _dynfunc
-from numba.core import codegen, compiler, typed_passes
+from numba.core import codegen, compiler, compiler_machinery, typed_passes, untyped_passes
 from numba.core.compiler_machinery import LoweringPass, register_pass
-from numba.core.targetconfig import TargetConfig
+from numba.core.targetconfig import ConfigStack, TargetConfig
 
 TESTED: Final = ((0, 67), (0, 68))
 """Minor versions of numba with which the test suite has passed."""
@@ -122,12 +122,44 @@ class _RegisterPart(LoweringPass):  # type: ignore[misc]
         return True
 
 
+_NOT_NEEDED: Final = (
+    untyped_passes.WithLifting,
+    untyped_passes.InlineClosureLikes,
+    untyped_passes.MakeFunctionToJitFunction,
+    untyped_passes.InlineInlinables,
+    untyped_passes.FindLiterallyCalls,
+    untyped_passes.LiteralUnroll,
+    untyped_passes.LiteralPropagationSubPipelinePass,
+    untyped_passes.RewriteDynamicRaises,
+    typed_passes.NopythonRewrites,
+    typed_passes.DumpParforDiagnostics,
+    typed_passes.AnnotateTypes,
+)
+"""Passes for what parts do not have: contexts, closures, unrolled tuples, raised errors, whole-array expressions."""
+
+
+class _Passes(compiler_machinery.PassManager):  # type: ignore[misc]
+    """Without the analysis that numba repeats after every pass: lowering does it once more anyway."""
+
+    _ENFORCING = False
+
+
+def _share_overloads(state: Any) -> None:
+    """Have numba's own functions, such as `max`, compiled once for parts and wholes: it tells them by the flags."""
+    flags = ConfigStack().top()
+    for name in ("forceinline", "no_compile", "no_cpython_wrapper", "no_cfunc_wrapper"):
+        flags.discard(name)
+
+
 class _Part(compiler.CompilerBase):  # type: ignore[misc]
     def define_pipelines(self) -> list[Any]:
         state = self.state
         state.flags.no_compile = True
+        _share_overloads(state)
         state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        passes = compiler.DefaultPassBuilder.define_nopython_pipeline(state)
+        default = compiler.DefaultPassBuilder.define_nopython_pipeline(state).passes
+        passes = _Passes("nopython")
+        passes.passes = [one for one in default if one[0] not in _NOT_NEEDED]
         passes.add_pass_after(_RegisterPart, typed_passes.NativeLowering)
         passes.finalize()
         return [passes]
@@ -138,6 +170,7 @@ class _Whole(compiler.CompilerBase):  # type: ignore[misc]
         state = self.state
         state.library = _WholeLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
+        _share_overloads(state)
         return [compiler.DefaultPassBuilder.define_nopython_pipeline(state)]
 
 

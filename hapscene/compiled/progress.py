@@ -1,6 +1,6 @@
 """What is printed while something is compiled: one line on stderr, from the first function to the last.
 
-    compiling (first run, about 18 s) … 63 of 148 functions
+compiling (first run, about 18 s) … 63 of 148 functions
 """
 
 import sys

@@ -10,6 +10,8 @@ does not say what comes, the proxy is moved by rays alone.
 import math
 from typing import Any, Final
 
+import numpy as np
+
 from hapscene.constants import EDGE_OVERLAP
 from hapscene.contact.cast import cast, put_plane
 from hapscene.contact.planes import copy_plane, drop_idle, nearest, trust
@@ -155,7 +157,7 @@ def _cross(world: Any, i: int, edge: int, crossed: int) -> bool:
     proxy = world.proxy[0]
     index, side = proxy.body[i], proxy.side[i]
     body = world.bodies[index]
-    face = int(world.beyond[body.mesh_row + proxy.face[i], edge])
+    face = np.int64(world.beyond[body.mesh_row + proxy.face[i], edge])
     if face < 0:
         return False
     here = proxy.crossed[crossed]

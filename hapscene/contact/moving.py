@@ -11,7 +11,7 @@ from hapscene.contact.passing import hold_again
 from hapscene.contact.planes import copy_plane
 from hapscene.contact.proxy import put
 from hapscene.contact.world import place_ball
-from hapscene.native import inlined, native
+from hapscene.native import native
 
 EXACT: Final = 1e-12
 """How far a matrix may be from a rotation and still be taken as it is [1]: a few roundings of float64."""
@@ -24,27 +24,40 @@ LAST_TICK: Final = 2
 """Value of `moved` while a tick begins: it moved in the last one, and has no pose for this one yet."""
 
 
-@inlined
+@native
 def place_bodies(
-    world: Any, surface: Any, moving: NDArray[Any], X_WB: NDArray[Any], teleported: NDArray[Any], k: int
-) -> None:
-    """Take over the poses `X_WB[k]` (m, 4, 4) of the bodies `moving` (m,); all others stand still.
+    world: Any,
+    surface: Any,
+    moving: NDArray[Any],
+    X_WB: NDArray[Any],
+    teleported: NDArray[Any],
+    count: int,
+    k: int,
+) -> int:
+    """Take over the poses `X_WB[k]` (m, 4, 4) of the first `count` of the bodies `moving` (m,); all others stand still.
 
     In the first tick after a reset, and where `teleported` (m,) is not 0, bodies appear where they are, without moving
     there; it is set to 0. A pose that is not finite or no rotation and translation is left out
-    (`world.proxy[0].refused`): the body stays at its last one.
+    (`world.proxy[0].refused`): the body stays at its last one. Returns no flags.
     """
     proxy = world.proxy[0]
     proxy.refused = 0
-    if len(moving) > 0 or world.moved[0] > 0:
-        _place(world, surface, moving, X_WB, teleported, k)
+    if count > 0 or world.moved[0] > 0:
+        _place(world, surface, moving, X_WB, teleported, count, k)
     if proxy.reshaped > 0:
         reshape_bodies(world, surface)
+    return 0
 
 
 @native
 def _place(
-    world: Any, surface: Any, moving: NDArray[Any], X_WB: NDArray[Any], teleported: NDArray[Any], k: int
+    world: Any,
+    surface: Any,
+    moving: NDArray[Any],
+    X_WB: NDArray[Any],
+    teleported: NDArray[Any],
+    count: int,
+    k: int,
 ) -> None:
     """The same, where bodies move or moved in the last tick."""
     proxy, moved = world.proxy[0], world.moved
@@ -52,7 +65,7 @@ def _place(
     for i in range(1, last + 1):
         world.bodies[moved[i]].moved = LAST_TICK
     nearer, jumps, fresh = 0.0, 0, surface.memory[0].fresh
-    for m in range(len(moving)):
+    for m in range(count):
         body = world.bodies[moving[m]]
         for i in range(3):
             for j in range(3):
@@ -78,15 +91,15 @@ def _place(
             _stop(body)
             place_ball(body, world.ball_W_m[moved[i]])
     moved[0] = 0
-    for m in range(len(moving)):
+    for m in range(count):
         if world.bodies[moving[m]].moved == 1:
             moved[0] += 1
             moved[moved[0]] = moving[m]
-    if len(moving) > 0 and fresh == 1:
+    if count > 0 and fresh == 1:
         _start(world, surface)
     elif jumps > 0:
-        _let_go(world, surface, moving, teleported)
-    for m in range(len(teleported) if jumps > 0 else 0):
+        _let_go(world, surface, moving[:count], teleported)
+    for m in range(count if jumps > 0 else 0):
         teleported[m] = 0
 
 

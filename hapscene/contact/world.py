@@ -265,7 +265,8 @@ def _place(
         row.two_sided = body.two_sided
         row.R_WB, row.p_WB_m = body.X_WB[:3, :3], body.X_WB[:3, 3]
         row.was_R_WB, row.was_p_WB_m = row.R_WB, row.p_WB_m
-        place_ball(row, ball)
+        ball[:3] = (row.R_WB * row.center_B_m).sum(axis=1) + row.p_WB_m
+        ball[3] = row.radius_m + row.skin_m
 
 
 FAR_FINER: Final = 100.0

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError, no_such
-from hapscene.old_spellings import old_spellings
 
 if TYPE_CHECKING:
     from hapscene.device.omni import Omni
@@ -261,7 +260,6 @@ def limits_of(device: "DeviceLike", tick_s: float, delay_ticks: int = 0) -> Limi
     )
 
 
-@old_spellings()
 def wall_limit(
     device: "DeviceLike", tick_s: float, delay_ticks: int = 0, *, damped: bool = True
 ) -> tuple[float, float]:
@@ -288,7 +286,6 @@ def wall_limit(
     return stiffness, float(B[np.flatnonzero(stiffness <= K)[-1]])
 
 
-@old_spellings()
 def damping_for(device: "DeviceLike", stiffness_N_m: float, tick_s: float, *, delay_ticks: int = 0) -> float:
     """Least damping [N·s/m] with which a device holds, with the margin, a wall no stiffer than its `wall_limit`."""
     device = device_of(device)

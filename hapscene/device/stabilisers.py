@@ -17,19 +17,20 @@ from hapscene.native import native
 
 
 @native
-def couple(surface: Any, tool_W: Vector) -> Vector:
-    """The virtual tool for one measured at `tool_W` [m]: k (tool − virtual) + b (speed − its speed) + f = 0."""
+def couple(surface: Any) -> int:
+    """Replace the measured tool, `memory.now_W_m`, by the virtual one: k (tool − virtual) + b (speed − its speed) = −f.
+
+    Returns no flags.
+    """
     limits, touch, memory = surface.limits[0], surface.touch[0], surface.memory[0]
     if memory.fresh == 1:
-        return tool_W
+        return 0
     stiffness = limits.coupling_N_m + limits.coupling_Ns_m / touch.tick_s
     if touch.touching == 1:
         stiffness += touch.stiffness_N_m
-    return (
-        _balanced(limits, memory, tool_W[0], 0, stiffness),
-        _balanced(limits, memory, tool_W[1], 1, stiffness),
-        _balanced(limits, memory, tool_W[2], 2, stiffness),
-    )
+    for i in range(3):
+        memory.now_W_m[i] = _balanced(limits, memory, memory.now_W_m[i], i, stiffness)
+    return 0
 
 
 @native
@@ -70,8 +71,8 @@ TINY_J: Final = 1e-10
 
 
 @native
-def guard(surface: Any, tool_W: Any) -> int:
-    """Observe the last tick, the measured tool (3,) now at `tool_W` [m]; damp this tick's sum. Returns flags."""
+def guard(surface: Any, tool_W: Vector) -> int:
+    """Observe the last tick, the measured tool now at `tool_W` [m]; damp this tick's sum. Returns flags."""
     limits, touch, total, memory = surface.limits[0], surface.touch[0], surface.total[0], surface.memory[0]
     f, n, sent, was = total.f_W_N, touch.nhat_W, memory.f_W_N, memory.nhat_W
     size = len(memory.held_N)

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SwatchError
-from hapscene.native import native
 
 Array = NDArray[np.float64]
 
@@ -40,20 +39,13 @@ def ar_from_lsf(lsf_rad: ArrayLike) -> Array:
         return np.concatenate(done).reshape(*lsf.shape[:-1], order + 1)
     cos_2, gain_p, gain_q, to_p, to_q = _circle(order)
     p, q = np.ones((2, len(rows), len(cos_2)))
-    _multiply(2.0 * np.cos(rows), cos_2, p, q)
+    roots_2 = 2.0 * np.cos(rows)
+    for k in range(order):
+        factor = p if k % 2 == 0 else q
+        factor *= cos_2 - roots_2[:, k, None]
     a: Array = (p * gain_p) @ to_p + (q * gain_q) @ to_q
     a[:, 0] = 1.0
     return a.reshape(*lsf.shape[:-1], order + 1)
-
-
-@native
-def _multiply(roots_2: Array, cos_2: Array, p: Array, q: Array) -> None:
-    """P and Q (n, h) times their factors at h points, of roots (n, p) in turn. Compiled, as `_step_down` is."""
-    for i in range(roots_2.shape[0]):
-        for k in range(roots_2.shape[1]):
-            row = p[i] if k % 2 == 0 else q[i]
-            for j in range(row.size):
-                row[j] *= cos_2[j] - roots_2[i, k]
 
 
 @lru_cache(maxsize=16)
@@ -175,26 +167,13 @@ def reflection_from_ar(a: ArrayLike) -> Array:
     order = a.shape[-1] - 1
     rest = a.reshape(-1, order + 1).copy()
     k = np.full((len(rest), order), np.nan)
-    _step_down(rest, k)
+    for m in range(order, 0, -1):
+        last = rest[:, m, None]
+        k[:, m - 1] = rest[:, m]
+        scale = (1.0 - last) * (1.0 + last)
+        over = np.divide(1.0, scale, out=np.full_like(scale, np.nan), where=scale > 0.0)  # NaN from there on
+        rest[:, 1:m] = (rest[:, 1:m] - last * rest[:, m - 1 : 0 : -1]) * over
     return k.reshape(*a.shape[:-1], order)
-
-
-@native
-def _step_down(rest: Array, k: Array) -> None:
-    """Fills k (n, p) from filters `rest` (n, p+1), which it uses up. Compiled: every query of a texture runs it."""
-    for i in range(rest.shape[0]):
-        row = rest[i]
-        for m in range(row.size - 1, 0, -1):
-            km = row[m]
-            k[i, m - 1] = km
-            scale = (1.0 - km) * (1.0 + km)
-            if not scale > 0.0:
-                break
-            over = 1.0 / scale  # a division for each number would take twice as long
-            for j in range(1, m // 2 + 1):  # in place, from both ends
-                low, high = row[j], row[m - j]
-                row[j] = (low - km * high) * over
-                row[m - j] = (high - km * low) * over
 
 
 def ar_from_reflection(k: ArrayLike) -> Array:

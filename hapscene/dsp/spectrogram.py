@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import HandleError
-from hapscene.old_spellings import old_spellings
 
 # What is given as a signal, checked.
 
@@ -62,7 +61,6 @@ def spectrogram(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Ar
     return np.asarray(time), np.asarray(np.fft.rfftfreq(length, 1.0 / rate_Hz)), np.asarray(magnitude)
 
 
-@old_spellings()
 def spectrogram_error(
     desired: ArrayLike, rendered: ArrayLike, rate_Hz: float, *, band_Hz: tuple[float, float] = ACCELERATION_BAND_HZ
 ) -> float:

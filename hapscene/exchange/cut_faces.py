@@ -1,4 +1,4 @@
-"""Faces cut where they are painted finer, for formats that know no more than a colour of a face: PLY, OBJ, 3MF.
+"""Faces cut where they are painted finer, for formats that know no more than a colour of a face: PLY and OBJ.
 
 Pieces meet side by side, without a crack: one is cut on where a neighbour has a corner on its side. Each cut
 of a leaf halves a side (`hapscene.scene.fine_paint`), so that such a corner is the middle of it, or of a half of it.

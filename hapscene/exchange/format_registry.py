@@ -11,15 +11,11 @@ import numpy as np
 
 from hapscene.errors import SaveConflict, SceneError, no_such
 from hapscene.exchange.gltf import write_gltf
-from hapscene.exchange.gltf_read import OWN, mark_of, read_gltf
-from hapscene.exchange.painted_3mf import write_3mf
+from hapscene.exchange.gltf_read import read_gltf
 from hapscene.exchange.painted_ply import read_ply, write_ply
 from hapscene.exchange.swatch_payload import digest_of, known_swatch, lose
 from hapscene.exchange.unpainted import read_named, write_obj, write_stl
-from hapscene.exchange.x3d import write_x3d
-from hapscene.exchange.x3d_read import read_x3d
 from hapscene.files import check_file, naming
-from hapscene.old_spellings import old_spellings
 from hapscene.scene.fine_paint import parts, swatches_of
 from hapscene.scene.mesh import unit_name
 from hapscene.scene.scene import Scene
@@ -36,7 +32,6 @@ class Export:
         summary: what it is good for, in a line.
         write: writes a scene to a file, whole or not at all; gives the files made.
         loses: what does not come back from it, in the words of the table of docs/exchange.md.
-        draft: whether it follows a draft of a standard that may still change.
         beside: suffixes of the files that are written beside.
     """
 
@@ -44,15 +39,7 @@ class Export:
     summary: str
     write: Callable[[Scene, Path], list[Path]]
     loses: tuple[str, ...]
-    draft: bool = False
     beside: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        return f"<Export {self.suffix}: {self.summary}>"
-
-
-def _write_draft(scene: Scene, path: Path) -> list[Path]:
-    return write_gltf(scene, path, draft=True)
 
 
 _ALWAYS = ("names, colours and pictures of the mesh's file", "what bodies were made of before they were painted")
@@ -61,14 +48,12 @@ _FINE = "painting finer than faces"
 _HUNG = "what bodies hang on"
 _PLY_LOSES = ("shared meshes", _HUNG, "texture of a swatch not in the library", _SOFT, *_ALWAYS)
 _GLTF_LOSES = ("exact positions", "order of vertices", "order of faces", *_ALWAYS)
-_X3D_LOSES = ("order of faces", "texture of a swatch not in the library", *_ALWAYS)
 _PLAIN_LOSES = (
     *("bodies and their names", "poses", "two-sided", "shared meshes", *_ALWAYS),
     *("painting with a swatch not in the library", "numbers of a swatch not in the library"),
     *("texture of a swatch not in the library", "swatches that no face wears", _SOFT, _HUNG),
 )
 _OBJ_LOSES = (*_PLAIN_LOSES, "order of faces")
-_3MF_LOSES = (*_OBJ_LOSES, "order of vertices")
 _STL_LOSES = (
     *(*_PLAIN_LOSES, "exact positions", "order of vertices", "painting with a swatch in the library"),
     *("numbers of a swatch in the library", "texture of a swatch in the library", _FINE),
@@ -78,17 +63,8 @@ EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
     {
         "glb": Export(".glb", "glTF in one binary file: viewers, game engines, Blender", write_gltf, _GLTF_LOSES),
         "gltf": Export(".gltf", "glTF in one text file", write_gltf, _GLTF_LOSES),
-        "gltf-haptics": Export(
-            ".gltf",
-            "glTF with MPEG_material_haptic, a draft extension that may still change",
-            _write_draft,
-            _GLTF_LOSES,
-            draft=True,
-        ),
         "ply": Export(".ply", "PLY with the swatch on each face: MeshLab, scripts", write_ply, _PLY_LOSES),
-        "x3d": Export(".x3d", "X3D with the surface nodes of H3D, stiffness in N/m", write_x3d, _X3D_LOSES),
         "obj": Export(".obj", "OBJ with a material for each swatch, by name", write_obj, _OBJ_LOSES, beside=(".mtl",)),
-        "3mf": Export(".3mf", "3MF with a material for each swatch, by name: slicers", write_3mf, _3MF_LOSES),
         "stl": Export(".stl", "STL: the shape alone", write_stl, _STL_LOSES),
     }
 )
@@ -136,7 +112,7 @@ def losses(scene: Scene, name: str) -> tuple[str, ...]:
 
 
 _READERS: Final[Mapping[str, Callable[[Path], Scene | None]]] = MappingProxyType(
-    {".glb": read_gltf, ".gltf": read_gltf, ".ply": read_ply, ".x3d": read_x3d}
+    {".glb": read_gltf, ".gltf": read_gltf, ".ply": read_ply}
 )
 """What reads a painted scene, by suffix; None of a file of no such scene."""
 
@@ -158,11 +134,10 @@ def format_of(path: str | os.PathLike[str]) -> str:
     for name, export in EXPORTS.items():
         if export.suffix == suffix.lower():
             return name
-    known = ", ".join(dict.fromkeys(export.suffix for export in EXPORTS.values()))
+    known = ", ".join(export.suffix for export in EXPORTS.values())
     raise SceneError(f"{path}: no format {suffix!r} to write a scene in; there are: {known}")
 
 
-@old_spellings()
 def export_scene(
     scene: Scene, path: str | os.PathLike[str], name: str | None = None, *, replace: bool = False
 ) -> list[Path]:
@@ -171,7 +146,7 @@ def export_scene(
     Args:
         scene: with a body at least.
         path: the file; its suffix says the format.
-        name: of the format, a key of `EXPORTS`, where the suffix leaves a choice: "gltf-haptics".
+        name: of the format, a key of `EXPORTS`; without it, the one of the suffix.
         replace: take the place of files that are there; never of a mesh of the scene.
 
     Raises:
@@ -179,14 +154,12 @@ def export_scene(
         SceneError: no body, an unknown format or suffix, or the file cannot be written.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
     if name is None:
         name = format_of(path)
     elif name not in EXPORTS:
         raise SceneError(no_such("format", name, EXPORTS))
-    takes = (".gltf", ".glb") if EXPORTS[name].draft else (EXPORTS[name].suffix,)
-    if suffix not in takes:
-        raise SceneError(f"{path}: a file of the format {name} ends in {' or '.join(takes)}")
+    if path.suffix.lower() != EXPORTS[name].suffix:
+        raise SceneError(f"{path}: a file of the format {name} ends in {EXPORTS[name].suffix}")
     if not scene.bodies:
         raise SceneError(f"{path}: the scene has no body, so there is nothing to write")
     check_file(path, SceneError)
@@ -204,10 +177,8 @@ def painted_scene(
     """The scene of a file that says how its surfaces feel; None of any other mesh file.
 
     Args:
-        path: of a scene as `export_scene` writes it, or a glTF file with a draft of the haptic extension, of which the
-            names of its materials alone are taken.
-        unit: of the latter's numbers. Files of ours are in metres.
-        up, scale: of the latter: see `hapscene.load_mesh`.
+        path: of a scene as `export_scene` writes it.
+        unit, up, scale: must be left out, or say what such a file says: metres, its own axis and size.
 
     Raises:
         SceneError, MeshError, SwatchError: as `import_scene`; or another unit than that of a file of ours.
@@ -216,17 +187,24 @@ def painted_scene(
         ExchangeWarning: what the file does not keep of a scene.
     """
     path = Path(path)
-    mark = mark_of(path)
-    if mark is None:
+    scene = _own_scene(path, up, scale)
+    if scene is None:
         return None
-    if mark != OWN:
-        lose(f"{path}: its {mark}, a draft, is not read: faces are painted by the names of their materials alone")
-        return import_scene(path, unit, up=up, scale=scale)
     if unit is not None and unit_name(unit) != "m":
         raise SceneError(f"{path}: holds a painted scene, in metres; leave the unit {unit} out")
-    loses = next(export.loses for export in EXPORTS.values() if export.suffix == path.suffix.lower())
+    loses = EXPORTS[format_of(path)].loses
     lose(f"{path}: holds a painted scene, without what its format does not keep: {', '.join(loses)}")
-    return import_scene(path, up=up, scale=scale)
+    return scene
+
+
+def _own_scene(path: Path, up: str | None, scale: float) -> Scene | None:
+    """The scene of a file that `export_scene` wrote; None of any other file."""
+    reader = _READERS.get(path.suffix.lower())
+    with naming(path):
+        scene = None if reader is None else reader(path)
+    if scene is not None and (up is not None or scale != 1.0):
+        raise SceneError(f"{path}: holds a painted scene, which says this itself; leave --up and --scale out")
+    return scene
 
 
 def import_scene(
@@ -243,7 +221,7 @@ def import_scene(
     object or group in the file is called as a swatch of the library are painted with it, the others stay plain.
 
     Args:
-        path: GLB, glTF, PLY, X3D, or any mesh file.
+        path: GLB, glTF, PLY, or any mesh file.
         unit: of the file's numbers, where it carries none: see `hapscene.load_mesh`. Files of ours are in metres.
         accept_damaged: take what can be read of a damaged mesh: see `hapscene.load_mesh`.
         up, scale: of a mesh file: see `hapscene.load_mesh`. Files of ours say which axis is up, and are of their size.
@@ -254,11 +232,8 @@ def import_scene(
         SwatchError: a swatch in it is broken.
     """
     path = Path(path)
-    reader = _READERS.get(path.suffix.lower())
-    with naming(path):
-        scene = None if reader is None else reader(path)
-        if scene is None:
-            return read_named(path, unit, accept_damaged, up, scale)
-        if up is not None or scale != 1.0:
-            raise SceneError(f"{path}: holds a painted scene, which says this itself; leave --up and --scale out")
+    scene = _own_scene(path, up, scale)
+    if scene is not None:
         return scene
+    with naming(path):
+        return read_named(path, unit, accept_damaged, up, scale)

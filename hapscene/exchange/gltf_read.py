@@ -1,4 +1,9 @@
-"""A scene from glTF: its parts, bounded before anything is made of them, and what we wrote, or others changed."""
+"""A scene from glTF that `hapscene.exchange.gltf` wrote, or that another program wrote from it with its extras.
+
+Files come from strangers: nothing is made before the file is known to hold it, nodes may not form a cycle, and the only
+other files that are opened lie beside it (`hapscene.scene.resource_resolver`). What another program added belongs to
+the scene: a node with a mesh that belongs to no body becomes a body.
+"""
 
 import base64
 import binascii
@@ -12,10 +17,8 @@ import scipy
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
-from hapscene.exchange.gltf import DRAFT_NAMES
 from hapscene.exchange.swatch_payload import (
     Piece,
-    Reader,
     check_version,
     hang_again,
     is_digest,
@@ -28,12 +31,44 @@ from hapscene.exchange.swatch_payload import (
 from hapscene.files import read_bytes, refusing
 from hapscene.geometry import RIGID_TOLERANCE, rotation_of
 from hapscene.scene.gltf_check import items_of, parse_gltf
-from hapscene.scene.mesh import Mesh
+from hapscene.scene.mesh import FACE_MAX, Mesh
 from hapscene.scene.mesh_file import FILE_MAX_B
 from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import BODY_MAX
 from hapscene.surface.swatch import PLAIN, Swatch
+
+_TYPES: Final = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS: Final = {"SCALAR": 1, "VEC3": 3}
+_PACKED: Final = ("KHR_draco_mesh_compression", "KHR_meshopt_compression", "EXT_meshopt_compression")
+_TRIANGLES: Final = 4
+
+
+def read_gltf(path: Path) -> Scene | None:
+    """The scene of a glTF file; None where it bears no mark of hapscene, and is a mesh like any other.
+
+    Raises:
+        SceneError: damaged, too large, compressed, or of a later version.
+        MeshError, SwatchError: a mesh or a swatch in it is broken.
+    """
+    content = read_bounded(path)
+    if b'"hapscene_body"' not in content:
+        return None  # not looked into further: what another program wrote need not please us
+    tree, blobs = parts_of(path, content)
+    reader = _Reader(path, tree, blobs)
+    bodies = reader.bodies()
+    if not bodies:
+        return None
+    scene = Scene()
+    for body in bodies:
+        reader.add_body(scene, body)
+    for swatch in reader.swatches_named():
+        scene.swatch_index(swatch)
+    for made, body in zip(scene.bodies, bodies, strict=True):
+        hang_again(path, scene, made, body.parent)
+        if body.fine is not None:
+            restore_fine(path, scene, made, body.fine)
+    return scene
 
 
 def read_bounded(path: Path) -> bytes:
@@ -84,20 +119,41 @@ def _embedded(path: Path, uri: str) -> bytes:
         raise SceneError(f"{path}: the buffer in the file is damaged: not base64") from None
 
 
-# The tree and the buffers of a glTF file, each item looked up with care: files come from strangers.
+@dataclass
+class _Node:
+    """A body as it was found: its pose, relative to W where it hangs in it, and its meshes by index.
+
+    `marked` is whether hapscene made it; else another program did, and it may be scaled.
+    """
+
+    name: str
+    X: NDArray[np.float64]
+    in_W: bool
+    two_sided: bool = False
+    marked: bool = False
+    meshes: list[int] = field(default_factory=list)
+    fine: Any = None
+    parent: Any = None
 
 
-_TYPES: Final = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS: Final = {"SCALAR": 1, "VEC3": 3}
-_PACKED: Final = ("KHR_draco_mesh_compression", "KHR_meshopt_compression", "EXT_meshopt_compression")
-
-
-class Tree(Reader):
-    """A glTF file's parts. What cannot be had of them is a `SceneError` that says why."""
+class _Reader:
+    """A glTF file's parts, and what was made of them so far. What cannot be had of them is a `SceneError`."""
 
     def __init__(self, path: Path, tree: dict[str, Any], blobs: list[bytes]) -> None:
-        super().__init__(path)
-        self.tree, self.blobs = tree, blobs
+        self.path, self.tree, self.blobs = path, tree, blobs
+        self.made = 0  # faces and vertices so far
+        self.shapes: dict[tuple[int, ...], tuple[Mesh, NDArray[np.int64]]] = {}
+        self.swatches: dict[int, Swatch | str] = {}
+        self.names: set[str] = set()
+
+    def fail(self, problem: str) -> SceneError:
+        return SceneError(f"{self.path}: {problem}")
+
+    def count(self, more: int) -> None:
+        """A small file can use the same numbers over and over."""
+        self.made += more
+        if self.made > 2 * FACE_MAX:
+            raise self.fail(f"more than {2 * FACE_MAX:,} faces and vertices")
 
     def item(self, kind: str, index: Any) -> dict[str, Any]:
         items = self.tree.get(kind, [])
@@ -119,12 +175,6 @@ class Tree(Reader):
             raise self.fail(f"{where}: extensions must be an object, each by its name")
         if packed := [name for name in _PACKED if name in extensions]:
             raise self.fail(f"{where} is compressed ({packed[0]}); export it without compression")
-
-    def texts(self, key: str) -> list[str]:
-        found = self.tree.get(key, [])
-        if not isinstance(found, list) or not all(isinstance(text, str) for text in found):
-            raise self.fail(f"{key} must be a list of names")
-        return found
 
     def accessor(self, index: Any, kind: str, sort: str) -> NDArray[Any]:
         """Numbers (n,) or (n, 3) of a buffer, which must hold them."""
@@ -151,117 +201,8 @@ class Tree(Reader):
         blob = self.blobs[buffer]
         if end > len(blob):
             raise self.fail(f"{where} reaches past the file's buffer of {len(blob):,} bytes: truncated?")
-        if stride == width:
-            rows = np.frombuffer(blob, dtype, count * _WIDTHS[kind], first)
-        else:  # interleaved with other attributes
-            rows = np.ndarray((count, _WIDTHS[kind]), dtype, blob, first, (stride, np.dtype(dtype).itemsize))
-        return rows.reshape(count, 3) if kind == "VEC3" else rows.ravel()
-
-
-def extras_of(item: dict[str, Any]) -> dict[str, Any]:
-    """What hapscene wrote, or another program; nothing where that is no object."""
-    extras = item.get("extras")
-    return extras if isinstance(extras, dict) else {}
-
-
-def _whole(value: Any) -> bool:
-    return type(value) is int and 0 <= value < 1 << 40
-
-
-# What in a mesh file says how its surfaces feel.
-
-
-OWN: Final = "hapscene"
-
-_GLTF: Final = {'"hapscene_body"': OWN, **{f'"{name}"': name for name in DRAFT_NAMES}}
-
-MARKS: Final = {
-    ".glb": _GLTF,
-    ".gltf": _GLTF,
-    ".ply": {"\ncomment hapscene scene ": OWN},
-    ".x3d": {"": OWN},  # read as ours, or not at all
-}
-"""By the suffix of a file: texts in it, and what they say."""
-
-
-def mark_of(path: Path) -> str | None:
-    """Who says in a mesh file how its surfaces feel: `OWN`, a draft of `DRAFT_NAMES`, or (None) nobody.
-
-    Raises:
-        SceneError: the file cannot be read.
-    """
-    return mark_in(path.suffix, read_bounded(path)) if path.suffix.lower() in MARKS else None
-
-
-def mark_in(suffix: str, content: bytes) -> str | None:
-    """The same of a file's content."""
-    return next((told for text, told in MARKS[suffix.lower()].items() if text.encode() in content), None)
-
-
-# A scene from glTF that `hapscene.exchange.gltf` wrote, or that another program wrote from it with its extras.
-#
-# Files come from strangers: nothing is made before the file is known to hold it, nodes may not run in circles, and of
-# other files those alone are opened that lie beside it (`hapscene.scene.resource_resolver`).
-#
-# What another program added is no less part of the scene: a node with a mesh that is no body's becomes a body.
-
-
-_TRIANGLES: Final = 4
-
-
-def read_gltf(path: Path) -> Scene | None:
-    """The scene of a glTF file; None where it bears no mark of hapscene, and is a mesh like any other.
-
-    Raises:
-        SceneError: damaged, too large, compressed, or of a later version.
-        MeshError, SwatchError: a mesh or a swatch in it is broken.
-    """
-    content = read_bounded(path)
-    if mark_in(path.suffix, content) != OWN:
-        return None  # not looked into further: what another program wrote need not please us
-    tree, blobs = parts_of(path, content)
-    reader = _Reader(path, tree, blobs)
-    bodies = reader.bodies()
-    if not bodies:
-        return None
-    reader.check_packing("the file", dict.fromkeys(reader.texts("extensionsRequired")))
-    scene = Scene()
-    for body in bodies:
-        reader.add_body(scene, body)
-    for swatch in reader.swatches_named():
-        scene.swatch_index(swatch)
-    for made, body in zip(scene.bodies, bodies, strict=True):
-        hang_again(path, scene, made, body.parent)
-        if body.fine is not None:
-            restore_fine(path, scene, made, body.fine)
-    return scene
-
-
-@dataclass
-class _Node:
-    """A body as it was found: its pose, relative to W where it hangs in it, and its meshes by index.
-
-    `marked` is whether hapscene made it; else another program did, and it may be scaled.
-    """
-
-    name: str
-    X: NDArray[np.float64]
-    in_W: bool
-    two_sided: bool = False
-    marked: bool = False
-    meshes: list[int] = field(default_factory=list)
-    fine: Any = None
-    parent: Any = None
-
-
-class _Reader(Tree):
-    """What was made of the tree so far."""
-
-    def __init__(self, path: Path, tree: dict[str, Any], blobs: list[bytes]) -> None:
-        super().__init__(path, tree, blobs)
-        self.shapes: dict[tuple[int, ...], tuple[Mesh, NDArray[np.int64]]] = {}
-        self.swatches: dict[int, Swatch | str] = {}
-        self.names: set[str] = set()
+        rows = np.ndarray((count, _WIDTHS[kind]), dtype, blob, first, (stride, np.dtype(dtype).itemsize))
+        return rows if kind == "VEC3" else rows.ravel()
 
     def bodies(self) -> list[_Node]:
         """Every node that is marked as a body, with all meshes below it, and every other that has a mesh.
@@ -417,6 +358,16 @@ class _Reader(Tree):
             return name
         lose(f"{self.path}: material {name[:60]!r} is no swatch, in its extras or the library: its faces stay plain")
         return PLAIN
+
+
+def extras_of(item: dict[str, Any]) -> dict[str, Any]:
+    """What hapscene wrote, or another program; nothing where that is no object."""
+    extras = item.get("extras")
+    return extras if isinstance(extras, dict) else {}
+
+
+def _whole(value: Any) -> bool:
+    return type(value) is int and 0 <= value < 1 << 40
 
 
 def _printable(name: Any) -> str:

@@ -33,14 +33,12 @@ _END: Final = "end_header"
 SWATCH_MAX: Final = 4096
 """Most swatches of a file [count]: each is looked up in the library and held against those before."""
 
-_VERTEX_MAX: Final = 2**31 - 1  # a face names its vertices by int32
-
 
 def write_ply(scene: Scene, path: Path) -> list[Path]:
     """Write a scene as one binary PLY.
 
     Raises:
-        SceneError: more vertices than PLY counts, more than `SWATCH_MAX` swatches, a name that ends the header, or the
+        SceneError: more than `SWATCH_MAX` swatches, a name that ends the header, or the
             file cannot be written.
     """
     for what, named in (("body", scene.bodies), ("swatch", scene.swatches)):
@@ -50,8 +48,6 @@ def write_ply(scene: Scene, path: Path) -> list[Path]:
         raise SceneError(f"{path}: {len(scene.swatches):,} swatches; a PLY file of ours holds {SWATCH_MAX:,}")
     cut = [cut_faces(body) for body in scene.bodies]
     counts = [len(vertices_m) for vertices_m, *_ in cut]
-    if sum(counts) > _VERTEX_MAX:
-        raise SceneError(f"{path}: {sum(counts):,} vertices; a PLY file counts to {_VERTEX_MAX:,}")
     start = np.cumsum([0, *counts])
     colour = np.array([s.albedo_rgb for s in scene.swatches])
     layout: Any = [("count", "u1"), ("corners", "<i4", 3), ("body", "<i4"), ("swatch", "<i2"), ("rgb", "u1", 3)]

@@ -16,7 +16,7 @@ from hapscene.errors import SceneError, SwatchError, warn
 from hapscene.files import refusing
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import LEAF_MAX, put_leaves
-from hapscene.scene.mesh import FACE_MAX, Mesh
+from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import SWATCH_MAX, Scene
 from hapscene.scene.scene_file import decode_fine, encode_fine
 from hapscene.scene.topology import weld
@@ -112,23 +112,6 @@ def _bare(path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: Any) ->
         return Swatch(name, **{k: float(v) for k, v in values.items()}, albedo_rgb=colour)  # type: ignore[arg-type]
 
 
-class Reader:
-    """What readers of a stranger's file have in common: errors that name it, and a count of what was made of it."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.made = 0  # faces and vertices so far
-
-    def fail(self, problem: str) -> SceneError:
-        return SceneError(f"{self.path}: {problem}")
-
-    def count(self, more: int) -> None:
-        """A small file can use the same numbers over and over."""
-        self.made += more
-        if self.made > 2 * FACE_MAX:
-            raise self.fail(f"more than {2 * FACE_MAX:,} faces and vertices")
-
-
 def check_version(path: Path, version: Any) -> None:
     """Refuse what a later hapscene wrote.
 
@@ -201,14 +184,6 @@ def join(pieces: Sequence[Piece]) -> tuple[NDArray[np.float64], NDArray[np.int64
     kept, place = np.unique(weld(vertices_m), return_inverse=True)
     swatch = np.repeat([piece.swatch for piece in pieces], [len(piece.faces) for piece in pieces])
     return vertices_m[kept], place[faces], swatch
-
-
-def cut_alike(body: Body) -> tuple[int, bytes]:
-    """Equal for bodies of one mesh with one painting: they may share what was made of them."""
-    return id(body.mesh), body.face_swatch.tobytes()
-
-
-# What is painted finer than faces, in formats with a place for data of ours; its cut faces, for others.
 
 
 def fine_told(scene: Scene, body: Body) -> dict[str, Any] | None:

@@ -12,7 +12,6 @@ from hapscene.handle.handle_loop import ACCELEROMETER_HZ
 from hapscene.handle.plant import Array, Complex, Plant
 from hapscene.handle.response import BAND_PER_OCTAVE, Response
 from hapscene.handle.sensor import DELAY_MAX_S, Sensor
-from hapscene.old_spellings import old_spellings
 
 Interval = tuple[float, float]
 
@@ -206,7 +205,6 @@ _STEP: Final = 1e-6
 """Step of the differences in the search [1], of logarithms and of time constants in their unit."""
 
 
-@old_spellings()
 def identify(
     responses: Sequence[Response],
     rate_Hz: float,

@@ -6,7 +6,6 @@ how long a busy computer may say nothing. The board itself puts out none once it
 """
 
 import threading
-import time
 from typing import Final
 
 import numpy as np
@@ -15,6 +14,7 @@ from hapscene.errors import HandleError
 from hapscene.files import refusing
 from hapscene.handle.handle_output import HEARD_MAX, Feed
 from hapscene.handle.serial_handle import BUFFER, LINE_COUNT, STATE, Board, Wire
+from hapscene.wall_clock import CLOCK, Clock
 from hapscene.wire.protocol import WRAP, Run, sample_line, sealed
 
 LIVE, EMPTY, TRIPPED, LIMITED = 1, 2, 4, 8
@@ -52,7 +52,15 @@ class LiveBoard(Board):
     gain = 1.0
 
     def __init__(
-        self, name: str, wire: Wire, limit_N: float, ahead_s: float, watchdog_s: float, highpass_Hz: float, lag_s: float
+        self,
+        name: str,
+        wire: Wire,
+        limit_N: float,
+        ahead_s: float,
+        watchdog_s: float,
+        highpass_Hz: float,
+        lag_s: float,
+        clock: Clock = CLOCK,
     ) -> None:
         """Waits for the board to announce itself.
 
@@ -64,6 +72,7 @@ class LiveBoard(Board):
             watchdog_s: after how long without a word it shall put out none.
             highpass_Hz: what is lower is left out.
             lag_s: how much of the channel is kept in hand beside that.
+            clock: measures how long the board says nothing.
 
         Raises:
             HandleError: silence, no handle, or one that only plays sweeps; options that cannot be.
@@ -73,7 +82,7 @@ class LiveBoard(Board):
             if not low <= 1e3 * watchdog_s <= high or not 0.0 < limit_N < 1e3:
                 wire.close()
                 raise HandleError(f"option watchdog_s is {1e-3 * low:g} to {1e-3 * high:g} s, limit_N above 0")
-        super().__init__(name, wire)
+        super().__init__(name, wire, clock)
         self._watchdog_s, self._number = watchdog_s, 0
         self.ceiling, self.highpass_Hz, self.lag_s = limit_N, highpass_Hz, lag_s
         self.fault = ""
@@ -101,7 +110,7 @@ class LiveBoard(Board):
         return self._latency_s
 
     def start(self, feed: Feed) -> None:
-        self._feed, now_s = feed, time.monotonic()
+        self._feed, now_s = feed, self._clock.now_s()
         with refusing(HandleError, self.name):
             while isinstance(piece := self._wire.next(), tuple):
                 self._decoder.feed(*piece)  # what came while nobody listened would hold up the first answer
@@ -124,19 +133,19 @@ class LiveBoard(Board):
         """Have it start anew, from silence."""
         self._live = self._empty = False
         self._sent = self._played = 0
-        self._told_s = time.monotonic()
+        self._told_s = self._clock.now_s()
         self._number = self._number % RUN_MAX + 1
         self._wire.write(sealed(live_start(self._watchdog_s, self._number)))
 
     def _run(self) -> None:
         """The thread: hears what was played, and sends as much more."""
-        heard_s = time.monotonic()
+        heard_s = self._clock.now_s()
         try:
             while not self._closing.is_set():
                 piece = self._wire.next()
                 if isinstance(piece, str):
                     raise HandleError(f"{self.name}: the handle went away: {piece}")
-                now_s = time.monotonic()
+                now_s = self._clock.now_s()
                 if piece is not None:
                     with refusing(HandleError, self.name):
                         for run in self._decoder.feed(*piece):
@@ -159,7 +168,7 @@ class LiveBoard(Board):
         rows = run.counts[run.counts[:, columns[STATE][0]] // RUN == self._number]  # others are of before it was told
         if not len(rows):
             return
-        self._told_s = time.monotonic()
+        self._told_s = self._clock.now_s()
         states, played = (rows[:, columns[name][0]] for name in (STATE, "played"))
         assert self._feed is not None
         if not self._live:

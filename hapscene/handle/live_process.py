@@ -7,7 +7,6 @@ the servo has died, or the application has, it fades to silence within 20 ms.
 import multiprocessing
 import signal
 import threading
-import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -26,6 +25,7 @@ from hapscene.handle.live_stream import FADE_S, LiveStream
 from hapscene.handle.plant import Array, Plant
 from hapscene.servo.servo_loop import request_realtime_priority
 from hapscene.servo.shared_memory import Channel, open_channel
+from hapscene.wall_clock import CLOCK, Clock
 
 START_S: Final = 300.0
 """How long it may take to be ready [s]: on its first run ever it compiles, which took 100 on a busy machine."""
@@ -84,14 +84,14 @@ def open_output(name: str, options: Mapping[str, Any]) -> HandleOutput:
     return output
 
 
-def finish(stream: LiveStream, output: HandleOutput) -> None:
+def finish(stream: LiveStream, output: HandleOutput, clock: Clock = CLOCK) -> None:
     """Fade to silence, wait until it has been put out, and close."""
     stream.end()
-    deadline_s = time.monotonic() + 10.0 * FADE_S + output.latency_s
-    while not stream.over and not output.fault and time.monotonic() < deadline_s:
-        time.sleep(0.005)
+    deadline_s = clock.now_s() + 10.0 * FADE_S + output.latency_s
+    while not stream.over and not output.fault and clock.now_s() < deadline_s:
+        clock.sleep_s(0.005)
     if not output.fault:
-        time.sleep(output.latency_s + FADE_S)  # not every system plays what it holds when it is told to stop
+        clock.sleep_s(output.latency_s + FADE_S)  # not every system plays what it holds when it is told to stop
     output.close()
 
 
@@ -122,7 +122,12 @@ def compensator_of(output: HandleOutput, file: str | None, compensator: str | No
 
 
 def play_recording(
-    samples: Array, rate_Hz: float, output: HandleOutput, handle: Any = None, say: Callable[[float], None] | None = None
+    samples: Array,
+    rate_Hz: float,
+    output: HandleOutput,
+    handle: Any = None,
+    say: Callable[[float], None] | None = None,
+    clock: Clock = CLOCK,
 ) -> LiveStream:
     """Play accelerations (n,) [m/s²] to their end, from silence to silence; `say` is told the share that was played.
 
@@ -134,11 +139,11 @@ def play_recording(
     try:
         output.start(stream)
         while stream.played < len(samples) and not output.fault:
-            time.sleep(LOOK_S)
+            clock.sleep_s(LOOK_S)
             if say is not None:
                 say(min(1.0, stream.played / max(1, len(samples))))
     finally:
-        finish(stream, output)
+        finish(stream, output, clock)
     if output.fault:
         raise HandleError(output.fault)
     return stream

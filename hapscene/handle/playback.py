@@ -12,7 +12,6 @@ from hapscene.handle.handle_loop import new_handle, vibrate
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.sensor import Sensor
 from hapscene.native import native
-from hapscene.old_spellings import old_spellings
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +43,6 @@ class Played:
         )
 
 
-@old_spellings()
 def play(
     acceleration_m_s2: ArrayLike,
     rate_Hz: float,

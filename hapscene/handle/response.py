@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
 from hapscene.handle.plant import Array, Complex
-from hapscene.old_spellings import old_spellings
 
 BAND_PER_OCTAVE: Final = 24
 """Bands an octave [count]: each 3 % wide, a fifth of the half-power width of the assumed coil's resonance. With wider
@@ -69,7 +68,6 @@ class Response:
         return np.maximum(magnitude - reach, 0.0), magnitude + reach
 
 
-@old_spellings()
 def estimate_response(
     force_N: ArrayLike, acceleration_m_s2: ArrayLike, rate_Hz: float, *, band_Hz: tuple[float, float]
 ) -> Response:

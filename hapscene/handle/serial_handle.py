@@ -4,7 +4,6 @@ Force goes out in lines of samples, never more than `BUFFER` ahead of what the h
 all the clock there is, so a busy computer costs no samples until that buffer is empty.
 """
 
-import time
 from collections.abc import Callable
 from contextlib import closing, suppress
 from typing import Final, Protocol
@@ -14,6 +13,7 @@ import numpy as np
 from hapscene.errors import HandleError
 from hapscene.files import refusing
 from hapscene.handle.plant import Array
+from hapscene.wall_clock import CLOCK, Clock
 from hapscene.wire.port import BAUD, Port
 from hapscene.wire.protocol import WRAP, Column, Decoder, Run, sample_line, sealed
 from hapscene.wire.unit import UNITS
@@ -70,13 +70,13 @@ class SerialWire(Port):
 class Board:
     """A handle's microcontroller, on whatever wire."""
 
-    def __init__(self, name: str, wire: Wire) -> None:
+    def __init__(self, name: str, wire: Wire, clock: Clock = CLOCK) -> None:
         """Waits for the handle to announce itself.
 
         Raises:
             HandleError: silence, or something else than a handle.
         """
-        self.name, self._wire = name, wire
+        self.name, self._wire, self._clock = name, wire, clock
         self._decoder = Decoder()
         self._pieces: list[Run] = []
         try:
@@ -101,7 +101,7 @@ class Board:
 
     def _await(self, done: Callable[[], bool], trouble: str) -> None:
         """Takes in what comes until `done`."""
-        deadline_s = time.monotonic() + SILENCE_S
+        deadline_s = self._clock.now_s() + SILENCE_S
         while not done():
             piece = self._wire.next()
             if isinstance(piece, str):
@@ -109,7 +109,7 @@ class Board:
             if piece is not None:
                 with refusing(HandleError, self.name):
                     self._pieces += self._decoder.feed(*piece)
-            if time.monotonic() > deadline_s and not done():
+            if self._clock.now_s() > deadline_s and not done():
                 raise HandleError(
                     f"{self.name}: {trouble} for {SILENCE_S:g} s; check the cable, --baud and docs/handle-protocol.md"
                 )

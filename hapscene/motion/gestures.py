@@ -14,7 +14,6 @@ from hapscene.device.hand import GRIPS, Grip, grip_named
 from hapscene.errors import PathError, no_such
 from hapscene.motion.hand_path import HOVER_M, STROKE_M_S, Hand, explore
 from hapscene.motion.look_from_above import UNSEEN, Line, Look, between, look_from_above, places_to_feel
-from hapscene.old_spellings import old_spellings
 from hapscene.twin.hand_intent import Intent
 
 if TYPE_CHECKING:
@@ -39,7 +38,6 @@ REACH: Final = 0.35
 """Radius of a circle over the shorter of the two best lines [1]."""
 
 
-@old_spellings()
 def act(name: str, scene: "Scene", tick_s: float, *, grip: str = "light") -> Intent:
     """A gesture of `GESTURES` on the first body that can be seen from above.
 

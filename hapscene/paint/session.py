@@ -26,7 +26,6 @@ from hapscene.constants import TICK_S
 from hapscene.device.model import DeviceLike, Limits
 from hapscene.errors import SceneError, no_such
 from hapscene.geometry import rigid
-from hapscene.old_spellings import old_spellings
 from hapscene.paint.border import near_border
 from hapscene.paint.composing import Composing
 from hapscene.paint.document import Document, stamp_of
@@ -75,7 +74,6 @@ class Session:
         HapsceneError: no such device.
     """
 
-    @old_spellings()
     def __init__(
         self, scene: Scene, path: str | Path | None = None, device: DeviceLike = "omni", *, tick_s: float = TICK_S
     ) -> None:
@@ -306,7 +304,6 @@ class Session:
             painting.end_step()
             return count
 
-    @old_spellings()
     def fill_sphere(
         self, centre_W_m: ArrayLike, radius_m: float, swatch: int | str, *, body: int | str | None = None, **more: Any
     ) -> int:
@@ -331,7 +328,6 @@ class Session:
             "sphere", lambda X_BW: Sphere(X_BW[:3, :3] @ centre + X_BW[:3, 3], radius_m), swatch, body=body, **more
         )
 
-    @old_spellings()
     def fill_box(
         self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int | str, *, body: int | str | None = None, **more: Any
     ) -> int:

@@ -6,7 +6,6 @@ and looked at field by field.
 
 import json
 import math
-import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from importlib import resources
@@ -21,6 +20,7 @@ from hapscene.errors import HapsceneError
 from hapscene.play.pointer_link import PointerLink
 from hapscene.play.top_frame import TopFrame
 from hapscene.view.palette import DARK, LIGHT, albedo_colours
+from hapscene.wall_clock import CLOCK, Clock
 from hapscene.web_listener import PageListener
 
 if TYPE_CHECKING:
@@ -75,6 +75,7 @@ class PageServer:
         host, port: where to listen; port 0 for any that is free.
         kiosk_s: after how long without input all is as at the start [s]; infinite for never.
         tick_s: of the servo.
+        clock: measures how long pages say nothing.
 
     Attributes:
         url: of the page, with its token: whoever has it may touch, nobody else.
@@ -96,8 +97,9 @@ class PageServer:
         port: int = 0,
         kiosk_s: float = math.inf,
         tick_s: float = TICK_S,
+        clock: Clock = CLOCK,
     ) -> None:
-        self.title, self.tools = title, tools
+        self.title, self.tools, self._clock = title, tools, clock
         self.sound: Sound | None = None
         self._scene, self._kiosk_s = scene, kiosk_s
         self.frame = TopFrame(scene)
@@ -112,13 +114,13 @@ class PageServer:
         told = {"door": self.link.port, "key": self.link.key, "tick_s": tick_s}
         self.devices: list[DeviceChoice] = [choose("pointer", tool=tool, **told) for tool in range(tools)]
         self._painters = ThreadPoolExecutor(1, "pictures")
-        self._beats = Thread(target=self._beat)
+        self._beats = Thread(target=self._beat_on)
         self._ended = Event()
         self._servo: Servo | None = None
         # what the pages have done
         self._lock = RLock()
         self._held: dict[tuple[int, int], tuple[int, float]] = {}  # page and pointer: the tool it has, when last heard
-        self._input_s = time.monotonic()
+        self._input_s = self._clock.now_s()
         self._touched = False  # since all was as at the start
         self._version = 0
         self._resets = 0
@@ -168,11 +170,11 @@ class PageServer:
         page, gone = id(connection), Event()
         teller = Thread(target=self._tell, args=(connection, gone))
         teller.start()
-        left, last_s = MESSAGES_MAX_S, time.monotonic()
+        left, last_s = MESSAGES_MAX_S, self._clock.now_s()
         try:
             while True:
                 message = connection.recv()
-                now_s = time.monotonic()
+                now_s = self._clock.now_s()
                 left, last_s = min(left + (now_s - last_s) * MESSAGES_MAX_S, MESSAGES_MAX_S) - 1.0, now_s
                 if left < 0.0:
                     connection.close(1008, "too many messages")
@@ -206,17 +208,20 @@ class PageServer:
         except ConnectionClosed:
             pass
 
-    def _beat(self) -> None:
-        """Tell the drivers that we live; lift what is stale; put all back where nobody has touched for long."""
+    def _beat_on(self) -> None:
         while not self._ended.wait(BEAT_S):
-            self.link.beat()
-            now_s = time.monotonic()
-            with self._lock:
-                for (page, pointer), (_, heard_s) in list(self._held.items()):
-                    if now_s - heard_s > STALE_S:
-                        self._release(page, pointer)
-                if self._touched and now_s - self._input_s > self._kiosk_s:
-                    self.reset()
+            self.beat()
+
+    def beat(self) -> None:
+        """Tell the drivers that we live; lift what is stale; put all back where nobody has touched for long."""
+        self.link.beat()
+        with self._lock:
+            now_s = self._clock.now_s()
+            for (page, pointer), (_, heard_s) in list(self._held.items()):
+                if now_s - heard_s > STALE_S:
+                    self._release(page, pointer)
+            if self._touched and now_s - self._input_s > self._kiosk_s:
+                self.reset()
 
     # --- what pages say
 
@@ -229,7 +234,7 @@ class PageServer:
         if not isinstance(said, dict) or len(said) > 8:
             return
         with self._lock:
-            self._input_s, self._touched = time.monotonic(), True
+            self._input_s, self._touched = self._clock.now_s(), True
             for order, value in said.items():
                 do = ORDERS.get(order)
                 if do is None:
@@ -254,7 +259,7 @@ class PageServer:
                     continue
                 self._held[key] = free[0], 0.0
             tool = self._held[key][0]
-            self._held[key] = tool, time.monotonic()
+            self._held[key] = tool, self._clock.now_s()
             place_m = self.frame.find(u, v)
             if place_m is None:
                 self.link.send(tool, False, (0.0, 0.0, 0.0), 0.0)

@@ -30,7 +30,7 @@ UNIT_ALIAS: Final = {
     **{"micron": "um", "microns": "um", "micrometer": "um", "micrometers": "um", "µm": "um", "μm": "um"},
     **{"inch": "in", "inches": "in", "foot": "ft", "feet": "ft"},
 }
-"""Longer spellings, as trimesh and 3MF files use them."""
+"""Longer spellings, as trimesh uses them."""
 
 FACE_MAX: Final = 50_000_000
 """Most faces of one mesh [count]: with more, an ordinary computer runs out of memory."""

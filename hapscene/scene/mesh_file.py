@@ -1,22 +1,17 @@
 """Mesh files: what is read with trimesh, and everything that can be wrong with a file, said in a sentence."""
 
 import io
-import json
 import logging
 import re
-import tempfile
 import warnings
 import zipfile
-from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hapscene.confined import confined
 from hapscene.errors import MeshError, warn
-from hapscene.files import MEMORY_FREE_B, naming, open_zip, read_bytes, refusing
+from hapscene.files import open_zip, read_bytes, refusing
 from hapscene.memory import memory_left_B
 from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import (
@@ -27,7 +22,6 @@ from hapscene.scene.mesh import (
     Part,
     check_reading,
     join,
-    merged,
     parts_of,
     unit_name,
 )
@@ -48,18 +42,6 @@ UNPACKED_MAX_B: Final = 250_000_000
 
 MEMORY_RATIO: Final = {"stl": 9, "ply": 18, "off": 18, "obj": 6, "glb": 10}
 """Memory that reading takes for each byte of a file [1], as measured; most where the numbers are text."""
-
-XML_RATIO: Final = 25
-"""Memory that libxml2 and trimesh may take for each byte of a 3MF file, unpacked [1]: they take some 20."""
-
-TIME_3MF_S: Final = (5.0, 1e-6)
-"""Longest that a 3MF file may take, and more for each byte of it, unpacked [s, s/byte]: ten times what it takes."""
-
-NESTED_3MF_MAX: Final = 3_000
-"""Most steps from object to object within those of a 3MF file [count]: trimesh takes a second for 2,000 places."""
-
-PARTS_MAX_B: Final = 2_000_000_000
-"""Most that is taken of a 3MF file [bytes]: what it names over and over is there over and over."""
 
 
 def check(suffix: str, content: bytes, where: str) -> int:
@@ -185,9 +167,9 @@ UNITLESS: Final = ("stl", "obj", "ply", "off")
 STEP: Final = ("step", "stp")
 
 Y_UP: Final = ("glb", "gltf")
-"""Formats in which y is up: glTF 2.0, 3.4. Z is in 3MF; the others do not say, and z is taken to be."""
+"""Formats in which y is up: glTF 2.0, 3.4. The others do not say, and z is taken to be."""
 
-FORMATS: Final = (*UNITLESS, "glb", "gltf", "3mf", *STEP, "zip")
+FORMATS: Final = (*UNITLESS, "glb", "gltf", *STEP, "zip")
 """Suffixes of the files that can be loaded."""
 
 
@@ -199,7 +181,7 @@ def load_mesh(
     scale: float = 1.0,
     accept_damaged: bool = False,
 ) -> Mesh:
-    """Load STL, OBJ (with MTL), PLY, OFF, GLB, glTF, 3MF or STEP, or a zip archive that holds one of them.
+    """Load STL, OBJ (with MTL), PLY, OFF, GLB, glTF or STEP, or a zip archive that holds one of them.
 
     All geometries of a file become one mesh, in their places; vertices and faces are neither merged, dropped
     nor reordered. A face's group is its object, group and material name in the file, as far as it has them.
@@ -207,8 +189,7 @@ def load_mesh(
     Args:
         path: the file.
         unit: of the file's numbers, a key of `UNIT_M`. STL, OBJ, PLY and OFF carry none, so they need it.
-            glTF is in metres and 3MF says its unit; one given here wins over that. STEP is always converted
-            from the unit it says.
+            glTF is in metres; one given here wins over that. STEP is always converted from the unit it says.
         up: the axis that is up in the file, "y" or "z"; without it y in glTF, by its standard, and z in all others. A
             mesh with y up is turned, so that z is up in the scene.
         scale: how much larger to make it [1].
@@ -328,8 +309,6 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
     if suffix == "obj":
         return [read_obj(content, str(path), resolver)], None
     face_count = check(suffix, content, str(path))
-    if suffix == "3mf":
-        return _confined_parts(path, content)
     if suffix == "stl" and not _is_text(content):
         return [_binary_stl(content)], None
     if suffix == "ply" and (plain := binary_ply(content)) is not None:
@@ -343,141 +322,6 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
         for part in parts:
             part.group, part.names = names or (part.group, [UNNAMED] if len(parts) == 1 else part.names)
     return parts, loaded.units
-
-
-def load_trimesh(path: Path) -> Any:
-    """The parts of a glTF file as trimesh has them, with their materials and pictures.
-
-    Raises:
-        MeshError: the file is missing or damaged.
-    """
-    suffix, content, resolver = _open(path)
-    check(suffix, content, str(path))
-    return _load(path, suffix, content, resolver)
-
-
-def _confined_parts(path: Path, content: bytes) -> tuple[list[Part], str | None]:
-    """Parts of a 3MF file, whose XML libxml2 reads into trees that are many times as large."""
-    archive = open_archive(content, str(path), "reduce the mesh, or export it as .stl or .ply")
-    unpacked_B = sum(member.file_size for member in archive.infolist())
-    with refusing(MeshError), naming(path), tempfile.TemporaryFile() as file:
-        file.write(content)
-        file.seek(0)
-        found = confined(
-            read_3mf,
-            file,
-            str(path),
-            by="trimesh's reader of 3MF files",
-            memory_B=MEMORY_FREE_B + XML_RATIO * unpacked_B,
-            output_B=PARTS_MAX_B,
-            time_s=TIME_3MF_S[0] + TIME_3MF_S[1] * unpacked_B,
-            imports=["trimesh.exchange.load"],
-        ).arrays
-    names, unit = json.loads(found["words"].tobytes())
-    colour_rgb = found["colour_rgb"] if len(found["colour_rgb"]) else None
-    return [Part(found["vertices"], found["faces"], found["group"], names, colour_rgb)], unit
-
-
-def read_3mf(file: BinaryIO, where: str) -> Mapping[str, NDArray[Any]]:
-    """In the process: the parts of a 3MF file as one, names and unit as JSON."""
-    import trimesh.graph
-
-    content = file.read()
-    graph: Any = trimesh.graph
-    paths = graph.multigraph_paths  # by itself it finds 138 of 10 x 10 x 10
-    graph.multigraph_paths = lambda G, source: paths(G, source, NESTED_3MF_MAX + 2 * G.number_of_edges())
-    loaded = _load(Path(where), "3mf", content, None)
-    parts = parts_of(loaded, where)
-    placed, materials = _model_of(content)
-    found = sum(len(part.faces) for part in parts)
-    if found < placed:
-        raise MeshError(
-            f"{where}: its items and components place {placed:,} faces, of which {found:,} can be read: an object is "
-            "missing, has the part number of another, or is placed too often; export it anew, or as .stl"
-        )
-    shapes = {name: len(shape.faces) for name, shape in loaded.geometry.items()}
-    if list(shapes.values()) == [len(own.index) for own in materials]:  # none of them from a file of its own
-        of_shape = dict(zip(shapes, materials, strict=True))
-        nodes = [loaded.graph[node][1] for node in loaded.graph.nodes_geometry]
-        for part, shape in zip(parts, (name for name in nodes if shapes[name]), strict=True):
-            of_shape[shape].wear(part)
-    whole = merged(parts, Path(where))
-    return {
-        "vertices": whole.vertices,
-        "faces": whole.faces,
-        "group": whole.group,
-        "colour_rgb": np.zeros((0, 3), np.uint8) if whole.colour_rgb is None else whole.colour_rgb,
-        "words": np.frombuffer(json.dumps([whole.names, loaded.units]).encode(), np.uint8),
-    }
-
-
-class _Materials:
-    """The material of each face of an object of a 3MF file, where it has any: a name and a colour."""
-
-    def __init__(self, element: Any, known: Mapping[str, list[tuple[str, str]]]) -> None:
-        usual = element.get("pid"), element.get("pindex")
-        rows = [
-            (one.get("pid", usual[0]), one.get("p1", usual[1] if "pid" not in one.attrib else None))
-            for one in element.iter("{*}triangle")
-        ]
-        self.told = {row: self.looked_up(known, *row) for row in dict.fromkeys(rows)}
-        place = {row: i for i, row in enumerate(self.told)}
-        self.index = np.array([place[row] for row in rows], np.int16)
-
-    @staticmethod
-    def looked_up(known: Mapping[str, list[tuple[str, str]]], pid: str | None, number: str | None) -> tuple[str, str]:
-        among = known.get(pid or "", [])
-        at = int(number) if number is not None and number.isdecimal() and len(number) < 6 else len(among)
-        return among[at] if at < len(among) else ("", "")
-
-    def wear(self, part: Part) -> None:
-        """Have a part of an object its materials' names and colours."""
-        colours = [colour for _, colour in self.told.values()]
-        if any(name for name, _ in self.told.values()):
-            part.group = self.index
-            part.names = [f"{part.names[0]}/{name}" if name else part.names[0] for name, _ in self.told.values()]
-        if all(re.fullmatch("#[0-9a-fA-F]{6}([0-9a-fA-F]{2})?", colour) for colour in colours):
-            part.colour_rgb = np.array([list(bytes.fromhex(c[1:7])) for c in colours], np.uint8)[self.index]
-
-
-_MATERIALS: Final = {"basematerials": ("base", "displaycolor"), "colorgroup": ("color", "color")}
-"""Groups of materials in 3MF: their elements, and the attribute that is their colour."""
-
-
-def _model_of(content: bytes) -> tuple[int, list[_Materials]]:
-    """Faces of a 3MF file, each object's as often as it is placed, of one that is missing at least one; and materials.
-
-    The materials are those of each object with faces of its own, in their order.
-    """
-    from lxml import etree
-
-    count: dict[str, int] = {}
-    known: dict[str, list[tuple[str, str]]] = {}
-    materials: list[_Materials] = []
-    total = 0
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        model = next(name for name in archive.namelist() if "3d/3dmodel.model" in name.lower())
-        with archive.open(model) as file:
-            tags = [f"{{*}}{name}" for name in ("object", "item", *_MATERIALS)]
-            for _, found in etree.iterparse(file, tag=tags, resolve_entities=False):
-                kind = etree.QName(found).localname
-                if kind == "item":
-                    total += count.get(found.get("objectid"), 1)
-                    continue
-                if kind in _MATERIALS:
-                    one, colour = _MATERIALS[kind]
-                    rows = [(base.get("name", ""), base.get(colour, "")) for base in found.iter(f"{{*}}{one}")]
-                    known[found.get("id", "")] = rows
-                    continue
-                if found.find("{*}mesh") is not None:
-                    materials.append(_Materials(found, known))
-                inner = list(found.iter("{*}component"))
-                here = [c.get("objectid") for c in inner if not any(key.endswith("path") for key in c.attrib)]
-                count[found.get("id")] = (
-                    sum(count.get(name, 1) for name in here) if inner else sum(1 for _ in found.iter("{*}triangle"))
-                )  # what lies in files of their own is not counted
-                found.clear()
-    return total, materials
 
 
 def _load(path: Path, suffix: str, content: bytes, resolver: Any) -> Any:

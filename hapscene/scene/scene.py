@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import MeshError, SceneError, no_such, printable, warn
 from hapscene.geometry import rigid
-from hapscene.old_spellings import old_spellings
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import paint_faces, paint_region
 from hapscene.scene.mesh import Mesh, MeshWarning
@@ -52,7 +51,6 @@ class Scene:
         count = len(self.bodies)
         return f"<Scene: {count} {'body' if count == 1 else 'bodies'} of {faces:,} faces; swatches: {names}>"
 
-    @old_spellings()
     def add(
         self,
         mesh: "Mesh | str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene",

@@ -37,7 +37,7 @@ AMPLE: Final = 3.0
 COMMON: Final = ("mm", "m", "cm", "in", "ft", "um")
 """Units of mesh files, the most common first."""
 
-PRECISE: Final = (".step", ".stp", ".glb", ".gltf", ".3mf")
+PRECISE: Final = (".step", ".stp", ".glb", ".gltf")
 """Formats that say their unit: one of the wrong size is scaled."""
 
 

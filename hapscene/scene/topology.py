@@ -12,10 +12,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.geometry import cross, dot, row, sub
 from hapscene.native import native
 
 Index = NDArray[np.int64]
+
+_CHUNK: Final = 1 << 16
+"""Faces whose corners are copied at a time [count]."""
 
 _SALT: Final = np.uint64(secrets.randbits(64) | 1)
 """Drawn anew, so that nobody can make a file whose points all look alike: what is found does not depend on it."""
@@ -234,13 +236,10 @@ def area_of(triangles_m: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
 
-@native
 def volume_of(vertices_m: NDArray[np.float64], faces: NDArray[np.integer]) -> float:
     """Volume that closed faces (M, 3) enclose [m³]; negative where they are wound inward."""
-    total, origin = 0.0, row(vertices_m, faces[0, 0])  # of the mesh itself: far from it digits are lost
-    for face in range(len(faces)):
-        a = sub(row(vertices_m, faces[face, 0]), origin)
-        b = sub(row(vertices_m, faces[face, 1]), origin)
-        c = sub(row(vertices_m, faces[face, 2]), origin)
-        total += dot(a, cross(b, c))
+    total, origin = 0.0, vertices_m[faces[0, 0]]  # of the mesh itself: far from it digits are lost
+    for first in range(0, len(faces), _CHUNK):
+        a, b, c = (vertices_m[column] - origin for column in faces[first : first + _CHUNK].T)
+        total += float(np.vdot(a, np.cross(b, c)))
     return total / 6.0

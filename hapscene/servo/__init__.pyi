@@ -2,5 +2,4 @@ from .flight_recorder import Flight as Flight
 from .flight_recorder import Replay as Replay
 from .servo import Servo as Servo
 from .servo import ServoState as ServoState
-from .servo import State as State
 from .servo_loop import Lateness as Lateness

@@ -6,7 +6,6 @@ then the guard ends it for good, opens each device that keeps its last force, an
 
 import os
 import signal
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
@@ -16,6 +15,7 @@ from typing import Final
 from hapscene.device.driver import Driver
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.servo.shared_memory import Channel, open_channel
+from hapscene.wall_clock import CLOCK, Clock
 
 STILL_S: Final = 0.05
 """How long a servo that was stopped by a signal may be without a tick [s]."""
@@ -56,7 +56,7 @@ def watch(
     length, block, bodies, tools = shape
     channel = open_channel(length, block, name, bodies=bodies, tools=tools)
     ready.send(None)
-    closed = _until_needed(life, channel, pid)
+    closed = until_needed(life, channel, pid)
     channel.close(unlink=False)
     if closed:
         return
@@ -64,7 +64,7 @@ def watch(
         os.kill(pid, signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
     for driver, choice in drivers:
         if driver.release is not None:
-            _release(driver, choice)
+            release(driver, choice)
 
 
 def _is_stopped(pid: int) -> bool:
@@ -75,16 +75,16 @@ def _is_stopped(pid: int) -> bool:
         return False
 
 
-def _until_needed(life: Connection, channel: Channel, pid: int) -> bool:
-    """Wait; says whether the servo has closed all itself."""
-    row, done, still_s, before_s = channel.channel[0], -1, 0.0, time.monotonic()
+def until_needed(life: Connection, channel: Channel, pid: int, clock: Clock = CLOCK) -> bool:
+    """Wait while the servo lives; return whether it has closed all devices itself."""
+    row, done, still_s, before_s = channel.channel[0], -1, 0.0, clock.now_s()
     while True:
         if life.poll(LOOK_S):
             with suppress(EOFError, OSError):
                 life.recv()
                 return True
             return False
-        now_s = time.monotonic()
+        now_s = clock.now_s()
         moved = row.done != done or row.pause == 1
         # a guard that itself had no time has seen nothing
         still_s = 0.0 if moved else still_s + min(now_s - before_s, 2.0 * LOOK_S)
@@ -94,14 +94,14 @@ def _until_needed(life: Connection, channel: Channel, pid: int) -> bool:
             return False
 
 
-def _release(driver: Driver, choice: DeviceChoice) -> None:
+def release(driver: Driver, choice: DeviceChoice, clock: Clock = CLOCK) -> None:
     """Write zero; again, while the dying process still has the device."""
-    end_s = time.monotonic() + RELEASE_S
+    end_s = clock.now_s() + RELEASE_S
     while True:
         try:
             driver.release(**driver.read_options(choice.options))  # type: ignore[misc]
             return
         except Exception:  # of a driver; the next device is released all the same
-            if time.monotonic() > end_s:
+            if clock.now_s() > end_s:
                 return
-            time.sleep(0.002)
+            clock.sleep_s(0.002)

@@ -28,7 +28,6 @@ from hapscene.errors import DeviceError, HapsceneError, PathError, SceneError, n
 from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions
 from hapscene.handle.plant import Plant
-from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
 from hapscene.renderer import OTHER_BODIES
 from hapscene.scene.body import Body
@@ -100,10 +99,6 @@ class ServoState(NamedTuple):
         return f"<ServoState: tick {self.tick}, {where}; tool ({place}) m, force ({force}) N>"
 
 
-State = ServoState
-"""An older name of it, kept until 1.0."""
-
-
 class TickLog(NamedTuple):
     """What was felt over n ticks that followed one another.
 
@@ -156,7 +151,6 @@ class Servo:
             a servo whose process has ended.
     """
 
-    @old_spellings()
     def __init__(
         self,
         scene: Scene,
@@ -211,6 +205,7 @@ class Servo:
         self._played: LiveHandle | None = None
         self._heartbeat: Heartbeat | None = None
         self._asked: Any = None
+        self._now_ns = now_here_ns  # the loop's clock
         self._wire: Any = None
         self._shared = False  # both have the memory, and nobody else will
         # Orders go one after the other, and each to its end: in a thread that neither Ctrl-C nor another one cuts short
@@ -225,45 +220,48 @@ class Servo:
         return f"<Servo: {state}; ticks of {1e3 * self.tick_s:g} ms, a_rate_Hz={self.a_rate_Hz:g}>"
 
     def __enter__(self) -> "Servo":
-        from hapscene.servo.servo_process import run
-
         if self._closed or self._opened is not None:
             raise HapsceneError("a servo is entered once; make a new one")
-        context = multiprocessing.get_context("spawn")  # a fork would carry over threads and locks of the application
         try:
             with _shielded():  # it starts Python's resource tracker
                 self._opened = open_channel(self._length, self._block, bodies=self._room, tools=self._tools)
             self._opened.channel.pause = 1
             self._look(self._opened)
-            self._wire, theirs = context.Pipe()
-            life, dying = context.Pipe(duplex=False)
-            arguments = (theirs, dying, self._opened.memory.name, self._length)
-            process = context.Process(target=run, args=arguments, name="hapscene servo", daemon=True)
-            made = ForkingPickler.dumps(self._made)
-            with _shielded():
-                process.start()
-            self._process = process
-            if self._cancelled:
-                process.kill()
-                raise HapsceneError("the start of the servo was cancelled")
-            theirs.close()
-            dying.close()
-            if any(DRIVERS.load(choice.name).force for choice in self._choices):
-                self._start_guard(context, life)
-            life.close()
-            self._send(made)  # not as arguments: to a process that died at once, they would be written for ever
-            self._told_made = self._answer(START_S)
-            pulse = self._opened.channel["pulse"].view(np.ndarray)
-            self._heartbeat = Heartbeat(pulse, self._patience_s)
-            self._asked = self._heartbeat.asked
-            if isinstance(self._live_handle, DeviceChoice):
-                self._start_handle(self._live_handle)
+            self._begin(self._opened)
             self._opened.memory.unlink()  # from now on it goes with the two processes, even if both are killed
             self._shared = True
         except BaseException:
             self.close()
             raise
         return self
+
+    def _begin(self, shared: Channel) -> None:
+        """Start the processes that run the loop and watch it, and the heartbeat of this one."""
+        from hapscene.servo.servo_process import run
+
+        context = multiprocessing.get_context("spawn")  # a fork would carry over threads and locks of the application
+        self._wire, theirs = context.Pipe()
+        life, dying = context.Pipe(duplex=False)
+        arguments = (theirs, dying, shared.memory.name, self._length)
+        process = context.Process(target=run, args=arguments, name="hapscene servo", daemon=True)
+        made = ForkingPickler.dumps(self._made)
+        with _shielded():
+            process.start()
+        self._process = process
+        if self._cancelled:
+            process.kill()
+            raise HapsceneError("the start of the servo was cancelled")
+        theirs.close()
+        dying.close()
+        if any(DRIVERS.load(choice.name).force for choice in self._choices):
+            self._start_guard(context, life)
+        life.close()
+        self._send(made)  # not as arguments: to a process that died at once, they would be written for ever
+        self._told_made = self._answer(START_S)
+        self._heartbeat = Heartbeat(shared.channel["pulse"].view(np.ndarray), self._patience_s)
+        self._asked = self._heartbeat.asked
+        if isinstance(self._live_handle, DeviceChoice):
+            self._start_handle(self._live_handle)
 
     def _start_guard(self, context: Any, life: Any) -> None:
         """Have a third process see to it that no force is left if the servo's dies."""
@@ -398,7 +396,6 @@ class Servo:
         """
         return self._channel.states[self._number(tool)].copy()
 
-    @old_spellings(p_WT_m="p_WT")
     def start(self, p_WT: ArrayLike, grip: str | Grip = "light") -> None:
         """Start to touch, the tool at rest at `p_WT` (3,) [m], the hand aiming there; several tools at (tools, 3).
 
@@ -427,7 +424,6 @@ class Servo:
         """
         self._order("resume")
 
-    @old_spellings(p_W_m="p_WT")
     def aim(
         self, p_WT: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0), *, tool: int = 0
     ) -> None:
@@ -451,7 +447,6 @@ class Servo:
         aim[0], aim[1], aim[2] = p, row, push
         count[0] += 1
 
-    @old_spellings()
     def move(
         self,
         body: str,
@@ -497,7 +492,7 @@ class Servo:
         shared = self._channel
         frame = self._frames[index]
         frame["count"] |= 1
-        frame["time_ns"], frame["lasts_s"] = now_here_ns(), HORIZON_S
+        frame["time_ns"], frame["lasts_s"] = self._now_ns(), HORIZON_S
         frame["X_WB"], frame["v"], frame["seen"] = pose, v, got
         frame["jumps"] += teleport
         frame["count"] += 1
@@ -506,7 +501,6 @@ class Servo:
             self._moving.add(index)
             shared.channel[0].moving_count = len(self._moving)
 
-    @old_spellings()
     def free(
         self, body: str, mass_kg: float, *, inertia_B_kg_m2: ArrayLike, com_B_m: ArrayLike = (0.0, 0.0, 0.0)
     ) -> None:
@@ -615,7 +609,6 @@ class Servo:
         for body, (face_swatch, fine) in zip(self.scene.bodies, painted, strict=True):
             body.face_swatch, body.fine = face_swatch, fine
 
-    @old_spellings()
     def add(
         self,
         mesh: Mesh | str | os.PathLike[str],
@@ -702,7 +695,7 @@ class Servo:
             face=int(whole[_AT["face"]]),
             swatch=int(whole[_AT["swatch"]]),
             flags=flag_of(int(whole[_AT["flags"]])),
-            age_s=max(now_here_ns() - at_ns, 0) * 1e-9 if count else math.inf,
+            age_s=max(self._now_ns() - at_ns, 0) * 1e-9 if count else math.inf,
         )
 
     def read(self, since: int = 0, *, tool: int = 0, after_end: bool = False) -> TickLog:

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from hapscene.bound_call import loaded
 from hapscene.clock import now_ns, sleep_ns
+from hapscene.compiled.entry import call_flags
 from hapscene.constants import TINY
-from hapscene.contact.moving import place_bodies
 from hapscene.contact.prediction import predict_bodies
 from hapscene.device.safety import STALL_S
 from hapscene.native import INTERPRETED, native
 from hapscene.servo.tick_memory import keep_memory
+from hapscene.surface.surface_arrays import PLACE
 from hapscene.twin.twin_loop import beat, take_grip
 
 # How late ticks begin and how long they take: histograms, which the tick fills without allocating.
@@ -181,7 +182,8 @@ def serve_tick(loop: Loop) -> None:
         safety.pulse_now, safety.late, safety.stalled = channel.pulse, timing[2], timing[3]
         _read_aim(loop.aims[t], hands[t], clock)
         _follow(twins[t], hands[t], tick_s)
-        place_bodies(worlds[t], surfaces[t], bodies.moving[:count], bodies.X_WB[:, :count], bodies.jumps[t], 0)
+        entries, moving, X_WB, jumps = surfaces[t].entries, bodies.moving, bodies.X_WB, bodies.jumps[t]
+        call_flags(entries[PLACE], (worlds[t], surfaces[t], moving, X_WB, jumps, count, 0))
         beat(worlds[t], surfaces[t], twins[t], rows[t, slot], a_m_s2[t, slot], felt[t, slot], a_handle_m_s2[t, slot])
     # the clock is a call the compiler knows nothing of: what is above stays above
     end = now_ns(clock)

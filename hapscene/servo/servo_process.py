@@ -10,9 +10,12 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
+from itertools import islice
 from multiprocessing.connection import Connection as Pipe
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.bound_call import BoundCall
-from hapscene.clock import new_clock
+from hapscene.clock import VIRTUAL, new_clock
 from hapscene.contact.prediction import PREDICTED
 from hapscene.device.arm import new_arm, read_arm
 from hapscene.device.driver import Connection, VendorConnection, new_state
@@ -48,6 +51,7 @@ from hapscene.servo.servo_loop import (
 from hapscene.servo.shared_memory import Channel, open_channel, write_text
 from hapscene.servo.tick_memory import memory_of
 from hapscene.surface.swatch import Swatch
+from hapscene.tick import use_moving_bodies
 
 if TYPE_CHECKING:
     from hapscene.twin import Twin
@@ -76,16 +80,11 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
     warnings.formatwarning = lambda message, *place: f"hapscene: note: {message}\n"  # whose line it was nobody can see
     try:
         made = _heard(wire)
-        devices, bodies, folder = made.pop("devices"), made.pop("bodies"), made.pop("flights")
-        force_N = made.pop("force_N")
-        twins += [_twin(device, opened, made) for device in devices]
-        if force_N is not None:
-            for twin in twins:
-                twin.safety.force_N = min(float(twin.safety.force_N[0]), force_N)
+        bodies, folder = made.pop("bodies"), made.pop("flights")
+        twins += open_twins(made, opened)
         channel = open_channel(length, twins[0].renderer.block, name, bodies=bodies, tools=len(twins))
-        desk = Desk(
-            made["scene"], twins, channel, folder, told_of([twin.renderer for twin in twins], made.get("settings"))
-        )
+        told = told_of([twin.renderer for twin in twins], made.get("settings"))
+        desk = Desk(made["scene"], twins, channel, folder, told)
         wire.send((None, desk.made))
         while True:
             while opened and not wire.poll(WATCH_S):
@@ -93,12 +92,7 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
             order, arguments = _heard(wire)
             if order == "stop":
                 break
-            try:
-                wire.send((None, getattr(desk, order)(*arguments)))
-            except HapsceneError as error:
-                wire.send((str(error), None))
-            except Exception as error:  # a fault of ours, or of an effect's: what is felt goes on
-                wire.send((f"the order {order!r} failed: {type(error).__name__}: {error!s:.200}", None))
+            wire.send(desk.answer(order, arguments))
     except (EOFError, ConnectionError, KeyboardInterrupt):
         # the application is gone; where signals cannot be held off, Ctrl-C reaches both
         ending = "the application was gone"
@@ -129,6 +123,16 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
 
 def _end(signum: int, frame: Any) -> None:
     raise KeyboardInterrupt
+
+
+def open_twins(made: dict[str, Any], opened: list[Connection]) -> "list[Twin]":
+    """What closes the loop over each of the application's devices; the real ones are opened, and put into `opened`."""
+    devices, force_N = made.pop("devices"), made.pop("force_N")
+    twins = [_twin(device, opened, made) for device in devices]
+    if force_N is not None:
+        for twin in twins:
+            twin.safety.force_N = min(float(twin.safety.force_N[0]), force_N)
+    return twins
 
 
 def _twin(device: Any, opened: list[Connection], made: dict[str, Any]) -> "Twin":
@@ -180,14 +184,16 @@ class Desk:
         channel: Channel,
         flights: str | None = None,
         made: Mapping[str, Any] | None = None,
+        clock: NDArray[np.int64] | None = None,
     ) -> None:
+        """`clock`: of `new_clock`; with a virtual time nothing ticks by itself, but as `advance` is called."""
         self._scene, self._flights, self.made = scene, flights, dict(made or {})
         self._twins = tuple(twins)
         self._channel = channel
         self._hands = np.zeros((len(twins), 5, 3))
-        self._clock = new_clock()
-        self._loop: threading.Thread | None = None
-        self._scheduled: VendorConnection | None = None
+        self._clock = new_clock() if clock is None else clock
+        self._stop: Callable[[], object] | None = None  # waits until the loop has ended, which runs
+        self._turning: Iterator[None] = iter(())
         self._started = False
         self._faults: list[str] = []
         self._tuned: list[tuple[str, str, dict[str, float]]] = []
@@ -205,6 +211,7 @@ class Desk:
         )
         for twin, impulse in zip(self._twins, channel.impulse, strict=True):
             twin.renderer.world = twin.renderer.world._replace(impulse=impulse)  # where the application sees it
+            use_moving_bodies(twin.renderer.world, twin.renderer.surface)  # not in the midst of the loop
         for twin, state in zip(self._twins, channel.states, strict=True):
             if isinstance(twin.device, Connection):
                 slot = state.reshape(1).view(np.recarray)
@@ -224,12 +231,26 @@ class Desk:
             return
         begin_timing(self._acted_on())  # compiled, as what follows is
         self._bound()
-        gc.freeze()  # nothing that is there now is looked through again while devices wait
-        sys.setswitchinterval(SWITCH_S)
+        if not self._clock[VIRTUAL]:
+            gc.freeze()  # nothing that is there now is looked through again while devices wait
+            sys.setswitchinterval(SWITCH_S)
 
     @property
     def _renderers(self) -> list[Renderer]:
         return [twin.renderer for twin in self._twins]
+
+    def answer(self, order: str, arguments: Sequence[Any]) -> tuple[str | None, Any]:
+        """Do what the application orders: (None, result), or (error text, None)."""
+        try:
+            return None, getattr(self, order)(*arguments)
+        except HapsceneError as error:
+            return str(error), None
+        except Exception as error:  # a fault of ours, or of an effect's: what is felt goes on
+            return f"the order {order!r} failed: {type(error).__name__}: {error!s:.200}", None
+
+    def advance(self, ticks: int) -> None:
+        """Tick so often, at a virtual time; not at all at rest."""
+        deque(islice(self._turning, ticks), 0)
 
     def start(self, places_m: Sequence[tuple[float, float, float]], grip: NDArray[np.float64]) -> None:
         """Run, the tools at rest at their places (3,), held there by a grip as the aim has it (3,)."""
@@ -256,7 +277,7 @@ class Desk:
         """Go on from where `rest` stopped, contact and memory kept."""
         if not self._started:
             raise HapsceneError("a servo that never started has nothing to resume: start it")
-        if self._loop is None and self._scheduled is None:
+        if self._stop is None:
             self._begin()
 
     def look_after(self) -> None:
@@ -351,14 +372,10 @@ class Desk:
     def rest(self) -> bool:
         """Stop the loop; says whether it ran."""
         self._channel.channel.pause = 1
-        if self._scheduled is not None:
-            self._scheduled.unschedule()
-            self._scheduled = None
-            return True
-        if self._loop is None:
+        if self._stop is None:
             return False
-        self._loop.join()
-        self._loop = None
+        self._stop()
+        self._stop = None
         return True
 
     def end(self) -> None:
@@ -404,20 +421,28 @@ class Desk:
             begin_timing(self._acted_on())
             self._calls = self._bound()
             vendor.schedule(self._calls[0].address, self._calls[0].context)
-            self._scheduled = vendor
+            self._stop = vendor.unschedule
             self._channel.channel.pause = 0  # only now: the library may take its time, and the guard waits for ticks
             return
         self._channel.channel.pause = 0
-        self._loop = threading.Thread(target=self._drive if self._connections else self._tick, daemon=True)
-        self._loop.start()
+        if self._clock[VIRTUAL]:
+            self._turning = self._turns()
+            self._stop = partial(deque, self._turning, 0)
+            return
+        loop = threading.Thread(target=self._drive if self._connections else self._tick, daemon=True)
+        loop.start()
+        self._stop = loop.join
 
     def _tick(self) -> None:
         request_realtime_priority()
         serve(self._acted_on())
 
     def _drive(self) -> None:
-        """Read, tick, write, with devices that Python reads and writes."""
         request_realtime_priority()
+        deque(self._turns(), 0)
+
+    def _turns(self) -> Iterator[None]:
+        """Read, tick, write, with devices that Python reads and writes; a tick each time that it is asked."""
         wait, tick = self._bound()
         pause, waiting = (self._channel.channel[name].view(np.ndarray) for name in ("pause", "waiting"))
         connections = self._connections
@@ -434,6 +459,7 @@ class Desk:
                 for connection in connections:
                     connection.write()
                 waiting[0] = 0
+                yield
         except Exception as error:  # of a device or a driver: it is gone
             self._note_fault(error)
         waiting[0] = 0
@@ -451,7 +477,7 @@ class Desk:
 
     def _note_change(self) -> None:
         """What ticks remember is to be copied anew: from here on they give something else."""
-        row, running = self._channel.channel[0], self._loop is not None or self._scheduled is not None
+        row, running = self._channel.channel[0], self._stop is not None
         row.changed = max(row.changed, row.done + running)
         row.checkpoint_due = min(row.changed, row.done + 1)
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
-from hapscene.old_spellings import old_spellings
 from hapscene.stability.rig import Rig
 from hapscene.twin.twin_loop import DELAY_MAX
 
@@ -114,7 +113,6 @@ EDGE: Final = 64.5
 """How deep the encoder's edge lies at which the tool is tried [encoder steps]: a whole number and a half."""
 
 
-@old_spellings()
 def critical_stiffness(
     mass_kg: float,
     damping_Ns_m: float,

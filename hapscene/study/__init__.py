@@ -1,11 +1,11 @@
-"""Asking people: a plan of a listening or feeling study, one person's sitting, and what the answers say.
+"""Perceptual studies: a plan of what is played and asked, one participant's session, and the analysis of answers.
 
 ```python
 import tempfile
 import hapscene
 
 plan = hapscene.study.parse_plan('''
-title = "Is life noticed?"
+title = "Is the amplitude modulation noticed?"
 people = 4
 [stimuli.alive]
 swatch = "wood"
@@ -13,9 +13,10 @@ swatch = "wood"
 swatch = "wood"
 life = false
 [[blocks]]
-name = "life"
-kind = "abx"
+name = "livelier"
+kind = "2ifc"
 pairs = [["alive", "steady"]]
+question = "Which of the two is livelier?"
 repeats = 10
 ''')
 with tempfile.TemporaryDirectory() as folder, hapscene.study.Sitting(plan, folder, "P01") as sitting:
@@ -26,16 +27,14 @@ with tempfile.TemporaryDirectory() as folder, hapscene.study.Sitting(plan, folde
 | module | does |
 |---|---|
 | `plan` | the plan, a TOML file: `load_plan` |
-| `trial_order` | what one person is asked, in which order: balanced over people, seeded |
+| `trial_order` | the trials of a participant in their order: balanced over participants, seeded |
 | `staircase` | the adaptive threshold, by QUEST+ |
-| `sitting` | one person's run of a plan, crash-safe: `Sitting` |
-| `results_file` | the answers, a CSV that is only added to |
-| `simulated_person` | people whose thresholds are known: `simulate` |
-| `stimulus` | the samples or the swatch of an interval |
-| `playing` | plays it: headphones, a handle, a device |
-| `study_server` | the page on which a person answers |
-| `study_report` | the page that says what they answered |
-| `statistics` | thresholds, d′, ratings and proportions, with intervals: `analyse` |
+| `sitting` | one participant's session, crash-safe: `Sitting` |
+| `results_file` | the answers, a CSV that is only appended to |
+| `stimulus`, `playing` | the samples of an interval; headphones and handles that play them |
+| `study_server` | the page on which a participant answers |
+| `discrimination`, `statistics` | d′; thresholds, ratings and right answers, with intervals: `analyse` |
+| `study_report` | the page with the results |
 """
 
 import lazy_loader

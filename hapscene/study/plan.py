@@ -1,51 +1,48 @@
-"""The plan of a study: a TOML file that says what is felt, what is asked and how often."""
+"""The plan of a study: a TOML file that lists the stimuli, the questions and how often each is asked."""
 
 import hashlib
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from hapscene.errors import HapsceneError, StudyError, did_you_mean, no_such
 from hapscene.files import naming, read_bytes, refusing, short
 
-CHANNELS: Final = ("headphones", "handle", "device")
+CHANNELS: Final = ("headphones", "handle")
 
 PLAN_MAX_B: Final = 1 << 20
 """Largest plan [bytes]."""
-
-EFFECTS: Final = ("friction", "lpc_texture", "tap")
-"""What a stimulus may have; the wall is always there, since nothing is touched without it."""
 
 TRIALS_MAX: Final = 10_000
 """Most trials of one person [count]: a day and a half without sleep at ten seconds each."""
 
 UNSAID: Final = {"na", "nan", "null", "none", "t", "f", "true", "false", "inf", "infinity"}
-"""Names that pandas or R would read as no text."""
+"""Names that pandas or R would not read as text."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Trials of one kind, asked in a row. What its kind does not have is empty."""
+    """Trials of one kind, asked in a row. Fields that its kind does not have are empty."""
 
     name: str
     kind: str
-    """rating, 2ifc, abx or staircase."""
+    """rating, 2ifc or staircase."""
     question: str
     repeats: int = 0
     stimuli: tuple[str, ...] = ()
     """rating: what is rated."""
     scale: tuple[int, int] = (1, 7)
-    """rating: its lowest and highest."""
+    """rating: its lowest and highest value."""
     labels: tuple[str, ...] = ()
     """rating: what the ends of the scale mean."""
     pairs: tuple[tuple[str, str], ...] = ()
-    """2ifc, abx: what is compared; in 2ifc the first of the two is the right answer."""
+    """2ifc: what is compared; the first of the two is the right answer."""
     margin: float | None = None
-    """Difference below which it does not matter: points of the scale, or d′; without, nothing is called equal."""
+    """rating, 2ifc: difference below which two count as equal: points of the scale, or d′; None: never equal."""
     stimulus: str = ""
     """staircase: what is varied."""
     parameter: str = ""
@@ -56,49 +53,44 @@ class Block:
     """staircase: levels lie below the reference."""
     levels: tuple[float, ...] = ()
     """staircase: distances from the reference, ascending."""
-    linear: bool = False
-    """staircase: thresholds and levels are spaced evenly, not by ratio."""
     trials: int = 0
-    """staircase: most trials."""
-    stop_within: float = 0.0
-    """staircase: ends once the threshold is known to this share of itself (0.1: 10 %), 0 never."""
+    """staircase: number of trials."""
 
     def varied(self, stimulus: Mapping[str, object], distance: float) -> dict[str, object]:
-        """staircase: the stimulus so far from the reference."""
+        """staircase: the stimulus at a distance from the reference."""
         value = self.reference + (-distance if self.below else distance)
-        whole = isinstance(stimulus[self.parameter], int)
-        return {**stimulus, self.parameter: round(value) if whole else value}
+        return {**stimulus, self.parameter: round(value) if isinstance(stimulus[self.parameter], int) else value}
 
     @property
     def most(self) -> int:
-        """Most trials that it asks."""
+        """Number of trials that it asks."""
         return self.trials or self.repeats * len(self.stimuli or self.pairs)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a plan file says, checked."""
+    """The checked content of a plan file."""
 
     title: str
     channel: str
     seed: int
     people: int
-    """How many shall be asked."""
+    """How many participants are planned."""
     stimuli: Mapping[str, Mapping[str, object]]
-    """Parameters by the stimulus's name, all of them, what the file leaves out by its default."""
+    """Parameters by the stimulus's name, with defaults for those that the file leaves out."""
     blocks: tuple[Block, ...]
     content: bytes = field(repr=False)
     """The file."""
     consent: str = ""
-    """What a person agrees to before all else."""
+    """What a participant agrees to before the first trial."""
     instructions: str = ""
-    """What a person is told before the first trial."""
+    """Shown to a participant before the first trial."""
     practice: int = 0
-    """Trials of each block that are asked first, told right or wrong, and not kept [count]."""
+    """Trials of each block that are asked first, with feedback, and not kept [count]."""
     break_every: int = 0
     """Answers after which there is a break [count]; 0 for none."""
     folder: Path = Path()
-    """Where the file lies, from which its paths go."""
+    """Folder of the file, from which its relative paths start."""
 
     @property
     def sha256(self) -> str:
@@ -106,33 +98,32 @@ class Plan:
         return hashlib.sha256(self.content).hexdigest()
 
 
-def sources(plan: Plan) -> dict[str, str]:
-    """sha256 of the file that each stimulus is made of, by the stimulus's name; "" of one that cannot be read."""
+def stimuli_sha256(plan: Plan) -> str | None:
+    """SHA-256 over the files that the stimuli are made of, in the plan's order; None where one cannot be read."""
     from importlib.resources import as_file
 
     from hapscene.surface.library import swatch_place
 
-    found = {}
-    for name, stimulus in plan.stimuli.items():
+    digest = hashlib.sha256()
+    for stimulus in plan.stimuli.values():
         swatch, recording = str(stimulus["swatch"]), str(stimulus["recording"])
+        places: list[Any] = [plan.folder / recording] if recording else []
+        if swatch:
+            places.append(plan.folder / swatch if swatch.endswith(".swatch") else swatch_place(swatch))
         try:
-            inside = recording or (swatch if swatch.endswith(".swatch") else "")
-            with as_file(plan.folder / inside if inside else swatch_place(swatch)) as path, path.open("rb") as file:
-                found[name] = hashlib.file_digest(file, "sha256").hexdigest()
+            for place in places:
+                with as_file(place) as path:
+                    digest.update(hashlib.sha256(path.read_bytes()).digest())
         except (OSError, ValueError, HapsceneError):
-            found[name] = ""
-    return found
+            return None
+    return digest.hexdigest()
 
 
 def load_plan(path: str | Path) -> Plan:
-    """A study's plan.
-
-    Args:
-        path: a TOML file, see `docs/study.md`.
+    """Read a plan from a TOML file; docs/study.md describes its keys.
 
     Raises:
-        StudyError: no such file, no TOML, or a key that is unknown, missing, or not what it may be: names the key and
-            what is allowed.
+        StudyError: no such file, invalid TOML, or a key that is unknown, missing or out of range.
     """
     path = Path(path)
     with refusing(StudyError), naming(path):
@@ -140,11 +131,11 @@ def load_plan(path: str | Path) -> Plan:
 
 
 def parse_plan(content: str | bytes, *, folder: str | Path = ".") -> Plan:
-    """A study's plan from its text.
+    """Read a plan from TOML text.
 
     Args:
-        content: the TOML text.
-        folder: where its paths go from.
+        content: the text.
+        folder: from which its relative paths start.
 
     Raises:
         StudyError: see `load_plan`.
@@ -154,231 +145,190 @@ def parse_plan(content: str | bytes, *, folder: str | Path = ".") -> Plan:
         table = tomllib.loads(content.decode("utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise StudyError(f"not a plan in TOML: {error}") from None
-    values = _take("", table, _PLAN)
+    values = _read("", table, _PLAN)
     stimuli = {}
     for name, given in values.pop("stimuli").items():
         where = f"stimuli.{check_name('stimuli', name)}"
-        stimulus = _take(where, given, _STIMULUS)
-        if bool(stimulus["swatch"]) == bool(stimulus["recording"]):
-            raise StudyError(f'{where} must have one of swatch = "NAME" and recording = "FILE"')
+        stimulus = _read(where, given, _STIMULUS)
+        if not (stimulus["swatch"] or stimulus["recording"]):
+            raise StudyError(f'{where} must have swatch = "NAME", recording = "FILE", or both')
         stimuli[name] = {"name": name} | stimulus
     blocks = tuple(_block(number, given, stimuli) for number, given in enumerate(values.pop("blocks")))
     names = [block.name for block in blocks]
     if double := next((name for name in names if names.count(name) > 1), None):
-        raise StudyError(f"blocks: the name {double!r} stands twice")
+        raise StudyError(f"blocks: the name {double!r} is used twice")
     if (most := sum(block.most for block in blocks)) > TRIALS_MAX:
         raise StudyError(f"blocks: {most} trials a person, more than the {TRIALS_MAX} that are allowed")
     return Plan(stimuli=stimuli, blocks=blocks, content=content, folder=Path(folder), **values)
 
 
-# What each table may hold: key, then a check that gives the value or raises, then the default (`...`: must be given).
-
-Check = Callable[[str, Any], Any]
-Keys = Mapping[str, tuple[Check, Any]]
-
-
-def _take(where: str, given: Any, keys: Keys) -> dict[str, Any]:
-    if not isinstance(given, dict):
-        raise StudyError(f"{where} must be a table, is {short(given)}")
-    prefix = f"{where}." if where else ""
-    for key in given:
-        if key not in keys:
-            near = did_you_mean(key[:100], keys)
-            raise StudyError(f"unknown key {short(prefix + key)}{near}; allowed are: {', '.join(keys)}")
-    values = {}
-    for key, (check, default) in keys.items():
-        if key not in given and default is ...:
-            raise StudyError(f"key {prefix + key!r} is missing")
-        values[key] = check(prefix + key, given[key]) if key in given else default
-    return values
-
-
-def _text(least: int = 0, most: int = 1000) -> Check:
-    def check(where: str, value: Any) -> str:
-        if not isinstance(value, str) or not least <= len(value) <= most:
-            raise StudyError(f"{where} must be a text of {least} to {most} characters, is {short(value)}")
-        return str(value)
-
-    return check
-
-
-def _among(*allowed: str) -> Check:
-    def check(where: str, value: Any) -> str:
-        if value not in allowed:
-            raise StudyError(f"{where} must be one of {', '.join(allowed)}, is {short(value)}")
-        return str(value)
-
-    return check
-
-
-def _truth(where: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise StudyError(f"{where} must be true or false, is {short(value)}")
-    return value
-
-
-def _whole(least: int, most: int) -> Check:
-    def check(where: str, value: Any) -> int:
-        if type(value) is not int or not least <= value <= most:
-            raise StudyError(f"{where} must be a whole number from {least} to {most}, is {short(value)}")
-        return value
-
-    return check
-
-
-def _number(least: float, most: float) -> Check:
-    def check(where: str, value: Any) -> float:
-        if type(value) not in (int, float) or not least <= value <= most:
-            raise StudyError(f"{where} must be a number from {least:g} to {most:g}, is {short(value)}")
-        return float(value)
-
-    return check
-
-
-def _list(item: Check, least: int, most: int, what: str) -> Check:
-    def check(where: str, value: Any) -> tuple[Any, ...]:
-        if not isinstance(value, list) or not least <= len(value) <= most:
-            found = f"a list of {len(value)}" if isinstance(value, list) else short(value)
-            raise StudyError(f"{where} must be {what}, is {found}")
-        return tuple(item(f"{where}[{number}]", one) for number, one in enumerate(value))
-
-    return check
-
-
-def _table(where: str, value: Any) -> dict[str, Any]:
-    if not isinstance(value, dict) or not value:
-        raise StudyError(f"{where} must be a table [{where}.NAME] for each, is {short(value)}")
-    return value
-
-
-def _any(where: str, value: Any) -> Any:
-    return value
-
-
 def check_name(where: str, value: Any) -> str:
-    """A name that stands in the results and is read as text wherever it is read."""
+    """A name that is written to the results and read as text by every program.
+
+    Raises:
+        StudyError: it is no such name.
+    """
     plain = isinstance(value, str) and value.isascii() and value.replace("_", "").replace("-", "").isalnum()
     if not plain or not value[0].isalpha() or len(value) > 64 or value.casefold() in UNSAID:
         raise StudyError(
-            f"{where}: a name must begin with a letter and hold letters, digits, - and _ alone, at most 64, "
-            f"and not be read as a number or as missing; is {short(value)}"
+            f"{where}: a name must begin with a letter, have at most 64 letters, digits, - and _, and not read as a "
+            f"number or as missing; is {short(value)}"
         )
     return str(value)
 
 
-_PLAN: Final[Keys] = {
-    "title": (_text(1, 200), ...),
-    "channel": (_among(*CHANNELS), "headphones"),
-    "seed": (_whole(0, 2**31 - 1), 0),
-    "people": (_whole(1, 10_000), ...),
-    "consent": (_text(0, 20_000), ""),
-    "instructions": (_text(0, 20_000), ""),
-    "practice": (_whole(0, 20), 0),
-    "break_every": (_whole(0, 1000), 0),
-    "stimuli": (_table, ...),
-    "blocks": (_list(_any, 1, 100, "tables [[blocks]], 1 to 100"), ...),
+class Key(NamedTuple):
+    """What a key of the plan may hold."""
+
+    kind: type
+    default: Any = ...
+    """`...`: the key is required."""
+    least: float = 0.0
+    """Smallest number, or fewest characters of a text or items of a list."""
+    most: float = 1000.0
+    among: tuple[str, ...] = ()
+    """The texts that are allowed; empty for any."""
+    item: "Key | None" = None
+    """What each item of a list must be."""
+
+
+_WORDS: Final = {
+    bool: "true or false",
+    int: "a whole number from {:g} to {:g}",
+    float: "a number from {:g} to {:g}",
+    str: "a text of {:g} to {:g} characters",
+    list: "a list of {:g} to {:g} items",
+    dict: "a table with {:g} to {:g} entries",
 }
 
-_STIMULUS: Final[Keys] = {
-    "swatch": (_text(), ""),
-    "recording": (_text(), ""),
-    "rate_Hz": (_number(1.0, 1e6), 0.0),
-    "units": (_text(), ""),
-    "columns": (_text(), ""),
-    "force_N": (_number(0.0, 100.0), 1.0),
-    "speed_m_s": (_number(0.0, 10.0), 0.1),
-    "seconds": (_number(0.05, 60.0), 1.5),
-    "life": (_truth, True),
-    "order": (_whole(0, 400), 0),
-    "gain_dB": (_number(-120.0, 40.0), 0.0),
-    "effects": (_list(_among(*EFFECTS), 0, len(EFFECTS), f"a list of {', '.join(EFFECTS)}"), ("lpc_texture",)),
-    "compensator": (_text(), ""),
+
+def _read(where: str, given: Any, keys: Mapping[str, Key]) -> dict[str, Any]:
+    """The checked values of a table."""
+    if not isinstance(given, dict):
+        raise StudyError(f"{where} must be a table, is {short(given)}")
+    prefix = f"{where}." if where else ""
+    for name in given:
+        if name not in keys:
+            near = did_you_mean(name[:100], keys)
+            raise StudyError(f"unknown key {short(prefix + name)}{near}; allowed are: {', '.join(keys)}")
+    if missing := next((name for name, key in keys.items() if key.default is ... and name not in given), None):
+        raise StudyError(f"key {prefix + missing!r} is missing")
+    return {n: _checked(prefix + n, given[n], key) if n in given else key.default for n, key in keys.items()}
+
+
+def _checked(where: str, value: Any, key: Key) -> Any:
+    if key.kind is float and type(value) is int:
+        value = float(value)
+    size = len(value) if isinstance(value, str | list | dict) else value
+    allowed = value in key.among if key.among else type(value) is key.kind and key.least <= size <= key.most
+    if not allowed:
+        words = f"one of {', '.join(key.among)}" if key.among else _WORDS[key.kind].format(key.least, key.most)
+        raise StudyError(f"{where} must be {words}, is {short(value)}")
+    if key.item is not None:
+        return tuple(_checked(f"{where}[{number}]", one, key.item) for number, one in enumerate(value))
+    return value
+
+
+_PLAN: Final = {
+    "title": Key(str, least=1, most=200),
+    "channel": Key(str, "headphones", among=CHANNELS),
+    "seed": Key(int, 0, most=2**31 - 1),
+    "people": Key(int, least=1, most=10_000),
+    "consent": Key(str, "", most=20_000),
+    "instructions": Key(str, "", most=20_000),
+    "practice": Key(int, 0, most=20),
+    "break_every": Key(int, 0),
+    "stimuli": Key(dict, least=1),
+    "blocks": Key(list, least=1, most=100),
 }
 
-_NUMBERS: Final = tuple(key for key, (_, default) in _STIMULUS.items() if type(default) in (int, float))
+_STIMULUS: Final = {
+    "swatch": Key(str, ""),
+    "recording": Key(str, ""),
+    "rate_Hz": Key(float, 0.0, 1.0, 1e6),
+    "units": Key(str, ""),
+    "columns": Key(str, ""),
+    "force_N": Key(float, 1.0, most=100.0),
+    "speed_m_s": Key(float, 0.1, most=10.0),
+    "seconds": Key(float, 1.5, 0.05, 60.0),
+    "life": Key(bool, True),
+    "order": Key(int, 0, most=400),
+    "gain_dB": Key(float, 0.0, -120.0, 40.0),
+    "compensator": Key(str, ""),
+}
+
+_NUMBERS: Final = ("force_N", "speed_m_s", "seconds", "order", "gain_dB")
 """What a staircase may vary."""
 
-_EVERY: Final[Keys] = {"name": (check_name, ...), "kind": (_any, ...)}
-_QUESTION = _text(1, 500)
-_PAIRS = _list(_list(_any, 2, 2, 'two stimuli, ["A", "B"]'), 1, 100, 'a list of pairs, [["A", "B"]]')
-_REPEATS = _whole(1, 1000)
+_NAME: Final = Key(str, least=1, most=64)
+_STRONGER: Final = Key(str, "Which of the two is stronger?", 1, 500)
 
-_KINDS: Final[Mapping[str, Keys]] = {
+_KINDS: Final[Mapping[str, Mapping[str, Key]]] = {
     "rating": {
-        "stimuli": (_list(_any, 1, 100, "a list of stimuli's names, 1 to 100"), ...),
-        "repeats": (_REPEATS, 1),
-        "question": (_QUESTION, "How real does it feel?"),
-        "scale": (_list(_whole(-100, 100), 2, 2, "two whole numbers, [lowest, highest]"), (1, 7)),
-        "labels": (_list(_text(0, 100), 2, 2, "two texts, what lowest and highest mean"), ()),
-        "margin": (_number(0.0, 100.0), None),
+        "stimuli": Key(list, least=1, most=100, item=_NAME),
+        "repeats": Key(int, 1, 1),
+        "question": Key(str, "How real does it feel?", 1, 500),
+        "scale": Key(list, (1, 7), 2, 2, item=Key(int, least=-100, most=100)),
+        "labels": Key(list, (), 2, 2, item=Key(str, most=100)),
+        "margin": Key(float, None, most=100.0),
     },
     "2ifc": {
-        "pairs": (_PAIRS, ...),
-        "repeats": (_REPEATS, 1),
-        "question": (_QUESTION, "Which of the two is stronger?"),
-        "margin": (_number(0.0, 10.0), None),
-    },
-    "abx": {
-        "pairs": (_PAIRS, ...),
-        "repeats": (_REPEATS, 1),
-        "question": (_QUESTION, "Which is the last one, A or B?"),
-        "margin": (_number(0.0, 10.0), None),
+        "pairs": Key(list, least=1, most=100, item=Key(list, least=2, most=2, item=_NAME)),
+        "repeats": Key(int, 1, 1),
+        "question": _STRONGER,
+        "margin": Key(float, None, most=10.0),
     },
     "staircase": {
-        "stimulus": (_any, ...),
-        "parameter": (_among(*_NUMBERS), ...),
-        "reference": (_number(-1e6, 1e6), 0.0),
-        "below": (_truth, False),
-        "levels": (_list(_number(-1e6, 1e6), 3, 3, "[least, most, count]"), ...),
-        "linear": (_truth, False),
-        "trials": (_whole(5, 1000), 40),
-        "stop_within": (_number(0.0, 1.0), 0.0),
-        "question": (_QUESTION, "Which of the two is stronger?"),
+        "stimulus": _NAME,
+        "parameter": Key(str, among=_NUMBERS),
+        "reference": Key(float, 0.0, -1e6, 1e6),
+        "below": Key(bool, False),
+        "levels": Key(list, least=3, most=3, item=Key(float, least=0.0, most=1e6)),
+        "trials": Key(int, 40, 5),
+        "question": _STRONGER,
     },
 }
 
 
 def _block(number: int, given: Any, stimuli: Mapping[str, Mapping[str, object]]) -> Block:
     where = f"blocks[{number}]"
-    kind = _among(*_KINDS)(f"{where}.kind", given.get("kind", "") if isinstance(given, dict) else "")
-    values = _take(where, given, {**_EVERY, **_KINDS[kind]})
+    kind = _checked(f"{where}.kind", given.get("kind") if isinstance(given, dict) else None, Key(str, among=(*_KINDS,)))
+    values = _read(where, given, {"name": Key(str), "kind": Key(str), **_KINDS[kind]})
+    check_name(f"{where}.name", values["name"])
     used = [*values.get("stimuli", ()), *(one for pair in values.get("pairs", ()) for one in pair)]
-    used += [values["stimulus"]] if kind == "staircase" else []
-    for name in used:
-        if not isinstance(name, str) or name not in stimuli:
-            raise StudyError(f"{where}: {no_such('stimulus', str(name)[:60], stimuli)}")
-    if len(set(values.get("stimuli", ()))) < len(values.get("stimuli", ())):
-        raise StudyError(f"{where}.stimuli names one twice; repeats = 2 asks each twice")
+    for name in (*used, values["stimulus"]) if kind == "staircase" else used:
+        if name not in stimuli:
+            raise StudyError(f"{where}: {no_such('stimulus', name, stimuli)}")
+    if kind == "rating":
+        if len(set(used)) < len(used):
+            raise StudyError(f"{where}.stimuli names one twice; repeats = 2 asks each twice")
+        if not values["scale"][0] < values["scale"][1] <= values["scale"][0] + 20:
+            raise StudyError(f"{where}.scale must be [lowest, highest], 2 to 21 steps, is {list(values['scale'])}")
     if same := next((pair for pair in values.get("pairs", ()) if pair[0] == pair[1]), None):
         raise StudyError(f"{where}.pairs must have two different stimuli each, has {same[0]!r} twice")
-    if kind == "rating" and not values["scale"][0] < values["scale"][1] <= values["scale"][0] + 20:
-        raise StudyError(f"{where}.scale must be [lowest, highest], 2 to 21 steps, is {list(values['scale'])}")
     if kind == "staircase":
-        recorded = stimuli[values["stimulus"]]["recording"]
-        if values["parameter"] in (("force_N", "speed_m_s") if recorded else ("rate_Hz",)):
-            is_a = "recording" if recorded else "swatch"
-            raise StudyError(f"{where}.parameter: {values['parameter']} changes nothing of a {is_a}")
+        if values["parameter"] in ("force_N", "speed_m_s") and stimuli[values["stimulus"]]["recording"]:
+            raise StudyError(f"{where}.parameter: {values['parameter']} changes nothing where a recording is played")
         values["levels"] = _levels(where, values)
     return Block(**values)
 
 
 def _levels(where: str, values: Mapping[str, Any]) -> tuple[float, ...]:
-    """Distances from the reference that can be played, ascending; of a whole number each value once."""
+    """Distances from the reference that can be played, ascending, spaced by ratio; a whole number takes each once."""
     least, most, count = values["levels"]
-    if not (0 if values["linear"] else 1e-12) <= least < most or count != int(count) or not 2 <= count <= 200:
+    if not 1e-12 <= least < most or count != int(count) or not 2 <= count <= 200:
         raise StudyError(
-            f"{where}.levels must be [least, most, count]: distances from the reference, 0 < least < most (0 ≤ least "
-            f"where linear = true), 2 to 200 of them; is {list(values['levels'])}"
+            f"{where}.levels must be [least, most, count]: distances from the reference, 0 < least < most, 2 to 200 "
+            f"of them; is {list(values['levels'])}"
         )
-    spaced = np.linspace(least, most, int(count)) if values["linear"] else np.geomspace(least, most, int(count))
-    check, default = _STIMULUS[values["parameter"]]
-    whole = type(default) is int
-    if whole and values["reference"] % 1.0:
+    key = _STIMULUS[values["parameter"]]
+    if key.kind is int and values["reference"] % 1.0:
         raise StudyError(f"{where}.reference must be whole, as {values['parameter']} is; is {values['reference']:g}")
-    levels = tuple(dict.fromkeys(float(round(level)) if whole else float(level) for level in spaced))
+    spaced = np.geomspace(least, most, int(count)).tolist()
+    levels = tuple(dict.fromkeys(float(round(level)) if key.kind is int else level for level in spaced))
     for level in (0.0, *levels):
         value = values["reference"] + (-level if values["below"] else level)
-        check(f"{where}: {values['parameter']} at the level {level:g}", round(value) if whole else value)
+        _checked(f"{where}: {values['parameter']} at the level {level:g}", key.kind(value), key)
     if len(levels) < 2:
         raise StudyError(f"{where}.levels: {values['parameter']} is a whole number, and fewer than two values are left")
     return levels

@@ -1,10 +1,9 @@
-"""What plays the intervals of a trial: headphones, a handle, or a device that touches a flat pad."""
+"""What plays the intervals of a trial: headphones or a handle."""
 
-import time
 from collections.abc import Callable, Iterable
 from functools import partial
 from threading import Event
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,29 +14,15 @@ from hapscene.handle.handle_file import load_handle
 from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.playback import play
-from hapscene.study.plan import EFFECTS
 from hapscene.study.stimulus import FULL_SCALE, Stimulus, StimulusMaker, level_of
 from hapscene.study.trial_order import Interval
-from hapscene.surface.swatch import Swatch
-
-if TYPE_CHECKING:
-    from hapscene.device.driver_registry import DeviceChoice
-    from hapscene.scene.scene import Scene
+from hapscene.wall_clock import CLOCK, Clock
 
 DEAF_S: Final = 10.0
 """How much longer than it lasts a sound is waited for, before what plays it counts as gone [s]."""
 
 LOOK_S: Final = 0.005
 """How often it is looked whether a sound has ended [s]."""
-
-PAD_M: Final = (0.16, 0.12, 0.02)
-"""The pad that a device touches; its top is z = 0 [m]."""
-
-CLEAR_M: Final = 0.01
-"""How far over the pad a tool starts, and a simulated hand lifts it [m]."""
-
-REACH_M: Final = 0.05
-"""How far from the middle a simulated hand strokes [m]."""
 
 
 class Player(Protocol):
@@ -98,12 +83,17 @@ class OutputPlayer:
         output: what it is played on; closed with this.
         shaped: the values that the output is given for an interval.
         told: what `report` says besides the output's own counts.
+        clock: measures how long a sound takes.
     """
 
     def __init__(
-        self, output: HandleOutput, shaped: Callable[[Interval], Array], told: Callable[[], dict[str, float]]
+        self,
+        output: HandleOutput,
+        shaped: Callable[[Interval], Array],
+        told: Callable[[], dict[str, float]],
+        clock: Clock = CLOCK,
     ) -> None:
-        self._output, self._shaped, self._told = output, shaped, told
+        self._output, self._shaped, self._told, self._clock = output, shaped, told, clock
         self._feed, self._closed = _Samples(), False
         output.start(self._feed)
 
@@ -111,13 +101,13 @@ class OutputPlayer:
         return partial(self._play, self._shaped(interval))
 
     def _play(self, samples: Array) -> None:
-        ended, last_s = self._feed.give(samples), time.monotonic() + len(samples) / self._output.rate_Hz + DEAF_S
-        while not (ended.wait(LOOK_S) or self._output.fault or self._closed):
-            if time.monotonic() > last_s:
+        ended, last_s = self._feed.give(samples), self._clock.now_s() + len(samples) / self._output.rate_Hz + DEAF_S
+        while not (self._clock.wait(ended, LOOK_S) or self._output.fault or self._closed):
+            if self._clock.now_s() > last_s:
                 raise StudyError(f"{self._output.name}: takes no samples any more: was it unplugged?")
         if self._output.fault:
             raise StudyError(self._output.fault)
-        time.sleep(0.0 if self._closed else self._output.latency_s)
+        self._clock.sleep_s(0.0 if self._closed else self._output.latency_s)
 
     def close(self) -> None:
         self._closed = True
@@ -127,7 +117,9 @@ class OutputPlayer:
         return {**self._told(), **self._output.counts}
 
 
-def headphones(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus]) -> OutputPlayer:
+def headphones(
+    maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], clock: Clock = CLOCK
+) -> OutputPlayer:
     """Plays as sound, in whole steps of 16 bits, all at one level.
 
     Raises:
@@ -147,10 +139,12 @@ def headphones(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Sti
     def told() -> dict[str, float]:
         return {"full_scale_m_s2": 1.0 / level.gain, "clipped": clipped}
 
-    return OutputPlayer(output, shaped, told)
+    return OutputPlayer(output, shaped, told, clock)
 
 
-def handle(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], file: str = "") -> OutputPlayer:
+def handle(
+    maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], file: str = "", clock: Clock = CLOCK
+) -> OutputPlayer:
     """Plays on a handle: the acceleration itself, by each stimulus's compensator, "flat" where it says none.
 
     Args:
@@ -177,97 +171,4 @@ def handle(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulu
         counts["clipped"] += int(np.count_nonzero(np.abs(values) > output.ceiling))
         return np.clip(values, -output.ceiling, output.ceiling)
 
-    return OutputPlayer(output, shaped, lambda: dict(counts))
-
-
-class DevicePlayer:
-    """A device, felt freely for as long as an interval takes: a pad of the stimulus's swatch, in a servo.
-
-    Between intervals the servo rests, without a force. The noise is the servo's own and goes on from interval to
-    interval: an interval's seed has no effect. A simulated device is stroked by a simulated hand at the stimulus's
-    force and speed.
-    """
-
-    def __init__(
-        self,
-        maker: StimulusMaker,
-        device: "DeviceChoice | str",
-        stimuli: Iterable[Stimulus],
-        *,
-        seed: int = 0,
-        **made: Any,
-    ) -> None:
-        """Starts the servo, which takes seconds.
-
-        Args:
-            maker: of the study.
-            device: a driver, or the name of a simulated device.
-            stimuli: all that may be felt: they are made now, so that nobody waits.
-            seed: of the noise.
-            made: further arguments of `Servo`: handle, handle_file.
-
-        Raises:
-            HapsceneError: a device that is not there, or what `Servo` refuses.
-        """
-        from hapscene.servo import Servo
-
-        self._maker, self._simulated, self._closed = maker, isinstance(device, str), Event()
-        swatches = [maker.swatch(stimulus) for stimulus in stimuli]
-        self._scene = _pad(swatches[0])
-        self._servo = Servo(self._scene, device, seed=seed, **made)
-        self._servo.__enter__()
-        try:
-            self._servo.start((0.0, 0.0, CLEAR_M))
-            self._servo.rest()
-        except BaseException:
-            self._servo.close()
-            raise
-
-    def ready(self, interval: Interval) -> Callable[[], None]:
-        return partial(self._play, interval.stimulus, self._maker.swatch(interval.stimulus))
-
-    def _play(self, stimulus: Stimulus, swatch: Swatch) -> None:
-        self._scene.swatches[self._scene.bodies[0].face_swatch[0]] = swatch
-        self._servo.repaint(self._scene)
-        for effect in EFFECTS:
-            self._servo.mute(effect, effect not in stimulus["effects"])
-        self._servo.resume()
-        try:
-            self._felt(stimulus)
-            if not self._closed.is_set():
-                self._servo.handle_report()  # raises where a real handle plays no more
-        finally:
-            if not self._closed.is_set():
-                self._servo.rest()
-
-    def _felt(self, stimulus: Stimulus) -> None:
-        began_s, seconds = time.monotonic(), stimulus["seconds"]
-        while (now_s := time.monotonic() - began_s) < seconds and not self._closed.is_set():
-            if self._simulated:
-                along = (now_s * stimulus["speed_m_s"] / REACH_M + 1.0) % 4.0
-                x_m = REACH_M * (abs(along - 2.0) - 1.0)
-                self._servo.aim((x_m, 0.0, 0.0), push_W_N=(0.0, 0.0, -stimulus["force_N"]))
-            self._servo.state()  # raises where it has ended
-            self._closed.wait(LOOK_S)
-        if self._simulated and not self._closed.is_set():
-            self._servo.aim((0.0, 0.0, CLEAR_M))
-
-    def close(self) -> None:
-        self._closed.set()
-        self._servo.close()
-
-    def report(self) -> dict[str, float]:
-        return self._servo.handle_report()
-
-
-def _pad(swatch: Swatch) -> "Scene":
-    import trimesh
-
-    from hapscene.scene.mesh import Mesh
-    from hapscene.scene.scene import Scene
-
-    scene, X_WB = Scene(), np.eye(4)
-    X_WB[2, 3] = -0.5 * PAD_M[2]
-    mesh = Mesh.from_trimesh(trimesh.creation.box(PAD_M), "m")
-    scene.add(mesh, name="pad", pose=X_WB, swatch=swatch)
-    return scene
+    return OutputPlayer(output, shaped, lambda: dict(counts), clock)

@@ -1,8 +1,8 @@
-"""An adaptive threshold by QUEST+ (Watson 2017, J. Vision 17(3):10): each trial where it says most.
+"""An adaptive threshold by QUEST+ (Watson 2017, J. Vision 17(3):10): each trial where it is most informative.
 
 The chance to be right in two intervals is a Weibull function of the level, over threshold, slope and lapses
 (Watson & Pelli 1983): 1 − λ − (½ − λ) exp(−(level / threshold)^slope). At the threshold it is 0.82, less a little for
-lapses. All three are estimated; questplus, a library, keeps their joint posterior.
+lapses. All three are estimated; the library questplus keeps their joint posterior.
 """
 
 import math
@@ -14,36 +14,31 @@ import numpy as np
 from hapscene.errors import StudyError
 
 SLOPES: Final = (1.4, 2.0, 2.8, 4.0, 5.6)
-"""Slopes that are thought possible [1]: 1.3 where d′ grows as the level does, 3.5 for detection (Watson & Pelli 1983).
+"""Slopes that are considered [1]: 1.3 where d′ grows as the level does, 3.5 for detection (Watson & Pelli 1983).
 With fewer, intervals hold the thresholds of people with other slopes less often; with more, each trial says less."""
 
 LAPSES: Final = (0.0, 0.02, 0.05)
-"""Shares of lapses that are thought possible [1] (Wichmann & Hill 2001: most people's are below 0.05)."""
+"""Lapse rates that are considered [1] (Wichmann & Hill 2001: most people's are below 0.05)."""
 
 THRESHOLDS: Final = 80
 """Thresholds between the least and the most level [count]."""
 
 
 class Staircase:
-    """One staircase: `level` is what to play next, `add` tells the answer."""
+    """One staircase: `level` is what to play next, `add` takes the answer."""
 
-    def __init__(self, levels: Sequence[float], *, linear: bool = False) -> None:
-        """Begins without knowing anything.
+    def __init__(self, levels: Sequence[float]) -> None:
+        """Begin with a uniform prior.
 
         Args:
-            levels: what can be played, ascending, > 0 (≥ 0 where linear).
-            linear: thresholds are spaced evenly, else by ratio.
+            levels: what can be played, ascending, > 0.
 
         Raises:
             StudyError: questplus is not installed.
         """
-        questplus = library()
         self._levels = np.asarray(levels, dtype=np.float64)
-        least, most = float(self._levels[0]), float(self._levels[-1])
-        space = np.linspace if linear else np.geomspace
-        least = max(least, 1e-3 * most)  # a threshold of nothing has no slope
-        self._thresholds = space(least, most, THRESHOLDS)
-        self._quest = questplus.QuestPlus(
+        self._thresholds = np.geomspace(max(float(levels[0]), 1e-3 * float(levels[-1])), float(levels[-1]), THRESHOLDS)
+        self._quest = library().QuestPlus(
             stim_domain={"intensity": self._levels},
             param_domain={
                 "threshold": self._thresholds,
@@ -55,7 +50,6 @@ class Staircase:
             func="weibull",
             stim_scale="linear",
         )
-        self._linear = linear
 
     @property
     def level(self) -> float:
@@ -63,54 +57,38 @@ class Staircase:
         return float(self._quest.next_stim["intensity"])
 
     def add(self, level: float, right: bool) -> None:
-        """Takes the answer to a level; one that is none of ours counts as the nearest."""
+        """Take the answer to a level; one that is not among the levels counts as the nearest."""
         nearest = float(self._levels[np.argmin(np.abs(self._levels - level))])
         self._quest.update(stim={"intensity": nearest}, outcome={"response": "right" if right else "wrong"})
 
     @property
-    def known_within(self) -> float:
-        """How far the threshold is known, as a share of it [1].
-
-        The standard deviation of the normal whose entropy is that of the threshold's posterior.
-        """
-        p = self._marginal()
-        entropy = -float(np.sum(p[p > 0.0] * np.log(p[p > 0.0])))
-        scale = self._thresholds if self._linear else np.log(self._thresholds)
-        spread = float(scale[1] - scale[0]) * math.exp(entropy) / math.sqrt(2.0 * math.pi * math.e)
-        return spread / self.threshold if self._linear else spread
-
-    @property
     def threshold(self) -> float:
-        """The threshold: the median of its posterior, in the unit of the levels."""
+        """The median of the threshold's posterior, in the unit of the levels."""
         return self.quantile(0.5)
 
     def quantile(self, share: float) -> float:
-        """The threshold below which it lies with this probability, in the unit of the levels."""
-        scale = self._thresholds if self._linear else np.log(self._thresholds)
+        """A quantile of the threshold's posterior, in the unit of the levels."""
+        scale = np.log(self._thresholds)
         half = 0.5 * (scale[1] - scale[0])
         edges = np.concatenate([[scale[0] - half], scale + half])
-        below = np.concatenate([[0.0], np.cumsum(self._marginal())])
-        found = float(np.interp(share, below, edges))
-        found = min(max(found, float(scale[0])), float(scale[-1]))
-        return found if self._linear else math.exp(found)
+        marginal = self._quest.marginal_posterior["threshold"]
+        found = float(np.interp(share, np.concatenate([[0.0], np.cumsum(marginal)]), edges))
+        return math.exp(min(max(found, float(scale[0])), float(scale[-1])))
 
     def interval(self, certainty: float) -> tuple[float, float]:
-        """Where the threshold is with this probability, in the unit of the levels; open where it may lie beyond them.
+        """The credible interval of the threshold, in the unit of the levels; an end beyond the levels is infinite.
 
-        Open is an end at which the outermost threshold that is thought possible is so probable that the interval
-        does not end before it: people who are never right, or always, have their threshold beyond.
+        An end is infinite where the outermost threshold is so probable that the interval does not end before it:
+        people who are never right, or always, have their threshold beyond the levels.
         """
         tail = 0.5 * (1.0 - certainty)
         low, high = self.quantile(tail), self.quantile(1.0 - tail)
         least, most = float(self._thresholds[0]), float(self._thresholds[-1])
         return -math.inf if low <= least * (1.0 + 1e-9) else low, math.inf if high >= most * (1.0 - 1e-9) else high
 
-    def _marginal(self) -> Any:
-        return self._quest.marginal_posterior["threshold"]
-
 
 def library() -> Any:
-    """questplus.
+    """The module questplus.
 
     Raises:
         StudyError: it is not installed.

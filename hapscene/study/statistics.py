@@ -1,16 +1,14 @@
-"""What the answers of a study say: thresholds, d′, proportions and ratings, each with an interval of 95 %.
+"""What the answers of a study say: thresholds, d′, right answers and ratings, each with an interval of 95 %.
 
-That two cannot be told apart is said only where the whole interval lies inside the block's margin; that nothing was
-found says nothing.
+Two stimuli are called equal only where the whole interval of their difference lies inside the block's margin. A
+difference that was not found is not called equal.
 """
 
 import math
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,21 +26,21 @@ Row = Mapping[str, str]
 
 @dataclass(frozen=True)
 class Finding:
-    """One number that the answers say."""
+    """One estimate."""
 
     block: str
     what: str
     """Of which stimuli: "alive", "alive − steady", "gain_dB of alive"."""
     person: str
-    """Whose; "" for the people that these are drawn from."""
+    """Whose; "" for the population that the participants are drawn from."""
     quantity: str
-    """threshold, d′, right, first, rating or difference of ratings."""
+    """threshold, d′, right, rating or difference of ratings."""
     unit: str
     method: str
     estimate: Estimate
     answers: int
     verdict: str = ""
-    """Of a comparison: told apart, cannot be told apart, or not decided; in words."""
+    """Of a comparison, in words: told apart, cannot be told apart, or not decided."""
 
 
 @dataclass(frozen=True)
@@ -54,15 +52,15 @@ class Analysis:
     findings: tuple[Finding, ...]
 
     def find(self, block: str, quantity: str, person: str = "") -> tuple[Finding, ...]:
-        """The findings of a block by quantity, of the people as a whole or of one."""
+        """The findings of a block by quantity, of the population or of one person."""
         return tuple(f for f in self.findings if (f.block, f.quantity, f.person) == (block, quantity, person))
 
 
 def analyse(folder: str | Path) -> Analysis:
-    """What the answers in a study's folder say, those of sittings that are not at their end included.
+    """Analyse the answers in a study's folder; unfinished sessions are included.
 
     Raises:
-        StudyError: no study's folder, answers to another plan, or statsmodels is not installed.
+        StudyError: not a study's folder, or answers that do not fit its plan.
     """
     folder = Path(folder)
     plan = load_plan(folder / PLAN)
@@ -72,40 +70,26 @@ def analyse(folder: str | Path) -> Analysis:
 
 
 def analyse_rows(plan: Plan, rows: Sequence[Row]) -> Analysis:
-    """What answers to a plan say.
+    """Analyse answers to a plan.
 
     Args:
         plan: the plan.
         rows: answers by column, see `hapscene.study.results_file`.
 
     Raises:
-        StudyError: answers to another plan, a field that is no number, or statsmodels is missing.
+        StudyError: answers to another plan, or a field that is out of range.
     """
-    try:
-        import statsmodels.stats.proportion  # noqa: F401
-    except ImportError:
-        raise StudyError("statistics need the package statsmodels: pip install 'hapscene[study]'") from None
-    if any(row["plan_sha256"] != plan.sha256 for row in rows):
-        raise StudyError("there are answers to another plan among them")
     _check(plan, rows)
-    by_kind: dict[str, Callable[[Block, Sequence[Row]], Iterator[Finding]]] = {
-        "rating": _ratings,
-        "staircase": _thresholds,
-        "2ifc": _choices,
-        "abx": _choices,
-    }
+    by_kind = {"rating": _ratings, "staircase": _thresholds, "2ifc": _choices}
     findings: list[Finding] = []
     for block in plan.blocks:
-        mine = [row for row in rows if row["block"] == block.name]
-        try:
-            findings += by_kind[block.kind](block, mine) if mine else ()
-        except (ValueError, KeyError) as fault:
-            raise StudyError(f"block {block.name}: an answer is not what it should be: {fault}") from None
+        if mine := [row for row in rows if row["block"] == block.name]:
+            findings += by_kind[block.kind](block, mine)
     return Analysis(plan, tuple(dict.fromkeys(row["person"] for row in rows)), tuple(findings))
 
 
 def _check(plan: Plan, rows: Sequence[Row]) -> None:
-    """Answers are what they may be: a file may have been edited, and nothing is counted that says two things.
+    """Refuse answers that do not fit the plan: a file may have been edited.
 
     Raises:
         StudyError: names the person and the trial.
@@ -113,6 +97,8 @@ def _check(plan: Plan, rows: Sequence[Row]) -> None:
     blocks, seen = {block.name: block for block in plan.blocks}, set()
     for row in rows:
         where = f"{row['person']}, trial {row['trial']}"
+        if row["plan_sha256"] != plan.sha256:
+            raise StudyError(f"{where}: is an answer to another plan")
         if (key := (row["person"], row["trial"])) in seen:
             raise StudyError(f"{where} stands twice")
         seen.add(key)
@@ -120,7 +106,7 @@ def _check(plan: Plan, rows: Sequence[Row]) -> None:
         if block is None or row["kind"] != block.kind:
             raise StudyError(f"{where}: the plan has no block {short(row['block'])} of kind {short(row['kind'])}")
         asked = {*block.stimuli, *(name for pair in block.pairs for name in pair), block.stimulus} - {""}
-        played = {row[name] for name in ("stimulus_1", "stimulus_2", "stimulus_3")} - {MISSING}
+        played = {row["stimulus_1"], row["stimulus_2"]} - {MISSING}
         if not played <= asked or not played:
             raise StudyError(f"{where}: stimuli must be of {', '.join(sorted(asked))}; are {', '.join(sorted(played))}")
         low, high = block.scale
@@ -158,49 +144,46 @@ def _thresholds(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
     what, unit = f"{block.parameter} of {block.stimulus}", _unit(block.parameter)
     found = []
     for person, mine in _by_person(rows).items():
-        staircase = Staircase(block.levels, linear=block.linear)
+        staircase = Staircase(block.levels)
         for row in mine:
             staircase.add(float(row["level"]), row["correct"] == "1")
         threshold = Estimate(staircase.threshold, *staircase.interval(CERTAINTY))
         found.append(threshold)
         yield Finding(block.name, what, person, "threshold", unit, "QUEST+", threshold, len(mine))
     if len(found) > 1:
-        values = np.array([one.value for one in found])
-        known = all(math.isfinite(one.low) and math.isfinite(one.high) for one in found)
-        if known:
-            estimate = mean_of_people(values if block.linear else np.log(values))
-            if not block.linear:
-                estimate = Estimate(*(math.exp(one) for one in (estimate.value, estimate.low, estimate.high)))
-            method = ("mean" if block.linear else "geometric mean") + " of the people's, Student's t"
-        else:  # of one whose threshold may lie beyond all levels no mean knows anything
+        if all(math.isfinite(one.low) and math.isfinite(one.high) for one in found):
+            log = mean_of_people(np.log([one.value for one in found]))
+            estimate = Estimate(*(math.exp(one) for one in (log.value, log.low, log.high)))
+            method = "geometric mean of the people's, Student's t"
+        else:  # a threshold beyond all levels has no mean
             estimate, method = median_of_people(found), "median of the people's, by ranks"
         yield Finding(block.name, what, "", "threshold", unit, method, estimate, len(rows))
 
 
 def _unit(parameter: str) -> str:
-    return {"force_N": "N", "speed_m_s": "m/s", "seconds": "s", "gain_dB": "dB", "rate_Hz": "Hz"}.get(parameter, "")
+    return {"force_N": "N", "speed_m_s": "m/s", "seconds": "s", "gain_dB": "dB"}.get(parameter, "")
 
 
 def mean_of_people(values: Sequence[float] | NDArray[np.float64], step: float = 0.0) -> Estimate:
-    """The mean of the people that these are drawn from, by Student's t; of one person without bounds.
+    """The mean of the population, by Student's t; of one person without bounds.
 
     Args:
         values: of each person.
-        step: what answers are rounded to: where people are all alike, they spread as such a rounding does.
+        step: what answers are rounded to: the spread of people who are all alike is that of the rounding.
     """
     mean = float(np.mean(values))
     if len(values) < 2:
         return Estimate(mean, -math.inf, math.inf)
-    alike = np.ptp(values) < 1e-9  # means of the same ratings differ by what they are rounded to
+    alike = np.ptp(values) < 1e-9  # means of the same ratings differ by rounding
     spread = step / math.sqrt(12.0) if alike else float(np.std(values, ddof=1))
-    half = _t(len(values) - 1) * spread / math.sqrt(len(values))
+    half = float(stats.t.ppf(0.5 + 0.5 * CERTAINTY, len(values) - 1)) * spread / math.sqrt(len(values))
     return Estimate(mean, mean - half, mean + half)
 
 
 def median_of_people(found: Sequence[Estimate]) -> Estimate:
-    """The median of the people that these are drawn from, by ranks: as often above a person's as below.
+    """The median of the population, by ranks (sign test).
 
-    An open end of somebody's counts as beyond everybody else's; of fewer than six people nothing is certain.
+    Somebody's infinite end counts as beyond everybody else's; fewer than six people give no interval.
     """
     rank = int(stats.binom.ppf(0.5 - 0.5 * CERTAINTY, len(found), 0.5))
     lows = sorted(-math.inf if math.isinf(one.low) else one.value for one in found)
@@ -209,15 +192,10 @@ def median_of_people(found: Sequence[Estimate]) -> Estimate:
     return Estimate(float(np.median([one.value for one in found])), *ends)
 
 
-def _t(freedom: float) -> float:
-    return float(stats.t.ppf(0.5 + 0.5 * CERTAINTY, freedom))
-
-
-# Choices: right answers and d′.
+# Right answers and d′.
 
 
 def _choices(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
-    rules = ("2ifc",) if block.kind == "2ifc" else ("abx independent", "abx difference")
     for pair in block.pairs:
         mine = [row for row in rows if {row["stimulus_1"], row["stimulus_2"]} == set(pair)]
         if not mine:
@@ -226,40 +204,21 @@ def _choices(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
         right = [sum(row["correct"] == "1" for row in own) for own in people.values()]
         count = [len(own) for own in people.values()]
         what, n = f"{pair[0]} − {pair[1]}", len(mine)
-        exact = proportion(sum(right), n, method="exact")
-        said = _exact_verdict(exact, block.kind)
-        yield Finding(block.name, what, "", "right", "", "all answers, exact binomial", exact, n, said)
-        first = proportion(sum(row["answer"] == "0" for row in mine), n)
-        yield Finding(block.name, what, "", "first", "", "all answers, Wilson", first, n)
-        for rule in rules:
-            d = d_prime_of_people(right, count, rule)
-            said = _mixed_up(exact, block.kind) or verdict(d, block.margin, "d′")
-            yield Finding(block.name, what, "", "d′", "", f"mixed model, {rule}", d, n, said)
-            for person, k, own in zip(people, right, count, strict=True):
-                yield Finding(block.name, what, person, "d′", "", f"Wilson, {rule}", d_prime_of(k, own, rule), own)
-
-
-def _exact_verdict(share: Estimate, kind: str) -> str:
-    if share.low > 0.5:
-        return "told apart: more answers are right than guessing gives"
-    if share.high < 0.5 and kind == "2ifc":
-        return "told apart, the other way round: fewer answers are right than guessing gives"
-    return _mixed_up(share, kind) or "not decided: right answers alone do not exclude guessing"
-
-
-def _mixed_up(share: Estimate, kind: str) -> str:
-    """ABX has no d′ below 0: who is wrong more often than by guessing tells apart, and answers the other way round."""
-    mixed = "not decided: fewer answers are right than guessing gives; were A and B mixed up?"
-    return mixed if kind == "abx" and share.high < 0.5 else ""
+        exact = proportion(sum(right), n)
+        yield Finding(block.name, what, "", "right", "", "all answers, exact binomial", exact, n)
+        d = d_prime_of_people(right, count)
+        yield Finding(block.name, what, "", "d′", "", "mixed model", d, n, verdict(d, block.margin, "d′"))
+        for person, k, own in zip(people, right, count, strict=True):
+            yield Finding(block.name, what, person, "d′", "", "Wilson", d_prime_of(k, own), own)
 
 
 def verdict(estimate: Estimate, margin: float | None, quantity: str) -> str:
-    """What an interval of a difference says, in words.
+    """What the interval of a difference says, in words.
 
     Args:
         estimate: of the difference.
-        margin: up to which it does not matter; None: nothing can be called equal.
-        quantity: what it is, for the words.
+        margin: below which two count as equal; None: never.
+        quantity: its name, for the words.
     """
     apart = estimate.low > 0.0 or estimate.high < 0.0
     most = max(abs(estimate.low), abs(estimate.high))
@@ -276,66 +235,18 @@ def verdict(estimate: Estimate, margin: float | None, quantity: str) -> str:
 
 
 def _ratings(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
-    by_stimulus = {name: _by_person([row for row in rows if row["stimulus_1"] == name]) for name in block.stimuli}
-    means = {
-        name: {person: float(np.mean([float(row["rating"]) for row in mine])) for person, mine in people.items()}
-        for name, people in by_stimulus.items()
-    }
-    for name, of_people in means.items():
-        if of_people:
-            n = sum(map(len, by_stimulus[name].values()))
-            mean = mean_of_people(list(of_people.values()), step=1.0)
-            yield Finding(block.name, name, "", "rating", "", "mean of the people's, Student's t", mean, n)
+    means = {}
+    for name in block.stimuli:
+        mine = [row for row in rows if row["stimulus_1"] == name]
+        of_person = _by_person(mine).items()
+        means[name] = {who: float(np.mean([float(row["rating"]) for row in own])) for who, own in of_person}
+        if mine:
+            mean = mean_of_people(list(means[name].values()), step=1.0)
+            yield Finding(block.name, name, "", "rating", "", "mean of the people's, Student's t", mean, len(mine))
     for a, b in combinations(block.stimuli, 2):
-        both = [row for row in rows if row["stimulus_1"] in (a, b)]
         people = means[a].keys() & means[b].keys()
-        both = [row for row in both if row["person"] in people]
-        if len(people) < 2:
-            continue
-        ratings = np.array([float(row["rating"]) for row in both])
-        paired = [means[a][one] - means[b][one] for one in sorted(people)]
-        of_a, whose = np.array([row["stimulus_1"] == a for row in both]), [row["person"] for row in both]
-        effects = {
-            "paired, Student's t": mean_of_people(paired, step=math.sqrt(2.0)),
-            "mixed model": mixed_effect(ratings, of_a, whose),
-        }
-        for method, effect in effects.items():
-            if effect is not None:
-                said = verdict(effect, block.margin, "rating")
-                named = (block.name, f"{a} − {b}", "", "difference of ratings", "", method)
-                yield Finding(*named, effect, len(both), said)
-
-
-def mixed_effect(ratings: NDArray[np.float64], treated: NDArray[np.bool_], people: Sequence[str]) -> Estimate | None:
-    """How much higher one stimulus is rated than another, by a linear mixed model.
-
-    rating = (b₀ + u₀) + (b₁ + u₁) x + noise, x = ± ½, u₀ and u₁ normal over people, by restricted likelihood
-    (statsmodels' MixedLM). The interval is Student's, one degree of freedom less than people: z would be too narrow for
-    a dozen.
-
-    Args:
-        ratings: (n,).
-        treated: (n,), of the one, not of the other.
-        people: (n,), whose.
-
-    Returns:
-        b₁, or None where the model cannot be fitted: too few answers, all of them the same.
-    """
-    from statsmodels.regression.mixed_linear_model import MixedLM
-
-    count = len(set(people))
-    if count < 2 or len(ratings) <= 2 * count or not np.ptp(ratings):
-        return None
-    x = np.column_stack([np.ones(len(ratings)), np.where(treated, 0.5, -0.5)])
-    for method in ("powell", "lbfgs"):  # where people are alike, a variance is 0, and one or the other ends badly
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            try:
-                fit: Any = MixedLM(ratings, x, groups=np.array(people), exog_re=x).fit(reml=True, method=method)
-                value, error = float(fit.fe_params[1]), float(fit.bse_fe[1])
-            except np.linalg.LinAlgError:
-                continue
-        if fit.converged and math.isfinite(error):
-            half = _t(count - 1) * error
-            return Estimate(value, value - half, value + half)
-    return None
+        if len(people) > 1:
+            n = sum(row["stimulus_1"] in (a, b) and row["person"] in people for row in rows)
+            paired = mean_of_people([means[a][one] - means[b][one] for one in sorted(people)], step=math.sqrt(2.0))
+            named = (block.name, f"{a} − {b}", "", "difference of ratings", "", "paired, Student's t")
+            yield Finding(*named, paired, n, verdict(paired, block.margin, "rating"))

@@ -5,7 +5,6 @@ sends is data of a stranger (`web_listener.PageListener` lets it in), and is loo
 """
 
 import json
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
@@ -18,6 +17,7 @@ from hapscene.study.plan import Plan
 from hapscene.study.playing import Player
 from hapscene.study.sitting import Sitting
 from hapscene.study.trial_order import Trial, trials
+from hapscene.wall_clock import CLOCK, Clock
 from hapscene.web_listener import PageListener
 
 if TYPE_CHECKING:
@@ -38,9 +38,6 @@ FILES: Final = {
     "page.js": ("study_page.js", "text/javascript; charset=utf-8"),
 }
 
-LABELS: Final = {"rating": ("",), "2ifc": ("1", "2"), "staircase": ("1", "2"), "abx": ("A", "B", "X")}
-"""What the intervals of a trial are called on the page, by its kind."""
-
 
 class StudyServer:
     """Serves the page of a sitting while it is open, and plays what is asked about.
@@ -49,6 +46,7 @@ class StudyServer:
         sitting: that is gone on with; it stays the caller's to close.
         player: what plays; the caller's, too.
         host, port: where to listen; port 0 for any that is free.
+        clock: measures the silence between intervals.
 
     Attributes:
         url: of the page, with its token: whoever has it may answer, nobody else.
@@ -60,8 +58,10 @@ class StudyServer:
         HapsceneError: websockets is missing; the port is taken, the host not ours.
     """
 
-    def __init__(self, sitting: Sitting, player: Player, *, host: str = "127.0.0.1", port: int = 0) -> None:
-        self._sitting, self._player = sitting, player
+    def __init__(
+        self, sitting: Sitting, player: Player, *, host: str = "127.0.0.1", port: int = 0, clock: Clock = CLOCK
+    ) -> None:
+        self._sitting, self._player, self._clock = sitting, player, clock
         self._practice = [] if sitting.done else practice_trials(sitting.plan)
         self._begun, self._rested, self._feedback = False, sitting.done, ""
         self._heard: dict[int, int] = {}  # of this trial: how often each interval was played to its end
@@ -122,8 +122,8 @@ class StudyServer:
                 "question": trial.question,
                 "choices": trial.choices,
                 "ends": trial.labels,
-                "kind": "pair" if trial.kind == "staircase" else trial.kind.replace("2ifc", "pair"),
-                "intervals": LABELS[trial.kind],
+                "kind": "rating" if trial.kind == "rating" else "pair",
+                "intervals": ("",) if trial.kind == "rating" else ("1", "2"),
                 "heard": sorted(self._heard),
                 "playing": self._playing,
             }
@@ -212,7 +212,7 @@ class StudyServer:
             self._ready = self._ready or [self._player.ready(interval) for interval in trial.intervals]
             for place in which:
                 if place > which.start:
-                    time.sleep(GAP_S)
+                    self._clock.sleep_s(GAP_S)
                 self._tell({"plays": place})
                 self._ready[place]()
                 with self._lock:

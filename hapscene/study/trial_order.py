@@ -31,10 +31,10 @@ class Trial:
     """In this person's sequence, from 0."""
     block: str
     kind: str
-    """rating, 2ifc, abx or staircase."""
+    """rating, 2ifc or staircase."""
     question: str
     intervals: tuple[Interval, ...]
-    """One to rate, two to choose from, or A, B and X."""
+    """One to rate, or two to choose from."""
     choices: tuple[str, ...]
     correct: int | None
     """Index of the right choice; None where none is right."""
@@ -105,7 +105,7 @@ Question = tuple[tuple[Interval, ...], tuple[str, ...], int | None]
 def _fixed(plan: Plan, block: Block, rng: np.random.Generator, place: int) -> Generator[Question, None, None]:
     """The questions of a block that does not depend on answers: as often as it repeats, all in a balanced order."""
     things: Sequence[str | tuple[str, str]] = block.stimuli or block.pairs
-    sides = [balanced(block.repeats, 4 if block.kind == "abx" else 2, rng) for _ in things]
+    sides = [balanced(block.repeats, 2, rng) for _ in things]
     for repeat in range(block.repeats):
         for index in order(len(things), place + repeat, plan.seed):
             thing, side = things[index], int(sides[index][repeat])
@@ -113,11 +113,8 @@ def _fixed(plan: Plan, block: Block, rng: np.random.Generator, place: int) -> Ge
                 choices = tuple(str(step) for step in range(block.scale[0], block.scale[1] + 1))
                 yield (_interval(plan, thing, rng),), choices, None
                 continue
-            shown: tuple[str, ...] = thing if side % 2 == 0 else thing[::-1]
-            if block.kind == "abx":
-                shown = (*shown, shown[side // 2])
-            intervals = tuple(_interval(plan, name, rng) for name in shown)
-            yield (intervals, ("A", "B"), side // 2) if block.kind == "abx" else (intervals, ("first", "second"), side)
+            intervals = tuple(_interval(plan, name, rng) for name in (thing if side == 0 else thing[::-1]))
+            yield intervals, ("first", "second"), side
 
 
 def balanced(count: int, sides: int, rng: np.random.Generator) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
@@ -129,7 +126,7 @@ def balanced(count: int, sides: int, rng: np.random.Generator) -> "np.ndarray[tu
 def _staircase(plan: Plan, block: Block, rng: np.random.Generator, number: int) -> Generator[Trial, Answers, int]:
     from hapscene.study.staircase import Staircase
 
-    staircase = Staircase(block.levels, linear=block.linear)
+    staircase = Staircase(block.levels)
     for side in balanced(block.trials, 2, rng):
         level = staircase.level
         intervals = tuple(
@@ -141,6 +138,4 @@ def _staircase(plan: Plan, block: Block, rng: np.random.Generator, number: int) 
         choice, played = yield trial
         number += 1
         staircase.add(level if played is None else played, choice == side)
-        if block.stop_within and staircase.known_within < block.stop_within:
-            break
     return number

@@ -28,7 +28,6 @@ from urllib.parse import quote, urljoin, urlsplit
 
 from hapscene.errors import SwatchError, did_you_mean, no_such, printable
 from hapscene.files import parse_format, read_bytes, refusing, short, write_whole
-from hapscene.old_spellings import old_spellings
 from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, is_number, read_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.swatch_summary import figures, words
@@ -507,7 +506,6 @@ def read_index(url: str) -> tuple[str, list[LibraryEntry]]:
     return address, parse_index(bytes(data), address)
 
 
-@old_spellings()
 def get(
     name: str,
     address: str,

@@ -14,24 +14,24 @@ _SLEW = int(Flag.SLEW_LIMITED)
 _ACCELERATION = int(Flag.ACCELERATION_LIMITED)
 
 
+_ADDED = -1
+"""What `_call` returns for an effect that supplied something."""
+
+
 @inlined
-def render(surface: Any, of_scene: bool) -> int:
-    """Call the effects of contact with the touched swatch's parameters, or those of the scene; returns flags.
+def render_contact(surface: Any) -> int:
+    """Call the effects of contact with the touched swatch's parameters, summed into `surface.total[0]`; returns flags.
 
-    They are summed into `surface.total[0]`, which those of contact begin anew. Each effect writes to a clean record of
-    its own, so that one that returns NaN or infinity is known: it is mute until the next reset, and the others go on.
+    Each effect writes to a clean record of its own, so that one that returns NaN or infinity is known: it is mute until
+    the next reset, and the others go on.
 
-    Where two swatches are felt, those of contact are called for each. Their forces are summed by weight, their
-    accelerations by its square root: they are independent, so the power of the sum, at all frequencies, is the sum of
-    theirs by weight.
+    Where two swatches are felt, the effects are called for each. Their forces are summed by weight, their accelerations
+    by its square root: they are independent, so the power of the sum, at all frequencies, is the sum of theirs by
+    weight.
     """
     touch, part, total, memory = surface.touch[0], surface.part[0], surface.total[0], surface.memory[0]
-    first, stop, swatch, bank = 0, surface.contact_count[0], touch.swatch, memory.bank
-    blended = touch.other >= 0
-    if of_scene:
-        first, stop, swatch, bank, blended = stop, len(surface.effects), len(surface.stiffness_N_m), 0, False
-    else:
-        _clear(total, touch)
+    swatch, bank, blended = touch.swatch, memory.bank, touch.other >= 0
+    _clear(total, touch)
     flags = 0
     if swatch < 0:
         return 0
@@ -45,25 +45,10 @@ def render(surface: Any, of_scene: bool) -> int:
             weight = touch.weight if turn == 1 else 1.0 - touch.weight
             gain, memory.gain[bank] = memory.gain[bank], math.sqrt(weight)
             rise = (memory.gain[bank] - gain) / touch.block
-        for e in range(first, stop):
-            if surface.muted[e] != 0:
-                flags |= _MUTED if surface.muted[e] == FAILED else 0
-                continue
-            _clear(part, touch)
-            table = surface.tables[surface.table_start[swatch, e] : surface.table_start[swatch, e + 1]]
-            call_effect(
-                surface.effects[e],
-                touch,
-                surface.params,
-                surface.param_start[swatch, e],
-                table,
-                surface.states,
-                bank * (len(surface.states) // 2) + surface.state_start[e],
-                part,
-            )
-            if not _finite(part, touch):
-                surface.muted[e] = FAILED
-                flags |= _MUTED
+        for e in range(surface.contact_count[0]):
+            outcome = _call(surface, e, swatch, bank * (len(surface.states) // 2))
+            if outcome != _ADDED:
+                flags |= outcome
                 continue
             for i in range(3):
                 total.f_W_N[i] += weight * part.f_W_N[i]
@@ -78,6 +63,50 @@ def render(surface: Any, of_scene: bool) -> int:
                 total.release |= part.release
     touch.swatch, touch.crossed = heavier, crossed
     return flags
+
+
+@native
+def render_fields(world: Any, surface: Any) -> int:
+    """Call the effects of the scene, and add what they supply to `surface.total[0]`; returns flags."""
+    touch, part, total = surface.touch[0], surface.part[0], surface.total[0]
+    read_poses(world, surface)
+    flags = 0
+    for e in range(surface.contact_count[0], len(surface.effects)):
+        outcome = _call(surface, e, len(surface.stiffness_N_m), 0)
+        if outcome != _ADDED:
+            flags |= outcome
+            continue
+        for i in range(3):
+            total.f_W_N[i] += part.f_W_N[i]
+            for k in range(touch.inside):
+                total.f_inside_W_N[k, i] += part.f_inside_W_N[k, i]
+        for i in range(touch.block):
+            total.a_m_s2[i] += part.a_m_s2[i]
+        total.release |= part.release
+    return flags
+
+
+@inlined
+def _call(surface: Any, e: int, swatch: int, first_state: int) -> int:
+    """Have an effect write into `surface.part[0]`: `_ADDED`, or the flags of one that is mute."""
+    touch, part = surface.touch[0], surface.part[0]
+    if surface.muted[e] != 0:
+        return _MUTED if surface.muted[e] == FAILED else 0
+    _clear(part, touch)
+    call_effect(
+        surface.effects[e],
+        touch,
+        surface.params,
+        surface.param_start[swatch, e],
+        surface.tables[surface.table_start[swatch, e] : surface.table_start[swatch, e + 1]],
+        surface.states,
+        first_state + surface.state_start[e],
+        part,
+    )
+    if not _finite(part, touch):
+        surface.muted[e] = FAILED
+        return _MUTED
+    return _ADDED
 
 
 @native

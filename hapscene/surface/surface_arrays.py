@@ -38,6 +38,7 @@ MEMORY: Final = np.dtype(
         ("stored_J", "f8"),  # energy that its spring held in the last tick
         ("f_body_W_N", "f8", (3,)),  # force on the touched body in this tick, 0 in the air
         ("left_B_m", "f8", (3,)),  # where the tool left a body last, in the frame of `touch.left_body`
+        ("now_W_m", "f8", (3,)),  # the tool in this tick: as measured, then as coupled
         ("jumped", "i8"),  # 1 where the touched body was put elsewhere or removed: it was not left
         ("fresh", "i8"),  # 1 in the first tick after a reset: nothing has a velocity yet
         # see `hapscene.surface.blending`
@@ -65,6 +66,11 @@ which are faded in from nothing anyway."""
 
 FAILED: Final = 1
 """Why an effect is mute: it gave no number."""
+
+TICK, PLACE, COUPLE, GUARD, SHADE, FIELDS = range(6)
+"""Places in `Surface.entries`: the whole tick, and the phases that few scenes use, compiled for those alone."""
+
+PHASE_COUNT: Final = 6
 
 SWITCHED_OFF: Final = 2
 """Why an effect is mute: the user's will (`Renderer.mute`)."""
@@ -102,11 +108,13 @@ class Surface(NamedTuple):
     limits: Any  # (1,) LIMIT
     fold_mass_kg: NDArray[np.float64]  # (s,) mass by which a swatch's acceleration is folded into the force
     clock: NDArray[np.int64]
+    entries: NDArray[np.int64]  # (PHASE_COUNT,) addresses of compiled phases of the tick, 0 for one that is not used
 
 
 HOT: Final = (
-    *("touch", "memory", "clock", "paint_start", "stiffness_N_m", "contact_count", "muted", "effects", "state_start"),
-    *("param_start", "table_start", "params", "fold_mass_kg", "limits", "part", "total", "states", "tables"),
+    *("touch", "memory", "clock", "entries", "paint_start", "stiffness_N_m", "contact_count", "muted", "effects"),
+    *("state_start", "param_start", "table_start", "params", "fold_mass_kg", "limits", "part", "total", "states"),
+    "tables",
 )
 """What a tick touches of a surface wherever the tool is."""
 
@@ -177,6 +185,7 @@ def build_surface(
         limits=limits.record(),
         fold_mass_kg=np.full(len(swatches), limits.fold_mass_kg),
         clock=new_clock(),
+        entries=np.zeros(PHASE_COUNT, np.int64),
     )
     near = together([getattr(surface, name) for name in HOT])
     surface = surface._replace(**dict(zip(HOT, near, strict=True)))

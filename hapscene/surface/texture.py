@@ -24,7 +24,6 @@ from hapscene.dsp.ar_filter import (
 )
 from hapscene.errors import SwatchError
 from hapscene.files import short
-from hapscene.old_spellings import old_spellings, without_effect
 from hapscene.surface.life import Life
 from hapscene.surface.taps import freeze
 
@@ -241,7 +240,6 @@ class Texture:
         )
 
     @classmethod
-    @old_spellings()
     def from_models(
         cls,
         rate_Hz: float,
@@ -251,7 +249,6 @@ class Texture:
         a: ArrayLike,
         variance_m2_s4: ArrayLike,
         interpolation: str = "lsf",
-        excitation: object = None,
         warp: float = 0.0,
         exponents: ArrayLike = (0.0, 0.0),
         life: Life | None = None,
@@ -260,9 +257,8 @@ class Texture:
 
         The rectangle from zero to the largest force and speed is closed with silent models on its two axes and,
         where no model stands there, with a copy of the nearest model at its far corner. With a `warp`, `a` are
-        polynomials in D. `excitation` has no effect any more.
+        polynomials in D.
         """
-        without_effect("Texture.from_models", "excitation", excitation)
         models = np.atleast_2d(np.asarray(a, dtype=np.float64))
         lsf = np.stack([lsf_from_ar(one) for one in models])
         force, speed, source, sounding = close(np.ravel(force_N), np.ravel(speed_m_s))
@@ -291,7 +287,6 @@ class Texture:
         """(m,) variance of each model's output [(m/s²)²]."""
         return self._power
 
-    @old_spellings(slip_m_s="speed_m_s")
     def model(self, force_N: float, speed_m_s: float) -> tuple[Array, float]:
         """The filter a (p+1,) and the excitation's variance [(m/s²)²] at a normal force [N] and slip speed [m/s].
 
@@ -302,7 +297,6 @@ class Texture:
         a, variance = self.models(np.array([force_N]), np.array([speed_m_s]))
         return a[0], float(variance[0])
 
-    @old_spellings(slip_m_s="speed_m_s")
     def models(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> tuple[Array, Array]:
         """The same at many places: a (n, p+1) and variance (n,) at forces (n,) and slip speeds (n,)."""
         corner, weight = self.locate(force_N, speed_m_s)
@@ -318,7 +312,6 @@ class Texture:
         sounding = (np.asarray(force_N) > 0.0) & (np.asarray(speed_m_s) > 0.0)  # rounding leaves 1e-17 on the axes
         return a, np.where(sounding, variance, 0.0)
 
-    @old_spellings(slip_m_s="speed_m_s")
     def lattice(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> tuple[Array, Array]:
         """The same for `hapscene.dsp.lattice`: reflection coefficients (n, p) and power of the output (n,).
 
@@ -335,14 +328,12 @@ class Texture:
         k = reflection_from_ar(filters(self.interpolation, blended))
         return k, np.where((force > 0.0) & (slip > 0.0), self.power(force, slip), 0.0)
 
-    @old_spellings()
     def density(self, force_N: ArrayLike, speed_m_s: ArrayLike, *, frequency_Hz: ArrayLike) -> Array:
         """One-sided power spectral density (n, k) [(m/s²)²/Hz] at forces (n,), slip speeds (n,), frequencies (k,)."""
         a, variance = self.models(force_N, speed_m_s)
         omega_rad = 2.0 * np.pi / self.rate_Hz * np.asarray(frequency_Hz, dtype=np.float64)
         return np.asarray(2.0 / self.rate_Hz * variance[:, None] * power_response(a, omega_rad, self.warp))
 
-    @old_spellings()
     def beyond(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> Array:
         """Factor (n,) on the power for forces (n,) and speeds (n,) beyond the largest recorded [1]; 1 within them.
 
@@ -365,7 +356,6 @@ class Texture:
         """Whether all models have one filter, and differ in their level alone."""
         return bool(np.all(self.lsf_rad == self.lsf_rad[0]))
 
-    @old_spellings(slip_m_s="speed_m_s")
     def locate(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> tuple[NDArray[np.int32], Array]:
         """The models that are blended at forces (n,) and slip speeds (n,): indices (n, 3) and weights (n, 3).
 
@@ -380,7 +370,6 @@ class Texture:
         inside[inside < 1e-12] = 0.0  # rounding: on the axes the texture is silent to the bit
         return self.triangles[best], inside / inside.sum(axis=1, keepdims=True)
 
-    @old_spellings(slip_m_s="speed_m_s")
     def power(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> Array:
         """Variance (n,) of the acceleration [(m/s²)²] at forces (n,) and slip speeds (n,), blended from the models'.
 

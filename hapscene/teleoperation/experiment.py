@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from hapscene.constants import ACCELERATION_RATE_HZ, DEFAULT_GRIP
 from hapscene.dsp.spectrogram import spectrogram, spectrogram_error
 from hapscene.files import whole_folder
-from hapscene.old_spellings import old_spellings
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling
@@ -98,7 +97,6 @@ def _within(spans: list[tuple[int, int]], count: int) -> NDArray[np.bool_]:
     return within
 
 
-@old_spellings()
 def write_experiment(
     out: str | Path,
     swatch: str | Swatch = "wood",

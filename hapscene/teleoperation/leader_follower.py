@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.entry import call_flags
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.arm import Arm, advance_arm, drive_arm, find_tip, new_arm, read_arm
 from hapscene.geometry import Vector
@@ -18,10 +19,10 @@ from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
 from hapscene.native import native
 from hapscene.records import ROW, records
+from hapscene.surface.surface_arrays import TICK
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling, Endpoint, control, new_endpoint, place, tell
 from hapscene.teleoperation.jitter_buffer import play_samples
-from hapscene.tick import tick
 
 if TYPE_CHECKING:
     from hapscene.renderer import Renderer
@@ -219,7 +220,8 @@ def follow(follower: Any, k: int) -> Vector:
     h_s = 1.0 / ACCELERATION_RATE_HZ
     for i in range(SAMPLE_COUNT):
         p = find_tip(follower.arm)
-        tick(follower.world, follower.surface, p[0], p[1], p[2], row, follower.sample)
+        tick = follower.surface.entries[TICK]
+        call_flags(tick, (follower.world, follower.surface, p[0], p[1], p[2], row, follower.sample))
         for j in range(3):
             hand.push_N[j] = row.f_W_N[j]
         advance_arm(follower.arm, h_s)

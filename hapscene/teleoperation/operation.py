@@ -12,7 +12,6 @@ from hapscene.device.arm import find_tip, simulated_device
 from hapscene.device.model import DeviceLike
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
-from hapscene.old_spellings import old_spellings
 from hapscene.records import records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.scene.scene import Scene
@@ -107,7 +106,6 @@ class Operation:
             unknown body, or a simulation whose steps do not fit into a tick.
     """
 
-    @old_spellings(p_WT_m="p_WT")
     def __init__(
         self,
         scene: "Scene | Simulation",

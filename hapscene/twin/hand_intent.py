@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.device.hand import Grip, grip_named
 from hapscene.errors import PathError
 from hapscene.geometry import numbers
-from hapscene.old_spellings import old_spellings
 
 NUMBER_MAX: Final = 1e12
 """Largest number of an intention, of whatever unit [1]: beyond any hand, and nothing made of it overflows."""
@@ -68,7 +67,6 @@ class Intent:
         return cls(path, _rows(rows, len(path)), _rows(numbers(push_W_N), len(path)))
 
     @classmethod
-    @old_spellings()
     def hold(
         cls,
         target_W_m: Sequence[float],

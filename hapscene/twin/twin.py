@@ -18,7 +18,6 @@ from hapscene.errors import HapsceneError
 from hapscene.geometry import numbers, positions
 from hapscene.handle.handle_loop import HANDLE, new_handle
 from hapscene.handle.plant import Plant
-from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.surface.effect import Effect
@@ -55,7 +54,6 @@ class Twin:
         HapsceneError: a delay out of range, or what `Renderer` refuses.
     """
 
-    @old_spellings()
     def __init__(
         self,
         scene: "Scene",

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.contact.moving import place_bodies
+from hapscene.compiled.entry import call_flags
 from hapscene.device.arm import CONNECTED, SIMULATED_OMNI, advance_arm, drive_arm, find_tip, find_tip_velocity, read_arm
 from hapscene.device.hand import pull
 from hapscene.device.safety import protect
@@ -25,7 +25,7 @@ from hapscene.geometry import Vector
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
 from hapscene.native import inlined, native
-from hapscene.tick import tick
+from hapscene.surface.surface_arrays import PLACE, TICK
 
 DELAY_MAX: Final = 256
 """Longest delay between a tick and its force [ticks]."""
@@ -69,7 +69,8 @@ def live(
     """
     tick_s = surface.touch[0].tick_s
     for k in range(len(rows)):
-        place_bodies(world, surface, moving, X_WB, teleported, k)
+        if surface.entries[PLACE] != 0:
+            call_flags(surface.entries[PLACE], (world, surface, moving, X_WB, teleported, len(moving), k))
         _intend(body, target_W_m, grip, push_W_N, k, tick_s)
         beat(world, surface, body, rows[k], a_m_s2[k], felt[k], a_handle_m_s2[k])
 
@@ -88,7 +89,7 @@ def beat(
     touch, arm = surface.touch[0], body.arm
     x, y, z = _read(body)
     felt.read_W_m[0], felt.read_W_m[1], felt.read_W_m[2] = x, y, z
-    tick(world, surface, x, y, z, row, a_m_s2)
+    call_flags(surface.entries[TICK], (world, surface, x, y, z, row, a_m_s2))
     _send(body, _protect(body, row, touch), felt)
     _note(arm, felt)
     for i in range(touch.block):

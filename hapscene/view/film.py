@@ -12,7 +12,6 @@ from PIL import Image
 
 from hapscene.errors import ViewError
 from hapscene.files import whole_file
-from hapscene.old_spellings import old_spellings
 from hapscene.recording import Recording
 from hapscene.view.camera import looks, place
 from hapscene.view.figure_parts import make_figure_parts
@@ -72,7 +71,6 @@ class Film:
     theme: Theme = LIGHT
 
 
-@old_spellings()
 def write_film(
     scene: "Scene",
     recording: Recording | None,

@@ -8,7 +8,6 @@ from PIL import Image
 
 from hapscene.errors import ViewError
 from hapscene.files import whole_file
-from hapscene.old_spellings import old_spellings
 from hapscene.recording import Recording
 from hapscene.view.camera import looks, place, seen_size
 from hapscene.view.figure_parts import ARROW_SPACING, arrow_ticks, make_figure_parts
@@ -31,7 +30,6 @@ OVERSAMPLING: Final = 2
 """Pixels drawn for each pixel shown, along each side: OSMesa itself smooths no edges."""
 
 
-@old_spellings()
 def write_picture(
     scene: "Scene",
     recording: Recording | None,

@@ -8,7 +8,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hapscene.old_spellings import old_spellings
 from hapscene.recording import Recording
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO, SHADE, swatch_colours
@@ -39,7 +38,6 @@ FREQUENCY_MAX_HZ: Final = 1000.0
 """Highest frequency drawn [Hz]: above it no one feels."""
 
 
-@old_spellings()
 def write_plot(
     recording: Recording, path: str | Path, title: str = "", *, colours: Sequence[str] | None = None, dark: bool = False
 ) -> None:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
 from hapscene.interrupt import heard
-from hapscene.old_spellings import old_spellings
 from hapscene.recording import Recording
 from hapscene.view.camera import looks, pose_of
 from hapscene.view.figure_parts import FigureParts, make_figure_parts
@@ -56,7 +55,6 @@ def check_display() -> None:
         )
 
 
-@old_spellings()
 def play_in_window(scene: "Scene", recording: Recording, title: str = "", *, theme: Theme = LIGHT) -> None:
     """Open a window that plays a touch; return when it is closed, or by Ctrl-C.
 

@@ -6,11 +6,11 @@ import math
 import os
 import queue
 import threading
-import time
 from contextlib import suppress
 from typing import Any, Final
 
 from hapscene.errors import CaptureError
+from hapscene.wall_clock import CLOCK, Clock
 
 BAUD: Final = 921_600
 """Default speed of a port [bit/s]: the highest that all common USB bridges do; 5 kHz of one column fit through."""
@@ -26,8 +26,9 @@ Linux holds in front of a reader last for 2 MB/s."""
 class DrainedPort:
     """What a thread of its own drains into a queue."""
 
-    def __init__(self) -> None:
-        """Begins to drain."""
+    def __init__(self, clock: Clock = CLOCK) -> None:
+        """Begins to drain; `clock` says when something came."""
+        self._clock = clock
         self._pieces: queue.SimpleQueue[tuple[bytes, float] | str] = queue.SimpleQueue()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._drain, name="hapscene probe", daemon=True)
@@ -52,7 +53,7 @@ class DrainedPort:
 class Port(DrainedPort):
     """A serial port that a thread of its own drains into a queue."""
 
-    def __init__(self, name: str, baud: int) -> None:
+    def __init__(self, name: str, baud: int, clock: Clock = CLOCK) -> None:
         """Opens the port.
 
         Raises:
@@ -65,7 +66,7 @@ class Port(DrainedPort):
             self._serial: Any = serial.Serial(name, baud, timeout=POLL_S, exclusive=alone)
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise CaptureError(f"{name}: the port cannot be opened: {_reason(error)}{_ports()}") from None
-        super().__init__()
+        super().__init__(clock)
 
     def _drain(self) -> None:
         try:
@@ -74,7 +75,7 @@ class Port(DrainedPort):
                 if not data:
                     continue
                 self._closing.wait(LUMP_S)
-                self._pieces.put((data + self._serial.read(self._serial.in_waiting), time.monotonic()))
+                self._pieces.put((data + self._serial.read(self._serial.in_waiting), self._clock.now_s()))
         except (OSError, TypeError) as error:  # pyserial raises TypeError when the port closes under it
             self._pieces.put(_reason(error))
 

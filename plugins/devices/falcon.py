@@ -6,7 +6,6 @@ right, y up, z out of the machine, towards the hand.
 """
 
 import math
-import time
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +14,7 @@ from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
+from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.silence import Silence
 from hapscene_plugins.devices.usb_device import BACKEND, UsbDevice, find_usb
 
@@ -154,10 +154,11 @@ def motor_units(force: Vector, p: Vector, theta: tuple[float, float, float]) -> 
 class FalconConnection(Connection):
     """A Falcon that runs its firmware. A packet goes out each tick, and one comes back."""
 
-    def __init__(self, firmware: str | None = None, backend: str | None = None) -> None:
+    def __init__(self, firmware: str | None = None, backend: str | None = None, clock: Clock = CLOCK) -> None:
         super().__init__()
+        self._clock = clock
         self._usb = UsbDevice("falcon", VENDOR, PRODUCT, backend)
-        self._tail, self._homed, self._silence = b"", 0, Silence()
+        self._tail, self._homed, self._silence = b"", 0, Silence(clock)
         self._p: Vector = (0.0, 0.0, MIDDLE_M)
         self._theta = (ZERO_RAD, ZERO_RAD, ZERO_RAD)
         try:
@@ -218,8 +219,8 @@ class FalconConnection(Connection):
 
     def _receive(self, count: int, wait_s: float) -> bytes:
         """So many bytes, or what came in time, without FTDI's status."""
-        data, end_s = b"", time.monotonic() + wait_s
-        while len(data) < count and time.monotonic() < end_s:
+        data, end_s = b"", self._clock.now_s() + wait_s
+        while len(data) < count and self._clock.now_s() < end_s:
             data += self._usb.read(IN, 64, 20)[2:]
         return data
 

@@ -1,6 +1,6 @@
 """A handle of one's own on a serial port, or USB's own (CDC): docs/handle-protocol.md, examples/handle_firmware."""
 
-from typing import Final
+from typing import Any, Final
 
 from hapscene.device.driver import Driver, Option
 from hapscene.errors import HandleError
@@ -22,7 +22,7 @@ BOARD: Final = (
 UNTRIED: Final = ("The sketch in examples/handle_firmware was tried on a computer, on no board.",)
 
 
-def open_handle(port: str, baud: int, **board: float) -> LiveBoard:
+def open_handle(port: str, baud: int, **board: Any) -> LiveBoard:
     """Opens the port and waits for the board.
 
     Raises:

@@ -1,6 +1,5 @@
 """A handle of one's own on USB's bulk endpoints: the lines of docs/handle-protocol.md, no serial port between."""
 
-import time
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -43,7 +42,7 @@ class UsbWire(DrainedPort):
         try:
             while not self._closing.is_set():
                 if data := self._device.read(self._in, PACKET, round(1e3 * POLL_S)):
-                    self._pieces.put((data, time.monotonic()))
+                    self._pieces.put((data, self._clock.now_s()))
                     self._closing.wait(LUMP_S)
         except DeviceError as error:
             self._pieces.put(str(error))
@@ -67,7 +66,7 @@ def _numbers(id: str) -> tuple[int, int]:
     return vendor, product
 
 
-def open_handle(id: str, backend: str | None, **board: float) -> LiveBoard:
+def open_handle(id: str, backend: str | None, **board: Any) -> LiveBoard:
     """Opens the device and waits for the board.
 
     Raises:

@@ -9,7 +9,6 @@ import errno
 import math
 import os
 import struct
-import time
 from contextlib import suppress
 from typing import Any, Final, NamedTuple
 
@@ -17,6 +16,7 @@ from hapscene.device.driver import Connection, Driver, Option
 from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
+from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.serial_port import PERMISSION, find_ports
 from hapscene_plugins.devices.silence import Silence
 
@@ -144,12 +144,15 @@ def open_port(port: str | None, alone: bool = False) -> Any:
 class Haply2diyConnection(Connection):
     """A 2DIY. Torques go out each tick, and the arms' angles come back."""
 
-    def __init__(self, port: str | None = None, hardware: str = "v3", homed: bool = False) -> None:
+    def __init__(
+        self, port: str | None = None, hardware: str = "v3", homed: bool = False, clock: Clock = CLOCK
+    ) -> None:
         super().__init__()
+        self._clock = clock
         self._hardware, self._homed = HARDWARE[hardware], homed
         self._port = open_port(port, alone=True)
         self._name = f"haply2diy: {self._port.port}"
-        self._tail, self._theta, self._p, self._silence = b"", (0.0, 0.0), (0.0, 0.0), Silence()
+        self._tail, self._theta, self._p, self._silence = b"", (0.0, 0.0), (0.0, 0.0), Silence(clock)
         self._left, self._known, self._garbled = b"", False, False
         try:
             self._send(setup_message(self._hardware) + run_message((0.0, 0.0)))
@@ -173,7 +176,7 @@ class Haply2diyConnection(Connection):
             OSError: the board takes nothing more for so long; what is left then goes before whatever is next.
         """
         self._left += data
-        end_s = time.monotonic() + patience_s
+        end_s = self._clock.now_s() + patience_s
         while self._left:
             if os.name == "posix":
                 with suppress(BlockingIOError):
@@ -182,9 +185,9 @@ class Haply2diyConnection(Connection):
                 self._port.write(self._left)
                 self._left = b""
             if self._left:
-                if time.monotonic() > end_s:
+                if self._clock.now_s() > end_s:
                     raise TimeoutError("it takes nothing more")
-                time.sleep(5e-4)
+                self._clock.sleep_s(5e-4)
 
     def read(self) -> None:
         try:

@@ -6,7 +6,6 @@ dies gives no force. Its axes are D's: right-handed, x to the right, y away, z u
 
 import json
 import math
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, Final
@@ -18,6 +17,7 @@ from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import rotation_of
+from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.silence import Silence
 
 URI: Final = "ws://localhost:10001"
@@ -121,7 +121,13 @@ class Inverse3Connection(Connection):
     """An Inverse3. A force goes out each tick, and a state comes back."""
 
     def __init__(
-        self, uri: str = URI, field: str = "vector", x_m: float = 0.05, y_m: float = -0.15, z_m: float = 0.17
+        self,
+        uri: str = URI,
+        field: str = "vector",
+        x_m: float = 0.05,
+        y_m: float = -0.15,
+        z_m: float = 0.17,
+        clock: Clock = CLOCK,
     ) -> None:
         super().__init__()
         self._field, self._middle, self._name = field, (x_m, y_m, z_m), f"inverse3: {uri}"
@@ -129,12 +135,12 @@ class Inverse3Connection(Connection):
         self._status: dict[str, Any] = {}
         self._socket = connect(uri, 2.0)
         self._id = ""
-        self._silence, start_s = Silence(), time.monotonic()
+        self._silence, start_s = Silence(clock), clock.now_s()
         try:
             while not self._id:  # a service that has just started may tell of no device yet
                 content = parse(self._receive(1.0) or "") or {}
                 self._id = str(first(content, "inverse3").get("device_id") or "")
-                if not self._id and time.monotonic() - start_s > 1.0:
+                if not self._id and clock.now_s() - start_s > 1.0:
                     raise DeviceError(f"{self._name}: the service has no Inverse3; plug it in")
             self._take(content)
             self._send((0.0, 0.0, 0.0))

@@ -11,7 +11,6 @@ another may come when it has said BYE, or nothing for two seconds.
 import math
 import secrets
 import socket
-import time
 from contextlib import suppress
 from typing import Any, Final
 
@@ -41,6 +40,7 @@ from hapscene.constants import TICK_S
 from hapscene.device.driver import Connection, Driver, Found, Option
 from hapscene.device.model import Device, Limits
 from hapscene.errors import DeviceError
+from hapscene.wall_clock import CLOCK, Clock
 
 FORCE_N: Final = 3.0
 """Largest force: what is at the other end, nobody here knows."""
@@ -63,8 +63,9 @@ WAITING, SILENT = 1, 2
 class NetworkConnection(Connection):
     """A client of the bridge that is somebody's device."""
 
-    def __init__(self, host: str = "127.0.0.1", port: int = 47811) -> None:
+    def __init__(self, host: str = "127.0.0.1", port: int = 47811, clock: Clock = CLOCK) -> None:
         super().__init__()
+        self._clock = clock
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((host, port))
@@ -91,12 +92,12 @@ class NetworkConnection(Connection):
             except OSError as error:
                 raise DeviceError(f"network: {self.address[0]}:{self.address[1]}: {error}") from None
         state = self.state[0]
-        if self._key == 0 or time.monotonic() - self._framed_s > SILENT_S:
+        if self._key == 0 or self._clock.now_s() - self._framed_s > SILENT_S:
             state.ready, state.trouble = 0, SILENT if self._key else WAITING
 
     def _take(self, packet: Packet, client: tuple[str, int]) -> None:
         """What one packet says; whatever is of no session changes nothing."""
-        now_s = time.monotonic()
+        now_s = self._clock.now_s()
         if packet.kind == HELLO:
             self._welcome(packet, client, now_s)
         elif packet.key != self._key or client != self._client or self._key == 0:

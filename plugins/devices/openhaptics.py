@@ -14,7 +14,6 @@ import ctypes
 import math
 import os
 import sys
-import time
 from collections.abc import Callable, Sequence
 from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_ubyte, c_uint, c_ulong, c_ushort, c_void_p
 from functools import cache
@@ -30,6 +29,7 @@ from hapscene.device.vendor_library import address_of, load_library
 from hapscene.errors import DeviceError
 from hapscene.native import INTERPRETED, CFunction, native
 from hapscene.records import records
+from hapscene.wall_clock import CLOCK, Clock
 
 NAMES: Final = (None, "Default Device", "Default PHANToM", "Phantom2", "Phantom3", "Phantom4")
 """What a device is asked for by, in turn: which of them a system knows differs with its drivers' version and setup."""
@@ -312,8 +312,11 @@ class OpenHapticsConnection(VendorConnection):
         DeviceError: the library is missing, or no device can be used.
     """
 
-    def __init__(self, library: str | None, name: str | None, rate: int, priority: int, reset: bool) -> None:
+    def __init__(
+        self, library: str | None, name: str | None, rate: int, priority: int, reset: bool, clock: Clock = CLOCK
+    ) -> None:
         super().__init__()
+        self._clock = clock
         if INTERPRETED:
             raise DeviceError("openhaptics: the callback is compiled: it does not work with NUMBA_DISABLE_JIT=1")
         if not 0 <= priority <= PRIORITY_MAX:
@@ -388,7 +391,7 @@ class OpenHapticsConnection(VendorConnection):
             raise DeviceError("openhaptics: the device is closed")
         before = int(self._link.frames[0])
         handle = int(self._hd.hdScheduleAsynchronous(self._address, self._context(), self._priority))
-        if not _wait(lambda: int(self._link.frames[0]) > before):
+        if not _wait(lambda: int(self._link.frames[0]) > before, self._clock):
             errors = _pop(self._hd)
             self._hd.hdUnschedule(handle)
             raise DeviceError(f"openhaptics: {error_text(errors[-1]) if errors else _STILL}")
@@ -401,7 +404,7 @@ class OpenHapticsConnection(VendorConnection):
 
     def check(self) -> None:
         self._see()
-        frames, now_s = int(self._link.frames[0]), time.monotonic()
+        frames, now_s = int(self._link.frames[0]), self._clock.now_s()
         if frames != self._moved:
             self._moved, self._moved_s = frames, now_s
         elif now_s - self._moved_s > _WAIT_S:
@@ -429,7 +432,7 @@ class OpenHapticsConnection(VendorConnection):
         link.ended, link.purpose = 0, _END
         if self._handle is None:
             self._handle = self._hd.hdScheduleAsynchronous(self._address, self._context(), self._priority)
-        _wait(lambda: int(link.ended[0]) == 1)
+        _wait(lambda: int(link.ended[0]) == 1, self._clock)
         self._hd.hdUnschedule(self._handle)
         self._handle = None
         _pop(self._hd)
@@ -448,13 +451,13 @@ class OpenHapticsConnection(VendorConnection):
         return _TROUBLES.get(trouble) or (error_text(trouble) if trouble else "")
 
 
-def _wait(over: Callable[[], bool]) -> bool:
+def _wait(over: Callable[[], bool], clock: Clock = CLOCK) -> bool:
     """Whether it is over before the scheduler counts as dead."""
-    end = time.monotonic() + _WAIT_S
+    end_s = clock.now_s() + _WAIT_S
     while not over():
-        if time.monotonic() > end:
+        if clock.now_s() > end_s:
             return False
-        time.sleep(2e-4)
+        clock.sleep_s(2e-4)
     return True
 
 

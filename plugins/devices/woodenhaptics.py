@@ -15,6 +15,7 @@ from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
+from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.silence import Silence
 from hapscene_plugins.devices.usb_device import BACKEND, UsbDevice, find_usb
 
@@ -86,7 +87,9 @@ class WoodenHapticsConnection(Connection):
     that ends does not wait for its turn.
     """
 
-    def __init__(self, homed: bool = False, signs: str = "+--", backend: str | None = None) -> None:
+    def __init__(
+        self, homed: bool = False, signs: str = "+--", backend: str | None = None, clock: Clock = CLOCK
+    ) -> None:
         super().__init__()
         if len(signs) != 3 or set(signs) - {"+", "-"}:
             raise DeviceError(f"woodenhaptics: signs={signs}: expected three of + and -, as +--")
@@ -98,7 +101,7 @@ class WoodenHapticsConnection(Connection):
             raise DeviceError("woodenhaptics: has no endpoint each way: is it the firmware WoodenHapticsHID?")
         self._in, self._out = ends[True], ends[False]
         self._counts: tuple[int, int, int] | None = None
-        self._angles, self._silence, self._listens = body_angles((0, 0, 0)), Silence(), False
+        self._angles, self._silence, self._listens = body_angles((0, 0, 0)), Silence(clock), False
         self._sent = (0, 0, 0)
 
     def read(self) -> None:

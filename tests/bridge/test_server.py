@@ -1,12 +1,8 @@
-"""The bridge as a process, over real sockets: a client in one file pushes a body, on a good line and on a bad one."""
+"""The bridge: a client in one file pushes a body, on a good line and on a bad one."""
 
 import random
-import socket
-import sys
-import time
 from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,33 +10,26 @@ import numpy as np
 import pytest
 
 from hapscene.bridge.orders import Orders
-from hapscene.bridge.server import BridgeServer
+from hapscene.bridge.server import SILENT_S, BridgeServer
 from hapscene.errors import HapsceneError
+from hapscene.flags import Flag
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "examples" / "engines" / "python"))
+from .here import Client, Here, Line, client_file
 
-import hapscene_client as client_file  # noqa: E402  # from the folder above
-from hapscene_client import AIM, FRAME, HELLO, ORDER, Client, pack  # noqa: E402
-
-from tests.until import until  # noqa: E402
-
-from .served import Served  # noqa: E402
-
+AIM, FRAME, HELLO, ORDER, pack = (getattr(client_file, name) for name in ("AIM", "FRAME", "HELLO", "ORDER", "pack"))
 MASS_KG = 0.2
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    served = Served(tmp_path_factory.mktemp("served"))
+def served() -> Iterator[Here]:
+    served = Here()
     yield served
-    served.process.kill()
-    served.process.wait()
+    served.close()
 
 
 @pytest.fixture
-def client(served: Served) -> Iterator[Client]:
-    made = Client(port=served.port, up="y", handed="left")
+def client(served: Here) -> Iterator[Client]:
+    made = Client(served, up="y", handed="left")
     yield made
     made.close()
 
@@ -53,11 +42,9 @@ def push(client: Client, seconds: float = 2.0) -> tuple[float, np.ndarray, list[
     client.totals.clear()
     x = v = told = 0.0
     forces = []
-    next_s = time.monotonic()
     for k in range(round(60 * seconds)):
-        while time.monotonic() < next_s:
-            client.poll(0.002)
-        next_s += 1 / 60
+        client.here.servo.advance(16 + (k % 3 > 0))
+        client.poll()
         given = client.impulse("crate")[0]
         v, told = v + (given - told) / MASS_KG, given
         x += v / 60
@@ -65,14 +52,14 @@ def push(client: Client, seconds: float = 2.0) -> tuple[float, np.ndarray, list[
         client.frame(aim=aim, bodies=[("crate", (x, 0, 0), (0, 0, 0, 1), (v, 0, 0), (0, 0, 0))])
         if client.state is not None:
             forces.append(client.state["force"][0])
-    client.poll(0.5)
+    client.poll()
     return v, np.array(client.impulse("crate")), forces
 
 
 def test_a_crate_is_pushed_and_its_momentum_is_what_was_told(client: Client) -> None:
     assert client.bodies == ["crate"] and client.swatches == ["plain", "wood"]
     v, told, forces = push(client)
-    assert v > 0.01 and MASS_KG * v == pytest.approx(told[0], rel=0.5)  # what came after the last frame is not in it
+    assert v > 0.01 and MASS_KG * v == pytest.approx(told[0], rel=0.05)  # what came after the last frame is not in it
     assert min(forces) < -0.05 and max(np.abs(told[1:3])) < 0.1 * told[0]
     kinds = [event[1] for event in client.events]
     assert kinds[0] == "began" and client.events[0][2:4] == ("crate", "wood")
@@ -113,44 +100,39 @@ def test_on_a_line_that_loses_doubles_and_overtakes_totals_and_events_are_whole(
     client.socket = real
     still = ("crate", (0.5, 0.0, 0.0), (0, 0, 0, 1), True)
     client.frame(aim=(-0.1, 0.0, 0.0), bodies=[still])
-    until(lambda: client.poll(0.2) and client.state["body"] < 0)
+    client.feel(500, aim=(-0.1, 0.0, 0.0), bodies=[still])
+    assert client.state["body"] < 0
     after = client.impulse("crate")
     counts = client.order("counts")["counts"]
     assert counts["replayed"] > 0
     for _ in range(3):
-        client.frame(bodies=[still])
-        client.poll(0.2)
+        client.feel(bodies=[still])
     assert client.impulse("crate") == after and after[0] > 0.001
     kinds = [event[1] for event in client.events]
     assert kinds.count("began") == kinds.count("ended") > 0
     assert [event[0] for event in client.events] == sorted(event[0] for event in client.events)
 
 
-def test_what_is_forged_replayed_or_broken_changes_nothing_and_is_counted(served: Served, client: Client) -> None:
+def test_what_is_forged_replayed_or_broken_changes_nothing_and_is_counted(served: Here, client: Client) -> None:
     client.order("start", p=[0.0, 0.2, 0.0])
-    client.frame(aim=(0.0, 0.2, 0.0))
-    until(lambda: client.poll(0.2))
+    client.feel(aim=(0.0, 0.2, 0.0))
     before = client.order("counts")["counts"]
     rng = random.Random(1)
     far = AIM.pack(1, 0, 0, 0, 3.0, 3.0, 3.0)
     good = pack(FRAME, client.key, client.sequence + 1000, far)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-        place = ("127.0.0.1", served.port)
-        stranger.sendto(good, place)  # with the key, from elsewhere
-        client.socket.send(pack(FRAME, client.key ^ 1, client.sequence + 1000, far))
-        client.socket.send(pack(FRAME, client.key, client.sequence, far))
-        client.socket.send(pack(ORDER, client.key, client.orders, b'{"order": "start", "p": [0, 0, 0]}'))
-        client.socket.send(pack(HELLO, 0, 1, b"{" * 5000))
-        for k in range(2000):
-            data = bytearray(good)
-            for _ in range(rng.randrange(1, 4)):
-                data[rng.randrange(len(data))] ^= rng.randrange(1, 256)
-            client.socket.send(data[: rng.randrange(len(data))] if k % 4 == 0 else data)
-            if k % 100 == 0:
-                client.order("counts")  # so that none is dropped on the way
-        stranger.sendto(pack(HELLO, 0, 1, b'{"version": 1}'), place)
-    client.frame()
-    until(lambda: client.poll(0.2))
+    stranger = Line(served)
+    stranger.send(good)  # with the key, from elsewhere
+    client.socket.send(pack(FRAME, client.key ^ 1, client.sequence + 1000, far))
+    client.socket.send(pack(FRAME, client.key, client.sequence, far))
+    client.socket.send(pack(ORDER, client.key, client.orders, b'{"order": "start", "p": [0, 0, 0]}'))
+    client.socket.send(pack(HELLO, 0, 1, b"{" * 5000))
+    for k in range(2000):
+        data = bytearray(good)
+        for _ in range(rng.randrange(1, 4)):
+            data[rng.randrange(len(data))] ^= rng.randrange(1, 256)
+        client.socket.send(data[: rng.randrange(len(data))] if k % 4 == 0 else data)
+    stranger.send(pack(HELLO, 0, 1, b'{"version": 1}'))
+    client.feel()
     counts = client.order("counts")["counts"]
     assert counts["forged"] >= before.get("forged", 0) + 2 and counts["replayed"] > before.get("replayed", 0)
     assert counts["bad"] > before.get("bad", 0) + 1900 and counts["busy"] >= 1
@@ -173,23 +155,26 @@ def test_orders_are_answered_in_words(client: Client) -> None:
     assert client.order("tune", swatch="wood", numbers={"stiffness_N_m": 300.0}) == {"done": "tune"}
 
 
-def test_another_client_waits_until_the_first_is_gone(served: Served, client: Client) -> None:
+def test_another_client_waits_until_the_first_is_gone(served: Here, client: Client) -> None:
     with pytest.raises(ConnectionError, match="another client is here"):
-        Client(port=served.port, patience_s=0.3)
+        Client(served, patience_s=0.3)
+    served.servo.clock.sleep_s(SILENT_S)
+    Client(served).close()  # the first says nothing any more
+    client.__init__(served)  # type: ignore[misc]
     client.close()
-    other = Client(port=served.port)
+    other = Client(served)
     other.close()
     with pytest.raises(ConnectionError, match="up is y or z"):
-        Client(port=served.port, up="x")
-    client.__init__(port=served.port)  # type: ignore[misc]  # for the fixture to close
+        Client(served, up="x")
+    client.__init__(served)  # type: ignore[misc]  # for the fixture to close
 
 
 def test_a_bad_pose_is_flagged_and_a_strange_body_is_no_packet(client: Client) -> None:
     client.order("start", p=[0.0, 0.2, 0.0])
     client.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 0))])
-    until(lambda: (client.poll(0.1), client.frame(), client.state["flags"] & 256)[2])
+    assert client.feel(1)["flags"] & Flag.POSE_REFUSED
     client.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 1))])
-    until(lambda: (client.poll(0.1), client.frame(), not client.state["flags"] & 256)[2])
+    assert not client.feel(1)["flags"] & Flag.POSE_REFUSED
     bad = client.order("counts")["counts"].get("bad", 0)
     client.bodies.append("ghost")
     client.frame(bodies=[("ghost", (0, 0, 0), (0, 0, 0, 1))])
@@ -200,13 +185,6 @@ def test_more_names_than_a_packet_holds_are_refused_before_anybody_comes() -> No
     scene = SimpleNamespace(bodies=[SimpleNamespace(name=f"{k:040}") for k in range(1000)], swatches=[])
     with pytest.raises(HapsceneError, match=r"names of 1,000 bodies .* shorter names"):
         BridgeServer(Orders(SimpleNamespace(tick_s=1e-3, scene=scene)), "127.0.0.1", 0)  # type: ignore[arg-type]
-
-
-def test_it_ends_with_ctrl_c_and_says_what_came(served: Served) -> None:
-    said = served.end()
-    assert served.process.returncode == 0 and "ended; " in said and "frames " in said and "Traceback" not in said
-    with pytest.raises((TimeoutError, ConnectionError)):
-        Client(port=served.port, patience_s=0.3)
 
 
 def test_the_client_knows_the_same_bytes() -> None:

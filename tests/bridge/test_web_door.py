@@ -3,8 +3,7 @@
 import json
 import socket
 from base64 import b64encode
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterator
 from itertools import count
 from typing import Any
 
@@ -19,11 +18,9 @@ from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatu
 
 from hapscene.bridge.packets import FRAME, HELLO, ORDER, STATE, Frame, Packet, pack, pack_json, unpack  # noqa: E402
 from hapscene.bridge.web_door import CONNECTIONS_MAX, MESSAGE_MAX  # noqa: E402
-from tests.until import until  # noqa: E402
 
 from .client_packets import pack_frame, unpack_state  # noqa: E402
-from .served import Served  # noqa: E402
-from .test_server import Client  # noqa: E402
+from .here import PATIENCE_S, Client, Here, Line  # noqa: E402
 
 BOX = trimesh.creation.box((0.1, 0.1, 0.1))
 
@@ -31,14 +28,14 @@ BOX = trimesh.creation.box((0.1, 0.1, 0.1))
 class Designer:
     """A connection that gives orders; y is up in its frame, and its unit is a centimetre."""
 
-    def __init__(self, served: Served, **hello: Any) -> None:
+    def __init__(self, served: Here, **hello: Any) -> None:
         self.wire = sync.connect(served.ws)
         self.number = 0
         self.welcome = self.say({"version": 1, "up": "y", "handed": "right", "metres": 0.01} | hello)
 
     def say(self, what: Any) -> dict[str, Any]:
         self.wire.send(what if isinstance(what, str) else json.dumps(what))
-        told: dict[str, Any] = json.loads(self.wire.recv(60.0))
+        told: dict[str, Any] = json.loads(self.wire.recv(PATIENCE_S))
         return told
 
     def order(self, order: str, **what: Any) -> dict[str, Any]:
@@ -49,63 +46,64 @@ class Designer:
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    served = Served(tmp_path_factory.mktemp("served"), "--ws", "0")
+def served() -> Iterator[Here]:
+    served = Here(ws=True)
     yield served
-    served.process.kill()
-    served.process.wait()
+    served.close()
 
 
 @pytest.fixture
-def designer(served: Served) -> Iterator[Designer]:
+def designer(served: Here) -> Iterator[Designer]:
     made = Designer(served)
     yield made
     made.wire.close()
 
 
 @pytest.fixture
-def game(served: Served) -> Iterator[Client]:
-    made = Client(port=served.port)
+def game(served: Here) -> Iterator[Client]:
+    made = Client(served)
     yield made
     made.close()
 
 
 def test_a_body_is_added_felt_tuned_painted_deformed_and_removed_while_a_game_plays(
-    designer: Designer, game: Client
+    served: Here, designer: Designer, game: Client
 ) -> None:
     """The game aims 15 mm below the top of a box of 100 mm that the designer, whose y is up, puts 1 m aside."""
     assert designer.welcome["bodies"] == ["crate"] and designer.welcome["swatches"] == ["plain", "wood"]
     box_cm = {"vertices": (100 * BOX.vertices[:, [0, 2, 1]] * (1, 1, -1)).tolist(), "faces": BOX.faces.tolist()}
     crate = {"name": "box", **box_cm, "swatch": "wood", "p": [100, 0, 0]}
 
-    def feel(z_m: float = 0.035) -> dict[str, Any]:
-        game.frame(aim=(1.02, 0.01, z_m))  # on no diagonal, where either face may be felt
-        assert game.poll(60.0)
-        return game.state
+    def feel(ticks: int = 16) -> dict[str, Any]:
+        return game.feel(ticks, aim=(1.02, 0.01, 0.035))  # on no diagonal, where either face may be felt
+
+    def until(true: Callable[[], Any]) -> None:
+        served.servo.until(lambda: feel() and true())
 
     game.order("start", p=[1.02, 0.01, 0.06])
     assert designer.order("add", **crate) == {"done": "add", "body": 1}
-    until(lambda: feel()["body"] == 1)
-    until(lambda: feel()["tick"] > 600 and game.state["force"][2] > 0.1)
+    until(lambda: game.state["body"] == 1)
+    feel(600)
+    assert game.state["force"][2] > 0.1
     hard = game.state["depth"]
     assert (game.state["normal"], game.state["swatch"]) == (pytest.approx((0, 0, 1)), 1)
 
     assert designer.order("tune", swatch="wood", numbers={"stiffness_N_m": 100.0}) == {"done": "tune"}
-    until(lambda: feel()["depth"] > 2 * hard)
+    until(lambda: game.state["depth"] > 2 * hard)
     assert designer.order("paint", body="box", swatch="leather") == {"done": "paint", "faces": 12}
-    until(lambda: feel()["swatch"] == 2)
+    until(lambda: game.state["swatch"] == 2)
     assert designer.order("paint", body="box", swatch="plain", faces=[feel()["face"]])["faces"] == 1
-    until(lambda: feel()["swatch"] == 0)
+    until(lambda: game.state["swatch"] == 0)
 
     taller = b64encode((np.array(box_cm["vertices"]) * (1, 1.01, 1)).astype("<f4").tobytes()).decode()
     assert designer.order("deform", body="box", vertices=taller) == {"done": "deform"}
-    until(lambda: feel()["proxy"][2] > 0.0503)
+    until(lambda: game.state["proxy"][2] > 0.0503)
 
     assert designer.order("pause") == {"done": "pause"}
     tick = feel()["tick"]
     assert feel()["tick"] == tick
     assert designer.order("resume") == {"done": "resume"}
-    until(lambda: feel()["tick"] > tick)
+    assert feel()["tick"] > tick
     assert game.state["body"] == 1  # contact is kept
     assert not game.events  # of numbers that it cannot look up
 
@@ -114,23 +112,23 @@ def test_a_body_is_added_felt_tuned_painted_deformed_and_removed_while_a_game_pl
     assert told["swatches"] == ["plain", "wood", "leather"] and game.order("bodies") == told
     game.bodies, game.swatches = told["bodies"], told["swatches"]
     game.frame(bodies=[("box", (1, 0, 0), (0, 0, 0, 1))])
-    game.poll(60.0)
+    assert game.poll()
     total = game.impulse("box")
     assert total[2] < -0.001
     assert designer.order("remove", body="box") == {"done": "remove"}
-    until(lambda: feel()["body"] == -1 and game.events and game.events[-1][1:3] == ("ended", "box"))
+    until(lambda: game.state["body"] == -1 and game.events and game.events[-1][1:3] == ("ended", "box"))
     game.frame(bodies=[("box", (1, 0, 0), (0, 0, 0, 1))])  # it has not heard of it yet, and goes on
-    assert game.poll(60.0) and game.impulse("box")[2] <= total[2]
+    assert game.poll() and game.impulse("box")[2] <= total[2]
     assert designer.order("bodies")["bodies"] == ["crate", ""]
     assert designer.order("add", name="box", like="crate")["body"] == 2
 
 
-def test_a_game_in_a_browser_sends_its_packets_as_binary_messages(served: Served, designer: Designer) -> None:
+def test_a_game_in_a_browser_sends_its_packets_as_binary_messages(served: Here, designer: Designer) -> None:
     wire = designer.wire
 
     def ask(kind: int, key: int, sequence: int, payload: bytes) -> Packet:
         wire.send(pack(Packet(kind, key, sequence, payload)))
-        return unpack(wire.recv(10.0))
+        return unpack(wire.recv(PATIENCE_S))
 
     key = ask(HELLO, 0, 1, pack_json({"version": 1, "nonce": 5})).key
     assert b"done" in ask(ORDER, key, 1, pack_json({"order": "start", "p": [0, 0, 0.1]})).payload
@@ -141,12 +139,13 @@ def test_a_game_in_a_browser_sends_its_packets_as_binary_messages(served: Served
         assert told.kind == STATE
         return unpack_state(told.payload).tool
 
-    until(lambda: tool() == pytest.approx((0, 0, 0.1), abs=1e-3))
+    tool()
+    served.servo.advance(16)
+    assert tool() == pytest.approx((0, 0, 0.1), abs=1e-3)
     assert "done" in designer.order("counts")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-        stranger.settimeout(5.0)
-        stranger.sendto(pack(Packet(FRAME, key, 2, pack_frame(Frame(None, 0, ())))), ("127.0.0.1", served.port))
-        assert b"no such session" in stranger.recv(100)
+    stranger = Line(served)
+    stranger.send(pack(Packet(FRAME, key, 2, pack_frame(Frame(None, 0, ())))))
+    assert b"no such session" in stranger.recv(100)
     wire.send(pack(Packet(7, key, 2, b"")))
 
 
@@ -163,7 +162,7 @@ def test_a_game_in_a_browser_sends_its_packets_as_binary_messages(served: Served
         ({"order": "add", "name": "x", "vertices": [[0, 0, 0]] * 3, "faces": [[0, 1, 3]]}, "names vertex 3"),
         ({"order": "add", "name": "x", "vertices": "AAAA", "faces": "!"}, "has it wrong; it takes: name, vertices"),
         ({"order": "paint", "body": "crate", "swatch": "wood", "faces": [12]}, "no face 12"),
-        ({"order": "deform", "body": "crate", "vertices": [[0, 0, 0]]}, "has 36 vertices"),
+        ({"order": "deform", "body": "crate", "vertices": [[0, 0, 0]]}, "has 8 vertices"),
         ({"order": "tune_field", "effect": "weight", "numbers": {}}, "no effect of the scene 'weight'"),
         ({"order": "remove"}, "it takes: body"),
         ({"order": ["add"]}, "no order"),
@@ -184,14 +183,14 @@ def test_a_mesh_wound_the_other_way_is_told_and_said(designer: Designer) -> None
     assert "notes" not in designer.order("add", name="turned", clockwise=True, **box)
 
 
-def test_pages_of_strangers_are_not_let_in(served: Served) -> None:
+def test_pages_of_strangers_are_not_let_in(served: Here) -> None:
     for origin in ("https://example.com", "null", "http://localhost.example.com", "http://127.0.0.1.example.com:80"):
         with pytest.raises(InvalidStatus, match="403"):
             sync.connect(served.ws, origin=origin)
     sync.connect(served.ws, origin="http://localhost:8000").close()
 
 
-def test_who_says_no_frame_of_axes_is_told_and_may_say_it(served: Served) -> None:
+def test_who_says_no_frame_of_axes_is_told_and_may_say_it(served: Here) -> None:
     designer = Designer(served, up="x")
     assert "up is y or z" in designer.welcome["error"]
     assert "version 1 is spoken here" in designer.say({"order": "counts"})["error"]
@@ -199,34 +198,30 @@ def test_who_says_no_frame_of_axes_is_told_and_may_say_it(served: Served) -> Non
     designer.wire.close()
 
 
-def test_too_long_a_message_and_too_many_connections_are_refused_and_counted(
-    served: Served, designer: Designer
-) -> None:
-    long = Designer(served)
+def test_too_long_a_message_and_too_many_connections_are_refused_and_counted() -> None:
+    served = Here(ws=True)
+    designer, long = Designer(served), Designer(served)
+    talks = list(served.door._listener._talks.values())
     with pytest.raises(ConnectionClosed):
         long.wire.send(" " * (MESSAGE_MAX + 1))
-        long.wire.recv(10.0)
-    until(lambda: designer.order("counts")["counts"].get("web bad"))
-    full, more = (OSError, EOFError, InvalidMessage, ConnectionClosed), []
-
-    def all_here() -> bool:
-        with suppress(*full):  # one that has gone leaves its place a moment later
-            more.append(sync.connect(served.ws))
-        return len(more) == CONNECTIONS_MAX - 1
-
-    until(all_here)
-    with pytest.raises(full):
+        long.wire.recv(PATIENCE_S)
+    talks[1].join(PATIENCE_S)
+    assert designer.order("counts")["counts"]["web bad"] == 1
+    more = [sync.connect(served.ws) for _ in range(CONNECTIONS_MAX - 1)]
+    with pytest.raises((OSError, EOFError, InvalidMessage, ConnectionClosed)):
         sync.connect(served.ws)
     for wire in more:
         wire.close()
-    assert designer.order("counts")["counts"]["web full"] >= 1
+    assert designer.order("counts")["counts"]["web full"] == 1
+    served.close()
 
 
-def test_it_ends_while_somebody_is_there(served: Served, designer: Designer) -> None:
+def test_it_ends_while_somebody_is_there() -> None:
+    served = Here(ws=True)
+    designer = Designer(served)
     place = ("127.0.0.1", int(served.ws.rpartition(":")[2]))
     with socket.create_connection(place) as garbled, socket.create_connection(place):  # which says nothing
         garbled.sendall(bytes(range(256)))
         assert garbled.recv(100) == b""
         assert designer.order("counts")["counts"]["web let in"] <= designer.order("counts")["counts"]["web"] - 1
-        said = served.end()
-    assert served.process.returncode == 0 and "ended; " in said and "Traceback" not in said
+        served.close()

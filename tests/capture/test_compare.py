@@ -23,7 +23,7 @@ RATE = 5000.0
 def textured(name: str = "a", frequency_Hz: float = 200.0, gain: float = 1.0, **more: object) -> Swatch:
     """A swatch of one resonance, everything in it."""
     a = [1.0, -2.0 * 0.97 * math.cos(2.0 * math.pi * frequency_Hz / RATE), 0.97**2]
-    texture = Texture.from_models(RATE, [1.0], [0.1], [a], [gain**2])
+    texture = Texture.from_models(RATE, [1.0], [0.1], a=[a], variance_m2_s4=[gain**2])
     taps = Taps([0.1], [10.0], [100.0], [60.0])
     base = Swatch(name, 500.0, 0.0, 0.5, 0.4, texture, taps)
     return replace(base, **more)  # type: ignore[arg-type]
@@ -101,7 +101,7 @@ def test_what_is_absent_is_skipped_with_its_reason() -> None:
 
 
 def test_textures_of_different_rates_are_compared_below_both_nyquists() -> None:
-    slow = Texture.from_models(1000.0, [1.0], [0.1], [[1.0, -0.5]], [1.0])
+    slow = Texture.from_models(1000.0, [1.0], [0.1], a=[[1.0, -0.5]], variance_m2_s4=[1.0])
     found = compare(textured(), textured("b", texture=slow)).differences
     assert all(math.isfinite(d.change) for d in found)
 

@@ -52,7 +52,7 @@ def test_two_surfaces_in_one_recording_are_told_apart_by_speed() -> None:
     parts = [played(a, 1000, seed) * gain for seed in range(12) for a, gain in ((slow, 1.0), (fast, 3.0))]
     speed = np.repeat(np.tile([0.1, 0.25], 12), 1000)
     force = 1.0 + 0.05 * np.sin(np.arange(len(speed)) / 500)
-    swatch = fit(np.concatenate(parts), rate, force, speed)
+    swatch = fit(np.concatenate(parts), rate, force_N=force, speed_m_s=speed)
     assert swatch.texture is not None
     assert 2 <= np.count_nonzero(swatch.texture.variance_m2_s4) <= 4
     frequency = np.linspace(30.0, 950.0, 200)
@@ -69,7 +69,7 @@ def test_power_along_the_recorded_force_and_speed_is_the_recordings() -> None:
     force, speed = 1.5 + 0.5 * np.sin(2.1 * t), 0.15 + 0.06 * np.sin(3.3 * t + 1)
     a = resonant([200, 700], 0.95, rate)
     acceleration = played(a, count) * np.sqrt(force * speed)
-    swatch = fit(acceleration, rate, force, speed, order=6)
+    swatch = fit(acceleration, rate, force_N=force, speed_m_s=speed, order=6)
     assert swatch.texture is not None
     recorded = clean(acceleration, rate).acceleration_m_s2.var()
     assert abs(10 * np.log10(swatch.texture.power(force, speed).mean() / recorded)) < 0.05
@@ -82,7 +82,7 @@ def test_friction_is_found_under_noise_and_outliers() -> None:
     force = 1.5 + 0.3 * np.sin(np.arange(count) / 700)
     tangential = 0.35 * force * (1 + 0.1 * rng.standard_normal(count))
     tangential[5000:6000] *= 3.0
-    swatch = fit(rng.standard_normal(count), rate, force, 0.2, tangential, order=4)
+    swatch = fit(rng.standard_normal(count), rate, force_N=force, speed_m_s=0.2, tangential_force_N=tangential, order=4)
     assert swatch.friction_dynamic == pytest.approx(0.35, rel=0.02)
     assert swatch.friction_dynamic <= swatch.friction_static < 1.1
 
@@ -137,7 +137,7 @@ COLUMNS, UNITS = {"acceleration": "accel"}, {"acceleration": "m/s2", "force": "N
 def recorded(name: str, shared: Path) -> np.ndarray:
     path = shared / "data" / "recordings" / RECORDINGS[name][0]
     columns, units = (COLUMNS, UNITS) if path.suffix == ".csv" else (None, {"acceleration": "g"})
-    return load_recording(path, 10_000.0, columns, units).acceleration_m_s2
+    return load_recording(path, 10_000.0, columns=columns, units=units).acceleration_m_s2
 
 
 def held_out_distance(a: np.ndarray, signal: np.ndarray, rate_Hz: float, warp: float = 0.0) -> float:

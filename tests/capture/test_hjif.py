@@ -147,7 +147,7 @@ def check(content: dict[str, Any]) -> None:
 def test_valid_and_the_signal_itself(tmp_path: Path, name: str) -> None:
     path = tmp_path / "x.hjif"
     swatch = load_swatch(name)
-    export_hjif(swatch, path, 1.0, 0.1, 0.5, seed=3)
+    export_hjif(swatch, path, force_N=1.0, speed_m_s=0.1, seconds=0.5, seed=3)
     content = json.loads(path.read_text(encoding="utf-8"))
     check(content)
     texture, taps = content["perceptions"]
@@ -155,7 +155,7 @@ def test_valid_and_the_signal_itself(tmp_path: Path, name: str) -> None:
     (effect,) = texture["channels"][0]["bands"][0]["effects"]
     played = full * np.array([k["amplitude_modulation"] for k in effect["keyframes"]])
     rate_Hz = content["timescale"]
-    signal = synthesize(swatch, np.full(5000, 1.0), np.full(5000, 0.1), rate_Hz, 3)
+    signal = synthesize(swatch, np.full(5000, 1.0), np.full(5000, 0.1), rate_Hz=rate_Hz, seed=3)
     np.testing.assert_allclose(played, signal, atol=1e-6 * full)
     assert [k["relative_position"] for k in effect["keyframes"]] == list(range(5000))
     assert taps["channels"][0]["bands"][0]["band_type"] == "Transient"

@@ -8,6 +8,7 @@ import pytest
 
 from hapscene.capture import record_simulator
 from hapscene.capture.record_simulator import BLOCK_S, COLUMNS, FRICTION, LEVEL, lines, strokes
+from tests.virtual_clock import VirtualClock
 
 RATE_HZ = 3200.0
 SECONDS = 20
@@ -49,21 +50,17 @@ def test_a_header_each_second_and_as_many_lines_lost_as_said() -> None:
 
 
 def test_it_prints_as_time_goes_by_and_catches_up_where_it_was_late(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock, written_s = [100.0], []
-
-    def sleep(seconds: float) -> None:
-        assert seconds >= 0.0
-        clock[0] += seconds
+    clock, written_s = VirtualClock(), []
+    begin_s = clock.now_s()
 
     def write(wire: int, text: bytes) -> int:
-        written_s.append(clock[0] - 100.0)
-        clock[0] += 0.025 if len(written_s) == 3 else 0.0  # the machine is busy
+        written_s.append(clock.now_s() - begin_s)
+        clock.sleep_s(0.025 if len(written_s) == 3 else 0.0)  # the machine is busy
         return len(text)
 
     monkeypatch.setattr(record_simulator, "simulated_port", lambda parser: 9)
-    monkeypatch.setattr(record_simulator, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep))
     monkeypatch.setattr(record_simulator, "os", SimpleNamespace(write=write))
-    assert record_simulator.main(["--seconds", "0.08"]) == 0
+    assert record_simulator.main(["--seconds", "0.08"], clock) == 0
     assert written_s == pytest.approx([0.0, 0.01, 0.02, 0.045, 0.045, 0.05, 0.06, 0.07])
 
 
@@ -71,19 +68,16 @@ def test_it_prints_as_time_goes_by_and_catches_up_where_it_was_late(monkeypatch:
 def test_a_late_reader_loses_nothing_and_none_loses_what_is_sent(
     late_s: float, lost: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clock, taken = [100.0], bytearray()
-
-    def sleep(seconds: float) -> None:
-        clock[0] += seconds
+    clock, taken = VirtualClock(), bytearray()
+    begin_s = clock.now_s()
 
     def write(wire: int, text: bytes) -> int:
-        if 100.5 < clock[0] < 100.5 + late_s:
+        if 0.5 < clock.now_s() - begin_s < 0.5 + late_s:
             raise BlockingIOError
         taken.extend(text[:1000])
         return len(text[:1000])
 
     monkeypatch.setattr(record_simulator, "simulated_port", lambda parser: 9)
-    monkeypatch.setattr(record_simulator, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep))
     monkeypatch.setattr(record_simulator, "os", SimpleNamespace(write=write))
-    assert record_simulator.main(["--seconds", "3"]) == 0
+    assert record_simulator.main(["--seconds", "3"], clock) == 0
     assert (bytes(taken) != b"".join(islice(lines(RATE_HZ), 300))) == lost

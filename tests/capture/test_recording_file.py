@@ -23,7 +23,7 @@ def write(folder: Path, text: str | bytes) -> Path:
 
 
 def test_columns_and_units(tmp_path: Path) -> None:
-    recording = load_recording(write(tmp_path, CSV), 1000.0, COLUMNS, UNITS)
+    recording = load_recording(write(tmp_path, CSV), 1000.0, columns=COLUMNS, units=UNITS)
     assert recording.rate_Hz == 1000.0
     assert np.allclose(recording.acceleration_m_s2, [9.80665, -9.80665])
     assert np.allclose(recording.speed_m_s, [0.1, 0.2])
@@ -89,7 +89,9 @@ NOISE = np.random.default_rng(0).standard_normal((3, 4000))
 def test_plain_text_in_its_forms(text: str, tmp_path: Path) -> None:
     names = ("a", "b") if "a" in text.replace("hand", "") else ("1", "2")
     columns = {"acceleration": names[0], "force": names[1]}
-    recording = load_recording(write(tmp_path, text), 1000.0, columns, {"acceleration": "m/s2", "force": "N"})
+    recording = load_recording(
+        write(tmp_path, text), 1000.0, columns=columns, units={"acceleration": "m/s2", "force": "N"}
+    )
     assert recording.acceleration_m_s2.tolist() == [1.0, 3.0]
     assert recording.force_N is not None and recording.force_N.tolist() == [2.0, 4.0]
 
@@ -203,8 +205,8 @@ def test_axes_may_be_named_one_by_one(tmp_path: Path) -> None:
     np.savez(path, ax=NOISE[0], ay=NOISE[1], az=NOISE[2])
     given = {"acceleration_z": "az", "acceleration_x": "ax", "acceleration_y": "ay"}
     units = {"acceleration": "m/s2"}
-    one = load_recording(path, 1000.0, given, units)
-    other = load_recording(path, 1000.0, {"acceleration": "ax+ay+az"}, units)
+    one = load_recording(path, 1000.0, columns=given, units=units)
+    other = load_recording(path, 1000.0, columns={"acceleration": "ax+ay+az"}, units=units)
     assert np.array_equal(one.acceleration_m_s2, other.acceleration_m_s2)
 
 
@@ -302,7 +304,7 @@ def test_decimal_commas_where_semicolons_part_columns(tmp_path: Path) -> None:
     for head, columns in (("accel;force;speed\r\n", COLUMNS), ("", {"acceleration": "1", "force": "2", "speed": "3"})):
         text = b"\xef\xbb\xbf" + (head + "\r\n".join(rows)).encode()
         recording = load_recording(
-            write(tmp_path, text), 1000.0, columns, {"acceleration": "m/s2", "force": "N", "speed": "m/s"}
+            write(tmp_path, text), 1000.0, columns=columns, units={"acceleration": "m/s2", "force": "N", "speed": "m/s"}
         )
         np.testing.assert_allclose(recording.acceleration_m_s2[:2], [0.5, 0.15])
         assert recording.force_N is not None and recording.speed_m_s is not None

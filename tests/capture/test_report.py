@@ -79,8 +79,10 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def swatch(recording: SurfaceRecording) -> Swatch:
     """The swatch of that recording."""
-    streams = (recording.force_N, recording.speed_m_s, recording.tangential_force_N)
-    return fit(recording.acceleration_m_s2, RATE, *streams, name="known", order=4)
+    return fit(
+        recording.acceleration_m_s2, RATE, force_N=recording.force_N, speed_m_s=recording.speed_m_s,
+        tangential_force_N=recording.tangential_force_N, name="known", order=4,
+    )  # fmt: skip
 
 
 def test_a_known_surface_is_judged_good(swatch: Swatch, recording: SurfaceRecording) -> None:
@@ -120,7 +122,7 @@ def test_what_is_felt_to_be_off_is_not_called_good(swatch: Swatch, recording: Su
 
 
 def test_the_spectrum_along_a_stroke_is_the_mean_of_its_models() -> None:
-    texture = Texture.from_models(RATE, [1.0], [0.1], [A], [0.5])
+    texture = Texture.from_models(RATE, [1.0], [0.1], a=[A], variance_m2_s4=[0.5])
     force, speed = np.full(4000, 1.0), np.full(4000, 0.1)
     frequency, density = spectrum_along(texture, force, speed)
     assert density.sum() * frequency[1] == pytest.approx(texture.power([1.0], [0.1])[0], rel=0.01)
@@ -130,7 +132,7 @@ def test_the_spectrum_along_a_stroke_is_the_mean_of_its_models() -> None:
 
 
 def test_the_residual_along_a_stroke_is_the_excitation() -> None:
-    texture = Texture.from_models(RATE, [1.0], [0.1], [A], [4.0])
+    texture = Texture.from_models(RATE, [1.0], [0.1], a=[A], variance_m2_s4=[4.0])
     noise = np.random.default_rng(0).standard_normal(4000)
     channels = clean(lfilter([1.0], A, 2.0 * noise), RATE, 1.0, 0.1)
     channels = replace(channels, acceleration_m_s2=lfilter([1.0], A, 2.0 * noise))  # as it was, not high-passed

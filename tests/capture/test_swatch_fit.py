@@ -121,12 +121,8 @@ def test_what_is_no_acceleration_is_told(acceleration, options, message):
         fit(acceleration, **{"rate_Hz": 1000.0} | options)
 
 
-def test_numbers_of_numpy_and_an_excitation_that_has_no_effect():
-    swatch = fit(NOISE, np.int64(1000), order=np.int64(3), model_count=np.int32(1))
-    assert swatch.texture.order == 3
-    with pytest.warns(DeprecationWarning, match="fit: excitation has no effect any more") as told:
-        again = fit(NOISE, 1000, order=3, model_count=1, excitation="measured")
-    assert again.texture == swatch.texture and told[0].filename == __file__
+def test_numbers_of_numpy_are_taken():
+    assert fit(NOISE, np.int64(1000), order=np.int64(3), model_count=np.int32(1)).texture.order == 3
 
 
 def test_a_long_recording_is_fitted_within_three_times_its_size() -> None:

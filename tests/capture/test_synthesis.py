@@ -28,7 +28,10 @@ def unlike(interpolation: str) -> Swatch:
     a = ar_from_reflection(k)
     force, speed = rng.uniform(0.5, 3.0, 5), rng.uniform(0.05, 0.3, 5)
     variance = rng.uniform(0.5, 3.0, 5) / power_gain(a)
-    return Swatch("unlike", texture=Texture.from_models(10_000.0, force, speed, a, variance, interpolation))
+    return Swatch(
+        "unlike",
+        texture=Texture.from_models(10_000.0, force, speed, a=a, variance_m2_s4=variance, interpolation=interpolation),
+    )
 
 
 SWATCHES = [load_swatch(name) for name in shipped_swatches()] + [unlike(name) for name in INTERPOLATIONS]
@@ -68,7 +71,7 @@ def test_the_effect_s_table_says_what_the_model_says(swatch: Swatch) -> None:
     spectrum, level = [], []
     for share in rng.uniform(0.3, 1.0, (60, 2)):
         force, slip = share * (texture.force_max_N, texture.speed_max_m_s)
-        power = choose(table, 0, force, slip, s, 1.0, True)
+        power = choose(table, force, slip, s, True)
         a, variance = texture.model(force, slip)
         looked_up = ar_from_reflection(s["k"][1 : texture.order + 1])
         alike = power_gain(looked_up, texture.warp)

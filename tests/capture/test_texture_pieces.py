@@ -44,7 +44,7 @@ def test_a_stroke_at_other_forces_and_speeds_is_foretold():
     t = np.arange(20_000) / rate
     force, speed = 1.0 + 0.2 * np.sin(2.0 * t), 0.10 + 0.02 * np.sin(3.1 * t)
     signal = np.sqrt(force * speed) * rng.standard_normal(len(t))
-    swatch = fit(signal, rate, force, speed, model_count=1)
+    swatch = fit(signal, rate, force_N=force, speed_m_s=speed, model_count=1)
     assert swatch.texture.single and np.count_nonzero(swatch.texture.variance_m2_s4) == 4
     made = synthesize(swatch, force, speed)
     assert abs(metric.level_difference_dB(made, clean(signal, rate).acceleration_m_s2)) < 0.4
@@ -57,13 +57,13 @@ def test_power_on_the_held_out_half(name, shared):
     """Both ways. The halves of wood differ by 0.9 dB: the other one's force and speed explain it."""
     path = shared / "data" / "recordings" / f"cdp_{name}.csv"
     units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
-    recording = load_recording(path, 10_000.0, {"acceleration": "accel"}, units)
+    recording = load_recording(path, 10_000.0, columns={"acceleration": "accel"}, units=units)
     middle = len(recording.force_N) // 2
     first, second = slice(0, middle), slice(middle, None)
     force, speed = recording.force_N, recording.speed_m_s
     whole = clean(recording.acceleration_m_s2, 10_000.0).acceleration_m_s2
     for train, test in ((first, second), (second, first)):
-        swatch = fit(recording.acceleration_m_s2[train], 10_000.0, force[train], speed[train])
+        swatch = fit(recording.acceleration_m_s2[train], 10_000.0, force_N=force[train], speed_m_s=speed[train])
         count = -(-200_000 // len(whole[test]))  # long enough that the noise does not decide
         made = synthesize(swatch, np.tile(force[test], count), np.tile(speed[test], count), life=0.0)
         assert abs(metric.level_difference_dB(made, whole[test])) < 0.5

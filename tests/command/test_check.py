@@ -70,7 +70,7 @@ def test_as_json_it_is_a_list(folder: Path, capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
-@pytest.mark.parametrize("name", ["x.stl", "x.ply", "x.step", "x.zip", "x.scene.json", "x.x3d"])
+@pytest.mark.parametrize("name", ["x.stl", "x.ply", "x.step", "x.zip", "x.scene.json", "x.glb"])
 @pytest.mark.parametrize("words", [["check"], ["touch"], ["import"]])
 def test_a_pipe_is_not_waited_for(
     folder: Path, name: str, words: list[str], unhung: None, capsys: pytest.CaptureFixture[str]

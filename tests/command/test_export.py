@@ -22,12 +22,12 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "desk.scene.json"
 
 
-@pytest.mark.parametrize("suffix", ["glb", "gltf", "ply", "x3d"])
+@pytest.mark.parametrize("suffix", ["glb", "gltf", "ply"])
 def test_there_and_back(suffix: str, desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, back = desk.with_name(f"desk.{suffix}"), desk.with_name("back.scene.json")
     assert main(["export", str(desk), "--out", str(file)]) == 0
     said = capsys.readouterr().out
-    assert str(file) in said and "does not come back" in said and "draft" not in said
+    assert str(file) in said and "does not come back" in said
     assert main(["import", str(file), "--out", str(back)]) == 0
     assert "1 body, 2 of 4 faces painted: plain, wood" in capsys.readouterr().out
     (was,), (now,) = load_scene(desk).bodies, load_scene(back).bodies
@@ -35,20 +35,9 @@ def test_there_and_back(suffix: str, desk: Path, capsys: pytest.CaptureFixture[s
     assert json.loads(back.read_text())["swatches"] == ["plain", "wood"]
 
 
-def test_the_draft_is_called_a_draft(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = desk.with_name("desk.gltf")
-    assert main(["export", str(desk), "--out", str(file), "--haptics", "draft"]) == 0
-    assert "MPEG_material_haptic is a draft" in capsys.readouterr().out
-    assert "MPEG_material_haptic" in json.loads(file.read_text())["extensionsUsed"]
-    with pytest.raises(SystemExit):
-        main(["export", "--help"])
-    assert "draft extension" in " ".join(capsys.readouterr().out.split())
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["export", "SCENE", "--out", "desk.ply", "--haptics", "draft"], "--haptics is an extension of glTF"),
         (["export", "SCENE", "--out", "desk.fbx"], "no format '.fbx'"),
         (["export", "SCENE", "--out", "desk.glb", "--unit", "mm"], "leave --unit out"),
         (["export", "none.scene.json", "--out", "desk.glb"], "none.scene.json"),

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
 
 from hapscene.cli import main
-from tests.until import until
+from tests.virtual_clock import PATIENCE_S
 
 
 class FakeServo:
@@ -60,7 +60,10 @@ def test_demo_live_serves_the_page_and_leaves_nothing(monkeypatch: pytest.Monkey
     assert servo.closed
     assert servo.volumes == [0.0]  # until somebody starts it
     others = "Dask"  # another test's
-    until(lambda: all(thread.name.startswith(others) for thread in set(threading.enumerate()) - before))
+    for thread in set(threading.enumerate()) - before:
+        if not thread.name.startswith(others):
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive()
     with pytest.raises(OSError):
         urllib.request.urlopen(urls[0])
 

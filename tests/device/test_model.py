@@ -112,14 +112,14 @@ def test_border_is_where_the_loop_is_just_stable(m, b, T, d, share):
 )
 def test_limits_are_sane(name, T, d, damped):
     device = DEVICES[name]
-    K, B = wall_limit(name, T, d, damped)
+    K, B = wall_limit(name, T, d, damped=damped)
     assert 0.0 < K <= device.limits.stiffness_N_m and 0.0 <= B <= device.limits.damping_Ns_m
     with_damper, _ = wall_limit(name, T, d)
-    sooner, _ = wall_limit(name, T, max(0, d - 1), damped)
+    sooner, _ = wall_limit(name, T, max(0, d - 1), damped=damped)
     assert with_damper >= K - 1e-9  # a damper never makes it softer
     assert sooner >= K - 1e-9  # nor delay stiffer
     limits = limits_of(name, T, d)
-    needed = damping_for(device, limits.stiffness_N_m, T, d)
+    needed = damping_for(device, limits.stiffness_N_m, T, delay_ticks=d)
     assert needed <= limits.damping_Ns_m * (1 + 1e-3) + 1e-9
     assert limits.damping_time_s * (limits.stiffness_N_m - limits.undamped_N_m) == pytest.approx(needed, abs=1e-9)
     assert (limits.stiffness_N_m + limits.damping_Ns_m / T) * device.point.quantum_m <= device.point.c_N * (1 + 1e-9)
@@ -144,8 +144,8 @@ def test_ideal_and_unknown_devices():
 def test_walls_at_the_limit_rest_after_a_brisk_tap(name, delay, damped):
     """At a light grip, 0.5 m/s into the wall, without the passivity controller."""
     device, T = DEVICES[name], 1e-3
-    K, _ = wall_limit(name, T, delay, damped)
-    B = damping_for(device, K, T, delay) if damped else 0.0
+    K, _ = wall_limit(name, T, delay, damped=damped)
+    B = damping_for(device, K, T, delay_ticks=delay) if damped else 0.0
     felt = tap(device.point, K, B, delay)
     assert np.abs(felt.v_W_m_s[-400:]).max() < 5e-3
     assert np.cumsum(felt.work_J).max() < 2e-3

@@ -58,7 +58,7 @@ def places(scene: Scene) -> np.ndarray:
     return trimesh.sample.sample_surface(trimesh.Trimesh(mesh.vertices_m, mesh.faces), 300, seed=1)[0]
 
 
-@pytest.mark.parametrize("suffix", ["glb", "gltf", "x3d"])
+@pytest.mark.parametrize("suffix", ["glb", "gltf"])
 def test_comes_back_whole(suffix: str, fine: Scene, tmp_path: Path) -> None:
     export_scene(fine, tmp_path / f"a.{suffix}")
     back = import_scene(tmp_path / f"a.{suffix}")
@@ -137,15 +137,13 @@ def test_comes_back_as_cut_faces(suffix: str, fine: Scene, tmp_path: Path) -> No
     assert all(same)
 
 
-@pytest.mark.parametrize("suffix", ["gltf", "x3d"])
-def test_body_whose_parent_is_gone_hangs_on_nothing(suffix: str, fine: Scene, tmp_path: Path) -> None:
+def test_body_whose_parent_is_gone_hangs_on_nothing(fine: Scene, tmp_path: Path) -> None:
     fine.hang("box", "twin")
-    file = tmp_path / f"a.{suffix}"
+    file = tmp_path / "a.gltf"
     export_scene(fine, file)
     assert import_scene(file).bodies[0].parent == "twin"
     text = file.read_text(encoding="utf-8")
-    mark = '"parent": "twin"' if suffix == "gltf" else 'name="parent" value="&quot;twin'
-    assert mark in text
-    file.write_text(text.replace(mark, mark.replace("twin", "box")), encoding="utf-8")  # itself
+    assert '"parent": "twin"' in text
+    file.write_text(text.replace('"parent": "twin"', '"parent": "box"'), encoding="utf-8")  # itself
     with pytest.warns(ExchangeWarning, match="body 'box' hangs on nothing now: 'box'"):
         assert import_scene(file).bodies[0].parent is None

@@ -1,7 +1,6 @@
 """Which files are opened as the painted scenes that they hold, by every command that opens a mesh."""
 
 import argparse
-import json
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +12,6 @@ import trimesh
 from hapscene.cli import main
 from hapscene.errors import HapsceneError, SceneError
 from hapscene.exchange import export_scene, import_scene, painted_scene
-from hapscene.exchange.gltf_read import mark_of
 from hapscene.exchange.swatch_payload import ExchangeWarning
 from hapscene.recording import Recording
 from hapscene.scene.scene import Scene, load_scene
@@ -27,7 +25,7 @@ def worn(scene: Scene) -> dict[str, dict[str, int]]:
 
 
 @pytest.mark.filterwarnings("ignore:.*comes with its numbers alone")
-@pytest.mark.parametrize("suffix", ["glb", "gltf", "ply", "x3d", "GLB"])
+@pytest.mark.parametrize("suffix", ["glb", "gltf", "ply", "GLB"])
 def test_a_file_of_ours_is_opened_as_the_scene_it_holds(scene: Scene, tmp_path: Path, suffix: str) -> None:
     file = export_scene(scene, tmp_path / f"desk.{suffix}")[0]
     with pytest.warns(
@@ -72,22 +70,13 @@ def foreign(folder: Path) -> Path:
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
 def test_a_foreign_file_stays_a_mesh(tmp_path: Path, suffix: str) -> None:
     file = foreign(tmp_path).with_suffix(f".{suffix}")
-    assert mark_of(file) is None and painted_scene(file) is None
+    assert painted_scene(file) is None
     with warnings.catch_warnings():
         warnings.simplefilter("error", ExchangeWarning)
         opened = open_scene(file)
     assert worn(opened) == {"box": {"plain": 12}}
     assert opened.bodies[0].mesh.diagonal_m == pytest.approx(np.linalg.norm((0.1, 0.2, 0.3)))
     assert worn(import_scene(file)) == {"box": {"wood": 12}}  # which import is asked to do
-
-
-def test_a_foreign_file_with_the_haptic_extension_is_painted_by_names(tmp_path: Path) -> None:
-    file = foreign(tmp_path)
-    tree = json.loads(file.read_bytes())
-    tree["extensionsUsed"] = ["MPEG_material_haptic"]
-    file.write_text(json.dumps(tree))
-    with pytest.warns(ExchangeWarning, match=r"MPEG_material_haptic, a draft, is not read: faces are painted by the"):
-        assert worn(open_scene(file)) == {"box": {"wood": 12}}
 
 
 def test_a_foreign_file_whose_data_lies_beside_it_is_imported(tmp_path: Path) -> None:

@@ -11,9 +11,7 @@ from hapscene.scene.scene import Scene
 
 
 def test_formats_of_the_menu() -> None:
-    assert list(EXPORTS) == ["glb", "gltf", "gltf-haptics", "ply", "x3d", "obj", "3mf", "stl"]
-    assert [name for name, export in EXPORTS.items() if export.draft] == ["gltf-haptics"]
-    assert "draft" in EXPORTS["gltf-haptics"].summary
+    assert list(EXPORTS) == ["glb", "gltf", "ply", "obj", "stl"]
 
 
 @pytest.mark.parametrize("name", EXPORTS)
@@ -22,11 +20,10 @@ def test_suffix_chooses_the_format(name: str, scene: Scene, tmp_path: Path) -> N
     made = export_scene(scene, file, name)
     assert made[0] == file and all(f.stat().st_size for f in made)
     assert sorted(tmp_path.iterdir()) == sorted(made)  # nothing else stays
-    if name != "gltf-haptics":
-        by_suffix = tmp_path / "by_suffix" / file.name
-        by_suffix.parent.mkdir()
-        export_scene(scene, by_suffix)
-        assert by_suffix.read_bytes() == file.read_bytes()
+    by_suffix = tmp_path / "by_suffix" / file.name
+    by_suffix.parent.mkdir()
+    export_scene(scene, by_suffix)
+    assert by_suffix.read_bytes() == file.read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -34,9 +31,10 @@ def test_suffix_chooses_the_format(name: str, scene: Scene, tmp_path: Path) -> N
     [
         ("desk.fbx", None, r"no format '\.fbx'.*\.glb, \.gltf, \.ply"),
         ("desk", None, "no format ''"),
-        ("desk.glb", "fbx", "no format 'fbx'; there are: 3mf, glb"),
+        ("desk.glb", "fbx", "no format 'fbx'; there are: glb"),
         ("desk.ply", "glb", r"ends in \.glb"),
-        ("desk.x3d", "gltf-haptics", r"ends in \.gltf or \.glb"),
+        ("desk.x3d", None, r"no format '\.x3d'"),
+        ("desk.3mf", None, r"no format '\.3mf'"),
         ("nowhere/desk.glb", None, "there is no folder"),
     ],
 )
@@ -97,7 +95,7 @@ def test_a_failed_write_keeps_the_old_file(
     assert file.read_text() == "old" and list(tmp_path.iterdir()) == [file]
 
 
-@pytest.mark.parametrize("suffix", ["glb", "gltf", "ply", "x3d"])
+@pytest.mark.parametrize("suffix", ["glb", "gltf", "ply"])
 @pytest.mark.parametrize("content", [None, b""])
 def test_missing_and_empty_files(suffix: str, content: bytes | None, tmp_path: Path) -> None:
     file = tmp_path / f"desk.{suffix}"

@@ -2,17 +2,14 @@
 
 import io
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from hapscene.exchange import export_scene
-from hapscene.exchange.gltf import DRAFT_NAMES
 from hapscene.exchange.swatch_payload import pieces_of
-from hapscene.scene.mesh import Mesh
+from hapscene.scene.mesh import Mesh, face_colours
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
 
@@ -27,23 +24,22 @@ def tree_of(file: Path) -> dict:
     return json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
 
 
-@pytest.mark.parametrize("name", ["glb", "gltf-haptics"])
-def test_the_published_schema_holds(name: str, scene: Scene, tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", ["glb", "gltf"])
+def test_the_published_schema_holds(suffix: str, scene: Scene, tmp_path: Path) -> None:
     from trimesh.exchange import gltf
 
-    file = export_scene(scene, tmp_path / ("desk.gltf" if name == "gltf-haptics" else "desk.glb"), name)[0]
-    tree = tree_of(file)
+    tree = tree_of(export_scene(scene, tmp_path / f"desk.{suffix}")[0])
     gltf.validate(tree)
     del tree["asset"]["version"]
     with pytest.raises(Exception, match="version"):
         gltf.validate(tree)
 
 
-@pytest.mark.parametrize(("suffix", "name"), [("glb", None), ("gltf", None), ("glb", "gltf-haptics")])
-def test_trimesh_sees_every_piece_in_its_place(suffix: str, name: str | None, scene: Scene, tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", ["glb", "gltf"])
+def test_trimesh_sees_every_piece_in_its_place(suffix: str, scene: Scene, tmp_path: Path) -> None:
     import trimesh
 
-    loaded = trimesh.load_scene(export_scene(scene, tmp_path / f"desk.{suffix}", name)[0], process=False)
+    loaded = trimesh.load_scene(export_scene(scene, tmp_path / f"desk.{suffix}")[0], process=False)
     assert len(loaded.graph.nodes_geometry) == 9 and len(loaded.geometry) == 6  # the twin shares the stone's three
     for body in scene.bodies:
         for piece in pieces_of(body):
@@ -52,7 +48,7 @@ def test_trimesh_sees_every_piece_in_its_place(suffix: str, name: str | None, sc
             mesh = loaded.geometry[geometry]
             np.testing.assert_allclose(X, Y_UP @ body.X_WB, rtol=0, atol=1e-15)
             assert np.array_equal(mesh.triangles, piece.vertices_m.astype(np.float32)[piece.faces])
-            if piece.swatch == 0:  # with the colours of the mesh's file: `test_own_look`
+            if piece.swatch == 0:  # with the colours of the mesh's file
                 continue
             assert np.array_equal(mesh.faces, piece.faces)
             material = mesh.visual.material
@@ -72,12 +68,11 @@ def test_other_programs_find_the_numbers_in_extras(scene: Scene, tmp_path: Path)
 
 def test_every_swatch_has_one_material_and_the_plain_one_only_where_it_is_worn(scene: Scene, tmp_path: Path) -> None:
     """One more where both one- and two-sided bodies wear it; those that nobody wears are there to be painted with."""
-    for name in ("glb", "gltf-haptics"):
-        tree = tree_of(export_scene(scene, tmp_path / f"{name}.glb", name)[0])
-        found = sorted((m["name"], m["doubleSided"]) for m in tree["materials"])
-        worn = {(scene.swatches[i].name, b.two_sided) for b in scene.bodies for i in np.unique(b.face_swatch)}
-        unworn = {(s.name, False) for s in scene.swatches[1:] if s.name not in {name for name, _ in worn}}
-        assert found == sorted(worn | unworn)
+    tree = tree_of(export_scene(scene, tmp_path / "desk.glb")[0])
+    found = sorted((m["name"], m["doubleSided"]) for m in tree["materials"])
+    worn = {(scene.swatches[i].name, b.two_sided) for b in scene.bodies for i in np.unique(b.face_swatch)}
+    unworn = {(s.name, False) for s in scene.swatches[1:] if s.name not in {name for name, _ in worn}}
+    assert found == sorted(worn | unworn)
     bare = Scene()
     bare.add(scene.bodies[0].mesh, name="all", swatch=scene.swatches[1])
     names = [m["name"] for m in tree_of(export_scene(bare, tmp_path / "bare.glb")[0])["materials"]]
@@ -103,65 +98,13 @@ def test_why_bodies_are_split_by_swatch(tmp_path: Path) -> None:
             box.export(file_type="glb")
 
 
-TEXTURES = {
-    "type": "array",
-    "items": {
-        "type": "object",
-        "required": ["texture", "type"],
-        "properties": {
-            "texture": {"required": ["index"], "properties": {"index": {"type": "integer", "minimum": 0}}},
-            "type": {"enum": ["High_Resolution", "Low_Resolution", "Reference", "Other"]},
-        },
-    },
-}
-DRAFT = {
-    "type": "object",
-    "required": ["materials"],
-    "properties": {
-        "materials": {
-            "minItems": 1,
-            "items": {
-                "type": "object",
-                "additionalProperties": False,
-                "properties": {"name": {"type": "string"}, "stiffness": TEXTURES, "friction": TEXTURES},
-            },
-        },
-    },
-}
-"""What the drafts ask of the extension, as far as it is written here."""
+def test_plain_faces_keep_the_colours_of_the_meshs_file(scene: Scene, tmp_path: Path) -> None:
+    import trimesh
 
-
-def test_draft_haptics_follow_the_draft(make_scene: Callable[[int], Scene], tmp_path: Path) -> None:
-    import jsonschema
-
-    scene = make_scene(1)
-    file = export_scene(scene, tmp_path / "desk.glb", "gltf-haptics")[0]
-    tree, content = tree_of(file), file.read_bytes()
-    blob = content[20 + int.from_bytes(content[12:16], "little") + 8 :]
-    assert tree["extensionsUsed"] == list(DRAFT_NAMES) and "extensionsRequired" not in tree
-    for name in DRAFT_NAMES:
-        extension = tree["extensions"][name]
-        jsonschema.validate(extension, DRAFT)
-        assert "draft" in extension["extras"]["note"]
-        for mesh in tree["meshes"]:
-            material = extension["materials"][mesh["extensions"][name]["hapticMaterialIndex"]]
-            (primitive,) = mesh["primitives"]
-            assert material["name"] == tree["materials"][primitive["material"]]["name"]
-            assert "TEXCOORD_0" in primitive["attributes"]
-            swatch = next(s for s in scene.swatches if s.name == material["name"])
-            for texture in (*material["stiffness"], *material["friction"]):
-                image = tree["images"][tree["textures"][texture["texture"]["index"]]["source"]]
-                view = tree["bufferViews"][image["bufferView"]]
-                picture = Image.open(io.BytesIO(blob[view["byteOffset"] :][: view["byteLength"]]))
-                extras = texture["extras"]
-                assert picture.size == (1, 1)
-                value = picture.getpixel((0, 0)) / 65535 * extras["full_scale"]
-                assert value == pytest.approx(getattr(swatch, extras["quantity"]), abs=extras["full_scale"] / 65535)
-                assert extras["value"] == getattr(swatch, extras["quantity"])
-
-
-def test_plain_gltf_says_nothing_of_the_draft(scene: Scene, tmp_path: Path) -> None:
-    assert b"MPEG" not in export_scene(scene, tmp_path / "desk.glb")[0].read_bytes()
+    body = scene.bodies[0]
+    loaded = trimesh.load_scene(export_scene(scene, tmp_path / "desk.glb")[0], process=False)
+    shape = loaded.geometry[loaded.graph[f"{body.name}/plain"][1]]
+    assert face_colours(shape).tolist() == body.mesh.colour_rgb[body.face_swatch == 0].tolist()
 
 
 def test_a_material_for_each_swatch_that_is_worn_or_named_and_no_other(tmp_path: Path) -> None:

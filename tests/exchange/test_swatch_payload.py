@@ -28,7 +28,7 @@ from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import save_swatch, swatch_to_json
 
-FILE = Path("desk.x3d")
+FILE = Path("desk.ply")
 
 
 def carry(swatch: Swatch, text: str | None = None) -> Swatch | str:
@@ -94,7 +94,7 @@ def test_no_name_opens_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         (PLAIN.own_numbers | {"stiffness_N_m": -1}, [0, 0, 0], None, "not negative"),
         (PLAIN.own_numbers, None, None, "three numbers"),
         (PLAIN.own_numbers, [0, 0], None, "three numbers"),
-        ({}, None, "{}", "desk.x3d: swatch 'odd'"),
+        ({}, None, "{}", "desk.ply: swatch 'odd'"),
         ({}, None, swatch_to_json(PLAIN), "calls itself 'plain'"),
     ],
 )

@@ -31,7 +31,7 @@ def measured(
     responses = []
     for _, k_u, b_u in grips:
         source.plant = replace(plant, k_u_N_m=k_u, b_u_Ns_m=b_u)
-        responses.append(estimate_response(*source.play(force), rate_Hz, (sweep.low_Hz, sweep.high_Hz)))
+        responses.append(estimate_response(*source.play(force), rate_Hz, band_Hz=(sweep.low_Hz, sweep.high_Hz)))
     return responses
 
 

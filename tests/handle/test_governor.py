@@ -72,7 +72,7 @@ def test_limits_of_any_handle_hold(
 ) -> None:
     there = {name: getattr(Plant(), name) * factor for name, factor in zip(PARAMETERS, off, strict=True)}
     plant = firm(replace(Plant(), travel_limit_m=travel_m, **there), grip)
-    assert_inside(play(gain * shape, RATE_HZ, plant, compensator), plant)
+    assert_inside(play(gain * shape, RATE_HZ, plant, compensator=compensator), plant)
 
 
 @pytest.mark.parametrize("compensator", sorted(COMPENSATORS))

@@ -4,7 +4,6 @@ import re
 import shutil
 import subprocess
 import threading
-import time
 from collections import deque
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from hapscene.handle.playback import spectrogram_error
 from hapscene.handle.port_simulator import COLUMNS, Peer
 from hapscene.handle.serial_handle import BUFFER, START
 from hapscene.wire.protocol import WRAP, Column, Header, header_line, sample_line, sealed
-from tests.until import until
+from tests.virtual_clock import DrivenClock
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -52,17 +51,18 @@ class Wire:
 
     def __init__(self, peer: Peer) -> None:
         self.peer, self.closed, self.gone, self.silent = peer, False, "", False
+        self.clock = DrivenClock()
         self.spoil = lambda data: data
         self.sent: list[bytes] = []
         self.heard: deque[np.ndarray] = deque()
 
     def next(self) -> Any:
-        time.sleep(1e-4)
+        self.clock.move(10 / RATE_HZ)
         if self.gone:
             return self.gone
         said = self.peer.give(10)
         self.heard.append(rows(said))
-        return None if self.silent else (self.spoil(said), time.monotonic())
+        return None if self.silent else (self.spoil(said), self.clock.now_s())
 
     def write(self, data: bytes) -> None:
         self.sent.append(data)
@@ -106,14 +106,14 @@ class Sine:
 
 def board(wire: Wire, **other: Any) -> LiveBoard:
     told = {"limit_N": 3.0, "ahead_s": 0.015, "watchdog_s": 0.02, "highpass_Hz": 0.0, "lag_s": 0.005}
-    return LiveBoard("wire", wire, **told | other)
+    return LiveBoard("wire", wire, clock=wire.clock, **told | other)
 
 
 def test_what_is_pulled_is_put_out_in_order_and_comes_back() -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
-    until(lambda: feed.count > 3000)
+    wire.clock.until(lambda: feed.count > 3000)
     live.close()
     number, acceleration = feed.check()
     out = wire.force[wire.force != 0]
@@ -164,10 +164,10 @@ def test_a_handle_whose_computer_dies_is_still_within_the_watchdog() -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
-    until(lambda: feed.count > 500)
+    wire.clock.until(lambda: feed.count > 500)
     wire.write = lambda data: None  # type: ignore[method-assign]
     before = len(wire.heard)
-    until(lambda: len(wire.heard) > before + 30)
+    wire.clock.until(lambda: len(wire.heard) > before + 30)
     said = np.concatenate(list(wire.heard)[before:])
     assert not said[int(0.021 * RATE_HZ) + 10 :, 1].any()
     live.close()
@@ -177,11 +177,12 @@ def test_a_computer_that_stood_still_begins_anew_faded() -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
-    until(lambda: feed.count > 500)
-    wire.peer.give(200)  # 40 ms pass
-    until(lambda: live.counts["watchdog"] == 1)
+    wire.clock.until(lambda: feed.count > 500)
+    wire.clock.move(0.04)
+    wire.peer.give(200)
+    wire.clock.until(lambda: live.counts["watchdog"] == 1)
     count = feed.count
-    until(lambda: feed.count > count + 500)
+    wire.clock.until(lambda: feed.count > count + 500)
     live.close()
     assert feed.fades == 2 and live.fault == ""
     number, _ = feed.check()
@@ -192,9 +193,9 @@ def test_a_board_that_restarts_is_started_again() -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
-    until(lambda: feed.count > 500)
+    wire.clock.until(lambda: feed.count > 500)
     wire.peer = peer()
-    until(lambda: feed.fades == 2)
+    wire.clock.until(lambda: feed.fades == 2)
     live.close()
     assert live.counts["restarts"] == 1
     feed.check()
@@ -210,7 +211,7 @@ def test_each_reading_has_its_number_also_where_lines_are_lost() -> None:
     live = board(wire, ahead_s=0.05)
     wire.write = lambda data: wire.peer.take(some(data))  # type: ignore[method-assign]
     live.start(feed)
-    until(lambda: feed.count > 3000)
+    wire.clock.until(lambda: feed.count > 3000)
     live.close()
     assert live.counts["lost"] > 10 and live.fault == ""
     feed.check(lost=True)
@@ -221,15 +222,17 @@ def test_a_buffer_that_ran_empty_is_counted_also_when_force_is_on_its_way() -> N
     late = [85]  # 75 are in hand
 
     def next_() -> Any:
-        said = wire.peer.give(late.pop() if late and feed.count > 500 else 10)
+        count = late.pop() if late and feed.count > 500 else 10
+        wire.clock.move(count / RATE_HZ)
+        said = wire.peer.give(count)
         wire.peer.take(b"".join(on_its_way))
         on_its_way.clear()
-        return said, time.monotonic()
+        return said, wire.clock.now_s()
 
     wire.next, wire.write = next_, on_its_way.append  # type: ignore[method-assign]
     live = board(wire, watchdog_s=0.1)
     live.start(feed)
-    until(lambda: feed.count > 1000)
+    wire.clock.until(lambda: feed.count > 1000)
     live.close()
     assert live.counts["underruns"] == 1 and live.counts["restarts"] == 0
     feed.check()
@@ -259,7 +262,7 @@ def test_the_compensator_learns_the_handle_on_the_board(delay_s: float, tmp_path
         wire.peer.source.plant = OFF
         live = board(wire, watchdog_s=1.0, highpass_Hz=15.0)
         handle = compensator_of(live, str(tmp_path / "ours.handle"), compensator)
-        play_recording(wanted, RATE_HZ, live, handle)
+        play_recording(wanted, RATE_HZ, live, handle, clock=wire.clock)
         still = SimulatedSource(OFF, RATE_HZ, noise_m_s2_rtHz=0.0, unrest_N=0.0, accelerometer_Hz=1e5)
         felt, _ = still.advance(1e-4 * wire.force)
         late = np.argmax(np.correlate(felt, wanted, "valid"))
@@ -274,9 +277,9 @@ def test_a_board_that_is_torn_out_ends_in_words(way: str, words: str) -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
-    until(lambda: feed.count > 200)
+    wire.clock.until(lambda: feed.count > 200)
     setattr(wire, way, "torn out")
-    until(lambda: live.fault != "")
+    wire.clock.until(lambda: live.fault != "")
     live.close()
     assert words in live.fault and wire.closed
 
@@ -377,7 +380,7 @@ def throw_at_a_computer(count: int) -> None:
 
         wire.spoil = spoil
         live.start(feed)
-        until(lambda: thrown[0] > 4000 or live.fault != "")  # noqa: B023
+        wire.clock.until(lambda: thrown[0] > 4000 or live.fault != "")  # noqa: B023
         live.close()
         assert wire.closed and not peer_force(wire.peer), seed
         assert np.abs(wire.force).max() <= 20_000  # never more than was pulled

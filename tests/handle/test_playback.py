@@ -17,7 +17,7 @@ def signals() -> dict[str, Any]:
 
 
 def percent(desired: Any, compensator: str, plant: Plant | None = None, nominal: Plant | None = None) -> float:
-    played = play(desired, RATE_HZ, plant, compensator, nominal)
+    played = play(desired, RATE_HZ, plant, compensator=compensator, nominal=nominal)
     return 100.0 * spectrogram_error(desired, played.acceleration_m_s2, RATE_HZ)
 
 
@@ -50,7 +50,7 @@ def test_a_tap_too_loud_for_the_travel_loses_what_is_slow_and_not_itself(amplitu
     t_s = np.arange(3000) / RATE_HZ
     tap = np.append(np.zeros(2000), amplitude_m_s2 * np.exp(-60.0 * t_s) * np.sin(2.0 * np.pi * 180.0 * t_s))
     endless = Plant(travel_limit_m=1.0)
-    free = play(tap, RATE_HZ, endless, "inverse", endless)
+    free = play(tap, RATE_HZ, endless, compensator="inverse", nominal=endless)
     assert np.abs(free.travel_m).max() > 0.6 * Plant().travel_limit_m  # more than the governor gives out
     assert percent(tap, "inverse") < most
 
@@ -93,7 +93,7 @@ def test_other_rates(rate_Hz: float) -> None:
     for plant in (Plant(), heavy):
         played = play(desired, rate_Hz, plant)
         assert spectrogram_error(desired, played.acceleration_m_s2, rate_Hz) < 0.06
-    fixed = play(desired, rate_Hz, heavy, "flat")
+    fixed = play(desired, rate_Hz, heavy, compensator="flat")
     assert spectrogram_error(desired, fixed.acceleration_m_s2, rate_Hz) > 0.15
 
 

@@ -23,7 +23,7 @@ def truth(response: Response) -> np.ndarray:
 
 
 def test_without_noise_it_is_the_system() -> None:
-    response = estimate_response(*noisy(0, 0.0), RATE_HZ, (10.0, 800.0))
+    response = estimate_response(*noisy(0, 0.0), RATE_HZ, band_Hz=(10.0, 800.0))
     np.testing.assert_allclose(response.response, truth(response), rtol=1e-4)
     assert response.coherence.min() > 1.0 - 1e-6
     assert response.frequency_Hz[0] < 10.5 and response.frequency_Hz[-1] > 780.0
@@ -34,7 +34,7 @@ def test_a_flat_system_has_the_h1_and_coherence_of_scipy() -> None:
     rng = np.random.default_rng(1)
     force = rng.standard_normal(200_000)
     acceleration = 3.0 * force + 2.0 * rng.standard_normal(len(force))
-    response = estimate_response(force, acceleration, RATE_HZ, (100.0, 800.0))
+    response = estimate_response(force, acceleration, RATE_HZ, band_Hz=(100.0, 800.0))
     frequency, cross = csd(force, acceleration, RATE_HZ, nperseg=512)
     h1 = cross / welch(force, RATE_HZ, nperseg=512)[1]
     near = (frequency > 100.0) & (frequency < 800.0)
@@ -46,7 +46,7 @@ def test_a_flat_system_has_the_h1_and_coherence_of_scipy() -> None:
 
 def test_coherence_and_deviation_agree_as_bendat_and_piersol_say() -> None:
     """s/|h| = ((1 − γ²)/(2 γ² (n − 2)))^½, where the line's own share is left out of γ²."""
-    response = estimate_response(*noisy(2, 1.0), RATE_HZ, (50.0, 800.0))
+    response = estimate_response(*noisy(2, 1.0), RATE_HZ, band_Hz=(50.0, 800.0))
     lines = response.freedom / 2.0
     expected = np.sqrt((1.0 - response.coherence) / (2.0 * response.coherence * lines))
     np.testing.assert_allclose(response.deviation / np.abs(response.response), expected, rtol=0.2)
@@ -55,7 +55,7 @@ def test_coherence_and_deviation_agree_as_bendat_and_piersol_say() -> None:
 def test_the_interval_holds_19_times_of_20() -> None:
     hits = []
     for seed in range(40):
-        response = estimate_response(*noisy(seed, 1.0, 8000), RATE_HZ, (20.0, 800.0))
+        response = estimate_response(*noisy(seed, 1.0, 8000), RATE_HZ, band_Hz=(20.0, 800.0))
         low, high = response.magnitude_interval()
         magnitude = np.abs(truth(response))
         hits.append((low <= magnitude) & (magnitude <= high))
@@ -65,7 +65,7 @@ def test_the_interval_holds_19_times_of_20() -> None:
 def test_bands_without_force_are_left_out() -> None:
     t_s = np.arange(20_000) / RATE_HZ
     force = np.sin(2 * np.pi * (50.0 + 5.0 * t_s) * t_s) * np.sin(np.pi * t_s / 10.0) ** 2
-    response = estimate_response(force, 2.0 * force, RATE_HZ, (10.0, 800.0))
+    response = estimate_response(force, 2.0 * force, RATE_HZ, band_Hz=(10.0, 800.0))
     assert 30.0 < response.frequency_Hz[0] < 55.0 and response.frequency_Hz[-1] < 200.0
     np.testing.assert_allclose(response.response, 2.0, rtol=1e-4)
 
@@ -81,4 +81,4 @@ def test_bands_without_force_are_left_out() -> None:
 )
 def test_what_cannot_be_used_is_refused(force: np.ndarray, acceleration: np.ndarray, word: str) -> None:
     with pytest.raises(HandleError, match=word):
-        estimate_response(force, acceleration, RATE_HZ, (10.0, 800.0))
+        estimate_response(force, acceleration, RATE_HZ, band_Hz=(10.0, 800.0))

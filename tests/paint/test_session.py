@@ -57,7 +57,7 @@ def do(session: Session, kind: int, rng: np.random.Generator, folder: Path) -> N
     elif kind == 3:
         session.fill_group("ball", ("north", "south")[rng.integers(2)], swatch)
     elif kind == 4:
-        session.fill_sphere(some.p_W_m, radius_m, swatch, None if rng.random() < 0.5 else body)
+        session.fill_sphere(some.p_W_m, radius_m, swatch, body=None if rng.random() < 0.5 else body)
     elif kind == 5:
         session.fill_box(turned(0.7, tuple(some.p_W_m)), rng.uniform(0.005, 0.03, 3), swatch)
     elif kind == 6:

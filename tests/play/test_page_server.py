@@ -1,7 +1,7 @@
 """The page's server as a client meets it that may be anybody."""
 
 import json
-import time
+import socket
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -24,7 +24,10 @@ from hapscene.play import page_server
 from hapscene.play.page_server import PageServer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from tests.until import until
+from tests.virtual_clock import VirtualClock
+
+PATIENCE_S = 180.0
+KIOSK_S = 60.0
 
 
 def make_scene() -> Scene:
@@ -37,9 +40,14 @@ def make_scene() -> Scene:
 
 
 @pytest.fixture
-def page(monkeypatch: pytest.MonkeyPatch) -> Iterator[PageServer]:
+def clock() -> VirtualClock:
+    return VirtualClock()
+
+
+@pytest.fixture
+def page(clock: VirtualClock, monkeypatch: pytest.MonkeyPatch) -> Iterator[PageServer]:
     monkeypatch.setattr("hapscene.play.top_frame.TopFrame.picture", lambda frame, theme: b"a picture")
-    with PageServer(make_scene(), title="a plate") as page:
+    with PageServer(make_scene(), title="a plate", kiosk_s=KIOSK_S, clock=clock) as page:
         yield page
 
 
@@ -47,6 +55,20 @@ def connect(page: PageServer, token: str | None = None, origin: str | None = "")
     root = page.url if token is None else f"http://127.0.0.1:{page.address[1]}/{token}/"
     origin = page.url.rpartition("/")[0].rpartition("/")[0] if origin == "" else origin
     return connect_socket(f"ws{root[4:]}socket", origin=origin)  # type: ignore[arg-type]
+
+
+def settle(tab: ClientConnection) -> None:
+    """Wait until the server has taken all that a page sent: it answers what is said last."""
+    tab.send('{"switch": ["wall", true]}')
+    while "title" not in json.loads(tab.recv(PATIENCE_S)):
+        pass
+
+
+def await_ends(page: PageServer) -> None:
+    """Wait until the server knows that each connection has ended."""
+    for thread in list(page._listener._talks.values()):
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive()
 
 
 def status(url: str, **headers: str) -> int:
@@ -82,14 +104,16 @@ def test_others_get_nothing(page: PageServer) -> None:
 
 def test_points_become_places_on_the_surface(page: PageServer) -> None:
     with connect(page) as tab:
-        assert json.loads(tab.recv())["title"] == "a plate"
+        assert json.loads(tab.recv(PATIENCE_S))["title"] == "a plate"
         u, v = page.frame.point(0.03, -0.02)
         tab.send(json.dumps({"points": [[7, u, v, 0.5]]}))
-        until(lambda: any(downs(page)))
+        settle(tab)
+        assert any(downs(page))
         place = page.link._places[0]
         assert place[2:6] == pytest.approx((0.03, -0.02, 0.0, 0.5 * page_server.DEPTH_MAX_M), abs=1e-6)
         tab.send(json.dumps({"points": [[7, 0.001, 0.001, 0.5]]}))  # beside the plate
-        until(lambda: not any(downs(page)))
+        settle(tab)
+        assert not any(downs(page))
 
 
 def test_each_finger_has_a_tool_and_one_too_many_has_none(page: PageServer) -> None:
@@ -106,18 +130,27 @@ def test_each_finger_has_a_tool_and_one_too_many_has_none(page: PageServer) -> N
 
 def test_a_page_that_goes_away_lifts_its_tools(page: PageServer) -> None:
     tab = connect(page)
+    assert json.loads(tab.recv(PATIENCE_S))["title"] == "a plate"
     tab.send('{"points": [[1, 0.5, 0.5, 0.5]]}')
-    until(lambda: downs(page)[0])
-    tab.socket.close()  # without a word
-    until(lambda: not downs(page)[0])
+    settle(tab)
+    assert downs(page)[0]
+    tab.socket.shutdown(socket.SHUT_RDWR)  # without a word
+    await_ends(page)
+    assert not downs(page)[0]
 
 
-def test_a_finger_that_says_nothing_more_is_lifted(page: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(page_server, "STALE_S", 0.1)
-    with connect(page) as tab:
-        tab.send('{"points": [[1, 0.5, 0.5, 0.5]]}')
-        until(lambda: downs(page)[0])
-        until(lambda: not downs(page)[0])
+def test_a_finger_that_says_nothing_more_is_lifted(page: PageServer, clock: VirtualClock) -> None:
+    page.take(1, '{"points": [[1, 0.5, 0.5, 0.5]]}')
+    clock.sleep_s(0.9 * page_server.STALE_S)
+    page.beat()
+    assert downs(page)[0]
+    page.take(1, '{"points": [[1, 0.5, 0.5, 0.5]]}')
+    clock.sleep_s(0.9 * page_server.STALE_S)
+    page.beat()
+    assert downs(page)[0]
+    clock.sleep_s(0.2 * page_server.STALE_S)
+    page.beat()
+    assert not downs(page)[0]
 
 
 def test_garbage_breaks_nothing(page: PageServer) -> None:
@@ -145,19 +178,18 @@ def test_garbage_breaks_nothing(page: PageServer) -> None:
     assert downs(page)[0]
 
 
-def test_too_long_and_too_many_messages_end_the_connection(page: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_long_and_too_many_messages_end_the_connection(page: PageServer) -> None:
     tab = connect(page)
     tab.send("x" * (page_server.MESSAGE_MAX + 1))
     with pytest.raises(ConnectionClosed, match="1009"):
         while True:
-            tab.recv(timeout=5.0)
-    monkeypatch.setattr(page_server, "MESSAGES_MAX_S", 50.0)
-    tab = connect(page)
+            tab.recv(timeout=PATIENCE_S)
+    tab = connect(page)  # all that it says is said at one time
     with pytest.raises(ConnectionClosed, match="1008"):
-        for _ in range(1000):
+        for _ in range(int(page_server.MESSAGES_MAX_S) + 1):
             tab.send("{}")
         while True:
-            tab.recv(timeout=5.0)
+            tab.recv(PATIENCE_S)
 
 
 def test_there_are_only_so_many_connections(page: PageServer) -> None:
@@ -166,7 +198,8 @@ def test_there_are_only_so_many_connections(page: PageServer) -> None:
     for tab in tabs:
         assert json.loads(tab.recv())["title"] == "a plate"
         tab.close()
-    until(lambda: status(page.url) == 200)
+    await_ends(page)
+    assert status(page.url) == 200
 
 
 class FakeServo:
@@ -188,7 +221,7 @@ class FakeServo:
         return SimpleNamespace(tick=0, touching=False)
 
 
-def test_effects_are_switched_and_a_kiosk_puts_all_back(page: PageServer) -> None:
+def test_effects_are_switched_and_a_kiosk_puts_all_back(page: PageServer, clock: VirtualClock) -> None:
     servo: Any = FakeServo(make_scene())
     heard: list[Any] = []
     page.attach(servo)
@@ -202,12 +235,17 @@ def test_effects_are_switched_and_a_kiosk_puts_all_back(page: PageServer) -> Non
     page.take(1, '{"points": [[1, 0.5, 0.5, 0.5]]}')
     assert not any(downs(page))
     servo.orders.clear()
-    page._kiosk_s = 0.1
-    until(lambda: page.state()["resets"] == 1)
+    clock.sleep_s(0.9 * KIOSK_S)
+    page.beat()
+    assert page.state()["resets"] == 0
+    clock.sleep_s(0.2 * KIOSK_S)
+    page.beat()
+    assert page.state()["resets"] == 1
     assert servo.orders == [("friction", False), "resume"]
     assert heard == [(True, 0.5), (False, 0.5)]
     assert page.state()["effects"]["friction"]
-    time.sleep(0.2)
+    clock.sleep_s(2.0 * KIOSK_S)
+    page.beat()
     assert page.state()["resets"] == 1  # not again before somebody came
 
 

@@ -110,7 +110,7 @@ def make_texture(seed: int = 0, order: int = 20, rate_Hz: float = 10_000.0) -> T
     force, speed = (grid.ravel() for grid in np.meshgrid([0.5, 1.0, 2.0], [0.05, 0.1, 0.2]))
     k = rng.uniform(-0.7, 0.7, order) + rng.uniform(-0.1, 0.1, (len(force), order))
     a = ar_from_reflection(k)
-    return Texture.from_models(rate_Hz, force, speed, a, rng.uniform(0.5, 2.0, len(a)) / power_gain(a))
+    return Texture.from_models(rate_Hz, force, speed, a=a, variance_m2_s4=rng.uniform(0.5, 2.0, len(a)) / power_gain(a))
 
 
 def make_swatch(seed: int = 0, order: int = 20, **fields: Any) -> Swatch:

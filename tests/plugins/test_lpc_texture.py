@@ -187,7 +187,7 @@ def _unlike(side, order, rng):
     k = rng.uniform(-0.9, 0.9, order)
     k[0] = 0.98 if side else -0.98
     a = ar_from_reflection(k)
-    return Texture.from_models(10_000.0, [1.0], [0.1], a[None], [1.0 / power_gain(a)])
+    return Texture.from_models(10_000.0, [1.0], [0.1], a=a[None], variance_m2_s4=[1.0 / power_gain(a)])
 
 
 def test_made_for_another_rate_the_level_is_kept(bench, ticks, texture_of, swatch_of):

@@ -86,7 +86,9 @@ def adversary(interpolation: str) -> Swatch:
     k[::2, 0], k[1::2, 0] = -0.98, 0.98
     a = ar_from_reflection(k)
     force, speed = (grid.ravel() for grid in np.meshgrid([0.5, 1.0, 2.0], [0.05, 0.1, 0.2]))
-    texture = Texture.from_models(10_000.0, force, speed, a, 1.0 / power_gain(a), interpolation)
+    texture = Texture.from_models(
+        10_000.0, force, speed, a=a, variance_m2_s4=1.0 / power_gain(a), interpolation=interpolation
+    )
     return Swatch(interpolation, texture=texture)
 
 

@@ -27,21 +27,27 @@ def test_device_damping_alone() -> None:
 
 
 def test_one_tick_late() -> None:
-    assert critical_stiffness(0.05, 0.1, 2e-4, 1) == pytest.approx(limit_with_one_delay(0.05, 0.1, 2e-4), rel=1e-7)
+    assert critical_stiffness(0.05, 0.1, 2e-4, delay_ticks=1) == pytest.approx(
+        limit_with_one_delay(0.05, 0.1, 2e-4), rel=1e-7
+    )
 
 
 def test_wall_damping_alone() -> None:
     for beta in (0.05, 1.0, 1.95):
-        assert critical_stiffness(1.0, 0.0, 1.0, 0, beta) == pytest.approx(
+        assert critical_stiffness(1.0, 0.0, 1.0, delay_ticks=0, wall_damping_Ns_m=beta) == pytest.approx(
             limit_with_wall_damping(1.0, beta, 1.0), rel=1e-6
         )
 
 
 def test_scales_as_units_do() -> None:
     """m, b, B times s and T as it is: K times s; T times s: K over s² where b and B go as 1/s."""
-    base = critical_stiffness(0.1, 0.2, 1e-3, 2, 0.5)
-    assert critical_stiffness(0.3, 0.6, 1e-3, 2, 1.5) == pytest.approx(3.0 * base, rel=1e-7)
-    assert critical_stiffness(0.1, 0.1, 2e-3, 2, 0.25) == pytest.approx(base / 4.0, rel=1e-7)
+    base = critical_stiffness(0.1, 0.2, 1e-3, delay_ticks=2, wall_damping_Ns_m=0.5)
+    assert critical_stiffness(0.3, 0.6, 1e-3, delay_ticks=2, wall_damping_Ns_m=1.5) == pytest.approx(
+        3.0 * base, rel=1e-7
+    )
+    assert critical_stiffness(0.1, 0.1, 2e-3, delay_ticks=2, wall_damping_Ns_m=0.25) == pytest.approx(
+        base / 4.0, rel=1e-7
+    )
 
 
 def test_any_delay_and_damping() -> None:
@@ -50,17 +56,19 @@ def test_any_delay_and_damping() -> None:
         mass, tick, delay = 10.0 ** rng.uniform(-2, 0), 10.0 ** rng.uniform(-4, -2.5), int(rng.integers(0, 5))
         damping, wall = mass / tick * 10.0 ** rng.uniform(-4, 1), mass / tick * rng.uniform(0.0, 0.4) / (1 + delay)
         expected = limit_of_small_motion(mass, damping, tick, delay, wall)
-        assert critical_stiffness(mass, damping, tick, delay, wall) == pytest.approx(expected, rel=1e-6)
+        assert critical_stiffness(mass, damping, tick, delay_ticks=delay, wall_damping_Ns_m=wall) == pytest.approx(
+            expected, rel=1e-6
+        )
 
 
 def test_nothing_takes_energy() -> None:
     assert critical_stiffness(1.0, 0.0, 1.0) == 0.0
-    assert critical_stiffness(0.05, 0.0, 1e-3, 2) == 0.0
+    assert critical_stiffness(0.05, 0.0, 1e-3, delay_ticks=2) == 0.0
 
 
 def test_wall_damping_beyond_the_largest() -> None:
-    assert critical_stiffness(1.0, 0.0, 1.0, 0, 2.05) == 0.0
-    assert critical_stiffness(1.0, 0.0, 1.0, 1, 0.85) == 0.0
+    assert critical_stiffness(1.0, 0.0, 1.0, delay_ticks=0, wall_damping_Ns_m=2.05) == 0.0
+    assert critical_stiffness(1.0, 0.0, 1.0, delay_ticks=1, wall_damping_Ns_m=0.85) == 0.0
 
 
 def test_next_to_the_largest_damping_of_the_wall() -> None:
@@ -74,7 +82,9 @@ def test_next_to_the_largest_damping_of_the_wall() -> None:
     ):
         wall = share * stability_border(1.0, damping, 1.0, delay)[1][-1]
         expected = limit_of_small_motion(1.0, damping, 1.0, delay, wall)
-        assert critical_stiffness(1.0, damping, 1.0, delay, wall) == pytest.approx(expected, rel=2e-6)
+        assert critical_stiffness(1.0, damping, 1.0, delay_ticks=delay, wall_damping_Ns_m=wall) == pytest.approx(
+            expected, rel=2e-6
+        )
 
 
 @pytest.mark.parametrize(
@@ -83,13 +93,15 @@ def test_next_to_the_largest_damping_of_the_wall() -> None:
 def test_long_delays(delay: int, damping: float, share: float) -> None:
     wall = share * stability_border(1.0, damping, 1.0, delay)[1][-1]
     expected = limit_of_small_motion(1.0, damping, 1.0, delay, wall)
-    assert critical_stiffness(1.0, damping, 1.0, delay, wall) == pytest.approx(expected, rel=1e-6)
+    assert critical_stiffness(1.0, damping, 1.0, delay_ticks=delay, wall_damping_Ns_m=wall) == pytest.approx(
+        expected, rel=1e-6
+    )
 
 
 def test_rest_over_an_edge() -> None:
     """Whatever b, T and d: it is a question of friction and steps alone."""
     for damping, tick, delay in ((0.005, 1e-3, 0), (1.0, 1e-4, 0), (0.1, 1e-3, 2)):
-        found = critical_stiffness(0.05, damping, tick, delay, coulomb_N=0.2, quantum_m=4e-5)
+        found = critical_stiffness(0.05, damping, tick, delay_ticks=delay, coulomb_N=0.2, quantum_m=4e-5)
         assert found == pytest.approx(limit_of_rest(0.2, 4e-5), rel=1e-4)
 
 
@@ -101,8 +113,11 @@ def test_rest_far_above_passivity() -> None:
 
 def test_damping_of_the_wall_kicks_at_an_edge() -> None:
     """A backward difference over an edge of the encoder is a kick of BΔ/T: above friction it costs stiffness."""
-    free = critical_stiffness(0.045, 0.1, 1e-3, 1, 0.0, 0.26, 5.5e-5)
-    assert critical_stiffness(0.045, 0.1, 1e-3, 1, 2.0, 0.26, 5.5e-5) < 0.9 * free
+    free = critical_stiffness(0.045, 0.1, 1e-3, delay_ticks=1, wall_damping_Ns_m=0.0, coulomb_N=0.26, quantum_m=5.5e-5)
+    assert (
+        critical_stiffness(0.045, 0.1, 1e-3, delay_ticks=1, wall_damping_Ns_m=2.0, coulomb_N=0.26, quantum_m=5.5e-5)
+        < 0.9 * free
+    )
 
 
 def test_friction_or_steps_alone() -> None:

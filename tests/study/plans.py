@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 from hapscene.study.plan import Plan, parse_plan
-from hapscene.study.simulated_person import Truth, people_like
 from hapscene.study.trial_order import Trial, trials
+
+from .people import Truth, people_like
 
 TEXT = """
 title = "Is life noticed?"
@@ -26,7 +27,7 @@ stimuli = ["alive", "steady", "rough"]
 repeats = 4
 [[blocks]]
 name = "life"
-kind = "abx"
+kind = "2ifc"
 pairs = [["alive", "steady"]]
 repeats = 8
 [[blocks]]
@@ -65,10 +66,10 @@ def asked(plan: Plan, person: str, place: int, answer: Callable[[Trial], int]) -
         return found
 
 
-def observers(kind: str, *, d: float, people: int, repeats: int, **truth: object) -> tuple[list[int], list[int]]:
+def observers(*, d: float, people: int, repeats: int) -> tuple[list[int], list[int]]:
     """Right answers of people who all have this d′, and how many they gave."""
-    plan = one_block(kind, repeats)
-    same = Truth(strength={"alive": d, "steady": 0.0}, lapse=0.0, **truth)  # type: ignore[arg-type]
+    plan = one_block("2ifc", repeats)
+    same = Truth(strength={"alive": d, "steady": 0.0}, lapse=0.0)
     right = []
     for place, person in enumerate(people_like(same, people, seed=1)):
         right.append(sum(choice == trial.correct for trial, choice in asked(plan, f"S{place}", place, person.answer)))

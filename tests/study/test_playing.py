@@ -1,21 +1,21 @@
-"""What an output is given for an interval, and what a device feels."""
+"""What an output is given for an interval."""
 
 import json
-import time
 from pathlib import Path
-from threading import Thread
+from threading import Event
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hapscene.errors import HandleError, HapsceneError, StudyError
+from hapscene.errors import HapsceneError, StudyError
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play
 from hapscene.study.plan import parse_plan
-from hapscene.study.playing import DevicePlayer, _Samples, handle, headphones
+from hapscene.study.playing import DEAF_S, _Samples, handle, headphones
 from hapscene.study.stimulus import FULL_SCALE, StimulusMaker
 from hapscene.study.trial_order import Interval
+from tests.virtual_clock import BEGIN_NS, VirtualClock
 
 
 def stimulus(**told: Any) -> Any:
@@ -25,31 +25,31 @@ def stimulus(**told: Any) -> Any:
     return parse_plan(text).stimuli["a"]
 
 
-class FakeOutput:
-    """Pulls blocks in a thread of its own as fast as it can, and keeps what is not silent."""
+class FakeOutput(VirtualClock):
+    """Pulls a block whenever somebody waits, on its own clock, and keeps what is not silent."""
 
     name, reads_back, gain, ceiling, highpass_Hz, lag_s = "fake", False, 0.02, 0.99, 15.0, 0.0
     latency_s = 0.0
 
     def __init__(self, takes_force: bool = False, rate_Hz: float = 48_000.0, block: int = 777) -> None:
+        super().__init__()
         self.takes_force, self.rate_Hz, self.fault, self.counts = takes_force, rate_Hz, "", {"underruns": 0}
         self.blocks: list[np.ndarray] = []
-        self._block, self._ended = block, False
+        self._block, self.feed = block, None
 
     def start(self, feed: Any) -> None:
-        self._thread = Thread(target=self._pull, args=(feed,))
-        self._thread.start()
+        self.feed = feed
 
-    def _pull(self, feed: Any) -> None:
-        while not self._ended:
+    def wait(self, event: Event, timeout_s: float) -> bool:
+        if self.feed is not None:
             out = np.full(self._block, np.nan)
-            feed.pull(out)
+            self.feed.pull(out)
             self.blocks.append(out)
-            time.sleep(1e-4)
+            timeout_s = self._block / self.rate_Hz
+        return super().wait(event, timeout_s)
 
     def close(self) -> None:
-        self._ended = True
-        self._thread.join()
+        self.feed = None
 
     @property
     def heard(self) -> np.ndarray:
@@ -67,7 +67,7 @@ def maker(tmp_path: Path) -> StimulusMaker:
 def test_headphones_are_given_whole_steps_of_16_bits_from_the_first_to_the_last(maker: StimulusMaker) -> None:
     one, two = (stimulus(swatch=name, seconds=0.3) for name in ("wood", "paper"))
     output = FakeOutput()
-    player = headphones(maker, output, [one, two])
+    player = headphones(maker, output, [one, two], clock=output)
     told = player.report()
     for count, (told_of, seed) in enumerate(((one, 5), (two, 6), (one, 5))):
         output.blocks.clear()
@@ -86,7 +86,7 @@ def test_a_handle_is_given_the_force_of_its_compensator(maker: StimulusMaker) ->
     flat, naive = (stimulus(swatch="wood", seconds=0.3, compensator=name) for name in ("", "naive"))
     output = FakeOutput(takes_force=True, rate_Hz=10_000.0)
     output.gain, output.ceiling = 1.0, 5.0  # type: ignore[misc]
-    player = handle(maker, output, [flat, naive])
+    player = handle(maker, output, [flat, naive], clock=output)
     heard = {}
     for told_of, name in ((flat, "flat"), (naive, "naive")):
         output.blocks.clear()
@@ -105,33 +105,33 @@ def test_what_an_output_cannot_play_is_said(maker: StimulusMaker) -> None:
     with pytest.raises(HapsceneError, match="no compensator 'flatt'"):
         handle(maker, FakeOutput(), [stimulus(swatch="wood", compensator="flatt")])
     output = FakeOutput()
-    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)])
+    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
     output.fault = "fake: plays no more: was it unplugged?"
     with pytest.raises(StudyError, match="was it unplugged"):
         player.ready(Interval(stimulus(swatch="wood", seconds=0.1), 1))()
     player.close()
 
 
-def test_an_output_that_takes_no_samples_any_more_is_not_waited_for(
-    maker: StimulusMaker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("hapscene.study.playing.DEAF_S", 0.1)
+def test_an_output_that_takes_no_samples_any_more_is_not_waited_for(maker: StimulusMaker) -> None:
     output = FakeOutput()
-    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)])
+    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
     output.close()
     with pytest.raises(StudyError, match="fake: takes no samples any more"):
         player.ready(Interval(stimulus(swatch="wood", seconds=0.1), 1))()
+    assert output.now_s() == pytest.approx(1e-9 * BEGIN_NS + 0.1 + DEAF_S, abs=0.02)
 
 
 def test_a_sound_that_is_closed_breaks_off(maker: StimulusMaker) -> None:
-    output = FakeOutput(block=1)
-    told_of = stimulus(swatch="wood", seconds=60.0)
-    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)])
-    playing = Thread(target=player.ready(Interval(told_of, 1)))
-    playing.start()
-    player.close()
-    playing.join(120.0)
-    assert not playing.is_alive()
+    class Closing(FakeOutput):
+        def wait(self, event: Event, timeout_s: float) -> bool:
+            if len(self.blocks) == 10:
+                player.close()
+            return super().wait(event, timeout_s)
+
+    output = Closing()
+    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
+    player.ready(Interval(stimulus(swatch="wood", seconds=60.0), 1))()
+    assert len(output.blocks) == 10 and not output.fault
 
 
 def test_a_sound_that_is_given_in_the_middle_of_a_pull_is_played_whole() -> None:
@@ -162,41 +162,3 @@ def test_a_sound_that_is_given_in_the_middle_of_a_pull_is_played_whole() -> None
     feed.fade_in()
     feed.pull(out)
     assert not out.any()
-
-
-def test_a_device_feels_the_pad_of_the_stimulus_and_its_effects_alone(
-    maker: StimulusMaker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    on = stimulus(swatch="wood", seconds=0.6, speed_m_s=0.15, force_N=1.0, effects=["lpc_texture", "friction"])
-    off = stimulus(swatch="wood", seconds=0.6, speed_m_s=0.15, force_N=1.0, effects=[])
-    player = DevicePlayer(maker, "omni", [on, off])
-    servo, felt = player._servo, []
-    try:
-        for told_of in (on, off, on):
-            before = servo.state().tick + 1
-            player.ready(Interval(told_of, 1))()
-            log = servo.read(before)
-            touching = log.rows["depth_m"] > 0.0
-            assert 300 < len(log.rows) < 60_000 and touching[-100:].any()
-            shake = log.a_m_s2[touching]
-            sideways_N = np.abs(log.rows["f_W_N"][touching][:, :2]).max(axis=1)
-            felt.append((float(np.abs(shake[50:]).max()), float(np.median(sideways_N[50:]))))
-            rests = servo.state().tick
-            assert servo.state().tick == rests  # no ticks, no force, between intervals
-        assert felt[0][0] > 0.1 and felt[2][0] > 0.1 and felt[1][0] == 0.0
-        assert felt[0][1] > 0.05 and felt[1][1] < 0.02
-
-        def gone() -> None:
-            raise HandleError("it plays no more")
-
-        monkeypatch.setattr(servo, "handle_report", gone)
-        with pytest.raises(HandleError):
-            player.ready(Interval(off, 1))()
-    finally:
-        player.close()
-        player.close()
-
-
-def test_a_recording_cannot_be_felt_as_it_is(maker: StimulusMaker) -> None:
-    with pytest.raises(StudyError, match="a recording is a swatch once it has an order"):
-        DevicePlayer(maker, "omni", [stimulus(recording="oak.csv")])

@@ -60,14 +60,14 @@ def test_a_torn_header_is_written_anew(path: Path) -> None:
 
 def test_who_reads_is_told_of_a_torn_line(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-3])
-    with pytest.warns(UserWarning, match="its last line is cut off"):
+    with pytest.warns(UserWarning, match="its last row is unfinished"):
         assert len(load_rows(path)) == 2
 
 
 def test_one_writes_at_a_time(path: Path) -> None:
     pytest.importorskip("fcntl")
     file = ResultsFile(path)
-    with pytest.raises(StudyError, match="another sitting writes it"):
+    with pytest.raises(StudyError, match="another session writes it"):
         ResultsFile(path)
     assert len(load_rows(path)) == 3  # who only reads may
     file.close()
@@ -137,23 +137,11 @@ def test_files_of_earlier_versions_are_read_and_gone_on_with(tmp_path: Path) -> 
     assert path.read_bytes().splitlines()[0].decode().split(",") == list(EARLIER)
 
 
-def test_what_pandas_and_editors_make_of_it_is_undone(path: Path) -> None:
-    pandas = pytest.importorskip("pandas")
-    file = ResultsFile(path)
-    file.add(ROW | {"trial": 3, "rating": 5, "answer": 4})  # a column with missing ones and numbers: floats
-    file.close()
-    rows = load_rows(path)
-    pandas.read_csv(path).to_csv(path, index=False)
-    assert b",5.0," in path.read_bytes()
-    path.write_bytes(path.read_bytes().replace(b"\n", b"\n\n"))
-    assert load_rows(path) == rows
-
-
 @pytest.mark.parametrize("encoding", ["utf-16", "semicolons"])
 def test_what_a_spreadsheet_saves_otherwise_is_refused_readably(path: Path, encoding: str) -> None:
     text = path.read_text()
     path.write_bytes(text.replace(",", ";").encode() if encoding == "semicolons" else text.encode(encoding))
-    with pytest.raises(StudyError, match=r"is no file of results, (with commas|in UTF-8) as it was written"):
+    with pytest.raises(StudyError, match="is not a file of results"):
         ResultsFile(path)
 
 
@@ -161,12 +149,6 @@ def test_what_a_spreadsheet_saves_otherwise_is_refused_readably(path: Path, enco
 def test_a_file_that_is_none_of_ours_is_refused_as_it_is(path: Path, content: bytes) -> None:
     path.write_bytes(content)
     for read in (load_rows, ResultsFile):
-        with pytest.raises(StudyError, match="is no file of results"):
+        with pytest.raises(StudyError, match="is not a file of results"):
             read(path)
     assert path.read_bytes() == content
-
-
-def test_line_ends_of_old_are_read(path: Path) -> None:
-    rows = load_rows(path)
-    path.write_bytes(path.read_bytes().replace(b"\r\n", b"\r"))
-    assert load_rows(path) == rows

@@ -73,16 +73,10 @@ def test_sides_come_equally_often(count: int, sides: int, seed: int) -> None:
 def test_what_is_right_stands_on_either_side_equally_often() -> None:
     for place in range(3):
         asked = sequence(PLAN, "P", place)
-        abx = [t for t in asked if t.kind == "abx"]
-        shown = Counter(tuple(i.stimulus["name"] for i in t.intervals) for t in abx)
-        assert set(shown.values()) == {2} and len(shown) == 4
-        for trial in abx:
-            a, b, x = (i.stimulus["name"] for i in trial.intervals)
-            assert x == (a, b)[trial.correct] and trial.choices == ("A", "B")
         for trial in (t for t in asked if t.kind == "2ifc"):
             names = [i.stimulus["name"] for i in trial.intervals]
-            assert tuple(names if trial.correct == 0 else names[::-1]) in PLAN.blocks[2].pairs
-        assert Counter(t.correct for t in asked if t.kind == "2ifc") == {0: 4, 1: 4}
+            assert tuple(names if trial.correct == 0 else names[::-1]) in PLAN.blocks[1].pairs + PLAN.blocks[2].pairs
+        assert Counter(t.correct for t in asked if t.kind == "2ifc") == {0: 8, 1: 8}
 
 
 def test_a_staircase_puts_the_level_into_the_right_interval() -> None:
@@ -91,13 +85,6 @@ def test_a_staircase_puts_the_level_into_the_right_interval() -> None:
         for trial in (t for t in sequence(plan, "P", 0) if t.kind == "staircase"):
             gains = [i.stimulus["gain_dB"] for i in trial.intervals]
             assert gains[trial.correct] == pytest.approx(-3.0 + sign * trial.level) and gains[1 - trial.correct] == -3.0
-
-
-def test_a_staircase_ends_when_enough_is_known_and_the_numbers_go_on() -> None:
-    plan = parse_plan(TEXT.replace("trials = 20", "trials = 20\nstop_within = 0.5"))
-    asked = sequence(plan, "P", 0)
-    stairs = [t for t in asked if t.kind == "staircase"]
-    assert 1 < len(stairs) < 20 and [t.number for t in asked] == list(range(len(asked)))
 
 
 def test_a_missing_library_is_said_before_the_first_answer(monkeypatch: pytest.MonkeyPatch) -> None:

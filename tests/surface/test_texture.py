@@ -25,7 +25,9 @@ def make_texture(order: int = 20, count: int = 5, seed: int = 0, interpolation: 
     k[:, 0] = rng.uniform(-0.98, -0.8, count)
     force, speed = rng.uniform(0.3, 3.0, count), rng.uniform(0.03, 0.3, count)
     variance = rng.uniform(0.1, 10.0, count)
-    return Texture.from_models(10_000.0, force, speed, ar_from_reflection(k), variance, interpolation)
+    return Texture.from_models(
+        10_000.0, force, speed, a=ar_from_reflection(k), variance_m2_s4=variance, interpolation=interpolation
+    )
 
 
 @settings(max_examples=25, deadline=None)
@@ -55,7 +57,7 @@ def test_triangles_fill_the_rectangle(count: int, seed: int) -> None:
 
 def test_a_model_stands_where_it_was_put() -> None:
     a = ar_from_reflection(np.array([[-0.9, 0.5], [-0.5, 0.2], [-0.8, 0.1]]))
-    texture = Texture.from_models(5000.0, [1.0, 2.0, 2.0], [0.1, 0.1, 0.2], a, [1.0, 2.0, 3.0])
+    texture = Texture.from_models(5000.0, [1.0, 2.0, 2.0], [0.1, 0.1, 0.2], a=a, variance_m2_s4=[1.0, 2.0, 3.0])
     for i, (force, slip) in enumerate([(1.0, 0.1), (2.0, 0.1), (2.0, 0.2)]):
         got, variance = texture.model(force, slip)
         assert np.allclose(got, a[i], atol=1e-12)
@@ -73,7 +75,7 @@ def test_no_force_or_no_speed_is_silence_and_above_the_maxima_is_the_maximum() -
 
 def test_level_rises_from_silence_along_the_diagonal() -> None:
     a = ar_from_reflection(np.array([-0.9, 0.5]))
-    texture = Texture.from_models(10_000.0, [2.0], [0.2], a, [1.0])
+    texture = Texture.from_models(10_000.0, [2.0], [0.2], a=a, variance_m2_s4=[1.0])
     share = np.linspace(0.0, 1.0, 9)
     assert np.allclose(texture.power(2.0 * share, 0.2 * share), share * power_gain(a), atol=1e-12)
 
@@ -96,7 +98,7 @@ def test_synthesised_power_is_the_stated_power() -> None:
 def test_arrays_are_read_only_and_copies() -> None:
     force = np.array([1.0, 2.0])
     a = ar_from_reflection(np.full((2, 3), 0.1))
-    texture = Texture.from_models(1000.0, force, [0.1, 0.2], a, [1.0, 1.0])
+    texture = Texture.from_models(1000.0, force, [0.1, 0.2], a=a, variance_m2_s4=[1.0, 1.0])
     force[0] = 9.0
     assert texture.force_max_N == 2.0
     with pytest.raises(ValueError, match="read-only"):
@@ -211,7 +213,9 @@ def test_between_unlike_models_all_is_stable_and_the_power_is_right(interpolatio
     k[::2, 0], k[1::2, 0] = -0.98, 0.98
     a = ar_from_reflection(k)
     force, speed = rng.uniform(0.3, 3.0, 6), rng.uniform(0.03, 0.3, 6)
-    texture = Texture.from_models(10_000.0, force, speed, a, 1.0 / power_gain(a), interpolation)
+    texture = Texture.from_models(
+        10_000.0, force, speed, a=a, variance_m2_s4=1.0 / power_gain(a), interpolation=interpolation
+    )
     places = rng.uniform(0.05, 1.1, (300, 2)) * (texture.force_max_N, texture.speed_max_m_s)
     filters_a, variance = texture.models(*places.T)
     gain = power_gain(filters_a)
@@ -228,11 +232,13 @@ def test_between_unlike_models_all_is_stable_and_the_power_is_right(interpolatio
 
 def test_coefficients_of_a_single_filter_are_told() -> None:
     a = ar_from_reflection([-0.9, 0.4])
-    one = Texture.from_models(1000.0, [1.0, 2.0], [0.1, 0.2], [a, a], [1.0, 3.0])
+    one = Texture.from_models(1000.0, [1.0, 2.0], [0.1, 0.2], a=[a, a], variance_m2_s4=[1.0, 3.0])
     assert one.single
     k, power = one.lattice([2.0, 0.5, 0.0], [0.2, 0.1, 0.1])
     assert k.shape == (1, 2) and power[2] == 0.0 and power[0] == pytest.approx(3.0 * power_gain(a))
-    two = Texture.from_models(1000.0, [1.0, 2.0], [0.1, 0.2], [a, ar_from_reflection([0.3, 0.1])], [1.0, 3.0])
+    two = Texture.from_models(
+        1000.0, [1.0, 2.0], [0.1, 0.2], a=[a, ar_from_reflection([0.3, 0.1])], variance_m2_s4=[1.0, 3.0]
+    )
     assert not two.single
     k, power = two.lattice([2.0, 0.5, 0.0], [0.2, 0.1, 0.1])
     assert k.shape == (3, 2)

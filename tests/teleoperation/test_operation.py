@@ -63,8 +63,10 @@ def test_between_passive_ends_the_motors_give_out_no_energy(
     """Any line, device, hand and wall: what both motors give out together stays within both ends' allowances."""
     start = (0.0, 0.0, 0.01)
     scene = plate(Swatch("wall", stiffness_N_m=stiffness_N_m))
-    operation = Operation(scene, start, Coupling(), line, device, "none", effects=("wall",), seed=1)
-    operated = operation.run(Intent.hold((0.0, 0.0, z_m), 1500, grip, (0.0, 0.0, -1.0)))
+    operation = Operation(
+        scene, start, coupling=Coupling(), line=line, device=device, compensator="none", effects=("wall",), seed=1
+    )
+    operated = operation.run(Intent.hold((0.0, 0.0, z_m), 1500, grip, push_W_N=(0.0, 0.0, -1.0)))
     assert operated.energy_out_J <= 2.0 * Coupling().allowance_J
 
 
@@ -77,7 +79,7 @@ def test_the_stiffness_felt_is_that_of_springs_in_a_row(delay_s: float) -> None:
 
 def test_positions_do_not_drift_apart_over_a_bad_line() -> None:
     """What friction leaves between the two after one exploration, it leaves after five."""
-    operation = Operation(plate("wood"), START_M, Coupling(), Impairment(0.02, **BAD), compensator="none")
+    operation = Operation(plate("wood"), START_M, coupling=Coupling(), line=Impairment(0.02, **BAD), compensator="none")
     intent = explore("medium", 500.0).intent
     apart = [operation.run(intent) for _ in range(5)]
     apart_m = [float(np.linalg.norm(o.leader_W_m[-1] - o.follower_W_m[-1])) for o in apart]
@@ -93,14 +95,16 @@ def test_a_swing_begins_gently_stays_within_its_centimetre_and_ends() -> None:
 def test_the_same_seed_gives_the_same_bits() -> None:
     intent = explore("medium", 500.0).intent
     line = Impairment(0.01, 0.005, 0.1, 0.1)
-    first, second = (Operation(plate("wood"), START_M, Coupling(), line, seed=4).run(intent) for _ in range(2))
+    first, second = (
+        Operation(plate("wood"), START_M, coupling=Coupling(), line=line, seed=4).run(intent) for _ in range(2)
+    )
     assert first.leader_W_m.tobytes() == second.leader_W_m.tobytes()
     assert first.a_handle_m_s2.tobytes() == second.a_handle_m_s2.tobytes()
 
 
 @pytest.mark.soak
 def test_ten_minutes_over_a_bad_line() -> None:
-    operation = Operation(plate("wood"), START_M, Coupling(), Impairment(0.05, **BAD), Omni())
+    operation = Operation(plate("wood"), START_M, coupling=Coupling(), line=Impairment(0.05, **BAD), device=Omni())
     intent = explore("light", 500.0).intent
     for _ in range(600_000 // len(intent)):
         operated = operation.run(intent)

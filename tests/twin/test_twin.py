@@ -43,7 +43,7 @@ def test_it_sees_a_body_that_the_scene_puts_elsewhere() -> None:
 def test_a_push_rests_where_the_spring_carries_it(plate: Scene) -> None:
     twin = Twin(plate, PointMass(0.045, 2.0), effects=["wall"])
     twin.reset((0.0, 0.0, 0.0))
-    feel = twin.run(Intent.hold((0.0, 0.0, 0.0), 2000, "none", (0.0, 0.0, -1.0)))
+    feel = twin.run(Intent.hold((0.0, 0.0, 0.0), 2000, "none", push_W_N=(0.0, 0.0, -1.0)))
     assert feel.p_W_m[-1, 2] == pytest.approx(-1.0 / 500.0, rel=1e-6)
     assert feel.rest_m_s < 1e-6
 
@@ -103,7 +103,7 @@ def test_the_same_seed_gives_the_same_bits_and_run_goes_on_where_it_was(plate: S
 
 @pytest.mark.parametrize("device", [MASS, Omni()], ids=["point", "omni"])
 def test_a_press_presses_as_hard_as_it_says(plate: Scene, device: PointMass | Omni) -> None:
-    feel = Twin(plate, device).run(act("press", plate, TICK_S, "medium"))
+    feel = Twin(plate, device).run(act("press", plate, TICK_S, grip="medium"))
     held_N = np.median(np.linalg.norm(feel.f_hand_W_N, axis=1)[feel.recording.touching])
     hand_N_m, wall_N_m = GRIPS["medium"].k_N_m, 500.0  # springs in a row: the wall gives way too
     assert held_N == pytest.approx(PRESS_N * wall_N_m / (hand_N_m + wall_N_m), rel=0.1)
@@ -112,7 +112,7 @@ def test_a_press_presses_as_hard_as_it_says(plate: Scene, device: PointMass | Om
 
 @pytest.mark.parametrize("name", GESTURES)
 def test_every_gesture_touches_and_stays_finite(plate: Scene, name: str) -> None:
-    feel = Twin(plate, Omni(), handle=Plant()).run(act(name, plate, TICK_S, "medium"))
+    feel = Twin(plate, Omni(), handle=Plant()).run(act(name, plate, TICK_S, grip="medium"))
     assert feel.recording.touching.any()
     assert np.isfinite(feel.p_W_m).all() and np.isfinite(feel.a_handle_m_s2).all()
     assert not feel.recording.flags.any()
@@ -130,7 +130,7 @@ def test_wrong_input_is_answered(plate: Scene) -> None:
     with pytest.raises(PathError, match="no gesture 'wave'"):
         act("wave", plate, TICK_S)
     with pytest.raises(PathError, match="choose light, medium or firm"):
-        act("tap", plate, TICK_S, "none")
+        act("tap", plate, TICK_S, grip="none")
     with pytest.raises(HapsceneError, match="delay_ticks must be a whole number"):
         Twin(plate, MASS, delay_ticks=-1)
     with pytest.raises(HapsceneError, match="no device 'onmi'; there are: ideal, omni"):

@@ -31,9 +31,9 @@ def scene() -> Scene:
     return scene
 
 
-def write(*arguments: object) -> None:
+def write(*arguments: object, **named: object) -> None:
     try:
-        write_film(*arguments)  # type: ignore[arg-type]
+        write_film(*arguments, **named)  # type: ignore[arg-type]
     except ViewError as error:
         if "no GL" not in str(error):
             raise
@@ -42,7 +42,7 @@ def write(*arguments: object) -> None:
 
 def test_gif_turns_and_lasts_as_long_as_asked(tmp_path: Path, scene: Scene) -> None:
     said: list[str] = []
-    write(scene, None, tmp_path / "a.gif", replace(SMALL, seconds=1.0), said.append)
+    write(scene, None, tmp_path / "a.gif", film=replace(SMALL, seconds=1.0), say=said.append)
     assert "".join(said).split("%")[0].strip().isdigit() and "100 %" in "".join(said)
     with Image.open(tmp_path / "a.gif") as image:
         assert image.size == (320, 240) and image.n_frames == 6
@@ -58,7 +58,7 @@ def test_gif_turns_and_lasts_as_long_as_asked(tmp_path: Path, scene: Scene) -> N
 
 def test_mp4_has_the_frames_the_rate_and_the_size(tmp_path: Path, scene: Scene, recording: Recording) -> None:
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="the extra `video` is not installed")
-    write(scene, recording, tmp_path / "a.mp4", replace(SMALL, seconds=0.5))
+    write(scene, recording, tmp_path / "a.mp4", film=replace(SMALL, seconds=0.5))
     reader = imageio_ffmpeg.read_frames(str(tmp_path / "a.mp4"))
     about = next(reader)
     assert about["size"] == (320, 240) and about["fps"] == pytest.approx(12.0) and len(list(reader)) == 6
@@ -100,12 +100,12 @@ def test_what_a_film_cannot_be_is_said_before_it_is_drawn(
     tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(ViewError, match="even width and height; 241x200"):
-        write_film(scene, None, tmp_path / "a.mp4", Film(size=(241, 200)))
+        write_film(scene, None, tmp_path / "a.mp4", film=Film(size=(241, 200)))
     with pytest.raises(ViewError, match="too many for a GIF"):
-        write_film(scene, None, tmp_path / "a.gif", Film(seconds=1.0, frame_count=60))
+        write_film(scene, None, tmp_path / "a.gif", film=Film(seconds=1.0, frame_count=60))
     monkeypatch.setattr("hapscene.view.film.find_spec", lambda name: None)
     with pytest.raises(ViewError, match=r"pip install 'hapscene\[video\]'"):
-        write_film(scene, None, tmp_path / "a.mp4", Film())
+        write_film(scene, None, tmp_path / "a.mp4", film=Film())
     assert list(tmp_path.iterdir()) == []
 
 
@@ -115,5 +115,5 @@ def test_film_that_is_interrupted_leaves_nothing(tmp_path: Path, scene: Scene, m
 
     monkeypatch.setattr("hapscene.view.film.draw", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        write_film(scene, None, tmp_path / "a.gif", SMALL)
+        write_film(scene, None, tmp_path / "a.gif", film=SMALL)
     assert list(tmp_path.iterdir()) == []

@@ -27,9 +27,9 @@ def scene_of(shape: trimesh.Trimesh) -> Scene:
     return scene
 
 
-def drawn(path: Path, *arguments: object) -> np.ndarray:
+def drawn(path: Path, *arguments: object, **named: object) -> np.ndarray:
     try:
-        write_picture(*arguments)  # type: ignore[arg-type]
+        write_picture(*arguments, **named)  # type: ignore[arg-type]
     except ViewError as error:
         pytest.skip(str(error))
     with Image.open(path) as image:
@@ -38,12 +38,12 @@ def drawn(path: Path, *arguments: object) -> np.ndarray:
 
 def test_picture_shows_swatch_path_and_force_and_repeats(tmp_path: Path, recording: Recording) -> None:
     scene = scene_of(trimesh.creation.box((0.1, 0.1, 0.02)))
-    pixels = drawn(tmp_path / "a.png", scene, recording, tmp_path / "a.png", (640, 480))
+    pixels = drawn(tmp_path / "a.png", scene, recording, tmp_path / "a.png", size=(640, 480))
     red, green, blue = np.moveaxis(pixels[:400], 2, 0)
     assert np.mean((green > 1.5 * red) & (green > 1.5 * blue)) > 0.1  # the plate
     assert np.count_nonzero((red > 1.2 * green) & (blue > 1.1 * green)) > 60  # the path on it
     assert np.count_nonzero((red < 10) & (green > 90) & (blue > 0.6 * green)) > 60  # arrows
-    write_picture(scene, recording, tmp_path / "b.png", (640, 480))
+    write_picture(scene, recording, tmp_path / "b.png", size=(640, 480))
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
@@ -72,7 +72,7 @@ def test_the_legend_has_the_room_that_it_needs(
 
 def test_scale_bar_measures_what_is_drawn_in_the_dark(tmp_path: Path) -> None:
     ball = scene_of(trimesh.creation.icosphere(5, 0.05))
-    pixels = drawn(tmp_path / "a.png", ball, None, tmp_path / "a.png", (500, 400), DARK)
+    pixels = drawn(tmp_path / "a.png", ball, None, tmp_path / "a.png", size=(500, 400), theme=DARK)
     assert pixels.shape == (400, 500, 3)
     ink = np.round(rgb(DARK.ink) * 255)
     bar_px = max(_longest_run((row == ink).all(axis=1)) for row in pixels[365:])

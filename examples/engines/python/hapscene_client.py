@@ -60,9 +60,7 @@ class Client:
         patience_s: float = 10.0,
     ) -> None:
         self.patience_s = patience_s
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.connect((host, port))
-        self.socket.settimeout(0.05)
+        self.socket = self._connect(host, port)
         self.key = self.sequence = self.orders = self.event_count = 0
         self.state: dict[str, Any] | None = None
         self.events: list[tuple[int, str, str, str, float]] = []
@@ -116,6 +114,12 @@ class Client:
     def close(self) -> None:
         self._send(pack(BYE, self.key, 0, b""))
         self.socket.close()
+
+    def _connect(self, host: str, port: int) -> socket.socket:
+        line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        line.connect((host, port))
+        line.settimeout(0.05)
+        return line
 
     def _take(self, sequence: int, payload: bytes) -> bool:
         if self.state is not None and sequence <= self.state["sequence"]:

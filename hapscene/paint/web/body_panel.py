@@ -304,7 +304,7 @@ class BodyPanel:
         shapes = "".join(f"<option>{shape}</option>" for shape in SHAPES)
         return (
             f'<div class="hs-bodies"><div role="tree" aria-label="Bodies of the scene">{"".join(rows)}</div>'
-            f'<p><button data-upload="{accept}" title="STL, OBJ, PLY, glTF, 3MF, STEP …">Add meshes …</button>'
+            f'<p><button data-upload="{accept}" title="STL, OBJ, PLY, glTF, STEP …">Add meshes …</button>'
             f'<select data-body-set="shape" aria-label="Add a shape"><option value="">Add a shape …</option>{shapes}'
             '</select></p><p class="dim">Or drop mesh files onto the page. They are copied beside the scene.</p>'
             '<p class="dim">What is hidden, alone or locked is part of the view: neither undone nor saved.</p></div>'

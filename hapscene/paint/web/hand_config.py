@@ -89,10 +89,10 @@ class HandConfig:
         return bool(reachable(X_WD[:3, :3].T @ (p_W_m - X_WD[:3, 3])))
 
 
-def make_servo(scene: Scene, config: HandConfig, tick_s: float) -> Servo:
+def make_servo(scene: Scene, config: HandConfig, tick_s: float, servo: type[Servo] = Servo) -> Servo:
     """A servo with a hand that holds this; an arm is placed anew for each touch, so that it begins in the middle."""
     handle: dict[str, Any] = {}
     if config.compensator != NO_HANDLE:
         handle = {"handle": Plant(), "compensator": config.compensator}
     model = HAND_DEVICES[config.device].model
-    return Servo(scene, model, tick_s=tick_s, limits=limits_of(config.limits, tick_s), **handle)
+    return servo(scene, model, tick_s=tick_s, limits=limits_of(config.limits, tick_s), **handle)

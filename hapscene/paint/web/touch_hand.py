@@ -17,7 +17,7 @@ from hapscene.errors import HapsceneError
 from hapscene.paint.web.hand_config import HandConfig, make_servo
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
-from hapscene.servo import State
+from hapscene.servo import ServoState
 from hapscene.servo.servo import TickLog
 
 HOVER_M: Final = 0.002
@@ -207,7 +207,7 @@ class TouchHand:
         state = servo.state()
         servo.aim(state.p_WP_m + LIFT_M * state.nhat_W, self.config.grip)
 
-    def read(self, now_s: float) -> tuple[State, NDArray[Any], NDArray[Any]] | None:
+    def read(self, now_s: float) -> tuple[ServoState, NDArray[Any], NDArray[Any]] | None:
         """The newest tick, force (n,) [N] and acceleration (n, block) [m/s²] since the last look; None at rest.
 
         The acceleration is the handle's, or that asked for where there is no handle.

@@ -10,7 +10,7 @@ import numpy as np
 from hapscene.errors import HapsceneError
 from hapscene.paint.web.page_context import PageContext
 from hapscene.paint.web.stroke_recorder import StrokeRecorder
-from hapscene.servo import State
+from hapscene.servo import ServoState
 
 MONITOR_S: Final = 0.015
 """How often what was felt is sent [s]; with the browser's own 35 ms ahead it is heard about 60 ms after it was felt."""
@@ -67,7 +67,7 @@ class Monitor:
                 self.status = self._status_of(None if felt is None else felt[0])
                 self._on_status()
 
-    def _status_of(self, state: State | None) -> str:
+    def _status_of(self, state: ServoState | None) -> str:
         session, touch = self._context.session, self._context.touch
         if self.recorder.playing:
             return "Played again …"

@@ -40,7 +40,7 @@ from hapscene.scene.scene import Scene
 from hapscene.stability.wall_case import read_cases
 from hapscene.study.plan import load_plan
 from hapscene.study.results_file import load_rows
-from hapscene.study.simulated_person import simulate
+from hapscene.study.sitting import Sitting
 from hapscene.study.statistics import analyse
 from hapscene.surface import library
 from hapscene.surface.swatch import Swatch
@@ -157,7 +157,9 @@ def read_mesh(path: Path) -> int:
 def swatch() -> Swatch:
     rng = np.random.default_rng(0)
     a = ar_from_reflection(rng.uniform(-0.5, 0.5, (3, 4)))
-    texture = Texture.from_models(1e4, np.array([1.0, 2.0, 1.5]), np.array([0.1, 0.1, 0.2]), a, rng.uniform(0, 1, 3))
+    texture = Texture.from_models(
+        1e4, np.array([1.0, 2.0, 1.5]), np.array([0.1, 0.1, 0.2]), a=a, variance_m2_s4=rng.uniform(0, 1, 3)
+    )
     taps = Taps([0.1, 0.2], [1.0, 2.0], [90.0, 80.0], [50.0, 60.0], rng.standard_normal((2, 8)), 1e4)
     return Swatch(
         "oak", 500.0, 0.1, 0.3, 0.2, texture, taps, (0.1, 0.5, 1.0), "made up", "MIT", {"wall": {}},
@@ -350,7 +352,7 @@ def read_page(path: Path) -> None:
 STUDY = b"""title = "t"
 people = 2
 stimuli.a.swatch = "wood"
-stimuli.b = {swatch = "wood", life = false, order = 40, effects = ["tap"]}
+stimuli.b = {swatch = "wood", life = false, order = 40}
 [[blocks]]
 name = "rated"
 kind = "rating"
@@ -358,7 +360,7 @@ stimuli = ["a", "b"]
 repeats = 2
 [[blocks]]
 name = "told"
-kind = "abx"
+kind = "2ifc"
 pairs = [["a", "b"]]
 repeats = 3
 margin = 0.5
@@ -375,7 +377,11 @@ trials = 5
 def answers() -> Files:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "x.toml").write_bytes(STUDY)
-        simulate(load_plan(Path(folder) / "x.toml"), Path(folder) / "x", people=2)
+        plan = load_plan(Path(folder) / "x.toml")
+        for person in ("P01", "P02"):
+            with Sitting(plan, Path(folder) / "x", person) as sitting:
+                while sitting.trial is not None:
+                    sitting.answer(sitting.trial.number % 2, latency_s=1.0)
         return {"results.csv": (Path(folder) / "x" / "results.csv").read_bytes(), "plan.toml": STUDY}
 
 
@@ -403,15 +409,11 @@ FORMATS: Mapping[str, Format] = {
     "off": Format(ball("off"), read_mesh),
     "glb": Format(ball("glb"), read_mesh),
     "gltf": Format(gltf, read_mesh),
-    "3mf": Format(ball("3mf"), read_mesh, quick=3),
     "zip": Format(packed, read_mesh),
     "step": Format(step, read_mesh, soak=90, quick=2),
     "painted-glb": painted("x.glb"),
     "painted-ply": painted("x.ply"),
-    "x3d": painted("x.x3d"),
     "fine-glb": painted("x.gltf", fine=True),
-    "fine-x3d": painted("x.x3d", fine=True),
-    "painted-3mf": painted("x.3mf", quick=2),
     "scene": Format(
         written(lambda path: scene().save(path), "x.scene.json"),
         lambda path: sum(len(body.mesh.faces) for body in hapscene.load_scene(path).bodies),

@@ -157,8 +157,6 @@ MADE = {
         lambda: other("painted-ply", "(?s)(end_header\n).{8}", r"\1AAAAAA~~"),
         "x.ply: ",
     ),
-    "x3d-far-vertex": ("x3d", lambda: other("x3d", 'index="', 'index="99999 1 2 '), "x.x3d: "),
-    "x3d-no-name": ("x3d", lambda: other("x3d", "&quot;ball&quot;", "&quot;&quot;"), "x.x3d: "),
 }
 """Format, content, and the words of its refusal, by name."""
 

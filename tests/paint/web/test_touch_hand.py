@@ -2,8 +2,8 @@
 
 import asyncio
 import threading
-import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,12 @@ from hapscene.device.hand import GRIPS
 from hapscene.errors import HapsceneError
 from hapscene.paint.composing import Composing
 from hapscene.paint.painting import Painting
-from hapscene.paint.web.hand_config import HAND_DEVICES, NO_HANDLE, HandConfig
+from hapscene.paint.web.hand_config import HAND_DEVICES, NO_HANDLE, HandConfig, make_servo
 from hapscene.paint.web.touch_hand import HOVER_M, IDLE_S, LIFT_M, TouchHand, aim_point
 from hapscene.scene.scene import Scene
 from hapscene.servo.servo import ServoState, TickLog
+from tests.virtual_clock import PATIENCE_S
+from tests.virtual_servo import TICKS_MAX, VirtualServo
 
 from ..conftest import plate_mesh
 
@@ -90,14 +92,10 @@ def run(act: Callable[[TouchHand, list[Notes], list[str]], Any], refuse: str | N
     assert all(notes.closed for notes in made)
 
 
-async def until(true: Callable[[], bool]) -> None:
-    async with asyncio.timeout(120.0):
-        while not true():
-            await asyncio.sleep(0.001)
-
-
-async def done(notes: Notes, count: int) -> None:
-    await until(lambda: len(notes.orders) >= count)
+async def settle(touch: TouchHand) -> None:
+    """Wait until all is done that was asked for."""
+    while touch._tasks:
+        await asyncio.gather(*touch._tasks)
 
 
 @pytest.mark.parametrize("stiffness_N_m", [100.0, 700.0])
@@ -114,7 +112,8 @@ def test_a_touch_comes_down_strokes_and_lifts_and_then_rests() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         assert touch.read(0.0) is None
         assert touch.press(PLACE, UP, 1.0, 500.0)
-        await done(made[0], 2)
+        await settle(touch)
+        assert len(made[0].orders) == 2
         assert made[0].orders[0] == ("start", tuple(PLACE + HOVER_M * UP))
         assert made[0].orders[1] == ("aim", tuple(aim_point(PLACE, UP, 1.0, 500.0, DEFAULT_GRIP)))
         read = touch.read(0.0)
@@ -126,7 +125,8 @@ def test_a_touch_comes_down_strokes_and_lifts_and_then_rests() -> None:
         assert made[0].orders[-1] == ("aim", tuple(PLACE + LIFT_M * UP))
         assert touch.read(5.0 + 0.9 * IDLE_S) is not None
         touch.read(5.0 + 1.1 * IDLE_S)
-        await done(made[0], 5)
+        await settle(touch)
+        assert len(made[0].orders) == 5
         assert made[0].orders[-1] == ("rest",) and touch.read(99.0) is None
 
     run(act)
@@ -136,7 +136,8 @@ def test_numbers_that_wait_become_one_order() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         for value in range(50):
             touch.tune("wood", {"stiffness_N_m": float(value)})
-        await until(lambda: ("tune", "wood", {"stiffness_N_m": 49.0}) in made[0].orders[-1:])
+        await settle(touch)
+        assert made[0].orders[-1] == ("tune", "wood", {"stiffness_N_m": 49.0})
         assert len(made[0].orders) <= 2
 
     run(act)
@@ -154,7 +155,8 @@ def test_of_many_devices_the_last_is_held_and_what_was_painted_meanwhile_is_felt
         await asyncio.gather(*orders)
         assert touch.status == "ready" and made[-1].hold.device == list(HAND_DEVICES)[-1]
         assert all(notes.closed for notes in made[:-1])
-        await until(lambda: any(("repaint", scene) in notes.orders for notes in made))
+        await settle(touch)
+        assert any(("repaint", scene) in notes.orders for notes in made)
 
     run(act)
 
@@ -171,7 +173,7 @@ def test_what_is_refused_holds_up_nothing_behind_it() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         touch.tune("gone", {"stiffness_N_m": 1.0})
         touch.tune("wood", {"stiffness_N_m": 300.0})
-        await asyncio.wait_for(done(made[0], 1), 120.0)
+        await settle(touch)
         assert made[0].orders == [("tune", "wood", {"stiffness_N_m": 300.0})] and "gone" in said[0]
 
     run(act)
@@ -205,7 +207,8 @@ def test_a_process_that_died_is_noticed_once() -> None:
 def test_a_process_that_died_under_the_stroking_hand_is_asked_nothing_more(stroke: bool) -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         touch.press(PLACE, UP, 1.0, 500.0)
-        await done(made[0], 2)
+        await settle(touch)
+        assert len(made[0].orders) == 2
         made[0].alive = False  # a servo raises from now on
         touch.move(PLACE, UP, 1.0, 500.0) if stroke else touch.lift(0.0)
         assert len(made[0].orders) == 2 and touch.status == "failed" and len(said) == 1
@@ -218,7 +221,8 @@ def test_a_stroke_beyond_the_arms_reach_is_said_once_and_stays_where_it_is(devic
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         touch.config = HandConfig(device)
         touch.press(PLACE, UP, 1.0, 500.0)
-        await done(made[0], 2)
+        await settle(touch)
+        assert len(made[0].orders) == 2
         touch.move(np.add(PLACE, (0.05, 0.0, 0.0)), UP, 1.0, 500.0)
         assert len(made[0].orders) == 3 and not said
         for x_m in (0.4, 0.5):
@@ -227,7 +231,7 @@ def test_a_stroke_beyond_the_arms_reach_is_said_once_and_stays_where_it_is(devic
         assert len(said) == ends and all("choose omni-point" in line for line in said)
         touch.lift(0.0)
         touch.press(np.add(PLACE, (0.5, 0.0, 0.0)), UP, 1.0, 500.0)  # the arm is placed anew
-        await done(made[0], len(made[0].orders) + 2)
+        await settle(touch)
         assert made[0].orders[-1][1][0] == PLACE[0] + 0.5 and len(said) == ends
 
     run(act)
@@ -241,7 +245,8 @@ def test_a_hand_whose_process_dies_is_told_once_whatever_is_asked_of_it(first: s
             raise HapsceneError("its process has ended")
 
         touch.press(PLACE, UP, 1.0, 500.0)
-        await done(made[0], 2)
+        await settle(touch)
+        assert len(made[0].orders) == 2
         for order in ("aim", "state", "read"):
             setattr(made[0], order, die)
         asks: dict[str, Callable[[], Any]] = {
@@ -262,21 +267,21 @@ async def feel(hold: HandConfig, force_N: float) -> tuple[TickLog, list[str]]:
     scene, said = Scene(), list[str]()
     scene.add(plate_mesh(0.01, cells=1), name="plate", swatch="wood")
     place, nhat, stiffness = np.array([0.02, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]), scene.swatches[1].stiffness_N_m
-    touch = TouchHand(lambda text, kind: said.append(text), hold)
+    touch = TouchHand(lambda text, kind: said.append(text), hold, partial(make_servo, servo=VirtualServo))
     try:
         await touch.open(scene, 0.001)
         assert touch.press(place, nhat, force_N, stiffness)
-        end_s, right, newest = time.monotonic() + 120.0, 0, 0
+        right, newest = 0, 0
         while right < 300 or newest < 1000:
-            assert time.monotonic() < end_s and not said, "the force never was what was asked for"
-            await asyncio.sleep(0.025)
-            if (read := touch.read(time.monotonic())) is not None:
+            assert newest < TICKS_MAX and not said, "the force never was what was asked for"
+            await settle(touch)
+            touch.servo.advance(25)
+            if (read := touch.read(touch.servo.clock.now_s())) is not None:
                 right = right + len(read[1]) if (abs(read[1] - force_N) < 0.1 * force_N).all() else 0
                 newest = read[0].tick
         while touch.servo.state().tick < newest + 300:
-            assert time.monotonic() < end_s, "the servo stands still"
             touch.move(np.add(place, (0.0, 5e-5 * (touch.servo.state().tick - newest), 0.0)), nhat, force_N, stiffness)
-            await asyncio.sleep(0.01)
+            touch.servo.advance(10)
         return touch.servo.read(newest), said
     finally:
         touch.close()
@@ -300,15 +305,17 @@ def test_a_press_arrives_and_lands_softly(grip: str, force_N: float, peak_N: flo
         scene = Scene()
         scene.add(plate_mesh(0.01, cells=1), name="plate", swatch="wood")
         place, nhat = np.array([0.0, 0.0, 0.005]), np.array([0.0, 0.0, 1.0])
-        touch = TouchHand(lambda text, kind: None, HandConfig("omni", grip, NO_HANDLE))
+        make = partial(make_servo, servo=VirtualServo)
+        touch = TouchHand(lambda text, kind: None, HandConfig("omni", grip, NO_HANDLE), make)
         try:
             await touch.open(scene, 0.001)
             touch.press(place, nhat, force_N, scene.swatches[1].stiffness_N_m)
-            felt_N, end_s = np.zeros(0), time.monotonic() + 120.0
+            felt_N = np.zeros(0)
             while np.count_nonzero(felt_N) < 500:
-                assert time.monotonic() < end_s, "it never arrives"
-                await asyncio.sleep(0.015)
-                if (read := touch.read(time.monotonic())) is not None:
+                assert len(felt_N) < TICKS_MAX, "it never arrives"
+                await settle(touch)
+                touch.servo.advance(15)
+                if (read := touch.read(touch.servo.clock.now_s())) is not None:
                     felt_N = np.append(felt_N, read[1])
             return felt_N
         finally:
@@ -331,7 +338,7 @@ def test_a_page_that_closes_does_not_wait_for_a_hand_that_starts() -> None:
 
         def __enter__(self) -> "Slow":
             self.begun.set()
-            assert self.given_up.wait(120.0)
+            assert self.given_up.wait(PATIENCE_S)
             raise HapsceneError("given up")
 
         def cancel(self) -> None:
@@ -346,14 +353,12 @@ def test_a_page_that_closes_does_not_wait_for_a_hand_that_starts() -> None:
     async def main() -> None:
         touch = TouchHand(lambda text, kind: None, HandConfig(), make)
         opening = asyncio.create_task(touch.open(Scene(), 0.001))
-        while not Slow.begun.is_set():
-            await asyncio.sleep(0.001)
+        assert await asyncio.to_thread(Slow.begun.wait, PATIENCE_S)
         opening.cancel()
         touch.close()
 
-    start_s = time.monotonic()
     asyncio.run(main())
-    assert time.monotonic() - start_s < 30.0 and made[0].closed
+    assert made[0].closed
 
 
 def test_bodies_that_come_move_and_go_are_felt_where_they_are() -> None:
@@ -361,20 +366,21 @@ def test_bodies_that_come_move_and_go_are_felt_where_they_are() -> None:
 
     async def touched(touch: TouchHand, place: np.ndarray) -> str:
         touch.press(place, np.array([0.0, 0.0, 1.0]), 1.0, 500.0)
-        end_s = time.monotonic() + 120.0
-        while True:
-            assert time.monotonic() < end_s, "nothing is felt there"
-            await asyncio.sleep(0.02)
-            read = touch.read(time.monotonic())
+        for _ in range(TICKS_MAX // 20):
+            await settle(touch)
+            touch.servo.advance(20)
+            read = touch.read(touch.servo.clock.now_s())
             if read is not None and read[0].touching and np.linalg.norm(read[0].p_WP_m - place) < 0.002:
-                touch.lift(time.monotonic())
+                touch.lift(touch.servo.clock.now_s())
                 return str(touch.servo.body_names[read[0].body])
+        raise AssertionError("nothing is felt there")
 
     async def act() -> None:
         said: list[str] = []
         painting = Painting(one_plate())
         composing = Composing(painting)
-        touch = TouchHand(lambda text, kind: said.append(text), HandConfig("omni-point", "medium", NO_HANDLE))
+        config, make = HandConfig("omni-point", "medium", NO_HANDLE), partial(make_servo, servo=VirtualServo)
+        touch = TouchHand(lambda text, kind: said.append(text), config, make)
         try:
             await touch.open(painting.snapshot(), 0.001)
             X_WB = np.eye(4)
@@ -393,8 +399,7 @@ def test_bodies_that_come_move_and_go_are_felt_where_they_are() -> None:
             assert await touched(touch, np.array([0.035, 0.0, 0.01])) == other
             composing.scale(other, 20.0)  # too large to be added: the hand starts anew
             touch.repaint(painting.snapshot())
-            while touch._sending:
-                await asyncio.sleep(0.02)
+            await settle(touch)
             assert await touched(touch, np.array([0.3, 0.1, 0.2])) == other
             assert not said
         finally:

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
-import serial  # noqa: F401  # it keeps the clock that it finds as it is imported: the real one
 
 from hapscene.device.driver import Driver
 from hapscene.errors import DeviceError

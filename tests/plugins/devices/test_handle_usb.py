@@ -15,9 +15,52 @@ from hapscene.handle import live_board, usb_simulator
 from hapscene.handle.live_process import compensator_of, open_output, play_recording
 from hapscene.handle.live_stream import LiveStream
 from hapscene_plugins.devices.handle_usb import DRIVER
-from tests.until import PATIENCE_S, until
+from tests.virtual_clock import PATIENCE_S
 
 BACKEND = "hapscene.handle.usb_simulator"
+
+
+class FullPackets(usb_simulator.Backend):
+    """Its board sends no short packet: a read ends when its buffer is full.
+
+    Its time goes on with what is read, and once it plays stands still until the last read was answered: a computer that
+    answers at once, however busy it is.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._answered, self._plays = threading.Event(), False
+        self._answered.set()
+
+    def end(self) -> None:
+        """Wait for no more answers."""
+        self._plays = False
+        self._answered.set()
+
+    def bulk_write(self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int) -> int:
+        size = super().bulk_write(dev_handle, ep, intf, data, timeout)
+        self._plays = not bytes(data).startswith(b"#")
+        self._answered.set()
+        return size
+
+    def bulk_read(self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int) -> int:
+        assert self._answered.wait(PATIENCE_S)
+        if self._plays:
+            self._answered.clear()
+        while len(self._rest) < len(buff):
+            self._rest += self.peer.give(10)
+        part, self._rest = self._rest[: len(buff)], self._rest[len(buff) :]
+        memoryview(buff).cast("B")[:] = part
+        return len(part)
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> FullPackets:
+    """Such a board, which is never taken for silent."""
+    monkeypatch.setattr(usb_simulator, "_BACKEND", backend := FullPackets())
+    monkeypatch.setattr(live_board, "AGAIN_S", PATIENCE_S)
+    monkeypatch.setattr(live_board, "GONE_S", PATIENCE_S)
+    return backend
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +70,9 @@ def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[usb_simulator.Backen
     yield backend
 
 
-def test_an_acceleration_is_played_by_a_compensator_and_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_acceleration_is_played_by_a_compensator_and_measured(
+    patient: FullPackets, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The simulated handle is held by another hand than the assumed one: at 200 Hz that matters little."""
     output: Any = open_output("usb", {"backend": BACKEND, "watchdog_s": "0.2", "ahead_s": "0.05"})
     wanted = 5.0 * np.sin(2.0 * np.pi * 200.0 * np.arange(6000) / 1e4)
@@ -44,48 +89,16 @@ def test_a_board_that_is_torn_out_is_told(plugged_in: usb_simulator.Backend) -> 
     handle = open_output("usb", {"backend": BACKEND})
     handle.start(Silence())
     plugged_in.unplugged = True
-    until(lambda: handle.fault)
+    handle._thread.join(PATIENCE_S)
     handle.close()
     assert "no such device" in handle.fault or "handle went away" in handle.fault
 
 
-class FullPackets(usb_simulator.Backend):
-    """Its board sends no short packet: a read ends when its buffer is full.
-
-    Its time goes on with what is read, and once it plays stands still until the last read was answered: a computer that
-    answers at once, however busy it is.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._answered, self._plays, self.over = threading.Event(), False, False
-        self._answered.set()
-
-    def bulk_write(self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int) -> int:
-        size = super().bulk_write(dev_handle, ep, intf, data, timeout)
-        self._plays = not bytes(data).startswith(b"#")
-        self._answered.set()
-        return size
-
-    def bulk_read(self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int) -> int:
-        until(lambda: self.over or self._answered.wait(0.05))
-        if self._plays:
-            self._answered.clear()
-        while len(self._rest) < len(buff):
-            self._rest += self.peer.give(10)
-        part, self._rest = self._rest[: len(buff)], self._rest[len(buff) :]
-        memoryview(buff).cast("B")[:] = part
-        return len(part)
-
-
-def test_a_board_that_sends_full_packets_plays_without_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(usb_simulator, "_BACKEND", backend := FullPackets())
-    monkeypatch.setattr(live_board, "AGAIN_S", PATIENCE_S)
-    monkeypatch.setattr(live_board, "GONE_S", PATIENCE_S)
+def test_a_board_that_sends_full_packets_plays_without_gaps(patient: FullPackets) -> None:
     handle = open_output("usb", {"backend": BACKEND, "watchdog_s": "0.5"})
     handle.start(feed := Silence(0.1))
-    until(lambda: sum(map(len, feed.heard)) > 5000)
-    backend.over = True
+    assert feed.enough.wait(PATIENCE_S)
+    patient.end()
     handle.close()
     force = np.concatenate(feed.heard)
     assert handle.counts == dict.fromkeys(handle.counts, 0)
@@ -96,6 +109,7 @@ class Silence:
     def __init__(self, level: float = 0.0) -> None:
         self.level = level
         self.heard: list[np.ndarray] = []
+        self.enough = threading.Event()  # 5,000 samples were heard
 
     def pull(self, out: np.ndarray) -> None:
         out[:] = self.level
@@ -105,6 +119,8 @@ class Silence:
 
     def hear(self, numbers: np.ndarray, force: np.ndarray, acceleration: np.ndarray) -> None:
         self.heard.append(np.nan_to_num(force))
+        if sum(map(len, self.heard)) > 5000:
+            self.enough.set()
 
 
 @pytest.mark.parametrize(

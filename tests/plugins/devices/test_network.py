@@ -14,8 +14,8 @@ import pytest
 
 from hapscene.bridge.packets import BYE, FRAME, HELLO, REFUSED, STATE, WELCOME, Frame, Packet, pack, unpack
 from hapscene.errors import DeviceError
-from hapscene_plugins.devices import network
 from hapscene_plugins.devices.network import DRIVER, FORCE_N, SILENT, WAITING
+from tests.virtual_clock import VirtualClock
 
 _FILE = Path(__file__).parents[2] / "bridge" / "client_packets.py"
 _SPEC = importlib.util.spec_from_file_location("client_packets", _FILE)
@@ -60,24 +60,15 @@ def turn(device: Any, f_D_N: Any = (0.0, 0.0, 0.0)) -> None:
     device.write()
 
 
-class Clock:
-    """A clock that stands still until it is put on: who is slow here is not silent."""
-
-    now_s = 1e3
-
-    def monotonic(self) -> float:
-        return self.now_s
+@pytest.fixture
+def clock() -> VirtualClock:
+    """Who is slow here is not silent."""
+    return VirtualClock()
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    monkeypatch.setattr(network, "time", clock := Clock())
-    return clock
-
-
-@pytest.fixture
-def device(clock: Clock) -> Iterator[Any]:
-    with DRIVER.open(**DRIVER.read_options({"port": "0"})) as device:
+def device(clock: VirtualClock) -> Iterator[Any]:
+    with DRIVER.open(**DRIVER.read_options({"port": "0"}), clock=clock) as device:
         yield device
 
 
@@ -111,12 +102,12 @@ def test_force_is_within_the_limit_and_none_that_is_none(device: Any, client: Cl
         assert np.linalg.norm(client_packets.unpack_state(client.heard().payload).force) == pytest.approx(size)
 
 
-def test_a_silent_client_gets_no_force_and_may_go_on(device: Any, client: Client, clock: Clock) -> None:
+def test_a_silent_client_gets_no_force_and_may_go_on(device: Any, client: Client, clock: VirtualClock) -> None:
     client.hello()
     client.frame(0.0, 0.0, 0.0)
     turn(device)
     assert device.state.ready[0] == 1
-    clock.now_s += 0.03
+    clock.sleep_s(0.03)
     turn(device)
     assert device.state.ready[0] == 0 and device.state.trouble[0] == SILENT and "silent" in device.reason(SILENT)
     client.frame(0.0, 0.0, 0.0)

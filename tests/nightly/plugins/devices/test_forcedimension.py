@@ -5,7 +5,6 @@ import math
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -147,7 +146,7 @@ def test_the_watchdog_ends_the_force_of_a_silent_servo(desk, device):
         if desk.rows()["force"].any():
             break
         device.read()
-    time.sleep(2 * WATCHDOG_S)
+    desk.set(ahead_s=2 * WATCHDOG_S)
     device.read()
     rows = desk.rows()
     ended = int(np.flatnonzero(rows["force"].any(axis=1))[-1]) + 1
@@ -249,7 +248,7 @@ for _ in range(3):
     assert desk.rows()["force"][-1].any() == killed
     if killed:
         given = float(desk.rows()["t_s"][-1])
-        time.sleep(WATCHDOG_S)
+        desk.set(ahead_s=WATCHDOG_S)
         ctypes.CDLL(emulator("dhd")).watch()
         row = desk.rows()[-1]
         assert not row["force"].any() and row["t_s"] - given == pytest.approx(WATCHDOG_S, abs=1e-9)

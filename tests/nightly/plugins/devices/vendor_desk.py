@@ -17,7 +17,7 @@ FAULTS = ("begin_error", "end_error", "saturated", "off", "refuse_code")
 DESK = np.dtype(
     [
         *[("position", "f8", (3,)), ("transform", "f8", (16,)), ("warmth", "f8"), ("most_force", "f8")],
-        *[("workspace", "f8", (6,)), *[(name, "i8") for name in COUNTS], ("status", "i8", (16,))],
+        *[("workspace", "f8", (6,)), ("ahead_s", "f8"), *[(name, "i8") for name in COUNTS], ("status", "i8", (16,))],
         *[(name, "i8") for name in FAULTS],
         *[("refuse", "S32"), ("name", "S32"), ("tried", "S256"), ("rows", ROW, (1 << 17,))],
     ]

@@ -16,6 +16,7 @@ struct row { double t_s, force[3], spent_s; int64_t ready, bad; };
 
 struct desk {
     double position[3], transform[16], warmth, most_force, workspace[6];
+    double ahead_s;             /* what this clock is put on by */
     int64_t buttons, calibration, style, count, started, disabled, watchdog, status[16];
     int64_t begin_error, end_error, saturated, off;
     int64_t refuse_code;        /* error of the function that is refused */
@@ -39,7 +40,7 @@ static void attach(void) {
 static double now(void) {
     struct timespec t;
     clock_gettime(CLOCK_MONOTONIC, &t);
-    return t.tv_sec + 1e-9 * t.tv_nsec;
+    return t.tv_sec + 1e-9 * t.tv_nsec + (desk == NULL ? 0.0 : desk->ahead_s);
 }
 
 static void note(double x, double y, double z, int ready, int bad) {

@@ -1,0 +1,67 @@
+"""Compiled functions that other compiled code calls by their address, so that it need not contain them.
+
+One compiled tick so serves every loop that drives it, and what few scenes use (moving bodies, stabilisers, fields) is
+compiled when a scene first uses it. With NUMBA_DISABLE_JIT=1 an "address" is an index into a list of functions.
+"""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from llvmlite import ir
+from numba import typeof, types
+from numba.extending import intrinsic
+
+from hapscene.native import INTERPRETED, CFunction
+
+_typeof: Any = typeof
+_intrinsic: Any = intrinsic
+
+_compiled: Final[dict[tuple[Any, ...], CFunction]] = {}
+_interpreted: Final[list[Callable[..., Any]]] = []
+
+
+def address_of(function: Callable[..., Any], *arguments: Any) -> int:
+    """Address by which `call_flags` reaches a function, which returns an int, for arguments like these."""
+    if INTERPRETED:
+        if function not in _interpreted:
+            _interpreted.append(function)
+        return 1 + _interpreted.index(function)
+    return _entry(function, arguments).address
+
+
+def call_entry(function: Callable[..., Any], *arguments: Any) -> int:
+    """Call a function from Python, as the same machine code that `call_flags` reaches."""
+    if INTERPRETED:
+        return int(function(*arguments))
+    return int(_entry(function, arguments)(*arguments))
+
+
+def _entry(function: Callable[..., Any], arguments: tuple[Any, ...]) -> CFunction:
+    """The function compiled for such arguments, once a process."""
+    kinds = tuple(map(_typeof, arguments))
+    key = (function, *kinds)
+    if key not in _compiled:
+        _compiled[key] = CFunction(types.int64(*kinds), function)
+    return _compiled[key]
+
+
+if INTERPRETED:
+
+    def call_flags(address: int, arguments: tuple[Any, ...]) -> int:
+        """Call the function at an address, from compiled code: `call_flags(address, (a, b, …))`; returns its flags."""
+        return int(_interpreted[address - 1](*arguments))
+
+else:
+
+    @_intrinsic
+    def call_flags(typing: Any, address: Any, arguments: Any) -> Any:
+        """Call the function at an address, from compiled code: `call_flags(address, (a, b, …))`; returns its flags."""
+        kinds = tuple(arguments)
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            parts = [builder.extract_value(values[1], k) for k in range(len(kinds))]
+            word = ir.IntType(64)
+            function_type = ir.FunctionType(word, [context.get_value_type(kind) for kind in kinds])
+            return builder.call(builder.inttoptr(values[0], function_type.as_pointer()), parts)
+
+        return types.int64(types.int64, arguments), generate

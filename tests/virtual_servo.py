@@ -1,0 +1,114 @@
+"""A servo whose loop runs in this process, at a virtual time: it ticks as often as a test says, and only then."""
+
+from collections import deque
+from collections.abc import Callable
+from multiprocessing.reduction import ForkingPickler
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from hapscene.device.driver import Connection, new_state
+from hapscene.errors import HapsceneError
+from hapscene.servo import Servo
+from hapscene.servo.flight_recorder import told_of
+from hapscene.servo.servo_process import Desk, open_twins
+from hapscene.servo.shared_memory import Channel
+from tests.virtual_clock import VirtualClock
+
+TICKS_MAX = 20_000
+"""How many ticks anything may take that a test waits for [count]."""
+
+
+class VirtualServo(Servo):
+    """All that a `Servo` is, but for the processes. The application's heartbeat is that of the clock."""
+
+    def __init__(self, *arguments: Any, clock: VirtualClock | None = None, **made: Any) -> None:
+        super().__init__(*arguments, **made)
+        self.clock = clock or VirtualClock()
+        self._now_ns = self.clock.now_ns
+        self.alone = False  # the application's heartbeat has stopped
+
+    def _begin(self, shared: Channel) -> None:
+        try:
+            self._process = self._wire = _Here(self._made, shared, self.clock)
+        except HapsceneError:
+            self._process = None
+            raise
+        self._told_made = self._wire.desk.made
+        self._asked = np.zeros(1, np.int64)
+        self._pulse = shared.channel["pulse"].view(np.ndarray)
+
+    @property
+    def desk(self) -> Desk:
+        """What answers the orders."""
+        desk: Desk = self._wire.desk
+        return desk
+
+    def advance(self, ticks: int) -> None:
+        """Let so many ticks go by."""
+        with self._wire.lock:
+            for _ in range(ticks):
+                if not self.alone:
+                    self._pulse[0] += 1
+                self.desk.advance(1)
+
+    def until(self, true: Callable[[], Any], ticks: int = TICKS_MAX) -> Any:
+        """Tick until something comes true; what it then is."""
+        for _ in range(ticks):
+            if found := true():
+                return found
+            self.advance(1)
+        raise AssertionError(f"it does not come true within {ticks} ticks")
+
+
+class _Here:
+    """In the place of the process, and of the pipe to it: each order is answered at once."""
+
+    exitcode: int | None = None
+
+    def __init__(self, made: dict[str, Any], shared: Channel, clock: VirtualClock) -> None:
+        made = ForkingPickler.loads(ForkingPickler.dumps(made))
+        self._opened: list[Connection] = []
+        del made["bodies"]
+        folder = made.pop("flights")
+        try:
+            twins = open_twins(made, self._opened)
+            told = told_of([twin.renderer for twin in twins], made.get("settings"))
+            self.desk = Desk(made["scene"], twins, shared, folder, told, clock.buffer)
+        except BaseException:
+            self._close()
+            raise
+        self._answers: deque[Any] = deque()
+        self.lock = Lock()  # an order comes between two ticks
+
+    def send_bytes(self, pickled: Any) -> None:
+        order, arguments = ForkingPickler.loads(pickled)
+        with self.lock:
+            self._answers.append(ForkingPickler.dumps(self.desk.answer(order, arguments)))
+
+    def poll(self, timeout_s: float) -> bool:
+        return bool(self._answers)
+
+    def recv(self) -> Any:
+        return ForkingPickler.loads(self._answers.popleft())
+
+    def send(self, word: Any) -> None:
+        self.desk.end()
+        self._close()
+        self.exitcode = 0
+
+    def _close(self) -> None:
+        for connection in self._opened:
+            connection.close()
+            connection.state = new_state()
+
+    def close(self) -> None: ...
+
+    def join(self, timeout_s: float | None = None) -> None: ...
+
+    def kill(self) -> None:
+        self.exitcode = -9
+
+    def is_alive(self) -> bool:
+        return self.exitcode is None
