@@ -5,16 +5,12 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("statsmodels", reason="statsmodels is not installed: pip install 'hapscene[study]'")
 pytest.importorskip("questplus", reason="questplus is not installed: pip install 'hapscene[study]'")
-from hapscene.study.simulated_person import Truth
 from hapscene.study.study_report import write_report
 from tests.chromium import AXE, AXE_RUN
 from tests.study.test_study_report import folder
 
 __all__ = ["folder"]  # fixtures
-
-TRUTH = Truth({"alive": 2.0, "steady": 0.0}, {"alive": 5.0, "steady": 3.0}, {"gain": 2.0}, spread=0.3)
 
 
 @pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not here: sh .ci/node-packages")
