@@ -18,7 +18,7 @@ from hapscene.recording import Recording
 from hapscene.records import ROW, records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.surface.effect import Effect
-from hapscene.surface.mixer import limit, render
+from hapscene.surface.mixer import limit, render_contact
 from hapscene.surface.swatch import Swatch
 from hapscene.tick import _note
 
@@ -171,7 +171,7 @@ def _run_profiled(world: Any, surface: Any, p_WT_m: Any, rows: Any, a_m_s2: Any,
         at_contact = now_ns(clock)
         describe(world, surface, tool_W)
         at_describe = now_ns(clock)
-        render(surface, False)
+        render_contact(surface)
         at_render = now_ns(clock)
         react(world, surface)
         at_react = now_ns(clock)

@@ -111,8 +111,9 @@ def compiling(*functions: Any) -> Iterator[None]:
     """Meanwhile, what is compiled is announced as one run: these functions, unless they are cached, and any other."""
     expected: dict[int, Any] = {}
     for function in () if INTERPRETED else functions:
-        digest, below = digest_of(function_below(function))
-        if not cache.is_known(digest):
+        plain = function_below(function)
+        digest, below = digest_of(plain) if plain is not None else ("", [])
+        if plain is not None and not cache.is_known(digest):
             expected |= {id(part): part for part in (function, *below) if not _is_typed(part)}
     with progress.compiling(len(expected)):
         yield

@@ -33,6 +33,13 @@ def unused(x):
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="no such permissions there")
 
 
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cache of the test's own: the user's may hold these functions from an earlier run."""
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
+    cache._folder.cache_clear()
+
+
 def source(**changed: Any) -> str:
     return SOURCE.format(**{"factor": 2.0, "doc": "Double it.", "comment": "", "other": 1} | changed)
 
@@ -40,7 +47,6 @@ def source(**changed: Any) -> str:
 @pytest.fixture
 def compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """Compiles `twice` of a module, as a new process would, its cache in the folder `cache`."""
-    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
 

@@ -5,6 +5,8 @@ every word. Here the words lie side by side in memory that the tuple owns, and t
 from there where it is used; since the words never change, the compiler may keep what it has read.
 """
 
+# mypy: allow-untyped-calls
+
 import hashlib
 from typing import Any, Final, TypeVar
 
@@ -47,7 +49,7 @@ class BlockType(_Type):  # type: ignore[misc]
 
 
 @register_model(BlockType)
-class _Model(models.PrimitiveModel):  # type: ignore[misc]
+class _Model(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, _I64.as_pointer())
 
@@ -60,7 +62,7 @@ class _Attributes(_Template):  # type: ignore[misc]
         return kind.place_of(name)[0] if name in kind.fields.fields else None
 
 
-@lower_getattr_generic(BlockType)  # type: ignore[untyped-decorator]
+@lower_getattr_generic(BlockType)
 def _load_array(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
     """The array as numba has it in registers: owner, parent, size, item size, data, shape, strides.
 
@@ -122,4 +124,5 @@ def by_pointer(kind: Tuple) -> Tuple:
             raise HapsceneError(f"{kind.__name__}: every field must be an array to be passed by pointer")
         return BlockType(types.NamedTuple(fields, made))
 
-    return made
+    block: Tuple = made
+    return block

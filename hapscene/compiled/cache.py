@@ -5,6 +5,8 @@ signature, of numba, Python and the processor. So nothing in it is ever out of d
 one. Files end with a digest of their content: a damaged one counts as absent, and is replaced.
 """
 
+# mypy: allow-untyped-calls
+
 import hashlib
 import os
 import pickle

@@ -61,7 +61,8 @@ def _add_code(digest: Any, code: types.CodeType, doc: str | None) -> None:
 
 def _values_of(function: types.FunctionType) -> list[tuple[str, Any]]:
     """What the names of a function mean that are not its own, in a fixed order."""
-    names, codes = set(), [function.__code__]
+    names: set[str] = set()
+    codes = [function.__code__]
     while codes:
         code = codes.pop()
         names.update(code.co_names)

@@ -9,10 +9,12 @@ This is the only file that uses private parts of numba. It is used with the vers
 with any other, `part_options` and `whole_options` are empty, and everything is compiled numba's slow way.
 """
 
+# mypy: allow-untyped-calls
+
 from typing import Any, Final
 
 import numba
-from numba import _dynfunc
+from numba import _dynfunc  # type: ignore[attr-defined]
 from numba.core import codegen, compiler, compiler_machinery, typed_passes, untyped_passes
 from numba.core.compiler_machinery import LoweringPass, register_pass
 from numba.core.targetconfig import ConfigStack, TargetConfig
@@ -104,7 +106,7 @@ def _module_of(library: Any) -> Any:
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
-class _RegisterPart(LoweringPass):  # type: ignore[misc]
+class _RegisterPart(LoweringPass):
     """Make a lowered part known to the functions that call it. Its entry for Python leads nowhere."""
 
     _name = "hapscene_register_part"
@@ -138,7 +140,7 @@ _NOT_NEEDED: Final = (
 """Passes for what parts do not have: contexts, closures, unrolled tuples, raised errors, whole-array expressions."""
 
 
-class _Passes(compiler_machinery.PassManager):  # type: ignore[misc]
+class _Passes(compiler_machinery.PassManager):
     """Without the analysis that numba repeats after every pass: lowering does it once more anyway."""
 
     _ENFORCING = False
@@ -151,7 +153,7 @@ def _share_overloads(state: Any) -> None:
         flags.discard(name)
 
 
-class _Part(compiler.CompilerBase):  # type: ignore[misc]
+class _Part(compiler.CompilerBase):
     def define_pipelines(self) -> list[Any]:
         state = self.state
         state.flags.no_compile = True
@@ -165,7 +167,7 @@ class _Part(compiler.CompilerBase):  # type: ignore[misc]
         return [passes]
 
 
-class _Whole(compiler.CompilerBase):  # type: ignore[misc]
+class _Whole(compiler.CompilerBase):
     def define_pipelines(self) -> list[Any]:
         state = self.state
         state.library = _WholeLibrary(state.targetctx.codegen(), state.func_id.func_qualname)

@@ -157,7 +157,7 @@ def _cross(world: Any, i: int, edge: int, crossed: int) -> bool:
     proxy = world.proxy[0]
     index, side = proxy.body[i], proxy.side[i]
     body = world.bodies[index]
-    face = np.int64(world.beyond[body.mesh_row + proxy.face[i], edge])
+    face: Any = np.int64(world.beyond[body.mesh_row + proxy.face[i], edge])
     if face < 0:
         return False
     here = proxy.crossed[crossed]
