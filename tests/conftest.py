@@ -34,9 +34,9 @@ def shared() -> Path:
     return SHARED
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """Chromium, one for all tests of a process: playwright runs once in a thread."""
+    """Chromium, one for the tests of a file: meanwhile playwright's event loop runs, and asyncio's cannot."""
     from tests.chromium import launched
 
     with launched() as made:

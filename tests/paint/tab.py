@@ -3,6 +3,7 @@
 import contextlib
 import json
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -14,7 +15,6 @@ from websockets.sync.client import connect
 
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.secure_server import SOCKET_PATH
-from tests.until import until
 
 SIZE = (800, 600)
 
@@ -35,12 +35,14 @@ class Tab:
         self.sounds: list[np.ndarray] = []
         self.client = -1
         self._marks = 0
+        self._told = threading.Condition()
         self.viser = connect(f"ws://{url}/", origin=origin, subprotocols=[protocol], max_size=None)
         self.ours = connect(f"ws://{url}{SOCKET_PATH}", origin=origin, max_size=None)
         for read in (self._read_viser, self._read_ours):
             threading.Thread(target=read, daemon=True).start()
         self.look()
-        until(lambda: self.client >= 0 and self.state)
+        with self._told:
+            self._told.wait_for(lambda: self.client >= 0 and self.state)
 
     def close(self) -> None:
         self.viser.close()
@@ -79,7 +81,7 @@ class Tab:
 
     def control(self, label: str) -> dict[str, Any]:
         """The control of that label, when it is there."""
-        return until(lambda: [c for c in list(self.controls.values()) if c["props"].get("label") == label])[-1]
+        return self.wait(lambda: [c for c in list(self.controls.values()) if c["props"].get("label") == label])[-1]
 
     def set(self, label: str, value: Any) -> None:
         """Give a control a value, as the user would."""
@@ -90,22 +92,34 @@ class Tab:
         self.send("shelf", act="use", name=name)
         self.settle()
 
+    def wait(self, true: Callable[[], Any]) -> Any:
+        """Go there and back until something is true; what it then is. What never comes true ends at pytest's limit."""
+        while not (found := true()):
+            self._go_there_and_back()
+        return found
+
     def settle(self) -> None:
         """Until the page has done all that was sent on both sockets so far, and all that it told of that has come."""
         count = self.page.context.socket.refused
         self.ours.send("no message of ours: it is counted")
-        until(lambda: self.page.context.socket.refused > count)
+        self.wait(lambda: self.page.context.socket.refused > count)
         self._marks += 1
-        self.look(position=[0.0, 0.0, 6.0 + 1e-9 * self._marks])
-        client = self.page.server.get_clients()[self.client]
-        until(lambda: client.camera.position[2] == 6.0 + 1e-9 * self._marks)
+        height, client = 6.0 + 1e-9 * self._marks, self.page.server.get_clients()[self.client]
+        self.look(position=[0.0, 0.0, height])
+        self.wait(lambda: client.camera.position[2] == height)
+        self._go_there_and_back()
+        shown = self.page.server.gui.add_html(mark := f"shown {self._marks}")
+        with self._told:
+            self._told.wait_for(lambda: any(c["props"].get("content") == mark for c in self.controls.values()))
+        shown.remove()
+
+    def _go_there_and_back(self) -> None:
+        self._marks += 1
         mark = f"mark {self._marks}"
         self.page.server.get_event_loop().call_soon_threadsafe(self.page.context.socket.say, mark)
-        until(lambda: mark in self.said)
+        with self._told:
+            self._told.wait_for(lambda: mark in self.said)
         self.said.remove(mark)
-        shown = self.page.server.gui.add_html(mark)
-        until(lambda: any(c["props"].get("content") == mark for c in list(self.controls.values())))
-        shown.remove()
 
     def _read_viser(self) -> None:
         unpack = zstandard.ZstdDecompressor()
@@ -114,8 +128,10 @@ class Tab:
                 assert isinstance(raw, bytes)
                 size, packed = (int.from_bytes(raw[i : i + 8], "little") for i in (0, 8))
                 batch = msgspec.msgpack.decode(unpack.decompress(raw[16 : 16 + packed], max_output_size=size))
-                for message in batch["messages"]:
-                    self._take(message)
+                with self._told:
+                    for message in batch["messages"]:
+                        self._take(message)
+                    self._told.notify_all()
 
     def _take(self, message: dict[str, Any]) -> None:
         kind = message["type"]
@@ -138,11 +154,16 @@ class Tab:
     def _read_ours(self) -> None:
         with contextlib.suppress(ConnectionClosed):
             for raw in self.ours:
-                if isinstance(raw, str):
-                    message = json.loads(raw)
-                    self.state = message.get("state", self.state)
-                    if "say" in message:
-                        self.said.append(message["say"])
-                else:
-                    numbers = np.frombuffer(raw, "<f4")
-                    (self.traces if numbers[0] == 1.0 else self.sounds).append(numbers)
+                with self._told:
+                    self._hear(raw)
+                    self._told.notify_all()
+
+    def _hear(self, raw: str | bytes) -> None:
+        if isinstance(raw, str):
+            message = json.loads(raw)
+            self.state = message.get("state", self.state)
+            if "say" in message:
+                self.said.append(message["say"])
+        else:
+            numbers = np.frombuffer(raw, "<f4")
+            (self.traces if numbers[0] == 1.0 else self.sounds).append(numbers)

@@ -14,9 +14,14 @@ from hapscene.native import INTERPRETED
 from hapscene.servo import Flight
 from hapscene.servo.flight_recorder import NUMBERS_FILE, STORY_FILE, note_order, replay_flight, write_flight
 from tests.servo.test_servo import MASS, make_scene
+from tests.until import until
 from tests.virtual_servo import VirtualServo
 
 pytestmark = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes longer than a period")
+
+
+def until_tick(servo: Servo, tick: int) -> None:
+    until(lambda: servo.state().tick >= tick)
 
 
 @pytest.fixture(scope="module")

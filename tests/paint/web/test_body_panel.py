@@ -20,7 +20,6 @@ from hapscene.paint.web.body_panel import BodyPanel
 from hapscene.paint.web.page import Page
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene, load_scene
-from tests.until import until
 
 from ..tab import Tab
 
@@ -118,7 +117,7 @@ def test_handles_move_a_body_as_one_step_and_what_is_no_pose_moves_nothing(page:
     session = page.context.session
     act(tab, "choose", "ball")
     before = session.scene.body("ball").X_WB.copy()
-    until(lambda: "/handles" in tab.nodes)
+    tab.wait(lambda: "/handles" in tab.nodes)
     tab.post("TransformControlsDragStartMessage", name="/handles", owner="")
     for x in (0.5, 1.0):
         tab.post(
@@ -181,27 +180,27 @@ def test_another_scene_comes_in_the_place_of_this_one_whose_work_is_kept(page: P
     first = page.context.session
     first.fill_body("plate", 0)
     tab.set("New scene", True)
-    until(lambda: page.context.session is not first)
+    tab.wait(lambda: page.context.session is not first)
     second = page.context.session
     assert second.path == tmp_path / "untitled.scene.json" and [b.name for b in second.scene.bodies] == ["plate"]
-    until(lambda: any("made.scene.json is kept" in said for said in tab.said))
+    tab.wait(lambda: any("made.scene.json is kept" in said for said in tab.said))
     tab.settle()
     assert tab.state["title"] == "untitled.scene.json"
     assert sum(name.startswith("/body/") and name.count("/") == 2 for name in tab.nodes) == 1
     tab.send("save")
-    until(lambda: not second.dirty)
+    tab.wait(lambda: not second.dirty)
 
     tab.set("Other file", str(tmp_path / "made"))
     tab.set("Open", True)
-    until(lambda: page.context.session.path == tmp_path / "made.scene.json")
+    tab.wait(lambda: page.context.session.path == tmp_path / "made.scene.json")
     tab.control("Recover it")
     assert recent_scenes() == [tmp_path / "made.scene.json", tmp_path / "untitled.scene.json"]
     tab.set("Recover it", True)
-    until(lambda: (page.context.session.scene.body("plate").face_swatch == 0).all())
+    tab.wait(lambda: (page.context.session.scene.body("plate").face_swatch == 0).all())
     here = page.context.session
     tab.set("Other file", "nowhere")
     tab.set("Open", True)
-    until(lambda: any("nowhere.scene.json" in said for said in tab.said))
+    tab.wait(lambda: any("nowhere.scene.json" in said for said in tab.said))
     assert page.context.session is here
 
 
@@ -212,7 +211,7 @@ def test_a_scene_that_another_painter_has_stays_there(page: Page, tab: Tab, tmp_
     here = page.context.session
     tab.set("Other file", str(tmp_path / "other.scene.json"))
     tab.set("Open", True)
-    until(lambda: any("is open in another painter" in said for said in tab.said))
+    tab.wait(lambda: any("is open in another painter" in said for said in tab.said))
     assert page.context.session is here and here.document.autosave is not None
     other.document.close()
 

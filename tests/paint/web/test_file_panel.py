@@ -15,7 +15,6 @@ from hapscene.fidelity.fidelity_file import save_fidelity
 from hapscene.paint.document import autosave_folder, find_recovery
 from hapscene.paint.session import Session
 from hapscene.paint.web.page import Page
-from tests.until import until
 
 from ..conftest import make_scene
 from ..tab import Tab
@@ -39,7 +38,7 @@ def tab(page: Page) -> Iterator[Tab]:
 
 def said(tab: Tab, text: str) -> None:
     """Wait until the page said so."""
-    until(lambda: any(text in line for line in tab.said))
+    tab.wait(lambda: any(text in line for line in tab.said))
 
 
 def asked(tab: Tab, answer: str) -> bool:
@@ -68,14 +67,14 @@ def test_what_was_asked_about_is_written_over(page: Page, tab: Tab) -> None:
     said(tab, "Saved: asked.scene.json")
     assert Path("precious.scene.json").read_text() == "precious"
     hapscene.load_scene("asked.scene.json")
-    until(lambda: not asked(tab, "Save over it"))
+    tab.wait(lambda: not asked(tab, "Save over it"))
 
 
 def test_an_export_is_asked_for_where_a_file_is(page: Page, tab: Tab) -> None:
     Path("ball.ply").write_text("theirs")
     tab.set("Format", "ply")
     tab.settle()
-    until(lambda: tab.control("File")["value"] == "ball.ply")
+    tab.wait(lambda: tab.control("File")["value"] == "ball.ply")
     tab.set("Export", True)
     tab.control("Save over it")
     assert Path("ball.ply").read_text() == "theirs"
@@ -86,21 +85,21 @@ def test_an_export_is_asked_for_where_a_file_is(page: Page, tab: Tab) -> None:
 
 def test_what_an_export_loses_of_this_very_scene_is_told_before(page: Page, tab: Tab) -> None:
     tab.set("Format", "stl")
-    until(lambda: told(tab, "Will not be in it: bodies and their names"))
+    tab.wait(lambda: told(tab, "Will not be in it: bodies and their names"))
     assert not told(tab, "painting finer than faces")
     tab.choose("wood")
     tab.point("down", (0.01, 0.0, 0.02))
     tab.point("up", (0.01, 0.0, 0.02))
-    until(lambda: told(tab, "painting finer than faces"))
+    tab.wait(lambda: told(tab, "painting finer than faces"))
     tab.send("undo")
-    until(lambda: not told(tab, "painting finer than faces"))
+    tab.wait(lambda: not told(tab, "painting finer than faces"))
 
 
 def test_a_mesh_of_the_scene_is_neither_offered_nor_written_over(page: Page, tab: Tab) -> None:
     before = Path("ball.obj").read_bytes()
     tab.set("Format", "obj")
     tab.settle()
-    until(lambda: tab.control("File")["value"] == "ball_painted.obj")
+    tab.wait(lambda: tab.control("File")["value"] == "ball_painted.obj")
     tab.set("File", "ball.obj")
     tab.settle()
     tab.set("Export", True)
@@ -112,7 +111,7 @@ def test_after_another_name_exports_go_there(page: Page, tab: Tab) -> None:
     Path("sub").mkdir()
     save_as(tab, "sub/cup.scene.json")
     said(tab, "Saved")
-    until(lambda: tab.control("File")["value"] == str(Path("sub/cup.glb")))
+    tab.wait(lambda: tab.control("File")["value"] == str(Path("sub/cup.glb")))
     assert page.context.session.path == Path("sub/cup.scene.json")
     assert not autosave_folder(Path("ball.scene.json")).exists()
 
@@ -129,7 +128,7 @@ def test_what_cannot_be_done_leaves_the_question_open(page: Page, tab: Tab) -> N
     other.document.close()
     tab.set("Save over it", True)
     said(tab, "Saved: cup.scene.json")
-    until(lambda: not asked(tab, "Save over it"))
+    tab.wait(lambda: not asked(tab, "Save over it"))
 
 
 @pytest.fixture
@@ -153,24 +152,24 @@ def test_while_it_is_asked_all_is_kept(killed: Path) -> None:
         tab.control("Recover it")
         assert page.context.session.document.autosave
         page.context.session.fill_body("plate", 0)
-        until(lambda: told(tab, "A copy is kept beside the file"))
+        tab.wait(lambda: told(tab, "A copy is kept beside the file"))
         tab.set("Recover it", True)
         said(tab, "its bodies are not those of this scene")
         tab.settle()
         assert asked(tab, "Recover it")
         tab.set("Ask me the next time", True)
-        until(lambda: not asked(tab, "Recover it"))
+        tab.wait(lambda: not asked(tab, "Recover it"))
         tab.close()
     assert page.kept
     assert [b.name for b in find_recovery(killed).load().bodies] == ["ball", "plate"]  # the last one first
     with Page(Session.open(killed), port=0, with_hand=False) as page:
         tab = Tab(page)
         tab.set("Recover it", True)
-        until(lambda: (page.context.session.scene.body("plate").face_swatch == 0).all())
-        until(lambda: len(page.context.session.document.autosave.recoveries) == 1)  # and the other is asked for
+        tab.wait(lambda: (page.context.session.scene.body("plate").face_swatch == 0).all())
+        tab.wait(lambda: len(page.context.session.document.autosave.recoveries) == 1)  # and the other is asked for
         tab.settle()
         tab.set("Discard it", True)
-        until(lambda: not asked(tab, "Discard it"))
+        tab.wait(lambda: not asked(tab, "Discard it"))
         tab.send("save")
         said(tab, "Saved")
         tab.close()
@@ -192,7 +191,7 @@ def test_without_autosave_no_copy_is_promised(killed: Path) -> None:
     with Page(Session.open(killed), port=0, with_hand=False, with_autosave=False) as page:
         tab = Tab(page)
         page.context.session.fill_body("plate", 0)
-        until(lambda: told(tab, "No copy of it is kept"))
+        tab.wait(lambda: told(tab, "No copy of it is kept"))
         assert not asked(tab, "Recover it")
         tab.close()
     assert not page.kept
@@ -204,7 +203,7 @@ def test_what_a_fidelity_file_beside_the_scene_saves_is_told(page: Page, tab: Ta
     scene = hapscene.load_scene("ball.scene.json")
     save_fidelity(Fidelity(Level(told=told_of), made), "ball.fidelity.json", scene)
     tab.send("save")
-    until(lambda: told(tab, "tuned: 0.32 k of 1.28 k faces, 0.4 JND, 2.1 of 4 µs a tick"))
+    tab.wait(lambda: told(tab, "tuned: 0.32 k of 1.28 k faces, 0.4 JND, 2.1 of 4 µs a tick"))
     Path("ball.fidelity.json").write_text("{}")
     tab.send("save")
-    until(lambda: told(tab, "not tuned: ball.fidelity.json: not a fidelity"))
+    tab.wait(lambda: told(tab, "not tuned: ball.fidelity.json: not a fidelity"))

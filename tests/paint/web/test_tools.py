@@ -11,7 +11,6 @@ import hapscene
 from hapscene.paint.session import Session
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.tools import RADIUS_SHARE
-from tests.until import until
 
 from ..conftest import make_scene
 from ..tab import Tab
@@ -64,9 +63,9 @@ def test_a_damaged_library_is_told_and_the_scene_is_painted_on(page: Page, tab: 
     page.context.tools.choose_swatch("epoxy", "epoxy")
     tab.point("down", TOP)  # a new swatch: the shelf is read again
     tab.point("up", TOP)
-    until(lambda: any("index.json" in said for said in tab.said))
+    tab.wait(lambda: any("index.json" in said for said in tab.said))
     tab.send("undo")
-    until(lambda: tab.state["redo"])
+    tab.wait(lambda: tab.state["redo"])
     tab.settle()  # the socket is alive
 
 
@@ -105,7 +104,7 @@ def test_on_a_scene_without_swatches_the_first_stroke_is_seen(tmp_path: Path) ->
     session = Session(scene, tmp_path / "ball.scene.json")
     with Page(session, port=0, with_hand=False) as page:
         tab = Tab(page)
-        until(
+        tab.wait(
             lambda: any("<b>wood</b> has its numbers" in str(c["props"].get("content")) for c in tab.controls.values())
         )
         tab.point("down", (0.0, 0.0, 0.02))
@@ -134,7 +133,7 @@ def test_a_stroke_that_was_saved_in_the_middle_has_painted(page: Page, tab: Tab)
     tab.point("down", TOP)
     tab.settle()
     tab.send("save")
-    until(lambda: not tab.state["dirty"])
+    tab.wait(lambda: not tab.state["dirty"])
     tab.point("up", TOP)
     tab.settle()
     assert not any("already" in said for said in tab.said)
@@ -196,14 +195,14 @@ def test_what_a_fill_takes_is_lit_before_the_click(page: Page, tab: Tab) -> None
     page.context.tools.angle_rad = 0.01
     tab.send("tool", name="fill")
     tab.point("hover", TOP)
-    until(lambda: "/mark/light" in tab.nodes)
+    tab.wait(lambda: "/mark/light" in tab.nodes)
     lit = len(page.context.tools._preview._light.faces)
     page.context.tools.fill = "whole body"
     tab.point("hover", TOP)
     tab.settle()
     assert 0 < lit < len(page.context.tools._preview._light.faces)
     tab.point("hover", np.array([0.0, 0.9, 0.0]))
-    until(lambda: "/mark/light" not in tab.nodes)
+    tab.wait(lambda: "/mark/light" not in tab.nodes)
 
 
 def test_a_step_of_the_list_is_gone_to(page: Page, tab: Tab) -> None:
@@ -212,9 +211,9 @@ def test_a_step_of_the_list_is_gone_to(page: Page, tab: Tab) -> None:
     for swatch in ("paper", "plain", "paper"):
         session.fill_body("ball", swatch)
     tab.send("tool", name="box")  # the page looks again
-    until(lambda: tab.control("● fill whole body, 1,280 faces"))
+    tab.wait(lambda: tab.control("● fill whole body, 1,280 faces"))
     tab.set("As it was at first", True)
-    until(lambda: len(session.history.undone) == 3)
+    tab.wait(lambda: len(session.history.undone) == 3)
     np.testing.assert_array_equal(session.scene.bodies[0].face_swatch, start)
     tab.set("↷ fill whole body, 1,280 faces", True)
-    until(lambda: len(session.history.undone) == 2)  # the last of these rows
+    tab.wait(lambda: len(session.history.undone) == 2)  # the last of these rows
