@@ -20,7 +20,7 @@ from tests.virtual_servo import VirtualServo
 pytestmark = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes longer than a period")
 
 
-def until_tick(servo: Servo, tick: int) -> None:
+def until_tick(servo: VirtualServo, tick: int) -> None:
     until(lambda: servo.state().tick >= tick)
 
 
