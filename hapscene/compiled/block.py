@@ -100,16 +100,18 @@ def _unbox(kind: Any, instance: Any, c: Any) -> Any:
 class _Block:
     """What a named tuple of arrays takes on to be passed by one pointer."""
 
-    @property
-    def address(self) -> int:
-        """Where the words of its arrays lie; they live as long as the tuple."""
-        state = self.__dict__
-        if "_words" not in state:
-            arrays: Any = self
-            rows = [[0, 0, a.size, a.itemsize, a.ctypes.data, *a.shape, *a.strides] for a in arrays]
-            state["_words"] = np.array([word for row in rows for word in row], np.int64)
-            state["_address"] = state["_words"].ctypes.data
-        return int(state["_address"])
+    _words: Any
+    address: int
+
+    def __getattr__(self, name: str) -> int:
+        """`address`: where the words of the arrays lie, as long as the tuple lives; computed once."""
+        if name != "address":
+            raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}")
+        arrays: Any = self
+        rows = [[0, 0, a.size, a.itemsize, a.ctypes.data, *a.shape, *a.strides] for a in arrays]
+        self._words = np.array([word for row in rows for word in row], np.int64)
+        self.address = int(self._words.ctypes.data)
+        return self.address
 
 
 def by_pointer(kind: Tuple) -> Tuple:
