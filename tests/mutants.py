@@ -15,7 +15,6 @@ which is all that is compiled, and cosmic-ray runs one command for all modules, 
 import argparse
 import ast
 import contextlib
-import hashlib
 import json
 import os
 import random
@@ -192,8 +191,11 @@ def _paths(name: str) -> Iterator[str]:
                 yield from _paths(".".join((package, *path.parent.parts[1:], line[1])) if line else "")
 
 
-def tests_for(mutant: Mutant) -> list[str]:
-    """Test files that reach a module, the nearest first: its mirror, those of its room, those of what imports it."""
+def tests_for(mutant: Mutant, nightly: bool) -> list[str]:
+    """Test files that reach a module, the nearest first: its mirror, those of its room, those of what imports it.
+
+    Those of `tests/nightly` come last, where they are wanted.
+    """
     away, wave, steps = {mutant.file: 0}, {mutant.file}, 0
     modules = [path for folder in PACKAGES for path in sorted((ROOT / folder).rglob("*.py"))]
     while wave:
@@ -204,10 +206,13 @@ def tests_for(mutant: Mutant) -> list[str]:
     ranked = []
     for test in sorted((ROOT / "tests").rglob("test_*.py")):
         name = test.relative_to(ROOT)
+        at_night = "nightly" in name.parts
+        if at_night and not nightly:
+            continue
         far = min([away[file] for file in imports(test) if file in away] + [mirrors.get(test.stem, 99.0)])
         at_home = mutant.room in name.parts
         if far < 99.0 or at_home:
-            ranked.append((far, not at_home, name.as_posix()))
+            ranked.append((at_night, far, not at_home, name.as_posix()))
     return [test for *_, test in sorted(ranked)]
 
 
@@ -237,25 +242,21 @@ class Worker:
         self.known = set(self.cache.glob("hapscene/*"))
 
     def _seed(self) -> None:
-        """Take what is compiled already: numba names a folder by where the source lies, all else is the same."""
-        from hapscene import native
+        """Take what is compiled already: files are named by what is compiled, wherever its source lies."""
+        from hapscene.compiled.cache import cache_folder
 
-        for file in native._HERE.rglob("*.py"):
-            digest = Path(native._folder(os.environ.get("NUMBA_CACHE_DIR", ""), str(file)))
-            below = file.parent.relative_to(native._HERE)
-            old, new = (
-                f"{folder.name}_{hashlib.sha1(str(folder).encode()).hexdigest()}"
-                for folder in (file.parent, self.links / "hapscene" / below)
-            )
-            if (digest / old).is_dir():
-                shutil.copytree(digest / old, self.cache / "hapscene" / digest.name / new, dirs_exist_ok=True)
+        (self.cache / "hapscene").mkdir(0o700, parents=True, exist_ok=True)
+        folder = cache_folder()
+        for file in folder.glob("*.nbc") if folder else ():
+            shutil.copy2(file, self.cache / "hapscene" / file.name)
 
     def pytest(self, test: str, limit_s: float, *options: str) -> tuple[int | None, str]:
         """Exit code (None: it ran out of time) and output of one test file."""
         if self.stop.is_set():
             return None, ""
         own = {"PYTHONPATH": str(self.links), "NUMBA_CACHE_DIR": str(self.cache), "PYTHONDONTWRITEBYTECODE": "1"}
-        command = [sys.executable, "-P", "-m", "pytest", "-p", "no:cacheprovider", "--tb=no", "-rfE", *options, test]
+        command = [sys.executable, "-P", "-m", "pytest", "-p", "no:cacheprovider", "--timeout=0", "--tb=no", "-rfE"]
+        command += [*options, test]
         self.process = subprocess.Popen(
             command, cwd=self.tree, env=os.environ | own, stdin=-3, stdout=-1, stderr=-2, start_new_session=True
         )
@@ -286,12 +287,14 @@ class Worker:
             self.known = compiled
         return self.clean[test]
 
-    def attempt(self, mutant: Mutant, budget_s: float) -> dict[str, Any]:
+    def attempt(self, mutant: Mutant, budget_s: float, nightly: bool) -> dict[str, Any]:
         """Try one mutant on its nearest tests, as many as take `budget_s` unchanged."""
         ran: list[str] = []
         file, spent_s = self.tree / mutant.file, 0.0
         text, times = file.read_bytes(), file.stat()
-        for test in filter(lambda name: (self.tree / name).is_file(), tests_for(mutant)):  # others are newer than it
+        for test in filter(
+            lambda name: (self.tree / name).is_file(), tests_for(mutant, nightly)
+        ):  # others are newer than it
             took_s, options = self.unchanged(test, budget_s) if spent_s < budget_s else (budget_s, [])
             if spent_s + took_s > budget_s and ran:
                 continue
@@ -301,8 +304,8 @@ class Worker:
             code, out = self.pytest(test, PATIENCE_S + 5.0 * took_s, "-x", *options)
             file.write_bytes(text)
             os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
-            for folder in set(self.cache.glob("hapscene/*")) - self.known:
-                shutil.rmtree(folder, ignore_errors=True)
+            for compiled in set(self.cache.glob("hapscene/*")) - self.known:
+                compiled.unlink(missing_ok=True)
             if code not in (0, 5):  # 5: nothing to run
                 return {"outcome": "killed", "by": [*FAILED.findall(out), test][0] if code is not None else "time"}
         return {"outcome": "survived", "ran": ran}
@@ -318,6 +321,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the draw")
     parser.add_argument("--jobs", type=int, default=2, help="how many at a time")
     parser.add_argument("--budget", type=float, default=60.0, help="seconds of tests for each, as they take unchanged")
+    parser.add_argument("--nightly", action="store_true", help="judge by tests/nightly too, not by the gate alone")
     parser.add_argument("--list", action="store_true", help="only say which are drawn")
     parser.add_argument("--again", type=Path, metavar="JSON", help="in place of a draw: what survived an earlier run")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "mutants", help="copies, and results.json")
@@ -360,7 +364,7 @@ def run(drawn: list[Mutant], given: argparse.Namespace, results: list[dict[str, 
     def work(worker: Worker) -> None:
         while waiting and not stop.is_set():
             mutant = waiting.pop()
-            found = worker.attempt(mutant, given.budget)
+            found = worker.attempt(mutant, given.budget, given.nightly)
             if stop.is_set():
                 return  # cut off: it says nothing
             results.append(mutant._asdict() | {"room": mutant.room} | found)
