@@ -1,6 +1,7 @@
 # make demo: the main job on the shipped scene      make test: lint, types and the fast tests, which gate a change
 # make nightly: the slow tests (tests/nightly) and the floors      make docs: the web site
 # make floors: what depends most on other libraries, with the lowest versions of them that are allowed
+# make wheel: dist/hapscene-*.whl with compiled code for this platform, so that a first use need not compile
 # make mutants: would a test notice? MUTANTS="--room contact --count 40" says where and how many
 # Each makes or completes the environment .venv the first time; PYTHON=python3.12 chooses the interpreter. PYTEST="..."
 # adds options of pytest to `test` and `nightly`. On Windows without make, see README.md, "Two commands".
@@ -9,7 +10,7 @@ PYTEST ?=
 ENV := .venv
 BIN := $(ENV)/bin
 
-.PHONY: demo test nightly floors mutants format bench docs system clean
+.PHONY: demo test nightly floors mutants format bench docs wheel system clean
 
 demo: $(ENV)/.ready-demo
 	$(BIN)/hapscene demo --out out/demo
@@ -18,12 +19,12 @@ demo: $(ENV)/.ready-demo
 test: $(ENV)/.ready-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	@$(BIN)/mypy & types=$$!; $(BIN)/python tests/warm_up.py; compiled=$$?; wait $$types && exit $$compiled
+	@$(BIN)/mypy & types=$$!; $(BIN)/hapscene warmup; compiled=$$?; wait $$types && exit $$compiled
 	$(BIN)/pytest --numprocesses auto --dist loadfile $(PYTEST)
 
 nightly: $(ENV)/.ready-nightly
 	sh .ci/system-packages nightly
-	$(BIN)/python tests/warm_up.py
+	$(BIN)/hapscene warmup
 	$(BIN)/pytest --numprocesses auto --dist loadfile -m "soak or not soak" tests/nightly $(PYTEST)
 	$(MAKE) floors
 
@@ -53,6 +54,9 @@ bench: $(ENV)/.ready-nightly
 docs: $(ENV)/.ready-nightly
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "out/site/index.html; search wants it served: $(BIN)/python -m http.server --directory out/site"
+
+wheel: $(ENV)/.ready-demo
+	sh .ci/wheel $(BIN)/python dist
 
 # System packages for pictures and for the gate's browser; `sh .ci/system-packages nightly` has the others.
 system:

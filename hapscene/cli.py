@@ -42,6 +42,7 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
     from hapscene.command.touch import add_demo, add_touch
     from hapscene.command.tune import add_tune
     from hapscene.command.view import add_view
+    from hapscene.command.warmup import add_warmup
 
     first = (add_demo, add_touch, add_paint, add_capture, add_swatch)
     further = (
@@ -55,7 +56,7 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
         add_teleoperate,
         add_serve,
     )
-    last = (add_replay, add_devices, add_plugins, add_bench, add_chart, add_reproduce)
+    last = (add_replay, add_devices, add_plugins, add_warmup, add_bench, add_chart, add_reproduce)
     return first, (add_play, add_tune, *further, *last)
 
 

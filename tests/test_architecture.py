@@ -76,10 +76,11 @@ OUTER = (
     "teleoperation",
     "touch",
     "view",
+    "warm_up",
 )
 """Uses of the house."""
 
-TOP = ("cli", "command", "paint", "play", "stability", "study", "teleoperation")
+TOP = ("cli", "command", "paint", "play", "stability", "study", "teleoperation", "warm_up")
 """Rooms that no other room knows but commands."""
 
 APART = {
@@ -101,6 +102,7 @@ BETWEEN = {
     "handle/identification_report.py": {"view"},  # plots beside what they show
     "handle/playback_report.py": {"view"},
     "handle/live_process.py": {"device", "servo"},  # drivers by name; what a servo's channel asks for, by its memory's
+    "warm_up.py": {"paint", "teleoperation"},  # uses all that is compiled
 }
 """Files that know more than their room, and why."""
 

@@ -103,8 +103,6 @@ class DiskCache(_Cache):  # type: ignore[misc]
             yield SHIPPED / self._file(signature, (target[0], PORTABLE_CPU, ""))
 
     def _file(self, signature: Any, target: tuple[str, ...]) -> str:
-        if target[1] == PORTABLE_CPU:
-            target = (target[0], PORTABLE_CPU, "")
         key = hashlib.sha256(f"{_BUILD} {signature!s} {target}".encode()).hexdigest()[:32]
         return f"{self._name}-{self._digest}-{key}.nbc"
 
@@ -138,7 +136,9 @@ def is_known(digest: str) -> bool:
 
 @cache
 def _runs_portable_code() -> bool:
-    """Whether this processor runs what was compiled for `PORTABLE_CPU`."""
+    """Whether this processor runs what was compiled for `PORTABLE_CPU`, and no other is asked for."""
+    if vars(config)["CPU_NAME"] is not None:
+        return False
     features = llvm.get_host_cpu_features()
     return PORTABLE_CPU == "generic" or all(features.get(name, False) for name in V3_FEATURES.split())
 

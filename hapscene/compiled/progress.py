@@ -29,7 +29,7 @@ def compiling(expected: int = 0) -> Iterator[None]:
     global _depth, _expected, _done, _announced
     with _lock:
         _depth += 1
-        _expected += expected
+        _expected = max(_expected, _done + expected)  # inside another run, it is a part of what that expects
     try:
         yield
     finally:

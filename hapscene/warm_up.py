@@ -1,0 +1,183 @@
+"""Compile everything beforehand: use each compiled feature once, on a small scene, so that no first use waits."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, Final
+
+import numpy as np
+import trimesh
+
+from hapscene.bound_call import BoundCall
+from hapscene.clock import VIRTUAL, new_clock
+from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.contact.moving import place_bodies
+from hapscene.contact.proxy import put
+from hapscene.describe import shade
+from hapscene.device.driver_registry import DeviceChoice
+from hapscene.device.model import IDEAL
+from hapscene.device.omni import Omni
+from hapscene.device.point import PointMass
+from hapscene.device.stabilisers import couple, guard
+from hapscene.native import compiling
+from hapscene.renderer import EFFECTS, Renderer
+from hapscene.scene.region import Sphere
+from hapscene.scene.scene import Scene
+from hapscene.servo.servo_loop import begin_timing, scheduled_at, serve, tick_at, wait_at
+from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.mixer import render_fields
+from hapscene.teleoperation.bilateral_loop import operate, step_follower, step_leader
+from hapscene.tick import run_ticks, tick
+from hapscene.twin import Intent, Twin
+from hapscene.twin.twin_loop import live
+
+SWATCH: Final = "wood"
+ABOVE_M: Final = (0.0, 0.0, 0.06)
+"""A place over the box [m]: whose top is at 0.05 m."""
+
+ALL_EFFECTS: Final = (*EFFECTS, "puncture", "guide", "magnet", "viscosity", "weight")
+_SETTINGS: Final = {"guide": {"points_m": [[0.0, 0.0, 1.0]]}, "magnet": {"points_m": [[0.0, 0.0, 1.0]]}}
+
+_FIRST: Final = (tick, run_ticks, put)
+_LATER: Final = (
+    *(place_bodies, couple, guard, shade, render_fields, live, operate, step_leader, step_follower),
+    *(serve, begin_timing, wait_at, tick_at, scheduled_at),
+)
+"""What is declared, so that the progress line knows its total: the large functions."""
+
+
+def warm_up(quick: bool = False) -> None:
+    """Compile what is not cached yet: all there is, or with `quick` what a first touch needs.
+
+    Raises:
+        HapsceneError: a feature does not compile or cannot be set up, such as shared memory for the servo.
+    """
+    effects = [load_effect(name).render for name in (EFFECTS if quick else ALL_EFFECTS)]
+    with compiling(*_FIRST, *effects, *(() if quick else _LATER)):
+        _touch(_scene())
+        if not quick:
+            _touch_with_everything(_scene())
+            _close_the_loop(_scene())
+            _serve(_scene())
+            _teleoperate()
+            _play_on_handle()
+            _paint(_scene())
+
+
+def _scene() -> Scene:
+    scene = Scene()
+    for name, x_m in (("box", 0.0), ("other", 0.2)):
+        pose = np.eye(4)
+        pose[0, 3] = x_m
+        scene.add(trimesh.creation.box((0.1, 0.1, 0.1)), name=name, unit="m", swatch=SWATCH, pose=pose)
+    return scene
+
+
+def _touch(scene: Scene) -> None:
+    renderer = Renderer(scene)
+    renderer.step(ABOVE_M)
+    renderer.run(np.tile(ABOVE_M, (2, 1)))
+
+
+def _touch_with_everything(scene: Scene) -> None:
+    """All effects, a coupling and a guard, felt edges, and bodies that move, deform, disappear."""
+    limits = replace(IDEAL, coupling_N_m=1000.0, guard_Ns_m=1.0)
+    renderer = Renderer(scene, ALL_EFFECTS, limits=limits, crease_rad=0.5, settings=_SETTINGS)
+    renderer.step(ABOVE_M, {"other": scene.body("other").X_WB})
+    renderer.deform("box", scene.body("box").mesh.vertices_m)
+    renderer.remove("other")
+    renderer.step(ABOVE_M)
+
+
+def _close_the_loop(scene: Scene) -> None:
+    from hapscene.handle import Plant
+
+    for device, handle in ((PointMass(0.045, 0.1, 0.26, 5.5e-5), None), (Omni(), Plant())):
+        Twin(scene, device, handle=handle).run(Intent.hold(ABOVE_M, 2))
+
+
+def _serve(scene: Scene) -> None:
+    """The loops of a servo's process, for simulated devices and for those that Python or a vendor's library drives."""
+    from hapscene.device.safety import resume_safety, simulated_safety
+    from hapscene.records import records
+    from hapscene.servo.empty_loop import loop_empty
+    from hapscene.servo.heartbeat import _beat
+    from hapscene.servo.servo_process import Desk
+    from hapscene.servo.shared_memory import CHANNEL, open_channel
+
+    clock = new_clock()
+    _beat(np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, np.int64), clock, 0)  # which stops at once
+    paused = records(1, CHANNEL)
+    paused.pause = 1
+    loop_empty(paused[0], clock, round(1e9 * TICK_S))
+    virtual = new_clock()
+    virtual[VIRTUAL] = 1  # so that nothing ticks by itself
+    for device in (PointMass(0.045, 0.1, 0.26, 5.5e-5), DeviceChoice("simulated").open()):
+        twin = Twin(scene, device)
+        twin.safety = simulated_safety()
+        channel = open_channel(16, twin.renderer.block, bodies=len(scene.bodies))
+        try:
+            desk = Desk(scene, [twin], channel, clock=virtual)
+            desk.start([ABOVE_M], np.zeros(3))
+            desk.rest()
+            resume_safety(twin.body.safety[0])
+            BoundCall(scheduled_at, desk._acted_on())
+            desk.end()
+        finally:
+            del twin, desk  # they look at the memory that is given back
+            channel.close(unlink=True)
+
+
+def _teleoperate() -> None:
+    from hapscene.handle import Plant
+    from hapscene.handle.handle_loop import new_handle
+    from hapscene.records import records
+    from hapscene.teleoperation.body_follower import sense
+    from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
+    from hapscene.teleoperation.endpoint import Coupling
+    from hapscene.teleoperation.leader_follower import new_follower, new_leader
+    from hapscene.teleoperation.link import Impairment, new_link
+    from hapscene.teleoperation.operation import UP, Operation, world_of
+    from hapscene.teleoperation.test_plate import START_M, plate
+
+    scene, coupling, intent = plate(SWATCH), Coupling(), Intent.hold(START_M, 2)
+    Operation(scene, START_M).run(intent)
+    link, arrived, leaving = new_link(Impairment(), TICK_S, 0, "forth"), records(8, MESSAGE), records(8, MESSAGE)
+    world = world_of(scene)  # owns what the follower's compiled tick looks into
+    follower = new_follower(world, Omni(), coupling, START_M, UP)
+    step_follower(follower, link, 0, arrived, 0, leaving)
+    sense(follower.tool, np.array([START_M]), TICK_S, np.zeros(SAMPLE_COUNT))
+    handle = new_handle(Plant(), Plant(), "adaptive", ACCELERATION_RATE_HZ, 0)
+    leader = new_leader(Omni(), handle, coupling, START_M, UP)
+    hand = (intent.target_W_m, intent.grip, intent.push_W_N)
+    step_leader(leader, hand, 0, link, 0, arrived, 0, leaving)
+
+
+def _play_on_handle() -> None:
+    """A recording, a live stream, the simulated handle that is identified, and a texture that is synthesized."""
+    from hapscene.capture.synthesis import synthesize
+    from hapscene.handle import Plant
+    from hapscene.handle.force_source import SimulatedSource
+    from hapscene.handle.live_stream import LiveStream
+    from hapscene.handle.playback import play
+
+    play(np.zeros(100), ACCELERATION_RATE_HZ)
+    SimulatedSource(Plant()).play(np.zeros(100))
+    output: Any = SimpleNamespace(rate_Hz=48_000.0, gain=1.0, ceiling=1.0, highpass_Hz=0.0, lag_s=0.005)
+    LiveStream(np.zeros, ACCELERATION_RATE_HZ, output, steered=True)
+    synthesize(SWATCH, np.ones(100), np.full(100, 0.1))
+
+
+def _paint(scene: Scene) -> None:
+    from hapscene.paint.display import Display
+    from hapscene.paint.painting import Painting
+    from hapscene.paint.tool_region import Outline
+
+    scene.add(trimesh.creation.icosphere(3, 0.05), name="ball", unit="m")
+    scene.paint("box", "leather", Sphere((0.0, 0.0, 0.05), 0.02), soft_m=0.01, finest_m=0.005)
+    painting = Painting(scene)
+    painting.pick(ABOVE_M, (0.0, 0.0, -1.0))
+    painting.begin_step("warm up", SWATCH)
+    corners = np.array([[-0.1, -0.1], [0.1, -0.1], [0.0, 0.1]])
+    painting.paint_region(0, Outline(np.eye(4), corners), eye_W_m=(0.0, 0.0, 0.5))
+    painting.end_step()
+    Display(painting, shown_max=400)
