@@ -26,6 +26,7 @@ nightly: $(ENV)/.ready-nightly
 	sh .ci/system-packages nightly
 	$(BIN)/hapscene warmup
 	$(BIN)/pytest --numprocesses auto --dist loadfile -m "soak or not soak" tests/nightly $(PYTEST)
+	$(BIN)/pytest --numprocesses auto --dist loadfile -m "soak or nightly" --ignore tests/nightly tests $(PYTEST)
 	$(MAKE) floors
 
 # In an environment of its own, which is removed; three minutes on two cores. The lowest versions have wheels for the

@@ -130,9 +130,8 @@ def _serve(scene: Scene) -> None:
 def _teleoperate() -> None:
     from hapscene.handle import Plant
     from hapscene.handle.handle_loop import new_handle
-    from hapscene.records import records
     from hapscene.teleoperation.body_follower import sense
-    from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
+    from hapscene.teleoperation.datagram import SAMPLE_COUNT
     from hapscene.teleoperation.endpoint import Coupling
     from hapscene.teleoperation.leader_follower import new_follower, new_leader
     from hapscene.teleoperation.link import Impairment, new_link
@@ -141,15 +140,15 @@ def _teleoperate() -> None:
 
     scene, coupling, intent = plate(SWATCH), Coupling(), Intent.hold(START_M, 2)
     Operation(scene, START_M).run(intent)
-    link, arrived, leaving = new_link(Impairment(), TICK_S, 0, "forth"), records(8, MESSAGE), records(8, MESSAGE)
+    link = new_link(Impairment(), TICK_S, 0, "forth")
     world = world_of(scene)  # owns what the follower's compiled tick looks into
     follower = new_follower(world, Omni(), coupling, START_M, UP)
-    step_follower(follower, link, 0, arrived, 0, leaving)
+    step_follower(follower, link, 0)
     sense(follower.tool, np.array([START_M]), TICK_S, np.zeros(SAMPLE_COUNT))
     handle = new_handle(Plant(), Plant(), "adaptive", ACCELERATION_RATE_HZ, 0)
     leader = new_leader(Omni(), handle, coupling, START_M, UP)
     hand = (intent.target_W_m, intent.grip, intent.push_W_N)
-    step_leader(leader, hand, 0, link, 0, arrived, 0, leaving)
+    step_leader(leader, hand, 0, link, 0)
 
 
 def _play_on_handle() -> None:

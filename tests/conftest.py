@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+NIGHTLY = Path(__file__).resolve().parent / "nightly"
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 # A suite that is started in the background, or under nohup, ignores these signals; so would all processes of its tests.
@@ -24,6 +25,15 @@ settings.load_profile("fixed")
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--device", metavar="NAME", help="try the contract of devices on this one, which is plugged in")
     parser.addoption("--device-option", action="append", default=[], metavar="KEY=VALUE", help="of its driver")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Slow tests may take ten minutes each, soaks two hours; the others have the time that pyproject.toml gives."""
+    for item in items:
+        slow = item.get_closest_marker("nightly") or NIGHTLY in item.path.parents
+        soak = item.get_closest_marker("soak")
+        if (slow or soak) and item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(7200 if soak else 600))
 
 
 @pytest.fixture(scope="session")

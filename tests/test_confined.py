@@ -70,6 +70,7 @@ def test_gives_arrays_and_what_was_printed() -> None:
     assert answer.said == "native words"
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("how", "told"),
     [

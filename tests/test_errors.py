@@ -25,6 +25,7 @@ def test_what_steers_a_terminal_is_told_by_its_number(case: str) -> None:
     assert printable(given) == shown
 
 
+@pytest.mark.nightly
 def test_every_sign_is_safe_and_what_is_none_of_these_stays() -> None:
     shown = printable("".join(map(chr, range(sys.maxunicode + 1))))
     shown.encode()

@@ -166,6 +166,7 @@ print(INTERPRETED)
 """
 
 
+@pytest.mark.nightly
 def test_stabilised_ticks_are_the_same_interpreted(tmp_path):
     results = []
     for name, environment in (("compiled", {}), ("interpreted", {"NUMBA_DISABLE_JIT": "1"})):

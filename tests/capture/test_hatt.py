@@ -167,6 +167,7 @@ def test_the_example_of_the_layout(shared: Path) -> None:
     assert "not be passed on" in swatch.licence and "Models_example.xml" in swatch.provenance
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("zeros", [2, 6])
 def test_models_with_zeros_are_converted_to_the_stated_error(tmp_path: Path, zeros: int) -> None:
     from hapscene.capture.arma import as_texture
@@ -401,6 +402,7 @@ def fuzz(path: Path, count: int, seed: int) -> None:
             assert "\n" not in str(error) and len(str(error)) < 500
 
 
+@pytest.mark.nightly
 def test_mutated_files_are_read_or_refused(tmp_path: Path) -> None:
     fuzz(tmp_path / "Models_x.xml", 80, 0)
 

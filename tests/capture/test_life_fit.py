@@ -12,6 +12,8 @@ from hapscene.capture.texture_pieces import cut
 from hapscene.surface.texture import Texture
 from hapscene_experiments.held_out import simulated
 
+pytestmark = pytest.mark.nightly
+
 
 def texture_of(channels: Streams) -> Texture:
     return fit_texture(cut(channels), channels.rate_Hz, 8, 1)

@@ -19,7 +19,10 @@ from hapscene.errors import CaptureError
 from hapscene.wire.port import Port
 from hapscene.wire.protocol import Column, Count, Header, Run, header_line, sample_line
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system"),
+    pytest.mark.nightly,
+]
 
 LIMIT_S = 120.0
 """Longest that a test waits for another process [s]."""

@@ -24,6 +24,7 @@ def fitted(truth, part=slice(None), **options):
     return fit(truth.acceleration_m_s2[part], truth.rate_Hz, **named, **options)
 
 
+@pytest.mark.nightly
 def test_a_recording_with_everything(handled_recording):
     truth = handled_recording(0)
     swatch = fitted(truth, name="oak")
@@ -60,6 +61,7 @@ def test_a_bad_model_count_is_an_error_whatever_else_there_is(handled_recording)
         fitted(handled_recording(0), model_count=0)
 
 
+@pytest.mark.nightly
 def test_recordings_are_pooled_as_one(handled_recording):
     parts = []
     for seed in range(2):
@@ -125,6 +127,7 @@ def test_numbers_of_numpy_are_taken():
     assert fit(NOISE, np.int64(1000), order=np.int64(3), model_count=np.int32(1)).texture.order == 3
 
 
+@pytest.mark.nightly
 def test_a_long_recording_is_fitted_within_three_times_its_size() -> None:
     """What is held at most, the streams that are given counted as one; what a search adds to it does not grow."""
     rate, count = 10_000.0, 400_000

@@ -138,6 +138,7 @@ def shape_error_dB(texture, part):
     return np.mean(off)
 
 
+@pytest.mark.nightly
 def test_a_long_wide_recording_gets_the_models_that_it_holds():
     part = moving_pieces(400)
     chosen = choose_model_count(part, RATE_HZ, 4)

@@ -7,6 +7,8 @@ from hapscene.capture import fit, load_recording, metric, synthesize
 from hapscene.capture.streams import clean
 from hapscene.capture.texture_pieces import Pieces, fit_level
 
+pytestmark = pytest.mark.nightly
+
 
 def pieces(force_N, speed_m_s, power, seed=0):
     rng = np.random.default_rng(seed)

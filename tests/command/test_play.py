@@ -21,6 +21,7 @@ if hasattr(os, "openpty"):
 compiled = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes longer than a period")
 
 
+@pytest.mark.nightly
 @compiled
 def test_a_scene_is_played_for_a_while_and_told(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["play", DEMO, "--device", "simulated", "--seconds", "1", "--option", "grip=firm"]) == 0

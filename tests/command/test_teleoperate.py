@@ -49,6 +49,7 @@ def test_a_hand_that_does_not_hold_is_refused() -> None:
         options.command(options)
 
 
+@pytest.mark.nightly
 def test_nobody_follows(monkeypatch: pytest.MonkeyPatch) -> None:
     from hapscene.teleoperation import udp_session
 

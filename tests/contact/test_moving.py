@@ -97,6 +97,7 @@ def test_a_pose_that_is_none_is_flagged_and_the_last_good_one_kept(spoil):
     assert renderer.step(ON_TOP, spoiled).flags == Flag.POSE_REFUSED
 
 
+@pytest.mark.nightly
 @given(st.integers(0, 2**32 - 1), st.floats(1e-12, MENDED / 4))
 def test_what_rounding_does_to_a_rotation_is_mended(seed, size):
     rng = np.random.default_rng(seed)

@@ -16,6 +16,8 @@ from hapscene.paint.gallery import GROUNDS, painted_body
 from hapscene.paint.shelf import FULL_SCALE_M_S2
 from hapscene.surface.library import computed_entries, shipped_swatches
 
+pytestmark = pytest.mark.nightly
+
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 

@@ -24,6 +24,8 @@ from hapscene.surface.library import LibraryEntry, add, entry_of, load_swatch, o
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 
+pytestmark = pytest.mark.nightly
+
 HOSTILE = "</h1><b onload='x'>\"&amp;<!-- "
 
 

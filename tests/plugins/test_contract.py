@@ -132,6 +132,7 @@ def test_declaration_is_sane(effect):
         assert not keyword.iskeyword(state.name)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_compiled_and_interpreted_agree(effect, bench, ticks, swatch_of):
     rows = walk(ticks, 1)

@@ -188,6 +188,7 @@ def test_a_shape_changes_under_the_hand(servo: VirtualServo) -> None:
     servo.deform("plate", vertices)
 
 
+@pytest.mark.nightly
 def test_two_tools_touch_in_one_loop() -> None:
     with VirtualServo(make_scene(), [MASS, MASS]) as servo:
         servo.start([(-0.03, 0.0, 0.01), (0.03, 0.0, 0.01)])

@@ -8,6 +8,8 @@ import pytest
 from hapscene.stability.random_limit import KINDS, random_limits
 from hapscene.stability.wall_chart import write_random_chart
 
+pytestmark = pytest.mark.nightly
+
 TOLERANCES = dict(zip(KINDS, (1e-6, 1e-6, 1e-6, 1e-4, 0.05), strict=True))
 
 

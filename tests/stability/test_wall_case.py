@@ -14,6 +14,7 @@ from hapscene.stability.wall_case import bounce, own_cases, passivity_limit, rea
 from hapscene.stability.wall_case import peak_speed as found_speed
 
 
+@pytest.mark.nightly
 def test_all_cases_of_the_reference(shared: Path) -> None:
     cases = read_cases(shared / "reference" / "wall_cases.json")
     assert len(cases) == 45

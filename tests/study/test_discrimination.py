@@ -10,6 +10,8 @@ from hapscene.study.discrimination import d_prime_of, d_prime_of_people, proport
 
 from .plans import observers
 
+pytestmark = pytest.mark.nightly
+
 
 def test_it_is_the_published_d_prime() -> None:
     """Green & Swets: d′ of 1 is 76 % in two intervals."""

@@ -55,6 +55,7 @@ def test_every_answer_is_a_row(whole: list[dict[str, str]]) -> None:
         assert row["stimulus_3"] == "NA"
 
 
+@pytest.mark.nightly
 def test_stopped_after_each_answer_it_is_the_same(whole: list[dict[str, str]], tmp_path: Path) -> None:
     for done in range(len(whole)):
         with Sitting(PLAN, tmp_path, "P01") as sitting:

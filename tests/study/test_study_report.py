@@ -19,6 +19,8 @@ from hapscene.study.study_report import report, shown, write_report
 
 from .people import Truth, simulate
 
+pytestmark = pytest.mark.nightly
+
 PLAN = """
 title = "<b>Surfaces</b> & more"
 people = 8

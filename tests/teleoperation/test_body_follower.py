@@ -54,6 +54,7 @@ def operated(scene: Any, intent: Intent, line: Impairment | None = None) -> Oper
     return Operation(scene, START_M, coupling=Coupling(allowance_J=1.0), line=line, body=body, **bare).run(intent)
 
 
+@pytest.mark.nightly
 def test_it_is_felt_as_a_follower_on_a_scene_is() -> None:
     """The same mass at the same wall: down, press, along, up."""
     t = np.linspace(0.0, 1.0, 2000)[:, None]
@@ -71,6 +72,7 @@ def test_it_is_felt_as_a_follower_on_a_scene_is() -> None:
     assert np.corrcoef(heard)[0, 1] > 0.99 and ours.latency_s == theirs.latency_s
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("step_s", [1e-4, 1e-3])
 def test_the_stiffness_felt_is_that_of_springs_in_a_row(step_s: float) -> None:
     """1/K = 1/K_wall + 1/K_c, without a delay but that of the line's own tick."""

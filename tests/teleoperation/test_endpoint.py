@@ -78,6 +78,7 @@ lines = st.builds(
 )
 
 
+@pytest.mark.nightly
 @given(lines, st.integers(0, 10_000))
 @settings(max_examples=60, deadline=None)
 def test_no_more_energy_comes_out_of_the_line_than_went_in(line: Impairment, seed: int) -> None:

@@ -25,6 +25,7 @@ from hapscene_experiments.delay_study import (
 )
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("bad", [False, True])
 def test_at_50_ms_waves_rest_where_the_plain_controller_does_not(bad: bool) -> None:
     plain, waves = (operate_case(scheme, 0.05, bad, "land", "light") for scheme in ("position", "wave"))

@@ -95,6 +95,7 @@ def tie(directions: np.ndarray, **coupling: float) -> np.ndarray:
     return np.array(forces)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("scheme", ["wave", "position"])
 def test_all_axes_are_alike(scheme: str) -> None:
     """Turned about (1, 1, 1), what is felt is turned; a motion along one axis is felt along it alone."""

@@ -14,6 +14,8 @@ from hapscene.view.camera import looks, place
 from hapscene.view.offscreen import draw, job_folder, platforms, start_drawer, started_ahead
 from hapscene.view.triangles import Drawing, Frame, lathe
 
+pytestmark = pytest.mark.nightly
+
 
 @pytest.fixture(scope="module")
 def drawing() -> Drawing:

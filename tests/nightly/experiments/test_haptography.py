@@ -49,7 +49,7 @@ def test_the_pipeline_of_hatt_finds_the_stretches_and_the_power_of_each(stroke: 
 
 
 def test_tables_are_put_where_the_page_has_a_place_for_them() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "haptography.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "haptography.md").read_text(encoding="utf-8")
     made = put_in(page, dict.fromkeys(TABLES, "| a |\n"))
     assert made.count("| a |") == len(TABLES) and put_in(made, dict.fromkeys(TABLES, "| a |\n")) == made
     with pytest.raises(ValueError, match="no place for the table 'other'"):
