@@ -48,6 +48,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hapscene.view.picture.write_picture", write_picture)
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("undrawn")
 def test_plots_are_light_or_dark(tmp_path: Path, scene: Scene, p_WT: np.ndarray) -> None:
     for dark, page in ((False, LIGHT.page), (True, DARK.page)):

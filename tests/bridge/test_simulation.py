@@ -95,6 +95,7 @@ def held_against_the_tool(scene: hapscene.Scene, ratio: float, count: int) -> tu
     return np.array([c.f_W_N[0] for c in felt]), np.array([c.contact is not None for c in felt])
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("count", [1, 2, 4, 17])
 def test_it_chatters_from_the_ratio_on_that_is_warned_of(scene: hapscene.Scene, count: int) -> None:
     most = ratio_max(count)

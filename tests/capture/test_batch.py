@@ -28,6 +28,8 @@ from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
 from hapscene.worker_pool import ClusterPool
 
+pytestmark = pytest.mark.nightly
+
 T = TypeVar("T")
 
 LIMIT_S = 120.0

@@ -13,6 +13,8 @@ from hapscene.capture.tap_fit import fit_taps
 from .simulated_tool import noisy, pulled, tapped
 from .test_friction import broken_away, stroke
 
+pytestmark = pytest.mark.nightly
+
 RATE_HZ = 5000.0
 SPEEDS_M_S = (0.05, 0.08, 0.12, 0.18, 0.27, 0.4)
 

@@ -10,6 +10,8 @@ from hapscene.capture.streams import Streams, clean
 
 from .simulated_tool import noisy
 
+pytestmark = pytest.mark.nightly
+
 
 def part(acceleration, rate_Hz, *streams, **named):
     channels = clean(acceleration, rate_Hz, *streams, **named)

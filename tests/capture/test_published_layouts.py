@@ -15,6 +15,8 @@ from hapscene.cli import main
 from hapscene.confined import confined
 from hapscene.errors import CaptureError
 
+pytestmark = pytest.mark.nightly
+
 G = 9.80665
 
 Columns = Mapping[str, Sequence[float] | np.ndarray]

@@ -17,6 +17,8 @@ from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
 from hapscene.surface.texture import INTERPOLATIONS, Texture
 from hapscene_plugins.effects.lpc_texture import EFFECT, choose
 
+pytestmark = pytest.mark.nightly
+
 EDGES_HZ = np.geomspace(20.0, 1000.0, 9)
 
 

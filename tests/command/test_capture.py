@@ -70,6 +70,7 @@ def test_several_recordings_are_pooled(tmp_path: Path) -> None:
     assert "0.csv, 1.csv, 2.csv" in swatch.provenance
 
 
+@pytest.mark.nightly
 def test_into_a_folder_each_recording_has_a_swatch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As `capture batch` does, which goes on with what `capture fit` began."""
     folder, out = tmp_path / "in", tmp_path / "swatches"
@@ -137,6 +138,7 @@ def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
 
 
+@pytest.mark.nightly
 def test_without_a_name_the_swatch_is_called_as_the_recording_and_replaces_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -209,6 +211,7 @@ def test_what_is_missing_is_said_and_nothing_is_written_capture_report(tmp_path:
     assert not page.exists()
 
 
+@pytest.mark.nightly
 def test_tool_tip_and_what_was_recorded_beside_are_kept_and_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -31,7 +31,7 @@ RATE_HZ = 5000.0
 
 MUTATED = 2000
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.nightly]
 
 
 def peer(limit_N: float = 3.0) -> Peer:

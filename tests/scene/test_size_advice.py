@@ -37,6 +37,7 @@ def test_unit_that_is_wrong(wide: Path, unit: str, scale: float | None, option: 
         assert size_advice(load_mesh(wide, found.unit)).words == ""
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["bunny.ply", "Duck.glb", "teapot.stl", "base_interface_AP214.STEP"])
 def test_real_files_are_mended_by_what_is_said(shared: Path, name: str) -> None:
     path = shared / "data" / "meshes" / name

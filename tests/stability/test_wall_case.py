@@ -22,6 +22,7 @@ def test_all_cases_of_the_reference(shared: Path) -> None:
     assert [(row.id, row.found, row.expected) for row in rows if not row.ok] == []
 
 
+@pytest.mark.nightly
 def test_cases_of_the_table() -> None:
     rows = list(own_cases())
     assert {row.id[:2] for row in rows} == {"W4", "W5", "W6"}

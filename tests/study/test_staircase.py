@@ -7,6 +7,8 @@ import pytest
 
 from hapscene.study.staircase import LAPSES, SLOPES, Staircase
 
+pytestmark = pytest.mark.nightly
+
 LEVELS = np.geomspace(0.25, 8.0, 32)
 
 

@@ -25,6 +25,8 @@ from hapscene.study.trial_order import Trial
 from .people import Truth, simulate
 from .plans import TEXT, asked, one_block
 
+pytestmark = pytest.mark.nightly
+
 
 def test_intervals_of_the_mean_of_people_are_students() -> None:
     values = [1.0, 2.0, 4.0, 3.5]

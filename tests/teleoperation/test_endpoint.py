@@ -89,6 +89,7 @@ def test_no_more_energy_comes_out_of_the_line_than_went_in(line: Impairment, see
     assert (spent[:, 1] <= told[:, 0] + 1e-12).all()
 
 
+@pytest.mark.nightly
 @given(lines, st.integers(0, 10_000))
 @settings(max_examples=60, deadline=None)
 def test_an_end_tells_of_no_energy_that_was_not_there(line: Impairment, seed: int) -> None:
