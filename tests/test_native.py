@@ -170,8 +170,9 @@ def test_code_that_a_wheel_carries_is_used(
 ) -> None:
     """Compiled for a processor that has no more than ours: found where the user's own cache has nothing."""
     codegen = native(lambda x: x).whole.targetctx.codegen()
+    triple = codegen.magic_tuple()[0]
     with monkeypatch.context() as built:  # as with NUMBA_CPU_NAME and an empty NUMBA_CPU_FEATURES
-        built.setattr(type(codegen), "magic_tuple", lambda self, own=codegen.magic_tuple(): (own[0], "any", ""))
+        built.setattr(type(codegen), "magic_tuple", lambda self: (triple, "any", ""))
         compiled()
     monkeypatch.setattr(cache, "PORTABLE_CPU", "any")
     shutil.move(tmp_path / "cache" / "hapscene", tmp_path / "shipped")
