@@ -8,6 +8,8 @@ from hapscene.errors import CaptureError
 
 from .simulated_event import farthest_s, planted
 
+pytestmark = pytest.mark.nightly
+
 KINDS = [(True, "force+speed"), (True, "acceleration"), (False, "force+speed"), (False, "acceleration")]
 
 

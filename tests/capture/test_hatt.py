@@ -20,6 +20,8 @@ from hapscene.surface.library import load_swatch
 from hapscene.surface.life import Life
 from hapscene.surface.swatch import PLAIN, Swatch
 
+pytestmark = pytest.mark.nightly
+
 Array = NDArray[np.float64]
 
 FREQUENCY = np.linspace(0.05, np.pi, 400)  # rad

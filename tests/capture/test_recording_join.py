@@ -16,6 +16,8 @@ from hapscene.wire.protocol import Column, Header, Run
 
 from .simulated_event import Clocked, planted
 
+pytestmark = pytest.mark.nightly
+
 HZ = 7.0
 SECONDS = 20.0
 

@@ -13,6 +13,8 @@ from hapscene.stability.study import stability
 from hapscene.surface.swatch import Swatch
 from hapscene_experiments import stability_page
 
+pytestmark = pytest.mark.nightly
+
 
 def test_writes_chart_tables_and_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from hapscene.device.hand import grip_named

@@ -17,6 +17,8 @@ from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.scene.step_file import promised_by
 
+pytestmark = pytest.mark.nightly
+
 PRODUCT = """\
 #1=APPLICATION_CONTEXT('design');
 #2=APPLICATION_PROTOCOL_DEFINITION('international standard','automotive_design',2000,#1);

@@ -26,6 +26,8 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
 from hapscene.surface.texture import Texture
 
+pytestmark = pytest.mark.nightly
+
 
 def oak() -> Swatch:
     rng = np.random.default_rng(0)

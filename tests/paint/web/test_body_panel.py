@@ -23,6 +23,8 @@ from hapscene.scene.scene import Scene, load_scene
 
 from ..tab import Tab
 
+pytestmark = pytest.mark.nightly
+
 
 def html_of(tab: Tab, piece: str) -> str:
     texts = [c["props"].get("content") or "" for c in list(tab.controls.values())]

@@ -19,6 +19,8 @@ from hapscene.paint.web.page import Page
 from ..conftest import make_scene
 from ..tab import Tab
 
+pytestmark = pytest.mark.nightly
+
 
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:

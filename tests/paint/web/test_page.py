@@ -38,6 +38,8 @@ from hapscene.surface.swatch_file import save_swatch
 from ..conftest import make_scene
 from ..tab import Tab
 
+pytestmark = pytest.mark.nightly
+
 TOP = (0.01, 0.0, 0.02)
 """On top of the ball."""
 
