@@ -183,6 +183,18 @@ def test_code_that_a_wheel_carries_is_used(
     assert hits(compiled()) == 0 and len(files(tmp_path)) == 1
 
 
+def test_code_of_another_build_is_not_used(compiled: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of another numba, llvmlite or Python, as in a wheel that was installed beside others than it was built with."""
+    compiled()
+    monkeypatch.setattr(cache, "_BUILD", "another")
+    assert hits(compiled()) == 0 and hits(compiled()) == 1
+
+
+def test_who_asks_for_a_processor_gets_no_code_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(config, "CPU_NAME", "nehalem")
+    assert not cache._runs_portable_code.__wrapped__()
+
+
 @pytest.fixture
 def printed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     texts: list[str] = []
@@ -198,6 +210,12 @@ def test_a_long_compilation_is_announced_once(printed: list[str], monkeypatch: p
         native(lambda x: x * 7.0)(1.0)
     text = "".join(printed)
     assert text.startswith("compiling (first run, about 10 s)") and text.count("compiling") == 1 and text[-1] == "\n"
+
+
+def test_what_a_run_expects_is_not_counted_again_inside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "_done", 0)
+    with progress.compiling(10), progress.compiling(4):
+        assert progress._expected == 10
 
 
 def test_a_short_one_is_not_announced(printed: list[str]) -> None:

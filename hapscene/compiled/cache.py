@@ -130,7 +130,8 @@ def _write_whole(path: Path, content: bytes) -> None:
 
 def is_known(digest: str) -> bool:
     """Whether a function of this digest was compiled before, for whatever signature."""
-    folders = [folder for folder in (cache_folder(), SHIPPED) if folder is not None and folder.is_dir()]
+    places = (cache_folder(), SHIPPED if _runs_portable_code() else None)
+    folders = [folder for folder in places if folder is not None and folder.is_dir()]
     return any(next(folder.glob(f"*-{digest}-*.nbc"), None) is not None for folder in folders)
 
 
