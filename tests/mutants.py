@@ -36,7 +36,7 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 EQUIVALENT: Final = ROOT / "tests" / "equivalent_mutants.toml"
 PACKAGES: Final = {"hapscene": "hapscene", "plugins": "hapscene_plugins"}
 """Folders whose modules are changed, and what they are imported as."""
-LINKS: Final = PACKAGES | {name: f"hapscene_{name}" for name in ("assets", "swatches", "benchmarks", "experiments")}
+LINKS: Final = PACKAGES | {name: f"hapscene_{name}" for name in ("assets", "swatches", "evidence")}
 PATIENCE_S: Final = 60.0
 """A run may take this much more than five times what it takes unchanged [s]: what is changed is compiled anew."""
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from hapscene.cli import main
-from hapscene_experiments.paper import reproduction
-from hapscene_experiments.paper.prediction_figure import two_materials
-from hapscene_experiments.paper.reproduction import MADE
+from hapscene_evidence.paper import reproduction
+from hapscene_evidence.paper.prediction_figure import two_materials
+from hapscene_evidence.paper.reproduction import MADE
 
 
 def test_writes_a_page_and_its_numbers(

@@ -10,7 +10,7 @@ import hapscene
 from hapscene.contact.shading import corner_normals
 from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import Swatch
-from hapscene_experiments.stabiliser_case import FACET_M, FACET_RAD, ridge, ridge_radius_m, turn_rad
+from hapscene_evidence.chart.stabiliser import FACET_M, FACET_RAD, ridge, ridge_radius_m, turn_rad
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
 
