@@ -6,19 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hapscene_experiments.teleoperation import Rendering
 from scipy.signal import freqz, lfilter, resample_poly
 
 from hapscene.capture.metric import residual, spectrum
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.handle.plant import Plant
+from hapscene_evidence.bench.teleoperation import Rendering
 from hapscene_evidence.paper import handle_figure
 from hapscene_evidence.paper.finding import REMEMBERED, Finding, Number
-from hapscene_evidence.paper.further import off_by_order
 from hapscene_evidence.paper.handle_figure import CORNER_HZ, Trials, approximated, misfit_dB
 from hapscene_evidence.paper.material import load_materials
-from hapscene_evidence.paper.paper_page import TABLE_ONE, page, table_of_numbers
+from hapscene_evidence.paper.paper_page import TABLE_ONE, page_of, table_of_numbers
 from hapscene_evidence.paper.prediction_figure import predictor, synthetic
 from hapscene_evidence.paper.remote_figure import remote_numbers
 from hapscene_evidence.paper.tap_study import HIGHEST, TIRED, distances, rate, williams_square
@@ -64,27 +63,6 @@ def test_power_left_is_what_others_measured(shared: Path) -> None:
         for order, share in zip((8, 20, 40, 120), shares, strict=True):
             left = residual(predictor(first, 5000.0, order)[0], second)
             assert np.mean(left**2) / np.mean(second**2) == pytest.approx(share, rel=0.05), (name, order)
-
-
-def test_the_smallest_order_is_that_of_the_planted_filter(noise: np.ndarray) -> None:
-    orders, worst_dB = off_by_order(noise, RATE_HZ)
-    assert orders[np.argmax(worst_dB <= 2.0)] == 4 and worst_dB[-1] == 0.0
-
-
-def test_a_level_is_what_scipy_makes_of_the_half_not_fitted() -> None:
-    """Noise that each filter leaves of the other half, by lfilter; its spectrum in the bands, by freqz."""
-    rng, other = np.random.default_rng(2), np.poly([0.9, -0.5, 0.8j, -0.8j]).real
-    halves = [lfilter([1.0], a, rng.standard_normal(40_000)) for a in (AR, other)]
-    orders, worst_dB = off_by_order(np.concatenate(halves), RATE_HZ)
-    edges, levels = np.geomspace(20.0, 1000.0, 13), np.empty((2, 2, 12))
-    for own in (0, 1):
-        for i, order in enumerate((2, int(orders[-1]))):
-            a, _ = predictor(halves[own], RATE_HZ, order)
-            left = lfilter(a, [1.0], halves[1 - own])[order:].var()
-            for band, (low, high) in enumerate(pairwise(edges)):
-                response = freqz([1.0], a, worN=np.linspace(low, high, 200), fs=RATE_HZ)[1]
-                levels[own, i, band] = 10.0 * np.log10(left * np.mean(np.abs(response) ** 2))
-    assert worst_dB[orders == 2][0] == pytest.approx(np.abs(levels[:, 1] - levels[:, 0]).max(), abs=0.3)
 
 
 def test_the_handle_is_found_that_was_planted(trials: Trials) -> None:
@@ -138,8 +116,11 @@ def test_recordings_where_they_are_and_swatches_where_not(shared: Path, tmp_path
     some, none = load_materials(tmp_path), load_materials(None)
     assert {name for name, material in some.items() if material.real} == {"wood"}
     assert not any(material.real for material in none.values())
-    assert "Not from recordings: paper, leather, epoxy." in page({}, some)
-    assert "no recordings were given" in page({}, none) and "no recordings were given" not in page({}, some)
+    assert "Not from recordings: paper, leather, epoxy." in page_of({}, some).html()
+    assert (
+        "no recordings were given" in page_of({}, none).html()
+        and "no recordings were given" not in page_of({}, some).html()
+    )
     (tmp_path / "cdp_wood.csv").unlink()
     with pytest.raises(CaptureError, match="has no recording; expected one or more of cdp_wood"):
         load_materials(tmp_path)
@@ -149,7 +130,7 @@ def test_the_page_needs_nothing_but_itself() -> None:
     numbers = [Number("<b>", -1.5, "dB", 2.0, REMEMBERED, "a & b"), *(Number(f"n{i}", i) for i in range(20))]
     keys = {"taps"} | {key for *_, key in TABLE_ONE if key}
     findings = {key: Finding("<script>: it", "<i>", numbers, []) for key in sorted(keys)}
-    html = page(findings, load_materials(None))
+    html = page_of(findings, load_materials(None)).html()
     assert "<script>" not in html and "<i>" not in html and "&lt;b&gt;" in html and "−1.5 dB" in html
     assert f"2 dB ({REMEMBERED})" in html and "color-scheme: light dark" in html and "<summary>21 numbers" in html
     assert not re.search(r'(?:src|href)="(?!#|data:)', html) and "url(" not in html
