@@ -4,7 +4,7 @@
 |---|---|
 | `run` | the whole benchmark in order: start here |
 | `case` | what is touched, and the tool's path |
-| `tick_time`, `loop_time` | time of contact, tick, `run`, `step`; with cold caches, and of a start |
+| `tick_time`, `start_time` | time of contact, tick, `run` and `step`; of the start of a process |
 | `crowd`, `deform` | many bodies, at rest and moving; a body whose shape changes |
 | `accuracy` | error of force and proxy |
 | `order`, `synthesis`, `surface_fit` | textures of many orders; synthesis without a tick; fits |

@@ -1,6 +1,5 @@
-"""Two tables of figures, of `hapscene bench` or `hapscene chart`, one beside the other: ratios, with their spread."""
+"""Two tables of `hapscene bench`, one beside the other: ratios, with their spread."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -8,20 +7,20 @@ import numpy as np
 
 from hapscene.errors import HapsceneError
 
-from ..chart.table import COLUMNS as CHART_COLUMNS
-from ..chart.table import Table
 from ..page import shown
 from .sheet import Sheet
 
+__all__ = ["Group", "compared", "lines"]
+
 SAME: Final = ("processor", "cores", "system")
-"""What two machines must have alike to be taken for one."""
+"""What two machines must have in common to count as the same."""
 
 FARTHEST: Final = 5
-"""Figures that are named, those whose ratio is farthest from 1 [count]."""
+"""Figures that are named: those whose ratio is farthest from 1 [count]."""
 
 
 class Group(NamedTuple):
-    """Ratios B over A of figures of one kind: how many, their quartiles, the least and the greatest."""
+    """Ratios B over A of figures of one kind: how many, the least, their quartiles and the greatest."""
 
     name: str
     figures: int
@@ -33,14 +32,12 @@ class Group(NamedTuple):
 
 
 def compared(first: Path, second: Path) -> tuple[list[str], list[Group], list[tuple[str, float]]]:
-    """What is to be known of both, ratios by group, and the figures that differ most.
+    """Words about both machines, ratios by group, and the figures that differ most.
 
     Raises:
-        HapsceneError: a file is neither table, they are two kinds, or have no figure in common.
+        HapsceneError: a file is no such table, or they have no figure in common.
     """
-    (machine_a, a, kind_a), (machine_b, b, kind_b) = _figures(first), _figures(second)
-    if kind_a != kind_b:
-        raise HapsceneError(f"{first} is a table of {kind_a}, {second} one of {kind_b}: expected two of one kind")
+    (machine_a, a), (machine_b, b) = _figures(first), _figures(second)
     both = [key for key in a if key in b and a[key] > 0.0 and b[key] > 0.0]
     if not both:
         raise HapsceneError(f"{first} and {second} have no figure in common")
@@ -59,14 +56,14 @@ def compared(first: Path, second: Path) -> tuple[list[str], list[Group], list[tu
 
 
 def lines(first: Path, second: Path) -> list[str]:
-    """The same, told."""
+    """The same as lines of text."""
     words, groups, far = compared(first, second)
     width = max(len(group.name) for group in groups)
-    told = [*words, "", f"{'B over A':{width}}  median  quartiles      least–greatest  figures"]
+    said = [*words, "", f"{'B over A':{width}}  median  quartiles      least–greatest  figures"]
     for g in groups:
         quartiles, ends = f"{g.low:.2f}–{g.high:.2f}", f"{g.least:.2f}–{g.greatest:.2f}"
-        told.append(f"{g.name:{width}}  {g.median:6.2f}  {quartiles:<13}  {ends:<14}  {g.figures}")
-    return [*told, "", "farthest apart:", *(f"  {shown(value)} times  {name}" for name, value in far)]
+        said.append(f"{g.name:{width}}  {g.median:6.2f}  {quartiles:<13}  {ends:<14}  {g.figures}")
+    return [*said, "", "farthest apart:", *(f"  {shown(value)} times  {name}" for name, value in far)]
 
 
 def _words(machine: dict[str, str]) -> str:
@@ -74,32 +71,13 @@ def _words(machine: dict[str, str]) -> str:
     return "; ".join(known + [f"load {machine[name]}" for name in machine if name.startswith("load")])
 
 
-def _figures(path: Path) -> tuple[dict[str, str], dict[tuple[str, str], float], str]:
-    """Of a table the machine, figures by group and name, and its kind."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        head = file.readline()
-    if head.strip() == ",".join(CHART_COLUMNS):
-        table = Table.read(path)
-        return table.machine, dict(_chart_figures(table)), "chart"
+def _figures(path: Path) -> tuple[dict[str, str], dict[tuple[str, str], float]]:
+    """The machine of a table, and its figures by group and name."""
     sheet = Sheet.read(path)
     machine = {f.name: f.value if isinstance(f.value, str) else f"{f.value:g}" for f in sheet if f.case == "machine"}
-    figures = {
-        (
-            f"{next(filter(str.isalpha, f.case.replace(',', '').split()), f.case)} [{f.unit}]",
-            f"{f.case}, {f.name}",
-        ): f.value
-        for f in sheet
-        if f.unit not in ("", "1") and f.case != "method" and not isinstance(f.value, str)
-    }
-    return machine, figures, "bench"
-
-
-def _chart_figures(table: Table) -> Sequence[tuple[tuple[str, str], float]]:
-    """Times of each question as one group, each of its measures as another."""
-    found = []
-    for question, points in table.points.items():
-        for p in points:
-            name = f"{p.method}, {p.label}"
-            found += [((f"{question}, time", name), p.median_us), ((f"{question}, p99", name), p.p99_us)]
-            found += [((f"{question}, {key}", name), value) for key, value in p.errors.items()]
-    return found
+    figures = {}
+    for f in sheet:
+        if f.unit not in ("", "1") and f.case != "method" and not isinstance(f.value, str):
+            group = next(filter(str.isalpha, f.case.replace(",", "").split()), f.case)
+            figures[f"{group} [{f.unit}]", f"{f.case}, {f.name}"] = f.value
+    return machine, figures

@@ -1,15 +1,12 @@
-"""Many bodies: what it costs to ask each that a ball lets through, at rest and while some of them move."""
+"""Many bodies: time of the contact among them, at rest, and of a step while all of them move."""
 
 import math
 import time
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.clock import new_clock, now_ns
-from hapscene.contact.moving import place_bodies
-from hapscene.native import native
 from hapscene.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -26,9 +23,6 @@ BODY_COUNTS: Final = (1, 10, 1000)
 SPACING_M: Final = 0.2
 """Of the grid that the bodies stand on [m]: spheres of 0.1 m do not touch."""
 
-MOVING_SHARE: Final = 0.1
-"""Share of the bodies that moves, where some do [1]."""
-
 SWAY_M, SWAY_HZ = 0.005, 1.6
 """How far and how often they move to and fro [m], [Hz]: 0.05 m/s at most."""
 
@@ -40,30 +34,14 @@ MOVING_TICKS: Final = 1000
 
 
 def measure_crowd(sheet: Sheet, tick_count: int, repeats: int) -> None:
-    """Time of the contact among many bodies, at rest and with some moving.
-
-    Args:
-        sheet: where the figures go.
-        tick_count: length of the slide.
-        repeats: runs after one to warm up.
-    """
+    """Time of the contact among many bodies at rest, and of a step while all of them move."""
     for count in BODY_COUNTS:
-        measure_bodies(sheet, count, tick_count, repeats)
+        name = f"{count} bodies" if count > 1 else "1 body"
+        renderer = Renderer(crowd_of(sphere(3), grid(count)), effects=[])
+        sheet.add(name, "bodies", count, "1")
+        sheet.add_spread(name, "contact", hot(renderer, slide_path(tick_count), repeats).contact_ns, "µs", 1e-3)
     for count in BOUND_COUNTS:
         measure_bound(sheet, count, repeats)
-
-
-def measure_bodies(sheet: Sheet, count: int, tick_count: int, repeats: int) -> str:
-    """The same among so many bodies, those that move led by a path; the case's name."""
-    path = slide_path(tick_count)
-    name = f"{count} bodies" if count > 1 else "1 body"
-    place = grid(count)
-    scene = crowd_of(sphere(3), place)
-    sheet.add(name, "bodies", count, "1")
-    sheet.add_spread(name, "contact", hot(Renderer(scene, effects=[]), path, repeats).contact_ns, "µs", 1e-3)
-    if count * MOVING_SHARE >= 1.0:
-        _measure_moving(sheet, name, scene, place, path, repeats)
-    return name
 
 
 def measure_bound(sheet: Sheet, count: int, repeats: int) -> None:
@@ -81,40 +59,6 @@ def measure_bound(sheet: Sheet, count: int, repeats: int) -> None:
             renderer.step((X_WB[k, 0, 0, 3], 0.0, 0.049 + X_WB[k, 0, 2, 3]), slots)
             took_ns[repeat, k] = time.perf_counter_ns() - start_ns
     sheet.add(f"moving {count}", "step with bound bodies", 1e-3 * float(np.median(took_ns.min(axis=0))), "µs")
-
-
-def _measure_moving(sheet: Sheet, name: str, scene: Scene, place: Array, path: Array, repeats: int) -> None:
-    """The same while a tenth of the bodies, but not the touched one, moves."""
-    moving = np.arange(len(place) - round(MOVING_SHARE * len(place)), len(place))
-    first = int(np.argmax(np.linalg.norm(path, axis=1) < 0.049))
-    part = path[first : first + MOVING_TICKS]
-    X_WB = _sway(place[moving], len(part))
-    renderer = Renderer(scene, effects=[])
-    poses = {f"body {i}": X_WB[:, m] for m, i in enumerate(moving)}
-    contact: list[Any] = []
-    for _ in range(repeats + 1):
-        renderer.reset(1.4 * part[0])
-        renderer.run(part[:1])
-        contact.append(renderer.run(part, poses=poses).contact_ns)
-    sheet.add_spread(name, "contact, a tenth moving", np.min(contact[1:], axis=0), "µs", 1e-3)
-    world, surface = renderer.world, renderer.surface
-    least_ns = min(_place_all(world, surface, moving, X_WB, np.zeros_like(moving), new_clock()) for _ in range(repeats))
-    sheet.add(name, "placing the moving bodies", 1e-3 * (least_ns / len(part)), "µs")
-
-
-@native
-def _place_all(
-    world: Any,
-    surface: Any,
-    moving: NDArray[np.int64],
-    X_WB: Array,
-    teleported: NDArray[np.int64],
-    clock: NDArray[np.int64],
-) -> int:
-    start = now_ns(clock)
-    for k in range(len(X_WB)):
-        place_bodies(world, surface, moving, X_WB, teleported, len(moving), k)
-    return int(now_ns(clock) - start)
 
 
 def grid(count: int) -> Array:

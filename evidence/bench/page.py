@@ -12,7 +12,6 @@ from .machine import machine_words
 from .order import ORDERS
 from .sheet import QUANTILES, Sheet
 from .side_by_side_page import add_peers
-from .tick_time import PARTS
 
 AIMS: Final = (  # description, case, figure, upper bound, unit
     ("contact, 1 k triangles, median", "sphere 1 k", "contact median", 0.65, "µs"),
@@ -62,7 +61,7 @@ def page_of(sheet: Sheet, pictures: Path, peers: Sheet | None = None) -> Page:
         {shown(sheet.number("clock", "between two reads median"))} ns apart, which is part of every time here. Four
         figures with slashes are median / p99 / p99.9 / max."""
     )
-    for add in (_aims, _contact, _tick, _cold, _accuracy, _synthesis, _twin, _handle, _crowd):
+    for add in (_aims, _contact, _tick, _start, _accuracy, _synthesis, _twin, _handle, _crowd):
         add(page, sheet, pictures)
         if add is _contact:
             add_peers(page, peers)
@@ -114,31 +113,16 @@ def _tick(page: Page, sheet: Sheet, pictures: Path) -> None:
     page.text("""Wall, friction, texture and tap on 82 k triangles; 10 acceleration samples a tick. The textures are the
         shipped wood's, played for 10 s at 1 N and 0.1 m/s and fitted again at each order.""")
     page.table(head, rows)
-    page.text(f"""A tick without effects takes {bare} µs; calling five effects that do nothing adds {harness} ns. The
-        parts of a tick in contact, on the mean: of one with the wall alone, read by a clock between them; the clock
-        itself; and what each effect by itself adds to a tick without effects.""")
-    names = (*PARTS, "clock", *EFFECTS)
-    page.table(names, [[f"{ns} ns" for ns in _figures(sheet, "profile", names)]])
+    page.text(f"""A tick without effects takes {bare} µs; calling five effects that do nothing adds {harness} ns. Mean
+        time that each effect by itself adds to a tick without effects:""")
+    page.table(EFFECTS, [[f"{ns} ns" for ns in _figures(sheet, "profile", EFFECTS)]])
 
 
-def _cold(page: Page, sheet: Sheet, pictures: Path) -> None:
-    case = "sphere 82 k, 1 kHz loop"
+def _start(page: Page, sheet: Sheet, pictures: Path) -> None:
     imported, ready = _figures(sheet, "start", ("import hapscene", "sphere 82 k, load to first tick"))
-    page.heading("Cold, and from the start")
-    page.text("""A Python loop that sleeps until each millisecond, then calls `step`: caches are cold. How late it wakes
-        is the system's doing, and is the same without the tick.""")
-    rows = [
-        (name, _quantiles(sheet, of, figure))
-        for name, of, figure in (
-            ("contact", case, "contact"),
-            ("tick, five effects", case, "tick"),
-            ("wake-up latency", case, "late"),
-            ("wake-up latency of an empty loop", "empty 1 kHz loop", "late"),
-        )
-    ]
-    page.table(("82 k triangles", "[µs]"), rows)
-    page.text(f"""In a fresh process, from a warm cache: `import hapscene` {imported} s; from there to the first tick of
-        a saved scene of 82 k triangles {ready} s.""")
+    page.heading("Start")
+    page.text(f"""In a new process, from a warm cache: `import hapscene` {imported} s; from there to the first tick of a
+        saved scene of 82 k triangles {ready} s.""")
 
 
 _DISTANCES: Final = ("facets", "closest point", "round surface")
@@ -169,16 +153,13 @@ def _accuracy(page: Page, sheet: Sheet, pictures: Path) -> None:
 
 def _synthesis(page: Page, sheet: Sheet, pictures: Path) -> None:
     rows = []
-    for case in sheet.cases("synthesis, "):
-        name = case.removeprefix("synthesis, ")
-        swatch = (case, "order") in sheet
-        order = f"{sheet.number(case, 'order'):g}" if swatch else name.removeprefix("order ")
-        for what in ("swatch",) if swatch else ("one model", "nine models", "nine models, alive"):
+    for case in sheet.cases("synthesis, order "):
+        for what in ("one model", "nine models", "nine models, alive"):
             if (case, f"{what} for 10 s") in sheet:
                 taken_s, filter_s = (sheet.number(case, f"{method} for 10 s") for method in (what, "lfilter"))
                 times = (f"{10.0 / taken_s:,.0f}", f"{10.0 / filter_s:,.0f}", shown(taken_s / filter_s))
-                rows.append((name if swatch else what, order, *times))
-    head = ("swatch", "order", "`synthesize`, times real time", "`lfilter`, times real time", "time over `lfilter`'s")
+                rows.append((what, case.removeprefix("synthesis, order "), *times))
+    head = ("texture", "order", "`synthesize`, times real time", "`lfilter`, times real time", "time over `lfilter`'s")
     page.heading("Synthesis")
     page.text("""10 s at 10 kHz along a stroke through the swatch's forces and speeds, best of seven runs. `synthesize`
         makes the noise, looks up and blends the models and filters; `scipy.signal.lfilter` only filters noise that is
@@ -218,13 +199,12 @@ def _handle(page: Page, sheet: Sheet, pictures: Path) -> None:
 
 
 def _crowd(page: Page, sheet: Sheet, pictures: Path) -> None:
-    names = ("contact, a tenth moving median", "placing the moving bodies")
     rows = [
-        (case, _quantiles(sheet, case, "contact", ("median", "p99")), *_figures(sheet, case, names))
+        (case, _quantiles(sheet, case, "contact", ("median", "p99")))
         for case in (*sheet.cases("1 body"), *sheet.cases("10"))
     ]
     page.heading("Many bodies")
     page.picture(pictures / "crowd.png", "Contact time over the number of bodies")
     page.text("""Spheres of 1,280 triangles on a grid, 0.2 m apart; the tool slides over one. hapscene lists the bodies
         whose balls are near, and asks each in its own frame: no lock, no allocation.""")
-    page.table(("", "contact, median / p99 [µs]", "contact, a tenth moving [µs]", "placing them [µs]"), rows)
+    page.table(("", "contact, median / p99 [µs]"), rows)

@@ -17,10 +17,10 @@ from . import (
     crowd,
     deform,
     handle,
-    loop_time,
     machine,
     order,
     side_by_side,
+    start_time,
     surface_fit,
     synthesis,
     tick_time,
@@ -157,11 +157,9 @@ def measure(quick: bool, zoo: Path | None, say: Callable[[str], None]) -> Sheet:
             tick_time.measure_contact(sheet, one, repeats)
     main = case.Case(MAIN, case.sphere(6), case.slide_path(ticks), True)
     _measure_ticks(sheet, main, repeats, say)
-    say("loop of 1 kHz, start of a process")
-    loop_time.measure_sleep(sheet, 1.0 if quick else 3.0)
-    loop_time.measure_cold(sheet, main, 1.0 if quick else 5.0)
+    say("start of a process")
     for one in (main, *([] if quick else case.sphere_cases(case.SUBDIVISIONS[-1:], ticks))):
-        loop_time.measure_start(sheet, one, 1 if quick else 5)
+        start_time.measure_start(sheet, one, 1 if quick else 5)
     say("shapes that change")
     deform.measure_deform(sheet, 1.0 if quick else 10.0)
     say("synthesis of textures")
@@ -193,7 +191,7 @@ def _measure_ticks(sheet: Sheet, main: case.Case, repeats: int, say: Callable[[s
         say(f"{main.name}: whole tick, order {p}")
         tick_time.measure_tick(sheet, main, order.swatch_of_order(p), p, repeats)
     tick_time.measure_harness(sheet, main, repeats)
-    tick_time.measure_profile(sheet, main, order.swatch_of_order(40), repeats)
+    tick_time.measure_effects(sheet, main, order.swatch_of_order(40), repeats)
 
 
 def _checked(docs: Path | None, zoo: Path | None, measured: bool = False) -> Path | None:

@@ -11,7 +11,6 @@ from scipy.signal import lfilter
 
 from hapscene.capture.synthesis import synthesize
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
-from hapscene.surface.library import load_swatch
 from hapscene.surface.life import Life
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
@@ -21,9 +20,6 @@ from .sheet import Sheet
 
 Array = NDArray[np.float64]
 
-SHIPPED: Final = ("wood", "paper", "leather", "epoxy")
-"""Shipped swatches that are timed, at the order they were fitted with."""
-
 RATE_HZ: Final = 10_000.0
 DURATION_S: Final = 10.0
 LIFE: Final = Life(np.array([0.3, 0.3]), np.array([20.0, 5.0]), np.array([100.0, 0.0]))
@@ -31,13 +27,12 @@ REPEATS: Final = 7
 
 
 def measure_synthesis(sheet: Sheet) -> None:
-    """Times to make `DURATION_S` at `RATE_HZ`, the best of `REPEATS`, for each order and each shipped swatch.
+    """Times to make `DURATION_S` at `RATE_HZ`, the best of `REPEATS`, for each order.
 
     The case "synthesis, order p" has "one model" (one filter for all forces and speeds; the level follows them), "nine
     models" (all differ, along a stroke through all), the same "alive", with a slow gain, and "lfilter": one call of
     `scipy.signal.lfilter` on noise that is there already, with one fixed filter and level; each "over lfilter" is the
-    ratio to it. The case "synthesis, wood"
-    has "swatch" along the same stroke, and "lfilter" at its order.
+    ratio to it.
     """
     for order in ORDERS:
         rng = np.random.default_rng(order)
@@ -52,13 +47,6 @@ def measure_synthesis(sheet: Sheet) -> None:
             _add(sheet, case, name, time_s := _time_played(texture))
             sheet.add(case, f"{name} over lfilter", time_s / filtered_s, "times")
         _add(sheet, case, "lfilter", filtered_s)
-    for name in SHIPPED:
-        shipped = load_swatch(name).texture
-        if shipped is not None:
-            case = f"synthesis, {name}"
-            sheet.add(case, "order", shipped.order, "1")
-            _add(sheet, case, "swatch", _time_played(shipped))
-            _add(sheet, case, "lfilter", _time_filtered(shipped.model(shipped.force_max_N, shipped.speed_max_m_s)[0]))
 
 
 def _add(sheet: Sheet, case: str, name: str, time_s: float) -> None:

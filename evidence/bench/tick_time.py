@@ -9,18 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import new_clock, now_ns
-from hapscene.contact.proxy import move
 from hapscene.contact.world import Shapes
-from hapscene.describe import describe
 from hapscene.native import native
-from hapscene.reaction import react
 from hapscene.recording import Recording
-from hapscene.records import ROW, records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.surface.effect import Effect
-from hapscene.surface.mixer import limit, render_contact
 from hapscene.surface.swatch import Swatch
-from hapscene.tick import _note
 
 from .case import Case
 from .sheet import Sheet
@@ -134,53 +128,12 @@ def measure_harness(sheet: Sheet, case: Case, repeats: int = REPEATS) -> None:
     sheet.add("harness", "tick without effects median", 1e-3 * np.median(without.tick_ns), "µs")
 
 
-PARTS: Final = ("contact", "describe", "render", "react", "limit", "note")
-"""Parts of a tick in which nothing is asked for but contact, in their order."""
-
-
-def measure_profile(sheet: Sheet, case: Case, swatch: Swatch, repeats: int = REPEATS) -> None:
-    """Mean time of each part of a tick in contact, wall alone; and what each effect by itself adds to one without.
-
-    Between the parts the clock is read; what two reads take one after the other is taken off.
-    """
-    renderer, path = Renderer(case.scene(swatch), effects=["wall"]), case.p_WT_m
-    rows, samples = records(len(path), ROW), np.zeros((len(path), renderer.block))
-    times, between = np.zeros((repeats + 1, len(path), len(PARTS)), np.int64), np.zeros(20_000, np.int64)
-    for one in times:
-        renderer.reset(path[0])
-        _run_profiled(renderer.world, renderer.surface, path, rows, samples, one)
-    _read_clock(renderer.surface.clock, between)
-    means = times[1:].min(axis=0)[rows.touching == 1].mean(axis=0) - between.mean()
-    for name, mean in zip(PARTS, means, strict=True):
-        sheet.add("profile", name, mean, "ns")
-    sheet.add("profile", "clock", between.mean(), "ns")
-    bare = hot(Renderer(case.scene(swatch), effects=[]), path, repeats).tick_ns
+def measure_effects(sheet: Sheet, case: Case, swatch: Swatch, repeats: int = REPEATS) -> None:
+    """Mean time that each effect by itself adds to a tick in contact without effects."""
+    bare = hot(Renderer(case.scene(swatch), effects=[]), case.p_WT_m, repeats).tick_ns
     for name in EFFECTS:
-        alone = hot(Renderer(case.scene(swatch), effects=[name]), path, repeats).tick_ns
+        alone = hot(Renderer(case.scene(swatch), effects=[name]), case.p_WT_m, repeats).tick_ns
         sheet.add("profile", name, float(np.mean(alone - bare)), "ns")
-
-
-@native
-def _run_profiled(world: Any, surface: Any, p_WT_m: Any, rows: Any, a_m_s2: Any, times: Any) -> None:
-    """`hapscene.tick.tick` along a path, as far as wall and contact ask for it, the clock read between its parts."""
-    clock = surface.clock
-    for k in range(len(p_WT_m)):
-        start = now_ns(clock)
-        tool_W = (p_WT_m[k, 0], p_WT_m[k, 1], p_WT_m[k, 2])
-        move(world, tool_W)
-        at_contact = now_ns(clock)
-        describe(world, surface, tool_W)
-        at_describe = now_ns(clock)
-        render_contact(surface)
-        at_render = now_ns(clock)
-        react(world, surface)
-        at_react = now_ns(clock)
-        rows[k].flags = limit(surface)
-        at_limit = now_ns(clock)
-        _note(surface, rows[k], a_m_s2[k])
-        end = now_ns(clock)
-        times[k, 0], times[k, 1], times[k, 2] = at_contact - start, at_describe - at_contact, at_render - at_describe
-        times[k, 3], times[k, 4], times[k, 5] = at_react - at_render, at_limit - at_react, end - at_limit
 
 
 def _do_nothing(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:

@@ -23,7 +23,6 @@ from hapscene.device.model import (
     limits_of,
 )
 from hapscene.device.point import PointMass
-from hapscene.recording import Recording
 from hapscene.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -93,8 +92,6 @@ class Outcome(NamedTuple):
     """Most energy that the motors have given the hand, beyond what they have taken, at any time."""
     kept: float
     """Stiffness felt over stiffness asked for; NaN where the tool does not rest."""
-    turn_rad: float
-    """Largest turn of the force from one tick to the next."""
 
 
 def stabiliser(name: str, device: Device, stiffness_N_m: float, tick_s: float = TICK_S) -> Stabiliser:
@@ -133,7 +130,7 @@ def run_case(device: Device, gesture: str, stiffness_N_m: float, name: str) -> O
     late_m_s = float(np.sqrt(np.mean(np.sum(late**2, axis=1))))
     kept = _felt_stiffness(twin, target[-1]) / stiffness_N_m if late_m_s < REST_M_S else math.nan
     out_J = max(0.0, float(np.cumsum(felt.work_J).max()))
-    return Outcome(late_m_s, out_J, kept, turn_rad(felt.recording))
+    return Outcome(late_m_s, out_J, kept)
 
 
 def _target(gesture: str) -> NDArray[np.float64]:
@@ -157,17 +154,6 @@ def _felt_stiffness(twin: Twin, target_W_m: NDArray[np.float64]) -> float:
     force = np.linalg.norm(felt.f_motor_W_N[-500:].mean(axis=0))
     depth = np.linalg.norm((felt.recording.p_WP_m - felt.p_W_m)[-500:].mean(axis=0))
     return float(force / depth)
-
-
-def turn_rad(recording: Recording, least_N: float = 0.05) -> float:
-    """Furthest that the force turns from one tick to the next, where it is over `least_N` in both [rad]."""
-    size = np.linalg.norm(recording.f_W_N, axis=1)
-    felt = (size[1:] > least_N) & (size[:-1] > least_N)
-    if not felt.any():
-        return 0.0
-    unit = recording.f_W_N / np.maximum(size, 1e-300)[:, None]
-    apart = np.linalg.norm(unit[1:] - unit[:-1], axis=1)[felt]
-    return float(2.0 * np.arcsin(min(1.0, 0.5 * float(apart.max()))))
 
 
 def ridge_radius_m(width_m: float = FACET_M, turn_rad: float = FACET_RAD) -> float:

@@ -43,9 +43,6 @@ to a tool that was pressed into it than its front."""
 NEAR_M: Final = 4e-3
 """Deeper than a hand that explores presses [m]."""
 
-NEIGHBOURS: Final = 16
-"""Faces with the nearest middles that are looked at first [count]."""
-
 BODY_FACES_MIN: Final = 1000
 """Faces from which a body is worth reducing [count]."""
 
@@ -123,42 +120,30 @@ def closest_points(
 ) -> tuple[Array, NDArray[np.int64]]:
     """The points (n, 3) [m] of a mesh that are closest to points (n, 3), and their faces (n,).
 
-    A triangle whose middle is farther than the best one found and the largest triangle's reach cannot be closer, so it
-    is exact; for what lies farther than `near_m`, it need not be. With `among`, of those faces alone.
+    Exact, but for points that are farther than `near_m`: a face whose middle is farther than the best point found and
+    its own reach cannot be closer. With `among`, of those faces alone.
     """
     closest_point: Any = triangles.closest_point
     corners = mesh.triangles_m
     middle = corners.mean(axis=1)
     reach_m = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
-    best_m = np.full(len(points_m), np.inf)
-    at_m, face = np.zeros((len(points_m), 3)), np.zeros(len(points_m), np.int64)
-
-    def look(which: NDArray[np.int64], candidates: NDArray[np.int64]) -> None:
-        """Look at candidates (k,) for the points (k,), which may stand several times."""
-        found = closest_point(corners[candidates], points_m[which])
-        away_m = np.linalg.norm(found - points_m[which], axis=1)
-        order = np.lexsort((away_m, which))
-        first = order[np.unique(which[order], return_index=True)[1]]
-        closer = first[away_m[first] < best_m[which[first]]]
-        best_m[which[closer]], at_m[which[closer]] = away_m[closer], found[closer]
-        face[which[closer]] = candidates[closer]
-
-    rows = np.arange(len(points_m))
-    classes = np.unique(np.digitize(reach_m, np.quantile(reach_m, (0.5, 0.9, 0.99, 0.999))), return_inverse=True)[1]
-    for size in np.unique(classes):  # large triangles by themselves, or each point would have to look at all small ones
-        faces = np.flatnonzero(classes == size) if among is None else among[classes[among] == size]
-        if not len(faces):
-            continue
-        tree, far_m = cKDTree(middle[faces]), float(reach_m[faces].max())
-        count = min(NEIGHBOURS, len(faces))
-        away, near = (np.reshape(found, (len(rows), -1)) for found in tree.query(points_m, k=count))
-        look(np.repeat(rows, count), faces[near.ravel()])
-        unsure = (away[:, -1] < best_m + far_m) & (best_m - far_m < near_m)
-        open_ = rows[unsure] if count < len(faces) else rows[:0]
-        for part in np.array_split(open_, max(len(open_) // 200, 1)):
-            if len(part):
-                balls = tree.query_ball_point(points_m[part], best_m[part] + far_m)
-                look(np.repeat(part, [len(ball) for ball in balls]), faces[np.concatenate(balls).astype(np.int64)])
+    faces = np.arange(len(corners)) if among is None else among
+    best_m, nearest = (np.asarray(found) for found in cKDTree(middle[faces]).query(points_m))
+    face, at_m = faces[nearest], middle[faces[nearest]]  # a middle is on its face
+    size = np.ceil(np.log2(np.maximum(reach_m[faces], 1e-12)))
+    for one in np.unique(size):  # by size: else one large face has each point look at all the small ones
+        tree, of = cKDTree(middle[faces[size == one]]), faces[size == one]
+        for part in np.array_split(np.arange(len(points_m)), max(len(points_m) // 200, 1)):
+            within = tree.query_ball_point(points_m[part], np.minimum(best_m[part], near_m) + reach_m[of].max())
+            point = np.repeat(part, [len(some) for some in within])
+            candidate = of[np.concatenate([*within, []]).astype(np.int64)]
+            found = closest_point(corners[candidate], points_m[point])
+            away_m = np.linalg.norm(found - points_m[point], axis=1)
+            order = np.lexsort((away_m, point))
+            first = order[np.unique(point[order], return_index=True)[1]]
+            closer = first[away_m[first] < best_m[point[first]]]
+            best_m[point[closer]], at_m[point[closer]] = away_m[closer], found[closer]
+            face[point[closer]] = candidate[closer]
     return at_m, face
 
 

@@ -30,8 +30,8 @@ def add_bench(commands: Any) -> None:
         metavar="compare A B", help="ratios between two tables of figures, with their spread"
     )
     compare = add_command(further, "compare", _compare)
-    compare.add_argument("first", type=Path, metavar="A", help="a bench.csv or chart.csv")
-    compare.add_argument("second", type=Path, metavar="B", help="another one, of the same kind")
+    compare.add_argument("first", type=Path, metavar="A", help="a bench.csv")
+    compare.add_argument("second", type=Path, metavar="B", help="another one")
 
 
 def _bench(options: argparse.Namespace) -> int:
@@ -76,7 +76,6 @@ def _compare(options: argparse.Namespace) -> int:
 
     for example:
       hapscene bench compare docs/bench/bench.csv out/bench/bench.csv
-      hapscene bench compare before/chart.csv after/chart.csv
     """
     check_there(options.first)
     check_there(options.second)

@@ -1,4 +1,4 @@
-"""`hapscene chart`, `hapscene bench compare`."""
+"""`hapscene chart`."""
 
 from pathlib import Path
 
@@ -58,7 +58,7 @@ def scene_of(mesh: Path) -> hapscene.Scene:
     return scene
 
 
-def test_a_table_is_drawn_again_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_is_drawn_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, out = tmp_path / "chart.csv", tmp_path / "out"
     points = [
         Point("active set", "60°", 0.03, 0.05, {"off": 1e-12}),
@@ -68,7 +68,3 @@ def test_a_table_is_drawn_again_and_compared(tmp_path: Path, capsys: pytest.Capt
     assert main(["chart", "--from", str(table), "--out", str(out)]) == 0
     assert "chart.html" in capsys.readouterr().out
     assert {file.name for file in out.iterdir()} == {"chart.csv", "chart.html", "groove.png", "groove-dark.png"}
-    assert main(["bench", "compare", str(table), str(out / "chart.csv")]) == 0
-    told = capsys.readouterr().out
-    assert "the same machine, or one like it" in told
-    assert "groove, time" in told

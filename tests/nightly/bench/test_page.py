@@ -15,7 +15,6 @@ from hapscene_evidence.bench.order import ORDERS
 from hapscene_evidence.bench.page import AIMS
 from hapscene_evidence.bench.run import bench, publish, write_results
 from hapscene_evidence.bench.sheet import Sheet
-from hapscene_evidence.bench.tick_time import PARTS
 
 
 @pytest.fixture(scope="module")
@@ -51,11 +50,8 @@ def sheet() -> Sheet:
 def _add_rest(sheet: Sheet) -> None:
     for figure in ("four idle effects median", "tick without effects median"):
         sheet.add("harness", figure, 0.0625, "µs")
-    for part in (*PARTS, "clock", *EFFECTS):
+    for part in EFFECTS:
         sheet.add("profile", part, 25.0, "ns")
-    for figure in ("contact", "tick", "late"):
-        sheet.add_spread("sphere 82 k, 1 kHz loop", figure, [1.0, 9.0], "µs")
-    sheet.add_spread("empty 1 kHz loop", "late", [50.0], "µs")
     sheet.add("start", "import hapscene", 0.004, "s")
     sheet.add("start", "sphere 82 k, load to first tick", 3.5, "s")
     sheet.add("start", "sphere 1.31 M, load to first tick", 2.5, "s")
@@ -64,19 +60,13 @@ def _add_rest(sheet: Sheet) -> None:
     for name, count in (("1 body", 1), ("10 bodies", 10), ("1000 bodies", 1000)):
         sheet.add(name, "bodies", count, "1")
         sheet.add_spread(name, "contact", [0.2 * count], "µs")
-        if count > 1:
-            sheet.add(name, "placing the moving bodies", 1.0, "µs")
-            sheet.add_spread(name, "contact, a tenth moving", [float(count)], "µs")
     for order in synthesis.ORDERS:
         for figure in ("one model", "nine models", "lfilter"):
             sheet.add(f"synthesis, order {order}", f"{figure} for 10 s", 5e-4 * order, "s")
     sheet.add("synthesis, order 40", "nine models, alive over lfilter", 2.2, "times")
-    sheet.add("synthesis, wood", "order", 68, "1")
     sheet.add("fit, 10 s", "time", 1.5, "s")
     sheet.add("fit, 600 s", "time", 20.0, "s")
     sheet.add("fit, 600 s", "memory", 3.0, "times")
-    for figure in ("swatch", "lfilter"):
-        sheet.add("synthesis, wood", f"{figure} for 10 s", 0.025, "s")
     sheet.add("twin, Omni, handle", "times real time", 110.0, "1")
     sheet.add("twin, Omni, handle", "tick", 9.0, "µs")
     sheet.add("twin, Omni, handle", "rendering median", 1.2, "µs")
@@ -121,7 +111,7 @@ def test_aims_are_judged(made: list[Path]) -> None:
 
 def test_synthesis_is_told_in_multiples_of_real_time(made: list[Path]) -> None:
     page = made[-1].read_text(encoding="utf-8")
-    assert "| nine models | 40 | 500 | 500 |" in page and "| wood | 68 | 400 | 400 |" in page
+    assert "| nine models | 40 | 500 | 500 |" in page
     assert "| synthesis of 10 s at 10 kHz, order 40 | ≤ 0.02 s | 0.02 s | yes |" in page
 
 
