@@ -178,7 +178,7 @@ def scene() -> Scene:
 
 def fidelity(path: Path) -> None:
     half = Mesh(scene().bodies[0].mesh.vertices_m, scene().bodies[0].mesh.faces[:10])
-    level = Level({"ball": BodyFidelity(half)}, {swatch().name: SwatchFidelity(1, 2, ("tap",))}, {"error_jnd": 0.5})
+    level = Level({"ball": BodyFidelity(half)}, {swatch().name: SwatchFidelity(1, 2)}, {"error_jnd": 0.5})
     save_fidelity(Fidelity(level, {"device": "omni", "seed": 0}), path, scene())
 
 
