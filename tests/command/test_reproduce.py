@@ -25,6 +25,17 @@ def test_writes_a_page_and_its_numbers(
     assert len(rows) == 4 and rows[0]["unit"] == "N" and 1.0 < float(rows[0]["ours"]) < 1.4
 
 
+def test_without_a_checkout_it_says_what_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hapscene.command.options.find_spec", lambda name: None)
+    for command in ("bench", "chart", "reproduce"):
+        assert main([command, "--out", str(tmp_path / "out")]) == 2
+        said = capsys.readouterr().err
+        assert f"hapscene {command}" in said and "checkout" in said
+    assert not (tmp_path / "out").exists()
+
+
 def test_an_interrupt_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(*arguments: object) -> None:
         raise KeyboardInterrupt
