@@ -107,7 +107,7 @@ class Owning(bytearray):
     owned: Any
 
 
-def together(arrays: Sequence[Any], owned: Any = None) -> list[Any]:
+def pack_small_arrays(arrays: Sequence[Any], owned: Any = None) -> list[Any]:
     """The same arrays, the small ones copied side by side into one block of memory: few pages for a tick to touch.
 
     `owned` lives as long as any of those.

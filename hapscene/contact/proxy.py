@@ -40,6 +40,15 @@ TRIES = 2
 FEW = 16
 """Most bodies near with which they are [count]: a try may cast 17 times, and with more `CAST_MAX` would not hold."""
 
+MOVED = 0
+"""The proxy has moved, or its planes have changed: the search goes on."""
+
+AT_REST = 1
+"""The proxy is as near to the tool as its planes allow."""
+
+TRAPPED = 2
+"""No point satisfies the planes."""
+
 DEPTH_MAX_M = 1e3
 """More than any plane pushes [m]."""
 
@@ -218,54 +227,18 @@ def _carry(world: Any, carried_W: Vector) -> None:
 
 @inlined
 def _settle(world: Any, tool_W: Vector) -> bool:
-    """Move the proxy until it rests."""
+    """Move the proxy until it rests; False where it does not within the moves that a tick may take."""
     proxy = world.proxy[0]
     p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
-    met = p  # where a face held it last
-    settled = False
-    last_m = math.inf  # from the proxy to the tool, where it last came to a halt
-    proxy.aside = 0
+    met, halt_m = p, math.inf
     tries = TRIES if proxy.near_count <= FEW else 0
+    outcome = MOVED
+    proxy.aside = 0
     for _ in range(min(PASS_MAX, CAST_MAX // max(1, proxy.near_count))):
-        found, goal = nearest(proxy, tool_W, 1.0)
-        if not found:  # planes that moved apart enclose nothing: let the oldest go
-            if proxy.count < 2:
-                break
-            forget_oldest(proxy)
-            continue
-        drop_idle(proxy)
-        if proxy.aside > 0 and take_back(world, p, goal):
-            continue
-        where = lies_over_planes(world, goal)
-        if where == PAST and tries > 0:
-            tries -= 1
-            outcome, p = cross_edges(world, p, tool_W, goal)
-            if outcome == RESTS:
-                settled = True
-                break
-            if outcome == MET:
-                met = p
-                continue
-            tries = 0
-        way = sub(goal, p)
-        if norm(way) > STILL * _skin(world):
-            stop = cast(world, p, goal)
-            if stop > 0.0:
-                moved = min(stop, 1.0) * norm(way)
-                trust(proxy, proxy.count - 1 if stop <= 1.0 else proxy.count, moved)
-            if stop <= 1.0:
-                p = along(p, stop, way)
-                met = p
-                continue
-            p = goal
-        if where == OVER:
-            settled = True
+        outcome, p, met, halt_m, tries = _advance(world, tool_W, p, met, halt_m, tries)
+        if outcome != MOVED:
             break
-        left_m = norm(sub(tool_W, p))
-        if left_m >= last_m or not drop_unsupported(world, p):  # no nearer than at the last halt: flat, let it be
-            settled = True
-            break
-        last_m = left_m - STILL * proxy.skin_m[ASIDE]
+    settled = bool(outcome == AT_REST)
     if proxy.count == 0 and proxy.aside > 0 and not settled:  # past the edge of the last face, not over the next
         copy_plane(proxy, ASIDE + (proxy.aside - 1) % (SAVED - ASIDE), 0)
         proxy.count = 1
@@ -273,6 +246,59 @@ def _settle(world: Any, tool_W: Vector) -> bool:
     for i in range(3):
         proxy.p_W_m[i] = p[i]
     return settled
+
+
+@inlined
+def _advance(
+    world: Any, tool_W: Vector, p_W: Vector, met_W: Vector, halt_m: float, tries: int
+) -> tuple[int, Vector, Vector, float, int]:
+    """One move of the proxy at `p_W`, or one change of its planes.
+
+    Args:
+        world, tool_W: the scene, and the device position.
+        p_W: the proxy.
+        met_W: where a face stopped it last.
+        halt_m: distance from the proxy to the tool at its last halt, infinite before the first.
+        tries: how often the faces beyond edges may still be tried.
+
+    Returns:
+        `MOVED`, `AT_REST` or `TRAPPED`, and the new `p_W`, `met_W`, `halt_m` and `tries`.
+    """
+    proxy = world.proxy[0]
+    found, goal = nearest(proxy, tool_W, 1.0)
+    if not found:  # planes that moved apart enclose nothing: let the oldest go
+        if proxy.count < 2:
+            return TRAPPED, p_W, met_W, halt_m, tries
+        forget_oldest(proxy)
+        return MOVED, p_W, met_W, halt_m, tries
+    drop_idle(proxy)
+    if proxy.aside > 0 and take_back(world, p_W, goal):
+        return MOVED, p_W, met_W, halt_m, tries
+    where = lies_over_planes(world, goal)
+    if where == PAST and tries > 0:
+        outcome, place = cross_edges(world, p_W, tool_W, goal)
+        if outcome == RESTS:
+            return AT_REST, place, met_W, halt_m, tries
+        if outcome == MET:
+            return MOVED, place, place, halt_m, tries - 1
+        tries = 0
+    p = p_W
+    way = sub(goal, p)
+    if norm(way) > STILL * _skin(world):
+        stop = cast(world, p, goal)
+        if stop > 0.0:
+            moved = min(stop, 1.0) * norm(way)
+            trust(proxy, proxy.count - 1 if stop <= 1.0 else proxy.count, moved)
+        if stop <= 1.0:
+            p = along(p, stop, way)
+            return MOVED, p, p, halt_m, tries
+        p = goal
+    if where == OVER:
+        return AT_REST, p, met_W, halt_m, tries
+    left_m = norm(sub(tool_W, p))
+    if left_m >= halt_m or not drop_unsupported(world, p):  # no nearer than at the last halt: flat, let it be
+        return AT_REST, p, met_W, halt_m, tries
+    return MOVED, p, met_W, left_m - STILL * proxy.skin_m[ASIDE], tries
 
 
 @inlined

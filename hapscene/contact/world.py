@@ -16,7 +16,7 @@ from hapscene.contact.embree import Search, fronts_only, new_ray
 from hapscene.contact.shading import corner_normals
 from hapscene.errors import SceneError
 from hapscene.native import native
-from hapscene.records import Owning, records, together
+from hapscene.records import Owning, pack_small_arrays, records
 
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
@@ -234,7 +234,7 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
         fronts_only=fronts_only(),
         proxy=proxy,
     )
-    near = together([getattr(world, name) for name in HOT], shapes)
+    near = pack_small_arrays([getattr(world, name) for name in HOT], shapes)
     return world._replace(**dict(zip(HOT, near, strict=True)))
 
 

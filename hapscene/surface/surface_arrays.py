@@ -14,7 +14,7 @@ from hapscene.constants import SLIP_CUTOFF_HZ
 from hapscene.device.model import DELAY_MAX, Limits
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import EffectError
-from hapscene.records import OUTPUT, TOUCH, records, together
+from hapscene.records import OUTPUT, TOUCH, pack_small_arrays, records
 from hapscene.surface.device_clipping import WALL, Numbers
 from hapscene.surface.effect import Effect
 from hapscene.surface.effect_compile import compile_effect
@@ -187,7 +187,7 @@ def build_surface(
         clock=new_clock(),
         entries=np.zeros(PHASE_COUNT, np.int64),
     )
-    near = together([getattr(surface, name) for name in HOT])
+    near = pack_small_arrays([getattr(surface, name) for name in HOT])
     surface = surface._replace(**dict(zip(HOT, near, strict=True)))
     touch = surface.touch[0]
     touch.tick_s, touch.rate_Hz, touch.block = tick_s, a_rate_Hz, round(a_rate_Hz * tick_s)
