@@ -10,7 +10,9 @@ solution of the same planes without the skin, which lies on the surface itself.
 """
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX
 from hapscene.contact.cast import cast, cast_body
@@ -30,6 +32,9 @@ from hapscene.contact.triangle import lies_over, to_body, to_body_before, to_wor
 from hapscene.contact.world import ASIDE, SAVED
 from hapscene.geometry import Vector, along, norm, sub
 from hapscene.native import inlined, native
+
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
 
 STILL = 1e-3
 """A move shorter than this is none, in skins [1]."""
@@ -54,7 +59,7 @@ DEPTH_MAX_M = 1e3
 
 
 @native
-def put(world: Any, p_W: Vector) -> None:
+def put(world: "World", p_W: Vector) -> None:
     """Start anew with the proxy at `p_W`, touching nothing; off any face that it starts within a skin of."""
     proxy = world.proxy[0]
     proxy.count = 0
@@ -85,7 +90,7 @@ def put(world: Any, p_W: Vector) -> None:
 
 
 @inlined
-def move(world: Any, tool_W: Vector) -> bool:
+def move(world: "World", tool_W: Vector) -> bool:
     """Move the proxy for one tick, bodies first, then towards the tool.
 
     Results are left in `world.proxy[0]`: `p_WP_m` [m], `held`, and the planes. Returns False where the proxy did not
@@ -116,7 +121,7 @@ def move(world: Any, tool_W: Vector) -> bool:
 
 
 @inlined
-def _chief(world: Any, p_W: Vector) -> int:
+def _chief(world: "World", p_W: Vector) -> int:
     """Of the planes that hold the proxy, the one that pushes most, before all of those whose face it lies over."""
     proxy = world.proxy[0]
     by, most = 0, -1.0
@@ -130,7 +135,7 @@ def _chief(world: Any, p_W: Vector) -> int:
 
 
 @inlined
-def _ride(world: Any) -> Vector:
+def _ride(world: "World") -> Vector:
     """Where the body that the proxy rests on takes it in this tick."""
     proxy = world.proxy[0]
     p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
@@ -142,7 +147,7 @@ def _ride(world: Any) -> Vector:
 
 
 @inlined
-def _list_near(world: Any, tool_W: Vector, carried_W: Vector) -> None:
+def _list_near(world: "World", tool_W: Vector, carried_W: Vector) -> None:
     """List the bodies whose ball meets the ball around the tool that holds all rays of this tick.
 
     The list stays good until the tool, and the bodies, have moved as far as the nearest body that is not listed was
@@ -158,7 +163,7 @@ def _list_near(world: Any, tool_W: Vector, carried_W: Vector) -> None:
 
 
 @native
-def _list(world: Any, tool_W: Vector, reach_m: float) -> None:
+def _list(world: "World", tool_W: Vector, reach_m: float) -> None:
     """List the bodies whose ball comes within `reach_m` of the tool; of more than `NEAR_MAX` the first, and what holds.
 
     So which they are does not change from tick to tick, and nothing lets go of the proxy that holds it.
@@ -186,7 +191,7 @@ def _list(world: Any, tool_W: Vector, reach_m: float) -> None:
 
 
 @native
-def _is_held_by(proxy: Any, index: int) -> bool:
+def _is_held_by(proxy: np.record, index: int) -> bool:
     """Whether a body is among those that hold the proxy."""
     for i in range(proxy.count):
         if proxy.body[i] == index:
@@ -195,7 +200,7 @@ def _is_held_by(proxy: Any, index: int) -> bool:
 
 
 @inlined
-def _carry(world: Any, carried_W: Vector) -> None:
+def _carry(world: "World", carried_W: Vector) -> None:
     """Let moving bodies take the proxy along: the one it rests on carries it, any other pushes it ahead."""
     proxy = world.proxy[0]
     rests_on = proxy.body[0] if proxy.count > 0 else -1
@@ -226,7 +231,7 @@ def _carry(world: Any, carried_W: Vector) -> None:
 
 
 @inlined
-def _settle(world: Any, tool_W: Vector) -> bool:
+def _settle(world: "World", tool_W: Vector) -> bool:
     """Move the proxy until it rests; False where it does not within the moves that a tick may take."""
     proxy = world.proxy[0]
     p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
@@ -250,7 +255,7 @@ def _settle(world: Any, tool_W: Vector) -> bool:
 
 @inlined
 def _advance(
-    world: Any, tool_W: Vector, p_W: Vector, met_W: Vector, halt_m: float, tries: int
+    world: "World", tool_W: Vector, p_W: Vector, met_W: Vector, halt_m: float, tries: int
 ) -> tuple[int, Vector, Vector, float, int]:
     """One move of the proxy at `p_W`, or one change of its planes.
 
@@ -302,7 +307,7 @@ def _advance(
 
 
 @inlined
-def _skin(world: Any) -> float:
+def _skin(world: "World") -> float:
     """Skin of what holds the proxy, 0 in the air: there every move counts."""
     proxy = world.proxy[0]
     return proxy.skin_m[0] if proxy.count > 0 else 0.0
