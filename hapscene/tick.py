@@ -17,7 +17,7 @@ nothing, locks nothing and raises nothing; what goes wrong is a `Flag`.
 """
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
