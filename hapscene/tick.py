@@ -50,7 +50,7 @@ _POSE = int(Flag.POSE_REFUSED)
 
 @native
 def tick(
-    world: "World", surface: "Surface", x: float, y: float, z: float, row: np.record, a_m_s2: NDArray[np.float64]
+    world: "World", surface: "Surface", x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]
 ) -> int:
     """One tick with the tool at (x, y, z) [m] in W; `row` is one `ROW`, `a_m_s2` (block,) its samples. Returns flags.
 
