@@ -20,8 +20,6 @@ from hapscene.view import film
 from hapscene.view.film import Film, _compose, write_film
 from hapscene.view.legend import LegendEntry, lay_out
 
-pytestmark = pytest.mark.nightly
-
 SMALL = Film(size=(320, 240), frame_count=6)
 
 

@@ -19,8 +19,6 @@ from hapscene.view.palette import DARK, rgb
 from hapscene.view.picture import write_picture
 from hapscene.view.triangles import Drawing
 
-pytestmark = pytest.mark.nightly
-
 
 def scene_of(shape: trimesh.Trimesh) -> Scene:
     scene = Scene()
