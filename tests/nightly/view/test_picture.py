@@ -90,6 +90,6 @@ def test_picture_that_cannot_be_drawn_leaves_nothing(tmp_path: Path, monkeypatch
     from hapscene.view import offscreen
 
     monkeypatch.setattr(offscreen.sys, "executable", "/bin/false")
-    with pytest.raises(ViewError, match="libosmesa6"):
+    with pytest.raises(ViewError):
         write_picture(scene_of(trimesh.creation.box((1, 1, 1))), None, tmp_path / "a.png")
     assert list(tmp_path.iterdir()) == []
