@@ -25,6 +25,7 @@ settings.load_profile("fixed")
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--device", metavar="NAME", help="try the contract of devices on this one, which is plugged in")
     parser.addoption("--device-option", action="append", default=[], metavar="KEY=VALUE", help="of its driver")
+    parser.addoption("--update", action="store_true", help="renew tests/messages.golden from the present texts")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

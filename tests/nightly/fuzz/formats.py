@@ -1,4 +1,4 @@
-"""Every format that is read from strangers: a small good file, made by a writer, and its reader."""
+"""Every format that is read: a small valid file, made by a writer, and its reader."""
 
 import io
 import json

@@ -274,7 +274,7 @@ def test_answers_that_are_none(server: Server, home: Path) -> None:
     with pytest.raises(SwatchError):
         read_index(server.url + "index.json")
     server.publish("oak", DATA)
-    refused(server, home)
+    refused(server, home, "elm")
     del server.files["oak.swatch"]
     refused(server, home)
     for url in ("file:///etc/passwd", "ftp://x/y", "oak", "http://"):
