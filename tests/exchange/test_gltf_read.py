@@ -4,7 +4,6 @@ import base64
 import copy
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from hapscene.exchange.gltf import Z_UP
 from hapscene.exchange.swatch_payload import ExchangeWarning
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
-from hapscene.surface.swatch_file import swatch_to_json
 
 pytestmark = pytest.mark.filterwarnings("ignore::hapscene.exchange.swatch_payload.ExchangeWarning")
 
@@ -157,18 +155,6 @@ def test_a_material_made_elsewhere_is_a_swatch_by_its_name(tree: dict, read: Cal
             material |= {"name": "Material.001", "extras": {}}
     with pytest.warns(ExchangeWarning, match="Material"):
         assert "wood" not in [s.name for s in read(tree).swatches]
-
-
-def test_a_long_swatch_comes_from_the_library(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapscene.exchange.swatch_payload.EMBEDDED_MAX", 10)
-    file = export_scene(scene, tmp_path / "desk.glb")[0]
-    with pytest.warns(ExchangeWarning):
-        back = import_scene(file)
-    by_name = {s.name: s for s in back.swatches}
-    assert swatch_to_json(by_name["wood"]) == swatch_to_json(scene.swatches[1])
-    mine = scene.swatches[2]
-    bare = replace(mine, texture=None, taps=None, effects={}, provenance="", licence="", intervals={}, absent={})
-    assert swatch_to_json(by_name[mine.name]) == swatch_to_json(bare)
 
 
 def _set(tree: dict, path: str, value: Any) -> None:

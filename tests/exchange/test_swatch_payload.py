@@ -15,7 +15,6 @@ from hapscene.exchange.swatch_payload import (
     ExchangeWarning,
     check_version,
     digest_of,
-    is_digest,
     join,
     known_swatch,
     pieces_of,
@@ -33,11 +32,6 @@ FILE = Path("desk.ply")
 
 def carry(swatch: Swatch, text: str | None = None) -> Swatch | str:
     return restore(FILE, swatch.name, swatch.own_numbers, list(swatch.albedo_rgb), digest_of(swatch), text)
-
-
-@pytest.mark.parametrize("other", [7, "a" * 63, "A" * 64, "a" * 64 + "\n", b"a" * 64])
-def test_a_digest_is_64_small_hex_digits(other: object) -> None:
-    assert is_digest(digest_of(PLAIN)) and not is_digest(other)
 
 
 def test_the_very_same_comes_from_the_library_by_name() -> None:

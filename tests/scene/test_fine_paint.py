@@ -86,16 +86,6 @@ def test_a_border_lies_within_the_finest_side_of_its_place(finest_m):
     assert side_m.min() > finest_m / 2.1 and side_m.max() > 8 * finest_m
 
 
-def test_slivers_are_cut_into_pieces_as_wide_as_long():
-    scene = hapscene.Scene()
-    body = scene.add(trimesh.creation.cylinder(0.01, 0.1, sections=64), unit="m")
-    paint_region(body, PlaneSide((0, 0, 0.0123), (0, 0, 1)), 0, finest_m=1e-4)
-    assert body.fine is None  # it was all of that
-    paint_region(body, PlaneSide((0, 0, 0.0123), (0, 0, 1)), 1, finest_m=1e-4)
-    check(body)
-    assert len(body.fine) < 300 * 63  # for 63 mm of border; cut in similar triangles, they would be 500,000
-
-
 def test_painted_and_painted_back_leaves_nothing():
     _, body = cube()
     hit = paint_region(body, Sphere(CENTRE, RADIUS_M), 1)
@@ -110,21 +100,6 @@ def test_painted_and_painted_back_leaves_nothing():
     paint_region(body, Sphere(CENTRE, RADIUS_M), 1)
     paint_faces(body, np.array([4, 6]), 2)
     assert body.fine is None and body.face_swatch[4] == 2
-
-
-def test_a_region_that_ends_in_a_side_has_the_side_whole():
-    _, body = cube()
-    hit = paint_region(body, Box((-0.05, -0.05, 0.05), (0.0, 0.05, 0.06)), 1)
-    assert area_m2(body, 1) == pytest.approx(SIDE_M**2 / 2, rel=5e-3) and len(hit) == 2
-    _, body = cube()
-    assert paint_region(body, PlaneSide((0, 0, 0.05), (0, 0, 1)), 1).size == 2 and body.fine is None
-
-
-def test_whole_faces_by_centroid_where_the_finest_is_infinite():
-    _, body = cube()
-    region = PlaneSide((0, 0, 0.01), (0, 0, 1))
-    paint_region(body, region, 1, finest_m=math.inf)
-    assert body.fine is None and ((body.face_swatch == 1) == region.pick(body.mesh)).all()
 
 
 def test_a_soft_border_goes_over_in_its_width_and_a_stroke_does_not_add_to_itself():

@@ -96,32 +96,6 @@ def test_the_report_says_size_in_metres_and_is_json():
     assert "100 mm" in report.text() and "--fix" in report.text()
 
 
-ZOO = {
-    "flip20k": {"mixed_winding": 6144},  # 30 % of 20,480
-    "degen20k": {"zero_area": 2000, "doubled_faces": 500},
-    "tjunc": {"open_edges": 112, "t_junctions": 52, "duplicate_vertices": 2},
-    "open40": {"open_edges": 80},
-    "soup20k": {"duplicate_vertices": 51198},
-    "cube40": {},
-    "plate2mm": {},
-    "vgroove15": {},
-    "sph20k_off10": {},
-}
-
-
-@pytest.mark.parametrize("name", ZOO)
-def test_the_zoo(shared, name):
-    zoo = np.load(shared / "zoo" / f"mesh_{name}.npz")
-    mesh = Mesh(zoo["vertices_m"], zoo["faces"])
-    assert counts(mesh) == ZOO[name]
-    mended, done = repair(mesh)
-    left = {finding.kind for finding in examine(mended).findings}
-    assert not any(finding.fixable for finding in examine(mended).findings)
-    assert left == {k for k in ZOO[name] if k in ("open_edges", "t_junctions")} and bool(done) == (
-        left != ZOO[name].keys()
-    )
-
-
 @pytest.mark.parametrize("name", BROKEN)
 def test_mending_moves_nothing_and_leaves_nothing_to_mend(name):
     mesh, _ = BROKEN[name]

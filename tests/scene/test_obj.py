@@ -36,10 +36,6 @@ def test_polygons_negative_indices_comments_and_continued_lines(tmp_path):
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
 
 
-def test_group_named_as_its_material_is_named_once(tmp_path):
-    assert read(tmp_path, SQUARE + "g rim\nusemtl rim\nf 1 2 3\n").group_names == ("rim",)
-
-
 def test_colours_from_materials_and_pictures(tmp_path):
     from PIL import Image
 

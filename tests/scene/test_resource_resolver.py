@@ -67,11 +67,3 @@ def test_in_an_archive(tmp_path: Path) -> None:
         assert packed["../top.bin"] == packed["top.bin"] == b"top.bin"
         with pytest.raises(MeshError, match="gone"):
             packed.get("gone.bin")
-
-
-def test_what_is_named_often_is_held_once(tmp_path: Path) -> None:
-    with zipfile.ZipFile(tmp_path / "many.zip", "w") as archive:
-        archive.writestr("data.bin", bytes(1000))
-    with zipfile.ZipFile(tmp_path / "many.zip") as archive:
-        packed = ArchiveResources(tmp_path / "many.zip", archive, "part.gltf")
-        assert packed["data.bin"] is packed["./data.bin"]

@@ -4,7 +4,6 @@ import base64
 import json
 import re
 import shutil
-import sys
 import zlib
 from pathlib import Path
 
@@ -90,18 +89,6 @@ def test_a_scene_is_opened_and_saved_through_a_link(tmp_path):
     through.save(link)
     assert link.is_symlink() and [file.name for file in link.parent.iterdir()] == ["my.scene.json"]
     same(through, hapscene.load_scene(tmp_path / "old" / "my.scene.json"))
-
-
-def test_a_scene_may_be_linked_with_all_its_files(tmp_path):
-    (tmp_path / "store").mkdir()
-    (tmp_path / "old").mkdir()
-    build(tmp_path / "old").save(tmp_path / "old" / "my.scene.json")
-    (tmp_path / "old" / "my.scene.json").rename(tmp_path / "store" / "1")
-    (tmp_path / "old" / "my.scene.json").symlink_to(tmp_path / "store" / "1")
-    assert len(hapscene.load_scene(tmp_path / "old" / "my.scene.json").bodies) == 3
-    (tmp_path / "old" / "meshes" / "ball.stl").unlink()
-    with pytest.raises(HapsceneError, match="ball"):
-        hapscene.load_scene(tmp_path / "old" / "my.scene.json")
 
 
 def test_meshes_in_memory_do_not_overwrite_those_in_files(tmp_path):
@@ -304,11 +291,8 @@ def test_nothing_but_its_own_files_is_ever_removed(tmp_path: Path) -> None:
     ("name", "answer"),
     [
         ("cup.box.0123abcd.ply", True),
-        ("cup.box.0123abcde.swatch", True),
         ("scan.20240115.ply", False),  # a date
         ("cup.box.ply", False),
-        ("cup.0123abc.ply", False),
-        ("cup.box.0123abcd.stl", False),
         ("0123abcd.ply", False),
     ],
 )
@@ -375,11 +359,3 @@ def test_a_scene_with_a_packed_painting(tmp_path) -> None:
     scene.paint("ball", "plain")
     scene.save(tmp_path / "my.scene.json")
     assert json.loads((tmp_path / "my.scene.json").read_text())["version"] == 1  # older readers can read that
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")
-def test_a_scene_of_an_undecodable_name_is_saved_and_read(tmp_path):
-    scene = hapscene.Scene()
-    scene.add(hapscene.Mesh.from_trimesh(icosphere(subdivisions=0), unit="m"), name="ball")
-    scene.save(tmp_path / "x\udcff.scene.json")
-    assert [body.name for body in hapscene.load_scene(tmp_path / "x\udcff.scene.json").bodies] == ["ball"]

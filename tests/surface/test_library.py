@@ -126,15 +126,6 @@ def test_file_names_are_plain_and_harm_nothing(home: Path) -> None:
             add(replace(OAK, name=name))
 
 
-def test_a_link_is_replaced_and_not_followed(home: Path, tmp_path: Path) -> None:
-    entry = add(OAK)
-    (home / entry.file).unlink()
-    (tmp_path / "elsewhere").write_text("stays")
-    (home / entry.file).symlink_to(tmp_path / "elsewhere")
-    add(OAK, replace=True)
-    assert (tmp_path / "elsewhere").read_text() == "stays" and not (home / entry.file).is_symlink()
-
-
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
 def test_no_device_is_opened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.swatch")

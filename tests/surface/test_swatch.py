@@ -23,16 +23,6 @@ def test_parameter_takes_the_nearest_that_is_said() -> None:
     assert swatch.parameter("push", "other", 0.1) == 0.1
 
 
-def test_what_it_is_given_may_change_afterwards() -> None:
-    absent, speed = {"texture": "not recorded"}, np.array([0.1])
-    swatch = Swatch("oak", taps=Taps(speed, [1.0], [100.0], [80.0]), absent=absent)
-    absent.clear()
-    speed[0] = 9.0
-    assert swatch.absent == {"texture": "not recorded"} and swatch.taps.approach_m_s.tolist() == [0.1]
-    with pytest.raises(ValueError, match="read-only"):
-        swatch.taps.approach_m_s[0] = 9.0
-
-
 def test_equality_hash_and_pickle_go_by_content() -> None:
     swatch = Swatch("oak", taps=Taps([0.1], [1.0], [100.0], [80.0]))
     same = Swatch("oak", taps=Taps([0.1], [1.0], [100.0], [80.0]))

@@ -53,20 +53,6 @@ def test_saved_whole_and_readable(tmp_path: Path) -> None:
     assert '"stiffness_N_m": 333.3333333333333,\n' in path.read_text(encoding="utf-8")
 
 
-def test_a_failed_save_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "oak.swatch"
-    save_swatch(PLAIN, path)
-
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(SwatchError):
-        save_swatch(make_swatch(), path)
-    assert load_swatch(path) == PLAIN
-    assert len(list(tmp_path.iterdir())) == 1
-
-
 def test_a_file_of_the_first_version_is_read_and_its_noise_passed_over() -> None:
     content = json.loads(swatch_to_json(make_swatch()))
     for key in ("warp", "exponents", "life"):
