@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapscene.device.model import Limits
-from hapscene.surface.device_clipping import WALL, _in_blocks, clips, given, share_of
+from hapscene.surface.device_clipping import WALL, Clip, _in_blocks, clips, given, share_of
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.library import load_swatch
 from hapscene.surface.life import Life
@@ -72,6 +72,21 @@ def test_adhesion_is_spread_until_it_is_soft_at_the_same_work():
     wide = numbers | {(0, "adhesion_range_m"): 1e-2}
     off = numbers | {(0, "adhesion_range_m"): 0.0}
     assert given(LIMITS, EFFECTS, wide) == wide and given(LIMITS, EFFECTS, off) == off
+
+
+@pytest.mark.parametrize(
+    ("number", "given", "reported"),
+    [
+        ("stiffness_N_m", 400.0, True),
+        ("damping_Ns_m", 400.0, True),
+        ("stiffness_N_m", 600.0, False),
+        ("damping_Ns_m", 700.0, False),
+        ("hunt_crossley_Ns_m2", 400.0, True),
+        ("adhesion_range_m", 700.0, True),
+    ],
+)
+def test_a_change_that_is_felt_as_another_surface_is_reported(number, given, reported):
+    assert Clip("oak", number, 600.0, given, "omni", 1000.0).reported is reported
 
 
 # How much of a texture the motors have.
