@@ -21,7 +21,7 @@ from hapscene import cli
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.errors import SwatchError
 from hapscene.surface import library
-from hapscene.surface.library import add, get, load_swatch, own_entries, read_index
+from hapscene.surface.library import get, load_swatch, own_entries, read_index
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
 from hapscene.surface.texture import Texture
@@ -112,13 +112,6 @@ def test_what_is_published_comes_whole(server: Server, home: Path) -> None:
     assert fetched(server) == oak()
     assert sorted(f.name for f in home.iterdir()) == ["index.json", "oak.swatch"]
     assert (home / "oak.swatch").read_bytes() == DATA
-
-
-def test_a_library_folder_is_a_server(server: Server, home: Path, tmp_path: Path) -> None:
-    entry = add(oak(), tmp_path / "published")
-    for name in ("index.json", entry.file):
-        server.files[name] = (tmp_path / "published" / name).read_bytes()
-    assert fetched(server) == oak()
 
 
 def cut(after: int, resumable: bool, times: int) -> Callable[[Any, bytes], None]:

@@ -112,18 +112,6 @@ def test_platform_is_chosen_by_the_machine_and_by_wish(monkeypatch: pytest.Monke
     assert platforms() == ["osmesa", "egl"]
 
 
-def test_one_gpu_is_enough_whosever_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(offscreen, "Path", lambda path: tmp_path / path.lstrip("/"))
-    assert not offscreen._has_gpu()
-    (tmp_path / "dev" / "dri").mkdir(parents=True)
-    for name in ("nvidia0", "dri/renderD128"):
-        (tmp_path / "dev" / name).touch()
-        assert offscreen._has_gpu()
-        (tmp_path / "dev" / name).unlink()
-    (tmp_path / "dev" / "nvidiactl").touch()  # the driver without a card
-    assert not offscreen._has_gpu()
-
-
 # The process that draws goes with the one that started it, however that ends, and leaves nothing.
 
 
