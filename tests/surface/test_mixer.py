@@ -8,7 +8,7 @@ from hapscene.device.model import Limits
 from hapscene.flags import Flag
 from hapscene.renderer import Renderer
 from hapscene.scene.scene import Scene
-from hapscene.surface.effect import Effect
+from hapscene.surface.effect import Effect, Param
 from hapscene.surface.mixer import limit
 from hapscene.surface.surface_arrays import build_surface
 
@@ -65,3 +65,15 @@ def test_fields_add_their_force_and_their_samples():
     fields = [Effect(name, "Pushes.", push, scope="scene") for name in ("one", "two")]
     command = Renderer(scene, fields).step((0.0, 0.0, 9.0))
     assert command.f_W_N.tolist() == [0.0, 0.0, 2.0] and command.a_m_s2[0] == 4.0
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_an_effect_with_nan_in_any_component_is_muted(axis):
+    def fail(touch, p, table, s, out):
+        out.f_W_N[int(p.axis)] = np.nan
+
+    scene = Scene()
+    scene.add(trimesh.creation.box(), unit="m")
+    field = Effect("fail", "Returns NaN.", fail, params=(Param("axis", 0.0, "1", "which"),), scope="scene")
+    command = Renderer(scene, [field], settings={"fail": {"axis": axis}}).step((0.0, 0.0, 9.0))
+    assert command.flags == Flag.EFFECT_MUTED and command.f_W_N.tolist() == [0.0, 0.0, 0.0]
