@@ -34,6 +34,7 @@ FLOOR = (
         "perception",
         "plugin_registry",
         "wall_clock",
+        "web",
         "web_listener",
         "worker_pool",
     ),

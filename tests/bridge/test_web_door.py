@@ -201,7 +201,7 @@ def test_who_says_no_frame_of_axes_is_told_and_may_say_it(served: Here) -> None:
 def test_too_long_a_message_and_too_many_connections_are_refused_and_counted() -> None:
     served = Here(ws=True)
     designer, long = Designer(served), Designer(served)
-    talks = list(served.door._listener._talks.values())
+    talks = list(served.door._listener._threads.values())
     with pytest.raises(ConnectionClosed):
         long.wire.send(" " * (MESSAGE_MAX + 1))
         long.wire.recv(PATIENCE_S)

@@ -106,7 +106,7 @@ def ask(tmp_path: Path) -> Iterator[Callable[..., Asked]]:
 
 
 def order(server: StudyServer, **said: Any) -> None:
-    server.take(json.dumps(said))
+    server.take(said)
 
 
 def await_play(server: StudyServer) -> None:
@@ -289,8 +289,8 @@ def test_garbage_breaks_nothing(ask: Callable[..., Asked]) -> None:
     for key in ("go", "play", "answer", "said"):
         for value in values:
             order(server, **{key: value})
-    for text in ("", "{", "[]", "7", "[" * 5000, b"\xff\xfe"):
-        server.take(text)
+    for value in ("", [], 7, None):
+        server.take(value)
     assert server.state()["screen"] == "trial" and not server.fault and sitting.done == 0
 
 
