@@ -4,7 +4,7 @@ The page is told nothing of what is compared: neither names nor levels nor block
 send anything: each field of a message is checked.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from itertools import groupby
@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from hapscene.errors import HapsceneError
 from hapscene.study.plan import Plan
-from hapscene.study.playing import Player
+from hapscene.study.playing import OutputPlayer
 from hapscene.study.sitting import Sitting
 from hapscene.study.trial_order import Trial, trials
 from hapscene.wall_clock import CLOCK, Clock
@@ -49,7 +49,7 @@ class StudyServer:
     """
 
     def __init__(
-        self, sitting: Sitting, player: Player, *, host: str = "127.0.0.1", port: int = 0, clock: Clock = CLOCK
+        self, sitting: Sitting, player: OutputPlayer, *, host: str = "127.0.0.1", port: int = 0, clock: Clock = CLOCK
     ) -> None:
         self._sitting, self._player, self._clock = sitting, player, clock
         self._practice = [] if sitting.done else practice_trials(sitting.plan)
@@ -115,11 +115,11 @@ class StudyServer:
                 "screen": "trial",
                 "number": -len(self._practice) if practising else trial.number,
                 "practice": practising,
-                "question": trial.question,
+                "question": trial.block.question,
                 "choices": trial.choices,
-                "ends": trial.labels,
-                "kind": "rating" if trial.kind == "rating" else "pair",
-                "intervals": ("",) if trial.kind == "rating" else ("1", "2"),
+                "ends": getattr(trial.block, "labels", None) or (),
+                "kind": "rating" if trial.block.kind == "rating" else "pair",
+                "intervals": ("",) if trial.block.kind == "rating" else ("1", "2"),
                 "heard": sorted(self._heard),
                 "playing": self._playing,
             }
@@ -208,18 +208,15 @@ class StudyServer:
 
 
 def practice_trials(plan: Plan) -> list[Trial]:
-    """The first trials of each block, as a person has them who is none."""
+    """The first trials of each block, in an order and with noise that no participant has."""
     if not plan.practice:
         return []
-
-    def asked() -> Iterator[Trial]:
-        asking = trials(plan, "practice", 0)
-        trial = next(asking, None)
-        while trial is not None:
-            yield trial
-            try:
-                trial = asking.send((trial.correct or 0, None))
-            except StopIteration:
-                return
-
-    return [one for _, block in groupby(asked(), lambda trial: trial.block) for one in list(block)[: plan.practice]]
+    found, answers = list[Trial](), trials(plan, "practice", 0)
+    trial = next(answers, None)
+    while trial is not None:
+        found.append(trial)
+        try:
+            trial = answers.send((trial.correct or 0, None))
+        except StopIteration:
+            trial = None
+    return [one for _, own in groupby(found, lambda trial: trial.block.name) for one in list(own)[: plan.practice]]
