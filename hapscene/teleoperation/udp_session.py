@@ -60,6 +60,7 @@ class Pace:
 
     Attributes:
         slipped: ticks that were skipped because the process was held up [count].
+        late_ns: latencies of the last ticks.
     """
 
     def __init__(self) -> None:
@@ -79,10 +80,10 @@ class Pace:
         self.late_ns.append(time.perf_counter_ns() - self._due_ns)
 
 
-def _spread(times: Collection[int], scale: float) -> dict[str, float]:
-    """Quantiles of times, each times `scale`; empty without any."""
-    quantiles = {"median": 50.0, "p99": 99.0, "max": 100.0}
-    return {n: round(float(np.percentile(list(times), q)) * scale, 3) for n, q in quantiles.items()} if times else {}
+def _quantiles(values: Collection[int], scale: float) -> dict[str, float]:
+    """Quantiles of values, each times `scale`; empty without any."""
+    shares = {"median": 50.0, "p99": 99.0, "max": 100.0}
+    return {n: round(float(np.percentile(list(values), q)) * scale, 3) for n, q in shares.items()} if values else {}
 
 
 class UdpSession:
@@ -121,27 +122,41 @@ class UdpSession:
         sock.setblocking(False)
 
     def run(self, duration_s: float, stopped: Callable[[], bool] = lambda: False) -> dict[str, Any]:
-        """Run until `duration_s` have passed since the peer was first heard, it is gone, or `stopped`.
+        """Run until `duration_s` have passed since the peer's first message, it is gone, or `stopped`.
 
         Returns:
-            a summary: why it ended, the datagrams by what became of them, times, forces.
+            a summary: why it ended, datagrams by result, times, forces.
 
         Raises:
-            HapsceneError: a leader heard nobody within `WAIT_S`; the peer has another scheme.
+            HapsceneError: a leader received nothing within `WAIT_S`; the peer has another scheme.
         """
         if self._ticks == 0:
             self.rehearse()
         collecting = gc.isenabled()
         gc.disable()  # a collection takes several ticks
+        pace = Pace()
         try:
-            pace = Pace()
             reason = self._loop(pace, duration_s / TICK_S, stopped)
         finally:
             if collecting:
                 gc.enable()
             self._say_goodbye()
-        late_us = _spread(pace.late_ns, 1e-3)
-        return {"ended": reason, **self._summary(), "late_us": late_us, "slipped_ticks": pace.slipped}
+        port, queue = self._side.end.port[0], self._side.end.queue[0]
+        return {
+            "ended": reason,
+            "role": ROLES[self._role],
+            "ticks": self._ticks,
+            "sent": self._sent,
+            "received": {**self.gate.counts, "from strangers": self._strangers, "overtaken": int(port.overtaken)},
+            "lost_by_impairment": int(self._link.line[0].lost),
+            "round_trip_ms": _quantiles(self._trips, TICK_S * 1e3),
+            "queue_ms": round(int(queue.waited_ticks) / max(int(queue.stored), 1) * TICK_S * 1e3, 3),
+            "force_max_N": self._force_max_N,
+            "force_in_silence_N": self._force_in_silence_N,
+            "work_of_motors_mJ": float(port.work_J) * 1e3,
+            "latency_us": _quantiles(pace.late_ns, 1e-3),
+            "slipped_ticks": pace.slipped,
+        }
 
     def rehearse(self) -> None:
         """The first tick, which compiles, so that the next is in time; `run` does it where it was not done."""
@@ -163,7 +178,7 @@ class UdpSession:
             heard_since += 1 if self.gate.session is not None else 0
             if self.gate.mismatched:
                 raise HapsceneError(
-                    f"the peer is not tied by {SCHEMES[self._scheme]!r}: start both ends with the same --scheme"
+                    f"the peer has another scheme than {SCHEMES[self._scheme]!r}: start both with the same --scheme"
                 )
             if self.gate.ended:
                 return "the peer has ended"
@@ -230,21 +245,6 @@ class UdpSession:
             self._ticks += 1
             self._send(ends=True)
 
-    def _summary(self) -> dict[str, Any]:
-        port, queue = self._side.end.port[0], self._side.end.queue[0]
-        return {
-            "role": ROLES[self._role],
-            "ticks": self._ticks,
-            "sent": self._sent,
-            "heard": {**self.gate.counts, "from strangers": self._strangers, "overtaken": int(port.overtaken)},
-            "lost_by_impairment": int(self._link.line[0].lost),
-            "round_trip_ms": _spread(self._trips, TICK_S * 1e3),
-            "queue_ms": round(int(queue.waited_ticks) / max(int(queue.stored), 1) * TICK_S * 1e3, 3),
-            "force_max_N": self._force_max_N,
-            "force_in_silence_N": self._force_in_silence_N,
-            "work_of_motors_mJ": float(port.work_J) * 1e3,
-        }
-
 
 def _name(address: Any) -> str:
     return f"{address[0]}:{address[1]}"
@@ -259,12 +259,10 @@ def run_follower(
     duration_s: float = math.inf,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Touch a plate for the first leader that speaks from the host `allowed`, until it ends; returns a summary.
-
-    Prints where it listens in one line on standard output, once it is ready.
+    """Touch a plate for the first leader from the host `allowed`, until it ends; returns a summary.
 
     Raises:
-        HapsceneError: an address that cannot be listened at, an unknown swatch.
+        HapsceneError: an address that cannot be bound, an unknown swatch.
     """
     world = world_of(plate(swatch), seed=seed)  # owns what the follower's compiled tick looks into
     side = new_follower(world, Omni(), coupling, START_M, UP)
