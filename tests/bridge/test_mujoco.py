@@ -272,7 +272,6 @@ FIELD = '<mujoco><asset><hfield name="a" nrow="{0}" ncol="{0}" size="1 1 1 1"/><
     [
         (FIELD.format(2**31 - 1), "MuJoCo (failed on it|says)"),  # which crashes MuJoCo 4.0
         ('<mujoco><size nuser_geom="2147483647"/><worldbody><geom size="1"/></worldbody></mujoco>', "MuJoCo says"),
-        ('<mujoco><include file="gone.xml"/></mujoco>', "MuJoCo says .*gone"),
         (None, "cannot be read: No such file"),
     ],
 )
@@ -329,7 +328,6 @@ def test_a_model_is_touched_from_the_command_line(
     ("xml", "says"),
     [
         ('<option timestep="0"/><worldbody><geom size=".1"/></worldbody>', "its timestep is 0 s; expected 1e-05 to 1"),
-        ('<option timestep="1e-9"/><worldbody><geom size=".1"/></worldbody>', "its timestep is 1e-09 s"),
         (
             '<asset><hfield name="h" nrow="2100" ncol="2000" size="1 1 1 .1"/></asset>'
             '<worldbody><geom type="hfield" hfield="h"/></worldbody>',

@@ -33,13 +33,6 @@ def test_it_is_a_csv_by_the_standard(path: Path) -> None:
     assert b'"so, ""so"""' in content and load_rows(path)[1]["choice"] == 'so, "so"'
 
 
-def test_pandas_reads_it_as_it_is(path: Path) -> None:
-    pandas = pytest.importorskip("pandas")
-    frame = pandas.read_csv(path)
-    assert list(frame.columns) == list(COLUMNS) and list(frame["trial"]) == [0, 1, 2]
-    assert frame["rating"].isna().all() and frame["level"].dtype == float and frame["choice"][0] == 'so, "so"'
-
-
 def test_a_torn_last_line_is_cut_wherever_it_is_torn(path: Path) -> None:
     content = path.read_bytes()
     last = content.rstrip().rindex(b"\n") + 1

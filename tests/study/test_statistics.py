@@ -96,13 +96,6 @@ def test_answers_to_another_plan_are_refused(folder: Path) -> None:
         analyse_rows(parse_plan(TEXT), rows)
 
 
-def test_guessing_is_not_called_equal_without_a_margin(tmp_path: Path) -> None:
-    plan = one_block("2ifc", 10)
-    simulate(plan, tmp_path, people=3, truth=Truth(strength={"alive": 0.0, "steady": 0.0}))
-    said = [f.verdict for f in analyse(tmp_path).findings if f.verdict]
-    assert said and all(words.startswith("not decided") for words in said)
-
-
 def test_pandas_and_r_find_the_same_numbers(folder: Path, analysis: Analysis) -> None:
     """Of the file as it is: R's read.csv takes the same text, plain header and NA."""
     pandas = pytest.importorskip("pandas")

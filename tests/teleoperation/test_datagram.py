@@ -105,12 +105,6 @@ def test_numbers_out_of_range_are_malformed(field: str, value: float) -> None:
     assert fate(Gate(1), pack(told, 1, 9)) == "malformed"
 
 
-def test_negative_ticks_are_malformed() -> None:
-    body = bytearray(pack(message(), 1, 9)[:-4])
-    struct.pack_into("<q", body, 12, -1)
-    assert fate(Gate(1), checked(bytes(body))) == "malformed"
-
-
 def test_the_last_word_is_heard() -> None:
     gate = Gate(1)
     gate.admit(pack(message(), 1, 9, ends=True), records(1, MESSAGE)[0])

@@ -96,13 +96,6 @@ def test_samples_wait_as_much_longer_as_the_latest_come_late(late_ticks: int) ->
     assert queue[0].turn - queue[0].a_turn == late_ticks - 1
 
 
-def test_samples_wait_no_longer_than_is_not_yet_noticed() -> None:
-    queue = new_queue()
-    played = np.array(play_late(A_EXTRA_MAX + 20, 600, queue))
-    assert queue[0].a_extra_ticks == A_EXTRA_MAX
-    assert np.count_nonzero(played[200:] < 0.0) == 40  # each tenth is given up
-
-
 def test_samples_wait_no_longer_than_needed_once_the_line_is_good_again() -> None:
     queue = new_queue()
     play_late(20, 300, queue)
