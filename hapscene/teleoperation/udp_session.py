@@ -1,9 +1,9 @@
-"""Leader and follower as processes: the bilateral loop at 1 kHz, with UDP as its line.
+"""Leader and follower as processes: the bilateral loop at 1 kHz, over UDP.
 
-What arrives is checked (`datagram`) and handed to the end; the tick is that of the simulation (`bilateral_loop`); what
-leaves the link is sent. When the peer has been silent for the coupling's `timeout_s` the motors let go (`endpoint`).
-After `PATIENCE_S` of silence, when the peer says that it ends, or at Ctrl-C, the session ends: the device is no longer
-driven, and the peer is told.
+Datagrams that arrive are checked (`datagram`) and handed to the endpoint; the tick is that of the simulation
+(`bilateral_loop`); messages that leave the link are sent. When the peer has been silent for the coupling's `timeout_s`
+the motors let go (`endpoint`). The session ends after `PATIENCE_S` of silence, with the peer, or at Ctrl-C; the peer is
+sent a last message.
 """
 
 import gc
@@ -12,7 +12,8 @@ import os
 import socket
 import time
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from typing import Any, Final
 
 import numpy as np
@@ -33,6 +34,8 @@ from hapscene.teleoperation.operation import UP, world_of
 from hapscene.teleoperation.test_plate import START_M, explore, plate
 from hapscene.touch import speak
 from hapscene.twin.hand_intent import Intent
+
+__all__ = ["Pace", "UdpSession", "run_follower", "run_leader"]
 
 BEHIND_MAX: Final = 50
 """Most ticks that are made up for [count]. A process that was held up for longer skips them."""
@@ -246,10 +249,6 @@ class UdpSession:
             self._send(ends=True)
 
 
-def _name(address: Any) -> str:
-    return f"{address[0]}:{address[1]}"
-
-
 def run_follower(
     address: tuple[str, int],
     allowed: str,
@@ -262,16 +261,16 @@ def run_follower(
     """Touch a plate for the first leader from the host `allowed`, until it ends; returns a summary.
 
     Raises:
-        HapsceneError: an address that cannot be bound, an unknown swatch.
+        HapsceneError: an address that cannot be bound, an unknown host or swatch.
     """
-    world = world_of(plate(swatch), seed=seed)  # owns what the follower's compiled tick looks into
+    world = world_of(plate(swatch), seed=seed)  # must live as long as the follower, which refers to its memory
     side = new_follower(world, Omni(), coupling, START_M, UP)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+    with _opened(address, socket.socket.bind) as sock:
         try:
-            sock.bind(address)
+            host = socket.gethostbyname(allowed)
         except OSError as reason:
-            raise HapsceneError(f"{_name(address)}: cannot be listened at: {reason.strerror}") from None
-        session = UdpSession(side, sock, impairment=impairment, seed=seed, allowed=_resolved(allowed))
+            raise HapsceneError(f"{allowed}: no such host: {reason.strerror}") from None
+        session = UdpSession(side, sock, impairment=impairment, seed=seed, allowed=host)
         return _run(session, f"a follower listens at {_name(sock.getsockname())}", duration_s)
 
 
@@ -292,25 +291,28 @@ def run_leader(
     gesture = explore(grip, coupling.stiffness_N_m)
     handle = new_handle(Plant(), Plant(), compensator, ACCELERATION_RATE_HZ, seed)
     side = new_leader(Omni(), handle, coupling, START_M, UP)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        try:
-            sock.connect(address)
-        except OSError as reason:
-            raise HapsceneError(f"{_name(address)}: cannot be reached: {reason.strerror}") from None
+    with _opened(address, socket.socket.connect) as sock:
         session = UdpSession(side, sock, gesture.intent, impairment, seed)
         return _run(session, f"a leader calls {_name(address)}", duration_s)
 
 
-def _run(session: UdpSession, told: str, duration_s: float) -> dict[str, Any]:
+@contextmanager
+def _opened(address: tuple[str, int], attach: Callable[[socket.socket, Any], None]) -> Iterator[socket.socket]:
+    """A UDP socket that is bound or connected."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        try:
+            attach(sock, address)
+        except OSError as reason:
+            raise HapsceneError(f"{_name(address)}: cannot be used: {reason.strerror}") from None
+        yield sock
+
+
+def _run(session: UdpSession, title: str, duration_s: float) -> dict[str, Any]:
     session.rehearse()
     with interrupt_noted() as noted:
-        speak(f"{told}\n")
+        speak(f"{title}\n")
         return session.run(duration_s, noted)
 
 
-def _resolved(host: str) -> str:
-    """The address of a host."""
-    try:
-        return socket.gethostbyname(host)
-    except OSError as reason:
-        raise HapsceneError(f"{host}: no such host: {reason.strerror}") from None
+def _name(address: Any) -> str:
+    return f"{address[0]}:{address[1]}"

@@ -214,5 +214,5 @@ def test_two_processes_stay_passive_over_a_bad_line_and_end_at_ctrl_c() -> None:
 
 
 def test_an_address_of_another_machine_cannot_be_listened_at() -> None:
-    with pytest.raises(HapsceneError, match=r"192\.0\.2\.1:1: cannot be listened at"):
+    with pytest.raises(HapsceneError, match=r"192\.0\.2\.1:1: cannot be used"):
         run_follower(("192.0.2.1", 1), "127.0.0.1", "wood", Coupling(), Impairment())
