@@ -32,6 +32,7 @@ FLOOR = (
         "perception",
         "plugin_registry",
         "wall_clock",
+        "web",
         "web_listener",
         "worker_pool",
     ),
