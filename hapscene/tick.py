@@ -104,12 +104,18 @@ def run_ticks(
 
     Where `teleported` (m,) is not 0, a body appears at its first pose.
     """
-    entries = surface.entries
     for k in range(len(p_WT_m)):
-        if entries[PLACE] != 0:
-            call_flags(entries[PLACE], (world, surface, moving, X_WB, teleported, len(moving), k))
-        p = p_WT_m[k]
-        call_flags(entries[TICK], (world, surface, p[0], p[1], p[2], rows[k], a_m_s2[k]))
+        p, moved = p_WT_m[k], (moving, X_WB, teleported, len(moving), k)
+        tick_at(world, surface, moved, (p[0], p[1], p[2]), rows[k], a_m_s2[k])
+
+
+@inlined
+def tick_at(world: Any, surface: Any, moved: Any, p_WT: Vector, row: Any, a_m_s2: NDArray[np.float64]) -> None:
+    """Place the bodies that move, and tick: what every loop does. `moved` is what `place_bodies` takes after these."""
+    entries = surface.entries
+    if entries[PLACE] != 0:
+        call_flags(entries[PLACE], (world, surface, moved[0], moved[1], moved[2], moved[3], moved[4]))
+    call_flags(entries[TICK], (world, surface, p_WT[0], p_WT[1], p_WT[2], row, a_m_s2))
 
 
 def use_tick(world: "World", surface: "Surface", rows: Records, a_m_s2: NDArray[np.float64]) -> None:

@@ -58,7 +58,7 @@ CORE = (
 )
 """What a loop with a real device needs."""
 
-INNER = ("handle", "interrupt", "motion", "servo", "twin", "wire")
+INNER = ("handle", "interrupt", "loop", "motion", "servo", "twin", "wire")
 """What the core does not need, and others build on."""
 
 OUTER = (
@@ -88,6 +88,7 @@ APART = {
     "contact": ("surface", "device", "tick", "renderer"),
     "device": ("surface", "scene", "tick", "renderer"),
     "handle": ("contact", "device", "scene", "tick", "renderer", "twin", "servo"),
+    "loop": ("servo", "twin"),
     "twin": ("servo",),
     "wire": ("contact", "device", "scene", "surface", "tick", "renderer", "handle", "twin", "servo"),
     "exchange": ("device", "tick", "renderer", "handle", "twin", "servo"),
