@@ -16,7 +16,7 @@ from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.twin.hand_intent import Intent
 from hapscene.twin.twin import Twin
-from hapscene.twin.twin_recording import Feel
+from hapscene.twin.result import Feel
 
 pytestmark = pytest.mark.filterwarnings("ignore::hapscene.scene.mesh.MeshWarning")
 
