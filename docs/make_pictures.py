@@ -44,13 +44,19 @@ PAINTER = {"width": 1200, "height": 750}
 """Of the painter's page [pixels]."""
 
 PLAY = f"""
+import pickle
 import sys
 from hapscene.recording import Recording
 from hapscene.touch import open_scene
 from hapscene.view import window
+from hapscene.view.gl import watch
 from hapscene.view.palette import DARK, LIGHT
-window.Player.now = lambda player: player.at({WINDOW_S})
-window._run = lambda folder: window._main(folder) or ""
+def open_here(job):
+    player, legend, title, theme = pickle.loads(job)
+    figure = player.figure
+    watch(figure.parts, figure.points_m(tool=True), legend, title, theme, lambda: player.at({WINDOW_S}))
+    return ""
+window._run = open_here
 scene, touch = open_scene(sys.argv[1]), Recording.load(sys.argv[2])
 window.play_in_window(scene, touch, "hapscene", theme=DARK if sys.argv[3] else LIGHT)
 """
@@ -69,7 +75,7 @@ def main() -> None:
                 shutil.copyfile(out / f"{picture}.png", IMG / f"{picture}{dark}.png")
             _painter(folder, dark)
             _hapscene("view", pebble, "--size", "800x560", "--out", IMG / f"pebble{dark}.png", *option)
-            film = ("--painting", "--turn", 0, "--size", "720x450", "--seconds", 15, "--frames", 150)
+            film = ("--turn", 0, "--size", "720x450")
             _hapscene("view", SCENE, "--touch", out / "touch.npz", *film, "--out", DOCS / f"demo{dark}.gif", *option)
             if shutil.which("Xvfb") is None:
                 print(f"without window{dark}.png: there is no Xvfb")

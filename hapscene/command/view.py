@@ -18,14 +18,13 @@ from hapscene.command.options import (
     new_file,
     number,
     reading,
-    whole,
 )
 from hapscene.errors import ViewError
 
 SIDE_MAX: Final = 4096
 """Longest side of a picture [pixels]: twice of it is what GL can draw everywhere."""
 
-FILM_OPTIONS: Final = ("frames", "seconds", "turn", "painting")
+FILM_OPTIONS: Final = ("seconds", "turn")
 
 
 def add_view(commands: Any) -> None:
@@ -42,11 +41,6 @@ def add_view(commands: Any) -> None:
     shade.add_argument("--dark", action="store_true", help="on a dark background")
     film = command.add_argument_group("films")
     film.add_argument(
-        "--frames",
-        type=whole("a count of a film's frames", 2, 10_000),
-        help="how many (default 12.5 a second as GIF, 25 as MP4)",
-    )
-    film.add_argument(
         "--seconds",
         type=number("a film lasts a number of seconds", high=3600.0, above=0.0),
         help="how long (default: as the touch; without one 6)",
@@ -57,7 +51,6 @@ def add_view(commands: Any) -> None:
         metavar="DEGREES",
         help="how far the camera goes around (default 360)",
     )
-    film.add_argument("--painting", action="store_true", default=None, help="begin plain; paint swatch by swatch first")
 
 
 def _view(options: argparse.Namespace) -> int:
@@ -67,7 +60,7 @@ def _view(options: argparse.Namespace) -> int:
       hapscene view demo
       hapscene view desk.scene.json
       hapscene view bunny.ply --unit m --swatch wood --out bunny.gif --size 480x360 --dark
-      hapscene view desk.scene.json --touch out/desk/touch.npz --turn 0 --painting --out desk.mp4
+      hapscene view desk.scene.json --touch out/desk/touch.npz --turn 0 --out desk.mp4
     """
     options.scene, options.unit = find_asset(options.scene, options.unit)
     check_scene(options.scene, options.unit, options.swatch)
@@ -79,10 +72,9 @@ def _view(options: argparse.Namespace) -> int:
     from hapscene.files import check_file
     from hapscene.recording import Recording
     from hapscene.touch import step
-    from hapscene.view.film import RATES_HZ, Film, write_film
     from hapscene.view.offscreen import started_ahead
     from hapscene.view.palette import DARK, LIGHT
-    from hapscene.view.picture import write_picture
+    from hapscene.view.picture import RATES_HZ, Film, write_film, write_picture
 
     kind = Path(options.out).suffix.lower()
     if kind not in (".png", *RATES_HZ):
@@ -103,12 +95,10 @@ def _view(options: argparse.Namespace) -> int:
             film = Film(
                 size=options.size or Film.size,
                 seconds=options.seconds,
-                frame_count=options.frames,
                 turn_rad=float(np.radians(given.get("turn", 360.0))),
-                painting=bool(options.painting),
                 theme=theme,
             )
-            write_film(scene, recording, options.out, film=film, say=say)
+            write_film(scene, recording, options.out, film)
     name_made([Path(options.out)])
     return 0
 

@@ -1,6 +1,6 @@
 """Bodies as triangles to draw: each piece in the colour of its swatch, shaded by the colours in the mesh's file."""
 
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
 
+__all__ = ["scene_solid", "shade_of", "used_swatches"]
+
 CREASE_COS: Final = 0.95
 """Cosine of the angle, 18°, up to which a corner is shaded by the normal of all faces around it; beyond it by its own
 face's, so that edges stay sharp."""
@@ -24,59 +26,33 @@ SHADE_SHARE: Final = 0.5
 """How much of the light and dark in a file's own colours is seen through a swatch [1]."""
 
 
-class Pieces(NamedTuple):
-    """The k pieces of one paint that a body is drawn in: whole faces, and the leaves of those painted finer.
-
-    Their faces (k,), the barycentric coordinates of their corners there (k, 3, 3), and their paints (k,).
-    """
-
-    face: NDArray[np.integer]
-    corners: NDArray[np.float64]
-    paint: NDArray[np.int64]
-
-
-def pieces_of(body: "Body") -> Pieces:
-    """What a body is drawn in."""
-    whole = np.arange(len(body.mesh.faces))
-    leaves = body.fine or NO_LEAVES
-    whole = np.delete(whole, leaves.faces)
-    return Pieces(
-        np.concatenate((whole, leaves.face)),
-        np.concatenate((np.broadcast_to(np.eye(3), (len(whole), 3, 3)), leaves.corners())),
-        np.concatenate((body.face_swatch[whole], leaves.paint)),
-    )
-
-
 def used_swatches(scene: "Scene") -> list[int]:
     """Indices of the swatches that some piece wears, ascending."""
     return sorted({int(i) for body in scene.bodies for i in swatches_of(body)})
 
 
-def worn_by(scene: "Scene") -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Of each piece in `scene_solid`, the swatch that it wears, the heavier of a blend, and the index of its body."""
-    paints = [pieces_of(body).paint for body in scene.bodies]
-    return parts(np.concatenate(paints))[0], np.repeat(np.arange(len(paints)), [len(paint) for paint in paints])
-
-
-def scene_solid(scene: "Scene", painted: bool = True) -> Triangles:
-    """Every body of the scene at its pose, each piece in the colour of its paint; or, unpainted, of the plain one."""
+def scene_solid(scene: "Scene") -> Triangles:
+    """Every body of the scene at its pose, each piece in the colour of its paint."""
     colours = np.array([rgb(colour) for colour in distinct_colours(scene.swatches, used_swatches(scene))])
-    return joined([_body_solid(body, colours, painted) for body in scene.bodies])
+    return joined([_body_solid(body, colours) for body in scene.bodies])
 
 
-def _body_solid(body: "Body", colours: NDArray[np.float64], painted: bool) -> Triangles:
-    mesh, X_WB, pieces = body.mesh, np.asarray(body.X_WB), pieces_of(body)
-    vertices_m = mesh.vertices_m @ X_WB[:3, :3].T + X_WB[:3, 3]
-    a, b, weight = parts(pieces.paint * painted)
+def _body_solid(body: "Body", colours: NDArray[np.float64]) -> Triangles:
+    mesh, X_WB, leaves = body.mesh, np.asarray(body.X_WB), body.fine or NO_LEAVES
+    whole = np.delete(np.arange(len(mesh.faces)), leaves.faces)  # faces that are not painted finer
+    face = np.concatenate((whole, leaves.face))
+    a, b, weight = parts(np.concatenate((body.face_swatch[whole], leaves.paint)))
     colour = (1 - weight)[:, None] * colours[a] + weight[:, None] * colours[b]
     if mesh.colour_rgb is not None:
-        own, plain = mesh.colour_rgb[pieces.face], a == 0
+        own, plain = mesh.colour_rgb[face], a == 0
         colour[plain] = own[plain] / 255
         colour[~plain] = np.clip(colour * shade_of(own, mesh.colour_rgb)[:, None], 0.0, 1.0)[~plain]
+    vertices_m = mesh.vertices_m @ X_WB[:3, :3].T + X_WB[:3, 3]
     corner_m, normal = vertices_m[mesh.faces.ravel()], _corner_normals(mesh) @ X_WB[:3, :3].T
     if body.fine is not None:
-        corner_m = (pieces.corners @ corner_m.reshape(-1, 3, 3)[pieces.face]).reshape(-1, 3)
-        normal = unit((pieces.corners @ normal.reshape(-1, 3, 3)[pieces.face]).reshape(-1, 3))
+        corners = np.concatenate((np.broadcast_to(np.eye(3), (len(whole), 3, 3)), leaves.corners()))
+        corner_m = (corners @ corner_m.reshape(-1, 3, 3)[face]).reshape(-1, 3)
+        normal = unit((corners @ normal.reshape(-1, 3, 3)[face]).reshape(-1, 3))
     return Triangles(corner_m, normal, np.repeat(linear_rgb(colour), 3, axis=0))
 
 

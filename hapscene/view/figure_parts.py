@@ -1,20 +1,21 @@
-"""What stands in a picture: bodies, the path as far as it has gone, tool, proxy, force; parts, ready to be shown."""
+"""The parts of a picture: bodies, the path up to a tick, tool, proxy and force."""
 
-from dataclasses import dataclass, fields
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.recording import Recording
-from hapscene.view.body_triangles import scene_solid, worn_by
+from hapscene.view.body_triangles import scene_solid
 from hapscene.view.camera import facing, pose_of
 from hapscene.view.palette import AIR, FORCE, OKABE_ITO, PATH, Theme
-from hapscene.view.triangles import Shown, Triangles, cut, joined, lathe, moved, packed, tube, unpacked
+from hapscene.view.triangles import Shown, Triangles, joined, lathe, moved, tube
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
+
+__all__ = ["ARROW_SPACING", "PROXY_COLOUR", "FigureParts", "arrow_ticks", "make_figure_parts"]
 
 PATH_RADIUS: Final = 2.2e-3
 """Radius of the path on the surface, as a fraction of the scene's diagonal [1]."""
@@ -35,10 +36,7 @@ TOOL_ALONG: Final = (0.8, 0.4, 1.0)
 """Direction of the tool from its tip, as a right hand holds a pen, in W."""
 
 TOOL, PROXY, SHAFT, HEAD, BODIES = range(5)
-"""Numbers of the first parts."""
-
-SLICE_COUNT: Final = 8
-"""Strokes in which each swatch of a body is painted, where painting is shown [count]."""
+"""Numbers of the first parts; pieces of the path follow."""
 
 PROXY_COLOUR: Final = OKABE_ITO["black"]
 
@@ -48,8 +46,6 @@ class FigureParts:
     """A scene, and a touch of it, as parts. Frame S is W moved by `p_WS_m`."""
 
     parts: list[Triangles]
-    slice_count: int
-    """After the bodies' unpainted rest come so many pieces with their paint, and as many without."""
     piece_tick: NDArray[np.int64]
     """(p,) tick from which each piece of the path, the last p parts, is there."""
     p_ST_m: NDArray[np.float64]
@@ -63,15 +59,10 @@ class FigureParts:
     arrow_m_N: float
     """Length of an arrow for each newton [m/N]."""
 
-    def shown(self, tick: int | None = None, painted: int | None = None) -> Shown:
-        """What is seen: the bodies; and, at a tick, the path up to it, the tool, proxy and force.
-
-        `painted` says how many pieces have their paint; all without it.
-        """
-        painted = self.slice_count if painted is None else painted
+    def shown(self, tick: int | None = None) -> Shown:
+        """The bodies; and, at a tick, the path up to it, the tool, the proxy and the force."""
         here = np.eye(4)
-        pieces = [*range(painted), *range(self.slice_count + painted, 2 * self.slice_count)]
-        shown = [(BODIES, here), *((BODIES + 1 + k, here) for k in pieces)]
+        shown = [(BODIES, here)]
         if tick is None:
             return shown
         first = len(self.parts) - len(self.piece_tick)
@@ -90,24 +81,10 @@ class FigureParts:
 
     def points_m(self, tool: bool) -> NDArray[np.float64]:
         """What the camera must hold (k, 3): bodies, path, arrows; and the tool, if it is shown."""
-        ends = [part.corner_m for part in self.parts[BODIES : BODIES + 1 + self.slice_count]]
-        ends += [self.p_SP_m, self.p_SP_m + self.f_N * self.arrow_m_N]
+        ends = [self.parts[BODIES].corner_m, self.p_SP_m, self.p_SP_m + self.f_N * self.arrow_m_N]
         if tool:
             ends += [self.p_ST_m, self.p_ST_m + TOOL_LENGTH * self.size_m * _unit(np.array(TOOL_ALONG))]
         return np.concatenate(ends)
-
-    def save(self, path: Path) -> None:
-        """Write as npz, for the process of the window."""
-        with path.open("wb") as file:
-            np.savez(file, **packed(self.parts), **{f.name: getattr(self, f.name) for f in fields(self)[1:]})
-
-    @classmethod
-    def load(cls, path: Path) -> "FigureParts":
-        """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as archive:
-            values = {f.name: archive[f.name] for f in fields(cls)[1:]}
-            single = {name: value.item() for name, value in values.items() if value.ndim == 0}
-            return cls(parts=unpacked(archive), **values | single)
 
     def _arrow(self, tick: int) -> Shown:
         """The force at a tick: a shaft from the proxy, and a head."""
@@ -124,22 +101,20 @@ class FigureParts:
 
 
 def make_figure_parts(
-    scene: "Scene", recording: Recording | None, theme: Theme, piece_ticks: NDArray[np.int64], painting: bool = False
+    scene: "Scene", recording: Recording | None, theme: Theme, piece_ticks: NDArray[np.int64]
 ) -> FigureParts:
-    """The stage of a scene.
+    """The parts of a picture of a scene.
 
     Args:
         scene: its bodies stand at their poses.
         recording: the touch, or None.
         theme: colours around the scene.
         piece_ticks: (p,) ticks at which a new piece of the path is seen, ascending.
-        painting: whether to cut the bodies into pieces that can be shown unpainted.
     """
     solid = scene_solid(scene)
     low_m, high_m = solid.corner_m.min(axis=0), solid.corner_m.max(axis=0)
     p_WS_m, size_m = (low_m + high_m) / 2, max(float(np.linalg.norm(high_m - low_m)), 1e-9)
-    pieces_W = _slices(scene, solid) if painting else [solid]
-    bodies = [piece._replace(corner_m=piece.corner_m - p_WS_m) for piece in pieces_W]
+    bodies = solid._replace(corner_m=solid.corner_m - p_WS_m)
     p_ST_m = p_SP_m = f_N = np.zeros((0, 3))
     pieces: list[Triangles] = []
     if recording is not None:
@@ -147,8 +122,7 @@ def make_figure_parts(
         pieces = _path(recording, p_WS_m, PATH_RADIUS * size_m, piece_ticks)
     f_max_N = float(np.linalg.norm(f_N, axis=1).max(initial=0.0))
     return FigureParts(
-        parts=[*_props(size_m, theme), *bodies, *pieces],
-        slice_count=len(bodies) // 2,
+        parts=[*_props(size_m, theme), bodies, *pieces],
         piece_tick=piece_ticks[: len(pieces)],
         p_ST_m=p_ST_m,
         p_SP_m=p_SP_m,
@@ -192,21 +166,6 @@ def _path(
                 runs.append(tube(line_m[at[max(start - 1, 0) : stop + 1]], radius_m * 0.4, AIR))
         pieces.append(joined(runs))
     return pieces
-
-
-def _slices(scene: "Scene", solid: Triangles) -> list[Triangles]:
-    """What is never painted; then, swatch by swatch of each body, strokes with their paint; then those without."""
-    plain = scene_solid(scene, painted=False)
-    worn, owner = worn_by(scene)
-    along_m = solid.corner_m.reshape(-1, 3, 3).mean(axis=1) @ (1.0, -0.3, 0.2)  # strokes go to the right
-    chosen = []
-    for body in range(len(scene.bodies)):
-        for swatch in np.unique(worn[(owner == body) & (worn > 0)]):
-            region = (owner == body) & (worn == swatch)
-            borders = np.quantile(along_m[region], np.linspace(0, 1, SLICE_COUNT + 1)[1:-1])
-            stroke = np.searchsorted(borders, along_m)
-            chosen += [region & (stroke == k) for k in range(SLICE_COUNT)]
-    return [cut(solid, worn == 0), *(cut(solid, c) for c in chosen), *(cut(plain, c) for c in chosen)]
 
 
 def _props(size_m: float, theme: Theme) -> list[Triangles]:

@@ -1,4 +1,4 @@
-"""Pixels through pyrender. The only importer of it, and so exchangeable."""
+"""Frames and the window, drawn with pyrender. No other module imports pyrender."""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -8,9 +8,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.view.camera import facing, pose_of
-from hapscene.view.palette import EDGE, rgb
+from hapscene.view.camera import facing, looks, pose_of
+from hapscene.view.palette import EDGE, Theme, rgb
 from hapscene.view.triangles import Drawing, Shown, Triangles, joined, moved, same
+
+__all__ = ["render", "watch", "without_viewer"]
 
 AMBIENT: Final = (0.32, 0.32, 0.32)
 """Light from everywhere."""
@@ -20,6 +22,12 @@ LIGHTS: Final = (((-0.5, 0.8, 1.0), 2.2), ((1.0, 0.1, 0.6), 0.9))
 
 CAPTION_PT: Final = 18
 """Height of the window's text [pixels]."""
+
+WINDOW_PX: Final = (1000, 750)
+"""Size of the window [pixels]."""
+
+VIEW_RAD: Final = np.radians(30.0)
+"""Height of the window camera's view [rad]: little distortion, and still depth."""
 
 
 def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
@@ -65,32 +73,31 @@ def without_viewer() -> Any:
 
 def watch(
     parts: Sequence[Triangles],
-    camera: tuple[NDArray[np.float64], float, float],
-    background: str,
-    ink: str,
+    points_m: NDArray[np.float64],
     legend: Sequence[tuple[str, str]],
     title: str,
-    size: tuple[int, int],
+    theme: Theme,
     now: Callable[[], tuple[Shown, str]],
 ) -> None:
     """Open a window, and return when it is closed.
 
     Args:
         parts: what can be seen.
-        camera: its pose X_SC (4, 4), its height of view [rad], and how far it sees [m].
-        background, ink: colours, "#rrggbb".
+        points_m: what the camera must hold (k, 3).
         legend: texts, each with the colour that it explains.
         title: of the window.
-        size: of the window [pixels].
-        now: what is shown in the frame that is drawn next, and the line under it.
+        theme: colours around the scene.
+        now: returns what is shown in the next frame, and its caption.
     """
     import pyrender
     from OpenGL import GL
 
-    scene = _empty(pyrender, background)
+    scene = _empty(pyrender, theme.background)
     nodes = [scene.add(_mesh(pyrender, part)) if len(part.corner_m) else None for part in parts]
-    X_SC, view_rad, far_m = camera
-    scene.add(pyrender.PerspectiveCamera(view_rad, znear=far_m * 1e-3, zfar=far_m), pose=X_SC)
+    (R_SC,) = looks([0.0])
+    distance_m = 0.85 * float(np.linalg.norm(points_m, axis=1).max()) / np.sin(VIEW_RAD / 2)
+    camera = pyrender.PerspectiveCamera(VIEW_RAD, znear=distance_m * 1e-2, zfar=10.0 * distance_m)
+    scene.add(camera, pose=pose_of(R_SC, R_SC[:, 2] * distance_m))
 
     class Window(pyrender.Viewer):  # type: ignore[misc]
         due = False
@@ -125,11 +132,11 @@ def watch(
 
         def _write(self, text: str, x: int, y: int) -> None:
             safe = text.encode("ascii", "replace").decode()  # pyrender has glyphs for no more
-            self._renderer.render_text(safe, x, y, font_pt=CAPTION_PT, color=np.append(rgb(ink), 1.0))
+            self._renderer.render_text(safe, x, y, font_pt=CAPTION_PT, color=np.append(rgb(theme.ink), 1.0))
 
     window = Window(
         scene,
-        viewport_size=size,
+        viewport_size=WINDOW_PX,
         auto_start=False,
         use_raymond_lighting=True,
         cull_faces=False,

@@ -1,4 +1,4 @@
-"""plots.png: what the tool felt over time, readable at a glance."""
+"""Plots of a touch over time: plots.png, and hand.png of a touch in closed loop."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from hapscene.recording import Recording
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO, SHADE, swatch_colours
+
+__all__ = ["STYLE", "draw_hand_plot", "draw_plot", "envelope", "write_hand_plot", "write_plot"]
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,8 +29,8 @@ DPI: Final = 110
 WINDOW_S: Final = 0.05
 """Window of the spectrogram [s]: lines 20 Hz apart, and a tap still looks short."""
 
-WINDOWS: Final = 1000
-"""Windows of the spectrogram that are made at once [count]."""
+WINDOWS: Final = 1200
+"""Windows of the spectrogram [count], about the plot's columns; more where they would not overlap by half."""
 
 RANGE_DB: Final = 60.0
 """Range of the spectrogram below its maximum [dB]."""
@@ -157,6 +159,8 @@ def _fill_accelerations(ax: "Axes", recording: Recording, *parts: tuple[str | No
 
 def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
     """Power spectral density of the acceleration over time, in dB."""
+    from matplotlib import mlab
+
     a_m_s2, rate_Hz = recording.a_m_s2.ravel(), recording.a_rate_Hz
     ax.set_ylabel("acceleration,\nfrequency [Hz]")
     ax.set_ylim(0, min(FREQUENCY_MAX_HZ, rate_Hz / 2))
@@ -166,43 +170,18 @@ def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
     if len(a_m_s2) < 2 * length or not a_m_s2.any():
         ax.text(0.5, 0.5, "silence", transform=ax.transAxes, ha="center", va="center")
         return
-    # about as many windows as the plot has columns, and at least half overlapping
-    hop = max(min(length // 2, len(a_m_s2) // 1200), 1)
-    frequency_Hz, density = power_density(a_m_s2, rate_Hz, length, hop)
-    level_dB = 10 * np.log10(np.maximum(density, 1e-30))
+    hop = max(min(length // 2, len(a_m_s2) // WINDOWS), 1)
+    found = mlab.specgram(a_m_s2, length, rate_Hz, "mean", noverlap=length - hop, pad_to=2 * length)
+    density, frequency_Hz, t_s = map(np.asarray, found)
+    seen = frequency_Hz <= FREQUENCY_MAX_HZ
+    level_dB = 10 * np.log10(np.maximum(density[seen], 1e-30))
     top_dB = float(np.ceil(level_dB.max()))
-    first_s = recording.t_s[0] + length / 2 / rate_Hz
-    last_s = first_s + (level_dB.shape[1] - 1) * hop / rate_Hz
-    extent = (first_s, last_s, 0.0, float(frequency_Hz[-1]))
+    extent = (recording.t_s[0] + t_s[0], recording.t_s[0] + t_s[-1], 0.0, float(frequency_Hz[seen][-1]))
     image = ax.imshow(
         level_dB, origin="lower", aspect="auto", cmap="magma", vmin=top_dB - RANGE_DB, vmax=top_dB, extent=extent
     )
     bar.set_visible(True)
     ax.figure.colorbar(image, cax=bar, label="dB re 1 (m/s²)²/Hz")
-
-
-def power_density(
-    signal: NDArray[np.float64], rate_Hz: float, length: int, hop: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """One-sided power spectral density of Hann windows of `length` samples, `hop` apart, each without its mean.
-
-    Computed here, since scipy.signal takes longer to import than all plots to draw.
-
-    Returns:
-        The frequencies (k,) [Hz] up to `FREQUENCY_MAX_HZ`, half a window's resolution apart; and (k, n) [unit²/Hz].
-    """
-    frequency_Hz = np.asarray(np.fft.rfftfreq(2 * length, 1.0 / rate_Hz), np.float64)
-    seen = frequency_Hz <= FREQUENCY_MAX_HZ
-    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
-    windows = np.lib.stride_tricks.sliding_window_view(signal, length)[::hop]
-    pieces = []
-    for start in range(0, len(windows), WINDOWS):  # what is not seen is let go piece by piece
-        some = windows[start : start + WINDOWS]
-        spectrum = np.fft.rfft((some - some.mean(axis=1, keepdims=True)) * window, 2 * length, axis=1)[:, seen]
-        pieces.append(np.abs(spectrum.T) ** 2)
-    density = np.concatenate(pieces, axis=1) / (rate_Hz * np.sum(window**2))
-    density[(frequency_Hz[seen] > 0.0) & (frequency_Hz[seen] < 0.5 * rate_Hz)] *= 2.0  # the other side's
-    return frequency_Hz[seen], density
 
 
 def legend_above(ax: "Axes") -> None:

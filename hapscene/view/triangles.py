@@ -1,18 +1,31 @@
-"""Triangles to draw, lines as tubes among them, and what the process that draws is handed.
+"""Triangles to draw, lines as tubes among them, and the drawing that a child process gets.
 
-Imports NumPy alone, since that process starts with it.
+Imports NumPy alone, since that process starts with this module.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.view.palette import rgb
+
+__all__ = [
+    "NOTHING",
+    "Drawing",
+    "Frame",
+    "Shown",
+    "Triangles",
+    "joined",
+    "lathe",
+    "linear_rgb",
+    "moved",
+    "same",
+    "tube",
+]
 
 TUBE_SIDES: Final = 8
 TUBE_RINGS_MAX: Final = 3000
@@ -27,6 +40,10 @@ class Triangles(NamedTuple):
     corner_m: NDArray[np.float64]
     normal: NDArray[np.float64]
     colour: NDArray[np.float64]
+
+    def in_float32(self) -> "Triangles":
+        """The same in the precision of GL: half as large to send to another process."""
+        return Triangles(*(values.astype(np.float32) for values in self))  # type: ignore[arg-type]
 
 
 NOTHING: Final = Triangles(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
@@ -46,12 +63,6 @@ def moved(solid: Triangles, X: NDArray[np.float64]) -> Triangles:
     normal = solid.normal @ np.linalg.inv(X[:3, :3])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     return Triangles(solid.corner_m @ X[:3, :3].T + X[:3, 3], normal, solid.colour)
-
-
-def cut(solid: Triangles, chosen: NDArray[np.bool_]) -> Triangles:
-    """The triangles that are chosen (k,)."""
-    corner = np.repeat(chosen, 3)
-    return Triangles(*(values[corner] for values in solid))
 
 
 def lathe(profile_m: list[tuple[float, float]], colour: str) -> Triangles:
@@ -119,11 +130,8 @@ def linear_rgb(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(srgb**2.2)
 
 
-# What is handed to GL: triangles in parts, and for each frame which parts are shown, where, and from where.
-
-
 Shown = list[tuple[int, NDArray[np.float64]]]
-"""Indices of parts that are seen, each with its pose X_SP (4, 4)."""
+"""Indices of the parts that are seen, each with its pose X_SP (4, 4)."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +150,6 @@ class Drawing:
     parts: Sequence[Triangles]
     """Each in a frame P of its own."""
     frames: Sequence[Frame]
-    """As many as there are to draw."""
     extent_m: tuple[float, float, float]
     """Half width and half height of what the orthographic camera sees, and how far it sees."""
     size: tuple[int, int]
@@ -152,57 +159,7 @@ class Drawing:
     oversampling: int
     """Pixels drawn for each pixel of `size`, along each side."""
 
-    def save(self, path: Path) -> None:
-        """Write as npz, for the process that draws."""
-        shown = [(k, part, X_SP) for k, frame in enumerate(self.frames) for part, X_SP in frame.shown]
-        with path.open("wb") as file:
-            np.savez(
-                file,
-                **packed(self.parts),
-                X_SC=np.array([frame.X_SC for frame in self.frames]),
-                shown=np.array([(k, part) for k, part, _ in shown]),
-                X_SP=np.array([X_SP for *_, X_SP in shown]),
-                extent_m=self.extent_m,
-                size=self.size,
-                background=self.background,
-                oversampling=self.oversampling,
-            )
-
-    @classmethod
-    def load(cls, path: Path) -> "Drawing":
-        """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as archive:
-            shown: list[Shown] = [[] for _ in archive["X_SC"]]
-            for (k, part), X_SP in zip(archive["shown"], archive["X_SP"], strict=True):
-                shown[k].append((int(part), X_SP))
-            x_m, y_m, far_m = (float(m) for m in archive["extent_m"])
-            width, height = (int(n) for n in archive["size"])
-            return cls(
-                unpacked(archive),
-                [Frame(X_SC, parts) for X_SC, parts in zip(archive["X_SC"], shown, strict=True)],
-                (x_m, y_m, far_m),
-                (width, height),
-                str(archive["background"]),
-                int(archive["oversampling"]),
-            )
-
 
 def same(a: Shown, b: Shown) -> bool:
     """Whether the same parts are seen at the same places."""
     return len(a) == len(b) and all(i == j and np.array_equal(X, Y) for (i, X), (j, Y) in zip(a, b, strict=True))
-
-
-def packed(parts: Sequence[Triangles]) -> dict[str, Any]:
-    """Arrays that hold all the parts, in float32 as GL takes them."""
-    arrays = {
-        name: np.concatenate([getattr(part, name) for part in parts]).astype(np.float32)
-        for name in ("corner_m", "normal", "colour")
-    }
-    return arrays | {"part_end": np.cumsum([len(part.corner_m) for part in parts])}
-
-
-def unpacked(archive: Any) -> list[Triangles]:
-    """The parts from those arrays."""
-    names = ("corner_m", "normal", "colour")
-    pieces = [np.split(archive[name], archive["part_end"][:-1]) for name in names]
-    return [Triangles(*arrays) for arrays in zip(*pieces, strict=True)]

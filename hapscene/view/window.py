@@ -1,52 +1,48 @@
-"""A touch played in a desktop window, at its own speed, by a process of its own: `python -m hapscene.view.window DIR`.
+"""A touch played in a desktop window at its own speed, in a child process: `python -m hapscene.view.window`.
 
-Its own, since a window's loop belongs to the process's main thread, and a driver that crashes takes only it along.
+A window's loop belongs to the main thread of a process, and a driver that crashes ends only the child.
 """
 
-import json
 import os
+import pickle
+import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
 from hapscene.interrupt import heard
 from hapscene.recording import Recording
-from hapscene.view.camera import looks, pose_of
 from hapscene.view.figure_parts import FigureParts, make_figure_parts
 from hapscene.view.legend import entries_of
-from hapscene.view.offscreen import go_with_the_other, job_folder, start_drawer
+from hapscene.view.offscreen import last_line
 from hapscene.view.palette import FORCE, LIGHT, Theme
 from hapscene.view.triangles import Shown
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
+__all__ = ["Player", "check_display", "felt", "play_in_window"]
+
 PIECE_S: Final = 0.2
-"""Length of the pieces in which the path grows [s]. Each is drawn by a call, which is what software GL is slow at."""
+"""Length of the pieces in which the path grows [s]. Each is a draw call, and software GL is slow at draw calls."""
 
 PAUSE_S: Final = 1.5
-"""How long the end stays before the touch is played again [s]."""
+"""Pause at the end before the touch is played again [s]."""
 
-VIEW_RAD: Final = np.radians(30.0)
-"""Height of the camera's view [rad]: little distortion, and still depth."""
-
-SIZE: Final = (1000, 750)
-"""Of the window [pixels]."""
-
-_FILM: Final = "`hapscene view SCENE --touch touch.npz --out film.gif` needs none"
+_FILM: Final = "`hapscene view SCENE --touch touch.npz --out film.gif` needs no window"
 
 
 def check_display() -> None:
-    """See that there is a screen to open a window on.
+    """Check that there is a screen to open a window on.
 
     Raises:
-        ViewError: there is none; the line says what to do.
+        ViewError: there is no screen.
     """
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         raise ViewError(
@@ -65,19 +61,15 @@ def play_in_window(scene: "Scene", recording: Recording, title: str = "", *, the
         theme: colours around the scene.
 
     Raises:
-        ViewError: no window can be opened here; one line says why and what to do.
+        ViewError: no window can be opened here; the message names the reason and what to do.
     """
     check_display()
     end = len(recording) - 1
     count = max(round((recording.t_s[-1] - recording.t_s[0]) / PIECE_S), 1)
-    stage = make_figure_parts(scene, recording, theme, np.linspace(0, end, count + 1).round().astype(np.int64)[1:])
-    legend = [*((e.text, e.colour) for e in entries_of(scene, theme, path=True, tool=True)), ("force", FORCE)]
-    words = {"title": title, "legend": legend, "background": theme.background, "ink": theme.ink}
-    with job_folder() as folder:
-        stage.save(folder / "stage.npz")
-        recording.save(folder / "touch.npz")
-        (folder / "words.json").write_text(json.dumps(words), encoding="utf-8")
-        reason = _run(folder)
+    figure = make_figure_parts(scene, recording, theme, np.linspace(0, end, count + 1).round().astype(np.int64)[1:])
+    entries = entries_of(scene, theme, path=True, tool=True)
+    legend = [*((entry.text, entry.colour) for entry in entries), ("force", FORCE)]
+    reason = _run(pickle.dumps((Player(figure, recording), legend, title, theme)))
     if reason:
         raise ViewError(
             f"no window can be opened here ({reason}); it needs an X display (DISPLAY) and the system packages libgl1 "
@@ -86,36 +78,46 @@ def play_in_window(scene: "Scene", recording: Recording, title: str = "", *, the
 
 
 def felt(recording: Recording, hand: Path) -> Recording:
-    """A touch in closed loop as it truly went: the tool's place and the motors' force from its hand.npz."""
+    """A closed-loop touch as it went: the tool's position and the motors' force from its hand.npz."""
     with np.load(hand, allow_pickle=False) as archive:
         return replace(recording, p_WT_m=archive["p_W_m"], f_W_N=archive["f_motor_W_N"])
 
 
-def _run(folder: Path) -> str:
-    """Run the window's process to its end; return why it failed, or nothing."""
+def _run(job: bytes) -> str:
+    """Run the window's process to its end; return why it failed, or an empty text."""
     environment = {name: value for name, value in os.environ.items() if name != "PYOPENGL_PLATFORM"}
-    with start_drawer("hapscene.view.window", folder, environment) as window:
+    command = [sys.executable, "-m", "hapscene.view.window"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, env=environment, stdin=pipe, stderr=pipe) as process:
+        assert process.stdin is not None and process.stderr is not None
         try:
-            return window.reason() if window.process.wait() else ""
+            process.stdin.write(job)
+            process.stdin.flush()  # and kept open: its end is the end of this process
+            complaint = process.stderr.read()
+            return last_line(complaint, process.returncode) if process.wait() else ""
+        except BrokenPipeError:
+            return last_line(process.stderr.read(), process.wait())
         except KeyboardInterrupt:
             heard()
             return ""
+        finally:
+            process.kill()
 
 
 class Player:
-    """Which tick is shown now: in real time from the first frame on, over and over."""
+    """Which tick is shown now: in real time from the first frame on, again and again."""
 
-    def __init__(self, stage: FigureParts, recording: Recording) -> None:
-        self._stage, self._recording = stage, recording
-        self._force_N = np.linalg.norm(stage.f_N, axis=1)
+    def __init__(self, figure: FigureParts, recording: Recording) -> None:
+        self.figure, self._recording = figure, recording
+        self._force_N = np.linalg.norm(figure.f_N, axis=1)
         self._t_s = recording.t_s - recording.t_s[0]
         self._start_s: float | None = None
 
     def now(self) -> tuple[Shown, str]:
-        """What is seen now, and the line that says it in numbers."""
+        """The parts that are shown now, and a caption with time, force and swatch."""
         now_s = time.monotonic()
         if self._start_s is None:
-            self._start_s = now_s  # opening the window took its time
+            self._start_s = now_s  # the first frame, since opening the window takes time
         return self.at((now_s - self._start_s) % (float(self._t_s[-1]) + PAUSE_S))
 
     def at(self, t_s: float) -> tuple[Shown, str]:
@@ -123,31 +125,26 @@ class Player:
         tick = max(int(np.searchsorted(self._t_s, t_s, side="right")) - 1, 0)
         swatch = int(self._recording.swatch[tick])
         where = self._recording.swatch_names[swatch] if swatch >= 0 else "in the air"
-        return self._stage.shown(tick), f"{self._t_s[tick]:6.2f} s   {self._force_N[tick]:5.2f} N   {where}"
+        return self.figure.shown(tick), f"{self._t_s[tick]:6.2f} s   {self._force_N[tick]:5.2f} N   {where}"
 
 
-def _view_of(stage: FigureParts) -> tuple[NDArray[np.float64], float, float]:
-    """A camera that sees all of the stage: its pose, height of view [rad] and range [m]."""
-    points_m = stage.points_m(tool=True)
-    radius_m = float(np.linalg.norm(points_m, axis=1).max())
-    distance_m = 0.85 * radius_m / np.sin(VIEW_RAD / 2)
-    (R_SC,) = looks([0.0])
-    return pose_of(R_SC, R_SC[:, 2] * distance_m), VIEW_RAD, 10.0 * distance_m
-
-
-def _main(folder: Path) -> None:
-    """What the process does."""
+def _main() -> None:
+    """Read the job, open the window: what the child process does."""
     from hapscene.view.gl import watch
 
-    stage, recording = FigureParts.load(folder / "stage.npz"), Recording.load(folder / "touch.npz")
-    words = json.loads((folder / "words.json").read_text(encoding="utf-8"))
-    watch(stage.parts, _view_of(stage), **words, size=SIZE, now=Player(stage, recording).now)
+    player, legend, title, theme = pickle.load(sys.stdin.buffer)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    figure = player.figure
+    watch(figure.parts, figure.points_m(tool=True), legend, title, theme, player.now)
+
+
+def _end_with_parent() -> None:
+    os.read(0, 1)  # returns when the parent process closes the pipe or ends
+    os._exit(1)
 
 
 if __name__ == "__main__":
-    directory = Path(sys.argv[1])
-    go_with_the_other(directory)
     try:
-        _main(directory)
-    except KeyboardInterrupt:  # at a terminal it comes here as well
+        _main()
+    except (EOFError, KeyboardInterrupt):  # Ctrl-C in a terminal reaches this process too
         sys.exit(0)

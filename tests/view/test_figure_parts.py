@@ -1,7 +1,6 @@
 """What stands in a picture."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,11 +12,9 @@ from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.view.figure_parts import (
     ARROW_LENGTH,
-    BODIES,
     HEAD,
     SHAFT,
     TOOL,
-    FigureParts,
     arrow_ticks,
     make_figure_parts,
 )
@@ -61,24 +58,3 @@ def test_arrows_stand_at_even_distances_and_once_in_a_tap(recording: Recording) 
     assert held[0] == 1 and held[1] >= 5
     within = ticks[(ticks >= 800) & (ticks < 1400)]
     assert np.linalg.norm(np.diff(recording.p_WP_m[within], axis=0), axis=1).max() < 0.0055
-
-
-def test_painting_covers_every_face_once(scene: Scene) -> None:
-    stage = make_figure_parts(scene, None, LIGHT, np.zeros(0, np.int64), painting=True)
-    whole = make_figure_parts(scene, None, LIGHT, np.zeros(0, np.int64))
-    centres = {tuple(np.round(c, 9)) for c in whole.parts[BODIES].corner_m.reshape(-1, 3, 3).mean(axis=1)}
-    for painted in range(stage.slice_count + 1):
-        solids = [stage.parts[part] for part, _ in stage.shown(None, painted)]
-        corners = np.concatenate([solid.corner_m for solid in solids])
-        assert len(corners) == len(whole.parts[BODIES].corner_m)
-        assert {tuple(np.round(c, 9)) for c in corners.reshape(-1, 3, 3).mean(axis=1)} == centres
-    assert stage.slice_count > 1
-
-
-def test_stage_comes_back_from_its_file(tmp_path: Path, scene: Scene, recording: Recording) -> None:
-    stage = make_figure_parts(scene, recording, LIGHT, np.array([1999]))
-    stage.save(tmp_path / "stage.npz")
-    again = FigureParts.load(tmp_path / "stage.npz")
-    assert [len(part.corner_m) for part in again.parts] == [len(part.corner_m) for part in stage.parts]
-    for (i, X), (j, Y) in zip(stage.shown(900), again.shown(900), strict=True):
-        assert i == j and np.array_equal(X, Y)

@@ -8,12 +8,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import scipy
 from matplotlib.text import Text
 from PIL import Image
 
 from hapscene.recording import Recording
-from hapscene.view.plot import draw_hand_plot, draw_plot, envelope, power_density, write_plot
+from hapscene.view.plot import draw_hand_plot, draw_plot, envelope, write_plot
 
 
 def test_every_plot_names_its_quantity_and_unit(recording: Recording) -> None:
@@ -52,18 +51,6 @@ def test_spectrogram_is_brightest_where_the_sine_is(recording: Recording) -> Non
     level_dB = np.asarray(image.get_array())
     frequency_Hz = np.linspace(*image.get_extent()[2:], len(level_dB))
     assert abs(frequency_Hz[level_dB.max(axis=1).argmax()] - 250.0) <= 10.0
-
-
-def test_power_is_that_of_scipy_s_spectrogram(monkeypatch: pytest.MonkeyPatch) -> None:
-    signal = np.random.default_rng(2).normal(size=20_000) + 3.0
-    frequency_Hz, density = power_density(signal, 10_000.0, 500, 16)
-    f_Hz, _, expected = scipy.signal.spectrogram(signal, 10_000.0, window="hann", nperseg=500, noverlap=484, nfft=1000)
-    np.testing.assert_allclose(frequency_Hz, f_Hz[f_Hz <= 1000.0])
-    np.testing.assert_allclose(density, expected[f_Hz <= 1000.0], rtol=1e-9, atol=1e-15)
-    monkeypatch.setattr("hapscene.view.plot.WINDOWS", 7)  # piece by piece
-    assert np.array_equal(power_density(signal, 10_000.0, 500, 16)[1], density)
-    f_Hz, _, expected = scipy.signal.spectrogram(signal, 1000.0, window="hann", nperseg=50, noverlap=25, nfft=100)
-    np.testing.assert_allclose(power_density(signal, 1000.0, 50, 25)[1], expected, rtol=1e-9, atol=1e-15)
 
 
 def test_no_peak_is_lost() -> None:

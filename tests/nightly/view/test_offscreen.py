@@ -1,12 +1,12 @@
 """Frames without a screen."""
 
-import os
+import pickle
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ import pytest
 from hapscene.errors import ViewError
 from hapscene.view import offscreen
 from hapscene.view.camera import looks, place
-from hapscene.view.offscreen import draw, job_folder, platforms, start_drawer, started_ahead
+from hapscene.view.offscreen import draw, platforms, started_ahead
 from hapscene.view.triangles import Drawing, Frame, lathe
 
 
@@ -44,14 +44,14 @@ def test_frames_come_one_by_one_and_batches_make_no_difference(
 def test_a_process_that_was_started_ahead_draws_the_same_and_once(
     drawing: Drawing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    started: list[str] = []
-    start = offscreen.start_drawer
+    started: list[object] = []
+    start = subprocess.Popen
 
-    def counted(module: str, *arguments: object, **more: object) -> object:
-        started.append(module)
-        return start(module, *arguments, **more)
+    def counted(*arguments: Any, **more: Any) -> object:
+        started.append(arguments)
+        return start(*arguments, **more)
 
-    monkeypatch.setattr(offscreen, "start_drawer", counted)
+    monkeypatch.setattr(offscreen.subprocess, "Popen", counted)
     try:
         (expected,) = draw(replace(drawing, frames=drawing.frames[:1]))
     except ViewError as error:
@@ -65,11 +65,10 @@ def test_a_process_that_was_started_ahead_draws_the_same_and_once(
     assert np.array_equal(ahead, expected) and np.array_equal(after, expected)
 
 
-def test_a_process_that_was_started_ahead_goes_unused_with_its_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_was_started_ahead_and_not_used_ends() -> None:
     with started_ahead():
-        ((job, drawer),) = offscreen._ahead.values()
-        assert job.is_dir()
-    assert drawer.process.returncode is not None and not job.exists() and not offscreen._ahead
+        (process,) = offscreen._ahead.values()
+    assert process.returncode is not None and not offscreen._ahead
     with started_ahead(wanted=False):
         assert not offscreen._ahead
 
@@ -88,9 +87,9 @@ def test_where_nothing_draws_the_error_names_the_packages(
 def test_driver_that_crashes_midway_is_told(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
     def one_frame(platform: str, job: Drawing) -> Iterator[np.ndarray]:
         yield np.zeros((60, 80, 3), np.uint8)
-        raise offscreen._Undrawn("ended with code -11")
+        raise offscreen._DrawingFailed("ended with code -11")
 
-    monkeypatch.setattr(offscreen, "_draw_with", one_frame)
+    monkeypatch.setattr(offscreen, "_draw_batch", one_frame)
     with pytest.raises(ViewError, match="-11"):
         list(draw(drawing))
 
@@ -112,37 +111,6 @@ def test_platform_is_chosen_by_the_machine_and_by_wish(monkeypatch: pytest.Monke
     assert platforms() == ["osmesa", "egl"]
 
 
-# The process that draws goes with the one that started it, however that ends, and leaves nothing.
-
-
-DRAWER = """
-import sys, time
-from pathlib import Path
-from hapscene.view.offscreen import go_with_the_other
-go_with_the_other(Path(sys.argv[1]))
-print("drawing", flush=True)
-time.sleep(600.0)
-"""
-
-FAILING = "import sys\nprint('GL is at fault', file=sys.stderr)\nsys.exit(3)\n"
-
-
-@pytest.fixture
-def environment(tmp_path: Path) -> dict[str, str]:
-    """Where the drawer is found, and temporary folders are made."""
-    (tmp_path / "drawer.py").write_text(DRAWER)
-    (tmp_path / "temporary").mkdir()
-    return os.environ | {"PYTHONPATH": str(tmp_path), "TMPDIR": str(tmp_path / "temporary")}
-
-
-def test_why_it_failed_is_its_last_line(tmp_path: Path, environment: dict[str, str]) -> None:
-    (tmp_path / "drawer.py").write_text(FAILING)
-    with job_folder() as job, start_drawer("drawer", job, environment) as drawer:
-        assert drawer.reason() == "GL is at fault"
-        assert drawer.process.returncode == 3
-    assert not job.exists()
-
-
 ALONE = """
 import ctypes, sys
 load = ctypes.CDLL.__init__
@@ -151,65 +119,40 @@ def refuse(self, name, *rest, **more):
         raise OSError(f"{name}: not installed")
     load(self, name, *rest, **more)
 ctypes.CDLL.__init__ = refuse
-from hapscene.view.triangles import Drawing
+import pickle
 from hapscene.view.gl import render
-from pathlib import Path
-print(sum(frame.std() > 10 for frame in render(Drawing.load(Path(sys.argv[1])))), "pyglet" in sys.modules)
+print(sum(frame.std() > 10 for frame in render(pickle.load(sys.stdin.buffer))), "pyglet" in sys.modules)
 """
 
 
-def test_osmesa_needs_no_other_library(tmp_path: Path, drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_osmesa_needs_no_other_library(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
     from ctypes.util import find_library
 
     if find_library("OSMesa") is None:
         pytest.skip("libosmesa6 is not installed")
     monkeypatch.setenv("PYOPENGL_PLATFORM", "osmesa")
-    drawing.save(tmp_path / "job.npz")
-    done = subprocess.run(
-        [sys.executable, "-c", ALONE, tmp_path / "job.npz"], capture_output=True, text=True, timeout=120.0
-    )
-    assert done.stdout.split() == ["3", "False"], done.stderr[-500:]
+    command = [sys.executable, "-c", ALONE]
+    done = subprocess.run(command, input=pickle.dumps(drawing), capture_output=True, timeout=120.0)
+    assert done.stdout.split() == [b"3", b"False"], done.stderr[-500:]
 
 
 APPLICATION = """
-import os
+import signal
 from hapscene.interrupt import interrupted_by_ends
-from hapscene.view.offscreen import start_drawer, job_folder
-with interrupted_by_ends(), job_folder() as job:
-    (job / "stage.npz").touch()
-    with start_drawer("drawer", job, os.environ) as drawer:
-        drawer.process.wait()
+from hapscene.view.offscreen import started_ahead
+with interrupted_by_ends(), started_ahead():
+    print("started", flush=True)
+    signal.pause()
 """
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no process can send these signals there")
 @pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGHUP", "SIGKILL"])
-def test_it_goes_with_the_one_that_started_it(
-    tmp_path: Path,
-    environment: dict[str, str],
-    kind: str,
-    end_in_time: Callable[["subprocess.Popen[str]"], None],
-) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", APPLICATION],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    ) as application:
+def test_the_process_ends_with_its_parent(kind: str, end_in_time: Callable[["subprocess.Popen[str]"], None]) -> None:
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", APPLICATION], stdout=pipe, stderr=pipe, text=True) as application:
         end_in_time(application)
         assert application.stdout is not None
-        assert application.stdout.readline() == "drawing\n"
-        assert len(list((tmp_path / "temporary").glob("hapscene-*/stage.npz"))) == 1
+        assert application.stdout.readline() == "started\n"
         application.send_signal(getattr(signal, kind))
-        assert application.communicate(timeout=120.0) == ("", None)  # the pipe ends with the last process that has it
-    assert list((tmp_path / "temporary").iterdir()) == []
-
-
-def test_nothing_but_a_job_of_ours_is_removed(tmp_path: Path, environment: dict[str, str]) -> None:
-    precious = tmp_path / "precious"
-    precious.mkdir()
-    (precious / "thesis.txt").touch()
-    command = [sys.executable, "-m", "drawer", str(precious)]
-    assert subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, check=False, timeout=60.0).returncode == 1
-    assert (precious / "thesis.txt").exists()
+        application.communicate(timeout=120.0)  # the pipe ends with the last process that has it
