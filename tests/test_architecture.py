@@ -131,8 +131,8 @@ def sources(room: str) -> list[Path]:
 
 
 def known(source: Path) -> set[str]:
-    """The rooms that a file imports from."""
-    names = (name.split(".") for name in imported_modules(source))
+    """The rooms that a file imports from when it runs; types alone tie nothing."""
+    names = (name.split(".") for name in imported_modules(source, types=False))
     return {parts[1] for parts in names if parts[0] == "hapscene" and len(parts) > 1}
 
 
