@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from hapscene.surface.library import load_swatch
+from hapscene.swatches.library import load_swatch
 from hapscene.view.chart import new_chart, save_both
 from hapscene.view.palette import EDGE, INK, OKABE_ITO, albedo_colours
 

@@ -9,8 +9,8 @@ import numpy as np
 from hapscene.capture import fit, load_recording, synthesize
 from hapscene.capture.order_search import search_order
 from hapscene.capture.streams import clean
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
+from hapscene.swatches.library import load_swatch
 
 from .sheet import Sheet
 

@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.paint.display import Display
-from hapscene.paint.session import Session
+from hapscene.paint.model.display import Display
+from hapscene.paint.model.session import Session
 from hapscene.scene.scene import Scene
 
 from .case import RADIUS_M, short, sphere
@@ -79,7 +79,7 @@ def _measure_stroke(sheet: Sheet, name: str, session: Session, display: Display,
 def _measure_fills(sheet: Sheet, name: str, session: Session, display: Display, swatch: int) -> None:
     """Time of one of each."""
     acts: list[tuple[str, Callable[[], object]]] = [
-        ("fill a facet", lambda: session.fill_facet(session.hit_at(0, 0), swatch, 0.01)),
+        ("fill a facet", lambda: session.fill_at(session.hit_at(0, 0), "facet", swatch, 0.01)),
         ("fill the body", lambda: session.fill_body(0, swatch)),
         ("undo it", session.undo),
         ("redo it", session.redo),

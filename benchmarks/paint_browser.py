@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
-from hapscene.paint.session import Session
+from hapscene.paint.model.session import Session
 from hapscene.paint.web.page import Page
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene

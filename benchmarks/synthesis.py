@@ -11,10 +11,10 @@ from scipy.signal import lfilter
 
 from hapscene.capture.synthesis import synthesize
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
-from hapscene.surface.library import load_swatch
 from hapscene.surface.life import Life
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch
 
 from .order import ORDERS
 from .sheet import Sheet

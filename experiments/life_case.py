@@ -25,10 +25,10 @@ from hapscene.stability.answer import Answer
 from hapscene.stability.closed_form import limit_without_delay
 from hapscene.stability.rig import sheet
 from hapscene.stability.wall_chart import draw_panels
-from hapscene.surface.library import load_swatch
 from hapscene.surface.life import Life
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch
 from hapscene.twin.hand_intent import Intent
 from hapscene.twin.twin import Twin
 from hapscene.view.palette import INK, OKABE_ITO

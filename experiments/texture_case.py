@@ -25,9 +25,9 @@ from hapscene.scene.scene import Scene
 from hapscene.stability.answer import Answer
 from hapscene.stability.rig import AT_M, sheet
 from hapscene.stability.wall_chart import draw_panels
-from hapscene.surface.library import load_swatch, shipped_swatches
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture, filters, form
+from hapscene.swatches.library import load_swatch, shipped_swatches
 from hapscene.twin.hand_intent import Intent
 from hapscene.twin.twin import Twin
 from hapscene.twin.twin_recording import Feel

@@ -20,7 +20,7 @@ from hapscene.renderer import EFFECTS, Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect
-from hapscene.surface.library import load_swatch
+from hapscene.swatches.library import load_swatch
 
 from ..case import short, slide_path, sphere
 from ..crowd import crowd_of, grid

@@ -11,9 +11,9 @@ from hapscene.constants import TICK_S
 from hapscene.perception import force_jnd
 from hapscene.recording import Recording
 from hapscene.renderer import EFFECTS, Renderer
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch
 
 from ..tick_time import hot
 from .measuring import RATE_HZ, apart_jnd, enough, texture_bands

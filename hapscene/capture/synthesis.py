@@ -16,9 +16,9 @@ from hapscene.constants import LIFE_MAX
 from hapscene.dsp.lattice import run_texture, voice_fields
 from hapscene.dsp.noise import normal, seeded_state
 from hapscene.errors import CaptureError
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch, SwatchLike
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch
 
 BLOCK_S: Final = 0.01
 """How long one filter is kept [s]: force and speed are below 20 Hz, so they change little in that time. The level is

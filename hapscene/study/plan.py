@@ -102,7 +102,7 @@ def stimuli_sha256(plan: Plan) -> str | None:
     """SHA-256 over the files that the stimuli are made of, in the plan's order; None where one cannot be read."""
     from importlib.resources import as_file
 
-    from hapscene.surface.library import swatch_place
+    from hapscene.swatches.library import swatch_place
 
     digest = hashlib.sha256()
     for stimulus in plan.stimuli.values():

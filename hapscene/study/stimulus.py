@@ -23,8 +23,8 @@ from hapscene.capture.swatch_fit import prepare
 from hapscene.capture.synthesis import synthesize
 from hapscene.errors import StudyError
 from hapscene.study.plan import Plan
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
+from hapscene.swatches.library import load_swatch
 
 FADE_S: Final = 0.02
 """Fade-in and fade-out of a sound [s]: no click."""

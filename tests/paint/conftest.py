@@ -80,7 +80,7 @@ def scene(tmp_path: Path) -> Scene:
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "Iterator[Page]":
     """The page of `make_scene`, without a hand, in a folder of its own."""
-    from hapscene.paint.session import Session
+    from hapscene.paint.model.session import Session
     from hapscene.paint.web.page import Page
 
     monkeypatch.chdir(tmp_path)
@@ -104,7 +104,7 @@ def tab(page: "Page") -> "Iterator[Tab]":
 @pytest.fixture(scope="module")
 def window(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> "Iterator[Window]":
     """A window on the page of a ball of wood; epoxy is at hand."""
-    from hapscene.paint.session import Session
+    from hapscene.paint.model.session import Session
     from hapscene.paint.web.page import Page
 
     from .window import Window

@@ -15,13 +15,13 @@ import pytest
 
 from hapscene.errors import SwatchError
 from hapscene.files import CONTAINER_MAX, VALUE_MAX
-from hapscene.surface.library import load_swatch, shipped_swatches
 from hapscene.surface.look import Look
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import BYTES_MAX, save_swatch, swatch_from_json
 from hapscene.surface.swatch_file import swatch_to_json as to_json
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import MODEL_MAX, Texture
+from hapscene.swatches.library import load_swatch, shipped_swatches
 
 OPENING_BYTES = 400e6
 """The stated limit of memory for opening any file [bytes]; see `swatch_file.BYTES_MAX`."""
@@ -162,7 +162,7 @@ BULKY = {
 MEASURE = """
 import resource, sys
 from hapscene.errors import SwatchError
-from hapscene.surface.library import load_swatch
+from hapscene.swatches.library import load_swatch
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 try:
     load_swatch(sys.argv[1])

@@ -1,4 +1,4 @@
-"""The tools of the page: what the pointer does to the scene."""
+"""Tools of the page: what the pointer does to the scene."""
 
 import math
 import time
@@ -6,16 +6,97 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hapscene.paint.history import face_count_text
-from hapscene.paint.paintable_mesh import Hit
-from hapscene.paint.session import ERASE, FACET_RAD, FILLS, Session
-from hapscene.paint.symmetry import NONE
-from hapscene.paint.web.fill_preview import FillPreview
-from hapscene.paint.web.outline_tool import OutlineTool
-from hapscene.paint.web.scene_view import Pointer, SceneView
-from hapscene.paint.web.touch_hand import TouchHand
+from hapscene.paint.model.history import face_count_text
+from hapscene.paint.model.mesh import Hit
+from hapscene.paint.model.regions import Outline
+from hapscene.paint.model.session import ERASE, FACET_RAD, FILLS, Session
+from hapscene.paint.model.strokes import NONE
+from hapscene.paint.web.hand import TouchHand
+from hapscene.paint.web.view import Pointer, SceneView
 from hapscene.surface.swatch import PLAIN, SwatchLike
+
+CORNERS_MAX: Final = 400
+"""Most corners of a line [count]: then every second one goes."""
+
+CLOSE_PIXELS: Final = 12.0
+"""How near the first corner a click closes a polygon [pixels]."""
+
+
+class OutlineTool:
+    """The line that is drawn.
+
+    Attributes:
+        client: the page that it is drawn on.
+        corners: (k, 2) from left and top of the canvas, in shares of its size.
+    """
+
+    def __init__(self) -> None:
+        self.client = -1
+        self.corners: list[tuple[float, float]] = []
+
+    def add(self, pointer: Pointer) -> None:
+        """The line goes on to where the pointer is; on another page, it begins there."""
+        if pointer.client != self.client:
+            self.client, self.corners = pointer.client, []
+        place = (pointer.x, pointer.y)
+        if not self.corners or place != self.corners[-1]:
+            self.corners.append(place)
+        if len(self.corners) > CORNERS_MAX:
+            del self.corners[1:-1:2]
+
+    def closes(self, pointer: Pointer) -> bool:
+        """Whether a click there closes a polygon: near its first corner."""
+        if pointer.client != self.client or len(self.corners) < 3:
+            return False
+        x, y = self.corners[0]
+        return bool(np.hypot((x - pointer.x) * pointer.width, (y - pointer.y) * pointer.height) <= CLOSE_PIXELS)
+
+    def take(self, view: SceneView, pointer: Pointer) -> tuple[Any, Any] | None:
+        """What the line holds: a region for a map from W, and the eye; None for a line of no area. It is gone then."""
+        corners, self.corners = np.array(self.corners), []
+        eye = view.eye(pointer)
+        if len(corners) < 3 or eye is None:
+            return None
+        X_WE, slope = eye
+        flat = (2 * corners - 1) * slope
+        X_EW = np.linalg.inv(X_WE)
+        return lambda X_BW: Outline(X_EW @ np.linalg.inv(X_BW), flat), X_WE[:3, 3]
+
+    @property
+    def told(self) -> dict[str, Any] | None:
+        """What the page draws of it."""
+        return {"client": self.client, "corners": list(self.corners)} if self.corners else None
+
+
+OPACITY: Final = 0.55
+
+
+class FillPreview:
+    """The light over the faces that a fill will take.
+
+    Args:
+        view: that it lies in.
+    """
+
+    def __init__(self, view: SceneView) -> None:
+        self._view = view
+        self._light: Any = None
+        self._shown: object = None
+
+    def show(self, body: int, faces: NDArray[np.bool_], colour: str, key: object) -> None:
+        """Light up faces (M,) of a body; what has the same key is shown already."""
+        if key != self._shown:
+            self.hide()
+            self._shown, self._light = key, self._view.add_light(body, faces, colour, OPACITY)
+
+    def hide(self) -> None:
+        """Put it out."""
+        if self._light is not None:
+            self._light.remove()
+        self._shown = self._light = None
+
 
 TOOLS: Final = ("brush", "fill", "box", "sphere", "eraser", "pick", "touch", "lasso", "polygon")
 
@@ -44,7 +125,7 @@ class Tools:
         name: one of `TOOLS`.
         chosen: name of the swatch to paint with.
         radius_m: of brush, eraser, and of box and sphere that are clicked.
-        softness, opacity, symmetry: of what is painted, see `hapscene.paint.stroke.Brush`; a fill has none of them.
+        softness, opacity, symmetry: of what is painted, see `strokes.Brush`; a fill has none of them.
         fill: one of `FILLS`.
         angle_rad: of the facet.
         margin_m: what a box reaches beyond the two places that span it, on every side.
