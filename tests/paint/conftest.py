@@ -105,9 +105,8 @@ def tab(page: "Page") -> "Iterator[Tab]":
 def window(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> "Iterator[Window]":
     """A window on the page of a ball of wood; epoxy is at hand."""
     from hapscene.paint.model.session import Session
-    from hapscene.paint.web.page import Page
 
-    from .window import Window
+    from .window import WatchedPage, Window
 
     folder = tmp_path_factory.mktemp("browser")
     scene = hapscene.Scene()
@@ -115,6 +114,8 @@ def window(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> "Iterator[
     scene.swatch_index("epoxy")
     scene.save(folder / "ball.scene.json")
     session = Session.open(folder / "ball.scene.json")
-    with library_in(folder), Page(session, port=0) as page:
-        yield Window(browser, page)
+    with library_in(folder):
+        page = WatchedPage(session, port=0)
+        with page:
+            yield Window(browser, page)
     session.document.close()

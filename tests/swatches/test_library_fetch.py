@@ -348,6 +348,7 @@ SLOW: dict[str, Callable[[Any, bytes], None]] = {
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("where", SLOW)
 def test_a_slow_server_is_given_up(server: Server, home: Path, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     monkeypatch.setattr(library, "PATIENCE_S", 0.3)
@@ -359,6 +360,7 @@ def test_a_slow_server_is_given_up(server: Server, home: Path, monkeypatch: pyte
     refused(server, home, r"oak\.swatch: too slow")
 
 
+@pytest.mark.nightly
 def test_a_slow_line_is_waited_for_as_long_as_bytes_come(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(library, "PATIENCE_S", 1.5)
     monkeypatch.setattr(library, "RATE_MIN_B_S", len(DATA) / 100)

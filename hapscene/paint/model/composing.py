@@ -126,7 +126,7 @@ class Composing:
                 body.X_WB[:3, 3] += step
             deltas = [BodyDelta(count + i, None, body) for i, body in enumerate(scene.bodies)]
             added = list(names.values())
-            self._painting.change_bodies(what or f"add {_told(added)}", deltas, swatches)
+            self._painting.change(what or f"add {_told(added)}", swatches, deltas)
             return added
 
     def copy(self, body: str) -> str:
@@ -149,7 +149,7 @@ class Composing:
             one = self._free(body)
             deltas = [self._other(child, parent=one.parent) for child in self._children(body)]
             deltas.append(BodyDelta(self.index(body), one, None))
-            self._painting.change_bodies(f"delete {body!r}", deltas)
+            self._painting.change(f"delete {body!r}", (), deltas)
 
     # --- what they are called, and hang on ---
 
@@ -168,7 +168,7 @@ class Composing:
             if any(other.name == name for other in self._painting.scene.bodies):
                 raise SceneError(f"a body {name!r} is in the scene already; names are unique")
             deltas = [self._other(child, parent=name) for child in self._children(body)]
-            self._painting.change_bodies(f"rename {body!r}", [self._other(one, name=name), *deltas])
+            self._painting.change(f"rename {body!r}", (), [self._other(one, name=name), *deltas])
 
     def hang(self, body: str, parent: str | None) -> None:
         """Hang a body on another, with which it moves; None takes it off. It stays where it is.
@@ -183,7 +183,7 @@ class Composing:
             trial.hang(body, parent)  # refuses
             if parent != one.parent:
                 what = f"take {body!r} off" if parent is None else f"hang {body!r} on {parent!r}"
-                self._painting.change_bodies(what, [self._other(one, parent=parent)])
+                self._painting.change(what, (), [self._other(one, parent=parent)])
 
     # --- where they are, and how large ---
 
@@ -213,7 +213,7 @@ class Composing:
             now_s, first = self.clock(), self._moved_s == -math.inf
             join, self._moved_s = not first and (goes_on or now_s - self._moved_s <= JOIN_S), now_s
             deltas.insert(0, self._other(one, X_WB=X_WB))
-            self._painting.change_bodies(f"move {body!r}", deltas, key=("move", body), join=join)
+            self._painting.change(f"move {body!r}", (), deltas, key=("move", body), join=join)
 
     def scale_of(self, body: str) -> float:
         """How many times as large as in its file a body is."""
@@ -239,7 +239,7 @@ class Composing:
             now_s = self.clock()
             join, self._moved_s = now_s - self._moved_s <= JOIN_S, now_s
             delta = self._other(one, mesh=mesh, X_WB=X_WB)
-            self._painting.change_bodies(f"scale {body!r}", [delta], key=("scale", body), join=join)
+            self._painting.change(f"scale {body!r}", (), [delta], key=("scale", body), join=join)
 
     def _near_others_B_m(self, body: Body) -> NDArray[np.float64]:
         """The place (3,) of a body's box, in its frame, that is nearest to the middle below all others."""

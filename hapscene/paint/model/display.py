@@ -399,17 +399,6 @@ class ShownBody:
             found.append(Layer(*_of_kind(one), vertices_m, faces.astype(np.uint32), shown, fine))
         return found
 
-    def light(self, faces: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """A hair over the shown faces that stand for faces (M,): vertices (v, 3) [m], and triangles (f, 3)."""
-        share = np.bincount(self.mesh.shown_of, faces * self._area_m2, len(self.mesh.faces))
-        whole = np.bincount(self.mesh.shown_of, self._area_m2, len(self.mesh.faces))
-        vertices_m, corners = _used(self.mesh.vertices_m, self.mesh.faces[2 * share > whole])
-        corner_m = vertices_m[corners].astype(np.float64)
-        normal = unit(np.cross(corner_m[:, 1] - corner_m[:, 0], corner_m[:, 2] - corner_m[:, 0]))
-        up = unit(_around(corners, normal, len(vertices_m)))
-        lifted_m = vertices_m + 2 * RAISED * self._shape.mesh.diagonal_m * up
-        return lifted_m.astype(np.float32), corners.astype(np.uint32)
-
     def _leaf_layers(self, patch: int) -> list[Layer]:
         leaves, mesh = self._leaves.leaves(patch), self._shape.mesh
         vertices_m = mesh.vertices_m if self.mesh.raised_m is None else self.mesh.raised_m

@@ -208,7 +208,6 @@ class PaintableMesh:
         self._seen_vertex = np.zeros(len(mesh.vertices_m), np.int32)
         self._queue = np.zeros(len(mesh.faces), np.int32)
         self._round = 0
-        self._known_facets: tuple[float, NDArray[np.integer]] | None = None
         self.pairs, self._bend_rad = self._edges()
         self.search = search.result()
         here = self.centroid_m[0]
@@ -279,19 +278,8 @@ class PaintableMesh:
 
     def facet(self, face: int, angle_rad: float) -> NDArray[np.bool_]:
         """Faces (M,) connected with one over edges that bend by at most an angle, as `region.Facet` picks them."""
-        label = self._facets(angle_rad)
+        label = connected(self.pairs[self._bend_rad <= angle_rad + BEND_ROUNDING_RAD], len(self.mesh.faces))
         return np.asarray(label == label[face])
-
-    def facet_number(self, face: int, angle_rad: float) -> int:
-        """Which facet of that angle a face is in."""
-        return int(self._facets(angle_rad)[face])
-
-    def _facets(self, angle_rad: float) -> NDArray[np.integer]:
-        """The facet (M,) that each face is in; kept for the next time, as the pointer asks often."""
-        if self._known_facets is None or self._known_facets[0] != angle_rad:
-            pairs = self.pairs[self._bend_rad <= angle_rad + BEND_ROUNDING_RAD]
-            self._known_facets = angle_rad, connected(pairs, len(self.mesh.faces))
-        return self._known_facets[1]
 
     def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Faces on both sides (n, 2) of each edge with just two, and by how much it bends (n,) [rad]."""

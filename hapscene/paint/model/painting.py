@@ -410,44 +410,32 @@ class Painting:
                 self.paint_faces(body, np.flatnonzero(mask))
             return self.end_step()
 
-    def change_swatch(self, what: str, change: SwatchDelta, key: object = None, join: bool = False) -> None:
-        """One step: put a swatch; with `join` a part of the last step, if that has the same key."""
-        with self.lock:
-            self.end_step()
-            last = self.history.done[-1] if self.history.done else None
-            self._put_swatch(change.index, change.new)
-            if join and last is not None and last.key == key and not self.history.undone:
-                joined = SwatchDelta(change.index, last.swatches[0].old, change.new)
-                self.history.replace_last(Step(what, (joined,), key=key))
-            else:
-                self.history.add(Step(what, (change,), key=key))
-
-    def change_bodies(
+    def change(
         self,
         what: str,
-        deltas: Sequence[BodyDelta],
         swatches: Sequence[SwatchDelta] = (),
+        bodies: Sequence[BodyDelta] = (),
         *,
         key: object = None,
         join: bool = False,
     ) -> None:
-        """One step: put bodies, each where those before have left it; with `join` as `change_swatch` has it.
+        """One step: put swatches, then bodies, in this order; with `join`, part of the last step if its key is equal.
 
         Raises:
             SceneError: no body would be left.
         """
         with self.lock:
             self.end_step()
-            if len(self.scene.bodies) + sum((d.old is None) - (d.new is None) for d in deltas) < 1:
+            if len(self.scene.bodies) + sum((d.old is None) - (d.new is None) for d in bodies) < 1:
                 raise SceneError("a scene has one body at least: add another one first")
             last = self.history.done[-1] if self.history.done else None
-            step = Step(what, tuple(swatches), bodies=tuple(deltas), key=key)
+            step = Step(what, tuple(swatches), bodies=tuple(bodies), key=key)
             self._do(step)
             joins = join and last is not None and last.key == key and not self.history.undone
-            if joins and last is not None and [d.index for d in last.bodies] == [d.index for d in deltas]:
-                pairs = zip(last.bodies, deltas, strict=True)
-                joined = tuple(BodyDelta(new.index, old.old, new.new) for old, new in pairs)
-                self.history.replace_last(replace(step, bodies=joined))
+            if joins and last is not None and [d.index for d in last.bodies] == [d.index for d in bodies]:
+                put = tuple(replace(new, old=old.old) for old, new in zip(last.swatches, step.swatches, strict=True))
+                moved = tuple(replace(new, old=old.old) for old, new in zip(last.bodies, step.bodies, strict=True))
+                self.history.replace_last(replace(step, swatches=put, bodies=moved))
             else:
                 self.history.add(step)
 

@@ -214,19 +214,15 @@ class Session:
         if not 0.0 <= angle_rad <= math.pi:
             raise SceneError(f"a facet's angle must be between 0° and 180°, is {degrees:g}°")
         where = {"whole body": what, "material": repr(self.group_at(hit))}.get(what, f"facet within {degrees:.3g}°")
-        return self._fill(where, hit.body, swatch, lambda body: self.foresee_fill(hit, what, angle_rad)[0])
+        return self._fill(where, hit.body, swatch, lambda index: self._faces_at(hit, what, angle_rad))
 
-    def foresee_fill(self, hit: Hit, what: str, angle_rad: float = FACET_RAD) -> tuple[Mask, object]:
-        """Faces (M,) of a body that `fill_at` would fill, and a key that is equal for the same faces."""
-        with self.lock:
-            body, shape = self.scene.bodies[hit.body], self.shapes[hit.body]
-            if what == "whole body":
-                return np.ones(len(shape.normal), np.bool_), what
-            if what == "material":
-                return shape.mesh.group == shape.mesh.group[hit.face], self.group_at(hit)
-            if what == "same swatch":
-                return body.face_swatch == self.swatch_at(hit), (self.swatch_at(hit), self.painting.state)
-            return shape.facet(hit.face, angle_rad), (angle_rad, shape.facet_number(hit.face, angle_rad))
+    def _faces_at(self, hit: Hit, what: str, angle_rad: float) -> Mask:
+        shape = self.shapes[hit.body]
+        if what == "whole body":
+            return np.ones(len(shape.normal), np.bool_)
+        if what == "material":
+            return np.asarray(shape.mesh.group == shape.mesh.group[hit.face])
+        return shape.facet(hit.face, angle_rad)
 
     def fill_body(self, body: int | str, swatch: int | str) -> int:
         """Paint a whole body."""

@@ -23,47 +23,28 @@ from hapscene.view.palette import distinct_colours, rgb
 
 STIFFNESS: Final = "stiffness_N_m"
 
-LABELS: Final = {
-    "stiffness_N_m": "stiffness",
-    "damping_Ns_m": "damping",
-    "friction_static": "friction, at rest",
-    "friction_dynamic": "friction, sliding",
-    "texture_gain": "texture gain",
-    "texture_life": "texture life",
-    "tap_gain": "tap gain",
-    "tangential_stiffness_N_m": "stiffness while it sticks",
-    "tangential_damping_Ns_m": "damping while it sticks",
-    "hunt_crossley_Ns_m2": "damping, growing with depth",
-    "friction_stribeck_m_s": "speed of falling friction",
-    "friction_viscous_s_m": "friction, growing with speed",
-    "breakaway_1_kg": "sound of breaking loose",
-    "breakaway_Hz": "frequency of breaking loose",
-    "breakaway_decay_1_s": "decay of breaking loose",
-    "adhesion_N": "adhesion",
-    "adhesion_range_m": "range of adhesion",
+SHOWN: Final = {
+    "stiffness_N_m": ("stiffness", 3000.0),
+    "damping_Ns_m": ("damping", 20.0),
+    "friction_static": ("friction, at rest", 2.0),
+    "friction_dynamic": ("friction, sliding", 2.0),
+    "texture_gain": ("texture gain", 4.0),
+    "texture_life": ("texture life", math.inf),
+    "tap_gain": ("tap gain", 4.0),
+    "tangential_stiffness_N_m": ("stiffness while it sticks", 3000.0),
+    "tangential_damping_Ns_m": ("damping while it sticks", 20.0),
+    "hunt_crossley_Ns_m2": ("damping, growing with depth", 2000.0),
+    "friction_stribeck_m_s": ("speed of falling friction", 0.2),
+    "friction_viscous_s_m": ("friction, growing with speed", 2.0),
+    "breakaway_1_kg": ("sound of breaking loose", 100.0),
+    "breakaway_Hz": ("frequency of breaking loose", 1000.0),
+    "breakaway_decay_1_s": ("decay of breaking loose", 500.0),
+    "adhesion_N": ("adhesion", 3.0),
+    "adhesion_range_m": ("range of adhesion", 0.01),
 }
-"""What the painter calls them; another effect's number is called by its own name."""
-
-ENDS: Final = {
-    "stiffness_N_m": 3000.0,
-    "damping_Ns_m": 20.0,
-    "friction_static": 2.0,
-    "friction_dynamic": 2.0,
-    "texture_gain": 4.0,
-    "tap_gain": 4.0,
-    "tangential_stiffness_N_m": 3000.0,
-    "tangential_damping_Ns_m": 20.0,
-    "hunt_crossley_Ns_m2": 2000.0,
-    "friction_stribeck_m_s": 0.2,
-    "friction_viscous_s_m": 2.0,
-    "breakaway_1_kg": 100.0,
-    "breakaway_Hz": 1000.0,
-    "breakaway_decay_1_s": 500.0,
-    "adhesion_N": 3.0,
-    "adhesion_range_m": 0.01,
-}
-"""Where a slider ends when the device sets no limit: about twice what is called rigid, the friction of rubber on
-rubber, 12 dB of gain. A number that is over its end makes the slider longer."""
+"""Label of each number, and the end of its slider where the device sets no limit: about twice what is called rigid, the
+friction of rubber on rubber, 12 dB of gain. A larger number makes the slider longer. Numbers of other effects are shown
+by their own names."""
 
 _NEEDS: Final[Mapping[str, Callable[[Swatch], bool]]] = {
     "texture_gain": lambda swatch: swatch.texture is not None,
@@ -128,11 +109,11 @@ def parameters_of(
     for e, name, unit, meaning, low, high, default in rows:
         value = fit.asked[0][e, name]
         effect_name = "" if e == WALL else effects[e].name
-        end = min(_held(name, limits), high, ENDS.get(name, high))
+        end = min(_held(name, limits), high, SHOWN.get(name, (name, high))[1])
         found.append(
             Parameter(
                 name=name,
-                label=LABELS.get(name, name),
+                label=SHOWN.get(name, (name,))[0],
                 value=value,
                 given=fit.given[0][e, name],
                 unit=unit,
@@ -255,7 +236,7 @@ class SwatchTuning:
             index = scene.swatch_index(swatch)
             if index == known:
                 new = SwatchState(scene.swatches[index], scene.swatch_source[index])
-                self._painting.change_swatch(f"add swatch {new.swatch.name!r}", SwatchDelta(index, None, new))
+                self._painting.change(f"add swatch {new.swatch.name!r}", [SwatchDelta(index, None, new)])
             return index
 
     def copy_swatch(self, swatch: int | str, name: str) -> int:
@@ -271,7 +252,7 @@ class SwatchTuning:
             copied = replace(self._painting.swatches[self._painting.swatch_index(swatch)].swatch, name=name)
             colour = distinct_colours([*self._painting.scene.swatches, copied], range(index + 1))[index]
             copied = replace(copied, albedo_rgb=tuple(rgb(colour).tolist()))
-            self._painting.change_swatch(f"new swatch {name!r}", SwatchDelta(index, None, SwatchState(copied, None)))
+            self._painting.change(f"new swatch {name!r}", [SwatchDelta(index, None, SwatchState(copied, None))])
             return index
 
     def parameters(self, swatch: int | str) -> tuple[Parameter, ...]:
@@ -292,7 +273,7 @@ class SwatchTuning:
             index = self._tunable(swatch)
             old = self._painting.swatches[index].swatch
             new = tuned(old, numbers, self._effect_list())
-            what = f"{', '.join(LABELS.get(name, name) for name in numbers)} of {old.name!r}"
+            what = f"{', '.join(SHOWN.get(name, (name,))[0] for name in numbers)} of {old.name!r}"
             return self._alter(index, new, what, ("tune", index, *sorted(numbers)))
 
     def recolour(self, swatch: int | str, albedo_rgb: tuple[float, float, float]) -> Swatch:
@@ -332,7 +313,7 @@ class SwatchTuning:
         join, self._tuned_s = now_s - self._tuned_s <= JOIN_S, now_s
         if swatch != old.swatch:
             new = SwatchState(swatch, None, old.original or old)
-            self._painting.change_swatch(what, SwatchDelta(index, old, new), key, join)
+            self._painting.change(what, [SwatchDelta(index, old, new)], key=key, join=join)
         return swatch
 
     def reset(self, swatch: int | str) -> bool:
@@ -342,7 +323,7 @@ class SwatchTuning:
             old = self._painting.swatches[index]
             if old.original is None:
                 return False
-            self._painting.change_swatch(f"reset {old.swatch.name!r}", SwatchDelta(index, old, old.original))
+            self._painting.change(f"reset {old.swatch.name!r}", [SwatchDelta(index, old, old.original)])
             return True
 
     def save_swatch_as(self, swatch: int | str, name: str, path: Path | None = None, replace_old: bool = False) -> Path:
@@ -368,7 +349,7 @@ class SwatchTuning:
             named = replace(old.swatch, name=name)
             source, file = write_swatch(named, path, replace_old)
             what = f"save {old.swatch.name!r} as {name!r}"
-            self._painting.change_swatch(what, SwatchDelta(index, old, SwatchState(named, source)))
+            self._painting.change(what, [SwatchDelta(index, old, SwatchState(named, source))])
             return file
 
     def let_go_of(self, name: str) -> None:
@@ -379,7 +360,7 @@ class SwatchTuning:
             if index is not None and old is not None and isinstance(old.source, Path):
                 self._painting.end_step()
                 new = replace(old, source=None)
-                self._painting.change_swatch(f"keep {name!r} in the scene", SwatchDelta(index, old, new))
+                self._painting.change(f"keep {name!r} in the scene", [SwatchDelta(index, old, new)])
 
     def _tunable(self, swatch: int | str) -> int:
         index = self._painting.swatch_index(swatch)

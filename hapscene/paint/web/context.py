@@ -3,7 +3,7 @@
 import html
 import inspect
 import math
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -119,13 +119,6 @@ def set_html(handle: Any, content: str) -> None:
 def card_html(content: str, dim: bool = False) -> str:
     """A paragraph of the panel, of HTML; nothing of nothing."""
     return content and f'<div class="hs-card{" dim" * dim}">{content}</div>'
-
-
-def upload_html(label: str, suffixes: Sequence[str], title: str) -> str:
-    """A button that has files of some suffixes chosen and sent: see `hapscene.paint.web.socket`."""
-    return card_html(
-        f'<button data-upload="{",".join(suffixes)}" title="{escape_html(title)}">{escape_html(label)}</button>'
-    )
 
 
 def bounded(value: Any, low: float, high: float, otherwise: float) -> float:

@@ -27,12 +27,7 @@ from typing import Any, Final, Self
 from hapscene.errors import ViewError
 from hapscene.web_listener import refusal_reason
 
-__all__ = ["SOCKET_PATH", "PageServer", "button_hints", "free_port", "host_names", "own_addresses"]
-
-PORT_MAX: Final = 65535
-
-PORT_TRIES: Final = 100
-"""How many ports are tried, from the given one upwards [count]."""
+__all__ = ["SOCKET_PATH", "PageServer", "button_hints", "host_names", "own_addresses"]
 
 SOCKET_PATH: Final = "/hapscene"
 """Path of our own WebSocket; viser has every other path."""
@@ -87,36 +82,17 @@ def host_names(host: str) -> frozenset[str]:
     return LOOPBACK | {host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()}
 
 
-def free_port(host: str, port: int) -> int:
-    """The first port from `port` on that can be served at; 0, which stands for any port, for 0.
-
-    viser tries ports on its own, but waits for ever where it gets none.
-
-    Raises:
-        ViewError: the host is not this computer, or no such port is free.
-    """
+def _check_host(host: str) -> None:
+    """Raise ViewError if a host is not this computer: viser, which tries the next port, would try for ever."""
     try:
-        _bind(host, 0)
+        places = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        for family, *_, address in places:
+            socket.create_server(address, family=family).close()
     except (OSError, ValueError) as error:
         raise ViewError(
             f"the page cannot be served at {host[:60]!r}: {getattr(error, 'strerror', None) or error}; give an address "
             "of this computer: --host 127.0.0.1 for it alone, 0.0.0.0 for the network"
         ) from None
-    if port == 0:
-        return 0
-    last = min(port + PORT_TRIES - 1, PORT_MAX)
-    for candidate in range(port, last + 1):
-        with contextlib.suppress(OSError):
-            _bind(host, candidate)
-            return candidate
-    raise ViewError(f"no port from {port} to {last} is free at {host!r}; give another, or --port 0 for any")
-
-
-def _bind(host: str, port: int) -> None:
-    """Listen for a moment at every address of a host, as viser's server will."""
-    places = socket.getaddrinfo(host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-    for family, *_, address in places:
-        socket.create_server(address, family=family).close()
 
 
 class PageServer:
@@ -145,7 +121,7 @@ class PageServer:
         self.handlers: dict[str, Handler] = {}
         self._names, self._token, self._files = host_names(host), secrets.token_urlsafe(TOKEN_BYTES), _static_files()
         self._admitted, self._closed = asyncio.Event(), False
-        port = free_port(host, port)
+        _check_host(host)
         with self._guarding(host not in LOOPBACK):
             self.viser = viser.ViserServer(host=host, port=port, label="hapscene paint", verbose=False)
         for name in ("ShareUrlRequest", "ShareUrlDisconnect"):  # would open a tunnel to the internet

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.paint.model.history import face_count_text
 from hapscene.paint.model.mesh import Hit
@@ -70,42 +69,11 @@ class OutlineTool:
         return {"client": self.client, "corners": list(self.corners)} if self.corners else None
 
 
-OPACITY: Final = 0.55
-
-
-class FillPreview:
-    """The light over the faces that a fill will take.
-
-    Args:
-        view: that it lies in.
-    """
-
-    def __init__(self, view: SceneView) -> None:
-        self._view = view
-        self._light: Any = None
-        self._shown: object = None
-
-    def show(self, body: int, faces: NDArray[np.bool_], colour: str, key: object) -> None:
-        """Light up faces (M,) of a body; what has the same key is shown already."""
-        if key != self._shown:
-            self.hide()
-            self._shown, self._light = key, self._view.add_light(body, faces, colour, OPACITY)
-
-    def hide(self) -> None:
-        """Put it out."""
-        if self._light is not None:
-            self._light.remove()
-        self._shown = self._light = None
-
-
 TOOLS: Final = ("brush", "fill", "box", "sphere", "eraser", "pick", "touch", "lasso", "polygon")
 
 STROKES: Final = ("brush", "eraser")
 REGIONS: Final = ("box", "sphere", "lasso")
 """Tools that paint when the button goes up."""
-
-FORESEEN: Final = "#E69F00"
-"""Of the light over what a fill will take, where its swatch is not in the scene yet."""
 
 FIRST_SWATCH: Final = "wood"
 """The swatch to begin with where a scene has none but plain: a first stroke must be seen."""
@@ -147,7 +115,6 @@ class Tools:
         self.through = False
         self.softness, self.opacity, self.symmetry = 0.0, 1.0, NONE
         self.outline = OutlineTool()
-        self._preview = FillPreview(view)
         self._hovered: Pointer | None = None
         self.force_N = 1.0
         self.client: int | None = None
@@ -189,7 +156,6 @@ class Tools:
     def finish(self) -> None:
         """End what the pointer was doing."""
         self.outline.corners = []
-        self._preview.hide()
         self._session.end_stroke()
         self._touch.lift(time.monotonic())
         self._view.show_box(None)
@@ -202,11 +168,9 @@ class Tools:
             return
         self._hovered = pointer
         ray = self._view.ray(pointer)
-        drawn = self.name in (*STROKES, "sphere", "fill")
+        drawn = self.name in (*STROKES, "sphere")
         hit = self._session.pick(*ray, seen=True) if ray is not None and drawn else None
-        self._view.show_ring(hit if self.name != "fill" else None, self.radius_m)
-        if self.name == "fill":
-            self._foresee(hit)
+        self._view.show_ring(hit, self.radius_m)
 
     async def press(self, pointer: Pointer) -> None:
         """The button goes down."""
@@ -318,16 +282,6 @@ class Tools:
         self.choose_swatch(picked.name, picked)
         self._say(f"Picked {self.chosen}.")
 
-    def _foresee(self, hit: Hit | None) -> None:
-        """Light up what a click there would fill."""
-        if hit is None:
-            self._preview.hide()
-            return
-        index = self.swatch
-        colour = FORESEEN if index is None else self._view.colours[index]
-        mask, what = self._session.foresee_fill(hit, self.fill, self.angle_rad)
-        self._preview.show(hit.body, mask, colour, (hit.body, what, colour))
-
     def _show_region(self) -> None:
         """See what the box or the ball would hold."""
         if self.name == "box":
@@ -366,7 +320,6 @@ class Tools:
 
     def _fill(self, hit: Hit, swatch: int) -> None:
         count = self._session.fill_at(hit, self.fill, swatch, self.angle_rad)
-        self._preview.hide()
         self._say(f"{face_count_text(count)} painted." if count else self._why_nothing())
 
     def _contact(self, hit: Hit, direction_W: Any) -> tuple[Any, Any, float, float]:

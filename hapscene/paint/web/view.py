@@ -255,25 +255,6 @@ class SceneView:
         direction = X_WE[:3, :3] @ np.array([*((2 * np.array([pointer.x, pointer.y]) - 1) * slope), 1.0])
         return X_WE[:3, 3], direction / np.linalg.norm(direction)
 
-    def add_light(self, body: int, faces: NDArray[np.bool_], colour: str, opacity: float) -> Any:
-        """A light over faces (M,) of a body, until it is removed."""
-        vertices_m, corners = self._display.bodies[body].light(faces)
-        scene_body = self._painting.scene.bodies[body]
-        return self._server.scene.add_mesh_simple(
-            "/mark/light",
-            vertices_m,
-            corners,
-            color=_rgb(colour),
-            opacity=opacity,
-            flat_shading=True,
-            side="double" if scene_body.two_sided else "front",
-            cast_shadow=False,
-            receive_shadow=False,
-            scale=self._scale,
-            wxyz=quaternion(scene_body.X_WB[:3, :3]),
-            position=self.to_view(scene_body.X_WB[:3, 3]),
-        )
-
     # --- marks ---
 
     def show_ring(self, hit: Hit | None, radius_m: float) -> None:

@@ -184,7 +184,7 @@ def test_while_a_question_stands_keys_wait(window: Window) -> None:
 
 
 def test_the_shelf_by_keyboard_and_a_file_dropped_on_the_page(window: Window) -> None:
-    page, tab = window.page, window.tab
+    tab = window.tab
     tab.get_by_role("tab", name="Paint").click()
     window.wait("document.querySelectorAll('.hs-pick img').length > 24")
     before = len(window.troubles)
@@ -194,9 +194,6 @@ def test_the_shelf_by_keyboard_and_a_file_dropped_on_the_page(window: Window) ->
     tab.keyboard.press("Enter")
     window.wait("window.hapscene.state.swatch === 'leather'")
     window.wait("document.activeElement.dataset.name === 'leather'")  # though all was drawn anew
-    tab.locator("[data-shelf=compare]").press("Enter")
-    tab.get_by_label("Swatch A").first.wait_for(state="visible")  # unfolded
-    until(lambda: page._shelf_panel._pair[0].value == "leather")
     gift = swatch_to_json(hapscene.Swatch("gift", 99.0))
     window.ask(
         "(text) => { const data = new DataTransfer(); data.items.add(new File([text], 'gift.swatch'));"

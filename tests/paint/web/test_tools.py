@@ -189,17 +189,3 @@ def test_a_key_takes_the_swatch_under_the_pointer(page: Page, tab: Tab) -> None:
     tab.send("sample", client=tab.client)
     tab.settle()
     assert page.context.tools.chosen == "paper" and page.context.tools.name == "brush"
-
-
-def test_what_a_fill_takes_is_lit_before_the_click(page: Page, tab: Tab) -> None:
-    page.context.tools.angle_rad = 0.01
-    tab.send("tool", name="fill")
-    tab.point("hover", TOP)
-    tab.wait(lambda: "/mark/light" in tab.nodes)
-    lit = len(page.context.tools._preview._light.faces)
-    page.context.tools.fill = "whole body"
-    tab.point("hover", TOP)
-    tab.settle()
-    assert 0 < lit < len(page.context.tools._preview._light.faces)
-    tab.point("hover", np.array([0.0, 0.9, 0.0]))
-    tab.wait(lambda: "/mark/light" not in tab.nodes)
