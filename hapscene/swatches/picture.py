@@ -14,6 +14,8 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, figures
 from hapscene.surface.texture import Texture
 
+__all__ = ["BALL_PX", "ball_png", "plain_look"]
+
 Array = NDArray[np.float64]
 
 BALL_PX: Final = 72

@@ -21,6 +21,8 @@ from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import BODY_MAX
 
+__all__ = ["Composing", "numbered"]
+
 JOIN_S: Final = 1.0
 """Moves of one body that follow each other so soon are one step [s]."""
 

@@ -21,6 +21,8 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.topology import area_of, unit
 from hapscene.view.body_triangles import shade_of
 
+__all__ = ["CHUNK", "COLOURS", "LEAVES_MAX", "ChunkKey", "Display", "FileLook", "ShownBody", "reduce_mesh", "shares"]
+
 COLOURS: Final = 16
 """Most colours that a file's own are brought down to [count]: each is drawn as a mesh of its own."""
 

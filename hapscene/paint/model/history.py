@@ -12,6 +12,19 @@ from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import NOTHING, FinePaint
 from hapscene.surface.swatch import Swatch
 
+__all__ = [  # fmt: skip
+    "BodyDelta",
+    "FaceDelta",
+    "History",
+    "Paint",
+    "Step",
+    "SwatchDelta",
+    "SwatchState",
+    "columns_of",
+    "face_count_text",
+    "leaf_marks",
+]
+
 Paint = tuple[NDArray[np.int16], FinePaint | None]
 """How a body is painted: `Body.face_swatch` and `Body.fine`."""
 

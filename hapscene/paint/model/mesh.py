@@ -19,6 +19,17 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Volume
 from hapscene.scene.topology import connected, edges_of, normals_of, weld
 
+__all__ = [  # fmt: skip
+    "FACING_RAD",
+    "Hit",
+    "Mask",
+    "PaintableMesh",
+    "face_centre",
+    "pick",
+    "project_to_surface",
+    "segment_triangle",
+]
+
 # The brush's walk over the surface, compiled: from face to face while they are under it.
 #
 # A brush of radius r moves along a segment. The walk starts at the faces at its two ends and goes on to every face that

@@ -28,6 +28,8 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Volume
 from hapscene.scene.scene import Scene
 
+__all__ = ["ERASE", "UNWORN_MAX", "Changes", "Painting", "forget_unworn", "know_default"]
+
 
 @dataclass(frozen=True, eq=False)
 class Changes:

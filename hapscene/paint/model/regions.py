@@ -14,6 +14,8 @@ from hapscene.scene.fine_paint import LEAF_MAX, NOTHING, finest_of, parts, whole
 from hapscene.scene.region import Volume
 from hapscene.scene.topology import connected
 
+__all__ = ["Outline", "TurnedBox", "near_border"]
+
 
 @dataclass(frozen=True, eq=False)
 class TurnedBox(Volume):

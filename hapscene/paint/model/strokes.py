@@ -14,6 +14,8 @@ from hapscene.paint.model.painting import ERASE, Painting
 from hapscene.scene.body import Body
 from hapscene.scene.region import Tube
 
+__all__ = ["NONE", "Brush", "Stroke", "Symmetry"]
+
 TURNS_MAX: Final = 64
 """Most images around an axis [count]."""
 

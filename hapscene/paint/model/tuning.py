@@ -21,6 +21,8 @@ from hapscene.swatches.library import add, find, library_folder
 from hapscene.swatches.picture import plain_look
 from hapscene.view.palette import distinct_colours, rgb
 
+__all__ = ["Parameter", "SwatchTuning", "parameters_of", "tuned", "write_swatch"]
+
 STIFFNESS: Final = "stiffness_N_m"
 
 SHOWN: Final = {

@@ -11,6 +11,8 @@ from hapscene.native import native
 from hapscene.paint.model.mesh import PaintableMesh
 from hapscene.scene.body import Body
 
+__all__ = ["Sight", "seen_places"]
+
 NEAR_SHARE: Final = 3e-4
 """How far before a place a surface must be to hide it, in radii of the body that hides [1]: more than a ray's rounding;
 nearer is the place itself, or what is drawn as one with it."""

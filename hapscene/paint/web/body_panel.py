@@ -25,6 +25,8 @@ from hapscene.scene.mesh_file import FORMATS, UNITLESS, load_mesh
 from hapscene.scene.scene import Scene
 from hapscene.scene.size_advice import LIKELY_M, dimensions, size_advice
 
+__all__ = ["BESIDE", "MESHES", "BodyPanel"]
+
 MESHES: Final = tuple(f".{suffix}" for suffix in FORMATS if suffix != "zip")
 BESIDE: Final = (".mtl", ".bin", ".png", ".jpg", ".jpeg")
 """Files that a mesh names beside itself, and that are no meshes."""

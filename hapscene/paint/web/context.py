@@ -14,6 +14,8 @@ from hapscene.paint.web.socket import PageSocket
 from hapscene.paint.web.tools import Tools
 from hapscene.paint.web.view import SceneView
 
+__all__ = ["PageContext", "aria", "bounded", "card_html", "escape_html", "set_html"]
+
 
 @dataclass(frozen=True)
 class PageContext:

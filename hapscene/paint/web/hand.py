@@ -23,6 +23,20 @@ from hapscene.scene.scene import Scene
 from hapscene.servo import Servo, ServoState
 from hapscene.servo.servo import TickLog
 
+__all__ = [  # fmt: skip
+    "COMPENSATOR_HINTS",
+    "GRIP_NAMES",
+    "HAND_DEVICES",
+    "HOVER_M",
+    "IDLE_S",
+    "LIFT_M",
+    "NO_HANDLE",
+    "HandConfig",
+    "TouchHand",
+    "aim_point",
+    "make_servo",
+]
+
 
 class HandDevice(NamedTuple):
     """A device that the hand can hold: whose limits it has, a name of `DEVICES`; and how it moves."""

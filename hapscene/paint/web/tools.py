@@ -16,6 +16,8 @@ from hapscene.paint.web.hand import TouchHand
 from hapscene.paint.web.view import Pointer, SceneView
 from hapscene.surface.swatch import PLAIN, SwatchLike
 
+__all__ = ["RADIUS_SHARE", "REGIONS", "STROKES", "TOOLS", "Tools"]
+
 CORNERS_MAX: Final = 400
 """Most corners of a line [count]: then every second one goes."""
 

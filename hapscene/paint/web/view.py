@@ -17,6 +17,8 @@ from hapscene.scene.fine_paint import parts
 from hapscene.scene.mesh import Mesh
 from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours, linear, rgb
 
+__all__ = ["VIEWS", "Pointer", "SceneView", "rgb_bytes", "rotation"]
+
 SHOWN: Final = 3.0
 """How large a scene is shown, its diagonal in viser's units: what the browser's near plane and keys are made for."""
 
