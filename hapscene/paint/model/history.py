@@ -12,7 +12,7 @@ from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import NOTHING, FinePaint
 from hapscene.surface.swatch import Swatch
 
-__all__ = [  # fmt: skip
+__all__ = [
     "BodyDelta",
     "FaceDelta",
     "History",

@@ -19,7 +19,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Volume
 from hapscene.scene.topology import connected, edges_of, normals_of, weld
 
-__all__ = [  # fmt: skip
+__all__ = [
     "FACING_RAD",
     "Hit",
     "Mask",

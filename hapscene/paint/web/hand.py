@@ -23,7 +23,7 @@ from hapscene.scene.scene import Scene
 from hapscene.servo import Servo, ServoState
 from hapscene.servo.servo import TickLog
 
-__all__ = [  # fmt: skip
+__all__ = [
     "COMPENSATOR_HINTS",
     "GRIP_NAMES",
     "HAND_DEVICES",

@@ -25,7 +25,7 @@ from importlib import resources
 from typing import Any, Final, Self
 
 from hapscene.errors import ViewError
-from hapscene.web_listener import refusal_reason
+from hapscene.web.listener import refusal_reason
 
 __all__ = ["SOCKET_PATH", "PageServer", "button_hints", "host_names", "own_addresses"]
 

@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 
 from hapscene.errors import ViewError
 from hapscene.paint.web.server import LOOPBACK, POLICY, SOCKET_PATH, PageServer, host_names
-from hapscene.web_listener import refusal_reason
+from hapscene.web.listener import refusal_reason
 
 
 @pytest.mark.parametrize("host", ["localhost:80", "127.0.0.1:8080", "[::1]:1", "LOCALHOST:80", "localhost"])
