@@ -24,11 +24,11 @@ from hapscene.capture.streams import Array
 from hapscene.dsp.ar_filter import ar_from_lsf
 from hapscene.errors import HapsceneError, SwatchError
 from hapscene.files import refusing, write_whole
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch, SwatchLike
 from hapscene.surface.swatch_file import SUFFIX, save_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch
 
 # Taps of the Penn Haptic Texture Toolkit: transients at 1 kHz, and the swatch's taps.
 

@@ -16,9 +16,9 @@ from hapscene import cli
 from hapscene.capture.hatt import export_hatt, hatt_loses, import_hatt, import_many, import_noted
 from hapscene.capture.hatt_file import read_models, read_taps
 from hapscene.errors import SwatchError
-from hapscene.surface.library import load_swatch
 from hapscene.surface.life import Life
 from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.swatches.library import load_swatch
 
 pytestmark = pytest.mark.nightly
 
