@@ -32,6 +32,7 @@ FLOOR = (
         "perception",
         "plugin_registry",
         "wall_clock",
+        "web",
         "web_listener",
         "worker_pool",
     ),
@@ -57,7 +58,7 @@ CORE = (
 )
 """What a loop with a real device needs."""
 
-INNER = ("handle", "interrupt", "motion", "servo", "twin", "wire")
+INNER = ("handle", "interrupt", "loop", "motion", "servo", "twin", "wire")
 """What the core does not need, and others build on."""
 
 OUTER = (
@@ -87,6 +88,7 @@ APART = {
     "contact": ("surface", "device", "tick", "renderer"),
     "device": ("surface", "scene", "tick", "renderer"),
     "handle": ("contact", "device", "scene", "tick", "renderer", "twin", "servo"),
+    "loop": ("servo", "twin"),
     "twin": ("servo",),
     "wire": ("contact", "device", "scene", "surface", "tick", "renderer", "handle", "twin", "servo"),
     "exchange": ("device", "tick", "renderer", "handle", "twin", "servo"),
@@ -95,7 +97,7 @@ APART = {
 
 BETWEEN = {
     "fidelity/trial.py": {"motion"},  # draws paths; no renderer knows the search, which stands beside what it finds
-    "fidelity/tune.py": {"handle", "motion", "touch"},  # the same, with scenes opened in every process
+    "fidelity/tune.py": {"handle", "motion", "touch"},  # the same, and it prints progress
     "handle/measure.py": {"capture"},  # recordings of a sweep are read as other recordings are
     "handle/identification_report.py": {"view"},  # plots beside what they show
     "handle/playback_report.py": {"view"},

@@ -224,3 +224,24 @@ def test_a_digest_is_that_of_the_code_below() -> None:
         return lambda x: inner(x)
 
     assert digest.digest_of(make(2.0))[0] == digest.digest_of(make(2.0))[0] != digest.digest_of(make(3.0))[0]
+
+
+def test_a_digest_is_that_of_constants_inside_nested_functions_too() -> None:
+    def doubled(x: list[float]) -> list[float]:
+        return [2.0 * y for y in x]
+
+    def tripled(x: list[float]) -> list[float]:
+        return [3.0 * y for y in x]
+
+    tripled.__qualname__ = doubled.__qualname__
+    assert digest.digest_of(doubled)[0] != digest.digest_of(tripled)[0]
+
+
+def test_a_digest_tells_what_is_inlined_from_what_is_called() -> None:
+    def calling(inner: Any) -> Any:
+        return lambda x: inner(x)
+
+    def plain(x: float) -> float:
+        return x
+
+    assert digest.digest_of(calling(native(plain)))[0] != digest.digest_of(calling(inlined(plain)))[0]
