@@ -64,7 +64,7 @@ if __name__ == "__main__":
 @pytest.fixture
 def emulated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     """The drivers' tests' way to start emulators."""
-    place = Path(__file__).parents[2] / "plugins" / "devices" / "conftest.py"
+    place = Path(__file__).parents[1] / "plugins" / "devices" / "conftest.py"
     spec = importlib.util.spec_from_file_location("emulated_devices", place)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
