@@ -1,6 +1,6 @@
-"""A handle on USB without hardware: a backend of pyusb, in place of libusb, for `option backend=…` of the handle `usb`.
+"""An emulated handle on USB: a backend of pyusb, in place of libusb, for `option backend=…` of the handle `usb`.
 
-The board behind it is that of `port_simulator`. It keeps time: what is due by the clock can be read.
+The board behind it is that of `serial_board`, in real time.
 """
 
 import time
@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.plant import Plant
-from hapscene.handle.port_simulator import Peer
 from hapscene.wire.usb_board import UsbBoard
+from tests.handle.serial_board import Peer
 
 RATE_HZ: Final = 5000.0
 

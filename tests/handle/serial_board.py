@@ -1,4 +1,4 @@
-"""A handle without hardware: `python -m hapscene.handle.port_simulator` speaks the protocol on a pseudo-terminal.
+"""An emulated handle: `python -m tests.handle.serial_board` speaks the protocol on a pseudo-terminal.
 
 It prints the port's name; `hapscene handle identify --port NAME` in another terminal then identifies it. Each time that
 a sweep begins, the simulated hand holds it otherwise.
@@ -160,7 +160,7 @@ def _write(wire: int, data: bytes, over: Callable[[], bool], patience_s: float) 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the simulator until its time is over or Ctrl-C."""
-    parser = simulator_parser("hapscene.handle.port_simulator", __doc__, 5000.0)
+    parser = simulator_parser("tests.handle.serial_board", __doc__, 5000.0)
     parser.add_argument("--grips", type=int, default=5, metavar="N", help="how many ways to hold it (default 5)")
     parser.add_argument("--hurry", action="store_true", help="play as fast as force comes, not at the rate")
     options = parser.parse_args(arguments)
