@@ -7,8 +7,8 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.capture import fit, load_recording, synthesize
+from hapscene.capture.io.streams import clean
 from hapscene.capture.order_search import search_order
-from hapscene.capture.streams import clean
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
 

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture import metric
-from hapscene.capture.coverage import FORCE_N, SPEED_M_S, Coverage, Wanted
-from hapscene.capture.recording_file import SurfaceRecording
+from hapscene.capture.io.recording import SurfaceRecording
+from hapscene.capture.record.coverage import FORCE_N, SPEED_M_S, Coverage, Wanted
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import _Player
 from hapscene.capture.texture_pieces import EXPONENT_SPREADS, EXPONENTS
@@ -162,13 +162,11 @@ class Missed(NamedTuple):
         level_dB: error of the level, root mean square.
         shape_dB: log-spectral distance, level aside, mean.
         share: of the cells that had the pieces of a model [1].
-        expected_dB: error of the level as the page expected it.
     """
 
     level_dB: float
     shape_dB: float
     share: float
-    expected_dB: float
 
 
 def missed(texture: Texture, hand: str, seconds: float, seed: int) -> Missed:
@@ -184,7 +182,7 @@ def missed(texture: Texture, hand: str, seconds: float, seed: int) -> Missed:
     level = 10.0 * np.log10(densities[0].sum(axis=1) / densities[1].sum(axis=1))
     shape = [metric.log_spectral_distance(one, two, frequency) for one, two in zip(*densities, strict=True)]
     share = float(np.mean(coverage.pieces >= 4))
-    return Missed(float(np.sqrt(np.mean(level**2))), float(np.mean(shape)), share, coverage.error_dB)
+    return Missed(float(np.sqrt(np.mean(level**2))), float(np.mean(shape)), share)
 
 
 def paired(first: Array, second: Array) -> str:
@@ -202,7 +200,7 @@ def compared(found: Mapping[tuple[str, float], Sequence[Missed]]) -> str:
         (f"{hand}, {seconds:g} s", *(f"{np.median(row):.2f}" for row in column))
         for (hand, seconds), column in columns.items()
     ]
-    made = str(table(("hand", "level [dB]", "shape [dB]", "cells with a model's pieces", "level as expected"), rows))
+    made = str(table(("hand", "level [dB]", "shape [dB]", "cells with a model's pieces"), rows))
     rows = [
         (f"{hand}, {seconds:g} s, under {other}, {length:g} s", *map(paired, column[:2], columns[other, length][:2]))
         for (hand, seconds), column in columns.items() if hand in GUIDED

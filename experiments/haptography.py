@@ -17,8 +17,8 @@ from scipy.signal import lfilter
 
 from hapscene.capture import metric
 from hapscene.capture.change_point import change_points
+from hapscene.capture.io.streams import Streams, part_of
 from hapscene.capture.segment import segment
-from hapscene.capture.streams import Streams, part_of
 from hapscene.capture.swatch_fit import fit_parts
 from hapscene.capture.synthesis import synthesize
 from hapscene.dsp.ar_filter import power_gain

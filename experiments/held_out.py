@@ -24,8 +24,8 @@ from scipy.signal import lfilter
 
 from hapscene.capture import metric
 from hapscene.capture.batch import gather
-from hapscene.capture.recording_file import SurfaceRecording, load_recording
-from hapscene.capture.streams import Streams, clean, part_of
+from hapscene.capture.io.recording import SurfaceRecording, load_recording
+from hapscene.capture.io.streams import Streams, clean, part_of
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import synthesize
 from hapscene.command.options import add_recording_options, recording_options, whole

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.hatt_file import HattModels, read_models
+from hapscene.capture.io.hatt import HattModels, read_models
 from hapscene.dsp.ar_filter import ar_from_lsf, power_response
 from hapscene_benchmarks.markdown import table
 
@@ -60,10 +60,9 @@ FREE: Final = Prior(np.zeros(2), 1e4 * np.eye(2))
 def recorded_places(models: HattModels) -> Places:
     """The places of a file that were recorded; left out is what is silent, a copy, or only closes the rectangle."""
     omega = np.pi * (np.arange(4096) + 0.5) / 4096
-    numerator = ar_from_lsf(models.ma_lsf_rad) if models.ma_lsf_rad.shape[1] else np.ones((len(models.gain), 1))
-    density = power_response(ar_from_lsf(models.ar_lsf_rad), omega) / power_response(numerator, omega)
+    density = power_response(ar_from_lsf(models.ar_lsf_rad), omega)
     heard = omega >= 2.0 * np.pi * LOW_HZ / models.rate_Hz
-    power = models.gain**2 * models.variance_m2_s4 * (density * heard).mean(axis=1)
+    power = models.variance_m2_s4 * (density * heard).mean(axis=1)
     force, speed = models.force_N, models.speed_m_s
     inner = (force > 0.0) & (speed > 0.0) & (power > 0.0)
     inner &= (force < force.max() * (1.0 - 1e-6)) & (speed < speed.max() * (1.0 - 1e-6))

@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 from scipy.signal import lfilter
 
+from hapscene.capture.io.streams import Streams, part_of
 from hapscene.capture.life_fit import fit_life
 from hapscene.capture.metric import liveliness
-from hapscene.capture.streams import Streams, part_of
 from hapscene.capture.synthesis import synthesize
 from hapscene.capture.texture_fit import fit_texture
 from hapscene.capture.texture_pieces import cut

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hapscene.capture.streams import Array
+from hapscene.capture.io.streams import Array
 from hapscene.constants import LIFE_MAX
 from hapscene.dsp.lattice import run_texture, voice_fields
 from hapscene.dsp.noise import normal, seeded_state

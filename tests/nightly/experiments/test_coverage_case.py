@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.coverage import FORCE_N, SPEED_M_S
+from hapscene.capture.record.coverage import FORCE_N, SPEED_M_S
 from hapscene.capture.synthesis import synthesize
 from hapscene.surface.swatch import Swatch
 from hapscene_experiments.coverage_case import HANDS, RATE_HZ, Missed, compared, missed, paired, recorded, surface
@@ -39,6 +39,6 @@ def test_hands_stay_in_what_hands_do(hand: str) -> None:
 
 def test_what_is_told() -> None:
     assert paired(np.array([1.0, 2.0]), np.array([1.5, 2.5])) == "0.50 [0.50, 0.50], 2 of 2"
-    rows = [Missed(2.0, 1.0, 0.9, 1.0)] * 2
-    told = compared({("looks", 10.0): rows, ("own way", 30.0): [Missed(3.0, 1.5, 0.3, 2.0)] * 2})
+    rows = [Missed(2.0, 1.0, 0.9)] * 2
+    told = compared({("looks", 10.0): rows, ("own way", 30.0): [Missed(3.0, 1.5, 0.3)] * 2})
     assert "| looks, 10 s, under own way, 30 s | 1.00 [1.00, 1.00], 2 of 2 | 0.50 [0.50, 0.50], 2 of 2 |" in told

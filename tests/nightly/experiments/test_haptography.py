@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hapscene.capture.streams import Streams
+from hapscene.capture.io.streams import Streams
 from hapscene.surface.texture import Texture
 from hapscene_experiments.haptography import TABLES, apart, hatt_pipeline, missed, put_in
 

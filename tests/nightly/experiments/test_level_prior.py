@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.hatt_file import HattModels
+from hapscene.capture.io.hatt import HattModels
 from hapscene.dsp.ar_filter import lsf_from_ar
 from hapscene_experiments.level_prior import Places, law, learn, left_out, recorded_places, report
 
@@ -36,12 +36,12 @@ def test_what_was_learnt_predicts_a_surface_that_was_left_out(surfaces: dict[str
 
 
 def test_places_are_those_recorded_at_the_power_that_the_toolkit_plays() -> None:
-    """y = g (e + c e(t−1)) − a y(t−1) has g² v (1 + c² − 2ac)/(1 − a²) of power, nearly all of it above 20 Hz."""
+    """y = e − a y(t−1) has v/(1 − a²) of power, nearly all of it above 20 Hz."""
     force, speed = np.array([0.0, 1.0, 1.0, 2.0, 3.0]), np.array([0.1, 0.05, 0.05, 0.1, 0.2])
-    a, c, gain, variance = 0.5, 0.3, np.array([2.0, 2.0, 2.0, 3.0, 3.0]), np.array([0.0, 4.0, 4.0, 5.0, 6.0])
-    ar, ma = (np.tile(lsf_from_ar(np.array([1.0, x, 0.0])), (5, 1)) for x in (a, c))
+    a, variance = 0.5, np.array([0.0, 16.0, 16.0, 45.0, 54.0])
+    ar = np.tile(lsf_from_ar(np.array([1.0, a, 0.0])), (5, 1))
     corners = np.array([[0, 1, 2]], np.int32)
-    found = recorded_places(HattModels("made", 1000.0, None, force, speed, corners, ar, ma, variance, gain, ()))
+    found = recorded_places(HattModels("made", 1000.0, None, force, speed, corners, ar, variance, ()))
     assert np.exp(found.at) == pytest.approx(np.array([[1.0, 0.05], [2.0, 0.1]]))  # no silence, copy or corner
-    true = gain[[1, 3]] ** 2 * variance[[1, 3]] * (1.0 + c**2 - 2.0 * a * c) / (1.0 - a**2)
+    true = variance[[1, 3]] / (1.0 - a**2)
     assert np.exp(found.power) == pytest.approx(true, rel=0.04)

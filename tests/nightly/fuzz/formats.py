@@ -20,9 +20,9 @@ from scipy.io import savemat, wavfile
 import hapscene
 from hapscene import recording
 from hapscene.capture import batch
-from hapscene.capture.hatt import export_hatt, import_hatt
-from hapscene.capture.hatt_file import read_taps
-from hapscene.capture.recording_file import load_recording
+from hapscene.capture.io.hatt import export_hatt, import_hatt
+from hapscene.capture.io.hatt_file import read_taps
+from hapscene.capture.io.recording import load_recording
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.exchange import export_scene, import_scene
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity

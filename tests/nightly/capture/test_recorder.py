@@ -1,36 +1,101 @@
 """Recording over a pseudo-terminal, with a probe at the other end that a thread or a process of its own plays."""
 
+import errno
+import itertools
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hapscene.capture.record import record
-from hapscene.capture.record_file import load_record
+from hapscene.capture.io.hsrec import load_record
+from hapscene.capture.record.recorder import Made, record
 from hapscene.errors import CaptureError
 from hapscene.interrupt import ENDS
-from hapscene.wire.protocol import Column, Header, header_line
-from tests.capture.test_record import LIMIT_S, Probe, lines, probe, truth
+from hapscene.wire.port import Port
+from tests.capture.test_recorder import HEADER, lines, truth
 from tests.until import until
-
-__all__ = ["probe"]  # fixtures
-
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 
 
-COLUMNS = (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.01))
+LIMIT_S = 120.0
+"""Longest that a test waits for another process [s]."""
 
 
-HEADER = header_line(Header(2000.0, COLUMNS))
+class Probe:
+    """The other end of a port, which a thread writes to."""
+
+    def __init__(self) -> None:
+        import tty
+
+        self.ours, self._theirs = os.openpty()
+        tty.setraw(self._theirs)
+        os.set_blocking(self.ours, False)
+        self.port = os.ttyname(self._theirs)
+        self._thread: threading.Thread | None = None
+        self._opened, self._over = threading.Event(), threading.Event()
+
+    def record(self, path: Path, stopped: Callable[[], bool] = lambda: False, **more: float) -> Made:
+        """Records here; the thread writes once the port is open, because opening it discards what came before."""
+
+        def asked() -> bool:
+            self._opened.set()
+            return stopped()
+
+        return record(self.port, path, stopped=asked, **more)
+
+    def play(self, parts: "Iterator[bytes] | list[bytes]", at_once: bool = False) -> None:
+        """Writes the parts from a thread, once the port is open."""
+
+        def write() -> None:
+            if not at_once:
+                self._opened.wait(LIMIT_S)
+            try:
+                for part in parts:
+                    while part:
+                        try:
+                            part = part[os.write(self.ours, part) :]
+                        except BlockingIOError:  # nobody reads, now or ever again
+                            if self._over.wait(1e-3):
+                                return
+            except OSError as error:
+                assert error.errno in (errno.EIO, errno.EBADF)
+
+        self._thread = threading.Thread(target=write, daemon=True)
+        self._thread.start()
+
+    @property
+    def writing(self) -> bool:
+        """Whether not all parts are written yet."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def unplug(self) -> None:
+        os.close(self.ours)
+        self.ours = -1
+
+    def close(self) -> None:
+        self._opened.set()
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join(LIMIT_S)
+        os.close(self._theirs)
+        if self.ours >= 0:
+            os.close(self.ours)
+
+
+@pytest.fixture
+def probe() -> Iterator[Probe]:
+    probe = Probe()
+    yield probe
+    probe.close()
 
 
 @contextmanager
@@ -147,7 +212,7 @@ def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path, k
 
 def test_the_simulator_is_a_probe(tmp_path: Path) -> None:
     """Two commands of the documentation: a simulated probe in one process, a recording here."""
-    with process("-m", "hapscene.capture.record_simulator", "--drop", "0.01", stdout=subprocess.PIPE) as child:
+    with process("-m", "tests.capture.probe_simulator", "--drop", "0.01", stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         port = child.stdout.readline().strip()
         made = record(port, tmp_path / "a.hsrec", duration_s=0.8)
@@ -156,3 +221,22 @@ def test_the_simulator_is_a_probe(tmp_path: Path) -> None:
     force = kept.streams["force"][~kept.missing]
     assert set(kept.streams) == {"acceleration", "force", "tangential_force", "speed"} and 0.5 < force.mean() < 2.0
     assert kept.streams["acceleration"][~kept.missing].std() > 0.05
+
+
+def test_an_unplugged_probe_ends_the_record_properly(probe: Probe, tmp_path: Path) -> None:
+    calls = itertools.count()
+
+    def stopped() -> bool:
+        if next(calls) == 20:
+            probe.unplug()
+        return False
+
+    probe.play([HEADER, *lines(0, 400)])
+    made = probe.record(tmp_path / "a.hsrec", stopped)
+    assert made.ended.startswith("the probe went away: ")
+    assert load_record(tmp_path / "a.hsrec").ended == made.ended and made.length > 0
+
+
+def test_a_port_that_another_program_has_open(probe: Probe, tmp_path: Path) -> None:
+    with closing(Port(probe.port, 115_200)), pytest.raises(CaptureError, match="another program has it open"):
+        record(probe.port, tmp_path / "a.hsrec")
