@@ -20,8 +20,7 @@ from scipy.io import savemat, wavfile
 import hapscene
 from hapscene import recording
 from hapscene.capture import batch
-from hapscene.capture.io.hatt import export_hatt, import_hatt
-from hapscene.capture.io.hatt_file import read_taps
+from hapscene.capture.io.hatt import import_hatt, read_taps
 from hapscene.capture.io.recording import load_recording
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.exchange import export_scene, import_scene
@@ -49,6 +48,7 @@ from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 from hapscene.teleoperation.datagram import MESSAGE, Gate, pack
 from hapscene.wire.protocol import Column, Decoder, Header, header_line, sample_line
+from tests.capture.test_hatt import write_models
 
 Files = Mapping[str, bytes]
 """Contents by name: the file that is broken first, then those beside it."""
@@ -200,8 +200,12 @@ def read_painted(path: Path) -> int:
 
 
 def hatt_taps(path: Path) -> None:
-    export_hatt(swatch(), path.with_name("models.xml"), path)
-    path.with_name("models.xml").unlink()
+    waves = np.random.default_rng(0).normal(size=(3, 20)).round(4)
+    taps = (
+        f"<tap><tapSpeed>{20 * k}</tapSpeed><tapAccel>{' '.join(map(str, wave))}</tapAccel></tap>"
+        for k, wave in enumerate(waves.tolist(), 1)
+    )
+    path.write_text(f"<tapSet><numTap>3</numTap>{''.join(taps)}</tapSet>", encoding="utf-8")
 
 
 # The handle, batches, cases.
@@ -428,7 +432,7 @@ FORMATS: Mapping[str, Format] = {
         written(lambda path: library.add(swatch(), path.parent), library.INDEX),
         lambda path: len(library.search(library.own_entries(path.parent), ["a"])),
     ),
-    "hatt-models": Format(written(lambda path: export_hatt(swatch(), path), "Models_x.xml"), import_hatt),
+    "hatt-models": Format(written(lambda path: write_models(path, 0, 3, side=3), "Models_x.xml"), import_hatt),
     "hatt-taps": Format(written(hatt_taps, "Taps_x.xml"), read_taps),
     "handle": Format(handle, load_handle),
     "manifest": Format(manifest, lambda path: batch.Manifest(path.parent).check_outputs()),
