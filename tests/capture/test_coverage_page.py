@@ -115,5 +115,5 @@ def test_strangers_and_nonsense_do_nothing(live: LiveCoverage) -> None:
             line.send("{}")
             line.send("quit")
             assert json.loads(line.recv(timeout=PATIENCE_S))["share"]
-            line.send("stop")
+            line.send('"stop"')
             assert page.stopped.wait(PATIENCE_S)

@@ -118,7 +118,7 @@ function connect() {
   socket.onclose = lose;
 }
 
-function stop() { if (stopping && socket.readyState === 1) socket.send("stop"); } // a line that was lost hears it later
+function stop() { if (stopping && socket.readyState === 1) socket.send(JSON.stringify("stop")); } // a line that was lost hears it later
 
 function lose() {
   heard = 0;

@@ -4,7 +4,6 @@ A recorder that shares its interpreter with the page loses samples: a third of 1
 alone loses some per cent. The page receives the state every `BEAT_S`; it can send one word, "stop".
 """
 
-import json
 import math
 import multiprocessing
 import queue
@@ -15,7 +14,7 @@ from contextlib import suppress
 from importlib import resources
 from itertools import pairwise
 from threading import Event
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
@@ -23,15 +22,13 @@ from hapscene.capture.io.formats import AXES
 from hapscene.capture.io.streams import Array
 from hapscene.capture.record.coverage import Coverage, Wanted
 from hapscene.errors import CaptureError, HapsceneError
-from hapscene.web_listener import PageListener
+from hapscene.web.server import PageConnection, WebServer
 from hapscene.wire.protocol import Count, Header, Run
 from hapscene.wire.unit import UNITS
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
     from multiprocessing.queues import Queue
-
-    from websockets.sync.server import ServerConnection
 
 __all__ = ["BEAT_S", "CoveragePage", "CoverageProcess", "LiveCoverage", "blocks_of", "table"]
 
@@ -49,12 +46,6 @@ LATELY_S: Final = 1.5
 
 MESSAGE_MAX: Final = 64
 """Longest message of a page [bytes]."""
-
-FILES: Final = {
-    "": ("coverage.html", "text/html; charset=utf-8"),
-    "coverage.css": ("coverage.css", "text/css; charset=utf-8"),
-    "coverage.js": ("coverage.js", "text/javascript; charset=utf-8"),
-}
 
 
 class LiveCoverage:
@@ -132,7 +123,7 @@ class LiveCoverage:
 
 
 class CoveragePage:
-    """Serves the page while it is open.
+    """The page's web server, open while used with `with`.
 
     Args:
         port: where to listen; 0 for any that is free.
@@ -146,41 +137,34 @@ class CoveragePage:
     """
 
     def __init__(self, port: int = 0) -> None:
-        folder = resources.files(__package__)
-        files = {name: ((folder / file).read_bytes(), kind) for name, (file, kind) in FILES.items()}
-        self._text, self._open, self.stopped = json.dumps({"advice": "waiting for the probe …"}), True, Event()
-        self._listener = PageListener(
-            self._talk, "127.0.0.1", port, files=files, message_max=MESSAGE_MAX, option="--page-port"
+        self._state: Mapping[str, Any] = {"advice": "waiting for the probe …"}
+        self.stopped = Event()
+        self._server = WebServer(
+            resources.files("hapscene.capture.record"),
+            "coverage",
+            take=self._take,
+            joined=lambda page: page.send(self._state),
+            port=port,
+            message_max=MESSAGE_MAX,
+            option="--page-port",
         )
-        self.url = self._listener.url
+        self.url = self._server.url
 
-    def __enter__(self) -> "CoveragePage":
-        self._listener.open()
+    def __enter__(self) -> Self:
+        self._server.open()
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._open = False
-        time.sleep(2.0 * BEAT_S)  # pages receive the last state
-        self._listener.close()
+        self._server.close()
 
     def send(self, state: Mapping[str, Any]) -> None:
         """Send a state to every page."""
-        self._text = json.dumps(state)
+        self._state = state
+        self._server.send(state)
 
-    def _talk(self, connection: "ServerConnection") -> None:
-        """Send a page what is new until it closes."""
-        from websockets.exceptions import ConnectionClosed
-
-        sent = ""
-        with suppress(ConnectionClosed):
-            while self._open:
-                if sent != (text := self._text):
-                    connection.send(text)
-                    sent = text
-                with suppress(TimeoutError):
-                    if connection.recv(timeout=BEAT_S) == "stop":
-                        self.stopped.set()
-        connection.close()
+    def _take(self, page: PageConnection, message: object) -> None:
+        if message == "stop":
+            self.stopped.set()
 
 
 class CoverageProcess:
