@@ -48,7 +48,6 @@ from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 from hapscene.teleoperation.datagram import MESSAGE, Gate, pack
 from hapscene.wire.protocol import Column, Decoder, Header, header_line, sample_line
-from tests.capture.test_hatt import write_models
 
 Files = Mapping[str, bytes]
 """Contents by name: the file that is broken first, then those beside it."""
@@ -197,6 +196,17 @@ def written(write: Callable[[Path], object], name: str) -> Callable[[], Files]:
 
 def read_painted(path: Path) -> int:
     return sum(len(body.mesh.faces) for body in import_scene(path).bodies)
+
+
+def hatt_models(path: Path) -> None:
+    places = [(0.0, 0.0), (0.0, 2.0), (100.0, 0.0), (100.0, 2.0)]
+    models = (
+        f"<model><modNum>{number}</modNum><ARlsf>0.3 0.9 1.8 2.6</ARlsf><var>{0.1 * number}</var>"
+        f"<speedMod>{speed}</speedMod><forceMod>{force}</forceMod></model>"
+        for number, (speed, force) in enumerate(places, 1)
+    )
+    head = "<SampleRate>10000</SampleRate><mu>0.4</mu><numMod>4</numMod><tri>1 2 3</tri><tri>2 3 4</tri>"
+    path.write_text(f"<modelSet>{head}{''.join(models)}</modelSet>", encoding="utf-8")
 
 
 def hatt_taps(path: Path) -> None:
@@ -429,7 +439,7 @@ FORMATS: Mapping[str, Format] = {
         written(lambda path: library.add(swatch(), path.parent), library.INDEX),
         lambda path: len(library.search(library.own_entries(path.parent), ["a"])),
     ),
-    "hatt-models": Format(written(lambda path: write_models(path, 0, 3, side=3), "Models_x.xml"), import_hatt),
+    "hatt-models": Format(written(hatt_models, "Models_x.xml"), import_hatt),
     "hatt-taps": Format(written(hatt_taps, "Taps_x.xml"), read_taps),
     "handle": Format(handle, load_handle),
     "manifest": Format(manifest, lambda path: batch.Manifest(path.parent).check_outputs()),
