@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
 from hapscene.capture.io.hsrec import load_record
 from hapscene.capture.record.coverage import Coverage, Wanted
-from hapscene.capture.record.coverage_page import BEAT_S, CoveragePage, CoverageProcess, LiveCoverage, table
+from hapscene.capture.record.coverage_page import CoveragePage, CoverageProcess, LiveCoverage, table
 from hapscene.capture.record.recorder import record
 from tests.capture.probe_simulator import COLUMNS, lines
 from tests.capture.test_coverage_page import live
@@ -135,32 +135,3 @@ def test_the_page_can_be_read(live: LiveCoverage, browser: Any, look: str, size:
         tab.click("#stop")
         until(page.stopped.is_set)
         assert not wrong
-
-
-@pytest.mark.soak
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
-def test_a_minute_at_20_updates_a_second(tmp_path: Path, browser: Any) -> None:
-    """In real time: the simulator loses what is not read in time. For a quiet machine."""
-    words = [sys.executable, "-m", "tests.capture.probe_simulator", "--rate", f"{RATE_HZ:g}"]
-    simulator = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-    assert simulator.stdout is not None
-    port = simulator.stdout.readline().strip()
-    with CoverageProcess(Wanted()) as page:
-        tab = browser.new_page()
-        tab.goto(page.url)
-        made: list[Any] = []
-        recorder = threading.Thread(
-            target=lambda: made.append(record(port, tmp_path / "a.hsrec", duration_s=62.0, watch=(page,)))
-        )
-        recorder.start()
-        until(lambda: tab.evaluate("hapscene.count >= 20"))
-        before, begun_s = tab.evaluate("hapscene.count"), time.monotonic()
-        tab.wait_for_timeout(55_000)
-        rate_Hz = (tab.evaluate("hapscene.count") - before) / (time.monotonic() - begun_s)
-        recorder.join(PATIENCE_S)
-        tab.close()
-    simulator.kill()
-    simulator.communicate()
-    print(f"{rate_Hz:.1f} updates a second; {made[0]}")
-    assert made[0].count.dropped == 0 and made[0].count.torn == 0
-    assert rate_Hz > 0.95 / BEAT_S

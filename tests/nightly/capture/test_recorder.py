@@ -20,7 +20,7 @@ from hapscene.capture.record.recorder import Made, record
 from hapscene.errors import CaptureError
 from hapscene.interrupt import ENDS
 from hapscene.wire.port import Port
-from tests.capture.test_recorder import HEADER, lines, truth
+from tests.capture.test_recorder import HEADER, lines
 from tests.until import until
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
@@ -146,50 +146,6 @@ def test_a_killed_recording_is_readable_up_to_its_last_second(probe: Probe, tmp_
     there = np.flatnonzero(~kept.missing)
     first = np.rint(kept.streams["force"][0] / 0.01)
     assert first == pytest.approx(kept.streams["force"][0] / 0.01) and len(there) > 0.9 * len(kept.missing)
-
-
-def number_of(acceleration: float, force: float) -> int:
-    """Which sample has this row, below 1.2 million: both residues are known."""
-    by_37 = (round(acceleration / 0.001) + 2000) * pow(37, -1, 4001) % 4001
-    return int(next(n for n in range(by_37, 4001 * 300, 4001) if n % 300 == round(force / 0.01)))
-
-
-@pytest.mark.soak
-def test_killed_at_a_hundred_random_times_it_is_readable_up_to_the_last_second(tmp_path: Path) -> None:
-    """What the probe had sent when SIGKILL fell is in the file, less at most a second: each sample right."""
-    rng, left_out_s = np.random.default_rng(19), []
-    for turn in range(100):
-        probe, stop, sent, path = Probe(), threading.Event(), [0], tmp_path / f"{turn}.hsrec"
-
-        def counted(stop: threading.Event = stop, sent: list[int] = sent) -> Iterator[bytes]:
-            for part in paced(stop):
-                yield part
-                sent[0] += part.count(b"\n") - part.count(b"#")
-
-        words = ("-m", "hapscene.cli", "capture", "record", "--port", probe.port, "-o", str(path))
-        with process(*words, stdout=subprocess.PIPE) as child:
-            probe.play(counted(), at_once=True)
-            assert child.stdout is not None and "recording" in child.stdout.readline()
-            begun_s = time.monotonic()
-            time.sleep(rng.uniform(0.0, 4.0))
-            child.send_signal(signal.SIGKILL)
-            sent_then, elapsed_s = sent[0], time.monotonic() - begun_s
-            child.wait(LIMIT_S)
-        stop.set()
-        try:
-            kept = load_record(path)
-        except CaptureError as error:
-            assert "holds no samples" in str(error) and elapsed_s < 0.5, f"turn {turn}, after {elapsed_s:.2f} s"
-        else:
-            there = ~kept.missing
-            acceleration, force = (kept.streams[name][there] for name in ("acceleration", "force"))
-            first, last = number_of(acceleration[0], force[0]), number_of(acceleration[-1], force[-1])
-            assert len(kept.missing) == last - first + 1 and kept.ended is None
-            np.testing.assert_allclose([acceleration, force], truth(first + np.flatnonzero(there)), atol=1e-9)
-            left_out_s.append((sent_then - 1 - last) / 2000.0)
-        probe.close()
-    print(f"left out: median {np.median(left_out_s):.3f} s, most {max(left_out_s):.3f} s of {len(left_out_s)}")
-    assert max(left_out_s) < 1.0
 
 
 @pytest.mark.parametrize("kind", [signal.SIGINT, *ENDS])
