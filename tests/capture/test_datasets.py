@@ -13,8 +13,6 @@ from hapscene.capture.io.recording import BridgedWarning, load_recording
 from hapscene.confined import confined
 from hapscene.errors import CaptureError
 
-pytestmark = pytest.mark.nightly
-
 G = 9.80665
 
 Columns = Mapping[str, Sequence[float] | np.ndarray]
@@ -102,7 +100,7 @@ def cluster_recording(root: Path, name: str, *, parquet: bool = False, leave_out
     return root / "sensor_data" / "accel" / f"{name}.{'parquet' if parquet else 'csv'}"
 
 
-@pytest.mark.parametrize("parquet", [False, True])
+@pytest.mark.parametrize("parquet", [False, pytest.param(True, marks=pytest.mark.nightly)])
 def test_cluster_puts_its_streams_on_one_even_time(tmp_path: Path, parquet: bool) -> None:
     recording = load_recording(cluster_recording(tmp_path, "17_135_40_500_0", parquet=parquet))
     assert recording.rate_Hz == 6000.0 and len(recording.acceleration_m_s2) == pytest.approx(2.0 * 6000, rel=0.02)
@@ -143,6 +141,7 @@ def test_a_file_that_is_called_by_its_date_is_no_published_one(tmp_path: Path) -
     assert len(recording.acceleration_m_s2) == 4000
 
 
+@pytest.mark.nightly  # a process
 def test_parquet_is_read_as_other_tables_are(tmp_path: Path) -> None:
     pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     table = pa.table({"accel": np.arange(1000) % 7 / 7.0, "note": ["x"] * 1000, "force": np.full(1000, 2.0)})
@@ -158,6 +157,7 @@ def test_parquet_is_read_as_other_tables_are(tmp_path: Path) -> None:
             load_recording(tmp_path / "oak.parquet", 1e4, **how)
 
 
+@pytest.mark.nightly  # a process
 def test_parquet_is_read_with_whatever_memory_is_enough(tmp_path: Path) -> None:
     pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     place = tmp_path / "oak.parquet"
@@ -168,6 +168,7 @@ def test_parquet_is_read_with_whatever_memory_is_enough(tmp_path: Path) -> None:
             assert set(confined(read_parquet, file, 10**6, **how).arrays["force"]) == {2.0}
 
 
+@pytest.mark.nightly  # a process
 def test_parquet_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
     pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     pq.write_table(pa.table({"acceleration": np.zeros(5_000_000)}), tmp_path / "bomb.parquet")

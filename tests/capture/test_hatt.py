@@ -17,8 +17,6 @@ from hapscene.capture.io.hatt import import_hatt, import_many
 from hapscene.errors import SwatchError
 from hapscene.surface.library import load_swatch
 
-pytestmark = pytest.mark.nightly
-
 Array = NDArray[np.float64]
 
 
@@ -250,7 +248,7 @@ def test_many_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     folder.mkdir()
     first = write_models(folder / "Models_0.xml", 0, pairs=3, side=3)
     text = first.read_text(encoding="utf-8")
-    for i in range(1, 100):
+    for i in range(1, 60):
         (folder / f"Models_{i}.xml").write_text(text.replace("Made up 0", f"Made up {i}"), encoding="utf-8")
     for i in (17, 42):
         (folder / f"Models_{i}.xml").write_text(text[: len(text) // 2], encoding="utf-8")
@@ -258,11 +256,11 @@ def test_many_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     (folder / "Taps_none.xml").write_text("<tapSet/>")
     assert cli.main(["swatch", "import", "hatt", str(folder), "-o", str(out)]) == 2
     said = capsys.readouterr()
-    assert "97 made, 4 broken" in said.out and "98/98" in said.out
+    assert "57 made, 4 broken" in said.out and "58/58" in said.out
     broken = said.err.splitlines()
     assert len(broken) == 4 and all(name in said.err for name in ("_17.xml", "_42.xml", "_55.xml", "Taps_none.xml"))
-    assert len(list(out.iterdir())) == 97
-    assert load_swatch(out / "99.swatch").name == "Made up 99"
+    assert len(list(out.iterdir())) == 57
+    assert load_swatch(out / "59.swatch").name == "Made up 59"
     assert cli.main(["swatch", "import", "hatt", str(first), "-o", str(out)]) == 0
 
 
