@@ -33,18 +33,7 @@ from hapscene.errors import CaptureError
 from hapscene.files import check_memory, read_bytes, refusing, whole_file
 from hapscene.wire.protocol import COLUMN_MAX, Column, Header, Run
 
-__all__ = [
-    "FIRST_LINE",
-    "SUFFIX",
-    "SYNC_S",
-    "VALUE_MAX",
-    "CutWarning",
-    "Record",
-    "RecordWriter",
-    "load_record",
-    "save_npz",
-    "taken",
-]
+__all__ = ["SUFFIX", "SYNC_S", "VALUE_MAX", "CutWarning", "Record", "RecordWriter", "load_record", "save_npz", "taken"]
 
 SUFFIX: Final = ".hsrec"
 FIRST_LINE: Final = b"hapscene record 1\n"
