@@ -17,7 +17,7 @@ from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play, run
 from hapscene.handle.sensor import ACCELEROMETER_HZ, Sensor
-from hapscene.surface.library import load_swatch
+from hapscene.swatches.library import load_swatch
 
 from .sheet import Sheet
 

@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 
 from hapscene.capture import fit, synthesize
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
+from hapscene.swatches.library import load_swatch
 
 ORDERS: Final = (8, 20, 40, 80, 120)
 """Orders that are timed [count]."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import synthesize
-from hapscene.surface.library import load_swatch
+from hapscene.swatches.library import load_swatch
 
 from .sheet import Sheet
 

@@ -23,11 +23,11 @@ from hapscene.capture.io.streams import Array, part_of
 from hapscene.capture.swatch_fit import fit_parts, prepare
 from hapscene.errors import CaptureError, HapsceneError
 from hapscene.files import refusing
-from hapscene.surface.library import library_folder, load_swatch, shipped_swatches
 from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import SUFFIX
 from hapscene.surface.taps import Tap, Taps
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import library_folder, load_swatch, shipped_swatches
 
 Verdict = Literal["cannot be told apart", "could be told apart", "is clearly different", "cannot be compared"]
 

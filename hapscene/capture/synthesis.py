@@ -15,9 +15,9 @@ from hapscene.capture.io.streams import Array
 from hapscene.dsp.noise import seeded_state
 from hapscene.dsp.texture_voice import Stroke, run_texture, voice_fields
 from hapscene.errors import CaptureError
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch, SwatchLike
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch
 
 BLOCK_S: Final = 0.01
 """How long one filter is kept [s]: force and speed are below 20 Hz, so they change little in that time. The level is

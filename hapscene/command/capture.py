@@ -412,7 +412,7 @@ def _report(options: argparse.Namespace) -> int:
     options.out = options.out or new_file(f"{base_name(options.swatch)}.html", "-o")
     from hapscene.capture.io.recording import load_recording
     from hapscene.capture.report import write_report
-    from hapscene.surface.library import load_swatch
+    from hapscene.swatches.library import load_swatch
 
     swatch = load_swatch(options.swatch)
     recording, source = None, ""

@@ -220,7 +220,6 @@ def _identify(options: argparse.Namespace) -> int:
       hapscene handle identify --simulated
       hapscene handle identify --port /dev/ttyACM0 --grips 5 --out out/mine
       hapscene handle identify --from a.csv b.csv --rate 10000 --units acceleration=m/s2,force=N -o my.handle
-      python -m hapscene.handle.port_simulator   # a handle to try --port with, without hardware
     """
     for file in options.files or ():
         check_there(file, HandleError)

@@ -206,7 +206,7 @@ def check_scene(path: str, unit: str | None = None, swatch: str | None = None) -
         )
     check_swatch(swatch)
     if swatch is not None:
-        from hapscene.surface.library import load_swatch
+        from hapscene.swatches.library import load_swatch
 
         load_swatch(swatch)  # a mesh may take a while to load
 

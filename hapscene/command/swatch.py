@@ -1,4 +1,4 @@
-"""`hapscene swatch`: list, show, search, add, remove, get; import, export, compare, gallery, publish."""
+"""`hapscene swatch`: list, show, search, add, remove, get; import, export, compare, publish."""
 
 import argparse
 import json
@@ -46,9 +46,9 @@ RECORDING_SUFFIXES: Final = (
 
 def add_swatch(commands: Any) -> None:
     """Declare the group and its commands."""
-    summary = "the library of swatches: list, show, search, add, remove, get, import, export, compare, gallery, publish"
+    summary = "the library of swatches: list, show, search, add, remove, get, import, export, compare, publish"
     library = (_add_list, _add_show, _add_search, _add_add, _add_remove, _add_get)
-    shown = (_add_compare, _add_gallery, _add_publish)
+    shown = (_add_compare, _add_publish)
     add_group(commands, "swatch", summary, *library, _add_import, _add_export, *shown)
 
 
@@ -75,7 +75,7 @@ def _list(options: argparse.Namespace) -> int:
     for example:
       hapscene swatch list
     """
-    from hapscene.surface.library import computed_entries, library_folder, own_entries, own_folders, shipped_entries
+    from hapscene.swatches.library import computed_entries, library_folder, own_entries, own_folders, shipped_entries
 
     own = [entry for home in own_folders(options.library) for entry in own_entries(home)]
     _print_entries({"shipped": shipped_entries(), "computed": computed_entries(), "library": own}, options.json)
@@ -119,8 +119,8 @@ def _show(options: argparse.Namespace) -> int:
       hapscene swatch show oak.swatch --json
     """
     check_swatch(options.swatch)
-    from hapscene.surface.library import find, load_swatch
     from hapscene.surface.swatch_summary import figures, lines, words
+    from hapscene.swatches.library import find, load_swatch
 
     own = find(options.swatch, options.library) if options.library else None
     swatch = load_swatch(own or options.swatch)
@@ -154,7 +154,7 @@ def _search(options: argparse.Namespace) -> int:
       hapscene swatch search wood "friction<0.4" "roughness>=1"
       hapscene swatch search tool:probe tip:ball
     """
-    from hapscene.surface.library import computed_entries, own_entries, own_folders, search, shipped_entries
+    from hapscene.swatches.library import computed_entries, own_entries, own_folders, search, shipped_entries
 
     own = [entry for home in own_folders(options.library) for entry in own_entries(home)]
     groups = {"shipped": shipped_entries(), "computed": computed_entries(), "library": own}
@@ -182,7 +182,7 @@ def _add(options: argparse.Namespace) -> int:
     """
     from dataclasses import replace
 
-    from hapscene.surface.library import add, library_folder, load_swatch
+    from hapscene.swatches.library import add, library_folder, load_swatch
 
     if options.name is not None and len(options.files) > 1:
         raise SwatchError("--name is for a single file")
@@ -208,7 +208,7 @@ def _remove(options: argparse.Namespace) -> int:
     for example:
       hapscene swatch remove oak
     """
-    from hapscene.surface.library import remove
+    from hapscene.swatches.library import remove
 
     for name in options.names:
         tell([f"removed {remove(name, options.library)}"])
@@ -234,7 +234,7 @@ def _get(options: argparse.Namespace) -> int:
     """
     if options.name is not None and (options.all or len(options.names) != 1):
         raise SwatchError("--name is for one swatch")
-    from hapscene.surface.library import get, library_folder, read_index
+    from hapscene.swatches.library import get, library_folder, read_index
 
     address, entries = read_index(options.url)
     names = [entry.name for entry in entries] if options.all else options.names
@@ -322,7 +322,7 @@ def _export_hjif(options: argparse.Namespace) -> int:
     check_swatch(options.swatch)
     options.out = options.out or new_file(f"{base_name(options.swatch)}.hjif", "-o")
     from hapscene.capture.io.hjif import export_hjif
-    from hapscene.surface.library import load_swatch
+    from hapscene.swatches.library import load_swatch
 
     stroke = {"force_N": options.force, "speed_m_s": options.speed, "seconds": options.seconds}
     export_hjif(load_swatch(options.swatch), options.out, **stroke, rate_Hz=options.rate, seed=options.seed)
@@ -462,39 +462,6 @@ def _table(rows: Sequence[Sequence[str]]) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-# `hapscene swatch gallery`.
-
-
-def _add_gallery(commands: Any) -> None:
-    command = add_command(commands, "gallery", _gallery)
-    command.add_argument("swatches", nargs="*", metavar="SWATCH", help="a name, or a .swatch file (default: shipped)")
-    told = "the page, .md; pictures and sounds go into a folder of its name (default gallery.md)"
-    add_out_file(command, "FILE", told)
-
-
-def _gallery(options: argparse.Namespace) -> int:
-    """Make a page of swatches: picture, spectra, sound, and their numbers in words.
-
-    for example:
-      hapscene swatch gallery
-      hapscene swatch gallery oak.swatch wood --out oak.md
-    """
-    for name in options.swatches:
-        check_swatch(name)
-    page = Path(options.out or new_file("gallery.md"))
-    if page.suffix.lower() != ".md":
-        raise SwatchError(f"{page}: a gallery is a Markdown page; name it {page.stem or 'gallery'}.md")
-    if not page.parent.is_dir():
-        raise SwatchError(f"{page}: there is no folder {page.parent}; make it first")
-    from hapscene.paint.gallery import write_gallery
-    from hapscene.surface.library import computed_entries, load_swatch, shipped_swatches
-
-    swatches = [load_swatch(name) for name in options.swatches or shipped_swatches()]
-    computed = [] if options.swatches else [load_swatch(entry.name) for entry in computed_entries()]
-    name_made(write_gallery(swatches, page, say, computed))
-    return 0
-
-
 # `hapscene swatch publish`.
 
 
@@ -522,7 +489,7 @@ def _publish(options: argparse.Namespace) -> int:
     for name in options.swatches:
         check_swatch(name)
     check_out_folder(options.folder)
-    from hapscene.paint.published_site import gather, publish
+    from hapscene.swatches.site import gather, publish
 
     sources = gather(options.swatches, options.library, options.shipped)
     entries = publish(sources, options.folder, options.title, say)

@@ -20,8 +20,8 @@ from hapscene.capture.swatch_fit import prepare
 from hapscene.capture.synthesis import synthesize
 from hapscene.errors import StudyError
 from hapscene.study.plan import Plan, StaircaseBlock, Stimulus
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
+from hapscene.swatches.library import load_swatch
 
 __all__ = ["StimulusMaker", "all_stimuli", "gain_of", "resampled"]
 

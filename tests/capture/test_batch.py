@@ -24,8 +24,8 @@ from hapscene.capture.batch_job import Job, fit_job
 from hapscene.capture.swatch_fit import fit_parts
 from hapscene.cli import main
 from hapscene.errors import CaptureError
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
+from hapscene.swatches.library import load_swatch
 from hapscene.worker_pool import ClusterPool
 
 pytestmark = pytest.mark.nightly

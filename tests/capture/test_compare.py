@@ -11,11 +11,11 @@ from scipy.signal import lfilter
 
 from hapscene.capture.compare import Tap, compare, follow, load_library, load_surface, rank, tap_energy
 from hapscene.errors import CaptureError, SwatchError
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch
 
 RATE = 5000.0
 

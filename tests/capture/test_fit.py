@@ -11,8 +11,8 @@ from hapscene.capture.io.streams import clean
 from hapscene.capture.order_search import felt_domain, search_order
 from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.errors import CaptureError
-from hapscene.surface.library import load_swatch
 from hapscene.surface.texture import INTERPOLATIONS
+from hapscene.swatches.library import load_swatch
 
 
 def resonant(frequency_Hz: list[float], radius: float, rate_Hz: float) -> np.ndarray:

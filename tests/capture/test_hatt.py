@@ -15,7 +15,7 @@ from hapscene import cli
 from hapscene.capture.io import hatt
 from hapscene.capture.io.hatt import import_hatt, import_many
 from hapscene.errors import SwatchError
-from hapscene.surface.library import load_swatch
+from hapscene.swatches.library import load_swatch
 
 Array = NDArray[np.float64]
 

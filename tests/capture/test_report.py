@@ -27,10 +27,10 @@ from hapscene.capture.report_plots import (
 )
 from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.errors import CaptureError
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch
 
 RATE = 2000.0
 A = np.convolve([1.0, -1.2, 0.8], [1.0, 0.5, 0.7])

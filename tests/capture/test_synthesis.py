@@ -10,11 +10,11 @@ from hapscene.capture import metric, synthesize
 from hapscene.capture.synthesis import _PART, BLOCK_S
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.errors import CaptureError
-from hapscene.surface.library import load_swatch, shipped_swatches
 from hapscene.surface.life import Life
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
 from hapscene.surface.texture import INTERPOLATIONS, Texture
+from hapscene.swatches.library import load_swatch, shipped_swatches
 from hapscene_plugins.effects.lpc_texture import EFFECT, choose
 
 pytestmark = pytest.mark.nightly

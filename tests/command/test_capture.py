@@ -12,8 +12,8 @@ from hapscene.command import capture
 from hapscene.command.capture import add_fit, add_report
 from hapscene.errors import CaptureError, HapsceneError, SwatchError
 from hapscene.surface import texture
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch_summary import lines, sounding
+from hapscene.swatches.library import load_swatch
 
 UNITS = "acceleration=m/s2,speed=mm/s,force=N"
 

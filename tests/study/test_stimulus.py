@@ -20,8 +20,8 @@ from hapscene.study.stimulus import (
     gain_of,
     resampled,
 )
-from hapscene.surface.library import load_swatch
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch
 
 RATE_HZ = 48_000.0
 

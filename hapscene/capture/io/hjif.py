@@ -25,9 +25,9 @@ from hapscene.capture.synthesis import synthesize
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import SwatchError
 from hapscene.files import write_whole
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch, SwatchLike, touched_with
 from hapscene.surface.taps import Taps
+from hapscene.swatches.library import load_swatch
 
 __all__ = ["SECONDS_MAX", "TAP_SPACING_S", "TIMESCALE_MAX", "as_hjif", "export_hjif"]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hapscene.capture import load_recording
 from hapscene.capture.report import report
-from hapscene.surface.library import load_swatch
+from hapscene.swatches.library import load_swatch
 from tests.capture.test_report import Page
 
 VOID = {"meta", "line", "circle", "rect", "path", "use", "image"}

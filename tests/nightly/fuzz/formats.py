@@ -30,7 +30,7 @@ from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.handle_file import handle_to_json, load_handle
 from hapscene.handle.plant import Plant
 from hapscene.motion.path_file import load_path
-from hapscene.paint.web.page_socket import number, parse, pointer_of
+from hapscene.paint.web.socket import number, parse, pointer_of
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_doctor import examine
 from hapscene.scene.mesh_file import UNITLESS, load_mesh
@@ -40,11 +40,11 @@ from hapscene.study.plan import load_plan
 from hapscene.study.results_file import load_rows
 from hapscene.study.sitting import Sitting
 from hapscene.study.statistics import analyse
-from hapscene.surface import library
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
+from hapscene.swatches import library
 from hapscene.teleoperation.datagram import MESSAGE, Gate, pack
 from hapscene.wire.protocol import Column, Decoder, Header, header_line, sample_line
 
