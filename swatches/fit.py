@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hapscene.capture import fit, load_recording
+from hapscene.capture.io.recording import SurfaceRecording
+from hapscene.capture.io.streams import clean
 from hapscene.capture.order_search import felt_domain
-from hapscene.capture.recording_file import SurfaceRecording
-from hapscene.capture.streams import clean
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps

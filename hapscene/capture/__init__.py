@@ -12,8 +12,9 @@ swatch = hapscene.capture.fit(acceleration_m_s2, 10_000.0, force_N=force_N, spee
 
 | module | does |
 |---|---|
-| `recording_source`, `recording_file` | read a recording: `load_recording` |
-| `streams` | checks and cleans its streams |
+| `io.formats`, `io.datasets` | columns of a recording's file; column maps of published data sets |
+| `io.recording` | a recording in SI units: `load_recording` |
+| `io.streams` | checks and filters its streams |
 | `segment`, `change_point` | what the tool does when; `segment_plot` draws it |
 | `texture_pieces` | what a texture is fitted to, and how loud it is over force and speed |
 | `order_search`, `whittle` | the order of the models, on held-out data; AR models over the sensor's white noise |
@@ -24,12 +25,10 @@ swatch = hapscene.capture.fit(acceleration_m_s2, 10_000.0, force_N=force_N, spee
 | `metric` | how near a model is to a recording |
 | `report`, `report_numbers`, `report_plots` | a page about a swatch: spectra, order, residual, friction, taps |
 | `compare` | how different two surfaces feel, in what a person can tell |
-| `hatt`, `hatt_file`, `arma` | files of the Penn Haptic Texture Toolkit |
-| `hjif` | MPEG haptics files |
-| `record`, `record_file` | record from a probe on a serial port (`hapscene.wire`), crash-safe |
-| `record_many` | from several at once, each in a process of its own |
-| `record_simulator` | a probe without hardware |
-| `clock_offset`, `recording_join` | how the clocks of two recordings differ; several files made one: `join` |
+| `io.hatt`, `io.hjif` | import from the Penn Haptic Texture Toolkit; export as MPEG haptics |
+| `record.recorder`, `io.hsrec` | recording from a probe on a serial port (`hapscene.wire`), crash-safe |
+| `record.coverage`, `record.coverage_page` | forces and speeds that a recording still lacks |
+| `record.time_alignment` | several recordings of one event joined on one clock: `join` |
 | `batch`, `batch_job` | fit thousands of recordings: `fit_batch` |
 """
 

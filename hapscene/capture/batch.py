@@ -19,7 +19,6 @@ from typing import Any, Final, Literal
 
 from hapscene import __version__
 from hapscene.capture.batch_job import FitOutcome, Job, content_sha256, fit_job, read_content
-from hapscene.capture.published_layouts import surfaces
 from hapscene.errors import CaptureError, no_such
 from hapscene.files import read_bytes, refusing, write_whole
 from hapscene.worker_pool import ClusterPool, Pool, ProcessPool
@@ -44,12 +43,11 @@ class Item:
     """what `load_recording` is to be told about this one, over what the batch says of all"""
 
 
-def gather(places: Iterable[str | os.PathLike[str]], layout: str | None = None) -> list[Item]:
+def gather(places: Iterable[str | os.PathLike[str]]) -> list[Item]:
     """Recordings of files and folders, those of a folder sorted by name, its folders included; each once.
 
     Args:
         places: files and folders.
-        layout: that of a published data set: of a folder, its surfaces instead.
 
     Raises:
         CaptureError: a place that is not there, or a folder without recordings.
@@ -57,9 +55,7 @@ def gather(places: Iterable[str | os.PathLike[str]], layout: str | None = None) 
     found: dict[Path, Item] = {}
     for place in map(Path, places):
         files = [place]
-        if layout is not None:
-            files = surfaces(place, layout) if place.is_dir() else files
-        elif place.is_dir():
+        if place.is_dir():
             files = sorted(f for f in place.rglob("*") if f.suffix.lower() in SUFFIXES and f.is_file())
             files = [f for f in files if not any(part.startswith(".") for part in f.relative_to(place).parts)]
             if not files:
@@ -394,7 +390,7 @@ class _Batch:
                 return
             try:
                 if task.entry.status == "ok":
-                    sha256 = content_sha256(task.item.path, task.reading.get("layout"))
+                    sha256 = content_sha256(task.item.path)
                     if self._manifest.is_done(task.entry, sha256, task.settings):
                         self.result.skipped.append(task.entry)
                         self._after(self.result, task.entry)
@@ -406,8 +402,6 @@ class _Batch:
                 self._fail(task, str(error))
 
     def _job(self, task: _Task) -> Job:
-        if task.reading.get("layout") and not self._pool.shares_files:
-            raise CaptureError(f"{task.item.path}: several files, in a published layout: it is fitted here, no cluster")
         content = read_content(task.item.path) if not self._pool.shares_files else None
         return Job(str(task.item.path), task.item.name, content, task.reading, self._fitting, __version__)
 

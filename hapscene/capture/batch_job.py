@@ -6,6 +6,7 @@ written once. Imported first thing in every process: nothing heavy at the top.
 
 import hashlib
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,12 +50,7 @@ def fit_job(job: Job) -> FitOutcome:
 
     start_s = time.monotonic()
     sha256 = ""
-    layout = job.reading.get("layout")
     try:
-        if layout is not None:  # its files lie beside each other, and tell by their names what they are
-            sha256 = content_sha256(Path(job.path), layout)
-            swatch, note = _swatch(job, Path(job.path))
-            return FitOutcome(sha256, swatch, "", time.monotonic() - start_s, note)
         with tempfile.TemporaryDirectory(prefix="hapscene") as folder:
             copy = Path(folder) / f"recording{Path(job.path).suffix}"
             sha256 = _copied(job, copy)
@@ -84,33 +80,31 @@ def _swatch(job: Job, copy: Path) -> tuple[str, str]:
     Of a copy: the recording may change meanwhile, or be on another machine.
     """
     from hapscene import __version__
-    from hapscene.capture.recording_file import bridged_note, read_surface_recording
+    from hapscene.capture.io.recording import BridgedWarning, load_recording
     from hapscene.capture.swatch_fit import fit_parts, prepare
     from hapscene.surface.swatch_file import swatch_to_json
 
     if job.version != __version__:
         raise CaptureError(f"{job.path}: the process has hapscene {__version__}, the batch {job.version}: update one")
     try:
-        recording = read_surface_recording(copy, **job.reading)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", BridgedWarning)
+            recording = load_recording(copy, **job.reading)
     except CaptureError as error:
         raise CaptureError(str(error).replace(str(copy), job.path)) from None
     with refusing(CaptureError, job.path):
         swatch = fit_parts([prepare(recording)], job.name, **job.fitting)
-    return swatch_to_json(swatch), bridged_note(recording)
+    bridged = [str(each.message) for each in caught if issubclass(each.category, BridgedWarning)]
+    return swatch_to_json(swatch), "; ".join(note.removeprefix(f"{copy}: ") for note in bridged)
 
 
-def content_sha256(path: Path, layout: str | None = None) -> str:
-    """Of a recording's file; of all main files of one in a published layout.
+def content_sha256(path: Path) -> str:
+    """SHA-256 of a recording's file.
 
     Raises:
-        CaptureError: larger than a recording may be, or not in that layout.
+        CaptureError: larger than a recording may be.
     """
-    from hapscene.capture.published_layouts import files_of
-
-    digest = hashlib.sha256()
-    for file in [path] if layout is None else files_of(path, layout):
-        digest.update(read_content(file))
-    return digest.hexdigest()
+    return hashlib.sha256(read_content(path)).hexdigest()
 
 
 def read_content(path: Path) -> bytes:
@@ -119,7 +113,7 @@ def read_content(path: Path) -> bytes:
     Raises:
         CaptureError: larger.
     """
-    from hapscene.capture.recording_source import BYTES_MAX
+    from hapscene.capture.io.formats import BYTES_MAX
 
     with refusing(CaptureError):
         if path.is_file():

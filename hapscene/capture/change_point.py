@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 import scipy
 
-from hapscene.capture.streams import Array
+from hapscene.capture.io.streams import Array
 
 ORDER: Final = 8
 """Order of the search's models [count]: four resonances up to 1.25 kHz. The texture's own order is chosen later."""

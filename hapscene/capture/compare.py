@@ -18,8 +18,8 @@ import scipy
 
 from hapscene import perception
 from hapscene.capture import metric
-from hapscene.capture.recording_file import SurfaceRecording, load_recording
-from hapscene.capture.streams import Array, part_of
+from hapscene.capture.io.recording import SurfaceRecording, load_recording
+from hapscene.capture.io.streams import Array, part_of
 from hapscene.capture.swatch_fit import fit_parts, prepare
 from hapscene.errors import CaptureError, HapsceneError
 from hapscene.files import refusing

@@ -19,9 +19,9 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
+from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.capture.segment import IMPACT, InteractionState, Part, Run, noise, runs
 from hapscene.capture.stiffness import jackknife_half
-from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.capture.tap_fit import (
     EXPLAINED_MIN,
     FITTED_MAX,

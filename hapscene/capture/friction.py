@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.capture.segment import BRIEF_S, InteractionState, Part, noise, runs
-from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
 

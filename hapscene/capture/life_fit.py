@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 import numpy as np
 import scipy
 
+from hapscene.capture.io.streams import Array, Streams, filtered, part_of
 from hapscene.capture.segment import runs
-from hapscene.capture.streams import Array, Streams, filtered, part_of
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.surface.life import SPREAD_MAX, Life
 from hapscene.surface.texture import Texture

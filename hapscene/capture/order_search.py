@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture import metric
-from hapscene.capture.streams import Array, kept_share
+from hapscene.capture.io.streams import Array, kept_share
 from hapscene.capture.whittle import NoisyModel, over_noise
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve_orders, tapered

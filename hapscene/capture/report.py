@@ -10,7 +10,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hapscene.capture import metric
-from hapscene.capture.recording_file import WORDS, SurfaceRecording
+from hapscene.capture.io.recording import WORDS, SurfaceRecording
+from hapscene.capture.io.streams import Array
 from hapscene.capture.report_numbers import FELT_DB, HeldOut, Judgement, judge
 from hapscene.capture.report_plots import (
     Plot,
@@ -29,7 +30,6 @@ from hapscene.capture.report_plots import (
     signed,
 )
 from hapscene.capture.segment import Part
-from hapscene.capture.streams import Array
 from hapscene.capture.swatch_fit import prepare
 from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.errors import CaptureError

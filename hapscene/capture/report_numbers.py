@@ -7,10 +7,10 @@ import numpy as np
 import scipy
 
 from hapscene.capture import metric
+from hapscene.capture.io.streams import DURATION_MIN_S, Array, Streams, kept_share, part_of
 from hapscene.capture.metric import Liveliness, LjungBox, Similarity, st_sim
 from hapscene.capture.order_search import OrderSearch, search_order
 from hapscene.capture.segment import InteractionState, Segmentation
-from hapscene.capture.streams import DURATION_MIN_S, Array, Streams, kept_share, part_of
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import synthesize
 from hapscene.errors import CaptureError

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 
 from hapscene.capture import metric
+from hapscene.capture.io.streams import Array, Streams
 from hapscene.capture.order_search import OrderSearch
 from hapscene.capture.report_numbers import FELT_DB, HeldOut, Judgement
 from hapscene.capture.segment import InteractionState, Segmentation
-from hapscene.capture.streams import Array, Streams
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import SPECTROGRAM_S
 from hapscene.surface.swatch import Swatch

@@ -27,7 +27,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hapscene.capture.change_point import change_points
-from hapscene.capture.streams import BLOCK, HAND_CUTOFF_HZ, Array, Streams, blocks, filtered
+from hapscene.capture.io.streams import BLOCK, HAND_CUTOFF_HZ, Array, Streams, blocks, filtered
 from hapscene.constants import ACCELERATION_BAND_HZ
 
 Mask = NDArray[np.bool_]

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hapscene.capture.io.streams import Array, Streams
 from hapscene.capture.segment import InteractionState, Segmentation
-from hapscene.capture.streams import Array, Streams
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
 from hapscene.view.plot import STYLE, envelope

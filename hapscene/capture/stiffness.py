@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 import scipy
 
+from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Array, Streams
 from hapscene.capture.segment import InteractionState, Part, Segmentation, noise, runs
-from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams
 
 RANGE: Final = (0.1, 0.9)
 """Part of a loading that is used, as shares of its largest force [1]: below, the contact is not whole; above, it

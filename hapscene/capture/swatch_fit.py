@@ -9,12 +9,8 @@ from numpy.typing import ArrayLike
 
 from hapscene.capture.contact_fit import fit_contact
 from hapscene.capture.friction import fit_friction, no_sliding
-from hapscene.capture.life_fit import fit_life
-from hapscene.capture.order_search import DOMAINS, search_domain
-from hapscene.capture.recording_file import SurfaceRecording
-from hapscene.capture.segment import InteractionState, Part, segment
-from hapscene.capture.stiffness import fit_stiffness
-from hapscene.capture.streams import (
+from hapscene.capture.io.recording import SurfaceRecording
+from hapscene.capture.io.streams import (
     ASSUMED_FORCE_N,
     ASSUMED_SPEED_M_S,
     DURATION_MIN_S,
@@ -22,6 +18,10 @@ from hapscene.capture.streams import (
     clean,
     part_of,
 )
+from hapscene.capture.life_fit import fit_life
+from hapscene.capture.order_search import DOMAINS, search_domain
+from hapscene.capture.segment import InteractionState, Part, segment
+from hapscene.capture.stiffness import fit_stiffness
 from hapscene.capture.tap_fit import fit_taps
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, fit_level, pooled
@@ -58,7 +58,7 @@ def fit(
 
     Args:
         acceleration_m_s2: a recording as `hapscene.capture.load_recording` gives it, which has the streams; or (n,)
-            acceleration of the tool, one axis (of three `hapscene.capture.recording_file.one_axis` makes it).
+            acceleration of the tool, one axis (of three `hapscene.capture.io.recording.one_axis` makes it).
         rate_Hz: sample rate of all streams; the models are made for it.
         force_N: (n,) normal force, zero in the air, one number, or None: then 1 N is assumed.
         speed_m_s: (n,) speed of the tool, one number, or None: then 0.1 m/s is assumed.

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hapscene.capture.streams import Array
+from hapscene.capture.io.streams import Array
 from hapscene.dsp.noise import seeded_state
 from hapscene.dsp.texture_voice import Stroke, run_texture, voice_fields
 from hapscene.errors import CaptureError

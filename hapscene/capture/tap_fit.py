@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
+from hapscene.capture.io.streams import Array, Streams, high_pass_gain
 from hapscene.capture.segment import InteractionState, Part, Run, onset
-from hapscene.capture.streams import Array, Streams, high_pass_gain
 from hapscene.surface.taps import TAP_ROWS, Taps
 
 WAVE_S: Final = 0.1

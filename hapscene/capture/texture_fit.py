@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hapscene.capture.streams import Array
+from hapscene.capture.io.streams import Array
 from hapscene.capture.texture_pieces import Pieces, fit_level
 from hapscene.capture.whittle import NoisyModel, density, refined
 from hapscene.dsp.ar_filter import power_gain

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.streams import Array, Streams, part_of
+from hapscene.capture.io.streams import Array, Streams, part_of
 from hapscene.errors import CaptureError
 
 PIECE_S: Final = 0.1

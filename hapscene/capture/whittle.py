@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hapscene.capture.streams import Array
+from hapscene.capture.io.streams import Array
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import WHITE, autocorrelation, tapered

@@ -4,7 +4,6 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -12,7 +11,6 @@ from hapscene.command.console import complain, name_made, say, tell, tell_over
 from hapscene.command.options import (
     add_command,
     add_group,
-    add_layout_option,
     add_out_file,
     add_out_folder,
     add_recording_options,
@@ -60,7 +58,6 @@ def add_fit(commands: Any) -> None:
     command.add_argument("--plot", metavar="PNG", help="draw what the tool does when, and write it here")
     add_batch_options(command.add_argument_group("for a swatch of each recording (as `hapscene capture batch`)"))
     add_recording_options(command)
-    add_layout_option(command)
 
 
 def _fit(options: argparse.Namespace) -> int:
@@ -73,7 +70,7 @@ def _fit(options: argparse.Namespace) -> int:
       hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch --units 'acceleration=98 m/s2'
       hapscene capture fit oak.npz --plot states.png
       hapscene capture fit recordings/*.csv -o swatches/ --scheduler tcp://head:8786
-      hapscene capture fit sensor_data/accel/17 --layout cluster --name denim -o denim.swatch
+      hapscene capture fit sensor_data/accel/17_*.csv --name denim -o denim.swatch   # a published data set
     """
     return _batch(options) if _is_batch(options) else _fit_one(options)
 
@@ -83,12 +80,12 @@ def _is_batch(options: argparse.Namespace) -> bool:
     from hapscene.surface.swatch_file import SUFFIX
 
     for_each = [name for name in ("list", "jobs", "scheduler") if getattr(options, name) is not None]
-    folders = [path for path in options.recordings if Path(path).is_dir() and options.layout is None]
+    folders = [path for path in options.recordings if Path(path).is_dir()]
     if options.out is None:
         if for_each or folders:
             options.out = f"{BATCH_OUT}/"
         elif options.recordings:
-            _check_recordings(options.recordings[:1], options.layout)
+            check_there(options.recordings[0], CaptureError)
             options.out = new_file(base_name(options.recordings[0]) + SUFFIX, "-o")
         else:
             raise CaptureError("no recordings: name one or more files")
@@ -106,7 +103,8 @@ def _is_batch(options: argparse.Namespace) -> bool:
             )
         if not options.recordings:
             raise CaptureError("no recordings: name one or more files")
-        _check_recordings(options.recordings, options.layout)
+        for path in options.recordings:
+            check_there(path, CaptureError)
         if options.name is not None and any(sign in options.name for sign in "/\\"):
             raise SwatchError(f"--name {options.name!r}: a surface's name has no slash, for files are called by it")
         return False
@@ -124,20 +122,11 @@ def _is_batch(options: argparse.Namespace) -> bool:
     return True
 
 
-def _check_recordings(paths: Sequence[str], layout: str | None) -> None:
-    """Refuse what is not there; a published surface may be the beginning of files' names."""
-    for path in paths:
-        if layout is None:
-            check_there(path, CaptureError)
-        elif not Path(path).is_dir():
-            check_there(Path(path).parent, CaptureError, "folder")
-
-
 def _fit_one(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from hapscene import __version__
-    from hapscene.capture.recording_file import load_recording
+    from hapscene.capture.io.recording import load_recording
     from hapscene.capture.segment import InteractionState
     from hapscene.capture.segment_plot import WORDS, write_states
     from hapscene.capture.swatch_fit import felt, fit_parts, prepare
@@ -281,7 +270,6 @@ def add_batch(commands: Any) -> None:
     add_fit_options(command)
     add_batch_options(command)
     add_recording_options(command)
-    add_layout_option(command)
 
 
 def add_batch_options(command: argparse._ActionsContainer) -> None:
@@ -306,7 +294,6 @@ def _batch(options: argparse.Namespace) -> int:
       hapscene capture batch recordings/ --rate 10000 --units acceleration=m/s2,force=N,speed=m/s
       hapscene capture batch --list files.csv --out swatches --jobs 4
       hapscene capture batch recordings/*.hsrec --out swatches --scheduler tcp://head:8786
-      hapscene capture batch AccelScansComponents/Movement --layout lmt --units acceleration=m/s2
     """
     from hapscene.capture.batch import fit_batch, gather, read_list
     from hapscene.interrupt import interrupt_noted
@@ -314,10 +301,9 @@ def _batch(options: argparse.Namespace) -> int:
     if options.jobs is not None and options.scheduler is not None:
         raise CaptureError("--jobs is for processes here, --scheduler for a cluster: give one of the two")
     for place in options.recordings:
-        if options.layout is None or Path(place).is_dir():
-            check_there(place, CaptureError, "file or folder")
+        check_there(place, CaptureError, "file or folder")
     check_there(options.list, CaptureError)
-    items = gather(options.recordings, options.layout) + ([] if options.list is None else read_list(options.list))
+    items = gather(options.recordings) + ([] if options.list is None else read_list(options.list))
     if not items:
         raise CaptureError("no recordings: name files or folders, or --list files.csv")
     items = list({item.path.absolute(): item for item in items}.values())
@@ -424,7 +410,7 @@ def _report(options: argparse.Namespace) -> int:
     check_swatch(options.swatch)
     check_there(options.recording, CaptureError)
     options.out = options.out or new_file(f"{base_name(options.swatch)}.html", "-o")
-    from hapscene.capture.recording_file import load_recording
+    from hapscene.capture.io.recording import load_recording
     from hapscene.capture.report import write_report
     from hapscene.swatches.library import load_swatch
 

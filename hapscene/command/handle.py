@@ -150,7 +150,7 @@ def _play_on(name: str, options: argparse.Namespace) -> int:
 
 def _desired(options: argparse.Namespace) -> tuple[Any, float]:
     """The acceleration of the file and its rate."""
-    from hapscene.capture.recording_file import load_recording
+    from hapscene.capture.io.recording import load_recording
     from hapscene.recording import Recording, RecordingError
 
     if Path(options.file).suffix == ".npz" and options.rate is None:

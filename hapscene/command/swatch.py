@@ -275,7 +275,7 @@ def _import_hatt(options: argparse.Namespace) -> int:
     """
     for file in options.files:
         check_there(file, SwatchError, "file or folder")
-    from hapscene.capture.hatt import ImportOutcome, import_many
+    from hapscene.capture.io.hatt import ImportOutcome, import_many
 
     outcome = ImportOutcome()
     try:
@@ -291,38 +291,8 @@ def _import_hatt(options: argparse.Namespace) -> int:
 
 
 def _add_export(commands: Any) -> None:
-    summary = "write a swatch for other programs: hatt, hjif"
-    add_group(commands, "export", summary, _add_export_hatt, _add_export_hjif, metavar="FORMAT")
-
-
-def _add_export_hatt(formats: Any) -> None:
-    command = add_command(formats, "hatt", _export_hatt)
-    command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
-    add_out_file(command, "XML", "file to write the models to (default Models_NAME.xml, as Models_oak.xml)")
-    command.add_argument("--taps", metavar="XML", help="file to write the taps to")
-    command.add_argument(
-        "--rate", type=rate, metavar="HZ", help="resample to this rate; the toolkit plays 10000 and 1000"
-    )
-
-
-def _export_hatt(options: argparse.Namespace) -> int:
-    """Write a swatch in the layout of the Penn Haptic Texture Toolkit.
-
-    for example:
-      hapscene swatch export hatt oak.swatch -o Models_oak.xml --taps Taps_oak.xml
-      hapscene swatch export hatt wood --rate 10000
-    """
-    check_swatch(options.swatch)
-    options.out = options.out or new_file(f"Models_{base_name(options.swatch)}.xml", "-o")
-    from hapscene.capture.hatt import export_hatt, hatt_loses
-    from hapscene.swatches.library import load_swatch
-
-    swatch = load_swatch(options.swatch)
-    export_hatt(swatch, options.out, options.taps, rate_Hz=options.rate)
-    name_made([Path(file) for file in (options.out, options.taps) if file is not None])
-    if lost := hatt_loses(swatch):
-        print("does not come back from this format: " + "; ".join(lost))
-    return 0
+    summary = "write a swatch for other programs: hjif"
+    add_group(commands, "export", summary, _add_export_hjif, metavar="FORMAT")
 
 
 def _add_export_hjif(formats: Any) -> None:
@@ -351,7 +321,7 @@ def _export_hjif(options: argparse.Namespace) -> int:
     """
     check_swatch(options.swatch)
     options.out = options.out or new_file(f"{base_name(options.swatch)}.hjif", "-o")
-    from hapscene.capture.hjif import export_hjif
+    from hapscene.capture.io.hjif import export_hjif
     from hapscene.swatches.library import load_swatch
 
     stroke = {"force_N": options.force, "speed_m_s": options.speed, "seconds": options.seconds}

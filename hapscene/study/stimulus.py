@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture.recording_file import load_recording
+from hapscene.capture.io.recording import load_recording
+from hapscene.capture.io.streams import Array, Streams, part_of
 from hapscene.capture.segment import InteractionState, Part
-from hapscene.capture.streams import Array, Streams, part_of
 from hapscene.capture.swatch_fit import prepare
 from hapscene.capture.synthesis import synthesize
 from hapscene.errors import StudyError

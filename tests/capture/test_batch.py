@@ -285,7 +285,7 @@ def test_no_scheduler_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a pipe has no path there")
 def test_a_pipe_that_gives_more_than_is_read_is_refused_and_not_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapscene.capture.recording_source.BYTES_MAX", 8)
+    monkeypatch.setattr("hapscene.capture.io.formats.BYTES_MAX", 8)
     there, here = os.pipe()
     os.write(here, b"1,2\n3,4\n5,6\n")
     os.close(here)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hapscene.capture.contact_fit import fit_contact
+from hapscene.capture.io.streams import clean
 from hapscene.capture.segment import segment
-from hapscene.capture.streams import clean
 
 RATE_HZ, STIFFNESS_N_M = 1000.0, 500.0
 UP_M = 5e-3

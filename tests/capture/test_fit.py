@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lfilter, resample_poly
 
 from hapscene.capture import fit, load_recording, metric, synthesize
+from hapscene.capture.io.streams import clean
 from hapscene.capture.order_search import felt_domain, search_order
-from hapscene.capture.streams import clean
 from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.errors import CaptureError
 from hapscene.surface.texture import INTERPOLATIONS

@@ -5,9 +5,9 @@ import pytest
 
 from hapscene.capture import fit
 from hapscene.capture.friction import fit_friction
+from hapscene.capture.io.streams import clean, speed_of
 from hapscene.capture.segment import InteractionState, segment
 from hapscene.capture.stiffness import fit_stiffness
-from hapscene.capture.streams import clean, speed_of
 from hapscene.capture.tap_fit import fit_taps
 
 from .simulated_tool import noisy, pulled, tapped

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hapscene.capture.friction import EDGE_S, _curve, fit_friction
+from hapscene.capture.io.streams import Streams, clean
 from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.capture.stiffness import fit_stiffness
-from hapscene.capture.streams import Streams, clean
 
 from .simulated_tool import noisy
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hapscene.capture.io.streams import Streams
 from hapscene.capture.life_fit import fit_life
-from hapscene.capture.streams import Streams
 from hapscene.capture.texture_fit import fit_texture
 from hapscene.capture.texture_pieces import cut
 from hapscene.surface.texture import Texture

@@ -12,7 +12,8 @@ import pytest
 from scipy.signal import lfilter
 
 from hapscene.capture import fit, report_plots
-from hapscene.capture.recording_file import SurfaceRecording
+from hapscene.capture.io.recording import SurfaceRecording
+from hapscene.capture.io.streams import Streams, clean
 from hapscene.capture.report import _lead, report, rows, write_report
 from hapscene.capture.report_numbers import judge, residual_along, spectrum_along
 from hapscene.capture.report_plots import (
@@ -25,7 +26,6 @@ from hapscene.capture.report_plots import (
     plot_transients,
 )
 from hapscene.capture.segment import InteractionState, Segmentation, segment
-from hapscene.capture.streams import Streams, clean
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.taps import Taps

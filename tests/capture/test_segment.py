@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hapscene.capture.change_point import change_points
+from hapscene.capture.io.streams import clean
 from hapscene.capture.segment import LEVEL_S, TAP_S, InteractionState, Segmentation, _mark_bursts, noise, runs, segment
 from hapscene.capture.segment_plot import draw_states, write_states
-from hapscene.capture.streams import clean
 
 TOLERANCE_S = 0.02
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hapscene.capture import stiffness
+from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Streams
 from hapscene.capture.segment import InteractionState, Segmentation
 from hapscene.capture.stiffness import RANGE, _deming, _loadings, _noise_ratio, _slope, _weighted_sums, fit_stiffness
-from hapscene.capture.streams import HAND_CUTOFF_HZ, Streams
 
 RATE_HZ, FORCE_ON_N = 1000.0, 0.05
 STEP = round(RATE_HZ / (4.0 * HAND_CUTOFF_HZ))

@@ -8,10 +8,10 @@ from scipy.signal import lfilter
 
 from hapscene.capture import fit
 from hapscene.capture.change_point import change_points
-from hapscene.capture.recording_file import SurfaceRecording
+from hapscene.capture.io.recording import SurfaceRecording
+from hapscene.capture.io.streams import clean
 from hapscene.capture.segment import segment
 from hapscene.capture.stiffness import Stiffness
-from hapscene.capture.streams import clean
 from hapscene.capture.swatch_fit import fit_parts, prepare
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json

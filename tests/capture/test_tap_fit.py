@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from hapscene.capture.io.streams import Streams, clean
 from hapscene.capture.segment import InteractionState, Segmentation, segment
-from hapscene.capture.streams import Streams, clean
 from hapscene.capture.tap_fit import (
     FITTED_MAX,
     OUTLIER,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hapscene.capture import fit, load_recording, metric, synthesize
-from hapscene.capture.streams import clean
+from hapscene.capture.io.streams import clean
 from hapscene.capture.texture_pieces import Pieces, fit_level
 
 pytestmark = pytest.mark.nightly

@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import freqz, lfilter
 
 from hapscene.capture import fit, metric
+from hapscene.capture.io.streams import clean
 from hapscene.capture.order_search import search_order
-from hapscene.capture.streams import clean
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import cut
 from hapscene.capture.whittle import LOW_HZ, NoisyModel, _derivatives, density, judged, over_noise, refined

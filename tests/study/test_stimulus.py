@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapscene.capture import synthesize
-from hapscene.capture.streams import filtered
+from hapscene.capture.io.streams import filtered
 from hapscene.errors import HapsceneError, StudyError
 from hapscene.study.plan import Stimulus, parse_plan
 from hapscene.study.stimulus import (

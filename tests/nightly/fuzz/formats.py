@@ -20,9 +20,8 @@ from scipy.io import savemat, wavfile
 import hapscene
 from hapscene import recording
 from hapscene.capture import batch
-from hapscene.capture.hatt import export_hatt, import_hatt
-from hapscene.capture.hatt_file import read_taps
-from hapscene.capture.recording_file import load_recording
+from hapscene.capture.io.hatt import import_hatt, read_taps
+from hapscene.capture.io.recording import load_recording
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.exchange import export_scene, import_scene
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
@@ -198,9 +197,24 @@ def read_painted(path: Path) -> int:
     return sum(len(body.mesh.faces) for body in import_scene(path).bodies)
 
 
+def hatt_models(path: Path) -> None:
+    places = [(0.0, 0.0), (0.0, 2.0), (100.0, 0.0), (100.0, 2.0)]
+    models = (
+        f"<model><modNum>{number}</modNum><ARlsf>0.3 0.9 1.8 2.6</ARlsf><var>{0.1 * number}</var>"
+        f"<speedMod>{speed}</speedMod><forceMod>{force}</forceMod></model>"
+        for number, (speed, force) in enumerate(places, 1)
+    )
+    head = "<SampleRate>10000</SampleRate><mu>0.4</mu><numMod>4</numMod><tri>1 2 3</tri><tri>2 3 4</tri>"
+    path.write_text(f"<modelSet>{head}{''.join(models)}</modelSet>", encoding="utf-8")
+
+
 def hatt_taps(path: Path) -> None:
-    export_hatt(swatch(), path.with_name("models.xml"), path)
-    path.with_name("models.xml").unlink()
+    waves = np.random.default_rng(0).normal(size=(3, 20)).round(4)
+    taps = (
+        f"<tap><tapSpeed>{20 * k}</tapSpeed><tapAccel>{' '.join(map(str, wave))}</tapAccel></tap>"
+        for k, wave in enumerate(waves.tolist(), 1)
+    )
+    path.write_text(f"<tapSet><numTap>3</numTap>{''.join(taps)}</tapSet>", encoding="utf-8")
 
 
 # The handle, batches, cases.
@@ -418,7 +432,7 @@ FORMATS: Mapping[str, Format] = {
         written(lambda path: library.add(swatch(), path.parent), library.INDEX),
         lambda path: len(library.search(library.own_entries(path.parent), ["a"])),
     ),
-    "hatt-models": Format(written(lambda path: export_hatt(swatch(), path), "Models_x.xml"), import_hatt),
+    "hatt-models": Format(written(hatt_models, "Models_x.xml"), import_hatt),
     "hatt-taps": Format(written(hatt_taps, "Taps_x.xml"), read_taps),
     "handle": Format(handle, load_handle),
     "manifest": Format(manifest, lambda path: batch.Manifest(path.parent).check_outputs()),

@@ -1,8 +1,8 @@
-"""The streams of a recording, checked and cleaned: acceleration, normal force, speed, and what else was measured."""
+"""The streams of a recording, checked and filtered: acceleration, normal force, speed, and what else was measured."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Final, Literal, TypeVar
 
 import numpy as np
 import scipy
@@ -11,27 +11,46 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import CaptureError
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+__all__ = [
+    "BLOCK",
+    "DURATION_MIN_S",
+    "HAND_CUTOFF_HZ",
+    "Array",
+    "Streams",
+    "blocks",
+    "clean",
+    "direction_of",
+    "fill_missing",
+    "filtered",
+    "high_pass_gain",
+    "kept_share",
+    "part_of",
+    "speed_of",
+]
+
 Array = NDArray[np.float64]
-_Recording = TypeVar("_Recording", bound=Any)
+_Recording = TypeVar("_Recording", bound="DataclassInstance")
 
 HAND_CUTOFF_HZ: Final = 100.0
-"""Cut-off of the low-pass on force and speed [Hz]: what a hand does is below it, what the surface does above."""
+"""Cut-off of the low-pass on force and speed [Hz]: hand motion lies below it, the response of the surface above."""
 
 DURATION_MIN_S: Final = 0.5
 """Shortest recording that a model is fitted to [s]: two halves of three windows each."""
 
 BLOCK: Final = 1 << 16
-"""How much of a long signal is filtered at once [samples]."""
+"""Samples of a long signal that are filtered at once [count]."""
 
 ASSUMED_FORCE_N: Final = 1.0
-"""Normal force that a recording without one is taken to have [N]: that of a pen that writes."""
+"""Normal force that is assumed where none was recorded [N]: that of a pen that writes."""
 
 ASSUMED_SPEED_M_S: Final = 0.1
-"""Slip speed that a recording without one is taken to have [m/s]: that of a slow stroke over a plate."""
-
+"""Slip speed that is assumed where none was recorded [m/s]: that of a slow stroke over a plate."""
 
 ACCELERATION_MAX_M_S2: Final = 1e6
-"""Largest acceleration of a tool that is believed [m/s²]: shock sensors end at a tenth of it."""
+"""Largest plausible acceleration of a tool [m/s²]: shock sensors end at a tenth of it."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +64,9 @@ class Streams:
     tangential_force_N: Array | None
     depth_m: Array | None = None
     assumed: tuple[str, ...] = ()
-    """which streams were not recorded, but assumed"""
+    """names of the streams that were not recorded but assumed"""
     speed_rest_m_s: float = 0.0
-    """what the speed reads at rest: noise of a speed that is a size, and so never negative, has a mean"""
+    """speed reading at rest: the noise of a speed that is a magnitude has a mean above 0"""
     torque_Nm: Array | None = None
     grip_force_N: Array | None = None
     contact_angle_rad: Array | None = None
@@ -66,63 +85,66 @@ def clean(
     grip_force_N: ArrayLike | None = None,
     contact_angle_rad: ArrayLike | None = None,
 ) -> Streams:
-    """Acceleration high-passed at 20 Hz, the rest low-passed at 100 Hz, all without delay.
+    """Acceleration high-passed at 20 Hz, the other streams low-passed at 100 Hz, all without delay.
 
     Force and speed may be one number for the whole recording, or None: then `ASSUMED_FORCE_N`, `ASSUMED_SPEED_M_S`.
-    Depth grows into the surface; it is negative above it. A tilt to either side is one. Streams that the
-    caller does not hold are let go once they are used: of a long recording each is as large as all that is done with
-    it.
+    Depth grows into the surface; it is negative above it. The sign of the contact angle is ignored.
 
     Raises:
         CaptureError: too short, too slow, silent, not finite, not real numbers, beyond `ACCELERATION_MAX_M_S2`, or
             streams of different length.
     """
-    if np.ndim(rate_Hz) != 0 or np.asarray(rate_Hz).dtype.kind not in "iuf":
-        raise CaptureError(f"rate_Hz must be a number, is {rate_Hz!r}")
-    if not (np.isfinite(rate_Hz) and rate_Hz > 4.0 * HAND_CUTOFF_HZ):
-        raise CaptureError(f"rate_Hz must be above {4.0 * HAND_CUTOFF_HZ:g}, is {rate_Hz}")
-    acceleration = _stream("acceleration_m_s2", acceleration_m_s2, None)
-    beyond = np.flatnonzero((acceleration > ACCELERATION_MAX_M_S2) | (acceleration < -ACCELERATION_MAX_M_S2))
-    if len(beyond):
-        raise CaptureError(
-            f"acceleration_m_s2: sample {beyond[0]} is {acceleration[beyond[0]]:.3g} m/s², at most "
-            f"{ACCELERATION_MAX_M_S2:g} is believed: its unit is likely wrong"
-        )
-    count = len(acceleration)
-    if count < DURATION_MIN_S * rate_Hz:
-        least = f"at least {DURATION_MIN_S:g} s are needed"
-        raise CaptureError(f"{count} samples at {rate_Hz:g} Hz are {count / rate_Hz:.3g} s: {least}")
+    _check_rate(rate_Hz)
+    high = _cleaned_acceleration(acceleration_m_s2, rate_Hz)
+    count = len(high)
     force = _stream("force_N", ASSUMED_FORCE_N if force_N is None else force_N, count)
     speed = _stream("speed_m_s", ASSUMED_SPEED_M_S if speed_m_s is None else speed_m_s, count)
     others = {"tangential_force_N": tangential_force_N, "depth_m": depth_m, "torque_Nm": torque_Nm}
     others |= {"grip_force_N": grip_force_N, "contact_angle_rad": contact_angle_rad}
     low = {n: None if s is None else _low_passed(_stream(n, s, count), rate_Hz) for n, s in others.items()}
     if (tilt := low["contact_angle_rad"]) is not None:
-        low["contact_angle_rad"] = tilt = np.abs(tilt)  # to either side is one
+        low["contact_angle_rad"] = tilt = np.abs(tilt)
         if (most := float(tilt.max())) > np.pi:
-            raise CaptureError(f"the contact angle reaches {most:.4g} rad, beyond a straight line: is its unit right?")
+            raise CaptureError(f"the contact angle reaches {most:.4g} rad, more than half a turn: check its unit")
     assumed = tuple(name for name, s in {"force_N": force_N, "speed_m_s": speed_m_s}.items() if s is None)
-    largest = max(1.0, acceleration.max(), -acceleration.min())
-    acceleration = acceleration - acceleration.mean()
-    del acceleration_m_s2, force_N, speed_m_s, tangential_force_N, depth_m, others
-    del torque_Nm, grip_force_N, contact_angle_rad
-    high = filtered(acceleration, rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
-    del acceleration
-    if not high.std() > 1e-9 * largest:
+    slow = np.abs(_low_passed(speed, rate_Hz))
+    rest_m_s = _rest_level(speed, slow, rate_Hz)
+    return Streams(
+        float(rate_Hz), high, _low_passed(force, rate_Hz), slow, assumed=assumed, speed_rest_m_s=rest_m_s, **low
+    )
+
+
+def _check_rate(rate_Hz: float) -> None:
+    if np.ndim(rate_Hz) != 0 or np.asarray(rate_Hz).dtype.kind not in "iuf":
+        raise CaptureError(f"rate_Hz must be a number, is {rate_Hz!r}")
+    if not (np.isfinite(rate_Hz) and rate_Hz > 4.0 * HAND_CUTOFF_HZ):
+        raise CaptureError(f"rate_Hz must be above {4.0 * HAND_CUTOFF_HZ:g}, is {rate_Hz}")
+
+
+def _cleaned_acceleration(values: ArrayLike, rate_Hz: float) -> Array:
+    """The acceleration, checked and high-passed at 20 Hz."""
+    acceleration = _stream("acceleration_m_s2", values, None)
+    beyond = np.flatnonzero((acceleration > ACCELERATION_MAX_M_S2) | (acceleration < -ACCELERATION_MAX_M_S2))
+    if len(beyond):
+        raise CaptureError(
+            f"acceleration_m_s2: sample {beyond[0]} is {acceleration[beyond[0]]:.3g} m/s², expected at most "
+            f"{ACCELERATION_MAX_M_S2:g}: check its unit"
+        )
+    count = len(acceleration)
+    if count < DURATION_MIN_S * rate_Hz:
+        least = f"at least {DURATION_MIN_S:g} s are needed"
+        raise CaptureError(f"{count} samples at {rate_Hz:g} Hz are {count / rate_Hz:.3g} s: {least}")
+    high = filtered(acceleration - acceleration.mean(), rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
+    if not high.std() > 1e-9 * max(1.0, acceleration.max(), -acceleration.min()):
         raise CaptureError(f"the acceleration is silent above {ACCELERATION_BAND_HZ[0]:g} Hz: nothing can be fitted")
-    force = _low_passed(force, rate_Hz)
-    raw, speed = speed, _low_passed(speed, rate_Hz)
-    speed = np.broadcast_to(np.abs(speed[0]), count) if np.ptp(speed) == 0.0 else np.abs(speed, out=speed)
-    rest_m_s = _rest_level(raw, speed, rate_Hz)
-    del raw
-    return Streams(float(rate_Hz), high, force, speed, assumed=assumed, speed_rest_m_s=rest_m_s, **low)
+    return high
 
 
 def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
-    """What a speed reads at rest: the lower quartile of the means of the 50 ms in which it looks like noise.
+    """What a speed reads at rest: the lower quartile of the means of the 50 ms windows in which it looks like noise.
 
-    Noise varies as much as its mean, above the low-pass too (half a normal distribution by 0.76 of its mean, the size
-    of three axes by 0.42), which a hand does not; and it is never long near zero, which stick and slip is.
+    Noise varies as much as its mean, also above the low-pass (half a normal distribution by 0.76 of its mean, the
+    magnitude of three axes by 0.42), which hand motion does not; and it is never long near zero, as stick–slip is.
     """
     length = max(1, round(0.05 * rate_Hz))
     raw, low = (stream[: len(stream) // length * length].reshape(-1, length) for stream in (raw, low))
@@ -137,12 +159,12 @@ def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
 
 
 def blocks(count: int, size: int) -> Iterator[slice]:
-    """The blocks of so many samples, the last one shorter."""
+    """Slices of `size` samples, the last one shorter."""
     return (slice(start, start + size) for start in range(0, count, size))
 
 
 def kept_share(frequency_Hz: ArrayLike) -> Array:
-    """Share (n,) of a recording's power that its high-pass in `clean` leaves at frequencies (n,) [1]."""
+    """Share (n,) of a recording's power that the high-pass of `clean` keeps at frequencies (n,) [1]."""
     ratio = ACCELERATION_BAND_HZ[0] / np.maximum(np.asarray(frequency_Hz, dtype=np.float64), 1e-3)
     return np.asarray((1.0 + ratio**8) ** -2.0)
 
@@ -153,8 +175,21 @@ def part_of(recording: _Recording, part: slice | NDArray[np.bool_]) -> _Recordin
     return replace(recording, **{name: stream[part] for name, stream in streams if isinstance(stream, np.ndarray)})
 
 
-def _follows(position_m: Array, rate_Hz: float) -> bool:
-    """Whether positions (n,) are enough to be low-passed."""
+def fill_missing(stream: Array) -> int:
+    """Interpolate samples that are NaN linearly between their neighbours, in place; returns their number."""
+    missing = np.isnan(stream)
+    gaps = np.flatnonzero(missing)
+    if len(gaps):
+        beside = np.zeros_like(missing)
+        beside[:-1] |= missing[1:]
+        beside[1:] |= missing[:-1]
+        known = np.flatnonzero(beside & ~missing)
+        stream[gaps] = np.interp(gaps, known, stream[known])
+    return len(gaps)
+
+
+def _can_filter(position_m: Array, rate_Hz: float) -> bool:
+    """Whether positions (n,) are long and fast enough to be low-passed."""
     return rate_Hz > 4.0 * HAND_CUTOFF_HZ and len(position_m) >= 0.1 * rate_Hz
 
 
@@ -167,9 +202,9 @@ def speed_of(position_m: Array | Sequence[Array], rate_Hz: float) -> Array:
     Raises:
         CaptureError: too slow or too short to be low-passed.
     """
-    if not _follows(position_m[0], rate_Hz):
+    if not _can_filter(position_m[0], rate_Hz):
         raise CaptureError(
-            f"a speed cannot be made of {len(position_m[0])} positions at {rate_Hz:g} Hz: 0.1 s or more at above "
+            f"{len(position_m[0])} positions at {rate_Hz:g} Hz give no speed: 0.1 s or more at above "
             f"{4.0 * HAND_CUTOFF_HZ:g} Hz are needed"
         )
     square = np.zeros(len(position_m[0]))
@@ -180,7 +215,7 @@ def speed_of(position_m: Array | Sequence[Array], rate_Hz: float) -> Array:
 
 def direction_of(x_m: Array, y_m: Array, rate_Hz: float) -> Array | None:
     """Direction (n,) [rad] in which positions (n,) move, from x towards y; None where they have no speed."""
-    if not _follows(x_m, rate_Hz):
+    if not _can_filter(x_m, rate_Hz):
         return None
     slope = [np.gradient(_low_passed(axis, rate_Hz)) for axis in (y_m, x_m)]
     return np.asarray(np.arctan2(*slope))
@@ -199,7 +234,7 @@ def _stream(name: str, values: ArrayLike, count: int | None) -> Array:
         given = np.asarray(values)
     except (TypeError, ValueError):
         raise CaptureError(f"{name} must be a list of numbers") from None
-    if given.dtype.kind not in "iuf":  # as float64 complex numbers would lose a part, and text might pass
+    if given.dtype.kind not in "iuf":  # a cast to float64 would drop the imaginary part, and accept text
         raise CaptureError(f"{name} must be a list of real numbers, is of {given.dtype}")
     array = given.astype(np.float64, copy=False)
     if array.ndim == 0 and count is not None:
@@ -215,7 +250,7 @@ def _stream(name: str, values: ArrayLike, count: int | None) -> Array:
 
 
 def _low_passed(signal: Array, rate_Hz: float) -> Array:
-    """At 100 Hz; a number given for the whole recording stays that number, and is held once."""
+    """Low-passed at 100 Hz; a constant stays exactly that number, and takes the memory of one."""
     if np.ptp(signal) == 0.0:
         return np.broadcast_to(signal[0], signal.shape)
     return filtered(signal, rate_Hz, HAND_CUTOFF_HZ, "lowpass")
@@ -224,18 +259,19 @@ def _low_passed(signal: Array, rate_Hz: float) -> Array:
 def filtered(
     signal: Array, rate_Hz: float, cutoff_Hz: float, kind: Literal["lowpass", "highpass"], order: int = 4
 ) -> Array:
-    """Signals (..., n) through Butterworth's filter of even order, forward and backward: nothing is shifted in time.
+    """Signals (..., n) through Butterworth's filter of even order, forward and backward: without delay.
 
-    As `scipy.signal.sosfiltfilt`, to the bit; long ones block by block, for that takes five times its signal.
+    As `scipy.signal.sosfiltfilt`, to the bit; long signals block by block, because that takes five times their memory.
     """
     sections = scipy.signal.butter(order, cutoff_Hz, kind, fs=rate_Hz, output="sos")
     if signal.ndim > 1 or signal.shape[-1] <= BLOCK:
         return np.asarray(scipy.signal.sosfiltfilt(sections, signal))
     edge = 3 * (2 * len(sections) + 1)
-    turned = (2.0 * signal[0] - signal[edge:0:-1], signal, 2.0 * signal[-1] - signal[-2 : -(edge + 2) : -1])
-    made = np.concatenate(turned)
-    for way in (made, made[::-1]):
+    padded = np.concatenate(
+        (2.0 * signal[0] - signal[edge:0:-1], signal, 2.0 * signal[-1] - signal[-2 : -(edge + 2) : -1])
+    )
+    for way in (padded, padded[::-1]):
         state = scipy.signal.sosfilt_zi(sections) * way[0]
         for part in blocks(len(way), BLOCK):
             way[part], state = scipy.signal.sosfilt(sections, way[part], zi=state)
-    return made[edge:-edge]
+    return padded[edge:-edge]

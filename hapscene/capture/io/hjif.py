@@ -1,16 +1,15 @@
-"""A swatch as an MPEG haptics file: `.hjif`, the JSON interchange format of ISO/IEC 23090-31.
+"""Export of a swatch as an MPEG haptics file: `.hjif`, the JSON interchange format of ISO/IEC 23090-31.
 
-The format holds signals, not surfaces. So the texture is played at one force and speed and written as a `Curve` band:
-a keyframe per sample, straight between them, which is the signal itself (a player that reads it at another rate loses
-0.3 dB at 1 kHz to the straight lines, at 10 kHz). Its slow gain and its changes of state are in it as the seed has
-them. Taps follow as a `Transient` band, then leaving, one transient each half second, slow to fast, with the peak and
-the frequency of each tap; how a transient dies away is the player's.
+The format holds signals, not surfaces. So the texture is played at one force and speed and written as a `Curve` band: a
+keyframe per sample, straight between them (a player that resamples it loses 0.3 dB at 1 kHz, at 10 kHz). Taps follow as
+a `Transient` band, then leaving, one transient each half second, slow to fast, with the peak and the frequency of each
+tap; the player decides how a transient decays.
 
-Amplitudes in the format are −1 to 1. What 1 stands for is the reference device's maximum amplitude, in m/s².
+Amplitudes in the format are −1 to 1. The reference device's maximum amplitude, in m/s², says what 1 stands for.
 
 Structure, names and bounds follow the JSON schemas of the MPEG group (MPEGGroup/HapticJSONSchemas at commit e3b9aa67)
-and the conformance checks of its reference software (at commit 73ffe9bb), which asks for more: timescale and syncs,
-whole numbers as limits and frequencies, a profile and level by name. Version "2023" is what the schema asks for.
+and the conformance checks of its reference software (at commit 73ffe9bb), which requires more: timescale and syncs,
+integers as limits and frequencies, a profile and level by name. Version "2023" is what the schema requires.
 """
 
 import datetime
@@ -21,7 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture.streams import Array
+from hapscene.capture.io.streams import Array
 from hapscene.capture.synthesis import synthesize
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import SwatchError
@@ -29,6 +28,8 @@ from hapscene.files import write_whole
 from hapscene.surface.swatch import Swatch, SwatchLike, touched_with
 from hapscene.surface.taps import Taps
 from hapscene.swatches.library import load_swatch
+
+__all__ = ["SECONDS_MAX", "TAP_SPACING_S", "TIMESCALE_MAX", "as_hjif", "export_hjif"]
 
 TIMESCALE_MAX: Final = 48_000
 """Most ticks per second in the profile "Main" [1/s]."""
@@ -39,7 +40,9 @@ SECONDS_MAX: Final = 60.0
 TAP_SPACING_S: Final = 0.5
 """Time from one tap to the next, and from the texture to the first [s]: longer than they ring."""
 
-_HAND: Final = 0  # body part mask: unspecified
+Json = dict[str, Any]
+
+_UNSPECIFIED: Final = 0  # body part mask
 
 
 def export_hjif(
@@ -57,10 +60,10 @@ def export_hjif(
     Args:
         swatch: one with a texture or taps.
         path: the file, suffix .hjif.
-        force_N: normal force that the texture is played at, ≥ 0.
-        speed_m_s: slip speed that the texture is played at, ≥ 0.
+        force_N: normal force at which the texture is played, ≥ 0.
+        speed_m_s: slip speed at which the texture is played, ≥ 0.
         seconds: length of the texture, to 60.
-        rate_Hz: samples a second, to 48000, a whole number; None: the texture's own, or 10000.
+        rate_Hz: samples a second, to 48000, an integer; None: the texture's own, or 10000.
         seed: of the texture's noise.
 
     Raises:
@@ -76,7 +79,7 @@ def export_hjif(
 
 def as_hjif(
     swatch: Swatch, force_N: float, speed_m_s: float, seconds: float, rate_Hz: float | None = None, seed: int = 0
-) -> dict[str, Any]:
+) -> Json:
     """The content of the file, as `export_hjif` writes it."""
     rate = rate_Hz or (swatch.texture.rate_Hz if swatch.texture is not None else 10_000.0)
     if swatch.texture is None and swatch.taps is None:
@@ -93,15 +96,15 @@ def as_hjif(
     if swatch.texture is not None:
         count = max(2, round(seconds * rate))
         signal = synthesize(swatch, np.full(count, force_N), np.full(count, speed_m_s), rate_Hz=rate, seed=seed)
-        said = f"{swatch.name}: texture at {force_N:g} N and {speed_m_s:g} m/s, {seconds:g} s"
-        perceptions.append(_perception(0, said, float(np.abs(signal).max()), rate, _curve(signal)))
+        title = f"{swatch.name}: texture at {force_N:g} N and {speed_m_s:g} m/s, {seconds:g} s"
+        perceptions.append(_perception(0, title, float(np.abs(signal).max()), rate, _curve(signal)))
         first_tap_s = count / rate + TAP_SPACING_S
     for what, taps in (("taps", swatch.taps), ("leaving", swatch.leaving)):
         if taps is not None:
             speeds = ", ".join(f"{v:g}" for v in taps.approach_m_s[:20])
-            said = f"{swatch.name}: {what} at {speeds} m/s, one each {TAP_SPACING_S:g} s from {first_tap_s:g} s"
+            title = f"{swatch.name}: {what} at {speeds} m/s, one each {TAP_SPACING_S:g} s from {first_tap_s:g} s"
             peak, band = _transients(taps, rate, first_tap_s)
-            perceptions.append(_perception(len(perceptions), said, peak, rate, band))
+            perceptions.append(_perception(len(perceptions), title, peak, rate, band))
             first_tap_s += len(taps.approach_m_s) * TAP_SPACING_S
     touched = touched_with(swatch)
     notes = [swatch.name, f"Touched with: {touched}." if touched else "", swatch.provenance]
@@ -119,14 +122,14 @@ def as_hjif(
     }
 
 
-def _perception(number: int, description: str, peak_m_s2: float, rate_Hz: float, band: Any) -> dict[str, Any]:
+def _perception(number: int, description: str, peak_m_s2: float, rate_Hz: float, band: Json) -> Json:
     """One signal on one channel; an amplitude of 1 stands for the device's maximum."""
     full = peak_m_s2 if peak_m_s2 > 0.0 else 1.0
     low, high = (round(f) for f in ACCELERATION_BAND_HZ)
     device = {
         "id": 1,
         "name": f"haptography handle, 1 = {full:.6g} m/s2",
-        "body_part_mask": _HAND,
+        "body_part_mask": _UNSPECIFIED,
         "minimum_frequency": low,
         "maximum_frequency": high,
         "maximum_amplitude": full,
@@ -138,7 +141,7 @@ def _perception(number: int, description: str, peak_m_s2: float, rate_Hz: float,
         "reference_device_id": 1,
         "gain": 1.0,
         "mixing_coefficient": 1.0,
-        "body_part_mask": _HAND,
+        "body_part_mask": _UNSPECIFIED,
         "frequency_sampling": int(rate_Hz),
         "bands": [band],
     }
@@ -155,16 +158,16 @@ def _perception(number: int, description: str, peak_m_s2: float, rate_Hz: float,
     }
 
 
-def _effect(position: int, keyframes: list[dict[str, Any]]) -> dict[str, Any]:
+def _effect(position: int, keyframes: list[Json]) -> Json:
     return {"effect_type": "Basis", "position": position, "phase": 0.0, "base_signal": "Sine", "keyframes": keyframes}
 
 
-def _band(kind: str, effects: list[dict[str, Any]], **more: str) -> dict[str, Any]:
+def _band(kind: str, effects: list[Json], **more: str) -> Json:
     limits = {"lower_frequency_limit": 0, "upper_frequency_limit": round(ACCELERATION_BAND_HZ[1])}
     return {"band_type": kind, **more, **limits, "effects": effects}
 
 
-def _curve(signal: Array) -> dict[str, Any]:
+def _curve(signal: Array) -> Json:
     """A signal (n,) as a band, its peak 1; six decimals are 120 dB below it."""
     peak = float(np.abs(signal).max())
     scaled = np.round(signal / (peak if peak > 0.0 else 1.0), 6).tolist()
@@ -172,7 +175,7 @@ def _curve(signal: Array) -> dict[str, Any]:
     return _band("Curve", [_effect(0, keyframes)], curve_type="Linear")
 
 
-def _transients(taps: Taps, rate_Hz: float, first_s: float) -> tuple[float, dict[str, Any]]:
+def _transients(taps: Taps, rate_Hz: float, first_s: float) -> tuple[float, Json]:
     """The largest peak [m/s²], and the taps as a band."""
     each = [taps.at(float(speed)) for speed in taps.approach_m_s]
     waves = taps.wave_m_s2

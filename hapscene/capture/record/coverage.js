@@ -70,8 +70,8 @@ function put(id, text) { if ($(id).textContent !== text) $(id).textContent = tex
 
 function tell(state) {
   const all = state.share.flat(), done = all.filter((share) => share >= 1).length;
-  put("advice", state.ended ? `It has ended: ${state.enough ? "enough, more would not help" : state.ended}.` : state.advice);
-  put("wrong", state.wrong.join("; "));
+  put("advice", state.ended ? `It has ended: ${state.enough ? "every cell is filled" : state.ended}.` : state.advice);
+  put("wrong", state.warnings.join("; "));
   put("time", `${state.seconds.toFixed(1)} s`);
   const mean = all.reduce((sum, share) => sum + share, 0) / all.length;
   $("done").value = mean;
@@ -81,14 +81,14 @@ function tell(state) {
   put("rms", `${number(rms)} m/s², peak ${number(peak)}`);
   const said = `Force and speed: ${done} of ${all.length} cells are filled`;
   if ($("plane").getAttribute("aria-label") !== said) $("plane").setAttribute("aria-label", said);
-  const rows = [["level known to", `${state.error_dB.toFixed(1)} dB`]];
+  const rows = [];
   if (state.force_N) rows.unshift(["force", `${state.at[0].toFixed(2)} N`]);
   if (state.speed_m_s) rows.unshift(["speed", `${(1e3 * state.at[1]).toFixed(0)} mm/s`]);
   rows.push(...Object.entries(state.lost).map(([name, value]) => [name, String(value)]));
   if ($("numbers").children.length !== 2 * rows.length)
     $("numbers").replaceChildren(...rows.flatMap(() => [document.createElement("dt"), document.createElement("dd")]));
   rows.flat().forEach((text, k) => { const at = $("numbers").children[k]; if (at.textContent !== text) at.textContent = text; });
-  const notes = [...state.cannot, ...state.lacks.map((text) => `then: ${text}`)].join("\n");
+  const notes = [...state.limits, ...state.lacks.map((text) => `then: ${text}`)].join("\n");
   if (notes !== shown) {
     shown = notes;
     $("notes").replaceChildren(...notes.split("\n").filter(Boolean).map((text) => {
@@ -118,7 +118,7 @@ function connect() {
   socket.onclose = lose;
 }
 
-function stop() { if (stopping && socket.readyState === 1) socket.send("stop"); } // a line that was lost hears it later
+function stop() { if (stopping && socket.readyState === 1) socket.send(JSON.stringify("stop")); } // a line that was lost hears it later
 
 function lose() {
   heard = 0;

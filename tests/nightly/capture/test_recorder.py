@@ -1,36 +1,101 @@
 """Recording over a pseudo-terminal, with a probe at the other end that a thread or a process of its own plays."""
 
+import errno
+import itertools
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hapscene.capture.record import record
-from hapscene.capture.record_file import load_record
+from hapscene.capture.io.hsrec import load_record
+from hapscene.capture.record.recorder import Made, record
 from hapscene.errors import CaptureError
 from hapscene.interrupt import ENDS
-from hapscene.wire.protocol import Column, Header, header_line
-from tests.capture.test_record import LIMIT_S, Probe, lines, probe, truth
+from hapscene.wire.port import Port
+from tests.capture.test_recorder import HEADER, lines
 from tests.until import until
-
-__all__ = ["probe"]  # fixtures
-
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 
 
-COLUMNS = (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.01))
+LIMIT_S = 120.0
+"""Longest that a test waits for another process [s]."""
 
 
-HEADER = header_line(Header(2000.0, COLUMNS))
+class Probe:
+    """The other end of a port, which a thread writes to."""
+
+    def __init__(self) -> None:
+        import tty
+
+        self.ours, self._theirs = os.openpty()
+        tty.setraw(self._theirs)
+        os.set_blocking(self.ours, False)
+        self.port = os.ttyname(self._theirs)
+        self._thread: threading.Thread | None = None
+        self._opened, self._over = threading.Event(), threading.Event()
+
+    def record(self, path: Path, stopped: Callable[[], bool] = lambda: False, **more: float) -> Made:
+        """Records here; the thread writes once the port is open, because opening it discards what came before."""
+
+        def asked() -> bool:
+            self._opened.set()
+            return stopped()
+
+        return record(self.port, path, stopped=asked, **more)
+
+    def play(self, parts: "Iterator[bytes] | list[bytes]", at_once: bool = False) -> None:
+        """Writes the parts from a thread, once the port is open."""
+
+        def write() -> None:
+            if not at_once:
+                self._opened.wait(LIMIT_S)
+            try:
+                for part in parts:
+                    while part:
+                        try:
+                            part = part[os.write(self.ours, part) :]
+                        except BlockingIOError:  # nobody reads, now or ever again
+                            if self._over.wait(1e-3):
+                                return
+            except OSError as error:
+                assert error.errno in (errno.EIO, errno.EBADF)
+
+        self._thread = threading.Thread(target=write, daemon=True)
+        self._thread.start()
+
+    @property
+    def writing(self) -> bool:
+        """Whether not all parts are written yet."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def unplug(self) -> None:
+        os.close(self.ours)
+        self.ours = -1
+
+    def close(self) -> None:
+        self._opened.set()
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join(LIMIT_S)
+        os.close(self._theirs)
+        if self.ours >= 0:
+            os.close(self.ours)
+
+
+@pytest.fixture
+def probe() -> Iterator[Probe]:
+    probe = Probe()
+    yield probe
+    probe.close()
 
 
 @contextmanager
@@ -83,50 +148,6 @@ def test_a_killed_recording_is_readable_up_to_its_last_second(probe: Probe, tmp_
     assert first == pytest.approx(kept.streams["force"][0] / 0.01) and len(there) > 0.9 * len(kept.missing)
 
 
-def number_of(acceleration: float, force: float) -> int:
-    """Which sample has this row, below 1.2 million: both residues are known."""
-    by_37 = (round(acceleration / 0.001) + 2000) * pow(37, -1, 4001) % 4001
-    return int(next(n for n in range(by_37, 4001 * 300, 4001) if n % 300 == round(force / 0.01)))
-
-
-@pytest.mark.soak
-def test_killed_at_a_hundred_random_times_it_is_readable_up_to_the_last_second(tmp_path: Path) -> None:
-    """What the probe had sent when SIGKILL fell is in the file, less at most a second: each sample right."""
-    rng, left_out_s = np.random.default_rng(19), []
-    for turn in range(100):
-        probe, stop, sent, path = Probe(), threading.Event(), [0], tmp_path / f"{turn}.hsrec"
-
-        def counted(stop: threading.Event = stop, sent: list[int] = sent) -> Iterator[bytes]:
-            for part in paced(stop):
-                yield part
-                sent[0] += part.count(b"\n") - part.count(b"#")
-
-        words = ("-m", "hapscene.cli", "capture", "record", "--port", probe.port, "-o", str(path))
-        with process(*words, stdout=subprocess.PIPE) as child:
-            probe.play(counted(), at_once=True)
-            assert child.stdout is not None and "recording" in child.stdout.readline()
-            begun_s = time.monotonic()
-            time.sleep(rng.uniform(0.0, 4.0))
-            child.send_signal(signal.SIGKILL)
-            sent_then, elapsed_s = sent[0], time.monotonic() - begun_s
-            child.wait(LIMIT_S)
-        stop.set()
-        try:
-            kept = load_record(path)
-        except CaptureError as error:
-            assert "holds no samples" in str(error) and elapsed_s < 0.5, f"turn {turn}, after {elapsed_s:.2f} s"
-        else:
-            there = ~kept.missing
-            acceleration, force = (kept.streams[name][there] for name in ("acceleration", "force"))
-            first, last = number_of(acceleration[0], force[0]), number_of(acceleration[-1], force[-1])
-            assert len(kept.missing) == last - first + 1 and kept.ended is None
-            np.testing.assert_allclose([acceleration, force], truth(first + np.flatnonzero(there)), atol=1e-9)
-            left_out_s.append((sent_then - 1 - last) / 2000.0)
-        probe.close()
-    print(f"left out: median {np.median(left_out_s):.3f} s, most {max(left_out_s):.3f} s of {len(left_out_s)}")
-    assert max(left_out_s) < 1.0
-
-
 @pytest.mark.parametrize("kind", [signal.SIGINT, *ENDS])
 def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path, kind: signal.Signals) -> None:
     path = tmp_path / "a.hsrec"
@@ -147,7 +168,7 @@ def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path, k
 
 def test_the_simulator_is_a_probe(tmp_path: Path) -> None:
     """Two commands of the documentation: a simulated probe in one process, a recording here."""
-    with process("-m", "hapscene.capture.record_simulator", "--drop", "0.01", stdout=subprocess.PIPE) as child:
+    with process("-m", "tests.capture.probe_simulator", "--drop", "0.01", stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         port = child.stdout.readline().strip()
         made = record(port, tmp_path / "a.hsrec", duration_s=0.8)
@@ -156,3 +177,22 @@ def test_the_simulator_is_a_probe(tmp_path: Path) -> None:
     force = kept.streams["force"][~kept.missing]
     assert set(kept.streams) == {"acceleration", "force", "tangential_force", "speed"} and 0.5 < force.mean() < 2.0
     assert kept.streams["acceleration"][~kept.missing].std() > 0.05
+
+
+def test_an_unplugged_probe_ends_the_record_properly(probe: Probe, tmp_path: Path) -> None:
+    calls = itertools.count()
+
+    def stopped() -> bool:
+        if next(calls) == 20:
+            probe.unplug()
+        return False
+
+    probe.play([HEADER, *lines(0, 400)])
+    made = probe.record(tmp_path / "a.hsrec", stopped)
+    assert made.ended.startswith("the probe went away: ")
+    assert load_record(tmp_path / "a.hsrec").ended == made.ended and made.length > 0
+
+
+def test_a_port_that_another_program_has_open(probe: Probe, tmp_path: Path) -> None:
+    with closing(Port(probe.port, 115_200)), pytest.raises(CaptureError, match="another program has it open"):
+        record(probe.port, tmp_path / "a.hsrec")

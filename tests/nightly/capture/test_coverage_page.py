@@ -1,6 +1,5 @@
 """The page beside a recording: nothing is lost for it, what it shows can be read, and it can end it."""
 
-import json
 import os
 import re
 import subprocess
@@ -10,16 +9,15 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
-from hapscene.capture.coverage import Coverage, Wanted
-from hapscene.capture.coverage_server import BEAT_S, CoveragePage, CoverageProcess, LiveCoverage, table
-from hapscene.capture.record import record
-from hapscene.capture.record_file import load_record
-from hapscene.capture.record_simulator import COLUMNS, lines
-from tests.capture.test_coverage_server import live
+from hapscene.capture.io.hsrec import load_record
+from hapscene.capture.record.coverage import Coverage, Wanted
+from hapscene.capture.record.coverage_page import CoveragePage, CoverageProcess, LiveCoverage, table
+from hapscene.capture.record.recorder import record
+from tests.capture.probe_simulator import COLUMNS, lines
+from tests.capture.test_coverage_page import live
 from tests.chromium import AXE, AXE_RUN
 from tests.until import until
 
@@ -93,7 +91,7 @@ def test_nothing_is_lost_beside_the_page(tmp_path: Path, browser: Any) -> None:
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 def test_the_page_ends_a_recording(tmp_path: Path, browser: Any) -> None:
     simulator = subprocess.Popen(
-        [sys.executable, "-m", "hapscene.capture.record_simulator"], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "tests.capture.probe_simulator"], stdout=subprocess.PIPE, text=True
     )
     words = [sys.executable, "-m", "hapscene", "capture", "record", "--live", "-o", str(tmp_path / "a.hsrec"), "--port"]
     try:
@@ -119,67 +117,21 @@ def test_the_page_ends_a_recording(tmp_path: Path, browser: Any) -> None:
 @pytest.mark.parametrize("look", ["light", "dark"])
 @pytest.mark.parametrize("size", [(390, 844), (1280, 800)])
 def test_the_page_can_be_read(live: LiveCoverage, browser: Any, look: str, size: tuple[int, int]) -> None:
-    with CoveragePage(live) as page, browser.new_context(
+    with CoveragePage() as page, browser.new_context(
         viewport={"width": size[0], "height": size[1]}, color_scheme=look, bypass_csp=True
     ) as context:  # fmt: skip
         tab = context.new_page()
         wrong: list[str] = []
         tab.on("pageerror", lambda error: wrong.append(str(error)))
+        page.send(live.state())
         tab.goto(page.url)
         until(lambda: tab.evaluate("hapscene.count >= 1"))
         assert tab.get_attribute("#plane", "aria-label") == "Force and speed: 2 of 12 cells are filled"
-        assert tab.inner_text("#advice") == json.loads(live.said[0])["advice"]
+        assert tab.inner_text("#advice") == live.state()["advice"]
         assert tab.evaluate("document.documentElement.scrollWidth") <= size[0]
         if AXE.is_file():
             tab.evaluate(AXE.read_text(encoding="utf-8"))
             assert tab.evaluate(AXE_RUN) == []
         tab.click("#stop")
-        until(live.stopped.is_set)
+        until(page.stopped.is_set)
         assert not wrong
-
-
-def test_a_recording_is_played_back_to_who_looks_and_as_long_as_they_do(tmp_path: Path) -> None:
-    from websockets.sync.client import connect
-
-    rows = np.c_[np.random.default_rng(0).normal(size=1200), np.full(1200, 1.0), np.full(1200, 0.1)]
-    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="acceleration,force,speed", comments="")
-    words = [sys.executable, "-m", "hapscene.cli", "capture", "coverage", str(tmp_path / "a.csv"), "--rate", "2000"]
-    words += ["--units", "acceleration=m/s2,force=N,speed=m/s", "--live"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as child:
-        assert child.stdout is not None
-        url = next(word for line in child.stdout for word in line.split() if word.startswith("http"))
-        with connect(url.replace("http", "ws") + "socket", origin=url.rsplit("/", 2)[0]) as line:  # type: ignore[arg-type]
-            while "the recording is over" not in line.recv(timeout=PATIENCE_S):
-                pass
-            assert child.poll() is None
-        told = child.communicate(timeout=PATIENCE_S)[0]
-        assert child.returncode == 0 and "seconds of sliding (0.6 s in all)" in told
-
-
-@pytest.mark.soak
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
-def test_a_minute_at_20_updates_a_second(tmp_path: Path, browser: Any) -> None:
-    """In real time: the simulator loses what is not read in time. For a quiet machine."""
-    words = [sys.executable, "-m", "hapscene.capture.record_simulator", "--rate", f"{RATE_HZ:g}"]
-    simulator = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-    assert simulator.stdout is not None
-    port = simulator.stdout.readline().strip()
-    with CoverageProcess(Wanted()) as page:
-        tab = browser.new_page()
-        tab.goto(page.url)
-        made: list[Any] = []
-        recorder = threading.Thread(
-            target=lambda: made.append(record(port, tmp_path / "a.hsrec", duration_s=62.0, watch=(page,)))
-        )
-        recorder.start()
-        until(lambda: tab.evaluate("hapscene.count >= 20"))
-        before, begun_s = tab.evaluate("hapscene.count"), time.monotonic()
-        tab.wait_for_timeout(55_000)
-        rate_Hz = (tab.evaluate("hapscene.count") - before) / (time.monotonic() - begun_s)
-        recorder.join(PATIENCE_S)
-        tab.close()
-    simulator.kill()
-    simulator.communicate()
-    print(f"{rate_Hz:.1f} updates a second; {made[0]}")
-    assert made[0].count.dropped == 0 and made[0].count.torn == 0
-    assert rate_Hz > 0.95 / BEAT_S

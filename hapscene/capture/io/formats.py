@@ -1,57 +1,60 @@
-"""What is in a recording's file, before anything is made of it: columns by name, and the rate where the file says it.
+"""The columns of a recording's file, before they have quantities and units; the rate and units that the file states.
 
 | suffix | read as |
 |---|---|
-| `.wav` | channels "1", "2", …; whole numbers as shares of full scale, ±1; the rate is the file's |
-| `.npz` | arrays by name, (n, 3) as "name_x", "name_y", "name_z"; `rate_Hz` where there; never pickled objects |
+| `.wav` | channels "1", "2", …; integers as shares of full scale, ±1; the rate is the file's |
+| `.npz` | arrays by name, (n, 3) as "name_x", "name_y", "name_z"; `rate_Hz` where present; never pickled objects |
 | `.mat` | variables by name, likewise (MATLAB up to version 7, through SciPy) |
-| `.parquet` | columns of numbers by name (through pyarrow) |
+| `.parquet` | numeric columns by name (through pyarrow) |
 | `.hsrec` | a probe's record (`hapscene capture record`), with its rate and units |
-| any other | text: columns apart by commas, semicolons, tabs or spaces, with or without a line of names |
+| any other | text: columns separated by commas, semicolons, tabs or spaces, with or without a line of names |
 """
 
 import math
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hapscene.capture.io.hsrec import CutWarning, load_record
 from hapscene.confined import confined
 from hapscene.errors import CaptureError, FormatError, warn
-from hapscene.files import check_file_size, check_unpacked, memory_most_B, read_bytes, refusing, unpacked_most_B
+from hapscene.files import check_file_size, check_unpacked, memory_most_B, refusing, unpacked_most_B
 from hapscene.number_files import TOO_MUCH, lines_of, open_npz
+
+__all__ = ["AXES", "BYTES_MAX", "Column", "RecordingSource", "read_mat", "read_parquet", "read_recording_source"]
 
 BYTES_MAX: Final = 1 << 30
 """Largest file that is opened, and largest content that is unpacked [bytes]: 20 minutes of four columns at 10 kHz."""
 
 AXES: Final = ("x", "y", "z")
 
-Column = NDArray[Any]
-"""A stream (n,) as the file holds it: numbers of any type, each to become eight bytes only once it is used."""
+Column = NDArray[np.number[Any]]
+"""A stream (n,) as the file holds it: numbers of any type, converted to float64 when they are used."""
 
 
 @dataclass(frozen=True)
 class RecordingSource:
-    """The content of a file: streams (n,) by name, all of one length; rate and units where the file says them."""
+    """The content of a file: streams (n,) by name, all of one length; rate and units where the file states them."""
 
     columns: Mapping[str, Column]
     rate_Hz: float | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     scale: float = 1.0
-    """by which all numbers are to be multiplied"""
+    """factor for all numbers"""
     own_B: int = 0
-    """size of what the file holds, unpacked [bytes]"""
+    """size of the file's content, unpacked [bytes]"""
 
 
 def read_recording_source(file: Path) -> RecordingSource:
-    """Reads the file by its suffix.
+    """Reads a file by its suffix.
 
     Raises:
         CaptureError: a file that is missing, too large, not what its suffix says, or not of numbers.
@@ -63,19 +66,18 @@ def read_recording_source(file: Path) -> RecordingSource:
 
 
 def _source(file: Path) -> RecordingSource:
-    reader = {".wav": _wav, ".npz": _npz, ".mat": _mat, ".parquet": _parquet, ".hsrec": _record}.get(
-        file.suffix.lower(), _text
-    )
+    readers = {".wav": _wav, ".npz": _npz, ".mat": _mat, ".parquet": _parquet}
+    reader = readers.get(file.suffix.lower(), _text)
     try:
-        source = reader(file)
+        source = _record(file) if file.suffix.lower() == ".hsrec" else reader(file)
     except OSError as error:
         raise CaptureError(f"cannot be read: {error.strerror or error}") from None
     lengths = {name: len(column) for name, column in source.columns.items()}
     if not lengths or min(lengths.values()) == 0:
         raise CaptureError("holds no streams of numbers")
     if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{name} {count}" for name, count in lengths.items())
-        raise CaptureError(f"streams of different length ({said}): each needs one sample per time")
+        listed = ", ".join(f"{name} {count}" for name, count in lengths.items())
+        raise CaptureError(f"streams of different length ({listed}): each needs one sample per time")
     if source.rate_Hz is not None and not 0.0 < source.rate_Hz < float("inf"):
         raise CaptureError(f"its rate must be a number of Hz above 0, is {source.rate_Hz:g}")
     return source
@@ -91,9 +93,9 @@ def _text(file: Path) -> RecordingSource:
         header = not all(_is_number(_pointed(name, delimiter)) for name in names)
         if not names or not names[0]:
             raise CaptureError("must begin with a header of column names, or with a line of numbers")
-        skip = skip if header else 0  # the line itself may stand below comments
+        skip = skip if header else 0  # the first line of numbers may follow comments
         with file.open(encoding="utf-8-sig") as f, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # "no data", which is told below
+            warnings.simplefilter("ignore")  # "no data": an error below
             rows = (_pointed(line, delimiter) for line in lines_of(file, f, 8 * len(names)))
             table = np.loadtxt(rows, delimiter=delimiter, skiprows=skip, ndmin=2)
     except UnicodeDecodeError:
@@ -112,7 +114,7 @@ def _text(file: Path) -> RecordingSource:
 
 
 def _pointed(text: str, delimiter: str | None) -> str:
-    """With decimal points: where semicolons part columns, as in half of Europe's spreadsheets, a comma is one."""
+    """With decimal points: a table with semicolons between its columns has decimal commas."""
     return text.replace(",", ".") if delimiter == ";" else text
 
 
@@ -136,26 +138,26 @@ def _wav(file: Path) -> RecordingSource:
     _check_wav(file)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # chunks that it does not know
+            warnings.simplefilter("ignore")  # chunks that SciPy does not know
             rate, data = scipy.io.wavfile.read(file)
         data = data.reshape(len(data), -1)
     except OSError:
         raise
-    except Exception as error:  # a damaged header leads it anywhere: only ValueError says where
+    except Exception as error:  # a damaged header raises anything; only ValueError explains
         said = str(error)[:200] if isinstance(error, ValueError) else "its header is damaged"
         raise CaptureError(f"not a WAV file that can be read: {said}") from None
     if data.dtype == np.uint8:
-        data = (data ^ 128).view(np.int8)  # less its middle
+        data = (data ^ 128).view(np.int8)  # unsigned, 128 is zero
     scale = 1.0 if data.dtype.kind == "f" else 1.0 / (float(np.iinfo(data.dtype).max) + 1.0)
     columns = dict(zip(_numbered(data.shape[1]), data.T, strict=True))
     return RecordingSource(columns, float(rate), scale=scale, own_B=file.stat().st_size)
 
 
 def _check_wav(file: Path) -> None:
-    """Refuse a file that was cut, which SciPy takes for a shorter one, or has no end of chunks before its samples."""
+    """Refuse a truncated file, which SciPy reads as a shorter one, and one with endless chunks before its samples."""
     with file.open("rb") as f:
         if f.read(12)[:4] != b"RIFF":
-            return  # SciPy says what is wrong, or knows better
+            return  # SciPy raises its own error
         for _ in range(_CHUNK_MAX):
             name, size_B = f.read(4), int.from_bytes(f.read(4), "little")
             left_B = os.fstat(f.fileno()).st_size - f.tell()
@@ -169,7 +171,7 @@ def _check_wav(file: Path) -> None:
 
 
 _CHUNK_MAX: Final = 1000
-_UNKNOWN_B: Final = 0xFFFFFFFF  # what is written into a pipe, where its length is not known
+_UNKNOWN_B: Final = 0xFFFFFFFF  # written into a pipe: the length is unknown
 
 
 def _npz(file: Path) -> RecordingSource:
@@ -185,18 +187,7 @@ def _npz(file: Path) -> RecordingSource:
 
 
 def _mat(file: Path) -> RecordingSource:
-    most_B = unpacked_most_B(file.stat().st_size, BYTES_MAX)
-    with file.open("rb") as f:
-        arrays = confined(
-            read_mat,
-            f,
-            BYTES_MAX,
-            by="SciPy's reader of MATLAB files",
-            memory_B=memory_most_B(most_B),
-            output_B=most_B,
-            imports=("scipy.io",),
-        ).arrays
-    return _named(arrays)
+    return _confined(read_mat, file, "SciPy's reader of MATLAB files", "scipy.io")
 
 
 _MAT_B: Final = {"double": 8, "single": 4, "logical": 1, "char": 4} | {
@@ -206,18 +197,16 @@ _MAT_B: Final = {"double": 8, "single": 4, "logical": 1, "char": 4} | {
 
 
 def read_mat(file: Any, most_B: int) -> dict[str, NDArray[Any]]:
-    """The variables of a MATLAB file that are numbers, and its `units`: to be run confined, for SciPy may crash on it.
+    """The numeric variables of a MATLAB file, and its `units`; run confined, because SciPy may crash on a damaged one.
 
     Raises:
-        FormatError: of version 7.3, or it unpacks to more than it may.
+        FormatError: of version 7.3, or it unpacks to more than its size allows.
     """
     try:
         held = scipy.io.whosmat(file)
     except NotImplementedError:
         raise FormatError("a MATLAB 7.3 file is not read: save it with -v7") from None
-    wanted = [
-        variable for variable in held if variable[2] in _MAT_B and (variable[2] != "char" or variable[0] == "units")
-    ]
+    wanted = [each for each in held if each[2] in _MAT_B and (each[2] != "char" or each[0] == "units")]
     unpacked_B = sum(_MAT_B[kind] * math.prod(max(length, 0) for length in shape) for _, shape, kind in wanted)
     check_unpacked(os.fstat(file.fileno()).st_size, unpacked_B, most_B, TOO_MUCH)
     file.seek(0)
@@ -227,79 +216,48 @@ def read_mat(file: Any, most_B: int) -> dict[str, NDArray[Any]]:
 
 
 def _parquet(file: Path) -> RecordingSource:
-    return _parquets([file])[0]
-
-
-def _parquets(files: Sequence[Path]) -> list[RecordingSource]:
-    """Many at once: each process of its own would take longer than all of them in one."""
     if find_spec("pyarrow") is None:
         raise CaptureError("Parquet needs pyarrow: pip install 'hapscene[parquet]'")
-    most_B = sum(unpacked_most_B(file.stat().st_size, BYTES_MAX) for file in files)
-    with files[0].open("rb") as f:
-        arrays = confined(
-            read_parquet,
-            f,
-            *(str(file) for file in files),
-            by="pyarrow's reader of Parquet files",
-            memory_B=memory_most_B(most_B),
-            output_B=most_B,
-            imports=("pyarrow.parquet",),
-        ).arrays
-    found: list[dict[str, NDArray[Any]]] = [{} for _ in files]
-    for key, array in arrays.items():
-        number, _, name = key.partition(" ")
-        found[int(number)][name] = array
-    return [_named(each) for each in found]
+    return _confined(read_parquet, file, "pyarrow's reader of Parquet files", "pyarrow.parquet")
 
 
-def read_parquet(file: Any, *paths: str) -> dict[str, NDArray[Any]]:
-    """The columns of numbers of Parquet files, by "0 name", "1 name": to be run confined, for what is damaged.
+def read_parquet(file: BinaryIO, most_B: int) -> dict[str, NDArray[Any]]:
+    """The numeric columns of a Parquet file; run confined, because pyarrow may crash on a damaged one.
 
     Raises:
-        FormatError: not such a file, or it unpacks to more than its size allows.
+        FormatError: not a Parquet file, or it unpacks to more than its size allows.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    found: dict[str, NDArray[Any]] = {}
-    for i, path in enumerate(paths):
-        try:
-            table = pq.ParquetFile(path, pre_buffer=False)  # no threads
-            schema = table.schema_arrow
-            wanted = [f.name for f in schema if pa.types.is_integer(f.type) or pa.types.is_floating(f.type)]
-            check_unpacked(Path(path).stat().st_size, 8 * table.metadata.num_rows * len(wanted), BYTES_MAX, TOO_MUCH)
-            columns = table.read(columns=wanted, use_threads=False)
-        except pa.ArrowException as error:
-            raise FormatError(f"{path}: not a Parquet file that can be read: {str(error)[:200]}") from None
-        for name in wanted:
-            found[f"{i} {name}"] = columns.column(name).to_numpy()
-    return found
+    try:
+        table = pq.ParquetFile(file, pre_buffer=False)  # no threads
+        wanted = [f.name for f in table.schema_arrow if pa.types.is_integer(f.type) or pa.types.is_floating(f.type)]
+        size_B = os.fstat(file.fileno()).st_size
+        check_unpacked(size_B, 8 * table.metadata.num_rows * len(wanted), most_B, TOO_MUCH)
+        columns = table.read(columns=wanted, use_threads=False)
+    except pa.ArrowException as error:
+        raise FormatError(f"not a Parquet file that can be read: {str(error)[:200]}") from None
+    return {name: columns.column(name).to_numpy() for name in wanted}
 
 
-def read_tables(files: Sequence[Path]) -> list[RecordingSource]:
-    """As `read_recording_source` each, quicker where they are Parquet.
-
-    Raises:
-        CaptureError: as there.
-    """
-    for file in files:
-        with refusing(CaptureError):
-            check_file_size(file, BYTES_MAX, "recording")
-    packed = [file for file in files if file.suffix.lower() == ".parquet"]
-    with refusing(CaptureError):
-        read = dict(zip(packed, _parquets(packed) if packed else [], strict=True))
-    return [read[file] if file in read else read_recording_source(file) for file in files]
+def _confined(
+    reader: Callable[[BinaryIO, int], dict[str, NDArray[Any]]], file: Path, name: str, library: str
+) -> RecordingSource:
+    """The streams that a reader finds in a process of its own with bounded memory."""
+    most_B = unpacked_most_B(file.stat().st_size, BYTES_MAX)
+    memory_B = memory_most_B(most_B)
+    with file.open("rb") as f:
+        read = confined(reader, f, BYTES_MAX, by=name, memory_B=memory_B, output_B=most_B, imports=(library,))
+    return _named(read.arrays)
 
 
 def _record(file: Path) -> RecordingSource:
-    from hapscene.capture.record_file import CutWarning, parse_record
-
-    data = read_bytes(file, BYTES_MAX, "record")
-    record = parse_record(data)
+    record = load_record(file)
     if record.ended is None:
         count = len(record.missing)
-        warn(f"{file}: cut off, by a kill, a loss of power or damage: {count:,} samples are there", CutWarning)
-    return RecordingSource(record.streams, record.rate_Hz, record.units, own_B=len(data))
+        warn(f"{file}: cut off, by a kill, a loss of power or damage: {count:,} samples are left", CutWarning)
+    return RecordingSource(record.streams, record.rate_Hz, record.units, own_B=file.stat().st_size)
 
 
 _NUMBERS: Final = "fiu"
@@ -307,7 +265,7 @@ _NUMBERS: Final = "fiu"
 
 
 def _named(arrays: Mapping[str, NDArray[Any]]) -> RecordingSource:
-    """Streams among named arrays; one of three columns is a vector, one of four a quaternion. All else is left out."""
+    """Streams among named arrays: three columns are a vector, four a quaternion; other arrays are left out."""
     columns: dict[str, Column] = {}
     for name, rows in arrays.items():
         if rows.dtype.kind not in _NUMBERS or rows.size <= 1:
@@ -322,22 +280,18 @@ def _named(arrays: Mapping[str, NDArray[Any]]) -> RecordingSource:
             axes = ("w", *AXES)[-rows.shape[1] :]
             columns |= {f"{name}_{axis}": part for axis, part in zip(axes, rows.T, strict=True)}
     rate, own_B = arrays.get("rate_Hz"), sum(array.nbytes for array in arrays.values())
-    return RecordingSource(columns, None if rate is None else _rate(rate), _units(arrays.get("units")), own_B=own_B)
-
-
-def _rate(value: Any) -> float:
-    array = np.asarray(value)
-    if array.dtype.kind not in _NUMBERS or array.size != 1:
+    if rate is not None and (rate.dtype.kind not in _NUMBERS or rate.size != 1):
         raise CaptureError("rate_Hz must be one number")
-    return float(array.reshape(-1)[0])
+    rate_Hz = None if rate is None else float(rate.reshape(-1)[0])
+    return RecordingSource(columns, rate_Hz, _units(arrays.get("units")), own_B=own_B)
 
 
-def _units(value: Any) -> dict[str, str]:
+def _units(value: NDArray[Any] | None) -> dict[str, str]:
     """Units as `hapscene capture record` writes them into an NPZ file: a list of "name=unit"."""
-    if not isinstance(value, np.ndarray) or value.dtype.kind != "U":
+    if value is None or value.dtype.kind != "U":
         return {}
     pairs = (str(text).partition("=") for text in value.reshape(-1)[:1000])
-    return {name: unit.strip() for name, equals, unit in pairs if equals}  # MATLAB fills the shorter ones up
+    return {name: unit.strip() for name, equals, unit in pairs if equals}  # MATLAB pads the shorter ones
 
 
 def _numbered(count: int) -> list[str]:

@@ -1,7 +1,7 @@
-"""A probe without hardware: `python -m hapscene.capture.record_simulator` speaks the protocol on a pseudo-terminal.
+"""A simulated probe: `python -m tests.capture.probe_simulator` speaks the probe protocol on a pseudo-terminal.
 
-It prints the port's name; `hapscene capture record --port NAME -o tap.hsrec` in another terminal then records from it.
-A hand strokes back and forth: what it presses and how fast it goes set the level of a surface with two resonances.
+It prints the name of the port. A hand strokes back and forth; its force and speed set the level of a surface with two
+resonances.
 """
 
 import os
@@ -74,7 +74,7 @@ def lines(rate_Hz: float, seed: int = 0, drop: float = 0.0) -> Iterator[bytes]:
 
 def main(arguments: list[str] | None = None, clock: Clock = CLOCK) -> int:
     """Run the simulator until its time is over or Ctrl-C."""
-    parser = simulator_parser("hapscene.capture.record_simulator", __doc__, 3200.0)
+    parser = simulator_parser("tests.capture.probe_simulator", __doc__, 3200.0)
     parser.add_argument("--drop", type=float, default=0.0, metavar="P", help="probability that a line is lost")
     options = parser.parse_args(arguments)
     import scipy.signal  # noqa: F401  # takes long at first: whoever reads the port's name waits for a header

@@ -1,27 +1,28 @@
 """Recordings of a tool on a surface: from a file's columns to streams in SI units.
 
-What a file does not say is asked for: the message names the argument, and the option of the command line.
+Whatever a file does not state, its rate and its units, you give: the error names the argument and the option.
 """
 
 import os
 import re
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from hapscene.capture.published_layouts import read_layout, recognised
-from hapscene.capture.recording_source import AXES, RecordingSource, read_recording_source
-from hapscene.capture.streams import Array, direction_of, filtered, speed_of
+from hapscene.capture.io.datasets import read_dataset
+from hapscene.capture.io.formats import AXES, RecordingSource, read_recording_source
+from hapscene.capture.io.streams import Array, direction_of, fill_missing, filtered, speed_of
 from hapscene.errors import CaptureError, warn
 from hapscene.files import check_memory, refusing
 from hapscene.number_files import TOO_MUCH
 from hapscene.wire.unit import UNITS
 
-# Three axes of acceleration made one: DFT321.
+__all__ = ["WORDS", "BridgedWarning", "SurfaceRecording", "dft321", "load_recording", "one_axis", "rate_of"]
+
+# DFT321: three axes of acceleration made one.
 #
 # A person feels the strength and the spectrum of a vibration, hardly its direction. DFT321 makes one signal whose
 # spectrum has the summed power of the axes at each frequency (Landin, Romano, McMahan & Kuchenbecker 2010,
@@ -29,21 +30,20 @@ from hapscene.wire.unit import UNITS
 #
 #     |A(f)|² = Σ_i |A_i(f)|²,   ∠A(f) = ∠ Σ_i A_i(f)
 
-
 WINDOW_S: Final = 0.1
-"""Window of `one_axis` [s]. Over a whole recording the method keeps the spectrum, but not when what happened: each
+"""Window of `one_axis` [s]. Over a whole recording the method keeps the spectrum, but not the time of an event: each
 frequency is scaled by a factor that jumps about, which spreads a tap over the recording. A window bounds that."""
 
 CUTOFF_HZ: Final = 10.0
-"""What is below is taken out first [Hz]: gravity turns with the hand, and the sign of the sum flips with it. It takes
-0.03 dB at 20 Hz, where the band begins."""
+"""Lower frequencies are removed first [Hz]: gravity turns with the hand, and the sign of the sum flips with it. This
+costs 0.03 dB at 20 Hz, where the band begins."""
 
 
 def dft321(axes: Array) -> Array:
     """One signal (n,) of the axes (k, n), taken as a whole: of their summed power at each frequency, exactly."""
     spectra = np.fft.rfft(axes, axis=1)
     together = spectra.sum(axis=0)
-    # where the axes cancel the phase is open: that of the strongest axis is as good as any
+    # where the axes cancel, the phase is undefined: use that of the strongest axis
     strongest = np.take_along_axis(spectra, np.abs(spectra).argmax(axis=0)[None], axis=0)[0]
     together = np.where(np.abs(together) <= 1e-9 * np.abs(strongest), strongest, together)
     size = np.abs(together)
@@ -52,11 +52,11 @@ def dft321(axes: Array) -> Array:
 
 
 def one_axis(axes: Array | list[Array], rate_Hz: float) -> Array:
-    """One signal (n,) of one to three axes (k, n): DFT321 in windows, of what each axis has above `CUTOFF_HZ`.
+    """One signal (n,) of one to three axes (k, n): DFT321 in windows, of each axis above `CUTOFF_HZ`.
 
-    Windows of `WINDOW_S`, half overlapped, weighted by the root of a Hann window before and after. What overlaps adds
-    up short of its power where the phases of two windows differ: each window's span gets that back, so that the power
-    over time stays that of the axes. One axis is passed through as it is. A list is emptied meanwhile.
+    Windows of `WINDOW_S` overlap by half, weighted by the root of a Hann window before and after. Where the phases of
+    two windows differ, the overlap loses power: each window's span is scaled so that the power over time stays that of
+    the axes. One axis is returned as it is.
 
     Raises:
         CaptureError: no or more than three axes, or too short to be filtered.
@@ -71,9 +71,8 @@ def one_axis(axes: Array | list[Array], rate_Hz: float) -> Array:
     hop = max(1, round(0.5 * WINDOW_S * rate_Hz))
     window_count = -(-count // hop) + 1
     padded = np.zeros((len(axes), (window_count + 1) * hop))
-    axes = axes if isinstance(axes, list) else list(axes)
-    for row in padded:
-        row[hop : hop + count] = filtered(axes.pop(0), rate_Hz, CUTOFF_HZ, "highpass")
+    for row, axis in zip(padded, axes, strict=True):
+        row[hop : hop + count] = filtered(axis, rate_Hz, CUTOFF_HZ, "highpass")
     weight = np.sin(np.pi * (np.arange(2 * hop) + 0.5) / (2 * hop))  # the root of a Hann window
     made, hann = np.zeros(padded.shape[1]), weight**2
     windows = [slice(start, start + 2 * hop) for start in range(0, window_count * hop, hop)]
@@ -96,16 +95,15 @@ VECTORS: Final = ("acceleration", "position", "tangential_force", "torque", QUAT
 UNEVEN_MAX: Final = 0.1
 """Largest deviation of a time step from the mean one, in steps [1], at which a time column gives the rate."""
 
-
 MISSING_MAX: Final = 0.01
-"""Largest share of samples that a probe may have dropped [1]: what lies between is bridged by straight lines."""
+"""Largest share of samples that may be missing [1]; they are interpolated linearly."""
 
 _MORE_ROWS: Final = 2
-"""How many streams are held at once beside those of a recording and the axes that are being made one [count]."""
+"""Streams that are held at once beside those of a recording and the axes that are combined [count]."""
 
 
 class BridgedWarning(UserWarning):
-    """Samples were missing in a recording, and were put on straight lines between their neighbours."""
+    """Samples were missing in a recording, and were interpolated linearly between their neighbours."""
 
 
 WORDS: Final = {
@@ -118,15 +116,15 @@ WORDS: Final = {
     "contact_angle_rad": "contact angle",
     "direction_rad": "direction",
 }
-"""What the streams beside the acceleration are called."""
+"""Names of the streams beside the acceleration, for messages."""
 
 
 @dataclass(frozen=True)
 class SurfaceRecording:
     """The streams of a file in SI units, (n,) each; None for those that it does not have.
 
-    Three axes of acceleration are made one by DFT321, positions a speed and a direction; tangential forces and friction
-    are a force, torques their size, an orientation a contact angle.
+    Three axes of acceleration are combined by DFT321. Positions give speed and direction, friction a tangential force,
+    an orientation the contact angle; of a vector of tangential force or torque its magnitude is kept.
     """
 
     rate_Hz: float
@@ -136,7 +134,7 @@ class SurfaceRecording:
     tangential_force_N: Array | None
     depth_m: Array | None = None
     bridged: Mapping[str, int] = field(default_factory=dict)
-    """how many missing samples of a column were put on straight lines"""
+    """number of missing samples of each column that were interpolated"""
     torque_Nm: Array | None = field(default=None, kw_only=True)
     grip_force_N: Array | None = field(default=None, kw_only=True)
     contact_angle_rad: Array | None = field(default=None, kw_only=True)
@@ -156,137 +154,115 @@ def load_recording(
     *,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
-    layout: str | None = None,
 ) -> SurfaceRecording:
-    """Reads CSV, plain text, WAV, NPZ, MAT (to version 7), or a probe's record (`hapscene.capture.recording_source`).
+    """Reads CSV, text, WAV, NPZ, MAT (to version 7), Parquet, or a probe's record (`hapscene.capture.io.formats`).
+
+    A file that is named as in a published data set (`hapscene.capture.io.datasets`) is read with the other files of the
+    same recording, unless `columns` are given.
 
     Args:
         path: the file. In text of one column, and in a WAV file of one or three channels, that is the acceleration.
-        rate_Hz: sample rate, where the file does not say it.
+        rate_Hz: sample rate, where the file does not state it.
         columns: which column holds which quantity of `UNITS`, as {"acceleration": "accel"}; by default the column of
-            that name. Axes are joined by "+", as {"acceleration": "ax+ay+az"}, or named one by one, as
-            {"acceleration_x": "ax", "acceleration_y": "ay", "acceleration_z": "az"}.
+            that name. Axes are joined by "+", as {"acceleration": "ax+ay+az"}.
         units: the unit of each quantity that is read, as {"acceleration": "g", "speed": "mm/s"}. A number before it
             scales: "98 m/s2" for a WAV file whose full scale is 98 m/s².
-        layout: that of a published data set (`hapscene.capture.published_layouts`), of which `path` is a file or a
-            surface; by default as the file is called, where no other file is called so, and `columns` are not given.
 
     Raises:
         CaptureError: no rate or unit given; a file that is missing, too large or not of numbers; an unknown column.
 
     Warns:
-        BridgedWarning: some samples are missing, at most 1 % of a column; they are put on straight lines.
-        CutWarning: a record of a probe ends without the word of its end: it may have been longer.
+        BridgedWarning: some samples are missing, at most 1 % of a column; they are interpolated.
+        CutWarning: a probe's record has no end chunk: it may have been longer.
     """
-    recording = read_surface_recording(path, rate_Hz, columns, units, layout)
-    if recording.bridged:
-        warn(f"{path}: {bridged_note(recording)}", BridgedWarning)
+    path = Path(path)
+    source = (None if columns else read_dataset(path)) or read_recording_source(path)
+    with refusing(CaptureError, path):
+        chosen = _choose(list(source.columns), columns or {}, wave=path.suffix.lower() == ".wav")
+        reader = _Reader(source, chosen, units or {})
+        axes = max(len(names) for names in chosen.values())
+        count, own_B = len(next(iter(source.columns.values()))), source.own_B
+        needed_B = sum(column.nbytes for column in source.columns.values())
+        needed_B += 8 * count * (len(chosen) + axes + _MORE_ROWS + ("position" in chosen))
+        check_memory(needed_B, own_B, f"its {count:,} samples", TOO_MUCH)
+        rate = rate_of(rate_Hz, source, reader.rows("time")[0] if "time" in chosen else None)
+        recording = _assembled(rate, chosen, reader)
+    if reader.bridged:
+        listed = ", ".join(f"{missing} of {name}" for name, missing in reader.bridged.items())
+        warn(f"{path}: missing samples interpolated: {listed}", BridgedWarning)
     return recording
 
 
-def bridged_note(recording: SurfaceRecording) -> str:
-    """How many samples of which columns were missing, in words; empty where none was."""
-    said = ", ".join(f"{count} of {name}" for name, count in recording.bridged.items())
-    return f"missing samples bridged by straight lines: {said}" if said else ""
+class _Reader:
+    """Gives the columns of a quantity in SI units.
 
-
-def read_surface_recording(
-    path: str | os.PathLike[str],
-    rate_Hz: float | None = None,
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    layout: str | None = None,
-) -> SurfaceRecording:
-    """As `load_recording`, without its warning: `bridged` of the recording says the same.
-
-    Raises:
-        CaptureError: as there.
+    Attributes:
+        bridged: number of missing samples of each column that were interpolated.
     """
-    if layout is None and not columns:
-        layout = recognised(Path(path))
-    source = read_recording_source(Path(path)) if layout is None else read_layout(Path(path), layout)
-    with refusing(CaptureError, path):
-        chosen = _choose(list(source.columns), columns or {}, wave=Path(path).suffix.lower() == ".wav")
-        scales = {quantity: _scale(quantity, names, units or {}, source.units) for quantity, names in chosen.items()}
-        bridged: dict[str, int] = {}
-        held = {name: source.columns[name] for names in chosen.values() for name in names}
-        count, own_B = len(next(iter(held.values()))), source.own_B
-        source = replace(source, columns={})  # each is let go once it is used
-        uses = Counter(name for names in chosen.values() for name in names)
 
-        def rows(quantity: str) -> list[Array]:
-            """The columns of a quantity (k, n) in SI units."""
-            made = []
-            for name in chosen[quantity]:
-                uses[name] -= 1
-                with np.errstate(invalid="ignore"):  # a NaN that signals is one
-                    made.append(np.array(held[name] if uses[name] else held.pop(name), np.float64))
-                if missing := bridge(made[-1], name):
-                    bridged[name] = missing
-                made[-1] *= source.scale * scales[quantity]
-            return made
+    def __init__(self, source: RecordingSource, chosen: Mapping[str, list[str]], units: Mapping[str, str]) -> None:
+        self._source, self._chosen = source, chosen
+        self._scales = {quantity: _scale(quantity, names, units, source.units) for quantity, names in chosen.items()}
+        self.bridged: dict[str, int] = {}
 
-        axes = max(len(names) for names in chosen.values())
-        kept_B = sum(column.nbytes for column in held.values() if column.base is not None)
-        needed_B = kept_B + 8 * count * (len(chosen) + axes + _MORE_ROWS + ("position" in chosen))
-        check_memory(needed_B, own_B, f"its {count:,} samples", TOO_MUCH)
-        rate = rate_of(rate_Hz, source, rows("time")[0] if "time" in chosen else None)
-        recording = _assembled(rate, chosen, rows)
-    return replace(recording, bridged=bridged)
+    def rows(self, quantity: str) -> list[Array]:
+        """The columns of a quantity (k, n).
+
+        Raises:
+            CaptureError: more than `MISSING_MAX` of the samples are missing.
+        """
+        made = []
+        for name in self._chosen[quantity]:
+            with np.errstate(invalid="ignore"):  # a signalling NaN is a missing sample too
+                made.append(np.array(self._source.columns[name], np.float64))
+            share = np.count_nonzero(np.isnan(made[-1])) / len(made[-1])
+            if share > MISSING_MAX:
+                most = f"at most {100 * MISSING_MAX:g} % may be"
+                raise CaptureError(f"{name}: {100 * share:.1f} % of the samples are missing, {most}")
+            if missing := fill_missing(made[-1]):
+                self.bridged[name] = missing
+            made[-1] *= self._source.scale * self._scales[quantity]
+        return made
 
 
-def bridge(stream: Array, name: str) -> int:
-    """Put samples that are NaN, dropped by the probe, on straight lines between their neighbours; how many there were.
-
-    Raises:
-        CaptureError: more than `MISSING_MAX` of them.
-    """
-    missing = np.isnan(stream)
-    count = int(np.count_nonzero(missing))
-    if count > MISSING_MAX * len(stream):
-        most = f"at most {100 * MISSING_MAX:g} % may be"
-        raise CaptureError(f"{name}: {100 * count / len(stream):.1f} % of the samples are missing, {most}")
-    if count:
-        beside = np.zeros_like(missing)
-        beside[:-1] |= missing[1:]
-        beside[1:] |= missing[:-1]
-        known = np.flatnonzero(beside & ~missing)
-        gaps = np.flatnonzero(missing)
-        stream[gaps] = np.interp(gaps, known, stream[known])
-    return count
-
-
-def _assembled(rate_Hz: float, chosen: Iterable[str], rows: Callable[[str], list[Array]]) -> SurfaceRecording:
-    """The recording, each quantity made one stream before the next is taken up."""
-    single = {name: rows(name)[0] for name in _SINGLE if name in chosen}
-    force, speed, tangential, torque = single.get("force"), single.get("speed"), None, None
-    direction, angle = single.get("direction"), single.get("contact_angle")
+def _assembled(rate_Hz: float, chosen: Iterable[str], reader: _Reader) -> SurfaceRecording:
+    """The recording, one quantity after the other."""
+    single = {name: reader.rows(name)[0] for name in _SINGLE if name in chosen}
+    force, speed, angle = (single.get(name) for name in ("force", "speed", "contact_angle"))
+    direction, tangential, torque = single.get("direction"), None, None
     if "position" in chosen and (speed is None or direction is None):
-        place = rows("position")
+        place = reader.rows("position")
         speed = speed_of(place, rate_Hz) if speed is None else speed
         if direction is None and len(place) > 1:
             direction = direction_of(place[0], place[1], rate_Hz)
-        del place
     if angle is None and QUATERNION in chosen:
-        angle = tilt(rows(QUATERNION))
+        angle = tilt(reader.rows(QUATERNION))
     if "torque" in chosen:
-        torque = _size(rows("torque"))
+        torque = _magnitude(reader.rows("torque"))
     if "tangential_force" in chosen:
-        tangential = _size(rows("tangential_force"))
+        tangential = _magnitude(reader.rows("tangential_force"))
     elif "friction" in single and force is not None:
         tangential = single["friction"] * force
-    acceleration = one_axis(rows("acceleration"), rate_Hz)
     return SurfaceRecording(
-        rate_Hz, acceleration, force, speed, tangential, single.get("depth"), torque_Nm=torque,
-        grip_force_N=single.get("grip_force"), contact_angle_rad=angle, direction_rad=direction,
-    )  # fmt: skip
+        rate_Hz,
+        one_axis(reader.rows("acceleration"), rate_Hz),
+        force,
+        speed,
+        tangential,
+        single.get("depth"),
+        bridged=reader.bridged,
+        torque_Nm=torque,
+        grip_force_N=single.get("grip_force"),
+        contact_angle_rad=angle,
+        direction_rad=direction,
+    )
 
 
 _SINGLE: Final = ("force", "speed", "friction", "depth", "grip_force", "contact_angle", "direction")
 
 
-def _size(axes: list[Array]) -> Array:
-    """Size (n,) of a vector's axes; one axis as it is."""
+def _magnitude(axes: list[Array]) -> Array:
+    """Magnitude (n,) of a vector's axes; one axis as it is."""
     return axes[0] if len(axes) == 1 else np.asarray(np.sqrt(sum(axis**2 for axis in axes)))
 
 
@@ -294,17 +270,17 @@ def tilt(quaternion: list[Array]) -> Array:
     """Angle (n,) [rad] between the z-axes before and after a turn by w, x, y, z (n,) each, from 0 to π/2.
 
     Raises:
-        CaptureError: a quaternion of no size.
+        CaptureError: a quaternion of length 0.
     """
     square = sum(part**2 for part in quaternion)
     if not np.all(np.asarray(square) > 0.0):
-        raise CaptureError("orientation: a quaternion of four zeros is none")
+        raise CaptureError("orientation: a quaternion of four zeros is invalid")
     _, x, y, _ = quaternion
     return np.asarray(np.arccos(np.minimum(np.abs(1.0 - 2.0 * (x**2 + y**2) / square), 1.0)))
 
 
 def rate_of(given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
-    """The rate as given, else the file's own, else that of its column of times."""
+    """The given rate, else the file's own, else that of its column of times."""
     if given_Hz is not None:
         return float(given_Hz)
     if source.rate_Hz is not None:
@@ -315,13 +291,13 @@ def rate_of(given_Hz: float | None, source: RecordingSource, time_s: Array | Non
         if not (mean_s > 0.0 and np.all(np.abs(step_s - mean_s) <= UNEVEN_MAX * mean_s)):
             raise CaptureError("its times are not evenly spaced: resample it, or give rate_Hz=… (--rate HZ)")
         return 1.0 / mean_s
-    raise CaptureError("the file does not say its sample rate: give rate_Hz=… (--rate HZ)")
+    raise CaptureError("the file does not state its sample rate: give rate_Hz=… (--rate HZ)")
 
 
 def _choose(names: list[str], columns: Mapping[str, str], wave: bool) -> dict[str, list[str]]:
     """Quantity to columns, for the quantities that the file has."""
     chosen: dict[str, list[str]] = {}
-    for quantity, column in _joined(columns).items():
+    for quantity, column in columns.items():
         if quantity not in UNITS:
             raise CaptureError(f"no quantity {quantity!r} in columns; there are: {', '.join(UNITS)}")
         parts = [column] if column in names else [part.strip() for part in column.split("+")]
@@ -351,36 +327,19 @@ def _choose(names: list[str], columns: Mapping[str, str], wave: bool) -> dict[st
 
 
 def _axes(quantity: str) -> tuple[str, ...]:
-    """What the columns of a quantity may end in; of one number none."""
+    """Suffixes of the columns of a vector quantity; empty for a scalar."""
     return ("w", *AXES) if quantity == QUATERNION else AXES if quantity in VECTORS else ()
 
 
-def _joined(columns: Mapping[str, str]) -> dict[str, str]:
-    """Columns as given, those of axes, as acceleration_x, joined by "+" under their quantity."""
-    joined: dict[str, str] = {}
-    axes: dict[str, dict[str, str]] = {}
-    for key, column in columns.items():
-        quantity, _, axis = key.rpartition("_")
-        if axis in _axes(quantity):
-            axes.setdefault(quantity, {})[axis] = column
-        else:
-            joined[key] = column
-    for quantity, parts in axes.items():
-        if quantity in joined:
-            raise CaptureError(f"columns name both {quantity} and {quantity}_{min(parts)}: give one of them")
-        joined[quantity] = "+".join(parts[axis] for axis in _axes(quantity) if axis in parts)
-    return joined
-
-
 def _likely(names: list[str], chosen: Mapping[str, list[str]]) -> str:
-    """The column that most likely is the acceleration: of those that are nothing else, one that begins with it."""
+    """The column that most likely is the acceleration: an unused one that begins with "acc" or "a"."""
     taken = {name for parts in chosen.values() for name in parts}
     free = [name for name in names if name not in taken] or ["COLUMN"]
     return next(name for start in ("acc", "a", "") for name in free if name.casefold().startswith(start))
 
 
 def _scale(quantity: str, names: list[str], given: Mapping[str, str], own: Mapping[str, str]) -> float:
-    """What one of the file's numbers is in SI; the unit is that given, else the file's own for the column."""
+    """Factor from the file's numbers to SI, by the given unit, else by the file's own for the column."""
     known = ", ".join(UNITS[quantity])
     unknown = [name for name in given if name not in UNITS]
     if unknown:
