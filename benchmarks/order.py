@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture import fit, load_recording, synthesize
-from hapscene.capture.order_search import search_order
+from hapscene.capture import FitOptions, SurfaceRecording, fit_swatch, load_recording, synthesize
+from hapscene.capture.fit.order import search_order
 from hapscene.capture.streams import clean
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
@@ -38,8 +38,8 @@ def swatch_of_order(order: int) -> Swatch:
     count = round(DURATION_S * RATE_HZ)
     force_N, speed_m_s = np.full(count, FORCE_N), np.full(count, SPEED_M_S)
     played = synthesize(wood, force_N, speed_m_s, rate_Hz=RATE_HZ)
-    fitted = fit(
-        played, RATE_HZ, force_N=FORCE_N, speed_m_s=SPEED_M_S, name=f"wood {order}", order=order, model_count=1
+    fitted = fit_swatch(
+        SurfaceRecording(RATE_HZ, played, force_N, speed_m_s), FitOptions(f"wood {order}", order, model_count=1)
     )
     return replace(wood, name=fitted.name, texture=fitted.texture)
 

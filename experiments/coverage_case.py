@@ -19,12 +19,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture import metric
 from hapscene.capture.coverage import FORCE_N, SPEED_M_S, Coverage, Wanted
+from hapscene.capture.fit import distance as metric
+from hapscene.capture.fit.swatch import fit_swatch
+from hapscene.capture.fit.synthesis import _Player
+from hapscene.capture.fit.windows import EXPONENT_SPREADS, EXPONENTS
 from hapscene.capture.recording_file import SurfaceRecording
-from hapscene.capture.swatch_fit import fit
-from hapscene.capture.synthesis import _Player
-from hapscene.capture.texture_pieces import EXPONENT_SPREADS, EXPONENTS
 from hapscene.command.options import whole
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import solve
@@ -174,7 +174,7 @@ class Missed(NamedTuple):
 def missed(texture: Texture, hand: str, seconds: float, seed: int) -> Missed:
     """How far the fit of what a hand recorded is from the surface."""
     recording, coverage = recorded(texture, hand, seconds, seed)
-    found = fit(recording).texture
+    found = fit_swatch(recording).texture
     assert found is not None
     rng = np.random.default_rng([seed, 9])
     low, high = np.log([FORCE_N, SPEED_M_S]).T

@@ -18,7 +18,7 @@ import numpy as np
 from hapscene.constants import TICK_S
 from hapscene.device.hand import Grip
 from hapscene.device.point import PointMass
-from hapscene.parameter_sweep import Piece, sweep
+from hapscene.parallel import Task, run_tasks
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import SCHEMES, Coupling
 from hapscene.teleoperation.link import Impairment
@@ -91,7 +91,7 @@ def study_delays(
     schemes: Sequence[str] = SCHEMES,
     **workers: Any,
 ) -> list[DelayOutcome]:
-    """All runs: schemes, delays, lines, cases and grips; `workers` as of `hapscene.parameter_sweep.sweep`."""
+    """All runs: schemes, delays, lines, cases and grips; `workers` as of `hapscene.parallel.run_tasks`."""
     runs = [
         (scheme, delay_s, bad, case, grip)
         for delay_s in delays_s
@@ -99,15 +99,15 @@ def study_delays(
     ]
     names = ("scheme", "delay_s", "bad", "case", "grip")
     pieces = [
-        Piece(
+        Task(
             f"{scheme}, {1e3 * delay_s:g} ms, {'bad' if bad else 'clean'} line, {case}, {grip} grip",
-            f"{__name__}:run_case",
+            run_case,
             {**dict(zip(names, run, strict=True)), "seed": seed},
         )
         for run in runs
         for scheme, delay_s, bad, case, grip in (run,)
     ]
-    found = sweep(pieces, after=lambda done, of, key: say(f"delay {done} of {of}: {key}\n"), **workers)
+    found = run_tasks(pieces, after=lambda done, of, key: say(f"delay {done} of {of}: {key}\n"), **workers)
     return [DelayOutcome(*run, *found[piece.key]) for run, piece in zip(runs, pieces, strict=True)]
 
 

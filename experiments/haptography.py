@@ -9,18 +9,19 @@ import sys
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from scipy.stats import kurtosis
 
-from hapscene.capture import metric
-from hapscene.capture.change_point import change_points
-from hapscene.capture.segment import segment
+from hapscene.capture.fit import distance as metric
+from hapscene.capture.fit.change_point import change_points
+from hapscene.capture.fit.segment import segment
+from hapscene.capture.fit.swatch import FitOptions, fit_parts
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.capture.streams import Streams, part_of
-from hapscene.capture.swatch_fit import fit_parts
-from hapscene.capture.synthesis import synthesize
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.files import whole_file
@@ -100,9 +101,9 @@ def chance(own: Streams, other: Streams) -> Missed:
     return apart(one, true, frequency)
 
 
-def fitted(own: Streams, **words: object) -> Texture:
-    """What `hapscene.capture.fit` makes of a half."""
-    texture = fit_parts([(own, segment(own))], **words).texture  # type: ignore[arg-type]
+def fitted(own: Streams, **words: Any) -> Texture:
+    """The texture that is fitted to a half; `words` as of `FitOptions`."""
+    texture = fit_parts([(own, segment(own))], FitOptions(**words)).texture
     assert texture is not None
     return texture
 
@@ -209,7 +210,7 @@ def of_excitation(recorded: Halves) -> str:
 
 def _character(noise: Array, heard: Array) -> tuple[float, ...]:
     """Excess kurtosis of a noise and of what is heard of it, and how lively that is."""
-    return metric.excess_kurtosis(noise), metric.excess_kurtosis(heard), *metric.liveliness(heard, RATE_HZ)
+    return float(kurtosis(noise)), float(kurtosis(heard)), *metric.liveliness(heard, RATE_HZ)
 
 
 TABLES: Final[Mapping[str, Callable[[Halves], str]]] = {

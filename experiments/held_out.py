@@ -22,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from hapscene.capture import metric
-from hapscene.capture.batch import gather
+from hapscene.capture.batch import find_recordings
+from hapscene.capture.fit import distance as metric
+from hapscene.capture.fit.swatch import FitOptions, fit_swatch
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.capture.recording_file import SurfaceRecording, load_recording
 from hapscene.capture.streams import Streams, clean, part_of
-from hapscene.capture.swatch_fit import fit
-from hapscene.capture.synthesis import synthesize
 from hapscene.command.options import add_recording_options, recording_options, whole
 from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.errors import CaptureError
@@ -74,7 +74,8 @@ def scores(
 
 def _score(own: Streams, other: Streams, seeds: int, order: int | Literal["auto"]) -> Score:
     rate, real = own.rate_Hz, other.acceleration_m_s2
-    swatch = fit(own.acceleration_m_s2, rate, force_N=own.force_N, speed_m_s=own.speed_m_s, order=order)
+    recording = SurfaceRecording(rate, own.acceleration_m_s2, own.force_N, own.speed_m_s)
+    swatch = fit_swatch(recording, FitOptions(order=order))
     played = [
         [synthesize(swatch, other.force_N, other.speed_m_s, seed=seed, life=life) for seed in range(seeds)]
         for life in (0.0, 1.0)
@@ -136,7 +137,7 @@ def simulated(
 def _recordings(options: argparse.Namespace) -> Iterator[tuple[str, Callable[[], SurfaceRecording | Streams]]]:
     """Names, and what reads or makes them."""
     words = recording_options(options)
-    for item in gather(options.recordings) if options.recordings else ():
+    for item in find_recordings(options.recordings) if options.recordings else ():
         yield item.path.stem, partial(load_recording, item.path, **words)
     for surface in SURFACES if options.simulated else ():
         yield f"simulated: {surface}", partial(_made, surface)

@@ -1,4 +1,4 @@
-"""How loud surfaces get with force and speed: what `hapscene.capture.texture_pieces` expects before it has measured.
+"""How loud surfaces get with force and speed: what `hapscene.capture.fit.windows` expects before it has measured.
 
 `python -m hapscene_experiments.level_prior FOLDER` learns it from the models of many surfaces, such as the 1 kHz files
 of the Penn Haptic Texture Toolkit (Culbertson, Lopez Delgado & Kuchenbecker 2014), which may not be passed on and are

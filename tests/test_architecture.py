@@ -30,12 +30,11 @@ FLOOR = (
     *(
         "native",
         "number_files",
-        "parameter_sweep",
+        "parallel",
         "perception",
         "plugin_registry",
         "wall_clock",
         "web_listener",
-        "worker_pool",
     ),
 )
 """The ground floor: knows nobody above it."""

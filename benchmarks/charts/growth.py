@@ -13,7 +13,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture.batch import fit_batch, gather
+from hapscene.capture.batch import find_recordings, fit_batch
+from hapscene.capture.fit.swatch import FitOptions
 from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
 from hapscene.renderer import EFFECTS, Renderer
@@ -145,14 +146,14 @@ def _batch_s(count: int, jobs: int, dask: bool = False, kill: bool = False) -> f
         for k in range(count):
             values = "\n".join(f"{a:.5f}" for a in rng.standard_normal(SAMPLES))
             Path(folder, f"r{k:05}.csv").write_text(f"acceleration\n{values}\n", encoding="utf-8")
-        items = gather([folder])
+        items = find_recordings([folder])
         words: dict[str, Any] = {"reading": {"rate_Hz": 1000.0, "units": {"acceleration": "m/s2"}},
-                                 "fitting": {"order": 3}}  # fmt: skip
+                                 "options": FitOptions(order=3)}  # fmt: skip
         out = Path(folder, "swatches")
         done_s: list[float] = []
         pids: list[int] = []
 
-        def after(result: Any, entry: Any) -> None:
+        def after(result: Any) -> None:
             done_s.append(clock.perf_counter())
             if pids and len(done_s) == count // 4:
                 os.kill(pids[0], signal.SIGKILL)

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture.texture_pieces import EXPONENT_SPREADS, EXPONENTS, Pieces, cut, fit_level
+from hapscene.capture.fit.windows import EXPONENT_SPREADS, EXPONENTS, Pieces, cut, fit_level
 from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.surface.texture import Texture
 

@@ -8,12 +8,12 @@ from typing import Any, Final
 import numpy as np
 from scipy.signal import lfilter
 
-from hapscene.capture.life_fit import fit_life
-from hapscene.capture.metric import liveliness
+from hapscene.capture.fit.distance import liveliness
+from hapscene.capture.fit.modulation import fit_life
+from hapscene.capture.fit.synthesis import synthesize
+from hapscene.capture.fit.texture import fit_texture
+from hapscene.capture.fit.windows import cut
 from hapscene.capture.streams import Streams, part_of
-from hapscene.capture.synthesis import synthesize
-from hapscene.capture.texture_fit import fit_texture
-from hapscene.capture.texture_pieces import cut
 from hapscene.surface.life import Life
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture

@@ -13,7 +13,7 @@ from typing import Any, Final
 from hapscene.errors import HapsceneError, no_such
 from hapscene.files import whole_file
 from hapscene.native import INTERPRETED
-from hapscene.parameter_sweep import Piece, sweep
+from hapscene.parallel import Task, run_tasks
 from hapscene.view.chart import picture
 
 from ..machine import describe_machine
@@ -162,14 +162,14 @@ def _measured(
         for s in settings[q.name]:
             arguments = {"name": q.name, "arguments": dict(s.arguments), "stamp": stamp}
             key = f"{q.name}: {s.method}, {s.label}"
-            pieces.append(Piece(f"{key}: error", f"{__name__}:error_of", arguments, alone=q.growth))
+            pieces.append(Task(f"{key}: error", error_of, arguments, alone=q.growth))
             if q.time is not no_time:
-                pieces.append(Piece(f"{key}: time", f"{__name__}:time_of", arguments, alone=True))
+                pieces.append(Task(f"{key}: time", time_of, arguments, alone=True))
 
     def after(done: int, count: int, key: str) -> None:
         say(f"{done} of {count}  {key}")
 
-    results = sweep(pieces, journal=journal, jobs=jobs, scheduler=scheduler, after=after)
+    results = run_tasks(pieces, journal=journal, jobs=jobs, scheduler=scheduler, after=after)
     points: dict[str, list[Point]] = {}
     for q in asked:
         points[q.name] = []

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import freqz, iirpeak, lfilter
 
-from hapscene.capture.metric import spectrum
+from hapscene.capture.fit.distance import spectrum
 from hapscene.constants import ORDER_MAX
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.dsp.linear_prediction import autocorrelation, smoothed, solve, tapered

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.report_plots import Plot, drawn
+from hapscene.capture.report.plots import Plot, drawn
 from hapscene.view.palette import OKABE_ITO
 
 if TYPE_CHECKING:

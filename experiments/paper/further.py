@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapscene.capture.metric import band_power, model_spectrum, spectrum
-from hapscene.capture.order_search import ORDERS, search_order
-from hapscene.capture.report_plots import DOTTED, MUTED, Plot, drawn
+from hapscene.capture.fit.distance import band_power, model_spectrum, spectrum
+from hapscene.capture.fit.order import ORDERS, search_order
+from hapscene.capture.report.plots import DOTTED, MUTED, Plot, drawn
 from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
 from hapscene.handle.compensator import COMPENSATORS
 from hapscene.perception import BAND_DB

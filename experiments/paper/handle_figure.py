@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.capture.report_plots import DASHED, Plot, drawn
+from hapscene.capture.report.plots import DASHED, Plot, drawn
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.dsp.spectrogram import decibels
 from hapscene.handle.compensator import COMPENSATORS

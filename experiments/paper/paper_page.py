@@ -8,7 +8,7 @@ from dataclasses import fields
 from html import escape
 from typing import Final
 
-from hapscene.capture.report import document, figure
+from hapscene.capture.report.page import document, figure
 from hapscene.handle.plant import Plant
 from hapscene.handle.sensor import Sensor
 from hapscene_benchmarks.markdown import shown

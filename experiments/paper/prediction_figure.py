@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.signal import lfilter
 
-from hapscene.capture.metric import level_difference_dB, log_spectral_distance, model_spectrum, residual, spectrum
-from hapscene.capture.order_search import search_order
-from hapscene.capture.report_plots import Plot, decibels, drawn, over_frequency, signed, spectrogram_panels
+from hapscene.capture.fit.distance import level_difference_dB, log_spectral_distance, model_spectrum, residual, spectrum
+from hapscene.capture.fit.order import search_order
+from hapscene.capture.report.plots import Plot, decibels, drawn, over_frequency, signed
 from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
 from hapscene.dsp.spectrogram import spectrogram_error
 
 from .finding import COLOURS, REMEMBERED, Array, Finding, Number, trace_panels
 from .material import Material
+from .spectrograms import spectrogram_panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapscene.capture.report_plots import Plot, drawn, spectrogram_panels
+from hapscene.capture.report.plots import Plot, drawn
 from hapscene.constants import ACCELERATION_BAND_HZ, ACCELERATION_RATE_HZ, DEFAULT_GRIP
 from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.compensator import COMPENSATORS
@@ -13,6 +13,7 @@ from hapscene_benchmarks.handle import DRAGS, TAPS
 from hapscene_experiments.teleoperation import Rendering, compare_handles
 
 from .finding import COLOURS, PUBLISHED, REMEMBERED, Finding, Number, trace_panels
+from .spectrograms import spectrogram_panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

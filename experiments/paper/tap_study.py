@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapscene.capture.report_plots import Plot, drawn
+from hapscene.capture.report.plots import Plot, drawn
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.handle.compensator import COMPENSATORS
 from hapscene.handle.force_source import simulated_grips

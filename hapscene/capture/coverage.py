@@ -1,7 +1,7 @@
 """What a recording still lacks for a good fit, while it is made: how well each force and speed is known, what to do.
 
 The plane of force and speed that is wanted is cut into cells, evenly in logarithms. Sliding is taken piece by piece, as
-the fit takes it (`hapscene.capture.texture_pieces`), each with its level in dB. What is known of the levels of the
+the fit takes it (`hapscene.capture.fit.windows`), each with its level in dB. What is known of the levels of the
 cells follows from a linear model with known priors (Rasmussen & Williams 2006, eq. 2.24):
 
     level = c + α ln F + β ln v + d,    α, β as other surfaces have them,    d of each cell with `DEPARTS_DB`
@@ -19,10 +19,10 @@ from typing import Final
 import numpy as np
 import scipy
 
-from hapscene.capture.segment import TAP_S
+from hapscene.capture.fit.segment import TAP_S
+from hapscene.capture.fit.texture import PIECES_PER_MODEL
+from hapscene.capture.fit.windows import EXPONENT_SPREADS, EXPONENTS, OUTLIER_SPREADS, PIECE_S, SPREAD_MIN_DB
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Array
-from hapscene.capture.texture_fit import PIECES_PER_MODEL
-from hapscene.capture.texture_pieces import EXPONENT_SPREADS, EXPONENTS, OUTLIER_SPREADS, PIECE_S, SPREAD_MIN_DB
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import CaptureError
 

@@ -3,7 +3,7 @@
 What is kept: the file's own triangles, its line spectral frequencies as they stand (six decimals: they are what the
 toolkit blends; its ARcoeff have more, and are used only where the frequencies are missing or do not ascend), the
 variance blended as the toolkit does (interpolation "hatt"), the friction coefficient as both static and dynamic.
-Models with zeros (the 1 kHz files) are turned into models without: `hapscene.capture.arma` says how, the swatch's
+Models with zeros (the 1 kHz files) are refused; the swatch's
 provenance to what error. What the files do not hold, stiffness and damping, is left at the default.
 
 The toolkit's own renderer plays nothing below 0.05 mm/s and 0.05 N; that threshold is not in the files and not kept.
@@ -140,15 +140,8 @@ def _texture(models: HattModels) -> tuple[Texture, str]:
         places = models.force_N, models.speed_m_s, models.triangles
         excitation = models.gain**2 * models.variance_m2_s4
         return Texture(models.rate_Hz, *places, models.ar_lsf_rad, excitation, interpolation="hatt"), ""
-    from hapscene.capture.arma import as_texture
-
-    made = as_texture(models)
-    zeros, poles = models.ma_lsf_rad.shape[1], models.ar_lsf_rad.shape[1]
-    return made.texture, (
-        f"Models of {poles} poles and {zeros} zeros turned into {len(made.texture.force_N)} all-pole models of order "
-        f"{made.texture.order}: the spectrum is {made.error_at_models_dB:.2g} dB off at most at the models, "
-        f"{made.error_rms_dB:.2g} dB rms and {made.error_max_dB:.2g} dB at most between them"
-    )
+    zeros = models.ma_lsf_rad.shape[1]
+    raise SwatchError(f"models with {zeros} zeros (the 1 kHz files) cannot be read: take the 10 kHz file")
 
 
 def export_hatt(

@@ -19,9 +19,9 @@ from hapscene.capture.record import LOG_S, TERMINAL_S, Made, record
 from hapscene.capture.record_file import SUFFIX, taken
 from hapscene.errors import CaptureError, HapsceneError
 from hapscene.interrupt import ENDS
+from hapscene.parallel import begin_process
 from hapscene.wire.port import BAUD
 from hapscene.wire.protocol import Column, Count, Header, Run
-from hapscene.worker_pool import begin_process
 
 LINE_B: Final = 160
 """Longest state of a source [bytes]."""

@@ -4,7 +4,7 @@ Each body is reduced by halves and each texture's order by bisection until a per
 that; effects that nobody could feel with this device are left out. On other paths it is then checked, and taken back by
 a step where it does not hold, and on others again it is told how far the choice is from the scene as it is.
 
-Pieces of work are a body or a swatch (`hapscene.parameter_sweep`); what is timed is timed alone, here, at the end.
+Pieces of work are a body or a swatch (`hapscene.parallel`); what is timed is timed alone, here, at the end.
 """
 
 import math
@@ -26,7 +26,7 @@ from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFide
 from hapscene.fidelity.trial import Array
 from hapscene.motion.look_from_above import UNSEEN
 from hapscene.native import INTERPRETED
-from hapscene.parameter_sweep import Piece, sweep
+from hapscene.parallel import Task, run_tasks
 from hapscene.perception import (
     FLUCTUATION_DB,
     FORCE,
@@ -397,7 +397,7 @@ def tune(
             is held beyond it.
         jnd: most that the chosen scene may differ from the untuned one [JND], in `WITHIN` % of ticks in contact.
         seed: of the paths.
-        jobs, scheduler: as `hapscene.parameter_sweep.sweep` has them.
+        jobs, scheduler: as `hapscene.parallel.run_tasks` has them.
         say: is given the progress.
 
     Raises:
@@ -467,17 +467,16 @@ def _judged(
 ) -> dict[str, Any]:  # fmt: skip
     """What was found of each body and each painted swatch, by "body NAME" and "swatch NAME"."""
     told = {"source": vars(source), "device": device}
-    here = f"{__name__}:"
     pieces = [
-        Piece(f"body {name}", here + "judge_body", {**told, "name": name, "seed": seed, "most_jnd": MARGINS[0] * jnd})
+        Task(f"body {name}", judge_body, {**told, "name": name, "seed": seed, "most_jnd": MARGINS[0] * jnd})
         for name in trial.felt_bodies(scene)
     ]
     more = {"reach_m_s2": np.minimum(reach, 1e9).tolist(), "most_jnd": MARGINS[0] * jnd}
     pieces += [
-        Piece(f"swatch {swatch.name}", here + "judge_swatch", {**told, **more, "name": swatch.name})
+        Task(f"swatch {swatch.name}", judge_swatch, {**told, **more, "name": swatch.name})
         for swatch in painted(scene)
     ]
-    return sweep(
+    return run_tasks(
         pieces, jobs=jobs, scheduler=scheduler, after=lambda done, count, key: say(f"{key}: {done} of {count}\n")
     )
 

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 from urllib.parse import quote
 
-from hapscene.capture.report import POLICY, document, figure
-from hapscene.capture.report_plots import Plot
+from hapscene.capture.report.page import POLICY, document, figure
+from hapscene.capture.report.plots import Plot
 from hapscene.errors import SwatchError, printable
 from hapscene.files import read_bytes, refusing, whole_folder
 from hapscene.paint.gallery import ASSUMED, STYLE, Scale, draw_spectra, draw_tap, painted_body, scale_of

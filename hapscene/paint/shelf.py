@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hapscene.capture.synthesis import synthesize
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.errors import SwatchError
 from hapscene.scene.scene import Scene

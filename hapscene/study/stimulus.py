@@ -16,11 +16,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.capture.fit.segment import InteractionState, Part
+from hapscene.capture.fit.swatch import prepare
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.capture.recording_file import load_recording
-from hapscene.capture.segment import InteractionState, Part
 from hapscene.capture.streams import Array, Streams, part_of
-from hapscene.capture.swatch_fit import prepare
-from hapscene.capture.synthesis import synthesize
 from hapscene.errors import StudyError
 from hapscene.study.plan import Plan
 from hapscene.surface.library import load_swatch

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapscene.capture.coverage import DEPARTS_DB, ENOUGH_DB, Coverage, Wanted
-from hapscene.capture.friction import Friction, fit_friction
+from hapscene.capture.fit.friction import Friction, fit_friction
+from hapscene.capture.fit.segment import segment
+from hapscene.capture.fit.windows import EXPONENT_SPREADS, PIECE_S, cut
 from hapscene.capture.record_simulator import COLUMNS, strokes
-from hapscene.capture.segment import segment
 from hapscene.capture.streams import clean
-from hapscene.capture.texture_pieces import EXPONENT_SPREADS, PIECE_S, cut
 from hapscene.errors import CaptureError
 
 from .simulated_tool import noisy, pulled

@@ -4,9 +4,9 @@ import time
 from pathlib import Path
 
 from hapscene.capture import load_recording
-from hapscene.capture.report import report
+from hapscene.capture.report.page import report
 from hapscene.surface.library import load_swatch
-from tests.capture.test_report import Page
+from tests.capture.report.test_page import Page
 
 VOID = {"meta", "line", "circle", "rect", "path", "use", "image"}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hapscene.capture.coverage import FORCE_N, SPEED_M_S
-from hapscene.capture.synthesis import synthesize
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.surface.swatch import Swatch
 from hapscene_experiments.coverage_case import HANDS, RATE_HZ, Missed, compared, missed, paired, recorded, surface
 

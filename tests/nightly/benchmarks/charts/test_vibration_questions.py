@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from hapscene.capture.texture_pieces import Pieces
+from hapscene.capture.fit.windows import Pieces
 from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.dsp.warped_prediction import warp_at
 from hapscene.perception import band_edges_Hz, band_rms_m_s2
