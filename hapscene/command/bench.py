@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hapscene.command.console import tell
-from hapscene.command.options import add_command, add_out_folder, check_out_folder, check_there, whole
+from hapscene.command.options import add_command, add_out_folder, check_evidence, check_out_folder, check_there, whole
 
 
 def add_bench(commands: Any) -> None:
@@ -18,20 +18,26 @@ def add_bench(commands: Any) -> None:
     rounds = whole("a number of rounds", 0)
     peers = command.add_argument_group("other renderers beside it, turn by turn, and nothing else")
     peers.add_argument("--peers", type=Path, metavar="BUILD", help="folder that holds chai_path and hapi_path")
-    peers.add_argument("--rounds", type=rounds, default=5, metavar="N", help="with hot caches (default 5)")
+    peers.add_argument("--rounds", type=rounds, default=5, metavar="N", help="rounds with hot caches (default 5)")
     peers.add_argument("--cold-rounds", type=rounds, default=3, metavar="N", help="with cold caches (default 3)")
     peers.add_argument("--cases", default="", metavar="NAME,…", help="these of 1k, 20k, 82k, 328k, 1.31M, bunny alone")
+    command.add_argument(
+        "--against", type=Path, metavar="CHECKOUT",
+        help="compare whole tick and step with those of another checkout, in turn, --rounds times",
+    )  # fmt: skip
     peers.add_argument("--huge", action="store_true", help="huge pages for all memory of all of them, by glibc")
     further = command.add_subparsers(
         metavar="compare A B", help="ratios between two tables of figures, with their spread"
     )
     compare = add_command(further, "compare", _compare)
-    compare.add_argument("first", type=Path, metavar="A", help="a bench.csv or chart.csv")
-    compare.add_argument("second", type=Path, metavar="B", help="another one, of the same kind")
+    compare.add_argument("first", type=Path, metavar="A", help="a bench.csv")
+    compare.add_argument("second", type=Path, metavar="B", help="another one")
 
 
 def _bench(options: argparse.Namespace) -> int:
     """Measure the time per tick on this machine.
+
+    Exit codes: 0 done; 1 with --against, this checkout is slower by more than 3 %.
 
     for example:
       hapscene bench
@@ -39,10 +45,16 @@ def _bench(options: argparse.Namespace) -> int:
       hapscene bench --from out/bench/bench.csv --out out/again
       hapscene bench compare docs/bench/bench.csv out/bench/bench.csv
       hapscene bench --peers BUILD --rounds 3 --cases 1k,bunny
+      hapscene bench --against ../hapscene-before
     """
     check_there(options.table)
     check_there(options.peers, what="folder", prefix="--peers ")
-    from hapscene_benchmarks.run import bench, bench_peers
+    check_there(options.against, what="folder", prefix="--against ")
+    check_evidence("bench")
+    from hapscene_evidence.bench.run import bench, bench_against, bench_peers
+
+    if options.against is not None:
+        return 0 if bench_against(options.against, max(options.rounds, 1)) else 1
 
     docs = None if options.docs is None else Path(options.docs)
     zoo = None if options.zoo is None else Path(options.zoo)
@@ -64,11 +76,11 @@ def _compare(options: argparse.Namespace) -> int:
 
     for example:
       hapscene bench compare docs/bench/bench.csv out/bench/bench.csv
-      hapscene bench compare before/chart.csv after/chart.csv
     """
     check_there(options.first)
     check_there(options.second)
-    from hapscene_benchmarks.comparison import lines
+    check_evidence("bench")
+    from hapscene_evidence.bench.comparison import lines
 
     tell(lines(options.first, options.second))
     return 0

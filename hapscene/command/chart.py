@@ -5,7 +5,15 @@ from pathlib import Path
 from typing import Any
 
 from hapscene.command.console import note, tell
-from hapscene.command.options import add_command, add_out_folder, check_out_folder, check_scene, check_there, whole
+from hapscene.command.options import (
+    add_command,
+    add_out_folder,
+    check_evidence,
+    check_out_folder,
+    check_scene,
+    check_there,
+    whole,
+)
 from hapscene.errors import HapsceneError
 
 
@@ -37,7 +45,7 @@ def _chart(options: argparse.Namespace) -> int:
 
     for example:
       hapscene chart
-      hapscene chart scene.json --only mesh,whole-tick --out out/mine
+      hapscene chart scene.json --only mesh,force-rate --out out/mine
       hapscene chart --quick --jobs 1
       hapscene chart --scheduler tcp://head:8786
       hapscene chart --from out/chart/chart.csv --out out/again
@@ -51,7 +59,8 @@ def _chart(options: argparse.Namespace) -> int:
     if options.scene is not None:
         check_scene(options.scene)
         scene = str(Path(options.scene).resolve())
-    from hapscene_benchmarks.charts.run import chart
+    check_evidence("chart")
+    from hapscene_evidence.chart.run import chart
 
     try:
         chart(

@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from difflib import get_close_matches
+from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -107,6 +108,19 @@ def add_mesh_options(command: Any, two_sided: bool = True) -> None:
 def reading(options: argparse.Namespace) -> dict[str, Any]:
     """What `add_reading_options` found, beside the unit, for who opens a file."""
     return {name: getattr(options, name) for name in ("up", "scale", "accept_damaged")}
+
+
+def check_evidence(command: str) -> None:
+    """Check that the benchmarks and studies are installed, which the wheel does not contain.
+
+    Raises:
+        HapsceneError: they are not.
+    """
+    if find_spec("hapscene_evidence") is None:
+        raise HapsceneError(
+            f"hapscene {command} needs the folder `evidence` of a checkout, which an installed package does not have: "
+            "clone the repository and run `pip install -e .` in it"
+        )
 
 
 def check_there(

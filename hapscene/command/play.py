@@ -92,7 +92,7 @@ def _play(options: argparse.Namespace) -> int:
         "handle": handle,
         "handle_file": options.handle_file,
         "ring_s": FLIGHT_S,
-        "flights": options.flights or flights_folder(),
+        "log_folder": options.flights or flights_folder(),
         "force_N": options.force,
     }
     with ExitStack() as stack:
@@ -112,7 +112,7 @@ def _play(options: argparse.Namespace) -> int:
             except HapsceneError as error:
                 if servo.alive:  # else it has written it itself
                     raise
-                _write(servo, made["flights"], str(error))
+                _write(servo, made["log_folder"], str(error))
                 raise
             monitor.lines()
         tell(monitor.summary())
@@ -172,9 +172,9 @@ def _erase(count: int) -> int:
 
 def _write(servo: "Servo", folder: str, reason: str) -> None:
     """Write the last minute, and say where."""
-    from hapscene.servo.flight_recorder import write_flight
+    from hapscene.servo.session_log import write_log
 
-    note(write_flight(servo.flight(reason), folder))
+    note(write_log(servo.session_log(reason), folder))
 
 
 def flights_folder() -> str:
@@ -236,8 +236,8 @@ def _replay(options: argparse.Namespace) -> int:
     for example:
       hapscene replay flights/2026-11-23-101500
     """
-    from hapscene.servo.flight_recorder import replay_flight
+    from hapscene.servo.session_log import replay_log
 
-    result = replay_flight(options.flight)
+    result = replay_log(options.flight)
     tell([f"written because: {printable(result.reason)}", str(result)])
     return 1 if len(result.unlike) else 0

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hapscene.command.console import name_made, say
-from hapscene.command.options import add_command, add_out_folder, check_out_folder, check_there
+from hapscene.command.options import add_command, add_out_folder, check_evidence, check_out_folder, check_there
 
 
 def add_reproduce(commands: Any) -> None:
@@ -26,7 +26,8 @@ def _reproduce(options: argparse.Namespace) -> int:
     """
     check_there(options.recordings, what="folder", prefix="--recordings ")
     check_out_folder(options.out)
-    from hapscene_experiments.paper.reproduction import reproduce
+    check_evidence("reproduce")
+    from hapscene_evidence.paper.reproduction import reproduce
 
     name_made(reproduce(options.out, options.recordings, say))
     return 0

@@ -11,13 +11,11 @@ from hapscene.command.options import (
     add_workers,
     check_out_folder,
     check_scene,
-    check_there,
     load_input,
     number,
     whole,
 )
 from hapscene.constants import DEFAULT_GRIP
-from hapscene.errors import HapsceneError
 
 if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
@@ -48,16 +46,6 @@ def add_stability(commands: Any) -> None:
         "--grip", default=DEFAULT_GRIP, metavar="NAME",
         help=f"of the hand: none, light, medium or firm (default {DEFAULT_GRIP})",
     )  # fmt: skip
-    command.add_argument("--cases", type=Path, metavar="JSON", help="run a file of wall cases with known answers too")
-    command.add_argument(
-        "--random",
-        type=whole("a count", 0),
-        default=0,
-        metavar="COUNT",
-        help="chart so many random limits against theory too",
-    )
-    command.add_argument("--docs", type=Path, metavar="DIR", help="run everything, and write stability.md there too")
-    command.add_argument("--zoo", type=Path, metavar="DIR", help="folder of the zoo, for --docs")
     add_workers(command)
     add_out_folder(command, "out/stability")
 
@@ -77,43 +65,16 @@ def _stability(options: argparse.Namespace) -> int:
     device = (options.device, options.rate, options.delay)
     swatches = _swatches(options.scene)
     workers = {"jobs": options.jobs, "scheduler": options.scheduler}
-    made = stability(Path(options.out), *device, grip, swatches, options.cases, options.random, say, **workers)
-    if options.docs is not None:
-        made += _publish(options, made)
+    made = stability(Path(options.out), *device, grip, swatches, say, **workers)
     name_made(made)
     return 0
 
 
 def _check_read(options: argparse.Namespace) -> None:
-    """Before minutes of work: that there is something to read from, and to write into."""
+    """Before minutes of work: the scene and the output folder."""
     if options.scene is not None:
         check_scene(options.scene)
-    check_there(options.cases)
     check_out_folder(options.out)
-    if options.zoo is not None and options.docs is None:
-        raise HapsceneError("--zoo is for the page of documents; add --docs DIR")
-    for option in ("docs", "zoo"):
-        check_there(getattr(options, option), what="folder", prefix=f"--{option} ")
-    if options.cases is not None:
-        from hapscene.stability.wall_case import read_cases
-
-        read_cases(options.cases)
-
-
-def _publish(options: argparse.Namespace, made: list[Path]) -> list[Path]:
-    """Everything else, and the page of documents."""
-    import shutil
-
-    from hapscene.files import whole_folder
-    from hapscene_experiments.stability_page import find, write_page
-
-    with whole_folder(options.docs / "stability") as folder:
-        for file in made:
-            shutil.copyfile(file, folder / file.name)
-        found = find(folder, options.cases, options.zoo, say)
-        found.words = (folder / "words.txt").read_text(encoding="utf-8").splitlines()
-    write_page(options.docs / "stability.md", found, "stability")
-    return [options.docs / "stability.md"]
 
 
 def _swatches(scene: str | None) -> "list[Swatch]":

@@ -5,7 +5,6 @@ import time
 import webbrowser
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -27,7 +26,7 @@ from hapscene.interrupt import interrupt_noted
 
 if TYPE_CHECKING:
     from hapscene.study.plan import Plan
-    from hapscene.study.playing import Player
+    from hapscene.study.playing import OutputPlayer
 
 NAP_S: Final = 0.2
 
@@ -95,6 +94,8 @@ def _run(options: argparse.Namespace) -> int:
     check_there(options.plan, StudyError, "plan of a study")
     folder = Path(options.out or f"out/{base_name(options.plan)}")
     check_out_folder(str(folder))
+    from msgspec.structs import replace
+
     from hapscene.study.plan import load_plan
     from hapscene.study.sitting import Sitting
     from hapscene.study.study_server import StudyServer
@@ -141,7 +142,7 @@ def next_person(folder: Path) -> str:
     return next(name for k in range(1, len(known) + 2) if (name := f"P{k:02}") not in known)
 
 
-def _player(plan: "Plan", options: argparse.Namespace) -> "Player":
+def _player(plan: "Plan", options: argparse.Namespace) -> "OutputPlayer":
     """What the plan's stimuli are played on, ready."""
     from hapscene.handle.live_process import open_output
     from hapscene.study.playing import handle, headphones

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hapscene.command.console import name_made, note, say, size_words, tell
-from hapscene.command.options import add_command, add_mesh_options, check_scene, number, reading, seed, tell_size, whole
+from hapscene.command.console import name_made, note, say, tell
+from hapscene.command.options import add_command, add_mesh_options, check_scene, number, reading, seed, tell_size
 from hapscene.errors import HapsceneError
 
 if TYPE_CHECKING:
-    from hapscene.fidelity.tune import Choice, Tuned
+    from hapscene.fidelity.tune import Tuned
 
 
 def add_tune(commands: Any) -> None:
@@ -34,17 +34,13 @@ def add_tune(commands: Any) -> None:
         help="most that it may feel different, in just-noticeable differences (default 1)",
     )  # fmt: skip
     command.add_argument("--seed", type=seed, default=0, help="of the paths that are felt (default 0)")
-    command.add_argument(
-        "--jobs", type=whole("a number of processes", 1), metavar="N", help="processes here (default: one per core)"
-    )
-    command.add_argument("--scheduler", metavar="ADDRESS", help="judge on a Dask cluster instead: tcp://host:8786")
     command.add_argument("--explain", action="store_true", help="say why each choice was made")
 
 
 def _tune(options: argparse.Namespace) -> int:
     """Measure a scene on this machine, and render no more of it than a person can tell.
 
-    Exit codes: 0 the error and the budget are kept; 1 one of them is not, which is told.
+    Exit codes: 0 error and budget are kept; 1 the error or the budget is exceeded.
 
     for example:
       hapscene tune demo.scene.json --explain
@@ -54,8 +50,9 @@ def _tune(options: argparse.Namespace) -> int:
     check_scene(options.scene, options.unit, options.swatch)
     from hapscene.device.model import device_named
     from hapscene.fidelity.fidelity_file import check_place, fidelity_beside, save_fidelity
-    from hapscene.fidelity.tune import Source, opened, reach_m_s2, tune
-    from hapscene.touch import is_model
+    from hapscene.fidelity.trial import quietly
+    from hapscene.fidelity.tune import reach_m_s2, tune
+    from hapscene.touch import is_model, open_scene
 
     if is_model(options.scene):
         raise HapsceneError(f"{options.scene}: a model of MuJoCo is not tuned; tune a scene of its meshes")
@@ -63,20 +60,18 @@ def _tune(options: argparse.Namespace) -> int:
     check_place(out)
     device_named(options.device)
     reach_m_s2(options.handle)
-    source = Source(options.scene, options.unit, options.swatch, options.two_sided, **reading(options))
-    scene = opened(source)
+    with quietly():
+        scene = open_scene(options.scene, options.unit, options.swatch, options.two_sided, **reading(options))
     tell_size(scene, options.scene, options.device)
-    words = ("device", "handle", "budget_us", "jnd", "seed", "jobs", "scheduler")
-    found = tune(source, **{word: getattr(options, word) for word in words}, say=say)
+    words = ("device", "handle", "budget_us", "jnd", "seed")
+    found = tune(scene, **{word: getattr(options, word) for word in words}, say=say)
     save_fidelity(found.fidelity, out, scene)
     tell(report(found, options.explain))
     name_made([out])
     if not found.within_jnd:
         note(f"it feels {found.after['error_jnd']:.2g} JND different, and {options.jnd:g} were asked for")
     if not found.within_budget:
-        note(
-            f"the worst tick takes {found.after['tick_worst_us']:.3g} µs of {options.budget_us:g}: nothing is left out"
-        )
+        note(f"the worst tick takes {found.after['tick_worst_us']:.3g} µs, and the budget is {options.budget_us:g}")
     return 0 if found.within_jnd and found.within_budget else 1
 
 
@@ -89,7 +84,7 @@ def report(found: "Tuned", explain: bool) -> Iterator[str]:
     what = max(len(choice.what) for choice in found.choices)
     for choice in found.choices:
         error = "not touched" if choice.error_jnd is None else f"{choice.error_jnd:.2f} JND"
-        yield f"{choice.kind:<6} {choice.name:<{width}}  {choice.what:<{what}}  {error:>11}  {_saved(choice)}".rstrip()
+        yield f"{choice.kind:<6} {choice.name:<{width}}  {choice.what:<{what}}  {error:>11}"
         if explain:
             yield f"       {choice.why}"
     before, after = found.before, found.after
@@ -107,12 +102,3 @@ def report(found: "Tuned", explain: bool) -> Iterator[str]:
     )
     runs = f"{REPEATS} runs, of {3 * REPEATS} where over the budget"
     yield f"worst: {WORST:g} % of the ticks in contact, each the least of {runs}"
-
-
-def _saved(choice: "Choice") -> str:
-    """What a choice saves, in words."""
-    saved = choice.saved
-    words = [size_words(saved["memory_B"])] if saved.get("memory_B", 0) > 0 else []
-    words += [f"{saved['tick_us']:.2f} µs a tick"] if saved.get("tick_us", 0) > 0.005 else []
-    words += [f"{1e3 * saved['load_s']:.0f} ms to load"] if saved.get("load_s", 0) > 0.0005 else []
-    return f"saves {', '.join(words)}" if words else ""

@@ -132,7 +132,7 @@ def figure(plot: Plot) -> str:
 def _environment() -> "Environment":
     from jinja2 import Environment, PackageLoader
 
-    loader = PackageLoader("hapscene.capture.report")
+    loader = PackageLoader("hapscene.capture.report.page")
     return Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
 
 

@@ -10,7 +10,7 @@ from hapscene.capture.fit.texture import fit_texture
 from hapscene.capture.fit.windows import cut
 from hapscene.capture.streams import Streams
 from hapscene.surface.texture import Texture
-from hapscene_experiments.held_out import simulated
+from tests.capture.strokes import simulated
 
 pytestmark = pytest.mark.nightly
 

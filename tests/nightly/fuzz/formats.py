@@ -1,4 +1,4 @@
-"""Every format that is read from strangers: a small good file, made by a writer, and its reader."""
+"""Every format that is read: a small valid file, made by a writer, and its reader."""
 
 import io
 import json
@@ -37,7 +37,6 @@ from hapscene.scene.mesh_doctor import examine
 from hapscene.scene.mesh_file import UNITLESS, load_mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
-from hapscene.stability.wall_case import read_cases
 from hapscene.study.plan import load_plan
 from hapscene.study.results_file import load_rows
 from hapscene.study.sitting import Sitting
@@ -179,7 +178,7 @@ def scene() -> Scene:
 
 def fidelity(path: Path) -> None:
     half = Mesh(scene().bodies[0].mesh.vertices_m, scene().bodies[0].mesh.faces[:10])
-    level = Level({"ball": BodyFidelity(half)}, {swatch().name: SwatchFidelity(1, 2, ("tap",))}, {"error_jnd": 0.5})
+    level = Level({"ball": BodyFidelity(half)}, {swatch().name: SwatchFidelity(1, 2)}, {"error_jnd": 0.5})
     save_fidelity(Fidelity(level, {"device": "omni", "seed": 0}), path, scene())
 
 
@@ -225,12 +224,6 @@ def manifest() -> Files:
     return {batch.NAME: json.dumps(content).encode()}
 
 
-def wall_cases() -> Files:
-    setup = {"m": 0.072, "b": 0.005, "c": 0, "D": 0, "T": 0.001, "delay": 0, "B": 0}
-    case = {"id": "W1-a", "what": "critical K [N/m]", "setup": setup, "expected": 10.0, "rel_tol": 0.001}
-    return {"x.json": json.dumps([case, case | {"id": "W2-a"}]).encode()}
-
-
 # Recordings and paths.
 
 
@@ -257,13 +250,10 @@ def npz() -> Files:
     return {"x.npz": out.getvalue()}
 
 
-def mat(compressed: bool) -> Callable[[], Files]:
-    def make() -> Files:
-        out = io.BytesIO()
-        savemat(out, {"rate_Hz": 1e3, **columns(120)}, do_compression=compressed)
-        return {"x.mat": b"MATLAB 5.0 MAT-file".ljust(116) + out.getvalue()[116:]}  # the date is taken out
-
-    return make
+def mat() -> Files:
+    out = io.BytesIO()
+    savemat(out, {"rate_Hz": 1e3, **columns(120)}, do_compression=False)
+    return {"x.mat": b"MATLAB 5.0 MAT-file".ljust(116) + out.getvalue()[116:]}  # without the date
 
 
 def parquet() -> Files:
@@ -437,12 +427,10 @@ FORMATS: Mapping[str, Format] = {
         lambda path: len(batch.outputs(batch.read_list(path))),
         left=lines(r"(?!recording).*\w"),
     ),
-    "wall-cases": Format(wall_cases, read_cases),
     "csv": Format(table, read_recording, left=lines(r"(?!time).*\d")),
     "wav": Format(wav, read_recording),
     "npz": Format(npz, read_recording),
-    "mat": Format(mat(False), read_recording, soak=300, quick=2),
-    "mat-packed": Format(mat(True), read_recording, soak=300, quick=2),
+    "mat": Format(mat, read_recording, soak=300, quick=2),
     "parquet": Format(parquet, read_recording, soak=300, quick=2),
     "hsrec": Format(record, read_recording),
     "path": Format(path_csv, lambda path: len(load_path(path, 0.001)[0]), left=lines(r"(?!t,).*\d")),

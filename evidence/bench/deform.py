@@ -1,0 +1,55 @@
+"""A body of 20,480 faces whose shape changes 60 times a second while it is touched: what that costs, and what it does
+to the ticks beside it."""
+
+import time
+from typing import Final
+
+import numpy as np
+
+from hapscene.renderer import Renderer
+from hapscene.scene.scene import Scene
+from hapscene.servo import Servo
+
+from .case import RADIUS_M, sphere
+from .sheet import Sheet
+
+CASE: Final = "shapes 20 k"
+
+PERIOD_S: Final = 1.0 / 60.0
+
+PRESSED_M: Final = (0.0, 0.0, RADIUS_M - 0.003)
+
+
+def measure_deform(sheet: Sheet, duration_s: float) -> None:
+    """Note the time of a shape, and how long and late ticks of a servo are with shapes and without."""
+    scene = Scene()
+    body = scene.add(sphere(5), name="body", swatch="wood")
+    vertices = np.array(body.mesh.vertices_m)
+    shapes = [(1.0 + 0.02 * np.sin(0.3 * k)) * vertices for k in range(21)]
+    renderer = Renderer(scene)
+    renderer.deform("body", vertices)  # builds the search
+    took = []
+    for k in range(200):
+        start_s = time.perf_counter()
+        renderer.deform("body", shapes[k % len(shapes)])
+        took.append(time.perf_counter() - start_s)
+        renderer.step((0.0, 0.0, 1.0))
+    sheet.add_spread(CASE, "deform", took, "ms", 1e3)
+    with Servo(scene, "omni") as servo:
+        servo.start((0.0, 0.0, 1.2 * RADIUS_M))
+        servo.deform("body", vertices)
+        servo.aim(PRESSED_M, "medium")
+        time.sleep(1.0)
+        for name, changing in (("at rest", False), ("changing", True)):
+            before, due_s = servo.timing(), time.perf_counter()
+            for k in range(round(duration_s / PERIOD_S)):
+                if changing:
+                    servo.deform("body", shapes[k % len(shapes)])
+                due_s += PERIOD_S
+                time.sleep(max(due_s - time.perf_counter(), 0.0))
+            now = servo.timing().since(before)
+            for share, quantile in ((0.5, "median"), (0.99, "p99"), (0.999, "p99.9")):
+                sheet.add(CASE, f"tick, {name} {quantile}", now.busy_us(share), "µs")
+                sheet.add(CASE, f"late, {name} {quantile}", now.delay_us(share), "µs")
+    ratio = sheet.number(CASE, "tick, changing p99") / sheet.number(CASE, "tick, at rest p99")
+    sheet.add(CASE, "tick p99, changing to at rest", ratio, "1")

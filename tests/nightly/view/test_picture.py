@@ -1,0 +1,95 @@
+"""scene.png and its kin, where a GL can be had."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from hapscene.errors import ViewError
+from hapscene.recording import Recording
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+from hapscene.surface.swatch import Swatch
+from hapscene.view import picture
+from hapscene.view.legend import lay_out
+from hapscene.view.palette import DARK, rgb
+from hapscene.view.picture import write_picture
+from hapscene.view.triangles import Drawing
+
+
+def scene_of(shape: trimesh.Trimesh) -> Scene:
+    scene = Scene()
+    scene.add(Mesh.from_trimesh(shape, "m"), name="body")
+    scene.paint("body", Swatch("green", albedo_rgb=(0.1, 0.8, 0.2)))
+    return scene
+
+
+def drawn(path: Path, *arguments: object, **named: object) -> np.ndarray:
+    try:
+        write_picture(*arguments, **named)  # type: ignore[arg-type]
+    except ViewError as error:
+        pytest.skip(str(error))
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB")).astype(int)
+
+
+def test_picture_shows_swatch_path_and_force_and_repeats(tmp_path: Path, recording: Recording) -> None:
+    scene = scene_of(trimesh.creation.box((0.1, 0.1, 0.02)))
+    pixels = drawn(tmp_path / "a.png", scene, recording, tmp_path / "a.png", size=(640, 480))
+    red, green, blue = np.moveaxis(pixels[:400], 2, 0)
+    assert np.mean((green > 1.5 * red) & (green > 1.5 * blue)) > 0.1  # the plate
+    assert np.count_nonzero((red > 1.2 * green) & (blue > 1.1 * green)) > 60  # the path on it
+    assert np.count_nonzero((red < 10) & (green > 90) & (blue > 0.6 * green)) > 60  # arrows
+    write_picture(scene, recording, tmp_path / "b.png", size=(640, 480))
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+@pytest.mark.parametrize(("touched", "width"), [(False, 280), (True, 200)])
+def test_the_legend_has_the_room_that_it_needs(
+    touched: bool, width: int, tmp_path: Path, recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here a strip for one measure more would be a row too high, one for one less a row too low."""
+    needed_px, given_px = [], []
+
+    def listening(*given: Any) -> Any:
+        placed, height_px = lay_out(*given)
+        needed_px.append(height_px)
+        return placed, height_px
+
+    def draw(drawing: Drawing) -> list[np.ndarray]:
+        given_px.append(400 - drawing.size[1])
+        return [np.zeros((*drawing.size[::-1], 3), np.uint8)]
+
+    monkeypatch.setattr(picture, "lay_out", listening)
+    monkeypatch.setattr(picture, "draw", draw)
+    scene = scene_of(trimesh.creation.box((0.1, 0.1, 0.02)))
+    write_picture(scene, recording if touched else None, tmp_path / "a.png", size=(width, 400))
+    assert given_px == needed_px and len(needed_px) == 1
+
+
+def test_scale_bar_measures_what_is_drawn_in_the_dark(tmp_path: Path) -> None:
+    ball = scene_of(trimesh.creation.icosphere(5, 0.05))
+    pixels = drawn(tmp_path / "a.png", ball, None, tmp_path / "a.png", size=(500, 400), theme=DARK)
+    assert pixels.shape == (400, 500, 3)
+    ink = np.round(rgb(DARK.ink) * 255)
+    bar_px = max(_longest_run((row == ink).all(axis=1)) for row in pixels[365:])
+    red, green, blue = np.moveaxis(pixels[:365], 2, 0)
+    ball_px = np.ptp(np.flatnonzero(((green > 1.5 * red) & (green > 1.5 * blue)).any(axis=0))) + 1
+    assert bar_px / ball_px == pytest.approx(20 / 100, rel=0.03)  # 20 mm of 100: a fifth of the width is not quite 50
+
+
+def _longest_run(mask: np.ndarray) -> int:
+    edges = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0)).reshape(-1, 2)
+    return int(np.diff(edges, axis=1).max(initial=0))
+
+
+def test_picture_that_cannot_be_drawn_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from hapscene.view import offscreen
+
+    monkeypatch.setattr(offscreen.sys, "executable", "/bin/false")
+    with pytest.raises(ViewError):
+        write_picture(scene_of(trimesh.creation.box((1, 1, 1))), None, tmp_path / "a.png")
+    assert list(tmp_path.iterdir()) == []
