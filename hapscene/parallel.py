@@ -64,15 +64,14 @@ class Journal:
     """Results of tasks in a file of JSON lines, appended one by one; without a path, nothing is kept."""
 
     def __init__(self, path: Path | None) -> None:
-        """Read what an earlier run has noted; a last line that was cut off is dropped."""
+        """Read what an earlier run has noted; a line that was cut off is skipped."""
         self._path = path
+        self._cut = False
         self.results: dict[tuple[str, str], Any] = {}
         if path is None or not path.exists():
             return
         text = path.read_text(encoding="utf-8", errors="replace")
-        if text and not text.endswith("\n"):  # else the next line would be lost with it
-            text = text[: text.rfind("\n") + 1]
-            path.write_text(text, encoding="utf-8", newline="\n")
+        self._cut = not text.endswith("\n") and text != ""  # else the next line would be lost with it
         for line in text.splitlines():
             try:
                 row = json.loads(line)
@@ -89,7 +88,10 @@ class Journal:
         self._note(task.key, task.digest(), result)
         if self._path is not None:
             with self._path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps({"key": task.key, "digest": task.digest(), "result": result}) + "\n")
+                file.write(
+                    "\n" * self._cut + json.dumps({"key": task.key, "digest": task.digest(), "result": result}) + "\n"
+                )
+            self._cut = False
 
 
 def run_tasks(

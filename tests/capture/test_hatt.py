@@ -169,35 +169,6 @@ def test_the_example_of_the_layout(shared: Path) -> None:
     assert "not be passed on" in swatch.licence and "Models_example.xml" in swatch.provenance
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("zeros", [2, 6])
-def test_models_with_zeros_are_converted_to_the_stated_error(tmp_path: Path, zeros: int) -> None:
-    from hapscene.capture.arma import as_texture
-
-    path = write_models(tmp_path / "Models_x.xml", 3, 4, zeros, 1000, side=3)
-    reference, made = Toolkit(path), as_texture(read_models(path))
-    assert made.error_at_models_dB < 0.1 and made.error_rms_dB < 0.15
-    off = []
-    for force_N, speed_m_s in zip(reference.force, 1e-3 * reference.speed, strict=True):
-        if force_N * speed_m_s > 0:
-            shape, variance = reference.query(force_N, speed_m_s)
-            a, ours = made.texture.model(force_N, speed_m_s)
-            assert np.abs(spectrum_off_dB(a, shape * variance) + 10 * np.log10(ours)).max() < 0.1
-    asked = places(100)
-    for (force_N, speed_m_s), a, ours in zip(asked, *made.texture.models(*asked.T), strict=True):
-        shape, variance = reference.query(force_N, speed_m_s)
-        if variance == 0.0:  # between silent models
-            assert ours == 0.0
-            continue
-        off.append(spectrum_off_dB(a, shape * variance) + 10 * np.log10(ours))
-    assert np.sqrt(np.mean(np.square(off))) < 0.2 and np.abs(off).max() < 1.1 * made.error_max_dB
-    said = f"{made.error_rms_dB:.2g} dB rms and {made.error_max_dB:.2g} dB at most between them"
-    told: list[str] = []
-    import_many([path], tmp_path / "out", told.append)
-    assert "turned into" in told[1] and said in told[1]
-    assert told[1].strip() in load_swatch(tmp_path / "out" / "x.swatch").provenance
-
-
 def test_export_comes_back_to_the_bit(tmp_path: Path, shared: Path) -> None:
     folder = shared / "data" / "hatt_format"
     swatch = import_hatt(folder / "Models_example.xml", folder / "Taps_example.xml")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene.capture.batch import gather
+from hapscene.capture.batch import find_recordings
 from hapscene.capture.published_layouts import GAP_S, files_of, recognised, surfaces
 from hapscene.capture.recording_file import BridgedWarning, load_recording
 from hapscene.capture.recording_source import read_parquet
@@ -269,7 +269,7 @@ def test_errors_are_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="no recording in the layout 'cluster'"):
         load_recording(folder, layout="cluster")
     with pytest.raises(CaptureError, match="no recordings in the layout 'proton'"):
-        gather([tmp_path], "proton")
+        find_recordings([tmp_path], "proton")
     (folder / "G1EpoxyRasterPlate_Movement_X_train1.txt").write_text("1\n2\n")
     with pytest.raises(CaptureError, match="its axes have different lengths"):
         load_recording(folder / "G1EpoxyRasterPlate_Movement_Y_train1.txt", units={"acceleration": "g"})

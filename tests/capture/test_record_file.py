@@ -6,13 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene import __version__
 from hapscene.capture import load_recording
-from hapscene.capture.batch_job import Job, fit_job
+from hapscene.capture.fit.swatch import FitOptions, fit_swatch
 from hapscene.capture.record_file import CutWarning, RecordWriter, load_record
 from hapscene.capture.record_simulator import COLUMNS, FRICTION, strokes
 from hapscene.errors import CaptureError
-from hapscene.surface.swatch_file import swatch_from_json
 from hapscene.wire.protocol import Column, Header, Run
 
 HEADER = Header(1000.0, (Column("acceleration", "g", 0.5), Column("force", "N", 1.0)))
@@ -157,9 +155,7 @@ def test_a_cut_record_is_fitted(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
     recording = load_recording(path)
     assert len(recording.acceleration_m_s2) == len(counts) - 800
-    outcome = fit_job(Job(str(path), "stroke", None, {}, {"order": 6}, __version__))
-    assert outcome.swatch is not None, outcome.reason
-    swatch = swatch_from_json(outcome.swatch)
+    swatch = fit_swatch(recording, FitOptions("stroke", 6))
     assert swatch.texture is not None and swatch.texture.order == 6
     assert swatch.friction_dynamic == pytest.approx(FRICTION, rel=0.02)
 
