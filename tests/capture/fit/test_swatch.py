@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hapscene.capture.fit.change_point import change_points
 from hapscene.capture.fit.segment import segment
 from hapscene.capture.fit.stiffness import Stiffness
 from hapscene.capture.fit.swatch import FitOptions, fit_parts, prepare
@@ -87,15 +86,6 @@ def test_recordings_are_pooled_as_one(handled_recording):
         fit_parts([parts[0], (other, segment(other))])
     with pytest.raises(CaptureError, match="one rate"):
         fit_parts([])
-
-
-def test_changes_are_found_in_a_recording_longer_than_a_window():
-    rate, rng = 2000.0, np.random.default_rng(0)
-    lengths = [7.0, 4.0, 15.0, 0.5, 0.5, 12.0, 3.0]
-    signal = np.concatenate([rng.standard_normal(round(s * rate)) * (1 + i % 2) for i, s in enumerate(lengths)])
-    found = np.array(change_points(signal, rate)) / rate
-    assert len(found) == len(lengths) - 1
-    np.testing.assert_allclose(found, np.cumsum(lengths)[:-1], atol=0.02)
 
 
 def test_a_spring_that_its_damper_was_fitted_with_is_not_absent(monkeypatch):
