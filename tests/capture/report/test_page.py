@@ -13,9 +13,9 @@ from scipy.signal import lfilter
 
 from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
 from hapscene.capture.recording_file import SurfaceRecording
+from hapscene.capture.report import plots as report_plots
 from hapscene.capture.report.numbers import judge, spectrum_along
 from hapscene.capture.report.page import _verdict_line, report, rows, write_report
-from hapscene.capture.report import plots as report_plots
 from hapscene.capture.report.plots import (
     plot_friction,
     plot_models,
