@@ -14,7 +14,7 @@ VOID = {"meta", "line", "circle", "rect", "path", "use", "image"}
 def test_real_recordings_are_reported_on_in_time(shared: Path) -> None:
     folder = shared / "data" / "recordings"
     units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
-    real = load_recording(folder / "cdp_wood.csv", 1e4, {"acceleration": "accel"}, units)
+    real = load_recording(folder / "cdp_wood.csv", 1e4, columns={"acceleration": "accel"}, units=units)
     start = time.process_time()  # of this process: the machine may be busy
     text = report(load_swatch("wood"), real, "cdp_wood.csv")
     assert time.process_time() - start < 10.0
