@@ -148,7 +148,7 @@ def _teleoperate() -> None:
 
 def _play_on_handle() -> None:
     """A recording, a live stream, the simulated handle that is identified, and a texture that is synthesized."""
-    from hapscene.capture.synthesis import synthesize
+    from hapscene.capture.fit.synthesis import synthesize
     from hapscene.handle import Plant
     from hapscene.handle.force_source import SimulatedSource
     from hapscene.handle.live_stream import LiveStream

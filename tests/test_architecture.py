@@ -28,13 +28,12 @@ FLOOR = (
     *(
         "native",
         "number_files",
-        "parameter_sweep",
+        "parallel",
         "perception",
         "plugin_registry",
         "wall_clock",
         "web",
         "web_listener",
-        "worker_pool",
     ),
 )
 """The ground floor: knows nobody above it."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import chirp
 
-from hapscene.capture.synthesis import synthesize
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.compensator import COMPENSATORS

@@ -27,7 +27,8 @@ from hapscene.constants import ORDER_MAX
 from hapscene.errors import CaptureError, SwatchError, printable
 
 if TYPE_CHECKING:
-    from hapscene.capture.batch import ManifestEntry, Result
+    from hapscene.capture.batch import BatchResult
+    from hapscene.capture.fit.swatch import FitOptions
     from hapscene.surface.swatch import Swatch
 
 
@@ -126,10 +127,10 @@ def _fit_one(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from hapscene import __version__
+    from hapscene.capture.fit.segment import InteractionState
+    from hapscene.capture.fit.swatch import fit_parts, prepare, recorded_ranges
     from hapscene.capture.io.recording import load_recording
-    from hapscene.capture.segment import InteractionState
-    from hapscene.capture.segment_plot import WORDS, write_states
-    from hapscene.capture.swatch_fit import felt, fit_parts, prepare
+    from hapscene.capture.report.states import WORDS, write_states
     from hapscene.files import refusing
     from hapscene.surface.swatch_file import save_swatch
     from hapscene.touch import step
@@ -147,19 +148,19 @@ def _fit_one(options: argparse.Namespace) -> int:
         write_states(parts, options.plot, [Path(path).name for path in options.recordings])
         made.append(Path(options.plot))
     with step(say, "fitting"), refusing(CaptureError, ", ".join(options.recordings)):
-        swatch = fit_parts(parts, options.name or Path(options.out).stem, **fit_options(options))
+        swatch = fit_parts(parts, fit_options(options, options.name or Path(options.out).stem))
     files = printable(", ".join(Path(path).name for path in options.recordings))
     provenance = f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip()
     swatch = replace(swatch, provenance=provenance)
     save_swatch(swatch, options.out)
-    tell(_told(swatch, felt(parts)))
+    tell(_told(swatch, recorded_ranges(parts)))
     name_made([Path(options.out), *made])
     return 0
 
 
 def _told(swatch: "Swatch", ranges: str) -> list[str]:
     """The main numbers of a swatch with their 95 % intervals, and what is absent and why, a line each."""
-    from hapscene.capture.tap_fit import SPEED_RATIO
+    from hapscene.capture.fit.taps import SPEED_RATIO
     from hapscene.surface.swatch import TOOL_FIELDS
     from hapscene.surface.swatch_summary import MORE, sounding
 
@@ -241,10 +242,18 @@ def add_fit_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--tip", default="", help="what touched the surface, as in '3.2 mm ball'")
 
 
-def fit_options(options: argparse.Namespace) -> dict[str, Any]:
-    """What `fit_parts` takes of them."""
-    found = {name: getattr(options, name) for name in ("order", "domain", "interpolation")}
-    return found | {name: said for name in ("tool", "tip") if (said := getattr(options, name))}
+def fit_options(options: argparse.Namespace, name: str = "unnamed") -> "FitOptions":
+    """How a swatch of that name is fitted."""
+    from hapscene.capture.fit.swatch import FitOptions
+
+    return FitOptions(
+        name,
+        options.order,
+        interpolation=options.interpolation,
+        domain=options.domain,
+        tool=options.tool,
+        tip=options.tip,
+    )
 
 
 def _order(text: str) -> int | Literal["auto"]:
@@ -284,10 +293,10 @@ def add_batch_options(command: argparse._ActionsContainer) -> None:
 
 
 def _batch(options: argparse.Namespace) -> int:
-    """Fit a swatch to each of many recordings; run it again to go on where it was stopped.
+    """Fit a swatch to each of many recordings; run the same again to continue after an interruption.
 
-    The swatches lie below --out as the recordings do below the folder they share, beside manifest.json, which
-    says of each recording what became of it. What was fitted with the same content and settings is skipped.
+    The swatches lie below --out as the recordings do below the folder they share, beside journal.jsonl, which
+    lists what was fitted. What was fitted with the same content and settings is skipped.
     Exit code: 0 all have swatches, 1 some failed (named at the end), 130 stopped by Ctrl-C.
 
     for example:
@@ -295,48 +304,37 @@ def _batch(options: argparse.Namespace) -> int:
       hapscene capture batch --list files.csv --out swatches --jobs 4
       hapscene capture batch recordings/*.hsrec --out swatches --scheduler tcp://head:8786
     """
-    from hapscene.capture.batch import fit_batch, gather, read_list
-    from hapscene.interrupt import interrupt_noted
+    from hapscene.capture.batch import find_recordings, fit_batch, read_list
 
     if options.jobs is not None and options.scheduler is not None:
         raise CaptureError("--jobs is for processes here, --scheduler for a cluster: give one of the two")
     for place in options.recordings:
         check_there(place, CaptureError, "file or folder")
     check_there(options.list, CaptureError)
-    items = gather(options.recordings) + ([] if options.list is None else read_list(options.list))
+    items = find_recordings(options.recordings)
+    items += [] if options.list is None else read_list(options.list)
     if not items:
         raise CaptureError("no recordings: name files or folders, or --list files.csv")
     items = list({item.path.absolute(): item for item in items}.values())
     progress = _Progress(len(items))
-    with interrupt_noted() as stopped:
-
-        def asked() -> bool:
-            if stopped():
-                progress.stopping()
-            return stopped()
-
-        try:
-            how = (recording_options(options), fit_options(options), options.jobs, options.scheduler)
-            result = fit_batch(items, options.out, *how, asked, progress.show)
-        except KeyboardInterrupt:
-            progress.end()
-            complain("interrupted; run the same again to go on")
-            return 130
-        finally:
-            progress.end()
+    try:
+        how = (recording_options(options), fit_options(options), options.jobs, options.scheduler)
+        result = fit_batch(items, options.out, *how, progress.show)
+    except KeyboardInterrupt:
+        progress.end()
+        complain("interrupted; run the same again to continue")
+        return 130
+    finally:
+        progress.end()
     tell(
         [
-            f"{len(result.fitted)} fitted, {len(result.skipped)} done before, {len(result.failed)} failed",
-            *(f"  {entry.reason}" for entry in result.failed),
+            f"{len(result.fitted)} fitted, {len(result.skipped)} skipped, {len(result.failed)} failed",
+            *(f"  {reason}" for reason in result.failed),
             *(f"note: {line}" for line in result.notes),
             "made:",
-            f"  {options.out}: swatches and manifest.json",
+            f"  {options.out}: swatches and journal.jsonl",
         ]
     )
-    if result.stopped:
-        left = len(items) - result.count
-        complain(f"interrupted with {left} recordings left; run the same again to go on")
-        return 130
     return 1 if result.failed else 0
 
 
@@ -349,9 +347,8 @@ class _Progress:
         self._start_s = time.monotonic()
         self._shown_s = self._start_s
         self._open = False
-        self._told = False
 
-    def show(self, result: "Result", entry: "ManifestEntry") -> None:
+    def show(self, result: "BatchResult") -> None:
         """Shows the state, if it is time for it."""
         now_s = time.monotonic()
         if now_s - self._shown_s < (TERMINAL_S if self._live else LOG_S):
@@ -364,13 +361,6 @@ class _Progress:
             line += f", {worked / (now_s - self._start_s):.2g} a second, about {duration(left_s)} left"
         tell_over(line) if self._live else tell([line])
         self._open = self._live
-
-    def stopping(self) -> None:
-        """Says once that the end is near."""
-        if not self._told:
-            self._told = True
-            self.end()
-            print("finishing what is under way; Ctrl-C again leaves it", flush=True)
 
     def end(self) -> None:
         """Leaves the line."""
@@ -411,7 +401,7 @@ def _report(options: argparse.Namespace) -> int:
     check_there(options.recording, CaptureError)
     options.out = options.out or new_file(f"{base_name(options.swatch)}.html", "-o")
     from hapscene.capture.io.recording import load_recording
-    from hapscene.capture.report import write_report
+    from hapscene.capture.report.page import write_report
     from hapscene.swatches.library import load_swatch
 
     swatch = load_swatch(options.swatch)

@@ -31,7 +31,7 @@ from hapscene.errors import CaptureError, SwatchError
 from hapscene.interrupt import heard
 
 if TYPE_CHECKING:
-    from hapscene.capture.compare import ComparedSurface, Comparison, Difference, Series
+    from hapscene.capture.report.compare import ComparedSurface, Comparison, Difference
 
 RECORDING_SUFFIXES: Final = (
     ".csv",
@@ -340,36 +340,29 @@ def _add_compare(commands: Any) -> None:
         help="a .swatch file, the name of a shipped swatch, or a recording, to which a swatch is fitted",
     )  # fmt: skip
     command.add_argument("--library", metavar="DIR", help="rank the swatches of this folder by how near they are")
-    command.add_argument("--series", action="store_true", help="the surfaces are one over time, in this order")
     command.add_argument("--json", action="store_true", help="print JSON")
     add_recording_options(command)
 
 
 def _compare(options: argparse.Namespace) -> int:
-    """How different surfaces feel: side by side, against a library, or over time.
+    """How different surfaces feel: side by side, or against a library.
 
     for example:
       hapscene swatch compare wood paper
       hapscene swatch compare mine.swatch                     (against the shipped swatches)
       hapscene swatch compare mine.swatch --library swatches/
       hapscene swatch compare a.csv b.csv --rate 10000 --units acceleration=g
-      hapscene swatch compare --series monday.swatch tuesday.swatch wednesday.swatch
     """
-    if options.series and options.library is not None:
-        raise CaptureError("--series follows one surface over time, --library ranks others: give one of the two")
     for name in options.surface:
         check_swatch(name)
         if Path(name).suffix.lower() in RECORDING_SUFFIXES:
             check_there(name, CaptureError)
     check_there(options.library, SwatchError, "folder")
-    from hapscene.capture.compare import compare, follow, load_library, load_surface, rank
+    from hapscene.capture.report.compare import compare, load_library, load_surface, rank
 
     surfaces = [load_surface(name, **recording_options(options)) for name in options.surface]
     swatches = [surface.swatch for surface in surfaces]
-    if options.series:
-        series = follow(swatches)
-        _print(options.json, series.as_dict() | _repeats(surfaces), _series_text(series, surfaces))
-    elif options.library is None and len(swatches) == 2:
+    if options.library is None and len(swatches) == 2:
         comparison = compare(*swatches)
         _print(options.json, comparison.as_dict() | _repeats(surfaces), _pair_text(comparison, surfaces))
     else:
@@ -432,20 +425,6 @@ def _rank_text(ranked: Sequence["Comparison"]) -> list[str]:
         distance = f"{c.distance_jnd:.1f} JND" if c.telling else ""
         rows.append((str(place), c.second, distance, c.telling.quantity.name if c.telling else "", c.verdict))
     return [*_table(rows), "1 JND is the least difference that a person feels", ""]
-
-
-def _series_text(series: "Series", surfaces: Sequence["ComparedSurface"]) -> list[str]:
-    rows = [("", "surface", *(f"{t.quantity.name} [{t.quantity.unit}]" for t in series.trends), "from the first")]
-    for i, name in enumerate(series.names):
-        change = [t.change[i] for t in series.trends]
-        cells = ["" if math.isnan(c) else f"{c:+.1f}".replace("-", "−") for c in change]
-        rows.append((str(i + 1), name, *cells, series.comparisons[i].verdict if i else ""))
-    lines = ["change against the first surface", *_table(rows), ""]
-    for t in series.trends:
-        chance = "" if math.isnan(t.p_value) else f", p = {t.p_value:.2g}"
-        slope = f"{t.slope:+.2f}".replace("-", "−")
-        lines.append(f"{t.quantity.name}: {t.word} ({slope} {t.quantity.unit} from one to the next{chance})")
-    return lines + _repeat_text(surfaces)
 
 
 def _repeat_text(surfaces: Sequence["ComparedSurface"]) -> list[str]:

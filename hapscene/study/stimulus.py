@@ -13,11 +13,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.capture.fit.segment import InteractionState, Part
+from hapscene.capture.fit.swatch import prepare
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.capture.io.recording import load_recording
 from hapscene.capture.io.streams import Array, Streams, part_of
-from hapscene.capture.segment import InteractionState, Part
-from hapscene.capture.swatch_fit import prepare
-from hapscene.capture.synthesis import synthesize
 from hapscene.errors import StudyError
 from hapscene.study.plan import Plan, StaircaseBlock, Stimulus
 from hapscene.surface.swatch import Swatch

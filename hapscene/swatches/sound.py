@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hapscene.capture.synthesis import synthesize
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.capture.friction import Friction, fit_friction
+from hapscene.capture.fit.friction import Friction, fit_friction
+from hapscene.capture.fit.segment import segment
+from hapscene.capture.fit.windows import cut
 from hapscene.capture.io.streams import clean
 from hapscene.capture.record.coverage import Coverage, Wanted
-from hapscene.capture.segment import segment
-from hapscene.capture.texture_pieces import cut
 from hapscene.errors import CaptureError
 from tests.capture.probe_simulator import COLUMNS, strokes
 

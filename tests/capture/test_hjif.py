@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from hapscene import cli
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.capture.io.hjif import as_hjif, export_hjif
-from hapscene.capture.synthesis import synthesize
 from hapscene.errors import SwatchError
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.taps import Taps

@@ -6,12 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene import __version__
-from hapscene.capture import load_recording
-from hapscene.capture.batch_job import Job, fit_job
+from hapscene.capture import FitOptions, fit_swatch, load_recording
 from hapscene.capture.io.hsrec import CutWarning, RecordWriter, load_record
 from hapscene.errors import CaptureError
-from hapscene.surface.swatch_file import swatch_from_json
 from hapscene.wire.protocol import Column, Header, Run
 from tests.capture.probe_simulator import COLUMNS, FRICTION, strokes
 
@@ -144,9 +141,7 @@ def test_a_cut_record_is_fitted(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
     recording = load_recording(path)
     assert len(recording.acceleration_m_s2) == len(counts) - 800
-    outcome = fit_job(Job(str(path), "stroke", None, {}, {"order": 6}, __version__))
-    assert outcome.swatch is not None, outcome.reason
-    swatch = swatch_from_json(outcome.swatch)
+    swatch = fit_swatch(recording, FitOptions("stroke", 6))
     assert swatch.texture is not None and swatch.texture.order == 6
     assert swatch.friction_dynamic == pytest.approx(FRICTION, rel=0.02)
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.io import savemat
 from scipy.signal import butter, sosfiltfilt
 
-from hapscene.capture import fit, load_recording
+from hapscene.capture import fit_swatch, load_recording
 from hapscene.capture.io.hatt import read_models
 from hapscene.capture.io.hsrec import FIRST_LINE, load_record
 from hapscene.capture.io.streams import BLOCK, filtered
@@ -61,7 +61,7 @@ def test_a_rate_that_no_probe_has_makes_nothing(rate_Hz: float, tmp_path: Path) 
         load_recording(tmp_path / "a.npz", units={"acceleration": "g", "position": "m"})
     np.savez(tmp_path / "a.npz", acceleration=stream[:, 0], rate_Hz=rate_Hz)
     with pytest.raises(CaptureError):
-        fit(load_recording(tmp_path / "a.npz", units={"acceleration": "g"}))
+        fit_swatch(load_recording(tmp_path / "a.npz", units={"acceleration": "g"}))
 
 
 def test_a_matlab_file_says_its_units(tmp_path: Path) -> None:

@@ -20,8 +20,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.capture.io.streams import Array
-from hapscene.capture.synthesis import synthesize
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import SwatchError
 from hapscene.files import write_whole

@@ -129,9 +129,9 @@ class SurfaceRecording:
 
     rate_Hz: float
     acceleration_m_s2: Array
-    force_N: Array | None
-    speed_m_s: Array | None
-    tangential_force_N: Array | None
+    force_N: Array | None = None
+    speed_m_s: Array | None = None
+    tangential_force_N: Array | None = None
     depth_m: Array | None = None
     bridged: Mapping[str, int] = field(default_factory=dict)
     """number of missing samples of each column that were interpolated"""

@@ -1,7 +1,7 @@
 """Coverage: which forces and speeds a recording still lacks for a good fit, and what to do next, while it is made.
 
 The wanted plane of force and speed is cut into cells, evenly in logarithms. Sliding is counted in pieces, as the fit
-takes it (`hapscene.capture.texture_pieces`). A cell is filled after `CELL_S` of sliding in it. The advice leads to the
+takes it (`hapscene.capture.fit.windows`). A cell is filled after `CELL_S` of sliding in it. The advice leads to the
 nearest cell that lacks the pieces of a model, then to the nearest that is not filled.
 """
 
@@ -12,10 +12,10 @@ from typing import Final
 import numpy as np
 import scipy
 
+from hapscene.capture.fit.segment import TAP_S
+from hapscene.capture.fit.texture import PIECES_PER_MODEL
+from hapscene.capture.fit.windows import PIECE_S
 from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Array
-from hapscene.capture.segment import TAP_S
-from hapscene.capture.texture_fit import PIECES_PER_MODEL
-from hapscene.capture.texture_pieces import PIECE_S
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import CaptureError
 

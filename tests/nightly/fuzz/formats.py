@@ -8,7 +8,7 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,8 @@ from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.handle_file import handle_to_json, load_handle
 from hapscene.handle.plant import Plant
 from hapscene.motion.path_file import load_path
-from hapscene.paint.web.socket import number, parse, pointer_of
+from hapscene.paint.web.page_socket import number, parse, pointer_of
+from hapscene.parallel import Journal
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_doctor import examine
 from hapscene.scene.mesh_file import UNITLESS, load_mesh
@@ -232,10 +233,8 @@ def handle() -> Files:
     }
 
 
-def manifest() -> Files:
-    entry = asdict(batch.ManifestEntry("/r/a.csv", "a.swatch", "ok", sha256="0" * 64))
-    content = {"format": batch.FORMAT, "version": batch.VERSION, "recordings": [entry]}
-    return {batch.NAME: json.dumps(content).encode()}
+def journal() -> Files:
+    return {"x.jsonl": b'{"key": "/r/a.csv", "digest": "00", "result": "a.swatch"}\n{"key": "/r/b.csv", "dig'}
 
 
 # Recordings and paths.
@@ -435,10 +434,10 @@ FORMATS: Mapping[str, Format] = {
     "hatt-models": Format(written(hatt_models, "Models_x.xml"), import_hatt),
     "hatt-taps": Format(written(hatt_taps, "Taps_x.xml"), read_taps),
     "handle": Format(handle, load_handle),
-    "manifest": Format(manifest, lambda path: batch.Manifest(path.parent).check_outputs()),
+    "journal": Format(journal, lambda path: len(Journal(path).results), left=lambda content: 0),
     "batch-list": Format(
         lambda: {"x.list.csv": b'recording,name,rate,units\na.csv,oak,10000,"force=N,speed=mm/s"\nb.wav,ash,,\n'},
-        lambda path: len(batch.outputs(batch.read_list(path))),
+        lambda path: len(batch.swatch_names(batch.read_list(path))),
         left=lines(r"(?!recording).*\w"),
     ),
     "csv": Format(table, read_recording, left=lines(r"(?!time).*\d")),
