@@ -4,7 +4,6 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -12,7 +11,6 @@ from hapscene.command.console import complain, name_made, say, tell, tell_over
 from hapscene.command.options import (
     add_command,
     add_group,
-    add_layout_option,
     add_out_file,
     add_out_folder,
     add_recording_options,
@@ -29,7 +27,8 @@ from hapscene.constants import ORDER_MAX
 from hapscene.errors import CaptureError, SwatchError, printable
 
 if TYPE_CHECKING:
-    from hapscene.capture.batch import ManifestEntry, Result
+    from hapscene.capture.batch import BatchResult
+    from hapscene.capture.fit.swatch import FitOptions
     from hapscene.surface.swatch import Swatch
 
 
@@ -60,7 +59,6 @@ def add_fit(commands: Any) -> None:
     command.add_argument("--plot", metavar="PNG", help="draw what the tool does when, and write it here")
     add_batch_options(command.add_argument_group("for a swatch of each recording (as `hapscene capture batch`)"))
     add_recording_options(command)
-    add_layout_option(command)
 
 
 def _fit(options: argparse.Namespace) -> int:
@@ -73,7 +71,7 @@ def _fit(options: argparse.Namespace) -> int:
       hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch --units 'acceleration=98 m/s2'
       hapscene capture fit oak.npz --plot states.png
       hapscene capture fit recordings/*.csv -o swatches/ --scheduler tcp://head:8786
-      hapscene capture fit sensor_data/accel/17 --layout cluster --name denim -o denim.swatch
+      hapscene capture fit sensor_data/accel/17_*.csv --name denim -o denim.swatch   # a published data set
     """
     return _batch(options) if _is_batch(options) else _fit_one(options)
 
@@ -83,12 +81,12 @@ def _is_batch(options: argparse.Namespace) -> bool:
     from hapscene.surface.swatch_file import SUFFIX
 
     for_each = [name for name in ("list", "jobs", "scheduler") if getattr(options, name) is not None]
-    folders = [path for path in options.recordings if Path(path).is_dir() and options.layout is None]
+    folders = [path for path in options.recordings if Path(path).is_dir()]
     if options.out is None:
         if for_each or folders:
             options.out = f"{BATCH_OUT}/"
         elif options.recordings:
-            _check_recordings(options.recordings[:1], options.layout)
+            check_there(options.recordings[0], CaptureError)
             options.out = new_file(base_name(options.recordings[0]) + SUFFIX, "-o")
         else:
             raise CaptureError("no recordings: name one or more files")
@@ -106,7 +104,8 @@ def _is_batch(options: argparse.Namespace) -> bool:
             )
         if not options.recordings:
             raise CaptureError("no recordings: name one or more files")
-        _check_recordings(options.recordings, options.layout)
+        for path in options.recordings:
+            check_there(path, CaptureError)
         if options.name is not None and any(sign in options.name for sign in "/\\"):
             raise SwatchError(f"--name {options.name!r}: a surface's name has no slash, for files are called by it")
         return False
@@ -124,23 +123,14 @@ def _is_batch(options: argparse.Namespace) -> bool:
     return True
 
 
-def _check_recordings(paths: Sequence[str], layout: str | None) -> None:
-    """Refuse what is not there; a published surface may be the beginning of files' names."""
-    for path in paths:
-        if layout is None:
-            check_there(path, CaptureError)
-        elif not Path(path).is_dir():
-            check_there(Path(path).parent, CaptureError, "folder")
-
-
 def _fit_one(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from hapscene import __version__
-    from hapscene.capture.recording_file import load_recording
-    from hapscene.capture.segment import InteractionState
-    from hapscene.capture.segment_plot import WORDS, write_states
-    from hapscene.capture.swatch_fit import felt, fit_parts, prepare
+    from hapscene.capture.fit.segment import InteractionState
+    from hapscene.capture.fit.swatch import fit_parts, prepare, recorded_ranges
+    from hapscene.capture.io.recording import load_recording
+    from hapscene.capture.report.states import WORDS, write_states
     from hapscene.files import refusing
     from hapscene.surface.swatch_file import save_swatch
     from hapscene.touch import step
@@ -158,19 +148,19 @@ def _fit_one(options: argparse.Namespace) -> int:
         write_states(parts, options.plot, [Path(path).name for path in options.recordings])
         made.append(Path(options.plot))
     with step(say, "fitting"), refusing(CaptureError, ", ".join(options.recordings)):
-        swatch = fit_parts(parts, options.name or Path(options.out).stem, **fit_options(options))
+        swatch = fit_parts(parts, fit_options(options, options.name or Path(options.out).stem))
     files = printable(", ".join(Path(path).name for path in options.recordings))
     provenance = f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip()
     swatch = replace(swatch, provenance=provenance)
     save_swatch(swatch, options.out)
-    tell(_told(swatch, felt(parts)))
+    tell(_told(swatch, recorded_ranges(parts)))
     name_made([Path(options.out), *made])
     return 0
 
 
 def _told(swatch: "Swatch", ranges: str) -> list[str]:
     """The main numbers of a swatch with their 95 % intervals, and what is absent and why, a line each."""
-    from hapscene.capture.tap_fit import SPEED_RATIO
+    from hapscene.capture.fit.taps import SPEED_RATIO
     from hapscene.surface.swatch import TOOL_FIELDS
     from hapscene.surface.swatch_summary import MORE, sounding
 
@@ -252,10 +242,18 @@ def add_fit_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--tip", default="", help="what touched the surface, as in '3.2 mm ball'")
 
 
-def fit_options(options: argparse.Namespace) -> dict[str, Any]:
-    """What `fit_parts` takes of them."""
-    found = {name: getattr(options, name) for name in ("order", "domain", "interpolation")}
-    return found | {name: said for name in ("tool", "tip") if (said := getattr(options, name))}
+def fit_options(options: argparse.Namespace, name: str = "unnamed") -> "FitOptions":
+    """How a swatch of that name is fitted."""
+    from hapscene.capture.fit.swatch import FitOptions
+
+    return FitOptions(
+        name,
+        options.order,
+        interpolation=options.interpolation,
+        domain=options.domain,
+        tool=options.tool,
+        tip=options.tip,
+    )
 
 
 def _order(text: str) -> int | Literal["auto"]:
@@ -281,7 +279,6 @@ def add_batch(commands: Any) -> None:
     add_fit_options(command)
     add_batch_options(command)
     add_recording_options(command)
-    add_layout_option(command)
 
 
 def add_batch_options(command: argparse._ActionsContainer) -> None:
@@ -296,61 +293,48 @@ def add_batch_options(command: argparse._ActionsContainer) -> None:
 
 
 def _batch(options: argparse.Namespace) -> int:
-    """Fit a swatch to each of many recordings; run it again to go on where it was stopped.
+    """Fit a swatch to each of many recordings; run the same again to continue after an interruption.
 
-    The swatches lie below --out as the recordings do below the folder they share, beside manifest.json, which
-    says of each recording what became of it. What was fitted with the same content and settings is skipped.
+    The swatches lie below --out as the recordings do below the folder they share, beside journal.jsonl, which
+    lists what was fitted. What was fitted with the same content and settings is skipped.
     Exit code: 0 all have swatches, 1 some failed (named at the end), 130 stopped by Ctrl-C.
 
     for example:
       hapscene capture batch recordings/ --rate 10000 --units acceleration=m/s2,force=N,speed=m/s
       hapscene capture batch --list files.csv --out swatches --jobs 4
       hapscene capture batch recordings/*.hsrec --out swatches --scheduler tcp://head:8786
-      hapscene capture batch AccelScansComponents/Movement --layout lmt --units acceleration=m/s2
     """
-    from hapscene.capture.batch import fit_batch, gather, read_list
-    from hapscene.interrupt import interrupt_noted
+    from hapscene.capture.batch import find_recordings, fit_batch, read_list
 
     if options.jobs is not None and options.scheduler is not None:
         raise CaptureError("--jobs is for processes here, --scheduler for a cluster: give one of the two")
     for place in options.recordings:
-        if options.layout is None or Path(place).is_dir():
-            check_there(place, CaptureError, "file or folder")
+        check_there(place, CaptureError, "file or folder")
     check_there(options.list, CaptureError)
-    items = gather(options.recordings, options.layout) + ([] if options.list is None else read_list(options.list))
+    items = find_recordings(options.recordings)
+    items += [] if options.list is None else read_list(options.list)
     if not items:
         raise CaptureError("no recordings: name files or folders, or --list files.csv")
     items = list({item.path.absolute(): item for item in items}.values())
     progress = _Progress(len(items))
-    with interrupt_noted() as stopped:
-
-        def asked() -> bool:
-            if stopped():
-                progress.stopping()
-            return stopped()
-
-        try:
-            how = (recording_options(options), fit_options(options), options.jobs, options.scheduler)
-            result = fit_batch(items, options.out, *how, asked, progress.show)
-        except KeyboardInterrupt:
-            progress.end()
-            complain("interrupted; run the same again to go on")
-            return 130
-        finally:
-            progress.end()
+    try:
+        how = (recording_options(options), fit_options(options), options.jobs, options.scheduler)
+        result = fit_batch(items, options.out, *how, progress.show)
+    except KeyboardInterrupt:
+        progress.end()
+        complain("interrupted; run the same again to continue")
+        return 130
+    finally:
+        progress.end()
     tell(
         [
-            f"{len(result.fitted)} fitted, {len(result.skipped)} done before, {len(result.failed)} failed",
-            *(f"  {entry.reason}" for entry in result.failed),
+            f"{len(result.fitted)} fitted, {len(result.skipped)} skipped, {len(result.failed)} failed",
+            *(f"  {reason}" for reason in result.failed),
             *(f"note: {line}" for line in result.notes),
             "made:",
-            f"  {options.out}: swatches and manifest.json",
+            f"  {options.out}: swatches and journal.jsonl",
         ]
     )
-    if result.stopped:
-        left = len(items) - result.count
-        complain(f"interrupted with {left} recordings left; run the same again to go on")
-        return 130
     return 1 if result.failed else 0
 
 
@@ -363,9 +347,8 @@ class _Progress:
         self._start_s = time.monotonic()
         self._shown_s = self._start_s
         self._open = False
-        self._told = False
 
-    def show(self, result: "Result", entry: "ManifestEntry") -> None:
+    def show(self, result: "BatchResult") -> None:
         """Shows the state, if it is time for it."""
         now_s = time.monotonic()
         if now_s - self._shown_s < (TERMINAL_S if self._live else LOG_S):
@@ -378,13 +361,6 @@ class _Progress:
             line += f", {worked / (now_s - self._start_s):.2g} a second, about {duration(left_s)} left"
         tell_over(line) if self._live else tell([line])
         self._open = self._live
-
-    def stopping(self) -> None:
-        """Says once that the end is near."""
-        if not self._told:
-            self._told = True
-            self.end()
-            print("finishing what is under way; Ctrl-C again leaves it", flush=True)
 
     def end(self) -> None:
         """Leaves the line."""
@@ -424,9 +400,9 @@ def _report(options: argparse.Namespace) -> int:
     check_swatch(options.swatch)
     check_there(options.recording, CaptureError)
     options.out = options.out or new_file(f"{base_name(options.swatch)}.html", "-o")
-    from hapscene.capture.recording_file import load_recording
-    from hapscene.capture.report import write_report
-    from hapscene.surface.library import load_swatch
+    from hapscene.capture.io.recording import load_recording
+    from hapscene.capture.report.page import write_report
+    from hapscene.swatches.library import load_swatch
 
     swatch = load_swatch(options.swatch)
     recording, source = None, ""

@@ -150,7 +150,7 @@ def _play_on(name: str, options: argparse.Namespace) -> int:
 
 def _desired(options: argparse.Namespace) -> tuple[Any, float]:
     """The acceleration of the file and its rate."""
-    from hapscene.capture.recording_file import load_recording
+    from hapscene.capture.io.recording import load_recording
     from hapscene.recording import Recording, RecordingError
 
     if Path(options.file).suffix == ".npz" and options.rate is None:
@@ -220,7 +220,6 @@ def _identify(options: argparse.Namespace) -> int:
       hapscene handle identify --simulated
       hapscene handle identify --port /dev/ttyACM0 --grips 5 --out out/mine
       hapscene handle identify --from a.csv b.csv --rate 10000 --units acceleration=m/s2,force=N -o my.handle
-      python -m hapscene.handle.port_simulator   # a handle to try --port with, without hardware
     """
     for file in options.files or ():
         check_there(file, HandleError)

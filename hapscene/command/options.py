@@ -206,7 +206,7 @@ def check_scene(path: str, unit: str | None = None, swatch: str | None = None) -
         )
     check_swatch(swatch)
     if swatch is not None:
-        from hapscene.surface.library import load_swatch
+        from hapscene.swatches.library import load_swatch
 
         load_swatch(swatch)  # a mesh may take a while to load
 
@@ -384,19 +384,10 @@ def setting(text: str) -> tuple[str, str, Any]:
 # The options that say what a recording file does not: its rate, its columns, its units.
 
 
-def add_recording_options(command: argparse.ArgumentParser, several: bool = False) -> None:
-    """Adds --rate, --columns and --units; they end up as `rate`, `columns` and `units` of the options.
-
-    Where `several` files stand beside each other, --rate may be a list, `rates`.
-    """
-    group = command.add_argument_group("what a recording's file does not say")
-    if several:
-        group.add_argument(
-            "--rate", dest="rates", type=rates, default=(), metavar="HZ,…",
-            help="sample rates [Hz] of the files that do not say theirs: one for all, or one each",
-        )  # fmt: skip
-    else:
-        group.add_argument("--rate", type=rate, metavar="HZ", help="sample rate [Hz]")
+def add_recording_options(command: argparse.ArgumentParser) -> None:
+    """Adds --rate, --columns and --units; they end up as `rate`, `columns` and `units` of the options."""
+    group = command.add_argument_group("what a recording's file does not state")
+    group.add_argument("--rate", type=rate, metavar="HZ", help="sample rate [Hz]")
     group.add_argument(
         "--columns", type=pairs, default={}, metavar="Q=COLUMN,…",
         help="which column holds which quantity, as in acceleration=accel,speed=v",
@@ -410,15 +401,6 @@ def add_recording_options(command: argparse.ArgumentParser, several: bool = Fals
 def rates(text: str) -> list[float]:
     """Rates as in "10000,1000"."""
     return [rate(part) for part in text.split(",")]
-
-
-LAYOUTS: Final = ("lmt", "cluster", "hatt", "proton")  # as in capture.published_layouts, which is heavy to import
-
-
-def add_layout_option(command: argparse._ActionsContainer) -> None:
-    """Adds --layout, with which a RECORDING may be a surface."""
-    told = "that of a published data set, where a file's name does not tell: RECORDING is one of its files, a surface's"
-    command.add_argument("--layout", choices=LAYOUTS, help=f"{told} folder, or FOLDER/SURFACE, whose files are joined")
 
 
 def pairs(text: str) -> Mapping[str, str]:
@@ -460,6 +442,4 @@ def key_value(text: str) -> tuple[str, str]:
 
 def recording_options(options: argparse.Namespace) -> dict[str, Any]:
     """What `load_recording` takes of them."""
-    found = {"rate_Hz": options.rate, "columns": options.columns, "units": options.units}
-    layout = getattr(options, "layout", None)
-    return found if layout is None else found | {"layout": layout}
+    return {"rate_Hz": options.rate, "columns": options.columns, "units": options.units}

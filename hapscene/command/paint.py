@@ -30,7 +30,7 @@ from hapscene.constants import DEFAULT_GRIP
 from hapscene.interrupt import heard
 
 if TYPE_CHECKING:
-    from hapscene.paint.session import Session
+    from hapscene.paint.model.session import Session
     from hapscene.paint.web.page import Page
     from hapscene.scene.scene import Scene
 
@@ -127,13 +127,13 @@ def _open_page(options: argparse.Namespace, ends: ExitStack) -> "Page":
     for path in (options.scene, *options.more):
         if path is not None:
             check_scene(path, options.unit, options.swatch)
-    from hapscene.paint.web.secure_server import PageServer
+    from hapscene.paint.web.server import PageServer
 
     server = ends.enter_context(PageServer(options.host, options.port))
     if not options.no_browser:
         is_scene = str(options.scene).endswith(SUFFIX)
         lead_browser(server.url, Path(options.scene).parent if is_scene else Path(), ends)
-    from hapscene.paint.web.hand_config import HandConfig
+    from hapscene.paint.web.hand import HandConfig
     from hapscene.paint.web.page import Page
 
     hand = HandConfig(options.device, options.grip, options.compensator)
@@ -145,8 +145,16 @@ def _open_page(options: argparse.Namespace, ends: ExitStack) -> "Page":
         paint_by_picture(scene, None, picture)
         session.painting.take_painting(scene, f"picture {picture.name}")
     tell_size(session.scene, options.scene or "", options.device)
-    earlier = earlier_scenes(session.path, str(options.scene).endswith(ZIP_SUFFIX))
-    return Page(session, with_hand=not options.no_hand, hand=hand, earlier=earlier, server=server)
+    _say_earlier(session.path, str(options.scene).endswith(ZIP_SUFFIX))
+    return Page(session, with_hand=not options.no_hand, hand=hand, server=server)
+
+
+def _say_earlier(path: Path | None, unpacked: bool) -> None:
+    """Print which scenes were made of the same mesh before, and how to continue them."""
+    from hapscene.paint.model.document import earlier_words
+
+    for earlier in earlier_scenes(path, unpacked):
+        say(f"{earlier_words(earlier)} To continue it: hapscene paint {earlier}\n")
 
 
 def put_asset(options: argparse.Namespace) -> None:
@@ -159,13 +167,9 @@ def put_asset(options: argparse.Namespace) -> None:
 
 def _have_painted(page: "Page") -> None:
     """Have it painted until Ctrl-C, and say what becomes of what is not saved."""
-    from hapscene.paint.web.scene_panel import earlier_words
-
     with page:
         try:
             print(f"{page.url}   (Ctrl-C ends)", flush=True)
-            for path in page.earlier:
-                say(f"{earlier_words(path)} Go on with it, or begin anew: the page asks\n")
             if page.context.session.document.problem:
                 say(f"{page.context.session.document.problem}\n")
             if page.public:
@@ -211,7 +215,7 @@ def open_session(options: argparse.Namespace, say: Any) -> "Session":
     Raises:
         HapsceneError: it cannot be loaded.
     """
-    from hapscene.paint.session import Session
+    from hapscene.paint.model.session import Session
     from hapscene.touch import open_scene, step
 
     name, more = options.scene, getattr(options, "more", ())
@@ -271,8 +275,8 @@ def _names(stem: str, suffix: str = SUFFIX) -> Iterator[Path]:
 def earlier_scenes(path: Path | None, unpacked: bool = False) -> list[Path]:
     """Scene files that were painted of a mesh before the one that would be made of it now; none of one that is there.
 
-    Typed again after a crash, the same command finds what was painted, and is asked for it. What was `unpacked` just
-    now was so before into folders of such names.
+    Typed again after a crash, the same command finds what was painted, and names it. What was `unpacked` just now was
+    so before into folders of such names.
     """
     if path is None or (path.exists() and not unpacked):
         return []

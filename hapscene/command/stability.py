@@ -81,7 +81,7 @@ def _swatches(scene: str | None) -> "list[Swatch]":
     """Those of a scene, or all that are known."""
     if scene is not None:
         return load_input(scene).swatches
-    from hapscene.surface.library import load_swatch, own_entries, shipped_swatches
+    from hapscene.swatches.library import load_swatch, own_entries, shipped_swatches
 
     names = [*shipped_swatches(), *(entry.name for entry in own_entries())]
     return [load_swatch(name) for name in names]

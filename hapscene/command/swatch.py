@@ -1,4 +1,4 @@
-"""`hapscene swatch`: list, show, search, add, remove, get; import, export, compare, gallery, publish."""
+"""`hapscene swatch`: list, show, search, add, remove, get; import, export, compare, publish."""
 
 import argparse
 import json
@@ -31,7 +31,7 @@ from hapscene.errors import CaptureError, SwatchError
 from hapscene.interrupt import heard
 
 if TYPE_CHECKING:
-    from hapscene.capture.compare import ComparedSurface, Comparison, Difference, Series
+    from hapscene.capture.report.compare import ComparedSurface, Comparison, Difference
 
 RECORDING_SUFFIXES: Final = (
     ".csv",
@@ -46,9 +46,9 @@ RECORDING_SUFFIXES: Final = (
 
 def add_swatch(commands: Any) -> None:
     """Declare the group and its commands."""
-    summary = "the library of swatches: list, show, search, add, remove, get, import, export, compare, gallery, publish"
+    summary = "the library of swatches: list, show, search, add, remove, get, import, export, compare, publish"
     library = (_add_list, _add_show, _add_search, _add_add, _add_remove, _add_get)
-    shown = (_add_compare, _add_gallery, _add_publish)
+    shown = (_add_compare, _add_publish)
     add_group(commands, "swatch", summary, *library, _add_import, _add_export, *shown)
 
 
@@ -75,7 +75,7 @@ def _list(options: argparse.Namespace) -> int:
     for example:
       hapscene swatch list
     """
-    from hapscene.surface.library import computed_entries, library_folder, own_entries, own_folders, shipped_entries
+    from hapscene.swatches.library import computed_entries, library_folder, own_entries, own_folders, shipped_entries
 
     own = [entry for home in own_folders(options.library) for entry in own_entries(home)]
     _print_entries({"shipped": shipped_entries(), "computed": computed_entries(), "library": own}, options.json)
@@ -119,8 +119,8 @@ def _show(options: argparse.Namespace) -> int:
       hapscene swatch show oak.swatch --json
     """
     check_swatch(options.swatch)
-    from hapscene.surface.library import find, load_swatch
     from hapscene.surface.swatch_summary import figures, lines, words
+    from hapscene.swatches.library import find, load_swatch
 
     own = find(options.swatch, options.library) if options.library else None
     swatch = load_swatch(own or options.swatch)
@@ -154,7 +154,7 @@ def _search(options: argparse.Namespace) -> int:
       hapscene swatch search wood "friction<0.4" "roughness>=1"
       hapscene swatch search tool:probe tip:ball
     """
-    from hapscene.surface.library import computed_entries, own_entries, own_folders, search, shipped_entries
+    from hapscene.swatches.library import computed_entries, own_entries, own_folders, search, shipped_entries
 
     own = [entry for home in own_folders(options.library) for entry in own_entries(home)]
     groups = {"shipped": shipped_entries(), "computed": computed_entries(), "library": own}
@@ -182,7 +182,7 @@ def _add(options: argparse.Namespace) -> int:
     """
     from dataclasses import replace
 
-    from hapscene.surface.library import add, library_folder, load_swatch
+    from hapscene.swatches.library import add, library_folder, load_swatch
 
     if options.name is not None and len(options.files) > 1:
         raise SwatchError("--name is for a single file")
@@ -208,7 +208,7 @@ def _remove(options: argparse.Namespace) -> int:
     for example:
       hapscene swatch remove oak
     """
-    from hapscene.surface.library import remove
+    from hapscene.swatches.library import remove
 
     for name in options.names:
         tell([f"removed {remove(name, options.library)}"])
@@ -234,7 +234,7 @@ def _get(options: argparse.Namespace) -> int:
     """
     if options.name is not None and (options.all or len(options.names) != 1):
         raise SwatchError("--name is for one swatch")
-    from hapscene.surface.library import get, library_folder, read_index
+    from hapscene.swatches.library import get, library_folder, read_index
 
     address, entries = read_index(options.url)
     names = [entry.name for entry in entries] if options.all else options.names
@@ -275,7 +275,7 @@ def _import_hatt(options: argparse.Namespace) -> int:
     """
     for file in options.files:
         check_there(file, SwatchError, "file or folder")
-    from hapscene.capture.hatt import ImportOutcome, import_many
+    from hapscene.capture.io.hatt import ImportOutcome, import_many
 
     outcome = ImportOutcome()
     try:
@@ -291,38 +291,8 @@ def _import_hatt(options: argparse.Namespace) -> int:
 
 
 def _add_export(commands: Any) -> None:
-    summary = "write a swatch for other programs: hatt, hjif"
-    add_group(commands, "export", summary, _add_export_hatt, _add_export_hjif, metavar="FORMAT")
-
-
-def _add_export_hatt(formats: Any) -> None:
-    command = add_command(formats, "hatt", _export_hatt)
-    command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
-    add_out_file(command, "XML", "file to write the models to (default Models_NAME.xml, as Models_oak.xml)")
-    command.add_argument("--taps", metavar="XML", help="file to write the taps to")
-    command.add_argument(
-        "--rate", type=rate, metavar="HZ", help="resample to this rate; the toolkit plays 10000 and 1000"
-    )
-
-
-def _export_hatt(options: argparse.Namespace) -> int:
-    """Write a swatch in the layout of the Penn Haptic Texture Toolkit.
-
-    for example:
-      hapscene swatch export hatt oak.swatch -o Models_oak.xml --taps Taps_oak.xml
-      hapscene swatch export hatt wood --rate 10000
-    """
-    check_swatch(options.swatch)
-    options.out = options.out or new_file(f"Models_{base_name(options.swatch)}.xml", "-o")
-    from hapscene.capture.hatt import export_hatt, hatt_loses
-    from hapscene.surface.library import load_swatch
-
-    swatch = load_swatch(options.swatch)
-    export_hatt(swatch, options.out, options.taps, rate_Hz=options.rate)
-    name_made([Path(file) for file in (options.out, options.taps) if file is not None])
-    if lost := hatt_loses(swatch):
-        print("does not come back from this format: " + "; ".join(lost))
-    return 0
+    summary = "write a swatch for other programs: hjif"
+    add_group(commands, "export", summary, _add_export_hjif, metavar="FORMAT")
 
 
 def _add_export_hjif(formats: Any) -> None:
@@ -351,8 +321,8 @@ def _export_hjif(options: argparse.Namespace) -> int:
     """
     check_swatch(options.swatch)
     options.out = options.out or new_file(f"{base_name(options.swatch)}.hjif", "-o")
-    from hapscene.capture.hjif import export_hjif
-    from hapscene.surface.library import load_swatch
+    from hapscene.capture.io.hjif import export_hjif
+    from hapscene.swatches.library import load_swatch
 
     stroke = {"force_N": options.force, "speed_m_s": options.speed, "seconds": options.seconds}
     export_hjif(load_swatch(options.swatch), options.out, **stroke, rate_Hz=options.rate, seed=options.seed)
@@ -370,36 +340,29 @@ def _add_compare(commands: Any) -> None:
         help="a .swatch file, the name of a shipped swatch, or a recording, to which a swatch is fitted",
     )  # fmt: skip
     command.add_argument("--library", metavar="DIR", help="rank the swatches of this folder by how near they are")
-    command.add_argument("--series", action="store_true", help="the surfaces are one over time, in this order")
     command.add_argument("--json", action="store_true", help="print JSON")
     add_recording_options(command)
 
 
 def _compare(options: argparse.Namespace) -> int:
-    """How different surfaces feel: side by side, against a library, or over time.
+    """How different surfaces feel: side by side, or against a library.
 
     for example:
       hapscene swatch compare wood paper
       hapscene swatch compare mine.swatch                     (against the shipped swatches)
       hapscene swatch compare mine.swatch --library swatches/
       hapscene swatch compare a.csv b.csv --rate 10000 --units acceleration=g
-      hapscene swatch compare --series monday.swatch tuesday.swatch wednesday.swatch
     """
-    if options.series and options.library is not None:
-        raise CaptureError("--series follows one surface over time, --library ranks others: give one of the two")
     for name in options.surface:
         check_swatch(name)
         if Path(name).suffix.lower() in RECORDING_SUFFIXES:
             check_there(name, CaptureError)
     check_there(options.library, SwatchError, "folder")
-    from hapscene.capture.compare import compare, follow, load_library, load_surface, rank
+    from hapscene.capture.report.compare import compare, load_library, load_surface, rank
 
     surfaces = [load_surface(name, **recording_options(options)) for name in options.surface]
     swatches = [surface.swatch for surface in surfaces]
-    if options.series:
-        series = follow(swatches)
-        _print(options.json, series.as_dict() | _repeats(surfaces), _series_text(series, surfaces))
-    elif options.library is None and len(swatches) == 2:
+    if options.library is None and len(swatches) == 2:
         comparison = compare(*swatches)
         _print(options.json, comparison.as_dict() | _repeats(surfaces), _pair_text(comparison, surfaces))
     else:
@@ -464,20 +427,6 @@ def _rank_text(ranked: Sequence["Comparison"]) -> list[str]:
     return [*_table(rows), "1 JND is the least difference that a person feels", ""]
 
 
-def _series_text(series: "Series", surfaces: Sequence["ComparedSurface"]) -> list[str]:
-    rows = [("", "surface", *(f"{t.quantity.name} [{t.quantity.unit}]" for t in series.trends), "from the first")]
-    for i, name in enumerate(series.names):
-        change = [t.change[i] for t in series.trends]
-        cells = ["" if math.isnan(c) else f"{c:+.1f}".replace("-", "−") for c in change]
-        rows.append((str(i + 1), name, *cells, series.comparisons[i].verdict if i else ""))
-    lines = ["change against the first surface", *_table(rows), ""]
-    for t in series.trends:
-        chance = "" if math.isnan(t.p_value) else f", p = {t.p_value:.2g}"
-        slope = f"{t.slope:+.2f}".replace("-", "−")
-        lines.append(f"{t.quantity.name}: {t.word} ({slope} {t.quantity.unit} from one to the next{chance})")
-    return lines + _repeat_text(surfaces)
-
-
 def _repeat_text(surfaces: Sequence["ComparedSurface"]) -> list[str]:
     return [
         f"two halves of {s.swatch.name}'s own recording are {s.repeat_jnd:.1f} JND apart: less may be chance"
@@ -490,39 +439,6 @@ def _table(rows: Sequence[Sequence[str]]) -> list[str]:
     """Columns of even width."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-
-
-# `hapscene swatch gallery`.
-
-
-def _add_gallery(commands: Any) -> None:
-    command = add_command(commands, "gallery", _gallery)
-    command.add_argument("swatches", nargs="*", metavar="SWATCH", help="a name, or a .swatch file (default: shipped)")
-    told = "the page, .md; pictures and sounds go into a folder of its name (default gallery.md)"
-    add_out_file(command, "FILE", told)
-
-
-def _gallery(options: argparse.Namespace) -> int:
-    """Make a page of swatches: picture, spectra, sound, and their numbers in words.
-
-    for example:
-      hapscene swatch gallery
-      hapscene swatch gallery oak.swatch wood --out oak.md
-    """
-    for name in options.swatches:
-        check_swatch(name)
-    page = Path(options.out or new_file("gallery.md"))
-    if page.suffix.lower() != ".md":
-        raise SwatchError(f"{page}: a gallery is a Markdown page; name it {page.stem or 'gallery'}.md")
-    if not page.parent.is_dir():
-        raise SwatchError(f"{page}: there is no folder {page.parent}; make it first")
-    from hapscene.paint.gallery import write_gallery
-    from hapscene.surface.library import computed_entries, load_swatch, shipped_swatches
-
-    swatches = [load_swatch(name) for name in options.swatches or shipped_swatches()]
-    computed = [] if options.swatches else [load_swatch(entry.name) for entry in computed_entries()]
-    name_made(write_gallery(swatches, page, say, computed))
-    return 0
 
 
 # `hapscene swatch publish`.
@@ -552,7 +468,7 @@ def _publish(options: argparse.Namespace) -> int:
     for name in options.swatches:
         check_swatch(name)
     check_out_folder(options.folder)
-    from hapscene.paint.published_site import gather, publish
+    from hapscene.swatches.site import gather, publish
 
     sources = gather(options.swatches, options.library, options.shipped)
     entries = publish(sources, options.folder, options.title, say)

@@ -12,8 +12,8 @@ from hapscene.command import capture
 from hapscene.command.capture import add_fit, add_report
 from hapscene.errors import CaptureError, HapsceneError, SwatchError
 from hapscene.surface import texture
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch_summary import lines, sounding
+from hapscene.swatches.library import load_swatch
 
 UNITS = "acceleration=m/s2,speed=mm/s,force=N"
 
@@ -82,9 +82,9 @@ def test_into_a_folder_each_recording_has_a_swatch(tmp_path: Path, capsys: pytes
     assert "2 fitted" in capsys.readouterr().out
     assert [load_swatch(out / f"r{i}.swatch").name for i in range(2)] == ["r0", "r1"]
     assert main(["capture", "batch", str(folder), "--out", str(out), *options]) == 0
-    assert "1 fitted, 2 done before, 0 failed" in capsys.readouterr().out
+    assert "1 fitted, 2 skipped, 0 failed" in capsys.readouterr().out
     assert run(str(folder), "-o", str(out), *options) == 0  # the folder is there: no slash is needed
-    assert "0 fitted, 3 done before, 0 failed" in capsys.readouterr().out
+    assert "0 fitted, 3 skipped, 0 failed" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,7 @@ READ = ["--rate", "10000", "--units", "acceleration=m/s2"]
 def test_play_on_a_real_handle(texture: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A board on USB, simulated at its wire; an identified handle's compensator makes the force."""
     pytest.importorskip("usb", reason="no pyusb: extra `usb`")
-    words = ["handle", "play", texture, *READ, "--handle", "usb", "--option", "backend=hapscene.handle.usb_simulator"]
+    words = ["handle", "play", texture, *READ, "--handle", "usb", "--option", "backend=tests.handle.usb_board"]
     assert main([*words, "--handle", str(folder / "ours.handle"), "--option", "watchdog_s=0.5"]) == 0
     told = capsys.readouterr().out
     assert "playing texture.csv, 0.3 s, on usb 16c0:05dc" in told and "ms after it is asked for" in told

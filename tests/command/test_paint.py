@@ -18,7 +18,7 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 from hapscene.cli import main
 from hapscene.command.paint import DEMO, _copy_demo, earlier_scenes, lead_browser, open_session, rare_collections
 from hapscene.errors import SceneError
-from hapscene.paint.web.scene_panel import earlier_words
+from hapscene.paint.model.document import earlier_words
 from hapscene.scene.mesh import MeshWarning
 from hapscene.scene.scene_bundle import save_bundle
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from hapscene.cli import main
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch_file import save_swatch
+from hapscene.swatches.library import load_swatch
 
 
 @pytest.fixture(autouse=True)
@@ -51,12 +51,9 @@ def test_one_surface_is_ranked_against_the_shipped_and_the_own(
     assert "could be told apart" in capsys.readouterr().out
 
 
-def test_several_are_ranked_and_a_series_is_followed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_are_ranked(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["swatch", "compare", "wood", "leather", "wood"]) == 0
     assert capsys.readouterr().out.splitlines()[1].startswith("1  wood")
-    assert main(["swatch", "compare", "--series", "wood", "wood", "paper"]) == 0
-    text = capsys.readouterr().out
-    assert "too few to tell" in text and "change against the first" in text
 
 
 @pytest.mark.parametrize(
@@ -64,8 +61,6 @@ def test_several_are_ranked_and_a_series_is_followed(capsys: pytest.CaptureFixtu
     [
         (["oka", "wood"], "no swatch 'oka'"),
         (["wood", "--library", "/none"], "no such folder"),
-        (["wood", "--library", "/none", "--series"], "give one of the two"),
-        (["wood", "--series"], "two surfaces"),
     ],
 )
 def test_errors_are_one_sentence(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
