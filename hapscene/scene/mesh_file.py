@@ -3,8 +3,10 @@
 import io
 import logging
 import re
+import shutil
+import tempfile
 import warnings
-import zipfile
+import weakref
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
@@ -26,8 +28,8 @@ from hapscene.scene.mesh import (
     unit_name,
 )
 from hapscene.scene.obj import LINE_MAX, read_obj
-from hapscene.scene.ply import binary_ply, declared, ply_groups
-from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
+from hapscene.scene.ply import declared, ply_groups
+from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.step_file import faces_in, promised_by, step_glb
 from hapscene.scene.topology import edges_of, weld
 
@@ -64,21 +66,6 @@ def check(suffix: str, content: bytes, where: str) -> int:
     return 0
 
 
-def open_archive(content: bytes, where: str, advice: str) -> zipfile.ZipFile:
-    """A zip archive that unpacks to no more than `UNPACKED_MAX_B` and its own size allow.
-
-    Args:
-        content: the archive's.
-        where: what messages call it.
-        advice: what to do where it is more.
-
-    Raises:
-        MeshError: it is no archive, or unpacks to more.
-    """
-    with refusing(MeshError, where):
-        return open_zip(io.BytesIO(content), UNPACKED_MAX_B, advice)
-
-
 def _off(content: bytes, where: str) -> int:
     """After the word OFF come the counts of vertices and faces, then a line for each; how many faces.
 
@@ -108,16 +95,6 @@ def _off(content: bytes, where: str) -> int:
                 f"{where}, line {number}: expected three numbers for a vertex, found {found!r}; is the file truncated?"
             )
     return int(words[1])
-
-
-_STL_FACE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-
-
-def _binary_stl(content: bytes) -> Part:
-    """A binary STL without what some programs write after its faces: trimesh would take twice the memory and time."""
-    corners = np.frombuffer(content, _STL_FACE, (_binary_end(content) - 84) // 50, 84)["corners"]
-    faces = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
-    return Part(corners.reshape(-1, 3), faces, np.zeros(len(faces), np.int16), [UNNAMED])
 
 
 _FACET: Final = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
@@ -236,7 +213,7 @@ def files_of(path: Path) -> list[Path]:
         MeshError: as `load_mesh`.
     """
     suffix, content, resolver = _open(path)
-    if suffix not in ("obj", "gltf") or not isinstance(resolver, FolderResources):
+    if suffix not in ("obj", "gltf") or path.suffix.lower() == ".zip":
         return []
     _read(path, suffix, content, resolver)
     return [file for file in dict.fromkeys(resolver.found) if file.is_relative_to(path.resolve().parent)]
@@ -272,7 +249,7 @@ def _step(path: Path, content: bytes, accept_damaged: bool, up: str, scale: floa
     return mesh
 
 
-def _open(path: Path) -> tuple[str, bytes, Any]:
+def _open(path: Path) -> tuple[str, bytes, FolderResources]:
     """Suffix and content of a file, or of the one mesh in an archive, and what finds the files beside it."""
     suffix = path.suffix.lower().lstrip(".")
     if suffix not in FORMATS:
@@ -284,14 +261,24 @@ def _open(path: Path) -> tuple[str, bytes, Any]:
     return _unzip(path, content) if suffix == "zip" else (suffix, content, FolderResources(path, FILE_MAX_B))
 
 
-def _unzip(path: Path, content: bytes) -> tuple[str, bytes, Any]:
-    archive = open_archive(content, str(path), "unpack it and load the mesh itself")
+def _unzip(path: Path, content: bytes) -> tuple[str, bytes, FolderResources]:
+    """The same of the one mesh in an archive, which is unpacked into a folder that goes with the resources."""
+    with refusing(MeshError, str(path)):
+        archive = open_zip(io.BytesIO(content), UNPACKED_MAX_B, "unpack it and load the mesh itself")
     found = [n for n in archive.namelist() if _suffix(n) in FORMATS[:-1] and not n.startswith("__MACOSX")]
     if len(found) != 1:
         what = ", ".join(found[:5]) or "none"
         raise MeshError(f"{path}: expected one mesh file in the archive, found {what}; unpack it and load each")
-    packed = ArchiveResources(path, archive, found[0])
-    return _suffix(found[0]), packed.member(found[0]), packed
+    folder = Path(tempfile.mkdtemp()).resolve()
+    resources = FolderResources(path, UNPACKED_MAX_B)
+    weakref.finalize(resources, shutil.rmtree, folder, ignore_errors=True)
+    try:
+        archive.extractall(folder)
+        member = Path(archive.extract(found[0], folder))
+    except Exception as error:  # damaged, encrypted or packed in an odd way: zipfile raises anything at all
+        raise MeshError(f"{path}: not a readable zip archive: {error}") from None
+    resources.folders = [member.parent, folder]
+    return _suffix(found[0]), member.read_bytes(), resources
 
 
 def _suffix(name: str) -> str:
@@ -310,9 +297,7 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
         return [read_obj(content, str(path), resolver)], None
     face_count = check(suffix, content, str(path))
     if suffix == "stl" and not _is_text(content):
-        return [_binary_stl(content)], None
-    if suffix == "ply" and (plain := binary_ply(content)) is not None:
-        return [plain], None
+        content = content[: _binary_end(content)]  # without what some programs write after the faces
     loaded = _load(path, suffix, content, resolver)
     parts = parts_of(loaded, str(path))
     if (found := sum(len(part.faces) for part in parts)) < face_count:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hapscene.errors import MeshError
 from hapscene.files import write_whole
-from hapscene.scene.mesh import UNNAMED, Mesh, Part
+from hapscene.scene.mesh import Mesh
 
 _COMMENT: Final = "hapscene group"
 
@@ -79,50 +79,6 @@ def declared(content: bytes, where: str) -> dict[str, int]:
                 f"{element!r}, its size is {len(content):,} bytes"
             )
     return counts
-
-
-_PLAIN: Final = re.compile(
-    r"ply\nformat binary_little_endian 1\.0\nelement vertex (\d{1,18})\n"
-    r"((?:property (?:float|float32|double|float64) n?[xyz]\n)+)"
-    r"element face (\d{1,18})\nproperty list (?:uchar|uint8) (u?)int(?:32)? vertex_ind(?:ices|ex)"
-    r"(\nproperty short group)?((?:\nproperty uchar (?:red|green|blue)){3})?"
-)
-"""The header, without comments, of a file that is read here: of one with colours at its vertices, say, it is not."""
-
-
-def binary_ply(content: bytes) -> Part | None:
-    """A binary PLY of vertices and triangles, in a part of the time and memory that trimesh takes; None for others."""
-    lines = (" ".join(line.split()) for line in _header(content))
-    found = _PLAIN.fullmatch("\n".join(line for line in lines if not re.match("comment|obj_info|$", line)))
-    start = content.find(b"\n", content.find(b"end_header", 0, HEADER_MAX_B)) + 1
-    if found is None or int(found[3]) == 0:
-        return None
-    rows = [
-        (name, "<f8" if kind in ("double", "float64") else "<f4")
-        for _, kind, name in map(str.split, found[2].splitlines())
-    ]
-    places = [("count", "u1"), ("corners", "<u4" if found[4] else "<i4", 3)]
-    places += [("group", "<i2")] if found[5] else []
-    colours = [words.split()[-1] for words in (found[6] or "").split("\n")[1:]]
-    places += [(colour, "u1") for colour in colours]
-    if len({name for name, *_ in rows + places}) < len(rows + places) or not {"x", "y", "z"} <= {
-        name for name, _ in rows
-    }:
-        return None
-    sizes = [int(found[1]) * np.dtype(rows).itemsize, int(found[3]) * np.dtype(places).itemsize]
-    if start + sum(sizes) != len(content):
-        return None
-    vertex = np.frombuffer(content, rows, int(found[1]), start)
-    face = np.frombuffer(content, places, int(found[3]), start + sizes[0])
-    if (face["count"] != 3).any():
-        return None
-    own = _groups(content, face["group"].astype(np.int64)) if found[5] else None
-    return Part(
-        np.column_stack([vertex[axis] for axis in "xyz"]),
-        face["corners"],
-        *(own or (np.zeros(len(face), np.int16), [UNNAMED])),
-        np.column_stack([face[colour] for colour in ("red", "green", "blue")]) if colours else None,
-    )
 
 
 def ply_groups(content: bytes, loaded: Any) -> tuple[NDArray[Any], list[str]] | None:

@@ -158,7 +158,7 @@ class Facet(Region):
     that meet only at a corner, and edges with more than two faces, do not connect.
 
     Attributes:
-        face: index of the face to start from; `nearest_face` finds one.
+        face: index of the face to start from.
         angle_rad: largest angle between the normals of two neighbours [rad].
 
     Raises:
@@ -190,30 +190,3 @@ class Facet(Region):
         bend_rad = 2 * np.arcsin(np.minimum(chord / 2, 1.0))
         label = connected(pairs[bend_rad <= self.angle_rad + 1e-9], len(mesh.faces))
         return np.asarray(label == label[self.face])
-
-
-def nearest_face(mesh: Mesh, p_B_m: ArrayLike) -> int:
-    """Index of the face nearest to a point (3,) [m] in the body's frame; the first of several.
-
-    Closest point of a triangle after Ericson, Real-Time Collision Detection (2005), 5.1.5.
-
-    Raises:
-        SceneError: the point is not three finite numbers.
-    """
-    p = _point(p_B_m, "p_B_m")
-    a, b, c = np.moveaxis(mesh.triangles_m, 1, 0)
-    near = np.min([_segment(p, *ends) for ends in ((a, b), (b, c), (c, a))], axis=0)
-    normal = mesh.normals
-    inside = np.ones(len(a), np.bool_)
-    for start, end in ((a, b), (b, c), (c, a)):
-        inside &= np.einsum("ij,ij->i", np.cross(normal, end - start), p - start) >= 0
-    over = np.abs(np.einsum("ij,ij->i", normal, p - a))
-    return int(np.argmin(np.where(inside & normal.any(axis=1), over, near)))
-
-
-def _segment(p: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance (M,) [m] of a point from segments."""
-    ab = b - a
-    length2 = np.einsum("ij,ij->i", ab, ab)
-    t = np.divide(np.einsum("ij,ij->i", p - a, ab), length2, out=np.zeros(len(a)), where=length2 > 0)
-    return np.asarray(np.linalg.norm(p - a - np.clip(t, 0, 1)[:, None] * ab, axis=1))

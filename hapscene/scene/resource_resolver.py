@@ -1,11 +1,9 @@
-"""Companions of a mesh file: the files that it names, as a glTF's data, an OBJ's colours.
+"""The files that a mesh file names, such as the data of a glTF or the colours of an OBJ.
 
-They are looked for beside it and below, and nowhere else: a stranger's file may name any. Both classes are what trimesh
-calls a resolver, so far as its loaders use one.
+They are looked for beside it and below, and nowhere else: a file from a stranger may name any file. The class is what
+trimesh calls a resolver, as far as its loaders use one.
 """
 
-import posixpath
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
@@ -22,12 +20,13 @@ class FolderResources:
         error: what is raised.
 
     Attributes:
+        folders: where the files are looked for.
         found: the files that were asked for, and read.
     """
 
     def __init__(self, path: Path, most_B: int, error: type[HapsceneError] = MeshError) -> None:
         self._path, self._left_B, self._error = path, most_B, error
-        self._folders = list(dict.fromkeys((path.resolve().parent, path.parent.resolve())))
+        self.folders = list(dict.fromkeys((path.resolve().parent, path.parent.resolve())))
         self.found: list[Path] = []
 
     def get(self, name: str) -> bytes:
@@ -52,7 +51,7 @@ class FolderResources:
 
     def _find(self, name: str) -> Path | None:
         for spelling in _spellings(name):
-            for folder in self._folders:
+            for folder in self.folders:
                 try:
                     file = (folder / spelling).resolve()
                     if file.is_relative_to(folder) and file.is_file():
@@ -60,46 +59,6 @@ class FolderResources:
                 except (OSError, ValueError):  # no name that a file can have
                     continue
         return None
-
-
-class ArchiveResources:
-    """Those in an archive, each read when it is asked for.
-
-    Args:
-        path: the archive, for messages.
-        archive: with content that is not too large.
-        member: the file in it that names them.
-    """
-
-    def __init__(self, path: Path, archive: zipfile.ZipFile, member: str) -> None:
-        self._path, self._archive, self._folder = path, archive, posixpath.dirname(member)
-        self._read: dict[str, bytes] = {}  # held once, however often it is named
-
-    def get(self, name: str) -> bytes:
-        """The content of a file by its name.
-
-        Raises:
-            MeshError: it is not there, or cannot be read.
-        """
-        known = {posixpath.normpath(member): member for member in self._archive.namelist()}
-        for spelling in _spellings(name):
-            for folder in (self._folder, ""):
-                if (place := posixpath.normpath(posixpath.join(folder, spelling))) in known:
-                    return self.member(known[place])
-        raise MeshError(_missing(self._path, name))
-
-    __getitem__ = get
-
-    def member(self, name: str) -> bytes:
-        """The content of a file by its whole name.
-
-        Raises:
-            MeshError: it cannot be read.
-        """
-        try:
-            return self._read.get(name) or self._read.setdefault(name, self._archive.read(name))
-        except Exception as error:  # damaged, encrypted or packed in an odd way: zipfile raises anything at all
-            raise MeshError(f"{self._path}: not a readable zip archive: {error}") from None
 
 
 def _spellings(name: str) -> Iterator[str]:

@@ -397,16 +397,6 @@ class Texture:
         order = math.ceil(WARPED_ORDER * self.order) if ratio > 1.0 else self.order
         return self._refitted(rate_Hz, order, _warp_at(self.warp, ratio))
 
-    def unwarped(self) -> "Texture":
-        """The same texture in plain AR models, of as much higher an order as the warp resolves finer.
-
-        That is (1 + |λ|)/(1 − |λ|) times the order. See `hapscene.surface.texture` for the error.
-        """
-        if self.warp == 0.0:
-            return self
-        order = math.ceil(self.order * (1.0 + abs(self.warp)) / (1.0 - abs(self.warp)))
-        return self._refitted(self.rate_Hz, order, 0.0)
-
     def _refitted(self, rate_Hz: float, order: int, warp: float) -> "Texture":
         """Models of the same spectra at another rate, order and warp."""
         order, ratio = min(ORDER_MAX, order), rate_Hz / self.rate_Hz
@@ -530,8 +520,7 @@ def _checked_inverse(texture: Texture) -> Array:
 # Warped models are fitted over the phase of D, in which their spectrum is that of a plain model. The warp is changed so
 # that low frequencies have the phase that they had. Error over 20–1000 Hz, of warped models of the same swatches (order
 # 28, warp 0.75): 0.07 dB rms, 0.16 dB at most from 4 to 8 kHz; 0.09 and 0.19 dB from 16 to 48 kHz, where the order is
-# half as high again for the edge at the old Nyquist frequency (0.35 and 0.7 dB without). Made plain at their own rate
-# (`Texture.unwarped`), the shipped ones of order 10 and 6 are off by 0.17 and 0.27 dB rms.
+# half as high again for the edge at the old Nyquist frequency (0.35 and 0.7 dB without).
 
 
 _WARPED_BINS: Final = 1 << 13  # over the phase of D, half of the circle

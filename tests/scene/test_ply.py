@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-import trimesh
 
 from hapscene.errors import MeshError
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import load_mesh
-from hapscene.scene.ply import binary_ply, mesh_to_ply, save_mesh
+from hapscene.scene.ply import save_mesh
 
 
 def random_mesh(seed: int = 0) -> Mesh:
@@ -28,40 +27,6 @@ def test_round_trip_is_exact(tmp_path):
     assert back.digest == mesh.digest and back.group_names == mesh.group_names
     np.testing.assert_array_equal(back.group, mesh.group)
     np.testing.assert_array_equal(back.colour_rgb, mesh.colour_rgb)
-
-
-def test_plain_files_are_read_without_trimesh_and_alike(tmp_path, monkeypatch):
-    ball = trimesh.creation.icosphere(2)
-    for k, content in enumerate((mesh_to_ply(random_mesh()), *(ball.export(None, "ply", **v) for v in NORMALS))):
-        (tmp_path / f"{k}.ply").write_bytes(content)
-        own = load_mesh(tmp_path / f"{k}.ply", "mm")
-        assert binary_ply(content) is not None
-        with monkeypatch.context() as patched:
-            patched.setattr("hapscene.scene.mesh_file.binary_ply", lambda content: None)
-            other = load_mesh(tmp_path / f"{k}.ply", "mm")
-        assert own.digest == other.digest and own.group_names == other.group_names
-        np.testing.assert_array_equal(own.group, other.group)
-        np.testing.assert_array_equal(own.colour_rgb, other.colour_rgb)
-
-
-NORMALS = ({"vertex_normal": False}, {"vertex_normal": True})
-
-
-def test_files_that_have_more_or_less_are_left_to_trimesh():
-    plain = mesh_to_ply(Mesh(np.eye(3), [[0, 1, 2]]))
-    count = plain.index(b"end_header\n") + 11 + 72
-    assert binary_ply(plain) is not None
-    for content in (
-        plain[:-1],
-        plain + b"\0",
-        plain.replace(b"little", b"big"),
-        plain.replace(b"double x", b"float x"),
-        plain.replace(b"property double z", b"property uchar red"),
-        plain[:count] + b"\4" + plain[count + 1 :],
-        trimesh.creation.icosphere(1).export(None, "ply", encoding="ascii"),
-        b"ply",
-    ):
-        assert binary_ply(content) is None
 
 
 @pytest.mark.parametrize("name", ["m.stl", "no_folder/m.ply"])

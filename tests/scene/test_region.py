@@ -8,7 +8,7 @@ import trimesh
 
 from hapscene.errors import SceneError
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.region import Box, Facet, PlaneSide, Sphere, nearest_face
+from hapscene.scene.region import Box, Facet, PlaneSide, Sphere
 
 
 def of(mesh: trimesh.Trimesh) -> Mesh:
@@ -64,19 +64,6 @@ def test_facet_crosses_seams_and_turned_faces():
     other = int(np.flatnonzero(Facet(0, 0.01).pick(CUBE))[1])
     faces[other] = faces[other][::-1]
     assert Facet(0, 0.01).pick(Mesh(CUBE.vertices_m, faces)).sum() == 2
-
-
-def test_nearest_face_is_the_one_under_a_point():
-    rng = np.random.default_rng(0)
-    for p in rng.normal(size=(50, 3)):
-        expected = trimesh.triangles.closest_point(BALL.triangles_m[:2000], np.repeat([p], 2000, axis=0))
-        part = Mesh(BALL.vertices_m, BALL.faces[:2000])
-        best = np.linalg.norm(expected - p, axis=1)
-        assert best[nearest_face(part, p)] == pytest.approx(best.min(), abs=1e-12)
-    far_and_near = Mesh(
-        [[1, 0, 0], [1.1, 0, 0], [1, 0.1, 0], [0, 0, 0], [-9, 5, 0], [-9, -5, 0]], [[0, 1, 2], [3, 4, 5]]
-    )
-    assert nearest_face(far_and_near, (0.3, 0.0, 0.0)) == 1  # by its nearest edge, however far the others are
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,15 @@
 """Files that a mesh file names: found beside it, and nowhere else."""
 
 import os
+import tempfile
 import zipfile
 from pathlib import Path
 
 import pytest
 
 from hapscene.errors import MeshError, SceneError
-from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
+from hapscene.scene.mesh_file import load_mesh
+from hapscene.scene.resource_resolver import FolderResources
 
 BESIDE = ("data.bin", "my%20data.bin", "my data.bin", "deep/more.bin", "./data.bin", "../elsewhere/data.bin")
 
@@ -58,12 +60,17 @@ def test_beside_a_link_and_beside_the_file_itself(part: Path, tmp_path: Path) ->
 
 
 def test_in_an_archive(tmp_path: Path) -> None:
+    """A mesh of an archive has its colours from the folder of the mesh, and leaves no file behind."""
+    obj = "mtllib my%20colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n"
     with zipfile.ZipFile(tmp_path / "part.zip", "w") as archive:
-        for name in ("in/part.gltf", "in/my data.bin", "./in/deep.bin", "top.bin"):
-            archive.writestr(name, name)
-    with zipfile.ZipFile(tmp_path / "part.zip") as archive:
-        packed = ArchiveResources(tmp_path / "part.zip", archive, "in/part.gltf")
-        assert packed["my%20data.bin"] == b"in/my data.bin" and packed["deep.bin"] == b"./in/deep.bin"
-        assert packed["../top.bin"] == packed["top.bin"] == b"top.bin"
-        with pytest.raises(MeshError, match="gone"):
-            packed.get("gone.bin")
+        archive.writestr("in/part.obj", obj)
+        archive.writestr("in/my colours.mtl", "newmtl red\nKd 1 0 0\n")
+        archive.writestr("../out.bin", "unpacked into the folder too")
+    tempfile.tempdir = str(tmp_path / "temporary")
+    Path(tempfile.tempdir).mkdir()
+    try:
+        mesh = load_mesh(tmp_path / "part.zip", "m")
+    finally:
+        tempfile.tempdir = None
+    assert mesh.colour_rgb is not None and mesh.colour_rgb.tolist() == [[255, 0, 0]]
+    assert list((tmp_path / "temporary").iterdir()) == [] and not (tmp_path / "out.bin").exists()

@@ -281,5 +281,5 @@ def test_a_warped_texture_is_truncated_to_the_same_power_and_lags() -> None:
     place = [texture.force_max_N], [texture.speed_max_m_s]
     assert short.power(*place) == pytest.approx(texture.power(*place))
     living = replace(texture, life=Life([0.3], [20.0], [0.0]))
-    for made in (living.truncated(5), living.resampled(5000.0), living.unwarped()):
+    for made in (living.truncated(5), living.resampled(5000.0)):
         assert made.life == living.life
