@@ -1,4 +1,4 @@
-"""An algorithm of its own: faces of a mesh that cross each other, or lie on each other in one plane."""
+"""Faces of a mesh that cross each other, or overlap in one plane."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,12 +7,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.native import native
 from hapscene.scene.topology import Index, normals_of
+
+__all__ = ["Crossing", "crossings", "overlapping"]
 
 Points = NDArray[np.float64]
 
 BATCH: Final = 1 << 19
-"""Pairs of boxes that are compared at once [count]: some 100 MB."""
+"""Pairs of boxes that are examined at once [count]: some 100 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,44 +58,36 @@ def crossings(triangles_m: Points, tolerance_m: float) -> Crossing:
 
 
 def overlapping(low: Points, high: Points) -> Iterator[Index]:
-    """All pairs (n, 2) of boxes (M, 3) that overlap, in batches.
-
-    The boxes are sorted along a Morton curve and gathered two by two into a tree, which is then walked
-    against itself, a level at a time for a whole batch of pairs.
-    """
-    order = _morton_order((low + high) / 2)
-    size = 1 << max(len(low) - 1, 0).bit_length()
-    lows, highs = np.full((size, 3), np.inf), np.full((size, 3), -np.inf)  # what is missing overlaps nothing
-    lows[: len(low)], highs[: len(low)] = low[order], high[order]
-    tree = [(lows, highs)]
-    while len(tree[-1][0]) > 1:
-        lows, highs = tree[-1]
-        tree.append((lows.reshape(-1, 2, 3).min(axis=1), highs.reshape(-1, 2, 3).max(axis=1)))
-    work = [(len(tree) - 1, np.zeros((1, 2), np.int64))]
-    while work:
-        level, pairs = work.pop()
-        if len(pairs) > BATCH:
-            work += [(level, half) for half in np.array_split(pairs, 2)]
-            continue
-        lows, highs = tree[level]
-        i, j = pairs.T
-        pairs = pairs[((lows[i] <= highs[j]) & (lows[j] <= highs[i])).all(axis=1)]
-        if level == 0:
-            yield order[pairs[pairs[:, 0] != pairs[:, 1]]]
-        elif len(pairs):
-            split = 2 * pairs[:, None, :] + np.array([[0, 0], [0, 1], [1, 1], [1, 0]])
-            own = pairs[:, 0] == pairs[:, 1]
-            work.append((level - 1, np.concatenate([split[:, :3].reshape(-1, 2), split[~own, 3]])))
+    """All pairs (n, 2) of boxes (M, 3) that overlap, in batches: sort and sweep along one axis."""
+    if not len(low):
+        return
+    # the axis along which a box overlaps the fewest others
+    axis = int(np.argmin((high - low).sum(axis=0) / np.maximum(np.ptp(low, axis=0), 1e-300)))
+    order = np.argsort(low[:, axis])
+    lows, highs = (np.ascontiguousarray(np.roll(corners[order], -axis, axis=1)) for corners in (low, high))
+    found = np.empty((BATCH, 2), np.int64)
+    i, j = 0, 1
+    while i < len(low):
+        i, j, count = _sweep(lows, highs, i, j, found)
+        yield order[found[:count]]
 
 
-def _morton_order(points: Points) -> Index:
-    span = np.ptp(points, axis=0).max()
-    cell = ((points - points.min(axis=0)) * (1023.0 / span if span > 0 else 0.0)).astype(np.uint64)
-    code = np.zeros(len(points), np.uint64)
-    for bit in range(10):
-        for axis in range(3):
-            code |= ((cell[:, axis] >> np.uint64(bit)) & np.uint64(1)) << np.uint64(3 * bit + axis)
-    return np.argsort(code, kind="stable")
+@native
+def _sweep(low: Points, high: Points, i: int, j: int, found: Index) -> tuple[int, int, int]:
+    """Continue from boxes `i` and `j`, in order of the first axis, until `found` is full; the next pair and the count."""
+    count = 0
+    while i < len(low):
+        while j < len(low) and low[j, 0] <= high[i, 0]:
+            apart = low[j, 1] > high[i, 1] or low[i, 1] > high[j, 1] or low[j, 2] > high[i, 2] or low[i, 2] > high[j, 2]
+            if not apart:
+                if count == len(found):
+                    return i, j, count
+                found[count, 0], found[count, 1] = i, j
+                count += 1
+            j += 1
+        i += 1
+        j = i + 1
+    return i, j, count
 
 
 def _heights(triangles_m: Points, origin: Points, normal: Points) -> Points:
