@@ -17,7 +17,7 @@ from hapscene.scene.mesh import Mesh, MeshWarning
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.mesh_structure import FLAT_RATIO, height_of, mesh_structure
 from hapscene.scene.region import Region, Volume
-from hapscene.scene.topology import edges_of, volume_of, weld, winding_is_mixed
+from hapscene.scene.topology import volume_of
 from hapscene.surface.swatch import PLAIN, Swatch, SwatchLike
 
 if TYPE_CHECKING:
@@ -359,9 +359,6 @@ def _is_flat(mesh: Mesh) -> bool:
 def _warn_of_winding(body: Body) -> None:
     mesh = body.mesh
     _, mixed, closed = mesh.neighbours
-    if mixed is None or closed is None:
-        edges = edges_of(mesh.faces, weld(mesh.vertices_m))
-        mixed, closed = winding_is_mixed(edges), edges.closed
     turned, what = 0, ""
     if mixed:
         # none, where they are copies, or have no area

@@ -211,12 +211,6 @@ def winding_of(edges: Edges, area: NDArray[np.float64]) -> Winding:
     return Winding(turned | tie, shell, one_sided)
 
 
-def winding_is_mixed(edges: Edges) -> bool:
-    """Whether any edge with two faces has them wound against each other: the quick question."""
-    at = edges.start[edges.count == 2]
-    return bool((edges.forward[at] == edges.forward[at + 1]).any())
-
-
 def unit(vectors: ArrayLike) -> NDArray[np.float64]:
     """Vectors (n, 3) of length 1; zero stays zero."""
     vectors = np.asarray(vectors, np.float64)
