@@ -74,7 +74,7 @@ def overlapping(low: Points, high: Points) -> Iterator[Index]:
 
 @native
 def _sweep(low: Points, high: Points, i: int, j: int, found: Index) -> tuple[int, int, int]:
-    """Continue from boxes `i` and `j`, in order of the first axis, until `found` is full: next `i`, `j`, and the count."""
+    """Continue from boxes `i` and `j`, sorted by the first axis, until `found` is full; returns both and the count."""
     count = 0
     while i < len(low):
         while j < len(low) and low[j, 0] <= high[i, 0]:

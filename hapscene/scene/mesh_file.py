@@ -66,35 +66,21 @@ def check(suffix: str, content: bytes, where: str) -> int:
     return 0
 
 
+_OFF_HEADER: Final = re.compile(rb"\s*(?:#[^\n]*\n\s*)*[A-Z]*OFF\s+(?:#[^\n]*\n\s*)*(\d{1,18})\s+(\d{1,18})\s")
+
+
 def _off(content: bytes, where: str) -> int:
-    """After the word OFF come the counts of vertices and faces, then a line for each; how many faces.
+    """How many faces an OFF file promises: after the word OFF come the counts of vertices and faces.
 
     Raises:
-        MeshError: a vertex that is not there, or not whole.
+        MeshError: no such header, or a line that is too long.
     """
-    texts = content.splitlines()
-    if longest := next((i for i, line in enumerate(texts, 1) if len(line) > LINE_MAX), None):
-        raise MeshError(f"{where}, line {longest}: longer than {LINE_MAX:,} characters, which is not read")
-    numbered = ((i, line.split(b"#")[0].split()) for i, line in enumerate(texts, 1))
-    lines = ((i, words) for i, words in numbered if words)
-    number, words = next(lines, (1, []))
-    if not words or not words[0].endswith(b"OFF"):
-        raise MeshError(f"{where}: not a readable OFF file: its first word must be OFF")
-    if not (words := words[1:]):
-        number, words = next(lines, (number + 1, []))
-    if len(words) < 2 or not (words[0].isdigit() and words[1].isdigit()):
-        raise MeshError(f"{where}, line {number}: expected the counts of vertices and faces after OFF")
-    count = int(words[0])
-    for vertex in range(count):
-        number, numbers = next(lines, (0, []))
-        if not number:
-            raise MeshError(f"{where}: the file is truncated: its header says {count:,} vertices, there are {vertex:,}")
-        if len(numbers) < 3:
-            found = b" ".join(numbers).decode("utf-8", errors="replace")[:60]
-            raise MeshError(
-                f"{where}, line {number}: expected three numbers for a vertex, found {found!r}; is the file truncated?"
-            )
-    return int(words[1])
+    if max(map(len, content.splitlines())) > LINE_MAX:
+        raise MeshError(f"{where}: a line longer than {LINE_MAX:,} characters, which is not read")
+    header = _OFF_HEADER.match(content)
+    if header is None:
+        raise MeshError(f"{where}: not a readable OFF file: expected OFF and the counts of vertices and faces")
+    return int(header[2])
 
 
 _FACET: Final = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
@@ -324,4 +310,4 @@ def _load(path: Path, suffix: str, content: bytes, resolver: Any) -> Any:
             reason = text.split("\n")[0][:200]
         else:  # words about the loader's insides would help no one
             reason = f"damaged, or of a kind that trimesh does not read ({type(error).__name__})"
-        raise MeshError(f"{path}: not a readable {suffix.upper()} file: {reason}") from None
+        raise MeshError(f"{path}: not a readable {suffix.upper()} file, or truncated: {reason}") from None
