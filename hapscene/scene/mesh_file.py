@@ -1,4 +1,4 @@
-"""Mesh files: what is read with trimesh, and everything that can be wrong with a file, said in a sentence."""
+"""Mesh files: read with trimesh, and checked for damage before."""
 
 import io
 import logging
@@ -33,7 +33,9 @@ from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.step_file import faces_in, promised_by, step_glb
 from hapscene.scene.topology import edges_of, weld
 
-# A first look at a mesh file's bytes, since trimesh takes some damaged files for smaller ones.
+__all__ = ["FORMATS", "check", "files_of", "load_mesh"]
+
+# First, a check of a mesh file's bytes, since trimesh takes some damaged files for smaller ones.
 
 
 FILE_MAX_B: Final = 4_000_000_000
@@ -73,14 +75,21 @@ def _off(content: bytes, where: str) -> int:
     """How many faces an OFF file promises: after the word OFF come the counts of vertices and faces.
 
     Raises:
-        MeshError: no such header, or a line that is too long.
+        MeshError: no such header, fewer lines than it says, or a line that is too long.
     """
-    if max(map(len, content.splitlines())) > LINE_MAX:
+    lines = content.splitlines()
+    if max(map(len, lines)) > LINE_MAX:
         raise MeshError(f"{where}: a line longer than {LINE_MAX:,} characters, which is not read")
     header = _OFF_HEADER.match(content)
     if header is None:
         raise MeshError(f"{where}: not a readable OFF file: expected OFF and the counts of vertices and faces")
-    return int(header[2])
+    vertex_count, face_count = int(header[1]), int(header[2])
+    if len(lines) <= vertex_count + face_count:
+        raise MeshError(
+            f"{where}: the file is truncated: its header says {vertex_count:,} vertices and {face_count:,} faces, "
+            f"it has {len(lines):,} lines"
+        )
+    return face_count
 
 
 _FACET: Final = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)

@@ -11,6 +11,8 @@ from hapscene.errors import MeshError
 from hapscene.files import write_whole
 from hapscene.scene.mesh import Mesh
 
+__all__ = ["HEADER_MAX_B", "declared", "mesh_to_ply", "ply_groups", "save_mesh"]
+
 _COMMENT: Final = "hapscene group"
 
 HEADER_MAX_B: Final = 16_000_000

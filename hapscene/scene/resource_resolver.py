@@ -10,6 +10,8 @@ from urllib.parse import unquote
 
 from hapscene.errors import HapsceneError, MeshError
 
+__all__ = ["FolderResources"]
+
 
 class FolderResources:
     """Those in a folder.

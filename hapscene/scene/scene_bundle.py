@@ -91,11 +91,7 @@ def unpack_bundle(path: Path, folder: Path) -> Path:
                 scene = _scene_of(archive, members)
                 folder.mkdir(parents=True)
                 try:
-                    for name, member in members.items():
-                        target = folder / name
-                        target.parent.mkdir(parents=True, exist_ok=True)
-                        with archive.open(member) as source, target.open("xb") as out:
-                            shutil.copyfileobj(source, out)
+                    archive.extractall(folder, members.values())
                 except BaseException:
                     shutil.rmtree(folder, ignore_errors=True)
                     raise
