@@ -1,6 +1,6 @@
 """Benchmarks: time and accuracy of hapscene on cases with known answers, charted one against the other.
 
-Installed as `hapscene_benchmarks`; `hapscene bench` runs all but painting. One measurement a file: each that `run`
+Installed as `hapscene_benchmarks`; `hapscene lab bench` runs all but painting. One measurement a file: each that `run`
 alone calls stands by itself because it measures one thing.
 
 | module | does |
@@ -20,10 +20,10 @@ alone calls stands by itself because it measures one thing.
 | `paint` | painting large meshes: `python -m hapscene_benchmarks.paint` |
 | `paint_page` | the painter's page in a browser: `python -m hapscene_benchmarks.paint_page` |
 | `paint_browser`, `idle`, `screen` | for that: the browser and a hand, an empty loop, a screen where there is none |
-| `side_by_side`, `side_by_side_page` | other renderers turn by turn: `bench --peers`; their part of the page |
+| `side_by_side`, `side_by_side_page` | other renderers, by `python -m hapscene_benchmarks.run` |
 | `path_driver` | hapscene as one of them, in a process of its own |
 | `sheet`, `machine`, `peer` | the figures, the machine, other renderers' figures |
-| `charts` | speed against accuracy, a question each: `hapscene chart`; `charts.run` lists them |
-| `comparison` | two tables of figures: `hapscene bench compare` |
+| `charts` | speed against accuracy, a question each: `hapscene lab chart`; `charts.run` lists them |
+| `comparison` | two tables of figures: `hapscene lab bench compare` |
 | `chart`, `page`, `markdown` | the pictures, docs/benchmark.md, and what such pages are made of |
 """

@@ -1,4 +1,4 @@
-"""Two tables of figures, of `hapscene bench` or `hapscene chart`, one beside the other: ratios, with their spread."""
+"""Two tables of figures, of `hapscene lab bench` or `lab chart`, compared: ratios, with their spread."""
 
 from collections.abc import Sequence
 from pathlib import Path

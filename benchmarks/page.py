@@ -96,7 +96,7 @@ def _head(sheet: Sheet) -> str:
         median / p99 / p99.9 / max."""
     return f"""# Benchmark: speed and accuracy, one charted against the other
 
-Made by `hapscene bench --docs docs`; every figure of hapscene's below is from [bench.csv](bench/bench.csv), none is
+Made by `hapscene lab bench --docs docs`; every figure of hapscene's below is from [bench.csv](bench/bench.csv), none is
 copied by hand.
 
 {paragraph(f"Machine: {'; '.join(machine_words(sheet))}.")}

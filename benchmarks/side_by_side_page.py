@@ -57,7 +57,7 @@ an `AABBTree`, front sides, a smooth `FrictionSurface`, a `GodObjectRenderer`.
 
 def section(sheet: Sheet | None) -> str:
     """The part of the page; without a sheet its text, and the command that makes the tables."""
-    parts = ["## Side by side with other renderers\nMade by `hapscene bench --peers BUILD --docs docs`.\n"]
+    parts = ["## Side by side with other renderers\nMade by `python -m hapscene_benchmarks.run BUILD docs`.\n"]
     parts.append(paragraph(METHOD) + "\n")
     if sheet is None:
         parts.append("No table has been made yet.\n")

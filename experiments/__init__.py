@@ -4,7 +4,7 @@ Installed as `hapscene_experiments`. One study a file: each that one command alo
 
 | module | does |
 |---|---|
-| `stability_page` | docs/stability.md from all of the cases: `hapscene stability --docs docs`; start here |
+| `stability_page` | docs/stability.md from all of the cases: `python -m hapscene_experiments.stability_page` |
 | `stabiliser_case` | every stabiliser on the same cases: rest, energy, stiffness kept, cost |
 | `friction_case` | friction with known answers: F1 to F4 |
 | `texture_case` | no filter explodes, no texture drives a hand: L1 to L3, and textures on bare motors |
@@ -19,5 +19,5 @@ Installed as `hapscene_experiments`. One study a file: each that one command alo
 | `teleoperation` | what a hand feels through leader and follower, by compensator |
 | `level_prior` | how loud surfaces get with force and speed, learnt from many: `python -m …level_prior FOLDER` |
 | `haptography` | the tables of docs/haptography.md: `python -m …haptography RECORDINGS PAGE` |
-| `paper` | the haptography paper, its figures and numbers beside ours: `hapscene reproduce` |
+| `paper` | the haptography paper, its figures and numbers beside ours: `hapscene lab reproduce` |
 """

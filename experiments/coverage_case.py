@@ -25,7 +25,6 @@ from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import _Player
 from hapscene.capture.texture_pieces import EXPONENT_SPREADS, EXPONENTS
-from hapscene.command.options import whole
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import solve
 from hapscene.surface.life import Life
@@ -214,7 +213,7 @@ def compared(found: Mapping[tuple[str, float], Sequence[Missed]]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the tables."""
     parser = argparse.ArgumentParser("hapscene_experiments.coverage_case", description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=whole("--seeds", 1), default=20, metavar="N", help="surfaces (default 20)")
+    parser.add_argument("--seeds", type=int, default=20, metavar="N", help="surfaces (default 20)")
     parser.add_argument("--lengths", type=float, nargs="+", default=[10.0], help="of the guided [s] (default 10)")
     parser.add_argument("--unguided", type=float, default=30.0, help="seconds of the others (default 30)")
     options = parser.parse_args(arguments)

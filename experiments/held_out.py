@@ -28,7 +28,6 @@ from hapscene.capture.recording_file import SurfaceRecording, load_recording
 from hapscene.capture.streams import Streams, clean, part_of
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import synthesize
-from hapscene.command.options import add_recording_options, recording_options, whole
 from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.errors import CaptureError
 
@@ -135,9 +134,9 @@ def simulated(
 
 def _recordings(options: argparse.Namespace) -> Iterator[tuple[str, Callable[[], SurfaceRecording | Streams]]]:
     """Names, and what reads or makes them."""
-    words = recording_options(options)
+    units = dict(pair.split("=") for pair in options.units.split(",") if pair)
     for item in gather(options.recordings) if options.recordings else ():
-        yield item.path.stem, partial(load_recording, item.path, **words)
+        yield item.path.stem, partial(load_recording, item.path, rate_Hz=options.rate, units=units)
     for surface in SURFACES if options.simulated else ():
         yield f"simulated: {surface}", partial(_made, surface)
 
@@ -170,12 +169,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table."""
     parser = argparse.ArgumentParser("hapscene_experiments.held_out", description=__doc__.splitlines()[0])
     parser.add_argument("recordings", metavar="RECORDING", nargs="*", type=Path, help="files, and folders of them")
-    parser.add_argument(
-        "--seeds", type=whole("--seeds", 1), default=SEEDS, metavar="N", help=f"of each swatch (default {SEEDS})"
-    )
+    parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N", help=f"of each swatch (default {SEEDS})")
     parser.add_argument("--simulated", action="store_true", help=f"and surfaces that are made: {', '.join(SURFACES)}")
     parser.add_argument("--quick", action="store_true", help="halves alone, three seeds")
-    add_recording_options(parser)
+    parser.add_argument("--rate", type=float, metavar="HZ", help="sample rate [Hz]")
+    parser.add_argument("--units", default="", help="units of the quantities, as acceleration=g,force=N")
     options = parser.parse_args(arguments)
     if not (options.recordings or options.simulated):
         parser.error("nothing to judge: name recordings, or --simulated")

@@ -1,9 +1,11 @@
-"""docs/stability.md: what holds, by how much, and where every method fails. Made by `hapscene stability --docs docs`.
+"""docs/stability.md: what holds, by how much, and where every method fails.
 
 All figures are measured in the run that writes the page; beside it lie the charts and the tables they are drawn from.
 """
 
 import datetime
+import shutil
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
@@ -12,9 +14,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.constants import TICK_S
+from hapscene.constants import DEFAULT_GRIP, TICK_S
 from hapscene.device.model import DEVICES, MARGIN, TOUCH_SPEED_M_S, wall_limit
-from hapscene.files import whole_file
+from hapscene.files import whole_file, whole_folder
 from hapscene.stability import study
 from hapscene.stability.answer import Answer
 from hapscene.stability.random_limit import RandomLimit, random_limits
@@ -132,7 +134,8 @@ def _head() -> str:
     describe_machine(sheet)
     said = f"""Everything here was found by simulation in closed loop through the real tick, its effects, limits and
         stabilisers (`hapscene.twin`), and judged against closed forms and published theorems; nothing by a second
-        little simulator. Made by `hapscene stability --docs docs` on {datetime.date.today().isoformat()}. Machine:
+        little simulator. Made by `python -m hapscene_experiments.stability_page` on
+        {datetime.date.today().isoformat()}. Machine:
         {"; ".join(machine_words(sheet))}."""
     loop = """One tick: read the encoders, compute the force, hold it until the next tick (d ticks later, at a delay
         of d). A device is a mass m with damping b, Coulomb friction c and encoder step Δ; a wall a spring K and a
@@ -337,3 +340,23 @@ _FAILS: Final = """## Where each method fails
 - **The simulated hand** is a spring, a damper and a mass: a hand that reacts within a few ticks, or an object that is
   held by the tool, is not in it.
 """
+
+
+def publish(docs: Path, cases: Path | None, zoo: Path | None, say: Callable[[str], None]) -> None:
+    """Run everything, and write stability.md, its charts and tables into a folder."""
+    from hapscene.device.hand import grip_named
+    from hapscene.surface.library import load_swatch, shipped_swatches
+
+    swatches = [load_swatch(name) for name in shipped_swatches()]
+    device = ("omni", (1000.0, 5000.0, 10_000.0), (0, 1), grip_named(DEFAULT_GRIP))
+    made = study.stability(Path("out/stability"), *device, swatches, cases, RANDOM_COUNT, say)
+    with whole_folder(docs / "stability") as folder:
+        for file in made:
+            shutil.copyfile(file, folder / file.name)
+        found = find(folder, cases, zoo, say)
+        found.words = (folder / "words.txt").read_text(encoding="utf-8").splitlines()
+    write_page(docs / "stability.md", found, "stability")
+
+
+if __name__ == "__main__":  # python -m hapscene_experiments.stability_page DOCS CASES ZOO
+    publish(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]), print)

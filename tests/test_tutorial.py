@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.cli import _parser, main
+from hapscene.cli import main
+from tests.cli.command_lines import parse
 
 pytestmark = pytest.mark.nightly
 
@@ -53,7 +54,7 @@ def run(line: str, told: Told) -> str:
     words = shlex.split(line, comments=True)
     assert words[0] == "hapscene", line
     if words[1] == "paint":
-        assert callable(_parser().parse_args(words[1:]).command)
+        parse(words[1:])
         return ""
     out = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):

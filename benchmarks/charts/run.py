@@ -226,10 +226,10 @@ def _document(found: Table, asked: Sequence[Question], csv: str) -> str:
     machine = "; ".join(f"{name} {value}" for name, value in found.machine.items())
     parts = [
         f"# The chart: {TITLE[0].lower()}{TITLE[1:]}\n",
-        paragraph(f"""Made by `hapscene chart --docs docs`; every figure is from [{Path(csv).name}]({csv}), none is
+        paragraph(f"""Made by `hapscene lab chart --docs docs`; every figure is from [{Path(csv).name}]({csv}), none is
         copied by hand. Each point is a method at one setting: the time that it takes, and its error against a truth
         that the method did not make. Those on the front are beaten in both by no other. What lies in the shaded part
-        cannot be felt, so it is not needed. `hapscene chart SCENE --out DIR` draws it for a scene of yours, on your
+        cannot be felt, so it is not needed. `hapscene lab chart SCENE --out DIR` draws it for a scene of yours, on your
         machine, with a page on which every point can be read.""")
         + "\n",
         paragraph(f"Machine: {machine}.") + "\n",

@@ -46,7 +46,7 @@ def compensators() -> Finding:
     said = "A dot is the handle as the compensator knows it; the line goes up to the 95th percentile of the others."
     text = (
         f"Accelerations of 20 to 1000 Hz played through the assumed handle, and through {PLANTS} whose six parameters "
-        "are each off by up to 30 %. “hapscene bench” does it with 100 handles, and times a sample."
+        "are each off by up to 30 %. “hapscene lab bench” does it with 100 handles, and times a sample."
     )
     plots = [Plot("Error by compensator", said, drawn("beyond-compensators", draw, 3.2, 4), said)]
     return Finding("Beyond: the compensators", text, numbers, plots)

@@ -1,6 +1,6 @@
 """A handle without hardware: `python -m hapscene.handle.port_simulator` speaks the protocol on a pseudo-terminal.
 
-It prints the port's name; `hapscene handle identify --port NAME` in another terminal then identifies it. Each time that
+It prints the port's name; `hapscene device identify --port NAME` in another terminal then identifies it. Each time that
 a sweep begins, the simulated hand holds it otherwise.
 """
 

@@ -1,4 +1,4 @@
-"""The shelf as a page to read, for `hapscene swatch gallery`, whose command is thin: every swatch in pictures, in words
+"""The shelf as a page to read, for `python -m hapscene.paint.gallery FILE`: every swatch in pictures, in words
 with units, and to be heard. In Markdown."""
 
 import html
@@ -243,7 +243,8 @@ def _page(swatches: Sequence[Swatch], stems: Sequence[str], folder: str, compute
     about = f"""Each sound is a tap at {1e3 * TAP_M_S:g} mm/s, and from {START_S:g} s on a stroke at {FORCE_N:g} N and
         {1e3 * SPEED_M_S:g} mm/s: the acceleration of the tool's handle. All have one scale, so that a smooth surface is
         heard to be quieter; all pictures have the same axes. **Assumed** is what the recording could not tell."""
-    head = "# Gallery of swatches\n\nMade by `hapscene swatch gallery`; every figure is that of the swatch's own file."
+    made_by = "Made by `python -m hapscene.paint.gallery`; every figure is that of the swatch's own file."
+    head = f"# Gallery of swatches\n\n{made_by}"
     cards = [_card(swatch, f"{folder}/{stem}") for swatch, stem in zip(swatches, stems, strict=True)]
     if computed:
         cards += ["## Computed, not measured", _wrapped(COMPUTED), _computed_table(computed, folder)]
@@ -307,3 +308,12 @@ def _plain(text: str) -> str:
     for mark in "\\`*_[]|#":
         line = line.replace(mark, f"\\{mark}")
     return line
+
+
+if __name__ == "__main__":  # python -m hapscene.paint.gallery FILE
+    import sys
+
+    from hapscene.surface.library import computed_entries, load_swatch, shipped_swatches
+
+    computed = [load_swatch(entry.name) for entry in computed_entries()]
+    write_gallery([load_swatch(name) for name in shipped_swatches()], Path(sys.argv[1]), print, computed)

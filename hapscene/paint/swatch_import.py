@@ -1,6 +1,6 @@
 """Swatches of files that are no hapscene's: recordings are fitted, the Penn toolkit's models read, in a process beside.
 
-That process is the command line's own: `hapscene capture fit`, `hapscene swatch import hatt`. What it writes is opened
+That process is the command line's own: `hapscene capture fit`, `hapscene swatch import`. What it writes is opened
 as any stranger's swatch is.
 """
 
@@ -59,7 +59,7 @@ async def import_files(
         swatches = [file for file in files if file.suffix.lower() == SUFFIX]
         models = [str(file) for file in files if file.suffix.lower() == ".xml"]
         if models:
-            await _run(("swatch", "import", "hatt", *models, "-o", str(folder)))
+            await _run(("swatch", "import", *models, "-o", str(folder)))
         for i, file in enumerate(files):
             if file.suffix.lower() in RECORDINGS:
                 told = [("name", name or file.stem), ("rate", rate), ("columns", columns), ("units", units)]

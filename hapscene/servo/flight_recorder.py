@@ -270,7 +270,7 @@ def write_flight(flight: Flight, folder: str | Path) -> str:
         flight.save(place)
     except (OSError, HapsceneError) as error:  # a full disk must not end what goes on
         return f"the last minute could not be written: {error}"
-    return f"the last minute is in {place}; `hapscene replay {place}` flies it again"
+    return f"the last minute is in {place}; `hapscene play --replay {place}` flies it again"
 
 
 def flight_of(

@@ -5,7 +5,7 @@
 
 | module | does |
 |---|---|
-| `study` | everything about walls into a folder: `hapscene stability` |
+| `study` | everything about walls into a folder: `hapscene lab stability` |
 | `wall_case` | cases with known answers, W1 to W8; an `answer` is one of them, judged |
 | `random_limit` | limits of random devices at random walls, simulated against predicted |
 | `z_width` | the stable region of a device, and swatches placed in it |

@@ -1,4 +1,4 @@
-"""What `hapscene stability` does, for a command is thin: everything about walls, measured and written into a folder."""
+"""What `hapscene lab stability` does: everything about walls, measured and written into a folder."""
 
 import csv
 from collections.abc import Callable, Iterable, Sequence

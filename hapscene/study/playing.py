@@ -151,7 +151,7 @@ def handle(
         maker: of the study.
         output: the handle.
         stimuli: all that may be played; their compensators are looked at.
-        file: of `hapscene handle identify`, or empty: then the assumed handle is meant.
+        file: of `hapscene device identify`, or empty: then the assumed handle is meant.
 
     Raises:
         HapsceneError: no such compensator, or a file that cannot be used.

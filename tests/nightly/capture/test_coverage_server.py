@@ -10,7 +10,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
@@ -136,24 +135,6 @@ def test_the_page_can_be_read(live: LiveCoverage, browser: Any, look: str, size:
         tab.click("#stop")
         until(live.stopped.is_set)
         assert not wrong
-
-
-def test_a_recording_is_played_back_to_who_looks_and_as_long_as_they_do(tmp_path: Path) -> None:
-    from websockets.sync.client import connect
-
-    rows = np.c_[np.random.default_rng(0).normal(size=1200), np.full(1200, 1.0), np.full(1200, 0.1)]
-    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="acceleration,force,speed", comments="")
-    words = [sys.executable, "-m", "hapscene.cli", "capture", "coverage", str(tmp_path / "a.csv"), "--rate", "2000"]
-    words += ["--units", "acceleration=m/s2,force=N,speed=m/s", "--live"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as child:
-        assert child.stdout is not None
-        url = next(word for line in child.stdout for word in line.split() if word.startswith("http"))
-        with connect(url.replace("http", "ws") + "socket", origin=url.rsplit("/", 2)[0]) as line:  # type: ignore[arg-type]
-            while "the recording is over" not in line.recv(timeout=PATIENCE_S):
-                pass
-            assert child.poll() is None
-        told = child.communicate(timeout=PATIENCE_S)[0]
-        assert child.returncode == 0 and "seconds of sliding (0.6 s in all)" in told
 
 
 @pytest.mark.soak
