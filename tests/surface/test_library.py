@@ -246,7 +246,7 @@ def test_the_commands(home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
     for arguments, message in {
         ("remove", "oak"): "no swatch 'oak'",
         ("add", str(tmp_path / "none.swatch")): "none.swatch: no such file",
-        ("add", "a.swatch", "b.swatch", "--name", "x"): "--name is for a single file",
+        ("add", __file__, __file__, "--name", "x"): "--name is for a single file",
         ("show", "oka"): "no swatch 'oka'",
         ("search", "friction<"): "malformed bound",
     }.items():
