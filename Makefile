@@ -2,7 +2,7 @@
 # make nightly: the slow tests (tests/nightly) and the floors      make docs: the web site
 # make floors: what depends most on other libraries, with the lowest versions of them that are allowed
 # make wheel: dist/hapscene-*.whl with compiled code for this platform, so that a first use need not compile
-# make mutants: would a test notice? MUTANTS="--room contact --count 40" says where and how many
+# make mutants: mutation testing; MUTANTS="--package contact --count 40" chooses the package and the number
 # Each makes or completes the environment .venv the first time; PYTHON=python3.12 chooses the interpreter. PYTEST="..."
 # adds options of pytest to `test` and `nightly`. On Windows without make, see README.md, "Two commands".
 PYTHON ?= python3

@@ -41,15 +41,15 @@ def measure_deform(sheet: Sheet, duration_s: float) -> None:
         servo.aim(PRESSED_M, "medium")
         time.sleep(1.0)
         for name, changing in (("at rest", False), ("changing", True)):
-            before, due_s = servo.lateness(), time.perf_counter()
+            before, due_s = servo.timing(), time.perf_counter()
             for k in range(round(duration_s / PERIOD_S)):
                 if changing:
                     servo.deform("body", shapes[k % len(shapes)])
                 due_s += PERIOD_S
                 time.sleep(max(due_s - time.perf_counter(), 0.0))
-            now = servo.lateness().since(before)
+            now = servo.timing().since(before)
             for share, quantile in ((0.5, "median"), (0.99, "p99"), (0.999, "p99.9")):
                 sheet.add(CASE, f"tick, {name} {quantile}", now.busy_us(share), "µs")
-                sheet.add(CASE, f"late, {name} {quantile}", now.late_us(share), "µs")
+                sheet.add(CASE, f"late, {name} {quantile}", now.delay_us(share), "µs")
     ratio = sheet.number(CASE, "tick, changing p99") / sheet.number(CASE, "tick, at rest p99")
     sheet.add(CASE, "tick p99, changing to at rest", ratio, "1")

@@ -6,20 +6,16 @@ import threading
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hapscene.clock import new_clock
 from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
-from hapscene.servo.empty_loop import loop_empty
-from hapscene.servo.servo_loop import Lateness, request_realtime_priority
+from hapscene.loop.timing import TIMING, Timer, TimingStatistics
+from hapscene.records import records
+from hapscene.servo.empty_loop import loop_empty, run_empty
 from hapscene.servo.shared_memory import open_channel
 
 _START_S: Final = 60.0
 """How long the process may take to be ready [s]."""
-
-_TICK_NS: Final = round(TICK_S * 1e9)
 
 
 class IdleLoop:
@@ -52,10 +48,10 @@ class IdleLoop:
         self._wire.send(False)
         self._answer()
 
-    def lateness(self) -> Lateness:
-        """As `Servo.lateness`; nothing is ever busy."""
+    def timing(self) -> TimingStatistics:
+        """As `Servo.timing`; no tick is ever busy."""
         channel = self._channel.channel[0]
-        return Lateness(channel.late.copy(), channel.busy.copy(), int(channel.missed))
+        return TimingStatistics(channel.late.copy(), channel.busy.copy(), int(channel.missed))
 
     def _answer(self) -> None:
         try:
@@ -76,9 +72,10 @@ class IdleLoop:
 
 def _run(wire: Connection, name: str) -> None:
     """The process: loops and rests as it is told, until the application is gone."""
-    channel, clock = open_channel(1, 1, name), new_clock()
+    channel = open_channel(1, 1, name)
     channel.channel.pause = 1
-    loop_empty(channel.channel[0], clock, _TICK_NS)  # has it compiled
+    timer = Timer(channel.channel[0], new_clock(), records(1, TIMING)[0], round(TICK_S * 1e9))
+    loop_empty(timer)  # has it compiled
     wire.send(None)
     loop: threading.Thread | None = None
     with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
@@ -88,7 +85,7 @@ def _run(wire: Connection, name: str) -> None:
             loop = None
             if runs:
                 channel.channel.pause = 0
-                loop = threading.Thread(target=_wait, args=(channel.channel[0], clock), daemon=True)
+                loop = threading.Thread(target=run_empty, args=(timer,), daemon=True)
                 loop.start()
             wire.send(None)
     _end(loop, channel)
@@ -99,8 +96,3 @@ def _end(loop: threading.Thread | None, channel: Any) -> None:
     if loop is not None:
         channel.channel.pause = 1
         loop.join()
-
-
-def _wait(channel: Any, clock: NDArray[np.int64]) -> None:
-    request_realtime_priority()
-    loop_empty(channel, clock, _TICK_NS)

@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from hapscene.loop.timing import TimingStatistics, request_realtime_priority
 from hapscene.paint.web.page import Page
-from hapscene.servo.servo_loop import Lateness, request_realtime_priority
 
 from .idle import IdleLoop
 from .machine import describe_machine, machine_words
@@ -90,8 +90,8 @@ QUANTILES: Final = {"median": 0.5, "p99": 0.99, "p99.9": 0.999}
 class Window(NamedTuple):
     """The servo and the empty loop over the same time, and how much was drawn meanwhile."""
 
-    servo: Lateness
-    idle: Lateness
+    servo: TimingStatistics
+    idle: TimingStatistics
     frames_s: float
 
 
@@ -114,7 +114,7 @@ def measure_stroke(page: Page, idle: IdleLoop, tab: Any, seconds: float) -> Wind
 
 def late_us(windows: Sequence[Window], share: float) -> tuple[float, float]:
     """Medians over windows: how late that share of the servo's ticks were at most, and of the empty loop's."""
-    servo, idle = zip(*((window.servo.late_us(share), window.idle.late_us(share)) for window in windows), strict=True)
+    servo, idle = zip(*((window.servo.delay_us(share), window.idle.delay_us(share)) for window in windows), strict=True)
     return statistics.median(servo), statistics.median(idle)
 
 
@@ -122,9 +122,9 @@ def _watch(page: Page, idle: IdleLoop, act: Callable[[], Any], frame_count: Call
     """Let the hand stroke the ball and the empty loop run while `act` goes on; both start anew, by chance apart."""
     with touching(page, strokes=True) as servo:
         idle.start()
-        before = servo.lateness(), idle.lateness(), frame_count(), time.monotonic()
+        before = servo.timing(), idle.timing(), frame_count(), time.monotonic()
         act()
-        after = servo.lateness(), idle.lateness(), frame_count(), time.monotonic()
+        after = servo.timing(), idle.timing(), frame_count(), time.monotonic()
         idle.rest()
     frames_s = (after[2] - before[2]) / (after[3] - before[3])
     return Window(after[0].since(before[0]), after[1].since(before[1]), frames_s)

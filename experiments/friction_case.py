@@ -19,8 +19,8 @@ from hapscene.stability.rig import AT_M, sheet
 from hapscene.stability.wall_chart import draw_panels
 from hapscene.surface.swatch import Swatch
 from hapscene.twin.hand_intent import Intent
+from hapscene.twin.result import Feel
 from hapscene.twin.twin import Twin
-from hapscene.twin.twin_recording import Feel
 from hapscene.view.palette import INK, OKABE_ITO
 
 PRESS_N: Final = 1.0

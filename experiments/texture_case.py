@@ -29,8 +29,8 @@ from hapscene.surface.library import load_swatch, shipped_swatches
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture, filters, form
 from hapscene.twin.hand_intent import Intent
+from hapscene.twin.result import Feel
 from hapscene.twin.twin import Twin
-from hapscene.twin.twin_recording import Feel
 from hapscene.view.palette import INK, OKABE_ITO, SHADE
 
 Array = NDArray[np.float64]

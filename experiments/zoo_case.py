@@ -34,8 +34,8 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.stability.wall_chart import draw_panels
 from hapscene.surface.swatch import Swatch
+from hapscene.twin.result import FELT
 from hapscene.twin.twin import Twin
-from hapscene.twin.twin_recording import FELT
 from hapscene.view.palette import AIR, OKABE_ITO
 
 from .zoo_hand import BODY, STIFFNESS_N_M, TICK_S, Plan, make_plan, press_along, reaches

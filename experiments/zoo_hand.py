@@ -16,13 +16,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.compiled.entry import call_flags
 from hapscene.device.arm import SIMULATED_POINT, find_tip
 from hapscene.device.omni_kinematics import reachable, tip, turns_at
+from hapscene.loop.closed_loop import take_grip, tick_tool
 from hapscene.native import native
 from hapscene.renderer import Renderer
-from hapscene.surface.surface_arrays import PLACE
-from hapscene.twin.twin_loop import beat, take_grip
 
 Array = NDArray[np.float64]
 
@@ -153,8 +151,6 @@ def press_along(
     hand, touch = body.arm.hand[0], surface.touch[0]
     share = 1.0 - math.exp(-touch.tick_s / HAND_S)
     for k in range(len(on_m)):
-        if surface.entries[PLACE] != 0:
-            call_flags(surface.entries[PLACE], (world, surface, moving, X_WB, teleported, len(moving), k))
         take_grip(body, grip[0], grip[1], grip[2])
         after = min(k + 1, len(on_m) - 1)
         pushes = nhat[k, 0] != 0.0 or nhat[k, 1] != 0.0 or nhat[k, 2] != 0.0
@@ -165,7 +161,8 @@ def press_along(
             hand.target_m[i] = on_m[k, i] + push_N[0] * into / STIFFNESS_N_M
             hand.target_m_s[i] = (on_m[after, i] - on_m[k, i]) / touch.tick_s
         _find_motors(body.arm, motor_m[k])
-        beat(world, surface, body, rows[k], a_m_s2[0], felt[k], a_m_s2[1])
+        moved = (moving, X_WB, teleported, len(moving), k)
+        tick_tool(world, surface, body, moved, (rows[k], a_m_s2[0], felt[k], a_m_s2[1]))
     _find_motors(body.arm, motor_m[len(on_m)])
 
 

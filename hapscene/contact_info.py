@@ -1,6 +1,7 @@
 """What a program is told of a contact: which body, where, and what the tool does to it."""
 
-from typing import Any, NamedTuple
+from struct import Struct
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,6 +10,10 @@ from hapscene.geometry import numbers
 from hapscene.records import ROW
 
 Vector3 = NDArray[np.float64]
+
+_OFFSET: Final = {name: ROW.fields[name][1] for name in ROW.names or () if ROW.fields is not None}
+_FLOAT: Final = Struct("=d").unpack_from
+_INTEGER: Final = Struct("=q").unpack_from
 
 
 class Impulse(NamedTuple):
@@ -30,11 +35,12 @@ class Contact:
     nothing is cut to what the device can do. Where several bodies hold the tool, it is the share of this one.
     """
 
-    __slots__ = ("_bodies", "_row", "_swatches")
+    __slots__ = ("_bodies", "_floats", "_row", "_swatches")
 
     def __init__(self, row: bytes, bodies: tuple[str, ...], swatches: tuple[str, ...]) -> None:
         """`row` is one `ROW`: its bytes, since to copy a record takes longer than a tick."""
         self._row, self._bodies, self._swatches = row, bodies, swatches
+        self._floats: Vector3 | None = None  # the whole row, whose numbers all have eight bytes
 
     def __repr__(self) -> str:
         place = ", ".join(f"{v:.4g}" for v in self.p_W_m)
@@ -43,17 +49,17 @@ class Contact:
     @property
     def body(self) -> str:
         """Name of the touched body."""
-        return self._bodies[int(self._number("body"))]
+        return self._bodies[self._integer("body")]
 
     @property
     def face(self) -> int:
         """Touched face, an index into the faces of its mesh."""
-        return int(self._number("face"))
+        return self._integer("face")
 
     @property
     def swatch(self) -> str:
         """Name of the touched swatch."""
-        return self._swatches[int(self._number("swatch"))]
+        return self._swatches[self._integer("swatch")]
 
     @property
     def p_W_m(self) -> Vector3:
@@ -68,17 +74,17 @@ class Contact:
     @property
     def depth_m(self) -> float:
         """How deep the tool is inside [m]."""
-        return float(self._number("depth_m"))
+        return self._float("depth_m")
 
     @property
     def slip_m_s(self) -> float:
         """Speed of the proxy over the body, low-passed [m/s]."""
-        return float(self._number("slip_m_s"))
+        return self._float("slip_m_s")
 
     @property
     def began(self) -> bool:
         """Whether this is the first tick of the contact."""
-        return bool(self._number("began"))
+        return bool(self._integer("began"))
 
     @property
     def f_body_W_N(self) -> Vector3:
@@ -94,7 +100,15 @@ class Contact:
         return np.cross(self.p_W_m - numbers(about_W_m), self.f_body_W_N)
 
     def _vector(self, name: str) -> Vector3:
-        return np.array(self._number(name), np.float64)
+        if self._floats is None:
+            self._floats = np.frombuffer(self._row, np.float64)
+        first = _OFFSET[name] // 8
+        return self._floats[first : first + 3]
 
-    def _number(self, name: str) -> Any:
-        return np.frombuffer(self._row, ROW)[name][0]
+    def _integer(self, name: str) -> int:
+        number: int = _INTEGER(self._row, _OFFSET[name])[0]
+        return number
+
+    def _float(self, name: str) -> float:
+        number: float = _FLOAT(self._row, _OFFSET[name])[0]
+        return number

@@ -1,6 +1,9 @@
 """A phase of the tick of its own: the contact, described once as a `Touch`, so that all effects agree on it."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.constants import TINY
 from hapscene.contact.triangle import barycentric, to_body, to_body_before, to_world, turn_to_world
@@ -8,9 +11,13 @@ from hapscene.geometry import Vector, along, dot, norm, sub
 from hapscene.native import inlined, native
 from hapscene.surface.blending import paint_at, take_paint
 
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
+    from hapscene.surface.surface_arrays import Surface
+
 
 @inlined
-def describe(world: Any, surface: Any, p_WT: Vector) -> None:
+def describe(world: "World", surface: "Surface", p_WT: Vector) -> None:
     """Fill `surface.touch[0]` from the proxy's result and the last tick."""
     touch, memory, proxy = surface.touch[0], surface.memory[0], world.proxy[0]
     was_touching, was_depth, was_body = touch.touching, touch.depth_m, touch.body
@@ -55,11 +62,11 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
 
 
 @inlined
-def _enter(world: Any, touch: Any) -> None:
+def _enter(world: "World", touch: np.record) -> None:
     """The bodies that the tool is in, and where they are."""
     proxy = world.proxy[0]
     touch.inside = proxy.passed_count
-    for k in range(touch.inside):
+    for k in range(proxy.passed_count):
         body = world.bodies[proxy.passed[k]]
         touch.inside_body[k] = proxy.passed[k]
         for i in range(3):
@@ -69,7 +76,7 @@ def _enter(world: Any, touch: Any) -> None:
 
 
 @native
-def shade(world: Any, surface: Any) -> int:
+def shade(world: "World", surface: "Surface") -> int:
     """Turn the normal to that interpolated over the touched face, where all that holds the proxy is one round surface.
 
     Slip and speeds stay those along the face. Returns no flags.
@@ -103,7 +110,7 @@ def shade(world: Any, surface: Any) -> int:
 
 
 @inlined
-def _locate(world: Any, surface: Any, p_WT: Vector, p_WP: Vector) -> Vector:
+def _locate(world: "World", surface: "Surface", p_WT: Vector, p_WP: Vector) -> Vector:
     """What is touched: body, face, swatch, depth and normal. Returns the normal."""
     touch, proxy = surface.touch[0], world.proxy[0]
     by = proxy.by
@@ -133,7 +140,7 @@ def _locate(world: Any, surface: Any, p_WT: Vector, p_WP: Vector) -> Vector:
 
 
 @native
-def _drag(body: Any, p_WP: Vector, tick_s: float) -> Vector:
+def _drag(body: np.record, p_WP: Vector, tick_s: float) -> Vector:
     """Velocity of the body at a point on it [m/s], 0 for one that stands still."""
     if body.moved == 0:
         return 0.0, 0.0, 0.0
@@ -142,7 +149,7 @@ def _drag(body: Any, p_WP: Vector, tick_s: float) -> Vector:
 
 
 @native
-def _slip(body: Any, memory: Any, p_WP: Vector, n: Vector) -> Vector:
+def _slip(body: np.record, memory: np.record, p_WP: Vector, n: Vector) -> Vector:
     """Tangential movement of the proxy over the body in this tick [m]."""
     last = (memory.p_WP_m[0], memory.p_WP_m[1], memory.p_WP_m[2])
     if body.moved == 1:
@@ -168,7 +175,7 @@ def _press(touch: Any, smoothing: float, v_rel: Vector, was_depth: float) -> Non
 
 
 @native
-def _slide(touch: Any, memory: Any, slip: Vector, v_rel: Vector, n: Vector) -> None:
+def _slide(touch: np.record, memory: np.record, slip: Vector, v_rel: Vector, n: Vector) -> None:
     """Slip of this tick, and its low-passed speed; a contact starts with the tool's own."""
     k = memory.smoothing
     s = (memory.slip_m_s[0], memory.slip_m_s[1], memory.slip_m_s[2])
@@ -187,7 +194,7 @@ def _slide(touch: Any, memory: Any, slip: Vector, v_rel: Vector, n: Vector) -> N
 
 
 @native
-def _leave(touch: Any) -> None:
+def _leave(touch: np.record) -> None:
     """In the air: no depth, no force, no slip; normal and swatch stay those of the last contact."""
     touch.body, touch.face = -1, -1
     touch.depth_m = touch.depth_rate_m_s = touch.normal_force_N = touch.force_N = touch.slip_m_s = 0.0
@@ -201,5 +208,5 @@ def _vector(values: Any) -> Vector:
 
 
 @native
-def _set(target: Any, v: Vector) -> None:
+def _set(target: NDArray[np.float64], v: Vector) -> None:
     target[0], target[1], target[2] = v[0], v[1], v[2]

@@ -38,17 +38,18 @@ class Native:
 
     Attributes:
         py_func: the Python function.
+        inline: whether LLVM must inline it into what calls it.
     """
 
     def __init__(self, function: Callable[..., Any], inline: bool = False) -> None:
         self.py_func: Any = function
-        self._inline = inline
+        self.inline = inline
         functools.update_wrapper(self, function)
 
     @functools.cached_property
     def part(self) -> Any:
         """Numba's dispatcher that other compiled functions link."""
-        dispatcher = _njit(**_OPTIONS, **part_options, **({"forceinline": True} if self._inline else {}))(self.py_func)
+        dispatcher = _njit(**_OPTIONS, **part_options, **({"forceinline": True} if self.inline else {}))(self.py_func)
         compiler = dispatcher._compiler
         compile_core = compiler._compile_core
 

@@ -6,14 +6,20 @@ What an effect says that a body gives within which the tool is (`f_inside_W_N`) 
 so that whoever looks at them seldom, or misses a look, loses nothing.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from hapscene.geometry import Vector, along, cross, dot, sub
 from hapscene.native import inlined, native
 
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
+    from hapscene.surface.surface_arrays import Surface
+
 
 @inlined
-def react(world: Any, surface: Any) -> None:
+def react(world: "World", surface: "Surface") -> None:
     """Note the force on the touched body, and add what all got in this tick; `surface.total` is of contact alone."""
     touch, proxy, memory = surface.touch[0], world.proxy[0], surface.memory[0]
     f = surface.total[0].f_W_N
@@ -44,7 +50,7 @@ def react(world: Any, surface: Any) -> None:
 
 
 @native
-def _give(world: Any, index: int, touch: Any, force: Vector) -> None:
+def _give(world: "World", index: int, touch: np.record, force: Vector) -> None:
     """Add the impulse of a force at the proxy over this tick."""
     p, o, lead, impulse = touch.p_WP_m, world.bodies[index].p_WB_m, world.bodies[index].lead_W_m, world.impulse[index]
     arm = sub((p[0], p[1], p[2]), (o[0] - lead[0], o[1] - lead[1], o[2] - lead[2]))

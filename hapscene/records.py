@@ -5,12 +5,15 @@ frames: W world, B body; vectors are in W. An effect reads `touch.depth_m`, and 
 """
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 from hapscene.constants import BLOCK_MAX, PASSED_MAX
 from hapscene.errors import HapsceneError
+
+Records: TypeAlias = "np.recarray[Any, np.dtype[np.record]]"
+"""An array of records, whose fields are attributes: `touch[0].depth_m`."""
 
 TOUCH: Final = np.dtype(
     [
@@ -107,7 +110,7 @@ class Owning(bytearray):
     owned: Any
 
 
-def together(arrays: Sequence[Any], owned: Any = None) -> list[Any]:
+def pack_small_arrays(arrays: Sequence[Any], owned: Any = None) -> list[Any]:
     """The same arrays, the small ones copied side by side into one block of memory: few pages for a tick to touch.
 
     `owned` lives as long as any of those.

@@ -23,7 +23,7 @@ from hapscene.geometry import numbers, positions, rigid
 from hapscene.moving_bodies import MovingBodies
 from hapscene.native import INTERPRETED, compiling
 from hapscene.records import ROW, block_of, records
-from hapscene.surface.device_clipping import Clip, Fit, Numbers, clips, given, share_of
+from hapscene.surface.device_clipping import Clip, Fit, Numbers, clip_to_device, clips, share_of
 from hapscene.surface.effect import Effect, check_range
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.field_settings import FieldSetting, field_setting
@@ -43,22 +43,19 @@ OTHER_BODIES: Final = "to repaint, give the bodies that the renderer was made wi
 _STILL: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
 
 
-class _Command(NamedTuple):
-    f_W_N: NDArray[np.float64]
-    a_m_s2: NDArray[np.float64]
-    flags: Flag
-
-
-class Command(_Command):
-    """What one tick asks of the device.
+class Command(NamedTuple):
+    """What one haptic tick asks of the device.
 
     Attributes:
         f_W_N: (3,) force on the hand in W [N].
         a_m_s2: (block,) acceleration samples along the handle [m/s²].
         flags: what went wrong or was limited.
-        contact: what is touched, and what the tool does to it; None in the air.
+        contact: the touched body, where and how; None in the air.
     """
 
+    f_W_N: NDArray[np.float64]
+    a_m_s2: NDArray[np.float64]
+    flags: Flag
     contact: Contact | None = None
 
     def __repr__(self) -> str:
@@ -150,7 +147,7 @@ class Renderer:
         self._index_of = {name: index for index, name in enumerate(self._body_names)}  # of those that are felt
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
         self._bodies = tuple(scene.bodies)
-        self._fields = self._set(settings or {})
+        self._fields = self._read_field_settings(settings or {})
         self._mapped: MovingBodies | None = None
         self._scene, self._seen, self._seen_X_WB = scene, scene.pose_count, [body.X_WB for body in scene.bodies]
         self._crease_rad = crease_rad
@@ -167,7 +164,7 @@ class Renderer:
             self._play = _entry(self.world, self.surface, self._row, self._samples)
         _warn(messages + [str(clip) for k in range(len(self._fields)) for clip in self._field(k)[1] if clip.reported])
         _warn_of_crowd(scene, self.world)
-        self._told = self._row.view(np.ndarray).view(np.uint8)
+        self._row_bytes = self._row.view(np.ndarray).view(np.uint8)
         row = self._row.view(np.ndarray)
         self._out = row["f_W_N"][0], row["flags"], row["touching"]  # views: a look-up by name costs a microsecond
         self._started = False
@@ -284,8 +281,8 @@ class Renderer:
         if self.fidelity is not None:
             raise SceneError(f"{what} with a fidelity, which is of the scene as it was: make a renderer without one")
 
-    def _set(self, settings: Mapping[str, Mapping[str, Any]]) -> list[FieldSetting]:
-        """The effects of the scene as they are set."""
+    def _read_field_settings(self, settings: Mapping[str, Mapping[str, Any]]) -> list[FieldSetting]:
+        """Settings of the scene effects, checked, one per effect."""
         of_scene = self._effects[len(self._contact_effects) :]
         names = [effect.name for effect in of_scene]
         for name in names:
@@ -304,7 +301,7 @@ class Renderer:
         """What the device takes of the numbers of the k-th effect of the scene, and where that is not all."""
         e = len(self._contact_effects) + k
         asked = {(e, name): value for name, value in self._fields[k].numbers.items()}
-        taken = given(self.limits, self._effects, asked)
+        taken = clip_to_device(self.limits, self._effects, asked)
         return taken, clips(self._effects[e].name, asked, taken, self.limits, self.tick_s, "effect")
 
     @property
@@ -471,10 +468,10 @@ class Renderer:
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
         self._ticks += 1
         f_W_N, flags, touching = self._out
-        command = Command(f_W_N.copy(), self._samples[0].copy(), flag_of(flags.item()))
+        contact = None
         if touching.item():
-            command.contact = Contact(self._told.tobytes(), self._body_names, self._swatch_names)
-        return command
+            contact = Contact(self._row_bytes.tobytes(), self._body_names, self._swatch_names)
+        return Command(f_W_N.copy(), self._samples[0].copy(), flag_of(flags.item()), contact)
 
     def impulse(self, body: str) -> Impulse:
         """What the tool has given a body since the last reset.

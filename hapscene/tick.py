@@ -17,7 +17,7 @@ nothing, locks nothing and raises nothing; what goes wrong is a `Flag`.
 """
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,13 @@ from hapscene.flags import Flag
 from hapscene.geometry import Vector
 from hapscene.native import inlined, native
 from hapscene.reaction import react
+from hapscene.records import Records
 from hapscene.surface.mixer import limit, render_contact, render_fields
 from hapscene.surface.surface_arrays import COUPLE, FIELDS, GUARD, PLACE, SHADE, TICK
+
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
+    from hapscene.surface.surface_arrays import Surface
 
 _NOT_FINITE = int(Flag.TOOL_NOT_FINITE)
 _UNSETTLED = int(Flag.UNSETTLED)
@@ -44,7 +49,9 @@ _POSE = int(Flag.POSE_REFUSED)
 
 
 @native
-def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]) -> int:
+def tick(
+    world: "World", surface: "Surface", x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]
+) -> int:
     """One tick with the tool at (x, y, z) [m] in W; `row` is one `ROW`, `a_m_s2` (block,) its samples. Returns flags.
 
     Compiled once for all loops: they call it by `surface.entries[TICK]`, as it calls the phases that few scenes use.
@@ -84,28 +91,34 @@ def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s
 
 @native
 def run_ticks(
-    world: Any,
-    surface: Any,
+    world: "World",
+    surface: "Surface",
     p_WT_m: NDArray[np.float64],
     moving: NDArray[np.int64],
     X_WB: NDArray[np.float64],
     teleported: NDArray[np.int64],
-    rows: Any,
+    rows: Records,
     a_m_s2: NDArray[np.float64],
 ) -> None:
     """Tick along a path `p_WT_m` (n, 3), the bodies `moving` (m,) at poses `X_WB` (n, m, 4, 4).
 
     Where `teleported` (m,) is not 0, a body appears at its first pose.
     """
-    entries = surface.entries
     for k in range(len(p_WT_m)):
-        if entries[PLACE] != 0:
-            call_flags(entries[PLACE], (world, surface, moving, X_WB, teleported, len(moving), k))
-        p = p_WT_m[k]
-        call_flags(entries[TICK], (world, surface, p[0], p[1], p[2], rows[k], a_m_s2[k]))
+        p, moved = p_WT_m[k], (moving, X_WB, teleported, len(moving), k)
+        tick_at(world, surface, moved, (p[0], p[1], p[2]), rows[k], a_m_s2[k])
 
 
-def use_tick(world: Any, surface: Any, rows: Any, a_m_s2: NDArray[np.float64]) -> None:
+@inlined
+def tick_at(world: Any, surface: Any, moved: Any, p_WT: Vector, row: Any, a_m_s2: NDArray[np.float64]) -> None:
+    """Place the bodies that move, and tick: what every loop does. `moved` is what `place_bodies` takes after these."""
+    entries = surface.entries
+    if entries[PLACE] != 0:
+        call_flags(entries[PLACE], (world, surface, moved[0], moved[1], moved[2], moved[3], moved[4]))
+    call_flags(entries[TICK], (world, surface, p_WT[0], p_WT[1], p_WT[2], row, a_m_s2))
+
+
+def use_tick(world: "World", surface: "Surface", rows: Records, a_m_s2: NDArray[np.float64]) -> None:
     """Compile the tick, and the phases that its device, its mesh and its effects ask for; or take them from the cache.
 
     Args:
@@ -124,7 +137,7 @@ def use_tick(world: Any, surface: Any, rows: Any, a_m_s2: NDArray[np.float64]) -
     entries[TICK] = address_of(tick, world, surface, *point, rows[0], a_m_s2[0])
 
 
-def use_moving_bodies(world: Any, surface: Any) -> None:
+def use_moving_bodies(world: "World", surface: "Surface") -> None:
     """Compile what moves and deforms bodies, or take it from the cache; before the first tick that needs it."""
     none = np.zeros(0, np.int64)
     if surface.entries[PLACE] == 0:
@@ -132,7 +145,7 @@ def use_moving_bodies(world: Any, surface: Any) -> None:
 
 
 @inlined
-def _coupled(surface: Any, tool_W: Vector) -> Vector:
+def _coupled(surface: "Surface", tool_W: Vector) -> Vector:
     """The virtual tool of the coupling."""
     now = surface.memory[0].now_W_m
     now[0], now[1], now[2] = tool_W
@@ -141,7 +154,7 @@ def _coupled(surface: Any, tool_W: Vector) -> Vector:
 
 
 @inlined
-def _read(surface: Any, x: float, y: float, z: float) -> tuple[Vector, int]:
+def _read(surface: "Surface", x: float, y: float, z: float) -> tuple[Vector, int]:
     """The tool's position, or the last good one where it is not finite."""
     if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
         return (x, y, z), 0
@@ -150,14 +163,14 @@ def _read(surface: Any, x: float, y: float, z: float) -> tuple[Vector, int]:
 
 
 @inlined
-def _keep(surface: Any, tool_W: Vector) -> None:
+def _keep(surface: "Surface", tool_W: Vector) -> None:
     """Remember the tool as it was measured."""
     last = surface.memory[0].tool_W_m
     last[0], last[1], last[2] = tool_W[0], tool_W[1], tool_W[2]
 
 
 @inlined
-def _note(surface: Any, row: Any, a_m_s2: NDArray[np.float64]) -> None:
+def _note(surface: "Surface", row: np.record, a_m_s2: NDArray[np.float64]) -> None:
     """Write the tick's row."""
     touch, total = surface.touch[0], surface.total[0]
     for i in range(3):

@@ -348,7 +348,7 @@ def touch_by_hand(
         HapsceneError: what the twin refuses.
         OSError: the folder cannot be written.
     """
-    from hapscene.twin.twin_recording import summarise_feel
+    from hapscene.twin.result import summarise_feel
     from hapscene.view.plot import write_hand_plot
 
     _check_memory(len(intent), TICK_S, ACCELERATION_RATE_HZ, _FEEL_B)

@@ -7,7 +7,6 @@ from typing import Any, Final
 import numpy as np
 import trimesh
 
-from hapscene.bound_call import BoundCall
 from hapscene.clock import VIRTUAL, new_clock
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.contact.moving import place_bodies
@@ -18,17 +17,16 @@ from hapscene.device.model import IDEAL
 from hapscene.device.omni import Omni
 from hapscene.device.point import PointMass
 from hapscene.device.stabilisers import couple, guard
+from hapscene.loop.driver import CHANNEL, drive
 from hapscene.native import compiling
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
-from hapscene.servo.servo_loop import begin_timing, scheduled_at, serve, tick_at, wait_at
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.mixer import render_fields
 from hapscene.teleoperation.bilateral_loop import operate, step_follower, step_leader
 from hapscene.tick import run_ticks, tick
 from hapscene.twin import Intent, Twin
-from hapscene.twin.twin_loop import live
 
 SWATCH: Final = "wood"
 ABOVE_M: Final = (0.0, 0.0, 0.06)
@@ -38,10 +36,7 @@ ALL_EFFECTS: Final = (*EFFECTS, "puncture", "guide", "magnet", "viscosity", "wei
 _SETTINGS: Final = {"guide": {"points_m": [[0.0, 0.0, 1.0]]}, "magnet": {"points_m": [[0.0, 0.0, 1.0]]}}
 
 _FIRST: Final = (tick, run_ticks, put)
-_LATER: Final = (
-    *(place_bodies, couple, guard, shade, render_fields, live, operate, step_leader, step_follower),
-    *(serve, begin_timing, wait_at, tick_at, scheduled_at),
-)
+_LATER: Final = (*(place_bodies, couple, guard, shade, render_fields, drive, operate, step_leader, step_follower),)
 """What is declared, so that the progress line knows its total: the large functions."""
 
 
@@ -98,17 +93,18 @@ def _close_the_loop(scene: Scene) -> None:
 def _serve(scene: Scene) -> None:
     """The loops of a servo's process, for simulated devices and for those that Python or a vendor's library drives."""
     from hapscene.device.safety import resume_safety, simulated_safety
+    from hapscene.loop.timing import TIMING, Timer
     from hapscene.records import records
     from hapscene.servo.empty_loop import loop_empty
     from hapscene.servo.heartbeat import _beat
     from hapscene.servo.servo_process import Desk
-    from hapscene.servo.shared_memory import CHANNEL, open_channel
+    from hapscene.servo.shared_memory import open_channel
 
     clock = new_clock()
     _beat(np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, np.int64), clock, 0)  # which stops at once
     paused = records(1, CHANNEL)
     paused.pause = 1
-    loop_empty(paused[0], clock, round(1e9 * TICK_S))
+    loop_empty(Timer(paused[0], clock, records(1, TIMING)[0], round(1e9 * TICK_S)))
     virtual = new_clock()
     virtual[VIRTUAL] = 1  # so that nothing ticks by itself
     for device in (PointMass(0.045, 0.1, 0.26, 5.5e-5), DeviceChoice("simulated").open()):
@@ -120,7 +116,6 @@ def _serve(scene: Scene) -> None:
             desk.start([ABOVE_M], np.zeros(3))
             desk.rest()
             resume_safety(twin.body.safety[0])
-            BoundCall(scheduled_at, desk._acted_on())
             desk.end()
         finally:
             del twin, desk  # they look at the memory that is given back

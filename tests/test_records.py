@@ -5,7 +5,7 @@ import weakref
 
 import numpy as np
 
-from hapscene.records import OUTPUT, SMALL_B, records, together
+from hapscene.records import OUTPUT, SMALL_B, pack_small_arrays, records
 
 
 class _Owner:
@@ -18,7 +18,7 @@ def test_arrays_put_together_are_as_they_were_side_by_side_and_keep_what_they_ow
     given = [np.arange(6.0).reshape(2, 3), record, np.zeros(0, np.int64), np.array([7], np.uint8), large]
     owner = _Owner()
     gone = weakref.ref(owner)
-    found = together(given, owner)
+    found = pack_small_arrays(given, owner)
     for one, was in zip(found, given, strict=True):
         assert type(one) is type(was) and one.dtype == was.dtype and np.array_equal(one, was)
         assert one.flags.c_contiguous and one.flags.aligned and one.flags.writeable

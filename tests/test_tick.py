@@ -1,8 +1,5 @@
 """The tick: its order, its row, and that it allocates nothing."""
 
-import os
-import subprocess
-import sys
 import tracemalloc
 
 import numpy as np
@@ -139,42 +136,8 @@ def test_row_holds_the_force_after_guard_and_limits(box):
     np.testing.assert_allclose(np.linalg.norm(recording.f_W_N[cut], axis=1), 0.3, rtol=1e-12)
 
 
-def test_flags_of_old_keep_their_bits():
-    assert [int(flag) for flag in Flag][:9] == [1, 2, 4, 8, 16, 32, 64, 128, 256]
-    assert Flag.ENERGY_DAMPED == 64
-
-
 @pytest.mark.skipif(INTERPRETED, reason="interpreted code makes objects")
 def test_memory_does_not_grow_with_stabilised_ticks(box):
     renderer = hapscene.Renderer(box, limits=STABILISED, crease_rad=0.5)
     path = np.c_[0.02 * np.sin(np.arange(2000) / 50), np.zeros(2000), 0.001 * np.sin(np.arange(2000) / 30)]
     assert _grown_B(renderer, path) < 10_000
-
-
-SCRIPT = """
-import sys, numpy as np, trimesh, hapscene
-from hapscene.device.model import Limits
-from hapscene.native import INTERPRETED
-scene = hapscene.Scene()
-scene.add(trimesh.creation.icosphere(subdivisions=2, radius=0.05), name="ball", unit="m")
-limits = Limits(guard_Ns_m=5.0, coupling_N_m=900.0, coupling_Ns_m=0.2, delay_ticks=1, force_N=1.5)
-t = np.linspace(0, 1, 120)[:, None]
-path = (0.0505 - 0.002 * np.sin(60 * t)) * np.c_[np.cos(t), np.sin(t), 0 * t]
-r = hapscene.Renderer(scene, ["wall", "friction"], limits=limits, crease_rad=0.6).run(path)
-np.savez(sys.argv[1], f_W_N=r.f_W_N, nhat_W=r.nhat_W, flags=r.flags)
-print(INTERPRETED)
-"""
-
-
-@pytest.mark.nightly
-def test_stabilised_ticks_are_the_same_interpreted(tmp_path):
-    results = []
-    for name, environment in (("compiled", {}), ("interpreted", {"NUMBA_DISABLE_JIT": "1"})):
-        command = [sys.executable, "-c", SCRIPT, tmp_path / f"{name}.npz"]
-        subprocess.run(command, check=True, env=os.environ | environment, timeout=120, stdout=subprocess.PIPE)
-        results.append(np.load(tmp_path / f"{name}.npz"))
-    compiled, interpreted = results
-    assert (compiled["flags"] & Flag.ENERGY_DAMPED).any()
-    np.testing.assert_array_equal(interpreted["flags"], compiled["flags"])
-    np.testing.assert_allclose(interpreted["nhat_W"], compiled["nhat_W"], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(interpreted["f_W_N"], compiled["f_W_N"], rtol=1e-9, atol=1e-9)

@@ -11,8 +11,8 @@ import numpy as np
 from hapscene.device.driver import Connection, new_state
 from hapscene.errors import HapsceneError
 from hapscene.servo import Servo
-from hapscene.servo.flight_recorder import told_of
 from hapscene.servo.servo_process import Desk, open_twins
+from hapscene.servo.session_log import settings_of
 from hapscene.servo.shared_memory import Channel
 from tests.virtual_clock import VirtualClock
 
@@ -71,11 +71,11 @@ class _Here:
         made = ForkingPickler.loads(ForkingPickler.dumps(made))
         self._opened: list[Connection] = []
         del made["bodies"]
-        folder = made.pop("flights")
+        folder = made.pop("log_folder")
         try:
             twins = open_twins(made, self._opened)
-            told = told_of([twin.renderer for twin in twins], made.get("settings"))
-            self.desk = Desk(made["scene"], twins, shared, folder, told, clock.buffer)
+            settings = settings_of([twin.renderer for twin in twins], made.get("settings"))
+            self.desk = Desk(made["scene"], twins, shared, folder, settings, clock.buffer)
         except BaseException:
             self._close()
             raise

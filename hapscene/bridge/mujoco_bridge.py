@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,6 @@ from hapscene.files import refusing
 from hapscene.scene.mesh import Mesh, MeshWarning
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import SwatchLike
-
-if TYPE_CHECKING:
-    from hapscene.moving_bodies import MovingBodies
-    from hapscene.renderer import Renderer
 
 Array = NDArray[np.float64]
 
@@ -102,36 +98,11 @@ class MuJoCo(Bridge):
         self.scene, moving = _scene(model, data, worn, visual)
         self.names, self._ids = tuple(moving), np.array(list(moving.values()), np.intp)
         super().__init__(self)
-        self._theirs, self._ours = data.xfrc_applied.copy(), None
-        self._before = np.zeros((len(self.names), 6))
         self._time_s = float(data.time)
 
     def __repr__(self) -> str:
         count = len(self.names)
         return f"<MuJoCo: {count} moving {'body' if count == 1 else 'bodies'}; {self.scene!r}>"
-
-    # For a loop of one's own: poses, ticks, apply, mj_step.
-
-    def poses(self, renderer: "Renderer") -> "MovingBodies":
-        """The bodies where they are now, for `Renderer.step`; what `apply` added last is taken out.
-
-        After `mj_step` alone, `data.xpos` is of the step before; this brings it up to date.
-        """
-        self._take_out()
-        bodies = self._bind(renderer)
-        self.read(bodies.X_WB)
-        bodies.teleported[[bodies.names.index(name) for name in self._jumps]] = 1
-        self._jumps.clear()
-        self._before = renderer.world.impulse[bodies.index]
-        return bodies
-
-    def apply(self, renderer: "Renderer") -> None:
-        """Add to `data.xfrc_applied` what the tool gave the bodies since `poses`, as a wrench over the next step."""
-        bodies = self._bind(renderer)
-        self._take_out()
-        self._put((renderer.world.impulse[bodies.index] - self._before) / self.step_s)
-
-    # What a bridge needs of a simulation.
 
     def read(self, X_WB: Array) -> None:
         """Write the present poses of the moving bodies into X_WB (n, 4, 4)."""
@@ -162,10 +133,15 @@ class MuJoCo(Bridge):
         """One `mj_step` under forces on the moving bodies and torques about their origins (n, 6)."""
         import mujoco
 
-        self._take_out()
-        self._put(wrench_W)
-        mujoco.mj_step(self.model, self.data)
-        self._take_out()
+        data, bodies, theirs = self.data, self._ids, self.data.xfrc_applied.copy()
+        force, torque = wrench_W[:, :3], wrench_W[:, 3:]
+        data.xfrc_applied[bodies, :3] += force  # at the centre of mass
+        data.xfrc_applied[bodies, 3:] += torque
+        data.xfrc_applied[bodies, 3:] -= (crosses(data.xipos[bodies] - data.xpos[bodies]) @ force[:, :, None])[:, :, 0]
+        ours = data.xfrc_applied.copy()
+        mujoco.mj_step(self.model, data)
+        untouched = data.xfrc_applied == ours  # a model that has diverged is reset by MuJoCo, and its forces with it
+        data.xfrc_applied[untouched] = theirs[untouched]
 
     def contact(self, body: int) -> Array:
         """Force (3,) by which other bodies of the model touched a body in the last step, in W [N]."""
@@ -179,22 +155,6 @@ class MuJoCo(Bridge):
                 mujoco.mj_contactForce(self.model, self.data, i, force_N)  # of the first on the second
                 total_N += (int(sides[1]) - int(sides[0])) * (force_N[:3] @ contact.frame.reshape(3, 3))
         return total_N
-
-    def _put(self, wrench_W: Array) -> None:
-        data, bodies = self.data, self._ids
-        self._theirs = data.xfrc_applied.copy()
-        force, torque = wrench_W[:, :3], wrench_W[:, 3:]
-        data.xfrc_applied[bodies, :3] += force  # at the centre of mass
-        data.xfrc_applied[bodies, 3:] += torque
-        data.xfrc_applied[bodies, 3:] -= (crosses(data.xipos[bodies] - data.xpos[bodies]) @ force[:, :, None])[:, :, 0]
-        self._ours = data.xfrc_applied.copy()
-
-    def _take_out(self) -> None:
-        """Give back the user's forces as they were; what was written over in the meantime stays."""
-        if self._ours is not None:
-            untouched = self.data.xfrc_applied == self._ours
-            self.data.xfrc_applied[untouched] = self._theirs[untouched]
-            self._ours = None
 
 
 def _scene(model: Any, data: Any, swatches: Mapping[str, SwatchLike], visual: bool) -> tuple[Scene, dict[str, int]]:

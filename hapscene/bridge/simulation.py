@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from hapscene.recording import Recording
     from hapscene.renderer import Command, Renderer
     from hapscene.twin.hand_intent import Intent
-    from hapscene.twin.twin import Twin
-    from hapscene.twin.twin_recording import Feel
+    from hapscene.twin.result import Feel
+    from hapscene.twin.twin import Run, Twin
 
 Array = NDArray[np.float64]
 
@@ -189,18 +189,14 @@ class Bridge:
         Raises:
             SceneError: the twin's scene lacks a body of the simulation.
         """
-        bodies, done, notes = self._bind(twin.renderer), 0, twin._notes(len(intent))
-        slots = (bodies.index, bodies.poses, bodies.teleported)
-        twin._begin(intent)
-
-        def tick() -> None:
-            nonlocal done
-            twin._live(intent, slice(done, done + 1), slots, notes)
-            done += 1
-
+        bodies, done = self._bind(twin.renderer), 0
+        twin.begin(intent)
+        run = Run(twin, intent, bodies.index, bodies.poses, bodies.teleported)
         while done < len(intent):
-            self._advance(twin.renderer, min(self._count(twin.renderer.tick_s), len(intent) - done), tick)
-        return twin._feel(intent, notes)
+            count = min(self._count(twin.renderer.tick_s), len(intent) - done)
+            self._advance(twin.renderer, count, lambda: run.advance(1))
+            done += count
+        return run.result()
 
     def teleport(self, name: str) -> None:
         """In the next step the body appears where the simulation has put it, touching nothing on its way.

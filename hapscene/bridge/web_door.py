@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from hapscene.bridge.conventions import Convention
 from hapscene.bridge.packets import VERSION, PacketError, unpack_json
 from hapscene.bridge.server import Answer, BridgeServer
-from hapscene.web_listener import WebListener
+from hapscene.web.listener import WebListener
 
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
@@ -48,10 +48,10 @@ class WebDoor:
             self._talk,
             host,
             port,
-            room=CONNECTIONS_MAX,
+            connections_max=CONNECTIONS_MAX,
             what="the bridge's WebSocket",
             option="--ws port",
-            came=self._count,
+            on_connection=self._count,
             origins=[None, re.compile(rf"https?://({ours})(:\d+)?", re.IGNORECASE)],
             open_timeout=OPEN_S,
             max_size=MESSAGE_MAX,

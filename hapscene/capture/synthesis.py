@@ -1,6 +1,6 @@
 """The acceleration of a swatch's texture along a stroke, offline: to judge a fit, and to listen to it.
 
-The same lattice and the same noise as the renderer's effect `lpc_texture` (`hapscene.dsp.lattice`); here the models
+The same state machine and the same noise as in the effect `lpc_texture` (`hapscene.dsp.texture_voice`); here the models
 are those of the texture itself, there they come from a table on a grid.
 """
 
@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapscene.capture.streams import Array
-from hapscene.constants import LIFE_MAX
-from hapscene.dsp.lattice import run_texture, voice_fields
-from hapscene.dsp.noise import normal, seeded_state
+from hapscene.dsp.noise import seeded_state
+from hapscene.dsp.texture_voice import Stroke, run_texture, voice_fields
 from hapscene.errors import CaptureError
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch, SwatchLike
@@ -80,16 +79,13 @@ class _Player:
         self.step = max(1, round(STEP_S * texture.rate_Hz))
         self.hold = max(1, round(BLOCK_S * texture.rate_Hz / self.step))
         self.block, self.step_s = self.hold * self.step, self.step / texture.rate_Hz
-        self.life, of = np.zeros(3 * LIFE_MAX), texture.life
-        if of is not None and life > 0.0:
-            self.life[: 3 * len(of.spread)] = np.column_stack((life * of.spread, of.decay_1_s, of.decay_1_m)).ravel()
-        own = [("life", (LIFE_MAX,)), ("norm", (2,))]
-        fields = [(name, np.float64, shape) for name, shape in [*voice_fields(texture.order), *own]]
-        self.s = np.zeros(1, fields).view(np.recarray)[0]
-        self.s["order"], self.s["warp"] = texture.order, texture.warp
-        self.rng = seeded_state(seed, "synthesize")
-        if self.life.any():
-            self.s["life"] = [normal(self.rng) for _ in range(LIFE_MAX)]
+        self.rates, of = np.zeros(0), texture.life
+        if of is not None:
+            self.rates = np.column_stack((of.spread, of.decay_1_s, of.decay_1_m)).ravel()
+        fields = [(name, np.float64, shape) for name, shape in voice_fields(texture.order)]
+        self.s = np.zeros(1, [*fields, ("rng", np.uint64, (4,))]).view(np.recarray)[0]
+        self.s["order"], self.s["warp"], self.s["spread_scale"] = texture.order, texture.warp, life
+        self.s["rng"] = seeded_state(seed, "synthesize")
         self.last: float | None = None  # level at the end of what was played
 
     def add(self, force_N: Array, speed_m_s: Array, out: Array) -> None:
@@ -111,4 +107,4 @@ class _Player:
     def _run(self, k: Array, level: Array, speed_m_s: Array, out: Array) -> None:
         travel_m = np.broadcast_to(np.abs(speed_m_s) * self.step_s, level.shape).copy()
         k = np.ascontiguousarray(k)
-        run_texture(self.s, k, level, self.life, travel_m, self.step_s, self.step, self.hold, self.rng, out)
+        run_texture(self.s, Stroke(k, level, travel_m, self.rates, self.step_s, self.step, self.hold), out)

@@ -71,9 +71,9 @@ def play(
       hapscene play --replay logs/2026-11-23-101500     # the same forces again?
     """
     if replay is not None:
-        from hapscene.servo.flight_recorder import replay_flight
+        from hapscene.servo.session_log import replay_log
 
-        result = replay_flight(replay)
+        result = replay_log(replay)
         tell([f"written because: {printable(result.reason)}", str(result)])
         return 1 if len(result.unlike) else 0
     scene, mesh = find_asset(scene, mesh)
@@ -90,7 +90,7 @@ def play(
         chosen.checked()  # before the scene is loaded
     logs = log or log_folder()
     made: dict[str, Any] = {"handle": handle.chosen(), "handle_file": handle.handle_file, "force_N": force}
-    made |= {"ring_s": LOG_S, "flights": str(logs)}
+    made |= {"ring_s": LOG_S, "log_folder": str(logs)}
     loaded = load_input(scene, mesh)
     if device == "pointer" and not option:
         place = {"title": base_name(scene), "host": page.host, "port": page.port}
@@ -156,9 +156,9 @@ def _show_until_end(
 
 
 def _write_log(servo: "Servo", logs: Path, reason: str) -> None:
-    from hapscene.servo.flight_recorder import write_flight
+    from hapscene.servo.session_log import write_log
 
-    note(write_flight(servo.flight(reason), str(logs)))
+    note(write_log(servo.session_log(reason), str(logs)))
 
 
 def serve(

@@ -35,7 +35,7 @@ from hapscene.interrupt import interrupt_noted
 
 if TYPE_CHECKING:
     from hapscene.study.plan import Plan
-    from hapscene.study.playing import Player
+    from hapscene.study.playing import OutputPlayer
     from hapscene.study.sitting import Sitting
 
 __all__ = ["study", "teleoperate"]
@@ -99,7 +99,7 @@ def run(
         tell(lines)
 
 
-def _serve(sitting: "Sitting", player: "Player", page: PageOptions) -> str:
+def _serve(sitting: "Sitting", player: "OutputPlayer", page: PageOptions) -> str:
     """Serve the page until all is answered, or Ctrl-C; return what went wrong with it."""
     import webbrowser
 
@@ -127,7 +127,7 @@ def _next_person(folder: Path) -> str:
     return next(name for k in range(1, len(known) + 2) if (name := f"P{k:02}") not in known)
 
 
-def _player(plan: "Plan", options: OutputOptions) -> "Player":
+def _player(plan: "Plan", options: OutputOptions) -> "OutputPlayer":
     """What the plan's stimuli are played on, ready."""
     from hapscene.handle.live_process import open_output
     from hapscene.study.playing import handle, headphones

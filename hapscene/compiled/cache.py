@@ -28,6 +28,7 @@ from numba.core import caching, compiler
 from platformdirs import user_cache_path
 
 from hapscene.errors import warn
+from hapscene.files import whole_file
 
 SHIPPED: Final = Path(__file__).with_name("shipped")
 """The folder of compiled code that a wheel carries; absent in a checkout."""
@@ -41,8 +42,11 @@ PORTABLE_CPU: Final = "x86-64-v3" if llvm.get_default_triple().startswith("x86_6
 _KEPT_S: Final = 30 * 24 * 3600.0
 """Files are removed when unused for this long [s]."""
 
+_CODE: Final = ("compiled/pipeline.py", "compiled/block.py", "compiled/digest.py", "native.py")
+"""Files of the package that decide how a function is compiled: a change of theirs compiles everything anew."""
+
 _BUILD: Final = hashlib.sha256(
-    b"".join(Path(__file__).with_name(name).read_bytes() for name in ("pipeline.py", "block.py", "digest.py"))
+    b"".join((Path(__file__).parents[1] / name).read_bytes() for name in _CODE)
     + f"1 {numba.__version__} {llvmlite.__version__} {sys.version_info[:2]} {sys.implementation.cache_tag}".encode()
 ).hexdigest()
 
@@ -77,7 +81,10 @@ class DiskCache(_Cache):  # type: ignore[misc]
             return
         with suppress(OSError, pickle.PicklingError, AttributeError, TypeError):  # a full disk; a type of a notebook's
             content = pickle.dumps(result._reduce(), protocol=pickle.HIGHEST_PROTOCOL)
-            _write_whole(folder / self._file(signature, target=result.target_context.codegen().magic_tuple()), content)
+            path = folder / self._file(signature, target=result.target_context.codegen().magic_tuple())
+            with whole_file(path) as part:
+                part.write_bytes(content + hashlib.sha256(content).digest())
+            _remove_old(folder)
 
     def enable(self) -> None:
         pass
@@ -116,18 +123,6 @@ def _whole_content(path: Path) -> bytes | None:
     return content[:-32] if hashlib.sha256(content[:-32]).digest() == content[-32:] else None
 
 
-def _write_whole(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all."""
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(content + hashlib.sha256(content).digest())
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-
-
 def is_known(digest: str) -> bool:
     """Whether a function of this digest was compiled before, for whatever signature."""
     places = (cache_folder(), SHIPPED if _runs_portable_code() else None)
@@ -163,7 +158,6 @@ def _folder(chosen: str) -> Path | None:
     if (place := _others_write(folder.resolve())) is not None:
         warn_not_kept(f"{place} can be written by other users")
         return None
-    _remove_old(folder)
     return folder
 
 
@@ -185,8 +179,9 @@ def _others_write(folder: Path) -> Path | None:
     return next((place for place, mode in modes if mode & stat.S_IWOTH and not mode & stat.S_ISVTX), None)
 
 
+@cache
 def _remove_old(folder: Path) -> None:
-    """Remove files that were not used for long."""
+    """Remove files that were not used for long; once in a process."""
     with suppress(OSError):
         for path in folder.iterdir():
             if path.is_file() and time.time() - path.stat().st_mtime > _KEPT_S:

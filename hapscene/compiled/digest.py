@@ -44,7 +44,7 @@ def digest_of(function: types.FunctionType) -> tuple[str, list[Any]]:
                 waiting.append(below)
                 if value is not below:
                     compiled.append(value)
-            digest.update(f"{name}:{numbers[id(below)]};".encode())
+            digest.update(f"{name}:{numbers[id(below)]}{getattr(value, 'inline', '')};".encode())
     return digest.hexdigest()[:32], compiled
 
 
@@ -54,8 +54,8 @@ def _add_code(digest: Any, code: types.CodeType, doc: str | None) -> None:
     digest.update(f"{code.co_names}{code.co_varnames}{code.co_argcount}{code.co_freevars}{code.co_flags}".encode())
     for k, constant in enumerate(code.co_consts):
         if isinstance(constant, types.CodeType):
-            _add_code(digest, constant, constant.co_consts[0] if constant.co_consts else None)
-        elif not (k == 0 and constant == doc):
+            _add_code(digest, constant, None)
+        elif not (k == 0 and doc is not None and constant == doc):
             digest.update(f"{type(constant).__name__}{constant!r},".encode())
 
 
@@ -87,10 +87,14 @@ def _text(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"array{value.dtype}{value.shape}{hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}"
     if isinstance(value, types.ModuleType):
-        return value.__name__
+        return value.__name__ + (_file_digest(value.__file__ or "") if value.__name__.startswith("hapscene.") else "")
     if isinstance(value, type) or callable(value):
         return _source_text(value)
     return f"{type(value).__name__}{value!s}"
+
+
+def _file_digest(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 def _source_text(value: Any) -> str:
@@ -99,4 +103,4 @@ def _source_text(value: Any) -> str:
     name = f"{kind.__module__}.{kind.__qualname__}"
     if not str(kind.__module__).startswith("hapscene"):
         return name + (repr(value.symbol) + str(value.sig) if hasattr(value, "symbol") else "")
-    return name + hashlib.sha256(Path(inspect.getfile(kind)).read_bytes()).hexdigest()
+    return name + _file_digest(inspect.getfile(kind))

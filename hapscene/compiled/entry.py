@@ -36,6 +36,11 @@ def call_entry(function: Callable[..., Any], *arguments: Any) -> int:
     return int(_entry(function, arguments)(*arguments))
 
 
+def entry_of(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
+    """A function compiled for arguments like these: it takes exactly these types, and looks none of them up."""
+    return function if INTERPRETED else _entry(function, arguments)
+
+
 def _entry(function: Callable[..., Any], arguments: tuple[Any, ...]) -> CFunction:
     """The function compiled for such arguments, once a process."""
     kinds = tuple(map(_typeof, arguments))

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numba
 from numba import _dynfunc  # type: ignore[attr-defined]
-from numba.core import codegen, compiler, compiler_machinery, typed_passes, untyped_passes
+from numba.core import codegen, compiler, typed_passes
 from numba.core.compiler_machinery import LoweringPass, register_pass
 from numba.core.targetconfig import ConfigStack, TargetConfig
 
@@ -27,7 +27,7 @@ _NEEDED: Final = (
     (_Library, ("_linking_libraries", "_get_module_for_linking", "_optimize_final_module", "_finalize_final_module")),
     (_Library, ("add_llvm_module", "add_ir_module", "get_pointer_to_function", "serialize_using_object_code")),
     (compiler, ("CompilerBase", "DefaultPassBuilder", "CompileResult")),
-    (typed_passes, ("NativeLowering", "NoPythonBackend")),
+    (typed_passes, ("NativeLowering",)),
     (_dynfunc, ("make_function",)),
     (TargetConfig, ("values", "__hash__", "__eq__")),
 )
@@ -124,28 +124,6 @@ class _RegisterPart(LoweringPass):
         return True
 
 
-_NOT_NEEDED: Final = (
-    untyped_passes.WithLifting,
-    untyped_passes.InlineClosureLikes,
-    untyped_passes.MakeFunctionToJitFunction,
-    untyped_passes.InlineInlinables,
-    untyped_passes.FindLiterallyCalls,
-    untyped_passes.LiteralUnroll,
-    untyped_passes.LiteralPropagationSubPipelinePass,
-    untyped_passes.RewriteDynamicRaises,
-    typed_passes.NopythonRewrites,
-    typed_passes.DumpParforDiagnostics,
-    typed_passes.AnnotateTypes,
-)
-"""Passes for what parts do not have: contexts, closures, unrolled tuples, raised errors, whole-array expressions."""
-
-
-class _Passes(compiler_machinery.PassManager):
-    """Without the analysis that numba repeats after every pass: lowering does it once more anyway."""
-
-    _ENFORCING = False
-
-
 def _share_overloads(state: Any) -> None:
     """Have numba's own functions, such as `max`, compiled once for parts and wholes: it tells them by the flags."""
     flags = ConfigStack().top()
@@ -159,9 +137,7 @@ class _Part(compiler.CompilerBase):
         state.flags.no_compile = True
         _share_overloads(state)
         state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        default = compiler.DefaultPassBuilder.define_nopython_pipeline(state).passes
-        passes = _Passes("nopython")
-        passes.passes = [one for one in default if one[0] not in _NOT_NEEDED]
+        passes = compiler.DefaultPassBuilder.define_nopython_pipeline(state)
         passes.add_pass_after(_RegisterPart, typed_passes.NativeLowering)
         passes.finalize()
         return [passes]

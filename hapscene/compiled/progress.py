@@ -10,7 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 FUNCTION_S = 0.12
-"""How long a function takes to compile [s], by which the time is estimated: measured at 2.5 GHz."""
+"""Time that a function takes to compile [s], which the estimate assumes: 0.09 s on a quiet cloud machine of two cores,
+more where other processes run."""
 
 _SOON_S = 1.0
 """What is expected to take less is not announced [s]."""

@@ -6,7 +6,9 @@ within a skin of the goal without lying on the way.
 """
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from hapscene.constants import LOOK_AHEAD
 from hapscene.contact.embree import first_face
@@ -14,12 +16,15 @@ from hapscene.contact.triangle import corners, plane, to_body, turn_to_world
 from hapscene.geometry import Vector, dot, sub
 from hapscene.native import inlined
 
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
+
 SATISFIED = 0.01
 """How far inside a skin the goal may be before the face counts as in the way, in skins [1]."""
 
 
 @inlined
-def cast(world: Any, origin_W: Vector, goal_W: Vector) -> float:
+def cast(world: "World", origin_W: Vector, goal_W: Vector) -> float:
     """Cast against all bodies in `world.near`; the nearest stop wins.
 
     Returns the fraction of the way at which the proxy has to stop, in [0, 1], and appends the plane of the face that
@@ -40,7 +45,7 @@ def cast(world: Any, origin_W: Vector, goal_W: Vector) -> float:
 
 
 @inlined
-def cast_body(world: Any, index: int, origin_B: Vector, goal_B: Vector, best: float) -> float:
+def cast_body(world: "World", index: int, origin_B: Vector, goal_B: Vector, best: float) -> float:
     """Cast against one body, in its frame; as `cast`, but leaves the plane in the slot after the last one.
 
     Only a stop nearer than `best` is written, so that the caller's nearest one stays.
@@ -84,7 +89,9 @@ def cast_body(world: Any, index: int, origin_B: Vector, goal_B: Vector, best: fl
 
 
 @inlined
-def put_plane(proxy: Any, k: int, body: Any, index: int, face: int, side: float, n_B: Vector, offset_B: float) -> None:
+def put_plane(
+    proxy: np.record, k: int, body: np.record, index: int, face: int, side: float, n_B: Vector, offset_B: float
+) -> None:
     """Write a plane, given in the body's frame, into slot k."""
     n = turn_to_world(body, n_B)
     o = body.p_WB_m

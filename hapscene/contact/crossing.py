@@ -8,7 +8,7 @@ does not say what comes, the proxy is moved by rays alone.
 """
 
 import math
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from hapscene.contact.triangle import corners, edge_past, is_narrow, plane, to_b
 from hapscene.contact.world import ASIDE, FACES_MAX, SAVED
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
 from hapscene.native import inlined, native
+
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
 
 RESTS: Final = 0
 """The proxy has come to rest, on other faces."""
@@ -46,7 +49,7 @@ CLEAR: Final = 0.2
 
 
 @native
-def cross_edges(world: Any, p_W: Vector, tool_W: Vector, goal_W: Vector) -> tuple[int, Vector]:
+def cross_edges(world: "World", p_W: Vector, tool_W: Vector, goal_W: Vector) -> tuple[int, Vector]:
     """Move a proxy at `p_W`, whose planes allow `goal_W`, on over the edges that this is past.
 
     Returns `RESTS`, `MET` or `UNKNOWN`, and where it is.
@@ -90,7 +93,7 @@ def cross_edges(world: Any, p_W: Vector, tool_W: Vector, goal_W: Vector) -> tupl
 
 
 @inlined
-def _next_corner(world: Any, first: int, crossed: int, p_W: Vector, place_W: Vector) -> tuple[int, Vector]:
+def _next_corner(world: "World", first: int, crossed: int, p_W: Vector, place_W: Vector) -> tuple[int, Vector]:
     """The first crossed edge, from `first` on, that the straight way to a place would cut, and a point above it.
 
     Returns the number of the edge after it, and the point; more than `crossed`, and the place, where it is straight.
@@ -117,7 +120,7 @@ def _next_corner(world: Any, first: int, crossed: int, p_W: Vector, place_W: Vec
 
 
 @native
-def _give_up(proxy: Any, count: int, p_W: Vector) -> tuple[int, Vector]:
+def _give_up(proxy: np.record, count: int, p_W: Vector) -> tuple[int, Vector]:
     """Have the planes hold the proxy that did before."""
     for i in range(count):
         copy_plane(proxy, SAVED + i, i)
@@ -126,7 +129,7 @@ def _give_up(proxy: Any, count: int, p_W: Vector) -> tuple[int, Vector]:
 
 
 @inlined
-def lies_over_planes(world: Any, p_W: Vector) -> int:
+def lies_over_planes(world: "World", p_W: Vector) -> int:
     """Whether a point lies over the faces of all planes: `OVER`, `NOT_PAST` or `PAST`.
 
     A plane that was met from where the proxy is holds it wherever its face lies: that is not looked at.
@@ -141,7 +144,7 @@ def lies_over_planes(world: Any, p_W: Vector) -> int:
 
 
 @inlined
-def _edge_past(world: Any, i: int, p_W: Vector) -> int:
+def _edge_past(world: "World", i: int, p_W: Vector) -> int:
     """The edge of the face of plane i that a point is past, −1 for none; none of one that a ray has just met."""
     proxy = world.proxy[0]
     if proxy.met[i] != 0:
@@ -152,7 +155,7 @@ def _edge_past(world: Any, i: int, p_W: Vector) -> int:
 
 
 @inlined
-def _cross(world: Any, i: int, edge: int, crossed: int) -> bool:
+def _cross(world: "World", i: int, edge: int, crossed: int) -> bool:
     """Take the face beyond an edge in the place of plane i, or to it where it rises; False where that is not known."""
     proxy = world.proxy[0]
     index, side = proxy.body[i], proxy.side[i]

@@ -11,7 +11,7 @@ comes past the proxy meanwhile, as in a fold, holds it from then on: which faces
 """
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,7 @@ from hapscene.native import native
 
 if TYPE_CHECKING:
     from hapscene.scene.mesh import Mesh
+    from hapscene.surface.surface_arrays import Surface
 
 LEAD_MAX_S: Final = 0.05
 """Longest time in which a surface goes from one shape to the next [s]: three frames at 60 Hz."""
@@ -104,7 +105,7 @@ def room_for(world: World, mesh: "Mesh") -> tuple[World, int]:
 
 
 @native
-def reshape_bodies(world: Any, surface: Any) -> None:
+def reshape_bodies(world: "World", surface: "Surface") -> None:
     """Have bodies take the shapes that were posted, and lead them; after `place_bodies` has done its part."""
     k = world.proxy[0].reshaped
     while k > 0:
@@ -116,7 +117,7 @@ def reshape_bodies(world: Any, surface: Any) -> None:
 
 
 @native
-def _lead(world: Any, surface: Any, index: int) -> None:
+def _lead(world: "World", surface: "Surface", index: int) -> None:
     """One tick of a body on its way from one shape to another."""
     body, proxy = world.bodies[index], world.proxy[0]
     tick_s, fresh = surface.touch[0].tick_s, surface.memory[0].fresh
@@ -154,7 +155,7 @@ def _lead(world: Any, surface: Any, index: int) -> None:
 
 
 @native
-def _take_shape(world: Any, index: int, posted: int) -> None:
+def _take_shape(world: "World", index: int, posted: int) -> None:
     """Give a body a shape, and lead it by as much as that takes its surface away where that is nearest to the proxy."""
     body, proxy = world.bodies[index], world.proxy[0]
     p = to_body_before(body, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2]))
@@ -183,7 +184,7 @@ def _take_shape(world: Any, index: int, posted: int) -> None:
 
 
 @native
-def _look_around(world: Any, index: int, p_B: Vector) -> int:
+def _look_around(world: "World", index: int, p_B: Vector) -> int:
     """Note the faces of a body along rays from a point, in `proxy.seen`, and on which side of them it is.
 
     Returns the one that holds the proxy, else the nearest; −1 where there is none.
@@ -226,7 +227,7 @@ def look_direction(way: int) -> Vector:
 
 
 @native
-def _meet(world: Any, index: int, now_B: Vector) -> None:
+def _meet(world: "World", index: int, now_B: Vector) -> None:
     """Have the seen faces hold the proxy that have passed it, which is at `now_B` in the body's axes.
 
     A body that had let the tool in holds it again where the tool is out of it.
@@ -259,7 +260,7 @@ def _meet(world: Any, index: int, now_B: Vector) -> None:
 
 
 @native
-def _hold_by(world: Any, index: int, face: int, side: float) -> None:
+def _hold_by(world: "World", index: int, face: int, side: float) -> None:
     """Have one more face hold the proxy, if there is room; its plane is placed with the others of moving bodies."""
     body, proxy = world.bodies[index], world.proxy[0]
     k = proxy.count
@@ -272,7 +273,7 @@ def _hold_by(world: Any, index: int, face: int, side: float) -> None:
 
 
 @native
-def _blend(triangle: Any, at: Vector) -> Vector:
+def _blend(triangle: tuple[Vector, Vector, Vector], at: Vector) -> Vector:
     """The point of a triangle at barycentric coordinates."""
     a, b, c = triangle
     u, v, w = at
@@ -284,7 +285,7 @@ def _blend(triangle: Any, at: Vector) -> Vector:
 
 
 @native
-def _drop_flat(world: Any, index: int) -> None:
+def _drop_flat(world: "World", index: int) -> None:
     """Let go of the planes of a body's faces that have no normal any more."""
     proxy = world.proxy[0]
     kept = 0

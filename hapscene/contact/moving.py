@@ -1,8 +1,9 @@
 """Bodies that move: their poses taken over as a tick begins, checked, and the proxy let go where they jump."""
 
 import math
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import REACH_MAX_M
@@ -12,6 +13,10 @@ from hapscene.contact.planes import copy_plane
 from hapscene.contact.proxy import put
 from hapscene.contact.world import place_ball
 from hapscene.native import native
+
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
+    from hapscene.surface.surface_arrays import Surface
 
 EXACT: Final = 1e-12
 """How far a matrix may be from a rotation and still be taken as it is [1]: a few roundings of float64."""
@@ -26,8 +31,8 @@ LAST_TICK: Final = 2
 
 @native
 def place_bodies(
-    world: Any,
-    surface: Any,
+    world: "World",
+    surface: "Surface",
     moving: NDArray[Any],
     X_WB: NDArray[Any],
     teleported: NDArray[Any],
@@ -51,8 +56,8 @@ def place_bodies(
 
 @native
 def _place(
-    world: Any,
-    surface: Any,
+    world: "World",
+    surface: "Surface",
     moving: NDArray[Any],
     X_WB: NDArray[Any],
     teleported: NDArray[Any],
@@ -104,7 +109,7 @@ def _place(
 
 
 @native
-def _stop(body: Any) -> None:
+def _stop(body: np.record) -> None:
     """It stands where it is."""
     body.moved = 0
     for i in range(3):
@@ -114,7 +119,7 @@ def _stop(body: Any) -> None:
 
 
 @native
-def _take(body: Any, X: Any) -> bool:
+def _take(body: np.record, X: NDArray[np.float64]) -> bool:
     """Set a body's pose from (4, 4), its rotation mended; False, and nothing set, where it is none."""
     if not is_pose(X):
         return False
@@ -129,7 +134,7 @@ def _take(body: Any, X: Any) -> bool:
 
 
 @native
-def is_pose(X: Any) -> bool:
+def is_pose(X: NDArray[np.float64]) -> bool:
     """Whether (4, 4) is a rotation, give or take what is mended, and a translation within reach."""
     far = max(abs(X[0, 3]), abs(X[1, 3]), abs(X[2, 3]))
     row = max(abs(X[3, 0]), abs(X[3, 1]), abs(X[3, 2]), abs(X[3, 3] - 1.0))  # a transposed pose has its place there
@@ -138,7 +143,7 @@ def is_pose(X: Any) -> bool:
 
 
 @native
-def _off(R: Any) -> float:
+def _off(R: NDArray[np.float64]) -> float:
     """How far R Rᵀ is from 1, NaN where R is not finite."""
     off = 0.0
     for i in range(3):
@@ -151,7 +156,7 @@ def _off(R: Any) -> float:
 
 
 @native
-def _determinant(R: Any) -> float:
+def _determinant(R: NDArray[np.float64]) -> float:
     return float(
         R[0, 0] * (R[1, 1] * R[2, 2] - R[1, 2] * R[2, 1])
         - R[0, 1] * (R[1, 0] * R[2, 2] - R[1, 2] * R[2, 0])
@@ -160,7 +165,7 @@ def _determinant(R: Any) -> float:
 
 
 @native
-def _mend(R: Any) -> None:
+def _mend(R: NDArray[np.float64]) -> None:
     """One step towards the nearest rotation: R ← (3 − R Rᵀ) R / 2 (Newton & Schulz; Higham 1986)."""
     a, b, c = R[0, 0], R[0, 1], R[0, 2]
     d, e, f = R[1, 0], R[1, 1], R[1, 2]
@@ -175,14 +180,14 @@ def _mend(R: Any) -> None:
 
 
 @native
-def _start(world: Any, surface: Any) -> None:
+def _start(world: "World", surface: "Surface") -> None:
     """Put the proxy where the tool was last, off what is there."""
     at = surface.memory[0].p_WT_m
     put(world, (at[0], at[1], at[2]))
 
 
 @native
-def _let_go(world: Any, surface: Any, moving: NDArray[Any], teleported: NDArray[Any]) -> None:
+def _let_go(world: "World", surface: "Surface", moving: NDArray[Any], teleported: NDArray[Any]) -> None:
     """Have the bodies that jump hold proxy and shaft no more; where no plane is left, the proxy begins at the tool."""
     proxy, touch = world.proxy[0], surface.touch[0]
     if _jumps(touch.left_body, moving, teleported):

@@ -4,7 +4,7 @@ A body that was passed is not cast against until the proxy has left it again by 
 where the proxy is now, the last face it crossed is met from that side.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from hapscene.constants import PASSED_MAX
 from hapscene.contact.embree import first_face
@@ -13,9 +13,12 @@ from hapscene.contact.triangle import corners, plane, to_body, to_body_before
 from hapscene.geometry import Vector, dot, norm, sub
 from hapscene.native import native
 
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
+
 
 @native
-def let_in(world: Any) -> None:
+def let_in(world: "World") -> None:
     """Pass the body that is touched, from the next tick on."""
     proxy = world.proxy[0]
     if proxy.held == 0 or proxy.passed_count == PASSED_MAX:
@@ -33,7 +36,7 @@ def let_in(world: Any) -> None:
 
 
 @native
-def hold_again(world: Any, index: int) -> None:
+def hold_again(world: "World", index: int) -> None:
     """Have a passed body hold."""
     proxy = world.proxy[0]
     kept = 0
@@ -46,7 +49,7 @@ def hold_again(world: Any, index: int) -> None:
 
 
 @native
-def leave(world: Any, before_W: Vector, now_W: Vector) -> None:
+def leave(world: "World", before_W: Vector, now_W: Vector) -> None:
     """Have the passed bodies hold again that the proxy has left on its way in this tick."""
     proxy = world.proxy[0]
     kept = 0
@@ -61,7 +64,7 @@ def leave(world: Any, before_W: Vector, now_W: Vector) -> None:
 
 
 @native
-def _is_inside(world: Any, index: int, before_W: Vector, now_W: Vector) -> bool:
+def _is_inside(world: "World", index: int, before_W: Vector, now_W: Vector) -> bool:
     """Whether the proxy is still on the far side of the surface by which it came into a body."""
     body, ball = world.bodies[index], world.ball_W_m[index]
     if body.passed == 0 or norm(sub(now_W, (ball[0], ball[1], ball[2]))) > ball[3]:

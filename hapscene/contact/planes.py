@@ -5,13 +5,18 @@ found here as well, so that no plane ever pulls: the smallest set whose pushes a
 lies behind no other plane. The problem is convex, so the first such set is the only one.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from hapscene.contact.cast import SATISFIED
 from hapscene.contact.triangle import corners, lies_over, plane, turn_to_world
 from hapscene.contact.world import ASIDE, SAVED
 from hapscene.geometry import Vector
 from hapscene.native import inlined, native
+
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
 
 TOLERANCE = 1e-3
 """How far behind a plane a solution may lie and still be allowed, in skins [1]."""
@@ -21,7 +26,7 @@ PARALLEL = 1e-12
 
 
 @native
-def nearest(proxy: Any, tool: Vector, skins: float) -> tuple[bool, Vector]:
+def nearest(proxy: np.record, tool: Vector, skins: float) -> tuple[bool, Vector]:
     """The point closest to `tool` in front of all planes of `proxy`, each moved out by `skins` of its skin.
 
     Leaves the pushes of the planes in `proxy.push_m`, 0 for a plane that does not hold. Returns False and the tool
@@ -60,7 +65,7 @@ def nearest(proxy: Any, tool: Vector, skins: float) -> tuple[bool, Vector]:
 
 
 @native
-def _one(proxy: Any, count: int, slack: float) -> bool:
+def _one(proxy: np.record, count: int, slack: float) -> bool:
     """Try each plane alone."""
     for i in range(count):
         push = proxy.short_m[i]
@@ -77,7 +82,7 @@ def _one(proxy: Any, count: int, slack: float) -> bool:
 
 
 @native
-def _two(proxy: Any, count: int, slack: float) -> bool:
+def _two(proxy: np.record, count: int, slack: float) -> bool:
     """Try each pair: the foot of the tool on their common line."""
     r = proxy.short_m
     for i in range(count):
@@ -105,7 +110,7 @@ def _two(proxy: Any, count: int, slack: float) -> bool:
 
 
 @native
-def _three(proxy: Any, count: int, slack: float) -> bool:
+def _three(proxy: np.record, count: int, slack: float) -> bool:
     """Try each triple: the corner they meet in (Cramer's rule on their Gram matrix)."""
     r = proxy.short_m
     for i in range(count):
@@ -153,7 +158,7 @@ NEARBY = 10.0
 
 
 @native
-def trust(proxy: Any, first: int, moved_m: float) -> None:
+def trust(proxy: np.record, first: int, moved_m: float) -> None:
     """The proxy has moved: only planes from `first` on were met on the way it is on.
 
     A plane that was taken back is trusted for a little longer, or near a corner it could be dropped and taken back
@@ -165,7 +170,7 @@ def trust(proxy: Any, first: int, moved_m: float) -> None:
 
 
 @native
-def drop_idle(proxy: Any) -> None:
+def drop_idle(proxy: np.record) -> None:
     """Drop the planes that do not push; at most three are left."""
     kept = 0
     for i in range(proxy.count):
@@ -177,7 +182,7 @@ def drop_idle(proxy: Any) -> None:
 
 
 @inlined
-def drop_unsupported(world: Any, p_W: Vector) -> bool:
+def drop_unsupported(world: "World", p_W: Vector) -> bool:
     """Drop the planes whose faces do not reach under the proxy; True where there was one.
 
     A plane that was met from where the proxy is holds it wherever its face lies: in a narrow groove the face below
@@ -200,7 +205,7 @@ def drop_unsupported(world: Any, p_W: Vector) -> bool:
 
 
 @inlined
-def take_back(world: Any, p_W: Vector, goal_W: Vector) -> bool:
+def take_back(world: "World", p_W: Vector, goal_W: Vector) -> bool:
     """Take a dropped plane back where the next goal lies under it and over its face, and the proxy still above it.
 
     So it is at a concave edge of a fraction of a degree: too flat for a ray a skin above one face to meet the other.
@@ -220,14 +225,14 @@ def take_back(world: Any, p_W: Vector, goal_W: Vector) -> bool:
 
 
 @native
-def _above(proxy: Any, slot: int, p_W: Vector) -> float:
+def _above(proxy: np.record, slot: int, p_W: Vector) -> float:
     """Height of a point over the plane in a slot [m]."""
     n = proxy.nhat_W[slot]
     return float(n[0] * p_W[0] + n[1] * p_W[1] + n[2] * p_W[2] - proxy.offset_m[slot])
 
 
 @native
-def _holds(proxy: Any, slot: int) -> bool:
+def _holds(proxy: np.record, slot: int) -> bool:
     """Whether the face in a slot is among those that hold the proxy."""
     for i in range(proxy.count):
         if proxy.face[i] == proxy.face[slot] and proxy.body[i] == proxy.body[slot]:
@@ -236,7 +241,7 @@ def _holds(proxy: Any, slot: int) -> bool:
 
 
 @native
-def forget_oldest(proxy: Any) -> None:
+def forget_oldest(proxy: np.record) -> None:
     """Drop the plane that has held the proxy longest."""
     for i in range(proxy.count - 1):
         copy_plane(proxy, i + 1, i)
@@ -244,7 +249,7 @@ def forget_oldest(proxy: Any) -> None:
 
 
 @native
-def place_plane(world: Any, i: int) -> None:
+def place_plane(world: "World", i: int) -> None:
     """Compute plane i of the proxy anew from its face at the body's present pose."""
     proxy = world.proxy[0]
     body = world.bodies[proxy.body[i]]
@@ -259,7 +264,7 @@ def place_plane(world: Any, i: int) -> None:
 
 
 @native
-def copy_plane(proxy: Any, source: int, target: int) -> None:
+def copy_plane(proxy: np.record, source: int, target: int) -> None:
     for k in range(3):
         proxy.nhat_W[target, k] = proxy.nhat_W[source, k]
     proxy.offset_m[target] = proxy.offset_m[source]

@@ -15,7 +15,7 @@ frames, so that nothing jumps; a body that is said no velocity so goes straight 
 """
 
 import math
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,10 @@ from hapscene.contact.moving import is_pose
 from hapscene.contact.triangle import turn_to_body, turn_to_world
 from hapscene.geometry import Vector, along, cross, dot, norm
 from hapscene.native import native
+from hapscene.records import Records
+
+if TYPE_CHECKING:
+    pass
 
 FRAME: Final = np.dtype(
     [
@@ -80,8 +84,8 @@ PERIOD_S: Final = 1.0 / 60.0
 
 @native
 def predict_bodies(
-    frames: Any,
-    predicted: Any,
+    frames: Records,
+    predicted: Records,
     moving: NDArray[np.int64],
     impulse: NDArray[np.float64],
     X_WB: NDArray[np.float64],
@@ -124,7 +128,7 @@ def predict_bodies(
 
 
 @native
-def _begin(frame: Any, body: Any, given: Any, now: int) -> None:
+def _begin(frame: np.record, body: np.record, given: NDArray[np.float64], now: int) -> None:
     """Go on from a frame, from what has become of it by now."""
     known = body.count > 0
     age_s = min(max(1e-9 * (now - frame.time_ns), 0.0), frame.lasts_s)
@@ -163,7 +167,7 @@ def _begin(frame: Any, body: Any, given: Any, now: int) -> None:
 
 
 @native
-def _note_others(frame: Any, body: Any, span_s: float) -> None:
+def _note_others(frame: np.record, body: np.record, span_s: float) -> None:
     """What all but the tool has done to a body between two frames, `span_s` apart; 0 for the first."""
     for i in range(6):
         body.v[i] = 0.0
@@ -179,7 +183,7 @@ def _note_others(frame: Any, body: Any, span_s: float) -> None:
 
 
 @native
-def _go_on(frame: Any, body: Any, given: Any, tick_s: float) -> None:
+def _go_on(frame: np.record, body: np.record, given: NDArray[np.float64], tick_s: float) -> None:
     """One tick further."""
     _push(frame, body, body.given, given)
     v = body.v
@@ -191,7 +195,7 @@ def _go_on(frame: Any, body: Any, given: Any, tick_s: float) -> None:
 
 
 @native
-def _push(frame: Any, body: Any, before: Any, after: Any) -> None:
+def _push(frame: np.record, body: np.record, before: NDArray[np.float64], after: NDArray[np.float64]) -> None:
     """Add to a body's velocities what the tool's impulse between two totals gives."""
     if frame.lightness == 0.0:
         return
@@ -214,7 +218,7 @@ def _push(frame: Any, body: Any, before: Any, after: Any) -> None:
 
 
 @native
-def _show(body: Any, X_WB: Any) -> None:
+def _show(body: np.record, X_WB: Any) -> None:
     """The pose, with what is left of the last difference."""
     _turn(body.shown_R, (body.off_rad[0], body.off_rad[1], body.off_rad[2]), body.R_WB)
     for i in range(3):
@@ -226,14 +230,14 @@ def _show(body: Any, X_WB: Any) -> None:
 
 
 @native
-def _arm(body: Any) -> Vector:
+def _arm(body: np.record) -> Vector:
     """From the body's origin to its centre of mass, in W."""
     c = body.com_B_m
     return turn_to_world(body, (c[0], c[1], c[2]))
 
 
 @native
-def _turn(out: Any, by_rad: Vector, R: Any) -> None:
+def _turn(out: NDArray[np.float64], by_rad: Vector, R: NDArray[np.float64]) -> None:
     """out = exp(by) R, for a rotation vector (Rodrigues); `out` may be `R`."""
     angle = norm(by_rad)
     s = math.sin(angle) / angle if angle > 0.0 else 1.0
@@ -247,7 +251,7 @@ def _turn(out: Any, by_rad: Vector, R: Any) -> None:
 
 
 @native
-def _between(A: Any, B: Any) -> Vector:
+def _between(A: NDArray[np.float64], B: NDArray[np.float64]) -> Vector:
     """The rotation vector that turns A into B; 0 near half a turn, which has two."""
     r = (0.0, 0.0, 0.0)
     trace = 0.0

@@ -10,7 +10,9 @@ solution of the same planes without the skin, which lies on the surface itself.
 """
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX
 from hapscene.contact.cast import cast, cast_body
@@ -31,6 +33,9 @@ from hapscene.contact.world import ASIDE, SAVED
 from hapscene.geometry import Vector, along, norm, sub
 from hapscene.native import inlined, native
 
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
+
 STILL = 1e-3
 """A move shorter than this is none, in skins [1]."""
 
@@ -40,12 +45,21 @@ TRIES = 2
 FEW = 16
 """Most bodies near with which they are [count]: a try may cast 17 times, and with more `CAST_MAX` would not hold."""
 
+MOVED = 0
+"""The proxy has moved, or its planes have changed: the search goes on."""
+
+AT_REST = 1
+"""The proxy is as near to the tool as its planes allow."""
+
+TRAPPED = 2
+"""No point satisfies the planes."""
+
 DEPTH_MAX_M = 1e3
 """More than any plane pushes [m]."""
 
 
 @native
-def put(world: Any, p_W: Vector) -> None:
+def put(world: "World", p_W: Vector) -> None:
     """Start anew with the proxy at `p_W`, touching nothing; off any face that it starts within a skin of."""
     proxy = world.proxy[0]
     proxy.count = 0
@@ -76,7 +90,7 @@ def put(world: Any, p_W: Vector) -> None:
 
 
 @inlined
-def move(world: Any, tool_W: Vector) -> bool:
+def move(world: "World", tool_W: Vector) -> bool:
     """Move the proxy for one tick, bodies first, then towards the tool.
 
     Results are left in `world.proxy[0]`: `p_WP_m` [m], `held`, and the planes. Returns False where the proxy did not
@@ -107,7 +121,7 @@ def move(world: Any, tool_W: Vector) -> bool:
 
 
 @inlined
-def _chief(world: Any, p_W: Vector) -> int:
+def _chief(world: "World", p_W: Vector) -> int:
     """Of the planes that hold the proxy, the one that pushes most, before all of those whose face it lies over."""
     proxy = world.proxy[0]
     by, most = 0, -1.0
@@ -121,7 +135,7 @@ def _chief(world: Any, p_W: Vector) -> int:
 
 
 @inlined
-def _ride(world: Any) -> Vector:
+def _ride(world: "World") -> Vector:
     """Where the body that the proxy rests on takes it in this tick."""
     proxy = world.proxy[0]
     p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
@@ -133,7 +147,7 @@ def _ride(world: Any) -> Vector:
 
 
 @inlined
-def _list_near(world: Any, tool_W: Vector, carried_W: Vector) -> None:
+def _list_near(world: "World", tool_W: Vector, carried_W: Vector) -> None:
     """List the bodies whose ball meets the ball around the tool that holds all rays of this tick.
 
     The list stays good until the tool, and the bodies, have moved as far as the nearest body that is not listed was
@@ -149,7 +163,7 @@ def _list_near(world: Any, tool_W: Vector, carried_W: Vector) -> None:
 
 
 @native
-def _list(world: Any, tool_W: Vector, reach_m: float) -> None:
+def _list(world: "World", tool_W: Vector, reach_m: float) -> None:
     """List the bodies whose ball comes within `reach_m` of the tool; of more than `NEAR_MAX` the first, and what holds.
 
     So which they are does not change from tick to tick, and nothing lets go of the proxy that holds it.
@@ -177,7 +191,7 @@ def _list(world: Any, tool_W: Vector, reach_m: float) -> None:
 
 
 @native
-def _is_held_by(proxy: Any, index: int) -> bool:
+def _is_held_by(proxy: np.record, index: int) -> bool:
     """Whether a body is among those that hold the proxy."""
     for i in range(proxy.count):
         if proxy.body[i] == index:
@@ -186,7 +200,7 @@ def _is_held_by(proxy: Any, index: int) -> bool:
 
 
 @inlined
-def _carry(world: Any, carried_W: Vector) -> None:
+def _carry(world: "World", carried_W: Vector) -> None:
     """Let moving bodies take the proxy along: the one it rests on carries it, any other pushes it ahead."""
     proxy = world.proxy[0]
     rests_on = proxy.body[0] if proxy.count > 0 else -1
@@ -217,55 +231,19 @@ def _carry(world: Any, carried_W: Vector) -> None:
 
 
 @inlined
-def _settle(world: Any, tool_W: Vector) -> bool:
-    """Move the proxy until it rests."""
+def _settle(world: "World", tool_W: Vector) -> bool:
+    """Move the proxy until it rests; False where it does not within the moves that a tick may take."""
     proxy = world.proxy[0]
     p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
-    met = p  # where a face held it last
-    settled = False
-    last_m = math.inf  # from the proxy to the tool, where it last came to a halt
-    proxy.aside = 0
+    met, halt_m = p, math.inf
     tries = TRIES if proxy.near_count <= FEW else 0
+    outcome = MOVED
+    proxy.aside = 0
     for _ in range(min(PASS_MAX, CAST_MAX // max(1, proxy.near_count))):
-        found, goal = nearest(proxy, tool_W, 1.0)
-        if not found:  # planes that moved apart enclose nothing: let the oldest go
-            if proxy.count < 2:
-                break
-            forget_oldest(proxy)
-            continue
-        drop_idle(proxy)
-        if proxy.aside > 0 and take_back(world, p, goal):
-            continue
-        where = lies_over_planes(world, goal)
-        if where == PAST and tries > 0:
-            tries -= 1
-            outcome, p = cross_edges(world, p, tool_W, goal)
-            if outcome == RESTS:
-                settled = True
-                break
-            if outcome == MET:
-                met = p
-                continue
-            tries = 0
-        way = sub(goal, p)
-        if norm(way) > STILL * _skin(world):
-            stop = cast(world, p, goal)
-            if stop > 0.0:
-                moved = min(stop, 1.0) * norm(way)
-                trust(proxy, proxy.count - 1 if stop <= 1.0 else proxy.count, moved)
-            if stop <= 1.0:
-                p = along(p, stop, way)
-                met = p
-                continue
-            p = goal
-        if where == OVER:
-            settled = True
+        outcome, p, met, halt_m, tries = _advance(world, tool_W, p, met, halt_m, tries)
+        if outcome != MOVED:
             break
-        left_m = norm(sub(tool_W, p))
-        if left_m >= last_m or not drop_unsupported(world, p):  # no nearer than at the last halt: flat, let it be
-            settled = True
-            break
-        last_m = left_m - STILL * proxy.skin_m[ASIDE]
+    settled = bool(outcome == AT_REST)
     if proxy.count == 0 and proxy.aside > 0 and not settled:  # past the edge of the last face, not over the next
         copy_plane(proxy, ASIDE + (proxy.aside - 1) % (SAVED - ASIDE), 0)
         proxy.count = 1
@@ -276,7 +254,60 @@ def _settle(world: Any, tool_W: Vector) -> bool:
 
 
 @inlined
-def _skin(world: Any) -> float:
+def _advance(
+    world: "World", tool_W: Vector, p_W: Vector, met_W: Vector, halt_m: float, tries: int
+) -> tuple[int, Vector, Vector, float, int]:
+    """One move of the proxy at `p_W`, or one change of its planes.
+
+    Args:
+        world, tool_W: the scene, and the device position.
+        p_W: the proxy.
+        met_W: where a face stopped it last.
+        halt_m: distance from the proxy to the tool at its last halt, infinite before the first.
+        tries: how often the faces beyond edges may still be tried.
+
+    Returns:
+        `MOVED`, `AT_REST` or `TRAPPED`, and the new `p_W`, `met_W`, `halt_m` and `tries`.
+    """
+    proxy = world.proxy[0]
+    found, goal = nearest(proxy, tool_W, 1.0)
+    if not found:  # planes that moved apart enclose nothing: let the oldest go
+        if proxy.count < 2:
+            return TRAPPED, p_W, met_W, halt_m, tries
+        forget_oldest(proxy)
+        return MOVED, p_W, met_W, halt_m, tries
+    drop_idle(proxy)
+    if proxy.aside > 0 and take_back(world, p_W, goal):
+        return MOVED, p_W, met_W, halt_m, tries
+    where = lies_over_planes(world, goal)
+    if where == PAST and tries > 0:
+        outcome, place = cross_edges(world, p_W, tool_W, goal)
+        if outcome == RESTS:
+            return AT_REST, place, met_W, halt_m, tries
+        if outcome == MET:
+            return MOVED, place, place, halt_m, tries - 1
+        tries = 0
+    p = p_W
+    way = sub(goal, p)
+    if norm(way) > STILL * _skin(world):
+        stop = cast(world, p, goal)
+        if stop > 0.0:
+            moved = min(stop, 1.0) * norm(way)
+            trust(proxy, proxy.count - 1 if stop <= 1.0 else proxy.count, moved)
+        if stop <= 1.0:
+            p = along(p, stop, way)
+            return MOVED, p, p, halt_m, tries
+        p = goal
+    if where == OVER:
+        return AT_REST, p, met_W, halt_m, tries
+    left_m = norm(sub(tool_W, p))
+    if left_m >= halt_m or not drop_unsupported(world, p):  # no nearer than at the last halt: flat, let it be
+        return AT_REST, p, met_W, halt_m, tries
+    return MOVED, p, met_W, left_m - STILL * proxy.skin_m[ASIDE], tries
+
+
+@inlined
+def _skin(world: "World") -> float:
     """Skin of what holds the proxy, 0 in the air: there every move counts."""
     proxy = world.proxy[0]
     return proxy.skin_m[0] if proxy.count > 0 else 0.0

@@ -1,32 +1,38 @@
 """One face of one body, in float64 and in the world: its plane, whether the proxy lies over it, its coordinates."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
 from hapscene.native import inlined, native
 
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
+
 
 @inlined
-def to_world(body: Any, p_B: Vector) -> Vector:
+def to_world(body: np.record, p_B: Vector) -> Vector:
     """Point from the body's frame to the world's."""
     o = body.p_WB_m
     return along((o[0], o[1], o[2]), 1.0, turn_to_world(body, p_B))
 
 
 @inlined
-def to_body(body: Any, p_W: Vector) -> Vector:
+def to_body(body: np.record, p_W: Vector) -> Vector:
     """Point from the world's frame to the body's, at this tick's pose."""
     return _into(body.R_WB, body.p_WB_m, p_W)
 
 
 @native
-def to_body_before(body: Any, p_W: Vector) -> Vector:
+def to_body_before(body: np.record, p_W: Vector) -> Vector:
     """Point from the world's frame to the body's, at the last tick's pose."""
     return _into(body.was_R_WB, body.was_p_WB_m, p_W)
 
 
 @inlined
-def _into(R: Any, o: Any, p: Vector) -> Vector:
+def _into(R: NDArray[np.float64], o: Any, p: Vector) -> Vector:
     """Rᵀ (p − o)."""
     x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
     return (
@@ -37,7 +43,7 @@ def _into(R: Any, o: Any, p: Vector) -> Vector:
 
 
 @inlined
-def turn_to_world(body: Any, v_B: Vector) -> Vector:
+def turn_to_world(body: np.record, v_B: Vector) -> Vector:
     """Direction from the body's frame to the world's."""
     R = body.R_WB
     return (
@@ -48,20 +54,20 @@ def turn_to_world(body: Any, v_B: Vector) -> Vector:
 
 
 @native
-def turn_to_body(body: Any, v_W: Vector) -> Vector:
+def turn_to_body(body: np.record, v_W: Vector) -> Vector:
     """Direction from the world's frame to the body's."""
     return _into(body.R_WB, (0.0, 0.0, 0.0), v_W)
 
 
 @inlined
-def corners(world: Any, body: Any, face: int) -> tuple[Vector, Vector, Vector]:
+def corners(world: "World", body: np.record, face: int) -> tuple[Vector, Vector, Vector]:
     """The three corners of a face in the body's frame [m]."""
     row = body.face + face
     return _corner(world, row, 0), _corner(world, row, 1), _corner(world, row, 2)
 
 
 @inlined
-def _corner(world: Any, row: int, k: int) -> Vector:
+def _corner(world: "World", row: int, k: int) -> Vector:
     return world.corners_m[row, k, 0], world.corners_m[row, k, 1], world.corners_m[row, k, 2]
 
 
@@ -75,13 +81,13 @@ def plane(a: Vector, b: Vector, c: Vector) -> tuple[Vector, float]:
 
 
 @inlined
-def lies_over(world: Any, body: Any, face: int, p_W: Vector, margin_m: float) -> bool:
+def lies_over(world: "World", body: np.record, face: int, p_W: Vector, margin_m: float) -> bool:
     """Whether the foot of a point on the face's plane is inside the face, or at most `margin_m` past an edge."""
     return lies_over_in_body(world, body, face, to_body(body, p_W), margin_m)
 
 
 @native
-def lies_over_in_body(world: Any, body: Any, face: int, p: Vector, margin_m: float) -> bool:
+def lies_over_in_body(world: "World", body: np.record, face: int, p: Vector, margin_m: float) -> bool:
     """The same of a point in the body's axes."""
     a, b, c = corners(world, body, face)
     return edge_past(a, b, c, p, margin_m) < 0
@@ -113,7 +119,7 @@ def edge_past(a: Vector, b: Vector, c: Vector, p: Vector, margin_m: float) -> in
 
 
 @native
-def barycentric(world: Any, body: Any, face: int, p_W: Vector) -> Vector:
+def barycentric(world: "World", body: np.record, face: int, p_W: Vector) -> Vector:
     """Barycentric coordinates on the face of a point's foot on its plane [1]."""
     return weights(corners(world, body, face), to_body(body, p_W))
 

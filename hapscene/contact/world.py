@@ -16,7 +16,7 @@ from hapscene.contact.embree import Search, fronts_only, new_ray
 from hapscene.contact.shading import corner_normals
 from hapscene.errors import SceneError
 from hapscene.native import native
-from hapscene.records import Owning, records, together
+from hapscene.records import Owning, Records, pack_small_arrays, records
 
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
@@ -124,7 +124,7 @@ CROWD_SAMPLE: Final = 1000
 class World(NamedTuple):
     """Everything the contact reads and writes. `near` lists the bodies that a tick has to look at."""
 
-    bodies: Any  # (b,) BODY
+    bodies: Records  # (b,) BODY
     # (f, 3, 3) corners in the body's frame, mesh after mesh: side by side, a face is one read; with shading (f, 6, 3),
     # the corners and their normals: in an array of their own they cost every tick 0.06 µs, asked for or not
     corners_m: NDArray[np.float64]
@@ -135,7 +135,7 @@ class World(NamedTuple):
     impulse: NDArray[np.float64]  # (b, 6) given to each by the tool since the reset [N·s], and about its origin [N·m·s]
     ray: NDArray[np.float32]
     fronts_only: NDArray[np.uint64]  # how to cast a ray that passes through faces from behind
-    proxy: Any  # (1,) PROXY
+    proxy: Records  # (1,) PROXY
 
 
 HOT: Final = ("proxy", "bodies", "ray", "near", "moved", "impulse", "ball_W_m", "fronts_only")
@@ -143,7 +143,7 @@ HOT: Final = ("proxy", "bodies", "ray", "near", "moved", "impulse", "ball_W_m", 
 
 
 @native
-def place_ball(body: Any, ball: Any) -> float:
+def place_ball(body: np.record, ball: NDArray[np.float64]) -> float:
     """Move a body's ball (4,) to its present pose; returns how much nearer that can bring it to anything [m].
 
     While the body moves, the ball is as large as a sweep in its frame asks for: larger by the way of its centre, and,
@@ -234,12 +234,12 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
         fronts_only=fronts_only(),
         proxy=proxy,
     )
-    near = together([getattr(world, name) for name in HOT], shapes)
+    near = pack_small_arrays([getattr(world, name) for name in HOT], shapes)
     return world._replace(**dict(zip(HOT, near, strict=True)))
 
 
 def _place(
-    rows: Any,
+    rows: Records,
     balls: NDArray[np.float64],
     bodies: "Sequence[Body]",
     shapes: Shapes | None,

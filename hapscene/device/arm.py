@@ -1,7 +1,7 @@
 """What the tool hangs on, driven alike whichever it is: a simulated point mass or Omni in a hand, or a real device."""
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,7 @@ from hapscene.device.point import POINT, PointMass, advance_point, hold_point, r
 from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector
 from hapscene.native import native
-from hapscene.records import records
+from hapscene.records import Records, records
 
 SIMULATED_POINT: Final = 0
 SIMULATED_OMNI: Final = 1
@@ -26,10 +26,10 @@ class Arm(NamedTuple):
     """What acts on the tool besides the scene. One kind of device is used; compiled code needs all to be there."""
 
     kind: int  # SIMULATED_POINT, SIMULATED_OMNI, CONNECTED
-    point: Any  # (1,) POINT
-    omni: Any  # (1,) OMNI
-    hand: Any  # (1,) HAND, of a simulated one
-    state: Any  # (1,) DEVICE_STATE, of a real one
+    point: Records  # (1,) POINT
+    omni: Records  # (1,) OMNI
+    hand: Records  # (1,) HAND, of a simulated one
+    state: Records  # (1,) DEVICE_STATE, of a real one
     X_WD: NDArray[np.float64]  # (4, 4) where that stands
 
 
@@ -69,7 +69,7 @@ def new_arm(device: PointMass | Omni | Connection, p_WT_m: Sequence[float], X_WD
 
 
 @native
-def read_arm(arm: Any) -> Vector:
+def read_arm(arm: "Arm") -> Vector:
     """What the encoders say: the tool in W [m]."""
     if arm.kind == CONNECTED:
         return _read_connected(arm)
@@ -79,7 +79,7 @@ def read_arm(arm: Any) -> Vector:
 
 
 @native
-def _read_connected(arm: Any) -> Vector:
+def _read_connected(arm: "Arm") -> Vector:
     p, X = arm.state[0].p_DT_m, arm.X_WD
     return (
         X[0, 0] * p[0] + X[0, 1] * p[1] + X[0, 2] * p[2] + X[0, 3],
@@ -89,7 +89,7 @@ def _read_connected(arm: Any) -> Vector:
 
 
 @native
-def drive_arm(arm: Any, f_N: Vector) -> None:
+def drive_arm(arm: "Arm", f_N: Vector) -> None:
     """The force wanted of the motors from now on, in W [N]."""
     if arm.kind == CONNECTED:
         for i in range(3):
@@ -101,7 +101,7 @@ def drive_arm(arm: Any, f_N: Vector) -> None:
 
 
 @native
-def advance_arm(arm: Any, h_s: float, count: int = 1) -> None:
+def advance_arm(arm: "Arm", h_s: float, count: int = 1) -> None:
     """Move on `count` times by `h_s`, the hand's target with it; a real one moves by itself."""
     if arm.kind == SIMULATED_OMNI:
         advance_omni(arm.omni[0], arm.hand[0], h_s, count)
@@ -110,7 +110,7 @@ def advance_arm(arm: Any, h_s: float, count: int = 1) -> None:
 
 
 @native
-def find_tip(arm: Any) -> Vector:
+def find_tip(arm: "Arm") -> Vector:
     """Where the tool truly is, in W [m]; of a real one, as far as its encoders say."""
     if arm.kind == CONNECTED:
         return _read_connected(arm)
@@ -121,7 +121,7 @@ def find_tip(arm: Any) -> Vector:
 
 
 @native
-def find_tip_velocity(arm: Any) -> Vector:
+def find_tip_velocity(arm: "Arm") -> Vector:
     """How the tool truly moves, in W [m/s]; 0 of a real one, which does not say."""
     if arm.kind == CONNECTED:
         return 0.0, 0.0, 0.0

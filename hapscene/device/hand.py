@@ -7,7 +7,7 @@ own (Hogan 1985; the grip models of Kuchenbecker, Park & Niemeyer 2003). Force o
 """
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +72,7 @@ def grip_named(name: str) -> Grip:
 
 
 @native
-def pull(hand: Any, axis: int, x_m: float, v_m_s: float) -> float:
+def pull(hand: np.record, axis: int, x_m: float, v_m_s: float) -> float:
     """Force of the hand on a tool at `x_m` that moves at `v_m_s`, along one axis of W [N]."""
     return float(
         hand.k_N_m * (hand.target_m[axis] - x_m) + hand.b_Ns_m * (hand.target_m_s[axis] - v_m_s) + hand.push_N[axis]

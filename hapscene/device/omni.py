@@ -189,7 +189,7 @@ class Omni:
 
 
 @native
-def hold_omni(omni: Any, x_N: float, y_N: float, z_N: float) -> None:
+def hold_omni(omni: np.record, x_N: float, y_N: float, z_N: float) -> None:
     """Have the motors make the force (x, y, z) [N] in W at the tip from now on: τ = Jᵀ f, J at the encoders' angles.
 
     A force that is not finite is none, and flagged. Where a motor has too little torque, all of the force is scaled.
@@ -219,7 +219,7 @@ def hold_omni(omni: Any, x_N: float, y_N: float, z_N: float) -> None:
 
 
 @native
-def _set_torques(omni: Any, wanted: Vector, weight: Vector) -> None:
+def _set_torques(omni: np.record, wanted: Vector, weight: Vector) -> None:
     """Torques for the weight, and as much of those wanted as every motor's limit leaves room for."""
     kept = math.exp(-omni.held_s / omni.thermal_s)
     omni.held_s = 0.0
@@ -238,7 +238,7 @@ def _set_torques(omni: Any, wanted: Vector, weight: Vector) -> None:
 
 
 @native
-def _warm(omni: Any, i: int, kept: float) -> float:
+def _warm(omni: np.record, i: int, kept: float) -> float:
     """Warm a motor by the torque it held; returns the most torque it may now give [N·m]."""
     load = omni.torque_Nm[i] / omni.continuous_Nm[i]
     heat = load * load
@@ -252,7 +252,7 @@ def _warm(omni: Any, i: int, kept: float) -> float:
 
 
 @native
-def advance_omni(omni: Any, hand: Any, h_s: float, count: int = 1) -> None:
+def advance_omni(omni: np.record, hand: np.record, h_s: float, count: int = 1) -> None:
     """Move arm, tool and hand (a `HAND` record) on by `h_s` [s] `count` times, the hand's target moving on with it."""
     if not 0.0 < h_s < math.inf:
         return
@@ -267,21 +267,21 @@ def advance_omni(omni: Any, hand: Any, h_s: float, count: int = 1) -> None:
 
 
 @native
-def read_omni(omni: Any) -> Vector:
+def read_omni(omni: np.record) -> Vector:
     """Where the encoders put the tip, in W [m]."""
     q = _encoded(omni)
     return _place(omni, tip(turns_at(q[0], q[1], q[2])))
 
 
 @native
-def tip_omni(omni: Any) -> Vector:
+def tip_omni(omni: np.record) -> Vector:
     """Where the tool is, in W [m]."""
     p = omni.p_DT_m
     return _place(omni, (p[0], p[1], p[2]))
 
 
 @native
-def tip_velocity_omni(omni: Any) -> Vector:
+def tip_velocity_omni(omni: np.record) -> Vector:
     """How fast the tool moves, in W [m/s]."""
     R, v = omni.R_WD, omni.v_DT_m_s
     return (
@@ -292,13 +292,13 @@ def tip_velocity_omni(omni: Any) -> Vector:
 
 
 @native
-def _encoded(omni: Any) -> Vector:
+def _encoded(omni: np.record) -> Vector:
     """Joint angles as the encoders see them: the nearest count."""
     return _counted(omni, 0), _counted(omni, 1), _counted(omni, 2)
 
 
 @native
-def _counted(omni: Any, i: int) -> float:
+def _counted(omni: np.record, i: int) -> float:
     quantum = omni.quantum_rad[i]
     if quantum == 0.0:
         return float(omni.q[i])
@@ -306,7 +306,7 @@ def _counted(omni: Any, i: int) -> float:
 
 
 @native
-def _place(omni: Any, p_DT: Vector) -> Vector:
+def _place(omni: np.record, p_DT: Vector) -> Vector:
     """p_WT of p_DT."""
     R, o = omni.R_WD, omni.p_WD_m
     return (

@@ -17,7 +17,7 @@ doing, and stays below a count.
 """
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -260,7 +260,7 @@ Grip = tuple[float, float, float, Vector, Vector]
 
 
 @native
-def grip_in_D(omni: Any, hand: Any) -> tuple[Grip, Vector]:
+def grip_in_D(omni: np.record, hand: np.record) -> tuple[Grip, Vector]:
     """The hand (a `HAND` record, in W) as the tool in D feels it now; and how fast the place moves where it wants it.
 
     What is not finite counts as 0 and is flagged; what no hand can do is cut to what one can.
@@ -284,7 +284,7 @@ def ahead(grip: Grip, rate: Vector, after_s: float) -> Grip:
 
 
 @native
-def _in_D(omni: Any, a_W: Any, s: float, most: float) -> tuple[Vector, int]:
+def _in_D(omni: np.record, a_W: NDArray[np.float64], s: float, most: float) -> tuple[Vector, int]:
     """R_DW (a − s p_WD), each component within ± `most`; and how many numbers were not finite."""
     R, origin = omni.R_WD, omni.p_WD_m
     x, bad1 = _bounded(a_W[0] - s * origin[0], -most, most)
@@ -307,7 +307,7 @@ def _bounded(x: float, low: float, high: float) -> tuple[float, int]:
 
 
 @inlined
-def kick_tool(omni: Any, grip: Grip, end: Vector, ends: Vector, h_s: float) -> tuple[Vector, Vector]:
+def kick_tool(omni: np.record, grip: Grip, end: Vector, ends: Vector, h_s: float) -> tuple[Vector, Vector]:
     """The tool's velocity after the step, and the structure's pull [N] on the arm's end, which is at `end`, `ends`."""
     new = _kick_axes(omni, grip, end, ends, h_s)
     force = _hand_force(omni, grip, new, h_s)
@@ -321,7 +321,7 @@ def kick_tool(omni: Any, grip: Grip, end: Vector, ends: Vector, h_s: float) -> t
 
 
 @native
-def _kick_axes(omni: Any, grip: Grip, end: Vector, ends: Vector, h_s: float) -> Vector:
+def _kick_axes(omni: np.record, grip: Grip, end: Vector, ends: Vector, h_s: float) -> Vector:
     """The tool's velocity after the step."""
     x = _kick_axis(omni, 0, grip, end[0], ends[0], h_s)
     y = _kick_axis(omni, 1, grip, end[1], ends[1], h_s)
@@ -329,7 +329,7 @@ def _kick_axes(omni: Any, grip: Grip, end: Vector, ends: Vector, h_s: float) -> 
 
 
 @native
-def _kick_axis(omni: Any, i: int, grip: Grip, end: float, ends: float, h_s: float) -> float:
+def _kick_axis(omni: np.record, i: int, grip: Grip, end: float, ends: float, h_s: float) -> float:
     """Velocity v' after the step along one axis: m (v' − v) = h × forces at ½ (v + v') and p + ¼ h (v + v')."""
     k, b, kg, target, push = grip
     stiffness, damping = omni.stiffness_N_m[i], omni.damping_Ns_m[i]
@@ -340,7 +340,7 @@ def _kick_axis(omni: Any, i: int, grip: Grip, end: float, ends: float, h_s: floa
 
 
 @native
-def _cut(omni: Any, force: Vector) -> float:
+def _cut(omni: np.record, force: Vector) -> float:
     """By how much a hand's force has to be scaled down, which is flagged."""
     most = math.sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2])
     if most <= HAND_MAX_N:
@@ -350,7 +350,7 @@ def _cut(omni: Any, force: Vector) -> float:
 
 
 @native
-def pull_rigid(omni: Any, grip: Grip, p: Vector, v: Vector) -> Vector:
+def pull_rigid(omni: np.record, grip: Grip, p: Vector, v: Vector) -> Vector:
     """The hand's force [N] on a tool that is part of the arm, at `p` with velocity `v`."""
     k, b, _, target, push = grip
     force = (
@@ -363,7 +363,7 @@ def pull_rigid(omni: Any, grip: Grip, p: Vector, v: Vector) -> Vector:
 
 
 @native
-def _hand_force(omni: Any, grip: Grip, new: Vector, h_s: float) -> Vector:
+def _hand_force(omni: np.record, grip: Grip, new: Vector, h_s: float) -> Vector:
     """The hand's mean force on the tool [N] over the step."""
     k, b, _, target, push = grip
     p, v = omni.p_DT_m, omni.v_DT_m_s
@@ -376,7 +376,7 @@ def _hand_force(omni: Any, grip: Grip, new: Vector, h_s: float) -> Vector:
 
 
 @native
-def _pull(omni: Any, i: int, end: float, ends: float, new: float, h_s: float) -> float:
+def _pull(omni: np.record, i: int, end: float, ends: float, new: float, h_s: float) -> float:
     """The structure's mean force on the arm's end along one axis [N]."""
     mean = 0.5 * (omni.v_DT_m_s[i] + new)
     stretch = omni.p_DT_m[i] + 0.5 * h_s * mean - end
@@ -404,7 +404,7 @@ _SPEED_LIMITED = int(OmniFlag.SPEED_LIMITED)
 
 
 @inlined
-def step(omni: Any, grip: Grip, h_s: float) -> None:
+def step(omni: np.record, grip: Grip, h_s: float) -> None:
     """One step of at most `STEP_MAX_S` under a hand that is constant over it."""
     q, w = omni.q, omni.dq
     half = 0.5 * h_s
@@ -427,7 +427,7 @@ def step(omni: Any, grip: Grip, h_s: float) -> None:
 
 
 @inlined
-def _kick_compliant(omni: Any, grip: Grip, q: Vector, h_s: float) -> Vector:
+def _kick_compliant(omni: np.record, grip: Grip, q: Vector, h_s: float) -> Vector:
     """Joint speeds after the step, with the arm at mid-step at `q`; moves the tool, which is a mass of its own."""
     p, v = omni.p_DT_m, omni.v_DT_m_s
     turns = turns_at(q[0], q[1], q[2])
@@ -444,7 +444,7 @@ def _kick_compliant(omni: Any, grip: Grip, q: Vector, h_s: float) -> Vector:
 
 
 @native
-def _kick_rigid(omni: Any, grip: Grip, q: Vector, h_s: float) -> Vector:
+def _kick_rigid(omni: np.record, grip: Grip, q: Vector, h_s: float) -> Vector:
     """Joint speeds after the step where the tool, and the hand's mass with it, is part of the arm."""
     turns = turns_at(q[0], q[1], q[2])
     slopes, load = slopes_at(q[1], q[2], turns), _load(omni, q, turns)
@@ -465,7 +465,7 @@ def _kick_rigid(omni: Any, grip: Grip, q: Vector, h_s: float) -> Vector:
 
 
 @native
-def _speeds(omni: Any, h_s: float) -> tuple[Vector, Vector]:
+def _speeds(omni: np.record, h_s: float) -> tuple[Vector, Vector]:
     """Joint speeds before the step, and their mean over it if they go on changing as in the last step."""
     w, rate, half = omni.dq, omni.ddq, 0.5 * h_s
     return (w[0], w[1], w[2]), (w[0] + half * rate[0], w[1] + half * rate[1], w[2] + half * rate[2])
@@ -473,7 +473,7 @@ def _speeds(omni: Any, h_s: float) -> tuple[Vector, Vector]:
 
 @inlined
 def _kick_arm(
-    omni: Any,
+    omni: np.record,
     slopes: Slopes,
     load: Vector,
     q: Vector,
@@ -504,7 +504,7 @@ def _kick_arm(
 
 
 @native
-def _load(omni: Any, q: Vector, turns: Turns) -> Vector:
+def _load(omni: np.record, q: Vector, turns: Turns) -> Vector:
     """Torques [N·m] of motors and weight."""
     t = omni.torque_Nm
     if omni.gravity == 0:
@@ -514,7 +514,7 @@ def _load(omni: Any, q: Vector, turns: Turns) -> Vector:
 
 
 @native
-def _stops(omni: Any, q: Vector, w: Vector) -> Vector:
+def _stops(omni: np.record, q: Vector, w: Vector) -> Vector:
     """Torques of the mechanical stops [N·m]: waist, shoulder, and the elbow, which couples shoulder and forearm."""
     waist = _stop(q[0], w[0], WAIST_RAD[0], WAIST_RAD[1])
     shoulder = _stop(q[1], w[1], SHOULDER_RAD[0], SHOULDER_RAD[1])
@@ -535,7 +535,7 @@ def _stop(angle: float, speed: float, low: float, high: float) -> float:
 
 
 @inlined
-def _keep(omni: Any) -> None:
+def _keep(omni: np.record) -> None:
     """Keep joints within what the stops give at most, and their speeds within `SPEED_MAX_RAD_S`."""
     q, w = omni.q, omni.dq
     for i in range(3):
@@ -548,7 +548,7 @@ def _keep(omni: Any) -> None:
 
 
 @native
-def _hold_within(omni: Any, i: int, base: float, low: float, high: float) -> None:
+def _hold_within(omni: np.record, i: int, base: float, low: float, high: float) -> None:
     """Stop a joint dead where its stop gives no more."""
     q = omni.q
     least, most = base + low - STOP_OVER_RAD, base + high + STOP_OVER_RAD

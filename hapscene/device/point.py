@@ -85,19 +85,19 @@ class PointMass:
 
 
 @native
-def read_point(point: Any) -> Vector:
+def read_point(point: np.record) -> Vector:
     """What the encoders say: the tool's position in W [m], in whole steps from where they count 0."""
     return _counted(point, 0), _counted(point, 1), _counted(point, 2)
 
 
 @native
-def hold_point(point: Any, x_N: float, y_N: float, z_N: float) -> None:
+def hold_point(point: np.record, x_N: float, y_N: float, z_N: float) -> None:
     """The force of the motors from now on, in W [N]."""
     point.f_N[0], point.f_N[1], point.f_N[2] = x_N, y_N, z_N
 
 
 @native
-def advance_point(point: Any, hand: Any, h_s: float, count: int = 1) -> None:
+def advance_point(point: np.record, hand: np.record, h_s: float, count: int = 1) -> None:
     """Move on by `h_s` `count` times, the hand's target moving on with it."""
     mass = point.mass_kg + hand.mass_kg
     k, b = hand.k_N_m / mass, (point.b_Ns_m + hand.b_Ns_m) / mass
@@ -111,7 +111,7 @@ def advance_point(point: Any, hand: Any, h_s: float, count: int = 1) -> None:
 
 
 @native
-def _counted(point: Any, i: int) -> float:
+def _counted(point: np.record, i: int) -> float:
     if point.quantum_m == 0.0:
         return float(point.x_m[i])
     steps = math.floor((point.x_m[i] - point.zero_m[i]) / point.quantum_m + 0.5)
@@ -119,7 +119,7 @@ def _counted(point: Any, i: int) -> float:
 
 
 @native
-def _know(point: Any, k: float, b: float, h: float) -> None:
+def _know(point: np.record, k: float, b: float, h: float) -> None:
     """Have what is known of pieces be that of those of this stiffness and damping over the mass, and length."""
     piece, gain = point.piece, point.gain
     if piece[0] != k or piece[1] != b or piece[2] != h:
@@ -129,7 +129,7 @@ def _know(point: Any, k: float, b: float, h: float) -> None:
 
 
 @native
-def _advance_axis(point: Any, hand: Any, i: int, h_s: float, mass: float, pieces: float) -> None:
+def _advance_axis(point: np.record, hand: np.record, i: int, h_s: float, mass: float, pieces: float) -> None:
     """One axis: pieces between which friction changes its sign."""
     damping, spring, target_m_s = point.b_Ns_m + hand.b_Ns_m, hand.k_N_m, hand.target_m_s[i]
     k, b, piece_s, gain = point.piece[0], point.piece[1], point.piece[2], point.gain

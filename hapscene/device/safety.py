@@ -120,7 +120,7 @@ def safety_of(driver: Driver) -> Any:
 
 
 @native
-def begin_safety(s: Any) -> None:
+def begin_safety(s: np.record) -> None:
     """Before the first tick, and after every pause: the force begins anew."""
     s.gain = 1.0 if s.ramp_s == 0.0 else 0.0
     s.rested_s, s.rise_s = s.calm_s, s.ramp_s
@@ -130,7 +130,7 @@ def begin_safety(s: Any) -> None:
 
 
 @native
-def resume_safety(s: Any) -> None:
+def resume_safety(s: np.record) -> None:
     """After an order for which the loop stood still: the force was 0 meanwhile, and the tool went on."""
     if s.ramp_s > 0.0:
         s.rise_s = RESUME_S if s.gain == 1.0 else s.rise_s
@@ -139,7 +139,7 @@ def resume_safety(s: Any) -> None:
 
 
 @native
-def protect(s: Any, p_DT: Vector, ready: int, count: int, f: Any, tick_s: float) -> tuple[Vector, int]:
+def protect(s: np.record, p_DT: Vector, ready: int, count: int, f: Any, tick_s: float) -> tuple[Vector, int]:
     """The force that may go to the device instead of `f` (3,) [N], and flags.
 
     `p_DT` is the tool in the device's frame, `ready` and `count` are as in `DEVICE_STATE`.
@@ -170,7 +170,7 @@ def protect(s: Any, p_DT: Vector, ready: int, count: int, f: Any, tick_s: float)
 
 
 @native
-def _trips(s: Any, p: Vector, ready: int, count: int, tick_s: float) -> int:
+def _trips(s: np.record, p: Vector, ready: int, count: int, tick_s: float) -> int:
     """The causes to give no force."""
     causes = 0
     if not (math.isfinite(p[0]) and math.isfinite(p[1]) and math.isfinite(p[2])):
@@ -207,7 +207,7 @@ def _trips(s: Any, p: Vector, ready: int, count: int, tick_s: float) -> int:
 
 
 @native
-def _limited(s: Any, f: Vector, tick_s: float) -> tuple[Vector, int]:
+def _limited(s: np.record, f: Vector, tick_s: float) -> tuple[Vector, int]:
     """A force inside peak, warmth and slew, and flags."""
     flags = 0
     magnitude = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])

@@ -8,16 +8,21 @@ force that the tick found there, so a wall is in balance a tick after it was met
 a smaller step.
 """
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
 
 from hapscene.constants import TINY
 from hapscene.flags import Flag
 from hapscene.geometry import Vector
 from hapscene.native import native
 
+if TYPE_CHECKING:
+    from hapscene.surface.surface_arrays import Surface
+
 
 @native
-def couple(surface: Any) -> int:
+def couple(surface: "Surface") -> int:
     """Replace the measured tool, `memory.now_W_m`, by the virtual one: k (tool − virtual) + b (speed − its speed) = −f.
 
     Returns no flags.
@@ -34,7 +39,7 @@ def couple(surface: Any) -> int:
 
 
 @native
-def _balanced(limits: Any, memory: Any, tool_m: float, i: int, stiffness_N_m: float) -> float:
+def _balanced(limits: np.record, memory: np.record, tool_m: float, i: int, stiffness_N_m: float) -> float:
     """One coordinate: moved along with the tool, then by what was out of balance in the last tick."""
     last, virtual = memory.tool_W_m[i], memory.p_WT_m[i]
     force_N = limits.coupling_N_m * (last - virtual) + memory.f_W_N[i]
@@ -71,7 +76,7 @@ TINY_J: Final = 1e-10
 
 
 @native
-def guard(surface: Any, tool_W: Vector) -> int:
+def guard(surface: "Surface", tool_W: Vector) -> int:
     """Observe the last tick, the measured tool now at `tool_W` [m]; damp this tick's sum. Returns flags."""
     limits, touch, total, memory = surface.limits[0], surface.touch[0], surface.total[0], surface.memory[0]
     f, n, sent, was = total.f_W_N, touch.nhat_W, memory.f_W_N, memory.nhat_W
@@ -103,7 +108,7 @@ def guard(surface: Any, tool_W: Vector) -> int:
 
 
 @native
-def stored_energy(limits: Any, touch: Any, push_N: float) -> float:
+def stored_energy(limits: np.record, touch: np.record, push_N: float) -> float:
     """Energy of the wall's spring at its depth, its force cut, and of the coupling [J], pushed at with `push_N`."""
     depth_m, most_N = touch.depth_m, limits.force_N
     spring_N = min(max(push_N, 0.0), touch.stiffness_N_m * depth_m)

@@ -1,4 +1,4 @@
-"""The texture as a running filter: the normalised lattice, plain and warped. Compiled.
+"""The filter of a texture: the normalised lattice, plain and frequency-warped. Compiled.
 
 A texture is a field of models y(t) = e(t) − Σ a_k y(t−k) over normal force and slip speed. They are run as a
 normalised lattice (Gray & Markel 1975): a chain of rotations by reflection coefficients k_m, with c_m = √(1 − k_m²),
@@ -31,11 +31,10 @@ from typing import Any
 
 from numba.extending import overload
 
-from hapscene.constants import BLOCK_MAX
 from hapscene.dsp.lattice_lanes import lanes_of
-from hapscene.dsp.noise import normal
-from hapscene.dsp.slow_gain import advance_gain
 from hapscene.native import native
+
+__all__ = ["advance", "advance_all", "advance_warped", "solve_loop"]
 
 
 @native
@@ -141,64 +140,3 @@ def advance_warped(rows: Any, b: Any, order: int, warp: float, f: float) -> floa
         f = one + into[m] * f
         b[m - 1] = a[m] * f + d[m] * e[m - 1] + warp * b[m - 1]
     return f
-
-
-# What plays a texture: a record `s` with these fields, of an effect's state or of one's own.
-
-
-def voice_fields(order: int) -> list[tuple[str, tuple[int, ...]]]:
-    """Names and shapes of what playing a texture remembers, for models up to an order; zero to begin with."""
-    size = 4 * math.ceil(order / 4) + 1
-    lattice = [("k", (size,)), ("c", (size,)), ("b", (size,)), ("rows", (8, size)), ("f", (BLOCK_MAX,))]
-    return [*lattice, *((name, ()) for name in ("order", "warp", "scale", "level_m_s2", "gain"))]
-
-
-@native
-def settle(s: Any) -> None:
-    """Fill in what the lattice needs beside its order, its warp and k; `s.scale` is 1 over the deviation of f_0."""
-    order = int(s.order)
-    if s.warp != 0.0:
-        s.scale = 1.0 / math.sqrt(solve_loop(s.k, order, s.warp, s.rows))
-        return
-    s.scale = 1.0
-    for m in range(1, order + 1):
-        s.c[m] = math.sqrt((1.0 - s.k[m]) * (1.0 + s.k[m]))
-
-
-@native
-def play(s: Any, level_m_s2: float, gain: float, rng: Any, out: Any, start: int, stop: int, block: int) -> None:
-    """Add samples to out[start:stop]; in a whole `block` they are ramped to a level √P [m/s²] times a gain."""
-    order, now = int(s.order), s.level_m_s2 * s.gain
-    step = (level_m_s2 * gain - now) / block
-    for at in range(start, stop, BLOCK_MAX):
-        count = min(BLOCK_MAX, stop - at)
-        for i in range(count):
-            s.f[i] = normal(rng)
-        if s.warp == 0.0:
-            advance_all(s.k, s.c, s.b, order, s.f, count)
-        else:
-            for i in range(count):
-                s.f[i] = s.scale * advance_warped(s.rows, s.b, order, s.warp, s.f[i])
-        for i in range(count):
-            out[at + i] += (now + (at + i + 1 - start) * step) * s.f[i]
-    s.level_m_s2, s.gain = level_m_s2, gain
-
-
-@native
-def run_texture(
-    s: Any, k: Any, level: Any, life: Any, travel_m: Any, step_s: float, block: int, hold: int, rng: Any, out: Any
-) -> None:
-    """Add to `out` (n,) the next samples of a texture, in blocks of a time `step_s`.
-
-    `s` has `voice_fields`, its order and warp set, and besides `life` (l,), its processes, and `norm` (2,). k (m, p):
-    row 0 holds for all, or row i for the blocks from i · `hold` on. level (blocks,) is √P at the end of each; life
-    (3l,) as `advance_gain` has it; travel_m (blocks,) the distance in each.
-    """
-    for i in range(level.size):
-        if i == 0 or (k.shape[0] > 1 and i % hold == 0):
-            row = i // hold if k.shape[0] > 1 else 0
-            for m in range(k.shape[1]):
-                s.k[m + 1] = k[row, m]
-            settle(s)
-        gain = advance_gain(rng, s.life, life, 0, s.life.size, step_s, travel_m[i], 1.0, s.norm)
-        play(s, level[i], gain, rng, out, i * block, min((i + 1) * block, out.size), block)

@@ -102,14 +102,14 @@ def _await_ready(servo: Servo, needs: str, say: Callable[[str], None]) -> None:
 
 def _look_at_moves(servo: Servo, driver: Any) -> list[tuple[str, bool]]:
     first = servo.state().tick
-    late = servo.lateness()
+    late = servo.timing()
     count = int(servo.device_state().count)
     time.sleep(LOOK_S)
     log = servo.read(first)
     p = log.rows["p_WT_m"]
     way_mm = 1e3 * (p.max(axis=0) - p.min(axis=0))
     rate_Hz = (int(servo.device_state().count) - count) / LOOK_S
-    worst = servo.lateness().since(late)
+    worst = servo.timing().since(late)
     flags = int(np.bitwise_or.reduce(log.rows["flags"]))
     steps_mm = 1e3 * np.abs(np.diff(p, axis=0)).max(axis=1)
     told = [

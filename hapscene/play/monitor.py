@@ -8,9 +8,9 @@ import numpy as np
 
 from hapscene.errors import HandleError
 from hapscene.flags import Flag
-from hapscene.servo import Lateness, Servo
+from hapscene.loop.timing import BIN_NS, BINS_PER_OCTAVE
+from hapscene.servo import Servo, TimingStatistics
 from hapscene.servo.empty_loop import EmptyLoop
-from hapscene.servo.servo_loop import BIN_NS, BINS_PER_OCTAVE
 
 WHY: Final = {
     Flag.TOOL_NOT_FINITE: "the device gave no number for its position",
@@ -49,7 +49,7 @@ class Monitor:
         self._empty = EmptyLoop(servo.tick_s)
         self._since = max(servo.state().tick + 1, 0)
         self._at_s = time.monotonic()
-        self._late, self._idle = servo.lateness(), self._empty.lateness()
+        self._late, self._idle = servo.timing(), self._empty.timing()
         self._mute = ""  # why a real handle plays no more
         self._worst = (0, -1, 0)  # longest tick [ns], its number, of it finding the contact [ns]
         self.first_late, self.first_idle, self.first_tick = self._late, self._idle, self._since
@@ -66,7 +66,7 @@ class Monitor:
         """
         servo = self._servo
         log, now_s = servo.read(self._since), time.monotonic()
-        late, idle = servo.lateness(), self._empty.lateness()
+        late, idle = servo.timing(), self._empty.timing()
         rate_Hz = len(log.rows) / max(now_s - self._at_s, 1e-9)
         self._since, self._at_s = log.first + len(log.rows), now_s
         self._note_worst(log)
@@ -91,9 +91,9 @@ class Monitor:
         Raises:
             HapsceneError: as `lines`.
         """
-        late = self._servo.lateness().since(self.first_late)
-        idle = self._empty.lateness().since(self.first_idle)
-        count = int(late.late.sum())
+        late = self._servo.timing().since(self.first_late)
+        idle = self._empty.timing().since(self.first_idle)
+        count = int(late.delay.sum())
         return [
             f"{count:,} ticks, {late.missed} missed",
             f"later than a period: {later_than(late, self._servo.tick_s)}; an empty loop beside it: "
@@ -124,23 +124,23 @@ class Monitor:
         return f"worst tick {number:,}: {tick_ns / 1e3:.1f} µs, {contact_ns / 1e3:.1f} of them contact: {cause}"
 
 
-def later_than(late: Lateness, span_s: float) -> int:
+def later_than(late: TimingStatistics, span_s: float) -> int:
     """How many ticks began later than that, to the 9 % of a bin."""
     first = math.ceil(BINS_PER_OCTAVE * math.log2(span_s * 1e9 / BIN_NS)) + 1
-    return int(late.late[first:].sum()) + late.missed
+    return int(late.delay[first:].sum()) + late.missed
 
 
-def _bars(late: Lateness) -> str:
+def _bars(late: TimingStatistics) -> str:
     """A histogram in eight signs, of counts on a logarithmic scale."""
-    upper_us = BIN_NS * 2.0 ** (np.arange(len(late.late)) / BINS_PER_OCTAVE) / 1e3
+    upper_us = BIN_NS * 2.0 ** (np.arange(len(late.delay)) / BINS_PER_OCTAVE) / 1e3
     edges = np.searchsorted(upper_us, EDGES_US)
-    counts = np.diff(np.concatenate([[0], np.cumsum(late.late)])[[0, *np.minimum(edges + 1, len(late.late))]])
+    counts = np.diff(np.concatenate([[0], np.cumsum(late.delay)])[[0, *np.minimum(edges + 1, len(late.delay))]])
     top = max(math.log1p(max(counts.max(), 1)), 1.0)
     return "".join(BARS[math.ceil(math.log1p(count) / top * (len(BARS) - 1))] for count in np.maximum(counts, 0))
 
 
-def _percentiles(late: Lateness) -> str:
-    return f"{late.late_us():.3g} µs, p99 {late.late_us(0.99):.3g}, most {late.late_us(1.0):.3g}"
+def _percentiles(late: TimingStatistics) -> str:
+    return f"{late.delay_us():.3g} µs, p99 {late.delay_us(0.99):.3g}, most {late.delay_us(1.0):.3g}"
 
 
 def _warmth(device: Any) -> str:

@@ -149,7 +149,7 @@ function takeFelt(next) {
 }
 
 function say(text, wrong) {
-  $("said").textContent = text;
+  if ($("said").textContent !== text) $("said").textContent = text; // else a screen reader would repeat it
   $("said").classList.toggle("wrong", !!wrong);
 }
 

@@ -1,10 +1,8 @@
-"""The server of the page: one port for its files and its WebSocket, in the application's process.
+"""The page on which a scene is touched: a `hapscene.web.server.WebServer` and what its messages do.
 
-Whatever a page sends is data of a stranger: who is let in, `web_listener.PageListener` says; messages are short, few,
-and looked at field by field.
+A page may send anything: each field of a message is checked.
 """
 
-import json
 import math
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -21,22 +19,14 @@ from hapscene.play.pointer_link import PointerLink
 from hapscene.play.top_frame import TopFrame
 from hapscene.view.palette import DARK, LIGHT, albedo_colours
 from hapscene.wall_clock import CLOCK, Clock
-from hapscene.web_listener import PageListener
+from hapscene.web.server import PageConnection, WebServer
 
 if TYPE_CHECKING:
-    from websockets.sync.server import ServerConnection
-
     from hapscene.scene.scene import Scene
     from hapscene.servo.servo import Servo
 
 DEPTH_MAX_M: Final = 0.003
 """How deep a pen goes at full pressure [m]: 1 to 2 N on the swatches that are shipped."""
-
-MESSAGE_MAX: Final = 4096
-"""Longest message [bytes]; a page sends some hundred."""
-
-MESSAGES_MAX_S: Final = 600.0
-"""Most messages of a page in a second [1/s]; a page sends 250."""
 
 STALE_S: Final = 0.5
 """After how long without a word a finger that is down counts as gone [s]: a page repeats it ten times a second."""
@@ -52,12 +42,6 @@ BINS_MAX: Final = 400
 
 SWITCHES: Final = ("wall", "friction", "lpc_texture", "tap")
 """Effects that the page switches off and on."""
-
-FILES: Final = {
-    "": ("page.html", "text/html; charset=utf-8"),
-    "page.css": ("page.css", "text/css; charset=utf-8"),
-    "page.js": ("page.js", "text/javascript; charset=utf-8"),
-}
 
 PICTURES: Final = {"light.png": LIGHT, "dark.png": DARK}
 
@@ -103,13 +87,19 @@ class PageServer:
         self.sound: Sound | None = None
         self._scene, self._kiosk_s = scene, kiosk_s
         self.frame = TopFrame(scene)
-        folder = resources.files("hapscene.play")
-        self._files = {name: ((folder / file).read_bytes(), kind) for name, (file, kind) in FILES.items()}
         self._pictures: dict[str, Future[bytes]] = {}
-        self._listener = PageListener(
-            self._talk, host, port, files=self._files, message_max=MESSAGE_MAX, more=self._picture
+        self._server = WebServer(
+            resources.files("hapscene.play"),
+            "page",
+            take=self.take,
+            joined=lambda page: page.send(self.state()),
+            left=self.lift,
+            host=host,
+            port=port,
+            content=self._picture,
+            clock=clock,
         )
-        self.address, self.url, self.public = self._listener.address, self._listener.url, self._listener.public
+        self.address, self.url, self.public = self._server.address, self._server.url, self._server.public
         self.link = PointerLink(tools, self.frame.clear_m)
         told = {"door": self.link.port, "key": self.link.key, "tick_s": tick_s}
         self.devices: list[DeviceChoice] = [choose("pointer", tool=tool, **told) for tool in range(tools)]
@@ -119,7 +109,7 @@ class PageServer:
         self._servo: Servo | None = None
         # what the pages have done
         self._lock = RLock()
-        self._held: dict[tuple[int, int], tuple[int, float]] = {}  # page and pointer: the tool it has, when last heard
+        self._held: dict[tuple[PageConnection, int], tuple[int, float]] = {}  # tool, time of the last message
         self._input_s = self._clock.now_s()
         self._touched = False  # since all was as at the start
         self._version = 0
@@ -133,7 +123,7 @@ class PageServer:
     def __enter__(self) -> "PageServer":
         for name, theme in PICTURES.items():
             self._pictures[name] = self._painters.submit(self.frame.picture, theme)
-        self._listener.open()
+        self._server.open()
         self._beats.start()
         return self
 
@@ -150,7 +140,7 @@ class PageServer:
         if self._ended.is_set():
             return
         self._ended.set()
-        self._listener.close()
+        self._server.close()
         if self._beats.ident is not None:
             self._beats.join()
         self._painters.shutdown(wait=True, cancel_futures=True)
@@ -163,57 +153,17 @@ class PageServer:
         """The scene from above; without GL it cannot be drawn, and the page has a plain ground."""
         return (self._pictures[name].result(), "image/png") if name in self._pictures else None
 
-    def _talk(self, connection: "ServerConnection") -> None:
-        """Listen to a page until it goes; another thread tells it what is felt."""
-        from websockets.exceptions import ConnectionClosed
-
-        page, gone = id(connection), Event()
-        teller = Thread(target=self._tell, args=(connection, gone))
-        teller.start()
-        left, last_s = MESSAGES_MAX_S, self._clock.now_s()
-        try:
-            while True:
-                message = connection.recv()
-                now_s = self._clock.now_s()
-                left, last_s = min(left + (now_s - last_s) * MESSAGES_MAX_S, MESSAGES_MAX_S) - 1.0, now_s
-                if left < 0.0:
-                    connection.close(1008, "too many messages")
-                    break
-                self.take(page, message)
-        except ConnectionClosed:
-            pass
-        finally:
-            self.lift(page)
-            gone.set()
-            connection.close()
-            teller.join()
-
-    def _tell(self, connection: "ServerConnection", gone: Event) -> None:
-        """Send a page the state whenever it has changed, and what was felt since, until it is gone."""
-        from websockets.exceptions import ConnectionClosed
-
-        version, since = -1, -1
-        try:
-            while not gone.wait(BEAT_S):
-                if version != self._version:
-                    version = self._version
-                    connection.send(json.dumps(self.state()))
-                if self._servo is not None:
-                    try:
-                        felt, since = self._felt(self._servo, since)
-                    except HapsceneError as error:  # it has ended, or a device is gone
-                        connection.send(json.dumps({"said": str(error)}))
-                        break
-                    connection.send(json.dumps(felt))
-        except ConnectionClosed:
-            pass
-
     def _beat_on(self) -> None:
+        version, since = self._version, -1
         while not self._ended.wait(BEAT_S):
             self.beat()
+            if version != self._version:
+                version = self._version
+                self._server.send(self.state())
+            since = self._send_felt(since)
 
     def beat(self) -> None:
-        """Tell the drivers that we live; lift what is stale; put all back where nobody has touched for long."""
+        """Send the drivers a heartbeat; lift tools without messages; reset a kiosk that nobody has touched for long."""
         self.link.beat()
         with self._lock:
             now_s = self._clock.now_s()
@@ -223,14 +173,21 @@ class PageServer:
             if self._touched and now_s - self._input_s > self._kiosk_s:
                 self.reset()
 
+    def _send_felt(self, since: int) -> int:
+        """Send all pages what was felt from tick `since` on; return the tick at which the next message begins."""
+        if self._servo is None or not self._server.pages:
+            return -1
+        try:
+            felt, since = self._felt(self._servo, since)
+        except HapsceneError as error:  # the servo has ended, or its device is disconnected
+            felt = {"said": str(error)}
+        self._server.send(felt)
+        return since
+
     # --- what pages say
 
-    def take(self, page: int, message: Any) -> None:
-        """Do what a message of a page says; what is none is passed over."""
-        try:
-            said = json.loads(message)
-        except (ValueError, RecursionError):
-            return
+    def take(self, page: PageConnection, said: Any) -> None:
+        """Do what a message of a page says; an invalid one has no effect."""
         if not isinstance(said, dict) or len(said) > 8:
             return
         with self._lock:
@@ -246,7 +203,7 @@ class PageServer:
                 except (TypeError, ValueError, LookupError, OverflowError):
                     pass
 
-    def _points(self, page: int, value: Any) -> None:
+    def _points(self, page: PageConnection, value: Any) -> None:
         """[[pointer, u, v, depth as a share of the deepest], …]"""
         for pointer, u, v, depth in () if self._paused else value[:10]:
             u, v, depth = float(u), float(v), float(depth)
@@ -266,11 +223,11 @@ class PageServer:
             else:
                 self.link.send(tool, True, place_m, depth * DEPTH_MAX_M)
 
-    def _up(self, page: int, value: Any) -> None:
+    def _up(self, page: PageConnection, value: Any) -> None:
         for pointer in value[:10]:
             self._release(page, int(pointer))
 
-    def _switch(self, page: int, value: Any) -> None:
+    def _switch(self, page: PageConnection, value: Any) -> None:
         """[effect, whether it is on]"""
         effect, on = value
         if effect in SWITCHES and isinstance(on, bool):
@@ -285,32 +242,41 @@ class PageServer:
         servo.mute(effect, not on)
         self._on[effect] = on
 
-    def _pause(self, page: int, value: Any) -> None:
-        if self._servo is None or not isinstance(value, bool) or value == self._paused:
+    def _pause(self, page: PageConnection, value: Any) -> None:
+        """Whether to pause."""
+        if isinstance(value, bool):
+            self._set_paused(value)
+
+    def _set_paused(self, paused: bool) -> None:
+        if self._servo is None or paused == self._paused:
             return
-        if value:
+        if paused:
             self.lift()
             self._servo.pause()
         else:
             self._servo.resume()
-        self._paused = value
+        self._paused = paused
         self._say("")
 
-    def _hear(self, page: int, value: Any) -> None:
+    def _hear(self, page: PageConnection, value: Any) -> None:
         """[whether there is sound, its volume]"""
         on, volume = value
-        if self.sound is not None and isinstance(on, bool) and 0.0 <= float(volume) <= 1.0:
-            self.sound(on, float(volume))
-            self._sounds, self._volume = on, float(volume)
+        if isinstance(on, bool) and 0.0 <= float(volume) <= 1.0:
+            self._set_sound(on, float(volume))
+
+    def _set_sound(self, on: bool, volume: float) -> None:
+        if self.sound is not None:
+            self.sound(on, volume)
+            self._sounds, self._volume = on, volume
             self._say("")
 
-    def lift(self, page: int | None = None) -> None:
+    def lift(self, page: PageConnection | None = None) -> None:
         """Lift all tools, or those of a page."""
         with self._lock:
             for held in [key for key in self._held if page in (None, key[0])]:
                 self._release(*held)
 
-    def _release(self, page: int, pointer: int) -> None:
+    def _release(self, page: PageConnection, pointer: int) -> None:
         tool, _ = self._held.pop((page, pointer), (-1, 0.0))
         if tool >= 0:
             self.link.send(tool, False, (0.0, 0.0, 0.0), 0.0)
@@ -323,9 +289,9 @@ class PageServer:
             try:
                 for effect in SWITCHES:
                     self._put(effect, True)
-                self._pause(0, False)
+                self._set_paused(False)
                 if self._sounds:
-                    self._hear(0, (False, self._volume))
+                    self._set_sound(False, self._volume)
                 self._start_values()
             except HapsceneError as error:
                 self._said = str(error)
@@ -388,7 +354,7 @@ class PageServer:
         return told | {"felt": tools}, done - (done - max(since, 0)) % BIN
 
 
-ORDERS: Final[dict[str, Callable[[PageServer, int, Any], None]]] = {
+ORDERS: Final[dict[str, Callable[[PageServer, PageConnection, Any], None]]] = {
     "points": PageServer._points,
     "up": PageServer._up,
     "lift": lambda server, page, value: server.lift(),

@@ -1,5 +1,5 @@
-from .flight_recorder import Flight as Flight
-from .flight_recorder import Replay as Replay
 from .servo import Servo as Servo
 from .servo import ServoState as ServoState
-from .servo_loop import Lateness as Lateness
+from .servo import TimingStatistics as TimingStatistics
+from .session_log import Replay as Replay
+from .session_log import SessionLog as SessionLog

@@ -1,18 +1,24 @@
-"""A loop like the servo's with nothing in it: what of the lateness is the machine's, and not the tick's."""
+"""A loop like the servo's without a tick: which part of the delays is the machine's, not the tick's."""
 
 import threading
 import weakref
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hapscene.clock import new_clock, now_ns
+from hapscene.clock import new_clock
 from hapscene.constants import TICK_S
+from hapscene.loop.driver import CHANNEL
+from hapscene.loop.timing import (
+    TIMING,
+    Timer,
+    TimingStatistics,
+    request_realtime_priority,
+    start_timer,
+    wait_for_tick,
+)
 from hapscene.native import native
 from hapscene.records import records
-from hapscene.servo.servo_loop import Lateness, await_tick, request_realtime_priority
-from hapscene.servo.shared_memory import CHANNEL
 
 
 class EmptyLoop:
@@ -20,15 +26,15 @@ class EmptyLoop:
 
     def __init__(self, tick_s: float = TICK_S) -> None:
         self._channel = records(1, CHANNEL)
-        arguments = self._channel[0], new_clock(), round(tick_s * 1e9)
-        self._thread = threading.Thread(target=_run, args=arguments, name="hapscene empty loop", daemon=True)
+        timer = Timer(self._channel[0], new_clock(), records(1, TIMING)[0], round(tick_s * 1e9))
+        self._thread = threading.Thread(target=run_empty, args=(timer,), name="hapscene empty loop", daemon=True)
         self._thread.start()
         self._end = weakref.finalize(self, _end, self._channel, self._thread)
 
-    def lateness(self) -> Lateness:
+    def timing(self) -> TimingStatistics:
         """How well it has kept time."""
         row = self._channel[0]
-        return Lateness(row.late.copy(), np.zeros_like(row.late), int(row.missed))
+        return TimingStatistics(row.late.copy(), np.zeros_like(row.late), int(row.missed))
 
     def stop(self) -> None:
         """End it."""
@@ -40,15 +46,16 @@ def _end(channel: Any, thread: threading.Thread) -> None:
     thread.join()
 
 
-def _run(*arguments: Any) -> None:
+def run_empty(timer: Timer) -> None:
+    """The thread: waits from now on."""
     request_realtime_priority()
-    loop_empty(*arguments)
+    start_timer(timer)
+    loop_empty(timer)
 
 
 @native
-def loop_empty(channel: Any, clock: NDArray[np.int64], tick_ns: int) -> None:
+def loop_empty(timer: Timer) -> None:
     """Wait for ticks until `channel.pause`, and do nothing in them."""
-    due = now_ns(clock)
-    while channel.pause == 0:
-        due, _ = await_tick(channel, clock, due + tick_ns, tick_ns)
-        channel.done += 1
+    while timer.channel.pause == 0:
+        wait_for_tick(timer)
+        timer.channel.done += 1

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import new_clock, now_ns, sleep_ns
+from hapscene.loop.timing import request_realtime_priority
 from hapscene.native import native
-from hapscene.servo.servo_loop import request_realtime_priority
 
 PULSE_NS: Final = 2_000_000
 """Time between two pulses [ns]: five are missed before the force ends (`hapscene.device.safety.PULSE_AGE_S`)."""

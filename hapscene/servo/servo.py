@@ -28,20 +28,23 @@ from hapscene.errors import DeviceError, HapsceneError, PathError, SceneError, n
 from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions
 from hapscene.handle.plant import Plant
+from hapscene.loop.timing import TimingStatistics
 from hapscene.records import ROW, block_of
 from hapscene.renderer import OTHER_BODIES
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import Painting
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.servo.flight_recorder import Flight, flight_of, note_order
 from hapscene.servo.heartbeat import Heartbeat
-from hapscene.servo.servo_loop import Lateness
+from hapscene.servo.session_log import SessionLog, log_of, note_order
 from hapscene.servo.shared_memory import Channel, open_channel, read_text
 from hapscene.surface.swatch import SwatchLike
 
 if TYPE_CHECKING:
     from hapscene.handle.live_process import LiveHandle
+
+__all__ = ["Servo", "ServoState", "TickLog", "TimingStatistics"]
+
 RING_S: Final = 8.0
 """How much of the past is held [s]: a page that hangs for some seconds loses nothing."""
 
@@ -123,14 +126,13 @@ class Servo:
     Args:
         scene: what is there, as it is now.
         device: what the hand holds: a simulated device, or its name, which brings its limits along, as `Twin` has it;
-            or a real one by its driver's name (`hapscene device list`), with options by `hapscene.device.choose`. A
+            or a real one by the name of its driver (`hapscene device list`), with options by `hapscene.device.choose`. A
             list of them for several tools, which touch the scene in one loop, and are called by their numbers from 0.
         tick_s, a_rate_Hz: as `Renderer` has them.
         handle: what the first tool's accelerations are played on: a simulated handle, or a real one by its name, as
             "audio", with options by `hapscene.device.choose`.
         handle_file: of a real one that was identified (`hapscene device identify`): its compensator drives it.
-        flights: a folder: what was felt last is written into it when a device or the application is gone
-            (`save_flight`).
+        log_folder: where the session log is written when a device or the application is gone (`save_log`).
         force_N: largest force that a real device is sent, where its own limit is not lower.
         patience_s: after how long without a call of the application the force ends [s]: a program that hangs. One that
             is killed, stopped or suspended is noticed within 20 ms without it.
@@ -160,7 +162,7 @@ class Servo:
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
         handle: Plant | DeviceChoice | str | None = None,
         handle_file: "str | os.PathLike[str] | None" = None,
-        flights: "str | os.PathLike[str] | None" = None,
+        log_folder: "str | os.PathLike[str] | None" = None,
         force_N: float | None = None,
         patience_s: float = math.inf,
         ring_s: float = RING_S,
@@ -186,7 +188,7 @@ class Servo:
         self.scene = scene.copy()
         self._tools, self._room = len(devices), len(scene.bodies) + BODY_ROOM
         own = {"devices": devices, "bodies": self._room, "force_N": force_N}
-        own["flights"] = None if flights is None else os.fspath(flights)
+        own["log_folder"] = None if log_folder is None else os.fspath(log_folder)
         self._made = {"scene": self.scene, **own, "tick_s": tick_s, "a_rate_Hz": a_rate_Hz, **made}
         self._block = block_of(tick_s, a_rate_Hz)
         self._length = max(math.ceil(ring_s / tick_s), 2)
@@ -201,7 +203,7 @@ class Servo:
         self._opened: Channel | None = None
         self._closed = False
         self._process: Any = None
-        self._guard: Any = None
+        self._watchdog: Any = None
         self._played: LiveHandle | None = None
         self._heartbeat: Heartbeat | None = None
         self._asked: Any = None
@@ -254,7 +256,7 @@ class Servo:
         theirs.close()
         dying.close()
         if any(DRIVERS.load(choice.name).force for choice in self._choices):
-            self._start_guard(context, life)
+            self._start_watchdog(context, life)
         life.close()
         self._send(made)  # not as arguments: to a process that died at once, they would be written for ever
         self._told_made = self._answer(START_S)
@@ -263,24 +265,24 @@ class Servo:
         if isinstance(self._live_handle, DeviceChoice):
             self._start_handle(self._live_handle)
 
-    def _start_guard(self, context: Any, life: Any) -> None:
+    def _start_watchdog(self, context: Any, life: Any) -> None:
         """Have a third process see to it that no force is left if the servo's dies."""
-        from hapscene.servo.guard import watch
+        from hapscene.servo.watchdog import watch
 
         assert self._opened is not None
         here, there = context.Pipe(duplex=False)
         shape = self._length, self._block, self._room, self._tools
         arguments = (life, there, self._opened.memory.name, shape, self._process.pid, self._choices)
-        self._guard = context.Process(target=watch, args=arguments, name="hapscene guard", daemon=True)
+        self._watchdog = context.Process(target=watch, args=arguments, name="hapscene watchdog", daemon=True)
         with _shielded():
-            self._guard.start()
+            self._watchdog.start()
         there.close()
         if not here.poll(START_S):
-            raise HapsceneError("the servo's guard did not start: no device is driven without it")
+            raise HapsceneError("the servo's watchdog did not start: no device is driven without it")
         try:
             here.recv()
         except EOFError:
-            raise HapsceneError("the servo's guard has ended at its start: no device is driven without it") from None
+            raise HapsceneError("the servo's watchdog has ended at its start: no device is driven without it") from None
 
     def _start_handle(self, choice: DeviceChoice) -> None:
         """Have a process play what the first tool's channel asks for."""
@@ -349,10 +351,10 @@ class Servo:
             self._wire.close()
         if self._played is not None:
             self._played.close()
-        if self._guard is not None:
-            self._guard.join(ANSWER_S)
-            if self._guard.is_alive():
-                self._guard.kill()
+        if self._watchdog is not None:
+            self._watchdog.join(ANSWER_S)
+            if self._watchdog.is_alive():
+                self._watchdog.kill()
         if self._heartbeat is not None:
             self._heartbeat.stop()
         self._aim = self._ticks = self._frames = self._fault = None
@@ -549,7 +551,7 @@ class Servo:
     def events(self, since: int = 0, *, tool: int = 0) -> tuple[list[ContactEvent], int]:
         """What began, ended or changed from tick `since` on, and from which tick on to ask the next time.
 
-        Goes back as far as the flight recorder does.
+        Goes back as far as `ring_s`.
 
         Raises:
             HapsceneError: the process has ended.
@@ -699,7 +701,7 @@ class Servo:
         )
 
     def read(self, since: int = 0, *, tool: int = 0, after_end: bool = False) -> TickLog:
-        """What a tool felt from tick `since` on, or from as far back as the flight recorder reaches.
+        """What a tool felt from tick `since` on, or from as far back as `ring_s`.
 
         Args:
             since: number of a tick.
@@ -718,36 +720,36 @@ class Servo:
         over = max(int(shared.channel[0].done) + 1 - self._length - first, 0)  # written over meanwhile
         return TickLog(first + over, *(part[over:] for part in taken))
 
-    def flight(self, reason: str = "asked for") -> Flight:
-        """What was felt last (`ring_s`), with what is needed to fly it again; also after the process has ended.
+    def session_log(self, reason: str = "asked for") -> SessionLog:
+        """The last ticks (`ring_s`), with what is needed to replay them; also after the process has ended.
 
         Raises:
             HapsceneError: the servo is closed.
         """
         if self._opened is None:
-            raise HapsceneError("this servo is closed, and what it felt is gone with it")
-        return flight_of(self._opened, self.scene, self._told_made, self._tuned, reason)
+            raise HapsceneError("this servo is closed, and its session log with it")
+        return log_of(self._opened, self.scene, self._told_made, self._tuned, reason)
 
-    def save_flight(self, folder: "str | os.PathLike[str]", reason: str = "asked for") -> None:
-        """Write `flight` into a folder; `hapscene play --replay FOLDER` flies it again.
+    def save_log(self, folder: "str | os.PathLike[str]", reason: str = "asked for") -> None:
+        """Write `session_log` into a folder; `hapscene play --replay FOLDER` replays it.
 
         Raises:
             HapsceneError: the servo is closed, or the folder cannot be written.
         """
-        flight = self.flight(reason)
+        log = self.session_log(reason)
         try:
-            flight.save(os.fspath(folder))
+            log.save(os.fspath(folder))
         except OSError as error:
             raise HapsceneError(f"{folder}: cannot be written: {error.strerror or error}") from None
 
-    def lateness(self) -> Lateness:
+    def timing(self) -> TimingStatistics:
         """How well the loop has kept time since the process started.
 
         Raises:
             HapsceneError: the process has ended.
         """
         channel = self._channel.channel[0]
-        return Lateness(channel.late.copy(), channel.busy.copy(), int(channel.missed))
+        return TimingStatistics(channel.late.copy(), channel.busy.copy(), int(channel.missed))
 
     def _order(self, order: str, *arguments: Any) -> Any:
         """Send an order when its turn comes; return its result."""
@@ -787,8 +789,8 @@ class Servo:
     def _gone(self) -> str:
         self._process.join(1.0)
         ended = f"the servo's process has ended (exit code {self._process.exitcode})"
-        if self._guard is not None and self._process.exitcode == -9:
-            ended += ": killed, or ended by its guard after it stood still for 50 ms, as where the computer is too busy"
+        if self._watchdog is not None and self._process.exitcode == -9:
+            ended += ": killed, or ended by its watchdog after it stood still for 50 ms: is the computer too busy?"
         return f"{ended}; start a new one"
 
 
@@ -812,7 +814,7 @@ def _whole(tick: int) -> int:
 def _shielded() -> Iterator[None]:
     """A process started within gets none of the signals that a terminal sends to all processes of a job.
 
-    So Ctrl-Z stops the application alone, and ends the force, where it would stop the servo and its guard with it.
+    So Ctrl-Z stops the application alone, and ends the force, where it would stop the servo and its watchdog with it.
     """
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield

@@ -32,24 +32,16 @@ from hapscene.device.model import limits_of
 from hapscene.device.safety import begin_safety, resume_safety, safety_of, simulated_safety
 from hapscene.errors import DeviceError, HapsceneError
 from hapscene.geometry import rigid
+from hapscene.loop.checkpoint import memory_of
+from hapscene.loop.driver import CALLED, SCHEDULED, TIMED, Bodies, Loop, bound, new_loop, wait_at
+from hapscene.loop.timing import TIMING, request_realtime_priority, start_timer
 from hapscene.records import records
 from hapscene.renderer import Renderer
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import Painting
 from hapscene.scene.scene import Scene
-from hapscene.servo.flight_recorder import flight_of, note_order, told_of, write_flight
-from hapscene.servo.servo_loop import (
-    Loop,
-    ServoBodies,
-    begin_timing,
-    request_realtime_priority,
-    scheduled_at,
-    serve,
-    tick_at,
-    wait_at,
-)
+from hapscene.servo.session_log import log_of, note_order, settings_of, write_log
 from hapscene.servo.shared_memory import Channel, open_channel, write_text
-from hapscene.servo.tick_memory import memory_of
 from hapscene.surface.swatch import Swatch
 from hapscene.tick import use_moving_bodies
 
@@ -80,11 +72,11 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
     warnings.formatwarning = lambda message, *place: f"hapscene: note: {message}\n"  # whose line it was nobody can see
     try:
         made = _heard(wire)
-        bodies, folder = made.pop("bodies"), made.pop("flights")
+        bodies, folder = made.pop("bodies"), made.pop("log_folder")
         twins += open_twins(made, opened)
         channel = open_channel(length, twins[0].renderer.block, name, bodies=bodies, tools=len(twins))
-        told = told_of([twin.renderer for twin in twins], made.get("settings"))
-        desk = Desk(made["scene"], twins, channel, folder, told)
+        settings = settings_of([twin.renderer for twin in twins], made.get("settings"))
+        desk = Desk(made["scene"], twins, channel, folder, settings)
         wire.send((None, desk.made))
         while True:
             while opened and not wire.poll(WATCH_S):
@@ -114,7 +106,7 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
         if desk is not None:
             desk.write_faults()
             if ending:
-                desk.write_flight(ending)
+                desk.write_log(ending)
         desk = None
         twins.clear()  # they look at the memory that is given back
         if channel is not None:
@@ -169,9 +161,8 @@ def _heard(wire: Pipe) -> Any:
         raise EOFError from None
 
 
-UNFLYABLE: Final = np.iinfo(np.int64).max
-"""The tick from which on a flight can be flown again: none, where bodies came, went, or changed their shapes, or are
-felt by a fidelity."""
+NO_REPLAY: Final = np.iinfo(np.int64).max
+"""`CHANNEL.changed` where a log cannot be replayed: bodies were added, removed or deformed, or a fidelity is used."""
 
 
 class Desk:
@@ -182,12 +173,12 @@ class Desk:
         scene: Scene,
         twins: "Sequence[Twin]",
         channel: Channel,
-        flights: str | None = None,
+        log_folder: str | None = None,
         made: Mapping[str, Any] | None = None,
         clock: NDArray[np.int64] | None = None,
     ) -> None:
         """`clock`: of `new_clock`; with a virtual time nothing ticks by itself, but as `advance` is called."""
-        self._scene, self._flights, self.made = scene, flights, dict(made or {})
+        self._scene, self._log_folder, self.made = scene, log_folder, dict(made or {})
         self._twins = tuple(twins)
         self._channel = channel
         self._hands = np.zeros((len(twins), 5, 3))
@@ -197,10 +188,10 @@ class Desk:
         self._started = False
         self._faults: list[str] = []
         self._tuned: list[tuple[str, str, dict[str, float]]] = []
-        self._timing = np.zeros(4, np.int64)
+        self._timing = records(1, TIMING)[0]
         self._connections = [twin.device for twin in self._twins if isinstance(twin.device, Connection)]
         count = len(channel.frames)
-        self._bodies = ServoBodies(
+        self._bodies = Bodies(
             frames=channel.frames,
             predicted=records(count, PREDICTED),
             moving=channel.moving,
@@ -222,16 +213,15 @@ class Desk:
         if vendors and len(self._twins) > 1:
             raise DeviceError("a device whose vendor's thread calls the tick is the only one of its servo")
         channel.channel.pause = 1
-        if self._renderers[0].fidelity is not None:  # which is not written with a flight
-            channel.channel.changed = UNFLYABLE
+        if self._renderers[0].fidelity is not None:  # which a log does not hold
+            channel.channel.changed = NO_REPLAY
         parts = (part for r in self._renderers for part in memory_of(r.world, r.surface))
         channel.channel.checkpoint_size = sum(len(part) for part in parts)
-        if not self._connections:
-            serve(self._acted_on())  # has it compiled, and returns at once
-            return
-        begin_timing(self._acted_on())  # compiled, as what follows is
-        self._bound()
-        if not self._clock[VIRTUAL]:
+        driven = bool(self._connections) or bool(self._clock[VIRTUAL])  # by Python, tick by tick
+        pace = SCHEDULED if vendors else CALLED if driven else TIMED
+        channel.channel.pace, channel.channel.until = pace, np.iinfo(np.int64).max
+        self._bind()  # compiled before the loop is needed
+        if self._connections and not self._clock[VIRTUAL]:
             gc.freeze()  # nothing that is there now is looked through again while devices wait
             sys.setswitchinterval(SWITCH_S)
 
@@ -336,14 +326,14 @@ class Desk:
             self._scene.swatches = before
             self._scene.bodies.pop()
             raise
-        self._channel.channel.changed = UNFLYABLE
+        self._channel.channel.changed = NO_REPLAY
 
     def remove(self, body: str) -> None:
         """Feel a body no more."""
         with self._between_ticks():
             for renderer in self._renderers:
                 renderer.remove(body)
-        self._channel.channel.changed = UNFLYABLE
+        self._channel.channel.changed = NO_REPLAY
 
     def deform(self, body: str, vertices_m: NDArray[np.float64]) -> None:
         """Give a body another shape; the loop goes on, but for the first time."""
@@ -355,19 +345,19 @@ class Desk:
                 if renderer.world is not world:
                     with self._between_ticks():
                         pass  # it goes on with the new one
-        self._channel.channel.changed = UNFLYABLE
+        self._channel.channel.changed = NO_REPLAY
 
     def write_faults(self) -> None:
         """Write what led to the faults that were noted since."""
         while self._faults:
-            self.write_flight(self._faults.pop())
+            self.write_log(self._faults.pop())
 
-    def write_flight(self, reason: str) -> None:
-        """Write the last minute, where the application has named a folder, and anything was felt."""
+    def write_log(self, reason: str) -> None:
+        """Write the last minute, where the application has named a folder, and any tick is complete."""
         channel = self._channel
-        if self._flights is not None and channel.channel[0].done > 0:
-            told = write_flight(flight_of(channel, self._scene, self.made, self._tuned, reason), self._flights)
-            print(f"hapscene: note: {told}", file=sys.stderr, flush=True)
+        if self._log_folder is not None and channel.channel[0].done > 0:
+            note = write_log(log_of(channel, self._scene, self.made, self._tuned, reason), self._log_folder)
+            print(f"hapscene: note: {note}", file=sys.stderr, flush=True)
 
     def rest(self) -> bool:
         """Stop the loop; says whether it ran."""
@@ -418,35 +408,32 @@ class Desk:
         self._note_change()
         vendor = self._connections[0] if self._connections else None
         if isinstance(vendor, VendorConnection):
-            begin_timing(self._acted_on())
-            self._calls = self._bound()
+            self._calls = self._bind()
             vendor.schedule(self._calls[0].address, self._calls[0].context)
             self._stop = vendor.unschedule
-            self._channel.channel.pause = 0  # only now: the library may take its time, and the guard waits for ticks
+            self._channel.channel.pause = 0  # only now: the library may take its time, and the watchdog waits for ticks
             return
         self._channel.channel.pause = 0
         if self._clock[VIRTUAL]:
             self._turning = self._turns()
             self._stop = partial(deque, self._turning, 0)
             return
-        loop = threading.Thread(target=self._drive if self._connections else self._tick, daemon=True)
+        loop = threading.Thread(target=self._run, daemon=True)
         loop.start()
         self._stop = loop.join
 
-    def _tick(self) -> None:
+    def _run(self) -> None:
         request_realtime_priority()
-        serve(self._acted_on())
-
-    def _drive(self) -> None:
-        request_realtime_priority()
-        deque(self._turns(), 0)
+        if self._connections:
+            deque(self._turns(), 0)
+        else:
+            self._bind()[0]()
 
     def _turns(self) -> Iterator[None]:
         """Read, tick, write, with devices that Python reads and writes; a tick each time that it is asked."""
-        wait, tick = self._bound()
+        tick, wait = self._bind()
         pause, waiting = (self._channel.channel[name].view(np.ndarray) for name in ("pause", "waiting"))
         connections = self._connections
-        begin_timing(self._acted_on())
         try:
             while pause[0] == 0:
                 wait()
@@ -467,13 +454,13 @@ class Desk:
             connection.state.f_D_N = 0.0
             with suppress(Exception):
                 connection.write()
-        self._channel.channel.pause = 1  # also after a fault: a guard that waits for ticks would end the process
+        self._channel.channel.pause = 1  # also after a fault: a watchdog that waits for ticks would end the process
 
-    def _bound(self) -> tuple[BoundCall, ...]:
-        """What is called once a tick, from where compiled code does not drive the loop."""
-        vendor = bool(self._connections) and isinstance(self._connections[0], VendorConnection)
-        loop = self._acted_on()
-        return tuple(BoundCall(part, loop) for part in ((scheduled_at,) if vendor else (wait_at, tick_at)))
+    def _bind(self) -> tuple[BoundCall, BoundCall]:
+        """The compiled driver and the wait for a tick, on all that there is now; the first tick is due from now on."""
+        loop = self._loop()
+        start_timer(loop.timer)
+        return bound(loop), BoundCall(wait_at, loop.timer)
 
     def _note_change(self) -> None:
         """What ticks remember is to be copied anew: from here on they give something else."""
@@ -487,23 +474,21 @@ class Desk:
             write_text(self._channel.fault, text)
             self._faults.append(text)
 
-    def _acted_on(self) -> Loop:
-        c, renderers = self._channel, self._renderers
-        return Loop(
-            worlds=tuple(r.world for r in renderers),
-            surfaces=tuple(r.surface for r in renderers),
-            twins=tuple(twin.body for twin in self._twins),
+    def _loop(self) -> Loop:
+        c = self._channel
+        return new_loop(
+            self._renderers,
+            [twin.body for twin in self._twins],
+            c.channel[0],
+            self._clock,
+            timing=self._timing,
             bodies=self._bodies,
-            channel=c.channel[0],
             aims=c.aims,
+            hands=self._hands,
             rows=c.rows,
             felt=c.felt,
             a_m_s2=c.a_m_s2,
             a_handle_m_s2=c.a_handle_m_s2,
-            hands=self._hands,
-            memory=tuple(part for r in renderers for part in memory_of(r.world, r.surface)),
             checkpoints=c.checkpoints,
             checkpoint_ticks=c.checkpoint_ticks,
-            clock=self._clock,
-            timing=self._timing,
         )

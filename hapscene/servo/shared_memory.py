@@ -18,45 +18,15 @@ from numpy.typing import NDArray
 from hapscene.contact.prediction import FRAME
 from hapscene.device.driver import DEVICE_STATE
 from hapscene.errors import HapsceneError
+from hapscene.loop.driver import AIM, CHANNEL
 from hapscene.records import ROW
-from hapscene.servo.servo_loop import BIN_COUNT
-from hapscene.twin.twin_recording import FELT
-
-CHANNEL: Final = np.dtype(
-    [
-        # by the application
-        ("pause", "i8"),  # 1: the loop shall return
-        ("moving_count", "i8"),  # bodies that the application moves: so many of `Channel.moving` are written
-        ("pulse", "i8"),  # one more every 2 ms, while the application lives
-        # by the servo
-        ("done", "i8"),  # complete ticks
-        ("done_ns", "i8"),  # when the newest was complete, by the clock of the loop
-        ("missed", "i8"),  # ticks that were left out since the loop was too late for them
-        ("waiting", "i8"),  # 1: a device is read or written by Python, which may wait for it
-        ("changed", "i8"),  # number of the first tick since what is felt was last changed by an order
-        ("checkpoint_due", "i8"),  # tick before which what ticks remember is copied next
-        ("checkpoint_count", "i8"),  # copies so far
-        ("checkpoint_size", "i8"),  # of each [bytes]
-        ("late", "i8", (BIN_COUNT,)),  # histogram of how late ticks began
-        ("busy", "i8", (BIN_COUNT,)),  # and of how long they took
-    ],
-    align=True,
-)
-
-
-AIM: Final = np.dtype(
-    [
-        ("count", "i8"),  # odd while the aim is being written
-        ("aim", "f8", (3, 3)),  # place in W [m]; grip: k_N_m, b_Ns_m, mass_kg; push in W [N]
-    ]
-)
-"""Where the hand on a tool aims, by the application."""
+from hapscene.twin.result import FELT
 
 CHECKPOINT_COUNT: Final = 8
 """Copies that are kept of what ticks remember [count]: the newest minute, and one more."""
 
 MEMORY_B: Final = 294_912
-"""Room in each for a tool [bytes]: 200 bodies. Copied in 20 µs; with more bodies a flight cannot be flown again."""
+"""Room in each for a tool [bytes]: 200 bodies. Copied in 20 µs; with more bodies a log cannot be replayed."""
 
 TEXT_MAX: Final = 512
 """Room for a sentence [bytes]."""

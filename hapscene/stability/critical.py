@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
+from hapscene.loop.closed_loop import DELAY_MAX
 from hapscene.stability.rig import Rig
-from hapscene.twin.twin_loop import DELAY_MAX
 
 # How fast the slowest-dying mode of a small motion grows, read from the motion itself.
 #

@@ -23,8 +23,8 @@ from hapscene.surface.effect import Effect
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.twin.hand_intent import Intent
+from hapscene.twin.result import Feel
 from hapscene.twin.twin import Twin
-from hapscene.twin.twin_recording import Feel
 
 SHEET_M: Final = 0.2
 """Side of the sheet [m]. Its top is z = 0 and it has no underside, so that no depth is too deep."""

@@ -25,7 +25,7 @@ from hapscene.parameter_sweep import Piece, sweep
 from hapscene.stability.closed_form import limit_of_small_motion
 from hapscene.stability.rig import Rig
 from hapscene.surface.swatch import Swatch
-from hapscene.twin.twin_recording import Feel
+from hapscene.twin.result import Feel
 
 REST_M_S: Final = 5e-3
 """Speed of a tool at rest, at most [m/s rms]: half the noise of an encoder of 55 µm at 200 Hz, below what a hand feels

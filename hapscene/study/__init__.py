@@ -23,18 +23,6 @@ with tempfile.TemporaryDirectory() as folder, hapscene.study.Sitting(plan, folde
     print(sitting.trial.question, [interval.stimulus["name"] for interval in sitting.trial.intervals])
     sitting.answer(0, latency_s=1.2)
 ```
-
-| module | does |
-|---|---|
-| `plan` | the plan, a TOML file: `load_plan` |
-| `trial_order` | the trials of a participant in their order: balanced over participants, seeded |
-| `staircase` | the adaptive threshold, by QUEST+ |
-| `sitting` | one participant's session, crash-safe: `Sitting` |
-| `results_file` | the answers, a CSV that is only appended to |
-| `stimulus`, `playing` | the samples of an interval; headphones and handles that play them |
-| `study_server` | the page on which a participant answers |
-| `discrimination`, `statistics` | d′; thresholds, ratings and right answers, with intervals: `analyse` |
-| `study_report` | the page with the results |
 """
 
 import lazy_loader

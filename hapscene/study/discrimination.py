@@ -1,4 +1,4 @@
-"""Discriminability of two stimuli: d′ from right answers in two intervals, p = Φ(d′ / √2).
+"""Discriminability of two stimuli: d′ from the proportion correct in two intervals, p = Φ(d′ / √2).
 
 Macmillan & Creelman (2005), Detection Theory, chapter 7.
 """
@@ -13,6 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
+
+__all__ = ["CERTAINTY", "Estimate", "d_prime_of", "d_prime_of_people", "proportion"]
 
 CERTAINTY: Final = 0.95
 """Confidence level of all intervals."""

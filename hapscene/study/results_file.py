@@ -1,18 +1,21 @@
-"""The answers of a study: a CSV (RFC 4180) that is only appended to, one row an answer, on the disk before it counts.
+"""The answers of a study: a CSV (RFC 4180) that is only appended to, one row per answer.
 
-pandas.read_csv and R's read.csv read it as it is: plain header, UTF-8, NA for what does not apply.
+pandas.read_csv and R's read.csv read it as it is: plain header, UTF-8, NA where a column does not apply.
 """
 
 import csv
 import io
 import os
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from filelock import FileLock, Timeout
+
 from hapscene.errors import StudyError, warn
 from hapscene.files import naming, read_bytes, refusing
+
+__all__ = ["COLUMNS", "MISSING", "ResultsFile", "load_rows"]
 
 COLUMNS: Final = (
     *("person", "place", "channel", "trial", "block", "kind", "stimulus_1", "stimulus_2", "stimulus_3", "parameter"),
@@ -21,11 +24,8 @@ COLUMNS: Final = (
 )
 """`answer` and `correct_answer` are indices of choices from 0; `correct` is 1 or 0; `stimulus_3` is always missing."""
 
-EARLIER: Final = tuple(name for name in COLUMNS if name != "stimuli_sha256")
-"""Columns of earlier files, which are read, and appended to as they are."""
-
 SHA256_LENGTH: Final = 64
-"""Of the last field of a whole row [characters]."""
+"""Length of the last field of a complete row [characters]."""
 
 RESULTS_MAX_B: Final = 1 << 28
 """Largest file of results [bytes]: a million answers."""
@@ -39,82 +39,67 @@ class ResultsFile:
 
     Attributes:
         rows: what it held when it was opened, by column.
-        cut_B: length of an unfinished last row that was removed: its writer was killed [bytes].
     """
 
     rows: Sequence[Mapping[str, str]]
-    cut_B: int
 
     def __init__(self, path: Path) -> None:
-        """Open or create the file; an unfinished last row is removed.
+        """Open or create the file; an unfinished last row, of a killed writer, is removed.
 
         Raises:
             StudyError: open in another writer, not a file of results, or not writable.
         """
-        self._path = path
+        self._path, self._lock = path, FileLock(f"{path}.lock")
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+            self._lock.acquire(blocking=False)
+            self._file = path.open("a+b", buffering=0)
+        except Timeout:
+            raise StudyError(f"{path}: another session writes it: end that, or give another folder") from None
         except OSError as reason:
+            self._lock.release()
             raise StudyError(f"{path}: cannot be written: {reason.strerror}") from None
         try:
-            self._lock()
             content = read_bytes(path, RESULTS_MAX_B, "file of results")
-            whole = _whole_rows(content)
+            complete = _complete_rows(content)
             with refusing(StudyError), naming(path):
-                self.rows = parse_rows(whole)
-            self.cut_B = len(content) - len(whole)
-            if self.cut_B:
-                os.ftruncate(self._file, len(whole))
-            self._columns = EARLIER if whole and b"stimuli_sha256" not in whole.partition(b"\n")[0] else COLUMNS
-            if not whole:
+                self.rows = _parse(complete)
+            self._file.truncate(len(complete))
+            if not complete:
                 self._write(COLUMNS)
-                _flush_folder(path.parent)
-            elif not whole.endswith(b"\n"):  # an editor has left it without
-                os.write(self._file, b"\r\n")
+            elif not complete.endswith(b"\n"):  # an editor has removed the end of the last line
+                self._file.write(b"\r\n")
         except BaseException:
             self.close()
             raise
-
-    def _lock(self) -> None:
-        if sys.platform == "win32":
-            return
-        import fcntl
-
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise StudyError(f"{self._path}: another session writes it: end that, or give another folder") from None
 
     def add(self, row: Mapping[str, object]) -> None:
         """Append a row; it is on the disk when this returns. Missing and None fields are written as NA.
 
         Raises:
-            StudyError: it could not be written; nothing of it stays.
+            StudyError: it could not be written; no part of it stays.
         """
-        self._write([row.get(name) for name in self._columns])
+        self._write([row.get(name) for name in COLUMNS])
 
-    def _write(self, fields: Sequence[object]) -> None:
+    def _write(self, row: Sequence[object]) -> None:
         text = io.StringIO()
-        csv.writer(text).writerow([MISSING if field is None else field for field in fields])
-        line = text.getvalue().encode()
-        before_B = os.fstat(self._file).st_size
+        csv.writer(text).writerow([MISSING if cell is None else cell for cell in row])
+        line, before_B = text.getvalue().encode(), os.fstat(self._file.fileno()).st_size
         try:
-            if os.write(self._file, line) < len(line):
+            if self._file.write(line) < len(line):
                 raise OSError(28, "no space left")
             os.fsync(self._file)
         except OSError as reason:
-            os.ftruncate(self._file, before_B)
+            self._file.truncate(before_B)
             raise StudyError(f"{self._path}: cannot be written: {reason.strerror}") from None
 
     def close(self) -> None:
-        """Let others write; calling it twice does no harm."""
-        if self._file >= 0:
-            os.close(self._file)
-            self._file = -1
+        """Let others write; calling it twice has no effect."""
+        self._file.close()
+        self._lock.release()
 
 
 def load_rows(path: Path) -> list[dict[str, str]]:
-    """The whole rows of a file of results, which may be being written.
+    """The complete rows of a file of results, which may be open in a writer, by column.
 
     Raises:
         StudyError: no such file, or not a file of results.
@@ -124,51 +109,34 @@ def load_rows(path: Path) -> list[dict[str, str]]:
     """
     with refusing(StudyError), naming(path):
         content = read_bytes(path, RESULTS_MAX_B, "file of results")
-        whole = _whole_rows(content)
-        if len(whole) < len(content):
+        complete = _complete_rows(content)
+        if len(complete) < len(content):
             warn(f"{path}: its last row is unfinished, and is left out", UserWarning)
-        return parse_rows(whole)
+        return _parse(complete)
 
 
-def _whole_rows(content: bytes) -> bytes:
-    """The content without an unfinished last row, or unfinished header; of any other file all of it."""
-    if content.endswith(b"\n"):
+def _complete_rows(content: bytes) -> bytes:
+    """The content without an unfinished last row or header."""
+    before, end, last = content.rpartition(b"\n")
+    if not last or (not end and not ",".join(COLUMNS).encode().startswith(last)):
         return content
-    begins = content.rfind(b"\n") + 1
-    if not begins:
-        return b"" if any(",".join(one).encode().startswith(content) for one in (COLUMNS, EARLIER)) else content
-    lines = [content.partition(b"\n")[0], content[begins:]]
-    header, last = (next(csv.reader([line.decode(errors="replace")]), [""]) for line in lines)
-    return content if len(last) == len(header) and len(last[-1]) == SHA256_LENGTH else content[:begins]
+    row = next(csv.reader([last.decode(errors="replace")]), [""])
+    return content if len(row) == len(COLUMNS) and len(row[-1]) == SHA256_LENGTH else before + end
 
 
-def parse_rows(content: bytes) -> list[dict[str, str]]:
-    """The rows of a file's content, by column.
-
-    Raises:
-        StudyError: names the line.
-    """
+def _parse(content: bytes) -> list[dict[str, str]]:
+    """The rows by column; errors name the line."""
     if not content:
         return []
     try:
         lines = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
-        header = next(lines)
-        if tuple(header) not in (COLUMNS, EARLIER):
+        header, rows = next(lines), []
+        if tuple(header) != COLUMNS:
             raise StudyError(f"is not a file of results: its header must be {','.join(COLUMNS)}")
-        rows = []
-        for fields in filter(None, lines):
-            if len(fields) != len(header):
-                raise StudyError(f"line {lines.line_num} has {len(fields)} fields; expected {len(header)}")
-            named = {name: field or MISSING for name, field in zip(header, fields, strict=True)}
-            rows.append({"stimuli_sha256": MISSING, **named})
+        for row in filter(None, lines):
+            if len(row) != len(COLUMNS):
+                raise StudyError(f"line {lines.line_num} has {len(row)} fields; expected {len(COLUMNS)}")
+            rows.append({name: cell or MISSING for name, cell in zip(COLUMNS, row, strict=True)})
     except (UnicodeDecodeError, csv.Error, StopIteration) as error:
         raise StudyError(f"is not a file of results in UTF-8: {error}") from None
     return rows
-
-
-def _flush_folder(folder: Path) -> None:
-    """Put the file's name on the disk, where folders can be opened."""
-    if sys.platform != "win32":
-        number = os.open(folder, os.O_RDONLY)
-        os.fsync(number)
-        os.close(number)

@@ -1,4 +1,4 @@
-"""One participant's session: what is asked now, and answers on the disk; when killed, it resumes where it was."""
+"""One participant's session: the present trial, and answers on the disk; after an interruption it resumes."""
 
 import math
 from collections.abc import Mapping
@@ -12,6 +12,8 @@ from hapscene.study.plan import PLAN_MAX_B, Plan, check_name, stimuli_sha256
 from hapscene.study.results_file import MISSING, ResultsFile
 from hapscene.study.trial_order import Trial, trials
 
+__all__ = ["PLAN", "RESULTS", "Sitting"]
+
 RESULTS: Final = "results.csv"
 PLAN: Final = "plan.toml"
 
@@ -23,16 +25,14 @@ class Sitting:
     writes into a folder; the place at which a participant began balances the orders.
 
     Attributes:
-        trial: the one to be answered now; None at the end.
-        done: answers given.
-        total: trials of this participant.
-        cut_B: length of an unfinished row of a killed session, removed now [bytes].
+        trial: the present trial; None at the end.
+        done: number of answers.
+        total: number of trials of this participant.
     """
 
     trial: Trial | None
     done: int
     total: int
-    cut_B: int
 
     def __init__(self, plan: Plan, folder: str | Path, person: str) -> None:
         """Begin or resume.
@@ -43,44 +43,45 @@ class Sitting:
             person: the participant's name, or better a number such as P01.
 
         Raises:
-            StudyError: a folder of another plan, open in another session, whose answers do not fit the plan, or are to
-                a recording or swatch that has changed.
+            StudyError: a folder of another plan, open in another session, whose answers do not fit the plan, or whose
+                recordings or swatches have changed.
         """
         self.plan, self.folder, self.person = plan, Path(folder), check_name("person", person)
         _keep_plan(plan, self.folder)
         self._file = ResultsFile(self.folder / RESULTS)
         try:
-            self.cut_B = self._file.cut_B
-            rows = self._file.rows
-            self._sha256 = stimuli_sha256(plan)
-            for row in rows if self._sha256 else ():
-                if row["stimuli_sha256"] not in (MISSING, self._sha256):
-                    raise StudyError(
-                        f"{self.folder / RESULTS}: {row['person']}, trial {row['trial']}: a recording or swatch of the "
-                        "plan has changed since; put back what it was, or take another folder"
-                    )
-            mine = [row for row in rows if row["person"] == person]
-            others = dict.fromkeys(row["person"] for row in rows if row["person"] != person)
-            self._place = _whole(mine[0], "place") if mine else len(others)
-            self._trials = trials(plan, person, self._place)
-            self.trial, self.done = next(self._trials, None), 0
-            self.total = sum(block.most for block in plan.blocks)
-            for row in mine:
-                self._replay(row)
+            self._resume()
         except BaseException:
             self.close()
             raise
+
+    def _resume(self) -> None:
+        rows, self._sha256 = self._file.rows, stimuli_sha256(self.plan)
+        for row in rows if self._sha256 else ():
+            if row["stimuli_sha256"] not in (MISSING, self._sha256):
+                raise StudyError(
+                    f"{self.folder / RESULTS}: {row['person']}, trial {row['trial']}: a recording or swatch of the "
+                    "plan has changed since; restore it, or take another folder"
+                )
+        mine = [row for row in rows if row["person"] == self.person]
+        others = {row["person"] for row in rows} - {self.person}
+        self._place = _whole(mine[0], "place") if mine else len(others)
+        self._trials = trials(self.plan, self.person, self._place)
+        self.trial, self.done = next(self._trials, None), 0
+        self.total = self.plan.trial_count
+        for row in mine:
+            self._replay(row)
 
     def answer(self, choice: int, *, latency_s: float, replays: int = 0) -> None:
         """Answer the trial; the answer is on the disk when this returns, and `trial` is the next one.
 
         Args:
             choice: index into the trial's choices.
-            latency_s: from the end of what was played to the answer [s].
-            replays: how often it was played again [count].
+            latency_s: from the end of the last interval to the answer [s].
+            replays: how often an interval was played again [count].
 
         Raises:
-            StudyError: no such choice or time, no trial is left, or the answer could not be written.
+            StudyError: choice or latency out of range, no trial is left, or the answer could not be written.
         """
         trial = self.trial
         if trial is None:
@@ -93,7 +94,7 @@ class Sitting:
             {
                 **self._expected(trial),
                 "choice": trial.choices[choice],
-                "rating": trial.choices[choice] if trial.kind == "rating" else None,
+                "rating": trial.choices[choice] if trial.block.kind == "rating" else None,
                 "answer": choice,
                 "correct": None if trial.correct is None else int(choice == trial.correct),
                 "level": trial.level,
@@ -103,26 +104,24 @@ class Sitting:
                 "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
             }
         )
-        self._go_on(choice, None)
+        self._advance(choice, None)
 
     def _expected(self, trial: Trial) -> dict[str, object]:
-        """The fields of a row that follow from the trial, and must be the same when a session resumes."""
-        names = [interval.stimulus["name"] for interval in trial.intervals]
-        blocks = {block.name: block for block in self.plan.blocks}
+        """The fields of a row that follow from the plan, and must be the same when a session resumes."""
         return {
             "person": self.person,
             "place": self._place,
             "channel": self.plan.channel,
             "trial": trial.number,
-            "block": trial.block,
-            "kind": trial.kind,
-            **{f"stimulus_{number}": name for number, name in enumerate(names, 1)},
-            "parameter": blocks[trial.block].parameter or None,
+            "block": trial.block.name,
+            "kind": trial.block.kind,
+            **{f"stimulus_{number}": one.stimulus.name for number, one in enumerate(trial.intervals, 1)},
+            "parameter": getattr(trial.block, "parameter", None),
             "correct_answer": trial.correct,
             "plan_sha256": self.plan.sha256,
         }
 
-    def _go_on(self, choice: int, level: float | None) -> None:
+    def _advance(self, choice: int, level: float | None) -> None:
         try:
             self.trial = self._trials.send((choice, level))
         except StopIteration:
@@ -130,20 +129,21 @@ class Sitting:
         self.done += 1
 
     def _replay(self, row: Mapping[str, str]) -> None:
+        """Answer the present trial as a row of the file has it."""
         where = f"{self.folder / RESULTS}: {self.person}, trial {row['trial']}"
         if self.trial is None:
-            raise StudyError(f"{where}: the plan asks no more; take another folder")
+            raise StudyError(f"{where}: the plan has no more trials; take another folder")
         for name, value in self._expected(self.trial).items():
             if row[name] != (MISSING if value is None else str(value)):
                 raise StudyError(f"{where}: {name} is {row[name]!r}, by the plan it is {value!r}; take another folder")
         choice = _whole(row, "answer")
         if not 0 <= choice < len(self.trial.choices):
-            raise StudyError(f"{where}: no choice has the index {choice}")
+            raise StudyError(f"{where}: answer: {choice} is out of range")
         try:
             level = None if self.trial.level is None else float(row["level"])
         except ValueError:
             raise StudyError(f"{where}: level must be a number, is {row['level']!r}") from None
-        self._go_on(choice, level)
+        self._advance(choice, level)
 
     def close(self) -> None:
         """Let another session write into the folder."""

@@ -13,6 +13,8 @@ import numpy as np
 
 from hapscene.errors import StudyError
 
+__all__ = ["Staircase", "questplus_module"]
+
 SLOPES: Final = (1.4, 2.0, 2.8, 4.0, 5.6)
 """Slopes that are considered [1]: 1.3 where d′ grows as the level does, 3.5 for detection (Watson & Pelli 1983).
 With fewer, intervals hold the thresholds of people with other slopes less often; with more, each trial says less."""
@@ -38,7 +40,7 @@ class Staircase:
         """
         self._levels = np.asarray(levels, dtype=np.float64)
         self._thresholds = np.geomspace(max(float(levels[0]), 1e-3 * float(levels[-1])), float(levels[-1]), THRESHOLDS)
-        self._quest = library().QuestPlus(
+        self._quest = questplus_module().QuestPlus(
             stim_domain={"intensity": self._levels},
             param_domain={
                 "threshold": self._thresholds,
@@ -61,11 +63,6 @@ class Staircase:
         nearest = float(self._levels[np.argmin(np.abs(self._levels - level))])
         self._quest.update(stim={"intensity": nearest}, outcome={"response": "right" if right else "wrong"})
 
-    @property
-    def threshold(self) -> float:
-        """The median of the threshold's posterior, in the unit of the levels."""
-        return self.quantile(0.5)
-
     def quantile(self, share: float) -> float:
         """A quantile of the threshold's posterior, in the unit of the levels."""
         scale = np.log(self._thresholds)
@@ -76,10 +73,10 @@ class Staircase:
         return math.exp(min(max(found, float(scale[0])), float(scale[-1])))
 
     def interval(self, certainty: float) -> tuple[float, float]:
-        """The credible interval of the threshold, in the unit of the levels; an end beyond the levels is infinite.
+        """The credible interval of the threshold, in the unit of the levels.
 
-        An end is infinite where the outermost threshold is so probable that the interval does not end before it:
-        people who are never right, or always, have their threshold beyond the levels.
+        An end that the levels do not enclose is infinite: people who are never right, or always, have their threshold
+        beyond the levels.
         """
         tail = 0.5 * (1.0 - certainty)
         low, high = self.quantile(tail), self.quantile(1.0 - tail)
@@ -87,7 +84,7 @@ class Staircase:
         return -math.inf if low <= least * (1.0 + 1e-9) else low, math.inf if high >= most * (1.0 - 1e-9) else high
 
 
-def library() -> Any:
+def questplus_module() -> Any:
     """The module questplus.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What the answers of a study say: thresholds, d′, right answers and ratings, each with an interval of 95 %.
+"""Analysis of answers: thresholds, d′, proportions correct and ratings, each with an interval of 95 %.
 
 Two stimuli are called equal only where the whole interval of their difference lies inside the block's margin. A
 difference that was not found is not called equal.
@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,12 @@ from scipy import stats
 from hapscene.errors import StudyError
 from hapscene.files import naming, refusing, short
 from hapscene.study.discrimination import CERTAINTY, Estimate, d_prime_of, d_prime_of_people, proportion
-from hapscene.study.plan import Block, Plan, load_plan
+from hapscene.study.plan import ChoiceBlock, Plan, RatingBlock, StaircaseBlock, load_plan
 from hapscene.study.results_file import MISSING, load_rows
 from hapscene.study.sitting import PLAN, RESULTS
+from hapscene.study.staircase import Staircase
+
+__all__ = ["Analysis", "Finding", "Row", "analyse", "analyse_rows", "mean_of_people", "verdict"]
 
 Row = Mapping[str, str]
 
@@ -80,52 +84,43 @@ def analyse_rows(plan: Plan, rows: Sequence[Row]) -> Analysis:
         StudyError: answers to another plan, or a field that is out of range.
     """
     _check(plan, rows)
-    by_kind = {"rating": _ratings, "staircase": _thresholds, "2ifc": _choices}
     findings: list[Finding] = []
     for block in plan.blocks:
-        if mine := [row for row in rows if row["block"] == block.name]:
-            findings += by_kind[block.kind](block, mine)
+        mine = [row for row in rows if row["block"] == block.name]
+        if isinstance(block, RatingBlock):
+            findings += _ratings(block, mine)
+        elif isinstance(block, ChoiceBlock):
+            findings += _choices(block, mine)
+        else:
+            findings += _thresholds(block, mine)
     return Analysis(plan, tuple(dict.fromkeys(row["person"] for row in rows)), tuple(findings))
 
 
 def _check(plan: Plan, rows: Sequence[Row]) -> None:
-    """Refuse answers that do not fit the plan: a file may have been edited.
-
-    Raises:
-        StudyError: names the person and the trial.
-    """
+    """Refuse answers that do not fit the plan: a file may have been edited."""
     blocks, seen = {block.name: block for block in plan.blocks}, set()
     for row in rows:
         where = f"{row['person']}, trial {row['trial']}"
         if row["plan_sha256"] != plan.sha256:
             raise StudyError(f"{where}: is an answer to another plan")
         if (key := (row["person"], row["trial"])) in seen:
-            raise StudyError(f"{where} stands twice")
+            raise StudyError(f"{where} appears twice")
         seen.add(key)
         block = blocks.get(row["block"])
         if block is None or row["kind"] != block.kind:
             raise StudyError(f"{where}: the plan has no block {short(row['block'])} of kind {short(row['kind'])}")
-        asked = {*block.stimuli, *(name for pair in block.pairs for name in pair), block.stimulus} - {""}
-        played = {row["stimulus_1"], row["stimulus_2"]} - {MISSING}
-        if not played <= asked or not played:
-            raise StudyError(f"{where}: stimuli must be of {', '.join(sorted(asked))}; are {', '.join(sorted(played))}")
-        low, high = block.scale
-        if block.kind == "rating" and row["rating"] not in map(str, range(low, high + 1)):
-            raise StudyError(f"{where}: rating must be a whole number from {low} to {high}, is {short(row['rating'])}")
-        right = str(int(row["answer"] == row["correct_answer"]))
-        two = {row["answer"], row["correct_answer"]} <= {"0", "1"}
-        if block.kind != "rating" and not (two and row["correct"] == right):
-            raise StudyError(f"{where}: correct is {short(row['correct'])}; by answer and correct_answer it is {right}")
-        numbers = ("latency_s", "replays", *(("level",) if block.kind == "staircase" else ()))
-        if wrong := next((name for name in numbers if not _is_number(row[name])), None):
-            raise StudyError(f"{where}: {wrong} must be a number, is {short(row[wrong])}")
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return 0.0 <= float(text) < math.inf
-    except ValueError:
-        return False
+        names = {"stimulus_1": block.used, "stimulus_2": (*block.used, MISSING), "correct": ("0", "1")}
+        if isinstance(block, RatingBlock):
+            names |= {"correct": (MISSING,), "rating": tuple(map(str, range(block.scale[0], block.scale[1] + 1)))}
+        if wrong := next((name for name, allowed in names.items() if row[name] not in allowed), None):
+            raise StudyError(f"{where}: {wrong} is {short(row[wrong])}; expected one of {', '.join(names[wrong])}")
+        for name in ("latency_s", "replays", *(("level",) if isinstance(block, StaircaseBlock) else ())):
+            try:
+                in_range = 0.0 <= float(row[name]) < math.inf
+            except ValueError:
+                in_range = False
+            if not in_range:
+                raise StudyError(f"{where}: {name} must be a number, is {short(row[name])}")
 
 
 def _by_person(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -135,33 +130,25 @@ def _by_person(rows: Sequence[Row]) -> dict[str, list[Row]]:
     return people
 
 
-# Thresholds.
-
-
-def _thresholds(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
-    from hapscene.study.staircase import Staircase
-
-    what, unit = f"{block.parameter} of {block.stimulus}", _unit(block.parameter)
+def _thresholds(block: StaircaseBlock, rows: Sequence[Row]) -> Iterator[Finding]:
+    what, unit = f"{block.parameter} of {block.stimulus}", UNITS[block.parameter]
     found = []
     for person, mine in _by_person(rows).items():
-        staircase = Staircase(block.levels)
+        staircase = Staircase(block.distances)
         for row in mine:
             staircase.add(float(row["level"]), row["correct"] == "1")
-        threshold = Estimate(staircase.threshold, *staircase.interval(CERTAINTY))
+        threshold = Estimate(staircase.quantile(0.5), *staircase.interval(CERTAINTY))
         found.append(threshold)
         yield Finding(block.name, what, person, "threshold", unit, "QUEST+", threshold, len(mine))
-    if len(found) > 1:
-        if all(math.isfinite(one.low) and math.isfinite(one.high) for one in found):
-            log = mean_of_people(np.log([one.value for one in found]))
-            estimate = Estimate(*(math.exp(one) for one in (log.value, log.low, log.high)))
-            method = "geometric mean of the people's, Student's t"
-        else:  # a threshold beyond all levels has no mean
-            estimate, method = median_of_people(found), "median of the people's, by ranks"
-        yield Finding(block.name, what, "", "threshold", unit, method, estimate, len(rows))
+    if len(found) > 1 and all(math.isfinite(one.low) and math.isfinite(one.high) for one in found):
+        log = mean_of_people(np.log([one.value for one in found]))
+        mean = Estimate(*(math.exp(one) for one in (log.value, log.low, log.high)))
+        method = "geometric mean of the participants', Student's t"
+        yield Finding(block.name, what, "", "threshold", unit, method, mean, len(rows))
 
 
-def _unit(parameter: str) -> str:
-    return {"force_N": "N", "speed_m_s": "m/s", "seconds": "s", "gain_dB": "dB"}.get(parameter, "")
+UNITS: Final = {"force_N": "N", "speed_m_s": "m/s", "seconds": "s", "gain_dB": "dB"}
+"""Unit of each parameter that a staircase may vary."""
 
 
 def mean_of_people(values: Sequence[float] | NDArray[np.float64], step: float = 0.0) -> Estimate:
@@ -180,22 +167,7 @@ def mean_of_people(values: Sequence[float] | NDArray[np.float64], step: float = 
     return Estimate(mean, mean - half, mean + half)
 
 
-def median_of_people(found: Sequence[Estimate]) -> Estimate:
-    """The median of the population, by ranks (sign test).
-
-    Somebody's infinite end counts as beyond everybody else's; fewer than six people give no interval.
-    """
-    rank = int(stats.binom.ppf(0.5 - 0.5 * CERTAINTY, len(found), 0.5))
-    lows = sorted(-math.inf if math.isinf(one.low) else one.value for one in found)
-    highs = sorted(math.inf if math.isinf(one.high) else one.value for one in found)
-    ends = (lows[rank - 1], highs[-rank]) if rank else (-math.inf, math.inf)
-    return Estimate(float(np.median([one.value for one in found])), *ends)
-
-
-# Right answers and d′.
-
-
-def _choices(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
+def _choices(block: ChoiceBlock, rows: Sequence[Row]) -> Iterator[Finding]:
     for pair in block.pairs:
         mine = [row for row in rows if {row["stimulus_1"], row["stimulus_2"]} == set(pair)]
         if not mine:
@@ -212,17 +184,17 @@ def _choices(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
             yield Finding(block.name, what, person, "d′", "", "Wilson", d_prime_of(k, own), own)
 
 
-def verdict(estimate: Estimate, margin: float | None, quantity: str) -> str:
+def verdict(estimate: Estimate, margin: float, quantity: str) -> str:
     """What the interval of a difference says, in words.
 
     Args:
         estimate: of the difference.
-        margin: below which two count as equal; None: never.
+        margin: below which two count as equal; 0: never.
         quantity: its name, for the words.
     """
     apart = estimate.low > 0.0 or estimate.high < 0.0
     most = max(abs(estimate.low), abs(estimate.high))
-    if margin is not None and most < margin:
+    if most < margin:
         also = ", though a difference was found" if apart else ""
         return f"cannot be told apart by {quantity} {margin:g}: the interval lies inside{also}"
     if apart:
@@ -231,10 +203,7 @@ def verdict(estimate: Estimate, margin: float | None, quantity: str) -> str:
     return f"not decided: the interval of {quantity} holds 0, and the difference {could}"
 
 
-# Ratings.
-
-
-def _ratings(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
+def _ratings(block: RatingBlock, rows: Sequence[Row]) -> Iterator[Finding]:
     means = {}
     for name in block.stimuli:
         mine = [row for row in rows if row["stimulus_1"] == name]
@@ -242,7 +211,7 @@ def _ratings(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
         means[name] = {who: float(np.mean([float(row["rating"]) for row in own])) for who, own in of_person}
         if mine:
             mean = mean_of_people(list(means[name].values()), step=1.0)
-            yield Finding(block.name, name, "", "rating", "", "mean of the people's, Student's t", mean, len(mine))
+            yield Finding(block.name, name, "", "rating", "", "mean of the participants', Student's t", mean, len(mine))
     for a, b in combinations(block.stimuli, 2):
         people = means[a].keys() & means[b].keys()
         if len(people) > 1:

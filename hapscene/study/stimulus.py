@@ -1,20 +1,17 @@
 """The samples of an interval of a trial.
 
-A stimulus is a swatch, a recording, or both. A recording is played as it was recorded: an excerpt, drawn by the
-interval's seed, in which the tool slides throughout. A swatch is synthesised at the stimulus's force and speed; with a
-recording, along the force and speed of that same excerpt. The seed is also that of the noise: two intervals of one seed
-whose swatches differ in their order alone are driven by the same noise.
+A recording is played as it was recorded: an excerpt, chosen by the interval's seed, in which the tool slides
+throughout. A swatch is synthesised at the stimulus's force and speed; with a recording, along the force and speed of
+that same excerpt. The seed is also that of the noise.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture.recording_file import load_recording
 from hapscene.capture.segment import InteractionState, Part
@@ -22,55 +19,47 @@ from hapscene.capture.streams import Array, Streams, part_of
 from hapscene.capture.swatch_fit import prepare
 from hapscene.capture.synthesis import synthesize
 from hapscene.errors import StudyError
-from hapscene.study.plan import Plan
+from hapscene.study.plan import Plan, StaircaseBlock, Stimulus
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
+
+__all__ = ["StimulusMaker", "all_stimuli", "gain_of", "resampled"]
 
 FADE_S: Final = 0.02
 """Fade-in and fade-out of a sound [s]: no click."""
 
 HEADROOM_DB: Final = 6.0
-"""Headroom above the loudest sample that was tried [dB]: another noise has other peaks."""
+"""Headroom above the loudest of these samples [dB]: another noise has other peaks."""
 
 TRIES: Final = 8
-"""Seeds with which each stimulus is tried for its loudest sample [count]."""
+"""Seeds with which each stimulus is synthesised for its loudest sample [count]."""
 
 STOP_DB: Final = 110.0
 """Stop-band attenuation of the resampling [dB]: 14 dB below the rounding to 16 bits."""
 
-FULL_SCALE: Final = 32_767
-
-Stimulus = Mapping[str, Any]
-Pairs = tuple[tuple[str, str], ...]
-
 
 class StimulusMaker:
-    """Makes what stimuli describe; recordings and swatches are read once.
+    """Synthesises stimuli; recordings and swatches are read once.
 
     Args:
-        folder: that of the plan, from which the files of stimuli are named.
+        folder: of the plan, to which paths in it are relative.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._recording, self._loaded = cache(self._read), cache(load_swatch)
+    def __init__(self, folder: str | Path) -> None:
+        self._folder, self._loaded = Path(folder), cache(load_swatch)
+        self._recordings: dict[str, Part] = {}
 
     def swatch(self, stimulus: Stimulus) -> Swatch:
-        """The swatch of a stimulus, at its order.
+        """The swatch of a stimulus.
 
         Raises:
-            HapsceneError: a file that cannot be used, or an order that the swatch does not have.
+            HapsceneError: a file that cannot be used, or a swatch without a texture.
         """
-        order, name = stimulus["order"], stimulus["swatch"]
+        name = stimulus.swatch
         found = self._loaded(str(self._folder / name) if name.endswith(".swatch") else name)
         if found.texture is None:
-            raise StudyError(f"{stimulus['name']}: swatch {name!r} has no texture: there is nothing to play")
-        if order > found.texture.order:
-            raise StudyError(
-                f"{stimulus['name']}: swatch {name!r} has order {found.texture.order}; order = {order} is higher: fit "
-                "the recording at that order, and name the .swatch file"
-            )
-        return replace(found, texture=found.texture.truncated(order)) if order else found
+            raise StudyError(f"{stimulus.name}: swatch {name!r} has no texture: there is nothing to play")
+        return found
 
     def samples(self, stimulus: Stimulus, seed: int, rate_Hz: float) -> Array:
         """Acceleration (n,) [m/s²] of an interval at a rate [Hz], at its gain, faded at both ends.
@@ -78,9 +67,9 @@ class StimulusMaker:
         Raises:
             HapsceneError: as `swatch`, or a recording that slides too briefly.
         """
-        seconds, gain = stimulus["seconds"], float(10.0 ** (stimulus["gain_dB"] / 20.0))
-        excerpt = self._excerpt(stimulus, seed) if stimulus["recording"] else None
-        if excerpt is not None and not stimulus["swatch"]:
+        seconds, gain = stimulus.seconds, float(10.0 ** (stimulus.gain_dB / 20.0))
+        excerpt = self._excerpt(stimulus, seed) if stimulus.recording else None
+        if excerpt is not None and not stimulus.swatch:
             made, own_Hz = gain * excerpt.acceleration_m_s2, excerpt.rate_Hz
         else:
             swatch = self.swatch(stimulus)
@@ -89,9 +78,9 @@ class StimulusMaker:
             if excerpt is not None:
                 force, speed = excerpt.force_N, excerpt.speed_m_s
             else:
-                force, speed = (np.full(round(seconds * own_Hz), stimulus[name]) for name in ("force_N", "speed_m_s"))
+                force, speed = (np.full(round(seconds * own_Hz), x) for x in (stimulus.force_N, stimulus.speed_m_s))
             own: Any = swatch.effects.get("lpc_texture", {})
-            life = float(stimulus["life"]) * own.get("texture_life", 1.0)
+            life = float(stimulus.life) * own.get("texture_life", 1.0)
             made = synthesize(swatch, force, speed, seed=seed, life=life) * (gain * own.get("texture_gain", 1.0))
         made = resampled(made, own_Hz, rate_Hz)
         made = np.concatenate([made, np.zeros(1)])[: round(seconds * rate_Hz)]
@@ -101,33 +90,27 @@ class StimulusMaker:
         return made
 
     def _excerpt(self, stimulus: Stimulus, seed: int) -> Streams:
-        """A stretch of a recording in which the tool slides throughout, drawn by the seed."""
-        columns, units = (tuple(_pairs(stimulus[name], f"{stimulus['name']}.{name}")) for name in ("columns", "units"))
-        channels, states = self._recording(stimulus["recording"], stimulus["rate_Hz"], columns, units)
-        count, sliding = round(stimulus["seconds"] * channels.rate_Hz), states.runs(InteractionState.SLIDING)
+        """A part of a recording in which the tool slides throughout, chosen by the seed."""
+        channels, states = self._recording(stimulus)
+        count, sliding = round(stimulus.seconds * channels.rate_Hz), states.runs(InteractionState.SLIDING)
         runs = [(first, end) for first, end in sliding if end - first >= count]
         if not runs:
             longest = max((end - first for first, end in sliding), default=0) / channels.rate_Hz
             raise StudyError(
-                f"{stimulus['name']}: {stimulus['recording']} slides for {longest:.2g} s at a stretch at most, shorter "
-                f"than seconds = {stimulus['seconds']:g}"
+                f"{stimulus.name}: {stimulus.recording} slides for {longest:.2g} s at a stretch at most, shorter "
+                f"than seconds = {stimulus.seconds:g}"
             )
         places = np.concatenate([np.arange(first, end - count + 1) for first, end in runs])
         first = int(np.random.default_rng(seed).choice(places))
         return part_of(channels, slice(first, first + count))
 
-    def _read(self, file: str, rate_Hz: float, columns: Pairs, units: Pairs) -> Part:
-        path = self._folder / file
-        return prepare(load_recording(path, rate_Hz or None, columns=dict(columns) or None, units=dict(units) or None))
-
-
-def _pairs(text: str, where: str) -> Iterator[tuple[str, str]]:
-    """Pairs as in "force=N,speed=mm/s"."""
-    for item in filter(None, text.split(",")):
-        name, equals, value = (part.strip() for part in item.partition("="))
-        if not (name and equals and value):
-            raise StudyError(f"stimuli.{where}: {item!r}: expected QUANTITY=VALUE pairs, as in force=N,speed=mm/s")
-        yield name, value
+    def _recording(self, stimulus: Stimulus) -> Part:
+        key = repr((stimulus.recording, stimulus.rate_Hz, stimulus.columns, stimulus.units))
+        if key not in self._recordings:
+            file, columns, units = self._folder / stimulus.recording, stimulus.columns or None, stimulus.units or None
+            recording = load_recording(file, stimulus.rate_Hz or None, columns=columns, units=units)
+            self._recordings[key] = prepare(recording)
+        return self._recordings[key]
 
 
 def resampled(samples: Array, rate_Hz: float, wanted_Hz: float) -> Array:
@@ -142,25 +125,8 @@ def resampled(samples: Array, rate_Hz: float, wanted_Hz: float) -> Array:
     return np.asarray(resample_poly(samples, ratio.numerator, ratio.denominator, window=weights))
 
 
-@dataclass(frozen=True)
-class Level:
-    """One playback level for a whole study, so that louder stimuli are heard louder.
-
-    Attributes:
-        gain: share of full scale for 1 m/s².
-    """
-
-    gain: float
-
-    def whole(self, samples: Array) -> tuple[NDArray[np.int16], int]:
-        """Samples (n,) [m/s²] in 16 bits, and how many of them were clipped [count]."""
-        scaled = FULL_SCALE * self.gain * samples
-        fits = np.clip(np.rint(scaled), -FULL_SCALE, FULL_SCALE)
-        return fits.astype(np.int16), int(np.count_nonzero(np.abs(scaled) > FULL_SCALE + 0.5))
-
-
-def level_of(maker: StimulusMaker, stimuli: Iterable[Stimulus], rate_Hz: float) -> Level:
-    """The level at which the loudest of all stimuli leaves `HEADROOM_DB`.
+def gain_of(maker: StimulusMaker, stimuli: Iterable[Stimulus], rate_Hz: float) -> float:
+    """Share of full scale for 1 m/s² at which the loudest of all stimuli leaves `HEADROOM_DB`: one for a whole study.
 
     Raises:
         HapsceneError: as `StimulusMaker.samples`, or all of them are silent.
@@ -169,14 +135,14 @@ def level_of(maker: StimulusMaker, stimuli: Iterable[Stimulus], rate_Hz: float) 
     loudest = float(max(peaks, default=0.0))
     if not loudest > 0.0:
         raise StudyError("all stimuli are silent: there is nothing to play")
-    return Level(10.0 ** (-HEADROOM_DB / 20.0) / loudest)
+    return float(10.0 ** (-HEADROOM_DB / 20.0) / loudest)
 
 
 def all_stimuli(plan: Plan) -> list[Stimulus]:
     """All stimuli that a plan may play, those of staircases at each of their levels."""
-    names = {name for block in plan.blocks for name in (*block.stimuli, *(one for pair in block.pairs for one in pair))}
-    found: list[Stimulus] = [plan.stimuli[name] for name in plan.stimuli if name in names]
-    for block in plan.blocks:
-        if block.kind == "staircase":
-            found += [block.varied(plan.stimuli[block.stimulus], level) for level in (0.0, *block.levels)]
+    staircases = [block for block in plan.blocks if isinstance(block, StaircaseBlock)]
+    names = {name for block in plan.blocks if block not in staircases for name in block.used}
+    found = [plan.stimuli[name] for name in plan.stimuli if name in names]
+    for block in staircases:
+        found += [block.varied(plan.stimuli[block.stimulus], level) for level in (0.0, *block.distances)]
     return found

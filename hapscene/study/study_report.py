@@ -18,12 +18,13 @@ from hapscene.study.statistics import Analysis, Finding, Row, analyse
 from hapscene.view.chart import inline_svg, new_chart
 from hapscene.view.palette import INK, OKABE_ITO
 
+__all__ = ["report", "shown", "write_report"]
+
 PLOTTED: Final = {"rating": "rating", "2ifc": "d′", "staircase": "threshold"}
 """The quantity that the plot of a block shows, by the block's kind."""
 
 PAGE: Final = """<!doctype html>
 <html lang="en">
-<head>
 <meta charset="utf-8">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
 <meta name="viewport" content="width=device-width, initial-scale=1">
@@ -31,18 +32,15 @@ PAGE: Final = """<!doctype html>
 <title>{title}: study report</title>
 <style>
 body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}
-table {{ border-collapse: collapse; }}
 th, td {{ text-align: left; padding: 4px 12px 4px 0; border-top: 1px solid; vertical-align: top; }}
 div.table {{ overflow-x: auto; }}
+pre {{ white-space: pre-wrap; }}
 svg {{ width: 100%; max-width: 36em; height: auto; }}
 </style>
-</head>
-<body>
 <main>
 <h1>{title}</h1>
 {body}
 </main>
-</body>
 </html>
 """
 
@@ -64,28 +62,27 @@ def report(folder: Path) -> str:
     """
     analysis, rows = analyse(folder), load_rows(folder / RESULTS)
     if not rows:
-        raise StudyError(f"{folder}: nobody has answered yet")
+        raise StudyError(f"{folder}: no answers yet")
     plan = analysis.plan
-    most = sum(block.most for block in plan.blocks)
+    most = plan.trial_count
     channels = ", ".join(sorted({row["channel"] for row in rows}))
-    lead = f"{len(analysis.people)} of {plan.people} people; {len(rows)} answers, {most} of each at most; {channels}."
+    lead = (
+        f"{len(analysis.people)} of {plan.people} participants; {len(rows)} answers, at most {most} each; {channels}."
+    )
     body = [_paragraph(lead), _list(_verdicts(analysis.findings))]
     for number, block in enumerate(plan.blocks):
         found = [one for one in analysis.findings if one.block == block.name]
         body.append(f"<h2>{escape(f'{block.name}: {block.question}')}</h2>")
-        body.append(_plot(number, found, PLOTTED[block.kind]) if found else _paragraph("Nobody has answered this yet."))
+        body.append(_plot(number, found, PLOTTED[block.kind]) if found else _paragraph("No answers yet."))
         cells = [
             (one.what, f"{one.quantity} {shown(one.estimate, one.unit)}", f"{one.method}; {one.answers} answers")
             for one in found
             if not one.person
         ]
-        body.append(_table(block.name, ("of", "found (95 %)", "how"), cells))
-    body += ["<h2>Each person</h2>", _people(analysis, rows, most)]
+        body.append(_table(block.name, ("stimuli", "estimate (95 %)", "method"), cells))
+    body += ["<h2>Participants</h2>", _people(analysis, rows, most)]
     body += ["<h2>What the answers do not show</h2>", _list(_limits(analysis, rows, most))]
-    told = [
-        (name, "; ".join(f"{k} {v}" for k, v in of.items() if k != "name" and v)) for name, of in plan.stimuli.items()
-    ]
-    body += ["<h2>Stimuli</h2>", _table("Stimuli", ("name", "parameters"), told), _paragraph(f"Plan {plan.sha256}")]
+    body += [f"<h2>Plan {plan.sha256}</h2>", f"<pre>{escape(plan.content.decode(errors='replace'))}</pre>"]
     return PAGE.format(title=escape(plan.title), body="\n".join(filter(None, body)))
 
 
@@ -113,18 +110,8 @@ def _table(name: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str
 
 def shown(estimate: Estimate, unit: str = "") -> str:
     """A number with its interval, as 1.2 dB (0.9 to 1.6)."""
-
-    def number(value: float) -> str:
-        return f"{value:.3g}".replace("-", "−")
-
-    said = number(estimate.value) if math.isfinite(estimate.value) else "beyond all bounds"
-    said += f" {unit}" if unit else ""
-    low, high = math.isfinite(estimate.low), math.isfinite(estimate.high)
-    if low and high:
-        return f"{said} ({number(estimate.low)} to {number(estimate.high)})"
-    if low or high:
-        return f"{said} ({'at least' if low else 'at most'} {number(estimate.low if low else estimate.high)})"
-    return f"{said} (no interval)"
+    value, low, high = (f"{x:.3g}".replace("-", "−").replace("inf", "∞") for x in vars(estimate).values())
+    return f"{value}{f' {unit}' if unit else ''} ({low} to {high})"
 
 
 def _plot(number: int, found: Sequence[Finding], quantity: str) -> str:
@@ -153,29 +140,25 @@ def _people(analysis: Analysis, rows: Sequence[Row], most: int) -> str:
     lines = []
     for person in analysis.people:
         mine = [row for row in rows if row["person"] == person]
-        judged = [row["correct"] == "1" for row in mine if row["correct"] in ("0", "1")]
         latency_s = float(np.median([float(row["latency_s"]) for row in mine]))
-        replays = f"{sum(float(row['replays']) for row in mine):.0f}"
-        right = f"{100 * np.mean(judged):.0f} %" if judged else "–"
-        lines.append((person, f"{len(mine)} of {most}", right, f"{latency_s:.1f} s", replays))
-    return _table("Each person", ("person", "answers", "right", "median time", "replays"), lines)
+        lines.append((person, f"{len(mine)} of {most}", f"{latency_s:.1f} s"))
+    return _table("Participants", ("participant", "answers", "median latency"), lines)
 
 
 def _limits(analysis: Analysis, rows: Sequence[Row], most: int) -> list[str]:
-    """What a reader might conclude from the page, and must not."""
+    """What the answers do not show."""
     plan, people = analysis.plan, len(analysis.people)
-    said = ["A difference that was not found may exist: equality is only claimed where a block has a margin."]
+    limits = ["A difference that was not found may exist: equality is only claimed where a block has a margin."]
     if people < 2:
-        said.append("One person was asked: nothing is said of others.")
+        limits.append("One participant answered: the results do not extend to others.")
     elif people < plan.people:
-        said.append(f"{people} of {plan.people} people were asked: orders are not balanced yet.")
+        limits.append(f"{people} of {plan.people} participants answered: orders are not balanced yet.")
     if short := sorted(p for p, n in Counter(row["person"] for row in rows).items() if n < most):
-        said.append(f"Not finished: {', '.join(short)}; what they answered so far is counted.")
+        limits.append(f"Not finished: {', '.join(short)}; their answers so far are included.")
     if (tests := len(_verdicts(analysis.findings))) > 1:
-        said.append(f"{tests} comparisons are listed, each at 95 % by itself: of twenty, one is found by chance.")
-    channels = {row["channel"] for row in rows}
-    if len(channels) > 1:
-        said.append(f"Answers by {' and '.join(sorted(channels))} are counted together.")
-    if "headphones" in channels:
-        said.append("This was heard, not felt: the skin discriminates other differences than the ear.")
-    return said
+        limits.append(
+            f"{tests} comparisons are listed, each at 95 % by itself: of twenty, one is significant by chance."
+        )
+    if any(row["channel"] == "headphones" for row in rows):
+        limits.append("Stimuli were heard, not felt: the skin discriminates other differences than the ear.")
+    return limits

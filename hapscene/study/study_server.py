@@ -1,27 +1,23 @@
 """The server of the page on which a person is asked: one sitting, one trial at a time.
 
-The page is told nothing of what is compared: neither names nor levels nor blocks, nor which answer is right. What it
-sends is data of a stranger (`web_listener.PageListener` lets it in), and is looked at field by field.
+The page is told nothing of what is compared: neither names nor levels nor blocks, nor which answer is right. It may
+send anything: each field of a message is checked.
 """
 
-import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from itertools import groupby
 from threading import Event, RLock
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from hapscene.errors import HapsceneError
 from hapscene.study.plan import Plan
-from hapscene.study.playing import Player
+from hapscene.study.playing import OutputPlayer
 from hapscene.study.sitting import Sitting
 from hapscene.study.trial_order import Trial, trials
 from hapscene.wall_clock import CLOCK, Clock
-from hapscene.web_listener import PageListener
-
-if TYPE_CHECKING:
-    from websockets.sync.server import ServerConnection
+from hapscene.web.server import PageConnection, WebServer
 
 GAP_S: Final = 0.4
 """Silence between the intervals of a trial [s]."""
@@ -31,12 +27,6 @@ LATENCY_MAX_S: Final = 86_400.0
 
 MESSAGE_MAX: Final = 1024
 """Longest message [bytes]; a page sends some fifty."""
-
-FILES: Final = {
-    "": ("study_page.html", "text/html; charset=utf-8"),
-    "page.css": ("study_page.css", "text/css; charset=utf-8"),
-    "page.js": ("study_page.js", "text/javascript; charset=utf-8"),
-}
 
 
 class StudyServer:
@@ -59,23 +49,29 @@ class StudyServer:
     """
 
     def __init__(
-        self, sitting: Sitting, player: Player, *, host: str = "127.0.0.1", port: int = 0, clock: Clock = CLOCK
+        self, sitting: Sitting, player: OutputPlayer, *, host: str = "127.0.0.1", port: int = 0, clock: Clock = CLOCK
     ) -> None:
         self._sitting, self._player, self._clock = sitting, player, clock
         self._practice = [] if sitting.done else practice_trials(sitting.plan)
         self._begun, self._rested, self._feedback = False, sitting.done, ""
         self._heard: dict[int, int] = {}  # of this trial: how often each interval was played to its end
         self._ready: list[Callable[[], None]] = []  # plays each interval; all are made before the first is heard
-        self._lock, self._lane, self._pages = RLock(), ThreadPoolExecutor(1, "study"), set[Any]()
+        self._lock, self._lane = RLock(), ThreadPoolExecutor(1, "study")
         self._playing, self.ended, self.fault = False, Event(), ""
-        folder = resources.files("hapscene.study")
-        files = {name: ((folder / file).read_bytes(), kind) for name, (file, kind) in FILES.items()}
-        self._listener = PageListener(self._talk, host, port, files=files, message_max=MESSAGE_MAX)
-        self.url, self.public = self._listener.url, self._listener.public
+        self._server = WebServer(
+            resources.files("hapscene.study"),
+            "study_page",
+            take=lambda page, message: self.take(message),
+            joined=self._join,
+            host=host,
+            port=port,
+            message_max=MESSAGE_MAX,
+        )
+        self.url, self.public = self._server.url, self._server.public
         self._look()
 
     def __enter__(self) -> "StudyServer":
-        self._listener.open()
+        self._server.open()
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -85,7 +81,7 @@ class StudyServer:
         """Close it, and every connection; what is played breaks off. Twice does no harm."""
         self._player.close()
         self._lane.shutdown(cancel_futures=True)
-        self._listener.close()
+        self._server.close()
 
     # --- where the person is
 
@@ -119,11 +115,11 @@ class StudyServer:
                 "screen": "trial",
                 "number": -len(self._practice) if practising else trial.number,
                 "practice": practising,
-                "question": trial.question,
+                "question": trial.block.question,
                 "choices": trial.choices,
-                "ends": trial.labels,
-                "kind": "rating" if trial.kind == "rating" else "pair",
-                "intervals": ("",) if trial.kind == "rating" else ("1", "2"),
+                "ends": getattr(trial.block, "labels", None) or (),
+                "kind": "rating" if trial.block.kind == "rating" else "pair",
+                "intervals": ("",) if trial.block.kind == "rating" else ("1", "2"),
                 "heard": sorted(self._heard),
                 "playing": self._playing,
             }
@@ -139,27 +135,12 @@ class StudyServer:
 
     # --- what pages say
 
-    def _talk(self, connection: "ServerConnection") -> None:
-        from websockets.exceptions import ConnectionClosed
+    def _join(self, page: PageConnection) -> None:
+        with self._lock:
+            page.send(self.state())
 
-        try:
-            with self._lock:
-                self._pages.add(connection)
-                connection.send(json.dumps(self.state()))
-            while True:
-                self.take(connection.recv())
-        except ConnectionClosed:
-            pass
-        finally:
-            with self._lock:
-                self._pages.discard(connection)
-
-    def take(self, message: Any) -> None:
-        """Do what a message of a page says; what is none is passed over."""
-        try:
-            said = json.loads(message)
-        except (ValueError, RecursionError):
-            return
+    def take(self, said: Any) -> None:
+        """Do what a message of a page says; an invalid one has no effect."""
         with self._lock:
             if not isinstance(said, dict) or self._playing or self.fault:
                 return
@@ -169,7 +150,7 @@ class StudyServer:
                 return
             except HapsceneError as error:
                 self.fault = str(error)
-            self._tell(self.state())
+            self._server.send(self.state())
 
     def _do(self, said: dict[str, Any]) -> None:
         """{"go": true}; {"play": [trial, first interval, end]}; {"answer": [trial, choice, seconds]}."""
@@ -213,7 +194,7 @@ class StudyServer:
             for place in which:
                 if place > which.start:
                     self._clock.sleep_s(GAP_S)
-                self._tell({"plays": place})
+                self._server.send({"plays": place})
                 self._ready[place]()
                 with self._lock:
                     self._heard[place] = self._heard.get(place, 0) + 1
@@ -223,34 +204,19 @@ class StudyServer:
             self.fault = f"{type(error).__name__}: {error}"
         with self._lock:
             self._playing = False
-            self._tell(self.state())
-
-    def _tell(self, message: dict[str, Any]) -> None:
-        """Send it to every page."""
-        from websockets.exceptions import ConnectionClosed
-
-        text = json.dumps(message)
-        with self._lock:
-            for page in list(self._pages):
-                try:
-                    page.send(text)
-                except ConnectionClosed:
-                    self._pages.discard(page)
+            self._server.send(self.state())
 
 
 def practice_trials(plan: Plan) -> list[Trial]:
-    """The first trials of each block, as a person has them who is none."""
+    """The first trials of each block, in an order and with noise that no participant has."""
     if not plan.practice:
         return []
-
-    def asked() -> Iterator[Trial]:
-        asking = trials(plan, "practice", 0)
-        trial = next(asking, None)
-        while trial is not None:
-            yield trial
-            try:
-                trial = asking.send((trial.correct or 0, None))
-            except StopIteration:
-                return
-
-    return [one for _, block in groupby(asked(), lambda trial: trial.block) for one in list(block)[: plan.practice]]
+    found, answers = list[Trial](), trials(plan, "practice", 0)
+    trial = next(answers, None)
+    while trial is not None:
+        found.append(trial)
+        try:
+            trial = answers.send((trial.correct or 0, None))
+        except StopIteration:
+            trial = None
+    return [one for _, own in groupby(found, lambda trial: trial.block.name) for one in list(own)[: plan.practice]]

@@ -6,6 +6,9 @@ keeps it as long as it is felt. So what was pure, goes over into another and is 
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hapscene.constants import BLEND_S
 from hapscene.native import native
 from hapscene.surface.surface_arrays import CLEARED
@@ -41,7 +44,7 @@ def paint_at(leaf: Any, low: int, high: int, bary: Any) -> int:
 
 
 @native
-def take_paint(touch: Any, memory: Any, states: Any, passed_on: Any, paint: int) -> None:
+def take_paint(touch: np.record, memory: np.record, states: NDArray[np.uint8], passed_on: Any, paint: int) -> None:
     """Have `touch` say what is felt of a paint: the swatches, the weight of the other one, what is new."""
     swatch, other, wanted = paint & 0xFFFF, paint >> 16 & 0xFFFF, (paint >> 32) / 256.0
     if wanted == 0.0:
@@ -70,7 +73,7 @@ def take_paint(touch: Any, memory: Any, states: Any, passed_on: Any, paint: int)
 
 
 @native
-def _begin(touch: Any, memory: Any, states: Any, passed_on: Any) -> None:
+def _begin(touch: np.record, memory: np.record, states: NDArray[np.uint8], passed_on: Any) -> None:
     """Have the bank that is not in use go on from the other one, or begin anew; its random numbers stay its own."""
     size = len(states) // 2
     new, used = size * (1 - memory.bank), size * memory.bank

@@ -82,7 +82,7 @@ def _figure(value: float) -> str:
     return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
 
 
-def given(limits: Limits, effects: Sequence[Effect], asked: Mapping[tuple[int, str], float]) -> Numbers:
+def clip_to_device(limits: Limits, effects: Sequence[Effect], asked: Mapping[tuple[int, str], float]) -> Numbers:
     """What a device takes of a swatch's numbers.
 
     A spring beyond what the device holds undamped is given the damping that it needs there: the wall by any effect's
@@ -136,7 +136,7 @@ class Fit:
         self.names = tuple(swatch.name for swatch in scene.swatches)
         self._effects, self._limits, self._tick_s = effects, limits, tick_s
         self.asked = [_asked(swatch, effects) for swatch in scene.swatches]
-        self.given = [given(limits, effects, numbers) for numbers in self.asked]
+        self.given = [clip_to_device(limits, effects, numbers) for numbers in self.asked]
 
     def tune(self, swatch: int, changes: Mapping[str, float]) -> None:
         """Ask for other numbers: stiffness, or parameters of effects by name.
@@ -145,7 +145,7 @@ class Fit:
             EffectError: a name that nothing has, or a value outside its limits. Then nothing is changed.
         """
         self.asked[swatch] = changed(self._effects, self.asked[swatch], changes)
-        self.given[swatch] = given(self._limits, self._effects, self.asked[swatch])
+        self.given[swatch] = clip_to_device(self._limits, self._effects, self.asked[swatch])
 
     def clips(self, swatch: int) -> list[Clip]:
         """Where what a swatch is given is not what it asks for."""

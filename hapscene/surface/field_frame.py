@@ -23,7 +23,7 @@ EASE_S: Final = 0.05
 
 
 @native
-def to_frame(table: Any, p_W: Any) -> Vector:
+def to_frame(table: NDArray[np.float64], p_W: Any) -> Vector:
     """A point of W in F."""
     x, y, z = p_W[0] - table[9], p_W[1] - table[10], p_W[2] - table[11]
     return (
@@ -34,7 +34,7 @@ def to_frame(table: Any, p_W: Any) -> Vector:
 
 
 @native
-def turn(table: Any, v_F: Vector) -> Vector:
+def turn(table: NDArray[np.float64], v_F: Vector) -> Vector:
     """A vector of F in W."""
     x, y, z = v_F
     return (
@@ -45,7 +45,7 @@ def turn(table: Any, v_F: Vector) -> Vector:
 
 
 @native
-def add_force(out: Any, table: Any, size: float, f_F: Vector) -> None:
+def add_force(out: np.record, table: NDArray[np.float64], size: float, f_F: Vector) -> None:
     """Add `size` times a vector of F to the force in W."""
     f = turn(table, f_F)
     for i in range(3):
@@ -67,7 +67,7 @@ FADED_MOST: Final = 16.0 / 25.0 / math.sqrt(5.0)
 
 
 @native
-def eased(touch: Any) -> float:
+def eased(touch: np.record) -> float:
     """Share of a field's force since the last reset [1]: 0 in the first tick, 1 after `EASE_S`."""
     return float(min(1.0, touch.tick * touch.tick_s / EASE_S))
 

@@ -1,12 +1,18 @@
 """A phase of the tick of its own: what the effects supply, summed and kept inside the device's limits."""
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from hapscene.flags import Flag
 from hapscene.native import inlined, native
 from hapscene.surface.effect_compile import call_effect
 from hapscene.surface.surface_arrays import FAILED
+
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
+    from hapscene.surface.surface_arrays import Surface
 
 _MUTED = int(Flag.EFFECT_MUTED)
 _FORCE = int(Flag.FORCE_LIMITED)
@@ -19,7 +25,7 @@ _ADDED = -1
 
 
 @inlined
-def render_contact(surface: Any) -> int:
+def render_contact(surface: "Surface") -> int:
     """Call the effects of contact with the touched swatch's parameters, summed into `surface.total[0]`; returns flags.
 
     Each effect writes to a clean record of its own, so that one that returns NaN or infinity is known: it is mute until
@@ -66,7 +72,7 @@ def render_contact(surface: Any) -> int:
 
 
 @native
-def render_fields(world: Any, surface: Any) -> int:
+def render_fields(world: "World", surface: "Surface") -> int:
     """Call the effects of the scene, and add what they supply to `surface.total[0]`; returns flags."""
     touch, part, total = surface.touch[0], surface.part[0], surface.total[0]
     read_poses(world, surface)
@@ -87,7 +93,7 @@ def render_fields(world: Any, surface: Any) -> int:
 
 
 @inlined
-def _call(surface: Any, e: int, swatch: int, first_state: int) -> int:
+def _call(surface: "Surface", e: int, swatch: int, first_state: int) -> int:
     """Have an effect write into `surface.part[0]`: `_ADDED`, or the flags of one that is mute."""
     touch, part = surface.touch[0], surface.part[0]
     if surface.muted[e] != 0:
@@ -110,7 +116,7 @@ def _call(surface: Any, e: int, swatch: int, first_state: int) -> int:
 
 
 @native
-def read_poses(world: Any, surface: Any) -> None:
+def read_poses(world: "World", surface: "Surface") -> None:
     """Put the poses that effects of the scene read into their tables."""
     for k in range(len(surface.frame_body)):
         start, body = surface.frame_at[k], world.bodies[surface.frame_body[k]]
@@ -121,7 +127,7 @@ def read_poses(world: Any, surface: Any) -> None:
 
 
 @inlined
-def limit(surface: Any) -> int:
+def limit(surface: "Surface") -> int:
     """Keep the sum inside the device's limits. Returns flags."""
     limits, total, touch, memory = surface.limits[0], surface.total[0], surface.touch[0], surface.memory[0]
     f, a = total.f_W_N, total.a_m_s2
@@ -161,7 +167,7 @@ def limit(surface: Any) -> int:
 
 
 @native
-def _clear(out: Any, touch: Any) -> None:
+def _clear(out: np.record, touch: np.record) -> None:
     out.release = 0
     for i in range(3):
         out.f_W_N[i] = 0.0
@@ -172,7 +178,7 @@ def _clear(out: Any, touch: Any) -> None:
 
 
 @native
-def _finite(out: Any, touch: Any) -> bool:
+def _finite(out: np.record, touch: np.record) -> bool:
     """Whether all an effect added is finite: one NaN or infinity makes the sum of zeros NaN."""
     check = 0.0 * out.f_W_N[0] + 0.0 * out.f_W_N[1] + 0.0 * out.f_W_N[2]
     for i in range(touch.block):

@@ -5,7 +5,9 @@ adds A to the real part, so that it starts without a step, on top of what still 
 """
 
 import math
-from typing import Any, Final
+from typing import Final
+
+import numpy as np
 
 from hapscene.native import native
 from hapscene.surface.effect import State
@@ -18,14 +20,14 @@ RESONATOR: Final = (State("real_m_s2"), State("imag_m_s2"), State("frequency_Hz"
 
 
 @native
-def strike(s: Any, amplitude_m_s2: float, frequency_Hz: float, decay_1_s: float) -> None:
+def strike(s: np.record, amplitude_m_s2: float, frequency_Hz: float, decay_1_s: float) -> None:
     """Begin to ring, on top of what still does."""
     s.real_m_s2 += amplitude_m_s2
     s.frequency_Hz, s.decay_1_s = frequency_Hz, decay_1_s
 
 
 @native
-def resonate(touch: Any, s: Any, out: Any) -> None:
+def resonate(touch: np.record, s: np.record, out: np.record) -> None:
     """Add the ringing of this tick to the acceleration [m/s²]."""
     if s.real_m_s2 == 0.0 and s.imag_m_s2 == 0.0:
         return

@@ -14,7 +14,7 @@ from hapscene.constants import SLIP_CUTOFF_HZ
 from hapscene.device.model import DELAY_MAX, Limits
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import EffectError
-from hapscene.records import OUTPUT, TOUCH, records, together
+from hapscene.records import OUTPUT, TOUCH, Records, pack_small_arrays, records
 from hapscene.surface.device_clipping import WALL, Numbers
 from hapscene.surface.effect import Effect
 from hapscene.surface.effect_compile import compile_effect
@@ -87,7 +87,7 @@ class Surface(NamedTuple):
     stiffness_N_m: NDArray[np.float64]  # (s,)
     paint: NDArray[np.int32]  # swatch of each face, body after body; of one painted finer, −1 − its place in leaf_start
     paint_start: NDArray[np.int64]  # (b,)
-    leaf: Any  # (k,) LEAF
+    leaf: Records  # (k,) LEAF
     leaf_start: NDArray[np.int64]  # (f + 1,) where the leaves of each of the faces begin that are painted finer
     effects: NDArray[np.int64]  # (e,) addresses
     contact_count: NDArray[np.int64]  # (1,) how many of them are of contact
@@ -101,11 +101,11 @@ class Surface(NamedTuple):
     state_start: NDArray[np.int64]  # (e + 1,) in a bank
     passed_on: NDArray[np.int64]  # (k, 3) bytes of a bank, from and to, and what becomes of them: COPIED, CLEARED
     muted: NDArray[np.int64]  # (e,) 0, or why: FAILED, SWITCHED_OFF
-    touch: Any  # (1,) TOUCH
-    part: Any  # (1,) OUTPUT of one effect
-    total: Any  # (1,) OUTPUT of all
-    memory: Any  # (1,) MEMORY
-    limits: Any  # (1,) LIMIT
+    touch: Records  # (1,) TOUCH
+    part: Records  # (1,) OUTPUT of one effect
+    total: Records  # (1,) OUTPUT of all
+    memory: Records  # (1,) MEMORY
+    limits: Records  # (1,) LIMIT
     fold_mass_kg: NDArray[np.float64]  # (s,) mass by which a swatch's acceleration is folded into the force
     clock: NDArray[np.int64]
     entries: NDArray[np.int64]  # (PHASE_COUNT,) addresses of compiled phases of the tick, 0 for one that is not used
@@ -187,7 +187,7 @@ def build_surface(
         clock=new_clock(),
         entries=np.zeros(PHASE_COUNT, np.int64),
     )
-    near = together([getattr(surface, name) for name in HOT])
+    near = pack_small_arrays([getattr(surface, name) for name in HOT])
     surface = surface._replace(**dict(zip(HOT, near, strict=True)))
     touch = surface.touch[0]
     touch.tick_s, touch.rate_Hz, touch.block = tick_s, a_rate_Hz, round(a_rate_Hz * tick_s)

@@ -8,7 +8,6 @@ receives from that link; over the network a socket carries what leaves it.
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.device.arm import find_tip
 from hapscene.geometry import Vector
@@ -18,6 +17,8 @@ from hapscene.teleoperation.endpoint import hear
 from hapscene.teleoperation.leader_follower import follow, intend, lead
 from hapscene.teleoperation.link import collect, post
 
+__all__ = ["HAPPENED", "Line", "operate", "receive", "step_follower", "step_leader"]
+
 HAPPENED: Final = np.dtype(
     [
         ("leader_W_m", "f8", (3,)),  # tools, true, at the tick's start
@@ -26,6 +27,9 @@ HAPPENED: Final = np.dtype(
         ("f_follower_W_N", "f8", (3,)),
         ("f_contact_W_N", "f8", (3,)),  # of the surface on the follower's tool, at the tick's end
         ("touching", "i8"),
+        ("a_follower_m_s2", "f8", (SAMPLE_COUNT,)),  # what the follower's accelerometer read
+        ("a_tip_m_s2", "f8", (SAMPLE_COUNT,)),  # of the leader's tip, by its base motors and the hand
+        ("a_handle_m_s2", "f8", (SAMPLE_COUNT,)),  # of its handle, by the voice coil
     ],
     align=True,
 )
@@ -41,21 +45,10 @@ class Line(NamedTuple):
 
 
 @native
-def operate(
-    leader: Any,
-    follower: Any,
-    line: Any,
-    first: int,
-    hand: Any,
-    happened: Any,
-    a_follower_m_s2: NDArray[np.float64],
-    a_tip_m_s2: NDArray[np.float64],
-    a_handle_m_s2: NDArray[np.float64],
-) -> None:
-    """n ticks from number `first` on of the leader's hand: target, grip and push (see `twin.intent.Intent`).
+def operate(leader: Any, follower: Any, line: Any, first: int, hand: Any, happened: Any) -> None:
+    """Ticks from number `first` on, one for each row of `happened` (n,), which it fills.
 
-    Fills `happened` (n,) and, (n, SAMPLE_COUNT) each: what the follower's accelerometer read; the acceleration of the
-    leader's tip by its base motors and the hand; that of its handle by the voice coil.
+    `hand`: target, grip and push of the leader's hand (see `twin.intent.Intent`).
     """
     for k in range(len(happened)):
         now, row = first + k, happened[k]
@@ -69,9 +62,9 @@ def operate(
         for i in range(3):
             row.f_contact_W_N[i] = follower.row[0].f_W_N[i]
         for i in range(SAMPLE_COUNT):
-            a_follower_m_s2[k, i] = follower.read_m_s2[i]
-            a_tip_m_s2[k, i] = leader.tip_m_s2[i]
-            a_handle_m_s2[k, i] = leader.handle_m_s2[i]
+            row.a_follower_m_s2[i] = follower.read_m_s2[i]
+            row.a_tip_m_s2[i] = leader.tip_m_s2[i]
+            row.a_handle_m_s2[i] = leader.handle_m_s2[i]
 
 
 @native

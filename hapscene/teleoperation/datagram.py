@@ -9,10 +9,11 @@ otherwise, and over a network they belong in a tunnel.
 """
 
 import zlib
-from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
+
+__all__ = ["DATAGRAM", "MESSAGE", "SAMPLE_COUNT", "Gate", "pack"]
 
 SAMPLE_COUNT: Final = 10
 """Acceleration samples in a message [count]: a tick of 1 ms at 10 kHz. The datagram's layout depends on it."""
@@ -88,65 +89,57 @@ def pack(message: Any, role: int, session: int, scheme: int = 1, ends: bool = Fa
     return made.tobytes()
 
 
-@dataclass
 class Gate:
     """Checks the datagrams that arrive.
 
     Attributes:
-        role: of the peer, an index into `endpoint.ROLES`.
-        scheme: of the coupling, an index into `endpoint.SCHEMES`.
-        session: of the peer, None before it was heard.
-        mismatched: whether a peer with another scheme was heard.
+        session: of the peer, None before its first message.
+        mismatched: whether a peer with another scheme has sent a message.
         ended: whether the peer has sent its last message.
-        counts: datagrams by what became of them.
+        counts: datagrams by result.
     """
 
-    role: int
-    scheme: int = 1
-    session: int | None = None
-    mismatched: bool = False
-    ended: bool = False
-    counts: dict[str, int] = field(
-        default_factory=lambda: {"let in": 0, "malformed": 0, "foreign": 0, "duplicate": 0, "late": 0}
-    )
-
-    def __post_init__(self) -> None:
-        self._newest = -1
-        self._seen = np.full(SEEN, -1, np.int64)
+    def __init__(self, role: int, scheme: int = 1) -> None:
+        """`role` of the peer, an index into `endpoint.ROLES`; `scheme`, an index into `endpoint.SCHEMES`."""
+        self._role, self._scheme = role, scheme
+        self.session: int | None = None
+        self.mismatched = self.ended = False
+        self.counts = {"accepted": 0, "malformed": 0, "foreign": 0, "duplicate": 0, "late": 0}
+        self._newest, self._seen = -1, np.full(SEEN, -1, np.int64)
 
     def admit(self, data: bytes, message: Any) -> bool:
-        """Check a datagram; where it is let in, fill a message, one MESSAGE. Whatever it holds, nothing is raised."""
-        fate = self._judge(data, message)
-        self.counts[fate] += 1
-        return fate == "let in"
+        """Check a datagram; if it is accepted, fill a message, one MESSAGE. Raises nothing, whatever it holds."""
+        result = self._judge(data)
+        self.counts[result] += 1
+        if result != "accepted":
+            return False
+        found = np.frombuffer(data, DATAGRAM)[0]
+        tick = int(found["tick"])
+        self.session, self.ended = int(found["session"]), self.ended or bool(found["ends"])
+        self._newest, self._seen[tick % SEEN] = max(tick, self._newest), tick
+        for name in MESSAGE.names or ():
+            message[name] = found[name]
+        return True
 
-    def _judge(self, data: bytes, message: Any) -> str:
+    def _judge(self, data: bytes) -> str:
         if len(data) != DATAGRAM.itemsize:
             return "malformed"
         found: Any = np.frombuffer(data, DATAGRAM)[0]
         if found["crc"] != zlib.crc32(data[:-4]):
             return "malformed"
-        tick, session = int(found["tick"]), int(found["session"])
-        if found["magic"] != MAGIC or found["version"] != VERSION or found["role"] != self.role:
+        if found["magic"] != MAGIC or found["version"] != VERSION or found["role"] != self._role:
             return "foreign"
-        if found["scheme"] != self.scheme:
+        if found["scheme"] != self._scheme:
             self.mismatched = self.session is None
             return "foreign"
-        if session != self.session and self.session is not None:
+        if self.session not in (None, int(found["session"])):
             return "foreign"
-        sane = all(bool(np.all(np.abs(found[name]) <= most)) for name, most in LIMITS.items())  # NaN is not
-        if found["ends"] > 1 or tick < 0 or found["echo"] < -1 or not sane:
+        tick = int(found["tick"])
+        in_range = all(bool(np.all(np.abs(found[name]) <= most)) for name, most in LIMITS.items())  # False for NaN
+        if found["ends"] > 1 or tick < 0 or found["echo"] < -1 or not in_range:
             return "malformed"
         if self._newest >= 0 and tick > self._newest + AHEAD_MAX:
             return "foreign"
         if tick <= self._newest - SEEN:
             return "late"
-        if self._seen[tick % SEEN] == tick:
-            return "duplicate"
-        self.session = session
-        self.ended = self.ended or bool(found["ends"])
-        self._newest = max(tick, self._newest)
-        self._seen[tick % SEEN] = tick
-        for name in MESSAGE.names or ():
-            message[name] = found[name]
-        return "let in"
+        return "duplicate" if self._seen[tick % SEEN] == tick else "accepted"

@@ -1,38 +1,34 @@
-"""Where messages wait for their turn: a short queue that puts them in order and gives late ones time.
+"""The jitter buffer: a short queue that puts messages in order and delays them evenly.
 
-A message has its turn `lag_ticks` after the tick it was sent in: at first as long as it took, and a margin. When none
-has come in time, all turns move back by a tick; when all come early for a while, they move forward again. So jitter
-becomes a delay that hardly changes, which waves do not mind, no longer than the line at present asks for. A message
-that is missing when its turn comes is bridged by the next one, for waves come as totals.
+A message is played `lag_ticks` after the tick it was sent in: at first as long as it took. When none has come in time,
+the lag grows by a tick; when all come early for a while, it shrinks again. So jitter becomes a delay that hardly
+changes, which waves do not mind, no longer than the line at present needs. A message that is missing when its turn
+comes is bridged by the next one, for waves come as totals.
 """
 
 from typing import Any, Final
 
 import numpy as np
 
-from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector
 from hapscene.native import native
 from hapscene.records import records
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
 
+__all__ = ["QUEUE", "call", "new_queue", "next_wave", "play_samples", "store"]
+
 QUEUE_TICKS: Final = 512
 """Ticks that the queue can hold [count]."""
-
-MARGIN_MAX: Final = QUEUE_TICKS // 4
-"""Longest margin [ticks]."""
 
 A_EXTRA_MAX: Final = 60
 """Most that samples wait beyond the waves [ticks]: 40 ms of latency change how a texture feels, 60 ms are noticed
 (Okamoto et al. 2009)."""
 
 WINDOW: Final = 250
-"""Messages after which it is seen whether all of them came early [count]: a quarter of a second. Shorter forgets how
-late the line can be."""
+"""Messages over which the lag is adapted [count]: a quarter of a second. Shorter forgets how late the line can be."""
 
 QUEUE: Final = np.dtype(
     [
-        ("margin_ticks", "i8"),
         ("started", "i8"),
         ("lag_ticks", "i8"),
         ("turn", "i8"),  # tick of the message whose turn it is
@@ -56,16 +52,9 @@ QUEUE: Final = np.dtype(
 )
 
 
-def new_queue(margin_ticks: int) -> Any:
-    """An empty queue, (1,) QUEUE.
-
-    Raises:
-        HapsceneError: a margin longer than `MARGIN_MAX`.
-    """
-    if not 0 <= margin_ticks <= MARGIN_MAX:
-        raise HapsceneError(f"the margin for late messages must be 0 to {MARGIN_MAX} ticks, is {margin_ticks}")
+def new_queue() -> Any:
+    """An empty queue, (1,) QUEUE."""
     queue = records(1, QUEUE)
-    queue.margin_ticks = margin_ticks
     queue.tick[:] = -1
     return queue
 
@@ -75,8 +64,8 @@ def store(queue: Any, now: int, message: Any) -> None:
     """Keep a message that arrived in the receiver's tick `now`. One that came after its turn is only counted."""
     if queue.started == 0 or abs(now - queue.lag_ticks - message.tick) >= QUEUE_TICKS // 2:
         queue.started, queue.newest = 1, message.tick
-        queue.lag_ticks = now - message.tick + queue.margin_ticks
-        queue.turn = message.tick - queue.margin_ticks - 1
+        queue.lag_ticks = now - message.tick
+        queue.turn = message.tick - 1
         queue.a_turn, queue.a_extra_ticks = queue.turn, 0
         queue.counted, queue.early_ticks = 0, QUEUE_TICKS
     queue.newest = max(message.tick, queue.newest)
@@ -87,7 +76,7 @@ def store(queue: Any, now: int, message: Any) -> None:
     queue.stored += 1
     queue.waited_ticks += max(early, 0)
     if queue.counted == WINDOW:
-        back = max(queue.early_ticks + 1 - queue.margin_ticks, 0) // 2
+        back = max(queue.early_ticks + 1, 0) // 2
         queue.lag_ticks -= back
         queue.a_extra_ticks = max(min(back - queue.early_ticks, A_EXTRA_MAX), 0)
         queue.counted, queue.early_ticks = 0, QUEUE_TICKS

@@ -18,7 +18,7 @@ from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect
 from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate, receive, step_leader
 from hapscene.teleoperation.body_follower import BodyFollower
-from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
+from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.leader_follower import Follower, Leader, new_follower, new_leader
 from hapscene.teleoperation.link import Impairment, new_link, post
@@ -26,13 +26,16 @@ from hapscene.twin.hand_intent import Intent
 
 if TYPE_CHECKING:
     from hapscene.bridge.simulation import Simulation
+
+__all__ = ["UP", "Operated", "Operation", "world_of"]
+
 Array = NDArray[np.float64]
 
 UP: Final = (0.0, 0.0, 1.0)
-"""The handle's direction in W unless told otherwise: upright on a surface that lies flat."""
+"""Default direction of the handle in W: upright on a horizontal surface."""
 
 REST_S: Final = 1.0
-"""What counts as the end of an operation, in which all should be at rest [s]."""
+"""End of an operation, in which all should be at rest [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,15 +141,14 @@ class Operation:
         return f"<Operation: {self.follower if isinstance(self.follower, BodyFollower) else self.renderer!r}>"
 
     def run(self, intent: Intent) -> Operated:
-        """Live through an intention of the leader's hand, a tick for each of its rows; goes on from the last one."""
+        """Simulate a reference trajectory of the leader's hand, a tick for each of its rows, from the present state."""
         n = len(intent)
         happened = records(n, HAPPENED)
-        samples = [np.zeros((n, SAMPLE_COUNT)) for _ in range(3)]
         hand = (intent.target_W_m, intent.grip, intent.push_W_N)
         if isinstance(self.follower, BodyFollower):
-            self._operate(self.follower, hand, happened, samples)
+            self._operate(self.follower, hand, happened)
         else:
-            operate(self.leader, self.follower, self.line, self._ticks, hand, happened, *samples)
+            operate(self.leader, self.follower, self.line, self._ticks, hand, happened)
         t_s = np.asarray((self._ticks + np.arange(n)) * TICK_S, np.float64)
         self._ticks += n
         column: dict[str, Any] = {name: np.ascontiguousarray(happened[name]) for name in HAPPENED.names or ()}
@@ -156,17 +158,12 @@ class Operation:
         return Operated(
             t_s=t_s,
             **column,
-            a_follower_m_s2=samples[0],
-            a_tip_m_s2=samples[1],
-            a_handle_m_s2=samples[2],
             latency_s=self.latency_s,
             work_J=leader_J + follower_J,
         )
 
-    def _operate(
-        self, follower: BodyFollower, hand: tuple[Array, Array, Array], happened: Any, samples: list[Array]
-    ) -> None:
-        """`bilateral_loop.operate`, where the follower is no compiled code."""
+    def _operate(self, follower: BodyFollower, hand: tuple[Array, Array, Array], happened: Any) -> None:
+        """`bilateral_loop.operate` with a follower that is not compiled."""
         leader, line = self.leader, self.line
         for k, row in enumerate(happened):
             now = self._ticks + k
@@ -178,13 +175,13 @@ class Operation:
             row.f_leader_W_N = step_leader(leader, hand, k, line.forth, now)
             row.f_contact_W_N = follower.contact()
             row.touching = np.abs(row.f_contact_W_N).max() > 0.0
-            for sample, read in zip(samples, (follower.read_m_s2, leader.tip_m_s2, leader.handle_m_s2), strict=True):
-                sample[k] = read
+            row.a_follower_m_s2, row.a_tip_m_s2 = follower.read_m_s2, leader.tip_m_s2
+            row.a_handle_m_s2 = leader.handle_m_s2
 
     @property
     def latency_s(self) -> float:
-        """From a sample at the follower to the same at the handle, as the line is at present: a tick until it is sent,
-        the queue, and the handle's look-ahead."""
+        """Present latency from the follower's accelerometer to the handle: a tick until a sample is sent, the jitter
+        buffer, and the handle's look-ahead."""
         queue: Any = self.leader.end.queue[0]
         ticks = 1 + int(queue.lag_ticks) + int(queue.a_extra_ticks)
         return ticks * TICK_S + int(self.leader.handle[0].delay) / ACCELERATION_RATE_HZ

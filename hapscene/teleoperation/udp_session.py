@@ -1,9 +1,9 @@
-"""Leader and follower as processes: the bilateral loop at 1 kHz, with UDP as its line.
+"""Leader and follower as processes: the bilateral loop at 1 kHz, over UDP.
 
-What arrives is checked (`datagram`) and handed to the end; the tick is that of the simulation (`bilateral_loop`); what
-leaves the link is sent. When the peer has been silent for the coupling's `timeout_s` the motors let go (`endpoint`).
-After `PATIENCE_S` of silence, when the peer says that it ends, or at Ctrl-C, the session ends: the device is no longer
-driven, and the peer is told.
+Datagrams that arrive are checked (`datagram`) and handed to the endpoint; the tick is that of the simulation
+(`bilateral_loop`); messages that leave the link are sent. When the peer has been silent for the coupling's `timeout_s`
+the motors let go (`endpoint`). The session ends after `PATIENCE_S` of silence, with the peer, or at Ctrl-C; the peer is
+sent a last message.
 """
 
 import gc
@@ -12,7 +12,8 @@ import os
 import socket
 import time
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from typing import Any, Final
 
 import numpy as np
@@ -33,6 +34,8 @@ from hapscene.teleoperation.operation import UP, world_of
 from hapscene.teleoperation.test_plate import START_M, explore, plate
 from hapscene.touch import speak
 from hapscene.twin.hand_intent import Intent
+
+__all__ = ["Pace", "UdpSession", "run_follower", "run_leader"]
 
 BEHIND_MAX: Final = 50
 """Most ticks that are made up for [count]. A process that was held up for longer skips them."""
@@ -60,6 +63,7 @@ class Pace:
 
     Attributes:
         slipped: ticks that were skipped because the process was held up [count].
+        late_ns: latencies of the last ticks.
     """
 
     def __init__(self) -> None:
@@ -79,10 +83,10 @@ class Pace:
         self.late_ns.append(time.perf_counter_ns() - self._due_ns)
 
 
-def _spread(times: Collection[int], scale: float) -> dict[str, float]:
-    """Quantiles of times, each times `scale`; empty without any."""
-    quantiles = {"median": 50.0, "p99": 99.0, "max": 100.0}
-    return {n: round(float(np.percentile(list(times), q)) * scale, 3) for n, q in quantiles.items()} if times else {}
+def _quantiles(values: Collection[int], scale: float) -> dict[str, float]:
+    """Quantiles of values, each times `scale`; empty without any."""
+    shares = {"median": 50.0, "p99": 99.0, "max": 100.0}
+    return {n: round(float(np.percentile(list(values), q)) * scale, 3) for n, q in shares.items()} if values else {}
 
 
 class UdpSession:
@@ -121,27 +125,41 @@ class UdpSession:
         sock.setblocking(False)
 
     def run(self, duration_s: float, stopped: Callable[[], bool] = lambda: False) -> dict[str, Any]:
-        """Run until `duration_s` have passed since the peer was first heard, it is gone, or `stopped`.
+        """Run until `duration_s` have passed since the peer's first message, it is gone, or `stopped`.
 
         Returns:
-            a summary: why it ended, the datagrams by what became of them, times, forces.
+            a summary: why it ended, datagrams by result, times, forces.
 
         Raises:
-            HapsceneError: a leader heard nobody within `WAIT_S`; the peer has another scheme.
+            HapsceneError: a leader received nothing within `WAIT_S`; the peer has another scheme.
         """
         if self._ticks == 0:
             self.rehearse()
         collecting = gc.isenabled()
         gc.disable()  # a collection takes several ticks
+        pace = Pace()
         try:
-            pace = Pace()
             reason = self._loop(pace, duration_s / TICK_S, stopped)
         finally:
             if collecting:
                 gc.enable()
             self._say_goodbye()
-        late_us = _spread(pace.late_ns, 1e-3)
-        return {"ended": reason, **self._summary(), "late_us": late_us, "slipped_ticks": pace.slipped}
+        port, queue = self._side.end.port[0], self._side.end.queue[0]
+        return {
+            "ended": reason,
+            "role": ROLES[self._role],
+            "ticks": self._ticks,
+            "sent": self._sent,
+            "received": {**self.gate.counts, "from strangers": self._strangers, "overtaken": int(port.overtaken)},
+            "lost_by_impairment": int(self._link.line[0].lost),
+            "round_trip_ms": _quantiles(self._trips, TICK_S * 1e3),
+            "queue_ms": round(int(queue.waited_ticks) / max(int(queue.stored), 1) * TICK_S * 1e3, 3),
+            "force_max_N": self._force_max_N,
+            "force_in_silence_N": self._force_in_silence_N,
+            "work_of_motors_mJ": float(port.work_J) * 1e3,
+            "latency_us": _quantiles(pace.late_ns, 1e-3),
+            "slipped_ticks": pace.slipped,
+        }
 
     def rehearse(self) -> None:
         """The first tick, which compiles, so that the next is in time; `run` does it where it was not done."""
@@ -163,7 +181,7 @@ class UdpSession:
             heard_since += 1 if self.gate.session is not None else 0
             if self.gate.mismatched:
                 raise HapsceneError(
-                    f"the peer is not tied by {SCHEMES[self._scheme]!r}: start both ends with the same --scheme"
+                    f"the peer has another scheme than {SCHEMES[self._scheme]!r}: start both with the same --scheme"
                 )
             if self.gate.ended:
                 return "the peer has ended"
@@ -230,25 +248,6 @@ class UdpSession:
             self._ticks += 1
             self._send(ends=True)
 
-    def _summary(self) -> dict[str, Any]:
-        port, queue = self._side.end.port[0], self._side.end.queue[0]
-        return {
-            "role": ROLES[self._role],
-            "ticks": self._ticks,
-            "sent": self._sent,
-            "heard": {**self.gate.counts, "from strangers": self._strangers, "overtaken": int(port.overtaken)},
-            "lost_by_impairment": int(self._link.line[0].lost),
-            "round_trip_ms": _spread(self._trips, TICK_S * 1e3),
-            "queue_ms": round(int(queue.waited_ticks) / max(int(queue.stored), 1) * TICK_S * 1e3, 3),
-            "force_max_N": self._force_max_N,
-            "force_in_silence_N": self._force_in_silence_N,
-            "work_of_motors_mJ": float(port.work_J) * 1e3,
-        }
-
-
-def _name(address: Any) -> str:
-    return f"{address[0]}:{address[1]}"
-
 
 def run_follower(
     address: tuple[str, int],
@@ -259,21 +258,19 @@ def run_follower(
     duration_s: float = math.inf,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Touch a plate for the first leader that speaks from the host `allowed`, until it ends; returns a summary.
-
-    Prints where it listens in one line on standard output, once it is ready.
+    """Touch a plate for the first leader from the host `allowed`, until it ends; returns a summary.
 
     Raises:
-        HapsceneError: an address that cannot be listened at, an unknown swatch.
+        HapsceneError: an address that cannot be bound, an unknown host or swatch.
     """
-    world = world_of(plate(swatch), seed=seed)  # owns what the follower's compiled tick looks into
+    world = world_of(plate(swatch), seed=seed)  # must live as long as the follower, which refers to its memory
     side = new_follower(world, Omni(), coupling, START_M, UP)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+    with _opened(address, socket.socket.bind) as sock:
         try:
-            sock.bind(address)
+            host = socket.gethostbyname(allowed)
         except OSError as reason:
-            raise HapsceneError(f"{_name(address)}: cannot be listened at: {reason.strerror}") from None
-        session = UdpSession(side, sock, impairment=impairment, seed=seed, allowed=_resolved(allowed))
+            raise HapsceneError(f"{allowed}: no such host: {reason.strerror}") from None
+        session = UdpSession(side, sock, impairment=impairment, seed=seed, allowed=host)
         return _run(session, f"a follower listens at {_name(sock.getsockname())}", duration_s)
 
 
@@ -294,25 +291,28 @@ def run_leader(
     gesture = explore(grip, coupling.stiffness_N_m)
     handle = new_handle(Plant(), Plant(), compensator, ACCELERATION_RATE_HZ, seed)
     side = new_leader(Omni(), handle, coupling, START_M, UP)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        try:
-            sock.connect(address)
-        except OSError as reason:
-            raise HapsceneError(f"{_name(address)}: cannot be reached: {reason.strerror}") from None
+    with _opened(address, socket.socket.connect) as sock:
         session = UdpSession(side, sock, gesture.intent, impairment, seed)
         return _run(session, f"a leader calls {_name(address)}", duration_s)
 
 
-def _run(session: UdpSession, told: str, duration_s: float) -> dict[str, Any]:
+@contextmanager
+def _opened(address: tuple[str, int], attach: Callable[[socket.socket, Any], None]) -> Iterator[socket.socket]:
+    """A UDP socket that is bound or connected."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        try:
+            attach(sock, address)
+        except OSError as reason:
+            raise HapsceneError(f"{_name(address)}: cannot be used: {reason.strerror}") from None
+        yield sock
+
+
+def _run(session: UdpSession, title: str, duration_s: float) -> dict[str, Any]:
     session.rehearse()
     with interrupt_noted() as noted:
-        speak(f"{told}\n")
+        speak(f"{title}\n")
         return session.run(duration_s, noted)
 
 
-def _resolved(host: str) -> str:
-    """The address of a host."""
-    try:
-        return socket.gethostbyname(host)
-    except OSError as reason:
-        raise HapsceneError(f"{host}: no such host: {reason.strerror}") from None
+def _name(address: Any) -> str:
+    return f"{address[0]}:{address[1]}"

@@ -1,3 +1,3 @@
 from .hand_intent import Intent as Intent
+from .result import Feel as Feel
 from .twin import Twin as Twin
-from .twin_recording import Feel as Feel

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.clock import new_clock
+from hapscene.compiled.entry import entry_of
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.arm import new_arm, simulated_device
 from hapscene.device.driver import Connection
@@ -18,17 +20,19 @@ from hapscene.errors import HapsceneError
 from hapscene.geometry import numbers, positions
 from hapscene.handle.handle_loop import HANDLE, new_handle
 from hapscene.handle.plant import Plant
+from hapscene.loop.closed_loop import DELAY_MAX, Tool
+from hapscene.loop.driver import CHANNEL, drive, new_loop, still_bodies
 from hapscene.records import ROW, records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.surface.effect import Effect
 from hapscene.twin.hand_intent import Intent
-from hapscene.twin.twin_loop import DELAY_MAX, TwinBody, live
-from hapscene.twin.twin_recording import FELT, Feel
+from hapscene.twin.result import FELT, Feel
 
 if TYPE_CHECKING:
     from hapscene.fidelity.fidelity import Fidelity
     from hapscene.scene.scene import Scene
-Notes = tuple[Any, NDArray[np.float64], Any, NDArray[np.float64]]
+
+__all__ = ["Run", "Twin"]
 
 
 class Twin:
@@ -95,6 +99,7 @@ class Twin:
         self._delay = delay_ticks
         self.safety: Any = None
         self.body: Any = None
+        self._drive: Any = None  # the compiled driver, once it has run
 
     def __repr__(self) -> str:
         handle = "no handle" if self.handle is None else f"a handle driven by {self.compensator!r}"
@@ -117,7 +122,7 @@ class Twin:
             handle = new_handle(
                 self.handle, self.nominal or self.handle, self.compensator, self.renderer.a_rate_Hz, self._seed
             )
-        self.body = TwinBody(
+        self.body = Tool(
             arm=arm,
             handle=handle,
             has_handle=int(self.handle is not None),
@@ -132,52 +137,80 @@ class Twin:
         self.renderer.reset(p)
 
     def run(self, intent: Intent, poses: Mapping[str, ArrayLike] | None = None) -> Feel:
-        """Live through an intention, a tick for each of its rows; `poses` {body: X_WB (n, 4, 4)} moves bodies there.
+        """Run an intent, a tick for each of its rows; `poses` {body: X_WB (n, 4, 4)} moves bodies there.
 
-        Goes on from where the last one ended; the first starts at rest at the intention's first target.
+        Goes on from where the last run ended; the first starts at rest at the intent's first target.
 
         Raises:
             SceneError: poses for an unknown body, of another length, or not rigid.
         """
-        self._begin(intent)
-        slots = self.renderer._poses(poses or {}, len(intent))
-        notes = self._notes(len(intent))
-        self._live(intent, slice(0, len(intent)), slots, notes)
-        return self._feel(intent, notes)
+        self.begin(intent)
+        run = Run(self, intent, *self.renderer._poses(poses or {}, len(intent)))
+        run.advance(len(intent))
+        return run.result()
 
-    # The same piece by piece, for what answers between ticks.
-
-    def _begin(self, intent: Intent) -> None:
-        """At rest at the intention's first target, unless it goes on."""
+    def begin(self, intent: Intent) -> None:
+        """At rest at the intent's first target, unless a run goes on."""
         if self.body is None:
             if self.X_WD is None and isinstance(self.device, Omni):
                 self.X_WD = stand(0.5 * (intent.target_W_m.min(axis=0) + intent.target_W_m.max(axis=0)))
             self.reset(intent.target_W_m[0])
         self.renderer._see_poses()
 
-    def _notes(self, n: int) -> Notes:
-        """What `_live` fills: rows of the ticks, samples, rows of what is felt, the handle's samples."""
-        block = self.renderer.block
-        return records(n, ROW), np.zeros((n, block)), records(n, FELT), np.zeros((n, block))
 
-    def _live(self, intent: Intent, ticks: slice, slots: tuple[Any, ...], notes: Notes) -> None:
-        """Some ticks of an intention."""
-        ahead = slice(ticks.start, ticks.stop + 1)
-        hand = (intent.target_W_m[ahead], intent.grip[ahead], intent.push_W_N[ahead])
-        live(self.renderer.world, self.renderer.surface, self.body, *hand, *slots, *(note[ticks] for note in notes))
+class Run:
+    """The ticks of an intent, some at a time: for what simulates between them."""
 
-    def _feel(self, intent: Intent, notes: Notes) -> Feel:
-        rows, a_m_s2, felt, a_handle_m_s2 = notes
+    def __init__(
+        self,
+        twin: Twin,
+        intent: Intent,
+        moving: NDArray[np.int64],
+        X_WB: NDArray[np.float64],
+        teleported: NDArray[np.int64],
+    ) -> None:
+        """`moving` (m,), their poses (n, m, 4, 4) tick by tick, or (1, m, 4, 4) as now; which jump (m,)."""
+        n, renderer, self._channel = len(intent), twin.renderer, records(1, CHANNEL)[0]
+        self._twin, self._intent = twin, intent
+        self._rows, self._felt = records(n, ROW), records(n, FELT)
+        self._a_m_s2, self._a_handle_m_s2 = np.zeros((2, n, renderer.block))
+        self._channel.moving_count = len(moving)
+        hand = (intent.target_W_m, intent.grip, intent.push_W_N)
+        loop = new_loop(
+            [renderer],
+            [twin.body],
+            self._channel,
+            new_clock(),
+            bodies=still_bodies(moving, X_WB, teleported),
+            intent=tuple(np.require(part, requirements=("C", "W")) for part in hand),
+            rows=self._rows.reshape(1, n),
+            felt=self._felt.reshape(1, n),
+            a_m_s2=self._a_m_s2[None],
+            a_handle_m_s2=self._a_handle_m_s2[None],
+        )
+        if twin._drive is None:
+            twin._drive = entry_of(drive, loop)
+        self._loop = loop
+
+    def advance(self, count: int) -> None:
+        """The next ticks."""
+        self._channel.until += count
+        self._twin._drive(self._loop)
+
+    def result(self) -> Feel:
+        """The closed loop of all ticks."""
+        twin, felt = self._twin, self._felt
+        delay = 0.0 if twin.handle is None else float(twin.body.handle.delay[0])
         return Feel(
-            recording=self.renderer.recording(rows, a_m_s2),
+            recording=twin.renderer.recording(self._rows, self._a_m_s2),
             p_W_m=_column(felt, "p_W_m"),
             v_W_m_s=_column(felt, "v_W_m_s"),
-            target_W_m=intent.target_W_m,
+            target_W_m=self._intent.target_W_m,
             f_motor_W_N=_column(felt, "f_motor_W_N"),
             f_hand_W_N=_column(felt, "f_hand_W_N"),
             work_J=_column(felt, "work_J"),
-            a_handle_m_s2=a_handle_m_s2,
-            latency_s=0.0 if self.handle is None else float(self.body.handle.delay[0] / self.renderer.a_rate_Hz),
+            a_handle_m_s2=self._a_handle_m_s2,
+            latency_s=delay / twin.renderer.a_rate_Hz,
             f_coil_N=_column(felt, "f_coil_N"),
             heat=_column(felt, "heat"),
             trouble=np.ascontiguousarray(felt["trouble"]),

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from hapscene.twin.twin_recording import Feel
+    from hapscene.twin.result import Feel
 
 
 COLUMN_COUNT: Final = 2000

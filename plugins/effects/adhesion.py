@@ -15,7 +15,10 @@ widens δ where it does not).
 """
 
 import math
-from typing import Any, Final
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.surface.effect import Effect, Param, State
 
@@ -29,7 +32,7 @@ GONE: Final = 0.01
 """Share of a hold that counts as none [1]: of a pull of a newton, 10 mN."""
 
 
-def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
+def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
     """Add the pull towards where the tool left [N]."""
     if s.share == 0.0 and not touch.ended:
         return

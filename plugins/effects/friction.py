@@ -37,6 +37,9 @@ When it breaks loose, what is set free of the force makes the surface ring, as a
 import math
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hapscene.constants import DAMPING_NS_M, STIFFNESS_N_M
 from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
@@ -74,7 +77,7 @@ def carry(z_W_m: Any, nhat_W: Any, to_W: Any, slip_W_m: Any) -> float:
 
 
 @native
-def coefficient(p: Any, slip_m_s: float) -> float:
+def coefficient(p: np.record, slip_m_s: float) -> float:
     """µ at a slip speed [1]."""
     mu = p.friction_dynamic + p.friction_viscous_s_m * slip_m_s
     if p.friction_stribeck_m_s > 0.0:
@@ -83,7 +86,7 @@ def coefficient(p: Any, slip_m_s: float) -> float:
     return float(mu)
 
 
-def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
+def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
     """Add the force of friction [N], tangential and no more than µ F_n, and what is heard when it breaks loose."""
     resonate(touch, s, out)
     if touch.began or touch.ended:

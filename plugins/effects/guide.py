@@ -29,7 +29,7 @@ from hapscene.surface.field_frame import add_force, eased, fade, field_array, to
 
 
 @native
-def nearest_on_polyline(table: Any, start: int, count: int, p: Vector) -> Vector:
+def nearest_on_polyline(table: NDArray[np.float64], start: int, count: int, p: Vector) -> Vector:
     """Closest point to `p` of the polyline through the `count` points that the table has from `start` on."""
     best, best2 = (table[start], table[start + 1], table[start + 2]), math.inf
     for i in range(max(1, count - 1)):
@@ -46,7 +46,7 @@ def nearest_on_polyline(table: Any, start: int, count: int, p: Vector) -> Vector
     return best
 
 
-def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
+def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
     """Add the force towards the place, or away from it [N]."""
     count = int(table[len(table) - 1])
     start = len(table) - 4 - 3 * count

@@ -1,8 +1,8 @@
 """The vibration of a tool that slides: autoregressive (LPC) synthesis, chosen by force and slip speed.
 
 A texture is a field of models over normal force and slip speed (Romano & Kuchenbecker 2012; Culbertson, Unwin &
-Kuchenbecker 2014), run as a normalised lattice (`hapscene.dsp.lattice`): whatever models follow one another, the
-output is no louder than they are. The level is ramped over the tick's block, so that nothing clicks when a contact
+Kuchenbecker 2014), played by `hapscene.dsp.texture_voice`: whatever models follow one another, the output is no louder
+than they are. The level is ramped over the tick's block, so that nothing clicks when a contact
 begins, ends, or crosses into another swatch.
 
 A texture with life has a random slow gain (`hapscene.dsp.slow_gain`), advanced each tick by the time and the distance
@@ -33,10 +33,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.constants import LEVEL_BOUND_DB, LIFE_MAX, ORDER_MAX
-from hapscene.dsp.lattice import play, settle, voice_fields
-from hapscene.dsp.noise import normal
-from hapscene.dsp.slow_gain import advance_gain
+from hapscene.constants import LEVEL_BOUND_DB, ORDER_MAX
+from hapscene.dsp.texture_voice import modulate, play, settle, voice_fields
 from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
 from hapscene.surface.resonator import SILENCE_M_S2
@@ -112,25 +110,18 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
         target_m_s2 = s.goal_m_s2
         if ticks > 1.0:
             target_m_s2 = s.level_m_s2 + (s.goal_m_s2 - s.level_m_s2) / ticks
-        gain = live(touch, p.texture_life, new, table, s)
+        gain = advance_modulation(touch, p.texture_life, new, table, s)
     if target_m_s2 == 0.0 and s.level_m_s2 == 0.0:
         return
-    play(s, target_m_s2, gain, s.rng, out.a_m_s2, 0, touch.block, touch.block)
+    play(s, target_m_s2, gain, out.a_m_s2, 0, touch.block, touch.block)
 
 
 @native
-def live(touch: Any, life: float, new: bool, table: Any, s: Any) -> float:
-    """The slow gain [1] of this tick. How lively it is follows `life` within `FADE_S`, in a new contact at once."""
+def advance_modulation(touch: Any, life: float, new: bool, table: Any, s: Any) -> float:
+    """The gain [1] of this tick. The factor on its spread follows `life` within `FADE_S`, in a new contact at once."""
     most = touch.tick_s / FADE_S
-    s.lively = life if new else s.lively + min(max(life - s.lively, -most), most)
-    count = int(table[PROCESSES])
-    if count == 0 or s.lively == 0.0:
-        return 1.0
-    if s.life[0] == 0.0:  # not drawn yet
-        for i in range(s.life.size):
-            s.life[i] = normal(s.rng)
-    travelled_m = touch.slip_m_s * touch.tick_s
-    return advance_gain(s.rng, s.life, table, HEADER, count, touch.tick_s, travelled_m, s.lively, s.norm)
+    s.spread_scale = life if new else s.spread_scale + min(max(life - s.spread_scale, -most), most)
+    return modulate(s, table, HEADER, int(table[PROCESSES]), touch.tick_s, touch.slip_m_s * touch.tick_s)
 
 
 def table(swatch: Swatch, rate_Hz: float) -> NDArray[np.float64]:
@@ -166,9 +157,6 @@ EFFECT = Effect(
         State("stale"),  # 1 where it is still to become that
         State("goal_m_s2"),  # level of the filter that was chosen last
         State("wait"),  # ticks until the next is
-        State("life", (LIFE_MAX,)),  # its processes, each of variance 1
-        State("lively"),  # factor on their spread
-        State("norm", (2,)),  # see `advance_gain`
         State("rng", seeded=True),
     ),
     table=table,

@@ -21,7 +21,7 @@ from hapscene.surface.effect import Effect, Param
 from hapscene.surface.field_frame import FADED_MOST, add_force, eased, fade, field_array, to_frame
 
 
-def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
+def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
     """Add the pull of the points [N]."""
     tool, reach2 = to_frame(table, touch.p_WT_m), p.reach_m * p.reach_m
     stiffness = eased(touch) * p.strength_N / (FADED_MOST * p.reach_m)

@@ -15,7 +15,8 @@ again.
 Each body grips with the numbers of the swatch that broke, whatever is touched within it, and gets the reverse.
 """
 
-from typing import Any
+import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.constants import PASSED_MAX, STIFFNESS_N_M
 from hapscene.geometry import along, dot, sub
@@ -25,7 +26,7 @@ from hapscene.surface.field_frame import to_frame, turn
 
 
 @native
-def grip(touch: Any, s: Any, k: int, out: Any) -> None:
+def grip(touch: np.record, s: np.record, k: int, out: np.record) -> None:
     """What the k-th pierced body does to the shaft [N]; nothing any more once the tool is out of it."""
     at = -1
     for i in range(touch.inside):
@@ -54,7 +55,7 @@ def grip(touch: Any, s: Any, k: int, out: Any) -> None:
         out.f_inside_W_N[at, i] += f[i]
 
 
-def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
+def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
     """Add the grip of all that was pierced [N]; let the tool in where it presses too hard."""
     free = -1
     for k in range(PASSED_MAX):

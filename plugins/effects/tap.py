@@ -18,7 +18,7 @@ at SPEED_COUNT speeds i·v_max/(SPEED_COUNT − 1). Transients: k, k speeds, k r
 cross-faded. Below the lowest speed a tap is scaled down to nothing at rest, faster ones are clamped to v_max.
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ RING: Final = 4096
 """Longest transient that is played [count]: 0.4 s at 10 kHz. Of a longer one the end is faded out."""
 
 
-def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
+def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
     """Add the ringing of the last taps and leavings to the acceleration [m/s²]."""
     if table.size > 0:
         split = 1 + int(table[0])
@@ -49,7 +49,7 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
 
 
 @native
-def play(speed_m_s: float, gain: float, table: Any, s: Any) -> None:
+def play(speed_m_s: float, gain: float, table: NDArray[np.float64], s: np.record) -> None:
     """Begin the transient of a speed."""
     if table[1] > 0.0:
         strike_wave(speed_m_s, gain, table, s)
@@ -58,7 +58,7 @@ def play(speed_m_s: float, gain: float, table: Any, s: Any) -> None:
 
 
 @native
-def strike_sinusoid(approach_m_s: float, gain: float, table: Any, s: Any) -> None:
+def strike_sinusoid(approach_m_s: float, gain: float, table: NDArray[np.float64], s: np.record) -> None:
     """Add a tap to the resonator."""
     position = min(max(approach_m_s / table[0], 0.0), 1.0) * (SPEED_COUNT - 1)
     i = min(int(position), SPEED_COUNT - 2)
@@ -72,7 +72,7 @@ def strike_sinusoid(approach_m_s: float, gain: float, table: Any, s: Any) -> Non
 
 
 @native
-def strike_wave(approach_m_s: float, gain: float, table: Any, s: Any) -> None:
+def strike_wave(approach_m_s: float, gain: float, table: NDArray[np.float64], s: np.record) -> None:
     """Add a transient to what the ring still holds."""
     length, count = int(table[1]), int(table[2])
     speed = min(max(approach_m_s, 0.0), table[0])
@@ -91,7 +91,7 @@ def strike_wave(approach_m_s: float, gain: float, table: Any, s: Any) -> None:
 
 
 @native
-def ring(touch: Any, s: Any, out: Any) -> None:
+def ring(touch: np.record, s: np.record, out: np.record) -> None:
     """Read off what the ring holds for this tick."""
     if s.left == 0.0:
         return

@@ -32,7 +32,7 @@ EVERYWHERE, BALL, BOX = 0.0, 1.0, 2.0
 
 
 @native
-def depth_in(table: Any, x: float, y: float, z: float, radius_m: float) -> float:
+def depth_in(table: NDArray[np.float64], x: float, y: float, z: float, radius_m: float) -> float:
     """How far inside the region's border a point of F is [m]; 0 outside, and as deep as you like in no region."""
     at = len(table) - 7
     if table[at] == EVERYWHERE:
@@ -43,7 +43,7 @@ def depth_in(table: Any, x: float, y: float, z: float, radius_m: float) -> float
     return float(max(0.0, min(table[at + 4] - dx, table[at + 5] - dy, table[at + 6] - dz)))
 
 
-def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
+def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
     """Add the drag [N]."""
     x, y, z = to_frame(table, touch.p_WT_m)
     vx, vy, vz = (x - s.p_m[0]) / touch.tick_s, (y - s.p_m[1]) / touch.tick_s, (z - s.p_m[2]) / touch.tick_s

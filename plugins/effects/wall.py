@@ -12,13 +12,14 @@ fast the tool comes. At a depth d it is a damper of b + χ·d, so it helps a wal
 not where it is hardly touched.
 """
 
-from typing import Any
+import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.constants import DAMPING_NS_M
 from hapscene.surface.effect import Effect, Param
 
 
-def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
+def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
     """Add the force of spring and damper [N], along the outward normal."""
     if not touch.touching:
         return

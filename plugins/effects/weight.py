@@ -10,13 +10,15 @@ It is weight alone; inertia would be a force by acceleration, which encoders do 
 """
 
 import math
-from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.surface.effect import Effect, Param, State
 from hapscene.surface.field_frame import EASE_S, add_force
 
 
-def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
+def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
     """Add the weight [N]."""
     share = -math.expm1(-touch.tick_s / p.ease_s)
     s.f_N[0] += share * (p.mass_kg * p.gravity_x_m_s2 - s.f_N[0])

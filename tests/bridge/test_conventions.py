@@ -42,7 +42,7 @@ def test_what_is_no_rotation_is_left_to_be_flagged() -> None:
     assert np.isnan(frame.pose((0, 0, 0), (np.nan, 0, 0, 1))).any()
 
 
-@pytest.mark.parametrize("hello", [{"up": "x"}, {"handed": "both"}, {"metres": 0}, {"metres": True}, {"up": []}])
+@pytest.mark.parametrize("hello", [{"up": "x"}, {"metres": True}])
 def test_another_frame_is_refused(hello: dict) -> None:
     with pytest.raises(PacketError):
         Convention.of(hello)

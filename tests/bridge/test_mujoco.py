@@ -182,42 +182,6 @@ def test_what_others_apply_to_bodies_stays() -> None:
     assert 0.2 * data.qvel[:3] == pytest.approx(given + 50 * 1e-3 * theirs[:3], rel=1e-12)
 
 
-def test_a_loop_of_ones_own_gives_the_same_bits() -> None:
-    def pushed(own: bool) -> tuple[Any, Any]:
-        model, data = crates(1e-3, -9.81)
-        bridge = hapscene.bridge.MuJoCo(model, data, {"default": soft()})
-        renderer = hapscene.Renderer(bridge.scene)
-        for k in range(300):
-            p_WT = (-0.0505 + 2e-5 * k, 0.0, 0.04)
-            if own:
-                renderer.step(p_WT, bridge.poses(renderer))
-                bridge.apply(renderer)
-                mujoco.mj_step(model, data)
-            else:
-                bridge.step(renderer, p_WT)
-        bridge.poses(renderer)
-        assert not data.xfrc_applied.any()
-        return data.qpos.copy(), renderer.impulse("crate").linear_N_s
-
-    for mine, its in zip(pushed(True), pushed(False), strict=True):
-        assert (mine == its).all() and mine.any()
-
-
-def test_what_is_applied_twice_acts_once() -> None:
-    model, data = crates(1e-3, 0.0)
-    bridge = hapscene.bridge.MuJoCo(model, data, {"default": soft()})
-    renderer = hapscene.Renderer(bridge.scene, ["wall"])
-    bridge.apply(renderer)  # nothing yet
-    for x in (-0.06, -0.045):
-        renderer.step((x, 0.0, data.xpos[1][2]), bridge.poses(renderer))
-        bridge.apply(renderer)
-        bridge.apply(renderer)
-    given = renderer.impulse("crate").linear_N_s / model.opt.timestep
-    np.testing.assert_allclose(data.xfrc_applied[1, :3], given)
-    bridge.poses(renderer)
-    assert given.any() and not data.xfrc_applied.any()
-
-
 @pytest.mark.parametrize(("step_s", "most_N"), [(1e-3, 0.01), (2e-3, 0.01), (1 / 60, 0.1)])
 def test_a_box_on_the_floor_is_pushed_smoothly(step_s: float, most_N: float) -> None:
     """0.2 kg at 650 N/m for 3 s: at 60 Hz, poses held between steps give steps of 0.2 N."""
@@ -308,7 +272,6 @@ FIELD = '<mujoco><asset><hfield name="a" nrow="{0}" ncol="{0}" size="1 1 1 1"/><
     [
         (FIELD.format(2**31 - 1), "MuJoCo (failed on it|says)"),  # which crashes MuJoCo 4.0
         ('<mujoco><size nuser_geom="2147483647"/><worldbody><geom size="1"/></worldbody></mujoco>', "MuJoCo says"),
-        ('<mujoco><include file="gone.xml"/></mujoco>', "MuJoCo says .*gone"),
         (None, "cannot be read: No such file"),
     ],
 )
@@ -365,7 +328,6 @@ def test_a_model_is_touched_from_the_command_line(
     ("xml", "says"),
     [
         ('<option timestep="0"/><worldbody><geom size=".1"/></worldbody>', "its timestep is 0 s; expected 1e-05 to 1"),
-        ('<option timestep="1e-9"/><worldbody><geom size=".1"/></worldbody>', "its timestep is 1e-09 s"),
         (
             '<asset><hfield name="h" nrow="2100" ncol="2000" size="1 1 1 .1"/></asset>'
             '<worldbody><geom type="hfield" hfield="h"/></worldbody>',

@@ -90,10 +90,10 @@ def test_bytes_are_where_the_document_has_them() -> None:
 
 
 def test_what_is_no_packet_is_refused() -> None:
-    """10⁵ packets with some bytes changed, some cut or lengthened: a checksum of 32 bits lets none through."""
+    """Packets with some bytes changed, some cut or lengthened: a checksum of 32 bits accepts none."""
     good = pack(Packet(FRAME, 1, 1, pack_frame(Frame((0.0, 0.0, 0.1), 0, ()))))
     rng = random.Random(3)
-    for k in range(100_000):
+    for k in range(2_000):
         data = bytearray(good)
         for _ in range(rng.randrange(1, 4)):
             data[rng.randrange(len(data))] ^= rng.randrange(1, 256)

@@ -139,22 +139,6 @@ def test_what_is_forged_replayed_or_broken_changes_nothing_and_is_counted(served
     assert client.state["tool"] == pytest.approx((0.0, 0.2, 0.0), abs=5e-3)
 
 
-def test_orders_are_answered_in_words(client: Client) -> None:
-    for order, says in (
-        ({"order": "fly"}, "no order 'fly'; there are: start"),
-        ({"order": "start"}, "lacks something"),
-        ({"order": "tune", "swatch": "oka", "numbers": {}}, "no swatch 'oka'"),
-        ({"order": "free", "body": "crate", "mass": -1, "inertia": [1, 1, 1]}, "must be above 0"),
-        ({"order": "start", "p": [1e9, 0, 0]}, "is it in mm"),
-        ({"order": "tune", "swatch": "wood", "numbers": [300]}, "has it wrong"),
-        ({"order": "tune", "swatch": "wood", "numbers": {"stiffness_N_m": 10**400}}, "has it wrong"),
-        ({"order": "free", "body": "crate", "mass": 10**400, "inertia": [1, 1, 1]}, "has it wrong"),
-    ):
-        with pytest.raises(ValueError, match=says):
-            client.order(**order)
-    assert client.order("tune", swatch="wood", numbers={"stiffness_N_m": 300.0}) == {"done": "tune"}
-
-
 def test_another_client_waits_until_the_first_is_gone(served: Here, client: Client) -> None:
     with pytest.raises(ConnectionError, match="another client is here"):
         Client(served, patience_s=0.3)

@@ -67,14 +67,6 @@ def test_a_face_met_at_a_grazing_angle_is_seen(world):
     assert cast(w, (0.0, 0.0, 1.5 * skin), (100 * skin, 0.0, 0.5 * skin)) == pytest.approx(0.5)
 
 
-def test_exact_at_ten_metres(world):
-    box = BOX.copy()
-    box.apply_translation((10, 10, 10))
-    w = world(box, at=(10, 10, 11))
-    stop = cast(w, (10.01, 10.02, 10.03), (10.01, 10.02, 9.99))
-    assert 0.03 - stop * 0.04 == pytest.approx(w.bodies[0].skin_m, rel=1e-6)
-
-
 def cubes(cells, width_m: float = 0.02) -> trimesh.Trimesh:
     """The skin of cubes in a grid: two faces for each side that has no neighbour."""
     corners, faces = [], []

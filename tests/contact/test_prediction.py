@@ -221,12 +221,3 @@ def test_a_body_jumps_with_the_whole_frame_that_says_so_and_not_before() -> None
     assert not line.teleported[0]  # a pose that is none: it is yet to jump
     line.say(3, (0.5, 0, 0))
     assert line.tick(3)[0, 3] == 0.5 and line.teleported[0] == 1
-
-
-def test_a_frame_that_leads_to_infinity_is_not_held_against_the_next() -> None:
-    line = Line()
-    for tick, v in ((0, 0.0), (16, 1e308), (40, 0.0)):
-        line.say(tick, (0.001 * tick, 0, 0), v=(v, v, v))
-        for k in range(tick, tick + 16):
-            line.tick(k)
-    assert line.tick(80)[0, 3] == pytest.approx(0.04)

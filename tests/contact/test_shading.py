@@ -144,15 +144,6 @@ def test_leak_of_a_closed_tour(near_m, far_m):
     assert made == pytest.approx(said, rel=1.05 * FACET_RAD**2 / 24.0)
 
 
-def test_no_leak_without_shading():
-    path = np.column_stack((np.linspace(0.0, 0.0049, 500), np.full(500, 0.003), np.full(500, ridge_radius_m() - 2e-3)))
-    built = ridge(Swatch("w", stiffness_N_m=1000.0), 3, FACET_M, FACET_RAD)
-    renderer = hapscene.Renderer(built, ["wall"])
-    renderer.reset(path[0] + (0.0, 0.0, 3e-3))
-    force = renderer.run(path).f_W_N
-    assert abs(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(path, axis=0))) < 1e-12
-
-
 def test_bad_crease():
     for crease in (-0.1, 4.0, math.nan):
         with pytest.raises(hapscene.HapsceneError, match="crease_rad"):

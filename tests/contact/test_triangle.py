@@ -4,13 +4,28 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.contact.triangle import barycentric, corners, lies_over, plane, to_body, to_body_before, to_world
+from hapscene.contact.triangle import (
+    barycentric,
+    corners,
+    is_narrow,
+    lies_over,
+    plane,
+    to_body,
+    to_body_before,
+    to_world,
+)
 
 
 def test_plane_points_out_counter_clockwise():
     normal, offset = plane((0.0, 0.0, 2.0), (1.0, 0.0, 2.0), (0.0, 1.0, 2.0))
     assert normal == (0.0, 0.0, 1.0)
     assert offset == 2.0
+
+
+def test_a_narrow_triangle_is_lower_than_the_least_height_over_its_longest_edge():
+    a, b, c = (0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (1.0, 0.5, 0.0)
+    assert not is_narrow(a, b, c, 0.49) and is_narrow(a, b, c, 0.51) and is_narrow(c, a, b, 0.51)
+    assert is_narrow(a, a, a, 0.0)
 
 
 def test_corners_are_the_meshs_own(world, triangle):

@@ -6,8 +6,7 @@ from numpy.polynomial.polynomial import polymul, polypow
 from scipy.signal import lfilter
 
 from hapscene.dsp.ar_filter import ar_from_reflection
-from hapscene.dsp.lattice import advance, advance_all, advance_warped, run_texture, solve_loop, voice_fields
-from hapscene.dsp.noise import normal, seeded_state
+from hapscene.dsp.lattice import advance, advance_all, advance_warped, solve_loop
 from hapscene.native import native
 
 
@@ -52,47 +51,6 @@ def test_many_samples_at_once_are_those_one_after_the_other_to_the_bit(order: in
     all_at_once(k, c, b, order, f)
     np.testing.assert_array_equal(f, made)
     np.testing.assert_array_equal(b, one_by_one)
-
-
-def voice(order: int) -> np.void:
-    fields = [*voice_fields(order), ("life", (1,)), ("norm", (2,))]
-    return np.zeros(1, [(name, float, shape) for name, shape in fields])[0]
-
-
-def run(k: np.ndarray, level: np.ndarray, block: int, count: int, last: float = 0.0, warp: float = 0.0) -> np.ndarray:
-    s, out = voice(k.shape[1]), np.zeros(count)
-    s["level_m_s2"], s["gain"] = last, 1.0
-    play_on(s, k, level, block, seeded_state(1, "texture"), out, warp)
-    return out
-
-
-def play_on(s, k, level, block, rng, out, warp=0.0) -> None:
-    s["order"], s["warp"] = k.shape[1], warp
-    run_texture(s, k, level, np.zeros(3), np.zeros(level.size), 1.0, block, 1, rng, out)
-
-
-def test_the_level_is_ramped_over_each_block_to_its_own() -> None:
-    k, level = np.array([[0.5, -0.3]]), np.array([2.0, 2.0, 0.0, 3.0])
-    ramp = np.interp(np.arange(1, 37), [0, 10, 20, 30, 40], [1.0, *level])  # the last block is cut off
-    np.testing.assert_allclose(run(k, level, 10, 36, 1.0), ramp * run(k, np.ones(4), 10, 36, 1.0), atol=1e-12)
-
-
-def test_each_block_has_its_own_model_and_the_memory_goes_on() -> None:
-    first, second = np.array([0.9, -0.5]), np.array([-0.7, 0.2])
-    made = run(np.stack([first, second]), np.ones(2), 50, 100, 1.0)
-    rng, b = seeded_state(1, "texture"), np.zeros(3)
-    step = [advance(*rows(first if t < 50 else second), b, 2, normal(rng)) for t in range(100)]
-    np.testing.assert_array_equal(made, step)
-
-
-@pytest.mark.parametrize("warp", [0.0, 0.6])
-def test_a_texture_that_is_cut_in_two_runs_is_the_same(warp: float) -> None:
-    k, level = np.array([[0.4, 0.8, -0.2]]), np.array([1.0, 2.0, 0.5, 1.5])
-    s, rng, parts = voice(3), seeded_state(1, "texture"), np.zeros((2, 20))
-    s["gain"] = 1.0
-    for i in (0, 1):
-        play_on(s, k, level[2 * i : 2 * i + 2], 10, rng, parts[i], warp)
-    np.testing.assert_array_equal(parts.ravel(), run(k, level, 10, 40, warp=warp))
 
 
 # Warped: an allpass for each delay.

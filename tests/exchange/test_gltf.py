@@ -1,6 +1,5 @@
 """glTF as other programs see it: trimesh reads it, the published schema holds it."""
 
-import io
 import json
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import pytest
 
 from hapscene.exchange import export_scene
 from hapscene.exchange.swatch_payload import pieces_of
-from hapscene.scene.mesh import Mesh, face_colours
+from hapscene.scene.mesh import face_colours
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
 
@@ -79,25 +78,6 @@ def test_every_swatch_has_one_material_and_the_plain_one_only_where_it_is_worn(s
     assert names == [scene.swatches[1].name]
 
 
-def test_why_bodies_are_split_by_swatch(tmp_path: Path) -> None:
-    """What trimesh does to attributes, from which the shape of these files follows."""
-    import trimesh
-
-    box = trimesh.creation.box()
-    box.face_attributes["swatch"] = np.arange(12, dtype=np.int16)
-    ply = trimesh.load(io.BytesIO(box.export(file_type="ply")), "ply")
-    assert "swatch" not in ply.face_attributes and "swatch" in ply.metadata["_ply_raw"]["face"]["data"].dtype.names
-    for kind, width in ((np.uint8, 4), (np.int16, 2)):
-        box.vertex_attributes["number"] = np.arange(8, dtype=kind)
-        back = next(iter(trimesh.load_scene(io.BytesIO(box.export(file_type="glb")), "glb").geometry.values()))
-        assert "swatch" not in back.face_attributes
-        assert back.vertex_attributes["_number"].shape == (8, width)
-    for odd in (np.int32, np.int64, np.bool_):
-        box.vertex_attributes["number"] = np.zeros(8, odd)
-        with pytest.raises(KeyError, match=np.dtype(odd).str[1:]):
-            box.export(file_type="glb")
-
-
 def test_plain_faces_keep_the_colours_of_the_meshs_file(scene: Scene, tmp_path: Path) -> None:
     import trimesh
 
@@ -105,11 +85,3 @@ def test_plain_faces_keep_the_colours_of_the_meshs_file(scene: Scene, tmp_path: 
     loaded = trimesh.load_scene(export_scene(scene, tmp_path / "desk.glb")[0], process=False)
     shape = loaded.geometry[loaded.graph[f"{body.name}/plain"][1]]
     assert face_colours(shape).tolist() == body.mesh.colour_rgb[body.face_swatch == 0].tolist()
-
-
-def test_a_material_for_each_swatch_that_is_worn_or_named_and_no_other(tmp_path: Path) -> None:
-    scene = Scene()
-    scene.add(Mesh(np.eye(3), np.array([[0, 1, 2]])), swatch="wood", two_sided=True)
-    scene.swatch_index("paper")
-    tree = tree_of(export_scene(scene, tmp_path / "desk.glb")[0])
-    assert [(m["name"], m["doubleSided"]) for m in tree["materials"]] == [("wood", True), ("paper", False)]

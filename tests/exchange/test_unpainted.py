@@ -22,17 +22,6 @@ def test_others_read_the_materials_of_obj(scene: Scene, tmp_path: Path) -> None:
         np.testing.assert_allclose(colour, swatch.albedo_rgb, atol=1 / 255)
 
 
-def test_others_read_stl(scene: Scene, tmp_path: Path) -> None:
-    import trimesh
-
-    (file,) = export_scene(scene, tmp_path / "desk.stl")
-    loaded = trimesh.load(file, process=False)
-    body = scene.bodies[0]
-    p_W = body.mesh.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
-    assert np.array_equal(loaded.triangles[: len(body.mesh.faces)], p_W[body.mesh.faces].astype(np.float32))
-    np.testing.assert_allclose(loaded.face_normals[0], body.mesh.normals[0] @ body.X_WB[:3, :3].T, atol=1e-5)
-
-
 def test_names_of_swatches_in_any_mesh_paint_it(tmp_path: Path) -> None:
     """As made in another program: the material's name wins over the object's, unknown ones stay plain."""
     (tmp_path / "part.obj").write_text(

@@ -5,7 +5,7 @@ import pytest
 
 from hapscene.device.hand import GRIPS, Grip
 from hapscene.motion.gestures import FREE_S, GESTURES, PRESS_N, RAMP_S, REACH, STROKE_N, TOOL_KG, act, calm_time_s
-from hapscene.motion.hand_path import HESITATION_S, HOVER_M, explore
+from hapscene.motion.hand_path import HESITATION_S, HOVER_M
 from hapscene.scene.scene import Scene
 from hapscene.stability.rig import sheet
 from hapscene.surface.swatch import Swatch
@@ -74,14 +74,6 @@ def test_a_circle_has_its_radius_and_three_turns(scene: Scene) -> None:
     assert np.ptp(np.unwrap(np.arctan2(y, x))) == pytest.approx(6.0 * np.pi, rel=1e-2)
 
 
-def test_scrubbing_goes_to_and_fro_between_two_places(scene: Scene) -> None:
-    intent = done(scene, "scrub")
-    ((start, end),) = dips(intent)
-    x = intent.target_W_m[start:end, 0]
-    assert (x.min(), x.max()) == pytest.approx((-0.2 * SPAN_M, 0.2 * SPAN_M), rel=1e-3)
-    assert np.count_nonzero(np.diff(np.sign(np.diff(x)[np.diff(x) != 0.0]))) == 7
-
-
 def test_a_hesitating_hand_stops_in_the_middle(scene: Scene) -> None:
     intent = done(scene, "hesitate")
     ((start, end),) = dips(intent)
@@ -116,13 +108,6 @@ def test_a_firm_grip_is_taken_in_the_middle_of_a_stroke_and_the_force_stays(scen
     assert np.all(intent.grip[changing[-1] + 2 :] == GRIPS["firm"].row())
     sliding = slice(start + 300, end - 300)  # the height is smooth, and so lags the grip a little
     assert (k * -z)[sliding] == pytest.approx(STROKE_N, rel=0.06)
-
-
-def test_exploring_is_the_hand_of_the_paths(scene: Scene) -> None:
-    intent = done(scene, "explore", "medium")
-    held = GRIPS["medium"]
-    path = explore(scene, TICK_S, STROKE_N / held.k_N_m, calm_s=calm_time_s(held))
-    assert np.array_equal(intent.target_W_m, path)
 
 
 def test_the_looser_the_grip_the_longer_its_movements_through_the_air() -> None:

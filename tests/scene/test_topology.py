@@ -29,13 +29,6 @@ def test_first_of_survives_rows_that_mix_to_one_number(monkeypatch):
     assert first_of(rows).tolist() == [0, 1, 0, 1]
 
 
-def test_points_of_a_grid_mix_to_numbers_that_are_far_apart():
-    """Or finding each among those noted takes longer and longer."""
-    grid = np.stack(np.meshgrid(*[np.arange(32.0)] * 3), axis=-1).reshape(-1, 3)
-    low = topology._mix(grid.view(np.uint64)) % np.uint64(2**16)
-    assert len(np.unique(low)) > 0.75 * len(grid)  # (1 - e^-1/2) / (1/2) = 0.79 by chance
-
-
 @pytest.mark.parametrize("make", [lambda m: (np.array(m.vertices), np.array(m.faces)), soup])
 def test_a_ball_has_the_edges_of_euler(make):
     vertices, faces = make(BALL)
@@ -55,22 +48,6 @@ def test_collapsed_faces_have_no_edges():
     ends = {tuple(end) for end in edges.ends(np.arange(3)).tolist()}
     assert ends == {(0, 1), (1, 2), (2, 0)}
     assert not len(edges_of(faces, np.arange(3), np.array([False, True, True])).count)
-
-
-def test_half_edges_are_in_the_order_of_a_stable_sort():
-    rng = np.random.default_rng(2)
-    for count in (1, 9, 40, 400):
-        faces = rng.integers(0, 12, (count, 3))
-        edges = edges_of(faces, np.arange(12))
-        whole = np.array([len(set(face)) == 3 for face in faces.tolist()])
-        half = np.flatnonzero(np.repeat(whole, 3))
-        a, b = faces.ravel()[half], np.roll(faces, -1, axis=1).ravel()[half]
-        order = np.lexsort([np.maximum(a, b), np.minimum(a, b)])
-        np.testing.assert_array_equal(edges.order, half[order])
-        np.testing.assert_array_equal(edges.forward, (a < b)[order])
-        _, start, times = np.unique(12 * np.minimum(a, b) + np.maximum(a, b), return_index=True, return_counts=True)
-        np.testing.assert_array_equal(edges.count, times)
-        np.testing.assert_array_equal(half[start], edges.order[edges.start])
 
 
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.45])

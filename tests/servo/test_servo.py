@@ -11,10 +11,10 @@ from hapscene.device.omni import stand
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError, PathError, SceneError
 from hapscene.flags import Flag
+from hapscene.loop.timing import LATE_MAX
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.servo import Servo
-from hapscene.servo.servo_loop import LATE_MAX
 from tests.virtual_servo import VirtualServo
 
 MASS = PointMass(0.045, 0.1, 0.26, 5.5e-5)
@@ -294,17 +294,17 @@ def test_a_start_out_of_reach_leaves_it_running_where_it_is() -> None:
 def test_lateness_is_counted(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.01))
     servo.advance(100)
-    late = servo.lateness()
+    late = servo.timing()
     assert 0.0 < late.busy_us() <= late.busy_us(0.99)
-    assert 0.0 < late.late_us() <= late.late_us(0.99)
+    assert 0.0 < late.delay_us() <= late.delay_us(0.99)
     servo.clock.sleep_s(0.005)  # somebody else had the processor: the tick that was due, and four more
     servo.advance(100)
-    since = servo.lateness().since(late)
-    assert since.late.sum() == since.busy.sum() == 100 and since.missed == 0
-    assert since.late_us(1.0) == pytest.approx(4000.0, rel=0.1) and since.late_us(0.94) < 2.0
+    since = servo.timing().since(late)
+    assert since.delay.sum() == since.busy.sum() == 100 and since.missed == 0
+    assert since.delay_us(1.0) == pytest.approx(4000.0, rel=0.1) and since.delay_us(0.94) < 2.0
     servo.clock.sleep_s(1e-3 * (LATE_MAX + 10))
     servo.advance(1)
-    assert servo.lateness().since(late).missed > LATE_MAX
+    assert servo.timing().since(late).missed > LATE_MAX
 
 
 def test_the_state_ages_as_the_clock_goes_at_rest_too(servo: VirtualServo) -> None:
@@ -328,7 +328,7 @@ ASKED: dict[str, Callable[[Servo], object]] = {
     "state": lambda servo: servo.state(),
     "read": lambda servo: servo.read(),
     "aim": lambda servo: servo.aim((0.0, 0.0, 0.0)),
-    "lateness": lambda servo: servo.lateness(),
+    "lateness": lambda servo: servo.timing(),
     "tune": lambda servo: servo.tune("wood", stiffness_N_m=100.0),
     "rest": lambda servo: servo.rest(),
 }

@@ -42,16 +42,16 @@ class SimulatedPerson:
     def answer(self, trial: Trial) -> int:
         """The index of a choice."""
         truth, rng = self.truth, self._rng
-        names = [str(interval.stimulus["name"]) for interval in trial.intervals]
-        if trial.kind == "rating":
+        names = [interval.stimulus.name for interval in trial.intervals]
+        if trial.block.kind == "rating":
             least, most = int(trial.choices[0]), int(trial.choices[-1])
             felt = truth.realism[names[0]] + truth.rating_noise * rng.standard_normal()
             return round(min(max(felt, least), most)) - least
         if rng.random() < 2.0 * truth.lapse:
             return int(rng.integers(2))
         inside = rng.standard_normal(2)
-        if trial.kind == "staircase":
-            wrong = 0.5 * np.exp(-((trial.level / truth.threshold[trial.block]) ** truth.slope))
+        if trial.block.kind == "staircase":
+            wrong = 0.5 * np.exp(-((trial.level / truth.threshold[trial.block.name]) ** truth.slope))
             inside[trial.correct] -= np.sqrt(2.0) * special.ndtri(max(wrong, 1e-12))
         else:
             inside += [truth.strength[name] for name in names]

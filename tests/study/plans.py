@@ -19,7 +19,6 @@ swatch = "wood"
 life = false
 [stimuli.rough]
 swatch = "paper"
-order = 40
 [[blocks]]
 name = "real"
 kind = "rating"

@@ -44,13 +44,6 @@ def test_intervals_hold_what_was_planted() -> None:
     assert 0.91 <= held(1.5, 0.4, 12, 20, 200, 1) <= 0.995  # 200 studies: ± 3 % by chance
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize("mean", [0.0, 1.0, 2.0])
-@pytest.mark.parametrize(("people", "answers"), [(6, 30), (12, 20), (20, 40)])
-def test_intervals_hold_what_was_planted_in_1000_studies(people: int, answers: int, mean: float) -> None:
-    assert 0.92 <= held(mean, 0.4, people, answers, 1000, 2) <= 0.985
-
-
 def test_observers_of_a_study_show_the_d_prime_they_have() -> None:
     right, count = observers(d=1.5, people=30, repeats=40)
     estimate = d_prime_of_people(right, count)

@@ -1,6 +1,5 @@
 """What an output is given for an interval."""
 
-import json
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -11,18 +10,15 @@ import pytest
 from hapscene.errors import HapsceneError, StudyError
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play
-from hapscene.study.plan import parse_plan
-from hapscene.study.playing import DEAF_S, _Samples, handle, headphones
-from hapscene.study.stimulus import FULL_SCALE, StimulusMaker
+from hapscene.study.plan import Stimulus
+from hapscene.study.playing import FULL_SCALE, TIMEOUT_S, _Samples, handle, headphones
+from hapscene.study.stimulus import StimulusMaker
 from hapscene.study.trial_order import Interval
 from tests.virtual_clock import BEGIN_NS, VirtualClock
 
 
-def stimulus(**told: Any) -> Any:
-    """As a plan gives it, with what is not told by default."""
-    lines = "\n".join(f"{name} = {json.dumps(value)}" for name, value in told.items())
-    text = f'title = "t"\npeople = 1\n[stimuli.a]\n{lines}\n[[blocks]]\nname = "b"\nkind = "rating"\nstimuli = ["a"]'
-    return parse_plan(text).stimuli["a"]
+def stimulus(**keys: Any) -> Stimulus:
+    return Stimulus(name="a", **keys)
 
 
 class FakeOutput(VirtualClock):
@@ -118,7 +114,7 @@ def test_an_output_that_takes_no_samples_any_more_is_not_waited_for(maker: Stimu
     output.close()
     with pytest.raises(StudyError, match="fake: takes no samples any more"):
         player.ready(Interval(stimulus(swatch="wood", seconds=0.1), 1))()
-    assert output.now_s() == pytest.approx(1e-9 * BEGIN_NS + 0.1 + DEAF_S, abs=0.02)
+    assert output.now_s() == pytest.approx(1e-9 * BEGIN_NS + 0.1 + TIMEOUT_S, abs=0.02)
 
 
 def test_a_sound_that_is_closed_breaks_off(maker: StimulusMaker) -> None:

@@ -1,9 +1,9 @@
 """A sitting keeps every answer, and goes on where it was: killed at any time, in the same order."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from hapscene.errors import StudyError
 from hapscene.study.plan import Plan, parse_plan
@@ -44,7 +44,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, str]]:
 
 
 def test_every_answer_is_a_row(whole: list[dict[str, str]]) -> None:
-    assert [int(row["trial"]) for row in whole] == list(range(sum(block.most for block in PLAN.blocks)))
+    assert [int(row["trial"]) for row in whole] == list(range(PLAN.trial_count))
     assert {row["plan_sha256"] for row in whole} == {PLAN.sha256}
     for row in whole:
         rated, right = row["kind"] == "rating", row["correct_answer"]
@@ -59,7 +59,7 @@ def test_every_answer_is_a_row(whole: list[dict[str, str]]) -> None:
 def test_stopped_after_each_answer_it_is_the_same(whole: list[dict[str, str]], tmp_path: Path) -> None:
     for done in range(len(whole)):
         with Sitting(PLAN, tmp_path, "P01") as sitting:
-            assert (sitting.done, sitting.total, sitting.cut_B) == (done, len(whole), 0)
+            assert (sitting.done, sitting.total) == (done, len(whole))
             sitting.answer(choice(sitting.trial), latency_s=0.5)
     with Sitting(PLAN, tmp_path, "P01") as sitting:
         assert sitting.trial is None
@@ -85,7 +85,7 @@ def test_what_does_not_fit_is_refused_and_nothing_is_changed(tmp_path: Path) -> 
     with pytest.raises(StudyError, match="channel is 'headphones', by the plan it is 'handle'"):
         Sitting(replace(PLAN, channel="handle"), tmp_path, "P01")
     for person in ("", "1", "NA", "P 01", "é", "T"):
-        with pytest.raises(StudyError, match="person: a name must begin with a letter"):
+        with pytest.raises(StudyError, match="person: "):
             Sitting(PLAN, tmp_path, person)
     path = tmp_path / "results.csv"
     good = path.read_bytes().decode()
@@ -93,7 +93,7 @@ def test_what_does_not_fit_is_refused_and_nothing_is_changed(tmp_path: Path) -> 
     for column, value, said in (
         ("trial", "7", "trial is '7', by the plan it is"),
         ("block", "other", "block is 'other'"),
-        ("answer", "9", "no choice has the index 9"),
+        ("answer", "9", "answer: 9 is out of range"),
         ("answer", "x", "answer must be a whole number"),
     ):
         fields = lines[3].split(",")
@@ -107,7 +107,7 @@ def test_what_does_not_fit_is_refused_and_nothing_is_changed(tmp_path: Path) -> 
         with pytest.raises(StudyError, match="choice must be from 0 to"):
             sitting.answer(99, latency_s=0.5)
         for latency_s in (-1.0, float("nan"), float("inf")):
-            with pytest.raises(StudyError, match="latency_s must be a time in seconds"):
+            with pytest.raises(StudyError, match="latency_s"):
                 sitting.answer(0, latency_s=latency_s)
         assert sitting.done == 20
         with pytest.raises(StudyError, match="another session"):
@@ -141,12 +141,6 @@ def test_a_recording_or_swatch_that_has_changed_is_refused(tmp_path: Path) -> No
     mine.write_bytes(shipped)
     sit(plan, folder, "P01")
     assert answers(folder)[:4] == rows and len(answers(folder)) == 6
-    # a file of an earlier version does not say what was played, and is gone on with as it is
-    path = folder / "results.csv"
-    lines = [line.split(",") for line in path.read_text().splitlines()]
-    path.write_text("".join(",".join([*line[:-2], line[-1]]) + "\n" for line in lines))
-    sit(plan, folder, "P02", 2)
-    assert len(answers(folder)) == 8 and answers(folder)[-1]["stimuli_sha256"] == "NA"
 
 
 def test_a_folder_holds_one_plan(tmp_path: Path) -> None:

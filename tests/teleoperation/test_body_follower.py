@@ -10,7 +10,6 @@ from hapscene.device.hand import Grip
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.surface.swatch import Swatch
-from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operated, Operation
 from hapscene.teleoperation.test_plate import plate
@@ -51,7 +50,10 @@ class Wall:
 def operated(scene: Any, intent: Intent, line: Impairment | None = None) -> Operated:
     body = "tip" if isinstance(scene, Wall) else None
     bare: dict[str, Any] = {"device": PointMass(MASS_KG, DAMPING_NS_M), "compensator": "none", "effects": ("wall",)}
-    return Operation(scene, START_M, coupling=Coupling(allowance_J=1.0), line=line, body=body, **bare).run(intent)
+    operation = Operation(scene, START_M, line=line, body=body, **bare)
+    for side in (operation.leader, operation.follower):
+        side.end.port.allowance_J = 1.0
+    return operation.run(intent)
 
 
 @pytest.mark.nightly

@@ -69,14 +69,14 @@ def test_one_flipped_bit_is_found(bit: int) -> None:
 
 def test_another_session_role_or_version_is_foreign() -> None:
     gate = Gate(1)
-    assert fate(gate, pack(message(1), 1, 99)) == "let in"
+    assert fate(gate, pack(message(1), 1, 99)) == "accepted"
     assert fate(gate, pack(message(2), 1, 98)) == "foreign"
     assert fate(gate, pack(message(2), 0, 99)) == "foreign"
     assert fate(gate, pack(message(2), 1, 99, scheme=0)) == "foreign" and not gate.mismatched
     body = bytearray(pack(message(2), 1, 99)[:-4])
     body[4] += 1
     assert fate(gate, checked(bytes(body))) == "foreign"
-    assert fate(gate, pack(message(2), 1, 99)) == "let in"
+    assert fate(gate, pack(message(2), 1, 99)) == "accepted"
 
 
 def test_a_peer_tied_by_another_scheme_is_known() -> None:
@@ -88,25 +88,21 @@ def test_a_peer_tied_by_another_scheme_is_known() -> None:
 def test_twice_is_once_and_long_ago_is_too_late() -> None:
     gate = Gate(1)
     for tick in (5, 4, 6 + SEEN):
-        assert fate(gate, pack(message(tick), 1, 9)) == "let in"
+        assert fate(gate, pack(message(tick), 1, 9)) == "accepted"
     assert fate(gate, pack(message(6 + SEEN), 1, 9)) == "duplicate"
     assert fate(gate, pack(message(6), 1, 9)) == "late"
-    assert fate(gate, pack(message(7), 1, 9)) == "let in"
+    assert fate(gate, pack(message(7), 1, 9)) == "accepted"
     assert fate(gate, pack(message(7 + SEEN + AHEAD_MAX), 1, 9)) == "foreign"
 
 
-@pytest.mark.parametrize("field", ["p_WT_m", "v_WT_m_s", "wave_sqrtJs", "wave_J", "a_m_s2"])
-@pytest.mark.parametrize("value", [math.nan, math.inf, 1e30])
-def test_numbers_that_no_tool_has_are_malformed(field: str, value: float) -> None:
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("p_WT_m", math.nan), ("v_WT_m_s", math.inf), ("wave_sqrtJs", 1e30), ("wave_J", -1e30), ("a_m_s2", 1e30)],
+)
+def test_numbers_out_of_range_are_malformed(field: str, value: float) -> None:
     told = message()
     told[field] = value
     assert fate(Gate(1), pack(told, 1, 9)) == "malformed"
-
-
-def test_negative_ticks_are_malformed() -> None:
-    body = bytearray(pack(message(), 1, 9)[:-4])
-    struct.pack_into("<q", body, 12, -1)
-    assert fate(Gate(1), checked(bytes(body))) == "malformed"
 
 
 def test_the_last_word_is_heard() -> None:

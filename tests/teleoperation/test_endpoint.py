@@ -13,13 +13,12 @@ from hapscene.errors import HapsceneError
 from hapscene.native import native
 from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE
-from hapscene.teleoperation.endpoint import Coupling, Endpoint, control, hear, new_endpoint, place, tell
+from hapscene.teleoperation.endpoint import ALLOWANCE_J, Coupling, Endpoint, control, hear, new_endpoint, place, tell
 from hapscene.teleoperation.link import Impairment, collect, new_link, post
 
 Array = NDArray[np.float64]
 
 TICK_S = 1e-3
-QUIET = Coupling(allowance_J=1.0, reserve_J=10.0)  # energy enough: the scheme without its net
 
 
 @native
@@ -46,12 +45,14 @@ def drive(
 
 
 def run(
-    x_m: Array, coupling: Coupling, line: Impairment, seed: int = 0
+    x_m: Array, coupling: Coupling, line: Impairment, seed: int = 0, unlimited: bool = False
 ) -> tuple[tuple[Endpoint, Endpoint], Array, Array]:
-    """The ends afterwards, their forces (n, 2), told and spent energy (n, 4)."""
+    """The ends afterwards, their forces (n, 2), told and spent energy (n, 4); `unlimited`: energy enough."""
     ends = new_endpoint(coupling, "leader", TICK_S), new_endpoint(coupling, "follower", TICK_S)
     for i, end in enumerate(ends):
         place(end, x_m[0, i], 0.0, 0.0)
+        if unlimited:
+            end.port.allowance_J, end.port.reserve_J = 1.0, 10.0
     links = new_link(line, TICK_S, seed, "forth"), new_link(line, TICK_S, seed, "back")
     f_N, energy_J = np.zeros((len(x_m), 2)), np.zeros((len(x_m), 4))
     drive(ends, links, records(1, MESSAGE), x_m, f_N, energy_J)
@@ -97,16 +98,16 @@ def test_an_end_tells_of_no_energy_that_was_not_there(line: Impairment, seed: in
     x_m = wander(seed)
     _, f_N, energy_J = run(x_m, Coupling(), line, seed)
     work_J = np.cumsum(np.vstack((np.zeros(2), f_N[:-1] * np.diff(x_m, axis=0))), axis=0)
-    assert (energy_J[:, :2] <= energy_J[:, 2:] - work_J + Coupling().allowance_J + 1e-12).all()
+    assert (energy_J[:, :2] <= energy_J[:, 2:] - work_J + ALLOWANCE_J + 1e-12).all()
 
 
 @pytest.mark.parametrize("delay_ms", [1, 7, 60])
 def test_over_a_line_that_only_delays_waves_come_out_as_they_went_in(delay_ms: int) -> None:
     x_m = wander(1)
-    (leader, follower), f_N, _ = run(x_m, QUIET, Impairment(delay_ms * TICK_S))
+    (leader, follower), f_N, _ = run(x_m, Coupling(), Impairment(delay_ms * TICK_S), unlimited=True)
     assert leader.port[0].short == follower.port[0].short == 0
     # the leader's law, from what the follower sent `delay` ago: F = b v − √(2b) v̂, f = −F
-    b, smoothing = QUIET.impedance_Ns_m, leader.port[0].smoothing
+    b, smoothing = Coupling().impedance_Ns_m, leader.port[0].smoothing
     smooth = np.zeros(len(x_m))
     for k in range(1, len(x_m)):
         smooth[k] = smooth[k - 1] + smoothing * (x_m[k, 0] - x_m[0, 0] - smooth[k - 1])
@@ -125,7 +126,7 @@ def simulate_follower(
     delay: int,
 ) -> Array:
     """What the follower sends: v = û − √(2/b) F, with û = √(2b) v − v̂ of the leader `delay` ago, v̂ from its force."""
-    b = QUIET.impedance_Ns_m
+    b = Coupling().impedance_Ns_m
     root = math.sqrt(2 * b)
     back = (f_l + b * v_leader) / root
     out = root * v_leader - back
@@ -178,7 +179,7 @@ def test_forces_stay_within_the_motors_limit(limit_N: float, seed: int) -> None:
     [
         ({"scheme": "naive"}, "no scheme 'naive'"),
         ({"stiffness_N_m": 0.0}, "above 0"),
-        ({"reserve_J": -1.0}, "at least 0"),
+        ({"damping_Ns_m": -1.0}, "at least 0"),
     ],
 )
 def test_a_coupling_that_cannot_be_is_refused(wrong: dict[str, Any], says: str) -> None:

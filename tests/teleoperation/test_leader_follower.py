@@ -14,7 +14,7 @@ from hapscene.handle.plant import Plant
 from hapscene.records import records
 from hapscene.renderer import Renderer
 from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate, receive, step_follower, step_leader
-from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
+from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.leader_follower import (
     COUPLING_HZ,
@@ -110,8 +110,9 @@ def test_apart_both_ends_do_what_they_do_in_one_loop() -> None:
     intent = Intent.hold((0.002, 0.0, -0.02), count, "medium", push_W_N=(0.0, 0.0, -0.5))
     hand = (intent.target_W_m, intent.grip, intent.push_W_N)
     leader, follower, forth, back, _renderer = make_ends()
-    happened, samples = records(count, HAPPENED), [np.zeros((count, SAMPLE_COUNT)) for _ in range(3)]
-    operate(leader, follower, Line(forth, back, records(1, MESSAGE)), first, hand, happened, *samples)
+    happened = records(count, HAPPENED)
+    operate(leader, follower, Line(forth, back, records(1, MESSAGE)), first, hand, happened)
+    samples = happened.a_follower_m_s2, happened.a_tip_m_s2, happened.a_handle_m_s2
     assert happened.touching.any() and np.abs(happened.f_leader_W_N).max() > 0.01
     assert all(part.any() for part in samples) and forth.line[0].lost > 0 and back.line[0].lost > 0
 

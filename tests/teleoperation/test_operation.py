@@ -9,7 +9,7 @@ from hapscene.device.hand import Grip
 from hapscene.device.omni import Omni
 from hapscene.device.point import PointMass
 from hapscene.surface.swatch import Swatch
-from hapscene.teleoperation.endpoint import Coupling
+from hapscene.teleoperation.endpoint import ALLOWANCE_J, Coupling
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operation
 from hapscene.teleoperation.test_plate import START_M, explore, plate
@@ -69,13 +69,13 @@ def test_between_passive_ends_the_motors_give_out_no_energy(
         scene, start, coupling=Coupling(), line=line, device=device, compensator="none", effects=("wall",), seed=1
     )
     operated = operation.run(Intent.hold((0.0, 0.0, z_m), 1500, grip, push_W_N=(0.0, 0.0, -1.0)))
-    assert operated.energy_out_J <= 2.0 * Coupling().allowance_J
+    assert operated.energy_out_J <= 2.0 * ALLOWANCE_J
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.005, 0.02])
 def test_the_stiffness_felt_is_that_of_springs_in_a_row(delay_s: float) -> None:
     """1/K = 1/K_wall + 1/K_c + d/b, where energy is not short."""
-    felt_N_m, line_s = measure_stiffness(Coupling(allowance_J=1.0), delay_s)
+    felt_N_m, line_s = measure_stiffness(Coupling(), delay_s)
     assert felt_N_m == pytest.approx(predict_stiffness(line_s), rel=1e-3)
 
 

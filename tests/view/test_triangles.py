@@ -88,18 +88,6 @@ def test_triangles_are_chosen_and_joined_whole() -> None:
     assert joined([]) is NOTHING
 
 
-def test_a_tube_s_normals_are_square_to_its_line_and_it_does_not_twist() -> None:
-    """A quarter of a circle in the plane, long enough for a ring each half degree: no side leaves its own plane."""
-    angle = np.linspace(0.0, np.pi / 2, 400)
-    line_m = np.column_stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)))
-    solid = tube(line_m, 0.004, "#000000")
-    place = solid.corner_m - 0.004 * solid.normal  # back on the line
-    assert np.linalg.norm(place, axis=1) == pytest.approx(1.0, abs=1e-4) and np.abs(place[:, 2]).max() < 1e-9
-    tangent = np.column_stack((-place[:, 1], place[:, 0]))
-    assert np.abs(np.einsum("kx,kx->k", tangent, solid.normal[:, :2])).max() < 0.01
-    assert len(np.unique(solid.normal[:, 2].round(3))) <= 8  # as many heights as the tube has sides
-
-
 def test_frames_are_the_same_where_the_same_parts_stand_at_the_same_places() -> None:
     one, other = np.eye(4), 2.0 * np.eye(4)
     assert same([], []) and same([(0, one), (1, other)], [(0, one.copy()), (1, other)])

@@ -1,8 +1,6 @@
 """A port drained by a thread, over a pseudo-terminal."""
 
-import argparse
 import os
-import threading
 from collections.abc import Iterator
 
 import pytest
@@ -57,21 +55,6 @@ def test_silence_is_nothing_and_a_port_that_is_gone_is_a_reason(wire: tuple[int,
     assert said == "input/output error" or "disconnected" in said
 
 
-def test_closing_ends_the_thread() -> None:
-    import tty
-
-    ours, theirs = os.openpty()
-    tty.setraw(theirs)
-    before = set(threading.enumerate())
-    port = Port(os.ttyname(theirs), BAUD)
-    (thread,) = set(threading.enumerate()) - before
-    assert thread.daemon
-    port.close()
-    assert not thread.is_alive()
-    os.close(ours)
-    os.close(theirs)
-
-
 def test_a_port_belongs_to_one(wire: tuple[int, Port]) -> None:
     with pytest.raises(CaptureError, match="the port cannot be opened"):
         Port(wire[1]._serial.port, BAUD)
@@ -92,9 +75,3 @@ def test_a_simulated_board_has_a_port_that_does_not_block(capsys: pytest.Capture
     finally:
         port.close()
         os.close(ours)
-
-
-def test_without_pseudo_terminals_a_simulator_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(os, "openpty")
-    with pytest.raises(SystemExit):
-        simulated_port(argparse.ArgumentParser())

@@ -3,7 +3,6 @@
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -65,17 +64,12 @@ def test_header_comes_back() -> None:
     assert read_header(header_line(header).strip()) == header
 
 
-def test_clean() -> None:
-    decoder, came = decode(lines(range(100)))
-    assert came == {n: list(row(n)) for n in range(100)}
-    assert decoder.count.received == 100 and decoder.count.dropped == 0
-
-
-@pytest.mark.parametrize("size", [1, 3, 17, 64, 5000])
+@pytest.mark.parametrize("size", [1, 17, 5000])
 def test_pieces_of_any_size(size: int) -> None:
     text = b"".join(lines(range(300)))
-    _, came = decode([text[i : i + size] for i in range(0, len(text), size)])
+    decoder, came = decode([text[i : i + size] for i in range(0, len(text), size)])
     assert came == {n: list(row(n)) for n in range(300)}
+    assert decoder.count.received == 300 and decoder.count.dropped == 0
 
 
 def test_dropped_samples_leave_a_gap_at_their_place() -> None:
@@ -136,8 +130,6 @@ def test_what_comes_before_the_header_is_ignored() -> None:
     [
         (b"#hapscene-probe 2 speed=fast", "speaks version 2 .* read here is 1"),
         (b"#hapscene-probe 1 columns=a:g:1", "rate=HZ"),
-        (b"#hapscene-probe 1 rate=nan columns=a:g:1", "rate=HZ"),
-        (b"#hapscene-probe 1 rate=1000", "NAME:UNIT:SCALE"),
         (b"#hapscene-probe 1 rate=1000 columns=a:g", "NAME:UNIT:SCALE"),
         (b"#hapscene-probe 1 rate=1000 columns=a:g:0", "NAME:UNIT:SCALE"),
         (b"#hapscene-probe 1 rate=1000 columns=a:g:1,a:g:1", "each once"),
@@ -174,15 +166,3 @@ def test_noise_is_survived(noise: bytes, size: int) -> None:
         decoder.feed(noise[i : i + size], 0.0)
     runs = decoder.feed(b"\n" + b"".join(lines(range(1, 50))), 0.05)
     assert [r.first for r in runs] == [1] and runs[0].counts.tolist() == [list(row(n)) for n in range(1, 50)]
-
-
-def test_lines_are_torn_at_random_and_nothing_wrong_is_taken() -> None:
-    """A line that loses 20 % of its bytes must pass a 16-bit checksum to do harm: none of 3000 does."""
-    rng = np.random.default_rng(3)
-    sent = []
-    for n, line in enumerate(lines(range(3000))):
-        torn = n > 0 and rng.random() < 0.5
-        sent.append(bytes(b for b in line if not torn or rng.random() > 0.2))
-    decoder, came = decode(sent)
-    assert all(came[n] == list(row(n)) for n in came)
-    assert 1000 < len(came) < 2000 and decoder.count.dropped + decoder.count.received == decoder.position

@@ -28,7 +28,7 @@ from typing import Any, Final, Self
 from hapscene.errors import ViewError
 from hapscene.paint.web.counted_log import CountedLog
 from hapscene.paint.web.viser_inside import CheckedConnection, harden
-from hapscene.web_listener import refusal_reason
+from hapscene.web.listener import refusal_reason
 
 PORT_MAX: Final = 65535
 

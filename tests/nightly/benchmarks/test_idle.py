@@ -8,18 +8,18 @@ from tests.until import until
 
 def test_it_waits_and_does_nothing_else_until_it_rests() -> None:
     with IdleLoop() as idle:
-        assert idle.lateness().late.sum() == 0
+        assert idle.timing().delay.sum() == 0
         idle.start()
         began_s = time.monotonic()
-        until(lambda: idle.lateness().late.sum() >= 200)
+        until(lambda: idle.timing().delay.sum() >= 200)
         assert time.monotonic() - began_s > 0.19  # 200 periods of 1 ms: a busy machine may make it late, never early
         idle.rest()
-        found = idle.lateness()
+        found = idle.timing()
         assert found.busy.sum() == 0
         idle.start()
-        until(lambda: idle.lateness().since(found).late.sum() >= 50)
+        until(lambda: idle.timing().since(found).delay.sum() >= 50)
         idle.rest()
-        again = idle.lateness()
+        again = idle.timing()
         idle.rest()
-        assert idle.lateness().late.sum() == again.late.sum()
+        assert idle.timing().delay.sum() == again.delay.sum()
     assert not idle._process.is_alive()

@@ -10,8 +10,8 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 pytest.importorskip("playwright", reason="playwright is not installed: pip install 'hapscene[dev]'")
 
 from hapscene.errors import ViewError
+from hapscene.loop.timing import BIN_COUNT, TimingStatistics, count_in_bin
 from hapscene.paint.web.page import Page
-from hapscene.servo.servo_loop import BIN_COUNT, Lateness, count_in_bin
 from hapscene_benchmarks import paint_browser, paint_page
 from hapscene_benchmarks.idle import IdleLoop
 from hapscene_benchmarks.paint_browser import ball_page, open_tab
@@ -59,8 +59,8 @@ def test_servo_and_empty_loop_tick_beside_each_other(page: Page, browser: Any) -
         stroke = measure_stroke(page, idle, tab, WINDOW_S)
         tab.close()
     for window in (rest, orbit, stroke):
-        assert window.servo.late.sum() + window.servo.missed > 100
-        assert window.idle.late.sum() + window.idle.missed > 100
+        assert window.servo.delay.sum() + window.servo.missed > 100
+        assert window.idle.delay.sum() + window.idle.missed > 100
         assert window.servo.busy.sum() > 0 and window.idle.busy.sum() == 0
     assert rest.frames_s == 0.0 and orbit.frames_s > 0.0
     assert before is None
@@ -85,11 +85,11 @@ def test_without_a_browser_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
         pass
 
 
-def counted(*span_us: float) -> Lateness:
+def counted(*span_us: float) -> TimingStatistics:
     late, busy = np.zeros(BIN_COUNT, np.int64), np.zeros(BIN_COUNT, np.int64)
     for span in span_us:
         count_in_bin(late, round(1e3 * span))
-    return Lateness(late, busy, 0)
+    return TimingStatistics(late, busy, 0)
 
 
 def test_lateness_is_told_as_medians_over_windows() -> None:

@@ -104,7 +104,7 @@ def break_many(touched: tuple[WebDoor, Servo], seed: int, count: int) -> None:
             assert np.abs(np.diff(rows["f_W_N"], axis=0)).max(initial=0.0) < 0.05  # [N] from tick to tick
             memory.append(resource_kB(servo))
     assert orders.counts["failed"] == 0 and servo.alive and count / 20 < done < count
-    late = servo.lateness()
+    late = servo.timing()
     print(
         f"{count:,} orders, {done:,} done; kB of server and servo: {memory[len(memory) // 2]} -> {memory[-1]}; {late}"
     )

@@ -1,4 +1,4 @@
-"""Every format that is read from strangers: a small good file, made by a writer, and its reader."""
+"""Every format that is read: a small valid file, made by a writer, and its reader."""
 
 import io
 import json
@@ -257,13 +257,10 @@ def npz() -> Files:
     return {"x.npz": out.getvalue()}
 
 
-def mat(compressed: bool) -> Callable[[], Files]:
-    def make() -> Files:
-        out = io.BytesIO()
-        savemat(out, {"rate_Hz": 1e3, **columns(120)}, do_compression=compressed)
-        return {"x.mat": b"MATLAB 5.0 MAT-file".ljust(116) + out.getvalue()[116:]}  # the date is taken out
-
-    return make
+def mat() -> Files:
+    out = io.BytesIO()
+    savemat(out, {"rate_Hz": 1e3, **columns(120)}, do_compression=False)
+    return {"x.mat": b"MATLAB 5.0 MAT-file".ljust(116) + out.getvalue()[116:]}  # without the date
 
 
 def parquet() -> Files:
@@ -441,8 +438,7 @@ FORMATS: Mapping[str, Format] = {
     "csv": Format(table, read_recording, left=lines(r"(?!time).*\d")),
     "wav": Format(wav, read_recording),
     "npz": Format(npz, read_recording),
-    "mat": Format(mat(False), read_recording, soak=300, quick=2),
-    "mat-packed": Format(mat(True), read_recording, soak=300, quick=2),
+    "mat": Format(mat, read_recording, soak=300, quick=2),
     "parquet": Format(parquet, read_recording, soak=300, quick=2),
     "hsrec": Format(record, read_recording),
     "path": Format(path_csv, lambda path: len(load_path(path, 0.001)[0]), left=lines(r"(?!t,).*\d")),

@@ -1,4 +1,4 @@
-"""Feeds mutants to a worker, judges what became of each, and makes what it found small."""
+"""Sends mutants to a worker process and judges each answer."""
 
 import json
 import os
@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,18 +18,15 @@ from formats import FORMATS, Format
 from mutate import mutant
 
 HANG_S = 10.0
-"""Longest time that a file may take, by the processor [s]."""
+"""Longest processor time that a file may take [s]."""
 
 CLOCK_S = 60.0
-"""Longest time by the clock [s]: others work on this machine too."""
-
-SHRINK_S = 5.0
-"""Longest time that a finding is made smaller [s]; a crash costs a new process each time."""
+"""Longest elapsed time [s], generous for a busy machine."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A file that did what none may do."""
+    """A file whose reading went wrong."""
 
     format: str
     kind: str
@@ -51,7 +47,7 @@ class Finding:
 
 
 class Worker:
-    """The process that reads, begun anew after it died. To be used with `with`."""
+    """The process that reads, started again after a crash. A context manager."""
 
     def __enter__(self) -> "Worker":
         self._place = tempfile.TemporaryDirectory()
@@ -71,13 +67,13 @@ class Worker:
             self._warm.clear()
 
     def read(self, name: str, content: bytes | None = None) -> dict[str, Any]:
-        """What became of a content of that format; of the good file where none is given."""
+        """The result of reading a content of that format; of the valid file where none is given."""
         files = good(name)
         if name not in self._warm:
             for file, held in files.items():
                 self._folder(name).mkdir(exist_ok=True)
                 (self._folder(name) / file).write_bytes(held)
-            self._ask(name, limited=False, most_s=300.0)  # imports, and what is compiled, are no file's doing
+            self._ask(name, limited=False, most_s=300.0)  # imports and compiling do not count
             self._warm.add(name)
         (self._folder(name) / next(iter(files))).write_bytes(next(iter(files.values())) if content is None else content)
         return self._ask(name, limited=True, most_s=CLOCK_S)
@@ -118,14 +114,14 @@ _GOOD: dict[str, dict[str, bytes]] = {}
 
 
 def good(name: str) -> dict[str, bytes]:
-    """The good file of a format, and those beside it."""
+    """The valid file of a format, and those beside it."""
     if name not in _GOOD:
         _GOOD[name] = dict(FORMATS[name].make())
     return _GOOD[name]
 
 
 def judged(entry: Format, told: dict[str, Any], content: bytes, cut: bool, whole: int) -> dict[str, Any] | None:
-    """What is wrong with what became of a file, or None. `whole`: how many elements the good one has."""
+    """The fault of a result, or None. `whole`: the number of elements of the valid file."""
     if told["kind"] not in ("loaded", "refused"):
         return told
     if told["seconds"] > HANG_S:
@@ -133,12 +129,12 @@ def judged(entry: Format, told: dict[str, Any], content: bytes, cut: bool, whole
     if cut and told["kind"] == "loaded" and not told["warned"]:
         least = whole if entry.left is None else entry.left(content)
         if told["count"] < least:
-            return told | {"kind": "smaller", "text": f"{told['count']} of {least} are read, and nothing is said"}
+            return told | {"kind": "smaller", "text": f"{told['count']} of {least} are read, without a warning"}
     return None
 
 
 def campaign(worker: Worker, name: str, seed: str, count: int) -> Iterator[Finding]:
-    """Try so many mutants of a format; gives each finding once, the first of its key, made small."""
+    """Read that many mutants of a format; yields the first finding of each key."""
     entry, found = FORMATS[name], set()
     whole = worker.read(name)
     assert whole["kind"] == "loaded", f"the good file of {name} is not read: {whole}"
@@ -152,28 +148,11 @@ def campaign(worker: Worker, name: str, seed: str, count: int) -> Iterator[Findi
         finding = Finding(name, wrong["kind"], wrong["what"], wrong["where"], wrong["text"], this, content)
         if finding.key not in found:
             found.add(finding.key)
-            yield finding if cut else smaller(worker, finding)
-
-
-def smaller(worker: Worker, finding: Finding) -> Finding:
-    """The finding with a file from which pieces were taken as long as it stays one: halves first, then less."""
-    content, end_s = finding.content, time.monotonic() + SHRINK_S
-    piece = len(content) // 2
-    while piece and time.monotonic() < end_s and finding.kind != "hang":
-        at = 0
-        while at < len(content) and time.monotonic() < end_s:
-            less = content[:at] + content[at + piece :]
-            told = worker.read(finding.format, less)
-            if (finding.format, told["kind"], told["what"], told["where"]) == finding.key:
-                content = less
-            else:
-                at += piece
-        piece //= 2
-    return Finding(*(finding.__dict__ | {"content": content}).values())
+            yield finding
 
 
 def keep(finding: Finding, folder: Path) -> Path:
-    """Write a finding's file and what is known of it."""
+    """Write the file of a finding and its description."""
     folder.mkdir(parents=True, exist_ok=True)
     name = "-".join(filter(None, (*finding.key[:3], finding.where.replace(":", "."))))
     file = folder / f"{name.replace(' ', '_')}{''.join(Path(next(iter(good(finding.format)))).suffixes)}"

@@ -1,6 +1,6 @@
 """Mutants of a good file: its bytes, its words and numbers, its JSON; inside of what has a checksum or a length, too.
 
-A shell is taken off (a zip, a GLB, an npy header, compressed elements of a MAT file, ...), one part of it is changed,
+A shell is taken off (a zip, a GLB, an npy header, ...), one part of it is changed,
 and the shell is put on again with sums and lengths that fit, so that the change arrives where the numbers are read.
 """
 
@@ -227,22 +227,6 @@ def _riff(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
     return parts, join
 
 
-def _mat(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
-    head, at, parts, kinds = content[:128], 128, [], []
-    while at < len(content):
-        kind, size = struct.unpack_from("<II", content, at)
-        body = content[at + 8 : at + 8 + size]
-        parts.append(zlib.decompress(body) if kind == 15 else body)
-        kinds.append(kind)
-        at += 8 + size
-
-    def join(parts: list[bytes]) -> bytes:
-        packed = [zlib.compress(p, 1) if kind == 15 else p for kind, p in zip(kinds, parts, strict=True)]
-        return head + b"".join(struct.pack("<II", kind, len(p)) + p for kind, p in zip(kinds, packed, strict=True))
-
-    return parts, join
-
-
 def _record(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
     first, at, parts = content.index(b"\n") + 1, content.index(b"\n") + 1, []
     while at < len(content):
@@ -274,6 +258,6 @@ def _datagram(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
 
 
 SHELLS = {
-    b"PK\3\4": _zip, b"\x93NUMPY\1": _npy, b"glTF": _glb, b"RIFF": _riff, b"MATLAB 5.0": _mat,
+    b"PK\3\4": _zip, b"\x93NUMPY\1": _npy, b"glTF": _glb, b"RIFF": _riff,
     b"hapscene record": _record, b"#hapscene-probe": _probe, b"HSTO": _datagram,
 }  # fmt: skip

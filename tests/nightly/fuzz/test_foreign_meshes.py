@@ -26,12 +26,7 @@ def meshes(shared: Path) -> list[Path]:
     return [f for f in sorted((shared / "data/meshes").iterdir()) if f.suffix.lower().lstrip(".") in FORMATS]
 
 
-def test_small_meshes_of_others_are_examined(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for file in (f for f in meshes(shared) if f.stat().st_size <= QUICK_MAX_B):
-        checked(file, capsys)
-
-
-@pytest.mark.soak
-def test_meshes_of_others_are_examined(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for file in meshes(shared):
+@pytest.mark.parametrize("large", [False, pytest.param(True, marks=pytest.mark.soak)])
+def test_meshes_of_others_are_examined(shared: Path, capsys: pytest.CaptureFixture[str], large: bool) -> None:
+    for file in (f for f in meshes(shared) if (f.stat().st_size > QUICK_MAX_B) == large):
         checked(file, capsys)

@@ -1,8 +1,8 @@
-"""Strangers' files, broken in thousands of ways: each is read, or refused in a line; no reader dies, hangs or lies.
+"""Fuzzing: each of thousands of damaged files is read or refused in one line; no reader crashes, hangs or loses data.
 
-The short run is part of every suite. The long one, by hand, with a seed of one's own:
+The nightly tests have a short run. A long one, with another seed:
 
-    HAPSCENE_FUZZ_SEED=7 HAPSCENE_FUZZ_OUT=out/fuzz pytest -m soak tests/fuzz -k "npz or wav"
+    HAPSCENE_FUZZ_SEED=7 HAPSCENE_FUZZ_OUT=out/fuzz pytest -m soak tests/nightly/fuzz -k "npz or wav"
 """
 
 import os

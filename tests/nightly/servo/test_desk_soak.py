@@ -69,7 +69,7 @@ def test_ticks_are_as_late_as_those_of_an_empty_loop(
             thread.start()
         try:
             time.sleep(5.0)
-            before, memories, end_s, k = (servo.lateness(), empty.lateness()), [], time.monotonic() + 60.0 * MINUTES, 0
+            before, memories, end_s, k = (servo.timing(), empty.timing()), [], time.monotonic() + 60.0 * MINUTES, 0
             while time.monotonic() < end_s:
                 time.sleep(0.02)
                 k += 1
@@ -82,15 +82,15 @@ def test_ticks_are_as_late_as_those_of_an_empty_loop(
                 servo.state()
                 if k % 500 == 0:
                     memories.append(memory_kB(servo._process.pid))
-            ours, theirs = servo.lateness().since(before[0]), empty.lateness().since(before[1])
+            ours, theirs = servo.timing().since(before[0]), empty.timing().since(before[1])
         finally:
             over.set()
             for thread in threads:
                 thread.join()
             empty.stop()
-    counts = [later_than(late, 1e-3) for late in (ours, theirs)]
-    late = [(round(ours.late_us(share), 1), round(theirs.late_us(share), 1)) for share in (0.5, 0.99, 0.999, 0.9999)]
-    print(f"\n{device}: {int(ours.late.sum()):,} ticks, {counts[0]} later than a period, of the empty loop {counts[1]}")
+    more, less = (later_than(late, 1e-3) for late in (ours, theirs))
+    late = [(round(ours.delay_us(share), 1), round(theirs.delay_us(share), 1)) for share in (0.5, 0.99, 0.999, 0.9999)]
+    print(f"\n{device}: {int(ours.delay.sum()):,} ticks, {more} later than a period, of the empty loop {less}")
     print(f"late by, and the empty loop [µs]: {late}; missed {ours.missed}, {theirs.missed}")
     print(
         f"busy: median {ours.busy_us():.1f} µs, p99 {ours.busy_us(0.99):.1f}; memory {memories[0]} to {memories[-1]} kB"
@@ -98,5 +98,5 @@ def test_ticks_are_as_late_as_those_of_an_empty_loop(
     if desk is not None:
         spent_us = 1e6 * desk.rows()["spent_s"][-60_000:]
         print("in the callback [µs], median and p99:", np.round(np.percentile(spent_us, [50, 99]), 1).tolist())
-    assert counts[0] <= 1.2 * counts[1] + 10
+    assert more <= 1.2 * less + 10
     assert memories[-1] < 1.02 * memories[len(memories) // 4]

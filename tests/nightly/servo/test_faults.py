@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from hapscene.native import INTERPRETED
-from hapscene.servo import Flight
+from hapscene.servo import SessionLog
 from tests.until import PATIENCE_S, until
 
 if not hasattr(os, "openpty"):
@@ -46,15 +46,15 @@ from hapscene.servo import Servo
 if __name__ == "__main__":
     for key in (signal.SIGINT, signal.SIGQUIT):  # which a shell leaves ignored for what it starts in the background
         signal.signal(key, signal.default_int_handler if key == signal.SIGINT else signal.SIG_DFL)
-    port, flights = sys.argv[1:]
+    port, folder = sys.argv[1:]
     scene, pose = Scene(), np.eye(4)
     pose[2, 3] = -10.0
     scene.add(Mesh.from_trimesh(trimesh.creation.box((0.1, 0.1, 0.1)), "m"), name="far", pose=pose)
     pull = {"weight": {"mass_kg": 0.1, "gravity_y_m_s2": -9.81, "gravity_z_m_s2": 0.0}}
     device = choose("haply2diy", port=port, homed=True)
-    with Servo(scene, device, effects=["wall", "weight"], settings=pull, flights=flights) as servo:
+    with Servo(scene, device, effects=["wall", "weight"], settings=pull, log_folder=folder) as servo:
         servo.start((0.0, 0.0, 0.0))
-        print(servo._process.pid, servo._guard.pid, flush=True)
+        print(servo._process.pid, servo._watchdog.pid, flush=True)
         while True:
             servo.state()
             time.sleep(0.01)
@@ -78,7 +78,7 @@ class Desk:
     def __init__(self, emulated: Any, folder: Path) -> None:
         self.board = emulated.Emulated("haply2diy", folder)
         (folder / "application.py").write_text(APPLICATION)
-        command = [sys.executable, str(folder / "application.py"), self.board.place, str(folder / "flights")]
+        command = [sys.executable, str(folder / "application.py"), self.board.place, str(folder / "logs")]
         pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         self.application = subprocess.Popen(command, **pipes, process_group=0)
         said = self.application.stdout.readline().strip()  # type: ignore[union-attr]
@@ -124,9 +124,9 @@ def desk(emulated: Any, tmp_path: Path) -> Iterator[Desk]:
     made.end()
 
 
-def flight_in(folder: Path) -> Flight:
-    """The flight that is written there, sooner or later."""
-    return Flight.load(until(lambda: [place for place in folder.glob("*") if not place.name.startswith(".")])[0])
+def log_in(folder: Path) -> SessionLog:
+    """The session log that is written there, sooner or later."""
+    return SessionLog.load(until(lambda: [place for place in folder.glob("*") if not place.name.startswith(".")])[0])
 
 
 def test_an_application_stopped_gone_on_and_killed(desk: Desk, tmp_path: Path) -> None:
@@ -138,9 +138,9 @@ def test_an_application_stopped_gone_on_and_killed(desk: Desk, tmp_path: Path) -
     at_ns = time.monotonic_ns()
     os.kill(desk.application.pid, signal.SIGKILL)
     assert desk.none_left_after(at_ns) < WITHIN_S + SLACK_S
-    flight = flight_in(tmp_path / "flights")
-    assert flight.reason == "the application was gone" and flight.rows.shape[1] > 1000
-    assert len(flight.replay().unlike) == 0
+    log = log_in(tmp_path / "logs")
+    assert log.reason == "the application was gone" and log.rows.shape[1] > 1000
+    assert len(log.replay().unlike) == 0
 
 
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
@@ -178,8 +178,8 @@ def test_a_device_torn_out_is_named_and_its_last_minute_kept(desk: Desk, tmp_pat
     desk.board.tell(gone=1)
     _, errors = desk.application.communicate(timeout=PATIENCE_S)
     assert f"haply2diy: {desk.board.place}" in errors and "plug it in again" in errors
-    flight = flight_in(tmp_path / "flights")
-    assert "haply2diy" in flight.reason and len(flight.replay().unlike) == 0
+    log = log_in(tmp_path / "logs")
+    assert "haply2diy" in log.reason and len(log.replay().unlike) == 0
 
 
 def test_ctrl_c_leaves_no_force(desk: Desk) -> None:

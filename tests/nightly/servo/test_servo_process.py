@@ -16,16 +16,17 @@ import pytest
 import trimesh
 
 import hapscene
-from hapscene.clock import new_clock, now_ns
+from hapscene.clock import new_clock
 from hapscene.device.omni import Omni
 from hapscene.errors import HapsceneError
+from hapscene.loop.driver import CHANNEL
+from hapscene.loop.timing import LATE_MAX, TIMING, Timer, start_timer, wait_for_tick
 from hapscene.native import INTERPRETED
+from hapscene.records import records
 from hapscene.servo import Servo
-from hapscene.servo.servo_loop import LATE_MAX, await_tick, serve
 from hapscene.servo.servo_process import Desk
-from hapscene.servo.shared_memory import CHANNEL
+from tests.servo.test_driver import TICK_NS, desk  # noqa: F401  # a fixture
 from tests.servo.test_servo import ASKED, MASS, make_scene
-from tests.servo.test_servo_loop import TICK_NS, desk  # noqa: F401  # a fixture
 from tests.until import until
 
 
@@ -188,12 +189,13 @@ def test_orders_of_several_threads_go_one_after_the_other(servo: Servo) -> None:
 
 def test_it_sleeps_until_just_before_a_tick_is_due() -> None:
     """The processor is left to others meanwhile: it costs some microseconds, and 50 of looking."""
-    channel, clock = np.zeros(1, CHANNEL).view(np.recarray)[0], new_clock()
-    period_ns, due, count = 20 * TICK_NS, now_ns(clock), 10
-    await_tick(channel, clock, due, period_ns)  # compiled
-    used_s, due = time.thread_time(), now_ns(clock)
-    for k in range(1, count + 1):
-        await_tick(channel, clock, due + k * period_ns, period_ns)
+    period_ns, count = 20 * TICK_NS, 10
+    timer = Timer(records(1, CHANNEL)[0], new_clock(), records(1, TIMING)[0], period_ns)
+    wait_for_tick(timer)  # compiled
+    start_timer(timer)
+    used_s = time.thread_time()
+    for _ in range(count):
+        wait_for_tick(timer)
     used_s = time.thread_time() - used_s
     assert used_s < 0.05 * count * period_ns * 1e-9  # also where a spinning one would get a tenth of a core
 
@@ -205,7 +207,7 @@ def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) ->
 
     def live() -> tuple[float, float]:
         wall_s, used_s = time.monotonic(), time.thread_time()
-        serve(desk._acted_on())
+        desk._bind()[0]()
         return time.monotonic() - wall_s, time.thread_time() - used_s
 
     channel.pause = 0

@@ -98,8 +98,8 @@ def test_when_the_follower_dies_the_motors_let_go_and_the_leader_ends(
     went = session.run(60.0)
     thread.join()
     assert went["ended"] == "the peer has been silent for 0.3 s"
-    heard = went["heard"]
-    assert 50 < heard["let in"] <= 300 and heard["duplicate"] > 50  # a machine that is held up drops some
+    heard = went["received"]
+    assert 50 < heard["accepted"] <= 300 and heard["duplicate"] > 50  # a machine that is held up drops some
     assert heard["malformed"] == 1
     if scheme == "position":
         assert went["force_max_N"] > 0.5  # it did pull
@@ -130,7 +130,7 @@ def test_a_flood_does_not_stop_the_loop(sockets: tuple[socket.socket, socket.soc
     thread.join()
     assert went["ended"] == "it was stopped"
     assert went["ticks"] + went["slipped_ticks"] > 20
-    assert went["heard"]["malformed"] > 50
+    assert went["received"]["malformed"] > 50
 
 
 def test_a_leader_without_a_follower_says_what_would_help(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -168,8 +168,8 @@ import json, sys
 from hapscene.teleoperation.udp_session import Coupling, Impairment, UdpSession, run_leader
 receive = UdpSession._receive
 def told(session):
-    before, heard = session.gate.counts["let in"], receive(session)
-    if before < 500 <= session.gate.counts["let in"]:
+    before, heard = session.gate.counts["accepted"], receive(session)
+    if before < 500 <= session.gate.counts["accepted"]:
         print("it has heard enough", flush=True)
     return heard
 UdpSession._receive = told
@@ -206,13 +206,13 @@ def test_two_processes_stay_passive_over_a_bad_line_and_end_at_ctrl_c() -> None:
     led, followed = (json.loads(out.splitlines()[-1]) for out, _ in told)
     assert led["ended"] == "it was stopped" and followed["ended"] == "the peer has ended"
     for went in (led, followed):
-        assert went["heard"]["let in"] > 100 and went["lost_by_impairment"] > 10
-        assert went["heard"]["overtaken"] > 10
-        assert went["heard"]["malformed"] == went["heard"]["foreign"] == 0
+        assert went["received"]["accepted"] > 100 and went["lost_by_impairment"] > 10
+        assert went["received"]["overtaken"] > 10
+        assert went["received"]["malformed"] == went["received"]["foreign"] == 0
         assert went["force_in_silence_N"] == 0.0
     assert led["work_of_motors_mJ"] + followed["work_of_motors_mJ"] < 2.0
 
 
 def test_an_address_of_another_machine_cannot_be_listened_at() -> None:
-    with pytest.raises(HapsceneError, match=r"192\.0\.2\.1:1: cannot be listened at"):
+    with pytest.raises(HapsceneError, match=r"192\.0\.2\.1:1: cannot be used"):
         run_follower(("192.0.2.1", 1), "127.0.0.1", "wood", Coupling(), Impairment())

@@ -27,7 +27,7 @@ from hapscene.paint.web.secure_server import (
     host_names,
 )
 from hapscene.paint.web.viser_inside import harden
-from hapscene.web_listener import refusal_reason
+from hapscene.web.listener import refusal_reason
 
 TOKEN = "of-this-test"
 

@@ -1,42 +1,46 @@
-"""Waiting for a tick: never before it is due, and what it comes too late for is counted."""
+"""The driver: when a tick begins, which delays are counted, how aims are read; and what a servo refuses."""
 
 import ctypes
 import os
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
-from hapscene.clock import LOOK_NS, new_clock, now_ns
+from hapscene.clock import LOOK_NS, new_clock
 from hapscene.device.driver_registry import DeviceChoice
 from hapscene.device.hand import grip_named
 from hapscene.device.model import Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
-from hapscene.native import INTERPRETED
-from hapscene.scene.mesh import Mesh
-from hapscene.scene.scene import Scene
-from hapscene.servo import Servo, servo_loop, servo_process
-from hapscene.servo.servo_loop import (
+from hapscene.loop import timing
+from hapscene.loop.driver import CHANNEL, FOLLOW_RAD_S, _follow, _read_aim
+from hapscene.loop.timing import (
     BIN_COUNT,
     BIN_NS,
     BINS_PER_OCTAVE,
-    FOLLOW_RAD_S,
     LATE_MAX,
     SLACK_NS,
-    Lateness,
-    _follow,
-    _read_aim,
-    await_tick,
+    TIMING,
+    Timer,
+    TimingStatistics,
     count_in_bin,
     percentile_us,
     request_realtime_priority,
+    start_timer,
+    wait_for_tick,
 )
+from hapscene.native import INTERPRETED
+from hapscene.records import records
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+from hapscene.servo import Servo, servo_process
 from hapscene.servo.servo_process import Desk
-from hapscene.servo.shared_memory import CHANNEL, open_channel
+from hapscene.servo.shared_memory import open_channel
 from hapscene.twin import Twin
 
 TICK_NS = 1_000_000
@@ -44,39 +48,45 @@ SECOND_NS = 1_000_000_000
 BEGIN_NS = 1_000 * SECOND_NS
 
 
+def timer(tick_ns: int = TICK_NS, behind_ns: int = 0) -> Timer:
+    """At a virtual time, the next tick due so long ago."""
+    made = Timer(records(1, CHANNEL)[0], new_clock(BEGIN_NS), records(1, TIMING)[0], tick_ns)
+    start_timer(made)
+    made.timing.due_ns -= behind_ns + tick_ns
+    return made
+
+
 def test_a_tick_begins_when_it_is_due_or_later() -> None:
-    channel, clock = np.zeros(1, CHANNEL).view(np.recarray)[0], new_clock(BEGIN_NS)
-    due = now_ns(clock)
+    made = timer()
+    due = made.timing.due_ns
     for k in range(1, 21):
-        told, start = await_tick(channel, clock, due + k * TICK_NS, TICK_NS)
-        assert told == due + k * TICK_NS and 0 <= start - told <= LOOK_NS
-        assert channel.late.sum() == k
+        wait_for_tick(made)
+        assert made.timing.due_ns == due + k * TICK_NS and 0 <= made.timing.began_ns - made.timing.due_ns <= LOOK_NS
+        assert made.channel.late.sum() == k and made.timing.late == made.timing.stalled == 0
 
 
-def test_what_it_is_much_too_late_for_is_left_out() -> None:
-    channel, clock = np.zeros(1, CHANNEL).view(np.recarray)[0], new_clock(BEGIN_NS)
-    behind = (LATE_MAX + 30) * TICK_NS
-    due = now_ns(clock) - behind
-    told, start = await_tick(channel, clock, due, TICK_NS)
-    assert told == due + channel.missed * TICK_NS
-    assert 0 <= start - told < TICK_NS and channel.missed == LATE_MAX + 30
-    assert channel.late.nonzero()[0][0] > 0  # counted as late as it was, not as late as what is left
+def test_ticks_that_are_much_too_late_are_left_out_and_counted() -> None:
+    made = timer(behind_ns=(LATE_MAX + 30) * TICK_NS)
+    wait_for_tick(made)
+    assert 0 <= made.timing.began_ns - made.timing.due_ns < TICK_NS and made.channel.missed == LATE_MAX + 30
+    assert made.channel.late.nonzero()[0][0] > 0  # counted as late as it was, not as late as what is left
+    assert made.timing.stalled == 1 and made.timing.late == 0
 
 
-def test_what_it_is_a_little_late_for_is_made_up() -> None:
-    channel, clock = np.zeros(1, CHANNEL).view(np.recarray)[0], new_clock(BEGIN_NS)
-    due = now_ns(clock) - 3 * SECOND_NS
-    told, _ = await_tick(channel, clock, due, SECOND_NS)
-    assert (told, channel.missed) == (due, 0)
+def test_ticks_that_are_a_little_late_are_made_up() -> None:
+    made = timer(SECOND_NS, behind_ns=3 * SECOND_NS)
+    due = made.timing.due_ns
+    wait_for_tick(made)
+    assert (made.timing.due_ns, made.channel.missed) == (due + SECOND_NS, 0)
+    assert made.timing.late == 1 and made.timing.stalled == 0
 
 
-@pytest.mark.parametrize("tick_ns", [200_000, TICK_NS, SECOND_NS])
+@pytest.mark.parametrize("tick_ns", [200_000, SECOND_NS])
 def test_it_gives_up_after_so_many_ticks_whatever_their_length(tick_ns: int) -> None:
-    channel, clock = np.zeros(1, CHANNEL).view(np.recarray)[0], new_clock(BEGIN_NS)
-    await_tick(channel, clock, now_ns(clock) - int((LATE_MAX - 0.9) * SECOND_NS), SECOND_NS)
-    assert channel.missed == 0
-    await_tick(channel, clock, now_ns(clock) - (LATE_MAX + 1) * tick_ns, tick_ns)
-    assert channel.missed >= LATE_MAX + 1
+    for behind, missed in ((LATE_MAX - 0.9, False), (LATE_MAX + 1, True)):
+        made = timer(tick_ns, behind_ns=int(behind * tick_ns))
+        wait_for_tick(made)
+        assert bool(made.channel.missed > LATE_MAX) == missed
 
 
 # The whole loop, in a thread of this process.
@@ -89,20 +99,12 @@ def make_cube() -> Scene:
 
 
 @pytest.fixture
-def desk(request: pytest.FixtureRequest) -> Iterator[Desk]:
+def desk(request: Any) -> Iterator[Desk]:
     twin = Twin(make_cube(), PointMass(0.045, 0.1), tick_s=request.param)
     desk = Desk(twin.renderer._scene, [twin], open_channel(2000, twin.renderer.block, bodies=1))
     yield desk
     desk.rest()
     desk._channel.memory.unlink()  # whoever still looks at it may do so
-
-
-@pytest.mark.parametrize("desk", [1e-3], indirect=True)
-def test_all_is_compiled_before_the_hand_is_asked_for(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
-    monkeypatch.setattr(servo_process, "serve", lambda *given: asked.append(given[0].channel.pause))
-    Desk(desk._scene, desk._twins, desk._channel)
-    assert asked == [1]  # paused: it returns at once
 
 
 @pytest.mark.parametrize("desk", [1e-3], indirect=True)
@@ -186,7 +188,7 @@ def test_without_the_right_it_waits_among_the_others_but_is_woken_promptly(monke
 @on_linux
 @pytest.mark.skipif(INTERPRETED, reason="is the case anyway")
 def test_interpreted_ticks_never_go_before_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(servo_loop, "INTERPRETED", True)
+    monkeypatch.setattr(timing, "INTERPRETED", True)
     with ThreadPoolExecutor(1) as lane:
         granted, policy = lane.submit(lambda: (request_realtime_priority(), os.sched_getscheduler(0))).result()
     assert not granted and policy == os.sched_getscheduler(0)
@@ -241,12 +243,12 @@ def test_what_came_after_an_earlier_look() -> None:
     for _ in range(9):
         count_in_bin(late, 50)
         count_in_bin(busy, 10_000)
-    before = Lateness(late.copy(), busy.copy(), 3)
+    before = TimingStatistics(late.copy(), busy.copy(), 3)
     count_in_bin(late, 1_000_000)
-    after = Lateness(late, busy, 5)
-    assert after.late_us() == BIN_NS / 1e3
+    after = TimingStatistics(late, busy, 5)
+    assert after.delay_us() == BIN_NS / 1e3
     since = after.since(before)
-    assert since.late.sum() == 1 and since.late_us() == pytest.approx(1000.0, rel=BIN - 1)
+    assert since.delay.sum() == 1 and since.delay_us() == pytest.approx(1000.0, rel=BIN - 1)
     assert since.busy_us() == 0.0 and after.busy_us() == pytest.approx(10.0, rel=BIN - 1)
     assert since.missed == 2
 

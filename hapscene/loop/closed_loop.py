@@ -17,7 +17,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.compiled.entry import call_flags
 from hapscene.device.arm import CONNECTED, SIMULATED_OMNI, advance_arm, drive_arm, find_tip, find_tip_velocity, read_arm
 from hapscene.device.hand import pull
 from hapscene.device.safety import protect
@@ -25,14 +24,14 @@ from hapscene.geometry import Vector
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
 from hapscene.native import inlined, native
-from hapscene.surface.surface_arrays import PLACE, TICK
+from hapscene.tick import tick_at
 
 DELAY_MAX: Final = 256
 """Longest delay between a tick and its force [ticks]."""
 
 
-class TwinBody(NamedTuple):
-    """What the tick's commands act on."""
+class Tool(NamedTuple):
+    """One tool of a closed loop: device and hand, handle, forces on their way, safety."""
 
     arm: Any  # device and hand
     handle: Any  # (1,) HANDLE
@@ -46,72 +45,40 @@ class TwinBody(NamedTuple):
     safety: Any  # (1,) SAFETY
 
 
-@native
-def live(
-    world: Any,
-    surface: Any,
-    body: Any,
-    target_W_m: NDArray[np.float64],
-    grip: NDArray[np.float64],
-    push_W_N: NDArray[np.float64],
-    moving: NDArray[np.int64],
-    X_WB: NDArray[np.float64],
-    teleported: NDArray[np.int64],
-    rows: Any,
-    a_m_s2: NDArray[np.float64],
-    felt: Any,
-    a_handle_m_s2: NDArray[np.float64],
-) -> None:
-    """n ticks of an `Intent`, the scene's bodies `moving` (m,) at poses `X_WB` (n, m, 4, 4).
+@inlined
+def tick_tool(world: Any, surface: Any, tool: Any, moved: Any, notes: Any) -> None:
+    """One tick of the closed loop, the hand's intent being set.
 
-    Fills `rows` (n,) ROW, `felt` (n,) FELT and the samples (n, block). The intent may have a row more, for what it goes
-    on to.
+    `moved` are the bodies' indices, poses and jumps, their count and the row of the poses, as `tick_at` has them;
+    `notes` are a ROW, the desired samples (block,), a FELT and the handle's samples (block,), which are filled.
     """
-    tick_s = surface.touch[0].tick_s
-    for k in range(len(rows)):
-        if surface.entries[PLACE] != 0:
-            call_flags(surface.entries[PLACE], (world, surface, moving, X_WB, teleported, len(moving), k))
-        _intend(body, target_W_m, grip, push_W_N, k, tick_s)
-        beat(world, surface, body, rows[k], a_m_s2[k], felt[k], a_handle_m_s2[k])
+    row, a_m_s2, felt, a_handle_m_s2 = notes
+    touch, arm = surface.touch[0], tool.arm
+    x, y, z = _read(tool)
+    felt.read_W_m[0], felt.read_W_m[1], felt.read_W_m[2] = x, y, z
+    tick_at(world, surface, moved, (x, y, z), row, a_m_s2)
+    _send(tool, _protect(tool, row, touch), felt)
+    _note(arm, felt)
+    for i in range(touch.block):
+        a_handle_m_s2[i] = _shake(tool, a_m_s2[i], felt)
+    advance_arm(arm, touch.tick_s / touch.block, touch.block)
+    _close(tool, felt)
 
 
 @inlined
-def beat(
-    world: Any,
-    surface: Any,
-    body: Any,
-    row: Any,
-    a_m_s2: NDArray[np.float64],
-    felt: Any,
-    a_handle_m_s2: NDArray[np.float64],
-) -> None:
-    """One tick of the closed loop, the hand's intention being set."""
-    touch, arm = surface.touch[0], body.arm
-    x, y, z = _read(body)
-    felt.read_W_m[0], felt.read_W_m[1], felt.read_W_m[2] = x, y, z
-    call_flags(surface.entries[TICK], (world, surface, x, y, z, row, a_m_s2))
-    _send(body, _protect(body, row, touch), felt)
-    _note(arm, felt)
-    for i in range(touch.block):
-        a_handle_m_s2[i] = _shake(body, a_m_s2[i], felt)
-    advance_arm(arm, touch.tick_s / touch.block, touch.block)
-    _close(body, felt)
-
-
-@native
-def _read(body: Any) -> Vector:
+def _read(tool: Any) -> Vector:
     """The tool as the encoders have it, in W [m]: the arm's tip, moved by the handle's actuator."""
-    x, y, z = read_arm(body.arm)
-    shift, axis = body.shift_m[0], body.axis_W
-    if body.quantum_m > 0.0:
-        shift = body.quantum_m * math.floor(shift / body.quantum_m + 0.5)
+    x, y, z = read_arm(tool.arm)
+    shift, axis = tool.shift_m[0], tool.axis_W
+    if tool.quantum_m > 0.0:
+        shift = tool.quantum_m * math.floor(shift / tool.quantum_m + 0.5)
     return x + shift * axis[0], y + shift * axis[1], z + shift * axis[2]
 
 
-@native
-def _protect(body: Any, row: Any, touch: Any) -> Vector:
+@inlined
+def _protect(tool: Any, row: Any, touch: Any) -> Vector:
     """The force that may go out, in W [N]."""
-    f, safety, arm = row.f_W_N, body.safety[0], body.arm
+    f, safety, arm = row.f_W_N, tool.safety[0], tool.arm
     if safety.on == 0:
         return f[0], f[1], f[2]
     if arm.kind == CONNECTED:
@@ -123,52 +90,40 @@ def _protect(body: Any, row: Any, touch: Any) -> Vector:
     return sent
 
 
-@native
-def _shake(body: Any, desired_m_s2: float, felt: Any) -> float:
+@inlined
+def _shake(tool: Any, desired_m_s2: float, felt: Any) -> float:
     """One sample of the handle. Without one the acceleration is as desired, and moves nothing."""
-    if body.has_handle == 0:
+    if tool.has_handle == 0:
         return desired_m_s2
-    acceleration, shift, force = vibrate(body.handle[0], desired_m_s2)
-    body.shift_m[0] = shift
+    acceleration, shift, force = vibrate(tool.handle[0], desired_m_s2)
+    tool.shift_m[0] = shift
     felt.f_coil_N = max(felt.f_coil_N, abs(force))
     return acceleration
 
 
 @native
-def _intend(body: Any, target: Any, grip: Any, push: Any, k: int, tick_s: float) -> None:
-    """The hand's intention for a tick: its target moves straight to that of the next."""
-    hand = body.arm.hand[0]
-    after = min(k + 1, len(target) - 1)
-    take_grip(body, grip[k, 0], grip[k, 1], grip[k, 2])
-    for i in range(3):
-        hand.target_m[i] = target[k, i]
-        hand.target_m_s[i] = (target[after, i] - target[k, i]) / tick_s
-        hand.push_N[i] = push[k, i]
-
-
-@native
-def take_grip(body: Any, k_N_m: float, b_Ns_m: float, mass_kg: float) -> None:
+def take_grip(tool: Any, k_N_m: float, b_Ns_m: float, mass_kg: float) -> None:
     """Hold the tool, and the handle on it, as firmly as that from now on."""
-    hand = body.arm.hand[0]
-    if body.has_handle == 1 and (body.ticks[0] == 0 or hand.k_N_m != k_N_m or hand.b_Ns_m != b_Ns_m):
-        grip_handle(body.handle[0], k_N_m, b_Ns_m)
+    hand = tool.arm.hand[0]
+    if tool.has_handle == 1 and (tool.ticks[0] == 0 or hand.k_N_m != k_N_m or hand.b_Ns_m != b_Ns_m):
+        grip_handle(tool.handle[0], k_N_m, b_Ns_m)
     hand.k_N_m, hand.b_Ns_m, hand.mass_kg = k_N_m, b_Ns_m, mass_kg
 
 
-@native
-def _send(body: Any, f_N: Vector, felt: Any) -> None:
+@inlined
+def _send(tool: Any, f_N: Vector, felt: Any) -> None:
     """Put a force on its way; hold the one that arrives."""
-    k = body.ticks[0]
-    enter, leave = k % DELAY_MAX, (k - body.delay) % DELAY_MAX
+    k = tool.ticks[0]
+    enter, leave = k % DELAY_MAX, (k - tool.delay) % DELAY_MAX
     for i in range(3):
-        body.wait_N[enter, i] = f_N[i]
+        tool.wait_N[enter, i] = f_N[i]
     for i in range(3):
-        felt.f_motor_W_N[i] = body.wait_N[leave, i] if k >= body.delay else 0.0
-    drive_arm(body.arm, (felt.f_motor_W_N[0], felt.f_motor_W_N[1], felt.f_motor_W_N[2]))
-    body.ticks[0] = k + 1
+        felt.f_motor_W_N[i] = tool.wait_N[leave, i] if k >= tool.delay else 0.0
+    drive_arm(tool.arm, (felt.f_motor_W_N[0], felt.f_motor_W_N[1], felt.f_motor_W_N[2]))
+    tool.ticks[0] = k + 1
 
 
-@native
+@inlined
 def _note(arm: Any, felt: Any) -> None:
     """The tick's start as it truly is."""
     p, v = find_tip(arm), find_tip_velocity(arm)
@@ -177,17 +132,17 @@ def _note(arm: Any, felt: Any) -> None:
         felt.f_hand_W_N[i] = pull(arm.hand[0], i, p[i], v[i])
 
 
-@native
-def _close(body: Any, felt: Any) -> None:
+@inlined
+def _close(tool: Any, felt: Any) -> None:
     """Work at the tip: exact for a point mass, whose motors' force is held."""
-    arm = body.arm
+    arm = tool.arm
     p = find_tip(arm)
     work = 0.0
     for i in range(3):
         work += felt.f_motor_W_N[i] * (p[i] - felt.p_W_m[i])
     felt.work_J = work
     if arm.kind == CONNECTED:
-        felt.trouble, felt.heat = arm.state[0].trouble, body.safety[0].heat
+        felt.trouble, felt.heat = arm.state[0].trouble, tool.safety[0].heat
     if arm.kind == SIMULATED_OMNI:
         felt.trouble = arm.omni[0].trouble
         felt.heat = max(arm.omni[0].heat[0], arm.omni[0].heat[1], arm.omni[0].heat[2])

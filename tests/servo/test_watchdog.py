@@ -9,9 +9,9 @@ import pytest
 
 from hapscene.device.driver import Driver
 from hapscene.device.driver_registry import DeviceChoice
-from hapscene.servo import guard, heartbeat
-from hapscene.servo.guard import BUSY_S, LOOK_S, RELEASE_S, STILL_S, WAITING_S, release, until_needed
+from hapscene.servo import heartbeat, watchdog
 from hapscene.servo.heartbeat import PULSE_NS
+from hapscene.servo.watchdog import BUSY_S, LOOK_S, RELEASE_S, STILL_S, WAITING_S, release, until_needed
 from tests.virtual_clock import VirtualClock
 
 TICK_S = 1e-3
@@ -63,7 +63,7 @@ def test_a_servo_that_stands_still_is_noticed(waiting: int, patience_s: float) -
 
 
 def test_one_that_was_stopped_by_a_signal_is_noticed_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "_is_stopped", lambda pid: True)
+    monkeypatch.setattr(watchdog, "_is_stopped", lambda pid: True)
     closed, after_s = watch(stands_after(1.0))
     assert not closed and STILL_S < after_s - 1.0 <= STILL_S + 2.5 * LOOK_S
 

@@ -1,8 +1,9 @@
-"""The flight recorder: the servo's last minute, kept in its shared memory, written to a folder, and flown again.
+"""The session log (black box): the servo's last minute, kept in its shared memory, written to a folder, and replayed.
 
-What a tick gives follows from what it is given and from what it remembers. The ring holds the one; of the other the
-loop keeps a copy every `CHECKPOINT_TICKS`, and after every order that changes what is felt. From such a copy on, the
-recorded inputs run through the same tick: `replay` says whether it gives the same, to the bit.
+The output of a tick follows from its input and its memory. A ring buffer holds the inputs; the loop copies the memory
+(a checkpoint) every `CHECKPOINT_TICKS`, and after every order that changes the scene or its parameters. From a
+checkpoint on, the recorded inputs run through the same tick: `replay` reports whether the output is the same, to the
+bit. Files are called "flight" in the format, which is older than this module.
 """
 
 import json
@@ -20,14 +21,16 @@ from hapscene.confined import confined
 from hapscene.device.model import Limits
 from hapscene.errors import FormatError, HapsceneError, PathError
 from hapscene.files import parse_format, read_bytes, refusing, whole_folder
+from hapscene.loop.checkpoint import remember
 from hapscene.number_files import open_npz
 from hapscene.records import ROW, records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.servo.shared_memory import Channel
-from hapscene.servo.tick_memory import remember
 from hapscene.tick import run_ticks
-from hapscene.twin.twin_recording import FELT
+from hapscene.twin.result import FELT
+
+__all__ = ["Replay", "SessionLog", "log_of", "note_order", "replay_log", "settings_of", "write_log"]
 
 FORMAT: Final = "hapscene flight"
 VERSION: Final = 1
@@ -37,27 +40,27 @@ NUMBERS_FILE: Final = "flight.npz"
 STORY_FILE: Final = "flight.json"
 
 ORDERS: Final = ("tune", "tune_field", "mute")
-"""Orders that change what is felt and are kept."""
+"""Orders that change parameters, which a log keeps."""
 
 BYTES_MAX: Final = 1 << 30
-"""Most that a flight may unpack to [bytes]: 20 minutes of one tool."""
+"""Largest size of an unpacked log [bytes]: 20 minutes of one tool."""
 
 
 @dataclass(frozen=True, eq=False)
-class Flight:
-    """What was felt over n ticks, and what is needed to feel it again.
+class SessionLog:
+    """n recorded ticks, and what is needed to replay them.
 
     Attributes:
         reason: why it was written.
         first: number of the first tick.
         rows: (tools, n) ROW.
-        felt: (tools, n) FELT: what the tick was given, and what was sent to the device.
+        felt: (tools, n) FELT: the tick's input, and what was sent to the device.
         a_m_s2: (tools, n, block).
-        memory: what the tick remembered at `memory_tick`; empty where no copy was kept since the scene last changed.
-        memory_tick: number of the tick before which.
-        made: how the renderer was made.
-        tuned: what was tuned since the start: (order, swatch or effect, numbers).
-        scene: what was touched.
+        memory: the checkpoint before tick `memory_tick`; empty where there is none since the scene last changed.
+        memory_tick: number of that tick.
+        made: arguments of the renderer.
+        tuned: orders since the start: (order, swatch or effect, numbers).
+        scene: the scene.
     """
 
     reason: str
@@ -72,10 +75,10 @@ class Flight:
     scene: Scene
 
     def __repr__(self) -> str:
-        return f"<Flight: ticks {self.first:,} to {self.first + self.rows.shape[1] - 1:,}; {self.reason}>"
+        return f"<SessionLog: ticks {self.first:,} to {self.first + self.rows.shape[1] - 1:,}; {self.reason}>"
 
     def save(self, folder: str | Path) -> None:
-        """Write it, whole or not at all: a scene, the numbers, and what happened.
+        """Write the scene, the numbers and the reason into a folder, atomically.
 
         Raises:
             OSError, HapsceneError: the folder cannot be written.
@@ -100,18 +103,22 @@ class Flight:
             (part / STORY_FILE).write_text(text, encoding="utf-8")
 
     @classmethod
-    def load(cls, folder: str | Path) -> "Flight":
-        """Read what `save` wrote. Safe to call on a folder from anybody.
+    def load(cls, folder: str | Path) -> "SessionLog":
+        """Read what `save` wrote. Safe on a folder of unknown origin.
 
         Raises:
-            HapsceneError: it is none, is broken, or of a later version.
+            HapsceneError: not a log, damaged, or of a later version.
         """
         folder = Path(folder)
         if not (folder / STORY_FILE).is_file():
-            raise PathError(f"{folder}: no flight: expected a folder with {STORY_FILE}, as `hapscene play` writes it")
+            raise PathError(
+                f"{folder}: not a session log: expected a folder with {STORY_FILE}, as `hapscene play` writes it"
+            )
         with refusing(PathError, folder):
-            story = parse_format(read_bytes(folder / STORY_FILE, 1 << 24, "a flight"), "a flight", FORMAT, VERSION)
-            with open_npz(folder / NUMBERS_FILE, BYTES_MAX, "expected a shorter flight") as archive:
+            story = parse_format(
+                read_bytes(folder / STORY_FILE, 1 << 24, "a session log"), "a session log", FORMAT, VERSION
+            )
+            with open_npz(folder / NUMBERS_FILE, BYTES_MAX, "expected a shorter log") as archive:
                 a_m_s2, memory = archive.read("a_m_s2"), archive.read("memory")
                 shape = a_m_s2.shape[:2]
                 rows, felt = records(shape, ROW), records(shape, FELT)  # type: ignore[arg-type]
@@ -127,7 +134,7 @@ class Flight:
             if not (isinstance(first, int) and isinstance(tick, int)):
                 raise FormatError(f"{STORY_FILE}: 'first' and 'memory_tick' are numbers of ticks")
             if len(memory) and not 0 <= tick - first < shape[1]:
-                raise FormatError(f"{STORY_FILE}: 'memory_tick' is none of these ticks")
+                raise FormatError(f"{STORY_FILE}: 'memory_tick' is out of the log's range of ticks")
         scene = load_scene(folder / SCENE_FILE, accept_changed=False)
         return cls(str(story.get("reason")), first, rows, felt, a_m_s2, memory, tick, made, tuned, scene)
 
@@ -135,12 +142,12 @@ class Flight:
         """Run the recorded inputs through the tick again, each tool for itself.
 
         Raises:
-            HapsceneError: nothing of it can be flown again.
+            HapsceneError: the log has no checkpoint to replay from.
         """
         if not len(self.memory):
             raise HapsceneError(
-                "this flight holds no copy of what the tick remembered since the scene last changed, or bodies came, "
-                "went, or moved: it can be looked at, not flown again"
+                "this log cannot be replayed, only read: it has no checkpoint since the scene last changed, or bodies "
+                "were added, removed or moved"
             )
         start = self.memory_tick - self.first
         length = self.rows.shape[1] - start
@@ -155,25 +162,36 @@ class Flight:
             again, a_m_s2 = records(length, ROW), np.zeros((length, renderer.block))
             path = np.ascontiguousarray(self.felt[tool]["read_W_m"][start:])
             run_ticks(renderer.world, renderer.surface, path, none, np.zeros((length, 0, 4, 4)), none, again, a_m_s2)
-            for name in _GIVEN:
+            for name in _OUTPUTS:
                 same = again[name] == rows[name][start:]
                 unlike |= ~same.reshape(length, -1).all(axis=1)
             unlike |= (a_m_s2 != self.a_m_s2[tool, start:]).any(axis=1)
         return Replay(self.memory_tick, length, np.flatnonzero(unlike) + self.memory_tick, self.reason)
 
 
-_GIVEN: Final = ("p_WP_m", "nhat_W", "depth_m", "touching", "body", "face", "swatch", "slip_m_s", "f_W_N", "f_body_W_N")
-"""What a tick gives that must come out the same."""
+_OUTPUTS: Final = (
+    "p_WP_m",
+    "nhat_W",
+    "depth_m",
+    "touching",
+    "body",
+    "face",
+    "swatch",
+    "slip_m_s",
+    "f_W_N",
+    "f_body_W_N",
+)
+"""Outputs of a tick that a replay compares."""
 
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """How a flight went when it was flown again.
+    """The result of a replay.
 
     Attributes:
-        first, count: the ticks that were.
-        unlike: (m,) numbers of those that gave something else, in any bit.
-        reason: why the flight was written.
+        first, count: the replayed ticks.
+        unlike: (m,) numbers of those whose output differs in any bit.
+        reason: why the log was written.
     """
 
     first: int
@@ -182,10 +200,10 @@ class Replay:
     reason: str = ""
 
     def __str__(self) -> str:
-        told = f"{self.count:,} ticks, {self.first:,} to {self.first + self.count - 1:,}, flown again"
+        ticks = f"{self.count:,} ticks, {self.first:,} to {self.first + self.count - 1:,}, replayed"
         if len(self.unlike) == 0:
-            return f"{told}: the same to the bit"
-        return f"{told}: {len(self.unlike):,} differ, the first of them {self.unlike[0]:,}"
+            return f"{ticks}: the same to the bit"
+        return f"{ticks}: {len(self.unlike):,} differ, the first of them {self.unlike[0]:,}"
 
 
 def _renderer(scene: Scene, made: Mapping[str, Any], tool: int) -> Renderer:
@@ -204,8 +222,8 @@ def _renderer(scene: Scene, made: Mapping[str, Any], tool: int) -> Renderer:
     )
 
 
-def told_of(renderers: Sequence[Renderer], settings: Mapping[str, Any] | None) -> dict[str, Any]:
-    """How the tools' renderers were made, as JSON has it, which has no infinite numbers: those are the defaults."""
+def settings_of(renderers: Sequence[Renderer], settings: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Arguments of the tools' renderers, for JSON, which has no infinite numbers: those are the defaults."""
     renderer = renderers[0]
     limits = [{name: value for name, value in asdict(one.limits).items() if value != float("inf")} for one in renderers]
     return {
@@ -219,39 +237,41 @@ def told_of(renderers: Sequence[Renderer], settings: Mapping[str, Any] | None) -
 
 
 def note_order(tuned: list[tuple[str, str, dict[str, Any]]], order: str, name: str, numbers: Mapping[str, Any]) -> None:
-    """Note one of `ORDERS`; a slider that moves replaces what it said before, so that hours of it are one line."""
+    """Note one of `ORDERS`; a slider that moves replaces its last entry, so that hours of it are one line."""
     if tuned and tuned[-1][:2] == (order, name) and tuned[-1][2].keys() == numbers.keys():
         tuned.pop()
     tuned.append((order, name, dict(numbers)))
 
 
-def replay_flight(folder: str | Path) -> Replay:
-    """Fly anybody's flight again: in a process of its own, since compiled code takes its memory as it is.
+def replay_log(folder: str | Path) -> Replay:
+    """Replay a log of unknown origin: in a process of its own, since compiled code reads its memory unchecked.
 
     Raises:
-        HapsceneError: it is none, is damaged, or nothing of it can be flown again.
+        HapsceneError: not a log, damaged, or without a checkpoint.
     """
     folder = Path(folder)
     if not (folder / STORY_FILE).is_file():
-        raise PathError(f"{folder}: no flight: expected a folder with {STORY_FILE}, as `hapscene play` writes it")
+        raise PathError(
+            f"{folder}: not a session log: expected a folder with {STORY_FILE}, as `hapscene play` writes it"
+        )
     limits: Any = {"memory_B": MEMORY_MAX_B, "output_B": BYTES_MAX, "time_s": 600.0, "imports": [__name__]}
     with refusing(PathError, folder), (folder / STORY_FILE).open("rb") as file:
-        told = confined(_fly_again, file, str(folder), by="The tick on a flight's memory", **limits).arrays
-    first, length = told["ticks"].tolist()
-    return Replay(first, length, told["unlike"], told["reason"].tobytes().decode(errors="replace"))
+        found = confined(_replay_in_process, file, str(folder), by="The tick on a log's memory", **limits).arrays
+    first, length = found["ticks"].tolist()
+    return Replay(first, length, found["unlike"], found["reason"].tobytes().decode(errors="replace"))
 
 
 MEMORY_MAX_B: Final = 4_000_000_000
-"""Most memory that flying again may take [bytes]: a large mesh, and what compiles."""
+"""Most memory that a replay may take [bytes]: a large mesh, and the compiler."""
 
 REASON_MAX: Final = 500
-"""How much is told of why a stranger's flight was written [bytes]."""
+"""Longest reason that is taken from a log of unknown origin [bytes]."""
 
 
-def _fly_again(file: BinaryIO, folder: str) -> Mapping[str, NDArray[Any]]:
+def _replay_in_process(file: BinaryIO, folder: str) -> Mapping[str, NDArray[Any]]:
     """In the process."""
     try:
-        replay = Flight.load(folder).replay()
+        replay = SessionLog.load(folder).replay()
     except FormatError:
         raise
     except HapsceneError as error:
@@ -262,21 +282,21 @@ def _fly_again(file: BinaryIO, folder: str) -> Mapping[str, NDArray[Any]]:
     return {"ticks": np.array([replay.first, replay.count]), "unlike": replay.unlike, "reason": reason}
 
 
-def write_flight(flight: Flight, folder: str | Path) -> str:
-    """Write a flight into a folder of its own in `folder`, named after the time; says where, or why not."""
+def write_log(log: SessionLog, folder: str | Path) -> str:
+    """Write a log into a new folder in `folder`, named after the time; returns where, or why not."""
     start = Path(folder) / time.strftime("%Y-%m-%d-%H%M%S")
     place = next(one for k in count(1) if not (one := start if k == 1 else Path(f"{start}-{k}")).exists())
     try:
-        flight.save(place)
+        log.save(place)
     except (OSError, HapsceneError) as error:  # a full disk must not end what goes on
         return f"the last minute could not be written: {error}"
-    return f"the last minute is in {place}; `hapscene play --replay {place}` flies it again"
+    return f"the last minute is in {place}; `hapscene play --replay {place}` replays it"
 
 
-def flight_of(
+def log_of(
     channel: Channel, scene: Scene, made: Mapping[str, Any], tuned: Sequence[Sequence[Any]], reason: str
-) -> Flight:
-    """What the shared memory holds of the last minute. The servo may go on meanwhile, or be dead."""
+) -> SessionLog:
+    """The last minute in the shared memory. The servo may run on meanwhile, or have ended."""
     row, length = channel.channel[0], channel.rows.shape[1]
     done = int(row.done)
     first = max(done - length, 0)
@@ -293,4 +313,4 @@ def flight_of(
         memory = channel.checkpoints[slot, : int(row.checkpoint_size)].copy()
         if channel.checkpoint_ticks[slot] != tick:  # likewise
             tick, memory = -1, np.zeros(0, np.uint8)
-    return Flight(reason, first, rows, felt, a_m_s2, memory, tick, made, tuned, scene)
+    return SessionLog(reason, first, rows, felt, a_m_s2, memory, tick, made, tuned, scene)

@@ -19,8 +19,6 @@ from hapscene.view.palette import DARK, rgb
 from hapscene.view.picture import write_picture
 from hapscene.view.triangles import Drawing
 
-pytestmark = pytest.mark.nightly
-
 
 def scene_of(shape: trimesh.Trimesh) -> Scene:
     scene = Scene()
@@ -92,6 +90,6 @@ def test_picture_that_cannot_be_drawn_leaves_nothing(tmp_path: Path, monkeypatch
     from hapscene.view import offscreen
 
     monkeypatch.setattr(offscreen.sys, "executable", "/bin/false")
-    with pytest.raises(ViewError, match="libosmesa6"):
+    with pytest.raises(ViewError):
         write_picture(scene_of(trimesh.creation.box((1, 1, 1))), None, tmp_path / "a.png")
     assert list(tmp_path.iterdir()) == []

@@ -14,9 +14,7 @@ import pytest
 from hapscene.cli import main
 from tests.cli.command_lines import parse
 
-pytestmark = pytest.mark.nightly
-
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 

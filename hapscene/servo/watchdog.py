@@ -1,7 +1,7 @@
-"""The servo's guard: a process that sees to it that no force is left when the servo dies or stands still.
+"""The servo's watchdog: a process that sees to it that no force is left when the servo dies or stands still.
 
 A servo that ends by itself closes its devices, and says so. One that is killed, or does not tick for a while, cannot:
-then the guard ends it for good, opens each device that keeps its last force, and writes zero (`Driver.release`).
+then the watchdog ends it for good, opens each device that keeps its last force, and writes zero (`Driver.release`).
 """
 
 import os
@@ -27,7 +27,7 @@ WAITING_S: Final = 1.0
 """And one that waits for its device [s]: after half of it, drivers say themselves that it is silent."""
 
 LOOK_S: Final = 0.005
-"""How often the guard looks [s]."""
+"""How often the watchdog looks [s]."""
 
 RELEASE_S: Final = 2.0
 """How long it tries to open a device that a dying process may still have [s]."""
@@ -86,7 +86,7 @@ def until_needed(life: Connection, channel: Channel, pid: int, clock: Clock = CL
             return False
         now_s = clock.now_s()
         moved = row.done != done or row.pause == 1
-        # a guard that itself had no time has seen nothing
+        # a watchdog that itself had no time has seen nothing
         still_s = 0.0 if moved else still_s + min(now_s - before_s, 2.0 * LOOK_S)
         done, before_s = int(row.done), now_s
         patience_s = WAITING_S if row.waiting else BUSY_S

@@ -11,7 +11,7 @@ from websockets.exceptions import ConnectionClosed, InvalidMessage
 from websockets.sync.client import connect
 from websockets.sync.server import ServerConnection
 
-from hapscene.web_listener import WebListener
+from hapscene.web.listener import WebListener
 
 
 def talk(connection: ServerConnection) -> None:
@@ -28,7 +28,7 @@ def test_who_comes_while_it_closes_is_not_left_with_an_open_connection() -> None
         closers[0].start()
         closers[0].join(0.5)  # as far as it comes
 
-    listener = WebListener(talk, "127.0.0.1", 0, room=1, what="it", option="--port", came=close)
+    listener = WebListener(talk, "127.0.0.1", 0, connections_max=1, what="it", option="--port", on_connection=close)
     listener.open()
     address = "ws://{}:{}".format(*listener.address)
     refused = (ConnectionClosed, InvalidMessage, ConnectionError)  # and not that it waits in vain

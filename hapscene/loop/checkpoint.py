@@ -1,7 +1,4 @@
-"""What a tick remembers, as bytes: kept now and then by the loop, and put back for a flight that is flown again.
-
-Alone, since the compiled loop needs it and the flight recorder needs the loop's memory.
-"""
+"""Checkpoints: the memory of a tick as bytes, copied now and then by the loop, and restored for a replay."""
 
 from typing import TYPE_CHECKING, Any, Final
 
@@ -39,7 +36,7 @@ def remember(world: "World", surface: "Surface", memory: NDArray[np.uint8]) -> N
     parts = memory_of(world, surface)
     if sum(map(len, parts)) != len(memory):
         raise HapsceneError(
-            "the scene has other bodies or effects than the one that was flown, or another version flew it"
+            "the scene has other bodies or effects than the recorded one, or it was recorded by another version"
         )
     own = {name: world.bodies[name].copy() for name in _ADDRESSES}
     at = 0

@@ -11,8 +11,8 @@ import pytest
 
 from hapscene.errors import HapsceneError
 from hapscene.native import INTERPRETED
-from hapscene.servo import Flight
-from hapscene.servo.flight_recorder import NUMBERS_FILE, STORY_FILE, note_order, replay_flight, write_flight
+from hapscene.servo import SessionLog
+from hapscene.servo.session_log import NUMBERS_FILE, STORY_FILE, note_order, replay_log, write_log
 from tests.servo.test_servo import MASS, make_scene
 from tests.until import until
 from tests.virtual_servo import VirtualServo
@@ -36,35 +36,35 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
             if k == 20:
                 servo.tune("wood", stiffness_N_m=400.0)
         servo.advance(900)
-        servo.save_flight(folder)
+        servo.save_log(folder)
     return folder
 
 
 def test_it_is_flown_again_to_the_bit(flown: Path) -> None:
-    flight = Flight.load(flown)
-    replay = flight.replay()
+    log = SessionLog.load(flown)
+    replay = log.replay()
     assert replay.count > 500 and len(replay.unlike) == 0 and "the same to the bit" in str(replay)
-    assert flight.first > 0  # the ring is shorter than the stroke
-    assert 400 < flight.memory_tick < 1500  # from after the tuning on
-    assert flight.rows["f_W_N"].any() and flight.a_m_s2.any()
+    assert log.first > 0  # the ring is shorter than the stroke
+    assert 400 < log.memory_tick < 1500  # from after the tuning on
+    assert log.rows["f_W_N"].any() and log.a_m_s2.any()
 
 
 def test_a_stranger_s_is_flown_in_a_process_of_its_own(flown: Path, tmp_path: Path) -> None:
-    again = replay_flight(flown)
-    assert len(again.unlike) == 0 and again.reason == Flight.load(flown).reason != ""
+    again = replay_log(flown)
+    assert len(again.unlike) == 0 and again.reason == SessionLog.load(flown).reason != ""
     folder = tmp_path / "forged"
     shutil.copytree(flown, folder)
     story = json.loads((folder / STORY_FILE).read_text())
     (folder / STORY_FILE).write_text(json.dumps(story | {"made": {"tick_s": "x"}}))
     with pytest.raises(HapsceneError, match="damaged"):
-        replay_flight(folder)
+        replay_log(folder)
 
 
 def test_another_force_is_found_at_its_tick(flown: Path) -> None:
-    flight = Flight.load(flown)
-    at = flight.rows.shape[1] - 50
-    flight.rows["f_W_N"][0, at, 2] = np.nextafter(flight.rows["f_W_N"][0, at, 2], 9.0)
-    assert flight.replay().unlike.tolist() == [flight.first + at]
+    log = SessionLog.load(flown)
+    at = log.rows.shape[1] - 50
+    log.rows["f_W_N"][0, at, 2] = np.nextafter(log.rows["f_W_N"][0, at, 2], 9.0)
+    assert log.replay().unlike.tolist() == [log.first + at]
 
 
 def test_after_shapes_have_changed_it_says_that_it_cannot(flown: Path, tmp_path: Path) -> None:
@@ -73,9 +73,9 @@ def test_after_shapes_have_changed_it_says_that_it_cannot(flown: Path, tmp_path:
         servo.start((0.0, 0.0, 0.01))
         servo.deform("plate", 1.1 * scene.bodies[0].mesh.vertices_m)
         servo.advance(20)
-        servo.save_flight(tmp_path / "deformed")
+        servo.save_log(tmp_path / "deformed")
     with pytest.raises(HapsceneError, match="looked at, not flown again"):
-        Flight.load(tmp_path / "deformed").replay()
+        SessionLog.load(tmp_path / "deformed").replay()
 
 
 def test_after_a_body_came_it_says_that_it_cannot(tmp_path: Path) -> None:
@@ -84,9 +84,9 @@ def test_after_a_body_came_it_says_that_it_cannot(tmp_path: Path) -> None:
         servo.start((0.0, 0.0, 0.01))
         servo.add(scene.bodies[0].mesh, name="other")
         servo.advance(20)
-        flight = servo.flight()
+        log = servo.session_log()
     with pytest.raises(HapsceneError, match="looked at, not flown again"):
-        flight.replay()
+        log.replay()
 
 
 def test_each_tool_is_flown_again_within_its_own_limits_and_settings_are_numbers_of_any_kind(tmp_path: Path) -> None:
@@ -96,9 +96,9 @@ def test_each_tool_is_flown_again_within_its_own_limits_and_settings_are_numbers
         for tool in range(2):
             servo.aim((0.0, 0.0, -0.006), "firm", tool=tool)
         servo.advance(300)
-        servo.save_flight(tmp_path / "two")
-    flight = Flight.load(tmp_path / "two")
-    assert flight.rows["touching"].any(axis=1).all() and len(flight.replay().unlike) == 0
+        servo.save_log(tmp_path / "two")
+    log = SessionLog.load(tmp_path / "two")
+    assert log.rows["touching"].any(axis=1).all() and len(log.replay().unlike) == 0
 
 
 def test_a_slider_that_moves_for_hours_is_one_line() -> None:
@@ -131,7 +131,7 @@ def test_what_is_none_is_refused_in_one_line(flown: Path, damage: str, tmp_path:
         case "pickle":
             np.savez(folder / NUMBERS_FILE, a_m_s2=np.array([[[object()]]], dtype=object))
     with pytest.raises(HapsceneError) as error:
-        Flight.load(folder)
+        SessionLog.load(folder)
     assert str(folder) in str(error.value) and "\n" not in str(error.value)
 
 
@@ -142,7 +142,7 @@ def test_a_full_disk_is_told_and_nothing_else_happens(flown: Path, tmp_path: Pat
     if os.system(f"mount -t tmpfs -o size=64k tmpfs {full}") != 0:
         pytest.skip("no disk may be mounted here")
     try:
-        assert "could not be written" in write_flight(Flight.load(flown), full)
+        assert "could not be written" in write_log(SessionLog.load(flown), full)
         assert list(full.iterdir()) == []
     finally:
         os.system(f"umount {full}")
@@ -150,7 +150,7 @@ def test_a_full_disk_is_told_and_nothing_else_happens(flown: Path, tmp_path: Pat
 
 def test_two_in_one_second_are_two(flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(time, "strftime", lambda form: "now")
-    flight = Flight.load(flown)
-    write_flight(flight, tmp_path)
-    write_flight(flight, tmp_path)
+    log = SessionLog.load(flown)
+    write_log(log, tmp_path)
+    write_log(log, tmp_path)
     assert len(list(tmp_path.iterdir())) == 2

@@ -1,0 +1,276 @@
+"""The one driver of the closed loop: the twin's ticks as fast as they go, the servo's in real time. Compiled once.
+
+One `Loop` holds all that a tick acts on. `CHANNEL.pace` says who keeps the time:
+
+    FREE       nobody: the ticks of an intent one after the other (`Twin`)
+    TIMED      the driver: it waits until a tick is due (simulated devices of a `Servo`)
+    CALLED     the caller, who waits, reads and writes between single ticks (devices that Python drives)
+    SCHEDULED  a vendor's thread, which calls single ticks
+"""
+
+import math
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.bound_call import BoundCall, loaded
+from hapscene.clock import now_ns
+from hapscene.compiled.entry import address_of, call_flags
+from hapscene.constants import TINY
+from hapscene.contact.prediction import FRAME, PREDICTED, predict_bodies
+from hapscene.device.safety import STALL_S
+from hapscene.loop.checkpoint import keep_memory, memory_of
+from hapscene.loop.closed_loop import Tool, take_grip, tick_tool
+from hapscene.loop.timing import BIN_COUNT, TIMING, Timer, count_in_bin, wait_for_tick
+from hapscene.native import inlined, native
+from hapscene.records import records
+
+if TYPE_CHECKING:
+    from hapscene.renderer import Renderer
+
+__all__ = ["AIM", "CHANNEL", "Bodies", "Loop", "bound", "drive", "new_loop", "still_bodies", "wait_at"]
+
+FREE, TIMED, CALLED, SCHEDULED = 0, 1, 2, 3
+
+CHANNEL: Final = np.dtype(
+    [
+        # by the application
+        ("pause", "i8"),  # 1: the loop shall return
+        ("moving_count", "i8"),  # bodies that the application moves: so many of `Channel.moving` are written
+        ("pulse", "i8"),  # heartbeat: one more every 2 ms, while the application lives
+        # by the servo
+        ("pace", "i8"),  # FREE, TIMED, CALLED or SCHEDULED
+        ("until", "i8"),  # the driver returns when so many ticks are complete
+        ("done", "i8"),  # complete ticks
+        ("done_ns", "i8"),  # when the newest was complete, by the clock of the loop
+        ("missed", "i8"),  # ticks that were left out since the loop was too late for them
+        ("waiting", "i8"),  # 1: a device is read or written by Python, which may wait for it
+        ("changed", "i8"),  # number of the first tick since an order last changed the scene or its parameters
+        ("checkpoint_due", "i8"),  # tick before which the next checkpoint is written
+        ("checkpoint_count", "i8"),  # checkpoints so far
+        ("checkpoint_size", "i8"),  # of each [bytes]
+        ("late", "i8", (BIN_COUNT,)),  # histogram of how late ticks began
+        ("busy", "i8", (BIN_COUNT,)),  # and of how long they took
+    ],
+    align=True,
+)
+"""The state of a loop; the servo's is in memory that it shares with the application."""
+
+AIM: Final = np.dtype(
+    [
+        ("count", "i8"),  # odd while the aim is being written
+        ("aim", "f8", (3, 3)),  # place in W [m]; grip: k_N_m, b_Ns_m, mass_kg; push in W [N]
+    ]
+)
+"""Where the hand on a tool aims, by the application."""
+
+FOLLOW_RAD_S: Final = 60.0
+"""How fast the hand's target follows the aim, critically damped [rad/s]: a mouse moves in steps at 60 Hz, a hand does
+not; 17 ms is half of what is noticed between seeing and feeling (45 ms, Adelstein et al. 2003)."""
+
+
+class Bodies(NamedTuple):
+    """The scene's bodies that move. b bodies, t tools."""
+
+    frames: Any  # (b,) FRAME, as the application gives them
+    predicted: Any  # (b,) PREDICTED
+    moving: NDArray[np.int64]  # (b,) indices of those that move, as many as the channel says
+    given: NDArray[np.float64]  # (b, 6) impulse of all tools on them
+    X_WB: NDArray[np.float64]  # (1, b, 4, 4) their poses, or (n, b, 4, 4) tick by tick
+    teleported: NDArray[np.int64]  # (b,)
+    jumps: NDArray[np.int64]  # (t, b) the same, until each tool has seen it
+
+
+class Loop(NamedTuple):
+    """All that a tick of t tools acts on."""
+
+    worlds: Any  # (t,) `hapscene.contact.world.World`
+    surfaces: Any  # (t,) `hapscene.surface.surface_arrays.Surface`
+    tools: tuple[Tool, ...]  # (t,)
+    bodies: Bodies
+    timer: Timer  # with the channel
+    intent: Any  # target [m], grip, push [N], (n, 3) each: of a loop that is FREE
+    aims: Any  # (t,) AIM: of the others
+    hands: NDArray[np.float64]  # (t, 5, 3) the aim of each, its target, its velocity, grip and push, as last read
+    rows: Any  # (t, length) ROW
+    felt: Any  # (t, length) FELT
+    a_m_s2: NDArray[np.float64]  # (t, length, block) desired acceleration
+    a_handle_m_s2: NDArray[np.float64]  # (t, length, block) of the handle
+    memory: Any  # what the ticks of all tools remember, a tuple of bytes
+    checkpoints: Any  # (CHECKPOINT_COUNT, room) bytes
+    checkpoint_ticks: NDArray[np.int64]  # (CHECKPOINT_COUNT,)
+
+
+def new_loop(
+    renderers: "list[Renderer]", tools: list[Tool], channel: Any, clock: NDArray[np.int64], **parts: Any
+) -> Loop:
+    """A loop of renderers and their tools; `parts` are further fields, those left out are empty."""
+    tick_ns = round(float(renderers[0].surface.touch[0].tick_s) * 1e9)
+    empty = np.zeros((0, 3))
+    fields = {
+        "intent": (empty, empty, empty),
+        "aims": records(0, AIM),
+        "hands": np.zeros((0, 5, 3)),
+        "checkpoints": np.zeros((0, 0), np.uint8),
+        "checkpoint_ticks": np.zeros(0, np.int64),
+        "timer": Timer(channel, clock, parts.pop("timing", records(1, TIMING)[0]), tick_ns),
+    }
+    return Loop(
+        worlds=tuple(renderer.world for renderer in renderers),
+        surfaces=tuple(renderer.surface for renderer in renderers),
+        tools=tuple(tools),
+        memory=tuple(part for renderer in renderers for part in memory_of(renderer.world, renderer.surface)),
+        **(fields | parts),
+    )
+
+
+def still_bodies(moving: NDArray[np.int64], X_WB: NDArray[np.float64], teleported: NDArray[np.int64]) -> Bodies:
+    """Bodies `moving` (m,) whose poses (n, m, 4, 4) are known, so that nothing is predicted; of one tool."""
+    none = np.zeros((0, 6))
+    return Bodies(records(0, FRAME), records(0, PREDICTED), moving, none, X_WB, teleported, teleported.reshape(1, -1))
+
+
+def wait_at(address: Any, kind: Any) -> None:
+    """`wait_for_tick` as `BoundCall` takes it, with a `Timer`."""
+    wait_for_tick(loaded(address, kind))
+
+
+def drive_at(address: Any, kind: Any) -> None:
+    """`drive` as `BoundCall` takes it, with what `bound` gives.
+
+    By its address: as a part of this function, with a thousand numbers loaded at once, its ticks are 5 % slower.
+    """
+    entry, loop = loaded(address, kind)
+    call_flags(entry, (loop,))
+
+
+def bound(loop: Loop) -> BoundCall:
+    """The driver of a loop as a C function without arguments."""
+    return BoundCall(drive_at, (address_of(drive, loop), loop))
+
+
+@native
+def drive(loop: Loop) -> int:
+    """Tick until `channel.pause` is set or `channel.until` ticks are complete; once where others keep the time."""
+    channel = loop.timer.channel
+    once = channel.pace >= CALLED
+    while once or (channel.pause == 0 and channel.done < channel.until):
+        if channel.pace == TIMED:
+            wait_for_tick(loop.timer)
+        elif channel.pace == SCHEDULED:
+            _note_start(loop.timer)
+        _tick_tools(loop)
+        if once:
+            break
+    return 0
+
+
+@native
+def _note_start(timer: Timer) -> None:
+    """A vendor's thread keeps the time: the delay counts from the tick before."""
+    channel, timing, tick_ns = timer.channel, timer.timing, timer.tick_ns
+    start = now_ns(timer.clock)
+    late = max(start - timing.began_ns - tick_ns, 0)
+    timing.due_ns = timing.began_ns = start
+    timing.late, timing.stalled = 0, int(late > STALL_S * 1e9)
+    channel.missed += late // tick_ns
+    count_in_bin(channel.late, late)
+
+
+@inlined
+def _tick_tools(loop: Loop) -> None:
+    """A tick of all tools, one after the other."""
+    worlds, surfaces, tools, bodies, channel = loop.worlds, loop.surfaces, loop.tools, loop.bodies, loop.timer.channel
+    rows, a_m_s2, felt, a_handle_m_s2 = loop.rows, loop.a_m_s2, loop.felt, loop.a_handle_m_s2
+    clock, timing, hands = loop.timer.clock, loop.timer.timing, loop.hands
+    tick_s, count, now = surfaces[0].touch[0].tick_s, channel.moving_count, channel.done
+    real_time = channel.pace != FREE
+    if real_time:
+        keep_memory(channel, loop.memory, loop.checkpoints, loop.checkpoint_ticks, rows.shape[1])
+        _predict(worlds, bodies, count, timing.began_ns, clock, tick_s)
+    slot = now if now < rows.shape[1] else now % rows.shape[1]  # a division is slow
+    pose = now if bodies.X_WB.shape[0] > 1 else 0
+    for t in range(len(worlds)):
+        world, surface, tool = worlds[t], surfaces[t], tools[t]
+        if real_time:
+            safety = tool.safety[0]
+            safety.pulse_now, safety.late, safety.stalled = channel.pulse, timing.late, timing.stalled
+            _read_aim(loop.aims[t], hands[t], clock)
+            _follow(tool, hands[t], tick_s)
+        else:
+            _intend(tool, loop.intent[0], loop.intent[1], loop.intent[2], now, tick_s)
+        moved = (bodies.moving, bodies.X_WB, bodies.jumps[t], count, pose)
+        notes = (rows[t, slot], a_m_s2[t, slot], felt[t, slot], a_handle_m_s2[t, slot])
+        tick_tool(world, surface, tool, moved, notes)
+    if real_time:  # the clock is a call the compiler knows nothing of: what is above stays above
+        end = now_ns(clock)
+        count_in_bin(channel.busy, end - timing.began_ns)
+        channel.done_ns = end
+    channel.done += 1
+
+
+@inlined
+def _intend(tool: Any, target: Any, grip: Any, push: Any, k: int, tick_s: float) -> None:
+    """The hand's intent for a tick: its target moves straight to that of the next."""
+    hand = tool.arm.hand[0]
+    after = min(k + 1, len(target) - 1)
+    take_grip(tool, grip[k, 0], grip[k, 1], grip[k, 2])
+    for i in range(3):
+        hand.target_m[i] = target[k, i]
+        hand.target_m_s[i] = (target[after, i] - target[k, i]) / tick_s
+        hand.push_N[i] = push[k, i]
+
+
+@native
+def _predict(worlds: Any, bodies: Bodies, count: int, now: int, clock: NDArray[np.int64], tick_s: float) -> None:
+    """Where the bodies are by now that the application moves, pushed by all tools."""
+    for m in range(count):
+        index = bodies.moving[m]
+        for i in range(6):
+            total = 0.0
+            for t in range(len(worlds)):
+                total += worlds[t].impulse[index, i]
+            bodies.given[index, i] = total
+    frames, moving, X_WB, jump = bodies.frames, bodies.moving[:count], bodies.X_WB[:, :count], bodies.teleported[:count]
+    predict_bodies(frames, bodies.predicted, moving, bodies.given, X_WB, jump, now, clock, tick_s)
+    for m in range(count):
+        for t in range(len(worlds)):
+            bodies.jumps[t, m] |= jump[m]
+        jump[m] = 0
+
+
+@inlined
+def _read_aim(shared: Any, hand: NDArray[np.float64], clock: NDArray[np.int64]) -> None:
+    """Take over the application's aim, unless it is being written."""
+    count = shared.count
+    now_ns(clock)  # keeps the two looks at the count apart
+    p, grip, push = shared.aim[0], shared.aim[1], shared.aim[2]
+    x, y, z = p[0], p[1], p[2]
+    k, b, m = grip[0], grip[1], grip[2]
+    u, v, w = push[0], push[1], push[2]
+    now_ns(clock)
+    if count % 2 == 1 or count != shared.count:
+        return
+    hand[0, 0], hand[0, 1], hand[0, 2] = x, y, z
+    hand[3, 0], hand[3, 1], hand[3, 2] = k, b, m
+    hand[4, 0], hand[4, 1], hand[4, 2] = u, v, w
+
+
+@inlined
+def _follow(tool: Any, aim: NDArray[np.float64], tick_s: float) -> None:
+    """Move the hand's target after the aim, smoothly."""
+    take_grip(tool, aim[3, 0], aim[3, 1], aim[3, 2])
+    hand = tool.arm.hand[0]
+    fade = math.exp(-FOLLOW_RAD_S * tick_s)
+    for i in range(3):
+        ahead = aim[1, i] - aim[0, i]
+        pull = (aim[2, i] + FOLLOW_RAD_S * ahead) * tick_s
+        after = aim[0, i] + (ahead + pull) * fade
+        aim[2, i] = (aim[2, i] - FOLLOW_RAD_S * pull) * fade
+        if abs(ahead) < TINY and abs(aim[2, i]) < TINY:
+            after, aim[2, i] = aim[0, i], 0.0
+        hand.target_m[i] = aim[1, i]
+        hand.target_m_s[i] = (after - aim[1, i]) / tick_s
+        hand.push_N[i] = aim[4, i]
+        aim[1, i] = after

@@ -1,0 +1,266 @@
+"""A web server for one page: its files, and a WebSocket on which the page and the program exchange JSON.
+
+Every request must have the token that is drawn at the start and name an accepted host; a WebSocket must come from a
+page of that same host. What a page sends may be anything: messages are limited in size and rate.
+"""
+
+import contextlib
+import hmac
+import http
+import ipaddress
+import json
+import secrets
+import socket
+from collections.abc import Callable
+from importlib.resources.abc import Traversable
+from queue import SimpleQueue
+from threading import Lock, Thread
+from typing import TYPE_CHECKING, Any, Final, Self
+
+from hapscene.errors import HapsceneError
+from hapscene.wall_clock import CLOCK, Clock
+from hapscene.web.listener import WebListener, is_address, refusal_reason
+
+if TYPE_CHECKING:
+    from websockets.http11 import Request, Response
+    from websockets.sync.server import ServerConnection
+
+__all__ = ["PageConnection", "WebServer"]
+
+CONNECTIONS_MAX: Final = 32
+"""Most open connections [count]: a page opens some for its files, and keeps one."""
+
+MESSAGES_MAX_HZ: Final = 600.0
+"""Most messages of a page per second [1/s]; pages send up to 250."""
+
+WAITING_MAX: Final = 256
+"""Messages that may wait for a page that does not read [count]; beyond, it is disconnected and connects again."""
+
+CLOSE_S: Final = 1.0
+"""Longest wait, when the server closes, until a page has received what was sent [s]."""
+
+POLICY: Final = "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
+
+CONTENT_TYPES: Final = {
+    "html": "text/html; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+}
+
+
+class PageConnection:
+    """The WebSocket of one open page. Sending never blocks: a thread sends what waits."""
+
+    def __init__(self, connection: "ServerConnection") -> None:
+        self._connection = connection
+        self._waiting: SimpleQueue[str | None] = SimpleQueue()
+        self._sender = Thread(target=self._send_waiting)
+        self._sender.start()
+
+    def send(self, message: object) -> None:
+        """Send a message as JSON; disconnect a page that does not read."""
+        self.send_text(json.dumps(message))
+
+    def send_text(self, text: str) -> None:
+        """Send a text; disconnect a page that does not read."""
+        self._waiting.put(text)
+        if self._waiting.qsize() > WAITING_MAX:
+            with contextlib.suppress(OSError):
+                self._connection.socket.shutdown(socket.SHUT_RDWR)
+
+    def close(self, timeout_s: float | None = None) -> None:
+        """Close the connection after what waits, and wait for that, at most so long [s]."""
+        self._waiting.put(None)
+        self._sender.join(timeout_s)
+
+    def _send_waiting(self) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        with contextlib.suppress(ConnectionClosed):
+            while (text := self._waiting.get()) is not None:
+                self._connection.send(text)
+        self._connection.close()
+
+
+def _ignore(page: PageConnection) -> None:
+    """No effect."""
+
+
+class WebServer:
+    """Serves a page while it is open.
+
+    Callbacks run in the thread of the connection; those of several pages run at the same time.
+
+    Args:
+        folder, name: where NAME.html, NAME.css and NAME.js are, such as `importlib.resources.files("hapscene.play")`.
+        take: called with each message of a page, parsed from JSON; invalid JSON is ignored.
+        joined, left: called when a page opens and closes its WebSocket.
+        host, port: address to listen at; port 0 for any free one.
+        message_max: longest message [bytes].
+        content: returns content and content type of a name in the URL that is not a file of the page, or None; may
+            raise HapsceneError.
+        option: name of the option that sets the port, for errors.
+        clock: measures the rate of messages.
+
+    Attributes:
+        url: address of the page with its token; only whoever has it is let in.
+        address: host and port.
+        public: whether other machines can reach it.
+
+    Raises:
+        HapsceneError: websockets is not installed, the port is in use or the host is not an address of this machine.
+    """
+
+    def __init__(
+        self,
+        folder: Traversable,
+        name: str,
+        *,
+        take: Callable[[PageConnection, Any], None],
+        joined: Callable[[PageConnection], None] = _ignore,
+        left: Callable[[PageConnection], None] = _ignore,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        message_max: int = 4096,
+        content: Callable[[str], tuple[bytes, str] | None] = lambda name: None,
+        option: str = "--port",
+        clock: Clock = CLOCK,
+    ) -> None:
+        files = {f"{name}.{suffix}": suffix for suffix in CONTENT_TYPES}
+        self._files = {file: ((folder / file).read_bytes(), CONTENT_TYPES[suffix]) for file, suffix in files.items()}
+        self._files[""] = self._files[f"{name}.html"]
+        self._take, self._joined, self._left, self._content = take, joined, left, content
+        self._clock, self._token = clock, secrets.token_urlsafe(16)
+        self._hosts = {"localhost", "127.0.0.1", "::1", host.lower()}
+        self.public = is_address(host) and not ipaddress.ip_address(host).is_loopback
+        self._pages, self._lock = set[PageConnection](), Lock()
+        self._listener = WebListener(
+            self._talk,
+            host,
+            port,
+            connections_max=CONNECTIONS_MAX,
+            what="the page",
+            option=option,
+            process_request=self._answer,
+            open_timeout=5.0,
+            close_timeout=CLOSE_S,
+            max_size=message_max,
+            max_queue=16,
+        )
+        self.address = self._listener.address
+        self.url = f"http://{_reachable(host)}:{self.address[1]}/{self._token}/"
+
+    def open(self) -> None:
+        """Start to answer."""
+        self._listener.open()
+
+    def close(self) -> None:
+        """Send what waits, then close every connection."""
+        for page in self.pages:
+            page.close(CLOSE_S)
+        self._listener.close()
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    @property
+    def pages(self) -> list[PageConnection]:
+        """The pages that are open."""
+        with self._lock:
+            return list(self._pages)
+
+    def send(self, message: object) -> None:
+        """Send a message to every open page as JSON."""
+        text = json.dumps(message)
+        for page in self.pages:
+            page.send_text(text)
+
+    def _talk(self, connection: "ServerConnection") -> None:
+        """Take the messages of a page until it closes."""
+        from websockets.exceptions import ConnectionClosed
+
+        page = PageConnection(connection)
+        with self._lock:
+            self._pages.add(page)
+        try:
+            self._joined(page)
+            budget, last_s = MESSAGES_MAX_HZ, self._clock.now_s()
+            for text in connection:
+                now_s = self._clock.now_s()
+                budget = min(budget + (now_s - last_s) * MESSAGES_MAX_HZ, MESSAGES_MAX_HZ) - 1.0
+                last_s = now_s
+                if budget < 0.0:
+                    connection.close(1008, "too many messages")
+                    break
+                self._take_text(page, text)
+        except ConnectionClosed:
+            pass
+        finally:
+            with self._lock:
+                self._pages.discard(page)
+            self._left(page)
+            page.close()
+
+    def _take_text(self, page: PageConnection, text: str | bytes) -> None:
+        try:
+            message = json.loads(text)
+        except (ValueError, RecursionError):
+            return
+        self._take(page, message)
+
+    def _answer(self, connection: "ServerConnection", request: "Request") -> "Response | None":
+        """A file or a refusal; None for a WebSocket that is accepted."""
+        try:
+            reason = self._refusal(request)
+        except (LookupError, ValueError):  # a header that appears twice or cannot be parsed
+            reason = "invalid request"
+        if reason:
+            return _response(http.HTTPStatus.FORBIDDEN, reason.encode())
+        name = request.path.partition("?")[0].rpartition("/")[2]
+        if name == "socket":
+            return None
+        try:
+            found = self._files.get(name) or self._content(name)
+        except HapsceneError as error:
+            return _response(http.HTTPStatus.NOT_FOUND, str(error).encode())
+        if found is None:
+            return _response(http.HTTPStatus.NOT_FOUND, b"no such file")
+        return _response(http.HTTPStatus.OK, *found)
+
+    def _refusal(self, request: "Request") -> str | None:
+        upgrade = request.headers.get("Upgrade", "").lower() == "websocket"
+        if reason := refusal_reason(request.headers, self._hosts, self.public, upgrade):
+            return reason
+        token = request.path.partition("?")[0][1:].rpartition("/")[0]
+        if hmac.compare_digest(token.encode(errors="replace"), self._token.encode()):
+            return None
+        return "invalid token: open the whole address that the terminal printed"
+
+
+def _response(status: http.HTTPStatus, content: bytes, content_type: str = "text/plain; charset=utf-8") -> "Response":
+    from websockets.datastructures import Headers
+    from websockets.http11 import Response
+
+    headers = {
+        "Content-Type": content_type,
+        "Content-Length": str(len(content)),
+        "Content-Security-Policy": POLICY,
+        "Cache-Control": "no-store",
+        "Connection": "close",
+        "Referrer-Policy": "no-referrer",
+        "X-Content-Type-Options": "nosniff",
+    }
+    return Response(int(status), status.phrase, Headers(headers), content)
+
+
+def _reachable(host: str) -> str:
+    """A host as written in a URL; for "all addresses", the one by which other machines reach this one."""
+    if host in ("0.0.0.0", "::", ""):
+        with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect(("192.0.2.1", 9))  # sends nothing: only the route is looked up
+            host = probe.getsockname()[0]
+    return f"[{host}]" if ":" in host else host

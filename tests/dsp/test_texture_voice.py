@@ -1,0 +1,45 @@
+"""What plays a texture: ramped levels, a model for each block, and a memory that goes on."""
+
+import numpy as np
+import pytest
+
+from hapscene.dsp.lattice import advance
+from hapscene.dsp.noise import normal, seeded_state
+from hapscene.dsp.texture_voice import Stroke, run_texture, voice_fields
+
+
+def voice(order: int, warp: float = 0.0, level: float = 0.0) -> np.void:
+    fields = [(name, float, shape) for name, shape in voice_fields(order)]
+    s = np.zeros(1, [*fields, ("rng", np.uint64, (4,))])[0]
+    s["order"], s["warp"], s["level_m_s2"], s["gain"] = order, warp, level, 1.0
+    s["rng"] = seeded_state(1, "texture")
+    return s
+
+
+def run(k: np.ndarray, level: np.ndarray, block: int, count: int, s: np.void | None = None) -> np.ndarray:
+    out = np.zeros(count)
+    stroke = Stroke(k, level, np.zeros(level.size), np.zeros(0), 1.0, block, 1)
+    run_texture(voice(k.shape[1], level=1.0) if s is None else s, stroke, out)
+    return out
+
+
+def test_the_level_is_ramped_over_each_block() -> None:
+    k, level = np.array([[0.5, -0.3]]), np.array([2.0, 2.0, 0.0, 3.0])
+    ramp = np.interp(np.arange(1, 37), [0, 10, 20, 30, 40], [1.0, *level])  # the last block is cut off
+    np.testing.assert_allclose(run(k, level, 10, 36), ramp * run(k, np.ones(4), 10, 36), atol=1e-12)
+
+
+def test_each_block_has_its_own_model_and_the_memory_goes_on() -> None:
+    models = np.array([[0.9, -0.5], [-0.7, 0.2]])
+    made = run(models, np.ones(2), 50, 100)
+    rng, b = seeded_state(1, "texture"), np.zeros(3)
+    rows = [(np.append(0.0, k), np.append(1.0, np.sqrt(1.0 - k**2))) for k in models]
+    np.testing.assert_array_equal(made, [advance(*rows[t // 50], b, 2, normal(rng)) for t in range(100)])
+
+
+@pytest.mark.parametrize("warp", [0.0, 0.6])
+def test_two_runs_are_the_same_as_one(warp: float) -> None:
+    k, level = np.array([[0.4, 0.8, -0.2]]), np.array([1.0, 2.0, 0.5, 1.5])
+    s = voice(3, warp)
+    parts = [run(k, level[2 * i : 2 * i + 2], 10, 20, s) for i in (0, 1)]
+    np.testing.assert_array_equal(np.concatenate(parts), run(k, level, 10, 40, voice(3, warp)))

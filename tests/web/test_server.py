@@ -1,0 +1,167 @@
+"""The web server of a page: who is let in, what limits a page, and that sending never blocks."""
+
+import json
+import socket
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from importlib import resources
+from queue import Queue
+from typing import Any
+
+import pytest
+
+pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection
+from websockets.sync.client import connect as connect_socket
+
+from hapscene.errors import HapsceneError
+from hapscene.web import server as web_server
+from hapscene.web.server import WebServer
+from tests.virtual_clock import VirtualClock
+
+PATIENCE_S = 60.0
+
+Opened = tuple[WebServer, "Queue[Any]"]
+
+
+def content(name: str) -> tuple[bytes, str] | None:
+    if name == "broken.png":
+        raise HapsceneError("no picture")
+    return (b"a picture", "image/png") if name == "picture.png" else None
+
+
+@pytest.fixture
+def opened() -> Iterator[Opened]:
+    """A server, and what its pages have sent; each page is greeted, and one that closes is noted."""
+    taken: Queue[Any] = Queue()
+    with WebServer(
+        resources.files("hapscene.play"),
+        "page",
+        take=lambda page, message: taken.put(message),
+        joined=lambda page: page.send({"hello": 1}),
+        left=lambda page: taken.put("left"),
+        content=content,
+        clock=VirtualClock(),
+    ) as server:
+        yield server, taken
+
+
+def connect(server: WebServer, token: str | None = None, origin: str | None = "") -> ClientConnection:
+    root = server.url if token is None else f"http://127.0.0.1:{server.address[1]}/{token}/"
+    origin = "/".join(server.url.split("/")[:3]) if origin == "" else origin
+    return connect_socket(f"ws{root[4:]}socket", origin=origin)  # type: ignore[arg-type]
+
+
+def status(url: str, **headers: str) -> int:
+    """Status of a request; 0 where the connection is closed without an answer."""
+    try:
+        with urllib.request.urlopen(urllib.request.Request(url, headers=headers)) as answer:
+            return int(answer.status)
+    except urllib.error.HTTPError as error:
+        return error.code
+    except OSError:
+        return 0
+
+
+def receive(tab: ClientConnection) -> Any:
+    return json.loads(tab.recv(PATIENCE_S))
+
+
+def test_serves_its_files_with_the_token(opened: Opened) -> None:
+    server, _ = opened
+    for name in ("", "page.html", "page.js", "page.css", "picture.png"):
+        assert status(server.url + name) == 200, name
+    for name in ("page_server.py", "broken.png"):
+        assert status(server.url + name) == 404, name
+
+
+def test_refuses_requests_without_token_of_other_hosts_and_origins(opened: Opened) -> None:
+    server, _ = opened
+    root = f"http://127.0.0.1:{server.address[1]}/"
+    assert status(root) == status(root + "page.js") == status(root + "x" * 22 + "/") == 403
+    assert status(server.url, Host="evil.example") == 403  # a name that was made to resolve to this machine
+    for token, origin in (("x" * 22, ""), ("", ""), (None, "http://evil.example"), (None, None), (None, "null")):
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(server, token, origin)
+
+
+def test_messages_reach_the_program_and_every_page(opened: Opened) -> None:
+    server, taken = opened
+    with connect(server) as one, connect(server) as other:
+        assert receive(one) == receive(other) == {"hello": 1}
+        for text in ("{", "[" * 3000, b"\xff\xfe", '{"a": [1]}'):
+            one.send(text)
+        assert taken.get(timeout=PATIENCE_S) == {"a": [1]}  # invalid JSON is ignored
+        server.send({"b": 2})
+        assert receive(one) == receive(other) == {"b": 2}
+    assert [taken.get(timeout=PATIENCE_S) for _ in range(2)] == ["left", "left"]
+
+
+def test_a_connection_that_breaks_is_noticed(opened: Opened) -> None:
+    server, taken = opened
+    tab = connect(server)
+    assert receive(tab)
+    tab.socket.shutdown(socket.SHUT_RDWR)
+    assert taken.get(timeout=PATIENCE_S) == "left"
+    assert not server.pages
+
+
+def test_too_long_and_too_many_messages_end_the_connection(opened: Opened) -> None:
+    server, _ = opened
+    for messages, code in ((["x" * 4097], "1009"), (["{}"] * (int(web_server.MESSAGES_MAX_HZ) + 1), "1008")):
+        tab = connect(server)
+        with pytest.raises(ConnectionClosed, match=code):
+            for message in messages:
+                tab.send(message)
+            while True:
+                tab.recv(PATIENCE_S)
+
+
+def test_connections_are_limited(opened: Opened) -> None:
+    server, _ = opened
+    tabs = [connect(server) for _ in range(web_server.CONNECTIONS_MAX)]
+    assert status(server.url) == 0
+    threads = list(server._listener._threads.values())
+    for tab in tabs:
+        tab.close()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+    assert status(server.url) == 200
+
+
+def test_a_page_that_does_not_read_is_disconnected(opened: Opened) -> None:
+    """Sending to it does not block."""
+    server, taken = opened
+    tab = connect(server)
+    assert receive(tab)
+    (page,) = server.pages
+    for _ in range(2 * web_server.WAITING_MAX):
+        page.send_text("x" * 1_000_000)
+    assert taken.get(timeout=PATIENCE_S) == "left"
+    with pytest.raises(ConnectionClosed):
+        while True:
+            tab.recv(PATIENCE_S)
+
+
+def test_what_was_sent_before_the_end_arrives() -> None:
+    server = WebServer(resources.files("hapscene.play"), "page", take=lambda page, message: None)
+    server.open()
+    with connect(server) as tab:
+        tab.ping().wait(PATIENCE_S)
+        for number in range(10):
+            server.send(number)
+        server.close()
+        assert [receive(tab) for _ in range(10)] == list(range(10))
+
+
+def test_a_port_in_use_is_an_error(opened: Opened) -> None:
+    with pytest.raises(HapsceneError, match="--page-port"):
+        WebServer(
+            resources.files("hapscene.play"),
+            "page",
+            take=lambda page, message: None,
+            port=opened[0].address[1],
+            option="--page-port",
+        )
