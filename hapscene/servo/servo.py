@@ -126,7 +126,7 @@ class Servo:
     Args:
         scene: what is there, as it is now.
         device: what the hand holds: a simulated device, or its name, which brings its limits along, as `Twin` has it;
-            or a real one by the name of its driver (`hapscene device list`), with options by `hapscene.device.choose`. A
+            or a real one by its driver's name (`hapscene device list`), with options by `hapscene.device.choose`. A
             list of them for several tools, which touch the scene in one loop, and are called by their numbers from 0.
         tick_s, a_rate_Hz: as `Renderer` has them.
         handle: what the first tool's accelerations are played on: a simulated handle, or a real one by its name, as
