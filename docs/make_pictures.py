@@ -1,7 +1,7 @@
 """Makes the pictures of README, tutorial and architecture anew: `python docs/make_pictures.py`, some minutes.
 
-In the environment of `make demo`. Each is made on light and on dark ground. The window needs Xvfb (package xvfb), the
-painter Chromium; without them theirs are left out.
+In the environment of `make nightly`. Each is made on light and on dark ground. The window needs Xvfb (package
+xvfb), the painter Chromium; without them theirs are left out.
 """
 
 import io
@@ -18,15 +18,17 @@ from typing import Any
 
 from PIL import Image, ImageGrab
 
-from hapscene.errors import ViewError
 from hapscene.paint.session import Session
 from hapscene.paint.web.page import Page
 from hapscene.scene.scene import load_scene
-from hapscene_benchmarks.paint_browser import LOADED, browser
-from hapscene_benchmarks.screen import virtual_screen
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
+sys.path.insert(0, str(ROOT))
+
+from tests.chromium import find_chromium, launched  # noqa: E402
+from tests.screen import virtual_screen  # noqa: E402
+
 IMG = DOCS / "img"
 SCENE = ROOT / "assets" / "demo.scene.json"
 
@@ -34,6 +36,9 @@ WINDOW_S = 9.73
 """When the window's picture is taken [s]: the tool strokes the plate."""
 
 PATIENCE_S = 120.0
+
+LOADED = "window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.hand === 'ready'"
+"""Condition, as JavaScript, that the painter's page is ready."""
 
 PAINTER = {"width": 1200, "height": 750}
 """Of the painter's page [pixels]."""
@@ -86,17 +91,17 @@ def _pebble(folder: Path) -> Path:
 
 def _painter(folder: Path, dark: str) -> None:
     """The painter on the demo scene, as it opens."""
+    if find_chromium() is None:
+        print(f"without painter{dark}.png: no Chromium was found")
+        return
     session = Session(load_scene(SCENE), folder / f"demo{dark}.scene.json")
-    try:
-        with browser() as chromium, Page(session, port=0, with_autosave=False) as page:
-            tab = chromium.new_page(viewport=PAINTER, color_scheme="dark" if dark else "light")
-            tab.goto(page.url)
-            tab.wait_for_function(LOADED, timeout=1e3 * PATIENCE_S)
-            tab.wait_for_timeout(5000.0)  # until it stands still
-            picture = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
-            picture.quantize(256).save(IMG / f"painter{dark}.png", optimize=True)
-    except ViewError as error:
-        print(f"without painter{dark}.png: {error}")
+    with launched() as chromium, Page(session, port=0, with_autosave=False) as page:
+        tab = chromium.new_page(viewport=PAINTER, color_scheme="dark" if dark else "light")
+        tab.goto(page.url)
+        tab.wait_for_function(LOADED, timeout=1e3 * PATIENCE_S)
+        tab.wait_for_timeout(5000.0)  # until all of it is drawn
+        picture = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
+        picture.quantize(256).save(IMG / f"painter{dark}.png", optimize=True)
 
 
 def _window(touch: Path, dark: str) -> Image.Image:

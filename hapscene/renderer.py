@@ -223,9 +223,7 @@ class Renderer:
             raise SceneError(no_such("swatch", swatch, self._swatch_names))
         index = self._swatch_names.index(swatch)
         self._fit.tune(index, numbers)
-        out = self._left_out(swatch)
-        taken = {key: value for key, value in self._fit.given[index].items() if key not in out}
-        put_numbers(self.surface, self._effects, index, taken)
+        put_numbers(self.surface, self._effects, index, self._fit.given[index])
         _warn([str(clip) for clip in self._fit.clips(index) if clip.reported and clip.number in numbers])
 
     def tune_field(self, effect: str, **numbers: float) -> None:
@@ -266,15 +264,6 @@ class Renderer:
         from hapscene.fidelity.apply import apply_level
 
         return apply_level(scene, self.fidelity.level)
-
-    def _left_out(self, swatch: str) -> set[tuple[int, str]]:
-        """The numbers of a swatch that the fidelity keeps at 0, whatever the swatch is tuned to."""
-        if self.fidelity is None or swatch not in self.fidelity.level.swatches:
-            return set()
-        from hapscene.fidelity.apply import NUMBERS
-
-        names = {name for out in self.fidelity.level.swatches[swatch].left_out for name in NUMBERS[out]}
-        return {(e, p.name) for e, effect in enumerate(self._effects) for p in effect.params if p.name in names}
 
     def _refuse_fidelity(self, what: str) -> None:
         """Say what is not done with a fidelity."""

@@ -29,11 +29,16 @@ AXE_RUN = """() => axe.run(document, {resultTypes: ['violations']}).then(found =
 """All that axe-core finds, of whatever weight."""
 
 
+def find_chromium() -> str | None:
+    """The system's Chromium, or Chrome; None without one."""
+    return shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
 @contextmanager
 def launched() -> Iterator[Any]:
     """A browser of playwright's; where one is missing, the test skips."""
     sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'hapscene[dev]'")
-    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    path = find_chromium()
     if path is None:
         pytest.skip("no Chromium here: apt-get install chromium")
     with sync.sync_playwright() as runner:

@@ -37,7 +37,7 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 EQUIVALENT: Final = ROOT / "tests" / "equivalent_mutants.toml"
 PACKAGES: Final = {"hapscene": "hapscene", "plugins": "hapscene_plugins"}
 """Folders whose modules are changed, and their import names."""
-LINKS: Final = PACKAGES | {name: f"hapscene_{name}" for name in ("assets", "swatches", "benchmarks", "experiments")}
+LINKS: Final = PACKAGES | {name: f"hapscene_{name}" for name in ("assets", "swatches", "evidence")}
 PATIENCE_S: Final = 60.0
 """Time limit of a run beyond five times its unchanged time [s]: the changed function is compiled again."""
 

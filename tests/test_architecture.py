@@ -96,7 +96,7 @@ APART = {
 
 BETWEEN = {
     "fidelity/trial.py": {"motion"},  # draws paths; no renderer knows the search, which stands beside what it finds
-    "fidelity/tune.py": {"handle", "motion", "touch"},  # the same, with scenes opened in every process
+    "fidelity/tune.py": {"handle", "motion", "touch"},  # the same, and it prints progress
     "handle/measure.py": {"capture"},  # recordings of a sweep are read as other recordings are
     "handle/identification_report.py": {"view"},  # plots beside what they show
     "handle/playback_report.py": {"view"},

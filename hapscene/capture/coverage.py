@@ -54,7 +54,7 @@ ON_SHARE: Final = 0.25
 
 DEPARTS_DB: Final = 2.0
 """Standard deviation by which a cell's level departs from the law of force and speed [dB]: the median of the surfaces
-of the Penn Haptic Texture Toolkit (`hapscene_experiments.level_prior`)."""
+of the Penn Haptic Texture Toolkit."""
 
 ENOUGH_DB: Final = 0.03
 """By how much the expected error of the level must come down in a further second for it to be worth it [dB]. Two made

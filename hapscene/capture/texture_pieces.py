@@ -141,7 +141,7 @@ def without_outliers(pieces: Pieces) -> Pieces:
 
 EXPONENTS: Final = (0.47, 1.99)
 """Exponents of force and of speed that are expected [1]: the mean of 89 surfaces of the Penn Haptic Texture Toolkit
-(Culbertson, López Delgado & Kuchenbecker 2014), each one's own error taken out (`hapscene_experiments.level_prior`). Of
+(Culbertson, López Delgado & Kuchenbecker 2014), each one's own error taken out. Of
 surfaces left out the slow half told the fast one's level to 3.0 dB rms; exponents of 1 and 1 to 3.6, clamped 7.4."""
 
 EXPONENT_SPREADS: Final = (0.47, 0.74)

@@ -2,13 +2,14 @@
 
 import time
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from hapscene.cli.console import name_made, note, say, size_words, table, tell
+from hapscene.cli.console import name_made, note, say, table, tell
 from hapscene.cli.inputs import check_scene, find_asset, load_input, tell_size
 from hapscene.cli.options import (
     Help,
@@ -28,7 +29,7 @@ from hapscene.constants import DEFAULT_GRIP
 from hapscene.errors import HapsceneError
 
 if TYPE_CHECKING:
-    from hapscene.fidelity.tune import Choice, Tuned
+    from hapscene.fidelity.tune import Tuned
     from hapscene.surface.swatch import Swatch
 
 __all__ = ["app", "tune"]
@@ -101,7 +102,6 @@ def stability(
     delay: Annotated[Delays, Help("Delays of the loop [ticks]")] = (0.0, 1.0),
     scene: Annotated[str | None, Help("Scene whose swatches are placed (default: all known swatches)")] = None,
     grip: Annotated[str, Help("Grip of the hand: none, light, medium or firm")] = DEFAULT_GRIP,
-    cases: Annotated[InFile | None, Help("Wall cases with known answers, JSON, to run too")] = None,
     out: OutFolder = Path("out/stability"),
     workers: WorkerOptions = WorkerOptions(),
 ) -> None:
@@ -113,12 +113,9 @@ def stability(
     """
     from hapscene.device.hand import grip_named
     from hapscene.stability.study import stability as run
-    from hapscene.stability.wall_case import read_cases
 
-    if cases is not None:
-        read_cases(cases)
     grip_row, delays = grip_named(grip), tuple(map(int, delay))
-    how = (device, rate, delays, grip_row, _swatches(scene), cases, 0, say)
+    how = (device, rate, delays, grip_row, _swatches(scene), say)
     name_made(run(out, *how, jobs=workers.jobs, scheduler=workers.scheduler))
 
 
@@ -130,6 +127,19 @@ def _swatches(scene: str | None) -> "list[Swatch]":
 
     names = [*shipped_swatches(), *(entry.name for entry in own_entries())]
     return [load_swatch(name) for name in names]
+
+
+ROUNDS: Final = 5
+"""Rounds of a comparison with another checkout [count]."""
+
+
+def check_evidence() -> None:
+    """Raise where benchmarks and studies are missing: the wheel does not have them."""
+    if find_spec("hapscene_evidence") is None:
+        raise HapsceneError(
+            "this needs the folder `evidence` of a checkout, which an installed package does not have: clone the "
+            "repository and run `pip install -e .` in it"
+        )
 
 
 bench = App(name="bench")
@@ -144,23 +154,32 @@ def run_bench(
     docs: Docs = None,
     table: Table = None,
     zoo: Annotated[InFolder | None, Help("Recorded paths and meshes to run as well")] = None,
-) -> None:
+    against: Annotated[InFolder | None, Help("Other checkout, whose tick and step are timed in turn")] = None,
+) -> int:
     """Measure the time per tick on this machine.
+
+    Exit codes: 0 done; 1 with --against, this checkout is slower by more than 3 %.
 
     for example:
       hapscene lab bench
       hapscene lab bench --quick --out out/quick
       hapscene lab bench --from out/bench/bench.csv --out out/again
+      hapscene lab bench --against ../hapscene-before
       hapscene lab bench compare docs/bench/bench.csv out/bench/bench.csv
     """
-    from hapscene_benchmarks.run import bench as run
+    check_evidence()
+    from hapscene_evidence.bench.run import bench as run
+    from hapscene_evidence.bench.run import bench_against
 
+    if against is not None:
+        return 0 if bench_against(against, ROUNDS) else 1
     run(out, quick, docs, zoo, table)
+    return 0
 
 
 @bench.command
 def compare(
-    first: Annotated[InFile, Help("A bench.csv or chart.csv")],
+    first: Annotated[InFile, Help("A bench.csv")],
     second: Annotated[InFile, Help("Another one, of the same kind")],
     /,
 ) -> None:
@@ -171,9 +190,9 @@ def compare(
 
     for example:
       hapscene lab bench compare docs/bench/bench.csv out/bench/bench.csv
-      hapscene lab bench compare before/chart.csv after/chart.csv
     """
-    from hapscene_benchmarks.comparison import lines
+    check_evidence()
+    from hapscene_evidence.bench.comparison import lines
 
     tell(lines(first, second))
 
@@ -197,14 +216,15 @@ def chart(
 
     for example:
       hapscene lab chart
-      hapscene lab chart scene.scene.json --only mesh,whole-tick --out out/mine
+      hapscene lab chart scene.scene.json --only mesh,force-rate --out out/mine
       hapscene lab chart --quick --jobs 1
       hapscene lab chart --from out/chart/chart.csv --out out/again
     """
     if scene is not None:
         check_scene(scene)
         scene = str(Path(scene).resolve())
-    from hapscene_benchmarks.charts.run import chart as run
+    check_evidence()
+    from hapscene_evidence.chart.run import chart as run
 
     how: dict[str, Any] = {"only": only, "quick": quick, "table": table, "docs": docs}
     how |= {"jobs": workers.jobs, "scheduler": workers.scheduler, "say": lambda text: tell([text])}
@@ -227,7 +247,8 @@ def reproduce(
       hapscene lab reproduce
       hapscene lab reproduce --recordings recordings --out out/paper
     """
-    from hapscene_experiments.paper.reproduction import reproduce as run
+    check_evidence()
+    from hapscene_evidence.paper.reproduction import reproduce as run
 
     name_made(run(str(out), recordings, say))
 
@@ -247,7 +268,6 @@ def tune(
     seed: Seed = 0,
     explain: Annotated[bool, Help("Print why each choice was made")] = False,
     mesh: MeshOptions = MeshOptions(),
-    workers: WorkerOptions = WorkerOptions(),
 ) -> int:
     """Measure a scene on this machine, and render no more of it than a person can tell.
 
@@ -262,9 +282,10 @@ def tune(
     check_scene(scene, mesh)
     from hapscene.device.model import device_named
     from hapscene.fidelity.fidelity_file import check_place, fidelity_beside, save_fidelity
-    from hapscene.fidelity.tune import Source, opened, reach_m_s2
+    from hapscene.fidelity.trial import quietly
+    from hapscene.fidelity.tune import reach_m_s2
     from hapscene.fidelity.tune import tune as run
-    from hapscene.touch import is_model
+    from hapscene.touch import is_model, open_scene
 
     if is_model(scene):
         raise HapsceneError(f"{scene}: a model of MuJoCo is not tuned; tune a scene of its meshes")
@@ -272,19 +293,17 @@ def tune(
     check_place(out)
     device_named(device)
     reach_m_s2(handle)
-    source = Source(scene, mesh.unit, mesh.swatch, mesh.two_sided, **mesh.reading())
-    loaded = opened(source)
+    with quietly():
+        loaded = open_scene(scene, mesh.unit, mesh.swatch, mesh.two_sided, **mesh.reading())
     tell_size(loaded, scene, device)
-    limits: dict[str, Any] = {"device": device, "handle": handle, "budget_us": budget_us, "jnd": jnd, "seed": seed}
-    found = run(source, **limits, jobs=workers.jobs, scheduler=workers.scheduler, say=say)
+    found = run(loaded, device=device, handle=handle, budget_us=budget_us, jnd=jnd, seed=seed, say=say)
     save_fidelity(found.fidelity, out, loaded)
     tell(_report(found, explain))
     name_made([out])
     if not found.within_jnd:
         note(f"it feels {found.after['error_jnd']:.2g} JND different, and {jnd:g} were asked for")
     if not found.within_budget:
-        worst_us = found.after["tick_worst_us"]
-        note(f"the worst tick takes {worst_us:.3g} µs of {budget_us:g}: nothing more is left out")
+        note(f"the worst tick takes {found.after['tick_worst_us']:.3g} µs, and the budget is {budget_us:g}")
     return 0 if found.within_jnd and found.within_budget else 1
 
 
@@ -294,7 +313,7 @@ def _report(found: "Tuned", explain: bool) -> Iterator[str]:
     from hapscene.fidelity.tune import WITHIN
 
     errors = ["not touched" if c.error_jnd is None else f"{c.error_jnd:.2f} JND" for c in found.choices]
-    rows = [(c.kind, c.name, c.what, error, _saved(c)) for c, error in zip(found.choices, errors, strict=True)]
+    rows = [(c.kind, c.name, c.what, error) for c, error in zip(found.choices, errors, strict=True)]
     for choice, line in zip(found.choices, table(rows), strict=True):
         yield line
         if explain:
@@ -316,12 +335,3 @@ def _report(found: "Tuned", explain: bool) -> Iterator[str]:
     )
     runs = f"{REPEATS} runs, of {3 * REPEATS} where over the budget"
     yield f"worst: {WORST:g} % of the ticks in contact, each the least of {runs}"
-
-
-def _saved(choice: "Choice") -> str:
-    """What a choice saves, in words."""
-    saved = choice.saved
-    words = [size_words(saved["memory_B"])] if saved.get("memory_B", 0) > 0 else []
-    words += [f"{saved['tick_us']:.2f} µs a tick"] if saved.get("tick_us", 0) > 0.005 else []
-    words += [f"{1e3 * saved['load_s']:.0f} ms to load"] if saved.get("load_s", 0) > 0.0005 else []
-    return f"saves {', '.join(words)}" if words else ""

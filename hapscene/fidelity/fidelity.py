@@ -1,4 +1,4 @@
-"""How finely a scene is rendered: the mesh of each body, the texture of each swatch, and what is left out of them."""
+"""How finely a scene is rendered: the mesh of each body, the texture of each swatch."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,10 +9,10 @@ from hapscene.scene.mesh import Mesh
 
 @dataclass(frozen=True)
 class BodyFidelity:
-    """A body as it is felt.
+    """How a body is rendered.
 
     Attributes:
-        mesh: that is felt in the place of its own, with its painting's faces told by `face_of`; None for its own.
+        mesh: used in place of its own, its groups the scene's swatches; None for its own.
     """
 
     mesh: Mesh | None = None
@@ -20,17 +20,15 @@ class BodyFidelity:
 
 @dataclass(frozen=True)
 class SwatchFidelity:
-    """A swatch as it is felt.
+    """How a swatch is rendered.
 
     Attributes:
         order: of its texture's models; None for its own.
         update_ticks: after how many ticks the texture's filter follows force and speed [count].
-        left_out: names of effects that nobody would feel.
     """
 
     order: int | None = None
     update_ticks: int = 1
-    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

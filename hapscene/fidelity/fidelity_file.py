@@ -6,15 +6,13 @@
       "made": {"device": "omni", "budget_us": 50.0, …},
       "levels": [{"told": {"error_jnd": 0.4, …},
                   "bodies": {"toad": {"mesh": {"path": "demo.toad.1f00a2b3.ply", "sha256": "…", "face_count": 10240}}},
-                  "swatches": {"wood": {"order": 24, "update_ticks": 2, "left_out": ["tap"]}}}]
+                  "swatches": {"wood": {"order": 24, "update_ticks": 2}}}]
     }
 
 `scene` is the digest of what was measured (`scene_digest`): a fidelity of another scene, or of one that has changed, is
-refused; poses may differ. A body or swatch that is not named is as it is. `levels` has one
-entry; of files that have more the first is read. Coarser meshes lie beside the file as PLY,
-named by their content as a scene's own are, with their painting as groups: they load as fast as any mesh, to the bit
-on every machine, and nobody needs the package that made them. To note the number of faces alone would be shorter, but
-would take that package, in its version, and reduce anew at every start.
+refused; poses may differ. A body or swatch that is not named is as it is. Of several `levels`, which earlier versions
+wrote, the first is read, and their `left_out` is ignored. Coarser meshes lie beside the file as PLY, named by their
+content as a scene's own are, with their painting as groups.
 """
 
 import hashlib
@@ -27,8 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.constants import ORDER_MAX
-from hapscene.errors import FormatError, no_such, warn
-from hapscene.fidelity.apply import SILENT
+from hapscene.errors import FormatError, no_such
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.files import check_file, check_keys, naming, parse_format, read_bytes, short, write_whole
 from hapscene.scene.mesh import Mesh
@@ -55,10 +52,6 @@ TOLD_MAX: Final = 100
 
 class FidelityError(FormatError):
     """A fidelity file that is missing, broken, of a later version, or of another scene."""
-
-
-class FidelityWarning(UserWarning):
-    """A fidelity file has more levels of detail than the one that is used."""
 
 
 def fidelity_beside(scene: str | os.PathLike[str]) -> Path:
@@ -126,7 +119,7 @@ def _level_told(level: Level, files: "SidecarFiles") -> dict[str, Any]:
         "told": dict(level.told),
         "bodies": {name: {"mesh": body.mesh and mesh_told(name, body.mesh)} for name, body in level.bodies.items()},
         "swatches": {
-            name: {"order": swatch.order, "update_ticks": swatch.update_ticks, "left_out": list(swatch.left_out)}
+            name: {"order": swatch.order, "update_ticks": swatch.update_ticks}
             for name, swatch in level.swatches.items()
         },
     }
@@ -137,9 +130,6 @@ def load_fidelity(path: str | os.PathLike[str], scene: Scene) -> Fidelity:
 
     Raises:
         FidelityError: the file is missing, damaged, of a later version, or of another scene; a mesh beside it is.
-
-    Warns:
-        FidelityWarning: the file has several levels of detail; the first is used.
     """
     path = Path(path)
     try:
@@ -184,18 +174,17 @@ def _read(path: Path, content: dict[str, Any], scene: Scene) -> Fidelity:
     levels = content["levels"]
     if not (isinstance(levels, list) and levels):
         raise FidelityError(f"levels must be a list of one level, is {_counted(levels)}")
-    if len(levels) > 1:
-        warn(f"{path} has {len(levels)} levels of detail: the first is used, the others are ignored", FidelityWarning)
     made = _flat("made", content["made"], str | int | float | bool | None)
-    return Fidelity(_level("levels[0]", levels[0], path, scene), made)
+    return Fidelity(_level(levels[0], path, scene), made)
 
 
-def _level(where: str, told: Any, path: Path, scene: Scene) -> Level:
-    check_keys(where, told, ("told", "bodies", "swatches"))
+def _level(content: Any, path: Path, scene: Scene) -> Level:
+    where = "levels[0]"
+    check_keys(where, content, ("told", "bodies", "swatches"))
     bodies, swatches = {}, {}
     meshes: dict[str, Mesh] = {}
     known = {body.name: body for body in scene.bodies}
-    for name, value in _named(f"{where}.bodies", told["bodies"], known, "body"):
+    for name, value in _named(f"{where}.bodies", content["bodies"], known, "body"):
         place = f"{where}.bodies[{short(name)}]"
         check_keys(place, value, ("mesh",))
         mesh = value["mesh"]
@@ -203,27 +192,18 @@ def _level(where: str, told: Any, path: Path, scene: Scene) -> Level:
             mesh = _mesh(f"{place}.mesh", mesh, path, meshes, len(known[name].mesh.faces))
         bodies[name] = BodyFidelity(mesh)
     of_scene = {swatch.name: swatch for swatch in scene.swatches}
-    for name, value in _named(f"{where}.swatches", told["swatches"], of_scene, "swatch"):
+    for name, value in _named(f"{where}.swatches", content["swatches"], of_scene, "swatch"):
         place = f"{where}.swatches[{short(name)}]"
-        check_keys(place, value, ("order", "update_ticks", "left_out"))
+        check_keys(place, value, ("order", "update_ticks", "left_out"), required=("order", "update_ticks"))
         texture = of_scene[name].texture
         own = 0 if texture is None else min(texture.order, ORDER_MAX)
-        order, ticks, left_out = value["order"], value["update_ticks"], value["left_out"]
+        order, ticks = value["order"], value["update_ticks"]
         if order is not None and not (type(order) is int and 1 <= order <= own):
-            raise FidelityError(
-                f"{place}.order must be null or a whole number from 1 to its own, {own}, is {short(order)}"
-            )
+            raise FidelityError(f"{place}.order must be null or a whole number from 1 to {own}, is {short(order)}")
         if not (type(ticks) is int and 1 <= ticks <= UPDATE_MAX):
-            raise FidelityError(
-                f"{place}.update_ticks must be a whole number from 1 to {UPDATE_MAX}, is {short(ticks)}"
-            )
-        known_effects = tuple(SILENT)
-        if not (isinstance(left_out, list) and len(left_out) <= TOLD_MAX and all(e in known_effects for e in left_out)):
-            raise FidelityError(
-                f"{place}.left_out must be a list of names of effects ({', '.join(SILENT)}), is {_counted(left_out)}"
-            )
-        swatches[name] = SwatchFidelity(order, ticks, tuple(left_out))
-    return Level(bodies, swatches, _flat(f"{where}.told", told["told"], int | float))
+            raise FidelityError(f"{place}.update_ticks must be a whole number from 1 to {UPDATE_MAX}: {short(ticks)}")
+        swatches[name] = SwatchFidelity(order, ticks)
+    return Level(bodies, swatches, _flat(f"{where}.told", content["told"], int | float))
 
 
 def _mesh(where: str, told: Any, path: Path, meshes: dict[str, Mesh], own_count: int) -> Mesh:

@@ -229,10 +229,10 @@ def joined(errors: Sequence[Error]) -> Error:
     return Error(*(np.concatenate([vars(error)[name] for error in errors]) for name in vars(errors[0])))
 
 
-def tick_us(renderer: Renderer, paths: Sequence[Array], budget_us: float = np.inf) -> tuple[Array, NDArray[np.int32]]:
-    """Times of the ticks in contact (n,) [µs], each the least of `REPEATS`, and the swatch under each (n,).
+def tick_us(renderer: Renderer, paths: Sequence[Array], budget_us: float) -> Array:
+    """Times of the ticks in contact (n,) [µs], each the least of `REPEATS` runs.
 
-    Of three times as many where the worst is over the budget otherwise: other programs only make it longer.
+    Of three times as many runs where the worst is over the budget otherwise: other programs only make it longer.
     """
     forces(renderer, paths)
     least = np.inf
@@ -243,7 +243,7 @@ def tick_us(renderer: Renderer, paths: Sequence[Array], budget_us: float = np.in
             least = np.minimum(least, np.concatenate([r.tick_ns for r in runs])[on] * 1e-3)
         if np.percentile(least, WORST) <= budget_us:
             break
-    return np.asarray(least), np.concatenate([r.swatch for r in runs])[on]
+    return np.asarray(least)
 
 
 def memory_B(renderer: Renderer) -> int:

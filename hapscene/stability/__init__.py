@@ -5,11 +5,9 @@
 
 | module | does |
 |---|---|
-| `study` | everything about walls into a folder: `hapscene lab stability` |
-| `wall_case` | cases with known answers, W1 to W8; an `answer` is one of them, judged |
-| `random_limit` | limits of random devices at random walls, simulated against predicted |
-| `z_width` | the stable region of a device, and swatches placed in it |
-| `wall_chart` | the charts of all that |
+| `study` | the Z-width of a device, written into a folder: `hapscene lab stability` |
+| `z_width` | the stability region of a device, and swatches placed in it |
+| `wall_chart` | its chart |
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What `hapscene lab stability` does: everything about walls, measured and written into a folder."""
+"""What `hapscene lab stability` writes: a device's Z-width, swatches placed in it, and which of them would buzz."""
 
 import csv
 from collections.abc import Callable, Iterable, Sequence
@@ -11,10 +11,7 @@ from hapscene.device.model import device_named, limits_of
 from hapscene.device.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.files import whole_file, whole_folder
-from hapscene.stability.answer import Answer
-from hapscene.stability.random_limit import RandomLimit, random_limits
-from hapscene.stability.wall_case import wall_cases
-from hapscene.stability.wall_chart import write_random_chart, write_z_width_chart
+from hapscene.stability.wall_chart import write_z_width_chart
 from hapscene.stability.z_width import DAMPINGS_NS_M, Point, StableRegion, place, say_of, trace_all
 from hapscene.surface.swatch import Swatch
 
@@ -24,10 +21,6 @@ FILES: Final = (
     "z_width.csv",
     "swatches.csv",
     "words.txt",
-    "wall_cases.csv",
-    "random_limits.csv",
-    "random_limits.png",
-    "random_limits-dark.png",
 )
 """What may be made."""
 
@@ -42,14 +35,12 @@ def stability(
     delays: Sequence[int],
     grip: Grip,
     swatches: Sequence[Swatch],
-    cases: Path | None = None,
-    random_count: int = 0,
     say: Callable[[str], None] = lambda _: None,
     dampings_Ns_m: Sequence[float] = DAMPINGS_NS_M,
     jobs: int | None = None,
     scheduler: str | None = None,
 ) -> list[Path]:
-    """Trace a device's Z-width and place swatches in it; run wall cases and random limits where asked for.
+    """Trace a device's Z-width and place swatches in it.
 
     Args:
         out: folder to write into.
@@ -57,9 +48,7 @@ def stability(
         rates_Hz, delays: of the force channel, and of the loop in ticks: a panel for each pair.
         grip: of the hand that tries the walls.
         swatches: to place.
-        cases: a file of wall cases, or None.
-        random_count: of random limits, 0 for none.
-        say: told how far it is.
+        say: called with lines of progress.
         dampings_Ns_m: of walls, at which the region is traced.
         jobs, scheduler: processes here, or a Dask cluster, that trace regions side by side. What a run that was
             stopped has traced is kept beside `out`, and the same run goes on there.
@@ -68,7 +57,7 @@ def stability(
         list of Path: the files made.
 
     Raises:
-        HapsceneError: no such device, or one without a body; a file of cases that holds none.
+        HapsceneError: no such device, or one without a body.
         OSError: the folder cannot be written.
     """
     point = device_named(device).point
@@ -84,15 +73,6 @@ def stability(
         _write_z_width(folder, device, regions, points)
         for line in words(points):
             say(f"{line}\n")
-        if cases is not None:
-            rows = wall_cases(cases, say)
-            write_rows(folder / "wall_cases.csv", Answer, rows, ("error", "ok"))
-            missed = [row.id for row in rows if not row.ok]
-            say(f"{len(rows)} answers, {len(missed)} beyond tolerance {', '.join(missed)}\n")
-        if random_count > 0:
-            limits = random_limits(random_count, say=say)
-            write_rows(folder / "random_limits.csv", RandomLimit, limits, ("error",))
-            write_random_chart(folder / "random_limits.png", limits)
         names = [file.name for file in sorted(folder.iterdir())]
     journal.unlink(missing_ok=True)
     return [Path(out) / name for name in names]
@@ -122,12 +102,6 @@ def words(points: Placed) -> list[str]:
     if still:
         lines.append(f"at rest at every rate and delay: {', '.join(still)}")
     return lines
-
-
-def write_rows(path: Path, kind: Any, rows: Iterable[Any], more: Sequence[str] = ()) -> None:
-    """A CSV of dataclass rows, and of their properties `more`."""
-    names = [*(f.name for f in fields(kind)), *more]
-    write_table(path, names, [[getattr(row, name) for name in names] for row in rows])
 
 
 def write_table(path: Path, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

@@ -1,4 +1,4 @@
-"""The charts of walls, apart from what they show: simulated against predicted limits, and the Z-width of a device."""
+"""The chart of a device's stability region (Z-width), with swatches placed in it."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hapscene.device.model import Limits
-from hapscene.stability.random_limit import KINDS, RandomLimit
 from hapscene.stability.z_width import STIFFNESS_N_M, Point, StableRegion
 from hapscene.view.chart import new_chart, save_both
 from hapscene.view.palette import INK, OKABE_ITO
@@ -17,12 +16,6 @@ if TYPE_CHECKING:
 
 WIDTH_MAX_IN: Final = 10.0
 """Widest chart [in]: a page of 830 pixels, as a README is shown, leaves its text 11 pixels high."""
-
-STYLES: Final = tuple(zip(("blue", "sky", "green", "orange", "vermilion"), "osD^v", strict=True))
-"""Colour and marker of each of `KINDS`: told apart without colour as well."""
-
-LEAST_ERROR: Final = 1e-14
-"""Where an error of zero is drawn [1]: float64's rounding."""
 
 TOP_N_M: Final = 1.15e5
 """Top of the Z-width's chart [N/m]: what was still stable at the stiffest wall tried is drawn up to it."""
@@ -52,17 +45,6 @@ def draw_panels(
         save_both(figure, path, dpi=160)
 
 
-def write_random_chart(path: Path, cases: Sequence[RandomLimit]) -> None:
-    """Simulated against predicted limits, and their errors."""
-
-    def draw(_: Any, axes: Any) -> None:
-        _draw_limits(axes[0, 0], cases, KINDS[:4], "stiffness", "N/m")
-        _draw_limits(axes[0, 1], cases, KINDS[4:], "peak speed", "m/s")
-        _draw_errors(axes[0, 2], cases)
-
-    draw_panels(path, 1, 3, (5.6, 4.8), draw)
-
-
 def write_z_width_chart(
     path: Path,
     regions: Sequence[StableRegion],
@@ -89,36 +71,6 @@ def write_z_width_chart(
         figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(rates)))
 
     draw_panels(path, len(delays), len(rates), (5.2, 4.4), draw)
-
-
-def _draw_limits(ax: "Axes", cases: Sequence[RandomLimit], kinds: Sequence[str], what: str, unit: str) -> None:
-    shown = [case for case in cases if case.kind in kinds and case.predicted > 0.0]
-    ends = np.array((min(case.predicted for case in shown), max(case.predicted for case in shown))) * (0.5, 2.0)
-    ax.plot(ends, ends, color=INK, linewidth=0.9, zorder=1, label="equal")
-    for kind in kinds:
-        colour, marker = STYLES[KINDS.index(kind)]
-        these = [case for case in shown if case.kind == kind]
-        x, y = [case.predicted for case in these], [case.found for case in these]
-        label = f"{kind} ({len(these)})"
-        ax.plot(x, y, marker, color=OKABE_ITO[colour], markersize=5, markerfacecolor="none", label=label)
-    ax.set(xscale="log", yscale="log", xlabel=f"predicted [{unit}]", ylabel=f"simulated through the tick [{unit}]")
-    ax.set_title(f"Limit of {what}")
-    ax.legend(loc="upper left")
-
-
-def _draw_errors(ax: "Axes", cases: Sequence[RandomLimit]) -> None:
-    """Each kind's relative errors, the smallest first."""
-    for kind, (colour, marker) in zip(KINDS, STYLES, strict=True):
-        errors = sorted(max(case.error, LEAST_ERROR) for case in cases if case.kind == kind and case.predicted > 0.0)
-        share = (np.arange(len(errors)) + 0.5) / max(len(errors), 1)
-        label = f"{kind}: median {np.median(errors):.0e}" if errors else kind
-        ax.plot(share, errors, marker + "-", color=OKABE_ITO[colour], markersize=3, linewidth=1, label=label)
-    ax.set(yscale="log", xlabel="share of the cases", ylabel="relative difference from the prediction", xlim=(0, 1))
-    ax.set_ylim(LEAST_ERROR, 1e5)
-    ax.set_yticks([1e-14, 1e-11, 1e-8, 1e-5, 1e-2])
-    ax.minorticks_off()
-    ax.set_title("How far apart they are")
-    ax.legend(loc="upper left", fontsize=9)
 
 
 def _draw_regions(ax: "Axes", regions: Sequence[StableRegion]) -> None:

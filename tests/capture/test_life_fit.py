@@ -10,7 +10,7 @@ from hapscene.capture.streams import Streams
 from hapscene.capture.texture_fit import fit_texture
 from hapscene.capture.texture_pieces import cut
 from hapscene.surface.texture import Texture
-from hapscene_experiments.held_out import simulated
+from tests.capture.strokes import simulated
 
 pytestmark = pytest.mark.nightly
 

@@ -1,4 +1,4 @@
-"""`hapscene lab chart`, `hapscene lab bench compare`."""
+"""`hapscene lab chart`."""
 
 from pathlib import Path
 
@@ -6,8 +6,8 @@ import pytest
 
 import hapscene
 from hapscene.cli import main
-from hapscene_benchmarks.charts.chart_table import Table
-from hapscene_benchmarks.charts.question import Point
+from hapscene_evidence.chart.question import Point
+from hapscene_evidence.chart.table import Table
 
 
 def test_a_question_that_is_not_there_is_told_with_those_that_are(capsys: pytest.CaptureFixture[str]) -> None:
@@ -15,7 +15,7 @@ def test_a_question_that_is_not_there_is_told_with_those_that_are(capsys: pytest
     told = capsys.readouterr().err
     assert "no question 'grove'; there are: " in told
     assert "groove" in told
-    assert "whole-tick" in told
+    assert "stabiliser" in told
 
 
 def test_what_cannot_be_is_refused_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -35,7 +35,7 @@ def test_a_scene_without_large_bodies_is_told(tmp_path: Path, capsys: pytest.Cap
     )
     hapscene.save_scene(scene_of(tmp_path / "tetrahedron.obj"), tmp_path / "small.scene.json")
     words = ["lab", "chart", str(tmp_path / "small.scene.json"), "--quick", "--out", str(tmp_path / "out"), "--only"]
-    for names in ("mesh", "whole-tick", "mesh,whole-tick"):
+    for names in ("mesh",):
         assert main([*words, names]) == 2
         assert "no body of the scene has 1,000 faces or more" in capsys.readouterr().err
     assert not (tmp_path / "out" / "chart.html").exists()
@@ -44,8 +44,8 @@ def test_a_scene_without_large_bodies_is_told(tmp_path: Path, capsys: pytest.Cap
 def test_a_table_that_lacks_points_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "chart.csv"
     for points, told in (
-        ({}, "no figures of what is asked for; it has: none"),
-        ({"groove": [Point("projection, 60°", "1", 0.01, 0.02, {"off": 2})]}, "has not all points"),
+        ({}, "has no points of"),
+        ({"groove": [Point("projection, 60°", "1", 0.01, 0.02, {"off": 2})]}, "lacks points or measures"),
     ):
         Table({"processor": "one"}, points).write(table, [])
         assert main(["lab", "chart", "--from", str(table), "--out", str(tmp_path / "out")]) == 2
@@ -58,7 +58,7 @@ def scene_of(mesh: Path) -> hapscene.Scene:
     return scene
 
 
-def test_a_table_is_drawn_again_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_is_drawn_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, out = tmp_path / "chart.csv", tmp_path / "out"
     points = [
         Point("active set", "60°", 0.03, 0.05, {"off": 1e-12}),
@@ -68,7 +68,3 @@ def test_a_table_is_drawn_again_and_compared(tmp_path: Path, capsys: pytest.Capt
     assert main(["lab", "chart", "--from", str(table), "--out", str(out)]) == 0
     assert "chart.html" in capsys.readouterr().out
     assert {file.name for file in out.iterdir()} == {"chart.csv", "chart.html", "groove.png", "groove-dark.png"}
-    assert main(["lab", "bench", "compare", str(table), str(out / "chart.csv")]) == 0
-    told = capsys.readouterr().out
-    assert "the same machine, or one like it" in told
-    assert "groove, time" in told

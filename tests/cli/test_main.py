@@ -173,7 +173,6 @@ def test_a_group_alone_prints_its_help(group: str, capsys: pytest.CaptureFixture
         ["device", "play-file", "path.csv", "--handle-file", "none.handle"],
         ["device", "identify", "--from", "none.csv"],
         ["lab", "stability", "--scene", "none.scene.json"],
-        ["lab", "stability", "--cases", "none.json"],
     ],
 )
 def test_a_missing_file_is_told_in_one_way(folder: Path, capsys: pytest.CaptureFixture[str], words: list[str]) -> None:

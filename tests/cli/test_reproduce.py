@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from hapscene.cli import main
-from hapscene_experiments.paper import reproduction
-from hapscene_experiments.paper.prediction_figure import two_materials
-from hapscene_experiments.paper.reproduction import MADE
+from hapscene_evidence.paper import reproduction
+from hapscene_evidence.paper.prediction_figure import two_materials
+from hapscene_evidence.paper.reproduction import MADE
 
 
 def test_writes_a_page_and_its_numbers(
@@ -23,6 +23,16 @@ def test_writes_a_page_and_its_numbers(
     with (tmp_path / "out" / MADE[1]).open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 4 and rows[0]["unit"] == "N" and 1.0 < float(rows[0]["ours"]) < 1.4
+
+
+def test_without_a_checkout_it_says_what_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hapscene.cli.lab.find_spec", lambda name: None)
+    for command in ("bench", "chart", "reproduce"):
+        assert main(["lab", command, "--out", str(tmp_path / "out")]) == 2
+        assert "checkout" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_interrupt_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,6 @@
 
 import csv
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,7 +10,6 @@ from hapscene.cli import main
 from hapscene.stability import z_width
 from hapscene.stability.study import stability
 from hapscene.surface.swatch import Swatch
-from hapscene_experiments import stability_page
 
 pytestmark = pytest.mark.nightly
 
@@ -59,33 +57,12 @@ def test_what_was_traced_before_it_was_stopped_is_not_traced_again(
         assert [row["delay_ticks"] for row in csv.DictReader(file)] == ["0", "1"]
 
 
-def test_the_page_of_documents_is_made_beside_a_copy_of_what_it_shows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    chart = tmp_path / "z_width.png"
-    chart.write_bytes(b"a chart")
-
-    def find(folder: Path, *rest: object) -> SimpleNamespace:
-        (folder / "words.txt").write_text("one\ntwo\n", encoding="utf-8")
-        return SimpleNamespace()
-
-    monkeypatch.setattr("hapscene.stability.study.stability", lambda *given, **workers: [chart])
-    monkeypatch.setattr(stability_page, "find", find)
-    monkeypatch.setattr(stability_page, "write_page", lambda file, found, name: file.write_text(" ".join(found.words)))
-    docs = tmp_path / "docs"
-    docs.mkdir()
-    stability_page.publish(docs, None, None, print)
-    assert (docs / "stability.md").read_text() == "one two"
-    assert (docs / "stability" / "z_width.png").read_bytes() == b"a chart"
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["--device", "onmi"], "no device 'onmi'; there are: ideal, omni"),
         (["--device", "ideal"], "has no mass"),
         (["--grip", "soft"], "no grip 'soft'"),
-        (["--cases", "missing.json"], "missing.json"),
     ],
 )
 def test_refuses(arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,11 +8,23 @@ import trimesh
 
 import hapscene
 from hapscene.contact.shading import corner_normals
+from hapscene.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import Swatch
-from hapscene_experiments.stabiliser_case import FACET_M, FACET_RAD, ridge, ridge_radius_m, turn_rad
+from hapscene_evidence.chart.stabiliser import FACET_M, FACET_RAD, ridge, ridge_radius_m
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+
+
+def turn_rad(recording: Recording, least_N: float = 0.05) -> float:
+    """Furthest that the force turns from one tick to the next, where it is over `least_N` in both [rad]."""
+    size = np.linalg.norm(recording.f_W_N, axis=1)
+    felt = (size[1:] > least_N) & (size[:-1] > least_N)
+    if not felt.any():
+        return 0.0
+    unit = recording.f_W_N / np.maximum(size, 1e-300)[:, None]
+    apart = np.linalg.norm(unit[1:] - unit[:-1], axis=1)[felt]
+    return float(2.0 * np.arcsin(min(1.0, 0.5 * float(apart.max()))))
 
 
 def scene(mesh, **keys) -> hapscene.Scene:

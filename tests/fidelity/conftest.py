@@ -30,11 +30,10 @@ def scene_of(kind, swatch="wood"):
 
 @pytest.fixture(scope="session")
 def fidelity():
-    """The fidelity of a kind of scene: a coarser mesh, a shorter filter, and maybe effects that are left out."""
+    """The fidelity of a kind of scene: a coarser mesh and a shorter filter."""
 
-    def make(kind, *left_out):
-        mesh = BodyFidelity(meshes(kind)[1])
-        return Fidelity(Level({"body": mesh}, {"wood": SwatchFidelity(order=5, left_out=left_out)}))
+    def make(kind):
+        return Fidelity(Level({"body": BodyFidelity(meshes(kind)[1])}, {"wood": SwatchFidelity(order=5)}))
 
     return make
 

@@ -13,7 +13,6 @@ from hapscene.fidelity.coarser_mesh import coarser_mesh
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.fidelity.fidelity_file import (
     FidelityError,
-    FidelityWarning,
     fidelity_beside,
     load_fidelity,
     save_fidelity,
@@ -37,7 +36,7 @@ def scene():
 def fidelity(scene):
     names = [swatch.name for swatch in scene.swatches]
     mesh = coarser_mesh(scene.bodies[0], 2560, names)
-    level = Level({"body": BodyFidelity(mesh)}, {"wood": SwatchFidelity(5, 4, ("tap",))}, TOLD)
+    level = Level({"body": BodyFidelity(mesh)}, {"wood": SwatchFidelity(5, 4)}, TOLD)
     return Fidelity(level, MADE)
 
 
@@ -59,12 +58,12 @@ def test_what_was_saved_is_read_to_the_bit(file, scene, fidelity):
         assert mesh.group_names == body.mesh.group_names and np.array_equal(mesh.group, body.mesh.group)
 
 
-def test_of_several_levels_the_first_is_read_with_a_warning(file, scene, fidelity):
+def test_of_several_levels_the_first_is_read_and_effects_that_were_left_out_are_not(file, scene, fidelity):
     content = json.loads(file.read_text())
+    content["levels"][0]["swatches"]["wood"]["left_out"] = ["tap"]
     content["levels"].append({"told": {}, "bodies": {"gone": {"mesh": None}}, "swatches": {}})
     file.write_text(json.dumps(content))
-    with pytest.warns(FidelityWarning):
-        read = load_fidelity(file, scene)
+    read = load_fidelity(file, scene)
     assert read.level.swatches == fidelity.level.swatches
 
 
@@ -127,19 +126,14 @@ BODY, SWATCH = (*LEVEL, "bodies", "body"), (*LEVEL, "swatches", "wood")
         ((*LEVEL, "swatches", "oak"), {}, "no swatch 'oak'"),
         ((*BODY, "crease_rad"), 0.5, "unknown key"),
         ((*BODY, "mesh", "path"), "../x.ply", "name of a PLY file beside this one"),
-        ((*BODY, "mesh", "path"), "C:x.ply", "name of a PLY file beside this one"),
         ((*BODY, "mesh", "path"), "x.stl", "name of a PLY file beside this one"),
         ((*BODY, "mesh", "path"), "gone.ply", "no such file"),
         ((*BODY, "mesh", "sha256"), "0" * 64, "has changed since"),
         ((*BODY, "mesh", "face_count"), 10**9, "from 1 to those of the body, 5120"),
         ((*BODY, "mesh", "face_count"), 2559, "has 2,560 faces"),
-        ((*SWATCH, "order"), 0, "from 1 to its own"),
-        ((*SWATCH, "order"), 1000, "from 1 to its own"),
-        ((*SWATCH, "order"), 2.0, "from 1 to its own"),
+        ((*SWATCH, "order"), 0, "order must be"),
+        ((*SWATCH, "order"), 1000, "order must be"),
         ((*SWATCH, "update_ticks"), 0, "from 1 to 1000"),
-        ((*SWATCH, "left_out"), "tap", "names of effects"),
-        ((*SWATCH, "left_out"), ["tap"] * 101, "names of effects"),
-        ((*SWATCH, "left_out"), ["wall"], "names of effects"),
     ],
 )
 def test_what_does_not_fit_is_refused_with_its_place(file, scene, place, value, said):

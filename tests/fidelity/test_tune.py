@@ -15,12 +15,10 @@ from hapscene.errors import HapsceneError
 from hapscene.fidelity import trial, tune
 from hapscene.fidelity.apply import apply_level
 from hapscene.fidelity.coarser_mesh import coarser_mesh
-from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
+from hapscene.fidelity.fidelity import BodyFidelity, Level
 from hapscene.fidelity.fidelity_file import load_fidelity
 from hapscene.perception import BAND_DB, band_edges_Hz
-from hapscene.surface.life import Life
 from hapscene.surface.swatch import Swatch
-from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 
 from .conftest import scene_of
@@ -106,74 +104,16 @@ def test_an_error_is_told_in_jnd_of_what_was_planted():
     assert trial.error_of(true, louder, np.zeros(12)).vibration_jnd.max() == 0.0
 
 
-def source_of(tmp_path, scene):
-    scene.save(tmp_path / "x.scene.json")
-    return tune.Source(str(tmp_path / "x.scene.json"))
-
-
-def quiet(swatch):
-    return replace(swatch, name="quiet", effects={"lpc_texture": {"texture_gain": 0.001}, "tap": {"tap_gain": 0.001}})
-
-
-def test_what_nobody_feels_is_left_out(tmp_path):
-    wood = hapscene.load_swatch("wood")
-    assert tune.unfelt(wood, "omni", NEVER)[0] == []
-    assert tune.unfelt(wood, "omni", np.zeros(12))[0] == ["lpc_texture", "tap"]  # no handle to vibrate
-    left_out, why = tune.unfelt(replace(quiet(wood), friction_static=0.008, friction_dynamic=0.008), "omni", NEVER)
-    assert left_out == ["lpc_texture", "tap", "friction"]
-    assert "nobody feels" in why["lpc_texture"] and "0.035 N" in why["friction"]
-
-
-def test_life_is_left_out_where_it_is_too_little_to_be_felt(tmp_path):
-    """A spread of 0.1 in the logarithm is 0.87 dB rms; just felt is what is 2 dB from peak to trough, 0.71 dB."""
-    wood = hapscene.load_swatch("wood")
-
-    def with_life(spread, scale=1.0):
-        texture = replace(wood.texture, life=Life([spread], [10.0], [0.0]))
-        return replace(wood, texture=texture, effects={"lpc_texture": {"texture_life": scale}})
-
-    assert tune.unfelt(with_life(0.1), "omni", NEVER)[0] == []
-    assert tune.unfelt(with_life(0.1, 0.7), "omni", NEVER)[0] == ["life"]
-    left_out, why = tune.unfelt(with_life(0.07), "omni", NEVER)
-    assert left_out == ["life"] and "0.61 dB" in why["life"]
-    scene = scene_of("sphere", with_life(0.07))
-    tuned = apply_level(scene, Level(swatches={"wood": SwatchFidelity(left_out=("life",))})).swatches[-1]
-    assert tuned.parameter("lpc_texture", "texture_life", 1.0) == 0.0 and tuned.texture.life is not None
-    path = np.linspace([-0.01, 0.0, 0.049], [0.01, 0.0, 0.049], 300)
-    fidelity = Fidelity(Level(swatches={"wood": SwatchFidelity(left_out=("life",))}))
-    still, again = (hapscene.Renderer(scene, fidelity=fidelity) for _ in range(2))
-    again.tune("wood", texture_life=1.0)  # it stays left out
-    np.testing.assert_array_equal(still.run(path).a_m_s2, again.run(path).a_m_s2)
-
-
-def test_friction_and_taps_that_are_left_out_are_so_altogether():
-    taps = Taps([0.1], [3.0], [250.0], [200.0])
-    all_of_it = Swatch("tar", friction_static=0.4, friction_dynamic=0.3, friction_viscous_s_m=1.0, breakaway_1_kg=9.0,
-                       breakaway_Hz=90.0, breakaway_decay_1_s=9.0, leaving=taps)  # fmt: skip
-    assert tune.unfelt(all_of_it, "omni", NEVER)[0] == [] and tune.unfelt(all_of_it, "omni", np.zeros(12))[0] == ["tap"]
-    level = Level(swatches={"tar": SwatchFidelity(left_out=("friction", "tap"))})
-    felt = hapscene.Renderer(apply_level(scene_of("box", all_of_it), level), ["friction", "tap"]).run(
-        np.concatenate([np.linspace([-0.01, 0.0, 0.0401], [0.01, 0.0, z], 100) for z in (0.039, 0.0401)])
-    )
-    assert felt.touching.any() and not felt.f_W_N.any() and not felt.a_m_s2.any()
-
-
-def test_a_tap_counts_from_its_onset_as_loud_as_it_is():
-    """3 m/s² that ring for 5 ms: 0.33 m/s² over a tenth of a second, three times what is felt at 250 Hz."""
-    tapped = Swatch("tapped", taps=Taps([0.1, 0.5], [1.0, 3.0], [250.0, 250.0], [200.0, 200.0]))
-    assert tune.unfelt(tapped, "omni", NEVER)[0] == []
-    faint = replace(tapped, effects={"tap": {"tap_gain": 0.25}})
-    assert tune.unfelt(faint, "omni", NEVER)[0] == ["tap"]
-
-
-def test_the_order_is_the_smallest_that_keeps_to_the_error(tmp_path):
+def test_the_order_is_the_smallest_that_keeps_to_the_error():
     a = ar_from_reflection(0.6 * 0.93 ** np.arange(30) * np.cos(2.1 * np.arange(30)))
     rough = Texture.from_models(1e4, [1.0], [0.1], a=a[None], variance_m2_s4=[100.0 / power_gain(a)])
-    source = source_of(tmp_path, scene_of("sphere", Swatch("rough", texture=rough)))
-    found = {j: dict(tune.judge_swatch(vars(source), "rough", "omni", [1e9] * 12, j)["tried"]) for j in (0.3, 0.8)}
-    orders = {j: min(order for order, error in tried.items() if error <= j) for j, tried in found.items()}
+    swatch, every = Swatch("rough", texture=rough), np.full(12, np.inf)
+    found = {most: tune.judge_swatch(swatch, "omni", every, most) for most in (0.3, 0.8)}
+    orders = {most: judged.least(most) for most, judged in found.items()}
     assert orders[0.8] < orders[0.3] < 30
-    assert found[0.8][orders[0.8] - 1] > 0.8
+    assert dict((one.asked, one.error_jnd) for one in found[0.8].tried)[orders[0.8] - 1] > 0.8
+    assert "coefficients" in found[0.3].why("coefficients", 0.3)
+    assert tune.judge_swatch(Swatch("plain"), "omni", every, 1.0).least(1.0) is None
 
 
 @pytest.fixture(scope="module")
@@ -189,7 +129,7 @@ def tuned(tmp_path_factory):
         ball.units = "m"
         scene.add(ball, name="body", swatch="wood")
         scene.save(folder / "x.scene.json")
-        code = main(["tune", str(folder / "x.scene.json"), "--jobs", "1", "--explain"])
+        code = main(["tune", str(folder / "x.scene.json"), "--explain"])
     return folder, scene, code
 
 
@@ -234,7 +174,6 @@ def test_a_touch_renders_it_and_refuses_another_scenes_file(tuned, tmp_path, cap
         (["-o", "x.json"], "ends in .fidelity.json"),
         (["--jnd", "0"], "a number of JND, above 0"),
         (["--budget-us", "fast"], "a number of microseconds"),
-        (["--jobs", "0"], "1 or more"),
     ],
 )
 def test_wrong_words_meet_a_sentence(tmp_path, capsys, words, said):
@@ -247,13 +186,13 @@ def test_wrong_words_meet_a_sentence(tmp_path, capsys, words, said):
     assert said in capsys.readouterr().err
 
 
-def test_what_is_never_seen_cannot_be_tuned(tmp_path):
+def test_what_is_never_seen_cannot_be_tuned():
     scene = hapscene.Scene()
     mesh = scene_of("sphere").bodies[0].mesh
     with pytest.warns(hapscene.scene.mesh.MeshWarning):
         scene.add(replace(mesh, faces=mesh.faces[:, ::-1]), name="inside out", swatch="wood")
     with pytest.raises(HapsceneError, match="nothing of the scene is felt"):
-        tune.tune(source_of(tmp_path, scene), jobs=1)
+        tune.tune(scene)
 
 
 def foreign(name):
@@ -294,17 +233,9 @@ def foreign(name):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("name", ["demo", "fandisk", "cycloidal", "duck", "knot", "primitives"])
-def test_scenes_of_others_keep_to_a_jnd_and_need_half(tmp_path, name):
-    found = tune.tune(source_of(tmp_path, foreign(name)), jobs=1)
+def test_scenes_of_others_keep_to_a_jnd_and_need_half(name):
+    found = tune.tune(foreign(name))
     print(name, dict(found.before), dict(found.after))
     assert found.within_jnd and found.after["share_within"] >= 0.95
     needs = [found.after[what] / found.before[what] for what in ("memory_B", "tick_median_us")]
     assert min(needs) <= 0.5
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("name", ["demo", "primitives"])
-def test_a_budget_of_3_us_is_obeyed_beyond_the_jnd(tmp_path, name):
-    found = tune.tune(source_of(tmp_path, foreign(name)), budget_us=3.0, jobs=1)
-    print(name, dict(found.before), dict(found.after))
-    assert found.within_budget and found.after["tick_worst_us"] <= 3.0

@@ -13,7 +13,7 @@ from hapscene.handle import COMPENSATORS, Plant, play
 from hapscene.handle.governor import HIGH_HZ, YIELD, yield_corner
 from hapscene.handle.handle_record import new_handle
 from hapscene.handle.playback import Played
-from hapscene_benchmarks.handle import PARAMETERS, firm
+from hapscene_evidence.bench.handle import PARAMETERS, firm
 
 RATE_HZ = 10_000.0
 T_S = np.arange(6000) / RATE_HZ

@@ -11,7 +11,7 @@ from hapscene.handle.compensator import weights
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.playback import run
-from hapscene_benchmarks.handle import PARAMETERS, firm
+from hapscene_evidence.bench.handle import PARAMETERS, firm
 
 RATE_HZ = 10_000.0
 CORNER_HZ = COMPENSATORS["adaptive"].corner_Hz

@@ -6,7 +6,7 @@ import pytest
 from hapscene.errors import HandleError
 from hapscene.handle import COMPENSATORS, Plant, play, spectrogram_error
 from hapscene.handle.governor import LOOK_AHEAD_S
-from hapscene_benchmarks import handle as bench
+from hapscene_evidence.bench import handle as bench
 
 RATE_HZ = bench.RATE_HZ
 

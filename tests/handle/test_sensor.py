@@ -17,7 +17,7 @@ from hapscene.handle.measure import play_grips
 from hapscene.handle.playback import run
 from hapscene.handle.sweep import Sweep
 from hapscene.records import records
-from hapscene_benchmarks import handle as bench
+from hapscene_evidence.bench import handle as bench
 
 RATE_HZ = bench.RATE_HZ
 LEAST = {"white": 4.0, "texture": 4.0, "tap": 4.2, "chirp": 4.0}

@@ -37,10 +37,11 @@ def run(*words: str | Path, cwd: Path, said: str | None = None, **more: str) -> 
 
 
 def tree() -> dict[str, Path]:
-    """Every file that belongs into the wheel by its place there: of all top folders that are packages."""
+    """Every file that belongs into the wheel by its place there: of all top folders that are packages but evidence."""
     files = {}
-    for package in sorted(ROOT.glob("*/__init__.py")):
-        folder = package.parent
+    for folder in sorted(package.parent for package in ROOT.glob("*/__init__.py")):
+        if folder.name == "evidence":
+            continue
         name = "hapscene" if folder.name == "hapscene" else f"hapscene_{folder.name}"
         found = (file for file in folder.rglob("*") if file.is_file() and file.suffix != ".pyc")
         files |= {f"{name}/{file.relative_to(folder).as_posix()}": file for file in found}
@@ -143,6 +144,14 @@ def test_every_module_is_imported_from_there(installed: Installed) -> None:
     found = json.loads(installed.run("python", "-c", IMPORT_ALL, said=json.dumps(names)))
     assert len(names) > 200
     assert [name for name in names if not Path(found[name]).is_relative_to(installed.site)] == []
+
+
+def test_commands_that_need_a_checkout_say_so(installed: Installed) -> None:
+    for command in ("bench", "chart", "reproduce"):
+        words = (installed.scripts / "hapscene", command, "--out", "out")
+        clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+        done = subprocess.run(words, cwd=installed.work, env=clean, capture_output=True, encoding="utf-8", check=False)
+        assert done.returncode == 2 and "checkout" in done.stderr and "Traceback" not in done.stderr
 
 
 @pytest.mark.soak

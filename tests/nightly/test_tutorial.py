@@ -76,12 +76,12 @@ def test_each_step_makes_what_it_says(told: Told) -> None:
 def test_commands_say_what_the_tutorial_says(told: Told) -> None:
     stroke = next(said for line, said in told.said.items() if "--hand stroke" in line)
     assert "'epoxy': 900 N/m is more than the omni holds at 1 kHz (700 N/m)" in stroke
-    stability = next(said for line, said in told.said.items() if line.startswith("hapscene stability"))
+    stability = next(said for line, said in told.said.items() if line.startswith("hapscene lab stability"))
     assert "epoxy: 900 N/m buzzes at 1 kHz, 1 tick late; the device's cap makes it 700 N/m, which rests" in stability
     assert re.search("at rest at every rate and delay: .*leather.*wood", stability)
     check = next(said for line, said in told.said.items() if line.startswith("hapscene check"))
     assert "80 mm × 56 mm × 32 mm" in check and "WARNING" not in check and "ERROR" not in check
-    export = next(said for line, said in told.said.items() if line.startswith("hapscene export"))
+    export = next(said for line, said in told.said.items() if line.startswith("hapscene convert pebble.scene"))
     assert "does not come back from this format" in export
 
 

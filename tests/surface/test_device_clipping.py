@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapscene.device.model import Limits
-from hapscene.surface.device_clipping import WALL, Clip, _in_blocks, clips, given, share_of
+from hapscene.surface.device_clipping import WALL, Clip, _in_blocks, clip_to_device, clips, share_of
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.library import load_swatch
 from hapscene.surface.life import Life
@@ -42,36 +42,36 @@ NUMBERS = {
 )
 def test_each_spring_has_its_own_damper(spring, damper, asked_N_m, asked_Ns_m, given_N_m, given_Ns_m):
     """Beyond what is held undamped it is damped, up to what the device holds; the other spring stays as it is."""
-    taken = given(LIMITS, EFFECTS, NUMBERS | {spring: asked_N_m, damper: asked_Ns_m})
+    taken = clip_to_device(LIMITS, EFFECTS, NUMBERS | {spring: asked_N_m, damper: asked_Ns_m})
     assert taken == NUMBERS | {spring: given_N_m, damper: pytest.approx(given_Ns_m)}
 
 
 def test_a_spring_that_nothing_damps_is_softer():
     for spring in ((WALL, "stiffness_N_m"), (1, "tangential_stiffness_N_m")):
-        assert given(LIMITS, EFFECTS, {spring: 600.0}) == {spring: 400.0}
+        assert clip_to_device(LIMITS, EFFECTS, {spring: 600.0}) == {spring: 400.0}
 
 
 def test_damping_with_depth_and_viscous_friction_stay_below_what_is_held():
     limits = replace(LIMITS, force_N=2.0)
     numbers = NUMBERS | {(0, "hunt_crossley_Ns_m2"): 1e3, (1, "friction_viscous_s_m"): 1.0}
-    taken = given(limits, EFFECTS, numbers | {(0, "damping_Ns_m"): 0.1})
+    taken = clip_to_device(limits, EFFECTS, numbers | {(0, "damping_Ns_m"): 0.1})
     assert taken[0, "hunt_crossley_Ns_m2"] * 2.0 / 300.0 == pytest.approx(0.4 - 0.1)  # as deep as 2 N press
     assert taken[1, "friction_viscous_s_m"] * 2.0 == pytest.approx(0.4)
-    assert given(Limits(), EFFECTS, numbers) == numbers
-    none = given(Limits(force_N=0.0, damping_Ns_m=0.0), EFFECTS, numbers)
+    assert clip_to_device(Limits(), EFFECTS, numbers) == numbers
+    none = clip_to_device(Limits(force_N=0.0, damping_Ns_m=0.0), EFFECTS, numbers)
     assert none[0, "hunt_crossley_Ns_m2"] == none[1, "friction_viscous_s_m"] == 0.0
 
 
 def test_adhesion_is_spread_until_it_is_soft_at_the_same_work():
     numbers = {(0, "adhesion_N"): 1.0, (0, "adhesion_range_m"): 1e-4}
-    taken = given(LIMITS, EFFECTS, numbers)
+    taken = clip_to_device(LIMITS, EFFECTS, numbers)
     A, delta = taken.values()
     assert math.e * A / delta == pytest.approx(LIMITS.undamped_N_m) and A * delta == pytest.approx(1e-4)
     said = [str(clip) for clip in clips("tar", numbers, taken, replace(LIMITS, device="omni"), 1e-3)]
     assert "adhesion_N" in said[0] and "adhesion_range_m" in said[1]
     wide = numbers | {(0, "adhesion_range_m"): 1e-2}
     off = numbers | {(0, "adhesion_range_m"): 0.0}
-    assert given(LIMITS, EFFECTS, wide) == wide and given(LIMITS, EFFECTS, off) == off
+    assert clip_to_device(LIMITS, EFFECTS, wide) == wide and clip_to_device(LIMITS, EFFECTS, off) == off
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operated, Operation
 from hapscene.teleoperation.test_plate import plate
 from hapscene.twin.hand_intent import Intent
-from hapscene_experiments.delay_study import WALL_N_M, predict_stiffness
+from tests.teleoperation.delays import WALL_N_M, predict_stiffness
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operation
 from hapscene.teleoperation.test_plate import START_M, explore, plate
 from hapscene.twin.hand_intent import Intent
-from hapscene_experiments.delay_study import (
+from tests.teleoperation.delays import (
     BAD,
     ENERGY_MAX_J,
     REST_MAX_M_S,

@@ -14,7 +14,7 @@ from hapscene import Scene
 from hapscene.bridge.orders import Orders
 from hapscene.bridge.server import BridgeServer
 from hapscene.servo import Servo
-from hapscene_benchmarks.idle import IdleLoop
+from tests.idle_loop import IdleLoop
 
 GODOT = Path(__file__).resolve().parents[3] / "examples" / "engines" / "godot"
 MINUTES = float(os.environ.get("SOAK_MINUTES", "10"))

@@ -37,7 +37,6 @@ from hapscene.scene.mesh_doctor import examine
 from hapscene.scene.mesh_file import UNITLESS, load_mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
-from hapscene.stability.wall_case import read_cases
 from hapscene.study.plan import load_plan
 from hapscene.study.results_file import load_rows
 from hapscene.study.sitting import Sitting
@@ -179,7 +178,7 @@ def scene() -> Scene:
 
 def fidelity(path: Path) -> None:
     half = Mesh(scene().bodies[0].mesh.vertices_m, scene().bodies[0].mesh.faces[:10])
-    level = Level({"ball": BodyFidelity(half)}, {swatch().name: SwatchFidelity(1, 2, ("tap",))}, {"error_jnd": 0.5})
+    level = Level({"ball": BodyFidelity(half)}, {swatch().name: SwatchFidelity(1, 2)}, {"error_jnd": 0.5})
     save_fidelity(Fidelity(level, {"device": "omni", "seed": 0}), path, scene())
 
 
@@ -223,12 +222,6 @@ def manifest() -> Files:
     entry = asdict(batch.ManifestEntry("/r/a.csv", "a.swatch", "ok", sha256="0" * 64))
     content = {"format": batch.FORMAT, "version": batch.VERSION, "recordings": [entry]}
     return {batch.NAME: json.dumps(content).encode()}
-
-
-def wall_cases() -> Files:
-    setup = {"m": 0.072, "b": 0.005, "c": 0, "D": 0, "T": 0.001, "delay": 0, "B": 0}
-    case = {"id": "W1-a", "what": "critical K [N/m]", "setup": setup, "expected": 10.0, "rel_tol": 0.001}
-    return {"x.json": json.dumps([case, case | {"id": "W2-a"}]).encode()}
 
 
 # Recordings and paths.
@@ -434,7 +427,6 @@ FORMATS: Mapping[str, Format] = {
         lambda path: len(batch.outputs(batch.read_list(path))),
         left=lines(r"(?!recording).*\w"),
     ),
-    "wall-cases": Format(wall_cases, read_cases),
     "csv": Format(table, read_recording, left=lines(r"(?!time).*\d")),
     "wav": Format(wav, read_recording),
     "npz": Format(npz, read_recording),

@@ -1,6 +1,7 @@
 """That the page can be read: contrast of all its text, light and dark; nothing cut in a small window."""
 
-from collections.abc import Iterator
+import asyncio
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,20 @@ from hapscene.paint.session import Session
 from hapscene.paint.shelf import Phrase
 from hapscene.paint.web.page import TABS, Page
 from hapscene.paint.web.shelf_panel import _figure_html
-from hapscene_benchmarks.paint_browser import do
 from tests.paint.conftest import library_in, mesh_of
 from tests.until import until
 
 LONG = "polished_mahogany_veneer_of_the_old_harpsichord_lid_sample_17b"
+
+
+def do(page: Page, act: Callable[[], Any]) -> Any:
+    """Do something in the page's event loop and return its result."""
+
+    async def done() -> Any:
+        return act()
+
+    return asyncio.run_coroutine_threadsafe(done(), page.server.get_event_loop()).result(60.0)
+
 
 CONTRAST_MIN = 4.5
 """Of text to its ground: WCAG 2.1, 1.4.3, level AA."""

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operation
 from hapscene.teleoperation.test_plate import plate
 from hapscene.twin.hand_intent import Intent
+from tests.teleoperation.delays import CASES, ENERGY_MAX_J, REST_MAX_M_S, operate_case
 
 
 def run_briefly() -> list[float]:
@@ -32,3 +34,17 @@ def test_interpreted_and_compiled_agree() -> None:
     compiled = run_briefly()
     assert [float(word) for word in done.stdout.split()] == pytest.approx(compiled, rel=1e-9, abs=1e-15)
     assert compiled[5] != 0.0 and compiled[-1] != 0.0
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("delay_s", [0.005, 0.02, 0.1])
+def test_waves_are_passive_at_every_delay_and_the_plain_controller_is_not(delay_s: float) -> None:
+    runs = list(product((False, True), CASES, ("light", "firm")))
+    stable = {
+        scheme: [
+            found.rest_m_s <= REST_MAX_M_S and found.energy_out_J <= ENERGY_MAX_J
+            for found in (operate_case(scheme, delay_s, *run) for run in runs)
+        ]
+        for scheme in ("position", "wave")
+    }
+    assert all(stable["wave"]) and (delay_s < 0.02 or not all(stable["position"]))

@@ -18,7 +18,7 @@ import trimesh
 from hapscene.recording import Recording
 from hapscene.scene.scene import Scene
 from hapscene.view.palette import FORCE, LIGHT, rgb
-from hapscene_benchmarks.screen import virtual_screen
+from tests.screen import virtual_screen
 from tests.view.test_window import scene
 
 __all__ = ["scene"]  # fixtures

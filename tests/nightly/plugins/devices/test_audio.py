@@ -162,7 +162,7 @@ def test_a_trial_of_a_study_is_heard_as_it_is_said_to_16_bits(sink: Any, tmp_pat
 
 
 CHART = """
-from hapscene_benchmarks.charts import audio_latency
+from hapscene_evidence.chart import audio_latency
 print(audio_latency.error(256, 0)["latency"], audio_latency.error(256, 2)["latency"])
 """
 

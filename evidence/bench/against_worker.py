@@ -1,0 +1,35 @@
+"""A process of `against`: runs a path over a mesh for each line that it reads, and prints the times of each run.
+
+It imports hapscene of whichever checkout PYTHONPATH names, and so uses its public interface alone.
+"""
+
+import json
+import sys
+import time
+
+import numpy as np
+
+import hapscene
+
+
+def main() -> None:
+    scene = hapscene.Scene()
+    scene.add(sys.argv[1], name="body", unit="m", swatch="wood")
+    path = np.load(sys.argv[2])
+    renderer = hapscene.Renderer(scene)
+    for _ in sys.stdin:
+        renderer.reset(path[0])
+        recording = renderer.run(path)
+        on = recording.touching
+        renderer.reset(path[0])
+        step_ns = np.zeros(len(path))
+        for k, place in enumerate(path):
+            start_ns = time.perf_counter_ns()
+            renderer.step(place)
+            step_ns[k] = time.perf_counter_ns() - start_ns
+        times = {"tick": float(np.median(recording.tick_ns[on])), "step": float(np.median(step_ns[on]))}
+        print(json.dumps({name: 1e-3 * ns for name, ns in times.items()}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,30 @@
+"""Textures of many orders, made from a shipped swatch to be timed."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from hapscene.capture import fit, synthesize
+from hapscene.surface.library import load_swatch
+from hapscene.surface.swatch import Swatch
+
+ORDERS: Final = (8, 20, 40, 80, 120)
+"""Orders that are timed [count]."""
+
+FORCE_N, SPEED_M_S, DURATION_S = 1.0, 0.1, 10.0
+"""What the texture is played at before it is fitted again."""
+
+RATE_HZ: Final = 10_000.0
+
+
+def swatch_of_order(order: int) -> Swatch:
+    """The shipped wood, its texture played for `DURATION_S` and fitted again at `order`: real in level and spectrum."""
+    wood = load_swatch("wood")
+    count = round(DURATION_S * RATE_HZ)
+    force_N, speed_m_s = np.full(count, FORCE_N), np.full(count, SPEED_M_S)
+    played = synthesize(wood, force_N, speed_m_s, rate_Hz=RATE_HZ)
+    fitted = fit(
+        played, RATE_HZ, force_N=FORCE_N, speed_m_s=SPEED_M_S, name=f"wood {order}", order=order, model_count=1
+    )
+    return replace(wood, name=fitted.name, texture=fitted.texture)

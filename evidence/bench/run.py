@@ -1,0 +1,218 @@
+"""The whole benchmark, in order: measure, then write bench.csv, bench.md and the charts."""
+
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from hapscene.constants import TICK_S
+from hapscene.errors import HapsceneError
+from hapscene.files import whole_file
+from hapscene.native import INTERPRETED
+
+from ..page import Page
+from . import (
+    accuracy,
+    case,
+    crowd,
+    deform,
+    handle,
+    machine,
+    order,
+    side_by_side,
+    start_time,
+    surface_fit,
+    synthesis,
+    tick_time,
+    twin_time,
+)
+from .against import SLOWER, compare_checkouts, lines
+from .chart import write_charts
+from .page import page_of
+from .sheet import Sheet
+from .side_by_side_page import add_peers
+
+__all__ = ["bench", "bench_against", "bench_peers", "measure", "publish", "write_results"]
+
+SHARED: Final = Path(__file__).resolve().parents[2] / "shared"
+"""Reference data beside the checkout, used where it is there."""
+
+MAIN: Final = "sphere 82 k"
+"""The case that the whole tick is measured on."""
+
+
+def bench(
+    out: Path, quick: bool = False, docs: Path | None = None, zoo: Path | None = None, table: Path | None = None
+) -> None:
+    """Measure speed and accuracy on this machine and write bench.csv, bench.md and charts into `out`.
+
+    Args:
+        out: folder to write into; made when it is missing.
+        quick: fewer cases, shorter paths, fewer repeats.
+        docs: the project's folder of documents: its benchmark.md and bench/ are made anew as well.
+        zoo: folder of reference cases; by default ../shared/zoo beside the checkout, if it exists.
+        table: an earlier bench.csv, to draw and write from it; nothing is measured then.
+
+    Raises:
+        HapsceneError: under NUMBA_DISABLE_JIT=1, where times mean nothing; no such `docs` or `zoo`; an invalid `table`.
+        OSError: `out` cannot be written.
+    """
+    zoo = _checked(docs, zoo, table is not None)
+    sheet = Sheet.read(table) if table is not None else None
+    out.mkdir(parents=True, exist_ok=True)
+    if sheet is None:
+        sheet = measure(quick, zoo, _say)
+    made = write_results(sheet, out)
+    _print_made(made if docs is None else [*made, publish(made, docs)])
+
+
+def write_results(sheet: Sheet, out: Path) -> list[Path]:
+    """Write bench.csv, the charts and bench.md of a sheet into a folder; return their paths."""
+    made = [out / "bench.csv", *write_charts(sheet, out), out / "bench.md"]
+    sheet.write(made[0])
+    _write_text(made[-1], page_of(sheet, out, _peers(out)).markdown(out))
+    return made
+
+
+def publish(made: list[Path], docs: Path) -> Path:
+    """Copy tables and charts into docs/bench, and write docs/benchmark.md from the tables there; return its path."""
+    folder = docs / "bench"
+    folder.mkdir(exist_ok=True)
+    for file in made:
+        if file.suffix in (".csv", ".png"):
+            shutil.copyfile(file, folder / file.name)
+    page = docs / "benchmark.md"
+    _write_text(page, page_of(Sheet.read(folder / "bench.csv"), folder, _peers(folder)).markdown(docs))
+    return page
+
+
+def _write_text(file: Path, text: str) -> None:
+    with whole_file(file) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def _peers(folder: Path) -> Sheet | None:
+    """The table of other renderers, where one was made."""
+    return Sheet.read(folder / "peers.csv") if (folder / "peers.csv").is_file() else None
+
+
+def bench_against(other: Path, rounds: int) -> bool:
+    """Print this checkout's whole tick and `step` against those of another checkout; return whether neither is slower.
+
+    Raises:
+        HapsceneError: `other` is no checkout; NUMBA_DISABLE_JIT=1, where times mean nothing; a process fails.
+    """
+    _checked(None, None)
+    found = compare_checkouts(other, rounds, _say)
+    _say("\n".join(lines(found)))
+    return all(one.ratio <= SLOWER for one in found)
+
+
+def bench_peers(
+    build: Path, out: Path, quick: bool, docs: Path | None, zoo: Path | None,
+    names: Sequence[str], rounds: tuple[int, int], huge: bool,
+) -> None:  # fmt: skip
+    """Time other renderers beside hapscene, turn by turn, and write peers.csv and peers.md into `out`.
+
+    Args:
+        build: folder of their programs, chai_path and hapi_path.
+        out, quick, docs, zoo: as of `bench`; the zoo has the bunny.
+        names: of the cases; all available ones if empty.
+        rounds: how often each renderer runs, with hot and with cold caches.
+        huge: huge pages for all of them.
+
+    Raises:
+        HapsceneError: as `bench`; `build` holds no program; an unknown case; a program fails.
+        OSError: `out` or `docs` cannot be written.
+    """
+    zoo = _checked(docs, zoo)
+    drivers = side_by_side.find_drivers(build)
+    if not names and zoo is None:
+        names = tuple(side_by_side.SPHERES)
+        _say("without the bunny, whose mesh and path are in the zoo: --zoo DIR")
+    cases = side_by_side.find_cases(names or side_by_side.CASES, zoo, 2000 if quick else 10_000)
+    _say(f"side by side: {', '.join(drivers)}")
+    out.mkdir(parents=True, exist_ok=True)
+    sheet = side_by_side.measure(drivers, cases, *rounds, huge, _say)
+    made, page = [out / "peers.csv", out / "peers.md"], Page("Benchmark beside other renderers")
+    sheet.write(made[0])
+    add_peers(page, sheet)
+    _write_text(made[1], page.markdown(out))
+    _print_made(made if docs is None else [*made, publish(made, docs)])
+
+
+def measure(quick: bool, zoo: Path | None, say: Callable[[str], None]) -> Sheet:
+    """Measure everything; the order is that of the page."""
+    sheet = Sheet()
+    ticks, repeats = (2000, 2) if quick else (10_000, tick_time.REPEATS)
+    sizes = (3, 6) if quick else case.SUBDIVISIONS
+    machine.describe_machine(sheet)
+    sheet.add("method", "path", ticks * TICK_S, "s")
+    sheet.add("method", "hot runs", repeats, "1")
+    tick_time.measure_clock(sheet)
+    _measure_spheres(sheet, sizes, ticks, repeats, say)
+    if zoo is not None:
+        for one in case.zoo_cases(zoo):
+            say(f"{one.name}: contact")
+            tick_time.measure_contact(sheet, one, repeats)
+    main = case.Case(MAIN, case.sphere(6), case.slide_path(ticks), True)
+    _measure_ticks(sheet, main, repeats, say)
+    say("start of a process")
+    for one in (main, *([] if quick else case.sphere_cases(case.SUBDIVISIONS[-1:], ticks))):
+        start_time.measure_start(sheet, one, 1 if quick else 5)
+    say("shapes that change")
+    deform.measure_deform(sheet, 1.0 if quick else 10.0)
+    say("synthesis of textures")
+    synthesis.measure_synthesis(sheet)
+    say("fits")
+    surface_fit.measure_fit(sheet, (10.0,) if quick else (10.0, 600.0))
+    say("the twin in closed loop; the handle's compensators")
+    twin_time.measure_twin(sheet)
+    handle.measure_handle(sheet, 12 if quick else handle.PLANTS)
+    return sheet
+
+
+def _measure_spheres(
+    sheet: Sheet, sizes: tuple[int, ...], ticks: int, repeats: int, say: Callable[[str], None]
+) -> None:
+    """Contact time and accuracy over mesh size; many bodies."""
+    for k in sizes:
+        (one,) = case.sphere_cases((k,), ticks)
+        say(f"{one.name}: contact, accuracy")
+        recording = tick_time.measure_contact(sheet, one, repeats)
+        accuracy.measure_accuracy(sheet, one, recording)
+    say("many bodies")
+    crowd.measure_crowd(sheet, ticks, repeats)
+
+
+def _measure_ticks(sheet: Sheet, main: case.Case, repeats: int, say: Callable[[str], None]) -> None:
+    """The whole tick at each order, and what calling effects costs."""
+    for p in order.ORDERS:
+        say(f"{main.name}: whole tick, order {p}")
+        tick_time.measure_tick(sheet, main, order.swatch_of_order(p), p, repeats)
+    tick_time.measure_harness(sheet, main, repeats)
+    tick_time.measure_effects(sheet, main, order.swatch_of_order(40), repeats)
+
+
+def _checked(docs: Path | None, zoo: Path | None, measured: bool = False) -> Path | None:
+    """Check the arguments of `bench`; return the folder of the zoo, if it exists."""
+    if INTERPRETED and not measured:
+        raise HapsceneError("the benchmark times compiled code: run it without NUMBA_DISABLE_JIT")
+    for folder in (docs, zoo):
+        if folder is not None and not folder.is_dir():
+            raise HapsceneError(f"{folder}: no such folder")
+    return SHARED / "zoo" if zoo is None and (SHARED / "zoo").is_dir() else zoo
+
+
+def _print_made(made: Sequence[Path]) -> None:
+    _say("\n".join(["made:", *(f"  {file}" for file in made)]))
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+if __name__ == "__main__":  # python -m hapscene_evidence.bench.run BUILD DOCS [ZOO]
+    build, docs, *zoo = map(Path, sys.argv[1:])
+    bench_peers(build, Path("out/bench"), False, docs, zoo[0] if zoo else None, (), (5, 3), False)

@@ -1,0 +1,73 @@
+"""Time of the start of a process, from `import hapscene` to the first tick; memory of a mesh's triangles."""
+
+import tempfile
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from hapscene.scene.ply import save_mesh
+from hapscene.scene.scene import Scene
+
+from .case import Case
+from .machine import run_python
+from .sheet import Sheet
+
+_FAILED: Final = "the process that was to be timed failed"
+
+_START: Final = """
+import sys, time
+start = time.perf_counter()
+import hapscene
+imported = time.perf_counter()
+scene = hapscene.load_scene(sys.argv[1])
+renderer = hapscene.Renderer(scene)
+renderer.step((0.0, 0.0, 0.07))
+print(imported - start, time.perf_counter() - start)
+"""
+
+
+_MEMORY: Final = """
+import mmap, sys
+from pathlib import Path
+import numpy as np
+from hapscene import load_mesh
+from hapscene.contact.world import Shapes
+from hapscene.scene.mesh import Mesh
+
+def resident_B():
+    file = Path("/proc/self/statm")
+    return int(file.read_text().split()[1]) * mmap.PAGESIZE if file.exists() else 0
+
+mesh = load_mesh(sys.argv[1], "m")
+Shapes([Mesh(np.eye(3), np.array([[0, 1, 2]]))], 0.0)  # its code
+before_B = resident_B()
+shapes = Shapes([mesh], 0.0)
+print((resident_B() - before_B) / len(mesh.faces))
+"""
+
+
+def measure_start(sheet: Sheet, case: Case, repeats: int) -> None:
+    """A fresh process: `import hapscene`, and from there to the first tick of a saved scene. The cache is warm."""
+    import trimesh
+
+    for kind in ("ply", "stl"):
+        with tempfile.TemporaryDirectory() as folder:
+            mesh, file = Path(folder) / f"mesh.{kind}", Path(folder) / "bench.scene.json"
+            if kind == "ply":
+                save_mesh(case.mesh, mesh)
+            else:
+                trimesh.Trimesh(case.mesh.vertices_m, case.mesh.faces, process=False).export(mesh)
+            scene = Scene()
+            scene.add(mesh, name="body", unit="m", swatch="wood")
+            scene.save(file)
+            rows = [_start(file) for _ in range(repeats + 1)][1:]
+            if kind == "ply" and (taken_B := float(run_python([_MEMORY, str(mesh)], _FAILED))) > 0.0:
+                sheet.add(case.name, "memory a triangle", taken_B, "B")
+        imported_s, ready_s = np.median(rows, axis=0)
+        sheet.add("start", "import hapscene", imported_s, "s")
+        sheet.add("start", f"{case.name}, {'' if kind == 'ply' else 'STL, '}load to first tick", ready_s, "s")
+
+
+def _start(file: Path) -> list[float]:
+    return [float(word) for word in run_python([_START, str(file)], _FAILED).split()]

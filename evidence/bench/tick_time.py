@@ -1,0 +1,140 @@
+"""Time of the contact and of the whole tick, hot: measured inside the tick, the least of several runs of each tick."""
+
+import time
+import timeit
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.clock import new_clock, now_ns
+from hapscene.contact.world import Shapes
+from hapscene.native import native
+from hapscene.recording import Recording
+from hapscene.renderer import EFFECTS, Renderer
+from hapscene.surface.effect import Effect
+from hapscene.surface.swatch import Swatch
+
+from .case import Case
+from .sheet import Sheet
+
+Times = NDArray[np.int64]
+
+REPEATS: Final = 5
+"""Runs of a path after one to warm up [count]: as the other renderers in `peer` were measured."""
+
+
+@dataclass(frozen=True)
+class Hot:
+    """Times of the ticks in contact, each the least of all runs, and the last run."""
+
+    contact_ns: Times
+    tick_ns: Times
+    run_s: float
+    """Least time of a whole `Renderer.run` [s]."""
+    recording: Recording
+
+
+def hot(renderer: Renderer, p_WT_m: NDArray[np.float64], repeats: int = REPEATS) -> Hot:
+    """Run a path several times after one to warm up."""
+    contact: list[Times] = []
+    tick: list[Times] = []
+    run_s: list[float] = []
+    for _ in range(repeats + 1):
+        renderer.reset(p_WT_m[0])
+        start_s = time.perf_counter()
+        recording = renderer.run(p_WT_m)
+        run_s.append(time.perf_counter() - start_s)
+        contact.append(recording.contact_ns)
+        tick.append(recording.tick_ns)
+    on = recording.touching
+    least = [np.min(runs[1:], axis=0)[on] for runs in (contact, tick)]
+    return Hot(least[0], least[1], min(run_s[1:]), recording)
+
+
+def measure_clock(sheet: Sheet) -> None:
+    """What two calls of the clock one after the other read: part of every time here, and taken from none."""
+    between = np.zeros(20_000, np.int64)
+    for _ in range(2):
+        _read_clock(new_clock(), between)
+    sheet.add("clock", "between two reads median", float(np.median(between)), "ns")
+
+
+@native
+def _read_clock(clock: Times, between: Times) -> None:
+    for i in range(len(between)):
+        start = now_ns(clock)
+        between[i] = now_ns(clock) - start
+
+
+def measure_contact(sheet: Sheet, case: Case, repeats: int = REPEATS) -> Recording:
+    """Time of the contact part on one case, without effects; and of building what it reads."""
+    measure_build(sheet, case)
+    found = hot(Renderer(case.scene(), effects=["wall"]), case.p_WT_m, repeats)
+    sheet.add(case.name, "triangles", len(case.mesh.faces), "1")
+    sheet.add(case.name, "ticks in contact", len(found.contact_ns), "1")
+    sheet.add_spread(case.name, "contact", found.contact_ns, "µs", 1e-3)
+    sheet.add(case.name, "contact mean", 1e-3 * float(np.mean(found.contact_ns)), "µs")
+    return found.recording
+
+
+def measure_build(sheet: Sheet, case: Case) -> None:
+    """Time to find the neighbours of faces, to pack the faces and to build their search."""
+
+    def build() -> None:
+        Shapes([replace(case.mesh)], 0.0)  # whose neighbours are not known yet
+
+    sheet.add(case.name, "build", 1e3 * min(timeit.repeat(build, number=1, repeat=3)), "ms")
+
+
+def measure_tick(sheet: Sheet, case: Case, swatch: Swatch, order: int, repeats: int = REPEATS) -> None:
+    """The whole tick with all five effects and a texture of `order`: by itself, in `run` and by `step`."""
+    name = f"tick, order {order}"
+    renderer = Renderer(case.scene(swatch), effects=EFFECTS)
+    found = hot(renderer, case.p_WT_m, repeats)
+    sheet.add_spread(name, "tick", found.tick_ns, "µs", 1e-3)
+    sheet.add_spread(name, "contact", found.contact_ns, "µs", 1e-3)
+    path_s = len(case.p_WT_m) * renderer.tick_s
+    sheet.add(name, "run for 10 s of path", found.run_s * 10.0 / path_s, "s")
+    sheet.add(name, "step over the tick median", 1e-3 * _step_over_tick_ns(renderer, case.p_WT_m, repeats), "µs")
+
+
+def _step_over_tick_ns(renderer: Renderer, p_WT_m: NDArray[np.float64], repeats: int) -> float:
+    """Median time that `step` takes from Python beyond the tick itself."""
+    over: list[list[int]] = []
+    for _ in range(repeats + 1):
+        renderer.reset(p_WT_m[0])
+        one: list[int] = []
+        for p in p_WT_m:
+            start_ns = time.perf_counter_ns()
+            renderer.step(p)
+            one.append(time.perf_counter_ns() - start_ns - last_row(renderer)["tick_ns"])
+        over.append(one)
+    return float(np.median(np.min(over[1:], axis=0)))
+
+
+def last_row(renderer: Renderer) -> Any:
+    """The row of the last `step`, which a program does not get: it holds the times."""
+    return renderer._row.view(np.ndarray)[0]
+
+
+def measure_harness(sheet: Sheet, case: Case, repeats: int = REPEATS) -> None:
+    """Time of calling effects: a tick with four that do nothing, less one with none."""
+    idle = [Effect(f"idle_{i}", "Does nothing.", _do_nothing) for i in range(len(EFFECTS))]
+    with_idle = hot(Renderer(case.scene(), effects=idle), case.p_WT_m, repeats)
+    without = hot(Renderer(case.scene(), effects=[]), case.p_WT_m, repeats)
+    sheet.add("harness", "four idle effects median", 1e-3 * np.median(with_idle.tick_ns - without.tick_ns), "µs")
+    sheet.add("harness", "tick without effects median", 1e-3 * np.median(without.tick_ns), "µs")
+
+
+def measure_effects(sheet: Sheet, case: Case, swatch: Swatch, repeats: int = REPEATS) -> None:
+    """Mean time that each effect by itself adds to a tick in contact without effects."""
+    bare = hot(Renderer(case.scene(swatch), effects=[]), case.p_WT_m, repeats).tick_ns
+    for name in EFFECTS:
+        alone = hot(Renderer(case.scene(swatch), effects=[name]), case.p_WT_m, repeats).tick_ns
+        sheet.add("profile", name, float(np.mean(alone - bare)), "ns")
+
+
+def _do_nothing(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
+    pass

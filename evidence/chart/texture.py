@@ -1,0 +1,196 @@
+"""How many coefficients a texture's filter needs, and in which domain its models are blended."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from hapscene.capture.metric import spectrum
+from hapscene.capture.texture_fit import fit_texture
+from hapscene.capture.texture_pieces import Pieces, cut
+from hapscene.dsp.ar_filter import power_gain
+from hapscene.dsp.linear_prediction import solve
+from hapscene.dsp.warped_prediction import lag_count, warp_at, warped
+from hapscene.surface.texture import Texture
+
+from .measuring import (
+    ISRAR,
+    RATE_HZ,
+    STROKES,
+    Array,
+    apart_jnd,
+    bands_of,
+    best,
+    enough,
+    measured,
+    no_recordings,
+    recorded,
+    texture_bands,
+    texture_us,
+)
+from .question import Measure, Point, Question, Setting
+
+DOMAINS: Final = {
+    "lsf": "LSF",
+    "warped": "warped LSF",
+    "reflection": "reflection",
+    "direct": "direct",
+    "hatt": "LSF and variance",
+    "nearest": "nearest model",
+}
+"""Domains of `hapscene.surface.texture.INTERPOLATIONS`; LSF of warped models; the nearest model, unblended."""
+
+ORDERS: Final[dict[str, tuple[int, ...]]] = {
+    "lsf": (2, 4, 8, 12, 20, 40, 80, 120),
+    "warped": (4, 8, 12, 20, 28, 40),
+}
+"""Orders tried in these domains; the others are tried at `ORDER` alone."""
+
+ORDER, MODELS, PARTS = 20, 3, 4
+"""Order of the other domains; models of a fitted texture; parts of a recording, of which each inner one is left out."""
+
+FORCE_N, SPEED_M_S = (0.3, 2.0), (0.04, 0.25)
+"""Range of the known surface's models."""
+
+PLACES: Final = 40
+"""Random forces and speeds at which the known surface is tested [count]."""
+
+FREQUENCY_HZ: Final = np.linspace(0.0, 0.5 * RATE_HZ, 4097)
+
+
+def settings(quick: bool, scene_file: str | None) -> list[Setting]:
+    found = []
+    for domain, name in DOMAINS.items():
+        orders = ORDERS.get(domain, (ORDER,))
+        orders = orders[1::3] if quick and len(orders) > 1 else orders
+        found += [Setting(name, f"order {order}", {"domain": domain, "order": order}) for order in orders]
+    return found
+
+
+def error(domain: str, order: int) -> dict[str, float]:
+    """Error of a known surface between its models, and of recordings at forces and speeds that were left out [JND]."""
+    found = {"planted": planted_error(domain, order)}
+    if not no_recordings():
+        found["recorded"] = float(np.sqrt(np.mean([left_out(domain, order, name) ** 2 for name in STROKES])))
+    return found
+
+
+def surface_density(force_N: float, speed_m_s: float) -> Array:
+    """Power density (n,) [(m/s²)²/Hz] of the known surface at `FREQUENCY_HZ`: no model under test made it.
+
+    Three lines rise with the speed, as ridges that are crossed faster; two stay, as those of a tool. Lines widen with
+    the force, and the power grows with both.
+    """
+    lines = np.array([*(np.array([80.0, 170.0, 360.0]) * (speed_m_s / 0.1) ** 0.7), 450.0, 800.0])
+    width = 0.2 * lines[:, None] * force_N**0.3
+    density = 0.01 + np.sum(1.0 / (1.0 + ((FREQUENCY_HZ - lines[:, None]) / width) ** 2), axis=0)
+    power_m2_s4 = 25.0 * force_N * (speed_m_s / 0.1)
+    return np.asarray(power_m2_s4 * density / np.fft.irfft(density)[0] / (0.5 * RATE_HZ))
+
+
+def planted_texture(domain: str, grid: int, order: int = ORDER) -> Texture:
+    """The known surface as a texture of grid × grid models."""
+    warp = warp_of(domain)
+    force, speed = (g.ravel() for g in np.meshgrid(np.geomspace(*FORCE_N, grid), np.geomspace(*SPEED_M_S, grid)))
+    models = []
+    for f, v in zip(force, speed, strict=True):
+        r = 0.5 * RATE_HZ * np.fft.irfft(surface_density(f, v))
+        a = solve(warped(r[: lag_count(order, warp) + 1], order, warp))
+        models.append((a, r[0] / float(power_gain(a, warp))))
+    filters, variance = zip(*models, strict=True)
+    return Texture.from_models(
+        RATE_HZ,
+        force,
+        speed,
+        a=np.stack(filters),
+        variance_m2_s4=variance,
+        interpolation=_interpolation(domain),
+        warp=warp,
+    )
+
+
+def warp_of(domain: str) -> float:
+    """The warp of the models of a domain."""
+    return warp_at(RATE_HZ) if domain == "warped" else 0.0
+
+
+def _interpolation(domain: str) -> str:
+    return "lsf" if domain in ("nearest", "warped") else domain
+
+
+def planted_error(domain: str, order: int, grid: int = MODELS, seed: int = 0) -> float:
+    """Error of the known surface at places between its models [JND]."""
+    texture, (low, high) = planted_texture(domain, grid, order), np.log((FORCE_N, SPEED_M_S)).T
+    apart = []
+    for force, speed in np.exp(np.random.default_rng(seed).uniform(low, high, (PLACES, 2))).tolist():
+        true = bands_of(FREQUENCY_HZ, surface_density(force, speed))
+        apart.append(apart_jnd(asked(texture, domain, force, speed), true))
+    return float(np.sqrt(np.mean(np.square(apart))))
+
+
+def asked(texture: Texture, domain: str, force_N: float, speed_m_s: float) -> Array:
+    """Levels of the bands [m/s²] that a texture has at a force and a speed."""
+    if domain == "nearest":
+        away = (texture.force_N - force_N) ** 2 / texture.force_max_N**2
+        away += (texture.speed_m_s - speed_m_s) ** 2 / texture.speed_max_m_s**2
+        nearest = int(np.argmin(np.where(texture.variance_m2_s4 > 0.0, away, np.inf)))
+        force_N, speed_m_s = float(texture.force_N[nearest]), float(texture.speed_m_s[nearest])
+    return np.asarray(texture_bands(texture, [force_N], [speed_m_s])[0])
+
+
+def left_out(domain: str, order: int, name: str) -> float:
+    """Error of a texture at a part of a recording, between others in force or speed, that was left out of its fit."""
+    pieces = cut(recorded(name))
+    apart = []
+    for by in (np.argsort(pieces.force_N), np.argsort(pieces.speed_m_s)):
+        for part in np.array_split(by, PARTS)[1:-1]:
+            left = np.ones(len(pieces), bool)
+            left[part] = False
+            texture = fit_texture(
+                pieces[left], RATE_HZ, order, MODELS, interpolation=_interpolation(domain), warp=warp_of(domain)
+            )
+            out: Pieces = pieces[~left]
+            found = [asked(texture, domain, f, v) for f, v in zip(out.force_N, out.speed_m_s, strict=True)]
+            true = [bands_of(*spectrum(signal, RATE_HZ)) for signal in out.acceleration_m_s2]
+            apart.append(apart_jnd(*(np.sqrt(np.mean(np.square(each), axis=0)) for each in (found, true))))
+    return float(np.sqrt(np.mean(np.square(apart))))
+
+
+def time(domain: str, order: int) -> tuple[float, float]:
+    return texture_us(planted_texture(domain, MODELS, order))
+
+
+def advice(points: Sequence[Point]) -> str:
+    key = "recorded" if measured(points, "recorded") else "planted"
+    least = best(points, key)
+    chosen = enough(points, key, least.errors[key] + 1.0)
+    plain = [p.errors[key] for p in points if p.method != DOMAINS["warped"] and p.label == f"order {ORDER}"]
+    domains = "cannot be told apart" if max(plain) - min(plain) < 1.0 else "differ"
+    return (
+        f"Choose {chosen.method} of {chosen.label}: at {chosen.errors[key]:.2g} JND it is the quickest within one of "
+        f"the best, {least.method} of {least.label} ({least.errors[key]:.2g} JND), and takes {chosen.median_us:.2g} µs "
+        f"a block where that takes {least.median_us:.2g}. At order {ORDER} the domains {domains}: {min(plain):.2g} to "
+        f"{max(plain):.2g} JND. Use a higher order where a surface has sharp lines. Do not blend direct coefficients "
+        "of unlike models: they may be unstable."
+    )
+
+
+QUESTION: Final = Question(
+    name="texture",
+    title="Which order and which domain for a texture?",
+    measures=(
+        *(() if no_recordings() else (Measure("recorded", "real recordings, left out", "JND", 1.0, ISRAR),)),
+        Measure("planted", "a known surface, between its models", "JND", 1.0, ISRAR),
+    ),
+    settings=settings,
+    error=error,
+    time=time,
+    advice=advice,
+    conditions=(
+        "Levels in twelve bands from 20 to 1000 Hz at forces and speeds that no model was fitted at: wood, paper and "
+        f"leather without a quarter of their pieces, fitted with up to {MODELS} models; and a known surface of five "
+        f"lines, three of which rise with the speed, at {PLACES} places between its {MODELS} × {MODELS} models. A "
+        "warped model has an allpass for each delay (Strube 1980)."
+    ),
+    per="block",
+)

@@ -1,0 +1,118 @@
+"""The page writer of benchmark, chart and paper: headings, text, pictures and tables, as Markdown or HTML."""
+
+import base64
+import textwrap
+from collections.abc import Callable, Sequence
+from html import escape
+from pathlib import Path
+from typing import Final
+
+from hapscene.view.chart import dark_twin, picture
+
+__all__ = ["Page", "paragraph", "shown", "table"]
+
+STYLE: Final = """
+:root { color-scheme: light dark; --line: light-dark(#d8d8d8, #444); --muted: light-dark(#606060, #a0a0a0); }
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 1100px; margin: 0 auto; padding: 16px;
+  color: light-dark(#1a1a1a, #e6e6e6); background: light-dark(#fff, #16181c); }
+a { color: inherit; } summary { cursor: pointer; } p, dl { max-width: 95ch; }
+figure { margin: 16px 0; } figure svg, figure img { max-width: 100%; height: auto; } figcaption { color: var(--muted); }
+.table { overflow-x: auto; } table { border-collapse: collapse; }
+th, td { text-align: left; vertical-align: top; padding: 5px 10px 5px 0; border-top: 1px solid var(--line); }
+"""
+
+POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+"""Content security policy of the HTML: it loads nothing and runs nothing."""
+
+Part = tuple[Callable[[Path], str], Callable[[], str]]
+"""A part of a page: what gives its Markdown, seen from a folder, and its HTML."""
+
+
+class Page:
+    """A page that is filled from top to bottom. All text is plain: HTML escapes it."""
+
+    def __init__(self, title: str) -> None:
+        self.title = title
+        self._parts: list[Part] = []
+
+    def heading(self, text: str, level: int = 2, key: str = "") -> None:
+        """Add a heading; `key` is its anchor in HTML."""
+        anchor = f' id="{escape(key)}"' if key else ""
+        self._add(f"{'#' * level} {text}\n", f"<h{level}{anchor}>{escape(text)}</h{level}>")
+
+    def text(self, text: str, strong: bool = False) -> None:
+        """Add a paragraph."""
+        said = paragraph(text)
+        html = f"<strong>{escape(said)}</strong>" if strong else escape(said)
+        self._add(f"**{said}**\n" if strong else f"{said}\n", f"<p>{html}</p>")
+
+    def markdown_only(self, text: str) -> None:
+        """Add text that is Markdown already, and that the HTML does not show."""
+        self._add(text, "")
+
+    def picture(self, path: Path, alt: str) -> None:
+        """Add a chart that `hapscene.view.chart.save_both` wrote, light and dark; HTML embeds it."""
+
+        def embedded() -> str:
+            light, dark = (
+                f"data:image/png;base64,{base64.b64encode(file.read_bytes()).decode()}"
+                for file in (path, dark_twin(path))
+            )
+            source = f'<source media="(prefers-color-scheme: dark)" srcset="{dark}">'
+            return f'<figure><picture>{source}<img src="{light}" alt="{escape(alt)}"></picture></figure>'
+
+        self._parts.append((lambda folder: picture(path.relative_to(folder).as_posix(), alt) + "\n", embedded))
+
+    def drawing(self, svg: str, title: str, caption: str) -> None:
+        """Add a drawing of `hapscene.view.chart.inline_svg`, which HTML alone shows."""
+        labelled = svg.replace("<svg", f'<svg role="img" aria-label="{escape(caption or title)}"', 1)
+        told = f"<figcaption>{escape(caption)}</figcaption>"
+        self._add("", f"<figure><h3>{escape(title)}</h3>{labelled}{told}</figure>")
+
+    def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], fold: str = "") -> None:
+        """Add a table. With `fold` only HTML has it, folded under that summary."""
+        titles = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+        lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+        html = f'<div class="table"><table><tr>{titles}</tr>{lines}</table></div>'
+        if fold:
+            self._add("", f"<details><summary>{escape(fold)}</summary>{html}</details>")
+        else:
+            self._add(table(head, rows), html)
+
+    def markdown(self, folder: Path) -> str:
+        """The page as Markdown, to be written into `folder`."""
+        parts = [part(folder) for part, _ in self._parts]
+        return "\n".join([f"# {self.title}\n", *filter(None, parts)])
+
+    def html(self) -> str:
+        """The page as one HTML file that needs no other."""
+        body = "\n".join([f"<h1>{escape(self.title)}</h1>", *(part() for _, part in self._parts)])
+        return (
+            '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+            f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+            f"<title>{escape(self.title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n"
+        )
+
+    def _add(self, markdown: str, html: str) -> None:
+        self._parts.append((lambda _: markdown, lambda: html))
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def paragraph(text: str) -> str:
+    """Text filled to lines of 120 characters."""
+    return textwrap.fill(" ".join(text.split()), 120, break_long_words=False, break_on_hyphens=False)
+
+
+def shown(value: float) -> str:
+    """A number with three figures."""
+    if value == 0.0:
+        return "0"
+    if abs(value) >= 100.0:
+        return f"{value:,.0f}"
+    return f"{value:.2e}" if abs(value) < 1e-3 else f"{value:.3g}"

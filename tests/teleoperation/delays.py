@@ -1,0 +1,80 @@
+"""Landings and swings over a line with delay, and the stiffness felt through it, beside its closed form."""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from hapscene.constants import TICK_S
+from hapscene.device.hand import Grip
+from hapscene.device.point import PointMass
+from hapscene.surface.swatch import Swatch
+from hapscene.teleoperation.endpoint import Coupling
+from hapscene.teleoperation.link import Impairment
+from hapscene.teleoperation.operation import Operated, Operation
+from hapscene.teleoperation.test_plate import plate
+from hapscene.twin.hand_intent import Intent
+
+BAD: Final = {"jitter_s": 0.005, "loss": 0.05, "reorder": 0.05}
+"""The bad line: what comes to each delay."""
+
+
+def land(grip: str) -> Intent:
+    """Come down at 0.2 m/s, aim 2 cm below the surface and stay: a hard contact, then a hand that insists."""
+    t_s = np.arange(4.0 / TICK_S) * TICK_S
+    z_m = np.maximum(0.03 - 0.2 * np.maximum(t_s - 0.2, 0.0), -0.02)
+    return Intent.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
+
+
+def swing(grip: str) -> Intent:
+    """Swing 1 cm up and down at 3 Hz in the air for two seconds, then be still."""
+    t_s = np.arange(4.0 / TICK_S) * TICK_S
+    z_m = 0.03 + 0.01 * np.sin(6.0 * np.pi * t_s) * np.minimum(5.0 * t_s, 1.0) * (t_s < 2.0)
+    return Intent.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
+
+
+CASES: Final[dict[str, Callable[[str], Intent]]] = {"land": land, "swing": swing}
+
+REST_MAX_M_S: Final = 0.005
+"""Speed of the faster tool, root mean square over the last second, above which it is not at rest [m/s]."""
+
+ENERGY_MAX_J: Final = 2e-3
+"""Energy given out above which a run is not passive [J]: the allowances of both ends."""
+
+WALL_N_M: Final = 500.0
+"""Stiffness of the plate where the stiffness felt is measured [N/m]."""
+
+
+def operate_case(scheme: str, delay_s: float, bad: bool, case: str, grip: str, seed: int = 0) -> Operated:
+    """One run of the study."""
+    intent = CASES[case](grip)
+    line = Impairment(delay_s, **BAD) if bad else Impairment(delay_s)
+    start = intent.target_W_m[0]
+    operation = Operation(plate("wood"), start, coupling=Coupling(scheme), line=line, compensator="none", seed=seed)
+    return operation.run(intent)
+
+
+def predict_stiffness(delay_s: float, coupling: Coupling | None = None) -> float:
+    """Stiffness that a hand feels through waves, in closed form [N/m].
+
+    At rest the line is a spring of b/d. In series with the follower's spring and the wall,
+    1/K = 1/K_wall + 1/K_c + d/b; without delay it is the stiffness of the position–position controller.
+    """
+    tied = coupling or Coupling()
+    return 1.0 / (1.0 / WALL_N_M + 1.0 / tied.stiffness_N_m + delay_s / tied.impedance_Ns_m)
+
+
+def measure_stiffness(coupling: Coupling, delay_s: float) -> tuple[float, float]:
+    """Stiffness felt at the leader [N/m], and how long a wave was under way, mean of both ways [s]."""
+    scene = plate(Swatch("wall", stiffness_N_m=WALL_N_M))
+    start = (0.0, 0.0, 0.002)
+    bare: dict[str, Any] = {"device": PointMass(0.045, 0.1), "compensator": "none", "effects": ("wall",)}
+    operation = Operation(scene, start, coupling=coupling, line=Impairment(delay_s), **bare)
+    found = []
+    for push_N in (-0.5, -1.0):
+        operated = operation.run(Intent.hold(start, 6000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)))
+        found.append((push_N, operated.leader_W_m[-1, 2]))
+    queues = [end.queue[0] for end in (operation.leader.end, operation.follower.end)]
+    lag_s = float(np.mean([int(queue.lag_ticks) for queue in queues])) * 1e-3
+    (f0, z0), (f1, z1) = found
+    return float((f1 - f0) / (z1 - z0)), lag_s
