@@ -66,7 +66,6 @@ OUTER = (
     "bridge",
     "capture",
     "cli",
-    "command",
     "exchange",
     "paint",
     "play",
@@ -79,7 +78,7 @@ OUTER = (
 )
 """Uses of the house."""
 
-TOP = ("cli", "command", "paint", "play", "stability", "study", "teleoperation", "warm_up")
+TOP = ("cli", "paint", "play", "stability", "study", "teleoperation", "warm_up")
 """Rooms that no other room knows but commands."""
 
 APART = {
@@ -163,7 +162,7 @@ def test_inner_room_knows_no_outer_one(room: str) -> None:
     assert stray(room, OUTER) == []
 
 
-@pytest.mark.parametrize("room", sorted({*OUTER} - {"cli", "command"}))
+@pytest.mark.parametrize("room", sorted({*OUTER} - {"cli"}))
 def test_nobody_but_a_command_knows_the_top(room: str) -> None:
     assert stray(room, TOP) == []
 

@@ -1,4 +1,4 @@
-"""All figures in turn, the page and the table of numbers: what `hapscene reproduce` does."""
+"""All figures in turn, the page and the table of numbers: what `hapscene lab reproduce` does."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What `hapscene handle identify` and `show` tell of a handle, for a command is thin: Bode plot (Fig. 7), words."""
+"""What `hapscene device identify` tells of a handle: Bode plot (Fig. 7), words."""
 
 import math
 from collections.abc import Sequence

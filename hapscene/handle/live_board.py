@@ -100,7 +100,7 @@ class LiveBoard(Board):
         if STATE not in self.columns:
             self.close()
             raise HandleError(
-                f"{name}: plays no live force, only the sweep of `hapscene handle identify`: its firmware announces no "
+                f"{name}: plays no live force, only the sweep of `hapscene device identify`: its firmware announces no "
                 "column 'state' (docs/handle-protocol.md, version 2)"
             )
 

@@ -34,7 +34,7 @@ class GripRecording:
             return estimate_response(self.force_N, self.acceleration_m_s2, self.rate_Hz, band_Hz=band_Hz)
 
     def save(self, path: Path) -> None:
-        """Write it as npz, whole or not at all: `hapscene handle identify --from` reads it.
+        """Write it as npz, whole or not at all: `hapscene device identify --from` reads it.
 
         Raises:
             OSError: the folder is missing or cannot be written.

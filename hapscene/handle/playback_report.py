@@ -1,4 +1,4 @@
-"""What `hapscene handle play` writes, for a command is thin: what a hand would feel, as sound and as a plot."""
+"""What `hapscene device play-file` writes, for a command is thin: what a hand would feel, as sound and as a plot."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast

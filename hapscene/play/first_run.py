@@ -1,4 +1,4 @@
-"""`hapscene devices try`: the first run with a device, step by step, each before the next can hurt.
+"""`hapscene device try`: the first run with a device, step by step, each before the next can hurt.
 
 Looks, then moves, then pushes, never with more than `FORCE_N` until that is confirmed; the servo's safety is between.
 """

@@ -126,12 +126,12 @@ class Servo:
     Args:
         scene: what is there, as it is now.
         device: what the hand holds: a simulated device, or its name, which brings its limits along, as `Twin` has it;
-            or a real one by the name of its driver (`hapscene devices`), with options by `hapscene.device.choose`. A
+            or a real one by its driver's name (`hapscene device list`), with options by `hapscene.device.choose`. A
             list of them for several tools, which touch the scene in one loop, and are called by their numbers from 0.
         tick_s, a_rate_Hz: as `Renderer` has them.
         handle: what the first tool's accelerations are played on: a simulated handle, or a real one by its name, as
             "audio", with options by `hapscene.device.choose`.
-        handle_file: of a real one that was identified (`hapscene handle identify`): its compensator drives it.
+        handle_file: of a real one that was identified (`hapscene device identify`): its compensator drives it.
         log_folder: where the session log is written when a device or the application is gone (`save_log`).
         force_N: largest force that a real device is sent, where its own limit is not lower.
         patience_s: after how long without a call of the application the force ends [s]: a program that hangs. One that
@@ -731,7 +731,7 @@ class Servo:
         return log_of(self._opened, self.scene, self._told_made, self._tuned, reason)
 
     def save_log(self, folder: "str | os.PathLike[str]", reason: str = "asked for") -> None:
-        """Write `session_log` into a folder; `hapscene replay FOLDER` replays it.
+        """Write `session_log` into a folder; `hapscene play --replay FOLDER` replays it.
 
         Raises:
             HapsceneError: the servo is closed, or the folder cannot be written.

@@ -290,7 +290,7 @@ def write_log(log: SessionLog, folder: str | Path) -> str:
         log.save(place)
     except (OSError, HapsceneError) as error:  # a full disk must not end what goes on
         return f"the last minute could not be written: {error}"
-    return f"the last minute is in {place}; `hapscene replay {place}` replays it"
+    return f"the last minute is in {place}; `hapscene play --replay {place}` replays it"
 
 
 def log_of(

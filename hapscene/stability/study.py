@@ -1,4 +1,4 @@
-"""What `hapscene stability` writes: a device's Z-width, swatches placed in it, and which of them would buzz."""
+"""What `hapscene lab stability` writes: a device's Z-width, swatches placed in it, and which of them would buzz."""
 
 import csv
 from collections.abc import Callable, Iterable, Sequence

@@ -193,7 +193,7 @@ class UdpSession:
                 return f"the peer has been silent for {PATIENCE_S:g} s"
             if self.gate.session is None and self._role == 0 and silent * TICK_S > WAIT_S:
                 raise HapsceneError(
-                    f"no follower answers at {_name(self._peer)}; start one there: hapscene teleoperate follower"
+                    f"no follower answers at {_name(self._peer)}; start one there: hapscene lab teleoperate follower"
                 )
 
     def _receive(self) -> bool:

@@ -1,6 +1,6 @@
 """An emulated handle: `python -m tests.handle.serial_board` speaks the protocol on a pseudo-terminal.
 
-It prints the port's name; `hapscene handle identify --port NAME` in another terminal then identifies it. Each time that
+It prints the port's name; `hapscene device identify --port NAME` in another terminal then identifies it. Each time that
 a sweep begins, the simulated hand holds it otherwise.
 """
 
