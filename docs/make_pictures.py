@@ -45,7 +45,7 @@ PAINTER = {"width": 1200, "height": 750}
 
 PLAY = f"""
 import sys
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.touch import open_scene
 from hapscene.view import window
 from hapscene.view.palette import DARK, LIGHT

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
-from hapscene.renderer import EFFECTS
+from hapscene.render.renderer import EFFECTS
 
 from ..page import Page, shown
 from .handle import FIRM, PLANTS, SIGNALS, SPREAD

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
+from hapscene.compiled.native import INTERPRETED
 from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
-from hapscene.files import whole_file
-from hapscene.native import INTERPRETED
+from hapscene.io.files import whole_file
 
 from ..page import Page
 from . import (

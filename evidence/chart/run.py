@@ -9,9 +9,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
+from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import HapsceneError, no_such
-from hapscene.files import whole_file
-from hapscene.native import INTERPRETED
+from hapscene.io.files import whole_file
 from hapscene.parallel import Task, run_tasks
 
 from ..bench.machine import describe_machine

@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-from hapscene.files import whole_folder
 from hapscene.handle.plant import Plant
+from hapscene.io.files import whole_folder
 
 from . import handle_figure, prediction_figure, remote_figure, tap_study
 from .finding import Finding, Say

@@ -1,5 +1,6 @@
 """`hapscene capture`: record a surface, fit a swatch to it, judge the fit."""
 
+import math
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -26,7 +27,7 @@ from hapscene.cli.options import (
 )
 from hapscene.cli.paths import base_name, check_there, new_file
 from hapscene.errors import CaptureError, SwatchError, printable
-from hapscene.wire.port import BAUD
+from hapscene.io.wire.port import BAUD
 
 if TYPE_CHECKING:
     from hapscene.capture.batch import BatchResult
@@ -102,7 +103,7 @@ def _fitted(
     from hapscene.capture.fit.swatch import fit_parts, prepare
     from hapscene.capture.io.recording import load_recording
     from hapscene.capture.report.states import WORDS, write_states
-    from hapscene.files import refusing
+    from hapscene.io.files import refusing
     from hapscene.touch import step
 
     parts = []

@@ -25,7 +25,7 @@ from hapscene.cli.options import (
 )
 from hapscene.cli.paths import base_name
 from hapscene.errors import HandleError
-from hapscene.wire.port import BAUD
+from hapscene.io.wire.port import BAUD
 
 if TYPE_CHECKING:
     import numpy as np
@@ -260,13 +260,13 @@ def play_file(
         return
     out = out or Path("out", base_name(file))
     from hapscene.dsp.spectrogram import spectrogram_error
-    from hapscene.files import refusing, whole_folder
     from hapscene.handle.compensator import find_compensator
     from hapscene.handle.handle_file import load_handle
     from hapscene.handle.plant import Plant
     from hapscene.handle.playback import play
     from hapscene.handle.playback_report import write_playback, write_wave
     from hapscene.handle.sensor import Sensor
+    from hapscene.io.files import refusing, whole_folder
 
     compensator = compensator or "adaptive"
     find_compensator(compensator)
@@ -318,7 +318,7 @@ def _play_on(options: OutputOptions, file: Path, compensator: str | None, record
 def _desired(file: Path, options: RecordingOptions) -> "tuple[NDArray[np.float64], float]":
     """The acceleration of a file [m/s²], and its rate [Hz]."""
     from hapscene.capture.io.recording import load_recording
-    from hapscene.recording import Recording, RecordingError
+    from hapscene.render.recording import Recording, RecordingError
 
     if file.suffix == ".npz" and options.rate is None:
         try:

@@ -76,7 +76,7 @@ def warmup(*, quick: Annotated[bool, Help("Compile only what a first touch needs
       hapscene lab warmup --quick
     """
     from hapscene.compiled.cache import cache_folder
-    from hapscene.native import INTERPRETED
+    from hapscene.compiled.native import INTERPRETED
     from hapscene.warm_up import warm_up
 
     if INTERPRETED:
@@ -111,7 +111,7 @@ def stability(
       hapscene lab stability --device omni --rate 1000,5000,10000 --delay 0,1
       hapscene lab stability --device premium-1.5 --scene demo.scene.json
     """
-    from hapscene.device.hand import grip_named
+    from hapscene.device.sim.hand import grip_named
     from hapscene.stability.study import stability as run
 
     grip_row, delays = grip_named(grip), tuple(map(int, delay))

@@ -17,8 +17,8 @@ from hapscene.errors import DeviceError, HapsceneError, no_such, printable
 from hapscene.interrupt import interrupt_noted
 
 if TYPE_CHECKING:
+    from hapscene.loop import Servo
     from hapscene.play.monitor import Monitor
-    from hapscene.servo import Servo
 
 __all__ = ["play", "serve"]
 
@@ -71,7 +71,7 @@ def play(
       hapscene play --replay logs/2026-11-23-101500     # the same forces again?
     """
     if replay is not None:
-        from hapscene.servo.session_log import replay_log
+        from hapscene.loop.session_log import replay_log
 
         result = replay_log(replay)
         tell([f"written because: {printable(result.reason)}", str(result)])
@@ -156,7 +156,7 @@ def _show_until_end(
 
 
 def _write_log(servo: "Servo", logs: Path, reason: str) -> None:
-    from hapscene.servo.session_log import write_log
+    from hapscene.loop.session_log import write_log
 
     note(write_log(servo.session_log(reason), str(logs)))
 
@@ -186,7 +186,7 @@ def serve(
     from hapscene.bridge.orders import Orders
     from hapscene.bridge.server import BridgeServer
     from hapscene.bridge.web_door import WebDoor
-    from hapscene.servo import Servo
+    from hapscene.loop import Servo
     from hapscene.touch import step
 
     loaded = load_input(scene, mesh, device)

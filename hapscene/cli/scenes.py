@@ -52,8 +52,8 @@ def view(
     check_scene(scene, mesh)
     out = out or new_file(f"{base_name(scene)}.png")
 
-    from hapscene.files import check_file
-    from hapscene.recording import Recording
+    from hapscene.io.files import check_file
+    from hapscene.render.recording import Recording
     from hapscene.touch import step
     from hapscene.view.film import RATES_HZ, Film, write_film
     from hapscene.view.offscreen import started_ahead
@@ -113,7 +113,7 @@ def check(
 
 def _check_one(path: str, read: ReadOptions, fix: Path | None, as_json: bool) -> int:
     check_scene(path, read)
-    from hapscene.files import check_file
+    from hapscene.io.files import check_file
     from hapscene.scene.mesh_check import CODES, verdict_of
     from hapscene.scene.mesh_doctor import examine, repair
     from hapscene.scene.mesh_file import load_mesh

@@ -206,7 +206,7 @@ class SessionOptions:
 
     def report(self, found: dict[str, Any]) -> None:
         """Print the summary of a session, and write it where `summary` says."""
-        from hapscene.files import write_whole
+        from hapscene.io.files import write_whole
 
         text = json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False)
         print(text)

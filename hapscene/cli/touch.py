@@ -32,8 +32,8 @@ from hapscene.errors import EffectError, PathError, no_such
 
 if TYPE_CHECKING:
     from hapscene.bridge import MuJoCo
+    from hapscene.loop import Twin
     from hapscene.scene.scene import Scene
-    from hapscene.twin import Twin
 
 __all__ = ["demo", "touch"]
 
@@ -87,8 +87,8 @@ class HandOptions:
                 if getattr(self, option) != value:
                     raise PathError(f"--{option} is for a touch in closed loop; add --hand, as in --hand stroke")
             return
-        from hapscene.device.hand import grip_named
         from hapscene.device.model import device_named
+        from hapscene.device.sim.hand import grip_named
         from hapscene.handle.compensator import find_compensator
         from hapscene.motion.gestures import GESTURES
 
@@ -214,13 +214,13 @@ def _touch_by_hand(
 ) -> Sequence[Path]:
     """Touch in closed loop."""
     from hapscene.device.model import device_named, limits_of
-    from hapscene.device.omni import Omni
+    from hapscene.device.sim.omni import Omni
     from hapscene.handle import Plant
+    from hapscene.loop import Intent, Twin
     from hapscene.motion.gestures import act
     from hapscene.motion.path_file import load_path
-    from hapscene.renderer import EFFECTS
+    from hapscene.render.renderer import EFFECTS
     from hapscene.touch import step, touch_by_hand
-    from hapscene.twin import Intent, Twin
 
     assert hand.hand is not None
     with step(say, f"the hand: {hand.hand}"):
@@ -251,7 +251,7 @@ def _aim(scene: "Scene", bridge: "MuJoCo | None") -> "Scene":
 
 def _show(scene: "Scene", out: Path, dark: bool, by_hand: bool, title: str) -> None:
     """Play what was felt in a window, until the window is closed."""
-    from hapscene.recording import Recording
+    from hapscene.render.recording import Recording
     from hapscene.view.palette import DARK, LIGHT
     from hapscene.view.window import felt, play_in_window
 

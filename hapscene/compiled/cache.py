@@ -28,7 +28,7 @@ from numba.core import caching, compiler
 from platformdirs import user_cache_path
 
 from hapscene.errors import warn
-from hapscene.files import whole_file
+from hapscene.io.files import whole_file
 
 SHIPPED: Final = Path(__file__).with_name("shipped")
 """The folder of compiled code that a wheel carries; absent in a checkout."""

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from hapscene.errors import HandleError
-from hapscene.files import refusing, whole_file
 from hapscene.handle.force_source import ForceSource
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.response import Response, estimate_response
 from hapscene.handle.sweep import Sweep
+from hapscene.io.files import refusing, whole_file
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ import scipy
 
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import SPECTROGRAM_S, decibels, spectrogram
-from hapscene.files import whole_file
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.playback import Played
+from hapscene.io.files import whole_file
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
 from hapscene.view.plot import STYLE, envelope

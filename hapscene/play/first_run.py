@@ -13,10 +13,10 @@ import trimesh
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.errors import DeviceError
 from hapscene.flags import Flag
+from hapscene.loop import Servo
 from hapscene.play.monitor import WHY
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.servo import Servo
 
 FORCE_N: Final = 0.5
 """Most force before more is confirmed [N]: a 50 g weight, which no grip loses."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from platformdirs import user_state_path
 
+from hapscene.loop import Servo
 from hapscene.scene.scene import Scene
-from hapscene.servo import Servo
 from hapscene.touch import step
 
 if TYPE_CHECKING:

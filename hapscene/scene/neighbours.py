@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.native import native
+from hapscene.compiled.native import native
 from hapscene.scene.topology import weld
 
 FAN_MAX: Final = 512

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import MeshError
-from hapscene.files import write_whole
+from hapscene.io.files import write_whole
 from hapscene.scene.mesh import UNNAMED, Mesh, Part
 
 _COMMENT: Final = "hapscene group"

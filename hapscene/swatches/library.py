@@ -27,7 +27,7 @@ from typing import Any, Final
 from urllib.parse import quote, urljoin, urlsplit
 
 from hapscene.errors import SwatchError, no_such, printable
-from hapscene.files import parse_format, read_bytes, refusing, short, write_whole
+from hapscene.io.files import parse_format, read_bytes, refusing, short, write_whole
 from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, is_number, read_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.swatch_summary import figures, words

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
 from hapscene.interrupt import heard
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.view.camera import looks, pose_of
 from hapscene.view.figure_parts import FigureParts, make_figure_parts
 from hapscene.view.legend import entries_of

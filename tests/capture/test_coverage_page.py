@@ -13,7 +13,7 @@ from hapscene.capture.record.coverage import Coverage, Wanted
 from hapscene.capture.record.coverage_page import CoveragePage, CoverageProcess, LiveCoverage, blocks_of, table
 from hapscene.cli import main
 from hapscene.errors import HapsceneError
-from hapscene.wire.protocol import Column, Count, Header, Run
+from hapscene.io.wire.protocol import Column, Count, Header, Run
 
 PATIENCE_S = 120.0
 

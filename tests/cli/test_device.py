@@ -11,7 +11,7 @@ from hapscene.cli.device import _desired
 from hapscene.cli.options import RecordingOptions
 from hapscene.handle.handle_file import load_handle
 from hapscene.motion.hand_path import explore
-from hapscene.renderer import Renderer
+from hapscene.render.renderer import Renderer
 from hapscene.touch import open_scene
 
 SHORT = ["--rate", "3000", "--high", "500", "--seconds", "4", "--grips", "2"]

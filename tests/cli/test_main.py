@@ -248,7 +248,7 @@ def test_demo_feels_three_bodies_and_four_swatches(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from hapscene.errors import ViewError
-    from hapscene.recording import Recording
+    from hapscene.render.recording import Recording
 
     def write_picture(*arguments: object, **more: object) -> None:
         raise ViewError("not drawn in this test")

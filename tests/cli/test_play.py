@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hapscene.cli import main, play
-from hapscene.native import INTERPRETED
+from hapscene.compiled.native import INTERPRETED
 from hapscene.play.keys import pressed_keys
 
 ROOT = Path(__file__).resolve().parents[2]

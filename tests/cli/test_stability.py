@@ -15,7 +15,7 @@ pytestmark = pytest.mark.nightly
 
 
 def test_writes_chart_tables_and_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from hapscene.device.hand import grip_named
+    from hapscene.device.sim.hand import grip_named
 
     swatches = [Swatch("steel", 20_000.0), Swatch("felt", 200.0)]
     args = ("premium-1.5", (1000.0,), (0,), grip_named("light"), swatches)
@@ -34,7 +34,7 @@ def test_writes_chart_tables_and_words(tmp_path: Path, capsys: pytest.CaptureFix
 def test_what_was_traced_before_it_was_stopped_is_not_traced_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from hapscene.device.hand import grip_named
+    from hapscene.device.sim.hand import grip_named
 
     args = ("premium-1.5", (1000.0,), (0, 1), grip_named("light"), [])
     traced = list[tuple[float, int]]()

@@ -8,7 +8,7 @@ import trimesh
 from PIL import Image
 
 from hapscene.cli import main
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.scene.scene import Scene
 from hapscene.view.palette import DARK, Theme
 

@@ -5,7 +5,7 @@ import pytest
 from hapscene import warm_up
 from hapscene.cli import main
 from hapscene.compiled import cache
-from hapscene.native import INTERPRETED
+from hapscene.compiled.native import INTERPRETED
 
 
 def test_it_says_where_compiled_code_lies(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

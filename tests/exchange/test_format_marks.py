@@ -12,7 +12,7 @@ from hapscene.cli import main
 from hapscene.errors import HapsceneError, SceneError
 from hapscene.exchange import export_scene, import_scene, painted_scene
 from hapscene.exchange.swatch_payload import ExchangeWarning
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.touch import open_scene
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.native import INTERPRETED
+from hapscene.compiled.native import INTERPRETED
 
 ROOT = Path(__file__).resolve().parents[2]
 

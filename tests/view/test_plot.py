@@ -12,7 +12,7 @@ import scipy
 from matplotlib.text import Text
 from PIL import Image
 
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.view.plot import draw_hand_plot, draw_plot, envelope, power_density, write_plot
 
 

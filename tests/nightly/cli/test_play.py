@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hapscene.native import INTERPRETED
+from hapscene.compiled.native import INTERPRETED
 
 if hasattr(os, "openpty"):
     pass

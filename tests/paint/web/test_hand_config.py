@@ -8,7 +8,7 @@ import pytest
 from hapscene.cli.paint import TouchOptions
 from hapscene.cli.touch import HandOptions
 from hapscene.device.model import DEVICES
-from hapscene.device.omni import Omni
+from hapscene.device.sim.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.handle import COMPENSATORS
 from hapscene.paint.web.hand import COMPENSATOR_HINTS, HAND_DEVICES, NO_HANDLE, HandConfig

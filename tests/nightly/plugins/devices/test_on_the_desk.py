@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapscene.compiled.native import INTERPRETED
 from hapscene.device.driver import DEVICE_STATE
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
-from hapscene.native import INTERPRETED
 from hapscene.play.first_run import FORCE_N, try_device
 
 
