@@ -19,19 +19,19 @@ demo: $(ENV)/.ready-demo
 test: $(ENV)/.ready-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	@$(BIN)/mypy & types=$$!; $(BIN)/hapscene warmup; compiled=$$?; wait $$types && exit $$compiled
+	@$(BIN)/mypy & types=$$!; $(BIN)/hapscene lab warmup; compiled=$$?; wait $$types && exit $$compiled
 	$(BIN)/pytest --numprocesses auto --dist loadfile $(PYTEST)
 
 nightly: $(ENV)/.ready-nightly
 	sh .ci/system-packages nightly
-	$(BIN)/hapscene warmup
+	$(BIN)/hapscene lab warmup
 	$(BIN)/pytest --numprocesses auto --dist loadfile -m "soak or not soak" tests/nightly $(PYTEST)
 	$(BIN)/pytest --numprocesses auto --dist loadfile -m "soak or nightly" --ignore tests/nightly tests $(PYTEST)
 	$(MAKE) floors
 
 # In an environment of its own, which is removed; three minutes on two cores. The lowest versions have wheels for the
 # lowest Python alone.
-FLOORS := tests/scene tests/surface tests/contact tests/exchange tests/test_recording.py \
+FLOORS := tests/scene tests/surface tests/contact tests/exchange tests/render/test_recording.py \
 	tests/capture/test_recording.py tests/capture/test_hsrec.py \
 	tests/study/test_staircase.py tests/study/test_statistics.py
 
@@ -50,7 +50,7 @@ format: $(ENV)/.ready-test
 	$(BIN)/ruff format .
 
 bench: $(ENV)/.ready-nightly
-	$(BIN)/hapscene bench --out out/bench
+	$(BIN)/hapscene lab bench --out out/bench
 
 docs: $(ENV)/.ready-nightly
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build

@@ -46,7 +46,7 @@ PAINTER = {"width": 1200, "height": 750}
 PLAY = f"""
 import pickle
 import sys
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.touch import open_scene
 from hapscene.view import window
 from hapscene.view.gl import watch
@@ -74,8 +74,8 @@ def main() -> None:
             for picture in ("scene", "plots"):
                 shutil.copyfile(out / f"{picture}.png", IMG / f"{picture}{dark}.png")
             _painter(folder, dark)
-            _hapscene("view", pebble, "--size", "800x560", "--out", IMG / f"pebble{dark}.png", *option)
-            film = ("--turn", 0, "--size", "720x450")
+            _hapscene("view", pebble, "--size", 800, 560, "--out", IMG / f"pebble{dark}.png", *option)
+            film = ("--turn", 0, "--size", 720, 450)
             _hapscene("view", SCENE, "--touch", out / "touch.npz", *film, "--out", DOCS / f"demo{dark}.gif", *option)
             if shutil.which("Xvfb") is None:
                 print(f"without window{dark}.png: there is no Xvfb")

@@ -2,8 +2,8 @@
 
 | package | does |
 |---|---|
-| `bench` | time and accuracy of the tick, other renderers beside it: `hapscene bench` |
-| `chart` | speed against accuracy, eight questions: `hapscene chart` |
-| `paper` | the haptography paper, its figures and numbers beside ours: `hapscene reproduce` |
+| `bench` | time and accuracy of the tick, other renderers beside it: `hapscene lab bench` |
+| `chart` | speed against accuracy, eight questions: `hapscene lab chart` |
+| `paper` | the haptography paper, its figures and numbers beside ours: `hapscene lab reproduce` |
 | `page` | the pages of all three, as Markdown and as HTML |
 """

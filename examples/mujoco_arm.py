@@ -49,7 +49,7 @@ STIFFNESS_N_M = 500.0  # of the spring between leader and follower
 FRICTION = 0.5  # of the crate on the table, as above
 OMNI_N_M = 2310.0  # of the leader's arm, up and down, between the tip and its encoders: by its data sheet
 
-Intent = hapscene.twin.Intent
+Intent = hapscene.loop.Intent
 model = mujoco.MjModel.from_xml_string(ARM)
 data = mujoco.MjData(model)
 data.qpos[:3] = (0.0, -0.6, 1.5)

@@ -5,7 +5,7 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
-from hapscene.errors import SceneError, did_you_mean, no_such
+from hapscene.errors import SceneError, no_such
 
 
 def path(name: str) -> Path:
@@ -33,7 +33,7 @@ def names() -> list[str]:
 
 def _asset(name: str) -> tuple[Path, str | None]:
     if name not in _assets():
-        raise SceneError(no_such("asset", name, names()) + did_you_mean(name, names()))
+        raise SceneError(no_such("asset", name, names()))
     return _assets()[name]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from hapscene.native import INTERPRETED, native
+from hapscene.compiled.native import INTERPRETED, native
 
 _MONOTONIC = {"linux": 7, "darwin": 6}.get(sys.platform, 1)
 """The one that counts on while the machine sleeps: a loop that woke up must know."""

@@ -90,14 +90,18 @@ class ViewError(HapsceneError):
 
 
 def no_such(kind: str, name: str, known: Iterable[str]) -> str:
-    """The one sentence for an unknown name: "no swatch 'oka'; there are: oak, paper". Of many, the nearest."""
+    """The sentence for an unknown name: "no swatch 'oka'; there are: oak, paper; did you mean 'oak'?".
+
+    Of more than `NAMED` names, it lists the nearest.
+    """
     names = sorted(known)
     if not names:
         return f"no {kind} {name!r}; there are none"
     more = len(names) - NAMED
     if more > 0:
         names = sorted(difflib.get_close_matches(name, names, n=NAMED, cutoff=0.0))
-    return f"no {kind} {name!r}; there are: {', '.join(names)}{f' and {more} more' if more > 0 else ''}"
+    listed = f"{', '.join(names)}{f' and {more} more' if more > 0 else ''}"
+    return f"no {kind} {name!r}; there are: {listed}{did_you_mean(name, names)}"
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

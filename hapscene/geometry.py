@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.compiled.native import native
 from hapscene.constants import REACH_MAX_M
 from hapscene.errors import PathError, SceneError
-from hapscene.native import native
 
 Vector = tuple[float, float, float]
 

@@ -9,7 +9,6 @@ A package offers one by naming it in its own pyproject.toml (see `examples/third
 its error, so that it cannot take the others with it.
 """
 
-import difflib
 import sys
 from dataclasses import dataclass
 from functools import lru_cache
@@ -63,9 +62,7 @@ class PluginRegistry(Generic[T]):
         """
         points = self._points()
         if name not in points:
-            close = difflib.get_close_matches(name, points, n=1)
-            hint = f". Did you mean {close[0]!r}?" if close else ""
-            raise self.error(no_such(self.noun, name, points) + hint)
+            raise self.error(no_such(self.noun, name, points))
         return self._load(name, points[name])
 
     def names(self) -> list[str]:

@@ -18,16 +18,16 @@ from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.errors import PathError, SceneError, ViewError
-from hapscene.files import whole_folder
 from hapscene.flags import Flag
+from hapscene.io.files import whole_folder
 from hapscene.memory import memory_left_B
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 
 if TYPE_CHECKING:
     from hapscene.bridge import MuJoCo
     from hapscene.fidelity.fidelity import Fidelity
+    from hapscene.loop import Intent, Twin
     from hapscene.scene.scene import Scene
-    from hapscene.twin import Intent, Twin
 
 
 # What a touch is kept in: numbers, plots, a picture and sound, and a summary of them.
@@ -301,7 +301,7 @@ def touch(
             finite, or too long for the memory that is left.
         OSError: the folder cannot be written.
     """
-    from hapscene.renderer import EFFECTS, Renderer
+    from hapscene.render.renderer import EFFECTS, Renderer
 
     _check_memory(len(p_WT), tick_s, a_rate_Hz)
     with whole_folder(out, ours=MADE) as folder:
@@ -348,7 +348,7 @@ def touch_by_hand(
         HapsceneError: what the twin refuses.
         OSError: the folder cannot be written.
     """
-    from hapscene.twin.result import summarise_feel
+    from hapscene.loop.result import summarise_feel
     from hapscene.view.plot import write_hand_plot
 
     _check_memory(len(intent), TICK_S, ACCELERATION_RATE_HZ, _FEEL_B)
@@ -422,7 +422,7 @@ def _give_cautions(
 
 def why_nothing(scene: "Scene", p_WT: NDArray[np.float64]) -> str:
     """Why a path (n, 3) [m] touches nothing of a scene, and what to do: a sentence."""
-    from hapscene.renderer import Renderer
+    from hapscene.render.renderer import Renderer
     from hapscene.scene.mesh_report import length
 
     both_sides = copy(scene)

@@ -8,25 +8,25 @@ import numpy as np
 import trimesh
 
 from hapscene.clock import VIRTUAL, new_clock
+from hapscene.compiled.native import compiling
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import put
-from hapscene.describe import shade
 from hapscene.device.driver_registry import DeviceChoice
 from hapscene.device.model import IDEAL
-from hapscene.device.omni import Omni
-from hapscene.device.point import PointMass
+from hapscene.device.sim.omni import Omni
+from hapscene.device.sim.point import PointMass
 from hapscene.device.stabilisers import couple, guard
+from hapscene.loop import Intent, Twin
 from hapscene.loop.driver import CHANNEL, drive
-from hapscene.native import compiling
-from hapscene.renderer import EFFECTS, Renderer
+from hapscene.render.describe import shade
+from hapscene.render.renderer import EFFECTS, Renderer
+from hapscene.render.tick import run_ticks, tick
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.mixer import render_fields
 from hapscene.teleoperation.bilateral_loop import operate, step_follower, step_leader
-from hapscene.tick import run_ticks, tick
-from hapscene.twin import Intent, Twin
 
 SWATCH: Final = "wood"
 ABOVE_M: Final = (0.0, 0.0, 0.06)
@@ -93,12 +93,12 @@ def _close_the_loop(scene: Scene) -> None:
 def _serve(scene: Scene) -> None:
     """The loops of a servo's process, for simulated devices and for those that Python or a vendor's library drives."""
     from hapscene.device.safety import resume_safety, simulated_safety
+    from hapscene.loop.empty_loop import loop_empty
+    from hapscene.loop.heartbeat import _beat
+    from hapscene.loop.servo_process import Desk
+    from hapscene.loop.shared_memory import open_channel
     from hapscene.loop.timing import TIMING, Timer
     from hapscene.records import records
-    from hapscene.servo.empty_loop import loop_empty
-    from hapscene.servo.heartbeat import _beat
-    from hapscene.servo.servo_process import Desk
-    from hapscene.servo.shared_memory import open_channel
 
     clock = new_clock()
     _beat(np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, np.int64), clock, 0)  # which stops at once

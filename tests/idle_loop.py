@@ -9,10 +9,10 @@ from typing import Any, Final
 from hapscene.clock import new_clock
 from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
+from hapscene.loop.empty_loop import loop_empty, run_empty
+from hapscene.loop.shared_memory import open_channel
 from hapscene.loop.timing import TIMING, Timer, TimingStatistics
 from hapscene.records import records
-from hapscene.servo.empty_loop import loop_empty, run_empty
-from hapscene.servo.shared_memory import open_channel
 
 _START_S: Final = 60.0
 """How long the process may take to be ready [s]."""

@@ -10,103 +10,51 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hapscene"
 
-FLOOR = (
-    *(
-        "bound_call",
-        "c_call",
-        "clock",
-        "compiled",
-        "confined",
-        "constants",
-        "dsp",
-        "errors",
-        "files",
-        "flags",
-        "geometry",
-        "memory",
-    ),
-    *(
-        "native",
-        "number_files",
-        "parallel",
-        "perception",
-        "plugin_registry",
-        "wall_clock",
-        "web",
-        "web_listener",
-    ),
-)
-"""The ground floor: knows nobody above it."""
+FOUNDATION = {
+    *("clock", "compiled", "constants", "dsp", "errors", "flags", "geometry", "io", "memory", "parallel"),
+    *("perception", "plugin_registry", "records", "wall_clock", "web"),
+}
+"""Imports nothing above it."""
 
-CORE = (
-    *FLOOR,
-    "contact",
-    "contact_events",
-    "contact_info",
-    "describe",
-    "device",
-    "fidelity",
-    "moving_bodies",
-    "reaction",
-    "recording",
-    "records",
-    "renderer",
-    "scene",
-    "surface",
-    "swatches",
-    "tick",
-)
+CORE = {"contact", "device", "fidelity", "render", "scene", "surface", "swatches"}
 """What a loop with a real device needs."""
 
-INNER = ("handle", "interrupt", "loop", "motion", "servo", "twin", "wire")
+INNER = {"handle", "interrupt", "loop", "motion"}
 """What the core does not need, and others build on."""
 
-OUTER = (
-    "assets",
-    "bridge",
-    "capture",
-    "cli",
-    "command",
-    "exchange",
-    "paint",
-    "play",
-    "stability",
-    "study",
-    "teleoperation",
-    "touch",
-    "view",
-    "warm_up",
-)
-"""Uses of the house."""
+APPLICATIONS = {
+    *("assets", "bridge", "capture", "cli", "exchange", "paint", "play", "stability", "study", "teleoperation"),
+    *("touch", "view", "warm_up"),
+}
 
-TOP = ("cli", "command", "paint", "play", "stability", "study", "teleoperation", "warm_up")
-"""Rooms that no other room knows but commands."""
+LAYERS = {
+    **{name: CORE | INNER | APPLICATIONS for name in FOUNDATION},
+    **{name: INNER | APPLICATIONS for name in CORE},
+    **{name: APPLICATIONS for name in INNER},
+    **{name: {"cli", "paint", "play", "stability", "study", "teleoperation"} for name in APPLICATIONS - {"cli"}},
+}
+"""What each package or module must not import."""
 
 APART = {
-    "tick": ("renderer", "recording"),
-    "dsp": ("contact", "device", "scene", "surface", "tick", "renderer"),
-    "contact": ("surface", "device", "tick", "renderer"),
-    "device": ("surface", "scene", "tick", "renderer"),
-    "handle": ("contact", "device", "scene", "tick", "renderer", "twin", "servo"),
-    "loop": ("servo", "twin"),
-    "twin": ("servo",),
-    "wire": ("contact", "device", "scene", "surface", "tick", "renderer", "handle", "twin", "servo"),
-    "exchange": ("device", "tick", "renderer", "handle", "twin", "servo"),
+    "contact": {"surface", "device", "render"},
+    "device": {"surface", "scene", "render"},
+    "handle": {"contact", "scene", "render", "loop"},
+    "exchange": {"device", "render", "handle", "loop"},
 }
-"""Rooms that know nothing of some that would not be forbidden to them otherwise."""
+"""Packages that are independent of others in or below their layer."""
 
-BETWEEN = {
-    "fidelity/trial.py": {"motion"},  # draws paths; no renderer knows the search, which stands beside what it finds
-    "fidelity/tune.py": {"handle", "motion", "touch"},  # the same, and it prints progress
-    "handle/measure.py": {"capture"},  # recordings of a sweep are read as other recordings are
-    "handle/identification_report.py": {"view"},  # plots beside what they show
+EXCEPTIONS = {
+    "fidelity/trial.py": {"motion"},  # strokes that the search tries
+    "fidelity/tune.py": {"handle", "motion", "touch"},  # scenes are opened in each process of the search
+    "handle/measure.py": {"capture"},  # recordings of a sweep are read like other recordings
+    "handle/identification_report.py": {"view"},  # plots of the report
     "handle/playback_report.py": {"view"},
-    "handle/live_process.py": {"device", "servo"},  # drivers by name; what a servo's channel asks for, by its memory's
-    "swatches/site.py": {"view"},  # draws pictures and plots of swatches
-    "swatches/sound.py": {"capture", "view"},  # synthesizes the texture, at the levels of other sounds
+    "handle/live_process.py": {"loop"},  # reads the samples in the servo's memory
+    "swatches/site.py": {"view"},  # pictures and sounds of the pages
+    "swatches/sound.py": {"capture", "view"},  # synthesis of a stroke
     "warm_up.py": {"paint", "teleoperation"},  # uses all that is compiled
 }
-"""Files that know more than their room, and why."""
+"""Files that import more than their layer allows, and why."""
 
 
 @cache
@@ -126,51 +74,35 @@ def imported_modules(source: Path, types: bool = True) -> frozenset[str]:
     return frozenset(names)
 
 
-def sources(room: str) -> list[Path]:
-    """The files of a room: a folder of modules, or one module."""
-    folder = PACKAGE / room
-    return sorted(folder.rglob("*.py")) if folder.is_dir() else [PACKAGE / f"{room}.py"]
+def sources(package: str) -> list[Path]:
+    """The files of a package, or of a module."""
+    folder = PACKAGE / package
+    return sorted(folder.rglob("*.py")) if folder.is_dir() else [PACKAGE / f"{package}.py"]
 
 
 def known(source: Path) -> set[str]:
-    """The rooms that a file imports from when it runs; types alone tie nothing."""
+    """The packages that a file imports from when it runs; imports for types alone do not count."""
     names = (name.split(".") for name in imported_modules(source, types=False))
     return {parts[1] for parts in names if parts[0] == "hapscene" and len(parts) > 1}
 
 
-def stray(room: str, forbidden: tuple[str, ...]) -> list[str]:
-    """Which files of a room know what they must not."""
+def violations(package: str, forbidden: set[str]) -> list[str]:
     found = []
-    for source in sources(room):
+    for source in sources(package):
         file = source.relative_to(PACKAGE).as_posix()
-        rooms = (known(source) & set(forbidden)) - {room} - BETWEEN.get(file, set())
-        found += [f"{file} imports {other}" for other in sorted(rooms)]
+        others = (known(source) & forbidden) - {package} - EXCEPTIONS.get(file, set())
+        found += [f"{file} imports {other}" for other in sorted(others)]
     return found
 
 
-@pytest.mark.parametrize("room", FLOOR)
-def test_ground_floor_knows_nobody_above(room: str) -> None:
-    assert stray(room, tuple({*CORE, *INNER, *OUTER} - {*FLOOR})) == []
+@pytest.mark.parametrize("package", sorted(LAYERS))
+def test_a_layer_imports_nothing_above_it(package: str) -> None:
+    assert violations(package, LAYERS[package]) == []
 
 
-@pytest.mark.parametrize("room", CORE)
-def test_core_knows_no_outer_room(room: str) -> None:
-    assert stray(room, INNER + OUTER) == []
-
-
-@pytest.mark.parametrize("room", INNER)
-def test_inner_room_knows_no_outer_one(room: str) -> None:
-    assert stray(room, OUTER) == []
-
-
-@pytest.mark.parametrize("room", sorted({*OUTER} - {"cli", "command"}))
-def test_nobody_but_a_command_knows_the_top(room: str) -> None:
-    assert stray(room, TOP) == []
-
-
-@pytest.mark.parametrize("room", sorted(APART))
-def test_rooms_that_are_apart(room: str) -> None:
-    assert stray(room, APART[room]) == []
+@pytest.mark.parametrize("package", sorted(APART))
+def test_independent_packages(package: str) -> None:
+    assert violations(package, APART[package]) == []
 
 
 def modules() -> dict[str, Path]:
@@ -190,7 +122,7 @@ def test_no_module_imports_itself_through_others() -> None:
     assert sorted(set(known) - free) == []
 
 
-def test_the_map_of_the_house_is_true() -> None:
+def test_the_documents_name_files_that_exist() -> None:
     """Every file and folder that docs/architecture.md and CONTRIBUTING.md name is there."""
     documents = (ROOT / "docs" / "architecture.md", ROOT / "CONTRIBUTING.md")
     text = "\n".join(document.read_text(encoding="utf-8") for document in documents)
@@ -198,14 +130,14 @@ def test_the_map_of_the_house_is_true() -> None:
         assert (ROOT / name).exists() or (PACKAGE / name).exists() or list(PACKAGE.rglob(name.strip("/"))), name
 
 
-def test_every_room_has_its_place() -> None:
-    rooms = {path.stem for path in PACKAGE.iterdir() if path.is_dir() or path.suffix == ".py"}
-    assert rooms - {"__init__", "__main__", "__pycache__"} == {*CORE, *INNER, *OUTER}
+def test_every_package_has_a_layer() -> None:
+    names = {path.stem for path in PACKAGE.iterdir() if path.is_dir() or path.suffix == ".py"}
+    assert names - {"__init__", "__main__", "__pycache__"} == FOUNDATION | CORE | INNER | APPLICATIONS
 
 
 def test_no_exception_is_left_over() -> None:
-    for file, rooms in BETWEEN.items():
-        assert rooms <= known(PACKAGE / file), file
+    for file, others in EXCEPTIONS.items():
+        assert others <= known(PACKAGE / file), file
 
 
 def test_core_imports_no_plugin_by_name() -> None:

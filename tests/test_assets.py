@@ -1,6 +1,5 @@
 """What comes with hapscene is found by name, from any folder."""
 
-import argparse
 from pathlib import Path
 
 import pytest
@@ -8,8 +7,8 @@ import pytest
 import hapscene
 from hapscene import assets
 from hapscene.cli import main
-from hapscene.command.options import find_asset
-from hapscene.command.paint import put_asset
+from hapscene.cli.inputs import find_asset
+from hapscene.cli.options import MeshOptions
 from hapscene.errors import SceneError
 
 
@@ -37,13 +36,13 @@ def test_an_unknown_name_is_refused(ask) -> None:
 
 
 def test_a_file_of_that_name_comes_first_and_a_unit_that_is_given_stays(folder: Path) -> None:
-    assert find_asset("toad", None) == (str(assets.path("toad")), "m")
-    assert find_asset("toad", "mm") == (str(assets.path("toad")), "mm")
-    assert find_asset("demo", None) == (str(assets.path("demo")), None)
+    assert find_asset("toad", MeshOptions()) == (str(assets.path("toad")), MeshOptions(unit="m"))
+    assert find_asset("toad", MeshOptions(unit="mm")) == (str(assets.path("toad")), MeshOptions(unit="mm"))
+    assert find_asset("demo", MeshOptions()) == (str(assets.path("demo")), MeshOptions())
     for name in ("toad.ply", "meshes/toad"):
-        assert find_asset(name, None) == (name, None)
+        assert find_asset(name, MeshOptions()) == (name, MeshOptions())
     (folder / "toad").touch()
-    assert find_asset("toad", None) == ("toad", None)
+    assert find_asset("toad", MeshOptions()) == ("toad", MeshOptions())
 
 
 def test_the_demo_is_touched_and_checked_by_name(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -51,12 +50,3 @@ def test_the_demo_is_touched_and_checked_by_name(folder: Path, capsys: pytest.Ca
     assert (folder / "out" / "demo" / "touch.npz").exists()
     assert main(["check", "demo"]) == 0
     assert "3 meshes: 3 felt" in capsys.readouterr().out
-
-
-def test_the_demo_is_painted_as_a_copy(folder: Path) -> None:
-    options = argparse.Namespace(scene="demo", unit=None)
-    put_asset(options)
-    assert options.scene is None  # as where none is named
-    options.scene = "toad"
-    put_asset(options)
-    assert (options.scene, options.unit) == (str(assets.path("toad")), "m")

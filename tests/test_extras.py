@@ -14,12 +14,12 @@ PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 
 WORDS = {
     "step": "check part.step",
-    "audio": "handle play oak.csv --rate 10000 --units acceleration=m/s2,force=N --handle audio",
+    "audio": "device play-file oak.csv --rate 10000 --units acceleration=m/s2,force=N --handle audio",
     "cluster": "capture batch oak.csv --rate 2000 --out swatches --scheduler tcp://127.0.0.1:9",
     "mujoco": "touch box.xml --no-picture",
     "parquet": "capture fit oak.parquet --rate 2000 --units acceleration=m/s2 -o oak.swatch",
     "paint": "paint cube.stl --unit mm --no-browser --no-hand",
-    "study": "study gain.toml --no-browser",
+    "study": "lab study run gain.toml --no-browser",
     "serve": "serve cube.stl --unit mm --udp 0 --ws 0",
     "video": "view cube.stl --unit mm --out cube.mp4",
 }

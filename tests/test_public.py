@@ -38,13 +38,13 @@ def things() -> Iterator[list[Any]]:
     renderer = hapscene.Renderer(scene, device="omni")
     p_WT = np.linspace([0.0, 0.0, 0.02], [0.01, 0.0, 0.009], 50)
     recording = renderer.run(p_WT)
-    twin = hapscene.twin.Twin(scene, "omni", handle=hapscene.handle.Plant())
-    intent = hapscene.twin.Intent.along(p_WT, "light")
+    twin = hapscene.loop.Twin(scene, "omni", handle=hapscene.handle.Plant())
+    intent = hapscene.loop.Intent.along(p_WT, "light")
     feel = twin.run(intent)
     noise = np.random.default_rng(0).standard_normal(4000)
     operation = hapscene.teleoperation.Operation(scene, p_WT[0])
     surface = hapscene.capture.SurfaceRecording(1000.0, noise, noise, None, None)
-    servo = hapscene.servo.Servo(scene, "omni")
+    servo = hapscene.loop.Servo(scene, "omni")
     yield [
         scene,
         scene.bodies[0],
@@ -94,7 +94,7 @@ def test_calls_with_many_arguments_take_them_by_name() -> None:
 
 
 def test_a_device_is_a_name_or_an_object() -> None:
-    from hapscene.device.arm import simulated_device
+    from hapscene.device.sim.arm import simulated_device
 
     named = hapscene.device.limits_of("omni", 1e-3)
     assert hapscene.device.limits_of(hapscene.device.DEVICES["omni"], 1e-3) == named
@@ -105,7 +105,7 @@ def test_a_device_is_a_name_or_an_object() -> None:
     import trimesh
 
     scene.add(trimesh.creation.box((0.1, 0.1, 0.02)), name="plate", unit="m")
-    assert hapscene.twin.Twin(scene, "omni").renderer.limits == named
+    assert hapscene.loop.Twin(scene, "omni").renderer.limits == named
     assert hapscene.Renderer(scene, device=hapscene.device.Omni()).limits == named
     slippery = hapscene.device.limits_of(hapscene.device.Omni(friction_N=0.0, damping_Ns_m=0.0), 1e-3)
     assert slippery.undamped_N_m < named.undamped_N_m  # its own friction and damping are what holds a wall

@@ -11,8 +11,8 @@ from scipy.io import wavfile
 
 from hapscene.errors import PathError, SceneError, ViewError
 from hapscene.flags import Flag
-from hapscene.recording import Recording
-from hapscene.renderer import Renderer
+from hapscene.render.recording import Recording
+from hapscene.render.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
@@ -82,7 +82,7 @@ def test_job_goes_on_without_gl(tmp_path: Path, scene: Scene, p_WT: np.ndarray, 
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-@pytest.mark.parametrize("writer", ["hapscene.recording.Recording.save_csv", "hapscene.view.plot.write_plot"])
+@pytest.mark.parametrize("writer", ["hapscene.render.recording.Recording.save_csv", "hapscene.view.plot.write_plot"])
 def test_job_that_fails_midway_leaves_what_was_there(
     tmp_path: Path,
     scene: Scene,
@@ -175,8 +175,8 @@ def test_faces_that_are_turned_away_are_told_of() -> None:
 
 
 def test_a_hand_that_touches_nothing_is_told_why(tmp_path: Path) -> None:
-    from hapscene.device.point import PointMass
-    from hapscene.twin import Intent, Twin
+    from hapscene.device.sim.point import PointMass
+    from hapscene.loop import Intent, Twin
 
     said: list[str] = []
     into = line((0.001, 0.002, 0.02), (0.001, 0.002, 0.001))

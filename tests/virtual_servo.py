@@ -10,10 +10,10 @@ import numpy as np
 
 from hapscene.device.driver import Connection, new_state
 from hapscene.errors import HapsceneError
-from hapscene.servo import Servo
-from hapscene.servo.servo_process import Desk, open_twins
-from hapscene.servo.session_log import settings_of
-from hapscene.servo.shared_memory import Channel
+from hapscene.loop import Servo
+from hapscene.loop.servo_process import Desk, open_twins
+from hapscene.loop.session_log import settings_of
+from hapscene.loop.shared_memory import Channel
 from tests.virtual_clock import VirtualClock
 
 TICKS_MAX = 20_000

@@ -1,4 +1,4 @@
-"""Benchmarks: time and accuracy of hapscene on cases with known answers. `hapscene bench` runs them.
+"""Benchmarks: time and accuracy of hapscene on cases with known answers. `hapscene lab bench` runs them.
 
 | module | does |
 |---|---|
@@ -9,11 +9,11 @@
 | `accuracy` | error of force and proxy |
 | `order`, `synthesis`, `surface_fit` | textures of many orders; synthesis without a tick; fits |
 | `twin_time`, `handle` | the closed loop of hand, device and handle; the handle's compensators, error against time |
-| `teleoperation` | what a hand feels through leader and follower: for `hapscene reproduce` |
+| `teleoperation` | what a hand feels through leader and follower: for `hapscene lab reproduce` |
 | `against`, `against_worker` | another checkout in turn: `bench --against`; one of its processes |
 | `side_by_side`, `side_by_side_page` | other renderers in turn: `bench --peers` |
 | `path_driver` | hapscene as one of them |
-| `comparison` | ratios of two tables: `hapscene bench compare` |
+| `comparison` | ratios of two tables: `hapscene lab bench compare` |
 | `sheet`, `machine` | the figures, the machine |
 | `chart`, `page` | the pictures, and docs/benchmark.md |
 """

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 
 from .case import RADIUS_M, Case
 from .sheet import Sheet

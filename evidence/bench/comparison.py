@@ -1,4 +1,4 @@
-"""Two tables of `hapscene bench`, one beside the other: ratios, with their spread."""
+"""Two tables of `hapscene lab bench`, one beside the other: ratios, with their spread."""
 
 from pathlib import Path
 from typing import Final, NamedTuple

@@ -6,9 +6,9 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.renderer import Renderer
+from hapscene.loop import Servo
+from hapscene.render.renderer import Renderer
 from hapscene.scene.scene import Scene
-from hapscene.servo import Servo
 
 from .case import RADIUS_M, sphere
 from .sheet import Sheet

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
-from hapscene.renderer import EFFECTS
+from hapscene.render.renderer import EFFECTS
 
 from ..page import Page, shown
 from .handle import FIRM, PLANTS, SIGNALS, SPREAD
@@ -51,7 +51,7 @@ AIMS: Final = (  # description, case, figure, upper bound, unit
 def page_of(sheet: Sheet, pictures: Path, peers: Sheet | None = None) -> Page:
     """The page; `pictures` is the folder of the charts, `peers` the sheet of other renderers side by side."""
     page = Page("Benchmark: speed and accuracy, one charted against the other")
-    page.text("Made by `hapscene bench --docs docs`; hapscene's figures are from bench.csv beside the charts.")
+    page.text("Made by `hapscene lab bench --docs docs`; hapscene's figures are from bench.csv beside the charts.")
     page.text(f"Machine: {'; '.join(machine_words(sheet))}.")
     page.text(
         f"""Method: icospheres of 50 mm radius; the tool approaches, presses 2 mm, slides at 0.1 m/s with wiggling depth
@@ -194,7 +194,8 @@ def _handle(page: Page, sheet: Sheet, pictures: Path) -> None:
     page.text(f"""Spectrogram error [%] of the handle's acceleration against the desired, no output being 100: the
         nominal handle / median and p95 of {PLANTS} handles with all six parameters off by up to {100 * SPREAD:.0f} % /
         a grip {FIRM:g} times as firm. Simulated at 10 kHz with amplifier, accelerometer and its noise, travel and force
-        limits. Time is that of one sample, plant and all. `hapscene chart --only compensator` varies the sensor.""")
+        limits. Time is that of one sample, plant and all. `hapscene lab chart --only compensator` varies the
+        sensor.""")
     page.table(("compensator", *SIGNALS, "sample [µs]"), rows)
 
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.compiled.entry import call_flags
-from hapscene.native import native
-from hapscene.recording import Recording
+from hapscene.compiled.native import native
 from hapscene.records import ROW, records
-from hapscene.renderer import Renderer
+from hapscene.render.recording import Recording
+from hapscene.render.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.surface.surface_arrays import TICK
 

@@ -1,14 +1,15 @@
 """The whole benchmark, in order: measure, then write bench.csv, bench.md and the charts."""
 
 import shutil
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
+from hapscene.compiled.native import INTERPRETED
 from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
-from hapscene.files import whole_file
-from hapscene.native import INTERPRETED
+from hapscene.io.files import whole_file
 
 from ..page import Page
 from . import (
@@ -210,3 +211,8 @@ def _print_made(made: Sequence[Path]) -> None:
 
 def _say(text: str) -> None:
     print(text, flush=True)
+
+
+if __name__ == "__main__":  # python -m hapscene_evidence.bench.run BUILD DOCS [ZOO]
+    build, docs, *zoo = map(Path, sys.argv[1:])
+    bench_peers(build, Path("out/bench"), False, docs, zoo[0] if zoo else None, (), (5, 3), False)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapscene.errors import HapsceneError
-from hapscene.files import whole_file
+from hapscene.io.files import whole_file
 
 COLUMNS: Final = ("case", "figure", "value", "unit")
 

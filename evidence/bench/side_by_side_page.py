@@ -58,7 +58,7 @@ an `AABBTree`, front sides, a smooth `FrictionSurface`, a `GodObjectRenderer`.
 def add_peers(page: Page, sheet: Sheet | None) -> None:
     """Add the part of the page; without a sheet its text, and the command that makes the tables."""
     page.heading("Side by side with other renderers")
-    page.text(f"Made by `hapscene bench --peers BUILD --docs docs`. {METHOD}")
+    page.text(f"Made by `python -m hapscene_evidence.bench.run BUILD docs`. {METHOD}")
     if sheet is None:
         page.text("No table has been made yet.")
     else:

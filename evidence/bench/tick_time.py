@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import new_clock, now_ns
+from hapscene.compiled.native import native
 from hapscene.contact.world import Shapes
-from hapscene.native import native
-from hapscene.recording import Recording
-from hapscene.renderer import EFFECTS, Renderer
+from hapscene.render.recording import Recording
+from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.surface.effect import Effect
 from hapscene.surface.swatch import Swatch
 

@@ -8,14 +8,14 @@ from typing import Final
 import numpy as np
 import trimesh
 
-from hapscene.device.omni import Omni
-from hapscene.device.point import PointMass
+from hapscene.device.sim.omni import Omni
+from hapscene.device.sim.point import PointMass
 from hapscene.handle.plant import Plant
+from hapscene.loop import Twin
 from hapscene.motion.gestures import act
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.swatches.library import load_swatch
-from hapscene.twin import Twin
 
 from .sheet import Sheet
 

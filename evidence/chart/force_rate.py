@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from hapscene.device.hand import GRIPS
 from hapscene.device.model import DEVICES
-from hapscene.device.point import PointMass
+from hapscene.device.sim.hand import GRIPS
+from hapscene.device.sim.point import PointMass
 from hapscene.perception import force_jnd
-from hapscene.renderer import Renderer
+from hapscene.render.renderer import Renderer
 from hapscene.scene.scene import Scene
 from hapscene.stability.closed_form import limit_of_small_motion
 from hapscene.stability.rig import Rig

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from hapscene.clock import new_clock, now_ns
+from hapscene.compiled.native import native
 from hapscene.contact.planes import nearest
 from hapscene.contact.world import PROXY
 from hapscene.geometry import Vector, norm
-from hapscene.native import native
 from hapscene.records import records
 
 from .question import Measure, Point, Question, Setting

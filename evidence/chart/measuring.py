@@ -13,7 +13,7 @@ from hapscene.capture import load_recording
 from hapscene.capture.fit.distance import band_power, model_spectrum
 from hapscene.capture.io.streams import Streams, clean
 from hapscene.perception import band_edges_Hz, bands_jnd
-from hapscene.renderer import Renderer
+from hapscene.render.renderer import Renderer
 from hapscene.stability.rig import sheet
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 
 from hapscene.perception import DIRECTION_DEG, FORCE, FORCE_LEAST_N
-from hapscene.recording import Recording
-from hapscene.renderer import Renderer
+from hapscene.render.recording import Recording
+from hapscene.render.renderer import Renderer
 from hapscene.surface.swatch import PLAIN
 
 from ..bench.accuracy import angle_deg

@@ -9,9 +9,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
+from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import HapsceneError, no_such
-from hapscene.files import whole_file
-from hapscene.native import INTERPRETED
+from hapscene.io.files import whole_file
 from hapscene.parallel import Task, run_tasks
 
 from ..bench.machine import describe_machine
@@ -224,7 +224,7 @@ def machine_slug(machine: Mapping[str, str]) -> str:
 def page_of(found: Table, asked: Sequence[Question], pictures: Path, csv: str) -> Page:
     """The page of a chart: for each question a picture, what to choose, the front, and all points."""
     page = Page(TITLE)
-    page.text(f"Made by `hapscene chart`; every figure is from {csv}. {METHOD}")
+    page.text(f"Made by `hapscene lab chart`; every figure is from {csv}. {METHOD}")
     page.text(f"Machine: {'; '.join(f'{name} {value}' for name, value in found.machine.items())}.")
     for q in asked:
         points = found.points[q.name]

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import TICK_S
-from hapscene.device.hand import GRIPS
 from hapscene.device.model import (
     DEVICES,
     GUARD_SHARE,
@@ -22,14 +21,15 @@ from hapscene.device.model import (
     damping_max,
     limits_of,
 )
-from hapscene.device.point import PointMass
-from hapscene.renderer import Renderer
+from hapscene.device.sim.hand import GRIPS
+from hapscene.device.sim.point import PointMass
+from hapscene.loop.hand_intent import Intent
+from hapscene.loop.twin import Twin
+from hapscene.render.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.stability.rig import AT_M, sheet
 from hapscene.surface.swatch import Swatch
-from hapscene.twin.hand_intent import Intent
-from hapscene.twin.twin import Twin
 
 from .measuring import measured, spread_us, stroke_path, ticks_ns
 from .question import Measure, Point, Question, Setting

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from hapscene.errors import HapsceneError
-from hapscene.files import whole_file
+from hapscene.io.files import whole_file
 
 from ..bench.sheet import read_rows
 from .question import Point, Question

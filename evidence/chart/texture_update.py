@@ -9,7 +9,7 @@ import numpy as np
 from hapscene.constants import STIFFNESS_N_M, TICK_S
 from hapscene.motion.hand_path import STROKE_M_S, Hand
 from hapscene.motion.look_from_above import look_from_above
-from hapscene.renderer import Renderer
+from hapscene.render.renderer import Renderer
 from hapscene.stability.rig import sheet
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture

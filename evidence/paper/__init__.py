@@ -1,4 +1,4 @@
-"""The haptography paper, reproduced: `hapscene reproduce`. One figure of it a file; start with `reproduction`.
+"""The haptography paper, reproduced: `hapscene lab reproduce`. One figure of it a file; start with `reproduction`.
 
 | module | does |
 |---|---|

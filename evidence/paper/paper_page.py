@@ -29,11 +29,11 @@ TABLE_ONE: Final = (
     ("the film developed", "models fitted: texture, tap, friction, stiffness", "hapscene capture fit", "fig4"),
     ("the photograph", "the haptograph, a .swatch file", "hapscene swatch show", "fig5"),
     ("is it sharp?", "real against synthetic", "hapscene capture report", "fig5"),
-    ("the album", "a library of surfaces", "hapscene swatch gallery", ""),
+    ("the album", "a library of surfaces", "hapscene swatch publish", ""),
     ("retouching, a collage", "swatches painted onto a scene", "hapscene paint", ""),
-    ("the screen, measured", "the handle, identified", "hapscene handle identify", "fig7"),
+    ("the screen, measured", "the handle, identified", "hapscene device identify", "fig7"),
     ("looking at it", "touching it through the handle", "hapscene play", "taps"),
-    ("a live broadcast", "touching from afar", "hapscene teleoperate leader", "fig8"),
+    ("a live broadcast", "touching from afar", "hapscene lab teleoperate leader", "fig8"),
 )
 """Photography, haptography, the command of this project, and the section of the page that shows it."""
 
@@ -83,14 +83,14 @@ def _leads(materials: Mapping[str, Material]) -> list[str]:
     told = [
         f"Of the paper its abstract was at hand, not its text. Each of its numbers says how it is known: “{PUBLISHED}” "
         f"where published text was checked, “{REMEMBERED}” where it was not; where none stands, it is not known here. "
-        f"Made by “hapscene reproduce” on {datetime.date.today().isoformat()}."
+        f"Made by “hapscene lab reproduce” on {datetime.date.today().isoformat()}."
     ]
     made = [material.name for material in materials.values() if not material.real]
     if made:
         told.append(
             f"Not from recordings: {', '.join(made)}. Of these, Figs. 2, 4, 5 and the orders show what the shipped "
             "swatches synthesise: the method, and nothing of a surface that a swatch does not already hold. With the "
-            "recordings in a folder, “hapscene reproduce --recordings DIR” draws them from real surfaces."
+            "recordings in a folder, “hapscene lab reproduce --recordings DIR” draws them from real surfaces."
         )
     return told
 

@@ -1,11 +1,11 @@
-"""All figures in turn, the page and the table of numbers: what `hapscene reproduce` does."""
+"""All figures in turn, the page and the table of numbers: what `hapscene lab reproduce` does."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-from hapscene.files import whole_folder
 from hapscene.handle.plant import Plant
+from hapscene.io.files import whole_folder
 
 from . import handle_figure, prediction_figure, remote_figure, tap_study
 from .finding import Finding, Say

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from hapscene.bridge.simulation import Array, Bridge, Simulation
 from hapscene.errors import SceneError
-from hapscene.renderer import Command, Renderer
+from hapscene.render.renderer import Command, Renderer
 
 if TYPE_CHECKING:
     from gymnasium import Env

@@ -11,7 +11,7 @@ from hapscene.bridge.mujoco_file import check_installed, load_model
 from hapscene.bridge.mujoco_geom import geom_mesh
 from hapscene.bridge.simulation import Bridge, crosses
 from hapscene.errors import SceneError, no_such, warn
-from hapscene.files import refusing
+from hapscene.io.files import refusing
 from hapscene.scene.mesh import Mesh, MeshWarning
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import SwatchLike

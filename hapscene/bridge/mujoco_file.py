@@ -1,4 +1,4 @@
-"""Files of MuJoCo's models, which may be anybody's: compiled by MuJoCo in a process of its own (`hapscene.confined`).
+"""Files of MuJoCo models, possibly from strangers: compiled by MuJoCo in a separate process (`hapscene.io.confined`).
 
 On a height field of 2³¹ rows it crashes, and `<replicate count="1000000000">` never ends. The process imports this
 file, so it stands alone, with little to import.
@@ -13,9 +13,9 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.confined import confined
 from hapscene.errors import FormatError, SceneError
-from hapscene.files import refusing
+from hapscene.io.confined import confined
+from hapscene.io.files import refusing
 
 MEMORY_MAX_B: Final = 4_000_000_000
 """Most memory that MuJoCo may take to compile a file, and its model [bytes]: meshes are in other files."""

@@ -21,8 +21,8 @@ from hapscene.bridge.packets import VERSION, PacketError
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.errors import HapsceneError, MeshError, SceneError, SwatchError, no_such
 from hapscene.geometry import numbers
+from hapscene.loop.servo import BODY_ROOM, Servo
 from hapscene.scene.mesh import Mesh
-from hapscene.servo.servo import BODY_ROOM, Servo
 
 FACE_MAX: Final = 10_000_000
 """Faces that clients may add in all [count]: what is removed keeps its memory."""

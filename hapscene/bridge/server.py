@@ -38,8 +38,8 @@ from hapscene.bridge.packets import (
     unpack_frame,
     unpack_json,
 )
-from hapscene.contact_info import Impulse
 from hapscene.errors import HapsceneError
+from hapscene.render.contact_info import Impulse
 from hapscene.wall_clock import CLOCK, Clock
 
 SILENT_S: Final = 2.0

@@ -20,12 +20,12 @@ from hapscene.records import ROW, records
 from hapscene.surface.device_clipping import STIFFNESS, WALL
 
 if TYPE_CHECKING:
-    from hapscene.moving_bodies import MovingBodies
-    from hapscene.recording import Recording
-    from hapscene.renderer import Command, Renderer
-    from hapscene.twin.hand_intent import Intent
-    from hapscene.twin.result import Feel
-    from hapscene.twin.twin import Twin
+    from hapscene.loop.hand_intent import Intent
+    from hapscene.loop.result import Feel
+    from hapscene.loop.twin import Twin
+    from hapscene.render.moving_bodies import MovingBodies
+    from hapscene.render.recording import Recording
+    from hapscene.render.renderer import Command, Renderer
 
 Array = NDArray[np.float64]
 
@@ -189,7 +189,7 @@ class Bridge:
         Raises:
             SceneError: the twin's scene lacks a body of the simulation.
         """
-        from hapscene.twin.twin import Run
+        from hapscene.loop.twin import Run
 
         bodies, done = self._bind(twin.renderer), 0
         twin.begin(intent)

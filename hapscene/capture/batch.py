@@ -18,7 +18,7 @@ from typing import Any, Final
 from hapscene.capture.fit.swatch import FitOptions, fit_swatch
 from hapscene.capture.io.recording import BridgedWarning, load_recording
 from hapscene.errors import CaptureError, no_such
-from hapscene.files import refusing
+from hapscene.io.files import refusing
 from hapscene.parallel import Journal, Task, TaskError, iterate_results
 from hapscene.surface.swatch_file import save_swatch
 

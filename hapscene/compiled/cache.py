@@ -28,7 +28,7 @@ from numba.core import caching, compiler
 from platformdirs import user_cache_path
 
 from hapscene.errors import warn
-from hapscene.files import whole_file
+from hapscene.io.files import whole_file
 
 SHIPPED: Final = Path(__file__).with_name("shipped")
 """The folder of compiled code that a wheel carries; absent in a checkout."""
@@ -42,11 +42,11 @@ PORTABLE_CPU: Final = "x86-64-v3" if llvm.get_default_triple().startswith("x86_6
 _KEPT_S: Final = 30 * 24 * 3600.0
 """Files are removed when unused for this long [s]."""
 
-_CODE: Final = ("compiled/pipeline.py", "compiled/block.py", "compiled/digest.py", "native.py")
-"""Files of the package that decide how a function is compiled: a change of theirs compiles everything anew."""
+_CODE: Final = ("pipeline.py", "block.py", "digest.py", "native.py")
+"""Files that decide how a function is compiled: a change of theirs compiles everything anew."""
 
 _BUILD: Final = hashlib.sha256(
-    b"".join((Path(__file__).parents[1] / name).read_bytes() for name in _CODE)
+    b"".join(Path(__file__).with_name(name).read_bytes() for name in _CODE)
     + f"1 {numba.__version__} {llvmlite.__version__} {sys.version_info[:2]} {sys.implementation.cache_tag}".encode()
 ).hexdigest()
 

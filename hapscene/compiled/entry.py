@@ -11,7 +11,7 @@ from llvmlite import ir
 from numba import typeof, types
 from numba.extending import intrinsic
 
-from hapscene.native import INTERPRETED, CFunction
+from hapscene.compiled.native import INTERPRETED, CFunction
 
 _typeof: Any = typeof
 _intrinsic: Any = intrinsic

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapscene.compiled.native import inlined
 from hapscene.constants import LOOK_AHEAD
 from hapscene.contact.embree import first_face
 from hapscene.contact.triangle import corners, plane, to_body, turn_to_world
 from hapscene.geometry import Vector, dot, sub
-from hapscene.native import inlined
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World

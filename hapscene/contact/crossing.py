@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hapscene.compiled.native import inlined, native
 from hapscene.constants import EDGE_OVERLAP
 from hapscene.contact.cast import cast, put_plane
 from hapscene.contact.planes import copy_plane, drop_idle, nearest, trust
 from hapscene.contact.triangle import corners, edge_past, is_narrow, plane, to_body, to_world
 from hapscene.contact.world import ASIDE, FACES_MAX, SAVED
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
-from hapscene.native import inlined, native
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World

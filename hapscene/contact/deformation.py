@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.compiled.native import native
 from hapscene.constants import EDGE_OVERLAP, REACH_MAX_M
 from hapscene.contact.embree import RefittedSearch, first_face
 from hapscene.contact.passing import hold_again
@@ -26,7 +27,6 @@ from hapscene.contact.triangle import corners, lies_over_in_body, plane, to_body
 from hapscene.contact.world import ASIDE, SHAPES, WAYS, World, place_ball
 from hapscene.errors import SceneError
 from hapscene.geometry import Vector, along, cross, dot, norm, numbers, sub
-from hapscene.native import native
 
 if TYPE_CHECKING:
     from hapscene.scene.mesh import Mesh

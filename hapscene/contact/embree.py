@@ -20,10 +20,10 @@ import numpy as np
 from numba import carray, types  # type: ignore[attr-defined]  # numba forgets to say that it exports carray
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import INTERPRETED, CFunction, native
 from hapscene.constants import EDGE_OVERLAP
 from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector, along, columns_of, cross, norm, row, sub, used_by
-from hapscene.native import INTERPRETED, CFunction, native
 
 # from rtcore_geometry.h and rtcore_common.h of Embree 4
 _TRIANGLE, _INDEX_BUFFER, _VERTEX_BUFFER = 0, 0, 1

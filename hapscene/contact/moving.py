@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.constants import REACH_MAX_M
 from hapscene.contact.deformation import reshape_bodies
 from hapscene.contact.passing import hold_again
 from hapscene.contact.planes import copy_plane
 from hapscene.contact.proxy import put
 from hapscene.contact.world import place_ball
-from hapscene.native import native
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World

@@ -6,12 +6,12 @@ where the proxy is now, the last face it crossed is met from that side.
 
 from typing import TYPE_CHECKING
 
+from hapscene.compiled.native import native
 from hapscene.constants import PASSED_MAX
 from hapscene.contact.embree import first_face
 from hapscene.contact.planes import copy_plane
 from hapscene.contact.triangle import corners, plane, to_body, to_body_before
 from hapscene.geometry import Vector, dot, norm, sub
-from hapscene.native import native
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapscene.compiled.native import inlined, native
 from hapscene.contact.cast import SATISFIED
 from hapscene.contact.triangle import corners, lies_over, plane, turn_to_world
 from hapscene.contact.world import ASIDE, SAVED
 from hapscene.geometry import Vector
-from hapscene.native import inlined, native
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import now_ns
+from hapscene.compiled.native import native
 from hapscene.contact.moving import is_pose
 from hapscene.contact.triangle import turn_to_body, turn_to_world
 from hapscene.geometry import Vector, along, cross, dot, norm
-from hapscene.native import native
 from hapscene.records import Records
 
 if TYPE_CHECKING:

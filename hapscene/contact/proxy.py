@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapscene.compiled.native import inlined, native
 from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX
 from hapscene.contact.cast import cast, cast_body
 from hapscene.contact.crossing import MET, OVER, PAST, RESTS, cross_edges, lies_over_planes
@@ -31,7 +32,6 @@ from hapscene.contact.planes import (
 from hapscene.contact.triangle import lies_over, to_body, to_body_before, to_world
 from hapscene.contact.world import ASIDE, SAVED
 from hapscene.geometry import Vector, along, norm, sub
-from hapscene.native import inlined, native
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import inlined, native
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
-from hapscene.native import inlined, native
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.compiled.block import by_pointer
+from hapscene.compiled.native import native
 from hapscene.constants import NEAR_MAX, PASSED_MAX, SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
 from hapscene.contact.shading import corner_normals
 from hapscene.errors import SceneError
-from hapscene.native import native
 from hapscene.records import Owning, Records, pack_small_arrays, records
 
 if TYPE_CHECKING:

@@ -8,12 +8,12 @@ from .driver import VendorConnection as VendorConnection
 from .driver_registry import DeviceChoice as DeviceChoice
 from .driver_registry import choose as choose
 from .driver_registry import open as open
-from .hand import Grip as Grip
 from .model import DEVICES as DEVICES
 from .model import Device as Device
 from .model import DeviceWarning as DeviceWarning
 from .model import Limits as Limits
 from .model import limits_of as limits_of
 from .model import wall_limit as wall_limit
-from .omni import Omni as Omni
-from .point import PointMass as PointMass
+from .sim.hand import Grip as Grip
+from .sim.omni import Omni as Omni
+from .sim.point import PointMass as PointMass

@@ -16,7 +16,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from hapscene.device.model import Device
-from hapscene.errors import DeviceError, did_you_mean, no_such
+from hapscene.errors import DeviceError, no_such
 from hapscene.geometry import Vector
 from hapscene.records import records
 
@@ -247,6 +247,6 @@ class Driver:
         known = {option.name: option for option in self.options}
         for name in told:
             if name not in known:
-                raise DeviceError(f"device {self.name!r}: {no_such('option', name, known)}{did_you_mean(name, known)}")
+                raise DeviceError(f"device {self.name!r}: {no_such('option', name, known)}")
         read = {name: known[name].read(value) if isinstance(value, str) else value for name, value in told.items()}
         return {name: option.default for name, option in known.items()} | read

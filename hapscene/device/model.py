@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.device.point import PointMass
+from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError, no_such
 
 if TYPE_CHECKING:
-    from hapscene.device.omni import Omni
+    from hapscene.device.sim.omni import Omni
 
 
 DeviceLike: TypeAlias = "str | Device | PointMass | Omni"
@@ -209,7 +209,7 @@ def device_of(device: "DeviceLike") -> Device:
         return device
     if isinstance(device, PointMass):
         return Device("point mass", device, IDEAL)
-    from hapscene.device.omni import Omni  # itself heavy to import
+    from hapscene.device.sim.omni import Omni  # itself heavy to import
 
     if isinstance(device, Omni):
         known = DEVICES["omni"]

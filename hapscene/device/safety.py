@@ -17,11 +17,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.compiled.native import native
 from hapscene.constants import TINY
 from hapscene.device.driver import Driver
 from hapscene.flags import Flag
 from hapscene.geometry import Vector
-from hapscene.native import native
 from hapscene.records import records
 
 FALL_S: Final = 0.005
@@ -29,7 +29,7 @@ FALL_S: Final = 0.005
 
 PULSE_AGE_S: Final = 0.012
 """After how long without a pulse the application counts as gone [s]: with `FALL_S` and a tick the force is 0 within 20
-ms. Its pulse comes every 2 ms (`hapscene.servo.heartbeat`)."""
+ms. Its pulse comes every 2 ms (`hapscene.loop.heartbeat`)."""
 
 STATE_AGE_S: Final = 0.010
 """After how long without a new state the device counts as silent [s], or four of its periods where those are longer."""

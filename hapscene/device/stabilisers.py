@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from hapscene.compiled.native import native
 from hapscene.constants import TINY
 from hapscene.flags import Flag
 from hapscene.geometry import Vector
-from hapscene.native import native
 
 if TYPE_CHECKING:
     from hapscene.surface.surface_arrays import Surface

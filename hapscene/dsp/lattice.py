@@ -31,8 +31,8 @@ from typing import Any
 
 from numba.extending import overload
 
+from hapscene.compiled.native import native
 from hapscene.dsp.lattice_lanes import lanes_of
-from hapscene.native import native
 
 __all__ = ["advance", "advance_all", "advance_warped", "solve_loop"]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.native import native
+from hapscene.compiled.native import native
 
 
 @native

@@ -9,8 +9,8 @@ is stationary. What recordings never reach is not played: the logarithm stays wi
 import math
 from typing import Any, Final
 
+from hapscene.compiled.native import native
 from hapscene.dsp.noise import normal
-from hapscene.native import native
 
 ROOT_2: Final = math.sqrt(2.0)
 

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.constants import BLOCK_MAX, LIFE_MAX
 from hapscene.dsp.lattice import advance_all, advance_warped, solve_loop
 from hapscene.dsp.noise import normal
 from hapscene.dsp.slow_gain import advance_gain
-from hapscene.native import native
 
 __all__ = ["Stroke", "modulate", "play", "run_texture", "settle", "voice_fields"]
 

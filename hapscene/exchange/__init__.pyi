@@ -1,7 +1,4 @@
-from .format_registry import EXPORTS as EXPORTS
-from .format_registry import Export as Export
 from .format_registry import export_scene as export_scene
 from .format_registry import import_scene as import_scene
-from .format_registry import is_mesh_of as is_mesh_of
 from .format_registry import losses as losses
 from .format_registry import painted_scene as painted_scene

@@ -15,7 +15,7 @@ from hapscene.exchange.gltf_read import read_gltf
 from hapscene.exchange.painted_ply import read_ply, write_ply
 from hapscene.exchange.swatch_payload import digest_of, known_swatch, lose
 from hapscene.exchange.unpainted import read_named, write_obj, write_stl
-from hapscene.files import check_file, naming
+from hapscene.io.files import check_file, naming
 from hapscene.scene.fine_paint import parts, swatches_of
 from hapscene.scene.mesh import unit_name
 from hapscene.scene.scene import Scene

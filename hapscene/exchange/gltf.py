@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hapscene import __version__
 from hapscene.errors import SceneError
 from hapscene.exchange.swatch_payload import VERSION, Piece, digest_of, fine_told, pieces_of, text_of
-from hapscene.files import write_whole
+from hapscene.io.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch

@@ -28,8 +28,8 @@ from hapscene.exchange.swatch_payload import (
     restore,
     restore_fine,
 )
-from hapscene.files import read_bytes, refusing
 from hapscene.geometry import RIGID_TOLERANCE, rotation_of
+from hapscene.io.files import read_bytes, refusing
 from hapscene.scene.gltf_check import items_of, parse_gltf
 from hapscene.scene.mesh import FACE_MAX, Mesh
 from hapscene.scene.mesh_file import FILE_MAX_B

@@ -20,7 +20,7 @@ from hapscene.errors import MeshError, SceneError
 from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.gltf_read import read_bounded
 from hapscene.exchange.swatch_payload import VERSION, check_version, digest_of, finite, is_digest, restore
-from hapscene.files import write_whole
+from hapscene.io.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.ply import HEADER_MAX_B, declared

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError, SwatchError, warn
-from hapscene.files import refusing
+from hapscene.io.files import refusing
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import LEAF_MAX, put_leaves
 from hapscene.scene.mesh import Mesh

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from hapscene.errors import SceneError
 from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.swatch_payload import known_swatch
-from hapscene.files import whole_file, write_whole
+from hapscene.io.files import whole_file, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
 

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, Final
 from hapscene.constants import ORDER_MAX
 from hapscene.errors import FormatError, no_such
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
-from hapscene.files import check_file, check_keys, naming, parse_format, read_bytes, short, write_whole
+from hapscene.io.files import check_file, check_keys, naming, parse_format, read_bytes, short, write_whole
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.ply import HEADER_MAX_B, mesh_to_ply

@@ -20,11 +20,11 @@ from hapscene.device.model import DeviceWarning, Limits, limits_of
 from hapscene.motion.hand_path import HOVER_M, Hand
 from hapscene.motion.look_from_above import bounds_of, look_from_above, window_of
 from hapscene.perception import band_edges_Hz, bands_jnd, force_jnd
-from hapscene.renderer import EFFECTS, Renderer
+from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.scene.mesh import MeshWarning
 
 if TYPE_CHECKING:
-    from hapscene.recording import Recording
+    from hapscene.render.recording import Recording
     from hapscene.scene.scene import Scene
 
 Array = NDArray[np.float64]

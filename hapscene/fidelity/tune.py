@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from hapscene import __version__
+from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import HapsceneError, PathError
 from hapscene.fidelity import trial
 from hapscene.fidelity.apply import apply_level
@@ -22,12 +23,11 @@ from hapscene.fidelity.coarser_mesh import coarser_mesh
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.fidelity.trial import Array
 from hapscene.motion.look_from_above import UNSEEN
-from hapscene.native import INTERPRETED
 from hapscene.perception import (
     band_edges_Hz,
     bands_jnd,
 )
-from hapscene.renderer import Renderer
+from hapscene.render.renderer import Renderer
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import swatches_of
 from hapscene.scene.mesh import Mesh

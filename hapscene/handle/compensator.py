@@ -7,9 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.compiled.native import native
 from hapscene.errors import HandleError, no_such
 from hapscene.handle.plant import Array, Plant
-from hapscene.native import native
 
 # What the inverse of the handle is a sum of: an acceleration, and its leaky integrals. Compiled.
 #

@@ -7,13 +7,13 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from hapscene.compiled.native import native
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.errors import HandleError
 from hapscene.handle.handle_dynamics import delay, set_late
 from hapscene.handle.handle_record import LATE
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.sensor import ACCELEROMETER_HZ, ACCELEROMETER_NOISE_M_S2_RTHZ
-from hapscene.native import native
 from hapscene.records import records
 
 LIGHT: Final = (150.0, 3.0)

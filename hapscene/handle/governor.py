@@ -23,9 +23,9 @@ and gives out less travel (`handle_loop.learn`).
 import math
 from typing import Any, Final
 
+from hapscene.compiled.native import native
 from hapscene.handle.handle_dynamics import MASK as MASK
 from hapscene.handle.handle_dynamics import advance
-from hapscene.native import native
 
 LOOK_AHEAD_S: Final = 0.004
 """How much later than asked for the signal is played [s]. A tenth of what is felt (Okamoto et al. 2009: 40 ms changes a

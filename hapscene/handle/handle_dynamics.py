@@ -8,8 +8,8 @@ the matrices are made anew in place.
 import math
 from typing import Any, Final
 
+from hapscene.compiled.native import native
 from hapscene.dsp.noise import normal
-from hapscene.native import native
 
 RING: Final = 512
 """Room for what is delayed or played ahead [samples], a power of two: a look-ahead at up to 100 kHz."""

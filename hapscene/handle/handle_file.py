@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene.errors import HandleError
-from hapscene.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
 from hapscene.handle.fit import GRIP_MAX, HAND, OWN, Identification, IdentifiedGrip
 from hapscene.handle.plant import NUMBER_MAX, Plant
+from hapscene.io.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
 
 SUFFIX: Final = ".handle"
 FORMAT: Final = "hapscene handle"

@@ -20,6 +20,7 @@ sense      the accelerometer                                                    
 import math
 from typing import Any, Final
 
+from hapscene.compiled.native import inlined, native
 from hapscene.handle.compensator import COUNT, differences, integrals, retune, section
 from hapscene.handle.governor import fade, foresee, yield_corner
 from hapscene.handle.handle_dynamics import MASK, RING, advance, amplify, delay, move, sense, set_late
@@ -27,7 +28,6 @@ from hapscene.handle.handle_record import ACCELEROMETER_HZ as ACCELEROMETER_HZ
 from hapscene.handle.handle_record import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCELEROMETER_NOISE_M_S2_RTHZ
 from hapscene.handle.handle_record import HANDLE as HANDLE
 from hapscene.handle.handle_record import new_handle as new_handle
-from hapscene.native import inlined, native
 
 # The inverse learnt from the handle's accelerometer, while it plays. Compiled.
 #

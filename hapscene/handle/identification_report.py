@@ -1,4 +1,4 @@
-"""What `hapscene handle identify` and `show` tell of a handle, for a command is thin: Bode plot (Fig. 7), words."""
+"""What `hapscene device identify` tells of a handle: Bode plot (Fig. 7), words."""
 
 import math
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from hapscene.dsp.spectrogram import decibels
 from hapscene.errors import HandleError
-from hapscene.files import whole_folder
 from hapscene.handle.fit import Identification, IdentifiedGrip, sampled_response
 from hapscene.handle.handle_file import SUFFIX, save_handle
 from hapscene.handle.measure import GripRecording
 from hapscene.handle.response import Response
+from hapscene.io.files import whole_folder
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
 

@@ -11,11 +11,11 @@ from typing import Final
 import numpy as np
 
 from hapscene.errors import HandleError
-from hapscene.files import refusing
 from hapscene.handle.handle_output import HEARD_MAX, Feed
 from hapscene.handle.serial_handle import BUFFER, LINE_COUNT, STATE, Board, Wire
+from hapscene.io.files import refusing
+from hapscene.io.wire.protocol import WRAP, Run, sample_line, sealed
 from hapscene.wall_clock import CLOCK, Clock
-from hapscene.wire.protocol import WRAP, Run, sample_line, sealed
 
 LIVE, EMPTY, TRIPPED, LIMITED = 1, 2, 4, 8
 """Bits of the column `state`: started to play live; the buffer is empty; the watchdog has tripped, and no force is put
@@ -100,7 +100,7 @@ class LiveBoard(Board):
         if STATE not in self.columns:
             self.close()
             raise HandleError(
-                f"{name}: plays no live force, only the sweep of `hapscene handle identify`: its firmware announces no "
+                f"{name}: plays no live force, only the sweep of `hapscene device identify`: its firmware announces no "
                 "column 'state' (docs/handle-protocol.md, version 2)"
             )
 

@@ -23,8 +23,8 @@ from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.handle_record import new_handle
 from hapscene.handle.live_stream import FADE_S, LiveStream
 from hapscene.handle.plant import Array, Plant
+from hapscene.loop.shared_memory import Channel, open_channel
 from hapscene.loop.timing import request_realtime_priority
-from hapscene.servo.shared_memory import Channel, open_channel
 from hapscene.wall_clock import CLOCK, Clock
 
 START_S: Final = 300.0

@@ -22,12 +22,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.errors import HandleError
 from hapscene.handle.governor import MASK, ONE, RELEASE_S, fade
 from hapscene.handle.handle_loop import DESIRED_MAX_M_S2, HANDLE, command_force, learn
 from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.plant import Array
-from hapscene.native import native
 from hapscene.records import records
 
 FADE_S: Final = 0.02

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from hapscene.errors import HandleError
-from hapscene.files import refusing, whole_file
 from hapscene.handle.force_source import ForceSource
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.response import Response, estimate_response
 from hapscene.handle.sweep import Sweep
+from hapscene.io.files import refusing, whole_file
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class GripRecording:
             return estimate_response(self.force_N, self.acceleration_m_s2, self.rate_Hz, band_Hz=band_Hz)
 
     def save(self, path: Path) -> None:
-        """Write it as npz, whole or not at all: `hapscene handle identify --from` reads it.
+        """Write it as npz, whole or not at all: `hapscene device identify --from` reads it.
 
         Raises:
             OSError: the folder is missing or cannot be written.

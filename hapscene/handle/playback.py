@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.compiled.native import native
 from hapscene.dsp.spectrogram import row_of
 from hapscene.dsp.spectrogram import spectrogram_error as spectrogram_error  # part of this room's face
 from hapscene.handle.handle_loop import new_handle, vibrate
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.sensor import Sensor
-from hapscene.native import native
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""What `hapscene handle play` writes, for a command is thin: what a hand would feel, as sound and as a plot."""
+"""What `hapscene device play-file` writes, for a command is thin: what a hand would feel, as sound and as a plot."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
@@ -8,9 +8,9 @@ import scipy
 
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import SPECTROGRAM_S, decibels, spectrogram
-from hapscene.files import whole_file
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.playback import Played
+from hapscene.io.files import whole_file
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
 from hapscene.view.plot import STYLE, envelope

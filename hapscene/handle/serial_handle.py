@@ -11,12 +11,12 @@ from typing import Final, Protocol
 import numpy as np
 
 from hapscene.errors import HandleError
-from hapscene.files import refusing
 from hapscene.handle.plant import Array
+from hapscene.io.files import refusing
+from hapscene.io.wire.port import BAUD, Port
+from hapscene.io.wire.protocol import WRAP, Column, Decoder, Run, sample_line, sealed
+from hapscene.io.wire.unit import UNITS
 from hapscene.wall_clock import CLOCK, Clock
-from hapscene.wire.port import BAUD, Port
-from hapscene.wire.protocol import WRAP, Column, Decoder, Run, sample_line, sealed
-from hapscene.wire.unit import UNITS
 
 START: Final = b"#hapscene-handle 1 start"
 """The line that empties the handle's buffer and sets force and count to 0."""

@@ -1,1 +1,33 @@
-"""The closed loop of device, tick and handle, and the one driver that runs it, simulated or in real time."""
+"""Closed loops of device, haptic tick and handle: `Twin` simulated, `Servo` in real time in a process of its own.
+
+```python
+import numpy as np
+import hapscene
+from hapscene.device.sim.omni import Omni
+from hapscene.loop import Intent, Twin
+
+scene = hapscene.Scene()
+scene.add("assets/meshes/plate.obj", name="plate", unit="mm", swatch="wood")
+path = np.linspace([0.0, 0.0, 0.01], [0.01, 0.0, -0.01], 1000)  # where the hand means the tool to be, a second long
+result = Twin(scene, Omni()).run(Intent.along(path, grip="light"))
+print(result.recording.f_W_N[-1])
+```
+
+```python
+import hapscene
+from hapscene.device.sim.omni import Omni
+from hapscene.loop import Servo
+
+if __name__ == "__main__":  # the new process reads this file too
+    scene = hapscene.Scene()
+    scene.add("assets/meshes/plate.obj", name="plate", unit="mm", swatch="wood")
+    with Servo(scene, Omni()) as servo:
+        servo.start((0.0, 0.0, 0.01))
+        servo.aim((0.0, 0.0, 0.002))
+        print(servo.state().f_W_N)
+```
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

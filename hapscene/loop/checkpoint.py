@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.errors import HapsceneError
-from hapscene.native import native
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World

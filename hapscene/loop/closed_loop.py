@@ -17,14 +17,22 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.device.arm import CONNECTED, SIMULATED_OMNI, advance_arm, drive_arm, find_tip, find_tip_velocity, read_arm
-from hapscene.device.hand import pull
+from hapscene.compiled.native import inlined, native
 from hapscene.device.safety import protect
+from hapscene.device.sim.arm import (
+    CONNECTED,
+    SIMULATED_OMNI,
+    advance_arm,
+    drive_arm,
+    find_tip,
+    find_tip_velocity,
+    read_arm,
+)
+from hapscene.device.sim.hand import pull
 from hapscene.geometry import Vector
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
-from hapscene.native import inlined, native
-from hapscene.tick import tick_at
+from hapscene.render.tick import tick_at
 
 DELAY_MAX: Final = 256
 """Longest delay between a tick and its force [ticks]."""

@@ -14,20 +14,20 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.bound_call import BoundCall, loaded
 from hapscene.clock import now_ns
+from hapscene.compiled.bound_call import BoundCall, loaded
 from hapscene.compiled.entry import address_of, call_flags
+from hapscene.compiled.native import inlined, native
 from hapscene.constants import TINY
 from hapscene.contact.prediction import FRAME, PREDICTED, predict_bodies
 from hapscene.device.safety import STALL_S
 from hapscene.loop.checkpoint import keep_memory, memory_of
 from hapscene.loop.closed_loop import Tool, take_grip, tick_tool
 from hapscene.loop.timing import BIN_COUNT, TIMING, Timer, count_in_bin, wait_for_tick
-from hapscene.native import inlined, native
 from hapscene.records import records
 
 if TYPE_CHECKING:
-    from hapscene.renderer import Renderer
+    from hapscene.render.renderer import Renderer
 
 __all__ = ["AIM", "CHANNEL", "Bodies", "Loop", "bound", "drive", "new_loop", "still_bodies", "wait_at"]
 

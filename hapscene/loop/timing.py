@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import now_ns, sleep_ns
-from hapscene.native import INTERPRETED, native
+from hapscene.compiled.native import INTERPRETED, native
 
 __all__ = [
     "BIN_COUNT",

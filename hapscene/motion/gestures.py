@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.device.hand import GRIPS, Grip, grip_named
+from hapscene.device.sim.hand import GRIPS, Grip, grip_named
 from hapscene.errors import PathError, no_such
+from hapscene.loop.hand_intent import Intent
 from hapscene.motion.hand_path import HOVER_M, STROKE_M_S, Hand, explore
 from hapscene.motion.look_from_above import UNSEEN, Line, Look, between, look_from_above, places_to_feel
-from hapscene.twin.hand_intent import Intent
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -53,7 +53,7 @@ def act(name: str, scene: "Scene", tick_s: float, *, grip: str = "light") -> Int
         name: which.
         scene: where.
         tick_s: period of a tick [s].
-        grip: how firmly the tool is held, a name of `hapscene.device.hand.GRIPS`.
+        grip: how firmly the tool is held, a name of `hapscene.device.sim.hand.GRIPS`.
 
     Raises:
         HapsceneError: no gesture or grip of that name, or a grip that cannot press.

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from hapscene.constants import REACH_MAX_M
 from hapscene.errors import FormatError, PathError
-from hapscene.files import check_file_size, check_memory, refusing
-from hapscene.number_files import lines_of
+from hapscene.io.files import check_file_size, check_memory, refusing
+from hapscene.io.number_files import lines_of
 
 COLUMNS: Final = ("t", "x", "y", "z")
 """Columns that a path must have: time [s], position of the tool in the world [m]."""

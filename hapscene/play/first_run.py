@@ -1,4 +1,4 @@
-"""`hapscene devices try`: the first run with a device, step by step, each before the next can hurt.
+"""`hapscene device try`: the first run with a device, step by step, each before the next can hurt.
 
 Looks, then moves, then pushes, never with more than `FORCE_N` until that is confirmed; the servo's safety is between.
 """
@@ -13,10 +13,10 @@ import trimesh
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.errors import DeviceError
 from hapscene.flags import Flag
+from hapscene.loop import Servo
 from hapscene.play.monitor import WHY
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.servo import Servo
 
 FORCE_N: Final = 0.5
 """Most force before more is confirmed [N]: a 50 g weight, which no grip loses."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from hapscene.errors import HandleError
 from hapscene.flags import Flag
+from hapscene.loop import Servo, TimingStatistics
+from hapscene.loop.empty_loop import EmptyLoop
 from hapscene.loop.timing import BIN_NS, BINS_PER_OCTAVE
-from hapscene.servo import Servo, TimingStatistics
-from hapscene.servo.empty_loop import EmptyLoop
 
 WHY: Final = {
     Flag.TOOL_NOT_FINITE: "the device gave no number for its position",

@@ -22,8 +22,8 @@ from hapscene.wall_clock import CLOCK, Clock
 from hapscene.web.server import PageConnection, WebServer
 
 if TYPE_CHECKING:
+    from hapscene.loop.servo import Servo
     from hapscene.scene.scene import Scene
-    from hapscene.servo.servo import Servo
 
 DEPTH_MAX_M: Final = 0.003
 """How deep a pen goes at full pressure [m]: 1 to 2 N on the swatches that are shipped."""

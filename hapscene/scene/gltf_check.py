@@ -8,7 +8,7 @@ from itertools import chain
 from typing import Any, Final
 
 from hapscene.errors import FormatError, MeshError
-from hapscene.files import memory_most_B, refusing
+from hapscene.io.files import memory_most_B, refusing
 
 WIDTH_B: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of each type of number: glTF 2.0, 3.6.2.2."""

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.native import native
+from hapscene.compiled.native import native
 from hapscene.scene.topology import Index, normals_of
 
 __all__ = ["Crossing", "crossings", "overlapping"]

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.errors import MeshError, warn
-from hapscene.files import open_zip, read_bytes, refusing
+from hapscene.io.files import open_zip, read_bytes, refusing
 from hapscene.memory import memory_left_B
 from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import (

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import MeshError
-from hapscene.files import write_whole
+from hapscene.io.files import write_whole
 from hapscene.scene.mesh import Mesh
 
 __all__ = ["HEADER_MAX_B", "declared", "mesh_to_ply", "ply_groups", "save_mesh"]

@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.errors import FormatError, SceneError
-from hapscene.files import check_memory, open_zip, refusing, whole_file
+from hapscene.io.files import check_memory, open_zip, refusing, whole_file
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import files_of
 from hapscene.scene.scene_file import BYTES_MAX, SUFFIX, save_scene

@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError, warn
-from hapscene.files import check_file, naming, read_bytes, refusing, write_whole
+from hapscene.io.files import check_file, naming, read_bytes, refusing, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import LEAF_MAX, LEVEL_MAX, FinePaint, blend, parts, put_leaves
 from hapscene.scene.mesh import UNIT_M, Mesh, MeshWarning, check_reading

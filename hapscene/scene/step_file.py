@@ -1,8 +1,8 @@
-"""STEP files: what their text promises, and the triangles that cascadio (Open CASCADE) makes of it.
+"""STEP files: the declarations in their text, and the triangles that cascadio (Open CASCADE) makes of them.
 
-cascadio takes a damaged file for a smaller one, and may crash on it. So it runs in a process of its own
-(`hapscene.confined`), what it says is heard, and what it gives is held against the text: references that lead nowhere,
-statements that are not whole, faces of shells that have no triangles, closed shells that come back open.
+cascadio reads a damaged file as a smaller one, and may crash on it. It therefore runs in a separate process
+(`hapscene.io.confined`), and its messages and its result are compared with the text: references without a target,
+incomplete statements, faces of shells without triangles, closed shells that come back open.
 """
 
 import importlib.util
@@ -14,9 +14,9 @@ from typing import Any, BinaryIO, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.confined import confined
 from hapscene.errors import FormatError, MeshError
-from hapscene.files import MEMORY_FREE_B, refusing
+from hapscene.io.confined import confined
+from hapscene.io.files import MEMORY_FREE_B, refusing
 
 MEMORY_RATIO: Final = 60
 """Memory that Open CASCADE may take for each byte of a file [1]: it takes some 25."""

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.native import native
+from hapscene.compiled.native import native
 
 Index = NDArray[np.int64]
 

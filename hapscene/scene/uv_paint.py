@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError, no_such
-from hapscene.files import check_keys, parse_json, read_bytes, refusing, write_whole
+from hapscene.io.files import check_keys, parse_json, read_bytes, refusing, write_whole
 from hapscene.scene.fine_paint import (
     LEAF_MAX,
     LEVEL_MAX,

@@ -5,7 +5,7 @@
 
 | module | does |
 |---|---|
-| `study` | the Z-width of a device, written into a folder: `hapscene stability` |
+| `study` | the Z-width of a device, written into a folder: `hapscene lab stability` |
 | `z_width` | the stability region of a device, and swatches placed in it |
 | `wall_chart` | its chart |
 """

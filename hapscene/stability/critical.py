@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hapscene.device.point import PointMass
+from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.loop.closed_loop import DELAY_MAX
 from hapscene.stability.rig import Rig

@@ -1,6 +1,6 @@
 """The rig that every wall is tried on: a flat sheet, a point mass, and a hand that leads it there and lets it go.
 
-It is the closed loop of `hapscene.twin` with the real tick and the shipped wall effect, whose stiffness and damping are
+It is the closed loop of `hapscene.loop` with the real tick and the shipped wall effect, whose stiffness and damping are
 tuned while it runs; there is no other simulator here.
 """
 
@@ -12,19 +12,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.device.hand import GRIPS, Grip
 from hapscene.device.model import DeviceWarning, Limits
-from hapscene.device.omni import Omni, stand
-from hapscene.device.point import PointMass
+from hapscene.device.sim.hand import GRIPS, Grip
+from hapscene.device.sim.omni import Omni, stand
+from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
+from hapscene.loop.hand_intent import Intent
+from hapscene.loop.result import Feel
+from hapscene.loop.twin import Twin
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
-from hapscene.twin.hand_intent import Intent
-from hapscene.twin.result import Feel
-from hapscene.twin.twin import Twin
 
 SHEET_M: Final = 0.2
 """Side of the sheet [m]. Its top is z = 0 and it has no underside, so that no depth is too deep."""

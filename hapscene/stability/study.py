@@ -1,4 +1,4 @@
-"""What `hapscene stability` writes: a device's Z-width, swatches placed in it, and which of them would buzz."""
+"""What `hapscene lab stability` writes: a device's Z-width, swatches placed in it, and which of them would buzz."""
 
 import csv
 from collections.abc import Callable, Iterable, Sequence
@@ -6,11 +6,11 @@ from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.device.hand import Grip
 from hapscene.device.model import device_named, limits_of
-from hapscene.device.omni import Omni
+from hapscene.device.sim.hand import Grip
+from hapscene.device.sim.omni import Omni
 from hapscene.errors import HapsceneError
-from hapscene.files import whole_file, whole_folder
+from hapscene.io.files import whole_file, whole_folder
 from hapscene.stability.wall_chart import write_z_width_chart
 from hapscene.stability.z_width import DAMPINGS_NS_M, Point, StableRegion, place, say_of, trace_all
 from hapscene.surface.swatch import Swatch

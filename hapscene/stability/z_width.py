@@ -17,15 +17,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.device.hand import Grip
 from hapscene.device.model import TOUCH_SPEED_M_S, device_named, limits_of
-from hapscene.device.omni import Omni
-from hapscene.device.point import PointMass
+from hapscene.device.sim.hand import Grip
+from hapscene.device.sim.omni import Omni
+from hapscene.device.sim.point import PointMass
+from hapscene.loop.result import Feel
 from hapscene.parallel import Task, run_tasks
 from hapscene.stability.closed_form import limit_of_small_motion
 from hapscene.stability.rig import Rig
 from hapscene.surface.swatch import Swatch
-from hapscene.twin.result import Feel
 
 REST_M_S: Final = 5e-3
 """Speed of a tool at rest, at most [m/s rms]: half the noise of an encoder of 55 µm at 200 Hz, below what a hand feels

@@ -15,7 +15,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from hapscene.errors import HapsceneError, StudyError, no_such
-from hapscene.files import naming, read_bytes, refusing
+from hapscene.io.files import naming, read_bytes, refusing
 
 __all__ = [
     "Block",

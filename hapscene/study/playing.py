@@ -145,7 +145,7 @@ def handle(
         maker: of the study.
         output: the handle.
         stimuli: all that may be played; their compensators are checked.
-        file: of `hapscene handle identify`; empty for the nominal handle.
+        file: of `hapscene device identify`; empty for the nominal handle.
         clock: measures how long a sound takes.
 
     Raises:

@@ -13,7 +13,7 @@ from typing import Final
 from filelock import FileLock, Timeout
 
 from hapscene.errors import StudyError, warn
-from hapscene.files import naming, read_bytes, refusing
+from hapscene.io.files import naming, read_bytes, refusing
 
 __all__ = ["COLUMNS", "MISSING", "ResultsFile", "load_rows"]
 

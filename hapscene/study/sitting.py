@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final, Self
 
 from hapscene.errors import StudyError
-from hapscene.files import read_bytes, refusing, write_whole
+from hapscene.io.files import read_bytes, refusing, write_whole
 from hapscene.study.plan import PLAN_MAX_B, Plan, check_name, stimuli_sha256
 from hapscene.study.results_file import MISSING, ResultsFile
 from hapscene.study.trial_order import Trial, trials

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hapscene.errors import StudyError
-from hapscene.files import naming, refusing, short
+from hapscene.io.files import naming, refusing, short
 from hapscene.study.discrimination import CERTAINTY, Estimate, d_prime_of, d_prime_of_people, proportion
 from hapscene.study.plan import ChoiceBlock, Plan, RatingBlock, StaircaseBlock, load_plan
 from hapscene.study.results_file import MISSING, load_rows

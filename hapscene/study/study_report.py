@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from hapscene.errors import StudyError
-from hapscene.files import write_whole
+from hapscene.io.files import write_whole
 from hapscene.study.discrimination import Estimate
 from hapscene.study.results_file import load_rows
 from hapscene.study.sitting import RESULTS

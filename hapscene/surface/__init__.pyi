@@ -1,10 +1,5 @@
-from .effect import Effect as Effect
-from .effect import Param as Param
-from .effect import State as State
 from .effect_registry import load_effect as load_effect
 from .life import Life as Life
-from .swatch import Swatch as Swatch
-from .swatch_file import save_swatch as save_swatch
 from .taps import Tap as Tap
 from .taps import Taps as Taps
 from .texture import Texture as Texture

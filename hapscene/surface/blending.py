@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.constants import BLEND_S
-from hapscene.native import native
 from hapscene.surface.surface_arrays import CLEARED
 
 

@@ -14,8 +14,8 @@ from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import INTERPRETED, CFunction, native
 from hapscene.errors import EffectError
-from hapscene.native import INTERPRETED, CFunction, native
 from hapscene.records import OUTPUT, TOUCH
 from hapscene.surface.effect import Effect
 

@@ -11,9 +11,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.errors import EffectError
 from hapscene.geometry import Vector
-from hapscene.native import native
 
 POINT_MAX: Final = 1000
 """Most points of a field [count]: each is looked at in every tick, at about 5 ns."""

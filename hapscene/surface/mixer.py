@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapscene.compiled.native import inlined, native
 from hapscene.flags import Flag
-from hapscene.native import inlined, native
 from hapscene.surface.effect_compile import call_effect
 from hapscene.surface.surface_arrays import FAILED
 

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.native import native
+from hapscene.compiled.native import native
 from hapscene.surface.effect import State
 
 SILENCE_M_S2: Final = 1e-6

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from hapscene.constants import DAMPING_NS_M, STIFFNESS_N_M
 from hapscene.errors import SwatchError
-from hapscene.files import short
+from hapscene.io.files import short
 from hapscene.surface.look import Look
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SwatchError, warn
-from hapscene.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
+from hapscene.io.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
 from hapscene.surface.life import Life
 from hapscene.surface.look import PICTURE_BYTES_MAX, Look
 from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, TOOL_FIELDS, Swatch
@@ -32,7 +32,7 @@ what has none of them is still written as 2 or 3."""
 BYTES_MAX: Final = 32 * 1024 * 1024
 """Largest file that is opened [bytes]. A swatch of 100 models of order 120 has 0.3 MB; the largest that is allowed,
 `NUMBER_MAX` frequencies, has 21 MB. What opening a file takes is bounded by this and by what
-`hapscene.files` counts: 175 MB for the largest that is allowed, 330 MB for the worst that was found."""
+`hapscene.io.files` counts: 175 MB for the largest that is allowed, 330 MB for the worst that was found."""
 
 NUMBER_MAX: Final = 256 * MODEL_MAX
 """Most numbers of one of a texture's lists [count]: `MODEL_MAX` models of order 256, fewer of a higher one."""

@@ -23,7 +23,7 @@ from hapscene.dsp.ar_filter import (
     reflection_from_ar,
 )
 from hapscene.errors import SwatchError
-from hapscene.files import short
+from hapscene.io.files import short
 from hapscene.surface.life import Life
 from hapscene.surface.taps import freeze
 

@@ -26,8 +26,8 @@ from threading import Event, Thread
 from typing import Any, Final
 from urllib.parse import quote, urljoin, urlsplit
 
-from hapscene.errors import SwatchError, did_you_mean, no_such, printable
-from hapscene.files import parse_format, read_bytes, refusing, short, write_whole
+from hapscene.errors import SwatchError, no_such, printable
+from hapscene.io.files import parse_format, read_bytes, refusing, short, write_whole
 from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, is_number, read_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.swatch_summary import figures, words
@@ -146,7 +146,7 @@ def swatch_place(name_or_path: str | os.PathLike[str], folder: str | os.PathLike
         computed = [entry.name for entry in computed_entries()]
         if text not in computed:
             known += [*computed, *(entry.name for home in own_folders(folder) for entry in own_entries(home))]
-            raise SwatchError(no_such("swatch", text, known) + did_you_mean(text, known))
+            raise SwatchError(no_such("swatch", text, known))
     return place / (text + SUFFIX)
 
 

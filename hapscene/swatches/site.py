@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ, ACCELERATION_RATE_HZ
 from hapscene.errors import SwatchError, ViewError, printable
-from hapscene.files import read_bytes, refusing, whole_folder
+from hapscene.io.files import read_bytes, refusing, whole_folder
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, swatch_from_json

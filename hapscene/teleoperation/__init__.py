@@ -4,7 +4,7 @@
 import numpy as np
 import hapscene
 from hapscene.teleoperation import Impairment, Operation
-from hapscene.twin import Intent
+from hapscene.loop import Intent
 
 scene = hapscene.Scene()
 scene.add("assets/meshes/plate.obj", name="plate", unit="mm", swatch="wood")

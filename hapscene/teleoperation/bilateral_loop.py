@@ -9,9 +9,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from hapscene.device.arm import find_tip
+from hapscene.compiled.native import native
+from hapscene.device.sim.arm import find_tip
 from hapscene.geometry import Vector
-from hapscene.native import native
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import hear
 from hapscene.teleoperation.leader_follower import follow, intend, lead

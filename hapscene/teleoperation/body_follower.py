@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.constants import TICK_S
 from hapscene.errors import SceneError, no_such
 from hapscene.geometry import Vector
-from hapscene.native import native
 from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling, control, new_endpoint, place, tell

@@ -14,9 +14,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from hapscene.compiled.native import native
 from hapscene.errors import HapsceneError, no_such
 from hapscene.geometry import Vector
-from hapscene.native import native
 from hapscene.records import records
 from hapscene.teleoperation.jitter_buffer import call, new_queue, store
 from hapscene.teleoperation.wave import CATCH_UP_S, arrive, energy_to_tell, limit_force, repay, tie_follower, tie_leader

@@ -10,8 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.compiled.native import native
 from hapscene.geometry import Vector
-from hapscene.native import native
 from hapscene.records import records
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
 

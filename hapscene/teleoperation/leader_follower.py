@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.compiled.entry import call_flags
+from hapscene.compiled.native import native
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.device.arm import Arm, advance_arm, drive_arm, find_tip, new_arm, read_arm
+from hapscene.device.sim.arm import Arm, advance_arm, drive_arm, find_tip, new_arm, read_arm
 from hapscene.geometry import Vector
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
-from hapscene.native import native
 from hapscene.records import ROW, records
 from hapscene.surface.surface_arrays import TICK
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
@@ -25,7 +25,7 @@ from hapscene.teleoperation.endpoint import Coupling, Endpoint, control, new_end
 from hapscene.teleoperation.jitter_buffer import play_samples
 
 if TYPE_CHECKING:
-    from hapscene.renderer import Renderer
+    from hapscene.render.renderer import Renderer
 
 
 # The tool at the tip of a device: its handle's direction, its acceleration along it, and how vibration moves it.

@@ -11,9 +11,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.dsp.noise import seeded_state, uniform
 from hapscene.errors import HapsceneError
-from hapscene.native import native
 from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE
 

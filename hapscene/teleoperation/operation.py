@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.device.arm import find_tip, simulated_device
 from hapscene.device.model import DeviceLike
+from hapscene.device.sim.arm import find_tip, simulated_device
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
+from hapscene.loop.hand_intent import Intent
 from hapscene.records import records
-from hapscene.renderer import EFFECTS, Renderer
+from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect
 from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate, receive, step_leader
@@ -22,7 +23,6 @@ from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.leader_follower import Follower, Leader, new_follower, new_leader
 from hapscene.teleoperation.link import Impairment, new_link, post
-from hapscene.twin.hand_intent import Intent
 
 if TYPE_CHECKING:
     from hapscene.bridge.simulation import Simulation

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import TICK_S
-from hapscene.device.hand import grip_named
+from hapscene.device.sim.hand import grip_named
 from hapscene.errors import HapsceneError
+from hapscene.loop.hand_intent import Intent
 from hapscene.motion.hand_path import Hand
 from hapscene.motion.look_from_above import TopView
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.twin.hand_intent import Intent
 
 SIDE_M: Final = 0.2
 """Side of the plate [m]: wider than an Omni reaches."""
@@ -59,7 +59,7 @@ def explore(grip: str, give_N_m: float, taps: int = 3, strokes: int = 4) -> Gest
     """Taps, a press, strokes to and fro, and rest where it began.
 
     Args:
-        grip: how firmly the tool is held; a name of `hapscene.device.hand.GRIPS` with a spring.
+        grip: how firmly the tool is held; a name of `hapscene.device.sim.hand.GRIPS` with a spring.
         give_N_m: stiffness of all that gives between the hand and the plate: to press, it aims so much deeper.
         taps, strokes: how many, 2 or more and up to 5; the haptography paper has two taps and five drags.
 

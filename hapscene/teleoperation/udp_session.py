@@ -19,11 +19,12 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.device.omni import Omni
+from hapscene.device.sim.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.interrupt import interrupt_noted
+from hapscene.loop.hand_intent import Intent
 from hapscene.records import records
 from hapscene.teleoperation.bilateral_loop import step_follower, step_leader
 from hapscene.teleoperation.datagram import DATAGRAM, MESSAGE, Gate, pack
@@ -33,7 +34,6 @@ from hapscene.teleoperation.link import Impairment, collect, new_link
 from hapscene.teleoperation.operation import UP, world_of
 from hapscene.teleoperation.test_plate import START_M, explore, plate
 from hapscene.touch import speak
-from hapscene.twin.hand_intent import Intent
 
 __all__ = ["Pace", "UdpSession", "run_follower", "run_leader"]
 
@@ -193,7 +193,7 @@ class UdpSession:
                 return f"the peer has been silent for {PATIENCE_S:g} s"
             if self.gate.session is None and self._role == 0 and silent * TICK_S > WAIT_S:
                 raise HapsceneError(
-                    f"no follower answers at {_name(self._peer)}; start one there: hapscene teleoperate follower"
+                    f"no follower answers at {_name(self._peer)}; start one there: hapscene lab teleoperate follower"
                 )
 
     def _receive(self) -> bool:

@@ -20,8 +20,8 @@ with jitter, loss, reordering, encoder steps and a force that is held over a tic
 import math
 from typing import Any, Final
 
+from hapscene.compiled.native import native
 from hapscene.geometry import Vector
-from hapscene.native import native
 from hapscene.teleoperation.jitter_buffer import next_wave
 
 CATCH_UP_S: Final = 0.03

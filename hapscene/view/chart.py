@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, cast
 import numpy as np
 
 from hapscene.errors import printable
-from hapscene.files import whole_file
+from hapscene.io.files import whole_file
 from hapscene.view.palette import CHART_STYLE, DARK, INK, rgb
 
 if TYPE_CHECKING:

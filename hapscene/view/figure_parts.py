@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.view.body_triangles import scene_solid
 from hapscene.view.camera import facing, pose_of
 from hapscene.view.palette import AIR, FORCE, OKABE_ITO, PATH, Theme

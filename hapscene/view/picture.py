@@ -10,8 +10,8 @@ import numpy as np
 from PIL import Image
 
 from hapscene.errors import ViewError
-from hapscene.files import whole_file
-from hapscene.recording import Recording
+from hapscene.io.files import whole_file
+from hapscene.render.recording import Recording
 from hapscene.view.camera import looks, place, seen_size
 from hapscene.view.figure_parts import ARROW_SPACING, arrow_ticks, make_figure_parts
 from hapscene.view.legend import Legend, entries_of, measures_of

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO, SHADE, swatch_colours
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from hapscene.twin.result import Feel
+    from hapscene.loop.result import Feel
 
 
 COLUMN_COUNT: Final = 2000

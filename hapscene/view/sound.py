@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.files import whole_file
-from hapscene.recording import Recording
+from hapscene.io.files import whole_file
+from hapscene.render.recording import Recording
 
 PEAK_DBFS: Final = -1.0
 """Level of the loudest sample [dB of full scale]: loud, and clear of clipping when a player resamples."""

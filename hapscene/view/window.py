@@ -17,7 +17,7 @@ import numpy as np
 
 from hapscene.errors import ViewError
 from hapscene.interrupt import heard
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.view.figure_parts import FigureParts, make_figure_parts
 from hapscene.view.legend import entries_of
 from hapscene.view.offscreen import last_line

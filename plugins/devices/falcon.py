@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from hapscene.device.driver import Connection, Driver, Option, clip_force
 from hapscene.device.model import Device, Limits
-from hapscene.device.point import PointMass
+from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
 from hapscene.wall_clock import CLOCK, Clock

@@ -4,10 +4,10 @@ from typing import Any, Final
 
 from hapscene.device.driver import Driver, Option
 from hapscene.errors import HandleError
-from hapscene.files import refusing
 from hapscene.handle.live_board import LiveBoard
 from hapscene.handle.serial_handle import SerialWire
-from hapscene.wire.port import BAUD
+from hapscene.io.files import refusing
+from hapscene.io.wire.port import BAUD
 from hapscene_plugins.devices.serial_port import find_ports
 
 BOARD: Final = (

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 
 from hapscene.device.driver import Connection, Driver, Option
 from hapscene.device.model import Device, Limits
-from hapscene.device.point import PointMass
+from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.haply2diy_kinematics import arm_torques, forward

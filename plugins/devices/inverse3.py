@@ -13,7 +13,7 @@ import numpy as np
 
 from hapscene.device.driver import Connection, Driver, Found, Option, clip_force
 from hapscene.device.model import Device, Limits
-from hapscene.device.point import PointMass
+from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import rotation_of
 from hapscene.wall_clock import CLOCK, Clock

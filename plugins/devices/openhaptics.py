@@ -20,11 +20,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.compiled.native import INTERPRETED
 from hapscene.device.driver import Driver, Found, Option, VendorConnection
 from hapscene.device.model import DEVICES
 from hapscene.device.vendor_library import address_of, load_library
 from hapscene.errors import DeviceError
-from hapscene.native import INTERPRETED
 from hapscene.records import records
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.openhaptics_frame import (

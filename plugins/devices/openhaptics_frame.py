@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 from numba import carray, types  # type: ignore[attr-defined]  # numba forgets to say that it exports carray
 
-from hapscene.c_call import c_caller
+from hapscene.compiled.c_call import c_caller
+from hapscene.compiled.native import CFunction, native
 from hapscene.device.driver import DEVICE_STATE
-from hapscene.native import CFunction, native
 
 # what the library knows of no error for
 NOT_IN_INKWELL, NOT_RESET, NOT_FINITE, FORCE_OFF, NO_CALIBRATION = 1, 2, 3, 4, 5

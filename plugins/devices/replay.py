@@ -12,7 +12,7 @@ from hapscene.constants import TICK_S
 from hapscene.device.driver import Connection, Driver, Found, Option
 from hapscene.errors import DeviceError, FormatError
 from hapscene.motion.path_file import TICK_FREE, TICKS_PER_ROW_MAX, load_path
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 
 
 def load(file: str) -> NDArray[np.float64]:

@@ -4,11 +4,11 @@ A hand holds it where it is, as firmly as `grip` says; each `write` lets it live
 """
 
 from hapscene.constants import TICK_S
-from hapscene.device.arm import advance_arm, drive_arm, new_arm, read_arm, simulated_device
 from hapscene.device.driver import Connection, Driver, Found, Option
-from hapscene.device.hand import GRIPS, grip_named
 from hapscene.device.model import DEVICES
-from hapscene.device.omni import stand
+from hapscene.device.sim.arm import advance_arm, drive_arm, new_arm, read_arm, simulated_device
+from hapscene.device.sim.hand import GRIPS, grip_named
+from hapscene.device.sim.omni import stand
 
 MODELS = tuple(name for name, device in DEVICES.items() if device.point is not None)
 

@@ -40,8 +40,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.constants import DAMPING_NS_M, STIFFNESS_N_M
-from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
 from hapscene.surface.resonator import RESONATOR, resonate, strike
 from hapscene.surface.swatch import FRICTION_MAX

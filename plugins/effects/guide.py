@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.errors import EffectError
 from hapscene.geometry import Vector, along, dot, sub
-from hapscene.native import native
 from hapscene.surface.effect import Effect, Param
 from hapscene.surface.field_frame import add_force, eased, fade, field_array, to_frame
 

@@ -33,9 +33,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.constants import LEVEL_BOUND_DB, ORDER_MAX
 from hapscene.dsp.texture_voice import modulate, play, settle, voice_fields
-from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
 from hapscene.surface.resonator import SILENCE_M_S2
 from hapscene.surface.swatch import Swatch

@@ -18,9 +18,9 @@ Each body grips with the numbers of the swatch that broke, whatever is touched w
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.constants import PASSED_MAX, STIFFNESS_N_M
 from hapscene.geometry import along, dot, sub
-from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
 from hapscene.surface.field_frame import to_frame, turn
 

@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.native import native
+from hapscene.compiled.native import native
 from hapscene.surface.effect import Effect, Param, State
 from hapscene.surface.resonator import RESONATOR, resonate, strike
 from hapscene.surface.swatch import Swatch

@@ -20,8 +20,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.errors import EffectError
-from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
 from hapscene.surface.field_frame import add_force, field_array, to_frame
 

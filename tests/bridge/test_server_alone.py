@@ -29,11 +29,11 @@ from hapscene.bridge.packets import (
     unpack_json,
 )
 from hapscene.bridge.server import FLOOD, BridgeServer
-from hapscene.contact_info import Impulse
-from hapscene.device.hand import grip_named
+from hapscene.device.sim.hand import grip_named
 from hapscene.errors import SceneError
 from hapscene.flags import Flag
-from hapscene.servo.servo import ServoState
+from hapscene.loop.servo import ServoState
+from hapscene.render.contact_info import Impulse
 
 from .client_packets import pack_frame, unpack_state
 

@@ -10,8 +10,8 @@ import pytest
 from hapscene.capture.io.datasets import GAP_SAMPLES, read_dataset
 from hapscene.capture.io.formats import read_parquet
 from hapscene.capture.io.recording import BridgedWarning, load_recording
-from hapscene.confined import confined
 from hapscene.errors import CaptureError
+from hapscene.io.confined import confined
 
 G = 9.80665
 

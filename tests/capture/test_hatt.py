@@ -254,14 +254,14 @@ def test_many_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (folder / f"Models_{i}.xml").write_text(text[: len(text) // 2], encoding="utf-8")
     (folder / "Models_55.xml").write_text(edited(text, ("<mu>0.4", "<mu>x")), encoding="utf-8")
     (folder / "Taps_none.xml").write_text("<tapSet/>")
-    assert cli.main(["swatch", "import", "hatt", str(folder), "-o", str(out)]) == 2
+    assert cli.main(["swatch", "import", str(folder), "-o", str(out)]) == 2
     said = capsys.readouterr()
     assert "57 made, 4 broken" in said.out and "58/58" in said.out
     broken = said.err.splitlines()
     assert len(broken) == 4 and all(name in said.err for name in ("_17.xml", "_42.xml", "_55.xml", "Taps_none.xml"))
     assert len(list(out.iterdir())) == 57
     assert load_swatch(out / "59.swatch").name == "Made up 59"
-    assert cli.main(["swatch", "import", "hatt", str(first), "-o", str(out)]) == 0
+    assert cli.main(["swatch", "import", str(first), "-o", str(out)]) == 0
 
 
 def test_interrupted_leaves_whole_swatches(
@@ -276,8 +276,8 @@ def test_interrupted_leaves_whole_swatches(
         return import_hatt(models, taps)
 
     monkeypatch.setattr(hatt, "import_hatt", interrupt)
-    assert cli.main(["swatch", "import", "hatt", str(tmp_path), "-o", str(tmp_path / "out")]) == 130
-    assert "interrupted; the 1 swatches named above are whole" in capsys.readouterr().err
+    assert cli.main(["swatch", "import", str(tmp_path), "-o", str(tmp_path / "out")]) == 130
+    assert "interrupted; the 1 swatches named above are complete" in capsys.readouterr().err
     assert [f.name for f in (tmp_path / "out").iterdir()] == ["a.swatch"]
 
 

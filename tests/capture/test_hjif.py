@@ -218,9 +218,8 @@ def test_bad_requests(tmp_path: Path) -> None:
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "wood.hjif"
-    words = ["swatch", "export", "hjif", "wood", "--force", "1", "--speed", "0.1", "--seconds", "0.2", "-o", str(out)]
-    assert cli.main([*words, "--rate", "8000"]) == 0
+    assert cli.main(["convert", "wood", str(out)]) == 0
     assert "wood.hjif" in capsys.readouterr().out
     content = json.loads(out.read_text(encoding="utf-8"))
     check(content)
-    assert content["timescale"] == 8000
+    assert content["timescale"] == 10000

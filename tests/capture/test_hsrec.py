@@ -9,7 +9,7 @@ import pytest
 from hapscene.capture import FitOptions, fit_swatch, load_recording
 from hapscene.capture.io.hsrec import CutWarning, RecordWriter, load_record
 from hapscene.errors import CaptureError
-from hapscene.wire.protocol import Column, Header, Run
+from hapscene.io.wire.protocol import Column, Header, Run
 from tests.capture.probe_simulator import COLUMNS, FRICTION, strokes
 
 HEADER = Header(1000.0, (Column("acceleration", "g", 0.5), Column("force", "N", 1.0)))

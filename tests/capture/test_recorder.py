@@ -13,7 +13,7 @@ from hapscene.capture.record import recorder
 from hapscene.capture.record.recorder import Made, Meter, record
 from hapscene.cli import main
 from hapscene.errors import CaptureError
-from hapscene.wire.protocol import Column, Count, Header, Run, header_line, sample_line
+from hapscene.io.wire.protocol import Column, Count, Header, Run, header_line, sample_line
 from tests.virtual_clock import VirtualClock
 
 COLUMNS = (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.01))

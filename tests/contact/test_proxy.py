@@ -11,7 +11,7 @@ from hapscene.constants import CAST_MAX, NEAR_MAX
 from hapscene.contact.proxy import move, put
 from hapscene.contact.world import World, build_world
 from hapscene.flags import Flag
-from hapscene.renderer import Renderer
+from hapscene.render.renderer import Renderer
 from hapscene.scene.mesh import Mesh, MeshWarning
 from hapscene.scene.scene import Scene
 

@@ -8,7 +8,7 @@ import trimesh
 
 import hapscene
 from hapscene.contact.shading import corner_normals
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import Swatch
 from hapscene_evidence.chart.stabiliser import FACET_M, FACET_RAD, ridge, ridge_radius_m

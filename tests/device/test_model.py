@@ -27,12 +27,12 @@ from hapscene.device.model import (
     stability_border,
     wall_limit,
 )
-from hapscene.device.point import PointMass
+from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
+from hapscene.loop.hand_intent import Intent
 from hapscene.stability.rig import Rig
 from hapscene.surface.effect import Effect, Param
 from hapscene.surface.swatch import Swatch
-from hapscene.twin.hand_intent import Intent
 
 REAL = ("omni", "phantom-1.0", "premium-1.5")
 

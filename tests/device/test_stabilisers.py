@@ -8,13 +8,13 @@ import trimesh
 
 import hapscene
 from hapscene.device.model import IDEAL, Limits
-from hapscene.device.point import PointMass
+from hapscene.device.sim.point import PointMass
 from hapscene.device.stabilisers import FORGET_S
 from hapscene.flags import Flag
+from hapscene.loop.hand_intent import Intent
 from hapscene.stability.rig import Rig
 from hapscene.surface.effect import Effect
 from hapscene.surface.swatch import Swatch
-from hapscene.twin.hand_intent import Intent
 
 BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
 WATCHING = Limits(guard_Ns_m=1e-12)

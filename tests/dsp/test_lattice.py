@@ -5,9 +5,9 @@ import pytest
 from numpy.polynomial.polynomial import polymul, polypow
 from scipy.signal import lfilter
 
+from hapscene.compiled.native import native
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.dsp.lattice import advance, advance_all, advance_warped, solve_loop
-from hapscene.native import native
 
 
 def rows(k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,5 @@
 """Which files are opened as the painted scenes that they hold, by every command that opens a mesh."""
 
-import argparse
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +12,7 @@ from hapscene.cli import main
 from hapscene.errors import HapsceneError, SceneError
 from hapscene.exchange import export_scene, import_scene, painted_scene
 from hapscene.exchange.swatch_payload import ExchangeWarning
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.touch import open_scene
 
@@ -87,7 +86,7 @@ def test_files_that_cannot_be_read(tmp_path: Path, name: str) -> None:
 def test_commands_open_it_and_say_what_is_lost(
     make_scene: Callable[[int], Scene], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    from hapscene.command.paint import open_session
+    from hapscene.paint.opening import open_session
 
     monkeypatch.chdir(tmp_path)
     scene = make_scene(0)
@@ -99,7 +98,6 @@ def test_commands_open_it_and_say_what_is_lost(
     assert set(felt.body_names) == {body.name for body in scene.bodies}
     assert {"wood", *felt.swatch_names} == {swatch.name for swatch in scene.swatches}
     with pytest.warns(ExchangeWarning):
-        given = {"unit": None, "swatch": None, "two_sided": False, "up": None, "scale": 1.0, "accept_damaged": False}
-        session = open_session(argparse.Namespace(scene="desk.glb", **given, device="omni"), print)
+        session = open_session("desk.glb")
     session.save()
     assert worn(load_scene(tmp_path / "desk.scene.json")) == worn(scene)

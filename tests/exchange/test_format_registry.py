@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from hapscene.errors import SaveConflict, SceneError
-from hapscene.exchange import EXPORTS, export_scene, import_scene, is_mesh_of
+from hapscene.exchange import export_scene, import_scene
+from hapscene.exchange.format_registry import EXPORTS, is_mesh_of
 from hapscene.scene.ply import save_mesh
 from hapscene.scene.scene import Scene
 

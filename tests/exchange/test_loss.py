@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.exchange import EXPORTS, export_scene, import_scene, losses
+from hapscene.exchange import export_scene, import_scene, losses
+from hapscene.exchange.format_registry import EXPORTS
 from hapscene.scene.fine_paint import parts
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Sphere

@@ -21,7 +21,7 @@ from hapscene.handle.live_process import compensator_of, play_recording
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import spectrogram_error
 from hapscene.handle.serial_handle import BUFFER, START
-from hapscene.wire.protocol import WRAP, Column, Header, header_line, sample_line, sealed
+from hapscene.io.wire.protocol import WRAP, Column, Header, header_line, sample_line, sealed
 from tests.handle.serial_board import COLUMNS, Peer
 from tests.virtual_clock import DrivenClock
 

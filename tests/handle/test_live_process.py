@@ -9,7 +9,7 @@ import pytest
 
 from hapscene.errors import HandleError, HapsceneError
 from hapscene.handle.live_process import ChannelSource, LiveHandle, open_output
-from hapscene.servo.shared_memory import Channel, open_channel
+from hapscene.loop.shared_memory import Channel, open_channel
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 

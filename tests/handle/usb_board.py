@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.plant import Plant
-from hapscene.wire.usb_board import UsbBoard
+from hapscene.io.wire.usb_board import UsbBoard
 from tests.handle.serial_board import Peer
 
 RATE_HZ: Final = 5000.0

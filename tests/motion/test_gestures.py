@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from hapscene.device.hand import GRIPS, Grip
+from hapscene.device.sim.hand import GRIPS, Grip
+from hapscene.loop.hand_intent import Intent
 from hapscene.motion.gestures import FREE_S, GESTURES, PRESS_N, RAMP_S, REACH, STROKE_N, TOOL_KG, act, calm_time_s
 from hapscene.motion.hand_path import HESITATION_S, HOVER_M
 from hapscene.scene.scene import Scene
 from hapscene.stability.rig import sheet
 from hapscene.surface.swatch import Swatch
-from hapscene.twin.hand_intent import Intent
 
 TICK_S = 1e-3
 SPAN_M = 0.2 * 0.96 * 22 / 24

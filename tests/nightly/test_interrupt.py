@@ -46,7 +46,7 @@ def test_what_is_ignored_stays_ignored() -> None:
 
 def test_another_thread_may_run_a_command() -> None:
     codes: list[int] = []
-    thread = threading.Thread(target=lambda: codes.append(main(["plugins"])))
+    thread = threading.Thread(target=lambda: codes.append(main(["lab", "effects"])))
     thread.start()
     thread.join()
     assert codes == [0]
@@ -106,7 +106,7 @@ def test_a_terminal_that_is_gone_takes_no_work_along(tmp_path: Path) -> None:
 
 
 def test_a_command_that_is_ended_leaves_no_unfinished_folder(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "hapscene.cli", "demo", "--out", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "hapscene", "demo", "--out", str(tmp_path / "out")]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         end_s = time.monotonic() + 60.0

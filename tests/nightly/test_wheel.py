@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.native import INTERPRETED
+from hapscene.compiled.native import INTERPRETED
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -109,7 +109,7 @@ def test_a_first_touch_takes_little_processor_time(installed: Installed) -> None
 
 
 def test_everything_is_shipped(installed: Installed) -> None:
-    done = installed.run("hapscene", "warmup", cache="everything")
+    done = installed.run("hapscene", "lab", "warmup", cache="everything")
     assert "compiling" not in done.printed and installed.compiled("everything") == 0
 
 

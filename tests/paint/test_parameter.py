@@ -9,7 +9,7 @@ import hapscene
 from hapscene.device.model import IDEAL, limits_of
 from hapscene.errors import EffectError
 from hapscene.paint.model.tuning import Parameter, parameters_of, tuned
-from hapscene.renderer import EFFECTS, Renderer
+from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
 

@@ -6,7 +6,7 @@ import trimesh
 
 import hapscene
 from hapscene.device import PointMass
-from hapscene.twin import Intent, Twin
+from hapscene.loop import Intent, Twin
 from hapscene_plugins.effects import guide, magnet, puncture, viscosity, weight
 
 HERE = (0.0, 0.0, 0.05)

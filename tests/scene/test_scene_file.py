@@ -16,7 +16,7 @@ from trimesh.creation import icosphere
 
 import hapscene
 from hapscene.errors import HapsceneError, SceneError
-from hapscene.files import write_whole
+from hapscene.io.files import write_whole
 from hapscene.scene.mesh import MeshWarning
 from hapscene.scene.scene_file import RUN_MAX, decode_paint, encode_paint, is_own
 from hapscene.surface.swatch import Swatch

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.command.options import load_input, tell_size
+from hapscene.cli.inputs import load_input, tell_size
+from hapscene.cli.options import MeshOptions
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.scene import Scene
 from hapscene.scene.size_advice import REACH_M, size_advice
@@ -70,12 +71,12 @@ def test_scene_as_it_stands_by_what_the_device_reaches() -> None:
 def test_commands_say_it_once_and_nothing_of_a_size_for_a_hand(
     wide: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    load_input(str(wide), "m")
+    load_input(str(wide), MeshOptions(unit="m"))
     assert len(capsys.readouterr().out.splitlines()) == 1  # that it is loaded
-    scene = load_input(str(wide), "mm")
+    scene = load_input(str(wide), MeshOptions(unit="mm"))
     assert capsys.readouterr().out.count("--unit m makes it") == 1
     scene.save(tmp_path / "wide.scene.json")
-    load_input(str(tmp_path / "wide.scene.json"))
+    load_input(str(tmp_path / "wide.scene.json"), MeshOptions())
     told = capsys.readouterr().out
     assert "the scene is 160 × 150 × 120 µm" in told and "--" not in told  # which a scene file would refuse
     (tmp_path / "speck.stl").write_bytes(wide.read_bytes())

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.command.options import load_input
+from hapscene.cli.inputs import load_input
+from hapscene.cli.options import MeshOptions
 from hapscene.errors import HapsceneError, MeshError, SceneError
 from hapscene.exchange import EXPORTS, export_scene, import_scene
 from hapscene.scene.mesh import Mesh
@@ -95,7 +96,7 @@ def test_what_says_this_itself_takes_neither(tmp_path: Path) -> None:
         scene.add(scene.bodies[0].mesh, up="y")
     for name in ("a.scene.json", "a.ply"):
         with pytest.raises(HapsceneError, match=name):
-            load_input(str(tmp_path / name), up="y")
+            load_input(str(tmp_path / name), MeshOptions(up="y"))
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hapscene.device.hand import GRIPS
-from hapscene.device.omni import Omni
-from hapscene.device.point import PointMass
+from hapscene.device.sim.hand import GRIPS
+from hapscene.device.sim.omni import Omni
+from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.stability.rig import AT_M, HOLD, SHEET_M, Rig, sheet
 from hapscene.surface.swatch import Swatch

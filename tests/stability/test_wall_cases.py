@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapscene.device.model import DEVICES
-from hapscene.device.point import PointMass
+from hapscene.device.sim.point import PointMass
 from hapscene.stability import closed_form
 from hapscene.stability.critical import comes_to_rest, critical_stiffness
 from hapscene.stability.rig import Rig

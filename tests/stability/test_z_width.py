@@ -2,10 +2,10 @@
 
 import pytest
 
-from hapscene.device.hand import grip_named
 from hapscene.device.model import device_named
-from hapscene.device.omni import Omni
-from hapscene.device.point import PointMass
+from hapscene.device.sim.hand import grip_named
+from hapscene.device.sim.omni import Omni
+from hapscene.device.sim.point import PointMass
 from hapscene.stability.rig import Rig
 from hapscene.stability.z_width import REST_M_S, WORK_J, Point, StableRegion, place, say_of, trace, try_wall
 from hapscene.surface.swatch import Swatch

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
-from hapscene.device.point import PointMass
+from hapscene.device.sim.point import PointMass
 from hapscene.stability.critical import critical_stiffness, limit_of_motion, motion_growth
 from hapscene.stability.rig import AT_M, Rig
 

@@ -6,7 +6,7 @@ import trimesh
 
 from hapscene.device.model import Limits
 from hapscene.flags import Flag
-from hapscene.renderer import Renderer
+from hapscene.render.renderer import Renderer
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect, Param
 from hapscene.surface.mixer import limit

@@ -6,14 +6,14 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.constants import TICK_S
-from hapscene.device.hand import Grip
-from hapscene.device.point import PointMass
+from hapscene.device.sim.hand import Grip
+from hapscene.device.sim.point import PointMass
+from hapscene.loop.hand_intent import Intent
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operated, Operation
 from hapscene.teleoperation.test_plate import plate
-from hapscene.twin.hand_intent import Intent
 
 BAD: Final = {"jitter_s": 0.005, "loss": 0.05, "reorder": 0.05}
 """The bad line: what comes to each delay."""

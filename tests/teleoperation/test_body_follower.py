@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hapscene.device.hand import Grip
-from hapscene.device.point import PointMass
+from hapscene.device.sim.hand import Grip
+from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
+from hapscene.loop.hand_intent import Intent
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operated, Operation
 from hapscene.teleoperation.test_plate import plate
-from hapscene.twin.hand_intent import Intent
 from tests.teleoperation.delays import WALL_N_M, predict_stiffness
 
 Array = NDArray[np.float64]

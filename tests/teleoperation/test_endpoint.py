@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.errors import HapsceneError
-from hapscene.native import native
 from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.endpoint import ALLOWANCE_J, Coupling, Endpoint, control, hear, new_endpoint, place, tell

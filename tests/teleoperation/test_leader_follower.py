@@ -7,12 +7,13 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.device.point import PointMass
+from hapscene.device.sim.point import PointMass
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
+from hapscene.loop.hand_intent import Intent
 from hapscene.records import records
-from hapscene.renderer import Renderer
+from hapscene.render.renderer import Renderer
 from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate, receive, step_follower, step_leader
 from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.endpoint import Coupling
@@ -32,7 +33,6 @@ from hapscene.teleoperation.leader_follower import (
 from hapscene.teleoperation.link import Impairment, Link, new_link
 from hapscene.teleoperation.operation import UP, world_of
 from hapscene.teleoperation.test_plate import plate
-from hapscene.twin.hand_intent import Intent
 
 DEVICE = PointMass(0.05, 0.1, 0.1, 55e-6)
 H_S = 1.0 / ACCELERATION_RATE_HZ

@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.device.hand import Grip
-from hapscene.device.omni import Omni
-from hapscene.device.point import PointMass
+from hapscene.device.sim.hand import Grip
+from hapscene.device.sim.omni import Omni
+from hapscene.device.sim.point import PointMass
+from hapscene.loop.hand_intent import Intent
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import ALLOWANCE_J, Coupling
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operation
 from hapscene.teleoperation.test_plate import START_M, explore, plate
-from hapscene.twin.hand_intent import Intent
 from tests.teleoperation.delays import (
     BAD,
     ENERGY_MAX_J,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 
 STROKE_HZ = 250.0
 SPANS_S = ((0.2, 0.25), (0.5, 0.55), (0.8, 1.4), (1.6, 1.9))

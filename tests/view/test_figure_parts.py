@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch

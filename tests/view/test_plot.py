@@ -11,7 +11,7 @@ import pytest
 from matplotlib.text import Text
 from PIL import Image
 
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.view.plot import draw_hand_plot, draw_plot, envelope, write_plot
 
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.io import wavfile
 from scipy.signal import welch
 
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.view.sound import write_sound
 
 

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from hapscene.errors import ViewError
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.view.figure_parts import TOOL, make_figure_parts

@@ -17,7 +17,7 @@ from hapscene.dsp.ar_filter import power_response
 from hapscene.dsp.spectrogram import spectrogram as spectrogram_of
 from hapscene.dsp.spectrogram import spectrogram_error as error_of_spectrogram
 from hapscene.errors import CaptureError
-from hapscene.files import refusing
+from hapscene.io.files import refusing
 from hapscene.perception import band_edges_Hz
 
 WINDOW_S: Final = 0.1024

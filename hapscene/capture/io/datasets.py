@@ -20,8 +20,8 @@ import scipy
 from hapscene.capture.io.formats import Column, RecordingSource, read_recording_source
 from hapscene.capture.io.streams import Array
 from hapscene.errors import CaptureError
-from hapscene.files import check_memory, refusing
-from hapscene.number_files import TOO_MUCH
+from hapscene.io.files import check_memory, refusing
+from hapscene.io.number_files import TOO_MUCH
 
 __all__ = ["DATASETS", "GAP_SAMPLES", "Dataset", "read_dataset"]
 

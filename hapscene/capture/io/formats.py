@@ -24,10 +24,10 @@ import scipy
 from numpy.typing import NDArray
 
 from hapscene.capture.io.hsrec import CutWarning, load_record
-from hapscene.confined import confined
 from hapscene.errors import CaptureError, FormatError, warn
-from hapscene.files import check_file_size, check_unpacked, memory_most_B, refusing, unpacked_most_B
-from hapscene.number_files import TOO_MUCH, lines_of, open_npz
+from hapscene.io.confined import confined
+from hapscene.io.files import check_file_size, check_unpacked, memory_most_B, refusing, unpacked_most_B
+from hapscene.io.number_files import TOO_MUCH, lines_of, open_npz
 
 __all__ = ["AXES", "BYTES_MAX", "Column", "RecordingSource", "read_mat", "read_parquet", "read_recording_source"]
 

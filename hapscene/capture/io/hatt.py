@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from hapscene.capture.io.streams import Array
 from hapscene.dsp.ar_filter import lsf_from_ar
 from hapscene.errors import HapsceneError, SwatchError
-from hapscene.files import read_bytes, refusing
+from hapscene.io.files import read_bytes, refusing
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import SUFFIX, save_swatch
 from hapscene.surface.taps import Taps

@@ -24,7 +24,7 @@ from hapscene.capture.fit.synthesis import synthesize
 from hapscene.capture.io.streams import Array
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import SwatchError
-from hapscene.files import write_whole
+from hapscene.io.files import write_whole
 from hapscene.surface.swatch import Swatch, SwatchLike, touched_with
 from hapscene.surface.taps import Taps
 from hapscene.swatches.library import load_swatch

@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import CaptureError
-from hapscene.files import check_memory, read_bytes, refusing, whole_file
-from hapscene.wire.protocol import COLUMN_MAX, Column, Header, Run
+from hapscene.io.files import check_memory, read_bytes, refusing, whole_file
+from hapscene.io.wire.protocol import COLUMN_MAX, Column, Header, Run
 
 __all__ = ["SUFFIX", "SYNC_S", "VALUE_MAX", "CutWarning", "Record", "RecordWriter", "load_record", "save_npz", "taken"]
 

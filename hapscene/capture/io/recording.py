@@ -16,9 +16,9 @@ from hapscene.capture.io.datasets import read_dataset
 from hapscene.capture.io.formats import AXES, RecordingSource, read_recording_source
 from hapscene.capture.io.streams import Array, direction_of, fill_missing, filtered, speed_of
 from hapscene.errors import CaptureError, warn
-from hapscene.files import check_memory, refusing
-from hapscene.number_files import TOO_MUCH
-from hapscene.wire.unit import UNITS
+from hapscene.io.files import check_memory, refusing
+from hapscene.io.number_files import TOO_MUCH
+from hapscene.io.wire.unit import UNITS
 
 __all__ = ["WORDS", "BridgedWarning", "SurfaceRecording", "dft321", "load_recording", "one_axis", "rate_of"]
 

@@ -22,9 +22,9 @@ from hapscene.capture.io.formats import AXES
 from hapscene.capture.io.streams import Array
 from hapscene.capture.record.coverage import Coverage, Wanted
 from hapscene.errors import CaptureError, HapsceneError
+from hapscene.io.wire.protocol import Count, Header, Run
+from hapscene.io.wire.unit import UNITS
 from hapscene.web.server import PageConnection, WebServer
-from hapscene.wire.protocol import Count, Header, Run
-from hapscene.wire.unit import UNITS
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from hapscene.capture.io.hsrec import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, load_record, save_npz, taken
 from hapscene.errors import CaptureError, Codes
-from hapscene.files import refusing
+from hapscene.io.files import refusing
+from hapscene.io.wire.port import BAUD, Port
+from hapscene.io.wire.protocol import VERSION, Count, Decoder, Header, Run
 from hapscene.wall_clock import CLOCK, Clock
-from hapscene.wire.port import BAUD, Port
-from hapscene.wire.protocol import VERSION, Count, Decoder, Header, Run
 
 __all__ = ["FULL", "REACHED", "SILENCE_S", "STOPPED", "TELL_S", "Made", "Meter", "Watcher", "record"]
 

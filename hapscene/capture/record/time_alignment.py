@@ -26,9 +26,9 @@ from hapscene.capture.io.hsrec import Record, save_npz
 from hapscene.capture.io.recording import rate_of
 from hapscene.capture.io.streams import Array, fill_missing
 from hapscene.errors import CaptureError
-from hapscene.files import check_memory, refusing
-from hapscene.number_files import TOO_MUCH
-from hapscene.wire.unit import UNITS
+from hapscene.io.files import check_memory, refusing
+from hapscene.io.number_files import TOO_MUCH
+from hapscene.io.wire.unit import UNITS
 
 __all__ = ["RATIO_MIN", "ClockOffset", "Clocked", "Joined", "clock_offset", "join", "level_changes", "resampled"]
 

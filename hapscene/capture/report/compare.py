@@ -21,7 +21,7 @@ from hapscene.capture.fit.swatch import FitOptions, fit_swatch
 from hapscene.capture.io.recording import SurfaceRecording, load_recording
 from hapscene.capture.io.streams import Array, part_of
 from hapscene.errors import CaptureError, HapsceneError
-from hapscene.files import refusing
+from hapscene.io.files import refusing
 from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import SUFFIX
 from hapscene.surface.taps import Tap, Taps

@@ -26,7 +26,7 @@ from hapscene.capture.report.plots import (
     signed,
 )
 from hapscene.errors import CaptureError
-from hapscene.files import refusing, write_whole
+from hapscene.io.files import refusing, write_whole
 from hapscene.surface.swatch import TOOL_FIELDS, Swatch
 
 if TYPE_CHECKING:

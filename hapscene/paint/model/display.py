@@ -9,9 +9,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import ViewError
-from hapscene.native import native
 from hapscene.paint.model.history import leaf_marks
 from hapscene.paint.model.mesh import PaintableMesh
 from hapscene.paint.model.painting import Changes, Painting, forget_unworn

@@ -10,10 +10,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.constants import SKIN_RATIO
 from hapscene.contact.embree import Search, first_face, fronts_only, new_ray
 from hapscene.geometry import Vector, along, cross, dot, sub
-from hapscene.native import native
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Volume

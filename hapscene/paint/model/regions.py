@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.native import native
 from hapscene.errors import SceneError
-from hapscene.native import native
 from hapscene.paint.model.mesh import PaintableMesh
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import LEAF_MAX, NOTHING, finest_of, parts, whole_faces

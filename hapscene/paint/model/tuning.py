@@ -376,7 +376,7 @@ class SwatchTuning:
 
     def _effect_list(self) -> list[Effect]:
         if self._effects is None:
-            from hapscene.renderer import EFFECTS
+            from hapscene.render.renderer import EFFECTS
             from hapscene.surface.effect_registry import load_effect
 
             self._effects = [load_effect(name) for name in EFFECTS]

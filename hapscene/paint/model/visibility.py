@@ -6,8 +6,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.compiled.native import native
 from hapscene.contact.embree import first_face, fronts_only, new_ray
-from hapscene.native import native
 from hapscene.paint.model.mesh import PaintableMesh
 from hapscene.scene.body import Body
 

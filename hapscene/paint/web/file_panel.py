@@ -174,7 +174,7 @@ class FilePanel:
                 self._show_format()
 
     def _show_format(self) -> None:
-        from hapscene.exchange import is_mesh_of
+        from hapscene.exchange.format_registry import is_mesh_of
 
         export = self._exports.get(self._format.value)
         if export is None:
@@ -200,7 +200,7 @@ class FilePanel:
 def _exports() -> Mapping[str, Any]:
     """Export formats by name; none where the package of the formats is missing."""
     try:
-        from hapscene.exchange import EXPORTS
+        from hapscene.exchange.format_registry import EXPORTS
     except ImportError:
         return {}
     return EXPORTS

@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import DEFAULT_GRIP
-from hapscene.device.hand import GRIPS
 from hapscene.device.model import DEVICES, limits_of
-from hapscene.device.omni import Omni, stand
-from hapscene.device.omni_kinematics import reachable
-from hapscene.device.point import PointMass
+from hapscene.device.sim.hand import GRIPS
+from hapscene.device.sim.omni import Omni, stand
+from hapscene.device.sim.omni_kinematics import reachable
+from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError, no_such
 from hapscene.handle import Plant
+from hapscene.loop import Servo, ServoState
+from hapscene.loop.servo import TickLog
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
-from hapscene.servo import Servo, ServoState
-from hapscene.servo.servo import TickLog
 
 __all__ = [
     "COMPENSATOR_HINTS",

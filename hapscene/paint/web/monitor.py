@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from hapscene.errors import HapsceneError
+from hapscene.loop import ServoState
 from hapscene.paint.web.context import PageContext
-from hapscene.servo import ServoState
 
 __all__ = ["Monitor"]
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import HapsceneError
-from hapscene.files import short
+from hapscene.io.files import short
 from hapscene.paint.web.view import Pointer
 
 __all__ = ["UPLOAD_PATH", "PageSocket", "Uploads", "listed", "number", "parse", "pointer_of", "safe_name"]

@@ -8,7 +8,7 @@ import pytest
 from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
 from hapscene.handle import COMPENSATORS, Plant
-from hapscene.renderer import EFFECTS, Renderer
+from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene_evidence.bench import handle, synthesis
 from hapscene_evidence.bench.accuracy import angle_deg, distances, measure_accuracy
 from hapscene_evidence.bench.case import (

@@ -7,7 +7,7 @@ import pytest
 
 from hapscene.errors import HapsceneError
 from hapscene.handle.compensator import COMPENSATORS
-from hapscene.renderer import EFFECTS
+from hapscene.render.renderer import EFFECTS
 from hapscene_evidence.bench import machine, synthesis
 from hapscene_evidence.bench.case import short
 from hapscene_evidence.bench.handle import SIGNALS

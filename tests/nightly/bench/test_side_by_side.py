@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene.cli import main
 from hapscene.errors import HapsceneError
 from hapscene_evidence.bench.case import RADIUS_M, sphere_cases
+from hapscene_evidence.bench.run import bench_peers
 from hapscene_evidence.bench.sheet import Sheet
 from hapscene_evidence.bench.side_by_side import OURS, Turn, beside, find_cases, find_drivers, measure
 from hapscene_evidence.bench.side_by_side_page import add_peers
@@ -118,17 +118,15 @@ def test_what_a_program_does_wrong_is_told(tmp_path: Path, text: str, told: str)
         measure(drivers, sphere_cases((1,), 400), 1, 0, False, lambda _: None)
 
 
-def test_the_command_says_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for folder, told in ((tmp_path / "none", "no such folder"), (tmp_path, "docs/benchmark.md, ")):
-        assert main(["bench", "--out", str(tmp_path / "out"), "--peers", str(folder)]) == 2
-        assert told in capsys.readouterr().err
+def test_without_programs_it_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(HapsceneError, match=r"docs/benchmark\.md, "):
+        bench_peers(tmp_path, tmp_path / "out", True, None, None, (), (1, 0), False)
     assert not (tmp_path / "out").exists()
 
 
-def test_the_command_writes_table_and_page(tmp_path: Path) -> None:
+def test_peers_write_table_and_page(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    words = ["--quick", "--cases", "1k", "--rounds", "1", "--cold-rounds", "0", "--out", str(out)]
-    assert main(["bench", "--peers", str(build(tmp_path, "hapi_path")), *words]) == 0
+    bench_peers(build(tmp_path, "hapi_path"), out, True, None, None, ("1k",), (1, 0), False)
     assert sorted(file.name for file in out.iterdir()) == ["peers.csv", "peers.md"]
     assert Sheet.read(out / "peers.csv").number("hot, sphere 1 k, HAPI", "contact median") == 0.0
     assert "| HAPI over contact |" in (out / "peers.md").read_text(encoding="utf-8")

@@ -17,7 +17,7 @@ from hapscene.bridge.conventions import Convention
 from hapscene.bridge.orders import Orders
 from hapscene.bridge.packets import HELLO, ORDER, Packet, pack, pack_json, unpack, unpack_json
 from hapscene.bridge.server import BridgeServer
-from hapscene.servo import Servo
+from hapscene.loop import Servo
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
 from hapscene.bridge.web_door import WebDoor

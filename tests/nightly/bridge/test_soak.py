@@ -13,7 +13,7 @@ import trimesh
 from hapscene import Scene
 from hapscene.bridge.orders import Orders
 from hapscene.bridge.server import BridgeServer
-from hapscene.servo import Servo
+from hapscene.loop import Servo
 from tests.idle_loop import IdleLoop
 
 GODOT = Path(__file__).resolve().parents[3] / "examples" / "engines" / "godot"

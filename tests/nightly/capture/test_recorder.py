@@ -19,7 +19,7 @@ from hapscene.capture.io.hsrec import load_record
 from hapscene.capture.record.recorder import Made, record
 from hapscene.errors import CaptureError
 from hapscene.interrupt import ENDS
-from hapscene.wire.port import Port
+from hapscene.io.wire.port import Port
 from tests.capture.test_recorder import HEADER, lines
 from tests.until import until
 

@@ -14,7 +14,7 @@ import pytest
 from scipy.io import savemat, wavfile
 
 from hapscene.capture.io.hsrec import RecordWriter
-from hapscene.wire.protocol import Column, Header, Run
+from hapscene.io.wire.protocol import Column, Header, Run
 from tests.capture.test_recording_safety import record, write
 
 UNITS = {"acceleration": "g", "force": "N", "speed": "m/s"}

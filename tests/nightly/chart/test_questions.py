@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad
 
 from hapscene.perception import DIRECTION_DEG, band_edges_Hz
-from hapscene.renderer import Renderer
+from hapscene.render.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.stability.rig import sheet
 from hapscene.surface.effect_registry import load_effect

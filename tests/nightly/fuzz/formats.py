@@ -18,7 +18,6 @@ import trimesh
 from scipy.io import savemat, wavfile
 
 import hapscene
-from hapscene import recording
 from hapscene.capture import batch
 from hapscene.capture.io.hatt import import_hatt, read_taps
 from hapscene.capture.io.recording import load_recording
@@ -29,9 +28,11 @@ from hapscene.fidelity.fidelity_file import load_fidelity, save_fidelity
 from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.handle_file import handle_to_json, load_handle
 from hapscene.handle.plant import Plant
+from hapscene.io.wire.protocol import Column, Decoder, Header, header_line, sample_line
 from hapscene.motion.path_file import load_path
 from hapscene.paint.web.page_socket import number, parse, pointer_of
 from hapscene.parallel import Journal
+from hapscene.render import recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_doctor import examine
 from hapscene.scene.mesh_file import UNITLESS, load_mesh
@@ -47,7 +48,6 @@ from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 from hapscene.swatches import library
 from hapscene.teleoperation.datagram import MESSAGE, Gate, pack
-from hapscene.wire.protocol import Column, Decoder, Header, header_line, sample_line
 
 Files = Mapping[str, bytes]
 """Contents by name: the file that is broken first, then those beside it."""

@@ -21,7 +21,7 @@ from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_file import save_handle
 from hapscene.handle.live_process import LiveHandle, compensator_of
 from hapscene.handle.plant import Plant
-from hapscene.servo.shared_memory import Channel
+from hapscene.loop.shared_memory import Channel
 from tests.handle.serial_board import Peer, serve
 from tests.handle.test_live_process import channel, where
 from tests.until import PATIENCE_S, until

@@ -24,7 +24,7 @@ def test_the_simulator_is_identified_as_typed(
         assert simulator.stdout is not None
         name = simulator.stdout.readline().strip()
         try:
-            words = ["handle", "identify", "--port", name, "--grips", "2", "--high", "400", "--seconds", "2.5"]
+            words = ["device", "identify", "--port", name, "--grips", "2", "--high", "400", "--seconds", "2.5"]
             assert main([*words, "-o", str(tmp_path / "a.handle")]) == 0
         finally:
             simulator.terminate()

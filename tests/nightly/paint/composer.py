@@ -80,7 +80,7 @@ class Composer:
 @contextmanager
 def painter(folder: Path, *words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """`hapscene paint` in a process of its own, and its address."""
-    command = [sys.executable, "-m", "hapscene.cli", "paint", *words, "--port", "0", "--no-browser"]
+    command = [sys.executable, "-m", "hapscene", "paint", *words, "--port", "0", "--no-browser"]
     with subprocess.Popen(command, stdout=-1, stderr=-1, text=True, cwd=folder) as process:
         try:
             assert process.stdout is not None and process.stderr is not None

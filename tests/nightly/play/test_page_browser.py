@@ -14,10 +14,10 @@ pytest.importorskip("playwright", reason="playwright is not installed: pip insta
 from playwright.sync_api import Browser, Page, expect
 
 import hapscene
+from hapscene.loop import Servo
 from hapscene.play.page_server import PageServer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.servo import Servo
 from tests.until import until
 
 Live = tuple[PageServer, Servo]

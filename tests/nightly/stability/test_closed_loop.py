@@ -9,22 +9,22 @@ import pytest
 from scipy.optimize import brentq
 
 from hapscene.constants import TICK_S
-from hapscene.device.hand import Grip
 from hapscene.device.model import Limits, limits_of
-from hapscene.device.omni import Omni, stand
-from hapscene.device.point import PointMass
+from hapscene.device.sim.hand import Grip
+from hapscene.device.sim.omni import Omni, stand
+from hapscene.device.sim.point import PointMass
 from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play
 from hapscene.handle.sensor import ACCELEROMETER_HZ, Sensor
-from hapscene.renderer import Renderer
+from hapscene.loop.hand_intent import Intent
+from hapscene.loop.twin import Twin
+from hapscene.render.renderer import Renderer
 from hapscene.stability.closed_form import limit_of_small_motion, limit_with_one_delay, limit_without_delay
 from hapscene.stability.critical import DEPTH_M, growth, limit_of_motion
 from hapscene.stability.rig import AT_M, Rig, sheet
 from hapscene.surface.field_frame import EASE_S, FADED_MOST
 from hapscene.surface.swatch import Swatch
-from hapscene.twin.hand_intent import Intent
-from hapscene.twin.twin import Twin
 from hapscene_evidence.bench.handle import PARAMETERS, signals
 
 LEAD = Grip(2e3, 20.0)

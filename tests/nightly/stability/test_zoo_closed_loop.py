@@ -10,13 +10,13 @@ import trimesh
 
 from hapscene.constants import TICK_S
 from hapscene.device.model import IDEAL, limits_of
-from hapscene.device.point import PointMass
+from hapscene.device.sim.point import PointMass
+from hapscene.loop.hand_intent import Intent
+from hapscene.loop.result import Feel
+from hapscene.loop.twin import Twin
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.twin.hand_intent import Intent
-from hapscene.twin.result import Feel
-from hapscene.twin.twin import Twin
 
 pytestmark = pytest.mark.filterwarnings("ignore::hapscene.scene.mesh.MeshWarning")
 

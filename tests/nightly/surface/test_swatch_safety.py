@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene.files import CONTAINER_MAX, VALUE_MAX
+from hapscene.io.files import CONTAINER_MAX, VALUE_MAX
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import BYTES_MAX, save_swatch
 from hapscene.surface.texture import MODEL_MAX, Texture

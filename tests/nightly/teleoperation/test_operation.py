@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from hapscene.device.point import PointMass
+from hapscene.device.sim.point import PointMass
+from hapscene.loop.hand_intent import Intent
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operation
 from hapscene.teleoperation.test_plate import plate
-from hapscene.twin.hand_intent import Intent
 from tests.teleoperation.delays import CASES, ENERGY_MAX_J, REST_MAX_M_S, operate_case
 
 

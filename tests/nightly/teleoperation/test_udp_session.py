@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from hapscene.constants import ACCELERATION_RATE_HZ
-from hapscene.device.omni import Omni
+from hapscene.device.sim.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant

@@ -8,7 +8,7 @@ import trimesh
 from PIL import Image
 
 from hapscene.errors import ViewError
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch

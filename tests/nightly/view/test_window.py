@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.scene.scene import Scene
 from hapscene.view.palette import FORCE, LIGHT, rgb
 from tests.screen import virtual_screen
@@ -65,7 +65,7 @@ def close_window(display: str) -> None:
 
 PLAY = """
 import sys
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene.touch import open_scene
 from hapscene.view.window import play_in_window
 play_in_window(open_scene(sys.argv[1]), Recording.load(sys.argv[2]), "plate")

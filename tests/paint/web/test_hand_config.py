@@ -1,15 +1,14 @@
 """What the hand can hold."""
 
-import argparse
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hapscene.command.paint import add_paint
-from hapscene.command.touch import HAND_DEFAULTS
+from hapscene.cli.paint import TouchOptions
+from hapscene.cli.touch import HandOptions
 from hapscene.device.model import DEVICES
-from hapscene.device.omni import Omni
+from hapscene.device.sim.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.handle import COMPENSATORS
 from hapscene.paint.web.hand import COMPENSATOR_HINTS, HAND_DEVICES, NO_HANDLE, HandConfig
@@ -37,11 +36,8 @@ def test_what_cannot_be_held_is_refused(given: dict[str, Any], said: str) -> Non
 
 
 def test_the_painters_hand_holds_as_that_of_a_touch() -> None:
-    parser = argparse.ArgumentParser()
-    add_paint(parser.add_subparsers())
-    options = parser.parse_args(["paint"])
-    assert HandConfig() == HandConfig(options.device, options.grip, options.compensator)
-    assert HandConfig() == HandConfig(*(HAND_DEFAULTS[name] for name in ("device", "grip", "compensator")))
+    for options in (TouchOptions(), HandOptions()):
+        assert HandConfig() == HandConfig(options.device, options.grip, options.compensator)
 
 
 def test_a_hold_is_told_in_words() -> None:

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from hapscene.constants import DEFAULT_GRIP
-from hapscene.device.hand import GRIPS
+from hapscene.device.sim.hand import GRIPS
 from hapscene.errors import HapsceneError
+from hapscene.loop.servo import ServoState, TickLog
 from hapscene.paint.model.composing import Composing
 from hapscene.paint.model.painting import Painting
 from hapscene.paint.web.hand import (
@@ -26,7 +27,6 @@ from hapscene.paint.web.hand import (
     make_servo,
 )
 from hapscene.scene.scene import Scene
-from hapscene.servo.servo import ServoState, TickLog
 from tests.virtual_clock import PATIENCE_S
 from tests.virtual_servo import TICKS_MAX, VirtualServo
 

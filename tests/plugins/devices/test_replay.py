@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import DeviceError
-from hapscene.recording import Recording
+from hapscene.render.recording import Recording
 from hapscene_plugins.devices.replay import DRIVER
 
 

@@ -84,7 +84,7 @@ class Painter(NamedTuple):
 def painter(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Painter]:
     folder = tmp_path_factory.mktemp("hostile")
     trimesh.creation.box((0.02, 0.02, 0.02)).export(folder / "cube.ply")
-    command = [sys.executable, "-m", "hapscene.cli", "paint", "cube.ply", "--unit", "m", "--port", "0", "--no-hand"]
+    command = [sys.executable, "-m", "hapscene", "paint", "cube.ply", "--unit", "m", "--port", "0", "--no-hand"]
     with (folder / "said").open("w") as said, (folder / "complained").open("w") as complained:
         process = subprocess.Popen([*command, "--no-browser"], cwd=folder, stdout=said, stderr=complained, text=True)
     try:

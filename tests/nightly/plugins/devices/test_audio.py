@@ -34,7 +34,7 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 
 SERVO = """
 import sys, threading, time, numpy as np
-from hapscene.servo.shared_memory import open_channel
+from hapscene.loop.shared_memory import open_channel
 from hapscene.handle.live_process import LiveHandle
 
 def tick(channel, over):

@@ -13,16 +13,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.command.options import key_value
+from hapscene.compiled.native import INTERPRETED
 from hapscene.device.driver import DEVICE_STATE
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
-from hapscene.native import INTERPRETED
 from hapscene.play.first_run import FORCE_N, try_device
 
 
 @pytest.fixture(scope="module")
 def choice(request: pytest.FixtureRequest) -> DeviceChoice:
-    told = dict(map(key_value, request.config.getoption("--device-option")))
+    told = dict(text.split("=", 1) for text in request.config.getoption("--device-option"))
     return DeviceChoice(request.config.getoption("--device") or "simulated", told)
 
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.bound_call import BoundCall, loaded
+from hapscene.compiled.bound_call import BoundCall, loaded
+from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import DeviceError
-from hapscene.native import INTERPRETED
 from hapscene_plugins.devices.openhaptics import DRIVER, ERRORS, OpenHapticsConnection
 from tests.nightly.plugins.devices.vendor_desk import Desk, desk, emulator
 from tests.virtual_clock import StillClock
@@ -350,7 +350,7 @@ def end_by(way: str) -> None:
     """A process of its own, whose device gives 1 N, and its end."""
     code = f"""
 import os, signal, sys, time
-from hapscene.bound_call import BoundCall, loaded
+from hapscene.compiled.bound_call import BoundCall, loaded
 import hapscene.device
 
 def push(address, kind):

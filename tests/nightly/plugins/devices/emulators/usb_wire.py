@@ -12,7 +12,7 @@ from contextlib import suppress
 
 from usb.core import USBError, USBTimeoutError
 
-from hapscene.wire.usb_board import UsbBoard
+from hapscene.io.wire.usb_board import UsbBoard
 
 HEAD = struct.Struct("<BBBHI")
 CONTROL, WRITE, READ, DESCRIBE, CONFIGURE = range(5)

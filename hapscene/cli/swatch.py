@@ -1,0 +1,309 @@
+"""`hapscene swatch`: the library of swatches, comparison, publishing."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace as changed
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from cyclopts import App, Parameter
+
+from hapscene.cli.console import complain, note, say, size_words, table, tell
+from hapscene.cli.options import AsJson, Help, InFiles, InFolder, InPaths, OutFolder, RecordingOptions
+from hapscene.cli.paths import check_swatch, check_there
+from hapscene.errors import SwatchError
+from hapscene.interrupt import heard
+
+if TYPE_CHECKING:
+    from hapscene.capture.report.compare import ComparedSurface, Comparison, Difference
+
+__all__ = ["app"]
+
+RECORDINGS: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".parquet", ".hsrec")  # as in capture, slow to import
+
+app = App(name="swatch", help="Swatches: how surfaces feel.")
+
+Library = Annotated[
+    str | None,
+    Parameter(help="Folder of the library (default: that of $HAPSCENE_LIBRARY, else one in your data folder)."),
+]
+NewName = Annotated[str | None, Parameter(help="Name in the library, of a single swatch.")]
+Replace = Annotated[bool, Parameter(help="Replace a swatch of the same name.")]
+
+
+@app.command(name="list", alias="search")
+def list_swatches(
+    *terms: Annotated[str, Help("Word, tool:WORD, tip:WORD, or bound, as stiffness>500")],
+    library: Library = None,
+    as_json: AsJson = False,
+) -> int:
+    """List swatches, all or those that match: shipped, computed, and of the library.
+
+    for example:
+      hapscene swatch list
+      hapscene swatch search wood "friction<0.4" "roughness>=1"
+      hapscene swatch search tool:probe tip:ball
+    """
+    from hapscene.swatches import library as known
+
+    own = [entry for home in known.own_folders(library) for entry in known.own_entries(home)]
+    groups = {"shipped": known.shipped_entries(), "computed": known.computed_entries(), "library": own}
+    if terms:
+        found = known.search([entry for group in groups.values() for entry in group], terms)
+        groups = {source: [entry for entry in group if entry in found] for source, group in groups.items()}
+    _print_entries(groups, as_json)
+    if not (terms or own or as_json):
+        print(f"the library in {known.library_folder(library)} is empty")
+    if terms and not any(groups.values()):
+        note("no swatch matches")
+        return 1
+    return 0
+
+
+def _print_entries(groups: Mapping[str, Sequence[Any]], as_json: bool = False) -> None:
+    """One line for each swatch with its source, or JSON."""
+    from hapscene.surface.swatch import touched_with
+
+    entries = [(entry, source) for source, group in groups.items() for entry in group]
+    if as_json:
+        keys = ("name", "words", "figures", "licence", "tags", "tool", "tip")
+        found = [{key: getattr(entry, key) for key in keys} | {"from": source} for entry, source in entries]
+        print(json.dumps(found, indent=2, ensure_ascii=False))
+        return
+    for entry, source in entries:
+        touched = touched_with(entry)
+        tell([f"{entry.name:<20}  {source:<8}  {', '.join(entry.words)}{f' ({touched})' if touched else ''}"])
+
+
+@app.command
+def show(swatch: Annotated[str, Help("Name, or .swatch file")], /, *, library: Library = None) -> None:
+    """Describe a swatch: words, figures, origin.
+
+    for example:
+      hapscene swatch show wood
+      hapscene swatch show oak.swatch
+    """
+    from hapscene.surface.swatch_summary import lines
+    from hapscene.swatches.library import find, load_swatch
+
+    own = find(swatch, library) if library else None
+    tell(lines(load_swatch(own or swatch)))
+
+
+@app.command
+def add(
+    files: Annotated[InFiles, Help("Swatch files")],
+    /,
+    *,
+    name: NewName = None,
+    replace: Replace = False,
+    library: Library = None,
+) -> None:
+    """Add swatch files to the library.
+
+    for example:
+      hapscene swatch add oak.swatch
+      hapscene swatch add oak.swatch --name 'oak, oiled'
+    """
+    from hapscene.swatches import library as known
+
+    if name is not None and len(files) > 1:
+        raise SwatchError("--name is for a single file")
+    swatches = [known.load_swatch(Path(file)) for file in files]  # all are read before any is added
+    for swatch in swatches:
+        entry = known.add(swatch if name is None else changed(swatch, name=name), library, replace)
+        tell([f"{entry.name} → {known.library_folder(library) / entry.file}"])
+
+
+@app.command
+def remove(names: Annotated[list[str], Help("Swatches of the library")], /, *, library: Library = None) -> None:
+    """Remove swatches from the library, with their files.
+
+    for example:
+      hapscene swatch remove oak
+    """
+    from hapscene.swatches import library as known
+
+    for name in names:
+        tell([f"removed {known.remove(name, library)}"])
+
+
+@app.command
+def get(
+    *names: Annotated[str, Help("Swatches that its index lists")],
+    url: Annotated[str, Parameter(name="--from", metavar="URL"), Help("Address of the folder of its index.json")],
+    every: Annotated[bool, Parameter(name="--all"), Help("Fetch all swatches that its index lists")] = False,
+    name: NewName = None,
+    replace: Replace = False,
+    library: Library = None,
+) -> int:
+    """Fetch swatches from a library on the web, with their hashes checked; without a name, list what it has.
+
+    for example:
+      hapscene swatch get --from https://example.org/swatches/
+      hapscene swatch get oak birch --from https://example.org/swatches/
+    """
+    if name is not None and (every or len(names) != 1):
+        raise SwatchError("--name is for one swatch")
+    from hapscene.swatches import library as known
+
+    address, entries = known.read_index(url)
+    wanted = [entry.name for entry in entries] if every else names
+    if not wanted:
+        _print_entries({"library": entries})
+    code = 0
+    for i, each in enumerate(wanted, 1):
+        try:
+            entry = known.get(each, address, entries, folder=library, replace=replace, new_name=name)
+        except SwatchError as error:
+            complain(str(error))
+            code = 2
+            continue
+        tell([f"{i}/{len(wanted)}  {entry.name} → {known.library_folder(library) / entry.file}"])
+    return code
+
+
+@app.command(name="import")
+def import_files(
+    files: Annotated[InPaths, Help("Models_X.xml, Taps_X.xml, and folders of them")],
+    /,
+    *,
+    out: OutFolder = Path("out/hatt"),
+) -> int:
+    """Import files of the Penn Haptic Texture Toolkit: models, with the taps of the same name.
+
+    for example:
+      hapscene swatch import Models_oak.xml Taps_oak.xml -o swatches
+      hapscene swatch import Models10000Hz/XML Taps/XML -o swatches
+    """
+    from hapscene.capture.io.hatt import ImportOutcome, import_many
+
+    outcome = ImportOutcome()
+    try:
+        import_many(files, str(out), lambda line: say(f"{line}\n"), outcome)
+    except KeyboardInterrupt:
+        heard()
+        complain(f"interrupted; the {len(outcome.made)} swatches named above are complete")
+        return 130
+    print(f"{len(outcome.made)} made, {len(outcome.broken)} broken")
+    for line in outcome.broken:
+        complain(line)
+    return 2 if outcome.broken else 0
+
+
+# Comparison.
+
+
+@app.command
+def compare(
+    surfaces: Annotated[list[str], Help("Swatches, .swatch files, and recordings, to which swatches are fitted")],
+    /,
+    *,
+    library: Annotated[InFolder | None, Help("Folder of swatches, which are ranked by their distance")] = None,
+    as_json: AsJson = False,
+    recording: RecordingOptions = RecordingOptions(),
+) -> None:
+    """Compare how surfaces feel: two side by side, or one with a library.
+
+    for example:
+      hapscene swatch compare wood paper
+      hapscene swatch compare mine.swatch            # with the shipped swatches
+      hapscene swatch compare mine.swatch --library swatches/
+      hapscene swatch compare a.csv b.csv --rate 10000 --units acceleration=g
+    """
+    for name in surfaces:
+        (check_there if Path(name).suffix.lower() in RECORDINGS else check_swatch)(name)
+    from hapscene.capture.report import compare as comparing
+
+    compared = [comparing.load_surface(name, **recording.reading()) for name in surfaces]
+    swatches = [each.swatch for each in compared]
+    content: dict[str, Any] = {"repeat_jnd": [each.repeat_jnd for each in compared]}
+    if library is None and len(swatches) == 2:
+        comparison = comparing.compare(*swatches)
+        content |= comparison.as_dict()
+        lines = _pair_text(comparison, compared)
+    else:
+        broken: dict[str, str] = {}
+        if library is None and len(swatches) > 1:
+            ranks = [comparing.rank(swatches[0], swatches[1:])]
+        else:
+            known, broken = comparing.load_library(None if library is None else str(library))
+            ranks = [comparing.rank(swatch, [other for other in known if other != swatch]) for swatch in swatches]
+        content |= {"ranked": [[c.as_dict() for c in ranked] for ranked in ranks], "unreadable": broken}
+        lines = [line for ranked in ranks for line in _rank_text(ranked)]
+        for reason in broken.values():
+            note(reason)
+    tell(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).splitlines() if as_json else lines)
+
+
+def _pair_text(comparison: "Comparison", surfaces: Iterable["ComparedSurface"]) -> list[str]:
+    rows = [("", comparison.first, comparison.second, "difference", "felt from", "")]
+    rows += [_row(d) for d in comparison.differences]
+    lines = [*table(rows), "", _sentence(comparison)]
+    if comparison.tools is not None:
+        one, two = comparison.tools
+        lines.append(f"touched with different tools ({one}; {two}): that alone may differ as much as surfaces do")
+    lines += [f"not compared: {name} ({reason})" for name, reason in comparison.skipped.items()]
+    return lines + [
+        f"two halves of {s.swatch.name}'s own recording are {s.repeat_jnd:.1f} JND apart: less may be chance"
+        for s in surfaces
+        if s.repeat_jnd is not None
+    ]
+
+
+def _row(d: "Difference") -> tuple[str, str, str, str, str, str]:
+    q = d.quantity
+    first, second = (
+        f"{v:.3g} {q.value_unit}".removesuffix(" 1") if math.isfinite(v) else "" for v in (d.first, d.second)
+    )
+    change = f"{d.change:.1f}" if math.isnan(d.first) else f"{d.change:+.1f}"
+    return q.name, first, second, f"{change} {q.unit}".replace("-", "−"), f"{q.jnd:g} {q.unit}", d.verdict
+
+
+def _sentence(comparison: "Comparison") -> str:
+    telling = comparison.telling
+    if telling is None:
+        return f"{comparison.first} and {comparison.second} cannot be compared: they have nothing in common"
+    times = f"{comparison.distance_jnd:.1f} times what a person feels"
+    return f"{comparison.second} {comparison.verdict} from {comparison.first}: most by {telling.quantity.name}, {times}"
+
+
+def _rank_text(ranked: Sequence["Comparison"]) -> list[str]:
+    if not ranked:
+        return ["nothing to compare with: the library holds only this surface"]
+    rows = [("", "surface", "distance", "most by", f"from {ranked[0].first}")]
+    for place, c in enumerate(ranked, 1):
+        distance = f"{c.distance_jnd:.1f} JND" if c.telling else ""
+        rows.append((str(place), c.second, distance, c.telling.quantity.name if c.telling else "", c.verdict))
+    return [*table(rows), "1 JND is the least difference that a person feels", ""]
+
+
+@app.command
+def publish(
+    folder: Annotated[Path, Help("Folder of the site")],
+    /,
+    *swatches: Annotated[str, Help("Names, or .swatch files (default: all of the library)")],
+    library: Library = None,
+    shipped: Annotated[bool, Help("Publish the shipped swatches as well")] = False,
+    title: Annotated[str, Help("Title of the first page")] = "Haptic swatches",
+) -> None:
+    """Publish a library as a web site: pages with picture, spectra, sound and licence, and an index.
+
+    Any web server can host it, and the pages can be opened as files. `swatch get`
+    fetches from it. Other files in the folder stay.
+
+    for example:
+      hapscene swatch publish site
+      hapscene swatch publish site oak.swatch wood --title "Woods"
+      python -m http.server --directory site
+    """
+    from hapscene.swatches.site import gather
+    from hapscene.swatches.site import publish as write_site
+
+    entries = write_site(gather(swatches, library, shipped), str(folder), title, say)
+    counted = f"{len(entries)} swatch{'es' * (len(entries) != 1)}"
+    sizes = [file.stat().st_size for file in folder.iterdir() if file.is_file()]
+    tell([f"made: {folder / 'index.html'}  ({counted}, {size_words(sum(sizes))})"])
+    if bare := [entry.name for entry in entries if not entry.licence.strip()]:
+        note(f"no licence is stated for {', '.join(bare[:5])}{' …' if len(bare) > 5 else ''}: others may not use them")

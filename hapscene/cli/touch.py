@@ -1,0 +1,262 @@
+"""`hapscene touch` and `hapscene demo`."""
+
+import json
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from copy import copy
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from hapscene.cli.console import caution, name_made, say
+from hapscene.cli.inputs import check_scene, find_asset, load_input, loading
+from hapscene.cli.options import (
+    Compensator,
+    Count,
+    Dark,
+    Device,
+    Grip,
+    Help,
+    InFile,
+    MeshOptions,
+    Names,
+    OutFolder,
+    Positive,
+    Seed,
+)
+from hapscene.cli.paths import base_name
+from hapscene.constants import ACCELERATION_RATE_HZ, DEFAULT_GRIP, TICK_S
+from hapscene.errors import EffectError, PathError, no_such
+
+if TYPE_CHECKING:
+    from hapscene.bridge import MuJoCo
+    from hapscene.loop import Twin
+    from hapscene.scene.scene import Scene
+
+__all__ = ["demo", "touch"]
+
+
+def demo(
+    *,
+    out: OutFolder = Path("out/demo"),
+    dark: Dark = False,
+    live: Annotated[bool, Help("Touch the scene yourself; nothing is written")] = False,
+) -> None:
+    """Touch the shipped scene: three bodies, four real surfaces, a hand that taps, presses and strokes.
+
+    for example:
+      hapscene demo
+      hapscene demo --live       # yourself, on a page: `hapscene play`
+    """
+    if live:
+        from hapscene.cli.play import play
+
+        play()
+        return
+    from hapscene.view.offscreen import started_ahead
+
+    with started_ahead():
+        from hapscene import assets
+        from hapscene.motion.hand_path import explore
+        from hapscene.touch import open_scene, step
+        from hapscene.touch import touch as run
+
+        with step(say, "loading the demo scene"):
+            scene = open_scene(assets.path("demo"))
+        path = explore(scene, TICK_S)
+        name_made(run(scene, out, path, title="demo.scene.json", dark=dark, say=say, caution=caution))
+
+
+@Parameter(name="*", group="Closed loop: a hand holds a simulated device, which contact forces move")
+@dataclass(frozen=True)
+class HandOptions:
+    """What the hand does and holds."""
+
+    hand: Annotated[str | None, Help("Gesture, as tap, press, stroke, explore; or follow, along --path")] = None
+    grip: Grip = DEFAULT_GRIP
+    device: Device = "omni"
+    compensator: Compensator = "adaptive"
+    delay: Annotated[Count, Help("Delay of the force [ticks]")] = 0
+
+    def check(self, path: Path | None) -> None:
+        """Raise where an option does not fit another one or the path, or a name is unknown."""
+        if self.hand is None:
+            for option, value in asdict(HandOptions()).items():
+                if getattr(self, option) != value:
+                    raise PathError(f"--{option} is for a touch in closed loop; add --hand, as in --hand stroke")
+            return
+        from hapscene.device.model import device_named
+        from hapscene.device.sim.hand import grip_named
+        from hapscene.handle.compensator import find_compensator
+        from hapscene.motion.gestures import GESTURES
+
+        if self.hand not in (*GESTURES, "follow"):
+            raise PathError(no_such("gesture", self.hand, [*GESTURES, "follow"]))
+        if (self.hand == "follow") != (path is not None):
+            raise PathError(f"--hand {self.hand}: only the gesture follow takes a --path, and it needs one")
+        grip_named(self.grip)
+        find_compensator(self.compensator)
+        if device_named(self.device).point is None:
+            raise PathError("an ideal device has no mass to move; choose --device omni, phantom-1.0 or premium-1.5")
+
+
+def _parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Settings such as "weight.mass_kg=0.2" and "guide.points_m=[[0, 0, 0.1]]", by effect."""
+    settings: dict[str, dict[str, Any]] = {}
+    for text in texts:
+        where, _, value = text.partition("=")
+        effect, _, name = where.strip().partition(".")
+        if not (effect and name and value.strip()):
+            raise EffectError(f"--set {text[:40]}: expected EFFECT.NAME=VALUE, as in weight.mass_kg=0.2")
+        settings.setdefault(effect, {})[name] = value.strip()  # the name of a body, unless it is JSON
+        with suppress(ValueError, RecursionError):
+            settings[effect][name] = json.loads(value)
+    return settings
+
+
+def touch(
+    scene: Annotated[str, Help("Scene, mesh, MuJoCo model (.xml), or name of an asset")],
+    /,
+    *,
+    path: Annotated[
+        InFile | None, Help("Path of the tool, CSV: t,x,y,z in s and m (default: a hand explores the scene)")
+    ] = None,
+    out: Annotated[OutFolder | None, Help("Folder for the results (default: out/NAME, as out/bunny)")] = None,
+    effects: Annotated[Names | None, Help("Effects to sum; `hapscene lab effects` lists them")] = None,
+    settings: Annotated[
+        list[str] | None, Parameter(name="--set", metavar="EFFECT.NAME=VALUE"), Help("May be given several times")
+    ] = None,
+    rate: Annotated[Positive, Help("Sample rate of the acceleration channel [Hz]")] = ACCELERATION_RATE_HZ,
+    seed: Seed = 0,
+    fidelity: Annotated[InFile | None, Help("Fidelity file of `hapscene tune`")] = None,
+    no_picture: Annotated[bool, Help("Do not draw scene.png")] = False,
+    dark: Dark = False,
+    view: Annotated[bool, Help("Play the touch in a window afterwards, in real time")] = False,
+    hand: HandOptions = HandOptions(),
+    mesh: MeshOptions = MeshOptions(),
+) -> None:
+    """Touch a scene or a mesh along a path, and write what was felt.
+
+    for example:
+      hapscene touch demo               # an asset: demo, bracket, plate, toad
+      hapscene touch bunny.ply --unit m --swatch wood
+      hapscene touch demo.scene.json --path hand.csv --out out/hand
+      hapscene touch demo.scene.json --hand stroke --grip light
+      hapscene touch demo --effects wall,weight --set weight.mass_kg=0.2
+      hapscene touch table.xml --path push.csv    # a MuJoCo model that is pushed
+    """
+    scene, mesh = find_asset(scene, mesh)
+    check_scene(scene, mesh)
+    out = out or Path("out", base_name(scene))
+    hand.check(path)
+    from hapscene.view.offscreen import started_ahead
+
+    with started_ahead(not no_picture):
+        if view:
+            from hapscene.view.window import check_display
+
+            check_display()
+        of_effects = _parse_settings(settings or ())
+        _check_effects(effects or (), of_effects)
+        loaded, bridge = _opened(scene, mesh, hand.device)
+        render = {"effects": effects, "settings": of_effects, "seed": seed, "a_rate_Hz": rate, "fidelity": fidelity}
+        write = {"title": Path(scene).name, "with_picture": not no_picture, "dark": dark, "bridge": bridge}
+        if hand.hand is None:
+            made = _touch_along(loaded, path, out, render | write)
+        else:
+            made = _touch_by_hand(loaded, path, out, hand, render, write)
+        name_made(made)
+        if view:
+            _show(loaded, out, dark, hand.hand is not None, f"hapscene: {Path(scene).name}")
+
+
+def _check_effects(effects: Sequence[str], settings: Iterable[str]) -> None:
+    """Raise where an effect is unknown, before a mesh is loaded."""
+    from hapscene.surface.effect_registry import load_effect
+
+    for name in effects:
+        load_effect(name)
+    for name in settings:
+        if load_effect(name).scope != "scene" or name not in effects:
+            raise EffectError(f"--set {name}: give it to an effect of the scene that --effects names")
+
+
+def _opened(scene: str, mesh: MeshOptions, device: str) -> "tuple[Scene, MuJoCo | None]":
+    """A scene, and the physics of a MuJoCo model."""
+    from hapscene.touch import is_model, open_model, step
+
+    if not is_model(scene):
+        return load_input(scene, mesh, device), None
+    with step(say, loading(scene)):
+        bridge = open_model(scene, mesh.unit, mesh.swatch, mesh.two_sided)
+    return bridge.scene, bridge
+
+
+def _touch_along(scene: "Scene", path: Path | None, out: Path, how: dict[str, Any]) -> Sequence[Path]:
+    """Touch along a path from a file, or one that explores the scene."""
+    from hapscene.motion.hand_path import explore
+    from hapscene.motion.path_file import load_path
+    from hapscene.touch import step
+    from hapscene.touch import touch as run
+
+    if path is not None:
+        t_s, p_WT = load_path(path, TICK_S)
+        return run(scene, out, p_WT, t_s=t_s, say=say, caution=caution, **how)
+    with step(say, "no --path: a hand feels it from above"):
+        p_WT = explore(_aim(scene, how["bridge"]), TICK_S)
+    return run(scene, out, p_WT, say=say, caution=caution, **how)
+
+
+def _touch_by_hand(
+    scene: "Scene", path: Path | None, out: Path, hand: HandOptions, render: dict[str, Any], write: dict[str, Any]
+) -> Sequence[Path]:
+    """Touch in closed loop."""
+    from hapscene.device.model import device_named, limits_of
+    from hapscene.device.sim.omni import Omni
+    from hapscene.handle import Plant
+    from hapscene.loop import Intent, Twin
+    from hapscene.motion.gestures import act
+    from hapscene.motion.path_file import load_path
+    from hapscene.render.renderer import EFFECTS
+    from hapscene.touch import step, touch_by_hand
+
+    assert hand.hand is not None
+    with step(say, f"the hand: {hand.hand}"):
+        if path is None:
+            intent = act(hand.hand, _aim(scene, write["bridge"]), TICK_S, grip=hand.grip)
+        else:
+            intent = Intent.along(load_path(path, TICK_S)[1], hand.grip)
+    device = device_named(hand.device)
+    held = Omni() if device.name == "omni" else device.point
+    assert held is not None  # as was checked
+    render = render | {"effects": render["effects"] or EFFECTS, "limits": limits_of(device, TICK_S, hand.delay)}
+
+    def ready() -> "Twin":
+        return Twin(scene, held, delay_ticks=hand.delay, handle=Plant(), compensator=hand.compensator, **render)
+
+    write = write | {"title": f"{write['title']}: {hand.hand}, {hand.grip} grip, {hand.device}"}
+    return touch_by_hand(scene, out, intent, ready, say=say, caution=caution, **asdict(hand), **write)
+
+
+def _aim(scene: "Scene", bridge: "MuJoCo | None") -> "Scene":
+    """What a hand goes for: in a MuJoCo model the bodies that move, if any do."""
+    if bridge is None or not bridge.names:
+        return scene
+    moving = copy(scene)
+    moving.bodies = [body for body in scene.bodies if body.name in bridge.names]
+    return moving
+
+
+def _show(scene: "Scene", out: Path, dark: bool, by_hand: bool, title: str) -> None:
+    """Play what was felt in a window, until the window is closed."""
+    from hapscene.render.recording import Recording
+    from hapscene.view.palette import DARK, LIGHT
+    from hapscene.view.window import felt, play_in_window
+
+    recording = Recording.load(out / "touch.npz")
+    if by_hand:
+        recording = felt(recording, out / "hand.npz")
+    print("playing it in a window; close the window, or press Ctrl-C, to end", flush=True)
+    play_in_window(scene, recording, title, theme=DARK if dark else LIGHT)

@@ -1,0 +1,131 @@
+"""What the tool hangs on, driven alike whichever it is: a simulated point mass or Omni in a hand, or a real device."""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hapscene.compiled.native import native
+from hapscene.device.driver import Connection, new_state
+from hapscene.device.model import DEVICES, DeviceLike, device_of
+from hapscene.device.sim.hand import HAND
+from hapscene.device.sim.omni import Omni, advance_omni, hold_omni, read_omni, tip_omni, tip_velocity_omni
+from hapscene.device.sim.omni_record import OMNI
+from hapscene.device.sim.point import POINT, PointMass, advance_point, hold_point, read_point
+from hapscene.errors import HapsceneError
+from hapscene.geometry import Vector
+from hapscene.records import Records, records
+
+SIMULATED_POINT: Final = 0
+SIMULATED_OMNI: Final = 1
+CONNECTED: Final = 2
+
+
+class Arm(NamedTuple):
+    """What acts on the tool besides the scene. One kind of device is used; compiled code needs all to be there."""
+
+    kind: int  # SIMULATED_POINT, SIMULATED_OMNI, CONNECTED
+    point: Records  # (1,) POINT
+    omni: Records  # (1,) OMNI
+    hand: Records  # (1,) HAND, of a simulated one
+    state: Records  # (1,) DEVICE_STATE, of a real one
+    X_WD: NDArray[np.float64]  # (4, 4) where that stands
+
+
+def simulated_device(device: DeviceLike) -> PointMass | Omni:
+    """The simulation of a device, given by its name or as an object.
+
+    Raises:
+        HapsceneError: there is no such device, or it is ideal: without a mass, it cannot be moved.
+    """
+    if isinstance(device, PointMass | Omni):
+        return device
+    known = device_of(device)
+    if known is DEVICES["omni"]:
+        return Omni()
+    if known.point is None:
+        able = ", ".join(name for name, other in DEVICES.items() if other.point is not None)
+        raise HapsceneError(f"device {known.name!r} has no mass that a hand could move; choose one of: {able}")
+    return known.point
+
+
+def new_arm(device: PointMass | Omni | Connection, p_WT_m: Sequence[float], X_WD: ArrayLike | None = None) -> Arm:
+    """A simulated device at rest with its tip at `p_WT_m` (3,), which nothing holds. An Omni stands at `X_WD` (4, 4).
+
+    A real one stands there too; without, the middle of its workspace is at `p_WT_m`, and its axes are those of W.
+
+    Raises:
+        HapsceneError: the tip is out of the simulated device's reach.
+    """
+    hand, point, omni, place = records(1, HAND), records(1, POINT), records(1, OMNI), np.eye(4)
+    if isinstance(device, PointMass):
+        return Arm(SIMULATED_POINT, device.record(p_WT_m), omni, hand, new_state(), place)
+    if isinstance(device, Omni):
+        return Arm(SIMULATED_OMNI, point, device.record(p_WT_m, X_WD), hand, new_state(), place)
+    place[:3, 3] = p_WT_m
+    place = place if X_WD is None else np.array(X_WD, np.float64)
+    return Arm(CONNECTED, point, omni, hand, device.state, place)
+
+
+@native
+def read_arm(arm: "Arm") -> Vector:
+    """What the encoders say: the tool in W [m]."""
+    if arm.kind == CONNECTED:
+        return _read_connected(arm)
+    if arm.kind == SIMULATED_OMNI:
+        return read_omni(arm.omni[0])
+    return read_point(arm.point[0])
+
+
+@native
+def _read_connected(arm: "Arm") -> Vector:
+    p, X = arm.state[0].p_DT_m, arm.X_WD
+    return (
+        X[0, 0] * p[0] + X[0, 1] * p[1] + X[0, 2] * p[2] + X[0, 3],
+        X[1, 0] * p[0] + X[1, 1] * p[1] + X[1, 2] * p[2] + X[1, 3],
+        X[2, 0] * p[0] + X[2, 1] * p[1] + X[2, 2] * p[2] + X[2, 3],
+    )
+
+
+@native
+def drive_arm(arm: "Arm", f_N: Vector) -> None:
+    """The force wanted of the motors from now on, in W [N]."""
+    if arm.kind == CONNECTED:
+        for i in range(3):
+            arm.state[0].f_D_N[i] = arm.X_WD[0, i] * f_N[0] + arm.X_WD[1, i] * f_N[1] + arm.X_WD[2, i] * f_N[2]
+    elif arm.kind == SIMULATED_OMNI:
+        hold_omni(arm.omni[0], f_N[0], f_N[1], f_N[2])
+    else:
+        hold_point(arm.point[0], f_N[0], f_N[1], f_N[2])
+
+
+@native
+def advance_arm(arm: "Arm", h_s: float, count: int = 1) -> None:
+    """Move on `count` times by `h_s`, the hand's target with it; a real one moves by itself."""
+    if arm.kind == SIMULATED_OMNI:
+        advance_omni(arm.omni[0], arm.hand[0], h_s, count)
+    elif arm.kind == SIMULATED_POINT:
+        advance_point(arm.point[0], arm.hand[0], h_s, count)
+
+
+@native
+def find_tip(arm: "Arm") -> Vector:
+    """Where the tool truly is, in W [m]; of a real one, as far as its encoders say."""
+    if arm.kind == CONNECTED:
+        return _read_connected(arm)
+    if arm.kind == SIMULATED_OMNI:
+        return tip_omni(arm.omni[0])
+    x = arm.point[0].x_m
+    return x[0], x[1], x[2]
+
+
+@native
+def find_tip_velocity(arm: "Arm") -> Vector:
+    """How the tool truly moves, in W [m/s]; 0 of a real one, which does not say."""
+    if arm.kind == CONNECTED:
+        return 0.0, 0.0, 0.0
+    if arm.kind == SIMULATED_OMNI:
+        return tip_velocity_omni(arm.omni[0])
+    v = arm.point[0].v_m_s
+    return v[0], v[1], v[2]

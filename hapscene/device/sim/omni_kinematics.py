@@ -1,0 +1,194 @@
+"""Where the Phantom Omni's joints put its tip: forward, inverse and Jacobian, and the stylus' pose.
+
+Frame D stands on the table under the waist, its axes as in OpenHaptics: x to the right, y up, z towards the user.
+The tip T is the gimbal's centre, as in OpenHaptics: the point that the base motors push.
+
+Joints q [rad], as in Çavuşoğlu et al. 2002 and in the dynamics:
+
+- q1, the waist, turns about y: positive to the right.
+- q2, the shoulder, is the upper arm's angle over the horizontal.
+- q3 is the forearm's angle from straight down towards the user, not relative to the upper arm, since a parallelogram
+  drives it from the base. q2 = q3 are orthogonal arms: the nominal posture of the data sheet.
+
+    r = l1 cos q2 + l2 sin q3
+    p_DT = (r sin q1, h + l1 sin q2 − l2 cos q3, r cos q1)
+
+Links and limits: `models/urdf/omni.urdf` of jhu-saw/sawSensablePhantom. Its x axis points to the left and its y axis
+to the user, so waist and shoulder are q1 and q2 as they are; its elbow θ is relative to the upper arm, at which the
+forearm is turned down by 1.5 rad: q3 = q2 + θ + π/2 − 1.5. Its limits on θ therefore bound the difference q3 − q2.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hapscene.compiled.native import native
+from hapscene.geometry import Vector
+
+UPPER_M: Final = 0.134
+"""Length l1 of the upper arm, shoulder to elbow [m]. URDF of sawSensablePhantom; wrong, and the workspace is."""
+
+FOREARM_M: Final = 0.1325
+"""Length l2 of the forearm, elbow to the gimbal's centre [m]. URDF: 0.08 + 0.0525."""
+
+SHOULDER_M: Final = 0.09 + 0.035
+"""Height h of the shoulder over the table [m]. URDF: table to waist 0.09, waist to shoulder 0.035."""
+
+WAIST_RAD: Final = (-0.98, 0.98)
+"""Limits of q1 [rad]. URDF. Below π/2, so that the sign of z tells on which side of the waist's axis the tip is."""
+
+SHOULDER_RAD: Final = (0.0, 1.75)
+"""Limits of q2 [rad]. URDF."""
+
+ELBOW_TURN_RAD: Final = math.pi / 2.0 - 1.5
+"""What is added to the URDF's elbow to have q3 − q2 [rad]."""
+
+ELBOW_RAD: Final = (-0.81 + ELBOW_TURN_RAD, 1.25 + ELBOW_TURN_RAD)
+"""Limits of q3 − q2 [rad]: the URDF's elbow limits, −0.81 and 1.25. Short of ±π/2, where the arm would be stretched
+or folded and the inverse have two answers."""
+
+NOMINAL_RAD: Final = (0.0, 0.65, 0.65)
+"""The nominal posture [rad]: arms orthogonal, as the data sheet has it, the tip in the middle of the workspace. There
+each joint moves the tip at a right angle to the others, at levers of `NOMINAL_LEVER_M`."""
+
+NOMINAL_LEVER_M: Final = (UPPER_M * math.cos(0.65) + FOREARM_M * math.sin(0.65), UPPER_M, FOREARM_M)
+"""Distance by which each joint moves the tip in the nominal posture [m/rad]."""
+
+SINGULAR: Final = 0.05
+"""Fraction of the nominal posture's det J below which a posture counts as singular [1]: a joint's lever on some
+direction is then a twentieth of what it was, and the encoders tell the tip a twentieth as well there."""
+
+Matrix = tuple[Vector, Vector, Vector]
+Turns = tuple[float, float, float, float, float, float]
+
+
+@native
+def turns_at(q1: float, q2: float, q3: float) -> Turns:
+    """Sines and cosines of the joint angles [rad]: sin q1, cos q1, sin q2, cos q2, sin q3, cos q3."""
+    return math.sin(q1), math.cos(q1), math.sin(q2), math.cos(q2), math.sin(q3), math.cos(q3)
+
+
+@native
+def tip(turns: Turns) -> Vector:
+    """The tip p_DT [m]."""
+    s1, c1, s2, c2, s3, c3 = turns
+    r = UPPER_M * c2 + FOREARM_M * s3
+    return r * s1, SHOULDER_M + UPPER_M * s2 - FOREARM_M * c3, r * c1
+
+
+@native
+def lever(turns: Turns) -> Matrix:
+    """Rows of J = ∂p_DT/∂q [m/rad]."""
+    s1, c1, s2, c2, s3, c3 = turns
+    r = UPPER_M * c2 + FOREARM_M * s3
+    out2, out3 = -UPPER_M * s2, FOREARM_M * c3
+    return (r * c1, out2 * s1, out3 * s1), (0.0, UPPER_M * c2, FOREARM_M * s3), (-r * s1, out2 * c1, out3 * c1)
+
+
+@native
+def joints_at(x: float, y: float, z: float) -> Vector:
+    """Joint angles [rad] for a tip [m] in D; those of the nearest reach where it is out of reach. Always finite.
+
+    The arm bends downwards (q3 − q2 < π/2), as its limits ask for. On the waist's axis, where any q1 will do, q1 = 0.
+    """
+    r = math.hypot(x, z)
+    side = 1.0
+    if z < 0.0:  # q1 stays within ±π/2, so the tip is past the waist's axis
+        side = -1.0
+    q1 = math.atan2(side * x, side * z) if r > 0.0 else 0.0
+    r *= side
+    up = y - SHOULDER_M
+    reach2 = r * r + up * up
+    # cosine of the forearm's turn from the upper arm, which is q3 − π/2 − q2 ≤ 0
+    turn = (reach2 - UPPER_M * UPPER_M - FOREARM_M * FOREARM_M) / (2.0 * UPPER_M * FOREARM_M)
+    turn = min(1.0, max(-1.0, turn))
+    elbow = -math.acos(turn)
+    q2 = math.atan2(up, r) - math.atan2(FOREARM_M * math.sin(elbow), UPPER_M + FOREARM_M * turn)
+    if q2 < -math.pi:
+        q2 += 2.0 * math.pi
+    elif q2 > math.pi:
+        q2 -= 2.0 * math.pi
+    return q1, q2, q2 + elbow + math.pi / 2.0
+
+
+@native
+def leverage(turns: Turns) -> float:
+    """det J as a fraction of the nominal posture's [1]: 0 where the arm is singular."""
+    _, _, s2, c2, s3, c3 = turns
+    return (UPPER_M * c2 + FOREARM_M * s3) / NOMINAL_LEVER_M[0] * (c3 * c2 + s3 * s2)
+
+
+@native
+def _forward(q: NDArray[np.float64], p: NDArray[np.float64]) -> None:
+    for i in range(len(q)):
+        p[i, 0], p[i, 1], p[i, 2] = tip(turns_at(q[i, 0], q[i, 1], q[i, 2]))
+
+
+@native
+def _inverse(p: NDArray[np.float64], q: NDArray[np.float64]) -> None:
+    for i in range(len(p)):
+        q[i, 0], q[i, 1], q[i, 2] = joints_at(p[i, 0], p[i, 1], p[i, 2])
+
+
+@native
+def _jacobian(q: NDArray[np.float64], J: NDArray[np.float64]) -> None:
+    for i in range(len(q)):
+        rows = lever(turns_at(q[i, 0], q[i, 1], q[i, 2]))
+        for k in range(3):
+            J[i, 0, k], J[i, 1, k], J[i, 2, k] = rows[0][k], rows[1][k], rows[2][k]
+
+
+def forward(q: ArrayLike) -> NDArray[np.float64]:
+    """The tip p_DT (…, 3) [m] at joint angles q (…, 3) [rad]."""
+    rows, shape = _rows(q)
+    p = np.empty_like(rows)
+    _forward(rows, p)
+    return p.reshape(shape)
+
+
+def inverse(p_DT_m: ArrayLike) -> NDArray[np.float64]:
+    """Joint angles (…, 3) [rad] for tips (…, 3) [m] in D; always finite, and of use only where `reachable`."""
+    rows, shape = _rows(p_DT_m)
+    q = np.empty_like(rows)
+    _inverse(rows, q)
+    return q.reshape(shape)
+
+
+def jacobian(q: ArrayLike) -> NDArray[np.float64]:
+    """J (…, 3, 3) [m/rad] with v_DT = J dq/dt."""
+    rows, shape = _rows(q)
+    J = np.empty((len(rows), 3, 3))
+    _jacobian(rows, J)
+    return J.reshape(*shape, 3)
+
+
+def within_limits(q: ArrayLike) -> NDArray[np.bool_]:
+    """Which postures (…, 3) [rad] are inside the joint limits (…,), to rounding."""
+    rows, shape = _rows(q)
+    low, high = np.array([WAIST_RAD, SHOULDER_RAD, ELBOW_RAD]).T
+    free = np.column_stack([rows[:, 0], rows[:, 1], rows[:, 2] - rows[:, 1]])
+    inside = np.all((free >= low - 1e-9) & (free <= high + 1e-9), axis=1)
+    return np.asarray(inside.reshape(shape[:-1]))
+
+
+def reachable(p_DT_m: ArrayLike) -> NDArray[np.bool_]:
+    """Which tips (…, 3) [m] in D the arm reaches within its joint limits (…,)."""
+    rows, shape = _rows(p_DT_m)
+    q = inverse(rows)
+    met = np.linalg.norm(forward(q) - rows, axis=1) < 1e-9
+    return np.asarray((met & within_limits(q)).reshape(shape[:-1]))
+
+
+def singular(q: ArrayLike) -> NDArray[np.bool_]:
+    """Which postures (…, 3) [rad] are close to singular (…,): tip on the waist's axis, arm stretched or folded."""
+    rows, shape = _rows(q)
+    nominal = math.prod(NOMINAL_LEVER_M)
+    return np.asarray((np.abs(np.linalg.det(jacobian(rows))) < SINGULAR * nominal).reshape(shape[:-1]))
+
+
+def _rows(values: ArrayLike) -> tuple[NDArray[np.float64], tuple[int, ...]]:
+    """As rows (n, 3), and the shape to go back to."""
+    array = np.asarray(values, np.float64)
+    return np.ascontiguousarray(array.reshape(-1, 3)), array.shape

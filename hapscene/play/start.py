@@ -1,0 +1,90 @@
+"""Starting a servo for a person: with a device, or behind a page in the browser."""
+
+import webbrowser
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from platformdirs import user_state_path
+
+from hapscene.loop import Servo
+from hapscene.scene.scene import Scene
+from hapscene.touch import step
+
+if TYPE_CHECKING:
+    from hapscene.device.driver_registry import DeviceChoice
+
+__all__ = ["log_folder", "on_page", "with_device"]
+
+FINGERS: Final = 2
+"""Fingers that touch at a time on the page [count]: each takes 10 µs of a tick."""
+
+
+@contextmanager
+def with_device(
+    scene: Scene,
+    device: "str | DeviceChoice",
+    at: tuple[float, float, float] | None,
+    say: Callable[[str], None],
+    **made: Any,
+) -> Iterator[Servo]:
+    """A servo that runs with a device.
+
+    Args:
+        scene, device: as `Servo` has them.
+        at: centre of the device's workspace in the scene [m]; else the middle of the scene's top.
+        say: is given the progress.
+        made: more arguments of `Servo`.
+    """
+    with ExitStack() as stack:
+        with step(say, f"starting {device if isinstance(device, str) else device.name}"):
+            servo = stack.enter_context(Servo(scene, device, **made))
+        servo.start(at or middle_of_top(scene))
+        yield servo
+
+
+@contextmanager
+def on_page(
+    scene: Scene, place: Mapping[str, Any], with_browser: bool, say: Callable[[str], None], **made: Any
+) -> Iterator[Servo]:
+    """A servo that runs behind a page, whose address is given to `say`, and opened in the browser.
+
+    Args:
+        scene: as `Servo` has it.
+        place: arguments of `PageServer`.
+        with_browser: whether to open the browser.
+        say: is given the progress.
+        made: more arguments of `Servo`.
+    """
+    from hapscene.play.page_server import PageServer
+
+    with PageServer(scene, tools=FINGERS, **place) as page, ExitStack() as stack:
+        say(f"{page.url}   (Ctrl-C ends)\n")
+        if page.public:
+            say("open to the network: whoever has this address may touch\n")
+        if with_browser:
+            webbrowser.open(page.url)
+        with step(say, "starting"):  # the page shows the picture meanwhile
+            servo = stack.enter_context(Servo(scene, page.devices, **made))
+            servo.start([(0.0, 0.0, 0.0)] * page.tools)
+        if servo.handle_report():
+            servo.turn_handle(0.0)  # silent until the page's button turns it on
+            page.sound = lambda on, volume: servo.turn_handle(volume if on else 0.0)
+        page.attach(servo)
+        yield servo
+
+
+def log_folder() -> Path:
+    """Where session logs of this user are kept."""
+    return user_state_path("hapscene", appauthor=False) / "logs"
+
+
+def middle_of_top(scene: Scene) -> tuple[float, float, float]:
+    """The middle of a scene, at the height of its top [m]: what a hand reaches first."""
+    corners = [
+        body.mesh.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3] for body in scene.bodies if len(body.mesh.faces)
+    ]
+    low, high = np.min([c.min(axis=0) for c in corners], axis=0), np.max([c.max(axis=0) for c in corners], axis=0)
+    return float((low[0] + high[0]) / 2), float((low[1] + high[1]) / 2), float(high[2])

@@ -1,0 +1,1 @@
+"""Rendering: one haptic tick, the renderer that drives it, what it returns."""

@@ -1,0 +1,212 @@
+"""A phase of the tick of its own: the contact, described once as a `Touch`, so that all effects agree on it."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.compiled.native import inlined, native
+from hapscene.constants import TINY
+from hapscene.contact.triangle import barycentric, to_body, to_body_before, to_world, turn_to_world
+from hapscene.geometry import Vector, along, dot, norm, sub
+from hapscene.surface.blending import paint_at, take_paint
+
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
+    from hapscene.surface.surface_arrays import Surface
+
+
+@inlined
+def describe(world: "World", surface: "Surface", p_WT: Vector) -> None:
+    """Fill `surface.touch[0]` from the proxy's result and the last tick."""
+    touch, memory, proxy = surface.touch[0], surface.memory[0], world.proxy[0]
+    was_touching, was_depth, was_body = touch.touching, touch.depth_m, touch.body
+    p_WP = (proxy.p_WP_m[0], proxy.p_WP_m[1], proxy.p_WP_m[2])
+    v = (0.0, 0.0, 0.0)
+    if memory.fresh == 0:
+        v = sub(p_WT, (memory.p_WT_m[0], memory.p_WT_m[1], memory.p_WT_m[2]))
+        v = (v[0] / touch.tick_s, v[1] / touch.tick_s, v[2] / touch.tick_s)
+        touch.tick += 1
+    touch.touching = proxy.held
+    touch.crossed = memory.other_crossed = 0
+    touch.began = 1 if proxy.held == 1 and was_touching == 0 else 0
+    touch.ended = 1 if proxy.held == 0 and was_touching == 1 else 0
+    _set(touch.p_WT_m, p_WT)
+    _set(touch.v_WT_m_s, v)
+    if proxy.held == 1:
+        n = _locate(world, surface, p_WT, p_WP)
+        slip = (0.0, 0.0, 0.0)
+        if touch.began == 0 and touch.body == was_body:
+            slip = _slip(world.bodies[touch.body], memory, p_WP, n)
+        drag = _drag(world.bodies[touch.body], p_WP, touch.tick_s)
+        _set(memory.drag_m_s, drag)
+        v_rel = sub(v, drag)
+        _press(touch, memory.smoothing, v_rel, was_depth)
+        _slide(touch, memory, slip, v_rel, n)
+    else:
+        if touch.ended == 1:
+            touch.leaving_m_s = max(0.0, dot(sub(v, _vector(memory.drag_m_s)), _vector(touch.nhat_W)))
+            touch.left_body = -1 if memory.jumped == 1 else was_body
+            body, last = world.bodies[was_body], _vector(memory.p_WP_m)
+            _set(memory.left_B_m, to_body_before(body, last) if body.moved == 1 else to_body(body, last))
+        p_WP = p_WT
+        _set(memory.drag_m_s, (0.0, 0.0, 0.0))
+        _leave(touch)
+    if touch.left_body >= 0:
+        _set(touch.left_W_m, to_world(world.bodies[touch.left_body], _vector(memory.left_B_m)))
+    _enter(world, touch)
+    _set(touch.p_WP_m, p_WP)
+    _set(memory.p_WT_m, p_WT)
+    _set(memory.p_WP_m, p_WP)
+    memory.fresh = memory.jumped = 0
+
+
+@inlined
+def _enter(world: "World", touch: np.record) -> None:
+    """The bodies that the tool is in, and where they are."""
+    proxy = world.proxy[0]
+    touch.inside = proxy.passed_count
+    for k in range(proxy.passed_count):
+        body = world.bodies[proxy.passed[k]]
+        touch.inside_body[k] = proxy.passed[k]
+        for i in range(3):
+            for j in range(3):
+                touch.inside_X_WB[k, 3 * i + j] = body.R_WB[i, j]
+            touch.inside_X_WB[k, 9 + i] = body.p_WB_m[i]
+
+
+@native
+def shade(world: "World", surface: "Surface") -> int:
+    """Turn the normal to that interpolated over the touched face, where all that holds the proxy is one round surface.
+
+    Slip and speeds stay those along the face. Returns no flags.
+    """
+    touch, proxy = surface.touch[0], world.proxy[0]
+    if touch.touching == 0:
+        return 0
+    for i in range(proxy.count):
+        cosine = 0.0
+        for k in range(3):
+            cosine += proxy.nhat_W[i, k] * proxy.nhat_W[proxy.by, k]
+        if cosine < proxy.crease_cos:
+            return 0
+    body = world.bodies[touch.body]
+    row = body.face + touch.face
+    x = y = z = 0.0
+    for k in range(3):
+        w = max(0.0, touch.bary[k])  # a skin past an edge
+        x += w * world.corners_m[row, 3 + k, 0]
+        y += w * world.corners_m[row, 3 + k, 1]
+        z += w * world.corners_m[row, 3 + k, 2]
+    s = turn_to_world(body, (x, y, z))
+    n = touch.nhat_W
+    length = norm(s)
+    if length == 0.0:
+        return 0
+    if s[0] * n[0] + s[1] * n[1] + s[2] * n[2] < 0.0:  # the back of a two-sided face
+        length = -length
+    n[0], n[1], n[2] = s[0] / length, s[1] / length, s[2] / length
+    return 0
+
+
+@inlined
+def _locate(world: "World", surface: "Surface", p_WT: Vector, p_WP: Vector) -> Vector:
+    """What is touched: body, face, swatch, depth and normal. Returns the normal."""
+    touch, proxy = surface.touch[0], world.proxy[0]
+    by = proxy.by
+    touch.body, touch.face = proxy.body[by], proxy.face[by]
+    body = world.bodies[touch.body]
+    for i in range(3):
+        touch.x_WB[i], touch.y_WB[i] = body.R_WB[i, 0], body.R_WB[i, 1]
+    _set(touch.bary, barycentric(world, body, touch.face, p_WP))
+    paint = int(surface.paint[surface.paint_start[touch.body] + touch.face])
+    if paint < 0:
+        paint = paint_at(surface.leaf, surface.leaf_start[-1 - paint], surface.leaf_start[-paint], touch.bary)
+    if paint != touch.swatch or touch.other >= 0:
+        take_paint(touch, surface.memory[0], surface.states, surface.passed_on, paint)
+    out = sub(p_WP, p_WT)
+    depth = norm(out)
+    touch.depth_m = depth
+    if proxy.count == 1 or depth == 0.0:  # the face's own normal: exact however small the depth
+        n = (proxy.nhat_W[by, 0], proxy.nhat_W[by, 1], proxy.nhat_W[by, 2])
+    else:
+        n = (out[0] / depth, out[1] / depth, out[2] / depth)
+    _set(touch.nhat_W, n)
+    touch.stiffness_N_m = surface.stiffness_N_m[touch.swatch]
+    if touch.other >= 0:
+        touch.stiffness_N_m += touch.weight * (surface.stiffness_N_m[touch.other] - touch.stiffness_N_m)
+    touch.normal_force_N = touch.stiffness_N_m * depth
+    return n
+
+
+@native
+def _drag(body: np.record, p_WP: Vector, tick_s: float) -> Vector:
+    """Velocity of the body at a point on it [m/s], 0 for one that stands still."""
+    if body.moved == 0:
+        return 0.0, 0.0, 0.0
+    d = sub(to_world(body, to_body_before(body, p_WP)), p_WP)
+    return d[0] / tick_s, d[1] / tick_s, d[2] / tick_s
+
+
+@native
+def _slip(body: np.record, memory: np.record, p_WP: Vector, n: Vector) -> Vector:
+    """Tangential movement of the proxy over the body in this tick [m]."""
+    last = (memory.p_WP_m[0], memory.p_WP_m[1], memory.p_WP_m[2])
+    if body.moved == 1:
+        last = to_world(body, to_body_before(body, last))
+    d = sub(p_WP, last)
+    return along(d, -dot(d, n), n)
+
+
+@native
+def _press(touch: Any, smoothing: float, v_rel: Vector, was_depth: float) -> None:
+    """Depth over time: its rate within a contact, the speed of approach where one begins."""
+    n = touch.nhat_W
+    if touch.began == 1:
+        into = -(n[0] * v_rel[0] + n[1] * v_rel[1] + n[2] * v_rel[2])
+        touch.approach_m_s = max(0.0, into)
+        touch.depth_rate_m_s = 0.0
+        touch.force_N = 0.0
+    else:
+        touch.depth_rate_m_s = (touch.depth_m - was_depth) / touch.tick_s
+    touch.force_N += smoothing * (touch.normal_force_N - touch.force_N)
+    if touch.force_N < TINY:
+        touch.force_N = 0.0
+
+
+@native
+def _slide(touch: np.record, memory: np.record, slip: Vector, v_rel: Vector, n: Vector) -> None:
+    """Slip of this tick, and its low-passed speed; a contact starts with the tool's own."""
+    k = memory.smoothing
+    s = (memory.slip_m_s[0], memory.slip_m_s[1], memory.slip_m_s[2])
+    if touch.began == 1:
+        s = v_rel
+    else:
+        s = along(s, k / touch.tick_s, slip)
+        s = along(s, -k, (memory.slip_m_s[0], memory.slip_m_s[1], memory.slip_m_s[2]))
+    s = along(s, -dot(s, n), n)
+    speed = norm(s)
+    if speed < TINY:
+        s, speed = (0.0, 0.0, 0.0), 0.0
+    _set(memory.slip_m_s, s)
+    _set(touch.slip_W_m, slip)
+    touch.slip_m_s = speed
+
+
+@native
+def _leave(touch: np.record) -> None:
+    """In the air: no depth, no force, no slip; normal and swatch stay those of the last contact."""
+    touch.body, touch.face = -1, -1
+    touch.depth_m = touch.depth_rate_m_s = touch.normal_force_N = touch.force_N = touch.slip_m_s = 0.0
+    _set(touch.slip_W_m, (0.0, 0.0, 0.0))
+    _set(touch.bary, (0.0, 0.0, 0.0))
+
+
+@native
+def _vector(values: Any) -> Vector:
+    return values[0], values[1], values[2]
+
+
+@native
+def _set(target: NDArray[np.float64], v: Vector) -> None:
+    target[0], target[1], target[2] = v[0], v[1], v[2]

@@ -1,0 +1,273 @@
+"""What a run gives back, a row per tick, and the files it is kept in: touch.npz and touch.csv."""
+
+import math
+from dataclasses import dataclass
+from itertools import repeat
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import FormatError
+from hapscene.io.files import check_memory, refusing, whole_file
+from hapscene.io.number_files import Npz, open_npz
+
+FORMAT_VERSION: Final = 2
+"""Version of the npz layout; a reader refuses a later one. 1 had no `began`, which is made anew, nor `f_body_W_N`."""
+
+BYTES_MAX: Final = 4 << 30
+"""Most bytes that a recording may hold unpacked [B]: three hours at the usual rates. What claims more is
+refused before any of it is read."""
+
+
+class RecordingError(FormatError):
+    """A recording that is missing, broken, of a later version, or whose arrays do not fit together."""
+
+
+# Arrays with one row per tick: type, and shape of a row (None: the acceleration block, of any length).
+_COLUMNS: Final[dict[str, tuple[str, tuple[int, ...] | None]]] = {
+    "t_s": ("f8", ()),
+    "p_WT_m": ("f8", (3,)),
+    "p_WP_m": ("f8", (3,)),
+    "nhat_W": ("f8", (3,)),
+    "depth_m": ("f8", ()),
+    "touching": ("?", ()),
+    "body": ("i4", ()),
+    "face": ("i4", ()),
+    "swatch": ("i4", ()),
+    "f_W_N": ("f8", (3,)),
+    "flags": ("u4", ()),
+    "tick_ns": ("i8", ()),
+    "contact_ns": ("i8", ()),
+    "slip_m_s": ("f8", ()),
+    "normal_force_N": ("f8", ()),
+    "began": ("?", ()),
+    "f_body_W_N": ("f8", (3,)),
+    "a_m_s2": ("f8", None),
+}
+_SINCE_2: Final = ("began", "f_body_W_N")
+_NAMES: Final = ("body_names", "swatch_names", "effects")
+_CSV_ROWS: Final = 10_000  # that are made at once
+_NAME_B: Final = 100  # what a name takes beside its letters
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One run of the renderer: n ticks, SI units, vectors in the world frame W.
+
+    Raises:
+        RecordingError: an array has not n rows or a wrong shape, or an index points past its names.
+    """
+
+    t_s: NDArray[np.float64]
+    """(n,) time since the start [s]."""
+    p_WT_m: NDArray[np.float64]
+    """(n, 3) tool."""
+    p_WP_m: NDArray[np.float64]
+    """(n, 3) proxy: on the surface in contact, at the tool in the air."""
+    nhat_W: NDArray[np.float64]
+    """(n, 3) unit normal out of the surface, from tool to proxy; the last one in the air."""
+    depth_m: NDArray[np.float64]
+    """(n,) distance from tool to proxy, ≥ 0."""
+    touching: NDArray[np.bool_]
+    """(n,) whether the tool is inside a surface."""
+    body: NDArray[np.int32]
+    """(n,) touched body, an index into `body_names`; −1 in the air."""
+    face: NDArray[np.int32]
+    """(n,) touched face of that body's mesh; −1 in the air."""
+    swatch: NDArray[np.int32]
+    """(n,) touched swatch, an index into `swatch_names`; −1 in the air."""
+    f_W_N: NDArray[np.float64]
+    """(n, 3) force on the hand."""
+    flags: NDArray[np.uint32]
+    """(n,) bits of `hapscene.Flag`."""
+    tick_ns: NDArray[np.int64]
+    """(n,) time that the whole tick took [ns]."""
+    contact_ns: NDArray[np.int64]
+    """(n,) time that its contact part took [ns]."""
+    a_m_s2: NDArray[np.float64]
+    """(n, block) acceleration along the handle; sample k of tick i is at `t_s[i] + k / a_rate_Hz`."""
+    a_rate_Hz: float
+    """Rate of the acceleration samples."""
+    body_names: tuple[str, ...]
+    swatch_names: tuple[str, ...]
+    seed: int
+    """Seed of the renderer: what effects drew at random follows from it."""
+    effects: tuple[str, ...]
+    """Names of the effects, in the order in which they were summed."""
+    slip_m_s: NDArray[np.float64]
+    """(n,) low-passed slip speed, by which textures are chosen."""
+    normal_force_N: NDArray[np.float64]
+    """(n,) stiffness times depth."""
+    began: NDArray[np.bool_] = None  # type: ignore[assignment]  # files of version 1 and older scripts have none
+    """(n,) whether the contact begins there."""
+    f_body_W_N: NDArray[np.float64] = None  # type: ignore[assignment]
+    """(n, 3) force of the tool on the touched body, acting at the proxy: of contact alone, nothing cut to the device.
+    NaN where it is not known."""
+
+    def __post_init__(self) -> None:
+        count = len(self.t_s)
+        if self.began is None:
+            before = np.concatenate(([False], self.touching[:-1]))
+            object.__setattr__(self, "began", self.touching & ~before)
+        if self.f_body_W_N is None:
+            object.__setattr__(self, "f_body_W_N", np.full((count, 3), np.nan))
+        for name, (_, row) in _COLUMNS.items():
+            shape = getattr(self, name).shape
+            if shape[:1] != (count,) or (len(shape) != 2 if row is None else shape[1:] != row):
+                wanted = f"({count}, block)" if row is None else str((count, *row))
+                raise RecordingError(f"recording: {name} has shape {shape}, expected {wanted}")
+        for name, names in (("body", self.body_names), ("swatch", self.swatch_names)):
+            index = getattr(self, name)
+            if count and not -1 <= index.min() <= index.max() < len(names):
+                raise RecordingError(f"recording: {name} holds an index outside −1 … {len(names) - 1}")
+
+    def __repr__(self) -> str:
+        touching = int(np.count_nonzero(self.touching))
+        effects = ", ".join(self.effects) or "no effects"
+        return f"<Recording: {len(self):,} ticks, {touching:,} in contact; {effects}; a_rate_Hz={self.a_rate_Hz:g}>"
+
+    def __len__(self) -> int:
+        """Count of ticks."""
+        return len(self.t_s)
+
+    @property
+    def a_t_s(self) -> NDArray[np.float64]:
+        """(n · block,) time of each acceleration sample, row by row [s]."""
+        offset_s = np.arange(self.a_m_s2.shape[1]) / self.a_rate_Hz
+        return (self.t_s[:, None] + offset_s).ravel()
+
+    def save(self, path: str | Path) -> None:
+        """Write the recording as npz, whole or not at all; without pickled objects.
+
+        Raises:
+            OSError: the folder is missing or cannot be written.
+        """
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in _COLUMNS}
+        arrays |= {name: np.array(getattr(self, name), dtype="U") for name in _NAMES}
+        with whole_file(path) as part, part.open("wb") as file:
+            # not compressed: ten seconds are 3 MB, and packing them takes longer than rendering them
+            np.savez(file, format_version=FORMAT_VERSION, a_rate_Hz=self.a_rate_Hz, seed=self.seed, **arrays)
+
+    @classmethod
+    def of_rows(cls, rows: Any, a_m_s2: NDArray[np.float64], t_s: NDArray[np.float64], **more: Any) -> "Recording":
+        """Ticks by their rows (n,) `hapscene.records.ROW`, samples (n, block) and times (n,); `more` is all else."""
+        found = {name: rows[name] for name in _COLUMNS if name in rows.dtype.names}
+        columns: dict[str, Any] = {
+            name: np.ascontiguousarray(values, _COLUMNS[name][0]) for name, values in found.items()
+        }
+        return cls(t_s=t_s, a_m_s2=a_m_s2, **columns, **more)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Recording":
+        """Read a recording that `save` wrote. Safe to call on a file from anybody: nothing in it is run.
+
+        Raises:
+            RecordingError: the file is missing, broken, of a later version, or does not fit together.
+        """
+        path = Path(path)
+        if not path.exists():
+            raise RecordingError(f"{path}: no such file; expected a recording, as touch.npz")
+        with refusing(RecordingError, path):
+            try:
+                if not path.is_file():
+                    raise FormatError("is no file")
+                with open_npz(path, BYTES_MAX, "expected a shorter recording") as archive:
+                    values = _read(archive)
+            except RecordingError:
+                raise
+            except FormatError as error:
+                raise RecordingError(f"not a recording that can be read ({error}); expected touch.npz") from None
+            return cls(**values)
+
+    def save_csv(self, path: str | Path) -> None:
+        """Write one row per tick, whole or not at all; columns are named as the arrays: p_WT_x_m, p_WT_y_m, …
+
+        Bodies and swatches stand by name, empty in the air. a0_m_s2, a1_m_s2, … are the acceleration samples
+        of the tick, at a_rate_Hz. Numbers keep nine digits.
+
+        Raises:
+            OSError: the folder is missing or cannot be written.
+        """
+        with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+            for start in range(0, max(len(self), 1), _CSV_ROWS):  # a number is five times as large in a list
+                header, line, columns = self._csv(slice(start, start + _CSV_ROWS))
+                if start == 0:
+                    file.write(header)
+                rows = zip(*columns, repeat(self.a_rate_Hz), strict=False)
+                file.writelines(line % row for row in rows)
+
+    def _csv(self, part: slice) -> tuple[str, str, list[list[Any]]]:
+        """The first line of the CSV, the form of the others, and the columns of some of them."""
+        header: list[str] = []
+        columns: list[list[Any]] = []
+        form: list[str] = []
+        for name in _COLUMNS:
+            values = getattr(self, name)[part]
+            if name in {"body", "swatch"}:
+                names = [_quoted(text) for text in getattr(self, f"{name}_names")] + [""]  # −1 is the last: empty
+                parts, pattern = {name: [names[i] for i in values.tolist()]}, "%s"
+            else:
+                parts, pattern = _split(name, values), "%.9g" if values.dtype.kind == "f" else "%d"
+            header += parts
+            columns += parts.values()
+            form += [pattern] * len(parts)
+        return ",".join([*header, "a_rate_Hz"]) + "\n", ",".join([*form, "%.9g"]) + "\n", columns
+
+
+def load_touch(path: str | Path) -> Recording:
+    """`Recording.load`: what a run gave back, from the file that `save_touch` or `hapscene touch` wrote."""
+    return Recording.load(path)
+
+
+def save_touch(recording: Recording, path: str | Path) -> None:
+    """`Recording.save`: keep what a run gave back, as touch.npz."""
+    recording.save(path)
+
+
+def _split(name: str, values: NDArray[Any]) -> dict[str, list[Any]]:
+    """Columns of one array by name: `p_WT_m` (n, 3) gives p_WT_x_m, p_WT_y_m, p_WT_z_m."""
+    if values.ndim == 1:
+        return {name: values.tolist()}
+    if name == "a_m_s2":
+        return {f"a{k}_m_s2": values[:, k].tolist() for k in range(values.shape[1])}
+    stem, unit = (name, "") if name == "nhat_W" else name.rsplit("_", 1)
+    return {"_".join(filter(None, (stem, axis, unit))): values[:, k].tolist() for k, axis in enumerate("xyz")}
+
+
+def _quoted(text: str) -> str:
+    """`text` as one CSV cell."""
+    return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\r\n') else text
+
+
+def _read(archive: Npz) -> dict[str, Any]:
+    """The fields of a `Recording`, every array's header checked before any numbers are read."""
+    version = int(_array(archive, "format_version", "iu", 0))
+    if version > FORMAT_VERSION:
+        raise RecordingError(
+            f"is of format version {version}, and this hapscene reads up to {FORMAT_VERSION}; update hapscene"
+        )
+    held = [name for name in _COLUMNS if version > 1 or name not in _SINCE_2]
+    headers = {name: archive.header(name) for name in (*held, *_NAMES)}
+    counts = {name: math.prod(shape) for name, (shape, _) in headers.items()}
+    own_B = sum(counts[name] * dtype.itemsize for name, (_, dtype) in headers.items())
+    needed_B = sum(counts[name] * np.dtype(kind).itemsize for name, (kind, _) in _COLUMNS.items() if name in held)
+    needed_B += sum(counts[name] * (headers[name][1].itemsize + _NAME_B) for name in _NAMES)
+    check_memory(own_B + needed_B, own_B, "its arrays", "expected a shorter recording")
+    values: dict[str, Any] = {name: tuple(_array(archive, name, "U", 1).tolist()) for name in _NAMES}
+    values |= {"a_rate_Hz": float(_array(archive, "a_rate_Hz", "f", 0)), "seed": int(_array(archive, "seed", "iu", 0))}
+    for name in held:
+        kind, row = _COLUMNS[name]
+        dtype = np.dtype(kind)
+        dimension_count = 2 if row is None else 1 + len(row)
+        values[name] = _array(archive, name, dtype.kind, dimension_count).astype(dtype, copy=False)
+    return values
+
+
+def _array(archive: Npz, name: str, kinds: str, dimension_count: int) -> NDArray[Any]:
+    """One array of the archive, if it is of such a kind."""
+    shape, dtype = archive.header(name)
+    if dtype.kind not in kinds or len(shape) != dimension_count:
+        raise RecordingError(f"array {name} is {dtype} {shape}; expected kind {kinds}, {dimension_count} dimensions")
+    return archive.read(name)

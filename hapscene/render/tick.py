@@ -1,0 +1,192 @@
+"""One haptic tick, in order. Read this first.
+
+    read       the tool's position; a bad one is replaced by the last good one
+    couple     it to the tool that touches, where asked for             device/stabilisers.py
+    sweep      the way from the proxy to the tool through the scene     contact/
+    constrain  the proxy to the faces in the way                        contact/
+    describe   the contact, once, so that all effects agree             describe.py
+    render     each effect of the touched swatch                        surface/mixer.py
+    react      what the tool does to the bodies                         reaction.py
+    field      each effect of the scene, felt by the hand alone         surface/mixer.py
+    guard      the wall's energy, where asked for                       device/stabilisers.py
+    mix        their sum, within the limits of the device               surface/mixer.py
+    note       a row
+
+The same function is called by `Renderer.step` for one tick and by `Renderer.run` for many: same bits. It allocates
+nothing, locks nothing and raises nothing; what goes wrong is a `Flag`.
+"""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.clock import now_ns
+from hapscene.compiled.entry import address_of, call_flags
+from hapscene.compiled.native import inlined, native
+from hapscene.contact.moving import place_bodies
+from hapscene.contact.passing import let_in
+from hapscene.contact.proxy import move
+from hapscene.contact.world import NO_SHADE
+from hapscene.device.stabilisers import couple, guard
+from hapscene.flags import Flag
+from hapscene.geometry import Vector
+from hapscene.records import Records
+from hapscene.render.describe import describe, shade
+from hapscene.render.reaction import react
+from hapscene.surface.mixer import limit, render_contact, render_fields
+from hapscene.surface.surface_arrays import COUPLE, FIELDS, GUARD, PLACE, SHADE, TICK
+
+if TYPE_CHECKING:
+    from hapscene.contact.world import World
+    from hapscene.surface.surface_arrays import Surface
+
+_NOT_FINITE = int(Flag.TOOL_NOT_FINITE)
+_UNSETTLED = int(Flag.UNSETTLED)
+_CROWDED = int(Flag.CROWDED)
+_POSE = int(Flag.POSE_REFUSED)
+
+
+@native
+def tick(
+    world: "World", surface: "Surface", x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]
+) -> int:
+    """One tick with the tool at (x, y, z) [m] in W; `row` is one `ROW`, `a_m_s2` (block,) its samples. Returns flags.
+
+    Compiled once for all loops: they call it by `surface.entries[TICK]`, as it calls the phases that few scenes use.
+    """
+    start_ns = now_ns(surface.clock)
+    entries = surface.entries
+    tool_W, flags = _read(surface, x, y, z)
+    p_WT = tool_W
+    if entries[COUPLE] != 0:
+        p_WT = _coupled(surface, tool_W)
+    if not move(world, p_WT):
+        flags |= _UNSETTLED
+    if world.proxy[0].crowded == 1:
+        flags |= _CROWDED
+    if world.proxy[0].refused == 1:
+        flags |= _POSE
+    contact_ns = now_ns(surface.clock) - start_ns
+    describe(world, surface, p_WT)
+    if entries[SHADE] != 0:
+        call_flags(entries[SHADE], (world, surface))
+    flags |= render_contact(surface)
+    react(world, surface)
+    if entries[FIELDS] != 0:
+        flags |= call_flags(entries[FIELDS], (world, surface))
+    if surface.total[0].release != 0:
+        let_in(world)
+    if entries[GUARD] != 0:
+        flags |= call_flags(entries[GUARD], (surface, tool_W))
+    flags |= limit(surface)
+    _keep(surface, tool_W)
+    _note(surface, row, a_m_s2)
+    row.flags = flags
+    row.contact_ns = contact_ns
+    row.tick_ns = now_ns(surface.clock) - start_ns
+    return int(flags)
+
+
+@native
+def run_ticks(
+    world: "World",
+    surface: "Surface",
+    p_WT_m: NDArray[np.float64],
+    moving: NDArray[np.int64],
+    X_WB: NDArray[np.float64],
+    teleported: NDArray[np.int64],
+    rows: Records,
+    a_m_s2: NDArray[np.float64],
+) -> None:
+    """Tick along a path `p_WT_m` (n, 3), the bodies `moving` (m,) at poses `X_WB` (n, m, 4, 4).
+
+    Where `teleported` (m,) is not 0, a body appears at its first pose.
+    """
+    for k in range(len(p_WT_m)):
+        p, moved = p_WT_m[k], (moving, X_WB, teleported, len(moving), k)
+        tick_at(world, surface, moved, (p[0], p[1], p[2]), rows[k], a_m_s2[k])
+
+
+@inlined
+def tick_at(world: Any, surface: Any, moved: Any, p_WT: Vector, row: Any, a_m_s2: NDArray[np.float64]) -> None:
+    """Place the bodies that move, and tick: what every loop does. `moved` is what `place_bodies` takes after these."""
+    entries = surface.entries
+    if entries[PLACE] != 0:
+        call_flags(entries[PLACE], (world, surface, moved[0], moved[1], moved[2], moved[3], moved[4]))
+    call_flags(entries[TICK], (world, surface, p_WT[0], p_WT[1], p_WT[2], row, a_m_s2))
+
+
+def use_tick(world: "World", surface: "Surface", rows: Records, a_m_s2: NDArray[np.float64]) -> None:
+    """Compile the tick, and the phases that its device, its mesh and its effects ask for; or take them from the cache.
+
+    Args:
+        world, surface: on which it will work, with all that is in them.
+        rows, a_m_s2: (n,) ROW and (n, block) samples, as those into which it will write.
+    """
+    entries, point = surface.entries, (0.0, 0.0, 0.0)
+    if surface.limits[0].coupling_N_m > 0.0:
+        entries[COUPLE] = address_of(couple, surface)
+    if surface.limits[0].guard_Ns_m > 0.0:
+        entries[GUARD] = address_of(guard, surface, point)
+    if world.proxy[0].crease_cos < NO_SHADE:
+        entries[SHADE] = address_of(shade, world, surface)
+    if len(surface.effects) > surface.contact_count[0]:
+        entries[FIELDS] = address_of(render_fields, world, surface)
+    entries[TICK] = address_of(tick, world, surface, *point, rows[0], a_m_s2[0])
+
+
+def use_moving_bodies(world: "World", surface: "Surface") -> None:
+    """Compile what moves and deforms bodies, or take it from the cache; before the first tick that needs it."""
+    none = np.zeros(0, np.int64)
+    if surface.entries[PLACE] == 0:
+        surface.entries[PLACE] = address_of(place_bodies, world, surface, none, np.zeros((1, 0, 4, 4)), none, 0, 0)
+
+
+@inlined
+def _coupled(surface: "Surface", tool_W: Vector) -> Vector:
+    """The virtual tool of the coupling."""
+    now = surface.memory[0].now_W_m
+    now[0], now[1], now[2] = tool_W
+    call_flags(surface.entries[COUPLE], (surface,))
+    return now[0], now[1], now[2]
+
+
+@inlined
+def _read(surface: "Surface", x: float, y: float, z: float) -> tuple[Vector, int]:
+    """The tool's position, or the last good one where it is not finite."""
+    if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
+        return (x, y, z), 0
+    last = surface.memory[0].tool_W_m
+    return (last[0], last[1], last[2]), _NOT_FINITE
+
+
+@inlined
+def _keep(surface: "Surface", tool_W: Vector) -> None:
+    """Remember the tool as it was measured."""
+    last = surface.memory[0].tool_W_m
+    last[0], last[1], last[2] = tool_W[0], tool_W[1], tool_W[2]
+
+
+@inlined
+def _note(surface: "Surface", row: np.record, a_m_s2: NDArray[np.float64]) -> None:
+    """Write the tick's row."""
+    touch, total = surface.touch[0], surface.total[0]
+    for i in range(3):
+        row.p_WT_m[i] = touch.p_WT_m[i]
+        row.p_WP_m[i] = touch.p_WP_m[i]
+        row.nhat_W[i] = touch.nhat_W[i]
+        row.f_W_N[i] = total.f_W_N[i]
+        row.f_body_W_N[i] = surface.memory[0].f_body_W_N[i]
+    row.depth_m = touch.depth_m
+    row.touching = touch.touching
+    row.began = touch.began
+    row.approach_m_s = touch.approach_m_s
+    row.body = touch.body
+    row.face = touch.face
+    row.swatch = touch.swatch if touch.touching == 1 else -1
+    row.slip_m_s = touch.slip_m_s
+    row.normal_force_N = touch.normal_force_N
+    for i in range(touch.block):
+        a_m_s2[i] = total.a_m_s2[i]

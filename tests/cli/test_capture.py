@@ -1,0 +1,188 @@
+"""`hapscene capture fit`, as typed."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.cli import main
+from hapscene.surface.swatch_summary import lines
+from hapscene.swatches.library import load_swatch
+
+UNITS = "acceleration=m/s2,speed=mm/s,force=N"
+
+
+def run(*words: str) -> int:
+    return main(["capture", "fit", *words])
+
+
+def write(path: Path, seed: int = 0, count: int = 4000) -> Path:
+    rng = np.random.default_rng(seed)
+    speed, force = 150 + 20 * np.sin(np.arange(count) / 300), 1.5 + 0.3 * np.sin(np.arange(count) / 200)
+    table = np.stack([speed, force, rng.standard_normal(count), np.full(count, 0.4)], axis=1)
+    np.savetxt(path, table, delimiter=",", header="speed,force,accel,friction", comments="")
+    return path
+
+
+def test_a_swatch_a_plot_and_the_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    oak, plot = tmp_path / "oak.swatch", tmp_path / "states.png"
+    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS)
+    assert run(str(write(tmp_path / "a.csv")), "--name", "Eiche", "-o", str(oak), "--plot", str(plot), *options) == 0
+    swatch = load_swatch(oak)
+    assert swatch.name == "Eiche" and swatch.texture is not None
+    assert "a.csv" in swatch.provenance
+    assert swatch.friction_dynamic == pytest.approx(0.4, rel=1e-6)
+    said = capsys.readouterr().out
+    for text in (
+        "of order",
+        "0.4 dynamic (95 %: 0.4 to 0.4)",
+        "taps        none (assumed: no tap",
+        "oak.swatch",
+    ):
+        assert text in said
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")
+def test_a_recording_of_an_undecodable_name_is_fitted(tmp_path: Path) -> None:
+    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
+    assert run(str(write(tmp_path / "a\udcff.csv")), "-o", str(tmp_path / "oak.swatch"), *options) == 0
+    assert "to a\\udcff.csv" in load_swatch(tmp_path / "oak.swatch").provenance
+
+
+def test_several_recordings_are_pooled(tmp_path: Path) -> None:
+    files = [str(write(tmp_path / f"{i}.csv", i)) for i in range(3)]
+    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
+    run(*files, "-o", str(tmp_path / "oak.swatch"), *options)
+    swatch = load_swatch(tmp_path / "oak.swatch")
+    assert swatch.name == "oak" and swatch.texture is not None and swatch.texture.order == 4
+    assert "0.csv, 1.csv, 2.csv" in swatch.provenance
+
+
+@pytest.mark.nightly
+def test_a_batch_gives_each_recording_a_swatch_and_is_resumed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = tmp_path / "in", tmp_path / "swatches"
+    folder.mkdir()
+    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4", "--jobs", "1")
+    for count, said in ((2, "2 fitted"), (3, "1 fitted, 2 done before, 0 failed")):
+        for i in range(count):
+            write(folder / f"r{i}.csv", i)
+        assert main(["capture", "batch", str(folder), "--out", str(out), *options]) == 0
+        assert said in capsys.readouterr().out
+    assert [load_swatch(out / f"r{i}.swatch").name for i in range(3)] == ["r0", "r1", "r2"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["fit", "a.csv"], "a.csv: no such file"),
+        (["fit"], "RECORDINGS"),
+        (["fit", __file__, "-o", "oak"], "must end in .swatch"),
+        (["batch", "-o", "out/", "--list", "files.csv"], "files.csv: no such file"),
+        (["batch", "none", "-o", "out/"], "none: no such file or folder"),
+        (["batch", "-o", "out/"], "no recordings"),
+        (["coverage", __file__, "--force-range", "2", "1"], "--force-range 2 1"),
+    ],
+)
+def test_options_that_do_not_fit_together(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: list[str],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["capture", *words]) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = str(write(tmp_path / "a.csv")), str(tmp_path / "oak.swatch")
+    given = ("--columns", "acceleration=accel", "--units", UNITS)
+    for words, said in (
+        ((path, *given), "--rate HZ"),
+        ((path, "--rate", "2000", "--columns", "acceleration=accel"), "--units acceleration=m/s2"),
+        ((path, "--rate", "2000", "--units", UNITS), "--columns acceleration=accel"),
+        ((path, "--rate", "2000", *given, "--name", "a/b"), "slash"),
+        ((str(write(tmp_path / "b.csv", count=100)), "--rate", "2000", *given), "at least 0.5 s"),
+    ):
+        assert run(*words, "-o", out) == 2
+        assert said in capsys.readouterr().err
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.csv", "b.csv"]
+
+
+@pytest.mark.nightly
+def test_without_a_name_the_swatch_is_called_as_the_recording_and_replaces_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "in").mkdir()
+    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
+    assert run(str(write(tmp_path / "in" / "oak.csv")), *options) == 0
+    assert "  oak.swatch  (" in capsys.readouterr().out
+    before = (tmp_path / "oak.swatch").read_bytes()
+    assert run("in/oak.csv", *options) == 2
+    assert (tmp_path / "oak.swatch").read_bytes() == before
+
+
+# `hapscene capture report`, as typed.
+
+
+def run_report(*words: str) -> int:
+    return main(["capture", "report", *words])
+
+
+def test_a_swatch_alone_makes_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_report("wood", "-o", str(tmp_path / "wood.html")) == 0
+    assert "wood.html" in capsys.readouterr().out
+    assert (tmp_path / "wood.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_a_recording_is_named_on_the_page(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).standard_normal(4000)
+    np.savetxt(tmp_path / "noise.csv", noise, header="a", comments="")
+    options = ("--rate", "2000", "--columns", "acceleration=a", "--units", "acceleration=m/s2")
+    run_report("wood", str(tmp_path / "noise.csv"), "-o", str(tmp_path / "wood.html"), *options)
+    assert "noise.csv: 2.00 s at 2000 Hz" in (tmp_path / "wood.html").read_text(encoding="utf-8")
+
+
+def test_a_report_on_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "a.html"
+    (tmp_path / "silent.csv").write_text("acceleration\n" + "0\n" * 2000)
+    silent = [str(tmp_path / "silent.csv"), "--rate", "1000", "--units", "acceleration=g"]
+    for words, said in (
+        (["oka"], "no swatch 'oka'"),
+        (["wood", "none.csv"], "none.csv"),
+        (["wood", *silent], "silent"),
+    ):
+        assert run_report(*words, "-o", str(page)) == 2
+        assert said in capsys.readouterr().err
+    assert not page.exists()
+
+
+@pytest.mark.nightly
+def test_tool_tip_and_what_was_recorded_beside_are_kept_and_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = np.loadtxt(write(tmp_path / "a.csv"), delimiter=",", skiprows=1)
+    more = np.stack([np.linspace(3.0, 8.0, len(table)), np.linspace(0.0, 25.0, len(table))], axis=1)
+    head = "speed,force,acceleration,friction,grip_force,contact_angle"
+    np.savetxt(tmp_path / "b.csv", np.hstack([table, more]), delimiter=",", header=head, comments="")
+    options = ["--rate", "2000", "--units", f"{UNITS},grip_force=N,contact_angle=deg", "--order", "4"]
+    oak = tmp_path / "oak.swatch"
+    words = [str(tmp_path / "b.csv"), "-o", str(oak), "--tool", "steel probe", "--tip", "3.2 mm ball", *options]
+    assert run(*words) == 0
+    said = capsys.readouterr().out
+    for text in ("steel probe", "3.2 mm ball", "grip force 3.25 to 7.75 N, contact angle 1.25"):
+        assert text in said
+    swatch = load_swatch(oak)
+    assert (swatch.tool, swatch.tip) == ("steel probe", "3.2 mm ball")
+    assert "contact angle 1.25 to 23.7°." in "".join(lines(swatch))
+    page = tmp_path / "oak.html"
+    assert main(["capture", "report", str(oak), str(tmp_path / "b.csv"), "-o", str(page), *options[:4]]) == 0
+    shown = page.read_text(encoding="utf-8")
+    assert "<dd>3.2 mm ball</dd>" in shown and "friction" in shown and "grip force, contact angle" in shown

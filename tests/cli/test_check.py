@@ -1,0 +1,120 @@
+"""`hapscene check` of many: a line each, and an exit code that tells; nothing that not a file is waited for."""
+
+import json
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from hapscene.cli import main
+from hapscene.paint.model.document import stamp_of
+from hapscene.scene.scene import Scene
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "meshes").mkdir()
+    trimesh.creation.box((20, 20, 20)).export("meshes/a.ply")
+    trimesh.creation.box((0.02, 0.02, 0.02)).export("meshes/b.glb")
+    (tmp_path / "meshes" / "readme.txt").write_text("not a mesh")
+    return tmp_path
+
+
+@pytest.fixture
+def unhung() -> Iterator[None]:
+    """What waits for ever fails."""
+
+    def fail(*of: object) -> None:
+        pytest.fail("it waits")
+
+    before = signal.signal(signal.SIGALRM, fail)
+    signal.alarm(20)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def test_a_folder_is_told_in_a_line_each(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "meshes", "--unit", "mm"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "meshes/a.ply: felt"
+    assert lines[1] == "meshes/b.glb: felt"
+    assert lines[2:] == ["2 meshes: 2 felt"]
+
+
+def test_the_exit_code_is_that_of_the_worst(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    turned = trimesh.creation.box((20, 20, 20))
+    turned.invert()
+    turned.export("meshes/c.ply")
+    assert main(["check", "meshes/a.ply", "meshes/c.ply", "--unit", "mm"]) == 1
+    assert "c.ply: felt with faults: 12 faces in closed shells" in capsys.readouterr().out
+    assert main(["check", "meshes/c.ply", "--unit", "mm"]) == 1
+    (folder / "meshes" / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
+    (folder / "meshes" / "d\x1b[31m.stl").write_bytes(b"solid")
+    assert main(["check", "meshes", "--unit", "mm"]) == 2
+    said = capsys.readouterr().out
+    assert "flat.obj: not felt: " in said and "d\\x1b[31m.stl: not readable: the file is truncated" in said
+    assert "\x1b" not in said and said.splitlines()[-1].endswith("1 felt with faults, 1 not felt, 1 not readable")
+
+
+def test_as_json_it_is_a_list(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "meshes", "--json"]) == 2
+    ply, glb = json.loads(capsys.readouterr().out)
+    assert ply["verdict"] == "not readable" and "PLY files carry no unit" in ply["error"]
+    assert glb["verdict"] == "felt" and glb["face_count"] == 12
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+@pytest.mark.parametrize("name", ["x.stl", "x.ply", "x.step", "x.zip", "x.scene.json", "x.glb"])
+@pytest.mark.parametrize("words", [["check"], ["touch"], ["convert"]])
+def test_a_pipe_is_not_waited_for(
+    folder: Path, name: str, words: list[str], unhung: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.mkfifo(name)
+    assert main([*words, name]) == 2
+    assert capsys.readouterr().err == f"hapscene: {name}: is a pipe or a device, which is not read; expected a file\n"
+    assert main(["check", "meshes/a.ply", name, "--unit", "mm"]) == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+def test_nor_beside_a_scene_that_is_saved(folder: Path, unhung: None) -> None:
+    scene = Scene()
+    scene.add("meshes/a.ply", unit="mm")
+    os.mkfifo("other.scene.json")
+    os.mkfifo("x.a.0123abcd.ply")
+    (folder / "x.scene.json").write_text("x.a.0123abcd.ply")
+    scene.save("x.scene.json")
+    os.mkfifo("y.scene.json")
+    scene.save("y.scene.json")
+    with pytest.raises(Exception, match=r"other\.scene\.json: cannot be read: not a file"):
+        stamp_of(Path("other.scene.json"))
+
+
+def test_a_link_that_leads_nowhere_is_not_what_was_meant(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("meshes/gone.glb").symlink_to("nowhere")
+    assert main(["check", "meshes/gone.glb"]) == 2
+    assert capsys.readouterr().err == "hapscene: meshes/gone.glb: no such file\n"
+
+
+def test_one_that_is_missing_is_told_among_the_others(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["meshes/b.glb", "meshes/none.glb", "nowhere/none.stl", "meshes/a.ply"]
+    assert main(["check", *words, "--unit", "mm"]) == 2
+    assert capsys.readouterr().out.splitlines() == [
+        "meshes/b.glb: felt",
+        "meshes/none.glb: not readable: no such file",
+        "nowhere/none.stl: not readable: no such file",
+        "meshes/a.ply: felt",
+        "4 meshes: 2 felt, 2 not readable",
+    ]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")
+def test_an_undecodable_name_is_told_once(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("meshes/c\udcff.stl").write_bytes(b"solid")
+    assert main(["check", "meshes", "--unit", "mm"]) == 2
+    assert capsys.readouterr().out.count("c\\udcff.stl: ") == 1

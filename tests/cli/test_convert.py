@@ -1,0 +1,94 @@
+"""`hapscene convert`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.cli import main
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene, load_scene
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path / "library"))
+    scene = Scene()
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) / 10
+    scene.add(Mesh(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)), name="tetra")
+    scene.paint("tetra", "wood", [1, 2])
+    scene.save(tmp_path / "desk.scene.json")
+    return tmp_path / "desk.scene.json"
+
+
+@pytest.mark.parametrize("suffix", ["glb", "gltf", "ply"])
+def test_there_and_back(suffix: str, desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, back = desk.with_name(f"desk.{suffix}"), desk.with_name("back.scene.json")
+    assert main(["convert", str(desk), str(file)]) == 0
+    said = capsys.readouterr().out
+    assert str(file) in said and "does not come back" in said
+    assert main(["convert", str(file), str(back)]) == 0
+    assert "1 body, 2 of 4 faces painted: plain, wood" in capsys.readouterr().out
+    (was,), (now,) = load_scene(desk).bodies, load_scene(back).bodies
+    assert now.name == "tetra" and now.face_swatch.sum() == was.face_swatch.sum() == 2
+    assert json.loads(back.read_text())["swatches"] == ["plain", "wood"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["SCENE", "desk.fbx"], "no format '.fbx'"),
+        (["SCENE", "desk.glb", "--unit", "mm"], "leave --unit out"),
+        (["none.scene.json", "desk.glb"], "none.scene.json"),
+        (["none.glb", "desk.scene.json"], "no such file"),
+        (["SCENE", "other.scene.json"], "is a scene already"),
+    ],
+)
+def test_what_goes_wrong_is_said_in_a_line(
+    arguments: list[str], message: str, desk: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(desk.parent)
+    before = sorted(desk.parent.iterdir())
+    assert main(["convert", *(str(desk) if word == "SCENE" else word for word in arguments)]) == 2
+    said = capsys.readouterr().err
+    assert message in said and said.count("\n") == 1
+    assert sorted(desk.parent.iterdir()) == before
+
+
+def test_a_file_that_is_there_is_replaced_where_it_is_asked_for(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (desk.with_name("desk.mtl")).write_text("theirs")
+    glb = desk.with_name("desk.glb")
+    for words in ([str(desk), str(desk.with_name("desk.obj"))], [str(glb), str(desk)]):
+        if words[0] == str(glb):
+            assert main(["convert", str(desk), str(glb)]) == 0
+            capsys.readouterr()
+        before = {file: file.read_bytes() for file in desk.parent.iterdir() if file.is_file()}
+        assert main(["convert", *words]) == 2
+        said = capsys.readouterr().err
+        assert "is there already" in said and said.count("\n") == 1
+        assert {file: file.read_bytes() for file in desk.parent.iterdir() if file.is_file()} == before
+        assert main(["convert", *words, "--replace"]) == 0
+    assert desk.with_name("desk.mtl").read_text().startswith("newmtl")
+
+
+def test_no_export_takes_the_place_of_a_mesh_of_the_scene(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (mesh,) = desk.parent.glob("desk.tetra.*.ply")
+    before = mesh.read_bytes()
+    assert main(["convert", str(desk), str(mesh), "--replace"]) == 2
+    assert "is a mesh that a scene is made of, so it stays; take another name" in capsys.readouterr().err
+    assert mesh.read_bytes() == before
+    plain = desk.with_name("tetra.ply")
+    plain.write_bytes(before)
+    assert main(["convert", str(plain), str(plain), "--unit", "m", "--replace"]) == 2
+    assert plain.read_bytes() == before and load_scene(desk).bodies
+
+
+def test_a_mesh_with_materials_called_as_swatches(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = desk.with_name("part.obj")
+    file.write_text("v 0 0 0\nv 10 0 0\nv 0 10 0\nusemtl paper\nf 1 2 3\n")
+    assert main(["convert", str(file), str(desk.with_name("part.scene.json"))]) == 2
+    assert "--unit mm" in capsys.readouterr().err
+    assert main(["convert", str(file), str(desk.with_name("part.scene.json")), "--unit", "mm"]) == 0
+    assert "1 of 1 faces painted" in capsys.readouterr().out
+    assert main(["convert", str(file), str(desk.with_name("part.glb")), "--unit", "mm"]) == 0

@@ -1,0 +1,87 @@
+"""`hapscene demo --live`, with a simulated servo."""
+
+import os
+import signal
+import threading
+import urllib.request
+from typing import Any
+
+import pytest
+
+pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
+
+from hapscene.cli import main
+from tests.virtual_clock import PATIENCE_S
+
+
+class FakeServo:
+    """Is started, and is asked how it is until Ctrl-C."""
+
+    def __init__(self, scene: Any, devices: Any, **made: Any) -> None:
+        self.scene, self.tick_s, self.tools, self.closed = scene, 1e-3, len(devices), False
+        self.pages: list[bytes] = []
+        self.volumes: list[float] = []
+        made_servos.append(self)
+
+    def __enter__(self) -> "FakeServo":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.closed = True
+
+    def handle_report(self) -> dict[str, float]:
+        return {"latency_s": 0.02}
+
+    def turn_handle(self, volume: float) -> None:
+        self.volumes.append(volume)
+
+    def start(self, places: Any) -> None:
+        assert len(places) == self.tools
+
+    def state(self, tool: int = 0) -> Any:
+        return None
+
+
+class FakeMonitor:
+    """Fetches the page when it is asked first, and ends the command."""
+
+    def __init__(self, servo: FakeServo) -> None:
+        self._servo = servo
+
+    def lines(self) -> list[str]:
+        if not self._servo.pages:
+            (url,) = urls
+            self._servo.pages.append(urllib.request.urlopen(url).read())
+            os.kill(os.getpid(), signal.SIGINT)
+        return []
+
+    def summary(self) -> list[str]:
+        return []
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+made_servos: list[FakeServo] = []
+urls: list[str] = []
+
+
+def test_demo_live_serves_the_page_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapscene.play.start.Servo", FakeServo)
+    monkeypatch.setattr("hapscene.play.monitor.Monitor", FakeMonitor)
+    monkeypatch.setattr("hapscene.cli.play.QUIET_S", 0.0)
+    monkeypatch.setattr("hapscene.play.top_frame.TopFrame.picture", lambda frame, theme: b"")
+    monkeypatch.setattr("webbrowser.open", urls.append)
+    before = set(threading.enumerate())
+    assert main(["demo", "--live"]) == 0
+    (servo,) = made_servos
+    assert b"<canvas" in servo.pages[0]
+    assert servo.closed
+    assert servo.volumes == [0.0]  # until somebody starts it
+    others = "Dask"  # another test's
+    for thread in set(threading.enumerate()) - before:
+        if not thread.name.startswith(others):
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive()
+    with pytest.raises(OSError):
+        urllib.request.urlopen(urls[0])

@@ -1,0 +1,100 @@
+"""Paths and values on the command line: checked before anything is loaded."""
+
+import math
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from hapscene.cli import app, main
+from hapscene.cli.inputs import UNITLESS, UNITS, check_scene
+from hapscene.cli.options import MeshOptions
+from hapscene.cli.paths import base_name, check_there
+from hapscene.errors import HapsceneError, MeshError
+from hapscene.scene import mesh, mesh_file
+from tests.cli.command_lines import all_commands
+
+ODD = ("abc", "nan", "-inf", "inf", "1e999", "0x10", "1.5.2", "²", "1," * 9)
+
+
+def test_no_number_option_takes_what_is_not_a_finite_number(capsys: pytest.CaptureFixture[str]) -> None:
+    tried = 0
+    for words in all_commands():
+        command = app()
+        for word in words:
+            command = command[word]
+        for argument in command.assemble_argument_collection():
+            if argument.hint in (int, float) and argument.name.startswith("--"):
+                for text in ODD:
+                    try:
+                        _, bound, _ = app().parse_args([*words, f"{argument.name}={text}"])
+                    except Exception as error:
+                        assert type(error).__name__ in ("CoercionError", "ValidationError", "MissingArgumentError")
+                    else:
+                        assert math.isfinite(bound.arguments.get(argument.field_info.name, 0)), (words, argument, text)
+                tried += 1
+    assert tried > 40
+
+
+def test_what_is_kept_twice_is_the_same() -> None:
+    assert UNITLESS == mesh_file.UNITLESS and tuple(mesh.UNIT_M) == UNITS
+
+
+@pytest.mark.parametrize(
+    ("typed", "told"),
+    [
+        ("bnny.ply", "bnny.ply: no such file; did you mean bunny.ply?"),
+        ("bunny.stl", "bunny.stl: no such file; did you mean bunny.ply?"),
+        ("desk.scen.json", "desk.scen.json: no such file; did you mean desk.scene.json?"),
+        ("none.ply", "none.ply: no such file"),
+        ("none.scene.json", "none.scene.json: no such file"),
+        ("no/bunny.ply", "no/bunny.ply: no such file: there is no folder no"),
+        ("folder", "folder: is a folder; expected a file"),
+    ],
+)
+def test_a_missing_file_names_the_one_that_was_meant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, typed: str, told: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    for name in ("bunny.ply", "desk.scene.json", ".bnny.ply"):
+        (tmp_path / name).touch()
+    check_there("bunny.ply")
+    check_there("folder", "file or folder")
+    with pytest.raises(HapsceneError) as error:
+        check_there(Path(typed))
+    assert str(error.value).replace("\\", "/") == told
+    with pytest.raises(HapsceneError, match=r"^bunny\.ply: is a file; expected a folder$"):
+        check_there("bunny.ply", "folder")
+
+
+def test_a_painted_ply_says_its_unit(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_text("ply\nformat ascii 1.0\ncomment hapscene scene 1\n")
+    (tmp_path / "b.PLY").write_text("ply\nformat ascii 1.0\ncomment made elsewhere\n")
+    check_scene(str(tmp_path / "a.ply"))
+    with pytest.raises(MeshError, match="PLY files carry no unit of length"):
+        check_scene(str(tmp_path / "b.PLY"))
+    check_scene(str(tmp_path / "b.PLY"), MeshOptions(unit="inch"))
+    with pytest.raises(MeshError, match="no unit of length 'mmm'"):
+        check_scene(str(tmp_path / "b.PLY"), MeshOptions(unit="mmm"))
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [("meshes/bunny.ply", "bunny"), ("bunny.scene.json", "bunny"), ("v1.2.scene.json", "v1.2"), ("wood", "wood")],
+)
+def test_the_name_of_what_a_file_holds(path: str, name: str) -> None:
+    assert base_name(path) == name
+
+
+@pytest.mark.parametrize(
+    ("command", "inside"), [("serve", "bridge.server.BridgeServer"), ("tune", "fidelity.tune.tune")]
+)
+def test_a_size_that_does_not_suit_a_hand_is_reported_before_the_work(command, inside, tmp_path, monkeypatch, capsys):
+    def stop(*_, **__):
+        raise HapsceneError("enough")
+
+    trimesh.creation.box((5.0, 4.0, 3.0)).export(tmp_path / "crate.stl")
+    monkeypatch.setattr(f"hapscene.{inside}", stop)
+    assert main([command, str(tmp_path / "crate.stl"), "--unit", "m", "--swatch", "wood"]) == 2
+    assert "crate.stl is 5 × 4 × 3 m in size" in capsys.readouterr().out

@@ -1,0 +1,147 @@
+"""`hapscene paint` as a process, and what it opens."""
+
+import gc
+import json
+import stat
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from queue import SimpleQueue
+
+import pytest
+import trimesh
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+
+from hapscene.cli import main
+from hapscene.cli.paint import lead_browser, rare_collections
+from hapscene.errors import SceneError
+from hapscene.paint.model.document import earlier_words
+from hapscene.paint.opening import DEMO, _copy_demo, earlier_scenes, open_session
+from hapscene.scene.mesh import MeshWarning
+from hapscene.scene.scene_bundle import save_bundle
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.box((0.02, 0.02, 0.02)).export(tmp_path / "cube.ply")
+    return tmp_path
+
+
+def test_a_mesh_becomes_a_scene_beside_no_other(folder: Path) -> None:
+    session = open_session("cube.ply", unit="m", swatch="wood")
+    assert session.path == Path("cube.scene.json")
+    assert session.scene.swatches[1].name == "wood" and (session.scene.bodies[0].face_swatch == 1).all()
+    session.save()
+    assert open_session("cube.ply", unit="m").path == Path("cube_2.scene.json")
+    again = open_session("cube.scene.json")
+    assert again.scene.swatches[1].name == "wood"
+
+
+def test_the_browser_is_led_to_the_page_by_a_file_that_no_other_user_reads(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its command line holds no token."""
+    led: SimpleQueue[str] = SimpleQueue()
+    monkeypatch.setattr("webbrowser.open", led.put)
+    url = "http://127.0.0.1:1/secret/"
+    with ExitStack() as ends:
+        opener = lead_browser(url, Path(), ends)
+        assert opener is not None and url in opener.read_text()
+        told = led.get(timeout=60.0)
+        assert told == opener.absolute().as_uri() and "secret" not in told
+        assert sys.platform == "win32" or stat.S_IMODE(opener.parent.stat().st_mode) == 0o700
+        assert lead_browser(url, folder / "cube.ply", ends) is None  # where nothing can be written
+    assert not opener.parent.exists() and led.empty()
+
+
+def test_garbage_is_seldom_looked_for_until_the_page_is_there_and_as_before_after_it() -> None:
+    usual = gc.get_threshold()
+    with pytest.raises(SceneError), rare_collections():
+        assert gc.get_threshold() > usual
+        raise SceneError("it cannot be loaded")
+    assert gc.get_threshold() == usual
+
+
+def test_without_a_name_a_copy_of_the_demo_is_painted(folder: Path) -> None:
+    session = open_session(None)
+    assert session.path == Path("hapscene-demo/demo.scene.json")
+    session.path.write_text(session.path.read_text(encoding="utf-8") + " ", encoding="utf-8")
+    before = session.path.read_bytes()
+    assert _copy_demo(DEMO) == session.path and session.path.read_bytes() == before  # not copied over
+    meshes = json.loads(session.path.read_text(encoding="utf-8"))["meshes"]
+    assert all(mesh["path"].startswith("meshes/") for mesh in meshes)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["none.scene.json"], "none.scene.json"),
+        (["cube.ply"], "unit"),
+        (["cube.ply", "--unit", "m", "--device", "ideal"], "no mass to move"),
+        (["cube.ply", "--unit", "m", "--device", "omi"], "no device 'omi'; there are: omni, omni-point"),
+        (["cube.ply", "--unit", "m", "--grip", "tight"], "no grip 'tight'; there are: firm, light, medium"),
+        (["cube.ply", "--unit", "m", "--compensator", "none"], "no compensator 'none'; there are: adaptive"),
+        (["made.scene.json", "--unit", "m"], "leave --unit out"),
+    ],
+)
+def test_what_cannot_be_painted_is_one_line(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    open_session("cube.ply", unit="m").save(folder / "made.scene.json")
+    assert main(["paint", *arguments, "--no-browser"]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+
+
+def test_a_mesh_that_was_exported_anew_keeps_its_painting_if_told(folder: Path) -> None:
+    open_session("cube.ply", unit="m", swatch="wood").save()
+    trimesh.creation.box((0.02, 0.02, 0.03)).export("cube.ply")
+    with pytest.raises(SceneError, match="--accept-changed"):
+        open_session("cube.scene.json")
+    with pytest.warns(MeshWarning, match="its paint stays"):
+        session = open_session("cube.scene.json", accept_changed=True)
+    assert (session.scene.bodies[0].face_swatch == 1).all()
+
+
+def test_several_meshes_are_one_new_scene_beside_each_other(folder: Path) -> None:
+    trimesh.creation.icosphere(radius=0.01).export(folder / "ball.stl")
+    session = open_session("cube.ply", unit="m", more=["ball.stl", "cube.ply"])
+    assert session.path == Path("cube.scene.json") and session.painting.undo_text is None
+    bodies = session.scene.bodies
+    assert [body.name for body in bodies] == ["cube", "ball", "cube 2"]
+    left_m = [float((b.mesh.vertices_m[:, 0] + b.X_WB[0, 3]).min()) for b in bodies]
+    assert left_m[0] < left_m[1] - 0.02 < left_m[2] - 0.04
+    session.save()
+    assert open_session("cube.scene.json").scene.body("ball").mesh.path == Path("ball.stl")
+    again = open_session("cube.scene.json", unit="m", more=["ball.stl"])
+    assert again.path == Path("cube.scene.json") and again.dirty
+    assert again.scene.bodies[-1].name == "ball 2" and again.undo() == "add 'ball 2'"
+
+
+def test_among_several_meshes_the_unit_is_of_those_that_say_none(folder: Path) -> None:
+    trimesh.creation.box((20.0, 20.0, 20.0)).export(folder / "part.stl")
+    trimesh.creation.box((0.03, 0.03, 0.03)).export(folder / "cup.glb")
+    for first, second in (("part.stl", "cup.glb"), ("cup.glb", "part.stl")):
+        session = open_session(first, unit="mm", more=[second])
+        assert {b.name: round(float(b.mesh.bounds_m[1, 0]), 9) for b in session.scene.bodies} == {
+            "part": 0.01,
+            "cup": 0.015,
+        }
+
+
+def test_what_was_painted_of_a_mesh_before_is_found(folder: Path) -> None:
+    assert earlier_scenes(None) == earlier_scenes(Path("cube.scene.json")) == []
+    for expected in ("cube", "cube_2", "cube_3"):
+        session = open_session("cube.ply", unit="m")
+        assert session.path == Path(f"{expected}.scene.json")
+        session.save()
+    assert earlier_scenes(Path("cube_4.scene.json")) == [Path(f"cube{n}.scene.json") for n in ("", "_2", "_3")]
+    assert earlier_scenes(Path("cube_2.scene.json")) == []  # it is there, and opened itself
+    assert "cube.scene.json was saved at" in earlier_words(Path("cube.scene.json"))
+    save_bundle(session.scene, Path("all.scene.zip"))
+    for expected, before in (("all", []), ("all_2", ["all"]), ("all_3", ["all", "all_2"])):
+        path = open_session("all.scene.zip").path
+        assert path == Path(expected, "all.scene.json")
+        assert earlier_scenes(path, unpacked=True) == [Path(folder, "all.scene.json") for folder in before]

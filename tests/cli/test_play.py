@@ -1,0 +1,110 @@
+"""`hapscene play` as a user calls it."""
+
+import math
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hapscene.cli import main, play
+from hapscene.compiled.native import INTERPRETED
+from hapscene.play.keys import pressed_keys
+
+ROOT = Path(__file__).resolve().parents[2]
+DEMO = str(ROOT / "assets" / "demo.scene.json")
+terminals = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
+if hasattr(os, "openpty"):
+    import termios
+compiled = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes longer than a period")
+
+
+@pytest.mark.nightly
+@compiled
+def test_a_scene_is_played_for_a_while_and_told(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["play", DEMO, "--device", "simulated", "--seconds", "1", "--option", "grip=firm"]) == 0
+    told = capfd.readouterr().out
+    assert "ticks, " in told and "later than a period: " in told and "worst tick " in told
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--device", "omny"], "no device 'omny'"),
+        (["--device", "falcon", "--option", "colour=red"], "no option 'colour'"),
+        (["--device", "haply2diy", "--option", "hardware=v9"], "one of v3, v2"),
+        (["--option", "red"], "expected NAME=VALUE"),
+        (["--force", "-1"], "--force"),
+        (["--handle", "falcon"], "'falcon' plays no acceleration"),
+        (["--device", "audio"], "'audio' has no position"),
+    ],
+)
+def test_wrong_words_meet_one_line(words: list[str], said: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["play", DEMO, *words]) == 2
+    errors = capfd.readouterr().err
+    assert said in errors and errors.count("\n") == 1
+
+
+class FakeServo:
+    """What is asked of it, in order."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def pause(self) -> None:
+        self.asked.append("pause")
+
+    def resume(self) -> None:
+        self.asked.append("resume")
+
+
+class FakeMonitor:
+    def lines(self) -> list[str]:
+        return ["0 ticks/s", "late", "empty", "worst tick", "w" * 100]
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A terminal of 80 columns as standard input; its other end."""
+    ours, theirs = os.openpty()
+    termios.tcsetwinsize(theirs, (24, 80))
+    with os.fdopen(theirs, "w") as out, os.fdopen(os.dup(theirs)) as into:
+        monkeypatch.setattr(sys, "stdin", into)
+        monkeypatch.setattr(play, "get_terminal_size", lambda: os.get_terminal_size(out.fileno()))
+        yield ours
+    os.close(ours)
+
+
+@terminals
+def test_no_key_is_lost_and_no_line_is_broken_by_the_terminal(terminal: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "tcgetpgrp", lambda fd: os.getpgrp())
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.setattr(play, "LOOK_S", 0.01)
+    servo = FakeServo()
+    shown: list[str] = []
+    monkeypatch.setattr(play, "tell_over", shown.append)
+    with pressed_keys() as keys:
+        looks = iter([b"", b"  ", b" q"])
+
+        def noted() -> bool:
+            os.write(terminal, next(looks))
+            return False
+
+        play._show_until_end(servo, FakeMonitor(), keys, noted, Path(), math.inf)  # type: ignore[arg-type]
+    assert servo.asked == ["pause", "resume", "pause"]
+    assert shown and all(len(line) < 80 for line in shown)
+    assert termios.tcgetattr(sys.stdin)[3] & termios.ICANON
+
+
+@terminals
+def test_in_the_background_the_terminal_is_left_alone(terminal: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "tcgetpgrp", lambda fd: os.getpgrp() + 1)
+    with pressed_keys() as keys:
+        assert termios.tcgetattr(sys.stdin)[3] & termios.ICANON
+        assert keys() == ""
+
+
+def test_a_log_that_is_not_there_is_reported(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["play", "--replay", "nowhere"]) == 2
+    assert "nowhere" in capfd.readouterr().err

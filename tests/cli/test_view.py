@@ -1,0 +1,98 @@
+"""`hapscene view`, and `hapscene touch --view`."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from hapscene.cli import main
+from hapscene.render.recording import Recording
+from hapscene.scene.scene import Scene
+from hapscene.view.palette import DARK, Theme
+
+
+@pytest.fixture
+def plate(tmp_path: Path) -> str:
+    trimesh.creation.box((0.1, 0.06, 0.02)).export(tmp_path / "plate.stl")
+    return str(tmp_path / "plate.stl")
+
+
+def test_mesh_is_drawn_with_a_swatch_in_the_size_asked_for(
+    tmp_path: Path, plate: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "plate.png"
+    code = main(["view", plate, "--unit", "m", "--swatch", "wood", "--size", "300", "240", "--dark", "--out", str(out)])
+    said = capsys.readouterr()
+    if code == 2 and "no GL" in said.err:
+        pytest.skip(said.err)
+    assert code == 0 and "plate.png" in said.out
+    with Image.open(out) as image:
+        pixels = np.asarray(image.convert("RGB")).astype(int)
+    assert pixels.shape == (240, 300, 3) and pixels[0, 0].max() < 50
+    assert ((pixels[..., 0] > 150) & (pixels[..., 2] < 60)).mean() > 0.1  # wood
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (["--out", "a.bmp"], "end its name with .png, .gif or .mp4"),
+        (["--out", "none/a.png"], "none/a.png: cannot be written: there is no folder none"),
+        (["--out", "a.png", "--seconds", "9"], "--seconds"),
+        (["--out", "a.gif", "--touch", "none.npz"], "none.npz: no such file"),
+        (["--out", "a.png", "--swatch", "wood", "--size", "4000", "160"], "leaves no room over a legend"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_line(
+    plate: str, arguments: list[str], error: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", plate, "--unit", "m", *arguments]) == 2
+    said = capsys.readouterr().err
+    assert error in said and said.count("\n") == 1
+    assert not Path(arguments[1]).exists()
+
+
+@pytest.mark.parametrize("words", [["--seconds", "0"], ["--size", "800x600"], ["--size", "159", "600"]])
+def test_numbers_out_of_range_are_refused(plate: str, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["view", plate, "--unit", "m", "--out", "a.gif", *words]) == 2
+    assert words[0] in capsys.readouterr().err
+
+
+def test_touch_is_shown_in_a_window_when_it_is_done(
+    tmp_path: Path, plate: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[Recording] = []
+    themes: list[Theme] = []
+    monkeypatch.setenv("DISPLAY", ":0")
+
+    def play(scene: Scene, recording: Recording, title: str, theme: Theme) -> None:
+        shown.append(recording)
+        themes.append(theme)
+
+    monkeypatch.setattr("hapscene.view.window.play_in_window", play)
+    out = str(tmp_path / "out")
+    assert main(["touch", plate, "--unit", "m", "--out", out, "--no-picture", "--view", "--dark"]) == 0
+    assert themes == [DARK]
+    assert np.array_equal(shown[0].p_WT_m, Recording.load(tmp_path / "out" / "touch.npz").p_WT_m)
+
+
+def test_no_display_is_told_before_the_work(
+    tmp_path: Path, plate: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    assert main(["touch", plate, "--unit", "m", "--out", str(tmp_path / "out"), "--view"]) == 2
+    assert "no display" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["view", "check"])
+def test_a_place_that_cannot_be_written_is_told_before_the_work(
+    command: str, tmp_path: Path, plate: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("hapscene.scene.mesh_file.load_mesh", lambda *arguments: pytest.fail("loaded"))
+    monkeypatch.setattr("hapscene.touch.open_scene", lambda *arguments: pytest.fail("loaded"))
+    option, name = ("--out", "a.gif") if command == "view" else ("--fix", "a.ply")
+    assert main([command, plate, "--unit", "m", option, str(tmp_path / "none" / name)]) == 2
+    assert capsys.readouterr().err.endswith(f"there is no folder {tmp_path / 'none'}\n")

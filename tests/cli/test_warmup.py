@@ -1,0 +1,22 @@
+"""`hapscene lab warmup`."""
+
+import pytest
+
+from hapscene import warm_up
+from hapscene.cli import main
+from hapscene.compiled import cache
+from hapscene.compiled.native import INTERPRETED
+
+
+def test_it_says_where_compiled_code_lies(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[bool] = []
+    monkeypatch.setattr(warm_up, "warm_up", asked.append)
+    assert main(["lab", "warmup", "--quick"]) == (2 if INTERPRETED else 0)
+    if not INTERPRETED:
+        assert str(cache.cache_folder()) in capsys.readouterr().out.splitlines()[-1] and asked == [True]
+
+
+def test_without_a_cache_it_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "cache_folder", lambda: None)
+    monkeypatch.setattr(warm_up, "warm_up", lambda quick: pytest.fail("compiles"))
+    assert main(["lab", "warmup"]) == 2

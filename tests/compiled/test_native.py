@@ -1,0 +1,247 @@
+"""Compiled functions: cached on disk where nobody else may write, by their code, and compiled anew when damaged."""
+
+import importlib
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from copy import copy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import config, from_dtype, njit, types
+from numba.core.itanium_mangler import mangle_type
+
+from hapscene.compiled import cache, digest, progress
+from hapscene.compiled.native import INTERPRETED, CFunction, compiling, inlined, native
+
+pytestmark = pytest.mark.skipif(INTERPRETED, reason="nothing is compiled: NUMBA_DISABLE_JIT")
+
+SOURCE = '''
+"""A module."""
+FACTOR = {factor}
+
+def inner(x):
+    """{doc}"""
+    return FACTOR * x{comment}
+
+def unused(x):
+    return x + {other}
+'''
+POSIX = pytest.mark.skipif(sys.platform == "win32", reason="no such permissions there")
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cache of the test's own: the user's may hold these functions from an earlier run."""
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
+    cache._folder.cache_clear()
+
+
+def source(**changed: Any) -> str:
+    return SOURCE.format(**{"factor": 2.0, "doc": "Double it.", "comment": "", "other": 1} | changed)
+
+
+@pytest.fixture
+def compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+    """Compiles `twice` of a module, as a new process would, its cache in the folder `cache`."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+    def make(**changed: Any) -> Any:
+        cache._folder.cache_clear()
+        (tmp_path / "compiled_source.py").write_text(source(**changed))
+        monkeypatch.delitem(sys.modules, "compiled_source", raising=False)
+        importlib.invalidate_caches()
+        module = importlib.import_module("compiled_source")
+        module.inner = native(module.inner)  # type: ignore[attr-defined]
+        exec("def twice(x):\n    return inner(x)", vars(module))
+        function: Any = native(vars(module)["twice"])
+        assert function(21.0) == 21.0 * changed.get("factor", 2.0)
+        return function
+
+    return make
+
+
+def files(tmp_path: Path) -> list[Path]:
+    return sorted((tmp_path / "cache").rglob("*.nbc"))
+
+
+def hits(function: Any) -> int:
+    return sum(function.whole.stats.cache_hits.values())
+
+
+def test_a_function_is_compiled_once(compiled: Callable[..., Any], tmp_path: Path) -> None:
+    assert hits(compiled()) == 0 and hits(compiled()) == 1
+    assert len(files(tmp_path)) == 1  # of the whole; its part has none
+
+
+@pytest.mark.parametrize("change", [{"doc": "Other words."}, {"comment": "  # why"}, {"other": 2}])
+def test_what_is_not_compiled_may_change(compiled: Callable[..., Any], change: dict[str, Any]) -> None:
+    compiled()
+    assert hits(compiled(**change)) == 1
+
+
+def test_a_constant_of_an_inner_function_may_not(compiled: Callable[..., Any]) -> None:
+    compiled()
+    assert hits(compiled(factor=3.0)) == 0
+
+
+def test_what_is_inlined_does_the_same_by_itself_and_in_a_caller() -> None:
+    part = inlined(lambda x: 2.0 * x)
+    assert part(21.0) == native(lambda x: part(x) + part(x))(10.5) == 42.0
+
+
+def test_compiled_code_of_others_calls_a_native_function() -> None:
+    inner = native(lambda x: x + 1.0)
+    outer = native(lambda x: 2.0 * inner(x))
+    assert njit(lambda x: outer(x) + inner(x))(1.0) == 6.0
+
+
+def test_a_constant_argument_compiles_no_function_of_its_own() -> None:
+    part = native(lambda x, k: x + k)
+    whole = native(lambda x: part(x, 1) + part(x, 2) + part(x, int(x)))
+    assert whole(3.0) == 15.0 and len(part.part.signatures) == 1
+
+
+def test_a_c_function_is_called_by_its_address() -> None:
+    from ctypes import CFUNCTYPE, c_double
+
+    function = CFunction(types.float64(types.float64), lambda x: 3.0 * x)
+    assert CFUNCTYPE(c_double, c_double)(function.address)(2.0) == 6.0 == function(2.0)
+
+
+def folder_instead(file: Path) -> None:
+    file.unlink()
+    file.mkdir()
+
+
+def one_bit(file: Path) -> None:
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+
+
+DAMAGE: dict[str, Callable[[Path], object]] = {
+    "truncated": lambda file: file.write_bytes(file.read_bytes()[:-100]),
+    "one bit": one_bit,
+    "a folder": folder_instead,
+    "gone": Path.unlink,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_what_is_damaged_is_compiled_anew(compiled: Callable[..., Any], tmp_path: Path, damage: str) -> None:
+    compiled()
+    (file,) = files(tmp_path)
+    DAMAGE[damage](file)
+    assert hits(compiled()) == 0
+    assert hits(compiled()) == (0 if damage == "a folder" else 1)
+
+
+@POSIX
+@pytest.mark.parametrize("place", ["", "hapscene"])
+def test_where_others_may_write_nothing_is_cached(compiled: Callable[..., Any], tmp_path: Path, place: str) -> None:
+    compiled()
+    open_to_all = tmp_path / "cache" / place
+    open_to_all.chmod(0o777)
+    cache.warn_not_kept.cache_clear()
+    with pytest.warns(RuntimeWarning, match=open_to_all.name):
+        assert hits(compiled()) == 0
+    open_to_all.chmod(0o1777 if not place else 0o755)  # as /tmp
+    assert hits(compiled()) == 1
+
+
+@POSIX
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives files away")
+def test_another_users_folder_is_not_trusted(compiled: Callable[..., Any], tmp_path: Path) -> None:
+    compiled()
+    shutil.chown(tmp_path / "cache" / "hapscene", 65534)
+    cache.warn_not_kept.cache_clear()
+    with pytest.warns(RuntimeWarning):
+        assert hits(compiled()) == 0
+
+
+def test_code_that_a_wheel_carries_is_used(
+    compiled: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Compiled for a processor that has no more than ours: found where the user's own cache has nothing."""
+    codegen = native(lambda x: x).whole.targetctx.codegen()
+    triple = codegen.magic_tuple()[0]
+    with monkeypatch.context() as built:  # as with NUMBA_CPU_NAME and an empty NUMBA_CPU_FEATURES
+        built.setattr(type(codegen), "magic_tuple", lambda self: (triple, "any", ""))
+        compiled()
+    monkeypatch.setattr(cache, "PORTABLE_CPU", "any")
+    shutil.move(tmp_path / "cache" / "hapscene", tmp_path / "shipped")
+    monkeypatch.setattr(cache, "SHIPPED", tmp_path / "shipped")
+    monkeypatch.setattr(cache, "_runs_portable_code", lambda: True)
+    assert hits(compiled()) == 1 and not files(tmp_path)
+    monkeypatch.setattr(cache, "_runs_portable_code", lambda: False)
+    assert hits(compiled()) == 0 and len(files(tmp_path)) == 1
+
+
+def test_code_of_another_build_is_not_used(compiled: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of another numba, llvmlite or Python, as in a wheel that was installed beside others than it was built with."""
+    compiled()
+    monkeypatch.setattr(cache, "_BUILD", "another")
+    assert hits(compiled()) == 0 and hits(compiled()) == 1
+
+
+def test_who_asks_for_a_processor_gets_no_code_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(config, "CPU_NAME", "nehalem")
+    assert not cache._runs_portable_code.__wrapped__()
+
+
+@pytest.fixture
+def printed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    texts: list[str] = []
+    monkeypatch.setattr(progress, "_write", texts.append)
+    monkeypatch.setattr(progress, "_rewrites", lambda: False)
+    return texts
+
+
+def test_a_long_compilation_is_announced_once(printed: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "FUNCTION_S", 10.0)
+    with compiling():
+        native(lambda x: x * 5.0)(1.0)
+        native(lambda x: x * 7.0)(1.0)
+    text = "".join(printed)
+    assert text.startswith("compiling (first run, about 10 s)") and text.count("compiling") == 1 and text[-1] == "\n"
+
+
+def test_code_for_a_record_is_named_by_its_layout_whatever_was_compiled_before() -> None:
+    long, short = (from_dtype(np.dtype([("k", np.float64, (n,)), ("gain", np.float64)])) for n in (45, 29))
+    elsewhere = copy(short)
+    elsewhere._code = long._code  # as in a process that met the short one at that place
+    assert mangle_type(elsewhere) == mangle_type(short) != mangle_type(long)
+
+
+def test_a_digest_is_that_of_the_code_below() -> None:
+    def make(factor: float) -> Any:
+        inner = native(lambda x: factor * x)
+        return lambda x: inner(x)
+
+    assert digest.digest_of(make(2.0))[0] == digest.digest_of(make(2.0))[0] != digest.digest_of(make(3.0))[0]
+
+
+def test_a_digest_is_that_of_constants_inside_nested_functions_too() -> None:
+    def doubled(x: list[float]) -> list[float]:
+        return [2.0 * y for y in x]
+
+    def tripled(x: list[float]) -> list[float]:
+        return [3.0 * y for y in x]
+
+    tripled.__qualname__ = doubled.__qualname__
+    assert digest.digest_of(doubled)[0] != digest.digest_of(tripled)[0]
+
+
+def test_a_digest_tells_what_is_inlined_from_what_is_called() -> None:
+    def calling(inner: Any) -> Any:
+        return lambda x: inner(x)
+
+    def plain(x: float) -> float:
+        return x
+
+    assert digest.digest_of(calling(native(plain)))[0] != digest.digest_of(calling(inlined(plain)))[0]

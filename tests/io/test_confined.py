@@ -1,0 +1,103 @@
+"""A confined reader's crash, runaway, flood, chatter and refusal are each one error, and nothing else passes."""
+
+import ctypes
+import os
+import re
+import signal
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import pytest
+
+from hapscene.errors import FormatError
+from hapscene.io.confined import confined
+
+
+def give(file: BinaryIO, scale: float) -> dict[str, Any]:
+    """What a reader does that all goes well for."""
+    os.write(1, b"native words\n")
+    return {"numbers": scale * np.frombuffer(file.read(), np.uint8), "none": np.zeros((0, 3)), "word": np.array("mm")}
+
+
+def misbehave(file: BinaryIO, how: str) -> dict[str, Any]:
+    if how == "crash":
+        os.write(2, b"about to fall\n")
+        ctypes.string_at(0)
+    elif how == "run away":
+        while True:
+            pass
+    elif how == "sleep":
+        signal.pause()
+    elif how == "colour":
+        os.write(2, b"\x1b[32;1mred\x1b[0m \7\n")
+        os._exit(1)
+    elif how == "fill":
+        return {"much": np.ones(100_000_000)}
+    elif how == "flood":
+        return {"much": np.ones(1_000_000)}
+    elif how == "refuse":
+        raise FormatError("line 3 is no good")
+    elif how == "objects":
+        return {"much": np.array([{}])}
+    elif how == "leave":
+        os._exit(0)
+    raise ZeroDivisionError
+
+
+def _run(reader: Any, *arguments: Any, **limits: Any) -> Any:
+    limits = {"by": "the test's reader", "memory_B": 200_000_000, "output_B": 1_000_000} | limits
+    with tempfile.TemporaryFile() as file:
+        file.write(b"\1\2\3")
+        file.seek(0)
+        return confined(reader, file, *arguments, **limits)
+
+
+@pytest.fixture(autouse=True)
+def importable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process finds this file by its name."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    for reader in (give, misbehave):
+        monkeypatch.setattr(reader, "__module__", Path(__file__).stem)
+
+
+def test_gives_arrays_and_what_was_printed() -> None:
+    answer = _run(give, 0.5)
+    assert answer.arrays["numbers"].tolist() == [0.5, 1.0, 1.5]
+    assert answer.arrays["none"].shape == (0, 3)
+    assert answer.arrays["word"] == "mm"
+    assert answer.said == "native words"
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [
+        ("crash", "SIGSEGV.*about to fall"),
+        ("refuse", r"^line 3 is no good$"),
+        ("flood", ""),
+        ("objects", ""),
+        ("leave", ""),
+        ("divide", "ZeroDivisionError"),
+        pytest.param("fill", "190 MiB", marks=pytest.mark.skipif(sys.platform != "linux", reason="Linux")),
+    ],
+)
+def test_whatever_goes_wrong_is_one_error(how: str, reason: str) -> None:
+    with pytest.raises(FormatError) as caught:
+        _run(misbehave, how)
+    assert re.search(reason, str(caught.value))
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("how", ["run away", "sleep"])
+def test_a_reader_that_does_not_end_is_stopped(how: str) -> None:
+    with pytest.raises(FormatError):
+        _run(misbehave, how, time_s=0.5)
+
+
+def test_what_it_prints_is_shown_without_escapes() -> None:
+    assert _run(give, 1.0).said == "native words"
+    with pytest.raises(FormatError, match=r"red \\x07$"):
+        _run(misbehave, "colour")

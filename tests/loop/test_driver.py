@@ -1,0 +1,263 @@
+"""The driver: when a tick begins, which delays are counted, how aims are read; and what a servo refuses."""
+
+import ctypes
+import os
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.clock import LOOK_NS, new_clock
+from hapscene.compiled.native import INTERPRETED
+from hapscene.device.driver_registry import DeviceChoice
+from hapscene.device.model import Limits
+from hapscene.device.sim.hand import grip_named
+from hapscene.device.sim.point import PointMass
+from hapscene.errors import HapsceneError
+from hapscene.loop import Servo, Twin, servo_process, timing
+from hapscene.loop.driver import CHANNEL, FOLLOW_RAD_S, _follow, _read_aim
+from hapscene.loop.servo_process import Desk
+from hapscene.loop.shared_memory import open_channel
+from hapscene.loop.timing import (
+    BIN_COUNT,
+    BIN_NS,
+    BINS_PER_OCTAVE,
+    LATE_MAX,
+    SLACK_NS,
+    TIMING,
+    Timer,
+    TimingStatistics,
+    count_in_bin,
+    percentile_us,
+    request_realtime_priority,
+    start_timer,
+    wait_for_tick,
+)
+from hapscene.records import records
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+
+TICK_NS = 1_000_000
+SECOND_NS = 1_000_000_000
+BEGIN_NS = 1_000 * SECOND_NS
+
+
+def timer(tick_ns: int = TICK_NS, behind_ns: int = 0) -> Timer:
+    """At a virtual time, the next tick due so long ago."""
+    made = Timer(records(1, CHANNEL)[0], new_clock(BEGIN_NS), records(1, TIMING)[0], tick_ns)
+    start_timer(made)
+    made.timing.due_ns -= behind_ns + tick_ns
+    return made
+
+
+def test_a_tick_begins_when_it_is_due_or_later() -> None:
+    made = timer()
+    due = made.timing.due_ns
+    for k in range(1, 21):
+        wait_for_tick(made)
+        assert made.timing.due_ns == due + k * TICK_NS and 0 <= made.timing.began_ns - made.timing.due_ns <= LOOK_NS
+        assert made.channel.late.sum() == k and made.timing.late == made.timing.stalled == 0
+
+
+def test_ticks_that_are_much_too_late_are_left_out_and_counted() -> None:
+    made = timer(behind_ns=(LATE_MAX + 30) * TICK_NS)
+    wait_for_tick(made)
+    assert 0 <= made.timing.began_ns - made.timing.due_ns < TICK_NS and made.channel.missed == LATE_MAX + 30
+    assert made.channel.late.nonzero()[0][0] > 0  # counted as late as it was, not as late as what is left
+    assert made.timing.stalled == 1 and made.timing.late == 0
+
+
+def test_ticks_that_are_a_little_late_are_made_up() -> None:
+    made = timer(SECOND_NS, behind_ns=3 * SECOND_NS)
+    due = made.timing.due_ns
+    wait_for_tick(made)
+    assert (made.timing.due_ns, made.channel.missed) == (due + SECOND_NS, 0)
+    assert made.timing.late == 1 and made.timing.stalled == 0
+
+
+@pytest.mark.parametrize("tick_ns", [200_000, SECOND_NS])
+def test_it_gives_up_after_so_many_ticks_whatever_their_length(tick_ns: int) -> None:
+    for behind, missed in ((LATE_MAX - 0.9, False), (LATE_MAX + 1, True)):
+        made = timer(tick_ns, behind_ns=int(behind * tick_ns))
+        wait_for_tick(made)
+        assert bool(made.channel.missed > LATE_MAX) == missed
+
+
+# The whole loop, in a thread of this process.
+
+
+def make_cube() -> Scene:
+    scene = Scene()
+    scene.add(Mesh.from_trimesh(trimesh.creation.box((0.02, 0.02, 0.02)), "m"), name="cube")
+    return scene
+
+
+@pytest.fixture
+def desk(request: Any) -> Iterator[Desk]:
+    twin = Twin(make_cube(), PointMass(0.045, 0.1), tick_s=request.param)
+    desk = Desk(twin.renderer._scene, [twin], open_channel(2000, twin.renderer.block, bodies=1))
+    yield desk
+    desk.rest()
+    desk._channel.memory.unlink()  # whoever still looks at it may do so
+
+
+@pytest.mark.parametrize("desk", [1e-3], indirect=True)
+def test_an_aim_that_is_being_written_is_not_taken(desk: Desk) -> None:
+    told, aim, clock = desk._channel.aims[0], np.full((5, 3), 7.0), new_clock()
+    told.aim = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]
+    told["count"] = 3
+    _read_aim(told, aim, clock)
+    assert (aim == 7.0).all()
+    told["count"] = 4
+    _read_aim(told, aim, clock)
+    assert aim.tolist() == [[1.0, 2.0, 3.0], [7.0] * 3, [7.0] * 3, [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]
+
+
+@pytest.mark.parametrize("desk", [1e-3, 4e-3], indirect=True)
+def test_the_hand_follows_the_aim_critically_damped(desk: Desk) -> None:
+    """From rest: target = aim − (1 + ωt) e^(−ωt) of the way; on each axis, and at rest there in the end."""
+    body, tick_s = desk._twins[0].body, desk._twins[0].renderer.tick_s
+    aim, hand, way = np.zeros((5, 3)), desk._twins[0].body.arm.hand[0], np.array([0.01, -0.02, 0.03])
+    aim[0], aim[3], aim[4] = way, (100.0, 2.0, 0.01), (0.1, 0.2, 0.3)
+    for k in range(1, 600):
+        _follow(body, aim, tick_s)
+        left = (1.0 + FOLLOW_RAD_S * k * tick_s) * np.exp(-FOLLOW_RAD_S * k * tick_s)
+        np.testing.assert_allclose(hand.target_m + tick_s * hand.target_m_s, (1.0 - left) * way, rtol=1e-9, atol=1e-12)
+    assert (hand.k_N_m, hand.b_Ns_m, hand.mass_kg) == (100.0, 2.0, 0.01) and hand.push_N.tolist() == [0.1, 0.2, 0.3]
+    for _ in range(int(1.0 / tick_s)):
+        _follow(body, aim, tick_s)
+    assert aim[1].tolist() == way.tolist() and not aim[2].any()
+
+
+# What may be ordered, and what both processes share.
+
+
+@pytest.mark.parametrize("desk", [1e-3], indirect=True)
+def test_a_hand_that_rests_goes_on_resting_whatever_is_painted(desk: Desk) -> None:
+    channel, cube = desk._channel.channel[0], make_cube()
+    painting = cube.swatches, [(body.face_swatch, body.fine) for body in cube.bodies]
+    assert not desk.rest()
+    desk.repaint(*painting)
+    assert not desk.rest() and channel.done == 0
+    desk.start([(0.0, 0.0, 0.05)], grip_named("light").row())
+    desk.repaint(*painting)
+    assert desk.rest() and not desk.rest() and channel.pause == 1
+
+
+# What the system grants is told, and to the asking thread alone.
+
+
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux is asked")
+
+PR_GET_TIMERSLACK = 30
+
+
+def slack_ns() -> int:
+    return int(ctypes.CDLL(None).prctl(PR_GET_TIMERSLACK))
+
+
+@on_linux
+def test_what_is_told_is_so_for_the_thread_that_asked() -> None:
+    before = os.sched_getscheduler(0), slack_ns()
+
+    def ask() -> tuple[bool, int]:
+        return request_realtime_priority(), os.sched_getscheduler(0)
+
+    with ThreadPoolExecutor(1) as lane:
+        granted, policy = lane.submit(ask).result()
+    assert granted == (policy == os.SCHED_FIFO)
+    assert (os.sched_getscheduler(0), slack_ns()) == before
+
+
+@on_linux
+def test_without_the_right_it_waits_among_the_others_but_is_woken_promptly(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*arguments: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with ThreadPoolExecutor(1) as lane:
+        assert lane.submit(lambda: (request_realtime_priority(), slack_ns())).result() == (False, SLACK_NS)
+
+
+@on_linux
+@pytest.mark.skipif(INTERPRETED, reason="is the case anyway")
+def test_interpreted_ticks_never_go_before_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(timing, "INTERPRETED", True)
+    with ThreadPoolExecutor(1) as lane:
+        granted, policy = lane.submit(lambda: (request_realtime_priority(), os.sched_getscheduler(0))).result()
+    assert not granted and policy == os.sched_getscheduler(0)
+
+
+# Histograms of times: no time is told too short, or more than a bin too long.
+
+
+BIN = 2.0 ** (1 / BINS_PER_OCTAVE)
+LAST_NS = BIN_NS * 2.0 ** ((BIN_COUNT - 1) / BINS_PER_OCTAVE)
+
+
+@pytest.mark.parametrize("span_ns", [101, 150, 999, 1000, 12_345, 1_000_000, 20_000_001, 1_600_000_000])
+def test_a_time_is_found_again_to_a_bin(span_ns: int) -> None:
+    histogram = np.zeros(BIN_COUNT, np.int64)
+    count_in_bin(histogram, span_ns)
+    assert histogram.sum() == 1
+    assert span_ns / 1e3 <= percentile_us(histogram, 0.5) * (1 + 1e-9) <= BIN * span_ns / 1e3 * (1 + 2e-9)
+
+
+@pytest.mark.parametrize("span_ns", [-5, 0, 1, 100])
+def test_what_is_shorter_than_the_first_bin_is_in_it(span_ns: int) -> None:
+    histogram = np.zeros(BIN_COUNT, np.int64)
+    count_in_bin(histogram, span_ns)
+    assert histogram[0] == 1
+    assert percentile_us(histogram, 0.5) == BIN_NS / 1e3
+
+
+def test_what_is_longer_than_the_last_bin_is_in_it() -> None:
+    histogram = np.zeros(BIN_COUNT, np.int64)
+    count_in_bin(histogram, 10**15)
+    assert histogram[-1] == 1
+    assert percentile_us(histogram, 0.5) == pytest.approx(LAST_NS / 1e3)
+
+
+def test_percentiles_are_those_of_the_times() -> None:
+    span_ns = np.random.default_rng(0).lognormal(np.log(20_000), 2.0, 5000).astype(np.int64)
+    histogram = np.zeros(BIN_COUNT, np.int64)
+    for span in span_ns:
+        count_in_bin(histogram, span)
+    for share in (0.5, 0.9, 0.99, 0.999):
+        true_us = np.quantile(span_ns, share, method="inverted_cdf") / 1e3
+        assert true_us <= percentile_us(histogram, share) <= BIN * true_us
+
+
+def test_nothing_counted_is_no_time() -> None:
+    assert percentile_us(np.zeros(BIN_COUNT, np.int64), 0.5) == 0.0
+
+
+def test_what_came_after_an_earlier_look() -> None:
+    late, busy = np.zeros(BIN_COUNT, np.int64), np.zeros(BIN_COUNT, np.int64)
+    for _ in range(9):
+        count_in_bin(late, 50)
+        count_in_bin(busy, 10_000)
+    before = TimingStatistics(late.copy(), busy.copy(), 3)
+    count_in_bin(late, 1_000_000)
+    after = TimingStatistics(late, busy, 5)
+    assert after.delay_us() == BIN_NS / 1e3
+    since = after.since(before)
+    assert since.delay.sum() == 1 and since.delay_us() == pytest.approx(1000.0, rel=BIN - 1)
+    assert since.busy_us() == 0.0 and after.busy_us() == pytest.approx(10.0, rel=BIN - 1)
+    assert since.missed == 2
+
+
+@pytest.mark.parametrize("told", [{"limits": Limits()}, {"delay_ticks": 100}, {"X_WD": np.diag([9.0, 9.0, 9.0, 1.0])}])
+def test_nothing_told_raises_what_a_real_device_is_given(told: dict[str, object]) -> None:
+    with pytest.raises(HapsceneError, match="haply2diy"):
+        servo_process._twin(DeviceChoice("haply2diy", {"port": "none"}), [], {"tick_s": 1e-3, **told})
+
+
+@pytest.mark.parametrize("force_N", [-30.0, float("nan")])
+def test_no_force_is_less_than_none(force_N: float) -> None:
+    with pytest.raises(HapsceneError, match="force_N"):
+        Servo(Scene(), "omni", force_N=force_N)

@@ -1,0 +1,370 @@
+"""The servo as the application sees it, its loop at a virtual time; `test_servo_process.py` has the real process."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+import trimesh
+
+import hapscene
+from hapscene.device.sim.omni import stand
+from hapscene.device.sim.point import PointMass
+from hapscene.errors import HapsceneError, PathError, SceneError
+from hapscene.flags import Flag
+from hapscene.loop import Servo
+from hapscene.loop.timing import LATE_MAX
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+from tests.virtual_servo import VirtualServo
+
+MASS = PointMass(0.045, 0.1, 0.26, 5.5e-5)
+
+
+def make_scene() -> Scene:
+    """A plate whose top is z = 0."""
+    scene = Scene()
+    X_WB = np.eye(4)
+    X_WB[2, 3] = -0.01
+    box = Mesh.from_trimesh(trimesh.creation.box((0.12, 0.12, 0.02)), "m")
+    scene.add(box, name="plate", pose=X_WB, swatch=hapscene.load_swatch("wood"))
+    return scene
+
+
+@pytest.fixture(scope="module")
+def servo() -> Iterator[VirtualServo]:
+    with VirtualServo(make_scene(), MASS) as running:
+        yield running
+
+
+def test_it_ticks_at_its_rate_and_follows_the_aim(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    first, start_s = servo.state().tick, servo.clock.now_s()
+    servo.aim((0.01, 0.0, -0.003), "medium")
+    servo.advance(1500)
+    state = servo.state()
+    assert state.tick == first + 1500 and servo.clock.now_s() - start_s == pytest.approx(1.5, abs=2e-3)
+    assert state.touching and state.f_W_N[2] > 0.2
+    assert state.p_WP_m == pytest.approx((0.01, 0.0, 0.0), abs=2e-3)
+
+
+def test_a_stroke_is_heard_and_the_ring_holds_it_without_gaps(servo: VirtualServo) -> None:
+    servo.start((-0.03, 0.0, 0.002))
+    since = servo.state().tick + 1
+    for x_m in np.linspace(-0.03, 0.03, 60):
+        servo.aim((x_m, 0.0, -0.004), "medium")
+        servo.advance(10)
+    felt = servo.read(since)
+    assert felt.first == since and len(felt.rows) == 600
+    assert np.abs(felt.a_m_s2).max() > 0.1
+    assert np.array_equal(felt.a_m_s2, felt.a_handle_m_s2)  # no handle: as asked for
+    later = servo.read(felt.first + len(felt.rows))
+    assert later.first == felt.first + len(felt.rows)
+
+
+def test_a_change_is_felt_while_it_runs(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.0))
+    servo.aim((0.0, 0.0, -0.006), "medium")
+    servo.until(lambda: servo.state().touching)
+    servo.advance(500)  # it rests on the spring
+    before = servo.state()
+    servo.tune("wood", stiffness_N_m=100.0)
+    servo.until(lambda: servo.state().depth_m > 1.2 * before.depth_m)
+
+
+def test_repainting_while_it_runs(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.0))
+    servo.aim((0.0, 0.0, -0.006), "medium")
+    servo.until(lambda: servo.state().touching)
+    scene = make_scene()
+    scene.paint("plate", hapscene.load_swatch("leather"), range(12))
+    servo.repaint(scene)
+    names = [swatch.name for swatch in scene.swatches]
+    servo.until(lambda: servo.state().swatch == names.index("leather"))
+    scene.paint("plate", hapscene.load_swatch("paper"), hapscene.scene.Sphere((0.0, 0.0, 0.01), 0.004))
+    assert "paper" not in [scene.swatches[i].name for i in scene.body("plate").face_swatch]  # it is within faces
+    servo.repaint(scene)
+    servo.until(lambda: servo.state().swatch == len(names))
+    servo.repaint(make_scene())
+    with pytest.raises(HapsceneError, match="give the bodies that the renderer was made with"):
+        servo.repaint(Scene())
+
+
+def test_a_body_is_pushed_by_the_hand_and_told_what_it_got(servo: VirtualServo) -> None:
+    """A plate on a slide, which an application steps 60 times a second: its momentum is the impulse it was told."""
+    servo.start((0.0, 0.0, 0.005))
+    servo.free("plate", 0.3, inertia_B_kg_m2=(1e-3, 1e-3, 1e-3))
+    z, v, told = -0.01, 0.0, np.zeros(3)
+    servo.aim((0.0, 0.0, -0.02), "medium")
+    since = servo.state().tick + 1
+    for k in range(40):
+        servo.advance(16 + (k % 3 > 0))
+        given = servo.impulse("plate").linear_N_s
+        v += (given[2] - told[2]) / 0.3
+        z, told = z + v / 60, given
+        X_WB = np.eye(4)
+        X_WB[2, 3] = z
+        servo.move("plate", X_WB, v_W_m_s=(0.0, 0.0, v))
+    log = servo.read(since)
+    assert v < -0.01 and 0.3 * v == pytest.approx(told[2], rel=1e-12)
+    assert np.abs(np.diff(log.rows["f_W_N"], axis=0)).max() < 0.5  # tests/contact/test_prediction.py has the figure
+    felt = 1e-3 * np.cumsum(log.rows["f_body_W_N"][:, 2])
+    assert felt[-1] == pytest.approx(servo.impulse("plate").linear_N_s[2], rel=0.1)
+    events, after = servo.events(since)
+    began = next(event for event in events if event.kind == "began")
+    assert (began.body, began.swatch) == ("plate", "wood") and began.approach_m_s > 0.01
+    assert after >= log.first + len(log.rows)
+    servo.start((0.0, 0.0, 0.005))
+    assert not np.any(servo.impulse("plate"))
+    servo.free("plate", np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
+    X_WB[2, 3] = -0.01
+    servo.move("plate", X_WB, teleport=True)
+
+
+def test_a_body_comes_and_goes_while_the_hand_touches_another(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.005))
+    servo.aim((0.0, 0.0, -0.006), "medium")
+    servo.advance(500)  # it has settled
+    first = servo.state().tick
+    count = len(servo.scene.bodies)
+    cube, up = trimesh.creation.box((0.02, 0.02, 0.02)), np.eye(4)
+    up[:3, 3] = (0.03, 0.0, 0.01)
+    servo.add(cube, name="cube", unit="m", swatch="epoxy", pose=up)
+    servo.add(servo.scene.body("cube").mesh, name="twin", pose=np.eye(4))
+    servo.advance(20)
+    assert servo.read(first).rows["touching"].all()  # contact went on
+    since = servo.state().tick
+    servo.aim((0.03, 0.0, 0.03), "medium")
+    servo.advance(400)
+    servo.aim((0.03, 0.0, 0.015), "medium")
+    servo.until(lambda: servo.state().touching)
+    servo.advance(20)
+    state = servo.state()
+    assert (state.body, state.swatch) == (count, 2) and state.p_WP_m[2] == pytest.approx(0.02, abs=1e-6)
+    assert ("cube", "epoxy") in {(event.body, event.swatch) for event in servo.events(since)[0]}
+    assert servo.impulse("cube").linear_N_s[2] < 0.0
+    servo.remove("cube")
+    servo.until(lambda: not servo.state().touching)
+    with pytest.raises(SceneError, match="no body 'cube'"):
+        servo.move("cube", up)
+    servo.add(cube, name="cube", unit="m", pose=up)  # its name is free again, its number is not
+    assert [body.name for body in servo.scene.bodies[count:]] == ["cube (removed)", "twin", "cube"]
+    with pytest.raises(SceneError, match="already"):
+        servo.add(cube, name="plate", unit="m")
+    swatches = len(servo.scene.swatches)
+    servo.scene.paint("twin", "leather")
+    servo.repaint(servo.scene)
+    assert (servo.scene.body("twin").face_swatch == swatches).all()
+    for name in ("twin", "cube"):
+        servo.remove(name)
+
+
+def test_a_body_that_is_pushed_may_be_added(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.03))
+    X_WB = np.eye(4)
+    X_WB[2, 3] = 0.5
+    servo.add(trimesh.creation.box((0.02, 0.02, 0.02)), name="thrown", unit="m", pose=X_WB)
+    servo.free("thrown", 0.1, inertia_B_kg_m2=(1e-5, 1e-5, 1e-5))
+    X_WB[2, 3] = 0.01
+    servo.move("thrown", X_WB, teleport=True)
+    servo.aim((0.0, 0.0, 0.015), "medium")
+    servo.until(lambda: servo.state().body == len(servo.scene.bodies) - 1)
+    servo.remove("thrown")
+
+
+def test_a_shape_changes_under_the_hand(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.005))
+    servo.aim((0.0, 0.0, -0.006), "medium")
+    servo.advance(500)
+    since = servo.state().tick
+    vertices = np.array(servo.scene.body("plate").mesh.vertices_m)
+    for size in np.linspace(1.0, 0.8, 20):
+        servo.deform("plate", vertices * (1.0, 1.0, size))
+        servo.advance(16)
+    servo.advance(60)
+    assert servo.read(since).rows["touching"].all()
+    assert servo.state().p_WP_m[2] == pytest.approx(-0.002, abs=1e-9)  # its top was 10 mm over its middle
+    with pytest.raises(SceneError, match="8 vertices"):
+        servo.deform("plate", vertices[:5])
+    servo.deform("plate", vertices)
+
+
+@pytest.mark.nightly
+def test_two_tools_touch_in_one_loop() -> None:
+    with VirtualServo(make_scene(), [MASS, MASS]) as servo:
+        servo.start([(-0.03, 0.0, 0.01), (0.03, 0.0, 0.01)])
+        servo.aim((-0.03, 0.0, -0.003), "medium")
+        servo.until(lambda: servo.state().touching)
+        assert not servo.state(tool=1).touching
+        servo.aim((0.03, 0.0, -0.006), "medium", tool=1)
+        servo.until(lambda: servo.state(tool=1).touching)
+        servo.advance(300)
+        one, other = servo.state(), servo.state(tool=1)
+        assert one.p_WP_m[0] == pytest.approx(-0.03, abs=2e-3) and other.p_WP_m[0] == pytest.approx(0.03, abs=2e-3)
+        assert other.f_W_N[2] > 1.2 * one.f_W_N[2] > 0.0
+        servo.rest()
+        given = [servo.read(tool=tool).rows["f_body_W_N"].sum(axis=0) * servo.tick_s for tool in (0, 1)]
+        assert servo.impulse("plate").linear_N_s == pytest.approx(given[0] + given[1], rel=1e-9)
+        assert [len(servo.events(tool=tool)[0]) > 0 for tool in (0, 1)] == [True, True]
+        with pytest.raises(HapsceneError, match="no tool 2: this servo has 2"):
+            servo.state(tool=2)
+        with pytest.raises(PathError, match="2 tools start at as many places"):
+            servo.start((0.0, 0.0, 0.05))
+
+
+def test_paused_it_stands_and_goes_on_in_contact(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.0))
+    servo.aim((0.0, 0.0, -0.006), "medium")
+    servo.advance(20)
+    servo.until(lambda: servo.state().touching)
+    servo.pause()
+    before = servo.state()
+    assert servo.state().tick == before.tick
+    servo.resume()
+    servo.advance(50)
+    assert servo.read(before.tick + 1).rows["touching"].all() and not servo.read(before.tick + 1).rows["began"].any()
+
+
+def test_a_pose_that_is_none_is_flagged_and_the_body_stays(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    bad = np.eye(4)
+    bad[0, 3] = np.nan
+    servo.move("plate", bad)
+    servo.until(lambda: Flag.POSE_REFUSED in servo.state().flags)
+    good = np.eye(4)
+    good[2, 3] = -0.01
+    servo.move("plate", good)
+    servo.until(lambda: Flag.POSE_REFUSED not in servo.state().flags)
+
+
+def test_wrong_orders_are_answered_and_it_goes_on(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    with pytest.raises(HapsceneError, match="no swatch 'oka'"):
+        servo.tune("oka", stiffness_N_m=1.0)
+    with pytest.raises(PathError):
+        servo.aim((0.0, np.nan, 0.0))
+    with pytest.raises(PathError, match="at most 10000 m"):
+        servo.aim((0.0, 0.0, 2e4))
+    with pytest.raises(SceneError, match="no body 'lid'; there are: plate"):
+        servo.move("lid", np.eye(4))
+    with pytest.raises(SceneError, match="a pose is a matrix"):
+        servo.move("plate", np.eye(3))
+    for wrong_motion in ({"v_W_m_s": (0.0, 1.0)}, {"w_W_rad_s": 1.0}, {"seen": [0.0] * 6}, {"v_W_m_s": [np.nan] * 3}):
+        with pytest.raises(SceneError, match="three finite numbers each"):
+            servo.move("plate", np.eye(4), **wrong_motion)
+    lopsided = [[1.0, 0.9, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    for wrong in (
+        (-1.0, (1.0, 1.0, 1.0)),
+        (1.0, (1.0, 0.0, 1.0)),
+        (1.0, 1.0),
+        ([1, 2], (1, 1, 1)),
+        (1.0, [np.nan] * 3),
+        (1e-320, (1.0, 1.0, 1.0)),
+        (1.0, lopsided),
+    ):
+        with pytest.raises(SceneError, match="mass and inertia"):
+            servo.free("plate", wrong[0], inertia_B_kg_m2=wrong[1])
+    for com in ((0.0, 0.0), (0.0, np.nan, 0.0)):
+        with pytest.raises(SceneError, match="its centre of mass is three finite numbers"):
+            servo.free("plate", 1.0, inertia_B_kg_m2=(1.0, 1.0, 1.0), com_B_m=com)
+    with pytest.raises(HapsceneError, match="no grip 'fist'"):
+        servo.aim((0.0, 0.0, 0.0), "fist")
+    with pytest.raises(HapsceneError, match="a tick is a whole number, not 'now'"):
+        servo.events("now")
+    for wrong in ("hard", None, [1.0], 10**400):
+        with pytest.raises(HapsceneError, match="stiffness_N_m must be a number"):
+            servo.tune("wood", stiffness_N_m=wrong)
+    more = servo.scene.copy()
+    more.add(trimesh.creation.box((0.1, 0.1, 0.1)), name="more", unit="m")
+    with pytest.raises(SceneError, match="give the bodies that the renderer was made with"):
+        servo.repaint(more)
+    tick = servo.state().tick
+    servo.advance(1)
+    assert servo.state().tick == tick + 1
+
+
+def test_a_start_out_of_reach_leaves_it_running_where_it_is() -> None:
+    with VirtualServo(make_scene(), "omni", X_WD=stand((0.0, 0.0, 0.0))) as servo:
+        servo.start((0.0, 0.0, 0.02))
+        with pytest.raises(HapsceneError, match="reach"):
+            servo.start((0.0, 0.0, 3.0))
+        servo.advance(200)
+        assert servo.state().p_WT_m == pytest.approx((0.0, 0.0, 0.02), abs=0.01)
+
+
+def test_lateness_is_counted(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    servo.advance(100)
+    late = servo.timing()
+    assert 0.0 < late.busy_us() <= late.busy_us(0.99)
+    assert 0.0 < late.delay_us() <= late.delay_us(0.99)
+    servo.clock.sleep_s(0.005)  # somebody else had the processor: the tick that was due, and four more
+    servo.advance(100)
+    since = servo.timing().since(late)
+    assert since.delay.sum() == since.busy.sum() == 100 and since.missed == 0
+    assert since.delay_us(1.0) == pytest.approx(4000.0, rel=0.1) and since.delay_us(0.94) < 2.0
+    servo.clock.sleep_s(1e-3 * (LATE_MAX + 10))
+    servo.advance(1)
+    assert servo.timing().since(late).missed > LATE_MAX
+
+
+def test_the_state_ages_as_the_clock_goes_at_rest_too(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    servo.advance(3)
+    for _ in range(2):
+        before = servo.state()
+        servo.clock.sleep_s(0.05)
+        after = servo.state()
+        assert after.tick == before.tick and after.age_s == pytest.approx(before.age_s + 0.05)
+        assert after[:1] == (after.tick,) and after[11:13] == (after.flags, after.age_s)  # older places as they were
+        servo.rest()
+
+
+def test_what_the_twin_refuses_is_said_at_the_start() -> None:
+    with pytest.raises(HapsceneError, match="the scene has no bodies"):
+        Servo(Scene(), MASS).__enter__()
+
+
+ASKED: dict[str, Callable[[Servo], object]] = {
+    "state": lambda servo: servo.state(),
+    "read": lambda servo: servo.read(),
+    "aim": lambda servo: servo.aim((0.0, 0.0, 0.0)),
+    "lateness": lambda servo: servo.timing(),
+    "tune": lambda servo: servo.tune("wood", stiffness_N_m=100.0),
+    "rest": lambda servo: servo.rest(),
+}
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_whatever_is_asked_of_a_servo_that_was_not_entered_is_refused(name: str) -> None:
+    servo = Servo(make_scene(), MASS)
+    with pytest.raises(HapsceneError, match="use it as a context"):
+        ASKED[name](servo)
+
+
+def test_before_the_first_tick_the_age_is_without_end() -> None:
+    with VirtualServo(make_scene(), MASS) as servo:
+        assert servo.state().tick == -1 and servo.state().age_s == np.inf
+        with pytest.raises(HapsceneError, match="entered once"):
+            servo.__enter__()
+        assert servo.alive
+
+
+def test_an_aim_that_is_none_does_not_spoil_the_next(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    with pytest.raises(AttributeError):
+        servo.aim((0.0, 0.0, 0.0), None)  # type: ignore[arg-type]
+    servo.aim((0.0, 0.0, -0.004), "medium")
+    servo.until(lambda: servo.state().touching)
+
+
+def test_an_aim_that_was_interrupted_does_not_spoil_the_next(servo: VirtualServo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    servo._channel.aims["count"] += 1  # Ctrl-C while it was written
+    servo.aim((0.0, 0.0, -0.004), "medium")
+    servo.until(lambda: servo.state().touching)
+
+
+@pytest.mark.parametrize("tick_s", [0.0, -1.0, np.nan, np.inf])
+def test_a_period_that_is_none_is_refused(tick_s: float) -> None:
+    with pytest.raises(HapsceneError, match="must be finite and above 0"):
+        Servo(make_scene(), MASS, tick_s=tick_s)

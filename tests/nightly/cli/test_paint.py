@@ -1,0 +1,107 @@
+"""`hapscene paint` as a process, and what it opens."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+from hapscene.cli import main, paint
+from hapscene.paint.model.document import find_recovery
+from hapscene.paint.web.page import Page
+from tests.cli.test_paint import folder
+
+__all__ = ["folder"]  # fixtures
+
+
+ENDS = [signal.SIGINT, *(signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))]
+
+
+@contextmanager
+def served(folder: Path, *command: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A painter of the cube in a process, and its address."""
+    words = [*command, "paint", "cube.ply", "--unit", "m", "--port", "0", "--no-browser"]
+    pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, *words], text=True, cwd=folder, start_new_session=True, **pipes) as process:
+        try:
+            assert process.stdout is not None
+            end_s = time.monotonic() + 120.0
+            while "http://127.0.0.1:" not in (line := process.stdout.readline()):
+                assert line and time.monotonic() < end_s
+            yield process, line.split()[0]
+        finally:
+            process.kill()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="pages are reserved on Linux")
+def test_a_hand_that_cannot_start_is_told_on_terminal_and_page(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*asked: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    class Watched(Page):
+        def __enter__(self) -> Page:
+            pages.append(self)
+            return super().__enter__()
+
+    def nap(time_s: float) -> None:
+        if time.monotonic() > end_s or any(pages[0]._state()["word"] + "\n" == text for text in said):
+            raise KeyboardInterrupt
+        time.sleep(0.01)
+
+    pages: list[Page] = []
+    said: list[str] = []
+    end_s = time.monotonic() + 60.0
+    monkeypatch.setattr(os, "posix_fallocate", fail)
+    monkeypatch.setattr("hapscene.paint.web.page.Page", Watched)
+    monkeypatch.setattr(paint, "time", SimpleNamespace(sleep=nap))
+    monkeypatch.setattr(paint, "say", said.append)
+    assert main(["paint", "cube.ply", "--unit", "m", "--port", "0", "--no-browser"]) == 0
+    assert time.monotonic() < end_s
+    (line,) = (text for text in said if text.startswith("The hand cannot touch: the servo needs "))
+    assert "/dev/shm has " in line and line.count("\n") == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is no signal there")
+@pytest.mark.parametrize("kind", ENDS)
+def test_it_serves_until_it_is_ended_and_leaves_nothing_behind(folder: Path, kind: signal.Signals) -> None:
+    with served(folder, "-m", "hapscene") as (process, url):
+        with urllib.request.urlopen(url, timeout=60.0) as answer:
+            assert b"/hapscene.js" in answer.read()
+        os.killpg(process.pid, kind)  # as a terminal, a service manager and `timeout` do; the hand may still start
+        assert process.wait(120.0) == 0
+        assert process.stderr is not None and process.stderr.read() == ""
+        assert process.stdout is not None
+        assert "nothing was painted, so there is no cube.scene.json" in process.stdout.read()
+    assert sorted(path.name for path in folder.iterdir()) == ["cube.ply"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is no signal there")
+def test_what_is_not_saved_is_kept_when_it_is_ended(folder: Path) -> None:
+    (folder / "painter.py").write_text(
+        "import sys\n"
+        "from hapscene.cli import main\n"
+        "from hapscene.paint import opening\n"
+        "def painted(*arguments, opened=opening.open_session, **more):\n"
+        "    session = opened(*arguments, **more)\n"
+        "    session.fill_body(0, session.add_swatch('wood'))\n"
+        "    return session\n"
+        "if __name__ == '__main__':\n"
+        "    opening.open_session = painted\n"
+        "    sys.exit(main([*sys.argv[1:], '--no-hand']))\n"
+    )
+    with served(folder, "painter.py") as (process, _):
+        process.send_signal(signal.SIGTERM)
+        said, complained = process.communicate(timeout=120.0)
+    assert process.returncode == 0 and complained == "" and "offered the next time" in said
+    kept = find_recovery(folder / "cube.scene.json")
+    assert kept is not None and [s.name for s in kept.load().swatches][1:] == ["wood"]

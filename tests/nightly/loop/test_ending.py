@@ -1,0 +1,270 @@
+"""However the servo, its application or both end: no process stays, no memory, and nobody waits."""
+
+import os
+import pickle
+import random
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from multiprocessing.shared_memory import SharedMemory
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from hapscene.device.sim.point import PointMass
+from hapscene.errors import HapsceneError
+from hapscene.loop import Servo
+from hapscene.loop.shared_memory import Channel, open_channel
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+from tests.until import until
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="neither these signals nor named memory there")
+
+MASS = PointMass(0.045, 0.1, 0.26, 5.5e-5)
+
+APPLICATION = """
+import sys, time
+sys.path.insert(0, {folder!r})
+from tests.nightly.servo.test_ending import MASS, make_scene
+from hapscene.loop import Servo
+if __name__ == "__main__":
+    with Servo(make_scene(), MASS) as servo:
+        print(servo._channel.memory.name, flush=True)
+        time.sleep(600.0)
+"""
+
+
+class Deadly:
+    """Ends the process that takes it out of its box."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return os._exit, (3,)
+
+
+def make_scene() -> Scene:
+    """A cube."""
+    scene = Scene()
+    scene.add(Mesh.from_trimesh(trimesh.creation.box((0.02, 0.02, 0.02)), "m"), name="cube")
+    return scene
+
+
+def begin(folder: Path, text: str) -> subprocess.Popen[str]:
+    """A program, as a process that leads a group of its own."""
+    script = folder / "application.py"
+    script.write_text(text.format(folder=str(Path(__file__).parents[3])))
+    return subprocess.Popen(
+        [sys.executable, str(script)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+@pytest.fixture
+def blocks(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the shared blocks that are made."""
+    names = []
+
+    def noted(length: int, block: int, **counts: int) -> Channel:
+        channel = open_channel(length, block, **counts)
+        names.append(channel.memory.name)
+        return channel
+
+    monkeypatch.setattr("hapscene.loop.servo.open_channel", noted)
+    return names
+
+
+def assert_gone(blocks: list[str]) -> None:
+    (name,) = blocks
+    with pytest.raises(FileNotFoundError):
+        SharedMemory(name)
+
+
+def test_once_it_runs_its_memory_has_no_name_that_could_stay() -> None:
+    with Servo(make_scene(), MASS) as servo:
+        name = servo._channel.memory.name
+        with pytest.raises(FileNotFoundError):
+            SharedMemory(name)
+        servo.start((0.0, 0.0, 0.05))
+        until(lambda: servo.state().tick >= 10)
+
+
+@pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="no folder to see the memory in")
+@pytest.mark.parametrize("all_of_them", [False, True])
+def test_a_killed_application_leaves_nothing_and_says_nothing(tmp_path: Path, all_of_them: bool) -> None:
+    application = begin(tmp_path, APPLICATION)
+    assert application.stdout is not None
+    name = application.stdout.readline().strip()
+    if all_of_them:  # the resource tracker as well
+        os.killpg(application.pid, signal.SIGKILL)
+    else:
+        application.kill()
+    assert application.communicate(timeout=120.0) == ("", "")  # the pipes end with the last process that has them
+    assert not Path("/dev/shm", name).exists()
+
+
+def test_a_process_that_dies_of_what_it_is_sent_is_not_waited_for() -> None:
+    servo = Servo(make_scene(), MASS, first=Deadly(), padding=bytes(10_000_000))
+    said: list[str] = []
+
+    def enter() -> None:
+        try:
+            servo.__enter__()
+        except HapsceneError as error:
+            said.append(str(error))
+
+    thread = threading.Thread(target=enter, daemon=True)
+    thread.start()
+    thread.join(120.0)
+    assert said == ["the servo's process has ended (exit code 3); start a new one"]
+
+
+def test_a_start_can_be_cancelled(blocks: list[str]) -> None:
+    servo = Servo(make_scene(), MASS)
+    servo.cancel()
+    with pytest.raises(HapsceneError, match="cancelled"):
+        servo.__enter__()
+    assert_gone(blocks)
+
+
+def test_what_cannot_be_sent_is_told_and_leaves_no_memory(blocks: list[str]) -> None:
+    with pytest.raises((AttributeError, TypeError, pickle.PicklingError)), Servo(make_scene(), lambda: None):
+        pass
+    assert_gone(blocks)
+
+
+def test_a_servo_that_is_never_entered_takes_nothing(blocks: list[str]) -> None:
+    threads = threading.active_count()
+    servo = Servo(make_scene(), MASS)
+    assert "not begun" in repr(servo)
+    servo.close()
+    assert not blocks and threading.active_count() <= threads and "closed" in repr(servo)
+
+
+def test_an_application_that_never_closes_its_servo_ends_without_a_word(tmp_path: Path) -> None:
+    text = APPLICATION.replace("    with Servo(make_scene(), MASS) as servo:", "    servo = Servo(make_scene(), MASS)")
+    text = text.replace("        time.sleep(600.0)", "").replace("        print(", "    servo.__enter__()\n    print(")
+    application = begin(tmp_path, text)
+    out, errors = application.communicate(timeout=120.0)
+    assert (application.returncode, errors) == (0, "")
+    assert not Path("/dev/shm", out.strip()).exists()
+
+
+def test_a_start_under_way_can_be_cancelled() -> None:
+    servo = Servo(make_scene(), MASS)
+
+    def cancel() -> None:
+        while servo._process is None:
+            time.sleep(0.001)
+        servo.cancel()
+
+    thread = threading.Thread(target=cancel)
+    thread.start()
+    with pytest.raises(HapsceneError, match=r"cancelled|has ended"):
+        servo.__enter__()
+    thread.join()
+    assert not servo.alive
+
+
+# Memory that is short, or not to be had.
+
+
+ENTER = """
+import sys
+sys.path.insert(0, {folder!r})
+from tests.nightly.servo.test_ending import MASS, make_scene
+from hapscene.errors import HapsceneError
+from hapscene.loop import Servo
+if __name__ == "__main__":
+    try:
+        with Servo(make_scene(), MASS) as servo:
+            servo.start((0.0, 0.0, 0.05))
+            servo.read(), servo.rest()
+            print("it runs")
+    except HapsceneError as error:
+        print(error)
+"""
+
+
+def enter_with(mount: str, folder: Path) -> str:
+    """What a servo says that is entered where another folder lies over that of shared memory."""
+    enter = shutil.which("unshare")
+    command = f"mount -t tmpfs {mount} && exec {shlex.quote(sys.executable)} {folder / 'application.py'}"
+    tried = [enter or "unshare", "-m", "sh", "-c", f"mount -t tmpfs {mount}"]
+    if sys.platform != "linux" or enter is None or subprocess.run(tried, capture_output=True).returncode:
+        pytest.skip("only where a Linux lets its tests mount a folder (root)")
+    (folder / "application.py").write_text(ENTER.format(folder=str(Path(__file__).parents[3])))
+    done = subprocess.run([enter, "-m", "sh", "-c", command], capture_output=True, text=True, timeout=120.0)
+    assert (done.returncode, done.stderr) == (0, "")  # no SIGBUS, and nothing of the resource tracker's
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize(
+    ("mount", "says"),
+    [
+        ("-o size=1m tmpfs /dev/shm", "bytes of shared memory; /dev/shm has 1,048,576 left: make it larger"),
+        ("-o ro tmpfs /dev/shm", "bytes of shared memory; /dev/shm must be there and be writable"),
+        ("-o size=7000k tmpfs /dev/shm", "it runs"),  # nothing else of ours lies there
+    ],
+    ids=["small", "read-only", "just enough"],
+)
+def test_where_shared_memory_is_short_a_line_says_so(mount: str, says: str, tmp_path: Path) -> None:
+    assert says in enter_with(mount, tmp_path)
+
+
+# Kills at any time.
+
+
+USED = """
+import os, sys
+from multiprocessing import shared_memory
+sys.path.insert(0, {folder!r})
+from tests.nightly.servo.test_ending import MASS, make_scene
+from hapscene.loop import Servo
+if __name__ == "__main__":
+    shared_memory._make_filename = lambda: f"/of-{{os.getpid()}}"
+    servo = Servo(make_scene(), MASS)
+    print("made", flush=True)
+    with servo:
+        print(servo._process.pid, flush=True)
+        servo.start((0.0, 0.0, 0.05))
+        while True:
+            servo.aim((0.0, 0.0, 0.009)), servo.state(), servo.read()
+            if servo.state().tick % 50 == 0:
+                servo.repaint(make_scene())
+"""
+
+
+@pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="no folder to see the memory in")
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, 20))])
+def test_killed_at_any_time_nothing_stays(seed: int, tmp_path: Path) -> None:
+    chance, running = random.Random(seed), seed % 3 > 0
+    application = begin(tmp_path, USED)
+    assert application.stdout is not None
+    said = [application.stdout.readline() for _ in range(1 + running)]
+    time.sleep(chance.uniform(0.0, 0.3))  # any moment after that
+    of_servo = seed % 3 == 1
+    os.kill(int(said[1]) if of_servo else application.pid, signal.SIGKILL)
+    errors = application.communicate(timeout=120.0)[1]  # its pipes end with the last process that has them
+    if of_servo:
+        assert "HapsceneError: the servo's process has ended (exit code -9)" in errors
+    elif running:  # before, Python's own resource tracker tells what it had to clean up
+        assert errors == ""
+    until(lambda: not alive(application.pid))
+    assert not Path("/dev/shm", f"of-{application.pid}").exists()
+
+
+def alive(group: int) -> bool:
+    """Whether a process of the group is left."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True

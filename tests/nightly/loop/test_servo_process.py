@@ -1,0 +1,225 @@
+"""The servo as a real process: it answers, and whatever ends it or its application is told and leaves nothing."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from tests.servo.test_driver import TICK_NS, desk  # noqa: F401  # a fixture
+from tests.servo.test_servo import ASKED, MASS, make_scene
+
+import hapscene
+from hapscene.clock import new_clock
+from hapscene.compiled.native import INTERPRETED
+from hapscene.device.sim.omni import Omni
+from hapscene.errors import HapsceneError
+from hapscene.loop import Servo
+from hapscene.loop.driver import CHANNEL
+from hapscene.loop.servo_process import Desk
+from hapscene.loop.timing import LATE_MAX, TIMING, Timer, start_timer, wait_for_tick
+from hapscene.records import records
+from tests.until import until
+
+
+@pytest.fixture(scope="module")
+def servo() -> Iterator[Servo]:
+    with Servo(make_scene(), MASS) as running:
+        yield running
+
+
+def test_it_ticks_at_its_rate_and_follows_the_aim(servo: Servo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    first, start_s = servo.state().tick, time.monotonic()
+    servo.aim((0.01, 0.0, -0.003), "medium")
+    until(lambda: servo.state().tick >= first + 1500)
+    took_s = time.monotonic() - start_s
+    assert took_s > 1.4  # 1.5 s of ticks: a busy machine may make it late, never early
+    state = servo.state()
+    assert state.touching and state.f_W_N[2] > 0.2
+
+
+@pytest.mark.skipif(not hasattr(os, "waitid"), reason="no way to see a death without taking note of it")
+def test_whatever_is_asked_of_a_killed_process_is_refused_and_what_it_felt_can_be_read() -> None:
+    with Servo(make_scene(), MASS) as servo:
+        servo.start((0.0, 0.0, 0.01))
+        until(lambda: servo.state().tick >= 50)
+        os.kill(servo._process.pid, signal.SIGKILL)
+        os.waitid(os.P_PID, servo._process.pid, os.WEXITED | os.WNOWAIT)  # from here on its death can be known
+        for asked in ASKED.values():
+            with pytest.raises(HapsceneError, match=r"the servo's process has ended \(exit code -9\)"):
+                asked(servo)
+        assert "ended" in repr(servo)
+        felt = servo.read(10, after_end=True)
+        assert felt.first == 10 and len(felt.rows) > 40 and np.ptp(felt.rows["p_WT_m"][:, 2]) < 1e-6
+    for asked in ASKED.values():
+        with pytest.raises(HapsceneError, match="this servo is closed"):
+            asked(servo)
+    with pytest.raises(HapsceneError, match="this servo is closed"):
+        servo.read(after_end=True)
+    with pytest.raises(HapsceneError, match="entered once"):
+        servo.__enter__()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGSTOP there")
+def test_a_process_that_hangs_is_seen_by_the_age_of_its_state(servo: Servo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    tick = servo.state().tick
+    until(lambda: servo.state().tick > tick and servo.state().age_s < 0.01)
+    os.kill(servo._process.pid, signal.SIGSTOP)
+    try:
+        until(lambda: servo.state().age_s > 0.2)
+        tick = servo.state().tick
+        before_s, first, again = time.monotonic(), servo.state(), servo.state()
+        assert first.tick == again.tick == tick  # it stands, and ages as the clock goes
+        assert 0.0 < again.age_s - first.age_s <= time.monotonic() - before_s
+    finally:
+        os.kill(servo._process.pid, signal.SIGCONT)
+    until(lambda: servo.state().tick > tick and servo.state().age_s < 0.01)
+    servo.rest()
+    rested = servo.state()
+    until(lambda: servo.state().age_s > rested.age_s + 0.05)  # at rest too
+    assert servo.state().tick == rested.tick
+    assert rested[:1] == (rested.tick,) and rested[11:13] == (rested.flags, rested.age_s)  # older places as they were
+
+
+def test_the_example_of_the_package_runs_as_a_script(tmp_path: Path) -> None:
+    """Its process reads the script anew, as everywhere where processes are spawned."""
+    assert hapscene.loop.__doc__ is not None
+    script = tmp_path / "example.py"
+    script.write_text(re.split(r"```(?:python)?\n", hapscene.loop.__doc__)[1])
+    root = Path(__file__).resolve().parents[3]
+    done = subprocess.run([sys.executable, script], cwd=root, capture_output=True, text=True, timeout=100.0)
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    assert re.fullmatch(r"\[[-0-9. e]+\]\n", done.stdout)
+
+
+def test_it_ends_with_an_application_that_is_killed(tmp_path: Path) -> None:
+    script = tmp_path / "application.py"
+    script.write_text(
+        "import os, sys\n"
+        f"sys.path.insert(0, {str(Path(__file__).parents[3])!r})\n"
+        "from tests.servo.test_servo import MASS, make_scene\n"
+        "from hapscene.loop import Servo\n"
+        "if __name__ == '__main__':\n"
+        "    servo = Servo(make_scene(), MASS).__enter__()\n"
+        "    servo.start((0.0, 0.0, 0.01))\n"
+        "    print(servo._process.pid, flush=True)\n"
+        "    sys.stdin.read()\n"
+    )
+    application = subprocess.Popen(
+        [sys.executable, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert application.stdout is not None
+    pid = int(application.stdout.readline())
+    application.kill()
+    application.wait()
+
+    def gone() -> bool:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0]
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+        return state == "Z"
+
+    if not Path("/proc").is_dir():
+        pytest.skip("no /proc here to see the process end")
+    until(gone)
+
+
+def test_what_the_process_refuses_is_told_in_a_line(capfd: pytest.CaptureFixture[str]) -> None:
+    far = np.eye(4)
+    far[0, 3] = 5.0
+    with pytest.raises(HapsceneError, match="reach"), Servo(make_scene(), Omni(), X_WD=far):
+        pass
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_an_interrupted_order_is_done_to_its_end_and_the_next_gets_its_own_answer(servo: Servo) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    servo.start((0.0, 0.0, 0.03))
+    ball = trimesh.creation.icosphere(6, radius=0.02)
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.02)
+        with pytest.raises(KeyboardInterrupt):
+            servo.add(ball, name="heavy", unit="m")
+            time.sleep(1.0)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    with pytest.raises(HapsceneError, match="no swatch 'nothing'"):
+        servo.tune("nothing", stiffness_N_m=1.0)
+    servo.remove("heavy")
+    assert "heavy" in servo.body_names and servo.scene.bodies[-1].name == "heavy (removed)"
+
+
+def test_orders_of_several_threads_go_one_after_the_other(servo: Servo) -> None:
+    servo.start((0.0, 0.0, 0.03))
+    vertices, wrong = np.array(servo.scene.body("plate").mesh.vertices_m), []
+
+    def shape() -> None:
+        for _ in range(50):
+            servo.deform("plate", vertices)
+
+    thread = threading.Thread(target=shape)
+    thread.start()
+    for _ in range(50):
+        try:
+            servo.tune("nothing", stiffness_N_m=1.0)
+        except HapsceneError as error:
+            wrong += [str(error)] * ("no swatch 'nothing'" not in str(error))
+        else:
+            wrong.append("taken")
+    thread.join()
+    assert not wrong
+
+
+# The loop keeps the time of a real clock, and leaves the processor to others.
+
+
+def test_it_sleeps_until_just_before_a_tick_is_due() -> None:
+    """The processor is left to others meanwhile: it costs some microseconds, and 50 of looking."""
+    period_ns, count = 20 * TICK_NS, 10
+    timer = Timer(records(1, CHANNEL)[0], new_clock(), records(1, TIMING)[0], period_ns)
+    wait_for_tick(timer)  # compiled
+    start_timer(timer)
+    used_s = time.thread_time()
+    for _ in range(count):
+        wait_for_tick(timer)
+    used_s = time.thread_time() - used_s
+    assert used_s < 0.05 * count * period_ns * 1e-9  # also where a spinning one would get a tenth of a core
+
+
+@pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes all there is")
+@pytest.mark.parametrize("desk", [1e-3, 4e-3], indirect=True)
+def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) -> None:  # noqa: F811
+    channel, tick_s = desk._channel.channel[0], desk._twins[0].renderer.tick_s
+
+    def live() -> tuple[float, float]:
+        wall_s, used_s = time.monotonic(), time.thread_time()
+        desk._bind()[0]()
+        return time.monotonic() - wall_s, time.thread_time() - used_s
+
+    channel.pause = 0
+    with ThreadPoolExecutor(1) as lane:
+        told = lane.submit(live)
+        end_s = time.monotonic() + 60.0
+        while channel.done < 100 and time.monotonic() < end_s:
+            time.sleep(0.001)
+        channel.pause = 1
+        wall_s, used_s = told.result()
+    ticks = channel.done + channel.missed
+    assert channel.done >= 100 and ticks * tick_s <= wall_s  # none before its time
+    assert wall_s < (ticks + LATE_MAX + 2) * tick_s  # and none forgotten: done, counted as missed, or being made up
+    assert channel.late.sum() == channel.busy.sum() == channel.done
+    assert used_s < 3e-4 * ticks

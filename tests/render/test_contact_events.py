@@ -1,0 +1,64 @@
+"""Events of a contact, found in rows."""
+
+import numpy as np
+import trimesh
+
+import hapscene
+from hapscene.records import ROW, records
+from hapscene.render.contact_events import ContactEvent, events_of
+
+BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
+
+
+def rows_of(*told: tuple[int, int, int]) -> np.ndarray:
+    """Ticks of (body, swatch, began), each an approach of a tenth of its number."""
+    rows = records(len(told), ROW)
+    for k, (row, (body, swatch, began)) in enumerate(zip(rows, told, strict=True)):
+        row.body, row.swatch, row.began, row.approach_m_s = body, swatch, began, 0.1 * k
+    return rows
+
+
+def test_a_contact_begins_crosses_and_ends() -> None:
+    rows = rows_of((-1, -1, 0), (0, 1, 1), (0, 1, 0), (0, 0, 0), (1, 0, 0), (-1, -1, 0), (1, 1, 1), (1, 1, 1))
+    names = ("box", "lid"), ("plain", "wood")
+    assert events_of(rows, 10, 0, *names) == [
+        ContactEvent(11, "began", "box", "wood", 0.1),
+        ContactEvent(13, "crossed", "box", "plain", 0.0),
+        ContactEvent(14, "crossed", "lid", "plain", 0.0),
+        ContactEvent(15, "ended", "lid", "plain", 0.0),
+        ContactEvent(16, "began", "lid", "wood", 0.6000000000000001),
+        ContactEvent(17, "began", "lid", "wood", 0.7000000000000001),
+    ]
+
+
+def test_what_went_on_before_the_first_row_is_no_event() -> None:
+    names = ("box", "lid"), ("plain", "wood")
+    touching = rows_of((0, 1, 0), (0, 1, 0), (-1, -1, 0))
+    assert [event.kind for event in events_of(touching, 9000, 20, *names)] == ["ended"]
+    assert [event.kind for event in events_of(touching, 0, 0, *names)] == ["began", "ended"]
+    assert [event.kind for event in events_of(rows_of((0, 1, 1)), 9000, 20, *names)] == ["began"]
+
+
+def test_looked_at_in_pieces_nothing_is_told_twice_or_lost() -> None:
+    rng = np.random.default_rng(5)
+    body = rng.integers(-1, 2, 300)
+    rows = rows_of(*((int(b), int(b), 0) for b in body))
+    names = ("box", "lid"), ("plain", "wood")
+    whole, found, since = events_of(rows, 0, 0, *names), [], 0
+    for stop in (1, 2, 57, 58, 200, 300):
+        first = max(since - 1, 0)
+        found += events_of(rows[first:stop], first, since, *names)
+        since = stop
+    assert found == whole and len(whole) > 100
+
+
+def test_the_speed_of_a_tap_is_that_of_the_tool() -> None:
+    scene = hapscene.Scene()
+    scene.add(BOX, name="box", unit="m")
+    renderer = hapscene.Renderer(scene, ["wall"])
+    rows = []
+    for z in np.arange(0.0105, -0.002, -0.0003):
+        renderer.step((0.0, 0.0, z))
+        rows.append(renderer._row.copy())
+    (event,) = events_of(np.concatenate(rows), 0, 0, ("box",), ("plain",))
+    assert event.kind == "began" and abs(event.approach_m_s - 0.3) < 1e-9

@@ -1,0 +1,369 @@
+"""The renderer as programs use it: run and step, reset, poses, limits, what it refuses, and the interpreted mode."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import hapscene
+from hapscene.device.model import Limits
+from hapscene.errors import HapsceneError, PathError, SceneError
+from hapscene.flags import Flag
+from hapscene.surface.device_clipping import Fit
+from hapscene.surface.effect import Effect, Param
+from hapscene.surface.swatch import Swatch
+
+ALL = ["wall", "friction", "lpc_texture", "tap"]
+BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
+ROWS = ("p_WT_m", "p_WP_m", "nhat_W", "depth_m", "touching", "body", "face", "swatch", "f_W_N", "flags", "a_m_s2")
+
+
+def scene(swatch: str | Swatch = "wood") -> hapscene.Scene:
+    built = hapscene.Scene()
+    built.add(BOX, name="box", unit="m", swatch=swatch)
+    return built
+
+
+def stroke(ticks: int = 400) -> np.ndarray:
+    """Down onto the box, along it with a wiggling depth, and off again."""
+    t = np.arange(ticks) / ticks
+    z = np.where((t > 0.1) & (t < 0.9), -0.001 + 0.0004 * np.sin(40 * t), 0.002)
+    return np.c_[0.03 * np.sin(5 * t), 0.02 * t, z]
+
+
+def assert_same_bits(a: hapscene.Recording, b: hapscene.Recording) -> None:
+    for name in ROWS:
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+
+
+def test_step_and_run_give_the_same_bits():
+    path = stroke()
+    recording = hapscene.Renderer(scene(), ALL, seed=3).run(path)
+    stepper = hapscene.Renderer(scene(), ALL, seed=3)
+    commands = [stepper.step(p) for p in path]
+    np.testing.assert_array_equal([c.f_W_N for c in commands], recording.f_W_N)
+    np.testing.assert_array_equal([c.a_m_s2 for c in commands], recording.a_m_s2)
+    np.testing.assert_array_equal([c.flags for c in commands], recording.flags)
+
+
+def test_step_with_poses_and_run_give_the_same_bits():
+    X = np.tile(np.eye(4), (300, 1, 1))
+    X[:, 2, 3] = 0.001 * np.sin(np.arange(300) / 20)
+    path = np.tile([0.01, 0.02, 0.0], (300, 1))
+    recording = hapscene.Renderer(scene(), ALL).run(path, poses={"box": X})
+    stepper = hapscene.Renderer(scene(), ALL)
+    forces = [stepper.step(p, poses={"box": pose}).f_W_N for p, pose in zip(path, X, strict=True)]
+    assert recording.touching.any()
+    np.testing.assert_array_equal(forces, recording.f_W_N)
+
+
+def test_a_path_in_pieces_is_the_path():
+    path = stroke()
+    whole = hapscene.Renderer(scene(), ALL).run(path)
+    renderer = hapscene.Renderer(scene(), ALL)
+    parts = [renderer.run(path[:150]), renderer.run(path[150:151]), renderer.run(path[151:])]
+    np.testing.assert_array_equal(np.concatenate([p.f_W_N for p in parts]), whole.f_W_N)
+    np.testing.assert_array_equal(np.concatenate([p.t_s for p in parts]), whole.t_s)
+
+
+def test_reset_replays():
+    path = stroke()
+    renderer = hapscene.Renderer(scene(), ALL, seed=5)
+    first = renderer.run(path)
+    renderer.run(path[200:250])
+    renderer.reset(path[0])
+    again = renderer.run(path)
+    assert_same_bits(first, again)
+    np.testing.assert_array_equal(first.t_s, again.t_s)
+
+
+def test_seed_sets_what_is_drawn_at_random():
+    one, same, other = (hapscene.Renderer(scene(), ALL, seed=s).run(stroke()) for s in (1, 1, 2))
+    np.testing.assert_array_equal(one.a_m_s2, same.a_m_s2)
+    assert not np.array_equal(one.a_m_s2, other.a_m_s2)
+    np.testing.assert_array_equal(one.f_W_N, other.f_W_N)
+
+
+# --- what it refuses
+
+
+@pytest.mark.parametrize(
+    ("path", "place"),
+    [
+        (np.zeros((0, 3)), ""),
+        (np.zeros((5, 2)), "(5, 2)"),
+        ([[0, 0, 1], [0, np.nan, 1]], "row 1"),
+        ([[0, 0, 1], [0, -20_000, 1]], "row 1"),
+    ],
+)
+def test_bad_path(path, place):
+    with pytest.raises(PathError) as caught:
+        hapscene.Renderer(scene(), ["wall"]).run(path)
+    assert place in str(caught.value)
+
+
+@pytest.mark.parametrize("position", [[0.0, 0.0], [0.0, 0.0, np.nan]])
+def test_bad_reset(position):
+    with pytest.raises(PathError):
+        hapscene.Renderer(scene(), ["wall"]).reset(position)
+
+
+STILL = np.tile(np.eye(4), (5, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "poses", "place"),
+    [
+        ("bax", STILL, "bax"),
+        ("box", STILL[:4], "(5, 4, 4)"),
+        ("box", STILL * 2.0, "tick 0"),
+        ("box", STILL * np.array([-1, 1, 1, 1]), "tick 0"),
+        ("box", STILL * np.nan, "tick 0"),
+        ("box", STILL + 7.0 * (np.arange(16).reshape(4, 4) == 12), "tick 0"),
+        ("box", STILL + 1e5 * (np.arange(16).reshape(4, 4) == 3), "tick 0"),
+    ],
+)
+def test_bad_poses(name, poses, place):
+    with pytest.raises(SceneError) as caught:
+        hapscene.Renderer(scene(), ["wall"]).run(np.ones((5, 3)), poses={name: poses})
+    assert place in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("tick_s", "rate_Hz"), [(1e-3, 10_500.5), (1e-3, 0.0), (0.0, 1e4), (-1e-3, 1e4), (1e-3, 3e5), (np.nan, 1e4)]
+)
+def test_bad_rates(tick_s, rate_Hz):
+    with pytest.raises(HapsceneError):
+        hapscene.Renderer(scene(), ["wall"], tick_s=tick_s, a_rate_Hz=rate_Hz)
+
+
+def test_scene_without_bodies():
+    with pytest.raises(SceneError):
+        hapscene.Renderer(hapscene.Scene(), ["wall"])
+
+
+def test_other_rates():
+    recording = hapscene.Renderer(scene(), ALL, tick_s=5e-4, a_rate_Hz=8000.0).run(stroke())
+    assert recording.a_m_s2.shape == (400, 4)
+    np.testing.assert_allclose(recording.t_s, np.arange(400) * 5e-4)
+
+
+# --- what goes wrong in a tick is a flag
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_position_that_is_not_finite_is_flagged_and_the_last_good_one_used(bad):
+    renderer = hapscene.Renderer(scene(), ["wall"])
+    renderer.reset([0, 0, 0.001])
+    good = renderer.step([0, 0, -0.001])
+    held = renderer.step([0, bad, -0.002])
+    after = renderer.step([0, 0, -0.001])
+    assert (good.flags, held.flags, after.flags) == (Flag(0), Flag.TOOL_NOT_FINITE, Flag(0))
+    np.testing.assert_array_equal(held.f_W_N, good.f_W_N)
+    np.testing.assert_array_equal(after.f_W_N, good.f_W_N)
+
+
+def _sour(touch, p, table, s, out):
+    out.f_W_N[0] += 1.0 / (touch.p_WT_m[0] - p.at_m) - 1.0 / (touch.p_WT_m[0] - p.at_m)
+
+
+SOUR = Effect("sour", "NaN at one place.", _sour, params=(Param("at_m", 0.01, "m", "where"),))
+
+
+def test_an_effect_that_returns_nan_is_mute_until_reset_and_the_others_go_on():
+    renderer = hapscene.Renderer(scene(Swatch("plain one", stiffness_N_m=500.0)), ["wall", SOUR])
+    path = np.tile([0.0, 0.0, -0.001], (6, 1))
+    path[0, 2] = 0.001
+    path[3, 0] = 0.01
+    recording = renderer.run(path)
+    assert recording.flags.tolist() == [0, 0, 0, *[Flag.EFFECT_MUTED] * 3]
+    np.testing.assert_allclose(recording.f_W_N[1:], np.tile([0, 0, 0.5], (5, 1)), atol=1e-9)
+    renderer.reset(path[0])
+    assert renderer.run(path[:3]).flags.tolist() == [0, 0, 0]
+
+
+def test_force_over_the_limit_keeps_its_direction():
+    path = stroke()
+    free = hapscene.Renderer(scene(), ["wall", "friction"]).run(path)
+    kept = hapscene.Renderer(scene(), ["wall", "friction"], limits=Limits(force_N=0.3)).run(path)
+    size = np.linalg.norm(free.f_W_N, axis=1)
+    over = size > 0.3
+    assert over.any() and not over.all()
+    np.testing.assert_array_equal((kept.flags & Flag.FORCE_LIMITED) != 0, over)
+    np.testing.assert_allclose(kept.f_W_N[over], 0.3 * free.f_W_N[over] / size[over, None], rtol=1e-12)
+    np.testing.assert_array_equal(kept.f_W_N[~over], free.f_W_N[~over])
+
+
+def test_force_changes_no_faster_than_the_limit():
+    limits = Limits(slew_N_s=50.0)
+    kept = hapscene.Renderer(scene(), ["wall"], limits=limits).run(stroke())
+    change = np.linalg.norm(np.diff(kept.f_W_N, axis=0, prepend=np.zeros((1, 3))), axis=1)
+    assert change.max() <= 0.05 * (1 + 1e-12)
+    np.testing.assert_allclose(change[(kept.flags & Flag.SLEW_LIMITED) != 0], 0.05, rtol=1e-9)
+    assert (kept.flags & Flag.SLEW_LIMITED).any()
+
+
+def test_acceleration_over_the_limit_is_cut():
+    free = hapscene.Renderer(scene(), ALL).run(stroke())
+    most = 0.5 * np.abs(free.a_m_s2).max()
+    kept = hapscene.Renderer(scene(), ALL, limits=Limits(acceleration_m_s2=most)).run(stroke())
+    np.testing.assert_array_equal(kept.a_m_s2, np.clip(free.a_m_s2, -most, most))
+    cut = (np.abs(free.a_m_s2) > most).any(axis=1)
+    np.testing.assert_array_equal((kept.flags & Flag.ACCELERATION_LIMITED) != 0, cut)
+
+
+@pytest.mark.parametrize("name", ["force_N", "slew_N_s", "acceleration_m_s2", "fold_mass_kg"])
+@pytest.mark.parametrize("value", [-1.0, np.nan])
+def test_limits_that_make_no_sense(name, value):
+    with pytest.raises(HapsceneError, match=name):
+        Limits(**{name: value})
+
+
+def test_instances_are_touched_where_they_are():
+    mesh = hapscene.Mesh.from_trimesh(BOX, "m")
+    built = hapscene.Scene()
+    for i in range(5):
+        pose = trimesh.transformations.rotation_matrix(0.3 * i, (0, 0, 1))
+        pose[:3, 3] = (0.2 * i, 0, 0.01 * i)
+        built.add(mesh, name=f"box {i}", pose=pose)
+    renderer = hapscene.Renderer(built, ["wall"])
+    for i in range(5):
+        renderer.reset([0.2 * i, 0.001, 0.01 * i + 0.001])
+        recording = renderer.run([[0.2 * i, 0.001, 0.01 * i - 0.002]])
+        assert recording.body.tolist() == [i]
+        np.testing.assert_allclose(recording.p_WP_m, [[0.2 * i, 0.001, 0.01 * i]], atol=1e-12)
+
+
+def test_a_first_position_that_is_not_finite_is_flagged_and_waited_out():
+    renderer = hapscene.Renderer(flat_scene())
+    command = renderer.step([np.nan, 0.0, 0.0])
+    assert command.flags == hapscene.Flag.TOOL_NOT_FINITE and not command.f_W_N.any()
+    assert renderer.step([0.0, 0.0, 0.05]).flags == 0
+
+
+def flat_scene() -> hapscene.Scene:
+    import trimesh
+
+    scene = hapscene.Scene()
+    scene.add(trimesh.creation.box((0.1, 0.1, 0.02)), name="box", unit="m")
+    return scene
+
+
+@pytest.mark.parametrize("keys", [{"seed": -1}, {"seed": 1.5}, {"effects": "wall"}, {"a_rate_Hz": np.inf}])
+def test_bad_arguments_are_refused_in_words(keys):
+    with pytest.raises(hapscene.HapsceneError):
+        hapscene.Renderer(flat_scene(), **keys)
+
+
+def test_another_painting_is_felt_as_a_new_renderer_feels_it(monkeypatch):
+    """Its numbers are fitted to the device once, and can be tuned afterwards."""
+    fitted = []
+
+    def counted(*arguments):
+        fitted.append(Fit(*arguments))
+        return fitted[-1]
+
+    renderer = hapscene.Renderer(scene("wood"), device="omni")
+    renderer.run(stroke())
+    monkeypatch.setattr("hapscene.render.renderer.Fit", counted)
+    other = scene(Swatch("oak", stiffness_N_m=333.0))
+    renderer.repaint(other)
+    assert len(fitted) == 1
+    monkeypatch.undo()
+    fresh = hapscene.Renderer(other, device="omni")
+    for either in (renderer, fresh):
+        either.reset(stroke()[0])
+        either.tune("oak", stiffness_N_m=222.0)
+    assert renderer.clips == fresh.clips
+    assert_same_bits(renderer.run(stroke()), fresh.run(stroke()))
+
+
+def test_a_second_renderer_of_a_scene_builds_and_holds_nothing_anew():
+    built = hapscene.Scene()
+    for name in ("one", "two"):
+        built.add(hapscene.Mesh.from_trimesh(trimesh.creation.icosphere(2, radius=0.05), "m"), name=name)
+    first, second = hapscene.Renderer(built), hapscene.Renderer(built, ["wall"])
+    assert first.world.corners_m is second.world.corners_m
+    assert first.world.bodies["search"].tolist() == second.world.bodies["search"].tolist()
+
+
+def test_bodies_come_and_go_in_contact():
+    box = trimesh.creation.box((0.1, 0.1, 0.02))
+    built = hapscene.Scene()
+    built.add(box, name="plate", unit="m")
+    renderer = hapscene.Renderer(built, ["wall"])
+    bound = renderer.moving(["plate"])
+    renderer.run(np.linspace([0.0, 0.0, 0.02], [0.0, 0.0, 0.008], 50))
+    renderer.deform("plate", built.body("plate").mesh.vertices_m)
+    built.add(box, name="lid", unit="m", swatch="wood", pose=trimesh.transformations.translation_matrix([0, 0, 0.1]))
+    renderer.repaint(built)
+    felt = renderer.run(np.tile([0.0, 0.0, 0.008], (5, 1)))
+    assert felt.touching.all() and not felt.began.any() and felt.depth_m[-1] == pytest.approx(0.002)
+    renderer.step((0.0, 0.0, 0.008), bound)  # slots stay good
+    renderer.deform("plate", built.body("plate").mesh.vertices_m * (1.0, 1.0, 0.9))
+    assert renderer.run(np.tile([0.0, 0.0, 0.008], (60, 1))).depth_m[-1] == pytest.approx(0.001)
+    up = np.linspace([0.0, 0.0, 0.008], [0.0, 0.0, 0.095], 100)
+    felt = renderer.run(up)
+    assert felt.body_names[felt.body[-1]] == "lid" and felt.swatch_names[felt.swatch[-1]] == "wood"
+    assert renderer.impulse("lid").linear_N_s[2] > 0.0
+    renderer.remove("lid")
+    felt = renderer.run(up[-1:])
+    assert not felt.touching.any()
+    for gone in (renderer.impulse, renderer.remove, lambda name: renderer.moving([name])):
+        with pytest.raises(SceneError, match="lid"):
+            gone("lid")
+    with pytest.raises(SceneError):
+        renderer.step((0.0, 0.0, 0.1), [np.eye(4)])
+    with pytest.raises(SceneError):
+        renderer.moving("plate")
+
+
+def test_an_added_body_is_searched_once_for_all_and_is_not_of_another_world():
+    ball = hapscene.Mesh.from_trimesh(trimesh.creation.icosphere(2, radius=0.05), "m")
+    built = hapscene.Scene()
+    built.add(ball, name="one")
+    first, second = hapscene.Renderer(built), hapscene.Renderer(built)
+    built.add(ball, name="two")
+    built.add(BOX, name="box", unit="m")
+    for renderer in (first, second):
+        renderer.repaint(built)
+    assert first.world.bodies["search"].tolist() == second.world.bodies["search"].tolist()
+    assert first.world.bodies["search"][0] == first.world.bodies["search"][1]
+    for size in (1e4, 1e-5):
+        built.add(trimesh.creation.icosphere(1, radius=0.05 * size), name="odd", unit="m")
+        with pytest.raises(SceneError, match="odd"):
+            first.repaint(built)
+        built.bodies.pop()
+    first.repaint(built)
+
+
+def test_a_removed_body_stays_away_whatever_an_older_binding_says():
+    built = scene()
+    renderer = hapscene.Renderer(built, ["wall"])
+    bound = renderer.moving(["box"])
+    renderer.reset((0.0, 0.0, 0.01))
+    renderer.step((0.0, 0.0, 0.01), {"box": np.eye(4)})
+    renderer.remove("box")
+    with pytest.raises(SceneError, match="box"):
+        renderer.step((0.0, 0.0, 0.01), {"box": np.eye(4)})
+    bound.X_WB[0, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    felt = [renderer.step((0.0, 0.0, z), bound) for z in np.linspace(0.03, -0.01, 40)]
+    assert all(command.contact is None for command in felt)
+    assert renderer.run(stroke(10)).body_names == ("box",)
+
+
+def test_an_effect_is_switched_off_and_on() -> None:
+    scene = hapscene.Scene()
+    scene.add(hapscene.Mesh.from_trimesh(trimesh.creation.box((0.1, 0.1, 0.02)), "m"), name="plate", swatch="wood")
+    renderer = hapscene.Renderer(scene)
+    renderer.reset((0.0, 0.0, 0.02))
+    pressed = [renderer.step((0.0, 0.0, 0.009)).f_W_N[2] for _ in range(2)][1]
+    renderer.mute("wall")
+    command = renderer.step((0.0, 0.0, 0.009))
+    assert pressed > 0.1 and command.f_W_N[2] == pytest.approx(0.0, abs=1e-9) and command.flags == 0
+    renderer.reset((0.0, 0.0, 0.02))  # of whoever touches; what the user has switched off stays off
+    renderer.step((0.0, 0.0, 0.02))
+    assert renderer.step((0.0, 0.0, 0.009)).f_W_N[2] == pytest.approx(0.0, abs=1e-9)
+    renderer.mute("wall", False)
+    assert renderer.step((0.0, 0.0, 0.009)).f_W_N[2] > 0.1
+    with pytest.raises(HapsceneError, match="wal"):
+        renderer.mute("wal")
