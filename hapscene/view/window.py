@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -91,17 +92,18 @@ def _run(job: bytes) -> str:
     with subprocess.Popen(command, env=environment, stdin=pipe, stderr=pipe) as process:
         assert process.stdin is not None and process.stderr is not None
         try:
-            process.stdin.write(job)
-            process.stdin.flush()  # and kept open: its end is the end of this process
+            with suppress(BrokenPipeError):  # it has ended already
+                process.stdin.write(job)
+                process.stdin.flush()  # and stays open: the window closes when this process ends
             complaint = process.stderr.read()
             return last_line(complaint, process.returncode) if process.wait() else ""
-        except BrokenPipeError:
-            return last_line(process.stderr.read(), process.wait())
         except KeyboardInterrupt:
             heard()
             return ""
         finally:
             process.kill()
+            with suppress(BrokenPipeError):
+                process.stdin.close()
 
 
 class Player:
