@@ -32,7 +32,7 @@ nightly: $(ENV)/.ready-nightly
 # In an environment of its own, which is removed; three minutes on two cores. The lowest versions have wheels for the
 # lowest Python alone.
 FLOORS := tests/scene tests/surface tests/contact tests/exchange tests/test_recording.py \
-	tests/capture/test_recording_file.py tests/capture/test_record_file.py \
+	tests/capture/test_recording.py tests/capture/test_hsrec.py \
 	tests/study/test_staircase.py tests/study/test_statistics.py
 
 floors:

@@ -18,7 +18,7 @@ from typing import Any
 
 from PIL import Image, ImageGrab
 
-from hapscene.paint.session import Session
+from hapscene.paint.model.session import Session
 from hapscene.paint.web.page import Page
 from hapscene.scene.scene import load_scene
 

@@ -22,7 +22,7 @@ np.savetxt("oak.csv", table, delimiter=",", header="acceleration,force,speed", c
 # The swatch, and what of it was not recorded.
 units = {"acceleration": "m/s2", "force": "N", "speed": "m/s"}
 recording = hapscene.capture.load_recording("oak.csv", rate_Hz=RATE_HZ, units=units)
-oak = hapscene.capture.fit(recording, name="oak")
+oak = hapscene.capture.fit_swatch(recording, hapscene.capture.FitOptions("oak"))
 print(recording)
 print(oak)
 print(*(f"  {what}: {why}" for what, why in oak.absent.items()), sep="\n")

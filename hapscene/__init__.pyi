@@ -37,8 +37,8 @@ from .scene.scene_file import save_scene as save_scene
 from .surface.effect import Effect as Effect
 from .surface.effect import Param as Param
 from .surface.effect import State as State
-from .surface.library import load_swatch as load_swatch
 from .surface.swatch import Swatch as Swatch
 from .surface.swatch_file import save_swatch as save_swatch
+from .swatches.library import load_swatch as load_swatch
 
 __version__: str

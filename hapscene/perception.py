@@ -1,7 +1,7 @@
 """What a person can feel: just-noticeable differences (JND) with their sources, and errors in units of them.
 
 A JND is told apart three times in four (d′ = 0.95 in a choice of two). Two renderings are as far apart as the quantity
-that gives them away most, so a total is the largest of its parts; `hapscene.capture.compare` judges swatches alike.
+that gives them away most, so a total is the largest of its parts; so judges `hapscene.capture.report.compare`.
 """
 
 from typing import Final

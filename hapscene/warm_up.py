@@ -148,7 +148,7 @@ def _teleoperate() -> None:
 
 def _play_on_handle() -> None:
     """A recording, a live stream, the simulated handle that is identified, and a texture that is synthesized."""
-    from hapscene.capture.synthesis import synthesize
+    from hapscene.capture.fit.synthesis import synthesize
     from hapscene.handle import Plant
     from hapscene.handle.force_source import SimulatedSource
     from hapscene.handle.live_stream import LiveStream
@@ -162,9 +162,9 @@ def _play_on_handle() -> None:
 
 
 def _paint(scene: Scene) -> None:
-    from hapscene.paint.display import Display
-    from hapscene.paint.painting import Painting
-    from hapscene.paint.tool_region import Outline
+    from hapscene.paint.model.display import Display
+    from hapscene.paint.model.painting import Painting
+    from hapscene.paint.model.regions import Outline
 
     scene.add(trimesh.creation.icosphere(3, 0.05), name="ball", unit="m")
     scene.paint("box", "leather", Sphere((0.0, 0.0, 0.05), 0.02), soft_m=0.01, finest_m=0.005)

@@ -38,12 +38,12 @@ from scipy.special import gamma
 
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.warped_prediction import warp_at, warped_angle
-from hapscene.surface.library import entry_of, write_index
 from hapscene.surface.look import Look
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import entry_of, write_index
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hapscene.capture import fit, load_recording
-from hapscene.capture.order_search import felt_domain
-from hapscene.capture.recording_file import SurfaceRecording
-from hapscene.capture.streams import clean
+from hapscene.capture import FitOptions, fit_swatch, load_recording
+from hapscene.capture.fit.order import felt_domain
+from hapscene.capture.io.recording import SurfaceRecording
+from hapscene.capture.io.streams import clean
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
@@ -75,16 +75,8 @@ def fit_shipped(name: str, folder: Path) -> Swatch:
     source, recording = SOURCES[name], load_source(name, folder)
     heard = clean(recording.acceleration_m_s2, recording.rate_Hz).acceleration_m_s2
     order, warp = felt_domain(heard, recording.rate_Hz)
-    swatch = fit(
-        recording.acceleration_m_s2,
-        recording.rate_Hz,
-        force_N=recording.force_N,
-        speed_m_s=recording.speed_m_s,
-        tangential_force_N=recording.tangential_force_N,
-        name=name,
-        order=order,
-        domain="warped" if warp else "plain",
-    )
+    recording = replace(recording, depth_m=None)
+    swatch = fit_swatch(recording, FitOptions(name, order, domain="warped" if warp else "plain"))
     static, dynamic = source.friction or (swatch.friction_static, swatch.friction_dynamic)
     amplitude = source.tap_1_s * TAP_SPEED_M_S
     return replace(

@@ -28,13 +28,12 @@ FLOOR = (
     *(
         "native",
         "number_files",
-        "parameter_sweep",
+        "parallel",
         "perception",
         "plugin_registry",
         "wall_clock",
         "web",
         "web_listener",
-        "worker_pool",
     ),
 )
 """The ground floor: knows nobody above it."""
@@ -54,6 +53,7 @@ CORE = (
     "renderer",
     "scene",
     "surface",
+    "swatches",
     "tick",
 )
 """What a loop with a real device needs."""
@@ -101,6 +101,8 @@ BETWEEN = {
     "handle/identification_report.py": {"view"},  # plots beside what they show
     "handle/playback_report.py": {"view"},
     "handle/live_process.py": {"device", "servo"},  # drivers by name; what a servo's channel asks for, by its memory's
+    "swatches/site.py": {"view"},  # draws pictures and plots of swatches
+    "swatches/sound.py": {"capture", "view"},  # synthesizes the texture, at the levels of other sounds
     "warm_up.py": {"paint", "teleoperation"},  # uses all that is compiled
 }
 """Files that know more than their room, and why."""
@@ -130,8 +132,8 @@ def sources(room: str) -> list[Path]:
 
 
 def known(source: Path) -> set[str]:
-    """The rooms that a file imports from."""
-    names = (name.split(".") for name in imported_modules(source))
+    """The rooms that a file imports from when it runs; types alone tie nothing."""
+    names = (name.split(".") for name in imported_modules(source, types=False))
     return {parts[1] for parts in names if parts[0] == "hapscene" and len(parts) > 1}
 
 

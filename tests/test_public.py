@@ -84,7 +84,7 @@ def test_repr_is_a_line_that_helps(things: list[Any]) -> None:
 
 def test_calls_with_many_arguments_take_them_by_name() -> None:
     """More than three are not given by place, in what is called to make or do a thing."""
-    for name in ("Renderer", "Scene.add", "twin.Twin", "servo.Servo", "teleoperation.Operation", "capture.fit"):
+    for name in ("Renderer", "Scene.add", "twin.Twin", "servo.Servo", "teleoperation.Operation", "capture.fit_swatch"):
         target: Any = hapscene
         for part in name.split("."):
             target = getattr(target, part)
@@ -121,14 +121,11 @@ def test_a_recording_is_what_a_fit_takes(tmp_path: Path) -> None:
     np.savetxt(file, table, delimiter=",", header="acceleration,force,speed", comments="", fmt="%.17g")
     units = {"acceleration": "m/s2", "force": "N", "speed": "m/s"}
     recording = hapscene.capture.load_recording(file, rate_Hz=10_000.0, units=units)
-    found = hapscene.capture.fit(recording, name="oak", order=4, model_count=1)
-    same = hapscene.capture.fit(noise, 10_000.0, force_N=table[:, 1], speed_m_s=table[:, 2], order=4, model_count=1)
+    options = hapscene.capture.FitOptions(name="oak", order=4, model_count=1)
+    found = hapscene.capture.fit_swatch(recording, options)
+    arrays = hapscene.capture.SurfaceRecording(10_000.0, noise, table[:, 1], table[:, 2])
     assert found.name == "oak"
-    assert np.array_equal(found.texture.lsf_rad, same.texture.lsf_rad)
-    with pytest.raises(hapscene.HapsceneError):
-        hapscene.capture.fit(recording, 10_000.0)
-    with pytest.raises(hapscene.HapsceneError, match="rate_Hz"):
-        hapscene.capture.fit(noise)
+    assert np.array_equal(found.texture.lsf_rad, hapscene.capture.fit_swatch(arrays, options).texture.lsf_rad)
 
 
 def test_files_are_saved_and_loaded_in_one_shape(tmp_path: Path, things: list[Any]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import chirp
 
-from hapscene.capture.synthesis import synthesize
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.compensator import COMPENSATORS
@@ -17,7 +17,7 @@ from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play, run
 from hapscene.handle.sensor import ACCELEROMETER_HZ, Sensor
-from hapscene.surface.library import load_swatch
+from hapscene.swatches.library import load_swatch
 
 from .sheet import Sheet
 

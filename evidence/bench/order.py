@@ -5,9 +5,9 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.capture import fit, synthesize
-from hapscene.surface.library import load_swatch
+from hapscene.capture import FitOptions, SurfaceRecording, fit_swatch, synthesize
 from hapscene.surface.swatch import Swatch
+from hapscene.swatches.library import load_swatch
 
 ORDERS: Final = (8, 20, 40, 80, 120)
 """Orders that are timed [count]."""
@@ -24,7 +24,7 @@ def swatch_of_order(order: int) -> Swatch:
     count = round(DURATION_S * RATE_HZ)
     force_N, speed_m_s = np.full(count, FORCE_N), np.full(count, SPEED_M_S)
     played = synthesize(wood, force_N, speed_m_s, rate_Hz=RATE_HZ)
-    fitted = fit(
-        played, RATE_HZ, force_N=FORCE_N, speed_m_s=SPEED_M_S, name=f"wood {order}", order=order, model_count=1
+    fitted = fit_swatch(
+        SurfaceRecording(RATE_HZ, played, force_N, speed_m_s), FitOptions(f"wood {order}", order, model_count=1)
     )
     return replace(wood, name=fitted.name, texture=fitted.texture)

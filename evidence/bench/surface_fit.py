@@ -6,9 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.capture.swatch_fit import fit
-from hapscene.capture.synthesis import synthesize
-from hapscene.surface.library import load_swatch
+from hapscene.capture import SurfaceRecording, fit_swatch, synthesize
+from hapscene.swatches.library import load_swatch
 
 from .sheet import Sheet
 
@@ -18,7 +17,7 @@ RATE_HZ: Final = 10_000.0
 def measure_fit(sheet: Sheet, durations_s: tuple[float, ...] = (10.0, 600.0)) -> None:
     """Fits a stroke over the shipped wood at forces and speeds that change by ten; case "fit, 10 s" and so on.
 
-    "time" is of the whole of `hapscene.capture.fit`, what it imports not counted. "memory" is the most that Python and
+    "time" is of `hapscene.capture.fit_swatch`, what it imports not counted. "memory" is the most that Python and
     NumPy held meanwhile, what is given counted, over the three streams as float64; told by tracemalloc in a run of its
     own, for that takes its time.
     """
@@ -29,12 +28,12 @@ def measure_fit(sheet: Sheet, durations_s: tuple[float, ...] = (10.0, 600.0)) ->
         speed_m_s = 0.12 + 0.1 * np.sin(1.95 * t + 1.0)
         played = synthesize(wood, force_N, speed_m_s, rate_Hz=RATE_HZ)
         start_s = time.perf_counter()
-        fit(played, RATE_HZ, force_N=force_N, speed_m_s=speed_m_s)
+        fit_swatch(SurfaceRecording(RATE_HZ, played, force_N, speed_m_s))
         taken_s = time.perf_counter() - start_s
         if duration_s not in durations_s:
             continue
         tracemalloc.start()
-        fit(played, RATE_HZ, force_N=force_N, speed_m_s=speed_m_s)
+        fit_swatch(SurfaceRecording(RATE_HZ, played, force_N, speed_m_s))
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         case = f"fit, {duration_s:g} s"

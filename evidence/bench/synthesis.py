@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from hapscene.capture.synthesis import synthesize
+from hapscene.capture.fit.synthesis import synthesize
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.surface.life import Life
 from hapscene.surface.swatch import Swatch

@@ -14,7 +14,7 @@ from hapscene.handle.plant import Plant
 from hapscene.motion.gestures import act
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.surface.library import load_swatch
+from hapscene.swatches.library import load_swatch
 from hapscene.twin import Twin
 
 from .sheet import Sheet

@@ -5,8 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
+from hapscene.swatches.library import load_swatch
 
 from .measuring import FINE_HZ, ISRAR, Array, apart_jnd, bands_of, effect_us, enough, texture_bands
 from .question import Measure, Point, Question, Setting

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.capture import load_recording
-from hapscene.capture.metric import band_power, model_spectrum
-from hapscene.capture.streams import Streams, clean
+from hapscene.capture.fit.distance import band_power, model_spectrum
+from hapscene.capture.io.streams import Streams, clean
 from hapscene.perception import band_edges_Hz, bands_jnd
 from hapscene.renderer import Renderer
 from hapscene.stability.rig import sheet

@@ -12,7 +12,7 @@ from typing import Any, Final
 from hapscene.errors import HapsceneError, no_such
 from hapscene.files import whole_file
 from hapscene.native import INTERPRETED
-from hapscene.parameter_sweep import Piece, sweep
+from hapscene.parallel import Task, run_tasks
 
 from ..bench.machine import describe_machine
 from ..bench.sheet import Sheet
@@ -151,8 +151,8 @@ def _measure(
         for s in settings[q.name]:
             arguments = {"name": q.name, "arguments": dict(s.arguments), "stamp": stamp}
             for kind, alone in (("error", False), ("time", True)):
-                pieces.append(Piece(_key(q, s, kind), f"{__name__}:{kind}_of", arguments, alone))
-    results = sweep(
+                pieces.append(Task(_key(q, s, kind), error_of if kind == "error" else time_of, arguments, alone))
+    results = run_tasks(
         pieces,
         journal=journal,
         jobs=jobs,

@@ -5,9 +5,9 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.capture.metric import spectrum
-from hapscene.capture.texture_fit import fit_texture
-from hapscene.capture.texture_pieces import Pieces, cut
+from hapscene.capture.fit.distance import spectrum
+from hapscene.capture.fit.texture import fit_texture
+from hapscene.capture.fit.windows import Pieces, cut
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import solve
 from hapscene.dsp.warped_prediction import lag_count, warp_at, warped

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture import metric
+from hapscene.capture.fit import distance as metric
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import SPECTROGRAM_S
 from hapscene.view.chart import inline_svg, new_chart

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hapscene.capture.recording_file import SurfaceRecording
-from hapscene.capture.streams import Streams, clean
-from hapscene.capture.synthesis import synthesize
+from hapscene.capture.fit.synthesis import synthesize
+from hapscene.capture.io.recording import SurfaceRecording
+from hapscene.capture.io.streams import Streams, clean
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.errors import CaptureError
 from hapscene_swatches.fit import SOURCES, load_source

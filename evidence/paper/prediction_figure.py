@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.signal import lfilter
 
-from hapscene.capture.metric import level_difference_dB, log_spectral_distance, model_spectrum, residual, spectrum
-from hapscene.capture.order_search import search_order
+from hapscene.capture.fit.distance import level_difference_dB, log_spectral_distance, model_spectrum, residual, spectrum
+from hapscene.capture.fit.order import search_order
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
 from hapscene.dsp.spectrogram import spectrogram_error

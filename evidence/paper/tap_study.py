@@ -16,7 +16,7 @@ from hapscene.handle.force_source import simulated_grips
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play
 from hapscene.perception import BAND_DB, band_edges_Hz, band_rms_m_s2, bands_jnd
-from hapscene.surface.library import load_swatch
+from hapscene.swatches.library import load_swatch
 
 from .finding import COLOURS, REMEMBERED, Array, Finding, Number, Plot, drawn
 

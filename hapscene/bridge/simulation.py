@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from hapscene.renderer import Command, Renderer
     from hapscene.twin.hand_intent import Intent
     from hapscene.twin.result import Feel
-    from hapscene.twin.twin import Run, Twin
+    from hapscene.twin.twin import Twin
 
 Array = NDArray[np.float64]
 
@@ -189,6 +189,8 @@ class Bridge:
         Raises:
             SceneError: the twin's scene lacks a body of the simulation.
         """
+        from hapscene.twin.twin import Run
+
         bodies, done = self._bind(twin.renderer), 0
         twin.begin(intent)
         run = Run(twin, intent, bodies.index, bodies.poses, bodies.teleported)

@@ -1,17 +1,15 @@
 """`hapscene capture`: record a surface, fit a swatch to it, judge the fit."""
 
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from cyclopts import App, Parameter
 
-from hapscene.cli.console import complain, name_made, note, say, tell, tell_over
+from hapscene.cli.console import complain, name_made, note, say, tell
 from hapscene.cli.options import (
     Count,
     Help,
@@ -20,7 +18,6 @@ from hapscene.cli.options import (
     Numbers,
     OutFile,
     OutFolder,
-    Pairs,
     Port,
     Positive,
     RecordingOptions,
@@ -32,16 +29,15 @@ from hapscene.errors import CaptureError, SwatchError, printable
 from hapscene.wire.port import BAUD
 
 if TYPE_CHECKING:
-    from hapscene.capture.batch import ManifestEntry, Result
-    from hapscene.capture.coverage import Wanted
-    from hapscene.capture.record import Made
+    from hapscene.capture.batch import BatchResult
+    from hapscene.capture.fit.swatch import FitOptions
+    from hapscene.capture.record.coverage import Wanted
+    from hapscene.capture.record.recorder import Made
     from hapscene.surface.swatch import Swatch
 
 __all__ = ["app"]
 
 app = App(name="capture", help="Haptography: record a surface, fit a swatch to it, judge the fit.")
-
-Layout = Annotated[Literal["lmt", "cluster", "hatt", "proton"] | None, Help("Layout of a published data set")]
 
 
 # Fits.
@@ -49,17 +45,18 @@ Layout = Annotated[Literal["lmt", "cluster", "hatt", "proton"] | None, Help("Lay
 
 @Parameter(name="*", group="Fit")
 @dataclass(frozen=True)
-class FitOptions:
+class TextureOptions:
     """How a swatch is fitted, and what it keeps of the recording."""
 
     order: Annotated[int | Literal["auto"], Help("Order of the models; auto chooses it on held-out data")] = "auto"
     tool: Annotated[str, Help("What held the tip, as in 'steel probe'; the swatch keeps it")] = ""
     tip: Annotated[str, Help("What touched the surface, as in '3.2 mm ball'")] = ""
 
-    def given(self) -> dict[str, Any]:
-        """The keyword arguments of the fit."""
-        texts = {"tool": self.tool, "tip": self.tip}
-        return {"order": self.order} | {name: text for name, text in texts.items() if text}
+    def fitting(self, name: str = "unnamed") -> "FitOptions":
+        """The options of the fit of a swatch of that name."""
+        from hapscene.capture.fit.swatch import FitOptions
+
+        return FitOptions(name, self.order, tool=self.tool, tip=self.tip)
 
 
 @app.command
@@ -70,8 +67,7 @@ def fit(
     out: Annotated[OutFile, Help("Swatch file to write (default: NAME.swatch, as oak.swatch)")] = None,
     name: Annotated[str | None, Help("Name of the surface (default: as the file that is written)")] = None,
     plot: Annotated[Path | None, Help("Picture of the states of contact over time, .png")] = None,
-    layout: Layout = None,
-    options: FitOptions = FitOptions(),
+    options: TextureOptions = TextureOptions(),
     reading: RecordingOptions = RecordingOptions(),
 ) -> None:
     """Fit a swatch to recordings of a tool on one surface.
@@ -81,9 +77,8 @@ def fit(
       hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch \\
           --units 'acceleration=98 m/s2'
       hapscene capture fit oak.npz --plot states.png
-      hapscene capture fit sensor_data/accel/17 --layout cluster -o denim.swatch
     """
-    for path in recordings if layout is None else ():
+    for path in recordings:
         check_there(path)
     from hapscene.surface.swatch_file import SUFFIX, save_swatch
     from hapscene.surface.swatch_summary import lines
@@ -93,24 +88,20 @@ def fit(
         raise SwatchError(f"{out}: a swatch's file name must end in {SUFFIX}; `capture batch` fits many into a folder")
     if name is not None and any(sign in name for sign in "/\\"):
         raise SwatchError(f"--name {name!r}: a surface's name has no slash, for files are called by it")
-    swatch = _fitted(recordings, name or out.stem, plot, reading.reading() | _layout(layout), options)
+    swatch = _fitted(recordings, name or out.stem, plot, reading.reading(), options)
     save_swatch(swatch, str(out))
     tell(lines(swatch))
     name_made([out, *([] if plot is None else [plot])])
 
 
-def _layout(layout: str | None) -> dict[str, Any]:
-    return {} if layout is None else {"layout": layout}
-
-
 def _fitted(
-    paths: Sequence[str], name: str, plot: Path | None, reading: dict[str, Any], options: FitOptions
+    paths: Sequence[str], name: str, plot: Path | None, reading: dict[str, Any], options: TextureOptions
 ) -> "Swatch":
     from hapscene import __version__
-    from hapscene.capture.recording_file import load_recording
-    from hapscene.capture.segment import InteractionState
-    from hapscene.capture.segment_plot import WORDS, write_states
-    from hapscene.capture.swatch_fit import fit_parts, prepare
+    from hapscene.capture.fit.segment import InteractionState
+    from hapscene.capture.fit.swatch import fit_parts, prepare
+    from hapscene.capture.io.recording import load_recording
+    from hapscene.capture.report.states import WORDS, write_states
     from hapscene.files import refusing
     from hapscene.touch import step
 
@@ -125,7 +116,7 @@ def _fitted(
     if plot is not None:  # before the fit: it shows why one may fail
         write_states(parts, str(plot), [Path(path).name for path in paths])
     with step(say, "fitting"), refusing(CaptureError, ", ".join(paths)):
-        swatch = fit_parts(parts, name, **options.given())
+        swatch = fit_parts(parts, options.fitting(name))
     files = printable(", ".join(Path(path).name for path in paths))
     return replace(swatch, provenance=f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip())
 
@@ -137,15 +128,14 @@ def batch(
     files: Annotated[
         InFile | None, Parameter(name="--list"), Help("Table of recordings, CSV: recording, name, rate, …")
     ] = None,
-    layout: Layout = None,
-    options: FitOptions = FitOptions(),
+    options: TextureOptions = TextureOptions(),
     reading: RecordingOptions = RecordingOptions(),
     workers: WorkerOptions = WorkerOptions(),
 ) -> int:
     """Fit a swatch to each of many recordings; run the same command again to resume.
 
     The swatches lie below --out as the recordings do below the folder they share,
-    beside manifest.json, which has the outcome of each recording. A recording that
+    beside journal.jsonl, which lists what was fitted. A recording that
     was fitted with the same content and settings is skipped. Exit codes: 0 all have
     swatches, 1 some failed (listed at the end), 130 stopped by Ctrl-C.
 
@@ -153,36 +143,30 @@ def batch(
       hapscene capture batch recordings/ --rate 10000 --units acceleration=g
       hapscene capture batch --list files.csv --out swatches --jobs 4
       hapscene capture batch recordings/ --scheduler tcp://head:8786
-      hapscene capture batch Movement --layout lmt --units acceleration=m/s2
     """
-    from hapscene.capture.batch import fit_batch, gather, read_list
-    from hapscene.interrupt import interrupt_noted
+    from hapscene.capture.batch import find_recordings, fit_batch, read_list
 
-    for place in recordings if layout is None else ():
+    for place in recordings:
         check_there(place, "file or folder")
-    items = gather(recordings, layout) + ([] if files is None else read_list(str(files)))
+    items = find_recordings(recordings) + ([] if files is None else read_list(str(files)))
     if not items:
         raise CaptureError("no recordings: name files or folders, or --list files.csv")
     items = list({item.path.absolute(): item for item in items}.values())
-    how = (reading.reading() | _layout(layout), options.given(), workers.jobs, workers.scheduler)
-    with interrupt_noted() as stopped:
-        try:
-            result = fit_batch(items, str(out), *how, stopped, _progress(len(items)))
-        except KeyboardInterrupt:
-            complain("interrupted; run the same command again to resume")
-            return 130
+    how = (reading.reading(), options.fitting(), workers.jobs, workers.scheduler)
+    try:
+        result = fit_batch(items, str(out), *how, _progress(len(items)))
+    except KeyboardInterrupt:
+        complain("interrupted; run the same command again to resume")
+        return 130
     tell(
         [
-            f"{len(result.fitted)} fitted, {len(result.skipped)} done before, {len(result.failed)} failed",
-            *(f"  {entry.reason}" for entry in result.failed),
+            f"{len(result.fitted)} fitted, {len(result.skipped)} skipped, {len(result.failed)} failed",
+            *(f"  {reason}" for reason in result.failed),
             *(f"note: {line}" for line in result.notes),
             "made:",
-            f"  {out}: swatches and manifest.json",
+            f"  {out}: swatches and journal.jsonl",
         ]
     )
-    if result.stopped:
-        complain(f"interrupted with {len(items) - result.count} recordings left; run the same command again to resume")
-        return 130
     return 1 if result.failed else 0
 
 
@@ -194,7 +178,7 @@ def _progress(total: int) -> Any:
     """A function that prints how far a batch is, now and then."""
     start_s = shown_s = time.monotonic()
 
-    def show(result: "Result", entry: "ManifestEntry") -> None:
+    def show(result: "BatchResult") -> None:
         nonlocal shown_s
         now_s = time.monotonic()
         if now_s - shown_s >= PROGRESS_S:
@@ -222,9 +206,9 @@ def report(
           --units acceleration=m/s2,force=N
     """
     out = out or new_file(f"{base_name(swatch)}.html")
-    from hapscene.capture.recording_file import load_recording
-    from hapscene.capture.report import write_report
-    from hapscene.surface.library import load_swatch
+    from hapscene.capture.io.recording import load_recording
+    from hapscene.capture.report.page import write_report
+    from hapscene.swatches.library import load_swatch
 
     fitted = load_swatch(swatch)
     loaded = None if recording is None else load_recording(recording, **reading.reading())
@@ -250,7 +234,7 @@ class CoverageOptions:
 
     def wanted(self) -> "Wanted":
         """The ranges in SI units."""
-        from hapscene.capture.coverage import Wanted
+        from hapscene.capture.record.coverage import Wanted
 
         low, high = self.speed_range
         return Wanted(self.force_range, (1e-3 * low, 1e-3 * high), self.taps)
@@ -259,17 +243,15 @@ class CoverageOptions:
 @app.command
 def record(
     *,
-    port: Annotated[list[str], Help("Serial port of a probe; may be given several times")],
-    out: Annotated[OutFile, Help("New file, .hsrec (crash-safe) or .npz; several probes: NAME-1, NAME-2, …")] = Path(
-        "recording.hsrec"
-    ),
+    port: Annotated[str, Help("Serial port of the probe, as /dev/ttyUSB0 or COM3")],
+    out: Annotated[OutFile, Help("New file, .hsrec (crash-safe) or .npz")] = Path("recording.hsrec"),
     seconds: Annotated[Positive | None, Help("Length [s] (default: until Ctrl-C)")] = None,
     baud: Annotated[int, Help("Speed of the port [bit/s]")] = BAUD,
     live: Annotated[bool, Help("Show on a page what the fit still lacks, and end when more would not help")] = False,
     page_port: Annotated[Port, Help("Port of that page; 0 for any free one")] = 0,
     coverage: CoverageOptions = CoverageOptions(),
 ) -> int:
-    """Record from an accelerometer or force probe on a serial port, or from several.
+    """Record from an accelerometer or force probe on a serial port.
 
     docs/probe-protocol.md describes what a probe sends.
 
@@ -277,38 +259,26 @@ def record(
       hapscene capture record --port /dev/ttyUSB0
       hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz
       hapscene capture record --port /dev/ttyUSB0 --live --force-range 0.5 2
-      hapscene capture record --port /dev/ttyUSB0 --port /dev/ttyUSB1
-      python -m hapscene.capture.record_simulator      # a simulated probe
     """
-    assert out is not None
-    if len(port) == 1:
-        return _record_one(port[0], out, seconds, baud, coverage if live else None, page_port)
-    if live:
-        raise CaptureError("--live is for one probe: leave it out, or name one --port")
-    return _record_many(port, out, seconds, baud)
-
-
-def _record_one(
-    port: str, out: Path, seconds: float | None, baud: int, coverage: CoverageOptions | None, page_port: int
-) -> int:
-    from hapscene.capture.coverage_server import CoverageProcess
-    from hapscene.capture.record import record as run
-    from hapscene.capture.record_file import SUFFIX
+    from hapscene.capture.io.hsrec import SUFFIX
+    from hapscene.capture.record.coverage_page import CoverageProcess
+    from hapscene.capture.record.recorder import record as run
     from hapscene.interrupt import interrupt_noted
 
+    assert out is not None
     place = out.with_suffix(SUFFIX)
     was_there = place.exists()
     with ExitStack() as stack:
-        noted, live = stack.enter_context(interrupt_noted()), None
-        if coverage is not None:
-            live = stack.enter_context(CoverageProcess(coverage.wanted(), page_port))
-            _say_line(f"the page: {live.url}")
+        noted, page = stack.enter_context(interrupt_noted()), None
+        if live:
+            page = stack.enter_context(CoverageProcess(coverage.wanted(), page_port))
+            _say_line(f"the page: {page.url}")
 
         def stopped() -> bool:
-            return noted() or (live is not None and live.done)
+            return noted() or (page is not None and page.done)
 
         try:
-            made = run(port, str(out), baud, seconds, stopped, _say_line, watch=() if live is None else (live,))
+            made = run(port, str(out), baud, seconds, stopped, _say_line, watch=() if page is None else (page,))
         except KeyboardInterrupt:
             if was_there or not place.exists():
                 raise
@@ -316,7 +286,7 @@ def _record_one(
             return 130
     _say_line(str(made))
     _note_rate(made)
-    tell((live and live.lines) or [])
+    tell((page and page.lines) or [])
     name_made([made.path])
     return 0 if made.well else 1
 
@@ -328,23 +298,6 @@ def _note_rate(made: "Made") -> None:
         note(f"{made.path.name}: the probe announced {made.rate_Hz:g} Hz; {clock}")
     if made.count.restarts:
         note(f"{made.path.name}: the probe restarted {made.count.restarts} times")
-
-
-def _record_many(ports: Sequence[str], out: Path, seconds: float | None, baud: int) -> int:
-    from hapscene.capture.record_many import record_many
-    from hapscene.interrupt import interrupt_noted
-
-    def show(line: str) -> None:
-        tell_over(line[: get_terminal_size().columns - 1]) if sys.stdout.isatty() else tell([line])
-
-    with interrupt_noted() as stopped:
-        results = record_many(ports, str(out), baud, seconds, stopped=stopped, say=_say_line, show=show)
-    made = [result for result in results if not isinstance(result, str)]
-    for each in made:
-        _note_rate(each)
-    if made:
-        name_made([each.path for each in made])
-    return 0 if len(made) == len(results) and all(each.well for each in made) else 1
 
 
 def _say_line(line: str) -> None:
@@ -366,20 +319,18 @@ def coverage(
       hapscene capture coverage oak.csv --rate 10000 --force-range 0.5 2 \\
           --units acceleration=m/s2,speed=mm/s,force=N
     """
-    from hapscene.capture.coverage_server import LiveCoverage, blocks_of, table
-    from hapscene.capture.recording_file import load_recording
+    from hapscene.capture.io.recording import load_recording
+    from hapscene.capture.record.coverage import Coverage
+    from hapscene.capture.record.coverage_page import blocks_of, table
 
-    live = LiveCoverage(wanted.wanted())
     read = load_recording(recording, **reading.reading())
     rows = {"acceleration": read.acceleration_m_s2, "force": read.force_N, "speed": read.speed_m_s}
     rows["tangential_force"] = read.tangential_force_N
     streams = {name: row for name, row in rows.items() if row is not None}
-    live.start(read.rate_Hz, tuple(streams))
-    assert live.coverage is not None
+    found = Coverage(read.rate_Hz, tuple(streams), wanted.wanted())
     for first, block in blocks_of(streams, read.rate_Hz):
-        live.feed(first, block)
-    live.end("the recording is over")
-    tell(table(live.coverage))
+        found.feed(first, block)
+    tell(table(found))
 
 
 @app.command
@@ -389,13 +340,11 @@ def join(
     *,
     out: Annotated[OutFile, Help("NPZ file to write (default: joined.npz)")] = None,
     rate: Annotated[Numbers, Help("Sample rates of files that do not say theirs [Hz]: one for all, or one each")] = (),
-    columns: Annotated[Pairs, Help("Column of each quantity, as in acceleration=accel,speed=v")] = None,
-    units: Annotated[Pairs, Help("Unit of each quantity, as in acceleration=g,force=N")] = None,
 ) -> None:
     """Join recordings of one event, made by different devices, into one file with one clock.
 
-    Offset and drift of the clocks are found by taps that both detect, else by their
-    envelopes, and printed with their 95 % interval; where they are uncertain,
+    Offset and drift of the clocks are found by cross-correlation of the channel that
+    the files have in common, else of all their streams; where it has no clear peak,
     nothing is written.
 
     for example:
@@ -403,16 +352,14 @@ def join(
       hapscene capture join recording-1.hsrec recording-2.hsrec -o oak.npz
       hapscene capture fit oak.npz --units 'acceleration=98 m/s2'
     """
-    from hapscene.capture.recording_join import join as run
+    from hapscene.capture.record.time_alignment import join as run
 
     out = out or new_file("joined.npz")
-    made = run(recordings, str(out), rates_Hz=rate, columns=columns or {}, units=units or {})
+    made = run(recordings, str(out), rates_Hz=rate)
     tell([f"{printable(file.name)}: {known}" for file, known in made.offsets.items()])
     shared = f"{made.duration_s:.3f} s at {made.rate_Hz:g} Hz, by the clock of {printable(made.leader.name)}"
     tell([f"{shared}: {', '.join(made.names)}"])
     for file, known in made.offsets.items():
-        if known.by == "envelopes":
-            note(f"{file.name}: of different quantities; the delay of a sensor's filter counts as offset")
-        if known.by == "clock":
-            note(f"{file.name}: offset by the computer's clock alone, to {1e3 * known.interval_s:g} ms")
+        if not known.common:
+            note(f"{file.name}: no common channel; the delay of a sensor's filter counts as offset")
     name_made([made.path])

@@ -317,7 +317,7 @@ def _play_on(options: OutputOptions, file: Path, compensator: str | None, record
 
 def _desired(file: Path, options: RecordingOptions) -> "tuple[NDArray[np.float64], float]":
     """The acceleration of a file [m/s²], and its rate [Hz]."""
-    from hapscene.capture.recording_file import load_recording
+    from hapscene.capture.io.recording import load_recording
     from hapscene.recording import Recording, RecordingError
 
     if file.suffix == ".npz" and options.rate is None:

@@ -37,7 +37,7 @@ def check_scene(path: str, options: ReadOptions | None = None) -> None:
         )
     swatch = getattr(options, "swatch", None)
     if swatch is not None:
-        from hapscene.surface.library import load_swatch
+        from hapscene.swatches.library import load_swatch
 
         load_swatch(swatch)
 

@@ -123,7 +123,7 @@ def _swatches(scene: str | None) -> "list[Swatch]":
     """The swatches of a scene, or all that are known."""
     if scene is not None:
         return load_input(*find_asset(scene, MeshOptions())).swatches
-    from hapscene.surface.library import load_swatch, own_entries, shipped_swatches
+    from hapscene.swatches.library import load_swatch, own_entries, shipped_swatches
 
     names = [*shipped_swatches(), *(entry.name for entry in own_entries())]
     return [load_swatch(name) for name in names]

@@ -97,14 +97,15 @@ def _open_page(
     for path in (scene, *more):
         if path is not None:
             check_scene(path, mesh)
-    from hapscene.paint.web.secure_server import PageServer
+    from hapscene.paint.web.server import PageServer
 
     server = ends.enter_context(PageServer(page.host, page.port))
     if not page.no_browser:
         is_scene = scene is not None and scene.endswith(".scene.json")
         lead_browser(server.url, Path(str(scene)).parent if is_scene else Path(), ends)
+    from hapscene.paint.model.document import earlier_words
     from hapscene.paint.opening import earlier_scenes, open_session
-    from hapscene.paint.web.hand_config import HandConfig
+    from hapscene.paint.web.hand import HandConfig
     from hapscene.paint.web.page import Page
 
     config = HandConfig(hand.device, hand.grip, hand.compensator)
@@ -116,19 +117,16 @@ def _open_page(
         paint_by_picture(painted, None, picture)
         session.painting.take_painting(painted, f"picture {picture.name}")
     tell_size(session.scene, scene or "", hand.device)
-    earlier = earlier_scenes(session.path, str(scene).endswith(".scene.zip"))
-    return Page(session, with_hand=not hand.no_hand, hand=config, earlier=earlier, server=server)
+    for earlier in earlier_scenes(session.path, str(scene).endswith(".scene.zip")):
+        say(f"{earlier_words(earlier)} To continue it: hapscene paint {earlier}\n")
+    return Page(session, with_hand=not hand.no_hand, hand=config, server=server)
 
 
 def _paint_until_ended(page: "Page") -> None:
     """Serve the page until Ctrl-C, and print what becomes of what is not saved."""
-    from hapscene.paint.web.scene_panel import earlier_words
-
     with page:
         try:
             print(f"{page.url}   (Ctrl-C ends)", flush=True)
-            for path in page.earlier:
-                say(f"{earlier_words(path)} Go on with it, or begin anew: the page asks\n")
             if page.context.session.document.problem:
                 say(f"{page.context.session.document.problem}\n")
             if page.public:

@@ -241,8 +241,8 @@ def _save(scene: "Scene", source: str, target: Path) -> None:
 def _export_swatch(source: str, target: Path, replace: bool) -> None:
     """Write a swatch as MPEG haptics: its texture at 1 N and 0.1 m/s for two seconds, then its taps."""
     check_swatch(source)
-    from hapscene.capture.hjif import export_hjif
-    from hapscene.surface.library import load_swatch
+    from hapscene.capture.io.hjif import export_hjif
+    from hapscene.swatches.library import load_swatch
 
     if target.exists() and not replace:
         raise SaveConflict(f"{target}: is there already; take another name, or replace it (--replace)")

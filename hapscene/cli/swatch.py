@@ -16,7 +16,7 @@ from hapscene.errors import SwatchError
 from hapscene.interrupt import heard
 
 if TYPE_CHECKING:
-    from hapscene.capture.compare import ComparedSurface, Comparison, Difference
+    from hapscene.capture.report.compare import ComparedSurface, Comparison, Difference
 
 __all__ = ["app"]
 
@@ -84,8 +84,8 @@ def show(swatch: Annotated[str, Help("Name, or .swatch file")], /, *, library: L
       hapscene swatch show wood
       hapscene swatch show oak.swatch
     """
-    from hapscene.surface.library import find, load_swatch
     from hapscene.surface.swatch_summary import lines
+    from hapscene.swatches.library import find, load_swatch
 
     own = find(swatch, library) if library else None
     tell(lines(load_swatch(own or swatch)))
@@ -177,7 +177,7 @@ def import_files(
       hapscene swatch import Models_oak.xml Taps_oak.xml -o swatches
       hapscene swatch import Models10000Hz/XML Taps/XML -o swatches
     """
-    from hapscene.capture.hatt import ImportOutcome, import_many
+    from hapscene.capture.io.hatt import ImportOutcome, import_many
 
     outcome = ImportOutcome()
     try:
@@ -214,7 +214,7 @@ def compare(
     """
     for name in surfaces:
         (check_there if Path(name).suffix.lower() in RECORDINGS else check_swatch)(name)
-    from hapscene.capture import compare as comparing
+    from hapscene.capture.report import compare as comparing
 
     compared = [comparing.load_surface(name, **recording.reading()) for name in surfaces]
     swatches = [each.swatch for each in compared]
@@ -298,8 +298,8 @@ def publish(
       hapscene swatch publish site oak.swatch wood --title "Woods"
       python -m http.server --directory site
     """
-    from hapscene.paint.published_site import gather
-    from hapscene.paint.published_site import publish as write_site
+    from hapscene.swatches.site import gather
+    from hapscene.swatches.site import publish as write_site
 
     entries = write_site(gather(swatches, library, shipped), str(folder), title, say)
     counted = f"{len(entries)} swatch{'es' * (len(entries) != 1)}"

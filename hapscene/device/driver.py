@@ -17,6 +17,7 @@ import numpy as np
 
 from hapscene.device.model import Device
 from hapscene.errors import DeviceError, no_such
+from hapscene.geometry import Vector
 from hapscene.records import records
 
 DEVICE_STATE: Final = np.dtype(
@@ -35,6 +36,16 @@ DEVICE_STATE: Final = np.dtype(
     align=True,
 )
 """What passes between a driver and the servo."""
+
+
+def clip_force(force_N: Any, most_N: float) -> Vector:
+    """A force (3,) cut to a magnitude, its direction kept; (0, 0, 0) where it is not finite."""
+    x, y, z = (float(part) for part in force_N)
+    size = math.sqrt(x * x + y * y + z * z)
+    if not math.isfinite(size):
+        return 0.0, 0.0, 0.0
+    share = min(1.0, most_N / size) if size > 0.0 else 1.0
+    return share * x, share * y, share * z
 
 
 def new_state() -> Any:

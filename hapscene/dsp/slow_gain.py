@@ -11,7 +11,6 @@ from typing import Any, Final
 
 from hapscene.dsp.noise import normal
 from hapscene.native import native
-from hapscene.records import Records
 
 ROOT_2: Final = math.sqrt(2.0)
 
@@ -36,7 +35,7 @@ def log_power(spread: float) -> float:
 
 @native
 def advance_gain(
-    rng: Any, x: Any, rows: Records, first: int, count: int, dt_s: float, dx_m: float, life: float, mean: Any
+    rng: Any, x: Any, rows: Any, first: int, count: int, dt_s: float, dx_m: float, life: float, mean: Any
 ) -> float:
     """The gain [1] after a time [s] in which a distance [m] was travelled; the processes x (≥ count,) are advanced.
 

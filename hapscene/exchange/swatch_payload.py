@@ -20,9 +20,9 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import SWATCH_MAX, Scene
 from hapscene.scene.scene_file import decode_fine, encode_fine
 from hapscene.scene.topology import weld
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import BASIC_PARAMETERS, OWN_PARAMETERS, PLAIN, Swatch
 from hapscene.surface.swatch_file import SUFFIX, is_number, swatch_from_json, swatch_to_json
+from hapscene.swatches.library import load_swatch
 
 VERSION: Final = 1
 """Version of what is written into other programs' formats. Raised when a reader of the old one would misread it."""

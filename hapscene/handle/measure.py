@@ -103,8 +103,8 @@ def load_grip(
         CaptureError: a file that is missing, not of numbers, or without rate or units.
         HandleError: no force; or three axes, which cannot be made one here, as their phase would be lost.
     """
-    from hapscene.capture.recording_file import load_recording
-    from hapscene.capture.recording_source import read_recording_source
+    from hapscene.capture.io.formats import read_recording_source
+    from hapscene.capture.io.recording import load_recording
 
     chosen = columns or {}
     named = chosen.get("acceleration", "acceleration")

@@ -1,17 +1,15 @@
-"""The painter: what may be done to a scene, shown small enough to be quick, saved so that nothing is lost.
+"""The painter: paint swatches onto a scene, in a program (`model`) or in the browser (`web`).
 
-| module | does |
-|---|---|
-| `session` | brush, fill and all else that may be done to a scene, each a step that can be undone: start here |
-| `painting`, `document`, `swatch_tuning`, `history` | its parts: scene and who watches, file, swatches, steps |
-| `change_watch` | what changed since a view last looked |
-| `paintable_mesh` | a mesh prepared to be painted: which faces a ray, the brush or a fill reaches |
-| `parameter` | a swatch's numbers with their limits |
-| `display` | the scene as it is shown: reduced, in chunks |
-| `shelf`, `gallery` | the swatches to choose from, told in words and by ear; the same as a page to read |
-| `web` | the page in the browser: `page` is where it starts, `tools` what the pointer does, `…_panel` what is set |
+    session = Session(scene, Path("cup.scene.json"))
+    session.add_swatch("wood")
+    session.begin_stroke("wood", radius_m=0.004)
+    session.drag_to(origin_W_m, direction_W)     # as often as the pointer moves
+    session.end_stroke()
+    session.tune("wood", stiffness_N_m=350.0)
+    session.undo()
+    session.save()
 
-No module but those of `web` knows a browser, or imports viser.
+`model.session` is the start; only the modules of `web` import viser.
 """
 
 import lazy_loader

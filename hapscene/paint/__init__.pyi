@@ -1,1 +1,1 @@
-from .session import Session as Session
+from .model.session import Session as Session

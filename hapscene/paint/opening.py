@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene import assets
-from hapscene.paint.session import Session
+from hapscene.paint.model.session import Session
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_bundle import unpacked_beside
 from hapscene.touch import open_scene, step
@@ -92,7 +92,7 @@ def _names(stem: str, suffix: str = SUFFIX) -> Iterator[Path]:
 def earlier_scenes(path: Path | None, unpacked: bool = False) -> list[Path]:
     """Scene files that were painted of a mesh before the one that would be made of it now.
 
-    Typed again after a crash, the same command finds what was painted, and the page asks which one to open. A bundle
+    The command prints them, so that work can be continued after a crash. A bundle
     that was `unpacked` just now was unpacked before into folders of such names.
     """
     if path is None or (path.exists() and not unpacked):

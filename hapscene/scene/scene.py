@@ -221,7 +221,7 @@ class Scene:
             source = _source(swatch)
             if source in self.swatch_source:
                 return self.swatch_source.index(source)
-            from hapscene.surface.library import load_swatch
+            from hapscene.swatches.library import load_swatch
 
             swatch = load_swatch(swatch)
         for index, known in enumerate(self.swatches):

@@ -46,7 +46,7 @@ def save_bundle(scene: "Scene", path: Path) -> None:
     """
     if not path.name.endswith(ZIP_SUFFIX) or path.name == ZIP_SUFFIX:
         raise SceneError(f"{path}: a scene in one file has a name that ends in {ZIP_SUFFIX}")
-    from hapscene.surface.library import shipped_swatches
+    from hapscene.swatches.library import shipped_swatches
 
     packed = scene.copy()
     with tempfile.TemporaryDirectory() as name:

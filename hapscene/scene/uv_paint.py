@@ -160,7 +160,7 @@ def scaled(swatch: SwatchLike, factors: Mapping[str, float]) -> Swatch:
         SceneError: another number, or a factor that is none.
         SwatchError: the swatch is unknown or broken.
     """
-    from hapscene.surface.library import load_swatch
+    from hapscene.swatches.library import load_swatch
 
     found = swatch if isinstance(swatch, Swatch) else load_swatch(swatch)
     for what, factor in factors.items():

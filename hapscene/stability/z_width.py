@@ -21,7 +21,7 @@ from hapscene.device.hand import Grip
 from hapscene.device.model import TOUCH_SPEED_M_S, device_named, limits_of
 from hapscene.device.omni import Omni
 from hapscene.device.point import PointMass
-from hapscene.parameter_sweep import Piece, sweep
+from hapscene.parallel import Task, run_tasks
 from hapscene.stability.closed_form import limit_of_small_motion
 from hapscene.stability.rig import Rig
 from hapscene.surface.swatch import Swatch
@@ -237,20 +237,20 @@ def trace_all(
     Args:
         device, rates_Hz, delays, grip, dampings_Ns_m: as of `trace`.
         say: told how far it is.
-        workers: journal, jobs, scheduler: of `hapscene.parameter_sweep.sweep`.
+        workers: journal, jobs, scheduler: of `hapscene.parallel.run_tasks`.
     """
     asked = {"device": device, "grip": asdict(grip), "dampings_Ns_m": list(dampings_Ns_m)}
     pieces = [
-        Piece(
+        Task(
             f"{NAMES[arm]} at {rate / 1e3:g} kHz, {delay} late",
-            f"{__name__}:trace_piece",
+            trace_piece,
             asked | {"arm": arm, "rate_Hz": rate, "delay_ticks": delay},
         )
         for delay in delays
         for rate in rates_Hz
         for arm in ((True, False) if device == "omni" else (False,))
     ]
-    found = sweep(pieces, after=lambda done, of, key: say(f"Z-width {done} of {of}: {key}\n"), **workers)
+    found = run_tasks(pieces, after=lambda done, of, key: say(f"Z-width {done} of {of}: {key}\n"), **workers)
     return [_region(*found[piece.key]) for piece in pieces]
 
 

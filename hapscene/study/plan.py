@@ -260,7 +260,7 @@ def check_name(where: str, value: str) -> str:
 
 def stimuli_sha256(plan: Plan) -> str | None:
     """SHA-256 over the files that the stimuli are made of, in the plan's order; None if one cannot be read."""
-    from hapscene.surface.library import swatch_place
+    from hapscene.swatches.library import swatch_place
 
     digest, folder = hashlib.sha256(), Path(plan.folder)
     for stimulus in plan.stimuli.values():

@@ -13,15 +13,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture.recording_file import load_recording
-from hapscene.capture.segment import InteractionState, Part
-from hapscene.capture.streams import Array, Streams, part_of
-from hapscene.capture.swatch_fit import prepare
-from hapscene.capture.synthesis import synthesize
+from hapscene.capture.fit.segment import InteractionState, Part
+from hapscene.capture.fit.swatch import prepare
+from hapscene.capture.fit.synthesis import synthesize
+from hapscene.capture.io.recording import load_recording
+from hapscene.capture.io.streams import Array, Streams, part_of
 from hapscene.errors import StudyError
 from hapscene.study.plan import Plan, StaircaseBlock, Stimulus
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
+from hapscene.swatches.library import load_swatch
 
 __all__ = ["StimulusMaker", "all_stimuli", "gain_of", "resampled"]
 

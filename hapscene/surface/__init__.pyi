@@ -1,10 +1,7 @@
-from . import library as library
 from .effect import Effect as Effect
 from .effect import Param as Param
 from .effect import State as State
 from .effect_registry import load_effect as load_effect
-from .library import load_swatch as load_swatch
-from .library import shipped_swatches as shipped_swatches
 from .life import Life as Life
 from .swatch import Swatch as Swatch
 from .swatch_file import save_swatch as save_swatch

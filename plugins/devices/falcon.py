@@ -1,20 +1,19 @@
 """The Novint Falcon over USB. The firmware that it forgets when it loses power is the user's own file.
 
 The wire is as libnifalcon's sources have it (BSD; src/comm/FalconCommLibUSB.cpp, src/core/FalconFirmware.cpp,
-src/firmware/FalconFirmwareNovintSDK.cpp), the geometry too (include/falcon/core/FalconGeometry.h). Its axes F: x to the
-right, y up, z out of the machine, towards the hand.
+src/firmware/FalconFirmwareNovintSDK.cpp).
 """
 
-import math
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.device.driver import Connection, Driver, Option
+from hapscene.device.driver import Connection, Driver, Option, clip_force
 from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
 from hapscene.wall_clock import CLOCK, Clock
+from hapscene_plugins.devices.falcon_kinematics import COUNT_RAD, MIDDLE_M, ZERO_RAD, forward, motor_units
 from hapscene_plugins.devices.silence import Silence
 from hapscene_plugins.devices.usb_device import BACKEND, UsbDevice, find_usb
 
@@ -39,29 +38,7 @@ HOMED: Final = 0x70
 HOMED_COUNT: Final = 20
 """Packets in a row that must say homed before a force is given [count]: one bit turned on the wire is no homing."""
 
-MIDDLE_M: Final = 0.125
-"""z in F of D's origin: where each axis has some 5 cm of way."""
-
-LEG = (0.060, 0.1025, 0.01443, 0.0225, -0.025, 0.0400, -0.02309)
-"""a, b, c, d + e, f, r, s of libnifalcon's FalconGeometry.h [m]."""
-
-TURN = tuple((math.cos(angle), math.sin(angle)) for angle in (math.radians(degrees) for degrees in (105, -15, -135)))
-"""Where the three legs stand around z: from the top clockwise, as the hand sees it."""
-
-COUNT_RAD: Final = math.radians(360.0 * 0.01425 / (4 * 320 * 0.110))
-ZERO_RAD: Final = math.radians(35.0)
-"""Angle of a leg at the count 0."""
-
-UNIT_N_m: Final = -1.0e-4
-"""Torque at a leg of one unit of a motor's command."""
-
-UNIT_MAX: Final = 4000
-"""Most units that are sent: 8 N take 2,000 in the middle of the workspace and up to 8,000 in its corners, where less is
-given. The wire wraps at 32,768 into the other sign."""
-
 FORCE_N: Final = 8.0
-STEP_M: Final = 1e-8
-"""The forward kinematics end when a step of Newton's is shorter."""
 
 
 def pack(units: tuple[int, int, int], bits: int) -> bytes:
@@ -83,72 +60,6 @@ def unpack(packet: bytes) -> tuple[tuple[int, int, int], int] | None:
     counts = [sum(packet[at + k] - 0x41 << 4 * k for k in range(4)) for at in (1, 5, 9)]
     a, b, c = ((count ^ 0x8000) - 0x8000 for count in counts)
     return (a, b, c), packet[13] - 0x41
-
-
-def solve(A: list[tuple[float, float, float]], b: tuple[float, float, float]) -> Vector | None:
-    """x of A x = b, by Cramer's rule; None where A is singular. Three numbers: NumPy would take longer."""
-    (a, d, g), (p, q, r), (u, v, w) = A
-    m0, m1, m2 = q * w - r * v, r * u - p * w, p * v - q * u
-    det = a * m0 + d * m1 + g * m2
-    size = (abs(a) + abs(d) + abs(g)) * (abs(p) + abs(q) + abs(r)) * (abs(u) + abs(v) + abs(w))
-    if not abs(det) > 1e-9 * size:
-        return None
-    b0, b1, b2 = b
-    x = b0 * m0 + d * (r * b2 - b1 * w) + g * (b1 * v - q * b2)
-    y = a * (b1 * w - r * b2) + b0 * m1 + g * (p * b2 - b1 * u)
-    z = a * (q * b2 - b1 * v) + d * (b1 * u - p * b2) + b0 * m2
-    return x / det, y / det, z / det
-
-
-def closure(p: Vector, theta: tuple[float, float, float]) -> tuple[Any, Any, Any]:
-    """How far the three shins are from closing, its gradient by p, a row a leg, and its derivative by each angle.
-
-    A shin is a parallelogram of side b with links d and e at its ends: seen along its leg's axis v the knee is
-    ρ = d + e + √(b² − v²) from the plate.
-    """
-    a, b, c, links, f, r, s = LEG
-    gaps, rows, turns = [], [], []
-    for (cos, sin), angle in zip(TURN, theta, strict=True):
-        u = cos * p[0] + sin * p[1] - r + c - a * math.cos(angle)
-        v = -sin * p[0] + cos * p[1] - s + f
-        w = p[2] - a * math.sin(angle)
-        rho = math.sqrt(u * u + w * w)
-        share = (rho - links) / rho if rho > 0.0 else 0.0
-        gaps.append(0.5 * ((rho - links) ** 2 + v * v - b * b))
-        rows.append((share * u * cos - v * sin, share * u * sin + v * cos, share * w))
-        turns.append(share * a * (u * math.sin(angle) - w * math.cos(angle)))
-    return gaps, rows, turns
-
-
-def forward(theta: tuple[float, float, float], start: Vector = (0.0, 0.0, MIDDLE_M)) -> Vector | None:
-    """The grip in F [m] at three legs' angles [rad], by Newton's method from `start`; None where there is no such."""
-    p = start
-    for _ in range(20):
-        gaps, rows, _turns = closure(p, theta)
-        step = solve(rows, (-gaps[0], -gaps[1], -gaps[2]))
-        if step is None:
-            return None
-        size = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
-        share = min(1.0, 0.02 / size) if size > 0.0 else 1.0
-        p = (p[0] + share * step[0], p[1] + share * step[1], p[2] + share * step[2])
-        if size < STEP_M:
-            inside = abs(p[0]) < 0.12 and abs(p[1]) < 0.12 and 0.04 < p[2] < 0.2  # the other solution is behind
-            return p if inside else None
-    return None
-
-
-def motor_units(force: Vector, p: Vector, theta: tuple[float, float, float]) -> tuple[int, int, int]:
-    """The motors' commands for a force in F [N]: Jᵀ f, the direction kept where they would be too large."""
-    _, rows, turns = closure(p, theta)
-    columns = [(rows[0][i], rows[1][i], rows[2][i]) for i in range(3)]
-    weights = solve(columns, force)
-    if weights is None:
-        return 0, 0, 0
-    units = [-turn * weight / UNIT_N_m for turn, weight in zip(turns, weights, strict=True)]
-    most = max(map(abs, units))
-    share = min(1.0, UNIT_MAX / most) if most > 0.0 else 1.0
-    x, y, z = (round(share * unit) for unit in units)
-    return x, y, z
 
 
 class FalconConnection(Connection):
@@ -240,12 +151,12 @@ class FalconConnection(Connection):
         """Whether the counts are a place that the grip can be in; then it is there."""
         state = self.state[0]
         theta = tuple(count * COUNT_RAD + ZERO_RAD for count in counts)
-        p = forward(theta, self._p)  # type: ignore[arg-type]
+        p = forward(theta, self._p)
         self._homed = self._homed + 1 if bits & HOMED == HOMED and p is not None else 0
         state.ready = int(self._homed >= HOMED_COUNT)
         if p is None:
             return False
-        self._p, self._theta = p, theta  # type: ignore[assignment]
+        self._p, self._theta = p, theta
         self._silence.end()
         state.p_DT_m = (p[0], MIDDLE_M - p[2], p[1])
         state.buttons, state.trouble = bits & 15, 0 if bits & HOMED == HOMED else 1
@@ -264,13 +175,8 @@ class FalconConnection(Connection):
         state = self.state[0]
         units, bits = (0, 0, 0), HOMING | RED
         if state.ready == 1:
-            x, y, z = state.f_D_N.tolist()
-            size = math.sqrt(x * x + y * y + z * z)
-            if size > FORCE_N:
-                x, y, z = (FORCE_N / size * part for part in (x, y, z))
-            if math.isfinite(size):
-                units = motor_units((x, z, -y), self._p, self._theta)
-            bits = HOMING | GREEN
+            x, y, z = clip_force(state.f_D_N, FORCE_N)
+            units, bits = motor_units((x, z, -y), self._p, self._theta), HOMING | GREEN
         self._usb.write(OUT, pack(units, bits))
 
     def close(self) -> None:

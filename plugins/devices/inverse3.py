@@ -4,7 +4,6 @@ The service sends one state for each message, and none by itself; a command hold
 dies gives no force. Its axes are D's: right-handed, x to the right, y away, z up, in metres.
 """
 
-import json
 import math
 from collections.abc import Sequence
 from contextlib import suppress
@@ -12,12 +11,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.device.driver import Connection, Driver, Found, Option
+from hapscene.device.driver import Connection, Driver, Found, Option, clip_force
 from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import rotation_of
 from hapscene.wall_clock import CLOCK, Clock
+from hapscene_plugins.devices.inverse3_messages import first, force_message, is_identity, listed, numbers, parse, part
 from hapscene_plugins.devices.silence import Silence
 
 URI: Final = "ws://localhost:10001"
@@ -38,9 +38,6 @@ REASONS = {
     TRANSFORMED: "the service moves or scales its positions: take the transform away in its settings",
     IGNORED: "it takes no force: open it with --option field=values (services before 3.5), or the other way round",
 }
-
-IDENTITY = {"position": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
-"""Of a transform; parts that are this are left out."""
 
 
 def connect(uri: str, wait_s: float) -> Any:
@@ -63,58 +60,6 @@ def connect(uri: str, wait_s: float) -> Any:
         raise DeviceError(
             f"inverse3: {uri}: no service answers ({error}); start Haply's Inverse service, or say --option uri="
         ) from None
-
-
-def parse(text: str | bytes) -> dict[str, Any] | None:
-    """A message of the service; None where it is none."""
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError):
-        return None
-    return content if isinstance(content, dict) else None
-
-
-def listed(content: dict[str, Any], kind: str) -> list[dict[str, Any]]:
-    """What a message says of its devices of a kind."""
-    devices = content.get(kind)
-    return [told for told in devices if isinstance(told, dict)] if isinstance(devices, list) else []
-
-
-def first(content: dict[str, Any], kind: str, device_id: str | None = None) -> dict[str, Any]:
-    """What a message says of its first device of a kind, or that of an id; empty where it says nothing."""
-    for told in listed(content, kind):
-        if device_id in (None, told.get("device_id")):
-            return told
-    return {}
-
-
-def part(content: dict[str, Any], name: str) -> dict[str, Any]:
-    inner = content.get(name)
-    return inner if isinstance(inner, dict) else {}
-
-
-def numbers(content: dict[str, Any], name: str, letters: str = "xyz") -> tuple[float, ...] | None:
-    """A vector or a quaternion; None where it is none, or not finite."""
-    inner = part(content, name)
-    values = [inner.get(letter) for letter in letters]
-    if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
-        return None
-    if not all(abs(value) < 1e6 for value in values):  # type: ignore[arg-type]
-        return None
-    return tuple(float(value) for value in values)  # type: ignore[arg-type]
-
-
-def is_identity(transform: dict[str, Any]) -> bool:
-    for name, same in IDENTITY.items():
-        if name in transform and numbers(transform, name, "xyzw"[: len(same)]) != same:
-            return False
-    return True
-
-
-def force_message(device_id: str, field: str, force: tuple[float, float, float]) -> str:
-    """The message that has a force given for one tick."""
-    told = {field: dict(zip("xyz", force, strict=True))}
-    return json.dumps({"inverse3": [{"device_id": device_id, "commands": {"set_cursor_force": told}}]})
 
 
 class Inverse3Connection(Connection):
@@ -231,13 +176,7 @@ class Inverse3Connection(Connection):
             self.state.R_DT = rotation_of(np.array(q))
 
     def write(self) -> None:
-        x, y, z = self.state.f_D_N[0].tolist()
-        size = math.sqrt(x * x + y * y + z * z)
-        if self.state.ready[0] == 1 and math.isfinite(size):
-            share = min(1.0, FORCE_N / size) if size > 0.0 else 1.0
-            self._send((share * x, share * y, share * z))
-        else:
-            self._send((0.0, 0.0, 0.0))
+        self._send(clip_force(self.state.f_D_N[0], FORCE_N) if self.state.ready[0] == 1 else (0.0, 0.0, 0.0))
 
     def close(self) -> None:
         if self._id:

@@ -16,20 +16,42 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_ubyte, c_uint, c_ulong, c_ushort, c_void_p
-from functools import cache
 from typing import Any, Final
 
 import numpy as np
-from numba import carray, types  # type: ignore[attr-defined]  # numba forgets to say that it exports carray
 
-from hapscene.c_call import c_caller
-from hapscene.device.driver import DEVICE_STATE, Driver, Found, Option, VendorConnection
+from hapscene.device.driver import Driver, Found, Option, VendorConnection
 from hapscene.device.model import DEVICES
 from hapscene.device.vendor_library import address_of, load_library
 from hapscene.errors import DeviceError
-from hapscene.native import INTERPRETED, CFunction, native
+from hapscene.native import INTERPRETED
 from hapscene.records import records
 from hapscene.wall_clock import CLOCK, Clock
+from hapscene_plugins.devices.openhaptics_frame import (
+    AUTO,
+    BAD_FRAMES,
+    CALLED,
+    DONE,
+    END,
+    ERROR_COUNT,
+    FORCE,
+    FORCE_CLAMPING,
+    FORCE_OUTPUT,
+    INKWELL,
+    LINK,
+    MODEL,
+    MOST_FORCE,
+    NO_DEVICE,
+    ONCE,
+    RESET,
+    SERIAL,
+    SERVE,
+    STYLE,
+    TEMPERATURE,
+    TROUBLES,
+    WORKSPACE,
+    callback,
+)
 
 NAMES: Final = (None, "Default Device", "Default PHANToM", "Phantom2", "Phantom3", "Phantom4")
 """What a device is asked for by, in turn: which of them a system knows differs with its drivers' version and setup."""
@@ -63,29 +85,6 @@ ERRORS: Final = {
     0x0600: ("HD_INVALID_LICENSE", "the vendor's licence is missing"),
 }
 
-# what the library knows of no error for
-_NOT_IN_INKWELL, _NOT_RESET, _NOT_FINITE, _FORCE_OFF, _NO_CALIBRATION = 1, 2, 3, 4, 5
-_TROUBLES: Final = {
-    _NOT_IN_INKWELL: "the device is not calibrated; put the stylus into the inkwell",
-    _NOT_RESET: "the device is not calibrated; put the arm into its reset position, and open it with reset=yes",
-    _NOT_FINITE: "the device gives positions that cannot be; unplug it, plug it in again",
-    _FORCE_OFF: "the library has switched the forces off; open the device again",
-    _NO_CALIBRATION: "the device does not say whether it is calibrated; open it again",
-}
-
-_BUTTONS, _POSITION, _TRANSFORM, _FORCE = (np.uint32(code) for code in (0x2000, 0x2050, 0x2052, 0x2700))
-_MODEL, _SERIAL, _WORKSPACE, _STYLE, _MOST_FORCE = 0x2501, 0x2504, 0x2551, 0x2555, 0x2603
-_TEMPERATURE, _FORCE_OUTPUT, _FORCE_CLAMPING = np.uint32(0x2605), np.uint32(0x4000), 0x4001
-_CALIBRATED, _NEEDS_UPDATE, _NEEDS_HAND = 0x5000, 0x5001, 0x5002
-_RESET, _AUTO, _INKWELL = 1, 2, 4
-_NO_DEVICE: Final = 0xFFFFFFFF
-_DONE, _CONTINUE = 0, 1
-
-_SERVE, _ONCE, _END = 0, 1, 2  # what a callback is for: the servo's tick; a frame; a last one, without force
-_FAR_MM: Final = 10_000.0  # no arm reaches there
-_ERROR_COUNT: Final = 16  # of a frame's errors so many are looked at
-_WARMTH_FRAMES: Final = 64  # warmth is asked for every so many
-_BAD_FRAMES: Final = 20  # so many bad frames in turn are more than a moment
 _WAIT_S: Final = 0.2  # what the scheduler has not begun by then, it does not
 _STILL: Final = "the library's scheduler stands still; unplug the device, plug it in again"
 
@@ -116,164 +115,11 @@ _FUNCTIONS: Final[dict[str, tuple[Any, ...]]] = {
     "hdUnschedule": (None, c_ulong),
 }
 
-_CALLED: Final = (
-    *("hdMakeCurrentDevice", "hdBeginFrame", "hdEndFrame", "hdIsEnabled", "hdCheckCalibration", "hdUpdateCalibration"),
-    *("hdGetIntegerv", "hdGetDoublev", "hdSetDoublev", "hdGetError"),
-)
-"""The functions that compiled code calls."""
-
-LINK: Final = np.dtype(
-    [
-        *[(name, "u8") for name in _CALLED],  # addresses
-        ("tick", "u8"),
-        ("context", "u8"),
-        ("doubles", "f8", (16,)),  # what the library fills and reads
-        ("integers", "i4", (4,)),
-        ("doubles_at", "u8"),
-        ("integers_at", "u8"),
-        ("middle_mm", "f8", (3,)),  # of the workspace, in the library's axes
-        ("force_N", "f8"),  # most that is sent
-        ("device", "u4"),
-        ("style", "u4"),  # calibration: AUTO or INKWELL, 0 for neither
-        ("purpose", "i8"),  # SERVE, ONCE, END
-        ("ended", "i8"),  # 1: the last frame is over
-        ("frames", "i8"),  # so far
-        ("bad", "i8"),  # frames in turn whose numbers cannot be
-        ("tells_warmth", "i8"),
-    ],
-    align=True,
-)
-"""What the callback is called with, beside the state."""
-
-_with_device = c_caller(types.void, types.uint32)
-_with_values = c_caller(types.void, types.uint32, types.uintp)
-_is_enabled = c_caller(types.uint8, types.uint32)
-_check_calibration = c_caller(types.uint32)
-_tick = c_caller(types.void, types.uintp)
-
-_get_error = c_caller(types.uint64, types.uintp)
-"""Of HDErrorInfo, 12 bytes by value, the first 8: the code, and the internal one. System V on x86-64 and AArch64 give
-these in the register of an integer, and leave aside an argument that nobody asked for; Windows on x86-64 wants to be
-told a place, as its first argument, and fills that."""
-
-_FILLS_PLACE: Final = os.name == "nt"
-
-
-@native
-def _pop_error(link: Any) -> Any:
-    """The gravest of the errors since last asked, of those the oldest: the cause. 0 for none."""
-    found: Any = 0
-    for _ in range(_ERROR_COUNT):
-        told = _get_error(link.hdGetError, (link.integers_at,))
-        code: Any = np.int64(link.integers[0]) if _FILLS_PLACE else np.int64(told & np.uint64(0xFFFFFFFF))
-        if code == 0:
-            break
-        if code >> 8 != 2 or found == 0 or found >> 8 == 2:
-            found = code
-    return found
-
-
-@native
-def _read_frame(link: Any, state: Any) -> Any:
-    """Fill the state, or leave it and say why: what went wrong since the last frame was read."""
-    doubles = link.doubles
-    doubles[0] = doubles[1] = doubles[2] = math.nan
-    _with_values(link.hdGetDoublev, (_POSITION, link.doubles_at))
-    p = (doubles[0], doubles[1], doubles[2])
-    for i in range(16):
-        doubles[i] = math.nan
-    _with_values(link.hdGetDoublev, (_TRANSFORM, link.doubles_at))
-    link.integers[0] = 0
-    _with_values(link.hdGetIntegerv, (_BUTTONS, link.integers_at))
-    buttons = np.int64(link.integers[0]) & 15
-    error = _pop_error(link)
-    if error != 0:
-        return error
-    whole = abs(p[0]) < _FAR_MM and abs(p[1]) < _FAR_MM and abs(p[2]) < _FAR_MM
-    for j in range(3):
-        for i in range(3):
-            whole = whole and abs(doubles[4 * j + i]) < 1.01
-    if not whole:
-        return _NOT_FINITE
-    middle, p_m, R = link.middle_mm, state.p_DT_m, state.R_DT
-    p_m[0], p_m[1], p_m[2] = 1e-3 * (p[0] - middle[0]), -1e-3 * (p[2] - middle[2]), 1e-3 * (p[1] - middle[1])
-    for j in range(3):
-        R[0, j], R[1, j], R[2, j] = doubles[4 * j], -doubles[4 * j + 2], doubles[4 * j + 1]
-    state.buttons = buttons
-    state.count += 1
-    if link.tells_warmth == 1 and link.frames % _WARMTH_FRAMES == 0:
-        for i in range(6):
-            doubles[i] = 0.0
-        _with_values(link.hdGetDoublev, (_TEMPERATURE, link.doubles_at))
-        state.heat = 0.0
-        for i in range(6):
-            state.heat = max(state.heat, doubles[i])
-    return 0
-
-
-@native
-def _unready(link: Any, calibration: Any) -> int:
-    """What stands in the way of forces on a device that answers."""
-    if calibration == _CALIBRATED:
-        return 0 if _is_enabled(link.hdIsEnabled, (_FORCE_OUTPUT,)) != 0 else _FORCE_OFF
-    if calibration in (_NEEDS_HAND, _NEEDS_UPDATE):
-        return _NOT_RESET if link.style == 0 else _NOT_IN_INKWELL
-    return _NO_CALIBRATION
-
-
-@native
-def _write_frame(link: Any, state: Any) -> None:
-    """Give the force, in the library's axes."""
-    f, doubles = state.f_D_N, link.doubles
-    square = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
-    share = 0.0
-    if state.ready == 1 and link.purpose != _END and square < math.inf:
-        share = 1.0 if square <= link.force_N * link.force_N else link.force_N / math.sqrt(square)
-    doubles[0], doubles[1], doubles[2] = 0.0, 0.0, 0.0
-    if share > 0.0:
-        doubles[0], doubles[1], doubles[2] = share * f[0], share * f[2], -share * f[1]
-    _with_values(link.hdSetDoublev, (_FORCE, link.doubles_at))
-
-
-@native
-def _serve(link: Any, state: Any) -> int:
-    """A frame; whether the scheduler is to call again."""
-    purpose = link.purpose
-    _with_device(link.hdMakeCurrentDevice, (link.device,))
-    calibration: Any = np.int64(_check_calibration(link.hdCheckCalibration, ()))
-    if calibration == _NEEDS_UPDATE and link.style != 0:
-        _with_device(link.hdUpdateCalibration, (link.style,))
-    _with_device(link.hdBeginFrame, (link.device,))
-    trouble = _read_frame(link, state)
-    link.bad = link.bad + 1 if trouble == _NOT_FINITE else 0
-    if trouble == 0:
-        trouble = _unready(link, calibration)
-    state.trouble, state.ready = trouble, 1 if trouble == 0 else 0
-    if purpose == _SERVE:
-        _tick(link.tick, (link.context,))
-    _write_frame(link, state)
-    _with_device(link.hdEndFrame, (link.device,))
-    link.frames += 1
-    if purpose == _END:
-        link.ended = 1
-    return _CONTINUE if purpose == _SERVE else _DONE
-
-
-def _served(places: Any) -> Any:
-    return np.uint32(_serve(carray(places[0], 1, LINK)[0], carray(places[1], 1, DEVICE_STATE)[0]))
-
-
-@cache
-def _callback() -> Any:
-    """The scheduler's callback: a C function `unsigned int callback(void *places[2])`, of link and state."""
-    pointer: Any = types.CPointer
-    return CFunction(types.uint32(pointer(types.voidptr)), _served, uses_carray=True)
-
 
 def _pop(hd: Any) -> list[int]:
     """The errors there are, newest first."""
     errors: list[int] = []
-    while len(errors) < _ERROR_COUNT and (code := int(hd.hdGetError().code)):
+    while len(errors) < ERROR_COUNT and (code := int(hd.hdGetError().code)):
         errors.append(code)
     return errors
 
@@ -297,9 +143,9 @@ def _initiate(hd: Any, name: str | None) -> int:
     for asked in NAMES if name is None else (name,):
         device = int(hd.hdInitDevice(None if asked is None else asked.encode()))
         errors = _pop(hd)
-        if device != _NO_DEVICE and not errors:
+        if device != NO_DEVICE and not errors:
             return device
-        if device != _NO_DEVICE:
+        if device != NO_DEVICE:
             hd.hdDisableDevice(device)
         refused.append(f"{asked or 'NULL'}: {error_text(errors[-1]) if errors else 'refused without an error'}")
     raise DeviceError(f"openhaptics: no device can be opened ({'; '.join(refused)}); {_remedy()}")
@@ -327,7 +173,7 @@ class OpenHapticsConnection(VendorConnection):
         self._link = records(1, LINK)
         self._places = np.zeros(2, np.uint64)
         self._moved_s, self._moved = 0.0, 0
-        self._address = int(_callback().address)
+        self._address = int(callback().address)
         self._device: int | None = _initiate(self._hd, name)
         try:
             self._set_up(rate, reset)
@@ -337,25 +183,25 @@ class OpenHapticsConnection(VendorConnection):
 
     def _set_up(self, rate: int, reset: bool) -> None:
         hd, link = self._hd, self._link
-        for function in _CALLED:
+        for function in CALLED:
             link[function] = address_of(getattr(hd, function))
         link.doubles_at, link.integers_at = link.doubles.ctypes.data, link.integers.ctypes.data
         link.device = self._device
         style = (c_int * 1)(0)
-        hd.hdGetIntegerv(_STYLE, style)
+        hd.hdGetIntegerv(STYLE, style)
         self._check("calibration style")
-        link.style = _AUTO if style[0] & _AUTO else style[0] & _INKWELL
-        box = self._ask(_WORKSPACE, 6)
+        link.style = AUTO if style[0] & AUTO else style[0] & INKWELL
+        box = self._ask(WORKSPACE, 6)
         if np.all(np.isfinite(box)):
             link.middle_mm = (box[:3] + box[3:]) / 2.0
         known = DEVICES["omni"].limits.force_N
-        told = float(self._ask(_MOST_FORCE, 1)[0])
+        told = float(self._ask(MOST_FORCE, 1)[0])
         link.force_N = min(known, told) if told > 0.0 else known
-        link.tells_warmth = int(np.all(np.isfinite(self._ask(int(_TEMPERATURE), 3))))
+        link.tells_warmth = int(np.all(np.isfinite(self._ask(int(TEMPERATURE), 3))))
         if reset:
-            hd.hdUpdateCalibration(_RESET)
+            hd.hdUpdateCalibration(RESET)
             self._check("calibration of the encoders")
-        for capability in (int(_FORCE_OUTPUT), _FORCE_CLAMPING):
+        for capability in (int(FORCE_OUTPUT), FORCE_CLAMPING):
             hd.hdEnable(capability)
             self._check(f"enabling 0x{capability:04X}")
         hd.hdSetSchedulerRate(rate)
@@ -381,7 +227,7 @@ class OpenHapticsConnection(VendorConnection):
 
     def _frame(self) -> None:
         """Read, and send the force that is wanted, in a frame of the scheduler's."""
-        self._link.purpose = _ONCE
+        self._link.purpose = ONCE
         self._hand_over()
         self._see()
 
@@ -399,7 +245,7 @@ class OpenHapticsConnection(VendorConnection):
 
     def _see(self) -> None:
         trouble = int(self.state.trouble[0])
-        if trouble >> 8 == 3 or self._link.bad[0] >= _BAD_FRAMES:
+        if trouble >> 8 == 3 or self._link.bad[0] >= BAD_FRAMES:
             raise DeviceError(f"openhaptics: {self.reason(trouble)}")
 
     def check(self) -> None:
@@ -418,7 +264,7 @@ class OpenHapticsConnection(VendorConnection):
     def schedule(self, tick: int, context: int) -> None:
         self.unschedule()
         link = self._link
-        link.tick, link.context, link.purpose = tick, context, _SERVE
+        link.tick, link.context, link.purpose = tick, context, SERVE
         self._moved, self._moved_s = -1, 0.0
         self._handle = self._hand_over()
 
@@ -429,7 +275,7 @@ class OpenHapticsConnection(VendorConnection):
     def _end(self) -> None:
         """A last frame without force; from then on no call."""
         link = self._link
-        link.ended, link.purpose = 0, _END
+        link.ended, link.purpose = 0, END
         if self._handle is None:
             self._handle = self._hd.hdScheduleAsynchronous(self._address, self._context(), self._priority)
         _wait(lambda: int(link.ended[0]) == 1, self._clock)
@@ -448,7 +294,7 @@ class OpenHapticsConnection(VendorConnection):
         self._device = None
 
     def reason(self, trouble: int) -> str:
-        return _TROUBLES.get(trouble) or (error_text(trouble) if trouble else "")
+        return TROUBLES.get(trouble) or (error_text(trouble) if trouble else "")
 
 
 def _wait(over: Callable[[], bool], clock: Clock = CLOCK) -> bool:
@@ -468,7 +314,7 @@ def find(library: str | None = None, name: str | None = None, **options: Any) ->
         device = _initiate(hd, name)
     except DeviceError as error:
         return [Found("", trouble=str(error), remedy=_remedy())]
-    words = [hd.hdGetString(what) or b"" for what in (_MODEL, _SERIAL)]
+    words = [hd.hdGetString(what) or b"" for what in (MODEL, SERIAL)]
     hd.hdDisableDevice(device)
     _pop(hd)
     return [Found(" ".join(word.decode(errors="replace") for word in words).strip() or "unnamed")]
@@ -481,13 +327,13 @@ def release(library: str | None = None, name: str | None = None, **options: Any)
 
     def give(context: Any) -> int:
         hd.hdBeginFrame(device)
-        hd.hdSetDoublev(int(_FORCE), nothing)
+        hd.hdSetDoublev(int(FORCE), nothing)
         hd.hdEndFrame(device)
         given.append(True)
-        return _DONE
+        return int(DONE)
 
     callback = CFUNCTYPE(c_uint, c_void_p)(give)
-    hd.hdEnable(int(_FORCE_OUTPUT))
+    hd.hdEnable(int(FORCE_OUTPUT))
     hd.hdStartScheduler()
     handle = hd.hdScheduleAsynchronous(callback, None, PRIORITY)
     _wait(lambda: bool(given))

@@ -10,7 +10,7 @@ import math
 import struct
 from typing import Any, Final
 
-from hapscene.device.driver import Connection, Driver, Option
+from hapscene.device.driver import Connection, Driver, Option, clip_force
 from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
@@ -130,12 +130,10 @@ class WoodenHapticsConnection(Connection):
         return True
 
     def write(self) -> None:
-        x, y, z = self.state.f_D_N[0].tolist()
-        size = math.sqrt(x * x + y * y + z * z)
         sent = (0, 0, 0)
-        if self.state.ready[0] == 1 and math.isfinite(size):
-            share = min(1.0, FORCE_N / size) if size > 0.0 else 1.0
-            sent = currents((-share * y, share * x, share * z), self._angles, self._signs)
+        if self.state.ready[0] == 1:
+            x, y, z = clip_force(self.state.f_D_N[0], FORCE_N)
+            sent = currents((-y, x, z), self._angles, self._signs)
         if not self._listens or sent == (0, 0, 0) != self._sent:
             self._usb.write(self._out, REPORT.pack(*sent, 0))
             self._sent = sent

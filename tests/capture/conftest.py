@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hapscene.capture.segment import InteractionState
+from hapscene.capture.fit.segment import InteractionState
 
 STIFFNESS_N_M, FRICTION, TAP_HZ, TAP_DECAY_1_S, TAP_GAIN_1_S = 500.0, 0.35, 180.0, 70.0, 100.0
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from hapscene.capture.streams import Streams
+from hapscene.capture.io.streams import Streams
 
 SURFACES: Final = ("steady", "grains", "bursts", "squeal")
 """Noise; a gain that follows the distance; one that follows time; a tone that comes and goes."""

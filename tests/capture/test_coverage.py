@@ -1,4 +1,4 @@
-"""What a recording lacks: against the fit's own pieces, against regression in another form, against made signals."""
+"""What a recording lacks: against the fit's own pieces, and against simulated signals."""
 
 from collections.abc import Mapping
 from itertools import pairwise
@@ -8,18 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.capture.coverage import DEPARTS_DB, ENOUGH_DB, Coverage, Wanted
-from hapscene.capture.friction import Friction, fit_friction
-from hapscene.capture.record_simulator import COLUMNS, strokes
-from hapscene.capture.segment import segment
-from hapscene.capture.streams import clean
-from hapscene.capture.texture_pieces import EXPONENT_SPREADS, PIECE_S, cut
+from hapscene.capture.fit.friction import Friction, fit_friction
+from hapscene.capture.fit.segment import segment
+from hapscene.capture.fit.windows import cut
+from hapscene.capture.io.streams import clean
+from hapscene.capture.record.coverage import Coverage, Wanted
 from hapscene.errors import CaptureError
+from tests.capture.probe_simulator import COLUMNS, strokes
 
 from .simulated_tool import noisy, pulled
 
 RATE_HZ = 5000.0
-DB = 10.0 / np.log(10.0)
 ALL = ("acceleration", "force", "speed")
 
 
@@ -48,15 +47,11 @@ def test_pieces_are_those_of_the_fit() -> None:
     coverage = Coverage(RATE_HZ, ALL)
     coverage.feed(0, {"acceleration": acceleration, "force": force, "speed": speed})
     own = cut(clean(acceleration, RATE_HZ, force, speed))
-    table = np.zeros_like(coverage.pieces).ravel()
+    table = np.zeros_like(coverage.pieces)
     for f, v in zip(own.force_N, own.speed_m_s, strict=True):
         table[coverage.cell(f, v)] += 1
     assert coverage.pieces.sum() == len(own) == 200
-    assert np.abs(coverage.pieces.ravel() - table).sum() <= 6  # of those that lie on an edge
-    # what is known of the levels, against what they were made with
-    level = [DB * np.log((5.0 * v / 0.1) ** 2 * f) for f, v in middles(coverage)]
-    seen = coverage.pieces.ravel() >= 4
-    assert np.abs(coverage._level - level)[seen].max() < 1.0
+    assert np.abs(coverage.pieces - table).sum() <= 6  # of those that lie on an edge
 
 
 @given(st.lists(st.integers(1, 3000), min_size=1, max_size=30))
@@ -71,47 +66,18 @@ def test_any_blocks_give_the_same(sizes: list[int]) -> None:
     for first, last in pairwise(edges):
         parts.feed(int(first), {name: row[first:last] for name, row in streams.items()})
     np.testing.assert_array_equal(whole.pieces, parts.pieces)
-    np.testing.assert_allclose(whole.share, parts.share, rtol=1e-9)
-    assert parts.error_dB == pytest.approx(whole.error_dB) and parts.advice() == whole.advice()
-
-
-def test_what_is_known_is_that_of_a_regression_with_priors() -> None:
-    """The same model by its information: parameters c, α, β and a departure of each cell."""
-    coverage = Coverage(RATE_HZ, ALL)
-    rng = np.random.default_rng(1)
-    for k, place in enumerate(middles(coverage)):
-        for _ in range(int(rng.integers(0, 3))):
-            add(coverage, slid(*place, 0.3, seed=k))
-    n, each = coverage._count, coverage.scatter_dB**2  # no neighbours are alike here
-    along = DB * (coverage._middle - coverage._middle.mean(axis=0))
-    design = np.hstack([np.ones((len(n), 1)), along, np.eye(len(n))])
-    prior = np.diag([1e-4, *(np.array(EXPONENT_SPREADS) ** -2.0), *[DEPARTS_DB**-2.0] * len(n)])
-
-    def variance(count: np.ndarray) -> np.ndarray:
-        information = prior + design.T @ (count[:, None] * design) / each
-        return np.diag(design @ np.linalg.inv(information) @ design.T)
-
-    assert coverage._beside[2] >= 10
-    alike = float(np.clip(coverage._beside[0] / coverage._beside[1], 0.0, 0.9))
-    each *= (1.0 + alike) / (1.0 - alike)
-    np.testing.assert_allclose(coverage._sd**2, variance(n), rtol=1e-6)
-    more = np.sqrt([variance(n + np.eye(len(n))[j] / PIECE_S).mean() for j in range(len(n))])
-    np.testing.assert_allclose(coverage._gain, coverage.error_dB - more, atol=1e-8)
+    assert parts.advice() == whole.advice()
 
 
 def test_it_is_enough_when_every_cell_is() -> None:
     coverage = Coverage(RATE_HZ, ALL, Wanted(taps=0))
-    errors = []
-    for k, place in enumerate(middles(coverage) * 3):
+    for k, place in enumerate(middles(coverage) * 2):
         assert not coverage.enough
         add(coverage, slid(*place, 0.5, seed=k))
-        errors.append(coverage.error_dB)
         if coverage.enough:
             break
-    assert coverage.enough and coverage.advice() == "enough: more would not help"
-    assert (coverage.pieces >= 4).all() and coverage.target is None
-    assert coverage._gain.max() <= ENOUGH_DB
-    assert errors[-1] < 0.4 * errors[0]
+    assert coverage.enough and coverage.advice() == "enough: every cell is filled"
+    assert (coverage.pieces >= 10).all() and coverage.target is None
 
 
 def test_advice_leads_there() -> None:
@@ -174,12 +140,12 @@ def test_without_force_or_speed_it_says_what_cannot_be_guided() -> None:
         coverage = Coverage(RATE_HZ, there)
         coverage.feed(0, {name: streams[name] for name in there})
         assert coverage.pieces.shape == shape and coverage.pieces.sum() == 50
-        assert [text.split()[0] for text in coverage.cannot] == [left_out]
+        assert [text.split()[0] for text in coverage.limits] == [left_out]
         assert "press" not in coverage.advice() if left_out == "force" else "faster" not in coverage.advice()
     coverage = Coverage(RATE_HZ, ("acceleration",))
     for turn in range(10):
         add(coverage, {"acceleration": slid(1.0, 0.1, 1.0, seed=turn)["acceleration"]})
-    assert len(coverage.cannot) == 2 and coverage.enough
+    assert len(coverage.limits) == 2 and coverage.enough
     with pytest.raises(CaptureError, match="no acceleration"):
         Coverage(RATE_HZ, ("force", "speed"))
 
@@ -195,15 +161,6 @@ def test_a_position_gives_the_speed() -> None:
     assert coverage.pieces[:, 1].sum() == coverage.pieces.sum() >= 28
 
 
-def test_three_axes_have_the_power_of_all() -> None:
-    streams = slid(1.0, 0.1, 3.0)
-    one, three = Coverage(RATE_HZ, ALL), Coverage(RATE_HZ, ALL)
-    one.feed(0, streams)
-    axes = np.array([0.6, 0.0, 0.8])[:, None] * streams["acceleration"]
-    three.feed(0, {**streams, "acceleration": axes})
-    np.testing.assert_allclose(three._level, one._level, atol=1e-9)
-
-
 def test_what_is_cut_off_is_told() -> None:
     streams = slid(1.0, 0.1, 2.0, rms=10.0)
     from scipy.signal import butter, sosfilt
@@ -216,9 +173,6 @@ def test_what_is_cut_off_is_told() -> None:
         assert (coverage.clipped > 0) == cut_off
     truth = np.count_nonzero(np.abs(counts) >= 6.0)
     assert 0.3 * truth < coverage.clipped < truth
-    pressed = Coverage(RATE_HZ, ALL, Wanted(full_scale={"force": 2.0}))
-    pressed.feed(0, {**streams, "acceleration": counts, "force": np.minimum(np.linspace(0.0, 4.0, len(counts)), 2.0)})
-    assert pressed.clipped == pytest.approx(0.5 * len(counts), rel=0.01)
 
 
 def test_a_probe_of_coarse_steps_is_not_cut_off() -> None:
@@ -243,17 +197,9 @@ def test_gaps_are_counted_and_no_piece_reaches_over_one() -> None:
     assert coverage.seconds == pytest.approx((2 * 2401 + 99) / RATE_HZ)
 
 
-def test_knocks_are_not_counted_as_sliding() -> None:
-    coverage = Coverage(RATE_HZ, ALL)
-    add(coverage, slid(1.0, 0.1, 3.0))
-    before = coverage.pieces.sum()
-    add(coverage, slid(1.0, 0.1, 0.1, rms=30.0))
-    assert coverage.knocks == 1 and coverage.pieces.sum() == before
-
-
 def test_what_is_wanted_must_make_sense() -> None:
     for wrong in ({"force_N": (2.0, 1.0)}, {"speed_m_s": (0.0, 1.0)}, {"force_N": (1.0, np.inf)}):
-        with pytest.raises(CaptureError, match="from a lower to a higher"):
+        with pytest.raises(CaptureError, match="must range from"):
             Wanted(**wrong)  # type: ignore[arg-type]
     with pytest.raises(CaptureError, match="rate_Hz must be above"):
         Coverage(100.0, ALL)
@@ -285,23 +231,13 @@ def pulling(stops: int, gently_s: float, seed: int = 0, rate_Hz: float = 2000.0)
     return coverage, fit_friction([(channels, segment(channels))])
 
 
-@pytest.mark.parametrize("gently_s", [0.1, 0.3, 1.0])
-def test_who_stops_and_pulls_gently_as_told_has_friction_found(gently_s: float) -> None:
-    coverage, found = pulling(3, gently_s)
+def test_who_stops_and_pulls_gently_as_advised_has_friction_found() -> None:
+    coverage, found = pulling(3, 0.3)
     assert coverage.starts == 3 and coverage.lacks == ["lift and tap three times"]
     assert found.static == pytest.approx(0.55, rel=0.05) and found.dynamic == pytest.approx(0.4, rel=0.05)
-    low, high = found.intervals["friction_static"]
-    assert 0.45 < low < 0.55 < high < 0.65
 
 
-def test_who_does_not_has_no_static_friction_and_is_told_so() -> None:
+def test_who_does_not_has_no_static_friction() -> None:
     coverage, found = pulling(0, 0.1)
     assert coverage.starts == 0 and "stop, stay pressed, and pull gently" in coverage.lacks[1]
-    assert "never starts from rest" in found.absent["friction_static"] and found.static == found.dynamic
-    assert found.dynamic == pytest.approx(0.4, rel=0.05)
-
-
-def test_why_gently() -> None:
-    """A pull that is jerked loose within a hundredth of a second is over before the forces show it."""
-    _, found = pulling(3, 0.02)
-    assert found.static < 0.45
+    assert "friction_static" in found.absent and found.static == found.dynamic

@@ -1,10 +1,9 @@
 """Files of the Penn Haptic Texture Toolkit, held to an independent reference of its query."""
 
 import random
-import re
 import shutil
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,18 +12,12 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from hapscene import cli
-from hapscene.capture.hatt import export_hatt, hatt_loses, import_hatt, import_many, import_noted
-from hapscene.capture.hatt_file import read_models, read_taps
+from hapscene.capture.io import hatt
+from hapscene.capture.io.hatt import import_hatt, import_many
 from hapscene.errors import SwatchError
-from hapscene.surface.library import load_swatch
-from hapscene.surface.life import Life
-from hapscene.surface.swatch import PLAIN, Swatch
-
-pytestmark = pytest.mark.nightly
+from hapscene.swatches.library import load_swatch
 
 Array = NDArray[np.float64]
-
-FREQUENCY = np.linspace(0.05, np.pi, 400)  # rad
 
 
 def polynomial(lsf: Array) -> Array:
@@ -38,10 +31,6 @@ def polynomial(lsf: Array) -> Array:
     else:
         q = np.convolve(q, [1, 0, -1])
     return np.real(p + q)[: len(lsf) + 1] / 2
-
-
-def response(coefficients: Array) -> Array:
-    return np.abs(np.exp(-1j * np.outer(FREQUENCY, np.arange(len(coefficients)))) @ coefficients)
 
 
 @dataclass
@@ -60,15 +49,13 @@ class Toolkit:
         self.speed = np.array([float(m.findtext("speedMod", "nan")) for m in models])
         self.force = np.array([float(m.findtext("forceMod", "nan")) for m in models])
         self.variance = np.array([float(m.findtext("var", "nan")) for m in models])
-        self.gain = np.array([float(m.findtext("gain", "1")) for m in models])
         self.ar = np.array([rows(m.find("ARlsf")) for m in models])
-        self.ma = np.array([rows(m.find("MAlsf")) for m in models])
         self.triangles = [[int(v) - 1 for v in rows(tri)] for tri in root.findall("tri")]
         self.max_speed = float(root.findtext("maxSpeed", "nan"))
         self.max_force = float(root.findtext("maxForce", "nan"))
 
     def query(self, force_N: float, speed_m_s: float) -> tuple[Array, float]:
-        """|C/A|² at FREQUENCY and the excitation's variance with the gain."""
+        """The coefficients of A and the excitation's variance."""
         x, y = min(1e3 * speed_m_s, self.max_speed), min(force_N, self.max_force)
         for triangle in self.triangles:
             corners = np.array([self.speed[triangle], self.force[triangle], np.ones(3)])
@@ -79,13 +66,7 @@ class Toolkit:
                 break
         else:
             raise AssertionError("outside of all triangles")
-        numerator = response(polynomial(weight @ self.ma[triangle])) if self.ma.size else 1.0
-        shape = (numerator / response(polynomial(weight @ self.ar[triangle]))) ** 2
-        return shape, float((weight @ self.gain[triangle]) ** 2 * (weight @ self.variance[triangle]))
-
-
-def spectrum_off_dB(a: Array, shape: Array) -> Array:
-    return np.asarray(10.0 * np.log10(response(a) ** -2.0 / shape))
+        return polynomial(weight @ self.ar[triangle]), float(weight @ self.variance[triangle])
 
 
 def values(name: str, numbers: Array, text: str = "{:.6f}") -> str:
@@ -104,7 +85,7 @@ def filters(rng: np.random.Generator, count: int, pairs: int, low: float, high: 
     return found
 
 
-def write_models(path: Path, seed: int, pairs: int = 8, zeros: int = 0, rate: int = 10000, side: int = 5) -> Path:
+def write_models(path: Path, seed: int, pairs: int = 8, side: int = 5) -> Path:
     """A made-up file in the toolkit's layout: an irregular plane, of very unlike models."""
     rng = np.random.default_rng(seed)
     speed, force = map(np.ravel, np.meshgrid(np.linspace(0, 237.5, side), np.linspace(0, 3.1, side)))
@@ -112,19 +93,18 @@ def write_models(path: Path, seed: int, pairs: int = 8, zeros: int = 0, rate: in
     speed, force = speed + inner * rng.uniform(-20, 20, speed.size), force + inner * rng.uniform(-0.2, 0.2, force.size)
     triangles = Delaunay(np.stack([speed / 237.5, force / 3.1], axis=1)).simplices + 1
     variance = 1e-4 * speed * force * rng.uniform(0.5, 2, speed.size)
-    ar, ma = filters(rng, speed.size, pairs, 0.7, 0.95), filters(rng, speed.size, zeros // 2, 0.4, 0.85)
+    ar = filters(rng, speed.size, pairs, 0.7, 0.95)
     text = f'<?xml version="1.0" encoding="utf-8"?>\n<modelSet texture="0"><material>Made up {seed}</material>\n'
     text += "<AccelUnits>m/s^2</AccelUnits><SpeedUnits>mm/s</SpeedUnits><ForceUnits>N</ForceUnits>\n"
-    text += f"<SampleRate>{rate}</SampleRate><mu>0.4</mu><numMod>{speed.size}</numMod>"
+    text += f"<SampleRate>10000</SampleRate><mu>0.4</mu><numMod>{speed.size}</numMod>"
     text += f"<numTri>{len(triangles)}</numTri><maxSpeed>{speed.max():f}</maxSpeed><maxForce>{force.max():f}</maxForce>"
     text += values("speedList", speed) + values("forceList", force)
     text += "".join(values("tri", tri, "{:d}") for tri in triangles)
-    text += f"<numARCoeff>{2 * pairs}</numARCoeff><numMACoeff>{zeros}</numMACoeff>"
+    text += f"<numARCoeff>{2 * pairs}</numARCoeff><numMACoeff>0</numMACoeff>"
     for i in range(speed.size):
         text += f"<model><modNum>{i + 1}</modNum>" + values("ARcoeff", polynomial(ar[i]), "{:.20f}")
-        text += values("ARlsf", ar[i]) + values("MAcoeff", polynomial(ma[i]) if zeros else np.ones(1), "{:.20f}")
-        text += values("MAlsf", ma[i] if zeros else np.empty(0)) + f"<var>{variance[i]:.10f}</var>"
-        text += f"<gain>{0.5 + speed[i] / 300:.6f}</gain>" if zeros else ""
+        text += values("ARlsf", ar[i]) + values("MAcoeff", np.ones(1), "{:.20f}") + "<MAlsf/>"
+        text += f"<var>{variance[i]:.10f}</var>"
         text += f"<speedMod>{speed[i]:f}</speedMod><forceMod>{force[i]:f}</forceMod></model>\n"
     path.write_text(text + "</modelSet>\n", encoding="utf-8")
     return path
@@ -145,9 +125,9 @@ def test_answers_are_the_toolkits(tmp_path: Path, seed: int, pairs: int) -> None
     assert swatch.texture is not None and swatch.texture.rate_Hz == 10000 and swatch.texture.order == 2 * pairs
     asked = places(100)
     for (force_N, speed_m_s), a, ours in zip(asked, *swatch.texture.models(*asked.T), strict=True):
-        shape, variance = reference.query(force_N, speed_m_s)
-        assert np.abs(spectrum_off_dB(a, shape)).max() < 1e-6  # asked for: 0.1 dB
-        assert ours == pytest.approx(variance, rel=1e-9)  # asked for: 1e-4
+        theirs, variance = reference.query(force_N, speed_m_s)
+        np.testing.assert_allclose(a, theirs, atol=1e-9)
+        assert ours == pytest.approx(variance, rel=1e-9)
 
 
 def test_the_example_of_the_layout(shared: Path) -> None:
@@ -159,86 +139,14 @@ def test_the_example_of_the_layout(shared: Path) -> None:
     np.testing.assert_array_equal(swatch.texture.triangles, reference.triangles)
     asked = places(100)
     for (force_N, speed_m_s), a, ours in zip(asked, *swatch.texture.models(*asked.T), strict=True):
-        shape, variance = reference.query(force_N, speed_m_s)
-        assert np.abs(spectrum_off_dB(a, shape)).max() < 1e-6
+        theirs, variance = reference.query(force_N, speed_m_s)
+        np.testing.assert_allclose(a, theirs, atol=1e-9)
         assert ours == pytest.approx(variance, rel=1e-9)
     np.testing.assert_allclose(swatch.taps.approach_m_s, [0.01, 0.06, 0.2])
     np.testing.assert_allclose(swatch.taps.frequency_Hz, 180.0, rtol=1e-3)  # the file is made of one sinusoid
     np.testing.assert_allclose(swatch.taps.decay_1_s, 80.0, rtol=1e-3)
     assert swatch.taps.transient(0.06, 1000.0).shape == (100,) and "stiffness_N_m" in swatch.absent
     assert "not be passed on" in swatch.licence and "Models_example.xml" in swatch.provenance
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("zeros", [2, 6])
-def test_models_with_zeros_are_converted_to_the_stated_error(tmp_path: Path, zeros: int) -> None:
-    from hapscene.capture.arma import as_texture
-
-    path = write_models(tmp_path / "Models_x.xml", 3, 4, zeros, 1000, side=3)
-    reference, made = Toolkit(path), as_texture(read_models(path))
-    assert made.error_at_models_dB < 0.1 and made.error_rms_dB < 0.15
-    off = []
-    for force_N, speed_m_s in zip(reference.force, 1e-3 * reference.speed, strict=True):
-        if force_N * speed_m_s > 0:
-            shape, variance = reference.query(force_N, speed_m_s)
-            a, ours = made.texture.model(force_N, speed_m_s)
-            assert np.abs(spectrum_off_dB(a, shape * variance) + 10 * np.log10(ours)).max() < 0.1
-    asked = places(100)
-    for (force_N, speed_m_s), a, ours in zip(asked, *made.texture.models(*asked.T), strict=True):
-        shape, variance = reference.query(force_N, speed_m_s)
-        if variance == 0.0:  # between silent models
-            assert ours == 0.0
-            continue
-        off.append(spectrum_off_dB(a, shape * variance) + 10 * np.log10(ours))
-    assert np.sqrt(np.mean(np.square(off))) < 0.2 and np.abs(off).max() < 1.1 * made.error_max_dB
-    said = f"{made.error_rms_dB:.2g} dB rms and {made.error_max_dB:.2g} dB at most between them"
-    told: list[str] = []
-    import_many([path], tmp_path / "out", told.append)
-    assert "turned into" in told[1] and said in told[1]
-    assert told[1].strip() in load_swatch(tmp_path / "out" / "x.swatch").provenance
-
-
-def test_export_comes_back_to_the_bit(tmp_path: Path, shared: Path) -> None:
-    folder = shared / "data" / "hatt_format"
-    swatch = import_hatt(folder / "Models_example.xml", folder / "Taps_example.xml")
-    export_hatt(swatch, tmp_path / "Models_x.xml", tmp_path / "Taps_x.xml")
-    again = import_hatt(tmp_path / "Models_x.xml", tmp_path / "Taps_x.xml")
-    assert again.texture == swatch.texture
-    ours, theirs = read_taps(tmp_path / "Taps_x.xml"), read_taps(folder / "Taps_example.xml")
-    np.testing.assert_array_equal(ours.acceleration_m_s2, theirs.acceleration_m_s2)
-    tags = [e.tag for e in ElementTree.parse(tmp_path / "Models_x.xml").iter()]
-    layout = [e.tag for e in ElementTree.parse(folder / "Models_example.xml").iter() if e.tag != "renderPicture"]
-    assert tags == layout
-
-
-def plain(swatch: Swatch) -> Swatch:
-    """It without what the toolkit does not know."""
-    assert swatch.texture is not None
-    return replace(swatch, texture=replace(swatch.texture.unwarped(), exponents=np.zeros(2), life=None))
-
-
-def test_a_fitted_swatch_is_exported_with_all_its_digits(tmp_path: Path) -> None:
-    wood = plain(load_swatch("wood"))
-    export_hatt(wood, tmp_path / "Models_wood.xml", rate_Hz=None)
-    again = import_hatt(tmp_path / "Models_wood.xml")
-    assert wood.texture is not None and again.texture is not None
-    np.testing.assert_array_equal(again.texture.lsf_rad, wood.texture.lsf_rad)
-    np.testing.assert_allclose(again.texture.speed_m_s, wood.texture.speed_m_s, rtol=1e-14)
-    export_hatt(wood, tmp_path / "Models_1k.xml", rate_Hz=1000.0)
-    assert read_models(tmp_path / "Models_1k.xml").rate_Hz == 1000
-    export_hatt(wood, tmp_path / "Models_1k.xml", tmp_path / "Taps_1k.xml", rate_Hz=1000.0)
-    assert wood.taps is not None
-    wave = wood.taps.transient(float(wood.taps.approach_m_s[0]), 1000.0)
-    told = read_taps(tmp_path / "Taps_1k.xml")
-    taps = told.acceleration_m_s2
-    text = (tmp_path / "Taps_1k.xml").read_text(encoding="utf-8").replace("tapSpeed>", "other>")
-    (tmp_path / "Taps_list.xml").write_text(text, encoding="utf-8")  # then the list says them
-    np.testing.assert_array_equal(read_taps(tmp_path / "Taps_list.xml").approach_m_s, told.approach_m_s)
-    np.testing.assert_allclose(taps[0][: min(100, len(wave))], wave[:100], rtol=1e-12)
-    with pytest.raises(SwatchError, match="no texture"):
-        export_hatt(PLAIN, tmp_path / "x.xml")
-    with pytest.raises(SwatchError, match="cannot be written"):
-        export_hatt(wood, tmp_path / "no" / "x.xml")
 
 
 def edited(text: str, *changes: tuple[str, str]) -> str:
@@ -278,18 +186,7 @@ def test_odd_but_readable_files(tmp_path: Path) -> None:
     swatch = import_hatt(path)
     assert swatch.friction_dynamic == 0 and swatch.texture is not None
     np.testing.assert_allclose(swatch.texture.lsf_rad, plain.lsf_rad, atol=1e-6)
-    assert "mu is missing" in swatch.provenance and "more of this kind" in swatch.provenance
-
-
-def test_coefficients_that_are_not_those_of_the_frequencies_are_told_of(tmp_path: Path) -> None:
-    path = write_models(tmp_path / "Models_x.xml", 0)
-    plain, text = import_hatt(path), path.read_text(encoding="utf-8")
-    assert "rad off" not in plain.provenance
-    (first,) = re.findall(r"<ARlsf><value>(.+?)</value>", text)[:1]
-    path.write_text(edited(text, (f"<ARlsf><value>{first}", f"<ARlsf><value>{0.9 * float(first)}")), encoding="utf-8")
-    swatch = import_hatt(path)
-    assert f"ARlsf is {0.1 * float(first):.2g} rad off ARcoeff: ARlsf is used" in swatch.provenance
-    assert swatch.texture.lsf_rad[0, 0] == 0.9 * float(first)
+    assert "mu is missing" in swatch.provenance and "ARcoeff is used" in swatch.provenance
 
 
 BAD: dict[str, tuple[tuple[str, str], str]] = {
@@ -299,15 +196,14 @@ BAD: dict[str, tuple[tuple[str, str], str]] = {
     "rate word": (("10000", "fast"), r"<SampleRate>: expected a finite number, found 'fast'"),
     "cut": (("<numMod>25", "<numMod>26"), r"<numMod>: expected the number of <model> elements, 25, found 26"),
     "triangle": (("<tri><value>", "<tri><value>9"), r"<tri> 1: expected three numbers of models, 1 to 25"),
-    "short": (("<ARlsf><value>", "<ARlsf><value>0.001</value><value>"), r"<model> 1, <ARlsf>: expected 16 numbers"),
+    "short": (("<ARlsf><value>", "<ARlsf><value>0.001</value><value>"), r"<model> 2: expected 17 ARlsf as in model 1"),
     "nan": (("<var>", "<var>nan "), r"<model> 1, <var>: expected a finite number, found 'nan"),
     "huge": (("<var>", "<var>1e999"), r"<model> 1, <var>: expected a finite number"),
-    "negative": (("<var>", "<var>-1"), r"<model> 1, <var>: expected 0 or more, found -1"),
+    "negative": (("<var>", "<var>-1"), r"<model> 1, <var>: expected a number, 0 or more, found -1"),
     "no var": (("<var>", "<v>"), "not XML"),
     "mu": (("<mu>0.4", "<mu>40"), "friction must be"),
     "other root": (("<modelSet ", "<modelset "), "not XML"),
-    "speed": (("<speedMod>0.0", "<speedMod>7.0"), r"<model> 1, <speedMod>: expected 0 as in <speedList>, found 7"),
-    "first": (("<ARcoeff><value>1", "<ARcoeff><value>2"), r"<model> 1, <ARcoeff>, value 1: expected 1, found 2"),
+    "zeros": (("<MAcoeff>", "<MAcoeff><value>0.5</value>"), r"<model> 1, <MAcoeff>: expected models without zeros"),
 }
 
 
@@ -352,7 +248,7 @@ def test_many_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     folder.mkdir()
     first = write_models(folder / "Models_0.xml", 0, pairs=3, side=3)
     text = first.read_text(encoding="utf-8")
-    for i in range(1, 100):
+    for i in range(1, 60):
         (folder / f"Models_{i}.xml").write_text(text.replace("Made up 0", f"Made up {i}"), encoding="utf-8")
     for i in (17, 42):
         (folder / f"Models_{i}.xml").write_text(text[: len(text) // 2], encoding="utf-8")
@@ -360,11 +256,11 @@ def test_many_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     (folder / "Taps_none.xml").write_text("<tapSet/>")
     assert cli.main(["swatch", "import", str(folder), "-o", str(out)]) == 2
     said = capsys.readouterr()
-    assert "97 made, 4 broken" in said.out and "98/98" in said.out
+    assert "57 made, 4 broken" in said.out and "58/58" in said.out
     broken = said.err.splitlines()
     assert len(broken) == 4 and all(name in said.err for name in ("_17.xml", "_42.xml", "_55.xml", "Taps_none.xml"))
-    assert len(list(out.iterdir())) == 97
-    assert load_swatch(out / "99.swatch").name == "Made up 99"
+    assert len(list(out.iterdir())) == 57
+    assert load_swatch(out / "59.swatch").name == "Made up 59"
     assert cli.main(["swatch", "import", str(first), "-o", str(out)]) == 0
 
 
@@ -373,14 +269,13 @@ def test_interrupted_leaves_whole_swatches(
 ) -> None:
     for name in "ab":
         write_models(tmp_path / f"Models_{name}.xml", 0, pairs=3, side=3)
-    from hapscene.capture import hatt
 
     def interrupt(models: Path, taps: Path | None) -> object:
         if models.stem == "Models_b":
             raise KeyboardInterrupt
-        return import_noted(models, taps)
+        return import_hatt(models, taps)
 
-    monkeypatch.setattr(hatt, "import_noted", interrupt)
+    monkeypatch.setattr(hatt, "import_hatt", interrupt)
     assert cli.main(["swatch", "import", str(tmp_path), "-o", str(tmp_path / "out")]) == 130
     assert "interrupted; the 1 swatches named above are whole" in capsys.readouterr().err
     assert [f.name for f in (tmp_path / "out").iterdir()] == ["a.swatch"]
@@ -389,9 +284,9 @@ def test_interrupted_leaves_whole_swatches(
 def fuzz(path: Path, count: int, seed: int) -> None:
     """Mutated files: a swatch or a `SwatchError`, of one line."""
     dice = random.Random(seed)
-    whole = [write_models(path, 0, 3, side=3).read_bytes(), write_models(path, 0, 2, 2, 1000, 3).read_bytes()]
-    for i in range(count):
-        data = bytearray(whole[i % 8 == 0])
+    whole = write_models(path, 0, 3, side=3).read_bytes()
+    for _ in range(count):
+        data = bytearray(whole)
         at = dice.randrange(len(data))
         end = at + dice.choice([1, 1, 2, 10, 300])
         data[at:end] = dice.choice(
@@ -409,11 +304,6 @@ def test_mutated_files_are_read_or_refused(tmp_path: Path) -> None:
     fuzz(tmp_path / "Models_x.xml", 80, 0)
 
 
-@pytest.mark.soak
-def test_many_mutated_files(tmp_path: Path) -> None:
-    fuzz(tmp_path / "Models_x.xml", 5000, 1)
-
-
 def test_taps_find_their_models(tmp_path: Path, shared: Path) -> None:
     folder = shared / "data" / "hatt_format"
     for name in ("a", "b"):
@@ -425,22 +315,3 @@ def test_taps_find_their_models(tmp_path: Path, shared: Path) -> None:
     assert a.taps is None and b.taps is not None and b.taps.wave_m_s2 is not None
     twice = import_many([folder / "Models_example.xml", tmp_path / "Models_a.xml", tmp_path], tmp_path / "again")
     assert len(twice.made) == 3  # a file named twice is imported once
-
-
-def test_what_the_toolkit_does_not_know_is_told_and_warped_models_are_written_plain(tmp_path: Path) -> None:
-    wood = plain(load_swatch("wood"))
-    assert wood.texture is not None and hatt_loses(wood) == [] == hatt_loses(PLAIN)
-    texture = replace(wood.texture.truncated(6), warp=0.5, life=Life([0.3], [20.0], [0.0]), exponents=(0.5, 2.0))
-    swatch = replace(wood, texture=texture)
-    told = "; ".join(hatt_loses(swatch))
-    for word in ("slow gain", "beyond the largest", "plain models of order 18"):
-        assert word in told
-    export_hatt(swatch, tmp_path / "Models_x.xml")
-    again = import_hatt(tmp_path / "Models_x.xml").texture
-    assert again is not None and again.warp == 0.0 and again.life is None
-    places = texture.force_N, texture.speed_m_s
-    np.testing.assert_allclose(again.power(*places), texture.power(*places), rtol=0.02)
-    frequency = np.geomspace(20.0, 1000.0, 50)
-    loud = np.argmax(texture.variance_m2_s4)
-    got, want = (t.density(*(p[[loud]] for p in places), frequency_Hz=frequency) for t in (again, texture))
-    assert np.abs(10 * np.log10(got / want)).max() < 0.5

@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 
 from hapscene import cli
-from hapscene.capture.hjif import as_hjif, export_hjif
-from hapscene.capture.synthesis import synthesize
+from hapscene.capture.fit.synthesis import synthesize
+from hapscene.capture.io.hjif import as_hjif, export_hjif
 from hapscene.errors import SwatchError
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.taps import Taps
+from hapscene.swatches.library import load_swatch
 
 
 def closed(required: dict[str, Any], optional: dict[str, Any] | None = None) -> dict[str, Any]:

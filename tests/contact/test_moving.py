@@ -138,15 +138,6 @@ def test_a_body_that_is_teleported_takes_nothing_along():
     assert renderer.step(ON_TOP, slots).contact is not None
 
 
-def test_a_teleport_with_an_invalid_pose_takes_place_with_the_next_valid_one():
-    renderer, slots = pressed((0, 0, 0))
-    slots.X_WB[0, 0, 3] = np.nan
-    slots.teleport("box 0")
-    assert renderer.step(ON_TOP, slots).flags == Flag.POSE_REFUSED
-    slots.X_WB = at((0.0, 0.0, 0.3))[None]
-    assert renderer.step(ON_TOP, slots).contact is None  # a body that moves there would push the tool
-
-
 def test_what_else_holds_the_tool_goes_on_when_a_body_jumps():
     """In the corner of two boxes, one of which jumps away."""
     renderer = hapscene.Renderer(boxes((0, 0, 0), (0.1, 0.0, 0.05)), ["wall"])

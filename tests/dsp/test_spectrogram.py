@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.capture import metric
+from hapscene.capture.fit import distance as metric
 from hapscene.dsp.spectrogram import row_of
 from hapscene.errors import HandleError
 from hapscene.handle import spectrogram_error

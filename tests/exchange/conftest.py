@@ -9,7 +9,7 @@ import pytest
 
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.surface.library import load_swatch
+from hapscene.swatches.library import load_swatch
 
 
 def rotation(axis: tuple[float, float, float], angle_rad: float) -> np.ndarray:

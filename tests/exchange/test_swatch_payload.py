@@ -22,10 +22,10 @@ from hapscene.exchange.swatch_payload import (
 )
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
-from hapscene.surface import library
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import save_swatch, swatch_to_json
+from hapscene.swatches import library
+from hapscene.swatches.library import load_swatch
 
 FILE = Path("desk.ply")
 

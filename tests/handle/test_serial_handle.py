@@ -12,9 +12,9 @@ from hapscene.errors import HandleError
 from hapscene.handle import serial_handle as port_module
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.plant import Plant
-from hapscene.handle.port_simulator import COLUMNS, Peer, serve
 from hapscene.handle.serial_handle import BUFFER, START, SerialSource
 from hapscene.wire.protocol import Column, Header, header_line, sample_line, sealed
+from tests.handle.serial_board import COLUMNS, Peer, serve
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 

@@ -32,7 +32,7 @@ from tests.cli.command_lines import parse
 ROOT = Path(__file__).resolve().parents[2]
 
 RUN_ELSEWHERE = "tutorial.html"
-"""tests/test_tutorial.py runs its programs, between the commands that they stand between."""
+"""tests/nightly/test_tutorial.py runs its programs, with the commands between them."""
 
 
 class Document(HTMLParser):

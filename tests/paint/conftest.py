@@ -80,7 +80,7 @@ def scene(tmp_path: Path) -> Scene:
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "Iterator[Page]":
     """The page of `make_scene`, without a hand, in a folder of its own."""
-    from hapscene.paint.session import Session
+    from hapscene.paint.model.session import Session
     from hapscene.paint.web.page import Page
 
     monkeypatch.chdir(tmp_path)
@@ -104,10 +104,9 @@ def tab(page: "Page") -> "Iterator[Tab]":
 @pytest.fixture(scope="module")
 def window(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> "Iterator[Window]":
     """A window on the page of a ball of wood; epoxy is at hand."""
-    from hapscene.paint.session import Session
-    from hapscene.paint.web.page import Page
+    from hapscene.paint.model.session import Session
 
-    from .window import Window
+    from .window import WatchedPage, Window
 
     folder = tmp_path_factory.mktemp("browser")
     scene = hapscene.Scene()
@@ -115,6 +114,8 @@ def window(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> "Iterator[
     scene.swatch_index("epoxy")
     scene.save(folder / "ball.scene.json")
     session = Session.open(folder / "ball.scene.json")
-    with library_in(folder), Page(session, port=0) as page:
-        yield Window(browser, page)
+    with library_in(folder):
+        page = WatchedPage(session, port=0)
+        with page:
+            yield Window(browser, page)
     session.document.close()

@@ -14,7 +14,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from hapscene.paint.web.page import Page
-from hapscene.paint.web.secure_server import SOCKET_PATH
+from hapscene.paint.web.server import SOCKET_PATH
 
 SIZE = (800, 600)
 

@@ -10,8 +10,8 @@ import pytest
 
 import hapscene
 from hapscene.errors import SceneError
-from hapscene.paint.document import autosave_folder, find_recovery
-from hapscene.paint.session import Session
+from hapscene.paint.model.document import autosave_folder, find_recovery
+from hapscene.paint.model.session import Session
 from hapscene.surface.swatch import Swatch
 
 
@@ -29,7 +29,7 @@ def killed(path):
     session.fill_group("ball", "south", session.add_swatch(Swatch("slate")))
     assert session.document.autosave is not None
     session.document.autosave.write()
-    session.document.autosave._lock.close()  # what the system does
+    session.document.autosave._lock.release()  # what the system does
     return session
 
 
@@ -68,7 +68,7 @@ def test_what_was_found_stays_until_it_is_decided(killed, path) -> None:
     left = session.document.recovery()
     session.fill_body("plate", 0)  # while it is asked
     assert session.document.autosave.write() and session.document.autosave.file.exists() and left.file.exists()
-    session.document.autosave._lock.close()  # it is killed as well
+    session.document.autosave._lock.release()  # it is killed as well
     again = Session.open(path)
     again.document.start_autosave(interval_s=60.0)
     last = again.document.recovery()

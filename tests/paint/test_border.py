@@ -9,7 +9,7 @@ from trimesh.creation import box
 
 import hapscene
 from hapscene.errors import SceneError
-from hapscene.paint.session import Session
+from hapscene.paint.model.session import Session
 from hapscene.scene.fine_paint import NOTHING, parts, swatches_of
 from hapscene.scene.region import PlaneSide, Sphere
 

@@ -1,15 +1,12 @@
 """The page in a real browser: painted, felt, heard, saved and loaded."""
 
-import time
-
 import numpy as np
 import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 from hapscene.scene.scene import load_scene
-from tests.paint.window import BESIDE, FRONT, PATIENCE_S, Window
-from tests.until import until
+from tests.paint.window import BESIDE, FRONT, Window
 
 
 def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> None:
@@ -30,7 +27,7 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     tab.keyboard.press("2")
     tab.get_by_label("Fill", exact=True).first.click()
     tab.get_by_role("option", name="whole body").click()
-    until(lambda: page.context.tools.fill == "whole body")
+    window.when(lambda: page.context.tools.fill == "whole body")
     window.drag(FRONT)
     window.see(BESIDE, "epoxy")
     assert (page.context.session.scene.bodies[0].face_swatch == 2).all()
@@ -41,9 +38,9 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     field.fill("222")
     field.press("Enter")
     window.wait("document.activeElement.tagName !== 'INPUT'")  # keys are the page's again
-    until(lambda: page.context.session.scene.swatches[2].stiffness_N_m == 222.0)
+    window.when(lambda: page.context.session.scene.swatches[2].stiffness_N_m == 222.0)
 
-    until(lambda: page.context.touch.status == "ready")
+    window.wait("window.hapscene.state.hand === 'ready'")
     tab.keyboard.press("7")
     window.wait("window.hapscene.state.tool === 'touch'")
     tab.keyboard.down("Shift")
@@ -51,12 +48,10 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     tab.mouse.down()
     window.wait("window.hapscene.state.word.startsWith('epoxy:')")
     window.wait("Math.max(...window.hapscene.trace.force) > 0.5")
-    end_s = time.monotonic() + PATIENCE_S
     for x_m in np.tile(np.linspace(0.0, 0.008, 12), 40):
         tab.mouse.move(*window.at(np.add(FRONT, (x_m, 0.0, 0.0))))
         if window.ask("window.hapscene.sound.heard > 5000 && window.hapscene.sound.peak > 0.05"):
             break
-        assert time.monotonic() < end_s, "nothing was heard"
     tab.mouse.up()
     tab.keyboard.up("Shift")
     assert window.ask("window.hapscene.sound.peak") > 0.05

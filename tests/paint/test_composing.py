@@ -8,9 +8,9 @@ from trimesh.creation import box, icosphere
 
 import hapscene
 from hapscene.errors import SceneError
-from hapscene.paint.composing import Composing, _box, numbered
-from hapscene.paint.painting import UNWORN_MAX
-from hapscene.paint.session import Session
+from hapscene.paint.model.composing import Composing, _box, numbered
+from hapscene.paint.model.painting import UNWORN_MAX
+from hapscene.paint.model.session import Session
 from hapscene.scene.scene import load_scene
 
 from .conftest import mesh_of, plate_mesh, turned
@@ -80,8 +80,6 @@ def test_everything_is_a_step_that_undo_takes_back_and_redo_does_again(session: 
     composing.move("globe", turned(0.3, (0.0, 0.1, 0.1)))
     did()
     composing.scale("plate 3", 2.5)
-    did()
-    composing.stand("plate", "y")
     did()
     session.fill_body("plate 3", 1)
     did()

@@ -12,9 +12,9 @@ from trimesh.triangles import closest_point
 import hapscene
 from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import ViewError
-from hapscene.paint.display import CHUNK, ChunkKey, Display, reduce_mesh, shares
-from hapscene.paint.paintable_mesh import PaintableMesh
-from hapscene.paint.session import Hit, Session
+from hapscene.paint.model.display import CHUNK, ChunkKey, Display, reduce_mesh, shares
+from hapscene.paint.model.mesh import PaintableMesh
+from hapscene.paint.model.session import Hit, Session
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 
@@ -229,7 +229,7 @@ def test_faces_without_area_wear_what_they_are_painted_with() -> None:
 
 
 def test_the_painter_without_its_page_knows_no_browser() -> None:
-    files = sorted((Path(hapscene.__file__).parent / "paint").glob("*.py"))
+    files = sorted((Path(hapscene.__file__).parent / "paint" / "model").glob("*.py"))
     assert len(files) > 5
     for file in files:
         text = file.read_text(encoding="utf-8")

@@ -7,9 +7,9 @@ import pytest
 
 import hapscene
 from hapscene.errors import SaveConflict, SceneError, SwatchError
-from hapscene.paint.document import check_unchanged, find_recovery, stamp_of
-from hapscene.paint.session import Session
-from hapscene.paint.swatch_tuning import write_swatch
+from hapscene.paint.model.document import _check_unchanged, find_recovery, stamp_of
+from hapscene.paint.model.session import Session
+from hapscene.paint.model.tuning import write_swatch
 from hapscene.scene.mesh import MeshWarning
 from hapscene.surface.swatch import Swatch
 
@@ -152,9 +152,9 @@ def test_a_new_file_that_someone_makes_first(scene, tmp_path) -> None:
 def test_stamps(tmp_path: Path) -> None:
     file = tmp_path / "a"
     assert stamp_of(file) == ""
-    check_unchanged(file, None)
+    _check_unchanged(file, None)
     file.write_text("a")
-    check_unchanged(file, stamp_of(file))
+    _check_unchanged(file, stamp_of(file))
     with pytest.raises(hapscene.HapsceneError, match="cannot be read"):
         stamp_of(tmp_path)
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.paint.history import FaceDelta, History, Step, face_count_text
+from hapscene.paint.model.history import FaceDelta, History, Step, face_count_text
 
 
 @settings(max_examples=40, deadline=None)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import SceneError
-from hapscene.paint.painting import ERASE, Painting
+from hapscene.paint.model.painting import ERASE, Painting
 from hapscene.scene.scene import Scene
 
 from .conftest import plate_mesh

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import hapscene
 from hapscene.device.model import IDEAL, limits_of
 from hapscene.errors import EffectError
-from hapscene.paint.parameter import Parameter, parameters_of, tuned
+from hapscene.paint.model.tuning import Parameter, parameters_of, tuned
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import hapscene
 from hapscene.errors import HapsceneError, SceneError
-from hapscene.paint.history import NOTHING, columns_of
-from hapscene.paint.session import ERASE, Hit, Session
+from hapscene.paint.model.history import NOTHING, columns_of
+from hapscene.paint.model.session import ERASE, Hit, Session
 from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
@@ -51,7 +51,7 @@ def do(session: Session, kind: int, rng: np.random.Generator, folder: Path) -> N
         if rng.random() < 0.7:
             session.end_stroke()  # else the next operation ends it
     elif kind == 1:
-        session.fill_facet(some, swatch, float(rng.uniform(0.0, 0.5)))
+        session.fill_at(some, "facet", swatch, float(rng.uniform(0.0, 0.5)))
     elif kind == 2:
         session.fill_body(body, swatch)
     elif kind == 3:
@@ -209,7 +209,7 @@ def test_regions_are_where_they_say(scene) -> None:
         (lambda s: s.fill_sphere([0, 0, 0], 0.0, 0), "radius must be above 0 mm"),
         (lambda s: s.fill_box(np.eye(4), [1, 1, 0], 0), "three edges above 0 mm"),
         (lambda s: s.fill_box(2 * np.eye(4), [1, 1, 1], 0), "pose"),
-        (lambda s: s.fill_facet(s.hit_at(0, 0), 0, 4.0), "between 0° and 180°"),
+        (lambda s: s.fill_at(s.hit_at(0, 0), "facet", 0, 4.0), "between 0° and 180°"),
         (lambda s: s.fill_group("ball", "middle", 0), "no group 'middle'; there are: .*north"),
         (lambda s: s.fill_body("cup", 0), "no body 'cup'; there are: ball, plate"),
         (lambda s: s.fill_body(2, 0), "no body 2; there are 2"),
@@ -339,10 +339,10 @@ def test_a_group_that_is_clicked_is_filled_alone(scene) -> None:
     scene.add(mesh, name="box")
     session = Session(scene)
     wood, face_swatch = session.add_swatch("wood"), scene.bodies[2].face_swatch
-    assert session.fill_group_at(session.hit_at(2, 3), wood) == 427
+    assert session.fill_at(session.hit_at(2, 3), "material", wood) == 427
     np.testing.assert_array_equal(face_swatch == wood, mesh.group == 0)
     assert session.painting.undo_text == "fill 'lid', 427 faces"
-    session.fill_group_at(session.hit_at(2, 3), ERASE)
+    session.fill_at(session.hit_at(2, 3), "material", ERASE)
     assert session.fill_group("box", "lid", wood) == 427 + 427
 
 

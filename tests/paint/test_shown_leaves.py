@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from trimesh.creation import box
 
-from hapscene.paint.display import Display
-from hapscene.paint.file_look import COLOURS, FileLook
-from hapscene.paint.session import Session
-from hapscene.paint.shown_leaves import LEAVES_MAX
+from hapscene.paint.model.display import COLOURS, LEAVES_MAX, Display, FileLook
+from hapscene.paint.model.session import Session
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 

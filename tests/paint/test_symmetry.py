@@ -5,9 +5,8 @@ import pytest
 from trimesh.creation import box
 
 from hapscene.errors import SceneError
-from hapscene.paint.session import Session
-from hapscene.paint.stroke import Brush
-from hapscene.paint.symmetry import Symmetry
+from hapscene.paint.model.session import Session
+from hapscene.paint.model.strokes import Brush, Symmetry
 from hapscene.scene.scene import Scene
 
 from .conftest import mesh_of, turned

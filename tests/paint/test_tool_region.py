@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.path import Path as Line
 
-from hapscene.paint.tool_region import Outline, TurnedBox
+from hapscene.paint.model.regions import Outline, TurnedBox
 
 from .conftest import turned
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from trimesh.creation import box, icosphere
 
-from hapscene.paint.session import Session
-from hapscene.paint.visibility import seen_places
+from hapscene.paint.model.session import Session
+from hapscene.paint.model.visibility import seen_places
 from hapscene.scene.fine_paint import finest_of, parts
 from hapscene.scene.scene import Scene
 

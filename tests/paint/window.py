@@ -1,6 +1,8 @@
 """The browser's window on the painter's page."""
 
 import io
+import threading
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -8,7 +10,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from hapscene.paint.web.page import Page
-from tests.until import until
 
 CANVAS = "document.querySelector('canvas').getBoundingClientRect()"
 
@@ -17,10 +18,25 @@ PATIENCE_S = 120.0
 """How long anything may take on a machine that does much else besides [s]."""
 
 
+LOOKS_MAX = 200
+"""Screenshots until something must be seen [count]."""
+
+
+class WatchedPage(Page):
+    """A page that tells when something may have changed."""
+
+    changed = threading.Condition()
+
+    def refresh(self) -> None:
+        super().refresh()
+        with self.changed:
+            self.changed.notify_all()
+
+
 class Window:
     """The browser's window on the page."""
 
-    def __init__(self, browser: Any, page: Page) -> None:
+    def __init__(self, browser: Any, page: WatchedPage) -> None:
         self.page = page
         self.troubles: list[str] = []
         self.requests: list[str] = []
@@ -71,8 +87,13 @@ class Window:
         return swatches[int(np.argmin(off))].name
 
     def see(self, p_W_m: Any, name: str) -> None:
-        """Wait until a place is seen to wear a swatch."""
-        until(lambda: self.wears(p_W_m) == name)
+        """Look until a place is seen to wear a swatch."""
+        assert any(self.wears(p_W_m) == name for _ in range(LOOKS_MAX))
+
+    def when(self, true: Callable[[], bool]) -> None:
+        """Wait until something of the page has come true."""
+        with self.page.changed:
+            assert self.page.changed.wait_for(true, PATIENCE_S)
 
     def drag(self, *places: Any) -> None:
         """Hold Shift, press and drag over places."""

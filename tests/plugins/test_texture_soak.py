@@ -10,9 +10,9 @@ from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.dsp.noise import normal, seeded_state, uniform
 from hapscene.records import OUTPUT
 from hapscene.surface.effect_compile import call_effect, compile_effect
-from hapscene.surface.library import load_swatch, shipped_swatches
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import INTERPOLATIONS, Texture
+from hapscene.swatches.library import load_swatch, shipped_swatches
 from hapscene_plugins.effects.lpc_texture import EFFECT
 
 WINDOW = 5000

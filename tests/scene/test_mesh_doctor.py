@@ -10,6 +10,7 @@ from hapscene.errors import MeshError
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_doctor import examine, repair
 from hapscene.scene.mesh_report import length
+from hapscene.scene.mesh_structure import height_of
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
 V, F = np.array(BALL.vertices), np.array(BALL.faces)
@@ -171,3 +172,8 @@ def test_a_crack_is_told_with_the_widest_of_its_gaps():
 def test_names_are_shown_without_escapes():
     mesh = Mesh(V, F, np.arange(len(F)) % 2, ("a\x1b[31m", "b\nc"))
     assert "2 groups: a\\x1b[31m, b\\nc" in examine(mesh).text()
+
+
+def test_the_height_of_a_triangle_is_that_over_its_longest_edge():
+    triangle = np.array([[1.0, 1.0, 1.0], [5.0, 1.0, 1.0], [2.0, 1.5, 1.0]])
+    assert height_of(np.stack([triangle, np.zeros((3, 3))])) == pytest.approx([0.5, 0.0])

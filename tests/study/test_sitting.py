@@ -10,7 +10,7 @@ from hapscene.study.plan import Plan, parse_plan
 from hapscene.study.results_file import COLUMNS, load_rows
 from hapscene.study.sitting import Sitting
 from hapscene.study.trial_order import Trial
-from hapscene.surface.library import swatch_place
+from hapscene.swatches.library import swatch_place
 
 from .plans import TEXT
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapscene.capture import synthesize
-from hapscene.capture.streams import filtered
+from hapscene.capture.io.streams import filtered
 from hapscene.errors import HapsceneError, StudyError
 from hapscene.study.plan import Stimulus, parse_plan
 from hapscene.study.stimulus import (
@@ -20,8 +20,8 @@ from hapscene.study.stimulus import (
     gain_of,
     resampled,
 )
-from hapscene.surface.library import load_swatch
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch
 
 RATE_HZ = 48_000.0
 

@@ -9,9 +9,9 @@ import pytest
 from hapscene.device.model import Limits
 from hapscene.surface.device_clipping import WALL, Clip, _in_blocks, clip_to_device, clips, share_of
 from hapscene.surface.effect_registry import load_effect
-from hapscene.surface.library import load_swatch
 from hapscene.surface.life import Life
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch
 
 EFFECTS = [load_effect(name) for name in ("wall", "friction")]
 LIMITS = Limits(undamped_N_m=400.0, stiffness_N_m=900.0, damping_time_s=1e-3, damping_Ns_m=0.4)

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.errors import SwatchError
 from hapscene.surface import swatch_file
-from hapscene.surface.library import load_swatch, shipped_swatches
 from hapscene.surface.life import Life
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import SwatchWarning, save_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.taps import TAP_ROWS, Taps
 from hapscene.surface.texture import Texture
+from hapscene.swatches.library import load_swatch, shipped_swatches
 
 
 def make_swatch(seed: int = 0) -> Swatch:

@@ -13,9 +13,9 @@ from scipy.signal import freqz, lfilter
 from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.errors import SwatchError
-from hapscene.surface.library import load_swatch
 from hapscene.surface.life import Life
 from hapscene.surface.texture import GAIN_MAX, INTERPOLATIONS, Texture, filters, form, stabilised
+from hapscene.swatches.library import load_swatch
 
 
 def make_texture(order: int = 20, count: int = 5, seed: int = 0, interpolation: str = "lsf") -> Texture:

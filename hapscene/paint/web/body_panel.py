@@ -16,14 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import HapsceneError, MeshError, SceneError
-from hapscene.paint.composing import numbered
-from hapscene.paint.web.page_context import PageContext, aria, escape_html, set_html
-from hapscene.paint.web.scene_view import rotation
+from hapscene.paint.model.composing import numbered
+from hapscene.paint.web.context import PageContext, aria, escape_html, set_html
+from hapscene.paint.web.view import rotation
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import UNIT_M, Mesh
 from hapscene.scene.mesh_file import FORMATS, UNITLESS, load_mesh
 from hapscene.scene.scene import Scene
 from hapscene.scene.size_advice import LIKELY_M, dimensions, size_advice
+
+__all__ = ["BESIDE", "MESHES", "BodyPanel"]
 
 MESHES: Final = tuple(f".{suffix}" for suffix in FORMATS if suffix != "zip")
 BESIDE: Final = (".mtl", ".bin", ".png", ".jpg", ".jpeg")
@@ -34,9 +36,6 @@ ROW_MAX: Final = 200
 
 UNITS: Final = ("mm", "cm", "m", "in")
 """Units that are offered for a mesh whose file says none."""
-
-SHAPES: Final = ("plate", "ball", "cylinder")
-"""What can be added without a file, some centimetres large."""
 
 ASK_MAX: Final = 3
 """Most bodies whose size is asked for at once [count]: of a whole assembly's parts, the tab tells."""
@@ -54,14 +53,13 @@ class BodyPanel:
     Attributes:
         chosen: name of the body whose fields are seen; None for none.
         dragging: whether its handles are held.
-        closed: whether the page shows another scene by now: what was begun here comes to nothing.
     """
 
     def __init__(self, context: PageContext, container: Any) -> None:
         self._context = context
         self._composing = context.session.composing
         self.chosen: str | None = None
-        self.dragging = self.closed = False
+        self.dragging = False
         self._handles = True
         with container:
             self._tree = context.server.gui.add_html("")
@@ -74,12 +72,10 @@ class BodyPanel:
             "copy": lambda name, _: self._take_up(self._composing.copy(name)),
             "delete": lambda name, _: self._composing.delete(name),
             "handles": self._turn_handles,
-            "up": self._composing.stand,
             "name": self._rename,
             "parent": lambda name, value: self._composing.hang(name, value or None),
             "scale": lambda name, value: self._scale(name, _number(value) / self._composing.scale_of(name)),
             "fit": lambda name, value: self._fit(name, _number(value)),
-            "shape": lambda _, value: self._take_up(self._composing.add(shape_scene(value))[0]),
             **{f"place {axis}": self._move_to for axis in AXES},
             **{f"turn {axis}": self._turn_to for axis in AXES},
             **{f"size {axis}": self._resize for axis in AXES},
@@ -145,12 +141,7 @@ class BodyPanel:
         """Have a body another size; what takes long is done beside."""
         composing, view = self._composing, self._context.view
         await asyncio.to_thread(lambda: view.prepare([composing.scaled_mesh(name, factor)]))
-        self._check_open(name, "scaled")
         composing.scale(name, factor, beside=beside)
-
-    def _check_open(self, name: str, done: str) -> None:
-        if self.closed:
-            raise MeshError(f"{name}: not {done}, as another scene was opened meanwhile: do it again")
 
     async def _resize(self, name: str, value: str) -> None:
         size_m = np.ptp(self._context.session.scene.body(name).mesh.bounds_m, axis=0)[AXES.index(self._what[-1])]
@@ -217,7 +208,6 @@ class BodyPanel:
             raw = await loop.run_in_executor(None, load_mesh, file, "m")
             unit = await self._ask_unit(file.name, raw)
         scene = await loop.run_in_executor(None, load)
-        self._check_open(file.name, "added")
         names = self._composing.add(scene)
         self.chosen = names[0]
         self._context.refresh()
@@ -301,12 +291,10 @@ class BodyPanel:
         if len(tree) > ROW_MAX:
             rows.append(f"<div>… and {len(tree) - ROW_MAX:,} more</div>")
         accept = ",".join((*MESHES, *BESIDE))
-        shapes = "".join(f"<option>{shape}</option>" for shape in SHAPES)
         return (
             f'<div class="hs-bodies"><div role="tree" aria-label="Bodies of the scene">{"".join(rows)}</div>'
             f'<p><button data-upload="{accept}" title="STL, OBJ, PLY, glTF, STEP …">Add meshes …</button>'
-            f'<select data-body-set="shape" aria-label="Add a shape"><option value="">Add a shape …</option>{shapes}'
-            '</select></p><p class="dim">Or drop mesh files onto the page. They are copied beside the scene.</p>'
+            '</p><p class="dim">Or drop mesh files onto the page. They are copied beside the scene.</p>'
             '<p class="dim">What is hidden, alone or locked is part of the view: neither undone nor saved.</p></div>'
         )
 
@@ -351,8 +339,6 @@ class BodyPanel:
                 "See this body alone, or all again; undo leaves it",
             ),
             _button("handles", "Handles", name, self._handles, "Arrows and rings in the picture that move and turn it"),
-            _button("up", "Up: y → z", name, None, "Turn it by 90° about x, to stand", "y"),
-            _button("up", "z → y", name, None, "Turn it back", "z"),
         ]
         return f'<div class="hs-bodies"><table>{table}</table>{hint}<p>{"".join(buttons)}</p></div>'
 
@@ -414,23 +400,3 @@ def _put(file: Path, folder: Path) -> tuple[Path, bool]:
     there = folder / f"{stem}{file.suffix}"
     shutil.copyfile(file, there)
     return there, True
-
-
-def shape_scene(shape: str) -> Scene:
-    """A scene of one simple body, some centimetres large.
-
-    Raises:
-        SceneError: no such shape.
-    """
-    from trimesh import creation
-
-    if shape not in SHAPES:
-        raise SceneError(f"no shape {shape!r:.40}; there are: {', '.join(SHAPES)}")
-    made = {
-        "plate": lambda: creation.box((0.1, 0.1, 0.01)),
-        "ball": lambda: creation.icosphere(subdivisions=4, radius=0.03),
-        "cylinder": lambda: creation.cylinder(radius=0.02, height=0.08, sections=96),
-    }[shape]()
-    scene = Scene()
-    scene.add(Mesh.from_trimesh(made, "m"), name=shape)
-    return scene

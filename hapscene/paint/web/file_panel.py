@@ -1,33 +1,47 @@
-"""The tab File: saving, recovery, export."""
+"""The tab File: save, recover, export and share the scene."""
 
 import asyncio
-import time
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from hapscene.errors import SaveConflict, SceneError
-from hapscene.paint.document import Recovery
-from hapscene.paint.web.page_context import PageContext, card_html, escape_html, set_html
+from hapscene.paint.model.document import Recovery
+from hapscene.paint.web.context import PageContext, card_html, escape_html, set_html
+from hapscene.scene.scene_bundle import ZIP_SUFFIX, save_bundle
 from hapscene.scene.scene_file import SUFFIX
+
+__all__ = ["FilePanel"]
+
+ALONE: Final = (
+    "This page is open to this computer alone. To share it on your network, start it with <code>--host 0.0.0.0</code>."
+)
+OPEN: Final = (
+    "Whoever on your network opens this address may do all that you can here: paint, touch, save and export over your "
+    "files, and change your library. It holds a secret, drawn anew at each start; send it to no one else."
+)
+ADDRESS: Final = (
+    '<input readonly aria-label="Address" style="display:block;width:100%" value="{}" onfocus="this.select()">'
+)
 
 AUTOSAVED: Final = "A copy is kept beside the file every second, and offered after a crash."
 
 
 class FilePanel:
-    """The tab of the file.
+    """Saving, recovery, export, and the looks of the page.
 
     Args:
         context: the page.
         container: the tab.
-        path: where the scene is saved to, unless told otherwise.
+        path: where the scene is saved unless the user gives another file.
+        addresses: addresses that open the page from other computers; none where it is open to this one alone.
     """
 
-    def __init__(self, context: PageContext, container: Any, path: Path) -> None:
+    def __init__(self, context: PageContext, container: Any, path: Path, addresses: Sequence[str]) -> None:
         self._context = context
         self._path = path
         self._look_chosen = False
-        self._tuned: tuple[object, str] = None, ""
         self._lost_of: object = None
         gui, callback = context.server.gui, context.callback
         with container:
@@ -46,62 +60,43 @@ class FilePanel:
                     self._show_format()
             with gui.add_folder("Looks"):
                 self._dark = gui.add_checkbox("Dark", False)
-                self._dark.on_update(callback(lambda target: self._choose_look()))
+                self._dark.on_update(callback(lambda target: self.prefer_look(self.dark, chosen=True)))
+            with gui.add_folder("Share", expand_by_default=False):
+                hint = f"All in one file, NAME{ZIP_SUFFIX}: hapscene paint opens it anywhere"
+                down = gui.add_button("Download scene", hint=hint)
+                down.on_click(context.downloading(self._bundle))
+                links = "".join(ADDRESS.format(escape_html(url)) for url in addresses)
+                gui.add_html(card_html(f"{OPEN}{links}" if addresses else ALONE))
         self._apply_theme()
-
-    @property
-    def order(self) -> float:
-        """Where in the tab what has to do with files goes on: see viser's `order`."""
-        return float(self._status.order)
 
     @property
     def dark(self) -> bool:
         """Whether the page is dark."""
         return bool(self._dark.value)
 
-    def prefer_look(self, dark: bool) -> None:
-        """Light or dark as the first who comes has it, until it is chosen."""
-        if not self._look_chosen:
+    def prefer_look(self, dark: bool, chosen: bool = False) -> None:
+        """Set light or dark: the preference of the first browser holds until the user chooses."""
+        if chosen or not self._look_chosen:
             self._look_chosen, self._dark.value = True, dark
             self._apply_theme()
 
-    def _choose_look(self) -> None:
-        self._look_chosen = True
-        self._apply_theme()
-
     def _apply_theme(self) -> None:
-        """Light or dark, as chosen."""
         self._context.server.gui.configure_theme(
-            dark_mode=bool(self._dark.value), show_share_button=False, show_logo=False, control_width="medium"
+            dark_mode=self.dark, show_share_button=False, show_logo=False, control_width="medium"
         )
 
     def show(self) -> None:
-        """Tell whether everything is saved, and what is safe anyway."""
+        """Show whether everything is saved, and whether the autosave works."""
         document = self._context.session.document
         text = "● Not saved yet. " if document.dirty else "✓ Everything is saved. "
         if document.changed:
             text += escape_html(document.problem or (AUTOSAVED if document.autosave else "No copy of it is kept."))
-        elif tuned := self._tuned_words():
-            text += f"<br>{escape_html(tuned)}"
         set_html(self._status, card_html(text))
         if self._exports and self._lost_of != (self._format.value, self._context.session.history.state):
             self._show_losses()
 
-    def _tuned_words(self) -> str:
-        """What the fidelity file beside the scene saves; looked at anew when one of the two is another."""
-        from hapscene.fidelity.fidelity_file import fidelity_beside, saving_words
-
-        session = self._context.session
-        if session.path is None:
-            return ""
-        beside = fidelity_beside(session.path)
-        stamps = [(file, file.stat().st_mtime_ns if file.is_file() else 0) for file in (session.path, beside)]
-        if stamps != self._tuned[0]:
-            self._tuned = stamps, saving_words(beside, session.scene)
-        return self._tuned[1]
-
     async def save(self) -> None:
-        """Save to the file that is named; ask first if that is not the one that was loaded."""
+        """Save to the file in the field; ask first if that is not the one that was loaded."""
         session, path = self._context.session, Path(str(self._file.value).strip())
         await self._write(lambda force: f"Saved: {session.save(path, force)}")
 
@@ -122,9 +117,9 @@ class FilePanel:
         await self._write(write)
 
     async def _write(self, write: Callable[[bool], str], force: bool = False) -> None:
-        """Do what `write` does, and tell what it says; ask first, then with force, where that loses somebody's file."""
+        """Call `write` and show its message; ask, then call it with force, where that would overwrite a file."""
         try:
-            said = await asyncio.get_running_loop().run_in_executor(None, write, force)
+            said = await asyncio.to_thread(write, force)
         except SaveConflict as conflict:
             self._context.ask(
                 "Save over it?",
@@ -136,8 +131,18 @@ class FilePanel:
         self._context.socket.say(said)
         self._show_path()
 
+    async def _bundle(self) -> tuple[str, bytes]:
+        scene, name = self._context.session.painting.snapshot(), f"{self._path.name.removesuffix(SUFFIX)}{ZIP_SUFFIX}"
+
+        def make() -> bytes:
+            with tempfile.TemporaryDirectory() as folder:
+                save_bundle(scene, Path(folder) / name)
+                return (Path(folder) / name).read_bytes()
+
+        return name, await asyncio.to_thread(make)
+
     def offer_recovery(self) -> None:
-        """Ask what becomes of what painters that were killed left, one after the other."""
+        """Ask about the work of each session that ended without saving, one after the other."""
         document = self._context.session.document
         recovery = document.recovery()
         if recovery is None:
@@ -150,22 +155,20 @@ class FilePanel:
 
             return done
 
-        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(recovery.saved_s))
         name = recovery.path.name.removesuffix(SUFFIX)
         self._context.ask(
             "Recover your work?",
-            f"A session of {name} ended without saving. Its work up to {when} is still there.",
+            f"A session of {name} ended without saving. Its work up to {recovery.when} is still there.",
             ("Recover it", None, then_next(document.recover)),
             ("Ask me the next time", "gray", lambda: None),
             ("Discard it", "red", then_next(document.discard_recovery)),
         )
 
     def _show_path(self) -> None:
-        """Have the panel's title, and where to export to, as the scene file is called."""
+        """Update the panel's title and the export file after the scene file was renamed."""
         path = self._context.session.path
         if path is not None and path != self._path:
-            self._path = path
-            self._file.value = str(path)  # where the suffix was left out
+            self._path, self._file.value = path, str(path)
             self._context.server.gui.set_panel_label(path.name)
             if self._exports:
                 self._show_format()
@@ -182,7 +185,7 @@ class FilePanel:
         self._target.value = str(next((file for file in files if not is_mesh_of(scene, file)), ""))
 
     def _show_losses(self) -> None:
-        """Tell what of the scene as it is now will not be in the file."""
+        """Show what of the scene the chosen format will not hold."""
         from hapscene.exchange import losses
 
         session, export = self._context.session, self._exports.get(self._format.value)
@@ -195,7 +198,7 @@ class FilePanel:
 
 
 def _exports() -> Mapping[str, Any]:
-    """What can be exported to; nothing where the room of the formats is not there."""
+    """Export formats by name; none where the package of the formats is missing."""
     try:
         from hapscene.exchange import EXPORTS
     except ImportError:

@@ -20,7 +20,6 @@ const KEYS = [
   ["Work", [
     ["Ctrl Z, Ctrl Y", "undo, redo"],
     ["Ctrl S", "save"],
-    ["Enter, Esc", "in a number: it counts, or not"],
     ["P", "show or hide the plots"],
     ["H", "show or hide the hint"],
     ["?", "this list"],

@@ -1,8 +1,7 @@
 // The part of the page that viser has not: pointer and keys on the canvas, the tools over it, traces, spectrum and sound.
-// Speaks JSON with the server (`page_socket.py`); numbers come as little-endian float32, kind first.
+// Speaks JSON with the server (`socket.py`); numbers come as little-endian float32, kind first.
 import { newCursor } from "/hapscene-cursor.js";
 import { newKeyList } from "/hapscene-keys.js";
-import { typeNumbers } from "/hapscene-number.js";
 import { showOutline } from "/hapscene-outline.js";
 import { newTrace } from "/hapscene-plot.js";
 import { Wait } from "/hapscene-ear.js";
@@ -49,7 +48,6 @@ link.onmessage = ({ data }) => {
 function greet() {
   if (lost) say("Connected again.");
   lost = false;
-  send({ do: "listen", on: sound.on });
   send({ do: "look", dark: matchMedia("(prefers-color-scheme: dark)").matches });
 }
 function hear(message) {
@@ -284,7 +282,7 @@ const sound = {
     level.textContent = `${volume.value > 0 ? "+" : ""}${volume.value} dB`;
     if (this.gain) this.gain.gain.value = (this.on ? 1 : 0) * (10 ** (volume.value / 20) / this.full);
   },
-  toggle() { this.on = !this.on; this.wake(); this.turn(); this.label(); send({ do: "listen", on: this.on }); },
+  toggle() { this.on = !this.on; this.wake(); this.turn(); this.label(); },
   label() { soundButton.textContent = this.on ? "Sound: on" : "Sound: off"; soundButton.setAttribute("aria-pressed", String(this.on)); },
   async hear() {
     await this.context.audioWorklet.addModule("/hapscene-ear.js");
@@ -342,7 +340,6 @@ function askFirst() {  // or what is typed goes into a field behind the question
 }
 
 window.addEventListener("pointerdown", () => sound.wake());
-typeNumbers({ send, say, client });
 function start() {
   document.body.append(root, keyList);
   hint.hidden = innerWidth < 760;
@@ -353,7 +350,7 @@ function start() {
   fit();
   const home = location.href.split(/[?#]/)[0].replace(/\/*$/, "/");
   link.postMessage({ url: `${home.replace(/^http/, "ws")}hapscene` });
-  localStorage.setItem("hapscene", new URL(home).pathname);  // for a reload and other tabs: see secure_server.py
+  localStorage.setItem("hapscene", new URL(home).pathname);  // for a reload and other tabs: see server.py
   const hide = setInterval(() => {  // the token, once viser has taken its own address from it
     if (client() < 0) return;
     clearInterval(hide);

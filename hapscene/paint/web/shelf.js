@@ -1,19 +1,10 @@
 // The shelf's cards are HTML of our own in viser's panel: their buttons and choices speak to the server here.
 const act = (message) => window.hapscene && window.hapscene.send({ do: "shelf", ...message });
 let last = null;
-function compare() {  // unfolds the comparison, and brings it into view
-  const words = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT, (text) =>
-    text.data === "Compare" && text.nextSibling && text.nextSibling.nodeName === "svg" ? NodeFilter.FILTER_ACCEPT : NodeFilter.FILTER_SKIP);
-  const label = words.nextNode() && words.currentNode.parentElement;
-  if (!label) return;
-  if (label.querySelector("svg").classList.contains("tabler-icon-chevron-down")) label.click();
-  label.scrollIntoView({ block: "nearest" });
-}
 document.addEventListener("click", (event) => {
   const button = event.target.closest && event.target.closest("button[data-shelf]");
   if (!button) return;
   act({ act: button.dataset.shelf, name: button.dataset.name });
-  if (button.dataset.shelf === "compare") compare();
 });
 document.addEventListener("change", (event) => {
   if (event.target.matches && event.target.matches("select[data-shelf]")) act({ act: event.target.dataset.shelf, value: event.target.value });

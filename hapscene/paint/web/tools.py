@@ -1,4 +1,4 @@
-"""The tools of the page: what the pointer does to the scene."""
+"""Tools of the page: what the pointer does to the scene."""
 
 import math
 import time
@@ -7,24 +7,75 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.paint.history import face_count_text
-from hapscene.paint.paintable_mesh import Hit
-from hapscene.paint.session import ERASE, FACET_RAD, FILLS, Session
-from hapscene.paint.symmetry import NONE
-from hapscene.paint.web.fill_preview import FillPreview
-from hapscene.paint.web.outline_tool import OutlineTool
-from hapscene.paint.web.scene_view import Pointer, SceneView
-from hapscene.paint.web.touch_hand import TouchHand
+from hapscene.paint.model.history import face_count_text
+from hapscene.paint.model.mesh import Hit
+from hapscene.paint.model.regions import Outline
+from hapscene.paint.model.session import ERASE, FACET_RAD, FILLS, Session
+from hapscene.paint.model.strokes import NONE
+from hapscene.paint.web.hand import TouchHand
+from hapscene.paint.web.view import Pointer, SceneView
 from hapscene.surface.swatch import PLAIN, SwatchLike
+
+__all__ = ["RADIUS_SHARE", "REGIONS", "STROKES", "TOOLS", "Tools"]
+
+CORNERS_MAX: Final = 400
+"""Most corners of a line [count]: then every second one goes."""
+
+CLOSE_PIXELS: Final = 12.0
+"""How near the first corner a click closes a polygon [pixels]."""
+
+
+class OutlineTool:
+    """The line that is drawn.
+
+    Attributes:
+        client: the page that it is drawn on.
+        corners: (k, 2) from left and top of the canvas, in shares of its size.
+    """
+
+    def __init__(self) -> None:
+        self.client = -1
+        self.corners: list[tuple[float, float]] = []
+
+    def add(self, pointer: Pointer) -> None:
+        """The line goes on to where the pointer is; on another page, it begins there."""
+        if pointer.client != self.client:
+            self.client, self.corners = pointer.client, []
+        place = (pointer.x, pointer.y)
+        if not self.corners or place != self.corners[-1]:
+            self.corners.append(place)
+        if len(self.corners) > CORNERS_MAX:
+            del self.corners[1:-1:2]
+
+    def closes(self, pointer: Pointer) -> bool:
+        """Whether a click there closes a polygon: near its first corner."""
+        if pointer.client != self.client or len(self.corners) < 3:
+            return False
+        x, y = self.corners[0]
+        return bool(np.hypot((x - pointer.x) * pointer.width, (y - pointer.y) * pointer.height) <= CLOSE_PIXELS)
+
+    def take(self, view: SceneView, pointer: Pointer) -> tuple[Any, Any] | None:
+        """What the line holds: a region for a map from W, and the eye; None for a line of no area. It is gone then."""
+        corners, self.corners = np.array(self.corners), []
+        eye = view.eye(pointer)
+        if len(corners) < 3 or eye is None:
+            return None
+        X_WE, slope = eye
+        flat = (2 * corners - 1) * slope
+        X_EW = np.linalg.inv(X_WE)
+        return lambda X_BW: Outline(X_EW @ np.linalg.inv(X_BW), flat), X_WE[:3, 3]
+
+    @property
+    def told(self) -> dict[str, Any] | None:
+        """What the page draws of it."""
+        return {"client": self.client, "corners": list(self.corners)} if self.corners else None
+
 
 TOOLS: Final = ("brush", "fill", "box", "sphere", "eraser", "pick", "touch", "lasso", "polygon")
 
 STROKES: Final = ("brush", "eraser")
 REGIONS: Final = ("box", "sphere", "lasso")
 """Tools that paint when the button goes up."""
-
-FORESEEN: Final = "#E69F00"
-"""Of the light over what a fill will take, where its swatch is not in the scene yet."""
 
 FIRST_SWATCH: Final = "wood"
 """The swatch to begin with where a scene has none but plain: a first stroke must be seen."""
@@ -44,7 +95,7 @@ class Tools:
         name: one of `TOOLS`.
         chosen: name of the swatch to paint with.
         radius_m: of brush, eraser, and of box and sphere that are clicked.
-        softness, opacity, symmetry: of what is painted, see `hapscene.paint.stroke.Brush`; a fill has none of them.
+        softness, opacity, symmetry: of what is painted, see `strokes.Brush`; a fill has none of them.
         fill: one of `FILLS`.
         angle_rad: of the facet.
         margin_m: what a box reaches beyond the two places that span it, on every side.
@@ -66,7 +117,6 @@ class Tools:
         self.through = False
         self.softness, self.opacity, self.symmetry = 0.0, 1.0, NONE
         self.outline = OutlineTool()
-        self._preview = FillPreview(view)
         self._hovered: Pointer | None = None
         self.force_N = 1.0
         self.client: int | None = None
@@ -108,7 +158,6 @@ class Tools:
     def finish(self) -> None:
         """End what the pointer was doing."""
         self.outline.corners = []
-        self._preview.hide()
         self._session.end_stroke()
         self._touch.lift(time.monotonic())
         self._view.show_box(None)
@@ -121,11 +170,9 @@ class Tools:
             return
         self._hovered = pointer
         ray = self._view.ray(pointer)
-        drawn = self.name in (*STROKES, "sphere", "fill")
+        drawn = self.name in (*STROKES, "sphere")
         hit = self._session.pick(*ray, seen=True) if ray is not None and drawn else None
-        self._view.show_ring(hit if self.name != "fill" else None, self.radius_m)
-        if self.name == "fill":
-            self._foresee(hit)
+        self._view.show_ring(hit, self.radius_m)
 
     async def press(self, pointer: Pointer) -> None:
         """The button goes down."""
@@ -237,16 +284,6 @@ class Tools:
         self.choose_swatch(picked.name, picked)
         self._say(f"Picked {self.chosen}.")
 
-    def _foresee(self, hit: Hit | None) -> None:
-        """Light up what a click there would fill."""
-        if hit is None:
-            self._preview.hide()
-            return
-        index = self.swatch
-        colour = FORESEEN if index is None else self._view.colours[index]
-        mask, what = self._session.foresee_fill(hit, self.fill, self.angle_rad)
-        self._preview.show(hit.body, mask, colour, (hit.body, what, colour))
-
     def _show_region(self) -> None:
         """See what the box or the ball would hold."""
         if self.name == "box":
@@ -285,7 +322,6 @@ class Tools:
 
     def _fill(self, hit: Hit, swatch: int) -> None:
         count = self._session.fill_at(hit, self.fill, swatch, self.angle_rad)
-        self._preview.hide()
         self._say(f"{face_count_text(count)} painted." if count else self._why_nothing())
 
     def _contact(self, hit: Hit, direction_W: Any) -> tuple[Any, Any, float, float]:

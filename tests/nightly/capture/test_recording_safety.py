@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat, wavfile
 
-from hapscene.capture.record_file import RecordWriter
+from hapscene.capture.io.hsrec import RecordWriter
 from hapscene.wire.protocol import Column, Header, Run
 from tests.capture.test_recording_safety import record, write
 
@@ -152,8 +152,8 @@ CHILD = """
 import json, sys, warnings
 from pathlib import Path
 import numpy as np, scipy.interpolate, scipy.io.wavfile, scipy.signal
-from hapscene.capture.recording_file import load_recording
-from hapscene.capture.streams import filtered
+from hapscene.capture.io.recording import load_recording
+from hapscene.capture.io.streams import filtered
 from hapscene.errors import FormatError
 from hapscene.motion.path_file import load_path
 warnings.simplefilter("ignore")

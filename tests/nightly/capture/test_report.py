@@ -4,9 +4,9 @@ import time
 from pathlib import Path
 
 from hapscene.capture import load_recording
-from hapscene.capture.report import report
-from hapscene.surface.library import load_swatch
-from tests.capture.test_report import Page
+from hapscene.capture.report.page import report
+from hapscene.swatches.library import load_swatch
+from tests.capture.report.test_page import Page
 
 VOID = {"meta", "line", "circle", "rect", "path", "use", "image"}
 
@@ -14,7 +14,7 @@ VOID = {"meta", "line", "circle", "rect", "path", "use", "image"}
 def test_real_recordings_are_reported_on_in_time(shared: Path) -> None:
     folder = shared / "data" / "recordings"
     units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
-    real = load_recording(folder / "cdp_wood.csv", 1e4, {"acceleration": "accel"}, units)
+    real = load_recording(folder / "cdp_wood.csv", 1e4, columns={"acceleration": "accel"}, units=units)
     start = time.process_time()  # of this process: the machine may be busy
     text = report(load_swatch("wood"), real, "cdp_wood.csv")
     assert time.process_time() - start < 10.0

@@ -17,7 +17,7 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 from hapscene.cli import main, paint
-from hapscene.paint.document import find_recovery
+from hapscene.paint.model.document import find_recovery
 from hapscene.paint.web.page import Page
 from tests.cli.test_paint import folder
 

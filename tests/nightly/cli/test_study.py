@@ -93,4 +93,4 @@ def test_a_sitting_is_interrupted_and_gone_on_with(folder: Path, capsys: pytest.
     assert "P01 has answered all 4; --person NAME asks another" in capsys.readouterr().err
     assert main(["lab", "study", "report", "out/plan"]) == 0
     page = (folder / "out" / "plan" / "report.html").read_text(encoding="utf-8")
-    assert "1 of 2 people; 4 answers" in page and "One person was asked" in page and "simulated" not in page
+    assert "1 of 2 participants; 4 answers" in page and "do not extend to others" in page and "simulated" not in page

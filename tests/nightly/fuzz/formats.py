@@ -8,7 +8,7 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,8 @@ from scipy.io import savemat, wavfile
 import hapscene
 from hapscene import recording
 from hapscene.capture import batch
-from hapscene.capture.hatt import export_hatt, import_hatt
-from hapscene.capture.hatt_file import read_taps
-from hapscene.capture.recording_file import load_recording
+from hapscene.capture.io.hatt import import_hatt, read_taps
+from hapscene.capture.io.recording import load_recording
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.exchange import export_scene, import_scene
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
@@ -32,6 +31,7 @@ from hapscene.handle.handle_file import handle_to_json, load_handle
 from hapscene.handle.plant import Plant
 from hapscene.motion.path_file import load_path
 from hapscene.paint.web.page_socket import number, parse, pointer_of
+from hapscene.parallel import Journal
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_doctor import examine
 from hapscene.scene.mesh_file import UNITLESS, load_mesh
@@ -41,11 +41,11 @@ from hapscene.study.plan import load_plan
 from hapscene.study.results_file import load_rows
 from hapscene.study.sitting import Sitting
 from hapscene.study.statistics import analyse
-from hapscene.surface import library
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
+from hapscene.swatches import library
 from hapscene.teleoperation.datagram import MESSAGE, Gate, pack
 from hapscene.wire.protocol import Column, Decoder, Header, header_line, sample_line
 
@@ -198,9 +198,24 @@ def read_painted(path: Path) -> int:
     return sum(len(body.mesh.faces) for body in import_scene(path).bodies)
 
 
+def hatt_models(path: Path) -> None:
+    places = [(0.0, 0.0), (0.0, 2.0), (100.0, 0.0), (100.0, 2.0)]
+    models = (
+        f"<model><modNum>{number}</modNum><ARlsf>0.3 0.9 1.8 2.6</ARlsf><var>{0.1 * number}</var>"
+        f"<speedMod>{speed}</speedMod><forceMod>{force}</forceMod></model>"
+        for number, (speed, force) in enumerate(places, 1)
+    )
+    head = "<SampleRate>10000</SampleRate><mu>0.4</mu><numMod>4</numMod><tri>1 2 3</tri><tri>2 3 4</tri>"
+    path.write_text(f"<modelSet>{head}{''.join(models)}</modelSet>", encoding="utf-8")
+
+
 def hatt_taps(path: Path) -> None:
-    export_hatt(swatch(), path.with_name("models.xml"), path)
-    path.with_name("models.xml").unlink()
+    waves = np.random.default_rng(0).normal(size=(3, 20)).round(4)
+    taps = (
+        f"<tap><tapSpeed>{20 * k}</tapSpeed><tapAccel>{' '.join(map(str, wave))}</tapAccel></tap>"
+        for k, wave in enumerate(waves.tolist(), 1)
+    )
+    path.write_text(f"<tapSet><numTap>3</numTap>{''.join(taps)}</tapSet>", encoding="utf-8")
 
 
 # The handle, batches, cases.
@@ -218,10 +233,8 @@ def handle() -> Files:
     }
 
 
-def manifest() -> Files:
-    entry = asdict(batch.ManifestEntry("/r/a.csv", "a.swatch", "ok", sha256="0" * 64))
-    content = {"format": batch.FORMAT, "version": batch.VERSION, "recordings": [entry]}
-    return {batch.NAME: json.dumps(content).encode()}
+def journal() -> Files:
+    return {"x.jsonl": b'{"key": "/r/a.csv", "digest": "00", "result": "a.swatch"}\n{"key": "/r/b.csv", "dig'}
 
 
 # Recordings and paths.
@@ -418,13 +431,13 @@ FORMATS: Mapping[str, Format] = {
         written(lambda path: library.add(swatch(), path.parent), library.INDEX),
         lambda path: len(library.search(library.own_entries(path.parent), ["a"])),
     ),
-    "hatt-models": Format(written(lambda path: export_hatt(swatch(), path), "Models_x.xml"), import_hatt),
+    "hatt-models": Format(written(hatt_models, "Models_x.xml"), import_hatt),
     "hatt-taps": Format(written(hatt_taps, "Taps_x.xml"), read_taps),
     "handle": Format(handle, load_handle),
-    "manifest": Format(manifest, lambda path: batch.Manifest(path.parent).check_outputs()),
+    "journal": Format(journal, lambda path: len(Journal(path).results), left=lambda content: 0),
     "batch-list": Format(
         lambda: {"x.list.csv": b'recording,name,rate,units\na.csv,oak,10000,"force=N,speed=mm/s"\nb.wav,ash,,\n'},
-        lambda path: len(batch.outputs(batch.read_list(path))),
+        lambda path: len(batch.swatch_names(batch.read_list(path))),
         left=lines(r"(?!recording).*\w"),
     ),
     "csv": Format(table, read_recording, left=lines(r"(?!time).*\d")),

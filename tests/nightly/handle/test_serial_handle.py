@@ -18,7 +18,7 @@ def test_the_simulator_is_identified_as_typed(
     from hapscene.cli import main
     from hapscene.handle.handle_file import load_handle
 
-    command = [sys.executable, "-m", "hapscene.handle.port_simulator", "--rate", "2000", "--seconds", "60", "--hurry"]
+    command = [sys.executable, "-m", "tests.handle.serial_board", "--rate", "2000", "--seconds", "60", "--hurry"]
     with subprocess.Popen([*command, "--grips", "2"], stdout=subprocess.PIPE, text=True) as simulator:
         end_in_time(simulator)
         assert simulator.stdout is not None

@@ -6,8 +6,8 @@ import sys
 import numpy as np
 
 import hapscene
-from hapscene.paint.document import autosave_folder, find_recovery
-from hapscene.paint.session import Session
+from hapscene.paint.model.document import autosave_folder, find_recovery
+from hapscene.paint.model.session import Session
 from tests.paint.test_autosave import path
 
 __all__ = ["path"]  # fixtures
@@ -16,7 +16,7 @@ __all__ = ["path"]  # fixtures
 PAINTER = """
 import sys, time
 from pathlib import Path
-from hapscene.paint.session import Session
+from hapscene.paint.model.session import Session
 from hapscene.surface.swatch import Swatch
 session = Session.open(Path(sys.argv[1]))
 session.document.start_autosave()

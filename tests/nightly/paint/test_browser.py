@@ -8,7 +8,6 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 import hapscene
-from hapscene.scene.scene import load_scene
 from hapscene.surface.swatch_file import swatch_to_json
 from tests.paint.window import BESIDE, FRONT, Window
 from tests.until import until
@@ -55,68 +54,6 @@ def test_the_address_bar_hides_the_token_and_this_browser_alone_knows_it(window:
     page.server._websock_server.disconnect_all_clients()
     window.wait(f"window.hapscene.client() > {count}")  # it finds its way back
     del window.troubles[before:]
-
-
-def test_a_typed_number_counts_when_it_is_whole(window: Window) -> None:
-    page, tab = window.page, window.tab
-    session, index = page.context.session, page.context.tools.swatch
-
-    def value(row: int) -> float:
-        return float(session.tuning.parameters(index)[row].value)
-
-    def type_in(row: int, text: str, end: str) -> None:
-        before = value(row)
-        field = tab.locator("input[inputmode=decimal]:visible").nth(row)
-        field.click()
-        tab.keyboard.press("Control+a")
-        tab.keyboard.type(text)
-        assert value(row) == before  # not at each key
-        tab.keyboard.press(end)
-        window.wait("document.getElementById('hs-number').hidden")
-
-    tab.get_by_role("tab", name="Feel").click()
-    tab.locator("input[inputmode=decimal]:visible").first.wait_for()
-    gain = next(i for i, p in enumerate(session.tuning.parameters(index)) if p.name == "texture_gain")
-    for row, text, end, number in (
-        (0, "432", "Enter", 432.0),
-        (0, "187", "Tab", 187.0),
-        (0, "345.6", "Enter", 345.6),
-        (gain, "1", "Enter", 1.0),
-        (gain, "1.5", "Enter", 1.5),  # where a whole number stood
-        (gain, "0,5", "Enter", 0.5),
-        (gain, "1e-1", "Enter", 0.1),
-    ):
-        type_in(row, text, end)
-        until(lambda row=row, number=number: value(row) == number)
-        field = tab.locator("input[inputmode=decimal]:visible").nth(row)
-        until(lambda field=field, number=number: float(field.input_value()) == number)
-    type_in(gain, "3", "Escape")
-    type_in(gain, "x", "Enter")
-    window.wait("document.getElementById('hs-say').textContent.includes('no number; it stays 0.1')")
-    assert value(gain) == 0.1
-    type_in(gain, "99", "Enter")  # told, and as far as it goes
-    window.wait("document.getElementById('hs-say').textContent.includes('99 became 4')")
-    until(lambda: value(gain) == 4.0)
-
-
-def test_orders_come_after_the_number_that_was_typed_before_them(window: Window) -> None:
-    page, tab = window.page, window.tab
-    session, index = page.context.session, page.context.tools.swatch
-    field = tab.locator("input[inputmode=decimal]:visible").first
-    for number in (301.0, 302.0, 303.0):
-        field.click()
-        tab.keyboard.press("Control+a")
-        tab.keyboard.type(str(number))
-        tab.keyboard.press("Control+s")
-        until(lambda number=number: session.scene.swatches[index].stiffness_N_m == number and not session.dirty)
-        assert load_scene(session.path).swatches[index].stiffness_N_m == number
-        session.tuning.clock = lambda number=number: 10.0 * number  # each a step of its own
-    field.click()
-    tab.keyboard.press("Control+a")
-    tab.keyboard.type("444")
-    tab.get_by_role("button", name="Undo").click()
-    window.wait("document.getElementById('hs-say').textContent.includes('Undone: stiffness of')")
-    assert session.scene.swatches[index].stiffness_N_m == 303.0
 
 
 def test_views_have_keys_and_show_all(window: Window) -> None:
@@ -247,7 +184,7 @@ def test_while_a_question_stands_keys_wait(window: Window) -> None:
 
 
 def test_the_shelf_by_keyboard_and_a_file_dropped_on_the_page(window: Window) -> None:
-    page, tab = window.page, window.tab
+    tab = window.tab
     tab.get_by_role("tab", name="Paint").click()
     window.wait("document.querySelectorAll('.hs-pick img').length > 24")
     before = len(window.troubles)
@@ -257,9 +194,6 @@ def test_the_shelf_by_keyboard_and_a_file_dropped_on_the_page(window: Window) ->
     tab.keyboard.press("Enter")
     window.wait("window.hapscene.state.swatch === 'leather'")
     window.wait("document.activeElement.dataset.name === 'leather'")  # though all was drawn anew
-    tab.locator("[data-shelf=compare]").press("Enter")
-    tab.get_by_label("Swatch A").first.wait_for(state="visible")  # unfolded
-    until(lambda: page._shelf_panel._pair[0].value == "leather")
     gift = swatch_to_json(hapscene.Swatch("gift", 99.0))
     window.ask(
         "(text) => { const data = new DataTransfer(); data.items.add(new File([text], 'gift.swatch'));"

@@ -12,7 +12,7 @@ import trimesh
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 pytest.importorskip("playwright", reason="playwright is not installed: pip install 'hapscene[dev]'")
 
-from hapscene.paint.document import find_recovery
+from hapscene.paint.model.document import find_recovery
 from hapscene.scene.scene import load_scene
 from tests.nightly.paint.composer import Composer, painter
 from tests.until import until

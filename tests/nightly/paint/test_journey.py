@@ -25,7 +25,7 @@ pytest.importorskip("playwright", reason="playwright is not installed: pip insta
 
 import hapscene
 from hapscene.exchange import import_scene
-from hapscene.paint.document import find_recovery
+from hapscene.paint.model.document import find_recovery
 from tests.nightly.paint.composer import Composer, painter
 from tests.until import until
 

@@ -13,10 +13,10 @@ pytest.importorskip("playwright", reason="playwright is not installed: pip insta
 from trimesh.creation import icosphere
 
 import hapscene
-from hapscene.paint.session import Session
-from hapscene.paint.shelf import Phrase
+from hapscene.paint.model.session import Session
 from hapscene.paint.web.page import TABS, Page
-from hapscene.paint.web.shelf_panel import _figure_html
+from hapscene.paint.web.swatch_panel import _figure_html
+from hapscene.swatches.words import Phrase
 from tests.paint.conftest import library_in, mesh_of
 from tests.until import until
 

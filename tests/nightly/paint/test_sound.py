@@ -12,7 +12,7 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 pytest.importorskip("playwright", reason="playwright is not installed: pip install 'hapscene[dev]'")
 
 import hapscene
-from hapscene.paint.session import Session
+from hapscene.paint.model.session import Session
 from hapscene.paint.web.page import Page
 from tests.paint.conftest import plate_mesh
 

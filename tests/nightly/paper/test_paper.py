@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import freqz, lfilter, resample_poly
 
-from hapscene.capture.metric import residual, spectrum
+from hapscene.capture.fit.distance import residual, spectrum
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.handle.plant import Plant

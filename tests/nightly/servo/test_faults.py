@@ -32,8 +32,12 @@ WITHIN_S = 0.02
 GUARDED_S = 0.1
 """And where the servo is: the guard sees it after 50 ms, and opens the port."""
 
-SLACK_S = 0.05 if os.getloadavg()[0] < 0.5 * (os.cpu_count() or 1) else 1.5
-"""How late a machine may be: one that is loaded gives the emulated board no time, either."""
+
+def slack_s() -> float:
+    """How late this machine may be now: a loaded one gives the emulated board no time, and ticks that are late do not
+    count the application's silence (`hapscene.device.safety`)."""
+    return 0.05 if os.getloadavg()[0] < 0.5 * (os.cpu_count() or 1) else 1.5
+
 
 APPLICATION = """
 import signal, sys, time
@@ -64,7 +68,7 @@ if __name__ == "__main__":
 @pytest.fixture
 def emulated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     """The drivers' tests' way to start emulators."""
-    place = Path(__file__).parents[2] / "plugins" / "devices" / "conftest.py"
+    place = Path(__file__).parents[1] / "plugins" / "devices" / "conftest.py"
     spec = importlib.util.spec_from_file_location("emulated_devices", place)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -132,12 +136,12 @@ def log_in(folder: Path) -> SessionLog:
 def test_an_application_stopped_gone_on_and_killed(desk: Desk, tmp_path: Path) -> None:
     at_ns = time.monotonic_ns()
     os.kill(desk.application.pid, signal.SIGSTOP)
-    assert desk.none_left_after(at_ns) < WITHIN_S + SLACK_S
+    assert desk.none_left_after(at_ns) < WITHIN_S + slack_s()
     os.kill(desk.application.pid, signal.SIGCONT)
     desk.await_torque(lambda now: now > 0.99 * desk.full())
     at_ns = time.monotonic_ns()
     os.kill(desk.application.pid, signal.SIGKILL)
-    assert desk.none_left_after(at_ns) < WITHIN_S + SLACK_S
+    assert desk.none_left_after(at_ns) < WITHIN_S + slack_s()
     log = log_in(tmp_path / "logs")
     assert log.reason == "the application was gone" and log.rows.shape[1] > 1000
     assert len(log.replay().unlike) == 0
@@ -148,7 +152,7 @@ def test_a_servo_that_dies_or_stands_still(desk: Desk, by: signal.Signals) -> No
     at_ns = time.monotonic_ns()
     os.kill(desk.servo_pid, by)
     desk.await_torque(lambda now: now == 0.0)
-    assert desk.none_left_after(at_ns) < GUARDED_S + SLACK_S
+    assert desk.none_left_after(at_ns) < GUARDED_S + slack_s()
     _, errors = desk.application.communicate(timeout=PATIENCE_S)
     assert "the servo's process has ended" in errors
 
@@ -185,14 +189,14 @@ def test_a_device_torn_out_is_named_and_its_last_minute_kept(desk: Desk, tmp_pat
 def test_ctrl_c_leaves_no_force(desk: Desk) -> None:
     at_ns = time.monotonic_ns()
     os.kill(desk.application.pid, signal.SIGINT)
-    assert desk.none_left_after(at_ns) < WITHIN_S + SLACK_S
+    assert desk.none_left_after(at_ns) < WITHIN_S + slack_s()
 
 
 @pytest.mark.parametrize("key", [signal.SIGTSTP, signal.SIGQUIT], ids=["ctrl-z", "ctrl-backslash"])
 def test_what_a_terminal_sends_to_all_processes_leaves_no_force(desk: Desk, key: signal.Signals) -> None:
     at_ns = time.monotonic_ns()
     os.killpg(desk.application.pid, key)
-    assert desk.none_left_after(at_ns) < WITHIN_S + SLACK_S
+    assert desk.none_left_after(at_ns) < WITHIN_S + slack_s()
 
 
 def test_a_servo_without_its_device_lives_to_say_so(desk: Desk) -> None:

@@ -15,8 +15,8 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.twin.hand_intent import Intent
+from hapscene.twin.result import Feel
 from hapscene.twin.twin import Twin
-from hapscene.twin.twin_recording import Feel
 
 pytestmark = pytest.mark.filterwarnings("ignore::hapscene.scene.mesh.MeshWarning")
 

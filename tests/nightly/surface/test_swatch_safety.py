@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hapscene.files import CONTAINER_MAX, VALUE_MAX
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import BYTES_MAX, save_swatch
 from hapscene.surface.texture import MODEL_MAX, Texture
+from hapscene.swatches.library import load_swatch
 
 OPENING_BYTES = 400e6
 """The stated limit of memory for opening any file [bytes]; see `swatch_file.BYTES_MAX`."""
@@ -31,7 +31,7 @@ BULKY = {
 MEASURE = """
 import resource, sys
 from hapscene.errors import SwatchError
-from hapscene.surface.library import load_swatch
+from hapscene.swatches.library import load_swatch
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 try:
     load_swatch(sys.argv[1])

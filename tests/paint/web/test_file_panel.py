@@ -1,6 +1,5 @@
 """The tab of the file: what would lose somebody's work is asked, and done as it was asked."""
 
-import asyncio
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,11 +8,8 @@ import pytest
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 import hapscene
-from hapscene.errors import SceneError
-from hapscene.fidelity.fidelity import Fidelity, Level
-from hapscene.fidelity.fidelity_file import save_fidelity
-from hapscene.paint.document import autosave_folder, find_recovery
-from hapscene.paint.session import Session
+from hapscene.paint.model.document import autosave_folder, find_recovery
+from hapscene.paint.model.session import Session
 from hapscene.paint.web.page import Page
 
 from ..conftest import make_scene
@@ -178,17 +174,6 @@ def test_while_it_is_asked_all_is_kept(killed: Path) -> None:
     assert not page.kept and not autosave_folder(killed).exists()
 
 
-def test_a_scene_whose_copy_cannot_be_recovered_opens_without_it(killed: Path, tmp_path: Path) -> None:
-    session = Session(make_scene(tmp_path), tmp_path / "first.scene.json")
-    with Page(session, port=0, with_hand=False) as page:
-        panel, loop = page._scene_panel, page.server.get_event_loop()
-        with pytest.raises(SceneError, match="its bodies are not those of this scene"):
-            asyncio.run_coroutine_threadsafe(panel.open(killed, recover=True), loop).result(30.0)
-        asyncio.run_coroutine_threadsafe(panel.open(killed), loop).result(30.0)
-        assert page.context.session.path == killed
-    assert find_recovery(killed) is not None
-
-
 def test_without_autosave_no_copy_is_promised(killed: Path) -> None:
     with Page(Session.open(killed), port=0, with_hand=False, with_autosave=False) as page:
         tab = Tab(page)
@@ -197,15 +182,3 @@ def test_without_autosave_no_copy_is_promised(killed: Path) -> None:
         assert not asked(tab, "Recover it")
         tab.close()
     assert not page.kept
-
-
-def test_what_a_fidelity_file_beside_the_scene_saves_is_told(page: Page, tab: Tab) -> None:
-    told_of = {"faces": 320.0, "error_jnd": 0.4, "tick_median_us": 2.1}
-    made = {"untuned_faces": 1280, "untuned_tick_median_us": 4.0}
-    scene = hapscene.load_scene("ball.scene.json")
-    save_fidelity(Fidelity(Level(told=told_of), made), "ball.fidelity.json", scene)
-    tab.send("save")
-    tab.wait(lambda: told(tab, "tuned: 0.32 k of 1.28 k faces, 0.4 JND, 2.1 of 4 µs a tick"))
-    Path("ball.fidelity.json").write_text("{}")
-    tab.send("save")
-    tab.wait(lambda: told(tab, "not tuned: ball.fidelity.json: not a fidelity"))

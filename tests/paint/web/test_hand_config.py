@@ -11,7 +11,7 @@ from hapscene.device.model import DEVICES
 from hapscene.device.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.handle import COMPENSATORS
-from hapscene.paint.web.hand_config import COMPENSATOR_HINTS, HAND_DEVICES, NO_HANDLE, HandConfig
+from hapscene.paint.web.hand import COMPENSATOR_HINTS, HAND_DEVICES, NO_HANDLE, HandConfig
 
 
 def test_every_device_that_moves_and_every_compensator_can_be_held() -> None:

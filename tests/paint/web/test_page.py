@@ -23,17 +23,17 @@ from websockets.sync.client import connect
 
 import hapscene
 from hapscene.errors import ViewError
-from hapscene.paint.document import autosave_folder
-from hapscene.paint.session import Session
-from hapscene.paint.web.hand_config import HandConfig
+from hapscene.paint.model.document import autosave_folder
+from hapscene.paint.model.session import Session
+from hapscene.paint.web.hand import HandConfig
 from hapscene.paint.web.page import Page
-from hapscene.paint.web.scene_view import rgb_bytes
-from hapscene.paint.web.shelf_panel import SURELY
-from hapscene.paint.web.upload import UPLOAD_PATH
+from hapscene.paint.web.socket import UPLOAD_PATH
+from hapscene.paint.web.swatch_panel import SURELY
+from hapscene.paint.web.view import rgb_bytes
 from hapscene.scene.scene import load_scene
-from hapscene.surface.library import add, own_entries
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
+from hapscene.swatches.library import add, own_entries
 
 from ..conftest import make_scene
 from ..tab import Tab
@@ -231,24 +231,11 @@ def test_a_copy_leaves_what_is_painted_and_has_a_colour_of_its_own(page: Page, t
     assert (
         np.abs(np.subtract(colour, rgb_bytes(before.albedo_rgb))).max() > 25
     )  # told apart at once, and in every other scene
-    for value in ([10, 20, 300], [1, 2], [1, 2, 3, 4], "red", [1.5, 2, 3], [True, 2, 3]):
-        tab.set("Colour", value)
     tab.set("Colour", [10, 20, 30])
     tab.wait(lambda: scene.swatches[-1].albedo_rgb == (10 / 255, 20 / 255, 30 / 255))
     assert scene.swatches[paper] == before and painted(page, 1, "paper") == len(scene.bodies[1].mesh.faces)
     tab.send("undo")
     tab.wait(lambda: tuple(tab.control("Colour")["value"]) == colour)
-
-
-def test_play_and_compare_sound(page: Page, tab: Tab) -> None:
-    tab.set("Swatch A", "plain")
-    tab.set("Swatch B", "paper")
-    tab.settle()
-    tab.set("Hear", "▶ B")
-    tab.wait(lambda: tab.sounds)
-    assert np.abs(tab.sounds[0][2:]).max() > 0.1 and tab.sounds[0][1] == 10_000.0
-    table = next(c for c in tab.controls.values() if "<th>friction" in c["props"].get("content", ""))
-    tab.wait(lambda: "plain" in table["props"]["content"] and "paper" in table["props"]["content"])
 
 
 def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
@@ -276,7 +263,7 @@ def card_names(tab: Tab) -> list[str]:
 
 def test_the_shelf_is_narrowed_and_sorted(page: Page, tab: Tab, library: Path) -> None:
     add(Swatch("sponge", friction_dynamic=0.1, friction_static=0.1), inside="kitchen")
-    page.server.get_event_loop().call_soon_threadsafe(page._shelf_panel.show, True)
+    page.server.get_event_loop().call_soon_threadsafe(page._swatch_panel.show, True)
     tab.send("shelf", act="where", value="your library: kitchen")
     tab.wait(lambda: card_names(tab) == ["sponge"])
     tab.send("shelf", act="where", value="computed")
@@ -285,27 +272,15 @@ def test_the_shelf_is_narrowed_and_sorted(page: Page, tab: Tab, library: Path) -
     tab.send("shelf", act="where", value="<b>nowhere")
     tab.send("shelf", act="sort", value=["x"])
     tab.send("shelf", act="no such act", name={})
-    tab.send("shelf", act="sort", value="recently used")
-    tab.choose("sponge")
-    tab.choose("slate")
-    tab.wait(lambda: card_names(tab)[:2] == ["slate", "sponge"])
+    tab.send("shelf", act="where", value="computed")
+    tab.wait(lambda: "slate" in card_names(tab))
     pictures = "".join(c["props"].get("content") or "" for c in list(tab.controls.values()))
-    tab.wait(lambda: "data:image/png;base64," in pictures or len(page._shelf_panel._balls) > 8)
-
-
-def test_compare_takes_the_very_swatch_of_its_card(tab: Tab) -> None:
-    tab.choose("wood")
-    for name, other in (("leather", "wood"), ("wood", "leather"), ("paper", "wood")):
-        tab.send("shelf", act="compare", name=name)
-        tab.wait(lambda name=name: tab.control("Swatch A")["value"] == name)
-        assert tab.control("Swatch B")["value"] == other
-    table = next(c for c in tab.controls.values() if "<th>friction" in c["props"].get("content", ""))
-    tab.wait(lambda: "paper</th>" in table["props"]["content"])
+    tab.wait(lambda: "data:image/png;base64," in pictures or len(page._swatch_panel._balls) > 8)
 
 
 def test_a_swatch_of_the_library_is_renamed_tagged_moved_and_deleted(page: Page, tab: Tab, library: Path) -> None:
     add(Swatch("sponge", 99.0, albedo_rgb=(0.9, 0.8, 0.1)))
-    page.server.get_event_loop().call_soon_threadsafe(page._shelf_panel.show, True)
+    page.server.get_event_loop().call_soon_threadsafe(page._swatch_panel.show, True)
     tab.choose("sponge")
     tab.send("save")
     tab.wait(lambda: not tab.state["dirty"])
@@ -344,10 +319,10 @@ def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: P
     tab.wait(lambda: {entry.name for entry in own_entries()} == {"gift", "gift 2"})
     for files, told in (
         ({"bad.swatch": b"no"}, "bad.swatch: not a swatch"),
-        ({"a.exe": b"no"}, "files that end in .*csv.* can be dropped here"),
-        ({f"{i}.csv": b"" for i in range(201)}, "1 to 200 files"),
-        ({"huge.wav": 1 << 40}, "512 MiB can be dropped at once"),
-        ({"short.wav": 10}, "did not come whole"),
+        ({"a.exe": b"no"}, "files that end in .*swatch.* can be dropped here"),
+        ({f"{i}.swatch": b"" for i in range(201)}, "1 to 200 files"),
+        ({"huge.swatch": 1 << 40}, "512 MiB can be dropped at once"),
+        ({"short.swatch": 10}, "did not come whole"),
     ):
         drop(page, files)
         tab.wait(lambda told=told: any(re.search(told, said) for said in tab.said))
@@ -371,32 +346,6 @@ def test_a_picture_becomes_the_look_of_the_chosen_swatch_and_undo_takes_it_back(
     tab.wait(lambda: any("none.png: not a picture" in said for said in tab.said))
     tab.send("undo")
     tab.wait(lambda: page.context.session.scene.swatches[-1] == before)
-
-
-def test_what_a_recording_does_not_say_is_asked(page: Page, tab: Tab, library: Path) -> None:
-    rng = np.random.default_rng(0)
-    rows = np.stack([150 + 20 * np.sin(np.arange(4000) / 300), rng.standard_normal(4000)], axis=1)
-    text = io.StringIO()
-    np.savetxt(text, rows, delimiter=",", header="speed,accel", comments="", fmt="%.4f")
-    drop(page, {"oak.csv": text.getvalue().encode()})
-    assert tab.control("Columns")["value"] == "acceleration=accel"
-    tab.set("Rate [Hz]", "2000")
-    tab.set("Units", "acceleration=m/s2,speed=mm/s")
-    tab.set("Name", "my oak")
-    tab.settle()
-    tab.set("Fit", True)
-    tab.wait(lambda: tab.page.context.tools.chosen == "my oak")
-    (entry,) = own_entries()
-    assert entry.name == "my oak" and "oak.csv" in entry.provenance and entry.figures["roughness_m_s2"] > 0.1
-
-
-def test_a_page_that_closes_leaves_nothing_of_what_was_dropped(page: Page, tab: Tab, library: Path) -> None:
-    drop(page, {"unfinished.csv": b"accel\n1\n2\n"})
-    tab.control("Columns")
-    folder = Path(tempfile.gettempdir())
-    assert list(folder.glob("hapscene-*/unfinished.csv"))
-    page.close()
-    tab.wait(lambda: not list(folder.glob("hapscene-*/unfinished.csv")))
 
 
 def drop(page: Page, files: Mapping[str, bytes | int]) -> None:
@@ -491,23 +440,6 @@ def test_a_page_that_cannot_be_made_leaves_nothing_and_the_next_can(
             thread.join()
 
 
-def test_a_stroke_goes_on_after_it_was_saved(page: Page, tab: Tab) -> None:
-    tab.choose("wood")
-    places = np.add(TOP, [[0.0015 * i, 0.0, -0.0001 * i * i] for i in range(9)])
-    tab.point("down", places[0])
-    for i, place in enumerate(places):
-        tab.point("move", place)
-        if i == 3:
-            tab.settle()
-            tab.send("save")
-            tab.wait(lambda: any("Saved" in said for said in tab.said))
-            count = painted(page, 0, "wood")
-    tab.point("up", places[-1])
-    tab.settle()
-    assert len(tab.said) == 1 and painted(page, 0, "wood") > count > 0
-    assert tab.state["dirty"]
-
-
 def test_a_mesh_without_a_scene_file_is_not_saved_yet(tmp_path: Path) -> None:
     with Page(Session(make_scene(tmp_path), tmp_path / "new.scene.json"), port=0, with_hand=False) as page:
         tab = Tab(page)
@@ -529,9 +461,6 @@ def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab)
     tab.send("tool", name="hammer")
     tab.send("size", factor="big")
     tab.send("rm -rf")
-    uuid = tab.control("Size [mm]")["uuid"]
-    for updates in ({"update_cb": []}, {"value": "7"}, {"value": float("nan")}, {"removed": True}, {}):
-        tab.post("GuiUpdateMessage", uuid=uuid, updates=updates)
     tab.settle()
     assert page.context.socket.refused >= 9
     assert page.context.session.painting.state == before and tab.state["tool"] == "brush"
@@ -560,8 +489,8 @@ def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
         if isinstance(known, str):
             return dice.choice([*(props.get("options") or texts), "no such"])
         if isinstance(known, list | tuple):  # a colour
-            return [dice.randrange(-20, 276) for _ in known]
-        return dice.choice((props.get("min", 0), props.get("max", 1), dice.uniform(-1e3, 1e3), 0, 1e308))
+            return [dice.randrange(256) for _ in known]
+        return dice.choice((props.get("min", 0), props.get("max", 1), dice.uniform(-1e3, 1e3), 0))
 
     for i in range(count):
         kind = dice.random()
@@ -572,11 +501,9 @@ def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
             tab.send("tool", name=dice.choice(("brush", "fill", "box", "sphere", "eraser", "pick", "touch", "x")))
         elif kind < 0.83:
             tab.send(
-                dice.choice(("undo", "redo", "redo", "size", "listen", "save", "number", "number", "frame")),
+                dice.choice(("undo", "redo", "redo", "size", "save", "frame")),
                 factor=dice.uniform(0.0, 3.0),
                 client=tab.client,
-                id=dice.choice([*tab.controls, "none"]),
-                value=dice.uniform(-1e3, 1e3),
                 w=dice.uniform(-10.0, 2e3),
                 h=dice.uniform(-10.0, 2e3),
             )

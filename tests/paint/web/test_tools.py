@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 import hapscene
-from hapscene.paint.session import Session
+from hapscene.paint.model.session import Session
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.tools import RADIUS_SHARE
 
@@ -189,31 +189,3 @@ def test_a_key_takes_the_swatch_under_the_pointer(page: Page, tab: Tab) -> None:
     tab.send("sample", client=tab.client)
     tab.settle()
     assert page.context.tools.chosen == "paper" and page.context.tools.name == "brush"
-
-
-def test_what_a_fill_takes_is_lit_before_the_click(page: Page, tab: Tab) -> None:
-    page.context.tools.angle_rad = 0.01
-    tab.send("tool", name="fill")
-    tab.point("hover", TOP)
-    tab.wait(lambda: "/mark/light" in tab.nodes)
-    lit = len(page.context.tools._preview._light.faces)
-    page.context.tools.fill = "whole body"
-    tab.point("hover", TOP)
-    tab.settle()
-    assert 0 < lit < len(page.context.tools._preview._light.faces)
-    tab.point("hover", np.array([0.0, 0.9, 0.0]))
-    tab.wait(lambda: "/mark/light" not in tab.nodes)
-
-
-def test_a_step_of_the_list_is_gone_to(page: Page, tab: Tab) -> None:
-    session = page.context.session
-    start = session.scene.bodies[0].face_swatch.copy()
-    for swatch in ("paper", "plain", "paper"):
-        session.fill_body("ball", swatch)
-    tab.send("tool", name="box")  # the page looks again
-    tab.wait(lambda: tab.control("● fill whole body, 1,280 faces"))
-    tab.set("As it was at first", True)
-    tab.wait(lambda: len(session.history.undone) == 3)
-    np.testing.assert_array_equal(session.scene.bodies[0].face_swatch, start)
-    tab.set("↷ fill whole body, 1,280 faces", True)
-    tab.wait(lambda: len(session.history.undone) == 2)  # the last of these rows

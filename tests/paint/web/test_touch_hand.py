@@ -12,10 +12,19 @@ import pytest
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.device.hand import GRIPS
 from hapscene.errors import HapsceneError
-from hapscene.paint.composing import Composing
-from hapscene.paint.painting import Painting
-from hapscene.paint.web.hand_config import HAND_DEVICES, NO_HANDLE, HandConfig, make_servo
-from hapscene.paint.web.touch_hand import HOVER_M, IDLE_S, LIFT_M, TouchHand, aim_point
+from hapscene.paint.model.composing import Composing
+from hapscene.paint.model.painting import Painting
+from hapscene.paint.web.hand import (
+    HAND_DEVICES,
+    HOVER_M,
+    IDLE_S,
+    LIFT_M,
+    NO_HANDLE,
+    HandConfig,
+    TouchHand,
+    aim_point,
+    make_servo,
+)
 from hapscene.scene.scene import Scene
 from hapscene.servo.servo import ServoState, TickLog
 from tests.virtual_clock import PATIENCE_S

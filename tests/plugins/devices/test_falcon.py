@@ -6,17 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from hapscene_plugins.devices.falcon import (
-    COUNT_RAD,
-    LEG,
-    TURN,
-    UNIT_MAX,
-    ZERO_RAD,
-    forward,
-    motor_units,
-    pack,
-    unpack,
-)
+from hapscene_plugins.devices.falcon import pack, unpack
+from hapscene_plugins.devices.falcon_kinematics import COUNT_RAD, LEG, TURN, UNIT_MAX, ZERO_RAD, forward, motor_units
 
 
 def angles(p: np.ndarray) -> np.ndarray:

@@ -11,16 +11,17 @@ import pytest
 pytest.importorskip("usb", reason="no pyusb: extra `usb`")
 
 from hapscene.errors import HandleError
-from hapscene.handle import live_board, usb_simulator
+from hapscene.handle import live_board
 from hapscene.handle.live_process import compensator_of, open_output, play_recording
 from hapscene.handle.live_stream import LiveStream
 from hapscene_plugins.devices.handle_usb import DRIVER
+from tests.handle import usb_board
 from tests.virtual_clock import PATIENCE_S
 
-BACKEND = "hapscene.handle.usb_simulator"
+BACKEND = "tests.handle.usb_board"
 
 
-class FullPackets(usb_simulator.Backend):
+class FullPackets(usb_board.Backend):
     """Its board sends no short packet: a read ends when its buffer is full.
 
     Its time goes on with what is read, and once it plays stands still until the last read was answered: a computer that
@@ -57,16 +58,16 @@ class FullPackets(usb_simulator.Backend):
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> FullPackets:
     """Such a board, which is never taken for silent."""
-    monkeypatch.setattr(usb_simulator, "_BACKEND", backend := FullPackets())
+    monkeypatch.setattr(usb_board, "_BACKEND", backend := FullPackets())
     monkeypatch.setattr(live_board, "AGAIN_S", PATIENCE_S)
     monkeypatch.setattr(live_board, "GONE_S", PATIENCE_S)
     return backend
 
 
 @pytest.fixture(autouse=True)
-def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[usb_simulator.Backend]:
-    backend = usb_simulator.Backend()
-    monkeypatch.setattr(usb_simulator, "_BACKEND", backend)
+def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[usb_board.Backend]:
+    backend = usb_board.Backend()
+    monkeypatch.setattr(usb_board, "_BACKEND", backend)
     yield backend
 
 
@@ -85,7 +86,7 @@ def test_an_acceleration_is_played_by_a_compensator_and_measured(
     assert output.counts["restarts"] == output.counts["lost"] == 0 and stream.counts["clipped"] == 0
 
 
-def test_a_board_that_is_torn_out_is_told(plugged_in: usb_simulator.Backend) -> None:
+def test_a_board_that_is_torn_out_is_told(plugged_in: usb_board.Backend) -> None:
     handle = open_output("usb", {"backend": BACKEND})
     handle.start(Silence())
     plugged_in.unplugged = True
@@ -137,7 +138,7 @@ def test_what_is_not_there_is_said_in_words(told: dict[str, str], words: str) ->
 
 
 def test_a_board_without_an_endpoint_each_way_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(usb_simulator.Backend, "ends", (0x81,))
+    monkeypatch.setattr(usb_board.Backend, "ends", (0x81,))
     with pytest.raises(HandleError, match="not an endpoint each way"):
         open_output("usb", {"backend": BACKEND})
 

@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 
 from hapscene.errors import DeviceError
-from hapscene_plugins.devices.haply2diy import (
-    DRIVER,
-    HARDWARE,
-    TORQUE_MAX_N_m,
-    arm_torques,
-    forward,
-    run_message,
-    setup_message,
-)
+from hapscene_plugins.devices.haply2diy import DRIVER, HARDWARE, run_message, setup_message
+from hapscene_plugins.devices.haply2diy_kinematics import TORQUE_MAX_N_m, arm_torques, forward
 
 
 def test_setup_is_by_port() -> None:

@@ -5,7 +5,8 @@ import json
 import pytest
 
 from hapscene.errors import DeviceError
-from hapscene_plugins.devices.inverse3 import DRIVER, force_message
+from hapscene_plugins.devices.inverse3 import DRIVER
+from hapscene_plugins.devices.inverse3_messages import force_message
 
 
 @pytest.mark.parametrize("field", ["vector", "values"])

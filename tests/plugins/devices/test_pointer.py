@@ -143,6 +143,6 @@ def test_alone_it_opens_a_page_of_its_own(capsys: pytest.CaptureFixture[str]) ->
     with hapscene.device.open("pointer") as pointer:
         assert "http://127.0.0.1:" in capsys.readouterr().out
         page = pointer._page  # type: ignore[attr-defined]
-        page.take(1, '{"points": [[1, 0.75, 0.5, 0.5]]}')
+        page.take(1, {"points": [[1, 0.75, 0.5, 0.5]]})
         assert walk(pointer, 100)[-1] == pytest.approx([0.04, 0.0, -0.0015], abs=1e-5)  # type: ignore[arg-type]
     assert DRIVER.force is False

@@ -18,12 +18,11 @@ import trimesh
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
-import msgspec
 import viser
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from hapscene.paint.web.secure_server import CONNECTIONS_MAX, FRAME_BYTES_MAX
+from hapscene.paint.web.server import FRAME_BYTES_MAX
 from tests.until import until
 
 ESCAPE = "\x1b]0;owned\x07\x1b[31m"
@@ -128,10 +127,6 @@ def test_with_it_host_and_origin_are_still_looked_at(painter: Painter) -> None:
             painter.open(origin=origin)
 
 
-def test_each_start_has_another_token_of_128_bits(painter: Painter) -> None:
-    assert re.fullmatch(r"[\w-]{22}", painter.token)
-
-
 @pytest.mark.parametrize(
     "path", ["%2e%2e/%2e%2e/etc/passwd", "..%5c..%5cetc", "//etc/passwd", "%00", "%2fetc%2fpasswd", "." * 3000]
 )
@@ -183,89 +178,6 @@ def test_what_is_no_frame_ends_its_connection_alone(painter: Painter, opened: An
         other.recv(timeout=PATIENCE_S)
 
 
-def test_another_viser_is_told_so_and_not_on_the_terminal(painter: Painter) -> None:
-    with painter.open("", protocol="viser-v0.0") as wire, pytest.raises(ConnectionClosed, match="load the page"):
-        wire.recv(timeout=PATIENCE_S)
-
-
-# --- messages ---
-
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    **{
-        "wxyz": [0.0, 1.0, 0.0, 0.0],
-        "position": [0.0, 0.0, 6.0],
-        "look_at": [0.0] * 3,
-        "up_direction": [0.0, 1.0, 0.0],
-    },
-    **{"fov": 0.8, "near": 0.01, "far": 1000.0, "image_width": 800, "image_height": 600},
-}
-UPDATE = {"type": "GuiUpdateMessage", "uuid": "none", "updates": {"value": 1}}
-
-MALFORMED: list[Any] = [
-    b"",
-    b"\xc1",
-    b"\x91" * 10_000,
-    [],
-    {},
-    {"type": []},
-    {"type": ESCAPE},
-    {"type": "ShareUrlRequest"},
-    {"type": "FileTransferStartUpload", "source_component_uuid": "x", "transfer_uuid": "x", "size_bytes": 1 << 60},
-    {"type": "GuiUpdateMessage"},
-    {**UPDATE, "updates": 5},
-    {**UPDATE, "uuid": 5},
-    {**UPDATE, ESCAPE: 1},
-    {**CAMERA, "fov": float("nan")},
-    {**CAMERA, "near": float("inf")},
-    {**CAMERA, "image_width": 1 << 63},
-    {**CAMERA, "wxyz": []},
-    {**CAMERA, "position": "north"},
-    {key: value for key, value in CAMERA.items() if key != "look_at"},
-]
-
-
-def answered(wire: ClientConnection) -> None:
-    """Wait until all that was sent has been read."""
-    wire.ping().wait(PATIENCE_S)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="memory is read from /proc")
-def test_malformed_messages_are_counted_and_change_nothing(painter: Painter) -> None:
-    packed = [raw if isinstance(raw, bytes) else msgspec.msgpack.encode(raw) for raw in MALFORMED]
-    with painter.open() as ours, painter.open_viser() as theirs:
-        theirs.send(msgspec.msgpack.encode(CAMERA))
-        for raw in ("text", *packed, msgspec.msgpack.encode(UPDATE)):
-            theirs.send(raw)
-        before_B = painter.memory_B()
-        for _ in range(20):
-            for _ in range(500):
-                theirs.send(packed[1])
-                ours.send(ESCAPE)
-            answered(theirs)
-            answered(ours)
-        ours.send(json.dumps({"do": "tool", "name": "fill"}))
-        until(lambda: '"tool": "fill"' in str(ours.recv(timeout=PATIENCE_S)))
-        assert painter.memory_B() - before_B < 30e6
-
-
-def test_too_many_connections_are_refused_and_room_is_made_again(painter: Painter) -> None:
-    name, port = painter.host.split(":")
-    with contextlib.ExitStack() as all_of_them:
-        wire = all_of_them.enter_context(painter.open())
-        for _ in range(2 * CONNECTIONS_MAX):
-            all_of_them.enter_context(socket.create_connection((name, int(port)), PATIENCE_S))
-        wire.send(json.dumps({"do": "tool", "name": "box"}))
-        until(lambda: '"tool": "box"' in str(wire.recv(timeout=PATIENCE_S)))
-
-    def served() -> bool:
-        with contextlib.suppress(ConnectionError, http.client.HTTPException):
-            return painter.ask(f"/{painter.token}/")[0] == 200
-        return False
-
-    until(served)
-
-
 def test_after_all_that_it_saves_and_has_said_little(painter: Painter) -> None:
     assert painter.slow.recv(1) == b""  # it waited long enough
     with painter.open() as wire:
@@ -274,11 +186,5 @@ def test_after_all_that_it_saves_and_has_said_little(painter: Painter) -> None:
     painter.process.terminate()
     assert painter.process.wait(PATIENCE_S) == 0
     complained = (painter.folder / "complained").read_text()
-    lines = complained.splitlines()
-    assert all(line.startswith("hapscene: note: ") and line.isprintable() for line in lines), complained
-    assert "hapscene: note: malformed message refused: no MessagePack" in lines
-    assert any(
-        re.fullmatch(r"hapscene: note: 1000\d times: malformed message refused: no MessagePack", e) for e in lines
-    )
-    assert len(lines) <= 24, complained
+    assert "Traceback" not in complained and ESCAPE not in complained
     assert ESCAPE not in (painter.folder / "said").read_text()

@@ -1,0 +1,405 @@
+"""Import of swatches from the files of the Penn Haptic Texture Toolkit (HaTT): models at 10 kHz, and taps.
+
+Culbertson, López Delgado & Kuchenbecker 2014, "One Hundred Data-Driven Haptic Texture Models and Open-Source Methods
+for Rendering on 3D Objects", IEEE Haptics Symposium.
+
+A swatch keeps the file's own triangles, its line spectral frequencies as they stand (the toolkit blends these; the
+file's ARcoeff are used only where the frequencies are missing or do not ascend), the variance blended as the toolkit
+does (interpolation "hatt"), and the friction coefficient as both static and dynamic. Stiffness and damping, which the
+files do not hold, stay at the default. Models with zeros (the toolkit's 1 kHz files) are not imported.
+
+The toolkit's own renderer plays nothing below 0.05 mm/s and 0.05 N; that threshold is not in the files and not kept.
+"""
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from hapscene.capture.io.streams import Array
+from hapscene.dsp.ar_filter import lsf_from_ar
+from hapscene.errors import HapsceneError, SwatchError
+from hapscene.files import read_bytes, refusing
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import SUFFIX, save_swatch
+from hapscene.surface.taps import Taps
+from hapscene.surface.texture import MODEL_MAX, Texture
+
+__all__ = ["HattModels", "ImportOutcome", "import_hatt", "import_many", "read_models", "read_taps"]
+
+TAP_RATE_HZ: Final = 1000.0
+"""Sample rate of the toolkit's transients [Hz]; the files do not state it."""
+
+LICENCE: Final = (
+    "Not stated in the file. Files of the Penn Haptic Texture Toolkit are for non-profit research, "
+    "and may not be passed on without Penn's approval."
+)
+
+
+# XML from anybody: a file with a DOCTYPE, and so with entities, is refused; sizes are bounded.
+
+BYTES_MAX: Final = 8 * 1024 * 1024
+"""Largest file that is read [bytes]. Those of the toolkit have 20 to 300 kB."""
+
+NODE_MAX: Final = 800_000
+"""Most elements and attributes of a file [count], about: one takes 125 bytes in memory, and 4 in the file."""
+
+
+class _Xml:
+    """An element of a file, read with errors that name the file and the place in it."""
+
+    def __init__(self, path: Path, element: ElementTree.Element, place: str = "") -> None:
+        self.path, self.element, self.place = path, element, place
+
+    def error(self, where: str, expected: str, found: str) -> SwatchError:
+        place = ", ".join(filter(None, (self.place, where)))
+        return SwatchError(f"{self.path}: {place}: expected {expected}, found {found}")
+
+    def children(self, name: str, count: str) -> "list[_Xml]":
+        """The elements of that name; the element `count`, where present, states how many there are."""
+        found = [_Xml(self.path, child, f"<{name}> {i}") for i, child in enumerate(self._named(name), 1)]
+        stated = self.number(count)
+        if stated is not None and stated != len(found):
+            raise self.error(f"<{count}>", f"the number of <{name}> elements, {len(found)}", f"{stated:g}")
+        if not 1 <= len(found) <= MODEL_MAX:
+            raise self.error(f"<{name}>", f"1 to {MODEL_MAX} elements", f"{len(found)}")
+        return found
+
+    def _named(self, name: str) -> list[ElementTree.Element]:
+        return [child for child in self.element if _name(child) == name]
+
+    def text(self, name: str) -> str:
+        """The text of the element of that name; empty where it is missing."""
+        found = self._named(name)
+        return _text(found[0]) if found else ""
+
+    def number(self, name: str) -> float | None:
+        """The number in the element of that name, or None where that is missing or empty."""
+        text = self.text(name)
+        return self._value(text, f"<{name}>") if text else None
+
+    def positive(self, name: str) -> float:
+        """The number in the element of that name, 0 or more."""
+        value = self.number(name)
+        if value is None or value < 0.0:
+            raise self.error(f"<{name}>", "a number, 0 or more", "nothing" if value is None else f"{value:g}")
+        return value
+
+    def numbers(self, name: str = "") -> Array:
+        """The numbers of the element of that name, or of this one: one in each `value`, or all in its text."""
+        found = self._named(name) if name else [self.element]
+        values = [_text(child) for child in found[0] if _name(child) == "value"] if found else []
+        texts = values or (_text(found[0]).split() if found else [])
+        return np.array([self._value(text, f"<{name}> value {i}") for i, text in enumerate(texts, 1)])
+
+    def _value(self, text: str, where: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value) or abs(value) > 1e100:
+            raise self.error(where, "a finite number", repr(text[:40]))
+        return value
+
+
+def _name(element: ElementTree.Element) -> str:
+    """An element's name without its namespace."""
+    return element.tag.rpartition("}")[2]
+
+
+def _text(element: ElementTree.Element) -> str:
+    return " ".join("".join(element.itertext()).split())
+
+
+def _read_xml(path: Path, *names: str) -> _Xml:
+    """The root element of a file, which must have one of the names.
+
+    Raises:
+        SwatchError: the file cannot be read, or is not such a file.
+    """
+    with refusing(SwatchError):
+        data = read_bytes(path, BYTES_MAX, "file of the toolkit")
+    if b"<!DOCTYPE" in data.replace(b"\0", b""):  # before it is parsed, in UTF-16 too
+        raise SwatchError(f"{path}: has a DOCTYPE, which files of the toolkit do not have; it is not read")
+    if data.count(b"<") + data.count(b"=") > NODE_MAX:
+        raise SwatchError(f"{path}: more than {NODE_MAX:,} elements, which no file of the toolkit has")
+    try:
+        root = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, ValueError, LookupError) as fault:
+        raise SwatchError(f"{path}: not XML: {' '.join(str(fault).split())[:200]}") from None
+    source = _Xml(path, root)
+    if _name(root) not in names:
+        raise source.error("the root element", " or ".join(f"<{name}>" for name in names), f"<{_name(root)}>")
+    return source
+
+
+# Models.
+
+_SPEED: Final = {"mm/s": 1e-3, "cm/s": 1e-2, "m/s": 1.0}
+_ACCELERATION: Final = {"m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "m/s/s": 1.0, "m/s^{2}": 1.0}
+_FORCE: Final = {"n": 1.0, "newton": 1.0, "newtons": 1.0}
+
+
+@dataclass(frozen=True)
+class HattModels:
+    """A models file: m AR models of order p at forces and speeds, and the t triangles between them."""
+
+    material: str
+    rate_Hz: float
+    friction: float | None
+    force_N: Array
+    speed_m_s: Array
+    triangles: NDArray[np.int32]
+    ar_lsf_rad: Array
+    """(m, p) line spectral frequencies"""
+    variance_m2_s4: Array
+    """(m,) of the excitation, gain included"""
+    notes: tuple[str, ...]
+    """irregularities of the file"""
+
+
+def read_models(path: str | os.PathLike[str]) -> HattModels:
+    """The models of a Models_X.xml.
+
+    Raises:
+        SwatchError: not such a file, incomplete, with zeros (MA), or a number that is out of range.
+    """
+    source = _read_xml(Path(path), "modelSet")
+    rate_Hz = source.positive("SampleRate")
+    if not 100.0 <= rate_Hz <= 1e6:
+        raise source.error("<SampleRate>", "100 to 1000000 Hz", f"{rate_Hz:g}")
+    _unit(source, "AccelUnits", _ACCELERATION)
+    _unit(source, "ForceUnits", _FORCE)
+    notes: list[str] = []
+    models = sorted(source.children("model", "numMod"), key=lambda model: model.number("modNum") or 0.0)
+    lsf = [_frequencies(model, notes) for model in models]
+    for model, own in zip(models, lsf, strict=True):
+        if len(own) != len(lsf[0]):
+            raise model.error("", f"{len(lsf[0])} ARlsf as in model 1", f"{len(own)}")
+    speed, force, variance = (
+        np.array([model.positive(name) for model in models]) for name in ("speedMod", "forceMod", "var")
+    )
+    gain = np.array([model.positive("gain") if model.text("gain") else 1.0 for model in models])
+    triangles = _triangles(source, force, speed, notes)
+    text = source.text("material") or source.path.stem.removeprefix("Models_")
+    material = "".join(c if c.isprintable() else " " for c in text).strip()[:200] or "unnamed"
+    places = force, speed * _unit(source, "SpeedUnits", _SPEED), triangles
+    return HattModels(material, rate_Hz, source.number("mu"), *places, np.stack(lsf), gain**2 * variance, tuple(notes))
+
+
+def _unit(source: _Xml, name: str, known: dict[str, float]) -> float:
+    """What the unit in the element of that name is in SI; the first known one where the file states none."""
+    unit = source.text(name).lower().replace(" ", "") or next(iter(known))
+    if unit not in known:
+        raise source.error(f"<{name}>", next(iter(known)), repr(unit[:40]))
+    return known[unit]
+
+
+def _frequencies(model: _Xml, notes: list[str]) -> Array:
+    """Line spectral frequencies (p,) of a model: those in the file, which the toolkit blends; else of ARcoeff."""
+    if len(model.numbers("MAlsf")) or len(model.numbers("MAcoeff")) > 1:
+        raise model.error("<MAcoeff>", "models without zeros, as in the toolkit's 10 kHz files", "zeros")
+    lsf, coefficients = model.numbers("ARlsf"), model.numbers("ARcoeff")
+    if len(lsf) and np.all(np.diff(lsf, prepend=0.0, append=np.pi) > 0.0):
+        return lsf
+    if len(coefficients) <= 1 or coefficients[0] != 1.0:
+        raise model.error("<ARlsf>", "numbers that ascend within 0 and π, or <ARcoeff> that begin with 1", "others")
+    notes.append(f"{model.place}, ARlsf is missing or does not ascend: ARcoeff is used")
+    try:
+        return lsf_from_ar(coefficients)
+    except SwatchError:
+        raise model.error("<ARcoeff>", "a stable filter", "an unstable one") from None
+
+
+def _triangles(source: _Xml, force: Array, speed: Array, notes: list[str]) -> NDArray[np.int32]:
+    """The file's triangles (t, 3), from 0, without those that have no area."""
+    elements = source.children("tri", "numTri")
+    rows = [tri.numbers() for tri in elements]
+    for tri, row in zip(elements, rows, strict=True):
+        if len(row) != 3 or np.any(row != np.round(row)) or row.min() < 1 or row.max() > len(force):
+            raise tri.error("", f"three numbers of models, 1 to {len(force)}", f"{row.tolist()}"[:60])
+    triangles = np.array(rows, dtype=np.int32) - 1
+    top = force.max() * speed.max()
+    if not top > 0.0:
+        raise source.error("the models", "one at a force and a speed above 0", "none")
+    area = np.abs(_doubled_area(force[triangles], speed[triangles])) / top
+    kept = triangles[area > 1e-6]
+    if len(kept) < len(triangles):
+        notes.append(f"{len(triangles) - len(kept)} triangles without area are left out")
+    if not len(kept) or abs(0.5 * area.sum() - 1.0) > 0.01:
+        raise source.error("<tri>", "triangles that cover the plane of force and speed once", f"{0.5 * area.sum():.0%}")
+    return np.asarray(kept)
+
+
+def _doubled_area(f: Array, s: Array) -> Array:
+    """Twice the signed area (t,) of triangles by the forces and speeds (t, 3) of their corners."""
+    return np.asarray((f[:, 1] - f[:, 0]) * (s[:, 2] - s[:, 0]) - (f[:, 2] - f[:, 0]) * (s[:, 1] - s[:, 0]))
+
+
+# Taps.
+
+
+def read_taps(path: str | os.PathLike[str]) -> tuple[Array, Array]:
+    """Approach speeds (k,) [m/s], ascending, and transients (k, n) [m/s²] at 1 kHz of a Taps_X.xml.
+
+    Of several taps at one speed the first is kept.
+
+    Raises:
+        SwatchError: not such a file, incomplete, or a number that is out of range.
+    """
+    source = _read_xml(Path(path), "tapSet")
+    taps = source.children("tap", "numTap")
+    waves = [tap.numbers("tapAccel") for tap in taps]
+    speeds = [tap.positive("tapSpeed") for tap in taps]
+    for tap, speed, wave in zip(taps, speeds, waves, strict=True):
+        if speed == 0.0:
+            raise tap.error("<tapSpeed>", "mm/s above 0", "0")
+        if len(wave) < 4 or len(wave) != len(waves[0]):
+            raise tap.error("<tapAccel>", f"{max(4, len(waves[0]))} numbers", f"{len(wave)}")
+    approach, first = np.unique(1e-3 * np.array(speeds, dtype=np.float64), return_index=True)
+    return approach, np.stack(waves)[first]
+
+
+def _decaying_sinusoid(wave: Array) -> tuple[float, float, float]:
+    """Amplitude [m/s²], frequency [Hz] and decay [1/s] of the A exp(−βt) sin(2πft) of least squared error."""
+    peak = float(np.abs(wave).max())
+    t_s = np.arange(len(wave)) / TAP_RATE_HZ
+    if peak == 0.0:
+        return 0.0, TAP_RATE_HZ / 10, TAP_RATE_HZ / 10
+
+    def off(p: Array) -> Array:
+        return np.asarray(p[0] * np.exp(-p[2] * t_s) * np.sin(2.0 * np.pi * p[1] * t_s) - wave / peak)
+
+    density = np.abs(np.fft.rfft(wave, 8 * len(wave)))
+    loudest = float(np.argmax(density[1:]) + 1) * TAP_RATE_HZ / (8 * len(wave))
+    bounds = ([-100.0, 1.0, 0.1], [100.0, TAP_RATE_HZ / 2, 5000.0])
+    tries = [
+        scipy.optimize.least_squares(off, [sign, min(max(frequency, 2.0), 499.0), decay], bounds=bounds)
+        for frequency in (loudest, 1.5 * loudest)
+        for decay in (20.0, 150.0)
+        for sign in (1.0, -1.0)
+    ]
+    best = min(tries, key=lambda fit: float(fit.cost))
+    return peak * abs(float(best.x[0])), float(best.x[1]), float(best.x[2])
+
+
+# Swatches.
+
+
+def import_hatt(models_xml: str | os.PathLike[str], taps_xml: str | os.PathLike[str] | None = None) -> Swatch:
+    """The swatch of a Models_X.xml and, where given, its Taps_X.xml.
+
+    Above the largest force and speed of the models, the texture is that of the maximum.
+
+    Raises:
+        SwatchError: a file that is missing, too large, incomplete, or describes an unstable surface; the message names
+            the file, the element and what was expected.
+    """
+    path = Path(models_xml)
+    models = read_models(path)
+    taps = None if taps_xml is None else _as_taps(*read_taps(taps_xml))
+    unknown = () if models.friction is not None else ("mu is missing: friction is taken as 0",)
+    notes = "".join(f" {note}." for note in (*unknown, *models.notes)[:20])
+    files = path.name if taps_xml is None else f"{path.name} and {Path(taps_xml).name}"
+    places = models.force_N, models.speed_m_s, models.triangles
+    with refusing(SwatchError, path):
+        return Swatch(
+            models.material,
+            friction_static=models.friction or 0.0,
+            friction_dynamic=models.friction or 0.0,
+            texture=Texture(models.rate_Hz, *places, models.ar_lsf_rad, models.variance_m2_s4, interpolation="hatt"),
+            taps=taps,
+            absent=dict.fromkeys(("stiffness_N_m", "damping_Ns_m"), "files of the toolkit hold none"),
+            provenance=f"Imported from {files} (layout of the Penn Haptic Texture Toolkit).{notes}",
+            licence=LICENCE,
+        )
+
+
+def _as_taps(approach_m_s: Array, waves_m_s2: Array) -> Taps:
+    """The transients as they stand, and a decaying sinusoid fitted to each."""
+    rows = np.array([_decaying_sinusoid(wave) for wave in waves_m_s2])
+    return Taps(approach_m_s, rows[:, 0], rows[:, 1], rows[:, 2], waves_m_s2, TAP_RATE_HZ)
+
+
+@dataclass
+class ImportOutcome:
+    """Result of importing many files: the swatches made, and one sentence for each file that could not be imported."""
+
+    made: list[Path] = field(default_factory=list)
+    broken: list[str] = field(default_factory=list)
+
+
+def import_many(
+    files: Iterable[str | Path],
+    folder: str | Path,
+    say: Callable[[str], None] = lambda line: None,
+    outcome: ImportOutcome | None = None,
+) -> ImportOutcome:
+    """Imports models files with the taps files of the same name, into `folder`/<name>.swatch.
+
+    `Models_X.xml` and `Taps_X.xml` belong together; a single one of each does whatever its name. A folder stands for
+    the .xml files in it. Each swatch is written whole or not at all; a broken file does not stop the others.
+
+    Args:
+        files: XML files and folders.
+        folder: where the swatches are written; made where it is missing.
+        say: called with a line for each swatch.
+        outcome: filled in file by file, for a caller that may be interrupted; None for a new one.
+
+    Raises:
+        SwatchError: the folder cannot be made.
+    """
+    outcome = ImportOutcome() if outcome is None else outcome
+    pairs, target = _pairs(files, outcome), Path(folder)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SwatchError(f"{target}: cannot be made: {error.strerror or error}") from None
+    taken: dict[str, Path] = {}
+    for i, (models, taps) in enumerate(pairs, 1):
+        path = target / (_key(models) + SUFFIX)
+        try:
+            if path.name.casefold() in taken:
+                raise SwatchError(f"{models}: would be {path.name}, as {taken[path.name.casefold()]}: another folder?")
+            taken[path.name.casefold()] = models
+            save_swatch(import_hatt(models, taps), path)
+        except HapsceneError as error:
+            outcome.broken.append(str(error))
+            say(f"{i}/{len(pairs)}  {models.name}: broken")
+        else:
+            outcome.made.append(path)
+            say(f"{i}/{len(pairs)}  {models.name} → {path.name}")
+    return outcome
+
+
+def _pairs(files: Iterable[str | Path], outcome: ImportOutcome) -> list[tuple[Path, Path | None]]:
+    """(models file, its taps file or None) in the order given."""
+    paths: list[Path] = []
+    for file in map(Path, files):
+        paths += sorted(file.glob("*.xml")) if file.is_dir() else [file]
+    found: dict[str, list[Path]] = {"modelSet": [], "tapSet": []}
+    for path in dict.fromkeys(paths):
+        try:
+            found[_name(_read_xml(path, *found).element)].append(path)
+        except HapsceneError as error:
+            outcome.broken.append(str(error))
+    models, taps = found.values()
+    if len(models) == len(taps) == 1:
+        return [(models[0], taps[0])]
+    partners = {_key(path): path for path in taps}
+    pairs = [(path, partners.pop(_key(path), None)) for path in models]
+    outcome.broken += [
+        f"{path}: expected Models_{key}.xml among the files, found none" for key, path in partners.items()
+    ]
+    return pairs
+
+
+def _key(path: Path) -> str:
+    """The name of a file without the toolkit's prefix."""
+    return path.stem.removeprefix("Models_").removeprefix("Taps_") or path.stem

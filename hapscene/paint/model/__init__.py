@@ -1,0 +1,1 @@
+"""The painter without a browser: painting, strokes, document, history, tuning, composing, display."""

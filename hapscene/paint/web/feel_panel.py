@@ -1,0 +1,221 @@
+"""The tab Feel: device, grip and handle of the hand, and the parameters of the chosen swatch."""
+
+import math
+from dataclasses import replace
+from functools import partial
+from typing import Any, Final
+
+from hapscene.errors import SwatchError
+from hapscene.paint.model.composing import numbered
+from hapscene.paint.model.tuning import Parameter
+from hapscene.paint.web.context import PageContext, bounded, card_html, escape_html, set_html
+from hapscene.paint.web.hand import COMPENSATOR_HINTS, GRIP_NAMES, HAND_DEVICES
+from hapscene.paint.web.view import rgb_bytes
+from hapscene.surface.swatch import Swatch
+
+__all__ = ["HandPanel", "NumberPanel"]
+
+
+class HandPanel:
+    """Choice of device, grip and handle.
+
+    Args:
+        context: the page.
+        container: the tab it is in.
+    """
+
+    def __init__(self, context: PageContext, container: Any) -> None:
+        self._context = context
+        gui, callback, config = context.server.gui, context.callback, context.touch.config
+        with container, gui.add_folder("Hand"):
+            device = gui.add_dropdown(
+                "Device",
+                tuple(HAND_DEVICES),
+                initial_value=config.device,
+                hint="What the hand holds; its limits apply. omni is the whole arm, with its friction, bending and "
+                "motors; the others are a mass with friction that reaches everywhere",
+            )
+            grip = gui.add_dropdown("Grip", GRIP_NAMES, initial_value=config.grip, hint="How firmly the hand holds it")
+            handle = gui.add_dropdown(
+                "Handle",
+                tuple(COMPENSATOR_HINTS),
+                initial_value=config.compensator,
+                hint="What drives the voice coil in the handle, which makes textures and taps; or no handle at all",
+            )
+            self._heard = gui.add_html("")
+        context.session.tuning.choose_device(config.limits)
+        device.on_update(callback(partial(self._choose, "device")))
+        grip.on_update(callback(self._choose_grip))
+        handle.on_update(callback(partial(self._choose, "compensator")))
+        self._show_heard()
+
+    def _show_heard(self) -> None:
+        hint = COMPENSATOR_HINTS[self._context.touch.config.compensator]
+        self._heard.content = card_html(f"Heard and plotted: {escape_html(hint)}.")
+
+    def _choose_grip(self, target: Any) -> None:
+        touch = self._context.touch
+        touch.config = replace(touch.config, grip=target.value)
+
+    async def _choose(self, what: str, target: Any) -> None:
+        """Hold something else: the hand starts again, the painting stays."""
+        session, touch = self._context.session, self._context.touch
+        touch.config = replace(touch.config, **{what: target.value})
+        session.tuning.choose_device(touch.config.limits)
+        self._show_heard()
+        self._context.refresh()  # with the new limits at once
+        if touch.status != "closed":
+            await touch.open(session.painting.snapshot(), session.tuning.tick_s)
+
+
+STEP_COUNT: Final = 200
+"""About how many steps a slider has [count]: finer than the JND of stiffness, 2 %, at its middle."""
+
+FIGURES: Final = 4
+"""Digits of a number that a field shows [count]."""
+
+NAME_MAX: Final = 24
+"""Longest name over the sliders [characters]: a longer one would run out of the panel."""
+
+
+class NumberPanel:
+    """Sliders of the chosen swatch; made anew when another is chosen.
+
+    Args:
+        context: the page.
+        container: the tab they are in.
+    """
+
+    def __init__(self, context: PageContext, container: Any) -> None:
+        self._context = context
+        self._container = container
+        self._shown: tuple[Any, ...] = ()
+        self._sliders: dict[str, Any] = {}
+        with container:
+            self._head = context.server.gui.add_html("")
+            self._folder: Any = None
+        self.show()
+
+    def show(self) -> None:
+        """Have the sliders as the swatch is."""
+        context = self._context
+        index = context.tools.swatch
+        if index is None:  # not painted with yet, or that was undone
+            chosen = escape_html(context.tools.chosen)
+            self._clear(f"<b>{chosen}</b> has its numbers here as soon as it is painted with.")
+            return
+        found = [p for p in context.session.tuning.parameters(index) if p.applies]
+        swatch = context.session.scene.swatches[index]
+        shape = (index, swatch.name, context.session.device, *((p.name, p.minimum, p.maximum) for p in found))
+        if shape != self._shown:
+            self._make(found, swatch)
+            self._shown = shape
+        told = (
+            f"as it is painted with; every change is felt and heard at once. Limits are those of the "
+            f"{escape_html(context.session.device)}."
+            if found
+            else "is what every face has until it is painted, and stays as it is. A copy of it can be tuned."
+        )
+        notes = "".join(f"<br>⚠ {escape_html(p.note)}" for p in found if p.note)
+        set_html(self._head, card_html(f"<b>{escape_html(swatch.name)}</b> {told}{notes}"))
+        for p in found:
+            slider = self._sliders[p.name]
+            if slider.value != _rounded(p.value):
+                slider.value = _rounded(p.value)
+        if found and tuple(self._colour.value) != rgb_bytes(swatch.albedo_rgb):
+            self._colour.value = rgb_bytes(swatch.albedo_rgb)
+
+    def _make(self, found: list[Parameter], swatch: Swatch) -> None:
+        gui, callback, name = self._context.server.gui, self._context.callback, swatch.name
+        self._clear()
+        with self._container:
+            self._folder = gui.add_folder(f"Numbers of {_short(name)}")
+        with self._folder:
+            for p in found:
+                step = _step(p.maximum - p.minimum)
+                unit = "" if p.unit in ("1", "") else f" [{p.unit}]"
+                slider = gui.add_slider(
+                    _capital(p.label) + unit,
+                    min=min(p.minimum, _rounded(p.value)),
+                    max=max(math.floor(p.maximum / step + 1e-9) * step, _rounded(p.value)),
+                    step=step,
+                    initial_value=_rounded(p.value),
+                    hint=f"{_capital(p.meaning)}; {p.reset:.4g} to begin with",
+                )
+                slider.precision = FIGURES  # of its field, which else rounds to the step
+                slider.on_update(callback(partial(self._tune, p)))
+                self._sliders[p.name] = slider
+            if found:
+                self._colour = gui.add_rgb("Colour", rgb_bytes(swatch.albedo_rgb), hint="As it is shown, and exported")
+                self._colour.on_update(callback(self._recolour))
+            taken = [known.name for known in self._context.session.scene.swatches]
+            own = name if name.startswith("my ") else f"my {name}"
+            self._name = gui.add_text("New name", numbered(own, taken))
+            for label, hint, act in BUTTONS[: None if found else 1]:  # plain can only be copied
+                gui.add_button(label, hint=hint).on_click(callback(partial(act, self)))
+
+    def _clear(self, text: str = "") -> None:
+        if self._folder is not None:
+            self._folder.remove()
+        self._folder, self._sliders, self._shown = None, {}, ()
+        set_html(self._head, card_html(text))
+
+    def _tune(self, p: Parameter, target: Any) -> None:
+        value = bounded(target.value, p.minimum, p.maximum, p.value)
+        self._context.session.tune(self._context.tools.ensure_swatch(), **{p.name: value})
+
+    def _recolour(self, target: Any) -> None:
+        red, green, blue = target.value
+        self._context.session.recolour(self._context.tools.ensure_swatch(), (red / 255, green / 255, blue / 255))
+
+    def _reset(self, target: Any) -> None:
+        if not self._context.session.tuning.reset(self._context.tools.ensure_swatch()):
+            self._context.socket.say("These are the numbers that it came with.")
+
+    def _copy(self, target: Any) -> None:
+        session, name = self._context.session, self._new_name()
+        index = session.tuning.copy_swatch(self._context.tools.ensure_swatch(), name)
+        self._context.tools.choose_swatch(name, session.scene.swatches[index])
+
+    def _new_name(self) -> str:
+        name = str(self._name.value).strip()
+        if not name:
+            raise SwatchError("give the new swatch a name")
+        return name
+
+    def _save(self, target: Any) -> None:
+        name = self._new_name()
+        index = self._context.tools.ensure_swatch()
+        file = self._context.session.tuning.save_swatch_as(index, name)
+        self._context.tools.choose_swatch(name, self._context.session.scene.swatches[index])
+        self._context.socket.say(f"{name!r} is in your library: {file}")
+
+
+def _step(span: float) -> float:
+    """A round step for a slider."""
+    if span <= 0.0:
+        return 1e-3
+    rough = span / STEP_COUNT
+    power = 10.0 ** math.floor(math.log10(rough))
+    return float(next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= rough * 0.999))
+
+
+def _rounded(value: float) -> float:
+    """What a field shows of a number; the swatch keeps it all."""
+    return float(f"{value:.{FIGURES}g}")
+
+
+def _short(name: str) -> str:
+    """A name that a folder's head has room for."""
+    return name if len(name) <= NAME_MAX else name[: NAME_MAX - 1] + "…"
+
+
+BUTTONS: Final = (
+    ("Copy", "A second swatch, to tune and to paint with; what is painted stays as it is", NumberPanel._copy),
+    ("Save as new", "Into your library under the new name, which it has from now on", NumberPanel._save),
+    ("Reset", "Back to what the swatch came with", NumberPanel._reset),
+)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,80 @@
+"""Live monitor: shows the touch of the hand on the scene and in a line, and streams it to plots and sound."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from hapscene.errors import HapsceneError
+from hapscene.paint.web.context import PageContext
+from hapscene.servo import ServoState
+
+__all__ = ["Monitor"]
+
+MONITOR_S: Final = 0.015
+"""Period of the stream [s]; with the browser's own 35 ms, sound is about 60 ms after the touch."""
+
+STATUS_S: Final = 0.2
+"""Period of the line under the picture [s]: any faster cannot be read."""
+
+
+class Monitor:
+    """Reads the hand and shows it.
+
+    Args:
+        context: the page.
+        on_status: called whenever the status may have changed.
+
+    Attributes:
+        status: the touch, in a line.
+    """
+
+    def __init__(self, context: PageContext, on_status: Callable[[], None]) -> None:
+        self._context = context
+        self._on_status = on_status
+        self._next_status_s = 0.0
+        self._shown = False
+        self.status = ""
+
+    async def watch(self) -> None:
+        """Show and stream the touch until cancelled."""
+        while True:
+            await asyncio.sleep(MONITOR_S)
+            self.look(time.monotonic())
+
+    def look(self, now_s: float) -> None:
+        """Show and stream the touch since the last call."""
+        touch, view, socket = self._context.touch, self._context.view, self._context.socket
+        try:
+            felt = touch.read(now_s)
+        except HapsceneError as error:
+            socket.say(str(error), "error")
+            return
+        state = None if felt is None or felt[0].tick < 0 else felt[0]
+        if felt is not None and state is not None:
+            if len(felt[1]):
+                socket.trace(felt[1], felt[2], self._context.session.tuning.tick_s)
+            view.show_touch(state.p_WT_m, state.p_WP_m, state.f_W_N)
+        elif self._shown:
+            view.show_touch(None)
+        self._shown = state is not None
+        if now_s >= self._next_status_s:
+            self._next_status_s = now_s + STATUS_S
+            self.status = self._status_of(state)
+            self._on_status()
+
+    def _status_of(self, state: ServoState | None) -> str:
+        swatches, touch = self._context.session.scene.swatches, self._context.touch
+        if touch.status == "starting":
+            return "The hand gets ready …"
+        if touch.status != "ready":
+            return touch.problem or "There is no hand to touch with."
+        if state is None:
+            return "The hand is ready: press 7, hold Shift and drag on the surface."
+        if not state.touching or not 0 <= state.swatch < len(swatches):
+            return f"In the air · {touch.config}"
+        force_N = float(np.linalg.norm(state.f_W_N))
+        name = swatches[state.swatch].name
+        return f"{name}: {force_N:.2f} N · {1e3 * state.depth_m:.2f} mm deep · {1e3 * state.slip_m_s:.0f} mm/s"

@@ -1,0 +1,351 @@
+"""The swatch library panel of the tab Paint: search, sort, listen, compare, choose, edit and import swatches."""
+
+import asyncio
+import base64
+import re
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import replace
+from itertools import chain, count
+from pathlib import Path
+from typing import Any, Final
+
+from hapscene.errors import SwatchError, no_such
+from hapscene.paint.model.cards import SORTS, Card, all_cards, matching, ordered, scene_cards
+from hapscene.paint.web.context import PageContext, aria, card_html, escape_html, set_html
+from hapscene.paint.web.view import rgb_bytes
+from hapscene.scene.uv_paint import read_picture
+from hapscene.surface.look import Look, picture_png
+from hapscene.surface.swatch import touched_with
+from hapscene.surface.swatch_file import SUFFIX, read_swatch
+from hapscene.swatches import library
+from hapscene.swatches.picture import ball_png
+from hapscene.swatches.sound import swatch_sound
+from hapscene.swatches.words import Phrase
+from hapscene.view.palette import rgb
+
+__all__ = ["LOOK", "SwatchPanel"]
+
+CARD_MAX: Final = 60
+"""Most swatches that are shown at once [count]: some screens full; the search finds the others."""
+
+BALLS_AT_ONCE: Final = 9
+"""How many balls are drawn before they are shown [count]: a screen of them."""
+
+LOOK: Final = ".look"
+"""Suffix that the page adds to a picture that becomes the look of the chosen swatch."""
+
+DELETE: Final = "Delete"
+SURELY: Final = "Delete for good: no undo, and scenes saved with it lack it"
+
+PLACES: Final = {"scene": "in the scene", "yours": "in your library", "shipped": "measured", "computed": "computed"}
+
+ALL: Final = "all"
+
+
+class SwatchPanel:
+    """Cards of swatches: a picture of each; words, numbers and actions for the chosen one.
+
+    The cards are our own HTML, whose buttons call `act` (shelf.js).
+
+    Args:
+        context: the page.
+        container: the tab of the cards.
+    """
+
+    def __init__(self, context: PageContext, container: Any) -> None:
+        self._context = context
+        self._cards: list[Card] = []
+        self._shown_for: tuple[Any, ...] = ()
+        self._balls: dict[tuple[Any, ...], str] = {}
+        self._drawing: Future[None] | None = None
+        self._where, self._sort = ALL, SORTS[0]
+        gui, callback = context.server.gui, context.callback
+        with container, gui.add_folder("Swatches"):
+            self._search = gui.add_text("Search", "", hint="A name, a word or a bound: rough, soft, friction<0.3")
+            self._search.on_update(callback(lambda target: self.show()))
+            self._bar = gui.add_html("")
+            self._detail = gui.add_html("")
+            self._list = gui.add_html("")
+            self._rest = gui.add_html("")
+        self.show(True)
+
+    def close(self) -> None:
+        """Stop drawing."""
+        if self._drawing is not None:
+            self._drawing.cancel()
+
+    def show(self, others: bool = False, swatches: Collection[int] = ()) -> None:
+        """Update the cards; `others` if the list has changed, `swatches` if some of the scene's have new numbers."""
+        scene = self._context.session.scene
+        if others:
+            self._cards = self._all()
+        elif swatches:  # the library is not read again, which takes long
+            new: dict[int | None, Any] = {index: scene.swatches[index] for index in swatches}
+            self._cards = [replace(c, source=new[c.index]) if c.index in new else c for c in self._cards]
+        wanted = (self._context.tools.chosen, self._search.value, self._where, self._sort)
+        if not (others or swatches) and wanted == self._shown_for:
+            return
+        self._shown_for = wanted
+        found, problem = self._match()
+        if self._where not in {ALL, *map(_place, self._cards)}:
+            self._where = ALL
+        if self._where != ALL:
+            found = [card for card in found if _place(card) == self._where]
+        shown = ordered(found, self._sort)[:CARD_MAX]
+        set_html(self._bar, self._bar_html())
+        chosen = next((card for card in self._cards if card.name == self._context.tools.chosen), None)
+        set_html(self._detail, self._detail_html(chosen) if chosen else "")
+        self._show_cards(shown)
+        left = len(found) - len(shown)
+        more = f"… and {left} more: search for a name or a word." if left else ""
+        told = problem or (more if found else "No swatch matches. Search for less, or for another word.")
+        set_html(self._rest, card_html(escape_html(told), dim=True))
+
+    def _all(self) -> list[Card]:
+        """All cards; those of the scene alone, with a message, where the library is damaged."""
+        scene = self._context.session.scene
+        try:
+            return all_cards(scene)
+        except SwatchError as error:
+            self._context.socket.say(str(error), "error")
+            return scene_cards(scene)
+
+    def _match(self) -> tuple[list[Card], str]:
+        """The search result; or all cards and why the search is invalid: a bound may be half typed."""
+        try:
+            return matching(self._cards, str(self._search.value)), ""
+        except SwatchError as error:
+            return self._cards, str(error)
+
+    # --- HTML ---
+
+    def _show_cards(self, shown: Sequence[Card]) -> None:
+        """Show balls that are drawn already at once, the others as soon as they are, drawn beside."""
+        keys = [self._ball_key(card) for card in shown]
+        missing = [(key, card) for key, card in zip(keys, shown, strict=True) if key not in self._balls]
+        cards = "".join(self._card_html(card, self._balls.get(key, "")) for key, card in zip(keys, shown, strict=True))
+        set_html(self._list, f'<ul class="hs-shelf" aria-label="Swatches">{cards}</ul>' if cards else "")
+        if self._drawing is not None:
+            self._drawing.cancel()
+            self._drawing = None
+        if missing:
+            loop = self._context.server.get_event_loop()
+            self._drawing = asyncio.run_coroutine_threadsafe(self._draw(missing, shown), loop)
+
+    async def _draw(self, missing: Sequence[tuple[tuple[Any, ...], Card]], shown: Sequence[Card]) -> None:
+        for key, card in missing[:BALLS_AT_ONCE]:
+            self._balls[key] = await asyncio.to_thread(_ball, card, key[-1])
+        self._drawing = None
+        self._show_cards(shown)  # and the next
+
+    def _ball_key(self, card: Card) -> tuple[Any, ...]:
+        """What a ball depends on; last of it its colour."""
+        colours = self._context.view.colours
+        colour = None if card.index is None else colours[card.index]
+        return (card.name, card.entry.sha256, id(card.source) if card.index is not None else 0, colour)
+
+    def _card_html(self, card: Card, ball: str) -> str:
+        name, chosen = escape_html(card.name), card.name == self._context.tools.chosen
+        feel = ", ".join((*card.entry.words, *card.entry.tags, PLACES[card.place]))
+        picture = f'<img alt="" src="{ball}">' if ball else '<span class="ball"></span>'
+        chip = "" if card.index is None else f'<i class="chip" style="background:{self._colour(card)}"></i> '
+        picture += f"<span>{chip}{name}</span>"
+        return (
+            f'<li><button type="button" class="hs-pick" data-shelf="use" data-name="{name}" '
+            f'aria-pressed="{aria(chosen)}" title="Paint with {name}: {escape_html(feel)}">{picture}</button>'
+            f'<button type="button" class="hs-hear" data-shelf="play" data-name="{name}" aria-label="Play {name}" '
+            f'title="Play {name}">▶</button></li>'
+        )
+
+    def _bar_html(self) -> str:
+        """What is shown, how it is sorted, and the button to bring files in."""
+        places = dict.fromkeys([ALL, *(_place(card) for card in self._cards)])
+        return (
+            f'<div class="hs-shelf-bar"><label>Show {_select("where", places, self._where, "All, or some")}</label>'
+            f"<label>Sort {_select('sort', SORTS, self._sort, 'In which order')}</label>"
+            f'<button type="button" data-upload="{SUFFIX}" title="Add swatch files to your library, or drop them '
+            f'on the page. hapscene capture fit makes them of recordings">Import…</button></div>'
+        )
+
+    def _detail_html(self, card: Card) -> str:
+        """The swatch that is painted with: its words and numbers, and what can be done with it."""
+        try:
+            said = [f"{escape_html(p.word)} {_figure_html(p)}" for p in card.phrases]
+        except SwatchError as error:
+            said = [escape_html(str(error))]
+        name, tags = escape_html(card.name), "".join(f" · {escape_html(tag)}" for tag in card.entry.tags)
+        acts = [
+            ("play", "▶ Play", "Hear it tapped and stroked"),
+            *([("edit", "Edit…", "Name, tags and folder in your library; or delete it")] if card.own else []),
+        ]
+        buttons = "".join(
+            f'<button type="button" data-shelf="{act}" data-name="{name}" aria-label="{word.strip("▶ ")} {name}" '
+            f'title="{tip}">{word}</button>'
+            for act, word, tip in acts
+        )
+        buttons += (
+            f'<button type="button" data-upload="image/*" data-as="{LOOK}" title="A picture that {name} looks like, '
+            f'{1e3 * Look.size_m:g} mm wide; or drop one here">Picture…</button>'
+        )
+        where = escape_html(" · ".join(filter(None, (_place(card), touched_with(card.entry))))) + tags
+        return (
+            f'<div class="hs-swatch chosen" data-as="{LOOK}"><div><b>{name}</b> <span class="dim">{where} · '
+            f"painting with it</span><br>{'<br>'.join(said)}</div><div class='hs-acts'>{buttons}</div></div>"
+        )
+
+    def _colour(self, card: Card) -> str:
+        """As on the scene, where it is in it."""
+        return f"rgb{rgb_bytes(card.albedo_rgb)}" if card.index is None else self._context.view.colours[card.index]
+
+    def colour_of(self, name: str) -> str:
+        """The colour of a swatch, for CSS; "" where there is none of that name."""
+        return next((self._colour(card) for card in self._cards if card.name == name), "")
+
+    def _card(self, name: Any) -> Card:
+        found = next((card for card in self._cards if card.name == name), None)
+        if found is None:
+            raise SwatchError(no_such("swatch", str(name), (card.name for card in self._cards)))
+        return found
+
+    # --- actions ---
+
+    async def act(self, message: Mapping[str, Any]) -> None:
+        """Do what the shelf's own HTML was pressed for: a message of the page.
+
+        Raises:
+            SwatchError: there is no such swatch.
+        """
+        what, value = message.get("act"), message.get("value")
+        if what == "where":
+            self._where = str(value)
+        elif what == "sort" and value in SORTS:
+            self._sort = str(value)
+        elif what == "use":
+            self._use(self._card(message.get("name")))
+        elif what == "play":
+            await self._play(self._card(message.get("name")))
+        elif what == "edit":
+            self._edit(self._card(message.get("name")))
+
+    def _use(self, card: Card) -> None:
+        tools = self._context.tools
+        tools.choose_swatch(card.name, card.source)
+        tools.ensure_swatch()
+        if tools.name not in ("brush", "fill", "box", "sphere"):
+            tools.choose_tool("brush")
+
+    async def _play(self, card: Card) -> None:
+        """Play a tap and a stroke of a swatch in the browser."""
+        sound = await asyncio.to_thread(lambda: swatch_sound(card.swatch))
+        self._context.socket.sound(sound.a_m_s2, sound.rate_Hz)
+        if not sound.a_m_s2.any():
+            self._context.socket.say(f"{card.name} is silent: it has neither texture nor taps.")
+
+    def _edit(self, card: Card) -> None:
+        """Ask for another name, tags or folder of a swatch of the user's library; or to delete it."""
+        if card.own is None:
+            raise SwatchError(f"{card.name!r} is not in your library: save it as new first (tab Feel)")
+        gui, callback = self._context.server.gui, self._context.callback
+        modal = self._context.open_dialog(f"{card.name} in your library")
+
+        def save(target: Any) -> None:
+            new = str(name.value).strip()
+            tagged = str(tags.value).split(",")
+            library.edit(card.name, new_name=new, tags=tagged, inside=str(folder.value).strip())
+            self._let_go(card, new)
+            self._context.close_dialog(modal)
+
+        def delete(target: Any) -> None:
+            if target.label == DELETE:
+                target.label = SURELY
+                return
+            library.remove(card.name)
+            self._let_go(card, card.name)
+            self._context.socket.say(f"{card.name!r} is no longer in your library.")
+            self._context.close_dialog(modal)
+
+        with modal:
+            name = gui.add_text("Name", card.name)
+            tags = gui.add_text(
+                "Tags", ", ".join(card.entry.tags), hint="Words to find it by, with commas between them"
+            )
+            folder = gui.add_text("Folder", card.folder, hint="A folder of your library, as metals; none for its top")
+            gui.add_button("Save").on_click(callback(save))
+            gui.add_button(DELETE, color="red").on_click(callback(delete))
+            gui.add_button("Cancel", color="gray").on_click(callback(lambda target: self._context.close_dialog(modal)))
+
+    def _let_go(self, card: Card, name: str) -> None:
+        """A file of the library has moved, or is gone: the scene keeps what it has of it as its own."""
+        self._context.session.tuning.let_go_of(card.name)
+        if self._context.tools.chosen == card.name and card.index is None:
+            self._cards = self._all()
+            there = next((c for c in self._cards if c.name == name), self._cards[-1])
+            self._context.tools.choose_swatch(there.name, there.source)
+        self.show(True)
+
+    # --- import ---
+
+    async def take(self, files: Sequence[Path]) -> None:
+        """Add swatch files to the user's library, under free names.
+
+        Raises:
+            SwatchError: one cannot be read; those before it are added.
+        """
+        names = []
+        for file in files:
+            swatch = await asyncio.to_thread(read_swatch, file)
+            names.append(library.add(replace(swatch, name=_free_name(swatch.name))).name)
+        self._search.value, self._where = "", ALL
+        self.show(True)
+        self._use(self._card(names[0]))
+        self._context.socket.say(f"In your library: {', '.join(names)}.")
+        self._context.refresh()
+
+    async def take_picture(self, files: Sequence[Path]) -> None:
+        """Make a picture the look of the chosen swatch.
+
+        Raises:
+            HapsceneError: it cannot be read, or the swatch is plain.
+        """
+        file = files[0].rename(files[0].with_suffix(""))
+        made = await asyncio.to_thread(lambda: picture_png(read_picture(file)))
+        tools = self._context.tools
+        self._context.session.tuning.set_picture(tools.ensure_swatch(), made)
+        self._context.socket.say(f"{tools.chosen} looks like {file.name} now.")
+        self._context.refresh()
+
+
+def _figure_html(phrase: Phrase) -> str:
+    """The figure of a phrase, a line broken only between two of its numbers; nothing where the word says it all."""
+    if phrase.figure in ("none", "no texture"):
+        return ""
+    kept = escape_html(phrase.figure).replace(" ", "&nbsp;").replace(",&nbsp;", ", ")
+    return f"<span class='dim'>{kept}</span>"
+
+
+def _place(card: Card) -> str:
+    """Where a swatch is, in words: its folder of the user's library besides."""
+    return f"your library: {card.folder}" if card.place == "yours" and card.folder else PLACES[card.place]
+
+
+def _ball(card: Card, colour: str | None) -> str:
+    """A picture of a swatch as an address; empty where it cannot be loaded."""
+    try:
+        own = None if colour is None else tuple(rgb(colour).tolist())
+        return f"data:image/png;base64,{base64.b64encode(ball_png(card.swatch, own)).decode('ascii')}"
+    except SwatchError:
+        return ""
+
+
+def _select(act: str, options: Collection[str], chosen: str, tip: str) -> str:
+    items = "".join(f"<option{' selected' * (o == chosen)}>{escape_html(o)}</option>" for o in options)
+    return f'<select data-shelf="{act}" title="{tip}">{items}</select>'
+
+
+def _free_name(name: str) -> str:
+    """The name, or with the first free number behind it: "oak 2"."""
+    stem = re.sub(r" \d+$", "", name)
+    shipped = {*library.shipped_swatches(), *(entry.name for entry in library.computed_entries())}
+    names = chain((name,), (f"{stem} {i}" for i in count(2)))
+    return next(free for free in names if free not in shipped and library.find(free) is None)

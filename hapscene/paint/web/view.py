@@ -1,0 +1,433 @@
+"""The 3-D view in the browser: bodies in the colours of their swatches, cursor, tool and force; rays from the eye."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from hapscene.motion.look_from_above import bounds_of
+from hapscene.paint.model.display import ChunkKey, Display, ShownBody
+from hapscene.paint.model.mesh import Hit, project_to_surface
+from hapscene.paint.model.painting import Changes, Painting
+from hapscene.scene.body import Body
+from hapscene.scene.fine_paint import parts
+from hapscene.scene.mesh import Mesh
+from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours, linear, rgb
+
+__all__ = ["VIEWS", "Pointer", "SceneView", "rgb_bytes", "rotation"]
+
+SHOWN: Final = 3.0
+"""How large a scene is shown, its diagonal in viser's units: what the browser's near plane and keys are made for."""
+
+FOV_RAD: Final = float(np.radians(50.0))
+"""Of the camera, from top to bottom [rad]."""
+
+ASPECT_MIN: Final = 0.1
+"""Narrowest canvas that the camera goes back for [1]."""
+
+GROWN: Final = 2.0
+"""How many times as large, or as small, a scene becomes before it is shown at another size [1]."""
+
+RING_COUNT: Final = 64
+"""Corners of the brush's ring [count]."""
+
+DASH: Final = 4
+"""Sides of the ring that are dark, and then bright [count]."""
+
+ARROW_N: Final = 2.0
+"""Force that is shown as long as an eighth of the scene's diagonal [N]: a firm stroke is about as much."""
+
+VIEWS: Final[Mapping[str, tuple[float, float, float]]] = {
+    "front": (0.0, -1.0, 0.0),
+    "back": (0.0, 1.0, 0.0),
+    "left": (-1.0, 0.0, 0.0),
+    "right": (1.0, 0.0, 0.0),
+    "top": (0.0, -1e-4, 1.0),
+    "bottom": (0.0, -1e-4, -1.0),
+    "perspective": (0.35, -0.8, 0.6),
+}
+"""Directions from the scene to the eye, z up; slightly off the poles, so that the front is at the picture's foot."""
+
+ROOM: Final = 1.1
+"""Distance of the eye from what it frames, in distances from which that would just fit [1]."""
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pointer:
+    """Where the pointer is on a page's canvas: from left and top, in shares of its size in pixels."""
+
+    client: int
+    x: float
+    y: float
+    width: float
+    height: float
+
+
+class BodyFrame(NamedTuple):
+    """Where a body is drawn: viser's node and its number, what is shown there, and by chunk its layers' meshes."""
+
+    node: Any
+    number: int
+    shown: ShownBody
+    layers: dict[int, dict[tuple[int, int], Any]]
+
+
+class SceneView:
+    """The 3-D part of the page, shared by all who look.
+
+    Args:
+        server: viser's.
+        painting: what is shown.
+        display: of it.
+
+    Attributes:
+        diagonal_m: of the scene [m].
+        colours: of the scene's swatches, "#rrggbb": their own, but none like an earlier one's.
+        file_colours: whether what is unpainted is shown as its file colours it; else all in the colours of swatches.
+    """
+
+    def __init__(self, server: Any, painting: Painting, display: Display) -> None:
+        self._server = server
+        self._painting = painting
+        self._measure()
+        self._display = display
+        self.colours = self._distinct()
+        self.file_colours = True
+        self._frames: dict[int, BodyFrame] = {}  # by id of what is shown in it
+        self._frame_count = 0
+        self._handles: Any = None
+        self._place_camera()
+        self._light()
+        self._make_marks()
+        self._compose()
+
+    def _measure(self) -> None:
+        bounds = np.array([bounds_of(body) for body in self._painting.scene.bodies])
+        low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+        self.middle_W_m: Vector = (low + high) / 2
+        self.diagonal_m = float(np.linalg.norm(high - low))
+        self._scale = SHOWN / self.diagonal_m
+
+    # --- the bodies ---
+
+    def update(self, changes: Changes) -> None:
+        """Show what changed: only chunks that look different are sent again."""
+        if changes.swatches or changes.shelf:
+            self.colours = self._distinct()
+        if changes.bodies:
+            changed = self._display.compose()
+            self._compose()
+            self._draw(changed)
+        elif changes.poses:
+            self._place_bodies()
+        self._draw(self._display.update(changes))
+        if changes.swatches or changes.shelf:
+            self._recolour()
+
+    def prepare(self, meshes: Sequence[Mesh]) -> None:
+        """Have meshes ready to be shown, in any thread; bodies come with them soon."""
+        self._display.prepare(meshes)
+
+    def _compose(self) -> None:
+        """Have a frame for each body, and all that is shown in it; those that are as they were keep theirs."""
+        bounds = np.array([bounds_of(body) for body in self._painting.scene.bodies])
+        size_m = float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
+        if not 1 / GROWN <= size_m / self.diagonal_m <= GROWN:
+            self._measure()
+            for layers in (layers for frame in self._frames.values() for layers in frame.layers.values()):
+                for mesh in layers.values():
+                    mesh.scale = self._scale
+            for client in self._server.get_clients().values():
+                self.look(client.camera)
+        frames, self._frames, shown = self._frames, {}, self._display.bodies
+        for key in frames.keys() - set(map(id, shown)):
+            frames[key].node.remove()  # with all that is in it
+        fresh = set()
+        for index, body in enumerate(shown):
+            frame = frames.get(id(body))
+            if frame is None:
+                node = self._server.scene.add_frame(f"/body/{self._frame_count}", show_axes=False)
+                frame, self._frame_count = BodyFrame(node, self._frame_count, body, {}), self._frame_count + 1
+                fresh.add(index)
+            self._frames[id(body)] = frame
+        self._place_bodies()
+        self._draw([key for key in self._display.chunks() if key.body in fresh])
+
+    def _place_bodies(self) -> None:
+        """Have the bodies where they are; the hidden ones are not seen."""
+        for body, shown in zip(self._painting.scene.bodies, self._display.bodies, strict=True):
+            node = self._frames[id(shown)].node
+            node.wxyz, node.position = quaternion(body.X_WB[:3, :3]), self.to_view(body.X_WB[:3, 3])
+            node.visible = body.name not in self._painting.hidden
+
+    def show_file_colours(self, on: bool) -> None:
+        """Show what is unpainted as its file colours it, or in the colour of its swatch."""
+        self.file_colours = on
+        self._recolour()
+
+    @property
+    def has_file_colours(self) -> bool:
+        """Whether the file of any body has colours."""
+        return any(body.look is not None for body in self._display.bodies)
+
+    def _recolour(self) -> None:
+        for index, shown in enumerate(self._display.bodies):
+            frame = self._frames.get(id(shown))
+            for layers in frame.layers.values() if frame is not None else ():
+                for kind, mesh in layers.items():
+                    colour = self._colour(index, *kind)
+                    if tuple(mesh.color) != colour:
+                        mesh.color = colour
+
+    def _colour(self, body: int, paint: int, tint: int) -> tuple[int, int, int]:
+        """Of a layer: of its swatches by their weights."""
+        heavier, lighter, weight = parts(paint)
+        if weight == 0:
+            return rgb_bytes(self._swatch_colour(body, int(heavier), tint))
+        mixed = [self._swatch_colour(body, int(swatch), tint) for swatch in (heavier, lighter)]
+        return rgb_bytes((1 - weight) * mixed[0] + weight * mixed[1])
+
+    def _swatch_colour(self, body: int, swatch: int, tint: int) -> Vector:
+        """Of a swatch under the light and dark of a body's file, or, unpainted, the file's own (3,)."""
+        look = self._display.bodies[body].look if self.file_colours else None
+        if look is not None and swatch == self._painting.defaults[body]:
+            return np.asarray(look.rgb[tint])
+        colour = rgb(self.colours[swatch])
+        return colour if look is None else np.clip(colour * look.shade[tint], 0.0, 1.0)
+
+    def _draw(self, keys: list[ChunkKey]) -> None:
+        for key in keys:
+            body = self._painting.scene.bodies[key.body]
+            frame = self._frames[id(self._display.bodies[key.body])]
+            old, new = frame.layers.get(key.chunk, {}), {}
+            with self._server.atomic():
+                for layer in self._display.layers(key):
+                    kind = layer.paint, layer.tint
+                    new[kind] = self._server.scene.add_mesh_simple(
+                        f"/body/{frame.number}/{key.chunk}/{layer.paint}-{layer.tint}",
+                        layer.vertices_m,
+                        layer.faces,
+                        color=self._colour(key.body, *kind),
+                        flat_shading=True,
+                        side="double" if body.two_sided else "front",
+                        cast_shadow=False,
+                        receive_shadow=False,
+                        scale=self._scale,
+                    )
+                for gone in old.keys() - new.keys():
+                    old[gone].remove()
+            frame.layers[key.chunk] = new
+
+    def _distinct(self) -> list[str]:
+        swatches = self._painting.scene.swatches
+        return distinct_colours(swatches, range(len(swatches)))
+
+    # --- between W and what is shown ---
+
+    def to_view(self, p_W_m: Any) -> Vector:
+        """Places (…, 3) in W [m] as viser has them."""
+        return np.asarray((np.asarray(p_W_m) - self.middle_W_m) * self._scale)
+
+    def eye(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
+        """Pose (4, 4) of a page's eye in W [m], z into the picture and y down, and how far its picture reaches to the
+        right and down (2,) at z = 1; None where that page is not there."""
+        client = self._server.get_clients().get(pointer.client)
+        if client is None:
+            return None
+        camera = client.camera
+        place = np.concatenate([np.ravel(camera.wxyz), np.ravel(camera.position), [camera.fov]])
+        if place.shape != (8,) or not np.isfinite(place).all() or not 0.0 < camera.fov < np.pi or not place[:4].any():
+            return None  # a browser sends no such camera
+        X_WE = np.eye(4)
+        X_WE[:3, :3] = _rotation(place[:4])
+        X_WE[:3, 3] = place[4:7] / self._scale + self.middle_W_m
+        return X_WE, np.tan(camera.fov / 2) * np.array([pointer.width / pointer.height, 1.0])
+
+    def ray(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
+        """From the eye through the pointer: a point in W [m] and a direction; None where that page is not there."""
+        eye = self.eye(pointer)
+        if eye is None:
+            return None
+        X_WE, slope = eye
+        direction = X_WE[:3, :3] @ np.array([*((2 * np.array([pointer.x, pointer.y]) - 1) * slope), 1.0])
+        return X_WE[:3, 3], direction / np.linalg.norm(direction)
+
+    # --- marks ---
+
+    def show_ring(self, hit: Hit | None, radius_m: float) -> None:
+        """The brush's ring around a place, laid on the surface; None hides it."""
+        self._ring.visible = hit is not None
+        if hit is None:
+            return
+        side = np.cross(hit.nhat_W, np.eye(3)[np.argmin(np.abs(hit.nhat_W))])
+        side /= np.linalg.norm(side)
+        turn = np.linspace(0.0, 2 * np.pi, RING_COUNT, endpoint=False)[:, None]
+        way = np.cos(turn) * side + np.sin(turn) * np.cross(hit.nhat_W, side)
+        body, shape = self._painting.scene.bodies[hit.body], self._painting.shapes[hit.body]
+        laid_W_m = project_to_surface(body, shape, hit, hit.p_W_m + radius_m * way, radius_m)
+        laid = self.to_view(laid_W_m) + 0.004 * hit.nhat_W
+        self._ring.points = np.stack([laid, np.roll(laid, -1, axis=0)], axis=1).astype(np.float32)
+
+    def show_box(self, size_m: NDArray[np.float64] | None, X_WK: NDArray[np.float64] | None = None) -> None:
+        """The edges of a box: its size (3,) [m] and pose (4, 4); None hides it."""
+        self._box.visible = size_m is not None
+        if size_m is None or X_WK is None:
+            return
+        self._box.position = self.to_view(X_WK[:3, 3])
+        self._box.wxyz = quaternion(X_WK[:3, :3])
+        self._box.scale = tuple((np.maximum(size_m, 1e-9) * self._scale).tolist())
+
+    def show_sphere(self, centre_W_m: Vector | None, radius_m: float = 0.0) -> None:
+        """A ball; None hides it."""
+        self._sphere.visible = centre_W_m is not None
+        if centre_W_m is not None:
+            self._sphere.position = self.to_view(centre_W_m)
+            self._sphere.scale = max(radius_m * self._scale, 1e-3)
+
+    def show_touch(self, p_WT_m: Vector | None, p_WP_m: Vector | None = None, f_W_N: Vector | None = None) -> None:
+        """Tool, proxy and force of a touch; None hides them."""
+        for mark in (self._tool, self._proxy, self._arrow):
+            mark.visible = p_WT_m is not None
+        if p_WT_m is None or p_WP_m is None or f_W_N is None:
+            return
+        self._tool.position = self.to_view(p_WT_m)
+        self._proxy.position = self.to_view(p_WP_m)
+        size_N = float(np.linalg.norm(f_W_N))
+        self._arrow.visible = size_N > 0.01
+        if size_N > 0.01:
+            length = SHOWN / 8 * size_N / ARROW_N
+            self._arrow.position = self.to_view(p_WP_m)
+            self._arrow.wxyz = _turn_to(f_W_N / size_N)
+            self._arrow.scale = (1.0, 1.0, length)
+
+    def show_handles(self, X_WG: NDArray[np.float64] | None, moved: Callable[[str, NDArray[np.float64]], None]) -> None:
+        """Arrows and rings that a body is moved by, at a pose; None hides them.
+
+        Args:
+            X_WG: (4, 4) where they are.
+            moved: is told what is done ("start", "update", "end"), and where they are by then.
+        """
+        if X_WG is None:
+            if self._handles is not None:
+                self._handles.remove()
+            self._handles = None
+            return
+        if self._handles is None:
+            size = SHOWN / 6
+            self._handles = self._server.scene.add_transform_controls("/handles", size, depth_test=False)
+
+            @self._handles.on_update  # type: ignore[untyped-decorator, unused-ignore]
+            async def tell(event: Any) -> None:
+                wxyz, X = np.asarray(event.target.wxyz), np.eye(4)
+                if np.linalg.norm(wxyz) > 0.5:
+                    X[:3, :3] = _rotation(wxyz)
+                    X[:3, 3] = np.asarray(event.target.position) / self._scale + self.middle_W_m
+                    moved(event.phase, X)
+
+        place, turn = self.to_view(X_WG[:3, 3]), quaternion(X_WG[:3, :3])
+        if not np.allclose(place, self._handles.position, atol=1e-6):
+            self._handles.position = place
+        if not np.allclose(turn, self._handles.wxyz, atol=1e-6):
+            self._handles.wxyz = turn
+
+    # --- how it is set up ---
+
+    def _place_camera(self) -> None:
+        """Set the first view: from the front, a little from the right and above, all in view."""
+        self._server.scene.set_up_direction("+z")
+        self._server.initial_camera.fov = FOV_RAD
+        self.look(self._server.initial_camera)
+
+    def look(self, camera: Any, bodies: Sequence[Body] = (), aspect: float = 1.0, name: str = "perspective") -> None:
+        """Have a camera look at bodies, all of each in view.
+
+        Args:
+            camera: viser's, of a page.
+            bodies: which; none for all that are not hidden.
+            aspect: width of the picture in its heights.
+            name: one of `VIEWS`; else the direction stays as it is.
+        """
+        every = self._painting.scene.bodies
+        bodies = bodies or [body for body in every if body.name not in self._painting.hidden] or every
+        bounds = np.array([bounds_of(body) for body in bodies])
+        low, high = self.to_view(bounds[:, 0].min(axis=0)), self.to_view(bounds[:, 1].max(axis=0))
+        way = np.asarray(VIEWS[name]) if name in VIEWS else np.asarray(camera.position) - np.asarray(camera.look_at)
+        away = ROOM * max(float(np.linalg.norm(high - low)), 1e-6) / (2 * np.tan(FOV_RAD / 2))
+        away /= min(max(aspect, ASPECT_MIN), 1.0)
+        camera.position = (low + high) / 2 + away * way / max(float(np.linalg.norm(way)), 1e-9)
+        camera.look_at = (low + high) / 2  # second, since a new position moves it along
+
+    def _light(self) -> None:
+        """Soft from everywhere, and a key light from above left: every face is seen, and its shape."""
+        scene = self._server.scene
+        scene.configure_default_lights(enabled=False)
+        scene.configure_environment_map(None)
+        scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 150, 160), intensity=1.6)
+        scene.add_light_directional("/light/key", intensity=1.9, position=(-2.0, -3.0, 5.0))
+        scene.add_light_directional("/light/fill", intensity=0.5, position=(4.0, 1.0, 1.0))
+
+    def _make_marks(self) -> None:
+        scene, ink = self._server.scene, _rgb(OKABE_ITO["purple"])
+        dashes = np.where(np.arange(RING_COUNT) // DASH % 2, 255, 20).astype(np.uint8)  # seen on every colour
+        line = {"thickness": 2.5, "thickness_units": "screen"}
+        ring, colours = np.zeros((RING_COUNT, 2, 3), np.float32), np.repeat(dashes, 6).reshape(-1, 2, 3)
+        self._ring = scene.add_line_segments("/mark/ring", ring, colours, **line)
+        corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+        edges = [(i, j) for i in range(8) for j in range(i) if np.count_nonzero(corner[i] != corner[j]) == 1]
+        self._box = scene.add_line_segments("/mark/box", corner[np.array(edges)], ink, **line)
+        self._sphere = scene.add_icosphere("/mark/sphere", 1.0, ink, opacity=0.3, cast_shadow=False)
+        size = SHOWN / 120
+        self._tool = scene.add_icosphere("/mark/tool", size, _rgb(OKABE_ITO["black"]), opacity=0.55, cast_shadow=False)
+        self._proxy = scene.add_icosphere("/mark/proxy", 0.75 * size, _rgb(OKABE_ITO["vermilion"]), cast_shadow=False)
+        up = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
+        head = {"shaft_radius": size / 4, "head_radius": size / 1.6, "head_length": 0.25}
+        self._arrow = scene.add_arrows("/mark/force", up, _linear(FORCE), **head)
+        for mark in (self._ring, self._box, self._sphere, self._tool, self._proxy, self._arrow):
+            mark.visible = False
+
+
+def rgb_bytes(colour: Iterable[float]) -> tuple[int, int, int]:
+    """Of three numbers from 0 to 1."""
+    red, green, blue = (round(255 * float(c)) for c in colour)
+    return red, green, blue
+
+
+def _rgb(colour: str) -> tuple[int, int, int]:
+    """Of "#rrggbb"."""
+    return rgb_bytes(rgb(colour))
+
+
+def _linear(colour: str) -> tuple[int, int, int]:
+    """Of "#rrggbb", for what viser takes in linear light: arrows."""
+    return rgb_bytes(linear(rgb(colour)))
+
+
+def _turn_to(nhat: Vector) -> Vector:
+    """Quaternion (w, x, y, z) that turns z to a unit vector, the shortest way."""
+    w = 1.0 + float(nhat[2])
+    if w < 1e-9:
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    turn = np.array([w, -nhat[1], nhat[0], 0.0])
+    return np.asarray(turn / np.linalg.norm(turn))
+
+
+def _rotation(wxyz: Vector) -> Vector:
+    """Rotation (3, 3) of a quaternion (w, x, y, z)."""
+    return np.asarray(scipy.spatial.transform.Rotation.from_quat(wxyz, scalar_first=True).as_matrix())
+
+
+def rotation(angles_deg: Vector) -> NDArray[np.float64]:
+    """A rotation (3, 3) about x, then y, then z."""
+    return np.asarray(scipy.spatial.transform.Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix())
+
+
+def quaternion(R: NDArray[np.float64]) -> Vector:
+    """Quaternion (w, x, y, z) of a rotation (3, 3)."""
+    from viser.transforms import SO3  # is there; SciPy's takes a tenth of a second to import
+
+    return np.asarray(SO3.from_matrix(R).wxyz)

@@ -1,0 +1,444 @@
+"""Static site of a library: one page of all swatches, one page for each, with pictures, sounds, files and the index.
+
+`hapscene swatch publish` writes it. Any web server can host the folder, and the pages open as files too; they load
+nothing from elsewhere. `hapscene swatch get` reads the index. Names and texts come from strangers: all are escaped.
+"""
+
+import base64
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import as_file, files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.constants import ACCELERATION_BAND_HZ, ACCELERATION_RATE_HZ
+from hapscene.errors import SwatchError, ViewError, printable
+from hapscene.files import read_bytes, refusing, whole_folder
+from hapscene.scene.scene import Scene
+from hapscene.surface.swatch import TOOL_FIELDS, Swatch, touched_with
+from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, swatch_from_json
+from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S, lines
+from hapscene.swatches.library import (
+    INDEX,
+    INDEX_BYTES_MAX,
+    LibraryEntry,
+    computed_entries,
+    entry_of,
+    own_entries,
+    own_folders,
+    parse_index,
+    shipped_swatches,
+    swatch_place,
+    write_index,
+)
+from hapscene.swatches.picture import ball_png
+from hapscene.swatches.sound import START_S, swatch_sound, wav_bytes
+from hapscene.swatches.words import Phrase, phrases
+from hapscene.view.chart import inline_svg, new_chart
+from hapscene.view.palette import INK
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["NO_LICENCE", "Source", "first_page", "gather", "painted_body", "publish", "swatch_page"]
+
+PAGE: Final = "index.html"
+
+TITLE: Final = "Haptic swatches"
+
+TITLE_MAX: Final = 70
+"""Longest title of a page in a browser's tab [characters]: search engines show no more either."""
+
+MARK: Final = "<!-- made by hapscene swatch publish -->"
+"""Mark of the first page, by which a folder that was published before is recognised: its files may be replaced."""
+
+MADE: Final = (SUFFIX, ".html", ".wav", "-body.png", "-ball.png")
+"""Endings of the files that are written for each swatch."""
+
+NO_LICENCE: Final = "no licence stated: ask before you use it"
+
+BALL_LARGE_PX: Final = 300
+"""Width of the ball that replaces the painted body where OpenGL is not available [pixels]."""
+
+PAGE_BYTES_MAX: Final = 64 * 1024 * 1024
+"""Largest page of an earlier publication that is read [bytes]."""
+
+POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src 'self'; media-src 'self'"
+"""Content security policy: even if a text were not escaped, nothing could run or be fetched."""
+
+ASSUMED: Final = {"hardness": "stiffness_N_m", "texture": "texture", "friction": "friction_dynamic", "taps": "taps"}
+"""Key in `Swatch.absent` of the reason why a quality was not measured."""
+
+HEARD: Final = (
+    f"Each sound is a tap at {1e3 * TAP_M_S:g} mm/s, and from {START_S:g} s on a stroke at {FORCE_N:g} N and "
+    f"{1e3 * SPEED_M_S:g} mm/s: the acceleration of the tool’s handle. All have one scale."
+)
+
+
+class Source(NamedTuple):
+    """A swatch to be published, the content of its file, and its tags."""
+
+    swatch: Swatch
+    data: bytes
+    tags: tuple[str, ...] = ()
+
+
+def gather(
+    names: Sequence[str] = (), library: str | os.PathLike[str] | None = None, shipped: bool = False
+) -> list[Source]:
+    """Read the swatches to publish, with their tags.
+
+    Args:
+        names: names or .swatch files; none for the whole library with its folders, whose names become tags.
+        library: the library's folder, None for the user's own.
+        shipped: include the swatches that come with hapscene.
+
+    Raises:
+        SwatchError: an unknown name, a file that cannot be read, a name that occurs twice, or nothing to publish.
+    """
+    homes = own_folders(library)
+    tags = {entry.name: entry.tags for entry in computed_entries()}
+    own = {e.name: (*e.tags, *([home.name] if home != homes[0] else [])) for home in homes for e in own_entries(home)}
+    wanted = list(names or own)
+    if shipped:
+        wanted += [*shipped_swatches(), *tags]
+    tags |= own
+    found = [_read(swatch_place(name, library), tags.get(name, ())) for name in wanted]
+    if not found:
+        raise SwatchError(f"the library in {homes[0]} is empty: name swatches to publish, or --shipped")
+    called = [source.swatch.name for source in found]
+    if double := next((name for name in called if called.count(name) > 1), None):
+        raise SwatchError(f"two swatches are called {double!r}: a library has each name once")
+    return sorted(found, key=lambda source: source.swatch.name.casefold())
+
+
+def _read(place: Traversable, tags: tuple[str, ...]) -> Source:
+    """Read a swatch with the exact bytes of its file."""
+    with as_file(place) as path, refusing(SwatchError):
+        data = read_bytes(path, BYTES_MAX, "swatch")
+    with refusing(SwatchError, place):
+        return Source(swatch_from_json(data), data, tags)
+
+
+def publish(
+    sources: Sequence[Source],
+    folder: str | os.PathLike[str],
+    title: str = TITLE,
+    say: Callable[[str], None] = lambda text: None,
+) -> list[LibraryEntry]:
+    """Write the site of a library: all of it or nothing.
+
+    An existing folder keeps the files of others; the files of an earlier publication are replaced or removed.
+
+    Args:
+        sources: what to publish, from `gather`.
+        folder: created if it does not exist.
+        title: title of the first page.
+        say: receives progress messages.
+
+    Returns:
+        The entries of the index.
+
+    Raises:
+        SwatchError: the folder has files of others under these names, or it cannot be written.
+    """
+    folder = Path(folder)
+    before = _made_before(folder)
+    entries: list[LibraryEntry] = []
+    taken = {f"index{SUFFIX}"}
+    for source in sources:
+        entries.append(entry_of(source.swatch, source.data, taken, source.tags))
+        taken.add(entries[-1].file.casefold())
+    made = _files_of(entries)
+    if foreign := sorted(name for name in made - before if os.path.lexists(folder / name)):
+        raise SwatchError(f"{folder / foreign[0]}: is there and was not published: give a folder without it")
+    swatches = [source.swatch for source in sources]
+    scale = scale_of(swatches)
+    try:
+        with whole_folder(folder, before) as part:
+            for i, (source, entry) in enumerate(zip(sources, entries, strict=True), 1):
+                say(f"{i}/{len(sources)}  {entry.name}\n")
+                _write_swatch(source, entry, scale, part, title)
+            write_index(part, entries)
+            (part / PAGE).write_text(first_page(swatches, entries, title), encoding="utf-8", newline="\n")
+    except OSError as error:
+        why = str(error.strerror or error).removeprefix("cannot be written: ")
+        raise SwatchError(f"{folder}: cannot be written: {why}") from None
+    return entries
+
+
+def _files_of(entries: Iterable[LibraryEntry]) -> set[str]:
+    """Names of all files of a site."""
+    return {PAGE, INDEX, *(entry.file.removesuffix(SUFFIX) + end for entry in entries for end in MADE)}
+
+
+def _made_before(folder: Path) -> set[str]:
+    """Names of the files that an earlier publication wrote there."""
+    if not (folder / PAGE).is_file() or not (folder / INDEX).is_file():
+        return set()
+    with refusing(SwatchError):
+        if MARK.encode() not in read_bytes(folder / PAGE, PAGE_BYTES_MAX, "page"):
+            return set()
+        data = read_bytes(folder / INDEX, INDEX_BYTES_MAX, "index")
+    return _files_of(parse_index(data, str(folder / INDEX)))
+
+
+def _write_swatch(source: Source, entry: LibraryEntry, scale: "Scale", part: Path, title: str) -> None:
+    """Write all files of one swatch."""
+    from PIL import Image
+
+    stem = entry.file.removesuffix(SUFFIX)
+    (part / entry.file).write_bytes(source.data)
+    (part / f"{stem}.wav").write_bytes(wav_bytes(swatch_sound(source.swatch)))
+    (part / f"{stem}-ball.png").write_bytes(ball_png(source.swatch))
+    body = painted_body(source.swatch)
+    if body is None:
+        (part / f"{stem}-body.png").write_bytes(ball_png(source.swatch, px=BALL_LARGE_PX))
+        size = BALL_LARGE_PX, BALL_LARGE_PX
+    else:
+        size = body.shape[1], body.shape[0]
+        Image.fromarray(body, "RGBA").quantize(256).save(part / f"{stem}-body.png", "PNG", optimize=True)
+    page = swatch_page(source.swatch, entry, _plots(source.swatch, scale), size, title)
+    (part / f"{stem}.html").write_text(page, encoding="utf-8", newline="\n")
+
+
+# --- pages ---
+
+
+def first_page(swatches: Sequence[Swatch], entries: Sequence[LibraryEntry], title: str = TITLE) -> str:
+    """HTML of the page of all swatches."""
+    script = _resource("js")
+    tiles = "\n".join(_tile(swatch, entry) for swatch, entry in zip(swatches, entries, strict=True))
+    address = '<span class="here">ADDRESS-OF-THIS-PAGE</span>'
+    body = [
+        MARK,
+        f"<main><h1>{_text(title)}</h1>",
+        f'<p class="lead">{len(entries)} surface{"s" * (len(entries) != 1)} to feel. {HEARD}</p>',
+        f"<p>Copy one into your own library: <code>hapscene swatch get NAME --from {address}</code></p>",
+        '<search class="find" hidden><label for="words">Find</label><input id="words" type="search" '
+        'placeholder="rough wood CC0"><output for="words"></output></search>',
+        f'<ul class="tiles">\n{tiles}\n</ul></main>',
+        f"<script>{script}</script>",
+    ]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return _document(title, body, f"{POLICY}; script-src 'sha256-{digest}'")
+
+
+def swatch_page(
+    swatch: Swatch, entry: LibraryEntry, plots: Sequence[str], size: tuple[int, int], title: str = TITLE
+) -> str:
+    """HTML of the page of one swatch; `size` is that of its picture [pixels]."""
+    stem = quote(entry.file.removesuffix(SUFFIX))
+    body_alt = escape(printable(f"A body painted with {swatch.name}"))
+    rows = "".join(_row(swatch, phrase) for phrase in phrases(swatch))
+    where = [
+        ("provenance", _text(swatch.provenance) or "not stated"),
+        ("licence", _licence(swatch)),
+        ("touched with", _text(touched_with(swatch)) or "not stated"),
+        ("words", _tags(entry) or "none"),
+        ("file", f'<a href="{stem}{SUFFIX}" download>{escape(entry.file)}</a>, {entry.bytes:,} bytes'),
+        ("sha256", f"<code>{entry.sha256}</code>"),
+    ]
+    body = [
+        f'<nav><a href="{PAGE}">{_text(title)}</a></nav>',
+        f'<main><h1>{_text(swatch.name)}</h1><p class="lead">{", ".join(p.word for p in phrases(swatch))}</p>',
+        f'<h2>Pictures</h2><div class="plots"><figure class="body"><img src="{stem}-body.png" alt="{body_alt}" '
+        f'width="{size[0]}" height="{size[1]}"></figure>{"".join(plots)}</div>',
+        f"<h2>Sound</h2><p>{HEARD}</p>{_audio(stem, swatch)}",
+        f'<h2>In words</h2><div class="table"><table><tbody>{rows}</tbody></table></div>',
+        f"<h2>Source</h2><dl>{''.join(f'<dt>{a}</dt><dd>{b}</dd>' for a, b in where)}</dl>",
+        f"<h2>All numbers</h2><pre>{_numbers(swatch)}</pre></main>",
+    ]
+    return _document(f"{swatch.name}: {title}", body, POLICY)
+
+
+def _document(title: str, body: Iterable[str], policy: str) -> str:
+    """A page of its title, escaped here, and its parts, taken as they are."""
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(printable(title, TITLE_MAX))}</title>\n<style>\n{_resource('css')}</style>\n</head>\n"
+        "<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
+    )
+
+
+def _tile(swatch: Swatch, entry: LibraryEntry) -> str:
+    stem = quote(entry.file.removesuffix(SUFFIX))
+    words = ", ".join(phrase.word for phrase in phrases(swatch))
+    return (
+        f'<li class="tile"><img src="{stem}-ball.png" alt="" width="72" height="72" loading="lazy">'
+        f'<h2><a href="{stem}.html">{_text(swatch.name)}</a></h2><p>{words}</p>{_audio(stem, swatch)}'
+        f'{_tags(entry)}<p class="detail">Licence: {_licence(swatch)}</p></li>'
+    )
+
+
+def _audio(stem: str, swatch: Swatch) -> str:
+    label = escape(printable(f"{swatch.name}: a tap, then a stroke"))
+    return f'<audio controls preload="none" src="{stem}.wav" aria-label="{label}"></audio>'
+
+
+def _licence(swatch: Swatch) -> str:
+    return _text(swatch.licence) or f'<span class="warn">{NO_LICENCE}</span>'
+
+
+def _tags(entry: LibraryEntry) -> str:
+    tags = "".join(f"<li>{_text(tag)}</li>" for tag in entry.tags)
+    return f'<ul class="tags">{tags}</ul>' if tags else ""
+
+
+def _row(swatch: Swatch, phrase: Phrase) -> str:
+    reason = swatch.absent.get(ASSUMED[phrase.quality], "")
+    figure = _text(phrase.figure + (f" (assumed, not measured: {reason})" if reason else ""))
+    head = f'<tr><th scope="row">{phrase.quality}</th><td class="value">{phrase.word}</td>'
+    return f'{head}<td class="figure">{figure}</td></tr>'
+
+
+def _numbers(swatch: Swatch) -> str:
+    """The summary of a swatch in lines, without what stands above it on the page."""
+    above = tuple(f"  {what} " for what in ("provenance", "licence", *TOOL_FIELDS))
+    kept = (line for line in lines(swatch)[2:] if not line.startswith(above))
+    return escape("\n".join(printable(line).rstrip() for line in kept))
+
+
+def _text(text: str) -> str:
+    """A text from a file, escaped, and isolated from the writing direction of its surroundings."""
+    line = printable(" ".join(text.split()))
+    return f"<bdi>{escape(line)}</bdi>" if line else ""
+
+
+def _resource(kind: str) -> str:
+    return files("hapscene.swatches").joinpath(f"site.{kind}").read_text(encoding="utf-8")
+
+
+# --- pictures ---
+
+
+STROKES: Final = ((0.5, 0.05, (0, (1, 1.2))), (1.0, 0.1, "-"), (2.0, 0.2, (0, (6, 2))))
+"""Strokes whose spectra are drawn: normal force [N], slip speed [m/s], dash. Colours are left to the swatches."""
+
+STYLE: Final = {"axes.titlesize": 10, "legend.fontsize": 8.5, "lines.linewidth": 1.4}
+"""Differences from the style of other charts."""
+
+RANGE_DB: Final = 70.0
+"""Range of the spectra below the highest of the site [dB]."""
+
+TAP_MS: Final = 60.0
+"""Length of a tap in its plot [ms]."""
+
+BODY_PX: Final = 400
+"""Width of the painted body [pixels]."""
+
+DRAWN_PX: Final = (800, 720)
+"""Size that it is rendered at, for smooth edges [pixels]."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Axes that all swatches of a site share, for comparison: highest level [dB], tap [m/s²]."""
+
+    top_dB: float
+    tap_m_s2: float
+
+
+def scale_of(swatches: Sequence[Swatch]) -> Scale:
+    """Axes that hold all of these swatches."""
+    levels = [level_dB.max() for swatch in swatches for level_dB, _ in _spectra(swatch).values()]
+    taps = [float(np.abs(s.taps.transient(TAP_M_S, ACCELERATION_RATE_HZ)).max()) for s in swatches if s.taps]
+    top = 10.0 * np.ceil(max(levels, default=0.0) / 10.0)
+    return Scale(float(top), 1.1 * max(taps, default=1.0))
+
+
+def painted_body(swatch: Swatch) -> NDArray[np.uint8] | None:
+    """The shipped toad, painted with the swatch: RGBA pixels on transparent ground; None where OpenGL is missing."""
+    from PIL import Image
+    from scipy.ndimage import binary_erosion
+
+    from hapscene.view.picture import write_picture
+
+    scene = Scene()
+    with as_file(files("hapscene_assets") / "meshes" / "toad.ply") as mesh:
+        scene.add(mesh, name="toad", unit="m", swatch=swatch)
+    with tempfile.TemporaryDirectory(prefix="hapscene-") as folder:
+        try:
+            write_picture(scene, None, Path(folder) / "body.png", size=DRAWN_PX)
+        except ViewError:
+            return None
+        with Image.open(Path(folder) / "body.png") as picture:
+            pixels = np.asarray(picture.convert("RGB"))
+    ground = (pixels == pixels[0, 0]).all(axis=2)
+    height = len(pixels) if ground[:, 0].all() else int(np.argmin(ground[:, 0]))  # below it is the legend
+    body = binary_erosion(~ground[:height])  # without the rim, which is mixed with the ground
+    rows, columns = np.flatnonzero(body.any(axis=1)), np.flatnonzero(body.any(axis=0))
+    cut = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    whole = np.dstack((pixels[:height], 255 * body.astype(np.uint8)))[cut]
+    size = (BODY_PX, round(BODY_PX * whole.shape[0] / whole.shape[1]))
+    return np.asarray(Image.fromarray(whole, "RGBA").resize(size, Image.Resampling.BOX))
+
+
+def _plots(swatch: Swatch, scale: Scale) -> list[str]:
+    """Figures of spectra and tap, as HTML with inline SVG."""
+    spectra = "Spectra of the texture for a light, a plain and a brisk stroke."
+    tap = f"Acceleration of the handle during a tap at {1e3 * TAP_M_S:g} mm/s."
+    return [_figure("Spectra", spectra, _draw_spectra, swatch, scale), _figure("Tap", tap, _draw_tap, swatch, scale)]
+
+
+def _figure(
+    title: str, caption: str, draw: "Callable[[Axes, Swatch, Scale], None]", swatch: Swatch, scale: Scale
+) -> str:
+    with new_chart(4.8, 2.9, style=STYLE) as chart:
+        draw(chart.subplots(), swatch, scale)
+        svg = inline_svg(chart, title)
+    drawing = svg.replace("<svg", f'<svg role="img" aria-label="{title} of this surface. {caption}"', 1)
+    return f"<figure><h3>{title}</h3>{drawing}<figcaption>{caption}</figcaption></figure>\n"
+
+
+def _draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
+    """Spectra of the texture at `STROKES`."""
+    for label, (level_dB, dash) in _spectra(swatch).items():
+        axes.semilogx(_frequencies(), level_dB, color=INK, linestyle=dash, label=label)
+    axes.set(xlim=ACCELERATION_BAND_HZ, ylim=(scale.top_dB - RANGE_DB, scale.top_dB))
+    axes.set(xlabel="frequency [Hz]", ylabel="[dB re 1 (m/s²)²/Hz]")
+    axes.set_xticks([20, 50, 100, 200, 500, 1000], ["20", "50", "100", "200", "500", "1000"])
+    axes.set_xticks([], minor=True)
+    if swatch.texture is None:
+        axes.text(0.5, 0.5, "no texture", ha="center", va="center", transform=axes.transAxes)
+    else:
+        axes.legend(loc="best", handlelength=2.4, borderaxespad=0.3, labelspacing=0.25)
+
+
+def _draw_tap(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
+    """Acceleration of a tap over time."""
+    count = round(1e-3 * TAP_MS * ACCELERATION_RATE_HZ)
+    wave = np.zeros(count)
+    if swatch.taps is not None:
+        transient = swatch.taps.transient(TAP_M_S, ACCELERATION_RATE_HZ)[:count]
+        wave[: len(transient)] = transient
+    axes.plot(1e3 * np.arange(count) / ACCELERATION_RATE_HZ, wave, color=INK)
+    axes.set(xlim=(0.0, TAP_MS), ylim=(-scale.tap_m_s2, scale.tap_m_s2), xlabel="time [ms]", ylabel="[m/s²]")
+
+
+def _spectra(swatch: Swatch) -> dict[str, tuple[NDArray[np.float64], object]]:
+    """Level [dB] and dash of each stroke by its label; strokes that the texture clamps to the same are one."""
+    texture, found = swatch.texture, dict[str, tuple[NDArray[np.float64], object]]()
+    if texture is None:
+        return found
+    gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)
+    for force_N, speed_m_s, dash in STROKES:
+        at = min(force_N, texture.force_max_N), min(speed_m_s, texture.speed_max_m_s)
+        power = gain**2 * texture.density([at[0]], [at[1]], frequency_Hz=_frequencies())[0]
+        found.setdefault(f"{at[0]:.2g} N, {1e3 * at[1]:.0f} mm/s", (10.0 * np.log10(np.maximum(power, 1e-12)), dash))
+    return found
+
+
+def _frequencies() -> NDArray[np.float64]:
+    return np.geomspace(*ACCELERATION_BAND_HZ, 400)

@@ -1,0 +1,118 @@
+"""Damping, adhesion, leaving and breaking loose planted in noisy recordings, found within their intervals."""
+
+import numpy as np
+import pytest
+
+from hapscene.capture.fit.contact import fit_contact
+from hapscene.capture.fit.segment import segment
+from hapscene.capture.io.streams import clean
+
+RATE_HZ, STIFFNESS_N_M = 1000.0, 500.0
+UP_M = 5e-3
+
+
+def ring(count, at, amplitude, frequency_Hz, decay_1_s, rate_Hz):
+    t_s = np.maximum(np.arange(count) / rate_Hz - at, 0.0)
+    return amplitude * np.exp(-decay_1_s * t_s) * np.sin(2 * np.pi * frequency_Hz * t_s)
+
+
+def presses(
+    seed=0, damping=0.0, hunt_crossley=0.0, adhesion=0.0, reach_m=5e-4,
+    late_s=0.0, noise_N=0.02, noise_m=1e-5, rings=0.0, has_depth=True, rate_Hz=RATE_HZ,
+):  # fmt: skip
+    """Eight presses of some 3 mm at 10 to 60 mm/s, from the air and back, of smooth turns."""
+    rng = np.random.default_rng(seed)
+    depth = []
+    for speed in np.geomspace(0.01, 0.06, 8):
+        top = 3e-3 * rng.uniform(0.6, 1.0)
+        ramp = np.linspace(-UP_M, top, round(rate_Hz * (top + UP_M) / speed))
+        depth += [np.full(round(0.2 * rate_Hz), -UP_M), ramp, np.full(round(0.1 * rate_Hz), top), ramp[::-1]]
+    depth = np.concatenate([*depth, np.full(round(0.3 * rate_Hz), -UP_M)])
+    turn = np.hanning(round(0.04 * rate_Hz) | 1)
+    depth = np.convolve(np.pad(depth, len(turn) // 2, "edge"), turn / turn.sum(), "valid")
+    rate = np.gradient(depth) * rate_Hz
+    into, beyond = np.maximum(depth, 0.0), np.maximum(-depth, 0.0) / reach_m
+    force = np.where(depth > 0.0, np.maximum(0.0, STIFFNESS_N_M * into + (damping + hunt_crossley * into) * rate), 0.0)
+    force -= np.where(rate < 0.0, adhesion * beyond * np.exp(1.0 - beyond), 0.0)
+    force = np.interp(np.arange(len(force)) - late_s * rate_Hz, np.arange(len(force)), force)
+    a = 0.01 * rng.standard_normal(len(depth))
+    for left in np.flatnonzero((depth[1:] <= 0.0) & (depth[:-1] > 0.0)):
+        a += ring(len(a), left / rate_Hz, -rings * rate[left], 170.0, 80.0, rate_Hz)
+    force, depth = (x + s * rng.standard_normal(len(x)) for x, s in ((force, noise_N), (depth, noise_m)))
+    channels = clean(a, rate_Hz, force, *((0.0, None, depth) if has_depth else (np.abs(rate),)))
+    return [(channels, segment(channels))]
+
+
+@pytest.mark.parametrize(
+    ("name", "truth", "more"),
+    [
+        ("damping_Ns_m", 3.0, {}),
+        ("damping_Ns_m", 3.0, {"noise_N": 0.06, "noise_m": 3e-5, "rate_Hz": 10_000.0}),
+        ("damping_Ns_m", 0.5, {}),
+        ("hunt_crossley_Ns_m2", 800.0, {}),
+        ("hunt_crossley_Ns_m2", 300.0, {}),
+    ],
+)
+def test_damping_is_found_of_its_kind_and_within_its_interval(name, truth, more):
+    planted = {"damping": truth} if name == "damping_Ns_m" else {"hunt_crossley": truth}
+    found = [fit_contact(presses(seed, **planted, **more)) for seed in range(4)]
+    assert all(one.numbers.keys() == {"stiffness_N_m", name} for one in found)
+    for number, value in ((name, truth), ("stiffness_N_m", STIFFNESS_N_M)):
+        hits = [low <= value <= high for low, high in (one.intervals[number] for one in found)]
+        assert sum(hits) >= 3 and found[0].numbers[number] == pytest.approx(value, rel=0.15)
+
+
+def test_where_none_is_seen_it_says_why():
+    assert "cannot be told from none" in fit_contact(presses()).absent["damping_Ns_m"]
+    late = fit_contact(presses(late_s=2e-3))
+    assert "force is 2.0 ms later" in late.absent["damping_Ns_m"].replace("2.1", "2.0").replace("1.9", "2.0")
+    ((channels, states),) = presses()
+    channels = clean(channels.acceleration_m_s2, RATE_HZ, channels.force_N, 0.0)
+    assert fit_contact([(channels, states)]).absent == {
+        "damping_Ns_m": "the recording holds no depth",
+        "adhesion_N": "the force does not pull as the tool leaves",
+        "leaving": "nothing is heard as the tool leaves",
+        "breakaway_1_kg": "the recording holds no tangential force",
+    }
+
+
+@pytest.mark.parametrize(("adhesion_N", "reach_m", "damping"), [(0.5, 5e-4, 0.0), (0.15, 1e-3, 0.0), (0.8, 3e-4, 3.0)])
+def test_adhesion_is_found_within_its_interval(adhesion_N, reach_m, damping):
+    found = [fit_contact(presses(seed, damping, 0.0, adhesion_N, reach_m)) for seed in range(4)]
+    for name, truth in (("adhesion_N", adhesion_N), ("adhesion_range_m", reach_m)):
+        assert all(one.numbers[name] == pytest.approx(truth, rel=0.05) for one in found)
+        assert sum(one.intervals[name][0] <= truth <= one.intervals[name][1] for one in found) >= 3
+
+
+def test_where_no_depth_is_recorded_the_speed_tells_the_way():
+    found = fit_contact(presses(adhesion=0.5, has_depth=False))
+    assert found.numbers["adhesion_N"] == pytest.approx(0.5, rel=0.03)
+    assert found.numbers["adhesion_range_m"] == pytest.approx(5e-4, rel=0.03)
+    ((channels, states),) = presses(adhesion=0.5, has_depth=False)
+    channels.speed_m_s[:] = 0.1  # it slides all the while, no less before it leaves than after
+    channels.speed_m_s[0] = 0.0
+    assert "not over a way" in fit_contact([(channels, states)]).absent["adhesion_N"]
+
+
+def test_leaving_is_found_over_its_speed():
+    found = fit_contact(presses(rings=40.0, rate_Hz=5000.0))
+    taps = found.leaving
+    assert taps is not None and len(taps.approach_m_s) >= 4
+    np.testing.assert_allclose(taps.amplitude_m_s2 / taps.approach_m_s, 40.0, rtol=0.2)
+    np.testing.assert_allclose(taps.frequency_Hz, 170.0, rtol=0.02)
+    assert "leaving.frequency_Hz[0]" in found.intervals and "leaving" not in found.absent
+
+
+def test_breaking_loose_is_found_over_the_force_set_free():
+    rng, rate = np.random.default_rng(0), 5000.0
+    t = np.arange(20_000) % 4000 / rate  # each 0.8 s: the pull grows, then it slides quietly
+    normal = 1.0 + 0.5 * np.repeat(np.arange(5) % 2, 4000)
+    speed, pull = np.where(t < 0.5, 0.0, 0.1), np.where(t < 0.5, 1.0 * t, 0.3) * normal
+    a = 0.02 * rng.standard_normal(len(t))
+    for k in range(5):
+        a += ring(len(a), 0.8 * k + 0.5, 30.0 * 0.2 * normal[4000 * k], 150.0, 90.0, rate)
+    noisy = [x + 5e-3 * rng.standard_normal(len(t)) for x in (normal, pull)]
+    channels = clean(a, rate, noisy[0], speed, noisy[1])
+    found = fit_contact([(channels, segment(channels))])
+    for name, truth in (("breakaway_1_kg", 30.0), ("breakaway_Hz", 150.0), ("breakaway_decay_1_s", 90.0)):
+        assert found.numbers[name] == pytest.approx(truth, rel=0.1), name

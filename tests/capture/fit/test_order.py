@@ -1,0 +1,130 @@
+"""The search for an order on models whose order and floor are known."""
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter, sosfilt
+
+from hapscene.capture.fit import distance as metric
+from hapscene.capture.fit.order import (
+    DISTANCE_RATIO,
+    DOMAIN_JND,
+    MISFIT_DB,
+    MISFIT_RATIO,
+    _misfit,
+    felt_order,
+    search_domain,
+    search_order,
+)
+from hapscene.dsp.ar_filter import power_gain
+from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
+
+RATE_HZ = 2000.0
+
+
+def resonant(*frequency_Hz, radius=0.9):
+    a = np.array([1.0])
+    for f in frequency_Hz:
+        a = np.convolve(a, [1.0, -2.0 * radius * np.cos(2 * np.pi * f / RATE_HZ), radius**2])
+    return a
+
+
+def played(a, count, seed=0):
+    return lfilter([1.0], a, np.random.default_rng(seed).standard_normal(count + 2000))[2000:]
+
+
+@pytest.mark.parametrize("frequency_Hz", [(300,), (200, 600), (150, 450, 800)])
+def test_the_order_of_an_ar_process_is_found(frequency_Hz):
+    truth = resonant(*frequency_Hz)
+    found = search_order(played(truth, 40_000), RATE_HZ)
+    order = len(truth) - 1
+    assert abs(found.chosen - order) <= 1
+    at = int(np.flatnonzero(found.orders == order)[0])
+    assert found.residual[at] == pytest.approx(1.0 / power_gain(truth), rel=0.03)  # what is new in each sample
+    assert found.misfit_dB[at] < MISFIT_DB < found.misfit_dB[at - 2 if at >= 2 else 0] or order == 2
+
+
+def test_what_was_found_is_what_the_words_say():
+    signal = np.concatenate([played(resonant(200, 600), 8000), 2.0 * played(resonant(260, 600), 8000, 1)])
+    found = search_order(signal, RATE_HZ)
+    spectra = [metric.spectrum(half, RATE_HZ) for half in np.split(signal, 2)]
+    (frequency, one), (_, two) = spectra
+    assert found.floor_dB == pytest.approx(metric.log_spectral_distance(one, two, frequency))
+    assert found.allowed_dB == max(MISFIT_RATIO * found.floor_dB, MISFIT_DB)
+    fits = found.misfit_dB <= found.allowed_dB
+    near = found.distance_dB <= max(found.floor_dB, DISTANCE_RATIO * found.distance_dB.min())
+    assert found.plain == found.orders[fits & near][0] and found.orders.tolist() == list(range(2, 161))
+
+
+@pytest.mark.parametrize("order", [4, 30])
+def test_each_half_is_judged_by_the_model_of_the_other(order):
+    from hapscene.dsp.linear_prediction import residual_power, smoothed
+
+    signal = np.concatenate([played(resonant(200, 600), 4000), played(resonant(300, 700), 4000, 1)])
+    found = search_order(signal, RATE_HZ)
+    lags = [autocorrelation(tapered(half, RATE_HZ), 160) for half in np.split(signal, 2)]
+    a = [solve(smoothed(r, RATE_HZ)[: order + 1]) for r in lags]
+    ratio = [residual_power(a[0], lags[1]) / lags[1][0], residual_power(a[1], lags[0]) / lags[0][0]]
+    assert found.residual[order - 2] == pytest.approx(np.sqrt(ratio[0] * ratio[1]))
+    distance = []
+    for i in (0, 1):
+        frequency, density = metric.spectrum(np.split(signal, 2)[1 - i], RATE_HZ)
+        model = metric.model_spectrum(a[i], 1.0, RATE_HZ, frequency)
+        distance.append(metric.log_spectral_distance(model, density, frequency))
+    assert found.distance_dB[order - 2] == pytest.approx(np.mean(distance))
+
+
+def test_what_is_shipped_is_no_larger_than_is_felt() -> None:
+    """A loud mode of two coefficients and one 30 dB below it, under the next band's JND: the second is left out."""
+    rng, rate_Hz = np.random.default_rng(15), 5000.0
+    poles = 0.97 * np.exp(2j * np.pi * 150.0 / rate_Hz)
+    loud = lfilter([1.0], [1.0, -2.0 * poles.real, abs(poles) ** 2], rng.standard_normal(60_000))
+    assert felt_order(search_order(loud, rate_Hz), loud, rate_Hz) <= 6  # the mode, and what chance adds to it
+    poles = 0.97 * np.exp(2j * np.pi * 600.0 / rate_Hz)
+    second = lfilter([1.0], [1.0, -2.0 * poles.real, abs(poles) ** 2], rng.standard_normal(60_000))
+    both = loud + second
+    order = felt_order(search_order(both, rate_Hz), both, rate_Hz)
+    a = solve(autocorrelation(tapered(both, rate_Hz), order))
+    assert 4 <= order <= 16 and np.abs(np.roots(a)).max() > 0.9  # both are felt
+
+
+def test_a_short_recording_has_fewer_orders():
+    found = search_order(played(resonant(300), 1000), RATE_HZ)
+    assert found.orders[-1] == 124 and found.chosen <= 124
+
+
+def test_chance_alone_is_no_misfit():
+    """White noise: the highest order's spectrum is chance, and what lower ones miss of it is taken out."""
+    orders = np.array([2, 5, 20, 60, 100, 160])
+
+    def misfit_dB(count):
+        return np.array([_misfit(played(np.ones(1), count, seed), orders, RATE_HZ) for seed in range(10)])
+
+    of_chance = np.exp(-((2 * np.pi * 15 / RATE_HZ * np.arange(3, 161)) ** 2))  # squares of the window on the lags
+    for count in (4000, 40_000):
+        raw_dB = 10 / np.log(10) * np.sqrt(2 / count * of_chance.sum())
+        found = misfit_dB(count)
+        assert found[:, -1].tolist() == [0.0] * 10 and found[:, 0].mean() < 0.5 * raw_dB
+
+
+def falling(count, seed=0):
+    """Noise at 10 kHz that falls off steeply below 60 Hz and slowly above 300 Hz, over a sensor's."""
+    rng = np.random.default_rng(seed)
+    noise = sosfilt(butter(4, 60.0, "highpass", fs=1e4, output="sos"), rng.standard_normal(count + 5000))
+    signal = sosfilt(butter(2, 300.0, fs=1e4, output="sos"), noise)[5000:]
+    return signal + 1e-3 * signal.std() * rng.standard_normal(count)
+
+
+def test_the_axis_is_that_which_a_surface_asks_for():
+    """Two wide resonances are a plain model of order 4; what falls off towards 20 Hz is warped, with fewer taps."""
+    a = np.ones(1)
+    for f in (150.0, 600.0):
+        a = np.convolve(a, [1.0, -1.95 * np.cos(2 * np.pi * f / 1e4), 0.950625])
+    plain = search_domain(lfilter([1.0], a, np.random.default_rng(1).standard_normal(60_000)), 1e4)
+    assert plain.warp == 0.0 and plain.chosen <= 6
+    signal = falling(60_000)
+    found = [search_domain(signal, 1e4, domain) for domain in ("plain", "warped", "auto")]
+    assert [search.warp > 0.0 for search in found] == [False, True, True]
+    assert found[2].chosen < 0.5 * found[0].chosen
+    at = [float(search.band_jnd[search.orders == search.chosen][0]) for search in found]
+    assert at[2] <= at[0] + DOMAIN_JND
+    assert search_domain(signal[::5], 2000.0, "warped").warp == 0.0  # too low a rate for it

@@ -1,0 +1,175 @@
+"""States and changes of recordings whose truth is known."""
+
+import numpy as np
+import pytest
+
+from hapscene.capture.fit.change_point import change_points
+from hapscene.capture.fit.segment import (
+    LEVEL_S,
+    TAP_S,
+    InteractionState,
+    Segmentation,
+    _mark_bursts,
+    noise,
+    runs,
+    segment,
+)
+from hapscene.capture.io.streams import clean
+from hapscene.capture.report.states import draw_states, write_states
+
+TOLERANCE_S = 0.02
+
+
+def borders(states):
+    """(sample, state that begins there), without taps' ends: those are where the ringing ends."""
+    places = np.flatnonzero(np.diff(states)) + 1
+    return [(int(p), int(states[p])) for p in places if states[p - 1] != InteractionState.TAP]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("streams", [("force_N", "speed_m_s"), ("force_N",)])
+def test_states_are_found_within_20_ms(seed, streams, handled_recording):
+    truth = handled_recording(seed)
+    channels = clean(truth.acceleration_m_s2, truth.rate_Hz, **{name: getattr(truth, name) for name in streams})
+    states = segment(channels).states
+    assert np.mean(states == truth.states) > 0.97
+    for place, state in borders(truth.states):
+        near = slice(place - round(TOLERANCE_S * truth.rate_Hz), place + round(TOLERANCE_S * truth.rate_Hz))
+        assert state in states[near]
+    assert len(runs(states == InteractionState.TAP)) == len(truth.tap_m_s)
+    assert len(runs(states == InteractionState.SLIDING)) == 2
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("streams", [("speed_m_s",), ()])
+def test_without_force_rest_and_air_are_one_state(seed, streams, handled_recording):
+    truth = handled_recording(seed)
+    channels = clean(truth.acceleration_m_s2, truth.rate_Hz, **{name: getattr(truth, name) for name in streams})
+    states = segment(channels).states
+    told = np.where(truth.states == InteractionState.STILL, InteractionState.AIR, truth.states)
+    assert np.mean(states == told) > 0.97
+    assert len(runs(states == InteractionState.TAP)) == len(truth.tap_m_s)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_change_of_surface_is_found_and_no_other(seed, handled_recording):
+    truth = handled_recording(seed)
+    found = segment(clean(truth.acceleration_m_s2, truth.rate_Hz, truth.force_N, truth.speed_m_s))
+    assert len(found.changes) == 1
+    assert abs(found.changes[0] - truth.change) < TOLERANCE_S * truth.rate_Hz
+    assert len(found.stationary()) == 3
+    assert sum(end - start for start, end in found.stationary()) == np.count_nonzero(
+        found.states == InteractionState.SLIDING
+    )
+
+
+@pytest.mark.parametrize("rate_Hz", [10_000.0, 2_000.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_known_switching_times(seed, rate_Hz):
+    """Level, spectrum, or both change at seven times; 20 dB below lies white noise."""
+    from scipy.signal import lfilter
+
+    rng = np.random.default_rng(seed)
+    pairs = ([150, 500], [250, 700], [90, 400, 800])
+    y, times = [], []
+    for model, gain in ((0, 1), (1, 2), (0, 1), (0, 0.5), (2, 1), (1, 1), (0, 1.5), (2, 1.5)):
+        count = round(rng.uniform(0.4, 1.0) * rate_Hz)
+        a = np.array([1.0])
+        for f in pairs[model]:
+            a = np.convolve(
+                a, [1.0, -2.0 * np.exp(-300 / rate_Hz) * np.cos(2 * np.pi * f / rate_Hz), np.exp(-600 / rate_Hz)]
+            )
+        part = lfilter([1.0], a, rng.standard_normal(count + 4000))[4000:]
+        y.append(gain * part / part.std())
+        times.append(count)
+    signal = np.concatenate(y)
+    signal += 0.1 * signal.std() * rng.standard_normal(len(signal))
+    found = np.array(change_points(clean(signal, rate_Hz).acceleration_m_s2, rate_Hz))
+    truth = np.cumsum(times)[:-1]
+    assert len(found) == len(truth)
+    assert np.abs(found - truth).max() < TOLERANCE_S * rate_Hz
+
+
+def test_what_is_stationary_has_no_changes():
+    rng = np.random.default_rng(0)
+    assert change_points(rng.standard_normal(50_000), 10_000.0) == []
+    assert change_points(rng.laplace(size=50_000), 10_000.0) == []
+    assert change_points(np.zeros(50_000), 10_000.0) == []
+    assert change_points(rng.standard_normal(100), 10_000.0) == []
+
+
+def test_a_recording_of_one_state_is_sliding():
+    rng = np.random.default_rng(0)
+    assert np.all(segment(clean(rng.standard_normal(20_000), 5_000.0)).states == InteractionState.SLIDING)
+    assert not np.any(segment(clean(rng.standard_normal(20_000), 5_000.0, force_N=0.0)).states)
+
+
+def test_real_strokes_slide_throughout(shared):
+    for name in ("wood", "paper", "leather"):
+        speed, force, accel, _ = np.loadtxt(
+            shared / "data" / "recordings" / f"cdp_{name}.csv", delimiter=",", skiprows=1
+        ).T
+        assert np.all(segment(clean(accel, 10_000.0, force, 1e-3 * speed)).states == InteractionState.SLIDING)
+
+
+def test_the_noise_of_a_stream_is_measured_where_it_is_quietest():
+    rng = np.random.default_rng(0)
+    hand = np.concatenate([np.zeros(20_000), 1.0 - np.cos(np.arange(20_000) / 1000.0)])
+    force = clean(rng.standard_normal(40_000), 10_000.0, hand + 0.1 * rng.standard_normal(40_000)).force_N
+    assert noise(force, 10_000.0) == pytest.approx(0.1 * np.sqrt(100 / 5000), rel=0.4)
+
+
+def test_a_plot_of_the_states(tmp_path, handled_recording):
+    truth = handled_recording(0)
+    channels = clean(truth.acceleration_m_s2, truth.rate_Hz, truth.force_N, truth.speed_m_s, None, truth.depth_m)
+    short = clean(truth.acceleration_m_s2[:6000], truth.rate_Hz)
+    write_states([(channels, segment(channels)), (short, segment(short))], tmp_path / "states.png", ["one", "two"])
+    assert (tmp_path / "states.png").read_bytes().startswith(b"\x89PNG")
+    assert [path.name for path in tmp_path.iterdir()] == ["states.png"]
+
+
+@pytest.mark.parametrize(
+    ("start_s", "length_s", "loudest_s", "rest", "tap"),
+    [
+        (0.3, 2.4 * LEVEL_S, 0.0, 1.0, True),
+        (0.3, 2.4 * LEVEL_S, 0.9 * LEVEL_S, 1.0, True),  # no later than a level is known to
+        (0.3, 2.4 * LEVEL_S, 1.5 * LEVEL_S, 1.0, False),
+        (0.3, 0.95 * TAP_S, 0.3 * TAP_S, 1.0, True),
+        (0.3, 0.95 * TAP_S, 0.4 * TAP_S, 1.0, False),
+        (0.3, 1.05 * TAP_S, 0.0, 1.0, False),
+        (0.0, 2.4 * LEVEL_S, 0.0, 1.0, False),  # it began before the recording
+        (0.3, 2.4 * LEVEL_S, 0.0, 2.5, False),  # its last quarter is too loud
+    ],
+)
+@pytest.mark.parametrize("rate_Hz", [1_000.0, 10_000.0])
+def test_a_burst_that_is_brief_and_loudest_at_its_start_is_a_tap(rate_Hz, start_s, length_s, loudest_s, rest, tap):
+    level = np.zeros(round(rate_Hz))
+    start, count = round(start_s * rate_Hz), round(length_s * rate_Hz)
+    level[start : start + count] = 1.0
+    level[start + 3 * count // 4 : start + count] = rest
+    level[start + round(loudest_s * rate_Hz)] = 10.0
+    states = np.zeros(len(level), np.int8)
+    _mark_bursts(states, level > 0.0, level, rate_Hz)
+    found = np.flatnonzero(states == InteractionState.TAP)
+    assert found.tolist() == (list(range(start, start + count)) if tap else [])
+
+
+def test_the_streams_that_change_are_drawn_with_what_tells_a_state():
+    t = np.arange(20_000) / 10_000.0
+    moved = 1.0 - np.cos(3.0 * t)
+    both = clean(np.sin(500.0 * t), 10_000.0, 0.4 * moved, 0.1 * moved, depth_m=2e-3 * moved)
+    one = clean(np.sin(500.0 * t), 10_000.0, 1.0, 0.1)
+    states = np.zeros(len(t), np.int8)
+    parts = [
+        (both, Segmentation(10_000.0, states, (), 0.25, 0.02)),
+        (one, Segmentation(10_000.0, states, (), None, None)),
+    ]
+    panels, short = (panel.axes for panel in draw_states(parts, ["all", "one"]).subfigs)
+    drawn = {axes.get_ylabel().split("\n")[0]: axes for axes in panels[1:]}
+    assert list(drawn) == ["acceleration", "normal force", "speed", "depth"] and len(short) == 2
+    for name, top, on in (("normal force", 0.8, [0.25]), ("speed", 200.0, [20.0]), ("depth", 4.0, [])):
+        axes = drawn[name]
+        assert axes.collections[-1].get_datalim(axes.transData).y1 == pytest.approx(top, rel=0.01)
+        assert [(text.get_text(), text.xy[1]) for text in axes.texts] == [("on", at) for at in on]
+        assert [line.get_ydata()[0] for line in axes.lines] == on
+    assert panels[-1].get_xlabel() == "time [s]"

@@ -1,0 +1,127 @@
+"""The slope of force over depth: known springs, both streams noisy, knocks among them."""
+
+import numpy as np
+import pytest
+
+from hapscene.capture.fit import stiffness
+from hapscene.capture.fit.segment import InteractionState, Segmentation
+from hapscene.capture.fit.stiffness import (
+    RANGE,
+    _deming,
+    _loadings,
+    _noise_ratio,
+    _slope,
+    _weighted_sums,
+    fit_stiffness,
+)
+from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Streams
+
+RATE_HZ, FORCE_ON_N = 1000.0, 0.05
+STEP = round(RATE_HZ / (4.0 * HAND_CUTOFF_HZ))
+
+
+def pressed(slope_N_m, noise_N=0.0, noise_m=0.0, count=6, drift_m=0.0, seed=0):
+    """Presses of 0.4 s, up and down again, 0.6 s apart; noise as that of sensors, which the low-pass has bent."""
+    from scipy.signal import butter, sosfiltfilt
+
+    rng = np.random.default_rng(seed)
+    t = np.arange(count * 1000) / RATE_HZ
+    force = 2.0 * np.maximum(0.0, np.sin(2.0 * np.pi * (t % 1.0 - 0.3) / 0.8)) * ((t % 1.0 > 0.3) & (t % 1.0 < 0.7))
+    low = butter(4, HAND_CUTOFF_HZ, fs=RATE_HZ, output="sos")
+    noise = sosfiltfilt(low, rng.standard_normal((2, len(t))))
+    depth = force / slope_N_m + drift_m * np.floor(t) + noise_m * noise[1]
+    force = force + noise_N * noise[0]
+    states = np.where(force > FORCE_ON_N, InteractionState.STILL, InteractionState.AIR).astype(np.int8)
+    streams = Streams(RATE_HZ, np.zeros(len(t)), force, np.zeros(len(t)), None, depth)
+    return [(streams, Segmentation(RATE_HZ, states, (), FORCE_ON_N, None))]
+
+
+@pytest.mark.parametrize("slope_N_m", [80.0, 500.0, 20_000.0])
+def test_a_spring_without_noise_is_exact_wherever_its_depth_is_zero(slope_N_m):
+    for drift_m in (0.0, 0.01):
+        found = fit_stiffness(pressed(slope_N_m, drift_m=drift_m))
+        assert found.slope_N_m == pytest.approx(slope_N_m, rel=1e-6)
+        assert found.interval == pytest.approx((slope_N_m, slope_N_m), rel=1e-6)
+
+
+def test_noise_of_the_depth_does_not_flatten_the_line():
+    """Plain least squares of force over depth are 12 % low here; the noise of both is known from themselves."""
+    found = [fit_stiffness(pressed(500.0, 0.05, 8e-4, seed=seed)) for seed in range(10)]
+    slopes = np.array([one.slope_N_m for one in found])
+    assert slopes.mean() == pytest.approx(500.0, rel=0.04)
+    assert sum(one.interval[0] <= 500.0 <= one.interval[1] for one in found) >= 7
+    spread = np.mean([np.ptp(one.interval) for one in found]) / (2 * 1.96)
+    assert 0.4 < spread / slopes.std() < 2.5
+
+
+@pytest.mark.parametrize("ratio", [10.0, 500.0, 1e5])
+def test_the_line_has_the_least_distances_in_units_of_the_noise(ratio):
+    from scipy.optimize import minimize_scalar
+
+    rng = np.random.default_rng(0)
+    depth = rng.uniform(-1e-3, 1e-3, 200)
+    force = 500.0 * depth + 0.1 * rng.standard_normal(200)
+    sums = np.array([[(depth**2).sum(), (depth * force).sum(), (force**2).sum()]])
+
+    def distance(slope):
+        return np.sum((force - slope * depth) ** 2) / (ratio**2 + slope**2)
+
+    best = minimize_scalar(distance, bounds=(100.0, 2000.0), method="bounded", options={"xatol": 1e-6}).x
+    assert _deming(sums, ratio)[0] == pytest.approx(best, rel=1e-6)
+    assert _deming(sums * [1.0, -1.0, 1.0], ratio)[0] == pytest.approx(-best, rel=1e-6)
+
+
+def test_knocks_do_not_bend_it():
+    rng = np.random.default_rng(0)
+    depth = rng.uniform(-1e-3, 1e-3, 300)
+    force = 500.0 * depth + 0.01 * rng.standard_normal(300)
+    force[::15] += 0.5 * np.sign(depth[::15])
+    assert _slope(depth, force, 500.0) == pytest.approx(500.0, rel=0.02)
+    away = np.abs(force - 500.0 * depth)
+    bound = 1.345 * 1.4826 * np.median(away)
+    weight = np.where(away <= bound, 1.0, bound / away)
+    expected = (weight @ depth**2, weight @ (depth * force), weight @ force**2)
+    assert _weighted_sums(depth, force, 500.0, 500.0) == pytest.approx(expected)
+
+
+def test_a_loading_is_what_lies_between_the_contact_s_beginning_and_its_largest_force():
+    ((streams, states),) = pressed(500.0, count=2)
+    found = _loadings(streams, states)
+    assert len(found) == 2
+    for depth, force in found:
+        assert depth.mean() == pytest.approx(0.0, abs=1e-12) and force.mean() == pytest.approx(0.0, abs=1e-9)
+        assert np.all(np.diff(force) > 0.0)  # only while it is loaded
+        assert np.ptp(force) == pytest.approx(2.0 * (RANGE[1] - RANGE[0]), rel=0.05)
+    rise = np.arcsin(RANGE) * 0.8 / (2.0 * np.pi) * RATE_HZ
+    assert len(found[0][0]) == pytest.approx(np.ptp(rise) / STEP, abs=1.0)
+
+
+def test_a_contact_that_slid_before_and_one_that_hardly_presses_are_no_loadings():
+    ((streams, states),) = pressed(500.0, count=3)
+    states.states[300:330] = InteractionState.SLIDING  # the first slides to rest
+    streams.force_N[1000:2000] *= 0.09  # the second's 0.18 N are less than four times what tells a contact
+    assert len(_loadings(streams, states)) == 1
+    states.states[2300:2700] = InteractionState.SLIDING
+    assert fit_stiffness([(streams, states)]).reason == "the tool never presses into the surface without sliding"
+
+
+def test_few_loadings_have_an_interval_too():
+    found = fit_stiffness(pressed(500.0, 0.05, 1e-4, count=1))
+    low, high = found.interval
+    assert low < 500.0 < high and high - low < 150.0
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_interval_of_few_loadings_is_drawn_from_a_dozen_pieces_or_more(count, monkeypatch):
+    sizes = []
+    monkeypatch.setattr(stiffness, "_weighted_sums", lambda d, *rest: sizes.append(len(d)) or _weighted_sums(d, *rest))
+    fit_stiffness(pressed(500.0, 0.05, 1e-4, count=count))
+    assert 12 <= sum(size < max(sizes) for size in sizes) <= 16  # the others are of the line through all
+
+
+def test_neither_stream_counts_as_exact():
+    """Where one has no noise, it is held to have a hundredth of the other's, both over their ranges."""
+    for (noise_N, noise_m), share in (((0.0, 8e-4), 0.01), ((0.05, 0.0), 100.0)):
+        ((streams, states),) = pressed(500.0, noise_N, noise_m)
+        span = np.ptp(streams.force_N) / np.ptp(streams.depth_m)
+        assert _noise_ratio([(streams, states)]) == pytest.approx(share * span)

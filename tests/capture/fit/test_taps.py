@@ -1,0 +1,224 @@
+"""Taps whose truth is known, at 20 dB."""
+
+import numpy as np
+import pytest
+
+from hapscene.capture.fit.segment import InteractionState, Segmentation, segment
+from hapscene.capture.fit.taps import (
+    FITTED_MAX,
+    OUTLIER,
+    WAVE_S,
+    MeasuredTap,
+    _approach,
+    _errors,
+    fit_taps,
+    measure_tap,
+    pooled_taps,
+    weighted_mean,
+)
+from hapscene.capture.io.streams import Streams, clean
+
+
+def parts(truth, *streams):
+    channels = clean(truth.acceleration_m_s2, truth.rate_Hz, **{name: getattr(truth, name) for name in streams})
+    return [(channels, segment(channels))]
+
+
+@pytest.mark.parametrize("rate_Hz", [10_000.0, 2_000.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_over_approach_speed(seed, rate_Hz, handled_recording):
+    truth = handled_recording(seed, rate_Hz)
+    found = fit_taps(parts(truth, "force_N", "speed_m_s", "depth_m"))
+    taps = found.taps
+    assert taps is not None and not found.absent
+    np.testing.assert_allclose(taps.approach_m_s, sorted(truth.tap_m_s), rtol=0.15)
+    np.testing.assert_allclose(taps.frequency_Hz, 180.0, rtol=0.03)
+    np.testing.assert_allclose(taps.decay_1_s, 70.0, rtol=0.10)
+    np.testing.assert_allclose(taps.amplitude_m_s2, 100.0 * np.array(sorted(truth.tap_m_s)), rtol=0.10)
+    for i in range(4):
+        low, high = found.intervals[f"taps.decay_1_s[{i}]"]
+        assert 0.0 < high - low < 0.4 * 70.0
+
+
+def test_speeds_a_fifth_apart_stay_apart_and_repeated_ones_are_pooled():
+    """Seven taps at 20 dB, at five speeds of which neighbours are nearer than 6 to 5."""
+    rate, rng = 10_000.0, np.random.default_rng(3)
+    speeds = [0.25, 0.3, 0.35, 0.3, 0.42, 0.5, 0.25]
+    n = round(0.5 * rate)
+    a, depth, force = np.zeros((3, n * (len(speeds) + 1)))
+    depth[:] = -0.02
+    for i, v in enumerate(speeds, 1):
+        start, t = i * n, np.arange(round(0.15 * rate)) / rate
+        a[start : start + len(t)] = 100.0 * v * np.exp(-70.0 * t) * np.sin(2 * np.pi * 180.0 * t)
+        press = np.arange(round(0.04 * rate)) / rate
+        force[start : start + len(press)] = 500.0 * v * 0.04 / np.pi * np.sin(np.pi * press / 0.04)
+        depth[start : start + len(press)] = force[start : start + len(press)] / 500.0
+        away = np.arange(round(0.02 / v * rate)) / rate
+        depth[start - len(away) : start] = -v * away[::-1]
+        depth[start + len(press) : start + len(press) + len(away)] = -v * away
+    heard = np.sqrt(np.mean(a[n : n + 600] ** 2))
+    a += 0.1 * heard * rng.standard_normal(len(a))
+    channels = clean(a, rate, force_N=force, depth_m=depth)
+    taps = fit_taps([(channels, segment(channels))]).taps
+    assert taps is not None
+    np.testing.assert_allclose(taps.approach_m_s, sorted(set(speeds)), rtol=0.03)
+    np.testing.assert_allclose(taps.amplitude_m_s2, 100.0 * taps.approach_m_s, rtol=0.1)
+
+
+def test_intervals_hold_the_truth(handled_recording):
+    """95 % of them should; of 48, at least 40 do with a probability of 0.999."""
+    inside = 0
+    for seed in range(4):
+        found = fit_taps(parts(handled_recording(seed), "force_N", "speed_m_s", "depth_m"))
+        for name, want in (
+            ("frequency_Hz", [180.0] * 4),
+            ("decay_1_s", [70.0] * 4),
+            ("amplitude_m_s2", [5, 10, 15, 20]),
+        ):
+            for i, value in enumerate(want):
+                low, high = found.intervals[f"taps.{name}[{i}]"]
+                inside += low <= value <= high
+    assert inside >= 40
+
+
+def test_stored_transients_are_those_measured(handled_recording):
+    truth = handled_recording(0)
+    taps = fit_taps(parts(truth, "force_N", "speed_m_s", "depth_m")).taps
+    assert taps is not None and taps.wave_rate_Hz == truth.rate_Hz
+    t_s = np.arange(400) / truth.rate_Hz
+    wave = 20.0 * np.exp(-70.0 * t_s) * np.sin(2 * np.pi * 180.0 * t_s)
+    assert np.corrcoef(taps.transient(taps.approach_m_s[-1], truth.rate_Hz)[:400], wave)[0, 1] > 0.99
+
+
+def test_without_a_speed_one_is_assumed_and_said(handled_recording):
+    found = fit_taps(parts(handled_recording(0)))
+    assert found.taps is not None
+    assert found.taps.approach_m_s.tolist() == [0.1]
+    assert found.taps.frequency_Hz[0] == pytest.approx(180.0, rel=0.03)
+    assert found.taps.decay_1_s[0] == pytest.approx(70.0, rel=0.10)
+    assert "0.1 m/s assumed" in found.absent["taps.approach_m_s"]
+
+
+def test_no_taps_have_a_reason():
+    channels = clean(np.random.default_rng(0).standard_normal(20_000), 10_000.0)
+    found = fit_taps([(channels, segment(channels))])
+    assert found.taps is None and found.absent == {"taps": "no tap was found in the recording"}
+
+
+@pytest.mark.parametrize(("frequency_Hz", "decay_1_s"), [(60.0, 30.0), (300.0, 150.0), (700.0, 80.0)])
+def test_other_frequencies(frequency_Hz, decay_1_s):
+    rate = 10_000.0
+    t_s = np.arange(15_000) / rate - 0.5
+    tap = np.where(t_s > 0, np.exp(-decay_1_s * np.maximum(t_s, 0)) * np.sin(2 * np.pi * frequency_Hz * t_s), 0.0)
+    heard = tap[5000 : 5000 + round(3 / decay_1_s * rate)]
+    noisy = tap + 0.1 * np.sqrt(np.mean(heard**2)) * np.random.default_rng(0).standard_normal(len(tap))
+    channels = clean(10.0 * noisy, rate)
+    states = segment(channels)
+    (run,) = states.runs(InteractionState.TAP)
+    found = measure_tap(channels, run, 0.1)
+    assert found is not None
+    assert found.value[1] == pytest.approx(frequency_Hz, rel=0.03)
+    assert found.value[2] == pytest.approx(decay_1_s, rel=0.10)
+    late = run[0] - 50  # and where the recording begins 5 ms before it
+    early = measure_tap(clean(10.0 * noisy[late:], rate), (50, run[1] - late), 0.1)
+    assert early is not None and early.value[1] == pytest.approx(frequency_Hz, rel=0.03)
+
+
+def tap(approach_m_s, decay_1_s, error_1_s=1.0, level=1.0):
+    value = np.array([20.0, 180.0, decay_1_s])
+    return MeasuredTap(approach_m_s, value, np.array([1.0, 1.0, error_1_s]), 1.0, np.full(10, level))
+
+
+def test_taps_at_one_speed_are_one_with_the_error_of_a_mean():
+    rng = np.random.default_rng(0)
+    found = pooled_taps([tap(0.1, 70.0 + rng.standard_normal()) for _ in range(16)], 1000.0, {})
+    assert len(found.taps.approach_m_s) == 1 and found.taps.decay_1_s[0] == pytest.approx(70.0, abs=1.0)
+    width = np.ptp(found.intervals["taps.decay_1_s[0]"]) / (2 * 1.96)
+    assert width == pytest.approx(np.sqrt(2.0) / np.sqrt(16.0), rel=0.3)  # its own error, and as much of scatter
+
+
+def test_an_odd_tap_in_a_group_is_left_out():
+    values = np.column_stack([np.full(9, 20.0), np.full(9, 180.0), [70, 71, 69, 70.5, 69.5, 70, 71, 69, 400.0]])
+    mean, error = weighted_mean(values, np.ones((9, 3)))
+    assert mean == pytest.approx([20.0, 180.0, 70.0], abs=0.1)
+    alone, of_eight = weighted_mean(values[:8], np.ones((8, 3)))
+    assert mean[2] == pytest.approx(alone[2], abs=0.1) and error[2] == pytest.approx(of_eight[2], rel=0.2)
+    assert error[0] == pytest.approx(1.0 / 3.0)  # its amplitude is as that of the others: it counts
+
+
+def test_what_is_measured_well_counts_more_and_the_border_is_known():
+    mean, error = weighted_mean(np.array([[1.0], [2.0], [1.0]]), np.array([[0.01], [1.0], [0.01]]))
+    assert mean == pytest.approx(1.0, abs=1e-3) and error == pytest.approx(0.01 / np.sqrt(2.0), rel=1e-3)
+    near, far = (np.array([[0.0], [0.0], [(OUTLIER + by) * 0.5]]) for by in (-0.01, 0.01))
+    assert weighted_mean(near, np.full((3, 1), 0.5))[0] == pytest.approx(near.mean(), rel=1e-6)
+    assert weighted_mean(far, np.full((3, 1), 0.5))[0] == 0.0
+
+
+def test_transients_of_a_group_are_averaged():
+    found = pooled_taps([tap(0.1, 70.0, level=1.0), tap(0.1, 70.0, level=3.0), tap(0.5, 70.0, level=9.0)], 1000.0, {})
+    assert found.taps.wave_m_s2.tolist() == [[2.0] * 10, [9.0] * 10]
+    assert found.taps.approach_m_s.tolist() == [0.1, 0.5]
+
+
+def test_stored_transients_are_whole_and_end_in_silence():
+    """One impact of a tool that rings on: a cosine of constant height shows the fades themselves."""
+    rate, count = 10_000.0, 10_000
+    t = np.arange(count) / rate
+    signal = np.where(t >= 0.4, np.sin(2 * np.pi * 200.0 * (t - 0.4)), 0.0)
+    channels = clean(signal + 1e-6 * np.random.default_rng(0).standard_normal(count), rate)
+    wave = measure_tap(channels, (4000, 6000), 0.1).wave_m_s2
+    assert len(wave) == round(WAVE_S * rate)
+    parts = [np.abs(part).max() for part in np.split(wave, 10)]
+    assert parts[1:8] == pytest.approx([1.0] * 7, abs=0.15)
+    assert abs(wave[-1]) < 1e-4 and 0.1 < parts[9] < 0.5 and 0.5 < parts[8] < 1.0
+
+
+def approach(rate=2000.0, *, depth_m=None, speed_m_s=0.1):
+    """What is told of a tool that comes to an onset at 0.5 s."""
+    t = np.arange(2000) / rate - 0.5
+    speed = np.broadcast_to(speed_m_s, t.shape) if depth_m is None else np.full(len(t), 0.1)
+    depth = None if depth_m is None else depth_m(t)
+    return _approach(Streams(rate, np.zeros(len(t)), np.ones(len(t)), speed, None, depth), 1000)
+
+
+def test_the_approach_is_the_slope_of_the_depth_just_before_the_low_pass_mixes_in_the_contact():
+    assert approach(depth_m=lambda t: 0.2 * t) == pytest.approx(0.2)
+    bent = approach(depth_m=lambda t: np.where(t > -0.006, 0.0, 0.2 * t) + 5.0 * np.minimum(t + 0.025, 0.0))
+    assert bent == pytest.approx(0.2)
+    assert np.isnan(approach(depth_m=lambda t: -0.2 * t)) and np.isnan(approach(depth_m=lambda t: 0.0 * t))
+
+
+def test_without_a_depth_the_speed_tells_where_it_was_recorded():
+    t = np.arange(2000) / 2000.0 - 0.5
+    assert approach(speed_m_s=np.where(np.abs(t + 0.015) < 0.01, 0.3, 0.01)) == pytest.approx(0.3)
+    assert np.isnan(approach(speed_m_s=0.3))  # one number for the whole recording
+    assert np.isnan(approach(speed_m_s=np.where(t > 0.0, 0.3, 0.02)))  # it came down, and its speed is that along
+    assert np.isnan(_approach(Streams(2000.0, t, t, np.abs(t), None), 13))  # hardly anything lies before it
+
+
+def test_of_many_impacts_some_are_fitted_at_every_speed():
+    """Fifty taps, each faster than the last."""
+    count, each, rate = FITTED_MAX + 10, 600, 2000.0
+    t = np.arange(each) / rate - 0.1
+    speeds = np.geomspace(0.05, 1.0, count)
+    ring = np.exp(-70.0 * np.maximum(t, 0.0)) * np.sin(2 * np.pi * 180.0 * np.maximum(t, 0.0))
+    a, depth = np.concatenate([100.0 * v * ring for v in speeds]), np.concatenate([v * t for v in speeds])
+    taps = np.tile((t >= 0.0) & (t < 0.08), count)
+    states = np.where(taps, InteractionState.TAP, InteractionState.AIR).astype(np.int8)
+    part = clean(a, rate, None, None, None, None)
+    streams = Streams(rate, part.acceleration_m_s2, np.ones(len(a)), np.ones(len(a)), None, depth)
+    found = fit_taps([(streams, Segmentation(rate, states, (), None, None))]).taps
+    assert found.approach_m_s[[0, -1]] == pytest.approx(speeds[[0, -1]], rel=0.08)
+    assert 14 <= len(found.approach_m_s) <= 18  # three of a ratio of 1.08 are one, and a ratio of 20 is spanned
+    np.testing.assert_allclose(found.amplitude_m_s2, 100.0 * found.approach_m_s, rtol=0.02)
+    np.testing.assert_allclose(found.frequency_Hz, 180.0, rtol=0.01)
+
+
+def test_errors_are_those_of_least_squares_and_wider_for_noise_that_hangs_together():
+    rng = np.random.default_rng(0)
+    jacobian, white = rng.standard_normal((4000, 2)) * [1.0, 5.0], 0.3 * rng.standard_normal(4000)
+    assert _errors(jacobian, white) == pytest.approx(0.3 / np.sqrt(4000.0) / np.array([1.0, 5.0]), rel=0.08)
+    red = np.convolve(white, np.ones(8) / 8.0, "same")
+    ratio = np.sqrt(np.mean(red**2) / np.mean(white**2))
+    assert _errors(jacobian, red) / _errors(jacobian, white) == pytest.approx(ratio * np.sqrt(15.0), rel=0.1)
+    assert not _errors(jacobian, np.zeros(4000)).any()

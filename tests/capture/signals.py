@@ -1,0 +1,30 @@
+"""Vibrations of known surfaces, and a fit of bare streams."""
+
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from hapscene.capture import FitOptions, SurfaceRecording, fit_swatch
+from hapscene.surface.swatch import Swatch
+
+
+def resonant(frequency_Hz: list[float], radius: float, rate_Hz: float) -> np.ndarray:
+    """The filter with a pair of poles at each frequency."""
+    a = np.array([1.0])
+    for f in frequency_Hz:
+        a = np.convolve(a, [1.0, -2.0 * radius * np.cos(2 * np.pi * f / rate_Hz), radius**2])
+    return a
+
+
+def played(a: np.ndarray, count: int, seed: int = 0, snr_dB: float = np.inf) -> np.ndarray:
+    """`count` samples of noise of variance 1 through 1/A, with white noise beneath."""
+    rng = np.random.default_rng(seed)
+    y = lfilter([1.0], a, rng.standard_normal(count + 4000))[4000:]
+    return np.asarray(y + rng.standard_normal(count) * y.std() * 10 ** (-snr_dB / 20))
+
+
+def fit(acceleration_m_s2: Any, rate_Hz: Any, **given: Any) -> Swatch:
+    """The swatch of streams; what is no stream is a field of `FitOptions`."""
+    streams = {name: given.pop(name) for name in list(given) if name.endswith(("_N", "_m_s", "_m", "_rad", "_Nm"))}
+    return fit_swatch(SurfaceRecording(rate_Hz, acceleration_m_s2, **streams), FitOptions(**given))

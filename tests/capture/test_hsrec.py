@@ -1,0 +1,159 @@
+"""Records on disk: whole, cut at any byte, with a flipped bit, and made by somebody else."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.capture import FitOptions, fit_swatch, load_recording
+from hapscene.capture.io.hsrec import CutWarning, RecordWriter, load_record
+from hapscene.errors import CaptureError
+from hapscene.wire.protocol import Column, Header, Run
+from tests.capture.probe_simulator import COLUMNS, FRICTION, strokes
+
+HEADER = Header(1000.0, (Column("acceleration", "g", 0.5), Column("force", "N", 1.0)))
+
+
+def rows(start: int, stop: int) -> Run:
+    n = np.arange(start, stop)
+    return Run(start, np.stack([n, -n], axis=1))
+
+
+def write(path: Path, end: bool = True) -> bytes:
+    """Samples 0 to 29 and 40 to 49, in chunks of 10."""
+    with RecordWriter(path, HEADER) as writer:
+        for start in (0, 10, 20, 40):
+            writer.write(rows(start, start + 10))
+        if end:
+            writer.end("stopped", dropped=10)
+    return path.read_bytes()
+
+
+def test_what_was_written_comes_back_with_its_gap(tmp_path: Path) -> None:
+    write(tmp_path / "a.hsrec")
+    record = load_record(tmp_path / "a.hsrec")
+    assert record.rate_Hz == 1000.0 and record.units == {"acceleration": "g", "force": "N"}
+    assert record.ended == "stopped" and record.started.startswith("20")
+    assert np.flatnonzero(record.missing).tolist() == list(range(30, 40))
+    there = ~record.missing
+    assert (record.streams["acceleration"][there] == 0.5 * np.flatnonzero(there)).all()
+    assert (record.streams["force"][there] == -np.flatnonzero(there)).all()
+
+
+def test_long_runs_are_split_and_joined_again(tmp_path: Path) -> None:
+    with RecordWriter(tmp_path / "a.hsrec", HEADER) as writer:
+        writer.write(rows(0, 10_000))
+    assert (load_record(tmp_path / "a.hsrec").streams["force"] == -np.arange(10_000)).all()
+
+
+def test_cut_at_any_byte_all_whole_chunks_are_read(tmp_path: Path) -> None:
+    data = write(tmp_path / "a.hsrec")
+    cut = tmp_path / "cut.hsrec"
+    lengths = []
+    for size in [*range(0, len(data), 4), len(data) - 1]:
+        cut.write_bytes(data[:size])
+        try:
+            record = load_record(cut)
+        except CaptureError:
+            lengths.append(0)
+            continue
+        assert record.ended is None
+        there = np.flatnonzero(~record.missing)
+        assert (record.streams["force"][there] == -there).all()
+        lengths.append(len(record.missing))
+    assert lengths == sorted(lengths) and sorted(set(lengths)) == [0, 10, 20, 30, 50]
+
+
+def test_one_that_is_cut_off_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "cut.hsrec"
+    with RecordWriter(path, HEADER) as writer:
+        writer.write(rows(0, 100))
+    with pytest.warns(CutWarning, match="100 samples"):
+        assert len(load_recording(path).acceleration_m_s2) == 100
+
+
+def test_a_flipped_bit_ends_the_reading_and_gives_nothing_wrong(tmp_path: Path) -> None:
+    data = write(tmp_path / "a.hsrec")
+    broken = tmp_path / "broken.hsrec"
+    for at in range(0, len(data), 7):
+        broken.write_bytes(data[:at] + bytes([data[at] ^ 0x10]) + data[at + 1 :])
+        try:
+            record = load_record(broken)
+        except CaptureError:
+            continue
+        there = np.flatnonzero(~record.missing)
+        assert (record.streams["force"][there] == -there).all() and record.ended is None
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "not a record"),
+        (b"RIFF", "not a record"),
+        (b"hapscene record 2\n", "later version"),
+        (b"hapscene record 1\n", "within its header"),
+    ],
+)
+def test_what_is_no_record_is_told(tmp_path: Path, data: bytes, message: str) -> None:
+    (tmp_path / "a.hsrec").write_bytes(data)
+    with pytest.raises(CaptureError, match=f"a.hsrec: .*{message}"):
+        load_record(tmp_path / "a.hsrec")
+
+
+def test_a_record_of_a_stranger_takes_no_memory(tmp_path: Path) -> None:
+    with RecordWriter(tmp_path / "a.hsrec", HEADER) as writer:
+        writer.write(Run(1 << 60, np.zeros((1, 2), dtype=np.int64)))
+    with pytest.raises(CaptureError, match="more than"):
+        load_record(tmp_path / "a.hsrec")
+    with RecordWriter(tmp_path / "b.hsrec", Header(float("nan"), HEADER.columns)) as writer:
+        writer.write(rows(0, 5))
+    with pytest.raises(CaptureError, match="impossible rate"):
+        load_record(tmp_path / "b.hsrec")
+
+
+def test_a_record_without_samples_is_told(tmp_path: Path) -> None:
+    with RecordWriter(tmp_path / "a.hsrec", HEADER) as writer:
+        writer.end("stopped")
+    with pytest.raises(CaptureError, match="no samples"):
+        load_record(tmp_path / "a.hsrec")
+
+
+def test_nothing_is_replaced(tmp_path: Path) -> None:
+    write(tmp_path / "a.hsrec")
+    with pytest.raises(CaptureError, match="already exists"):
+        RecordWriter(tmp_path / "a.hsrec", HEADER)
+    with pytest.raises(CaptureError, match=r"end in \.hsrec"):
+        RecordWriter(tmp_path / "a.npz", HEADER)
+    with pytest.raises(CaptureError, match=r"missing/a\.hsrec: cannot be written"):
+        RecordWriter(tmp_path / "missing" / "a.hsrec", HEADER)
+
+
+def test_a_cut_record_is_fitted(tmp_path: Path) -> None:
+    """As after a killed recording: without an end, torn in its last chunk, with lost samples."""
+    path = tmp_path / "stroke.hsrec"
+    blocks = itertools.islice(strokes(3200.0), 600)
+    counts = np.concatenate(list(blocks))
+    with RecordWriter(path, Header(3200.0, COLUMNS)) as writer:
+        for start in range(0, len(counts), 800):
+            lost = 3 if start else 0
+            writer.write(Run(start + lost, counts[start + lost : start + 800]))
+    path.write_bytes(path.read_bytes()[:-100])
+    recording = load_recording(path)
+    assert len(recording.acceleration_m_s2) == len(counts) - 800
+    swatch = fit_swatch(recording, FitOptions("stroke", 6))
+    assert swatch.texture is not None and swatch.texture.order == 6
+    assert swatch.friction_dynamic == pytest.approx(FRICTION, rel=0.02)
+
+
+def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    with RecordWriter(tmp_path / "a.hsrec", HEADER) as writer:
+        writer.write(rows(0, 10))
+        writer.sync()
+        monkeypatch.setattr("os.fsync", full)
+        with pytest.raises(CaptureError, match="No space left"):
+            writer.sync()
+    assert len(load_record(tmp_path / "a.hsrec").missing) == 10

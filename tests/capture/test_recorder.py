@@ -1,0 +1,236 @@
+"""Recording from a port that gives what a test says, by a virtual clock."""
+
+import io
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.capture.io.hsrec import load_record
+from hapscene.capture.record import recorder
+from hapscene.capture.record.recorder import Made, Meter, record
+from hapscene.cli import main
+from hapscene.errors import CaptureError
+from hapscene.wire.protocol import Column, Count, Header, Run, header_line, sample_line
+from tests.virtual_clock import VirtualClock
+
+COLUMNS = (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.01))
+RATE_HZ = 2000.0
+HEADER = header_line(Header(RATE_HZ, COLUMNS))
+PIECE = 20
+"""Lines that the port gives at once [count]."""
+
+
+def lines(start: int, stop: int) -> list[bytes]:
+    return [sample_line(n, ((n * 37) % 4001 - 2000, n % 300)) for n in range(start, stop)]
+
+
+def truth(n: np.ndarray) -> np.ndarray:
+    return np.stack([((n * 37) % 4001 - 2000) * 0.001, (n % 300) * 0.01])
+
+
+Play = Callable[..., Made]
+
+
+@pytest.fixture
+def play(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Play:
+    """Records parts, `PIECE` at a time, in real time by a virtual clock; a text as the last part ends the port."""
+
+    def played(parts: list[bytes], last: str = "", out: str = "a.hsrec", **more: object) -> Made:
+        clock = VirtualClock()
+        pieces: Iterator[list[bytes]] = iter([parts[i : i + PIECE] for i in range(0, len(parts), PIECE)])
+
+        class ScriptedPort:
+            def __init__(self, name: str, baud: int) -> None:
+                pass
+
+            def next(self) -> tuple[bytes, float] | str | None:
+                piece = next(pieces, None)
+                clock.sleep_s(0.05 if piece is None else PIECE / RATE_HZ)
+                return (b"".join(piece), clock.now_s()) if piece is not None else last or None
+
+            def close(self) -> None:
+                pass
+
+        monkeypatch.setattr(recorder, "Port", ScriptedPort)
+        return record("COM7", tmp_path / out, clock=clock, **more)  # type: ignore[arg-type]
+
+    return played
+
+
+class Onlooker:
+    """Notes its calls."""
+
+    def __init__(self) -> None:
+        self.heads: list[Header] = []
+        self.runs: list[Run] = []
+        self.positions: list[int] = []
+        self.ends: list[str] = []
+
+    def begin(self, header: Header) -> None:
+        self.heads.append(header)
+
+    def take(self, run: Run) -> None:
+        assert self.heads and not self.ends
+        self.runs.append(run)
+
+    def tell(self, count: Count, position: int) -> None:
+        assert self.heads and not self.ends
+        self.positions.append(position)
+
+    def end(self, why: str) -> None:
+        self.ends.append(why)
+
+
+def test_a_watcher_sees_what_is_written(play: Play, tmp_path: Path) -> None:
+    first, second = Onlooker(), Onlooker()
+    play([HEADER, *lines(0, 1000), *lines(1010, 1500)], watch=(first, second), duration_s=0.7)
+    kept = load_record(tmp_path / "a.hsrec")
+    for onlooker in (first, second):
+        assert [head.rate_Hz for head in onlooker.heads] == [RATE_HZ] and onlooker.ends == [kept.ended]
+        n = np.concatenate([run.first + np.arange(len(run.counts)) for run in onlooker.runs])
+        np.testing.assert_array_equal(n, [*range(1000), *range(1010, 1400)])  # nothing beyond the duration
+        assert onlooker.positions == sorted(onlooker.positions) and 10 < len(onlooker.positions) < 16
+
+
+def test_a_clean_recording(play: Play, tmp_path: Path) -> None:
+    made = play([HEADER, *lines(0, 3000)], duration_s=1.25)
+    assert (made.length, made.ended, made.count.dropped, made.well) == (2500, "the duration was reached", 0, True)
+    kept = load_record(tmp_path / "a.hsrec")
+    assert kept.rate_Hz == RATE_HZ and kept.ended == made.ended and made.rate_measured_Hz is None
+    assert kept.units == {"acceleration": "m/s2", "force": "N"} and not kept.missing.any()
+    np.testing.assert_allclose(list(kept.streams.values()), truth(np.arange(2500)), atol=1e-12)
+
+
+def test_the_rate_is_measured_by_the_clock(play: Play) -> None:
+    parts = lines(0, 12_000)
+    made = play([HEADER, *(part for part in parts for part in (part, b""))], duration_s=6.0)
+    assert made.rate_measured_Hz == pytest.approx(0.5 * RATE_HZ, rel=0.01)  # the probe is half as fast as announced
+
+
+def test_dropped_torn_and_garbage(play: Play, tmp_path: Path) -> None:
+    parts = lines(0, 3000)
+    spoilt = np.random.default_rng(0).choice(np.arange(1, 2499), 90, replace=False)
+    dropped, torn, joined = spoilt[:30], spoilt[30:60], spoilt[60:90]
+    for n in dropped:
+        parts[n] = b""
+    for n in torn:
+        parts[n] = parts[n][:4] + b"\n"
+    for n in joined:
+        parts[n] = b"\xfe\x00?" + parts[n]
+    parts[1000] = HEADER + parts[1000]
+    made = play([HEADER, *parts], duration_s=1.25)
+    assert (made.count.dropped, made.count.torn, made.count.garbage) == (90, 30, 30)
+    kept = load_record(tmp_path / "a.hsrec")
+    assert set(np.flatnonzero(kept.missing)) == set(spoilt)
+    there = np.flatnonzero(~kept.missing)
+    np.testing.assert_allclose(np.stack(list(kept.streams.values()))[:, there], truth(there), atol=1e-12)
+
+
+def test_npz_holds_the_same_and_the_record_beside_it_is_gone(play: Play, tmp_path: Path) -> None:
+    parts = lines(0, 600)
+    parts[5] = b""
+    made = play([HEADER, *parts], out="a.npz", duration_s=0.25)
+    assert made.path == tmp_path / "a.npz" and [f.name for f in tmp_path.iterdir()] == ["a.npz"]
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as kept:
+        assert kept["rate_Hz"] == RATE_HZ and set(kept["units"]) == {"acceleration=m/s2", "force=N"}
+        assert np.flatnonzero(np.isnan(kept["force"])).tolist() == [5]
+        there = np.delete(np.arange(500), 5)
+        np.testing.assert_allclose(kept["acceleration"][there], truth(there)[0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("more", "ended", "well"),
+    [
+        ({"last": "unplugged"}, "the probe went away: unplugged", False),
+        ({"duration_s": 3.0}, "the probe sent too few samples in the requested time", False),
+        ({"extra": header_line(Header(50.0, COLUMNS))}, "announced another rate", False),
+        ({"stopped_after": 12}, "stopped", True),
+    ],
+)
+def test_every_end_leaves_a_proper_record(
+    play: Play, tmp_path: Path, more: dict[str, object], ended: str, well: bool
+) -> None:
+    calls = iter(range(10**6))
+    parts = [HEADER, *lines(0, 399), *([more.pop("extra")] if "extra" in more else [])]
+    if most := more.pop("stopped_after", 0):
+        more["stopped"] = lambda: next(calls) >= int(str(most))
+    made = play(parts, **more)
+    assert ended in made.ended and made.well == well
+    kept = load_record(tmp_path / "a.hsrec")
+    assert kept.ended == made.ended and len(kept.missing) == made.length > 0
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ([], r"silent for 0\.3 s.*#hapscene-probe 1"),
+        ([b"\xf3\x80\n" * 50], r"150 bytes in 0\.3 s at 921600 baud, but no line.*check --baud"),
+        ([HEADER.replace(b"probe 1", b"probe 7")], "but no line"),  # its checksum does not match
+        ([b"#hapscene-probe 2 x*A673\n"], "speaks version 2 of the protocol, read here is 1"),
+    ],
+)
+def test_a_port_without_a_probe_is_refused(play: Play, tmp_path: Path, parts: list[bytes], message: str) -> None:
+    with pytest.raises(CaptureError, match=f"^COM7: .*{message}"):
+        play(parts, silence_s=0.3)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_port_that_closes_or_is_stopped_before_a_header(play: Play) -> None:
+    with pytest.raises(CaptureError, match="port closed before"):
+        play([], last="unplugged")
+    with pytest.raises(KeyboardInterrupt):
+        play([], stopped=lambda: True)
+
+
+def test_a_header_without_samples_leaves_no_file(play: Play, tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match="sent no samples"):
+        play([HEADER], out="a.npz", last="unplugged")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [("a.wav", r"written as \.hsrec or \.npz"), ("there.hsrec", "already exists"), ("there.npz", "already exists")],
+)
+def test_no_recording_is_replaced(tmp_path: Path, out: str, message: str) -> None:
+    (tmp_path / "there.hsrec").write_bytes(b"dear")
+    with pytest.raises(CaptureError, match=message):
+        record("no port", tmp_path / out)
+    assert (tmp_path / "there.hsrec").read_bytes() == b"dear"
+
+
+def test_a_missing_port_is_one_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["capture", "record", "--port", "/dev/nothing", "-o", str(tmp_path / "a.hsrec")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("hapscene: /dev/nothing: ") and error.count("\n") == 1
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("stream", [Terminal(), io.StringIO()], ids=["terminal", "log"])
+def test_meter(stream: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    clock = VirtualClock()
+    meter = Meter(stream, clock)
+    meter.begin(Header(1000.0, COLUMNS))
+    for k in range(41):
+        meter.take(Run(0, np.array([[9810 + 1000, 0], [9810 - 1000, 200]])))
+        meter.tell(Count(dropped=3), round(62.5 * k))
+        clock.sleep_s(1 / 16)
+    meter.end("stopped")
+    if stream.isatty():
+        shown = stream.getvalue().split("\r")[1:]
+        assert 19 <= len(shown) <= 21 and all(len(line) <= 59 + len("\x1b[K\n") for line in shown)
+        assert stream.getvalue().endswith("\x1b[K\n")
+    else:
+        shown = stream.getvalue().splitlines()
+        assert len(shown) == 2 and shown[0].endswith("rms/peak:  acceleration 1/1 m/s2  force 1/1 N")
+    assert re.match(r" +(0\.1|1\.0) s  dropped 3, torn 0, garbage 0  rms", shown[0])
+    meter.line(Count(), 0)
+    assert "silent" in meter.line(Count(), 0)

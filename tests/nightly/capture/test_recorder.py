@@ -1,0 +1,198 @@
+"""Recording over a pseudo-terminal, with a probe at the other end that a thread or a process of its own plays."""
+
+import errno
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.capture.io.hsrec import load_record
+from hapscene.capture.record.recorder import Made, record
+from hapscene.errors import CaptureError
+from hapscene.interrupt import ENDS
+from hapscene.wire.port import Port
+from tests.capture.test_recorder import HEADER, lines
+from tests.until import until
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
+
+
+LIMIT_S = 120.0
+"""Longest that a test waits for another process [s]."""
+
+
+class Probe:
+    """The other end of a port, which a thread writes to."""
+
+    def __init__(self) -> None:
+        import tty
+
+        self.ours, self._theirs = os.openpty()
+        tty.setraw(self._theirs)
+        os.set_blocking(self.ours, False)
+        self.port = os.ttyname(self._theirs)
+        self._thread: threading.Thread | None = None
+        self._opened, self._over = threading.Event(), threading.Event()
+
+    def record(self, path: Path, stopped: Callable[[], bool] = lambda: False, **more: float) -> Made:
+        """Records here; the thread writes once the port is open, because opening it discards what came before."""
+
+        def asked() -> bool:
+            self._opened.set()
+            return stopped()
+
+        return record(self.port, path, stopped=asked, **more)
+
+    def play(self, parts: "Iterator[bytes] | list[bytes]", at_once: bool = False) -> None:
+        """Writes the parts from a thread, once the port is open."""
+
+        def write() -> None:
+            if not at_once:
+                self._opened.wait(LIMIT_S)
+            try:
+                for part in parts:
+                    while part:
+                        try:
+                            part = part[os.write(self.ours, part) :]
+                        except BlockingIOError:  # nobody reads, now or ever again
+                            if self._over.wait(1e-3):
+                                return
+            except OSError as error:
+                assert error.errno in (errno.EIO, errno.EBADF)
+
+        self._thread = threading.Thread(target=write, daemon=True)
+        self._thread.start()
+
+    @property
+    def writing(self) -> bool:
+        """Whether not all parts are written yet."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def unplug(self) -> None:
+        os.close(self.ours)
+        self.ours = -1
+
+    def close(self) -> None:
+        self._opened.set()
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join(LIMIT_S)
+        os.close(self._theirs)
+        if self.ours >= 0:
+            os.close(self.ours)
+
+
+@pytest.fixture
+def probe() -> Iterator[Probe]:
+    probe = Probe()
+    yield probe
+    probe.close()
+
+
+@contextmanager
+def process(*words: str, **more: object) -> Iterator[subprocess.Popen[str]]:
+    """A process that is killed after `LIMIT_S`, which ends whatever a test reads from it."""
+    child = subprocess.Popen([sys.executable, *words], text=True, **more)
+    watchdog = threading.Timer(LIMIT_S, child.kill)
+    watchdog.start()
+    try:
+        yield child
+    finally:
+        watchdog.cancel()
+        child.kill()
+        child.wait(LIMIT_S)
+        for stream in (child.stdout, child.stderr):
+            if stream is not None:
+                stream.close()
+
+
+def paced(stop: threading.Event, rate_Hz: float = 2000.0) -> Iterator[bytes]:
+    """Samples as the clock has it, the header each second."""
+    start, sent = time.monotonic(), 0
+    while not stop.wait(0.01):
+        due = int((time.monotonic() - start) * rate_Hz)
+        head = HEADER if sent // 2000 < due // 2000 or sent == 0 else b""
+        yield head + b"".join(lines(sent, due))
+        sent = due
+
+
+def test_a_killed_recording_is_readable_up_to_its_last_second(probe: Probe, tmp_path: Path) -> None:
+    """A real process, killed with SIGKILL while it records: what the clock says it had, less a second, is there."""
+    path = tmp_path / "a.hsrec"
+    stop = threading.Event()
+    words = ("-m", "hapscene.cli", "capture", "record", "--port", probe.port, "-o", str(path))
+    with process(*words, stdout=subprocess.PIPE) as child:
+        probe.play(paced(stop), at_once=True)
+        assert child.stdout is not None
+        assert "recording acceleration [m/s2], force [N] at 2000 Hz" in child.stdout.readline()
+        shown = [child.stdout.readline() for _ in range(3)]  # a line of the meter each second
+        child.send_signal(signal.SIGKILL)
+        child.wait(LIMIT_S)
+    stop.set()
+    seconds = float(shown[-1].split()[0])
+    assert seconds > 2.0 and "rms/peak:  acceleration" in shown[-1]
+    kept = load_record(path)
+    assert kept.ended is None
+    assert len(kept.missing) / 2000.0 > seconds - 1.1
+    there = np.flatnonzero(~kept.missing)
+    first = np.rint(kept.streams["force"][0] / 0.01)
+    assert first == pytest.approx(kept.streams["force"][0] / 0.01) and len(there) > 0.9 * len(kept.missing)
+
+
+@pytest.mark.parametrize("kind", [signal.SIGINT, *ENDS])
+def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path, kind: signal.Signals) -> None:
+    path = tmp_path / "a.hsrec"
+    stop = threading.Event()
+    words = ("-m", "hapscene.cli", "capture", "record", "--port", probe.port, "-o", str(path))
+    with process(*words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+        probe.play(paced(stop), at_once=True)
+        assert child.stdout is not None and child.stderr is not None
+        child.stdout.readline()
+        until(lambda: path.stat().st_size > 5000)
+        child.send_signal(kind)
+        said, complained = child.communicate(timeout=120.0)
+        assert child.returncode == 0 and complained == ""
+    stop.set()
+    assert "torn 0, garbage 0: stopped" in said and f"made:\n  {path}  (" in said
+    assert load_record(path).ended == "stopped"
+
+
+def test_the_simulator_is_a_probe(tmp_path: Path) -> None:
+    """Two commands of the documentation: a simulated probe in one process, a recording here."""
+    with process("-m", "tests.capture.probe_simulator", "--drop", "0.01", stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        port = child.stdout.readline().strip()
+        made = record(port, tmp_path / "a.hsrec", duration_s=0.8)
+    assert made.ended == "the duration was reached" and made.rate_Hz == 3200.0 and made.count.dropped > 0
+    kept = load_record(tmp_path / "a.hsrec")
+    force = kept.streams["force"][~kept.missing]
+    assert set(kept.streams) == {"acceleration", "force", "tangential_force", "speed"} and 0.5 < force.mean() < 2.0
+    assert kept.streams["acceleration"][~kept.missing].std() > 0.05
+
+
+def test_an_unplugged_probe_ends_the_record_properly(probe: Probe, tmp_path: Path) -> None:
+    calls = itertools.count()
+
+    def stopped() -> bool:
+        if next(calls) == 20:
+            probe.unplug()
+        return False
+
+    probe.play([HEADER, *lines(0, 400)])
+    made = probe.record(tmp_path / "a.hsrec", stopped)
+    assert made.ended.startswith("the probe went away: ")
+    assert load_record(tmp_path / "a.hsrec").ended == made.ended and made.length > 0
+
+
+def test_a_port_that_another_program_has_open(probe: Probe, tmp_path: Path) -> None:
+    with closing(Port(probe.port, 115_200)), pytest.raises(CaptureError, match="another program has it open"):
+        record(probe.port, tmp_path / "a.hsrec")

@@ -1,0 +1,434 @@
+"""Swatches fetched from a real server on this machine that cuts off, lies and bombs."""
+
+import gzip
+import hashlib
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapscene import cli
+from hapscene.dsp.ar_filter import ar_from_reflection
+from hapscene.errors import SwatchError
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import swatch_to_json
+from hapscene.surface.texture import Texture
+from hapscene.swatches import library
+from hapscene.swatches.library import get, load_swatch, own_entries, read_index
+
+
+def oak() -> Swatch:
+    rng = np.random.default_rng(0)
+    a = ar_from_reflection(rng.uniform(-0.5, 0.5, (30, 60)))
+    texture = Texture.from_models(
+        1e4, rng.uniform(1, 2, 30), rng.uniform(0.1, 0.2, 30), a=a, variance_m2_s4=rng.uniform(0, 1, 30)
+    )
+    return Swatch("oak", texture=texture, licence="MIT")
+
+
+class Server:
+    """A web server whose answers a test can bend; `files` by name, `bend` by name, `asked` what came in."""
+
+    def __init__(self) -> None:
+        self.files: dict[str, bytes] = {}
+        self.bend: dict[str, Callable[[Any, bytes], None]] = {}
+        self.asked: list[tuple[str, str | None]] = []
+        outer = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                name = self.path.lstrip("/")
+                outer.asked.append((name, self.headers.get("Range")))
+                data = outer.files.get(name)
+                if data is None:
+                    self.send_error(404)
+                elif name in outer.bend:
+                    outer.bend[name](self, data)
+                else:
+                    send(self, data)
+
+            def log_message(self, *arguments: object) -> None:
+                pass
+
+        self.http = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self.url = f"http://127.0.0.1:{self.http.server_address[1]}/"
+
+    def publish(self, name: str, data: bytes, **changes: object) -> None:
+        """Puts a file up and an index that names it."""
+        file = f"{name}.swatch"
+        self.files[file] = data
+        row = {"name": name, "file": file, "sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)} | changes
+        content = {"format": "hapscene library", "version": 1, "swatches": [row]}
+        self.files["index.json"] = json.dumps(content).encode()
+
+
+def send(handler: Any, data: bytes, code: int = 200, length: int | None = None, **headers: str) -> None:
+    handler.send_response(code)
+    handler.send_header("Content-Length", str(len(data) if length is None else length))
+    for key, value in headers.items():
+        handler.send_header(key.replace("_", "-"), value)
+    handler.end_headers()
+    handler.wfile.write(data)
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    server = Server()
+    thread = threading.Thread(target=server.http.serve_forever, kwargs={"poll_interval": 0.01})
+    thread.start()
+    yield server
+    server.http.shutdown()
+    thread.join()
+    server.http.server_close()
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path / "home"))
+    return tmp_path / "home"
+
+
+def fetched(server: Server, name: str = "oak") -> Swatch:
+    address, entries = read_index(server.url + "index.html")  # as it stands in a browser
+    get(name, address, entries)
+    return load_swatch(name)
+
+
+DATA = swatch_to_json(oak()).encode()
+
+
+def test_what_is_published_comes_whole(server: Server, home: Path) -> None:
+    server.publish("oak", DATA)
+    assert fetched(server) == oak()
+    assert sorted(f.name for f in home.iterdir()) == ["index.json", "oak.swatch"]
+    assert (home / "oak.swatch").read_bytes() == DATA
+
+
+def cut(after: int, resumable: bool, times: int) -> Callable[[Any, bytes], None]:
+    """A transfer that breaks off after so many bytes, so many times."""
+    left = [times]
+
+    def bend(handler: Any, data: bytes) -> None:
+        wanted = handler.headers.get("Range")
+        start = int(wanted.removeprefix("bytes=").rstrip("-")) if wanted and resumable else 0
+        rest = data[start:]
+        code, headers = (206, {"Content_Range": f"bytes {start}-{len(data) - 1}/{len(data)}"}) if start else (200, {})
+        left[0] -= 1
+        send(handler, rest[:after] if left[0] >= 0 else rest, code, len(rest), **headers)
+
+    return bend
+
+
+def test_a_transfer_that_breaks_off_is_taken_up(server: Server) -> None:
+    server.publish("oak", DATA)
+    server.bend["oak.swatch"] = cut(7000, resumable=True, times=3)
+    assert fetched(server) == oak()
+    assert [r for name, r in server.asked if name == "oak.swatch"] == [
+        None,
+        "bytes=7000-",
+        "bytes=14000-",
+        "bytes=21000-",
+    ]
+
+
+def test_or_begun_again_where_the_server_cannot(server: Server) -> None:
+    server.publish("oak", DATA)
+    server.bend["oak.swatch"] = cut(7000, resumable=False, times=3)
+    assert fetched(server) == oak()
+
+
+@pytest.mark.parametrize("code", [206, 416])
+def test_or_where_the_server_sends_another_part(server: Server, code: int) -> None:
+    server.publish("oak", DATA)
+    first = cut(7000, resumable=False, times=1)
+
+    def bend(handler: Any, data: bytes) -> None:
+        if handler.headers.get("Range"):
+            send(handler, data[9000:], code, Content_Range=f"bytes 9000-{len(data) - 1}/{len(data)}")
+        else:
+            first(handler, data)
+
+    server.bend["oak.swatch"] = bend
+    assert fetched(server) == oak()
+    assert [r for name, r in server.asked if name == "oak.swatch"] == [None, "bytes=7000-", None]
+
+
+def test_what_broke_off_for_good_is_taken_up_by_a_later_call(server: Server, home: Path) -> None:
+    server.publish("oak", DATA)
+    server.bend["oak.swatch"] = cut(1000, resumable=True, times=library.TRIES)
+    with pytest.raises(SwatchError):
+        fetched(server)
+    assert own_entries() == [] and not (home / "oak.swatch").exists()
+    assert fetched(server) == oak()
+    assert server.asked[-1] == ("oak.swatch", f"bytes={1000 * library.TRIES}-")
+    assert sorted(f.name for f in home.iterdir()) == ["index.json", "oak.swatch"]
+
+
+def refused(server: Server, home: Path, name: str = "oak") -> str:
+    """Fetching raises an error, whose text is returned, and leaves the library as it was."""
+    with pytest.raises(SwatchError) as caught:
+        fetched(server, name)
+    assert own_entries() == []
+    assert not home.exists() or not [f for f in home.iterdir() if f.suffix != ".part"]
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("data", [DATA[:-100], DATA.replace(b"MIT", b"BSD")], ids=["truncated", "changed"])
+def test_content_that_the_index_does_not_describe_is_refused(server: Server, home: Path, data: bytes) -> None:
+    server.publish("oak", DATA)
+    server.files["oak.swatch"] = data
+    refused(server, home)
+    server.files["oak.swatch"] = DATA  # the refused file does not stay in the way
+    assert fetched(server) == oak()
+
+
+def test_a_file_that_changes_between_two_parts_is_refused(server: Server, home: Path) -> None:
+    server.publish("oak", DATA)
+    first = cut(7000, resumable=True, times=1)
+
+    def bend(handler: Any, data: bytes) -> None:
+        first(handler, data if handler.headers.get("Range") is None else data.upper())
+
+    server.bend["oak.swatch"] = bend
+    refused(server, home)
+
+
+def test_more_than_the_index_says_is_not_taken(server: Server, home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(library, "_CHUNK", 2000)
+    server.publish("oak", DATA)
+
+    def endless(handler: Any, data: bytes) -> None:
+        handler.send_response(200)
+        handler.end_headers()
+        try:
+            for _ in range(1000):
+                handler.wfile.write(b" " * 100_000)
+        except OSError:
+            server.asked.append(("hung up", None))
+
+    server.bend["oak.swatch"] = endless
+    refused(server, home)
+    assert not any(f.stat().st_size for f in home.rglob("*.part"))  # to go on from
+
+
+def test_a_bomb_of_zeros_is_not_unpacked(server: Server, home: Path) -> None:
+    bomb = gzip.compress(b" " * (64 << 20))
+    server.publish("oak", DATA)
+    server.bend["oak.swatch"] = lambda handler, data: send(handler, bomb, Content_Encoding="gzip")
+    refused(server, home)
+    server.publish("oak", bomb)  # as a file of its own it is no swatch
+    del server.bend["oak.swatch"]
+    refused(server, home)
+    server.bend["index.json"] = lambda handler, data: send(handler, bomb, Content_Encoding="gzip")
+    refused(server, home)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [DATA.replace(b'"name": "oak"', b'"name": "elm"'), b"[" * 1_000_000, b" "],
+    ids=["other name", "deep", "empty"],
+)
+def test_a_malicious_file_with_the_right_hash_is_refused(server: Server, home: Path, data: bytes) -> None:
+    server.publish("oak", data)
+    refused(server, home)
+
+
+def test_a_file_name_cannot_leave_the_folder(server: Server, home: Path, tmp_path: Path) -> None:
+    server.publish("oak", DATA, file="../oak.swatch")
+    refused(server, home)
+    assert not list(tmp_path.rglob("*.swatch"))
+
+
+def test_a_planted_link_is_not_followed(server: Server, home: Path, tmp_path: Path) -> None:
+    server.publish("oak", DATA)
+    digest = hashlib.sha256(DATA).hexdigest()
+    (tmp_path / "elsewhere").write_text("stays")
+    home.mkdir()
+    for name in (f".{digest}.part", f".{digest}.whole", "oak.swatch"):
+        (home / name).symlink_to(tmp_path / "elsewhere")
+    assert fetched(server) == oak()
+    assert (tmp_path / "elsewhere").read_text() == "stays"
+
+
+def test_answers_that_are_none(server: Server, home: Path) -> None:
+    with pytest.raises(SwatchError):
+        read_index(server.url)
+    server.files["index.json"] = b"<html>"
+    with pytest.raises(SwatchError):
+        read_index(server.url + "index.json")
+    server.publish("oak", DATA)
+    refused(server, home, "elm")
+    del server.files["oak.swatch"]
+    refused(server, home)
+    for url in ("file:///etc/passwd", "ftp://x/y", "oak", "http://"):
+        with pytest.raises(SwatchError):
+            read_index(url)
+    server.http.shutdown()
+    server.http.server_close()
+    with pytest.raises(SwatchError):
+        read_index(server.url)
+
+
+def drip(handler: Any, data: bytes, every_s: float = 0.02) -> None:
+    """Gives a byte now and then, so that no single silence is long."""
+    with suppress(OSError):
+        for k in range(1000):
+            handler.wfile.write(data[k : k + 1] or b" ")
+            time.sleep(every_s)
+
+
+def drip_content(handler: Any, data: bytes) -> None:
+    handler.send_response(200)
+    handler.send_header("Content-Length", str(len(data)))
+    handler.end_headers()
+    drip(handler, data)
+
+
+def repeat(part: bytes) -> Callable[[Any, bytes], None]:
+    """Gives the same again and again, fast."""
+
+    def bend(handler: Any, data: bytes) -> None:
+        with suppress(OSError):
+            while True:
+                handler.wfile.write(part * (1 + 10_000 // len(part)))
+
+    return bend
+
+
+SLOW: dict[str, Callable[[Any, bytes], None]] = {
+    "content": drip_content,
+    "headers": lambda handler, data: drip(handler, b"HTTP/1.1 200 OK\r\n" + b"A: b\r\n" * 1000),
+    "silence": lambda handler, data: time.sleep(3),
+    "not yet": repeat(b"HTTP/1.1 100 Continue\r\n\r\n"),
+}
+
+
+@pytest.mark.parametrize("where", SLOW)
+def test_a_slow_server_is_given_up(server: Server, home: Path, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
+    monkeypatch.setattr(library, "PATIENCE_S", 0.3)
+    server.publish("oak", DATA)
+    server.bend["index.json"] = SLOW[where]
+    with pytest.raises(SwatchError):
+        read_index(server.url)
+    server.bend = {"oak.swatch": SLOW[where]}
+    refused(server, home)
+
+
+def test_a_slow_line_is_waited_for_as_long_as_bytes_come(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(library, "PATIENCE_S", 1.5)
+    monkeypatch.setattr(library, "RATE_MIN_B_S", len(DATA) / 100)
+    monkeypatch.setattr(library, "_CHUNK", 2000)
+
+    def slow(handler: Any, data: bytes) -> None:
+        send(handler, data[:10_000], length=len(data))
+        time.sleep(1.7)
+        handler.wfile.write(data[10_000:])
+
+    server.publish("oak", DATA)
+    server.bend["oak.swatch"] = slow
+    assert fetched(server) == oak()
+
+
+def to(place: str) -> Callable[[Any, bytes], None]:
+    """Sends elsewhere."""
+    return lambda handler, data: send(handler, b"", 302, Location=place)
+
+
+def test_redirections_are_followed_some_times_and_only_on_the_web(server: Server, home: Path) -> None:
+    server.publish("oak", DATA)
+    server.bend["oak.swatch"] = to("/oak.swatch")
+    refused(server, home)
+    for place in ("file:///etc/passwd", "ftp://127.0.0.1/x", "gopher:x\x9b"):
+        server.bend["oak.swatch"] = to(place)
+        refused(server, home)
+    server.bend["oak.swatch"] = to("http://[")
+    refused(server, home)
+    with pytest.raises(SwatchError):
+        library._redirected("https://example.org/a", "http://example.org/a")
+    server.bend["oak.swatch"] = to("/moved")
+    server.files["moved"] = DATA
+    assert fetched(server) == oak()
+
+
+def test_what_comes_with_a_redirection_is_not_read(server: Server) -> None:
+    server.publish("oak", DATA)
+    server.files["moved"] = DATA
+
+    def bend(handler: Any, data: bytes) -> None:
+        send(handler, b"", 302, length=10**12, Location="/moved")
+        repeat(b" ")(handler, data)
+
+    server.bend["oak.swatch"] = bend
+    assert fetched(server) == oak()
+
+
+LYING = {
+    "longer": b"Content-Length: 99999999\r\n\r\n" + DATA,
+    "shorter": b"Content-Length: 10\r\n\r\n" + DATA,
+    "chunks of no size": b"Transfer-Encoding: chunked\r\n\r\nxyz\r\n" + DATA,
+    "many headers": b"A: b\r\n" * 10_000 + b"\r\n" + DATA,
+}
+
+
+@pytest.mark.parametrize("case", LYING)
+def test_answers_that_lie_about_themselves(server: Server, home: Path, case: str) -> None:
+    server.publish("oak", DATA)
+
+    def bend(handler: Any, data: bytes) -> None:
+        handler.close_connection = True
+        with suppress(OSError):
+            handler.wfile.write(b"HTTP/1.1 200 OK\r\n" + LYING[case])
+
+    server.bend["oak.swatch"] = bend
+    refused(server, home)
+
+
+def test_what_a_server_says_does_not_steer_the_terminal(server: Server, capsys: pytest.CaptureFixture[str]) -> None:
+    server.files["index.json"] = b""
+    server.bend["index.json"] = lambda handler, data: handler.wfile.write(
+        b"HTTP/1.1 500 \x1b]0;title\x07\x9b" + b"x" * 5000 + b"\r\n\r\n"
+    )
+    assert cli.main(["swatch", "get", "--from", server.url]) == 2
+    said = capsys.readouterr().err
+    assert r"the server says 500 \x1b]0;title\x07\u009bxxx" in said and len(said) < 300 and said[:-1].isprintable()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signal there")
+def test_a_slow_server_is_left_at_once(server: Server) -> None:
+    asked = threading.Event()
+
+    def bend(handler: Any, data: bytes) -> None:
+        asked.set()
+        drip(handler, b"HTTP/1.1 200 O")
+
+    server.files["index.json"] = b""
+    server.bend["index.json"] = bend
+    code = "import sys; from hapscene.cli import main; sys.exit(main(sys.argv[1:]))"
+    words = [sys.executable, "-c", code, "swatch", "get", "--from", server.url]
+    with subprocess.Popen(words, stderr=subprocess.PIPE) as process:
+        assert asked.wait(120.0)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate()
+    assert (process.returncode, said) == (130, b"hapscene: interrupted; nothing was written\n")
+
+
+def test_the_command(server: Server, home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    server.publish("oak", DATA)
+    assert cli.main(["swatch", "get", "--from", server.url]) == 0
+    assert "oak" in capsys.readouterr().out and not home.exists()
+    assert cli.main(["swatch", "get", "oak", "elm", "--from", server.url]) == 2
+    said = capsys.readouterr()
+    assert "oak.swatch" in said.out and "no swatch 'elm'" in said.err and load_swatch("oak") == oak()
+    assert cli.main(["swatch", "get", "--all", "--from", server.url]) == 2
+    assert "in the library already" in capsys.readouterr().err
+    assert cli.main(["swatch", "get", "--all", "--replace", "--from", server.url]) == 0

@@ -1,0 +1,246 @@
+"""Picking against another ray tracer; the bucket against the region that a script paints with."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from trimesh.creation import annulus, box, cylinder, icosphere
+
+from hapscene.paint.model.mesh import (
+    FACING_RAD,
+    PaintableMesh,
+    face_centre,
+    pick,
+    project_to_surface,
+    segment_triangle,
+)
+from hapscene.paint.model.session import Session
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.region import Facet
+from hapscene.scene.scene import Scene
+
+from .conftest import make_scene, mesh_of, plate_mesh
+
+
+def test_what_a_ray_hits() -> None:
+    ring = annulus(0.01, 0.02, 0.015, sections=48)
+    shape = PaintableMesh(mesh_of(ring))
+    rng = np.random.default_rng(0)
+    origins, ends = rng.normal(size=(300, 3)) * 0.2, rng.normal(size=(300, 3)) * 0.01
+    a, b, c = np.moveaxis(shape.corner_m, 1, 0)
+    hits = 0
+    for origin, end in zip(origins, ends, strict=True):
+        d = (end - origin) / np.linalg.norm(end - origin)
+        # Möller & Trumbore 1997, over all faces
+        h = np.cross(d, c - a)
+        det = np.einsum("ij,ij->i", b - a, h)
+        s = origin - a
+        u = np.einsum("ij,ij->i", s, h) / det
+        q = np.cross(s, b - a)
+        v, t = q @ d / det, np.einsum("ij,ij->i", q, c - a) / det
+        inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
+        found = shape.pick(origin, 3.0 * d)
+        if not inside.any():
+            assert found is None or abs(found[1]) < 1.0  # a graze of the rim may be seen either way
+            continue
+        hits += 1
+        assert found is not None
+        first = float(t[inside].min())
+        assert abs(found[1] - first) < 1e-6
+        np.testing.assert_allclose(found[2], origin + first * d, atol=1e-6)
+    assert hits > 100
+
+
+def test_the_point_is_exact_from_afar() -> None:
+    shape = PaintableMesh(plate_mesh())
+    _, distance, p = shape.pick(np.array([0.003, 0.004, 50.0]), np.array([0.0, 0.0, -2.0]))  # type: ignore[misc]
+    np.testing.assert_allclose(p, [0.003, 0.004, 0.0005], atol=1e-12)
+    assert distance == pytest.approx(50.0 - 0.0005, abs=1e-9)
+
+
+def test_of_several_bodies_the_nearest(tmp_path) -> None:
+    scene = make_scene(tmp_path)
+    scene.pose("plate", np.eye(4))
+    session = Session(scene)
+    p_W = scene.body("ball").X_WB[:3, 3]
+    found = session.pick(np.add(p_W, (0.0, 0.0, 1.0)), [0.0, 0.0, -1.0])
+    assert found is not None and (found.body, scene.bodies[found.body].name) == (0, "ball")
+    below = session.pick([0.0, 0.0, -1.0], [0.0, 0.0, 1.0])
+    assert below is not None
+    np.testing.assert_allclose(np.linalg.norm(found.nhat_W), 1.0)
+    X_WB = scene.bodies[below.body].X_WB
+    np.testing.assert_allclose(X_WB[:3, :3] @ below.p_B_m + X_WB[:3, 3], below.p_W_m, atol=1e-12)
+    for bad in (np.zeros(3), np.array([np.nan, 0.0, 1.0])):
+        assert pick(scene.bodies, session.shapes, np.zeros(3), bad) is None
+    assert face_centre(scene.bodies, session.shapes, 1, 5).face == 5
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 0.05, 0.2, 1.6, 3.14])
+def test_facets_are_those_of_regions(angle_rad: float) -> None:
+    for mesh in (plate_mesh(cells=2), mesh_of(icosphere(subdivisions=2)), mesh_of(annulus(0.01, 0.02, 0.015))):
+        shape = PaintableMesh(mesh)
+        for face in (0, len(mesh.faces) // 2):
+            np.testing.assert_array_equal(shape.facet(face, angle_rad), Facet(face, angle_rad).pick(mesh))
+
+
+# The brush: distances against sampling, what is painted against its definition, walls, gaps and seams.
+
+
+coordinate = st.integers(-4, 4).map(float)  # whole numbers: parallel, touching and degenerate cases come often
+vector = st.tuples(coordinate, coordinate, coordinate)
+
+
+@settings(max_examples=100, deadline=None)
+@given(vector, vector, vector, vector, vector)
+def test_distance_of_segment_and_triangle(p, q, a, b, c) -> None:
+    found = math.sqrt(segment_triangle(p, q, a, b, c))
+    share = np.linspace(0.0, 1.0, 201)[:, None]
+    places = np.array(p) + share * (np.array(q) - np.array(p))
+    triangle = np.array([[a, b, c]])
+    if np.linalg.norm(np.cross(triangle[0, 1] - triangle[0, 0], triangle[0, 2] - triangle[0, 0])) == 0.0:
+        return  # the other library needs an area
+    near = trimesh.triangles.closest_point(np.repeat(triangle, len(places), axis=0), places)
+    sampled = float(np.linalg.norm(near - places, axis=1).min())
+    half_step = float(np.linalg.norm(np.array(q) - np.array(p))) / 400.0
+    assert sampled - half_step - 1e-9 <= found <= sampled + 1e-9
+
+
+def test_a_triangle_without_area_is_its_edges() -> None:
+    assert segment_triangle((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (3.0, 0.0, 0.0)) == 1.0
+    assert segment_triangle((0.0, 2.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) == 1.0
+
+
+def top_face(shape: PaintableMesh, x: float, y: float) -> tuple[int, np.ndarray]:
+    found = shape.pick(np.array([x, y, 1.0]), np.array([0.0, 0.0, -1.0]))
+    assert found is not None
+    return found[0], found[2]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.tuples(*[st.floats(-0.0199, 0.0199)] * 4), st.floats(0.0005, 0.01))
+def test_on_a_plate_it_paints_the_capsule_and_the_way(ends, radius_m) -> None:
+    shape = PLATE
+    (f, p), (g, q) = top_face(shape, *ends[:2]), top_face(shape, *ends[2:])
+    painted = np.zeros(len(shape.normal), bool)
+    painted[shape.brush((f, g), (p, q), radius_m)] = True
+    top = shape.normal[:, 2] > 0.5
+    way, off = q - p, shape.centroid_m - p
+    t = np.clip(off @ way / max(way @ way, 1e-300), 0.0, 1.0)
+    away = np.linalg.norm(off - t[:, None] * way, axis=1)
+    clear = np.abs(away - radius_m) > 1e-9  # not on the border, where rounding decides
+    assert painted[top & clear & (away < radius_m)].all()
+    assert not painted[~top].any()  # neither the back, 1 mm below, nor the rim
+    for face in np.flatnonzero(painted & clear & (away > radius_m)):  # the capsule touches it
+        a, b, c = (tuple(v.tolist()) for v in shape.corner_m[face])
+        assert math.sqrt(segment_triangle(tuple(p.tolist()), tuple(q.tolist()), a, b, c)) <= radius_m + 1e-12
+
+
+PLATE = PaintableMesh(plate_mesh())
+
+
+def test_a_way_over_large_faces_has_no_gaps() -> None:
+    shape = PaintableMesh(plate_mesh(cells=2))  # faces of 10 mm, a brush of 0.5 mm
+    (f, p), (g, q) = top_face(shape, -0.019, -0.013), top_face(shape, 0.018, 0.016)
+    painted = set(shape.brush((f, g), (p, q), 0.0005).tolist())
+    for t in np.linspace(0.0, 1.0, 400):
+        x, y, _ = p + t * (q - p)
+        assert top_face(shape, x, y)[0] in painted
+
+
+def test_the_next_sheet_is_not_reached() -> None:
+    sheets = [trimesh.creation.box((0.04, 0.04, 1e-4)).subdivide().subdivide().subdivide() for _ in range(2)]
+    sheets[1].apply_translation((0.0, 0.0, 3e-4))
+    shape = PaintableMesh(mesh_of(trimesh.util.concatenate(sheets)))
+    face, p = top_face(shape, 0.001, 0.002)
+    painted = shape.brush((face, face), (p, p), 0.008)
+    assert len(painted) > 4
+    assert (shape.centroid_m[painted, 2] > 3e-4).all()
+
+
+def test_round_a_bend_it_paints_as_far_as_it_looks_the_same_way() -> None:
+    shape = PaintableMesh(mesh_of(cylinder(radius=0.005, height=0.1, sections=180)))
+    found = shape.pick(np.array([1.0, 0.0, 0.001]), np.array([-1.0, 0.0, 0.0]))
+    assert found is not None
+    face, _, p = found
+    painted = shape.brush((face, face), (p, p), 0.2)
+    turn = np.arccos(np.clip(shape.normal @ shape.normal[face], -1.0, 1.0))
+    np.testing.assert_array_equal(painted, np.flatnonzero(turn <= FACING_RAD))
+
+
+def test_a_way_over_an_edge_paints_both_sides() -> None:
+    shape = PaintableMesh(mesh_of(box((0.04, 0.04, 0.04)).subdivide().subdivide().subdivide()))
+    top, p = top_face(shape, 0.018, 0.001)
+    side, _, q = shape.pick(np.array([1.0, 0.001, 0.018]), np.array([-1.0, 0.0, 0.0]))  # type: ignore[misc]
+    painted = shape.brush((top, side), (p, q), 0.004)
+    assert {0, 2} == set(np.argmax(np.abs(shape.normal[painted]), axis=1).tolist())
+
+
+@pytest.mark.parametrize("seam", ["t-junction", "soup"])
+def test_seams_do_not_stop_it(seam: str) -> None:
+    if seam == "soup":  # no two faces share a vertex
+        whole = plate_mesh(cells=3)
+        mesh = Mesh(whole.vertices_m[whole.faces].reshape(-1, 3), np.arange(3 * len(whole.faces)).reshape(-1, 3))
+        count = len(PaintableMesh(whole).brush((0, 0), (PaintableMesh(whole).centroid_m[0],) * 2, 0.005))
+        assert len(PaintableMesh(mesh).brush((0, 0), (PaintableMesh(mesh).centroid_m[0],) * 2, 0.005)) == count > 10
+        return
+    vertices = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0], [1, 0, 0], [1, -1, 0]]) * 0.01
+    mesh = Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3], [0, 5, 4], [4, 5, 1]]))  # 4 lies on the edge from 0 to 1
+    shape = PaintableMesh(mesh)
+    assert shape.brush((0, 0), (shape.centroid_m[0],) * 2, 0.02).tolist() == [0, 1, 2, 3]
+
+
+# Where a ray from the eye falls, and a ring laid on the surface, against closed forms.
+
+
+TURN = np.array([[0.0, 0.0, 1.0, 0.1], [1.0, 0.0, 0.0, 0.2], [0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 0.0, 1.0]])
+"""A pose: (x, y, z) of the body are (y, z, x) of the world."""
+
+
+def circle(radius_m: float, z_m: float = 0.0, count: int = 24) -> np.ndarray:
+    turn = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
+    return np.stack([radius_m * np.cos(turn), radius_m * np.sin(turn), np.full(count, z_m)], axis=1)
+
+
+@pytest.fixture
+def scene() -> Scene:
+    scene = Scene()
+    scene.add(mesh_of(icosphere(subdivisions=6, radius=0.02)), name="ball", pose=TURN)
+    scene.add(plate_mesh(), name="plate")
+    return scene
+
+
+def in_world(p_B_m: np.ndarray) -> np.ndarray:
+    return p_B_m @ TURN[:3, :3].T + TURN[:3, 3]
+
+
+def test_a_ray_falls_on_the_nearest_body(scene) -> None:
+    shapes = [PaintableMesh(body.mesh) for body in scene.bodies]
+    hit = pick(scene.bodies, shapes, in_world(np.array([0.0, 0.0, 1.0])), TURN[:3, :3] @ [0.0, 0.0, -1.0])
+    assert hit is not None and hit.body == 0
+    np.testing.assert_allclose(hit.p_W_m, in_world(np.array([0.0, 0.0, 0.02])), atol=1e-5)
+    assert hit.nhat_W @ TURN[:3, 2] == pytest.approx(1.0, abs=1e-3)
+    assert pick(scene.bodies, shapes, np.array([0.0, 0.0, np.nan]), np.array([0.0, 0.0, 1.0])) is None
+
+
+def test_a_ring_lies_on_a_ball(scene) -> None:
+    shapes = [PaintableMesh(body.mesh) for body in scene.bodies]
+    up = TURN[:3, :3] @ np.array([0.0, 0.0, 1.0])
+    hit = pick(scene.bodies, shapes, in_world(np.array([0.0, 0.0, 1.0])), -up)
+    assert hit is not None
+    hit = hit.__class__(**{**vars(hit), "nhat_W": up})  # of the ball, not of a facet
+    laid = project_to_surface(scene.bodies[0], shapes[0], hit, in_world(circle(0.01, 0.02)), 0.01)
+    height = np.sqrt(0.02**2 - 0.01**2)
+    np.testing.assert_allclose(laid, in_world(circle(0.01, height)), atol=2e-5)
+
+
+def test_beside_the_body_a_ring_stays_in_its_plane(scene) -> None:
+    shapes = [PaintableMesh(body.mesh) for body in scene.bodies]
+    top = int(np.argmax(shapes[1].centroid_m @ [0.0, 0.0, 1.0] + 1e-3 * (shapes[1].centroid_m[:, 0] < -0.019)))
+    hit = face_centre(scene.bodies, shapes, 1, top)
+    ring = hit.p_W_m + circle(0.005)
+    laid = project_to_surface(scene.bodies[1], shapes[1], hit, ring, 0.005)
+    np.testing.assert_allclose(laid, ring, atol=1e-9)
+    assert (ring[:, 0] < -0.02).any()  # some are beside it

@@ -1,0 +1,66 @@
+"""What a page that reads slowly still gets."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+
+from hapscene.paint.web.socket import BACKLOG_BYTES_MAX, PageSocket
+
+
+class Slow:
+    """A connection on which much waits already, and what was sent on it."""
+
+    def __init__(self, waiting_bytes: int) -> None:
+        self.waiting_bytes = waiting_bytes
+        self.transport = self
+        self.sent: list[str | bytes] = []
+        self.aborted = False
+
+    def get_write_buffer_size(self) -> int:
+        return self.waiting_bytes
+
+    def abort(self) -> None:
+        self.aborted = True
+
+
+@pytest.fixture(autouse=True)
+def wire(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broadcast(connections: list[Slow], content: str | bytes) -> None:
+        for connection in connections:
+            connection.sent.append(content)
+
+    monkeypatch.setattr("websockets.asyncio.server.broadcast", broadcast)
+
+
+async def nothing(message: Any) -> None:
+    """Does nothing."""
+
+
+@pytest.mark.parametrize(("waiting_bytes", "count"), [(BACKLOG_BYTES_MAX - 1, 5), (BACKLOG_BYTES_MAX, 3)])
+def test_traces_are_dropped_and_words_are_not(waiting_bytes: int, count: int) -> None:
+    """A trace is old a moment later; a state is told once, and would stay wrong."""
+    live, page = PageSocket(nothing, dict), Slow(waiting_bytes)
+    live._sockets.add(page)
+    live.send(state={"undo": "fill"})
+    live.sound(np.zeros(9), 1e4)
+    live.trace(np.zeros(3), np.zeros((3, 10)), 1e-3)
+    live.say("Saved.")
+    live.say("Not saved.", "error")
+    assert len(page.sent) == count
+    words = [json.loads(content) for content in page.sent if isinstance(content, str)]
+    assert words[0] == {"state": {"undo": "fill"}} and [word.get("say") for word in words[1:]] == [
+        "Saved.",
+        "Not saved.",
+    ]
+
+
+def test_who_reads_nothing_at_all_is_left() -> None:
+    """What waits for it would fill the memory."""
+    live, page = PageSocket(nothing, dict), Slow(10 * BACKLOG_BYTES_MAX)
+    live._sockets.add(page)
+    live.say("Saved.")
+    assert page.aborted and not page.sent

@@ -1,0 +1,140 @@
+"""The computed swatches against the closed form, written down here anew: lines, corners and levels."""
+
+import math
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from hapscene.errors import SwatchError
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.texture import Texture
+from hapscene.swatches.library import add, computed_entries, load_swatch, search, shipped_swatches
+from hapscene_swatches import compute
+
+NAMES = [entry.name for entry in computed_entries()]
+GRAIN_UM = {"sandpaper-p60": 269.0, "sandpaper-p120": 125.0, "sandpaper-p240": 58.5}
+TIP_M, MASS_KG, STEEL_PA = 1.6e-3, 0.1, 212e9 / (1 - 0.293**2)
+RATE_HZ = 10_000.0
+
+
+@cache
+def texture(name: str) -> Texture:
+    found = load_swatch(name).texture
+    assert found is not None
+    return found
+
+
+def tool(
+    f: NDArray[np.float64], force_N: float, contact_Pa: float, radius_m: float, loss: float
+) -> NDArray[np.float64]:
+    """Power that a mass on Hertz's contact and the tool's own 300 Hz passes on."""
+    k = 1 / (1 / (6 * contact_Pa**2 * radius_m * force_N) ** (1 / 3) + 1 / (MASS_KG * (600 * math.pi) ** 2))
+    r, z = 2 * np.pi * f / math.sqrt(k / MASS_KG), 0.05 + loss / 2
+    return np.asarray((1 + (2 * z * r) ** 2) / ((1 - r**2) ** 2 + (2 * z * r) ** 2))
+
+
+def period_m(name: str) -> float:
+    found = re.fullmatch(r"(?:grating|mesh|ribs)-([\d.]+)mm(?:-\d+um)?", name)
+    assert found is not None
+    return 1e-3 * float(found[1])
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n.startswith(("grating", "mesh", "ribs"))])
+def test_a_profile_that_repeats_has_its_line_at_speed_over_period(name: str) -> None:
+    """At the speeds of its models and between them, from 20 to 800 Hz."""
+    for speed in np.geomspace(max(0.011, 20.0 * period_m(name)), 0.4, 25):
+        line_Hz = speed / period_m(name)
+        f = np.linspace(0.7, 1.3, 401) * line_Hz
+        density = texture(name).density([0.7], [speed], frequency_Hz=f)[0]
+        assert f[np.argmax(density)] == pytest.approx(line_Hz, rel=0.015)
+
+
+@pytest.mark.parametrize("name", GRAIN_UM)
+def test_a_sandpapers_corner_is_at_speed_over_grain(name: str) -> None:
+    """(2π f)⁴ over (1 + (f/fc)²)², as the tool passes it on: of all corners, v/d agrees best with what is felt."""
+    grain = 1e-6 * GRAIN_UM[name]
+    contact = 1 / ((1 - 0.25**2) / 20e9 + 1 / STEEL_PA)
+    radius = 1 / (1 / TIP_M + 2 / grain)
+    for speed in (0.017, 0.047):  # between models; the corner is below the tool's resonance at the first
+        f = np.geomspace(20.0, 1000.0, 400)
+        force = 1.0
+        patch = (0.75 * force * radius / contact) ** (1 / 3)
+        passed = tool(f, force, contact, radius, 0.03) / (1 + math.pi / 4 * (2 * np.pi * f / speed * patch) ** 3)
+        seen = 10 * np.log10(texture(name).density([force], [speed], frequency_Hz=f)[0])
+        heard = seen > seen.max() - 25.0
+
+        def off_dB(corner_Hz: float, f=f, passed=passed, seen=seen, heard=heard) -> float:
+            form = 10 * np.log10(f**4 / (1 + (f / corner_Hz) ** 2) ** 2 * passed)
+            return float(np.std((seen - form)[heard]))
+
+        corners = speed / grain * np.geomspace(0.3, 3.0, 60)
+        best = corners[np.argmin([off_dB(corner) for corner in corners])]
+        if speed / grain < 300.0:
+            assert best == pytest.approx(speed / grain, rel=0.3)
+        assert off_dB(speed / grain) < 2.5
+
+
+@pytest.mark.parametrize("force_N", [0.25, 1.0, 3.0])
+def test_a_gratings_level_follows_the_stated_law(force_N: float) -> None:
+    """Shallow enough for the ball to reach its bottom: h (2π v/λ)²/√2, the tool's resonance, the force's bound."""
+    swatch, period, height = texture("grating-1mm-10um"), 1e-3, 5e-6
+    acrylic = 1 / ((1 - 0.35**2) / 2.7e9 + 1 / STEEL_PA)
+    for speed in sorted(set(swatch.speed_m_s[swatch.variance_m2_s4 > 0.0]))[2:7]:
+        n = np.array([1.0, 2.0])
+        f = n * speed / period
+        patch = (0.75 * force_N * TIP_M / acrylic) ** (1 / 3)
+        passed = tool(f, force_N, acrylic, TIP_M, 0.05) / (1 + math.pi / 4 * (2 * np.pi * f / speed * patch) ** 3)
+        # the ball's path is a parallel curve: to second order its middle rises by R h'²/2, a line at 2 v/λ
+        second = TIP_M * (2 * np.pi / period * height) ** 2 / 4
+        power = float(np.sum((np.array([height, second]) * (2 * np.pi * f) ** 2) ** 2 * passed) / 2)
+        want = power / (1 + 2 * power * (MASS_KG / force_N) ** 2)
+        assert swatch.power([force_N], [speed])[0] == pytest.approx(want, rel=0.15)
+
+
+def test_coarser_and_deeper_is_rougher() -> None:
+    rough = {entry.name: entry.figures["roughness_m_s2"] for entry in computed_entries()}
+    grits = [rough[f"sandpaper-p{grit}"] for grit in (60, 120, 180, 240, 400, 800)]
+    assert grits == sorted(grits, reverse=True)
+    assert rough["grating-1mm-50um"] > rough["grating-1mm-10um"] and rough["glass"] < 0.05 < rough["glass-frosted"]
+
+
+def test_what_is_shipped_is_what_the_code_computes() -> None:
+    assert set(NAMES) == set(compute.SURFACES) and len(NAMES) >= 24
+    for name in ("grating-2mm-50um", "sandpaper-p120", "mesh-1mm", "rubber-soft"):
+        made, known = compute.compute(name), load_swatch(name)
+        assert (made.provenance, made.look, made.taps) == (known.provenance, known.look, known.taps)
+        assert made.texture is not None and known.texture is not None
+        assert_allclose(made.texture.lsf_rad, known.texture.lsf_rad, atol=2e-7)
+        assert_allclose(made.texture.variance_m2_s4, known.texture.variance_m2_s4, rtol=1e-5)
+
+
+def test_they_say_that_they_were_computed_and_stand_apart() -> None:
+    assert not set(NAMES) & set(shipped_swatches())
+    for entry in computed_entries():
+        assert entry.provenance.startswith("Computed, not measured: ") and entry.tags[0] == "computed"
+        looked_up, _, assumed = entry.provenance.partition("Assumed, from no source: ")
+        for number in ("elasticity", "loss", "friction"):
+            told = f": {number} " in looked_up or f"; {number} " in looked_up, number in assumed.split(".")[0]
+            assert sum(told) == 1, (entry.name, number)
+        swatch = load_swatch(entry.name)
+        assert swatch.name == entry.name and swatch.provenance == entry.provenance and swatch.licence
+        assert len(texture(entry.name).force_N) <= 64 and entry.bytes < 12_000
+    assert {e.name for e in search(computed_entries(), ["sandpaper"])} == {n for n in NAMES if "sandpaper" in n}
+
+
+def test_a_swatch_of_the_users_own_keeps_its_name(monkeypatch, tmp_path) -> None:
+    """Who had one called glass before there was a computed one still gets it by that name; a new one must not be."""
+    monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path))
+    with pytest.raises(SwatchError, match="glass"):
+        add(Swatch("glass"))
+    entry = add(Swatch("mine", 123.0))
+    index = tmp_path / "index.json"
+    index.write_text(index.read_text(encoding="utf-8").replace('"mine"', '"glass"'), encoding="utf-8")
+    text = (tmp_path / entry.file).read_text(encoding="utf-8")
+    (tmp_path / entry.file).write_text(text.replace('"mine"', '"glass"'), encoding="utf-8")
+    assert load_swatch("glass").stiffness_N_m == 123.0
+    assert add(Swatch("glass", 124.0), replace=True).name == "glass"

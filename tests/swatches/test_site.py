@@ -1,0 +1,267 @@
+"""A published library: what stands in its pages, whatever strangers call things; what `get` reads; what it replaces."""
+
+import json
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from html.parser import HTMLParser
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from hapscene.cli import main
+from hapscene.errors import SwatchError, printable
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import save_swatch
+from hapscene.swatches import site as static_site
+from hapscene.swatches.library import LibraryEntry, add, entry_of, load_swatch, own_entries
+from hapscene.swatches.site import NO_LICENCE, first_page, gather, painted_body, publish, swatch_page
+
+pytestmark = pytest.mark.nightly
+
+HOSTILE = "</h1><b onload='x'>\"&amp;<!-- "
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory: pytest.TempPathFactory) -> list[static_site.Source]:
+    """A library with a folder, tags, a swatch without licence and texture, and one of a hostile name."""
+    home = tmp_path_factory.mktemp("library")
+    wood = load_swatch("wood")
+    add(replace(wood, name="oak, planed"), home, inside="woods", tags=["hard wood", "planed"])
+    texts = {"provenance": HOSTILE * 3, "tool": HOSTILE, "tip": "3 mm ball", "absent": {"taps": HOSTILE}}
+    add(replace(wood, name=HOSTILE.replace("/", "").strip(), **texts), home, tags=["<i>"])
+    add(Swatch("index", stiffness_N_m=300.0), home)
+    return gather(library=home)
+
+
+@pytest.fixture(scope="module")
+def site(sources: list[static_site.Source], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("published") / "site"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(static_site, "painted_body", lambda swatch: None)  # which takes seconds to draw
+        publish(sources, folder, "Ours & <others>")
+    return folder
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sites without pictures and plots."""
+    monkeypatch.setattr(static_site, "painted_body", lambda swatch: None)
+    monkeypatch.setattr(static_site, "_plots", lambda swatch, scale: [])
+
+
+@pytest.fixture(scope="module")
+def address(site: Path) -> Iterator[str]:
+    """What `python -m http.server` does with the folder."""
+
+    class Quiet(SimpleHTTPRequestHandler):
+        def log_message(self, *arguments: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(site)))
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+    thread.start()
+    yield f"http://127.0.0.1:{server.server_address[1]}/"
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def test_get_reads_it_from_a_plain_server(
+    address: str, sources: list[static_site.Source], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home = str(tmp_path / "mine")
+    assert main(["swatch", "get", "--from", address]) == 0
+    assert "oak, planed" in capsys.readouterr().out
+    assert main(["swatch", "get", "--all", "--from", address, "--library", home]) == 0
+    got = {entry.name: entry for entry in own_entries(home)}
+    assert set(got) == {source.swatch.name for source in sources} and len(got) == 3
+    for source in sources:
+        assert (Path(home) / got[source.swatch.name].file).read_bytes() == source.data
+        assert got[source.swatch.name].tags == source.tags
+    assert got["oak, planed"].tags == ("hard wood", "planed", "woods")
+    assert main(["swatch", "get", "index", "--name", "soft", "--from", address, "--library", home]) == 0
+    assert "soft" in {entry.name for entry in own_entries(home)}
+    assert main(["swatch", "get", "--all", "--name", "soft", "--from", address, "--library", home]) == 2
+
+
+def test_shipped_swatches_are_published_with_their_very_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path))
+    every = {source.swatch.name: source for source in gather(shipped=True)}
+    folder = resources.files("hapscene_swatches")
+    assert every["wood"].data == (folder / "wood.swatch").read_bytes()
+    assert every["glass"].data == (folder / "computed" / "glass.swatch").read_bytes()
+    assert "glass" in every["glass"].tags and len(every) > 30
+
+
+def test_a_swatch_has_picture_spectra_sound_and_weighs_little(site: Path) -> None:
+    assert not (site / "index.swatch").exists() and (site / "index_2.html").is_file()
+    for page in sorted(site.glob("*.html")):
+        stem = page.stem
+        if stem == "index":
+            continue
+        text = page.read_text(encoding="utf-8")
+        assert text.count("<svg") == 2 and f'src="{stem}.wav"' in text and f'href="{stem}.swatch"' in text
+        with Image.open(site / f"{stem}-body.png") as picture:
+            assert f'width="{picture.width}" height="{picture.height}"' in text
+        assert sum(file.stat().st_size for file in site.glob(f"{stem}*")) < 300_000
+    assert NO_LICENCE in (site / "index_2.html").read_text(encoding="utf-8")
+    assert (site / "index.html").read_text(encoding="utf-8").count(NO_LICENCE) == 1
+
+
+def test_the_picture_is_of_the_painted_body(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wood = load_swatch("wood")
+    body = painted_body(wood)
+    if body is None:
+        pytest.skip("no GL here")
+    monkeypatch.setattr(static_site, "_plots", lambda swatch, scale: [])
+    publish(gather(["wood"]), tmp_path / "site")
+    with Image.open(tmp_path / "site" / "wood-body.png") as picture:
+        assert picture.size == body.shape[1::-1]
+        assert picture.convert("RGBA").getpixel((0, 0))[3] == 0  # type: ignore[index]
+
+
+# What is ours, and what is not.
+
+
+@pytest.mark.usefixtures("quick")
+def test_published_again_only_what_was_made_is_replaced(tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    publish(gather(["wood", "paper"]), site)
+    (site / "CNAME").write_text("swatches.example.org")
+    (site / "notes.html").write_text("ours")
+    publish(gather(["wood"]), site, "Again")
+    names = {file.name for file in site.iterdir()}
+    wood = {f"wood{end}" for end in (".swatch", ".html", ".wav", "-body.png", "-ball.png")}
+    assert names == {"CNAME", "notes.html", "index.html", "index.json"} | wood
+    assert "Again" in (site / "index.html").read_text()
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("name", ["index.html", "index.json", "wood.html", "wood.swatch"])
+def test_others_files_are_not_replaced(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(SwatchError, match=f"{name}: is there and was not published"):
+        publish(gather(["wood"]), tmp_path)
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_library_itself_is_not_published_over(tmp_path: Path) -> None:
+    add(Swatch("oak"), tmp_path)
+    with pytest.raises(SwatchError, match="was not published"):
+        publish(gather(library=tmp_path), tmp_path)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["index.json", "oak.swatch"]
+
+
+@pytest.mark.usefixtures("quick")
+def test_interrupted_nothing_is_left(tmp_path: Path) -> None:
+    def say(text: str) -> None:
+        if text.startswith("2/"):
+            raise KeyboardInterrupt
+
+    publish(gather(["wood"]), tmp_path / "site")
+    before = {file: file.read_bytes() for file in (tmp_path / "site").iterdir()}
+    with pytest.raises(KeyboardInterrupt):
+        publish(gather(["wood", "paper"]), tmp_path / "site", say=say)
+    assert {file: file.read_bytes() for file in (tmp_path / "site").iterdir()} == before
+    assert [file.name for file in tmp_path.iterdir()] == ["site"]
+
+
+def test_errors_are_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    twin = tmp_path / "twin.swatch"
+    save_swatch(load_swatch("wood"), twin)
+    (tmp_path / "file").write_text("")
+    broken = tmp_path / "broken.swatch"
+    broken.write_text("{}")
+    site, none = str(tmp_path / "site"), str(tmp_path / "none")
+    for words, message in {
+        (site, "--library", none): "is empty: name swatches to publish, or --shipped",
+        (site, "wood", str(twin)): "two swatches are called 'wood'",
+        (site, "oka"): "no swatch 'oka'",
+        (site, str(broken)): "broken.swatch: not a swatch",
+        (str(tmp_path / "file"), "wood"): "is a file; expected a folder",
+    }.items():
+        assert main(["swatch", "publish", *words]) == 2
+        told = capsys.readouterr()
+        assert message in told.err and told.err.count("\n") == 1, told.err
+    assert not Path(site).exists()
+
+
+@pytest.mark.usefixtures("quick")
+def test_command_tells_what_was_made_and_what_has_no_licence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    add(Swatch("bare"), tmp_path / "home")
+    words = ["publish", str(tmp_path / "site"), "--library", str(tmp_path / "home"), "--title", "Woods"]
+    assert main(["swatch", *words]) == 0
+    told = capsys.readouterr()
+    assert "1/1  bare" in told.out and "index.html  (1 swatches," not in told.out and "1 swatch, " in told.out
+    assert "no licence is stated for bare" in told.err
+    assert "<title>Woods</title>" in (tmp_path / "site" / "index.html").read_text()
+
+
+# Names and texts of strangers.
+
+
+class Skeleton(HTMLParser):
+    """Which elements there are, with which attributes, and what is text."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, tuple[str, ...]]] = []
+        self.texts: list[str] = []
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, tuple(name for name, _ in attrs)))
+        self.texts += [value or "" for name, value in attrs if name in ("alt", "aria-label")]
+
+    def handle_endtag(self, tag: str) -> None:
+        self.tags.append((f"/{tag}", ()))
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+
+def pages(name: str, provenance: str, licence: str, tag: str, title: str) -> list[str]:
+    swatch = Swatch(name, provenance=provenance, licence=licence, absent={"stiffness_N_m": provenance}, tool=tag)
+    entry = entry_of(swatch, b"", tags=(tag,))
+    return [first_page([swatch], [entry], title), swatch_page(swatch, entry, [], (300, 300), title)]
+
+
+WORDS = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=60).filter(lambda text: text.strip())
+MARKUP = st.sampled_from(["<b>", "</li>", "<script>", "&lt;", "&#0;", '"', "'", "-->", "]]>", "\u202e", "\0", " "])
+TEXT = st.one_of(WORDS, st.lists(st.one_of(MARKUP, WORDS), min_size=1, max_size=5).map("".join)).filter(str.strip)
+NAME = TEXT.map(lambda text: "".join(filter(str.isprintable, text))[:80]).filter(str.strip)
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(NAME, TEXT, TEXT, NAME, TEXT)
+def test_nothing_of_strangers_is_markup(name: str, provenance: str, licence: str, tag: str, title: str) -> None:
+    plain = [Skeleton(page).tags for page in pages("a", "b", "c", "d", "e")]
+    for page, tags in zip(pages(name, provenance, licence, tag, title), plain, strict=True):
+        found = Skeleton(page)
+        assert found.tags == tags
+        for text in (name, licence, tag, title):
+            assert printable(" ".join(text.split())) in found.texts
+        page.encode()
+        assert not any("\x7f" <= sign <= "\x9f" or (sign < " " and sign != "\n") for sign in page)
+    assert printable(" ".join(provenance.split())) in Skeleton(page).texts
+
+
+# In a validator and in a browser.
+
+
+def test_entries_say_nothing_else_than_the_swatches(site: Path, sources: list[static_site.Source]) -> None:
+    listed = json.loads((site / "index.json").read_text())["swatches"]
+    assert [LibraryEntry(**{**row, "tags": tuple(row["tags"])}).name for row in listed] == sorted(
+        source.swatch.name for source in sources
+    )

@@ -1,0 +1,70 @@
+"""Sound of a swatch: as loud as its texture, on one scale with what it is compared with."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.io import wavfile
+
+import hapscene
+from hapscene.surface.swatch import Swatch
+from hapscene.swatches.sound import (
+    EASE_S,
+    FULL_SCALE_M_S2,
+    PAUSE_S,
+    START_S,
+    concatenated,
+    swatch_sound,
+    wav_bytes,
+)
+
+WOOD = hapscene.load_swatch("wood")
+
+
+def steady(sound, seconds: float) -> np.ndarray:
+    """What is heard while the stroke has its full speed."""
+    start, stop = START_S + EASE_S + 0.05, START_S + seconds - EASE_S - 0.05
+    return sound.a_m_s2[round(start * sound.rate_Hz) : round(stop * sound.rate_Hz)]
+
+
+def test_it_is_as_loud_as_the_texture() -> None:
+    for force_N, speed_m_s, gain in ((1.0, 0.1, 1.0), (0.5, 0.2, 1.0), (1.0, 0.1, 3.0)):
+        swatch = replace(WOOD, taps=None, effects={"lpc_texture": {"texture_gain": gain}})
+        level = steady(swatch_sound(swatch, force_N, speed_m_s, 20.0), 20.0).std()
+        known = gain * float(np.sqrt(WOOD.texture.power([force_N], [speed_m_s])[0]))  # type: ignore[union-attr]
+        assert level == pytest.approx(known, rel=0.1)
+
+
+def test_the_tap_is_first_and_the_swatchs_own() -> None:
+    quiet = replace(WOOD, texture=None)
+    sound = swatch_sound(quiet)
+    tap = WOOD.taps.transient(0.1, sound.rate_Hz)  # type: ignore[union-attr]
+    np.testing.assert_allclose(sound.a_m_s2[: len(tap)], tap)
+    assert not swatch_sound(quiet, approach_m_s=0.0).a_m_s2.any()
+    assert not swatch_sound(Swatch("bare")).a_m_s2.any()
+
+
+def samples(data: bytes) -> tuple[int, np.ndarray]:
+    rate, found = wavfile.read(io.BytesIO(data))
+    assert found.dtype == np.int16 and found.ndim == 1
+    return rate, found
+
+
+def test_two_are_compared_on_one_scale() -> None:
+    soft = replace(WOOD, effects={"lpc_texture": {"texture_gain": 0.25}, "tap": {"tap_gain": 0.25}})
+    first, second = swatch_sound(WOOD), swatch_sound(soft)
+    rate, both = samples(wav_bytes(concatenated([first, second])))
+    n, gap = len(first.a_m_s2), round(PAUSE_S * rate)
+    assert len(both) == 2 * n + gap and not both[n : n + gap].any()
+    assert both[n + gap :].std() == pytest.approx(0.25 * both[:n].std(), rel=0.01)
+    _, alone = samples(wav_bytes(second))
+    np.testing.assert_array_equal(alone, both[n + gap :])  # as loud alone as beside the other
+
+
+def test_what_is_too_loud_is_turned_down_and_silence_stays() -> None:
+    loud = replace(WOOD, effects={"lpc_texture": {"texture_gain": 10.0}, "tap": {"tap_gain": 10.0}})
+    _, found = samples(wav_bytes(swatch_sound(loud)))
+    assert np.abs(swatch_sound(loud).a_m_s2).max() > FULL_SCALE_M_S2
+    assert 29_000 < np.abs(found).max() < 32767
+    assert not samples(wav_bytes(swatch_sound(Swatch("bare"))))[1].any()

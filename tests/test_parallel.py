@@ -1,0 +1,94 @@
+"""Tasks in this process, in others and on a cluster: the same results, and nothing done twice."""
+
+import os
+import statistics
+import sys
+from pathlib import Path
+
+import pytest
+
+from hapscene.errors import HapsceneError
+from hapscene.parallel import Task, TaskError, iterate_results, run_tasks
+
+
+def means(count: int) -> list[Task]:
+    return [Task(f"mean {k}", statistics.fmean, {"data": [k, k + 2]}) for k in range(count)]
+
+
+WANTED = {f"mean {k}": k + 1.0 for k in range(5)}
+
+
+def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
+    journal, done = tmp_path / "tasks.jsonl", list[str]()
+    assert run_tasks(means(3), journal=journal, jobs=1) == {k: WANTED[k] for k in list(WANTED)[:3]}
+    whole = journal.read_text()
+    journal.write_text(whole[:-5])  # killed while it wrote the last line
+    tasks = means(5)
+    tasks[0] = Task("mean 0", statistics.fmean, {"data": [7.0]})  # another question with the same key
+    found = run_tasks(tasks, journal=journal, jobs=1, after=lambda n, of, key: done.append(key))
+    assert found == WANTED | {"mean 0": 7.0}
+    assert done == ["mean 0", "mean 2", "mean 3", "mean 4"]
+    done.clear()
+    assert run_tasks(tasks, journal=journal, jobs=1, after=lambda n, of, key: done.append(key)) == found
+    assert done == []
+
+
+def test_a_task_that_fails_is_named() -> None:
+    tasks = [*means(2), Task("bad", statistics.fmean, {"data": []})]
+    with pytest.raises(HapsceneError, match="bad: StatisticsError"):
+        run_tasks(tasks, jobs=1)
+    results = {task.key: result for task, result in iterate_results(tasks, jobs=1)}
+    assert isinstance(results.pop("bad"), TaskError) and results == {k: WANTED[k] for k in results}
+
+
+def test_keys_are_unique() -> None:
+    with pytest.raises(HapsceneError, match="mean 1"):
+        run_tasks([*means(2), *means(2)[1:]], jobs=1)
+
+
+@pytest.mark.nightly
+def test_processes_give_the_same_and_what_is_timed_runs_here(tmp_path: Path) -> None:
+    pids = [Task(f"pid {k}", os.getpid, {}, alone=k == 0) for k in range(3)]
+    found = run_tasks([*means(5), *pids], journal=tmp_path / "tasks.jsonl", jobs=2)
+    assert {key: found[key] for key in WANTED} == WANTED
+    assert found["pid 0"] == os.getpid() != found["pid 1"]
+
+
+@pytest.mark.nightly
+def test_a_task_that_ends_its_process_is_found_and_all_others_are_done() -> None:
+    tasks = [*means(2), Task("bad", os._exit, {"status": 1}), *means(5)[2:]]
+    results = {task.key: result for task, result in iterate_results(tasks, jobs=2)}
+    assert isinstance(results.pop("bad"), TaskError) and results == WANTED
+
+
+@pytest.mark.nightly
+def test_a_cluster_gives_the_same() -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    given = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(silence_logs=50, **given) as cluster:
+        assert run_tasks(means(5), scheduler=cluster.scheduler_address) == WANTED
+
+
+@pytest.mark.nightly
+def test_a_cluster_that_loses_its_workers_loses_nothing() -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    given = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with distributed.LocalCluster(silence_logs=50, **given) as cluster:
+        with distributed.Client(cluster, set_as_default=False) as client:
+            pid = next(iter(client.run(os.getpid).values()))
+        kill = Task("kill", os.kill, {"pid": pid, "sig": 9})  # of a worker that may be another one's
+        results = {
+            task.key: result for task, result in iterate_results([*means(5), kill], None, cluster.scheduler_address)
+        }
+    assert {key: results[key] for key in WANTED} == WANTED
+
+
+def test_a_cluster_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    monkeypatch.setattr("hapscene.parallel.CONNECT_S", 0.3)
+    for address in ("tcp://127.0.0.1:9", "garbage", "foo://127.0.0.1:9"):
+        with pytest.raises(HapsceneError, match=address):
+            run_tasks(means(2), scheduler=address)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(HapsceneError, match="distributed"):
+        run_tasks(means(2), scheduler="tcp://127.0.0.1:9")
