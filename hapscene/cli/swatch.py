@@ -45,7 +45,7 @@ def list_swatches(
       hapscene swatch search wood "friction<0.4" "roughness>=1"
       hapscene swatch search tool:probe tip:ball
     """
-    from hapscene.surface import library as known
+    from hapscene.swatches import library as known
 
     own = [entry for home in known.own_folders(library) for entry in known.own_entries(home)]
     groups = {"shipped": known.shipped_entries(), "computed": known.computed_entries(), "library": own}
@@ -106,7 +106,7 @@ def add(
       hapscene swatch add oak.swatch
       hapscene swatch add oak.swatch --name 'oak, oiled'
     """
-    from hapscene.surface import library as known
+    from hapscene.swatches import library as known
 
     if name is not None and len(files) > 1:
         raise SwatchError("--name is for a single file")
@@ -123,7 +123,7 @@ def remove(names: Annotated[list[str], Help("Swatches of the library")], /, *, l
     for example:
       hapscene swatch remove oak
     """
-    from hapscene.surface import library as known
+    from hapscene.swatches import library as known
 
     for name in names:
         tell([f"removed {known.remove(name, library)}"])
@@ -146,7 +146,7 @@ def get(
     """
     if name is not None and (every or len(names) != 1):
         raise SwatchError("--name is for one swatch")
-    from hapscene.surface import library as known
+    from hapscene.swatches import library as known
 
     address, entries = known.read_index(url)
     wanted = [entry.name for entry in entries] if every else names
