@@ -343,9 +343,9 @@ def join(
 ) -> None:
     """Join recordings of one event, made by different devices, into one file with one clock.
 
-    Offset and drift of the clocks are found by cross-correlation of the channel that
-    the files have in common, else of all their streams; where it has no clear peak,
-    nothing is written.
+    Offset and drift of the clocks are found by cross-correlation of the channel
+    that the files have in common, else of all their streams; where it has no clear
+    peak, nothing is written.
 
     for example:
       hapscene capture join handle.csv plate.wav -o oak.npz --rate 1000

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hapscene.cli import main
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch_summary import lines
+from hapscene.swatches.library import load_swatch
 
 UNITS = "acceleration=m/s2,speed=mm/s,force=N"
 
@@ -84,8 +84,6 @@ def test_a_batch_gives_each_recording_a_swatch_and_is_resumed(
         (["batch", "-o", "out/", "--list", "files.csv"], "files.csv: no such file"),
         (["batch", "none", "-o", "out/"], "none: no such file or folder"),
         (["batch", "-o", "out/"], "no recordings"),
-        (["record", "--port", "a", "--port", "b", "--live"], "--live is for one probe"),
-        (["coverage", __file__, "--force-range", "2", "1"], "lower to a higher"),
     ],
 )
 def test_options_that_do_not_fit_together(

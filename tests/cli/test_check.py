@@ -91,7 +91,7 @@ def test_nor_beside_a_scene_that_is_saved(folder: Path, unhung: None) -> None:
     scene.save("x.scene.json")
     os.mkfifo("y.scene.json")
     scene.save("y.scene.json")
-    with pytest.raises(Exception, match=r"other\.scene\.json: cannot be read: is no file"):
+    with pytest.raises(Exception, match=r"other\.scene\.json: cannot be read: not a file"):
         stamp_of(Path("other.scene.json"))
 
 
