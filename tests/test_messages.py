@@ -69,7 +69,6 @@ swatch show oka
 swatch search friction<
 swatch search colour<3
 swatch remove wood
-capture fit --interpolation lfs
 capture fit none.csv
 """
 """Command lines; what they print to standard error."""

@@ -236,6 +236,9 @@ class CoverageOptions:
         """The ranges in SI units."""
         from hapscene.capture.record.coverage import Wanted
 
+        for name, (low, high) in (("--force-range", self.force_range), ("--speed-range", self.speed_range)):
+            if not 0.0 < low < high < math.inf:
+                raise CaptureError(f"{name} {low:g} {high:g} is invalid: expected a lower and a higher number above 0")
         low, high = self.speed_range
         return Wanted(self.force_range, (1e-3 * low, 1e-3 * high), self.taps)
 
@@ -344,8 +347,8 @@ def join(
     """Join recordings of one event, made by different devices, into one file with one clock.
 
     Offset and drift of the clocks are found by cross-correlation of the channel
-    that the files have in common, else of all their streams; where it has no clear
-    peak, nothing is written.
+    that the files have in common, else of all their streams. Without a clear peak
+    nothing is written.
 
     for example:
       hapscene capture join handle.csv plate.wav -o oak.npz --rate 1000

@@ -277,7 +277,7 @@ def test_interrupted_leaves_whole_swatches(
 
     monkeypatch.setattr(hatt, "import_hatt", interrupt)
     assert cli.main(["swatch", "import", str(tmp_path), "-o", str(tmp_path / "out")]) == 130
-    assert "interrupted; the 1 swatches named above are whole" in capsys.readouterr().err
+    assert "interrupted; the 1 swatches named above are complete" in capsys.readouterr().err
     assert [f.name for f in (tmp_path / "out").iterdir()] == ["a.swatch"]
 
 

@@ -1,4 +1,4 @@
-"""`hapscene check` of many: a line each, and an exit code that tells; nothing that is no file is waited for."""
+"""`hapscene check` of many: a line each, and an exit code that tells; nothing that not a file is waited for."""
 
 import json
 import os

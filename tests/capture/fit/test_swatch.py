@@ -105,7 +105,7 @@ NOISE = np.random.default_rng(0).standard_normal(2000)
         (NOISE + 1j, {}, "acceleration_m_s2 must be a list of real numbers, is of complex128"),
         (NOISE.astype(object), {}, "real numbers, is of object"),
         (["1", "2"], {}, "real numbers"),
-        (1e7 * NOISE, {}, "its unit is likely wrong"),
+        (1e7 * NOISE, {}, "check its unit"),
     ],
 )
 def test_what_is_no_acceleration_is_told(acceleration, options, message):
