@@ -327,11 +327,12 @@ def coverage(
     from hapscene.capture.record.coverage import Coverage
     from hapscene.capture.record.coverage_page import blocks_of, table
 
+    ranges = wanted.wanted()
     read = load_recording(recording, **reading.reading())
     rows = {"acceleration": read.acceleration_m_s2, "force": read.force_N, "speed": read.speed_m_s}
     rows["tangential_force"] = read.tangential_force_N
     streams = {name: row for name, row in rows.items() if row is not None}
-    found = Coverage(read.rate_Hz, tuple(streams), wanted.wanted())
+    found = Coverage(read.rate_Hz, tuple(streams), ranges)
     for first, block in blocks_of(streams, read.rate_Hz):
         found.feed(first, block)
     tell(table(found))

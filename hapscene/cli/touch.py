@@ -55,18 +55,7 @@ def demo(
 
         play()
         return
-    from hapscene.view.offscreen import started_ahead
-
-    with started_ahead():
-        from hapscene import assets
-        from hapscene.motion.hand_path import explore
-        from hapscene.touch import open_scene, step
-        from hapscene.touch import touch as run
-
-        with step(say, "loading the demo scene"):
-            scene = open_scene(assets.path("demo"))
-        path = explore(scene, TICK_S)
-        name_made(run(scene, out, path, title="demo.scene.json", dark=dark, say=say, caution=caution))
+    touch("demo", out=out, dark=dark)
 
 
 @Parameter(name="*", group="Closed loop: a hand holds a simulated device, which contact forces move")

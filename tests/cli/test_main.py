@@ -85,6 +85,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
         (["lab", "teleoperate", "folower"], 'Did you mean "follower"?'),
         (["touch", "cube.ply", "--untt=mm"], "Did you mean --unit? See `hapscene touch --help`"),
         (["capture", "fit", "a.npz", "--tp", "x"], "Did you mean --tip?"),
+        (["lab", "teleoperate", "leader", "--scheme", "wve"], 'Did you mean "wave"?'),
         (["touch"], "SCENE"),
         (["touch", "cube.ply", "cube.stl"], "cube.stl"),
         ([*TOUCH, "--seed", "-1"], "--seed"),
