@@ -10,7 +10,8 @@ import trimesh
 from hapscene.cli.inputs import load_input
 from hapscene.cli.options import MeshOptions
 from hapscene.errors import HapsceneError, MeshError, SceneError
-from hapscene.exchange import EXPORTS, export_scene, import_scene
+from hapscene.exchange import export_scene, import_scene
+from hapscene.exchange.format_registry import EXPORTS
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.scene import Scene, load_scene
