@@ -84,7 +84,7 @@ def test_repr_is_a_line_that_helps(things: list[Any]) -> None:
 
 def test_calls_with_many_arguments_take_them_by_name() -> None:
     """More than three are not given by place, in what is called to make or do a thing."""
-    for name in ("Renderer", "Scene.add", "twin.Twin", "servo.Servo", "teleoperation.Operation", "capture.fit_swatch"):
+    for name in ("Renderer", "Scene.add", "loop.Twin", "loop.Servo", "teleoperation.Operation", "capture.fit_swatch"):
         target: Any = hapscene
         for part in name.split("."):
             target = getattr(target, part)

@@ -172,8 +172,8 @@ def test_a_touch_renders_it_and_refuses_another_scenes_file(tuned, tmp_path, cap
         (["--handle", "paper"], "no handle 'paper'; there are: ideal, none"),
         (["--handle", "none.handle"], "none.handle: no such file"),
         (["-o", "x.json"], "ends in .fidelity.json"),
-        (["--jnd", "0"], "a number of JND, above 0"),
-        (["--budget-us", "fast"], "a number of microseconds"),
+        (["--jnd", "0"], "--jnd"),
+        (["--budget-us", "fast"], "--budget-us"),
     ],
 )
 def test_wrong_words_meet_a_sentence(tmp_path, capsys, words, said):

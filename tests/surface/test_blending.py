@@ -8,13 +8,14 @@ import trimesh
 from scipy.signal import freqz, welch
 
 import hapscene
+from hapscene import Mesh
 from hapscene.constants import BLEND_S
 from hapscene.dsp.ar_filter import lsf_from_ar
 from hapscene.errors import SceneError
 from hapscene.fidelity.apply import apply_level
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.flags import Flag
-from hapscene.scene import Box, Mesh, PlaneSide, Sphere
+from hapscene.scene import Box, PlaneSide, Sphere
 from hapscene.scene.fine_paint import paint_region
 from hapscene.surface.surface_arrays import put_numbers
 from hapscene.surface.swatch import Swatch
