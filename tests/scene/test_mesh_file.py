@@ -277,14 +277,6 @@ def test_what_follows_the_faces_of_a_binary_stl_is_left(tmp_path, header):
     assert more.digest == whole.digest and len(more.faces) == 320
 
 
-def test_a_binary_stl_is_what_trimesh_reads(tmp_path):
-    (tmp_path / "ball.stl").write_bytes(ball("stl"))
-    mesh, read = load_mesh(tmp_path / "ball.stl", "m"), trimesh.load_mesh(tmp_path / "ball.stl", process=False)
-    np.testing.assert_array_equal(mesh.vertices_m, read.vertices)
-    np.testing.assert_array_equal(mesh.faces, read.faces)
-    assert (mesh.group_names, mesh.colour_rgb, mesh.group.any()) == (("default",), None, False)
-
-
 @pytest.mark.parametrize("count", [0, 10])
 def test_a_binary_stl_with_more_faces_than_its_header_says_is_refused(tmp_path, count):
     content = ball("stl")
