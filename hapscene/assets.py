@@ -7,6 +7,8 @@ from pathlib import Path
 
 from hapscene.errors import SceneError, no_such
 
+__all__ = ["names", "path", "unit"]
+
 
 def path(name: str) -> Path:
     """The file of an asset: a scene file, or a mesh, whose unit is `unit(name)`.

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from hapscene.compiled.native import INTERPRETED, native
 
+__all__ = ["LOOK_NS", "VIRTUAL", "new_clock", "now_here_ns", "now_ns", "sleep_ns"]
+
 _MONOTONIC = {"linux": 7, "darwin": 6}.get(sys.platform, 1)
 """The one that counts on while the machine sleeps: a loop that woke up must know."""
 

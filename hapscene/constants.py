@@ -2,6 +2,31 @@
 
 from typing import Final
 
+__all__ = [
+    "ACCELERATION_BAND_HZ",
+    "ACCELERATION_RATE_HZ",
+    "BLEND_S",
+    "BLOCK_MAX",
+    "CAST_MAX",
+    "DAMPING_NS_M",
+    "DEFAULT_GRIP",
+    "EDGE_OVERLAP",
+    "LEVEL_BOUND_DB",
+    "LIFE_MAX",
+    "LOOK_AHEAD",
+    "NEAR_MAX",
+    "ORDER_MAX",
+    "PASSED_MAX",
+    "PASS_MAX",
+    "REACH_MAX_M",
+    "SKIN_RATIO",
+    "SKIN_RATIO_MIN",
+    "SLIP_CUTOFF_HZ",
+    "STIFFNESS_N_M",
+    "TICK_S",
+    "TINY",
+]
+
 # --- rates -----------------------------------------------------------------------------------------------
 
 TICK_S: Final = 1e-3

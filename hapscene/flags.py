@@ -3,6 +3,8 @@
 from enum import IntFlag
 from functools import cache
 
+__all__ = ["Flag", "flag_of"]
+
 
 class Flag(IntFlag):
     """What went wrong in a tick, or was limited: a tick raises nothing (bits of `Recording.flags`)."""

@@ -10,6 +10,23 @@ from hapscene.compiled.native import native
 from hapscene.constants import REACH_MAX_M
 from hapscene.errors import PathError, SceneError
 
+__all__ = [
+    "RIGID_TOLERANCE",
+    "Vector",
+    "along",
+    "columns_of",
+    "cross",
+    "dot",
+    "norm",
+    "numbers",
+    "positions",
+    "rigid",
+    "rotation_of",
+    "row",
+    "sub",
+    "used_by",
+]
+
 Vector = tuple[float, float, float]
 
 

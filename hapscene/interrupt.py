@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
+__all__ = ["AGAIN_S", "ENDS", "heard", "insisting", "interrupt_noted", "interrupted_by_ends"]
+
 ENDS: Final = tuple(signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that end as Ctrl-C does; Windows has no SIGHUP."""
 

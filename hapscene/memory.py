@@ -7,6 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+__all__ = ["memory_left_B", "memory_limit_B"]
+
 _GROUPS: Final = (
     *("/sys/fs/cgroup{path}/memory.max", "/sys/fs/cgroup/memory.max"),  # version 2, seen from outside and inside
     *("/sys/fs/cgroup/memory{path}/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.limit_in_bytes"),

@@ -11,6 +11,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ
 
+__all__ = [
+    "BAND_DB",
+    "COMPLIANCE",
+    "DIRECTION_DEG",
+    "FORCE",
+    "FORCE_LEAST_N",
+    "FREQUENCY",
+    "FRICTION",
+    "band_edges_Hz",
+    "band_jnd",
+    "band_rms_m_s2",
+    "bands_jnd",
+    "force_jnd",
+    "is_felt",
+    "vibration_least_m_s2",
+]
+
 Array = NDArray[np.float64]
 
 FORCE: Final = 0.07

@@ -18,6 +18,8 @@ from typing import Any, Generic, TypeVar
 
 from hapscene.errors import HapsceneError, no_such
 
+__all__ = ["Offer", "PluginRegistry"]
+
 T = TypeVar("T")
 
 

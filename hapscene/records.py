@@ -12,6 +12,8 @@ import numpy as np
 from hapscene.constants import BLOCK_MAX, PASSED_MAX
 from hapscene.errors import HapsceneError
 
+__all__ = ["OUTPUT", "ROW", "SMALL_B", "TOUCH", "Owning", "Records", "block_of", "pack_small_arrays", "records"]
+
 Records: TypeAlias = "np.recarray[Any, np.dtype[np.record]]"
 """An array of records, whose fields are attributes: `touch[0].depth_m`."""
 

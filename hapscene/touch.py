@@ -29,6 +29,20 @@ if TYPE_CHECKING:
     from hapscene.loop import Intent, Twin
     from hapscene.scene.scene import Scene
 
+__all__ = [
+    "MADE",
+    "cautions",
+    "is_model",
+    "open_model",
+    "open_scene",
+    "speak",
+    "step",
+    "summarise",
+    "touch",
+    "touch_by_hand",
+    "why_nothing",
+]
+
 
 # What a touch is kept in: numbers, plots, a picture and sound, and a summary of them.
 

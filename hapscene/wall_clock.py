@@ -4,6 +4,8 @@ import threading
 import time
 from typing import Final
 
+__all__ = ["CLOCK", "Clock"]
+
 
 class Clock:
     """The system's monotonic clock. A test derives a virtual one, whose time only passes as the test says."""

@@ -28,6 +28,8 @@ from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.mixer import render_fields
 from hapscene.teleoperation.bilateral_loop import operate, step_follower, step_leader
 
+__all__ = ["warm_up"]
+
 SWATCH: Final = "wood"
 ABOVE_M: Final = (0.0, 0.0, 0.06)
 """A place over the box [m]: whose top is at 0.05 m."""

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.bridge.packets import PacketError
 from hapscene.geometry import rotation_of
 
+__all__ = ["Convention"]
+
 _AXES: Final = {
     ("z", "right"): ((1, 0, 0), (0, 1, 0), (0, 0, 1)),  # hapscene, MuJoCo, Blender
     ("y", "right"): ((1, 0, 0), (0, 0, -1), (0, 1, 0)),  # Godot, three.js, glTF

@@ -14,6 +14,8 @@ from hapscene.render.renderer import Command, Renderer
 if TYPE_CHECKING:
     from gymnasium import Env
 
+__all__ = ["touch_env"]
+
 
 def touch_env(
     renderer: Renderer,

@@ -16,6 +16,8 @@ from hapscene.scene.mesh import Mesh, MeshWarning
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import SwatchLike
 
+__all__ = ["MuJoCo", "load_mujoco"]
+
 Array = NDArray[np.float64]
 
 

@@ -17,6 +17,8 @@ from hapscene.errors import FormatError, SceneError
 from hapscene.io.confined import confined
 from hapscene.io.files import refusing
 
+__all__ = ["check_installed", "load_model"]
+
 MEMORY_MAX_B: Final = 4_000_000_000
 """Most memory that MuJoCo may take to compile a file, and its model [bytes]: meshes are in other files."""
 

@@ -8,6 +8,8 @@ from trimesh.creation import box, capsule, cylinder, icosphere
 
 from hapscene.errors import SceneError
 
+__all__ = ["SAG", "geom_mesh"]
+
 Array = NDArray[np.float64]
 
 AROUND: Final = 64

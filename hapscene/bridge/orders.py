@@ -24,6 +24,8 @@ from hapscene.geometry import numbers
 from hapscene.loop.servo import BODY_ROOM, Servo
 from hapscene.scene.mesh import Mesh
 
+__all__ = ["Orders"]
+
 FACE_MAX: Final = 10_000_000
 """Faces that clients may add in all [count]: what is removed keeps its memory."""
 

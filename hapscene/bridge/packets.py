@@ -7,6 +7,32 @@ from typing import Any, Final, NamedTuple
 
 from hapscene.errors import FormatError
 
+__all__ = [
+    "ANSWER",
+    "BYE",
+    "EVENTS_MAX",
+    "FRAME",
+    "HELLO",
+    "ORDER",
+    "REFUSED",
+    "SIZE_MAX",
+    "STATE",
+    "VERSION",
+    "WELCOME",
+    "BodyFrame",
+    "Event",
+    "Frame",
+    "Packet",
+    "PacketError",
+    "State",
+    "pack",
+    "pack_json",
+    "pack_state",
+    "unpack",
+    "unpack_frame",
+    "unpack_json",
+]
+
 VERSION: Final = 1
 MAGIC: Final = b"HSB1"
 

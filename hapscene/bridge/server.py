@@ -42,6 +42,8 @@ from hapscene.errors import HapsceneError
 from hapscene.render.contact_info import Impulse
 from hapscene.wall_clock import CLOCK, Clock
 
+__all__ = ["FLOOD", "SILENT_S", "Answer", "BridgeServer"]
+
 SILENT_S: Final = 2.0
 """How long a client may be silent before another one may come [s]."""
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from hapscene.render.recording import Recording
     from hapscene.render.renderer import Command, Renderer
 
+__all__ = ["RATIO_MAX", "Array", "Bridge", "ChatterWarning", "Simulation", "crosses", "free_mobility", "ratio_max"]
+
 Array = NDArray[np.float64]
 
 RATIO_MAX: Final = 4.0

@@ -17,6 +17,8 @@ from hapscene.web.listener import WebListener
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
 
+__all__ = ["CONNECTIONS_MAX", "MESSAGE_MAX", "WebDoor"]
+
 MESSAGE_MAX: Final = 32 * 1024 * 1024
 """Longest message [bytes]: a mesh of half a million faces."""
 

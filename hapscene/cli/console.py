@@ -10,6 +10,20 @@ from typing import Any, Final
 from hapscene.errors import Codes, printable
 from hapscene.memory import memory_limit_B
 
+__all__ = [
+    "caution",
+    "complain",
+    "name_made",
+    "note",
+    "note_little_memory",
+    "ready_streams",
+    "say",
+    "size_words",
+    "table",
+    "tell",
+    "tell_over",
+]
+
 _line_open = False
 _notes: list[str] = []
 

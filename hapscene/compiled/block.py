@@ -26,6 +26,8 @@ from numba.extending import (
 
 from hapscene.errors import HapsceneError
 
+__all__ = ["by_pointer"]
+
 _Type: Any = types.Type
 _Template: Any = AttributeTemplate
 _typeof: Any = typeof

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from hapscene.compiled.native import INTERPRETED, CFunction, native
 
+__all__ = ["BoundCall", "loaded"]
+
 _intrinsic: Any = intrinsic  # numba types neither as they are used
 _typeof: Any = typeof
 

@@ -8,6 +8,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+__all__ = ["c_caller"]
+
 _tuple: Any = types.Tuple  # numba types neither
 _unpack: Any = cgutils.unpack_tuple
 

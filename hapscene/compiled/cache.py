@@ -30,6 +30,8 @@ from platformdirs import user_cache_path
 from hapscene.errors import warn
 from hapscene.io.files import whole_file
 
+__all__ = ["DiskCache", "cache_folder", "is_known", "locked", "warn_not_kept"]
+
 SHIPPED: Final = Path(__file__).with_name("shipped")
 """The folder of compiled code that a wheel carries; absent in a checkout."""
 

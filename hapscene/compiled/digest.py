@@ -13,6 +13,8 @@ from typing import Any, Final
 
 import numpy as np
 
+__all__ = ["digest_of", "function_below"]
+
 _PLAIN: Final = (int, float, complex, bool, str, bytes, type(None), type(Ellipsis), np.generic, np.dtype)
 
 

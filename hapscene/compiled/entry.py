@@ -13,6 +13,8 @@ from numba.extending import intrinsic
 
 from hapscene.compiled.native import INTERPRETED, CFunction
 
+__all__ = ["address_of", "call_entry", "call_flags", "entry_of"]
+
 _typeof: Any = typeof
 _intrinsic: Any = intrinsic
 

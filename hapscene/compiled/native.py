@@ -17,6 +17,8 @@ from hapscene.compiled import cache, progress
 from hapscene.compiled.digest import digest_of, function_below
 from hapscene.compiled.pipeline import part_options, whole_options
 
+__all__ = ["INTERPRETED", "CFunction", "compiling", "inlined", "native"]
+
 _OPTIONS: Final = {"nogil": True, "error_model": "numpy", "_nrt": False}
 INTERPRETED: Final = bool(vars(config)["DISABLE_JIT"])
 """True under NUMBA_DISABLE_JIT=1."""

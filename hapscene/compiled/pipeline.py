@@ -19,6 +19,8 @@ from numba.core import codegen, compiler, typed_passes
 from numba.core.compiler_machinery import LoweringPass, register_pass
 from numba.core.targetconfig import ConfigStack, TargetConfig
 
+__all__ = ["part_options", "whole_options"]
+
 TESTED: Final = ((0, 67), (0, 68))
 """Minor versions of numba with which the test suite has passed."""
 

@@ -9,6 +9,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+__all__ = ["advance", "begin", "compiling"]
+
 FUNCTION_S = 0.12
 """Time that a function takes to compile [s], which the estimate assumes: 0.09 s on a quiet cloud machine of two cores,
 more where other processes run."""

@@ -19,6 +19,8 @@ from hapscene.geometry import Vector, dot, sub
 if TYPE_CHECKING:
     from hapscene.contact.world import World
 
+__all__ = ["SATISFIED", "cast", "cast_body", "put_plane"]
+
 SATISFIED = 0.01
 """How far inside a skin the goal may be before the face counts as in the way, in skins [1]."""
 

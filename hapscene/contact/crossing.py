@@ -23,6 +23,8 @@ from hapscene.geometry import Vector, along, cross, dot, norm, sub
 if TYPE_CHECKING:
     from hapscene.contact.world import World
 
+__all__ = ["MET", "OVER", "PAST", "RESTS", "UNKNOWN", "cross_edges", "lies_over_planes"]
+
 RESTS: Final = 0
 """The proxy has come to rest, on other faces."""
 

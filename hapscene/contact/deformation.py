@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from hapscene.scene.mesh import Mesh
     from hapscene.surface.surface_arrays import Surface
 
+__all__ = ["Deformation", "reshape_bodies", "room_for", "shape_of"]
+
 LEAD_MAX_S: Final = 0.05
 """Longest time in which a surface goes from one shape to the next [s]: three frames at 60 Hz."""
 

@@ -25,6 +25,8 @@ from hapscene.constants import EDGE_OVERLAP
 from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector, along, columns_of, cross, norm, row, sub, used_by
 
+__all__ = ["MITRE", "RefittedSearch", "Search", "first_face", "fronts_only", "new_ray", "overlap_faces"]
+
 # from rtcore_geometry.h and rtcore_common.h of Embree 4
 _TRIANGLE, _INDEX_BUFFER, _VERTEX_BUFFER = 0, 0, 1
 _UINT3, _FLOAT3 = 0x5003, 0x9003

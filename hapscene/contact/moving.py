@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from hapscene.contact.world import World
     from hapscene.surface.surface_arrays import Surface
 
+__all__ = ["MENDED", "is_pose", "place_bodies"]
+
 EXACT: Final = 1e-12
 """How far a matrix may be from a rotation and still be taken as it is [1]: a few roundings of float64."""
 

@@ -16,6 +16,8 @@ from hapscene.geometry import Vector, dot, norm, sub
 if TYPE_CHECKING:
     from hapscene.contact.world import World
 
+__all__ = ["hold_again", "leave", "let_in"]
+
 
 @native
 def let_in(world: "World") -> None:

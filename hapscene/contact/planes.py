@@ -18,6 +18,18 @@ from hapscene.geometry import Vector
 if TYPE_CHECKING:
     from hapscene.contact.world import World
 
+__all__ = [
+    "PARALLEL",
+    "copy_plane",
+    "drop_idle",
+    "drop_unsupported",
+    "forget_oldest",
+    "nearest",
+    "place_plane",
+    "take_back",
+    "trust",
+]
+
 TOLERANCE = 1e-3
 """How far behind a plane a solution may lie and still be allowed, in skins [1]."""
 

@@ -30,6 +30,8 @@ from hapscene.records import Records
 if TYPE_CHECKING:
     pass
 
+__all__ = ["FRAME", "HORIZON_S", "PREDICTED", "predict_bodies"]
+
 FRAME: Final = np.dtype(
     [
         ("count", "i8"),  # odd while the frame is being written, 0 before the first

@@ -36,6 +36,8 @@ from hapscene.geometry import Vector, along, norm, sub
 if TYPE_CHECKING:
     from hapscene.contact.world import World
 
+__all__ = ["move", "put"]
+
 STILL = 1e-3
 """A move shorter than this is none, in skins [1]."""
 

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from hapscene.scene.mesh import Mesh
 
+__all__ = ["CornerGroups", "corner_normals"]
+
 
 def corner_normals(mesh: "Mesh", crease_rad: float) -> NDArray[np.float64]:
     """Unit normals (f, 3, 3) at the corners of each face, in the mesh's frame."""

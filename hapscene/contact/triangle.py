@@ -11,6 +11,22 @@ from hapscene.geometry import Vector, along, cross, dot, norm, sub
 if TYPE_CHECKING:
     from hapscene.contact.world import World
 
+__all__ = [
+    "barycentric",
+    "corners",
+    "edge_past",
+    "is_narrow",
+    "lies_over",
+    "lies_over_in_body",
+    "plane",
+    "to_body",
+    "to_body_before",
+    "to_world",
+    "turn_to_body",
+    "turn_to_world",
+    "weights",
+]
+
 
 @inlined
 def to_world(body: np.record, p_B: Vector) -> Vector:

@@ -22,6 +22,26 @@ if TYPE_CHECKING:
     from hapscene.scene.body import Body
     from hapscene.scene.mesh import Mesh
 
+__all__ = [
+    "ASIDE",
+    "BODY",
+    "FACES_MAX",
+    "HALF_TURN",
+    "NO_SHADE",
+    "PROXY",
+    "SAVED",
+    "SHAPES",
+    "WAYS",
+    "Growth",
+    "Shapes",
+    "World",
+    "build_world",
+    "crowd",
+    "place_ball",
+    "shapes_of",
+    "skin_of",
+]
+
 ASIDE: Final = 4
 """First slot of the planes that were dropped in this tick."""
 

@@ -20,6 +20,8 @@ from hapscene.errors import DeviceError, no_such
 from hapscene.geometry import Vector
 from hapscene.records import records
 
+__all__ = ["DEVICE_STATE", "Connection", "Driver", "Found", "Option", "VendorConnection", "clip_force", "new_state"]
+
 DEVICE_STATE: Final = np.dtype(
     [
         # by the driver

@@ -8,6 +8,8 @@ from hapscene.device.driver import Connection, Driver
 from hapscene.errors import DeviceError
 from hapscene.plugin_registry import PluginRegistry
 
+__all__ = ["DRIVERS", "DeviceChoice", "choose", "open"]
+
 GROUP: Final = "hapscene.devices"
 """Name of the entry-point group that drivers join."""
 

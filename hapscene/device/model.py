@@ -14,6 +14,26 @@ from hapscene.errors import HapsceneError, no_such
 if TYPE_CHECKING:
     from hapscene.device.sim.omni import Omni
 
+__all__ = [
+    "BORDER_COUNT",
+    "DELAY_MAX",
+    "DEVICES",
+    "GUARD_SHARE",
+    "IDEAL",
+    "TOUCH_SPEED_M_S",
+    "Device",
+    "DeviceLike",
+    "DeviceWarning",
+    "Limits",
+    "damping_for",
+    "damping_max",
+    "device_named",
+    "device_of",
+    "limits_of",
+    "stability_border",
+    "wall_limit",
+]
+
 
 DeviceLike: TypeAlias = "str | Device | PointMass | Omni"
 """A device wherever one is taken: by its name, as one of `DEVICES`, or as a simulated one. The first two bring limits

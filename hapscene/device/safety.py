@@ -24,6 +24,21 @@ from hapscene.flags import Flag
 from hapscene.geometry import Vector
 from hapscene.records import records
 
+__all__ = [
+    "CALM_S",
+    "FALL_S",
+    "PULSE_AGE_S",
+    "RAMP_S",
+    "RESUME_S",
+    "STALL_S",
+    "begin_safety",
+    "no_safety",
+    "protect",
+    "resume_safety",
+    "safety_of",
+    "simulated_safety",
+]
+
 FALL_S: Final = 0.005
 """How fast a cause takes the whole force away [s]. Shorter, and letting go is itself a knock."""
 

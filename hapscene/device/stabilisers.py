@@ -20,6 +20,8 @@ from hapscene.geometry import Vector
 if TYPE_CHECKING:
     from hapscene.surface.surface_arrays import Surface
 
+__all__ = ["FORGET_S", "couple", "guard"]
+
 
 @native
 def couple(surface: "Surface") -> int:

@@ -10,6 +10,8 @@ from typing import Any
 
 from hapscene.errors import DeviceError
 
+__all__ = ["address_of", "load_library"]
+
 
 def load_library(
     driver: str, path: str | None, names: Sequence[str], functions: Mapping[str, tuple[Any, ...]], remedy: str

@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SwatchError
 
+__all__ = ["ar_from_lsf", "ar_from_reflection", "lsf_from_ar", "power_gain", "power_response", "reflection_from_ar"]
+
 Array = NDArray[np.float64]
 
 STEP_MAX = 12

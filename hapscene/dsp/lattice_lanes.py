@@ -14,6 +14,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+__all__ = ["lanes_of"]
+
 _cgutils: Any = cgutils
 
 LAG: Final = 3

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from hapscene.compiled.native import native
 
+__all__ = ["normal", "seeded_state", "uniform"]
+
 
 @native
 def uniform(rng: NDArray[np.uint64]) -> float:

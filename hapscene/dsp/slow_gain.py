@@ -12,6 +12,8 @@ from typing import Any, Final
 from hapscene.compiled.native import native
 from hapscene.dsp.noise import normal
 
+__all__ = ["BOUND", "advance_gain", "log_power"]
+
 ROOT_2: Final = math.sqrt(2.0)
 
 BOUND: Final = 2.5

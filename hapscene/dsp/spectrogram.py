@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import HandleError
 
+__all__ = ["SPECTROGRAM_S", "decibels", "row_of", "spectrogram", "spectrogram_error"]
+
 # What is given as a signal, checked.
 
 

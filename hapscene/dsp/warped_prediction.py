@@ -20,6 +20,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+__all__ = ["lag_count", "predictor", "warp_at", "warped", "warped_angle"]
+
 Array = NDArray[np.float64]
 
 MIDDLE_HZ: Final = 451.67

@@ -14,6 +14,8 @@ from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import parts
 from hapscene.scene.topology import weld
 
+__all__ = ["cut_faces"]
+
 
 def cut_faces(body: Body) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int16]]:
     """Vertices (n, 3) [m] in the body's frame, its own first; faces (m, 3); and the swatch of each (m,).

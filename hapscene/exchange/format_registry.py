@@ -22,6 +22,8 @@ from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import is_own
 from hapscene.surface.swatch import Swatch
 
+__all__ = ["EXPORTS", "export_scene", "format_of", "import_scene", "is_mesh_of", "losses", "painted_scene"]
+
 
 @dataclass(frozen=True)
 class Export:

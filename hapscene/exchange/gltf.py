@@ -27,6 +27,8 @@ from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.view.palette import linear
 
+__all__ = ["Z_UP", "write_gltf"]
+
 GLB_MAX_B: Final = 2**32 - 1
 """Largest GLB file [bytes]: its length is a uint32."""
 

@@ -38,6 +38,8 @@ from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import BODY_MAX
 from hapscene.surface.swatch import PLAIN, Swatch
 
+__all__ = ["read_bounded", "read_gltf"]
+
 _TYPES: Final = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS: Final = {"SCALAR": 1, "VEC3": 3}
 _PACKED: Final = ("KHR_draco_mesh_compression", "KHR_meshopt_compression", "EXT_meshopt_compression")

@@ -28,6 +28,8 @@ from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import BODY_MAX
 from hapscene.surface.swatch import BASIC_PARAMETERS, Swatch
 
+__all__ = ["read_ply", "write_ply"]
+
 _MARK: Final = "comment hapscene"
 _END: Final = "end_header"
 SWATCH_MAX: Final = 4096

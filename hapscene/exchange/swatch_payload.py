@@ -24,6 +24,25 @@ from hapscene.surface.swatch import BASIC_PARAMETERS, OWN_PARAMETERS, PLAIN, Swa
 from hapscene.surface.swatch_file import SUFFIX, is_number, swatch_from_json, swatch_to_json
 from hapscene.swatches.library import load_swatch
 
+__all__ = [
+    "VERSION",
+    "ExchangeWarning",
+    "Piece",
+    "check_version",
+    "digest_of",
+    "fine_told",
+    "finite",
+    "hang_again",
+    "is_digest",
+    "join",
+    "known_swatch",
+    "lose",
+    "pieces_of",
+    "restore",
+    "restore_fine",
+    "text_of",
+]
+
 VERSION: Final = 1
 """Version of what is written into other programs' formats. Raised when a reader of the old one would misread it."""
 

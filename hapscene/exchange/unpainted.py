@@ -13,6 +13,8 @@ from hapscene.io.files import whole_file, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
 
+__all__ = ["read_named", "write_obj", "write_stl"]
+
 
 def write_obj(scene: Scene, path: Path) -> list[Path]:
     """Write a scene as OBJ, an object for each body and a material for each swatch, with its MTL file beside it.

@@ -11,6 +11,8 @@ from hapscene.scene.mesh import Mesh
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
 
+__all__ = ["coarser_mesh"]
+
 SIZE: Final = 10.0
 """Diagonal that a mesh is scaled to while it is reduced [1]: the package takes lengths of 1e-4 to 0.1 for nothing, and
 what is a hand's size has two to three times the error if it is reduced in metres."""

@@ -6,6 +6,8 @@ from typing import Any
 
 from hapscene.scene.mesh import Mesh
 
+__all__ = ["BodyFidelity", "Fidelity", "Level", "SwatchFidelity"]
+
 
 @dataclass(frozen=True)
 class BodyFidelity:

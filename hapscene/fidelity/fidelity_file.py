@@ -36,6 +36,8 @@ from hapscene.scene.scene import Scene
 if TYPE_CHECKING:
     from hapscene.scene.scene_file import SidecarFiles
 
+__all__ = ["FidelityError", "check_place", "fidelity_beside", "load_fidelity", "save_fidelity", "saving_words"]
+
 FORMAT: Final = "hapscene fidelity"
 VERSION: Final = 1
 SUFFIX: Final = ".fidelity.json"

@@ -27,6 +27,32 @@ if TYPE_CHECKING:
     from hapscene.render.recording import Recording
     from hapscene.scene.scene import Scene
 
+__all__ = [
+    "BODY_MAX",
+    "REPEATS",
+    "SEED_COUNT",
+    "WORST",
+    "Array",
+    "Error",
+    "Felt",
+    "alone",
+    "band_power",
+    "body_paths",
+    "error_of",
+    "feel",
+    "felt_bodies",
+    "force_error",
+    "forces",
+    "joined",
+    "limits_here",
+    "memory_B",
+    "quietly",
+    "ready",
+    "scene_paths",
+    "seconds",
+    "tick_us",
+]
+
 Array = NDArray[np.float64]
 
 FORCE_N: Final = (0.2, 2.0)

@@ -34,6 +34,8 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 
+__all__ = ["WITHIN", "Tuned", "judge_swatch", "reach_m_s2", "tune"]
+
 WITHIN: Final = 95.0
 """Share of the ticks in contact in which an error must keep to the JND [%]."""
 

@@ -11,6 +11,19 @@ from hapscene.compiled.native import native
 from hapscene.errors import HandleError, no_such
 from hapscene.handle.plant import Array, Plant
 
+__all__ = [
+    "BUTTERWORTH",
+    "COMPENSATORS",
+    "COUNT",
+    "CRITICAL",
+    "differences",
+    "find_compensator",
+    "integrals",
+    "retune",
+    "section",
+    "weights",
+]
+
 # What the inverse of the handle is a sum of: an acceleration, and its leaky integrals. Compiled.
 #
 # The inverse of eq. 8 is den(s)/(m_c s⁴) = m_h + θ₁/s + θ₂/s² + θ₃/s³ + θ₄/s⁴: linear in five numbers. s⁴ would ask for

@@ -13,6 +13,8 @@ from hapscene.handle.plant import Array, Complex, Plant
 from hapscene.handle.response import BAND_PER_OCTAVE, Response
 from hapscene.handle.sensor import DELAY_MAX_S, Sensor
 
+__all__ = ["GRIP_MAX", "HAND", "OWN", "Identification", "IdentifiedGrip", "asymptote", "identify", "sampled_response"]
+
 Interval = tuple[float, float]
 
 OWN: Final = ("m_c_kg", "k_s_N_m", "b_s_Ns_m", "m_h_kg")

@@ -16,6 +16,8 @@ from hapscene.handle.plant import Array, Plant
 from hapscene.handle.sensor import ACCELEROMETER_HZ, ACCELEROMETER_NOISE_M_S2_RTHZ
 from hapscene.records import records
 
+__all__ = ["FIRM", "LIGHT", "SCATTER", "ForceSource", "SimulatedSource", "grip_names", "simulated_grips"]
+
 LIGHT: Final = (150.0, 3.0)
 """Stiffness [N/m] and damping [N·s/m] of the lightest simulated grip. Assumed: the reference's hand is 500 and 5."""
 

@@ -27,6 +27,8 @@ from hapscene.compiled.native import native
 from hapscene.handle.handle_dynamics import MASK as MASK
 from hapscene.handle.handle_dynamics import advance
 
+__all__ = ["HIGH_HZ", "LOOK_AHEAD_S", "ONE", "RELEASE_S", "TRAVEL_SHARE", "YIELD", "fade", "foresee", "yield_corner"]
+
 LOOK_AHEAD_S: Final = 0.004
 """How much later than asked for the signal is played [s]. A tenth of what is felt (Okamoto et al. 2009: 40 ms changes a
 texture) and a sixth of the asynchrony of touch and sound that is noticed (24 ms, Adelstein et al. 2003). Shorter, and

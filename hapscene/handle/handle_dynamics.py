@@ -11,6 +11,8 @@ from typing import Any, Final
 from hapscene.compiled.native import native
 from hapscene.dsp.noise import normal
 
+__all__ = ["MASK", "RING", "advance", "amplify", "delay", "grip_handle", "hold", "move", "sense", "set_late"]
+
 RING: Final = 512
 """Room for what is delayed or played ahead [samples], a power of two: a look-ahead at up to 100 kHz."""
 

@@ -16,6 +16,8 @@ from hapscene.handle.fit import GRIP_MAX, HAND, OWN, Identification, IdentifiedG
 from hapscene.handle.plant import NUMBER_MAX, Plant
 from hapscene.io.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
 
+__all__ = ["BYTES_MAX", "SUFFIX", "handle_from_json", "handle_to_json", "load_handle", "save_handle"]
+
 SUFFIX: Final = ".handle"
 FORMAT: Final = "hapscene handle"
 VERSION: Final = 1

@@ -29,6 +29,8 @@ from hapscene.handle.handle_record import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCEL
 from hapscene.handle.handle_record import HANDLE as HANDLE
 from hapscene.handle.handle_record import new_handle as new_handle
 
+__all__ = ["DESIRED_MAX_M_S2", "command_force", "learn", "vibrate"]
+
 # The inverse learnt from the handle's accelerometer, while it plays. Compiled.
 #
 # The inverse is linear in θ (see `compensator`), and so is what is measured: s⁴/D · F = Σ θ_i φ_i(a) + e, whatever is

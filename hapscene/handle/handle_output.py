@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from hapscene.handle.plant import Array
 
+__all__ = ["HEARD_MAX", "Feed", "HandleOutput"]
+
 HEARD_MAX: Final = 400
 """How many samples late a compensator hears what became of its own [count]: less than its memory of 512."""
 

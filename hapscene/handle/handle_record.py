@@ -16,6 +16,8 @@ from hapscene.handle.sensor import ACCELEROMETER_HZ as ACCELEROMETER_HZ
 from hapscene.handle.sensor import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCELEROMETER_NOISE_M_S2_RTHZ
 from hapscene.handle.sensor import Sensor
 
+__all__ = ["HANDLE", "LATE", "RATE_MAX_HZ", "RATE_MIN_HZ", "SPREAD", "new_handle", "prior"]
+
 RATE_MIN_HZ: Final = 2500.0
 """Lowest rate of a handle [Hz]: 1 kHz needs more than two samples."""
 

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+__all__ = ["describe_lines", "modelled", "write_result"]
+
 
 COLOURS: Final = tuple(OKABE_ITO[name] for name in ("sky", "blue", "green", "orange", "vermilion", "purple"))
 """Of the grips, in turn."""

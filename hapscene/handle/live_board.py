@@ -17,6 +17,8 @@ from hapscene.io.files import refusing
 from hapscene.io.wire.protocol import WRAP, Run, sample_line, sealed
 from hapscene.wall_clock import CLOCK, Clock
 
+__all__ = ["EMPTY", "LIMITED", "LIVE", "RUN", "RUN_MAX", "TRIPPED", "WATCHDOG_MS", "LiveBoard", "live_start"]
+
 LIVE, EMPTY, TRIPPED, LIMITED = 1, 2, 4, 8
 """Bits of the column `state`: started to play live; the buffer is empty; the watchdog has tripped, and no force is put
 out until the next start; the force is not what it was sent, but what the board's own limits allow."""

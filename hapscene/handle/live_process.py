@@ -27,6 +27,8 @@ from hapscene.loop.shared_memory import Channel, open_channel
 from hapscene.loop.timing import request_realtime_priority
 from hapscene.wall_clock import CLOCK, Clock
 
+__all__ = ["ChannelSource", "LiveHandle", "compensator_of", "open_output", "play_recording", "report"]
+
 START_S: Final = 300.0
 """How long it may take to be ready [s]: on its first run ever it compiles, which took 100 on a busy machine."""
 

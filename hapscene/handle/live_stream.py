@@ -30,6 +30,8 @@ from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.plant import Array
 from hapscene.records import records
 
+__all__ = ["FADE_S", "PHASES", "LiveStream", "filter_table"]
+
 FADE_S: Final = 0.02
 """How long a fade takes [s]: no click, and shorter than what is noticed as late (24 ms, Adelstein et al. 2003)."""
 

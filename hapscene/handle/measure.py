@@ -13,6 +13,8 @@ from hapscene.handle.response import Response, estimate_response
 from hapscene.handle.sweep import Sweep
 from hapscene.io.files import refusing, whole_file
 
+__all__ = ["GripRecording", "load_grip", "load_grips", "play_grips"]
+
 
 @dataclass(frozen=True)
 class GripRecording:

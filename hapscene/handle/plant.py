@@ -25,6 +25,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
 
+__all__ = ["NUMBER_MAX", "Array", "Complex", "Plant"]
+
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

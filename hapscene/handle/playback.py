@@ -13,6 +13,8 @@ from hapscene.handle.handle_loop import new_handle, vibrate
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.sensor import Sensor
 
+__all__ = ["Played", "play", "run"]
+
 
 @dataclass(frozen=True, eq=False)
 class Played:

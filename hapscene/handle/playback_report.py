@@ -19,6 +19,8 @@ from hapscene.view.sound import PEAK_DBFS
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+__all__ = ["write_playback", "write_wave"]
+
 
 SHOWN_S: Final = 0.05
 """How much of the signals is shown over time, around the strongest moment [s]: in more, no single wave can be seen."""

@@ -21,6 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.errors import HandleError
 from hapscene.handle.plant import Array, Complex
 
+__all__ = ["BAND_PER_OCTAVE", "Response", "estimate_response"]
+
 BAND_PER_OCTAVE: Final = 24
 """Bands an octave [count]: each 3 % wide, a fifth of the half-power width of the assumed coil's resonance. With wider
 ones the straight line in a band no longer follows it."""

@@ -5,6 +5,8 @@ from typing import Final
 
 from hapscene.errors import HandleError
 
+__all__ = ["ACCELEROMETER_HZ", "ACCELEROMETER_NOISE_M_S2_RTHZ", "DELAY_MAX_S", "Sensor"]
+
 ACCELEROMETER_NOISE_M_S2_RTHZ: Final = 150e-6 * 9.80665
 """Noise density of the accelerometer [m/s²/√Hz]: 150 µg/√Hz, x and y of Analog Devices' ADXL312 (data sheet)."""
 

@@ -18,6 +18,8 @@ from hapscene.io.wire.protocol import WRAP, Column, Decoder, Run, sample_line, s
 from hapscene.io.wire.unit import UNITS
 from hapscene.wall_clock import CLOCK, Clock
 
+__all__ = ["BUFFER", "LINE_COUNT", "START", "STATE", "Board", "SerialSource", "SerialWire", "Wire"]
+
 START: Final = b"#hapscene-handle 1 start"
 """The line that empties the handle's buffer and sets force and count to 0."""
 

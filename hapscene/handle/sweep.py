@@ -9,6 +9,8 @@ from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import HandleError
 from hapscene.handle.plant import Array, Plant
 
+__all__ = ["REST_S", "TRAVEL_SHARE", "Sweep"]
+
 BAND_HZ: Final = (10.0, ACCELERATION_BAND_HZ[1])
 """Band of the sweep [Hz]: from where the paper's begins, 10 Hz, to the end of the acceleration channel. The paper's
 ends at 200 Hz; what lies above tells the mass of the handle, and the lag of amplifier and accelerometer."""

@@ -31,6 +31,8 @@ from numpy.typing import NDArray
 
 from hapscene.errors import FormatError, printable
 
+__all__ = ["confined"]
+
 Reader = Callable[..., Mapping[str, NDArray[Any]]]
 """What can be run: takes the open file (binary, seekable) and texts or numbers; gives arrays by name, none of objects.
 What it refuses it raises as `FormatError`, whose text arrives here as it is."""

@@ -20,6 +20,29 @@ from hapscene.errors import FormatError, did_you_mean, printable
 if TYPE_CHECKING:
     import zipfile
 
+__all__ = [
+    "CONTAINER_MAX",
+    "MEMORY_FREE_B",
+    "VALUE_MAX",
+    "check_file",
+    "check_file_size",
+    "check_keys",
+    "check_memory",
+    "check_unpacked",
+    "memory_most_B",
+    "naming",
+    "open_zip",
+    "parse_format",
+    "parse_json",
+    "read_bytes",
+    "refusing",
+    "short",
+    "unpacked_most_B",
+    "whole_file",
+    "whole_folder",
+    "write_whole",
+]
+
 FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 FULL_HINT: Final = "; make room there, or write elsewhere"
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+__all__ = ["TOO_MUCH", "Npz", "lines_of", "open_npz"]
+
 LINE_MAX: Final = 65_536
 """Longest line of a table [characters]: a thousand columns and more."""
 

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from hapscene.contact.world import World
     from hapscene.surface.surface_arrays import Surface
 
+__all__ = ["keep_memory", "memory_of", "remember"]
+
 CHECKPOINT_TICKS: Final = 10_000
 """How many ticks pass between two copies of what they remember [count]: 40 µs of each ten seconds."""
 

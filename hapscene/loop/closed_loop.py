@@ -34,6 +34,8 @@ from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
 from hapscene.render.tick import tick_at
 
+__all__ = ["DELAY_MAX", "Tool", "take_grip", "tick_tool"]
+
 DELAY_MAX: Final = 256
 """Longest delay between a tick and its force [ticks]."""
 

@@ -20,6 +20,8 @@ from hapscene.loop.timing import (
 )
 from hapscene.records import records
 
+__all__ = ["EmptyLoop", "loop_empty", "run_empty"]
+
 
 class EmptyLoop:
     """Runs in a thread of this process, without the GIL, until it is stopped."""

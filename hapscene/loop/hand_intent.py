@@ -11,6 +11,8 @@ from hapscene.device.sim.hand import Grip, grip_named
 from hapscene.errors import PathError
 from hapscene.geometry import numbers
 
+__all__ = ["Intent"]
+
 NUMBER_MAX: Final = 1e12
 """Largest number of an intention, of whatever unit [1]: beyond any hand, and nothing made of it overflows."""
 

@@ -15,6 +15,8 @@ from hapscene.clock import new_clock, now_ns, sleep_ns
 from hapscene.compiled.native import native
 from hapscene.loop.timing import request_realtime_priority
 
+__all__ = ["PULSE_NS", "Heartbeat"]
+
 PULSE_NS: Final = 2_000_000
 """Time between two pulses [ns]: five are missed before the force ends (`hapscene.device.safety.PULSE_AGE_S`)."""
 

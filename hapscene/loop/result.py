@@ -11,6 +11,8 @@ from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.io.files import whole_file
 from hapscene.render.recording import Recording
 
+__all__ = ["FELT", "Feel", "summarise_feel"]
+
 REST_S: Final = 0.3
 """End of a gesture in which the tool is expected to be at rest [s]."""
 

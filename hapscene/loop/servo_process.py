@@ -48,6 +48,8 @@ from hapscene.surface.swatch import Swatch
 if TYPE_CHECKING:
     from hapscene.loop import Twin
 
+__all__ = ["Desk", "open_twins", "run"]
+
 
 WATCH_S: Final = 0.1
 """How often devices are asked what troubles them [s]."""

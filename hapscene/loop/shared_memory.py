@@ -22,6 +22,8 @@ from hapscene.loop.driver import AIM, CHANNEL
 from hapscene.loop.result import FELT
 from hapscene.records import ROW
 
+__all__ = ["Channel", "open_channel", "read_text", "write_text"]
+
 CHECKPOINT_COUNT: Final = 8
 """Copies that are kept of what ticks remember [count]: the newest minute, and one more."""
 

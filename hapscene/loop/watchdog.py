@@ -17,6 +17,8 @@ from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.loop.shared_memory import Channel, open_channel
 from hapscene.wall_clock import CLOCK, Clock
 
+__all__ = ["BUSY_S", "LOOK_S", "RELEASE_S", "STILL_S", "WAITING_S", "release", "until_needed", "watch"]
+
 STILL_S: Final = 0.05
 """How long a servo that was stopped by a signal may be without a tick [s]."""
 

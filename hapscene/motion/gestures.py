@@ -20,6 +20,8 @@ from hapscene.motion.look_from_above import UNSEEN, Line, Look, between, look_fr
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
+__all__ = ["FREE_S", "GESTURES", "PRESS_N", "RAMP_S", "REACH", "STROKE_N", "TOOL_KG", "act", "calm_time_s"]
+
 STROKE_N: Final = 0.6
 """Force of strokes and taps [N]: what people choose when they feel a texture lies between 0.3 and 1 N."""
 

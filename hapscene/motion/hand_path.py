@@ -15,6 +15,8 @@ from hapscene.motion.look_from_above import UNSEEN, Look, between, look_from_abo
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
+__all__ = ["DEPTH_M", "HESITATION_S", "HOVER_M", "STROKE_M_S", "Hand", "explore"]
+
 HOVER_M: Final = 0.012
 """Height over the surface from which a movement begins and at which it ends [m]."""
 

@@ -13,6 +13,21 @@ from hapscene.scene.topology import normals_of
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
+__all__ = [
+    "GRID",
+    "UNSEEN",
+    "WINDOW_M",
+    "Line",
+    "Look",
+    "TopView",
+    "between",
+    "bounds_of",
+    "lines_of",
+    "look_from_above",
+    "places_to_feel",
+    "window_of",
+]
+
 Line = tuple[tuple[float, float], tuple[float, float]]
 """Start and end in x and y [m]."""
 

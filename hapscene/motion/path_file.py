@@ -16,6 +16,8 @@ from hapscene.errors import FormatError, PathError
 from hapscene.io.files import check_file_size, check_memory, refusing
 from hapscene.io.number_files import lines_of
 
+__all__ = ["TICKS_PER_ROW_MAX", "TICK_FREE", "load_path"]
+
 COLUMNS: Final = ("t", "x", "y", "z")
 """Columns that a path must have: time [s], position of the tool in the world [m]."""
 

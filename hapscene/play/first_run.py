@@ -18,6 +18,8 @@ from hapscene.play.monitor import WHY
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 
+__all__ = ["FORCE_N", "try_device"]
+
 FORCE_N: Final = 0.5
 """Most force before more is confirmed [N]: a 50 g weight, which no grip loses."""
 

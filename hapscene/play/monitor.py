@@ -12,6 +12,8 @@ from hapscene.loop import Servo, TimingStatistics
 from hapscene.loop.empty_loop import EmptyLoop
 from hapscene.loop.timing import BIN_NS, BINS_PER_OCTAVE
 
+__all__ = ["WHY", "Monitor", "later_than"]
+
 WHY: Final = {
     Flag.TOOL_NOT_FINITE: "the device gave no number for its position",
     Flag.UNSETTLED: "the proxy did not settle",

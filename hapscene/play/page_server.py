@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from hapscene.loop.servo import Servo
     from hapscene.scene.scene import Scene
 
+__all__ = ["DEPTH_MAX_M", "STALE_S", "PageServer"]
+
 DEPTH_MAX_M: Final = 0.003
 """How deep a pen goes at full pressure [m]: 1 to 2 N on the swatches that are shipped."""
 

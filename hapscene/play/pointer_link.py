@@ -11,6 +11,8 @@ from contextlib import suppress
 from threading import Lock
 from typing import Final, NamedTuple
 
+__all__ = ["HELLO", "PLACE", "SILENCE_S", "Place", "PointerLink"]
+
 SILENCE_S: Final = 0.25
 """After how long without a word the tool is lifted [s]: the application is gone, stopped or too busy."""
 

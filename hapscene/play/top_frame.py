@@ -15,6 +15,8 @@ from hapscene.view.triangles import Drawing, Frame
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
+__all__ = ["TopFrame"]
+
 WIDTH: Final = 1400
 """Of the picture [pixels]."""
 

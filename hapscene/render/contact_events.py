@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
+__all__ = ["ContactEvent", "events_of"]
+
 Kind = Literal["began", "crossed", "ended"]
 
 

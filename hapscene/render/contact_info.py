@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.geometry import numbers
 from hapscene.records import ROW
 
+__all__ = ["Contact", "Impulse"]
+
 Vector3 = NDArray[np.float64]
 
 _OFFSET: Final = {name: ROW.fields[name][1] for name in ROW.names or () if ROW.fields is not None}

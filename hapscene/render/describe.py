@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from hapscene.contact.world import World
     from hapscene.surface.surface_arrays import Surface
 
+__all__ = ["describe", "shade"]
+
 
 @inlined
 def describe(world: "World", surface: "Surface", p_WT: Vector) -> None:

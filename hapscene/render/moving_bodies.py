@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SceneError, no_such
 
+__all__ = ["MovingBodies"]
+
 
 class MovingBodies:
     """The bodies that a program moves: made by `Renderer.moving`, given to `Renderer.step`.

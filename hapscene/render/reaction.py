@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from hapscene.contact.world import World
     from hapscene.surface.surface_arrays import Surface
 
+__all__ = ["react"]
+
 
 @inlined
 def react(world: "World", surface: "Surface") -> None:

@@ -13,6 +13,8 @@ from hapscene.errors import FormatError
 from hapscene.io.files import check_memory, refusing, whole_file
 from hapscene.io.number_files import Npz, open_npz
 
+__all__ = ["FORMAT_VERSION", "Recording", "RecordingError", "load_touch", "save_touch"]
+
 FORMAT_VERSION: Final = 2
 """Version of the npz layout; a reader refuses a later one. 1 had no `began`, which is made anew, nor `f_body_W_N`."""
 

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from hapscene.render.recording import Recording
     from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
+
+__all__ = ["EFFECTS", "OTHER_BODIES", "Command", "Renderer"]
 EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap", "adhesion")
 """The effects a renderer has unless told otherwise."""
 

@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from hapscene.contact.world import World
     from hapscene.surface.surface_arrays import Surface
 
+__all__ = ["run_ticks", "tick", "tick_at", "use_moving_bodies", "use_tick"]
+
 _NOT_FINITE = int(Flag.TOOL_NOT_FINITE)
 _UNSETTLED = int(Flag.UNSETTLED)
 _CROWDED = int(Flag.CROWDED)

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from hapscene.scene.fine_paint import FinePaint
 from hapscene.scene.mesh import Mesh
 
+__all__ = ["Body"]
+
 
 @dataclass(eq=False)
 class Body:

@@ -20,6 +20,24 @@ from hapscene.scene.region import Volume
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
 
+__all__ = [
+    "LEAF_MAX",
+    "LEVEL_MAX",
+    "NOTHING",
+    "FinePaint",
+    "Painting",
+    "blend",
+    "finest_of",
+    "halves",
+    "paint_faces",
+    "paint_region",
+    "painted_over",
+    "parts",
+    "put_leaves",
+    "swatches_of",
+    "whole_faces",
+]
+
 LEVEL_MAX: Final = 32
 """Most cuts from a face to a leaf [count]: 1 m² down to sides of 22 µm."""
 

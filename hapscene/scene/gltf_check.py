@@ -10,6 +10,8 @@ from typing import Any, Final
 from hapscene.errors import FormatError, MeshError
 from hapscene.io.files import memory_most_B, refusing
 
+__all__ = ["check_gltf", "items_of", "parse_gltf"]
+
 WIDTH_B: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of each type of number: glTF 2.0, 3.6.2.2."""
 

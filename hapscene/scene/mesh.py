@@ -19,6 +19,22 @@ if TYPE_CHECKING:
 
     from hapscene.scene.neighbours import Neighbours
 
+__all__ = [
+    "FACE_MAX",
+    "SIZE_M",
+    "UNIT_M",
+    "UNNAMED",
+    "Mesh",
+    "MeshWarning",
+    "Part",
+    "check_reading",
+    "face_colours",
+    "join",
+    "parts_of",
+    "sample",
+    "unit_name",
+]
+
 
 UNIT_M: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 """Length of each known unit [m]."""

@@ -16,6 +16,8 @@ from hapscene.scene.mesh_structure import MeshStructure, mesh_structure
 from hapscene.scene.size_advice import HAND_M, LIKELY_M
 from hapscene.scene.topology import Index
 
+__all__ = ["examine", "repair"]
+
 # Cracks: places where a mesh is open by less than can be seen.
 
 

@@ -6,6 +6,8 @@ from typing import Final
 
 from hapscene.errors import printable
 
+__all__ = ["Finding", "Report", "length", "number"]
+
 VERSION: Final = 1
 """Version of the report's JSON."""
 

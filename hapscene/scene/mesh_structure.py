@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.topology import Edges, Index, Winding, area_of, edges_of, first_of, weld, winding_of
 
+__all__ = ["FLAT_RATIO", "MeshStructure", "height_of", "mesh_structure"]
+
 Mask = NDArray[np.bool_]
 
 FLAT_RATIO: Final = 1e-12

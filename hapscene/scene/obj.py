@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from hapscene.errors import MeshError, printable, warn
 from hapscene.scene.mesh import UNNAMED, MeshWarning, Part, sample
 
+__all__ = ["LINE_MAX", "read_obj"]
+
 
 def read_obj(content: bytes, where: str, resolver: Any) -> Part:
     """Triangles of an OBJ file. Polygons are cut into a fan from their first corner, as trimesh does.

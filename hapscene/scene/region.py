@@ -16,6 +16,8 @@ from hapscene.errors import SceneError
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.topology import connected, edges_of, weld
 
+__all__ = ["Box", "Facet", "PlaneSide", "Region", "Sphere", "Tube", "Volume"]
+
 
 class Region(ABC):
     """Picks faces of a mesh."""

@@ -23,6 +23,8 @@ from hapscene.surface.swatch import PLAIN, Swatch, SwatchLike
 if TYPE_CHECKING:
     import trimesh
 
+__all__ = ["SWATCH_MAX", "Scene", "load_scene"]
+
 SWATCH_MAX: Final = np.iinfo(np.int16).max
 """Most swatches of one scene [count], by the type of `Body.face_swatch`."""
 

@@ -24,6 +24,8 @@ from hapscene.scene.scene_file import BYTES_MAX, SUFFIX, save_scene
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
+__all__ = ["ZIP_SUFFIX", "read_bundle", "save_bundle", "unpack_bundle", "unpacked_beside"]
+
 ZIP_SUFFIX: Final = ".scene.zip"
 
 UNPACKED_MAX_B: Final = 2_000_000_000

@@ -47,6 +47,23 @@ from hapscene.scene.ply import mesh_to_ply
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
+__all__ = [
+    "BODY_MAX",
+    "BYTES_MAX",
+    "RUN_MAX",
+    "SUFFIX",
+    "SidecarFiles",
+    "check_place",
+    "decode_fine",
+    "decode_paint",
+    "encode_fine",
+    "encode_paint",
+    "is_own",
+    "read_scene",
+    "save_scene",
+    "sidecar_files",
+]
+
 # Files of a scene's own, beside its scene file: the meshes and swatches that no other file holds.
 #
 # They are called NAME.WHAT.HASH.ply and .swatch, with a piece of their content's SHA-256: other content has another

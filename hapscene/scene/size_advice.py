@@ -17,6 +17,8 @@ from hapscene.scene.mesh import UNIT_M, Mesh
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
+__all__ = ["HAND_M", "LIKELY_M", "REACH_M", "dimensions", "size_advice"]
+
 HAND_M: Final = (1e-3, 10.0)
 """Sizes that a hand's tool can feel, smallest and largest [m]: the Omni counts steps of 55 µm, a tick of a fast stroke
 is as long."""

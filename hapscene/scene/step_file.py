@@ -18,6 +18,8 @@ from hapscene.errors import FormatError, MeshError
 from hapscene.io.confined import confined
 from hapscene.io.files import MEMORY_FREE_B, refusing
 
+__all__ = ["faces_in", "promised_by", "step_glb"]
+
 MEMORY_RATIO: Final = 60
 """Memory that Open CASCADE may take for each byte of a file [1]: it takes some 25."""
 

@@ -14,6 +14,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.compiled.native import native
 
+__all__ = [
+    "Edges",
+    "Index",
+    "Winding",
+    "area_of",
+    "connected",
+    "edges_of",
+    "first_of",
+    "normals_of",
+    "unit",
+    "volume_of",
+    "weld",
+    "winding_of",
+]
+
 Index = NDArray[np.int64]
 
 _CHUNK: Final = 1 << 16

@@ -38,6 +38,17 @@ if TYPE_CHECKING:
     from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
 
+__all__ = [
+    "body_with_uv",
+    "paint_by_picture",
+    "paint_of",
+    "paint_picture",
+    "picture_of",
+    "read_picture",
+    "save_picture",
+    "scaled",
+]
+
 Legend = Mapping[tuple[int, int, int], int]
 """The scene's swatch of each colour, 0 to 255."""
 

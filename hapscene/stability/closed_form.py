@@ -12,6 +12,21 @@ from typing import Final
 
 import numpy as np
 
+__all__ = [
+    "APEX_ALPHA",
+    "APEX_BETA",
+    "comes_to_rest",
+    "largest_root",
+    "limit_of_passivity",
+    "limit_of_rest",
+    "limit_of_small_motion",
+    "limit_with_one_delay",
+    "limit_with_wall_damping",
+    "limit_without_delay",
+    "peak_speed",
+    "restitution",
+]
+
 APEX_ALPHA: Final = 4.0 * (math.sqrt(2.0) - 1.0) ** 2
 """Stiffest wall that any damping lets rest on a device without damping of its own, as KT²/m [1]; [drv] from W5."""
 

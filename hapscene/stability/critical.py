@@ -16,6 +16,8 @@ from hapscene.errors import HapsceneError
 from hapscene.loop.closed_loop import DELAY_MAX
 from hapscene.stability.rig import Rig
 
+__all__ = ["DEPTH_M", "comes_to_rest", "critical_stiffness", "growth", "limit_of_motion", "motion_growth"]
+
 # How fast the slowest-dying mode of a small motion grows, read from the motion itself.
 #
 # A linear loop moves as a sum of modes, y_k = Σ c_i z_i^k. The shifts of such a signal span a space that one step

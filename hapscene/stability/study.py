@@ -15,6 +15,8 @@ from hapscene.stability.wall_chart import write_z_width_chart
 from hapscene.stability.z_width import DAMPINGS_NS_M, Point, StableRegion, place, say_of, trace_all
 from hapscene.surface.swatch import Swatch
 
+__all__ = ["stability"]
+
 FILES: Final = (
     "z_width.png",
     "z_width-dark.png",

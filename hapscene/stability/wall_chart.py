@@ -14,6 +14,8 @@ from hapscene.view.palette import INK, OKABE_ITO
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+__all__ = ["write_z_width_chart"]
+
 WIDTH_MAX_IN: Final = 10.0
 """Widest chart [in]: a page of 830 pixels, as a README is shown, leaves its text 11 pixels high."""
 

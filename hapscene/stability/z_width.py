@@ -27,6 +27,20 @@ from hapscene.stability.closed_form import limit_of_small_motion
 from hapscene.stability.rig import Rig
 from hapscene.surface.swatch import Swatch
 
+__all__ = [
+    "DAMPINGS_NS_M",
+    "REST_M_S",
+    "STIFFNESS_N_M",
+    "WORK_J",
+    "Point",
+    "StableRegion",
+    "place",
+    "say_of",
+    "trace",
+    "trace_all",
+    "try_wall",
+]
+
 REST_M_S: Final = 5e-3
 """Speed of a tool at rest, at most [m/s rms]: half the noise of an encoder of 55 µm at 200 Hz, below what a hand feels
 as buzz."""

@@ -13,6 +13,8 @@ from hapscene.compiled.native import native
 from hapscene.constants import BLEND_S
 from hapscene.surface.surface_arrays import CLEARED
 
+__all__ = ["paint_at", "take_paint"]
+
 
 @native
 def paint_at(leaf: Any, low: int, high: int, bary: Any) -> int:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
     from hapscene.surface.texture import Texture
 
+__all__ = ["STIFFNESS", "WALL", "Clip", "Fit", "Numbers", "clip_to_device", "clips", "share_of"]
+
 
 STIFFNESS: Final = "stiffness_N_m"
 DAMPING: Final = "damping_Ns_m"

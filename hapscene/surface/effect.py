@@ -38,6 +38,8 @@ from numpy.typing import NDArray
 
 from hapscene.errors import EffectError
 
+__all__ = ["Effect", "Param", "State", "check_range"]
+
 Render = Callable[[Any, Any, Any, Any, Any], None]
 Table = Callable[[Any, float], NDArray[np.float64]]
 

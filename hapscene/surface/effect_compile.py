@@ -19,6 +19,8 @@ from hapscene.errors import EffectError
 from hapscene.records import OUTPUT, TOUCH
 from hapscene.surface.effect import Effect
 
+__all__ = ["call_effect", "compile_effect"]
+
 _interpreted: Final[list[Effect]] = []
 _native: Final[dict[int, tuple[Effect, CFunction]]] = {}
 

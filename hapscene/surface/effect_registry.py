@@ -6,6 +6,8 @@ from hapscene.errors import EffectError
 from hapscene.plugin_registry import Offer, PluginRegistry
 from hapscene.surface.effect import Effect
 
+__all__ = ["GROUP", "listed", "load_effect"]
+
 GROUP: Final = "hapscene.effects"
 """Name of the entry-point group that effect plugins join."""
 

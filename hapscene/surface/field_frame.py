@@ -15,6 +15,8 @@ from hapscene.compiled.native import native
 from hapscene.errors import EffectError
 from hapscene.geometry import Vector
 
+__all__ = ["EASE_S", "FADED_MOST", "add_force", "eased", "fade", "field_array", "to_frame", "turn"]
+
 POINT_MAX: Final = 1000
 """Most points of a field [count]: each is looked at in every tick, at about 5 ns."""
 

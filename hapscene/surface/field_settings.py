@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from hapscene.errors import EffectError, no_such
 from hapscene.surface.effect import Effect, check_range
 
+__all__ = ["POSE_SIZE", "FieldSetting", "field_setting"]
+
 POSE_SIZE: Final = 12
 """Numbers of a pose in a table [count]: R_WB row by row, then p_WB."""
 

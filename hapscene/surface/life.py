@@ -15,6 +15,8 @@ from hapscene.constants import LIFE_MAX
 from hapscene.errors import SwatchError
 from hapscene.surface.taps import freeze
 
+__all__ = ["SPREAD_MAX", "Life"]
+
 SPREAD_MAX: Final = 1.5
 """Largest standard deviation of the logarithm of the gain, all processes together [1]: 13 dB. Recordings have 0.1 to
 0.8; far beyond it the mean power would be that of rare and very loud bursts."""

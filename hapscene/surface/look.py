@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from hapscene.errors import SwatchError
 
+__all__ = ["PICTURE_BYTES_MAX", "Look", "picture_png"]
+
 PICTURE_BYTES_MAX: Final = 256 * 1024
 """Largest picture [bytes]."""
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from hapscene.contact.world import World
     from hapscene.surface.surface_arrays import Surface
 
+__all__ = ["limit", "render_contact", "render_fields"]
+
 _MUTED = int(Flag.EFFECT_MUTED)
 _FORCE = int(Flag.FORCE_LIMITED)
 _SLEW = int(Flag.SLEW_LIMITED)

@@ -12,6 +12,8 @@ import numpy as np
 from hapscene.compiled.native import native
 from hapscene.surface.effect import State
 
+__all__ = ["RESONATOR", "SILENCE_M_S2", "resonate", "strike"]
+
 SILENCE_M_S2: Final = 1e-6
 """Level at which ringing is over [m/s²]: far below what is felt (about 1e-2), far above denormal numbers."""
 

@@ -24,6 +24,22 @@ if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
     from hapscene.surface.swatch import Swatch
 
+__all__ = [
+    "CLEARED",
+    "COUPLE",
+    "FAILED",
+    "FIELDS",
+    "GUARD",
+    "PLACE",
+    "SHADE",
+    "SWITCHED_OFF",
+    "TICK",
+    "Surface",
+    "build_surface",
+    "clear_states",
+    "put_numbers",
+]
+
 MEMORY: Final = np.dtype(
     [
         ("p_WT_m", "f8", (3,)),  # the tool in the last tick

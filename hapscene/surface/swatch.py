@@ -13,6 +13,18 @@ from hapscene.surface.look import Look
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 
+__all__ = [
+    "BASIC_PARAMETERS",
+    "FRICTION_MAX",
+    "NAME_MAX",
+    "OWN_PARAMETERS",
+    "PLAIN",
+    "TOOL_FIELDS",
+    "Swatch",
+    "SwatchLike",
+    "touched_with",
+]
+
 FRICTION_MAX: Final = 5.0
 """Largest friction coefficient [1]. Rubber on rubber is about 2; more is a slip of the unit."""
 

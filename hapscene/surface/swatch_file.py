@@ -23,6 +23,19 @@ from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, TOOL_FIELDS, Swatc
 from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
 from hapscene.surface.texture import MODEL_MAX, Texture
 
+__all__ = [
+    "BYTES_MAX",
+    "SUFFIX",
+    "TEXT_MAX",
+    "SwatchWarning",
+    "is_number",
+    "read_swatch",
+    "save_swatch",
+    "swatch_from_json",
+    "swatch_to_bytes",
+    "swatch_to_json",
+]
+
 SUFFIX: Final = ".swatch"
 FORMAT: Final = "hapscene swatch"
 VERSION: Final = 4

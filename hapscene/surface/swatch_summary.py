@@ -8,6 +8,8 @@ from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.surface.swatch import TOOL_FIELDS, Swatch
 from hapscene.surface.texture import Texture
 
+__all__ = ["FORCE_N", "SPEED_M_S", "TAP_M_S", "figures", "lines", "words"]
+
 FORCE_N: Final = 1.0
 """Normal force that roughness is told at [N]: a light stroke."""
 

@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from hapscene.errors import SwatchError
 
+__all__ = ["TAP_MAX", "TAP_ROWS", "Tap", "Taps", "freeze"]
+
 Array = NDArray[np.float64]
 
 TAP_MAX: Final = 1024

@@ -27,6 +27,18 @@ from hapscene.io.files import short
 from hapscene.surface.life import Life
 from hapscene.surface.taps import freeze
 
+__all__ = [
+    "EXPONENT_MAX",
+    "GAIN_MAX",
+    "INTERPOLATIONS",
+    "MODEL_MAX",
+    "Texture",
+    "filters",
+    "form",
+    "stabilised",
+    "triangulate",
+]
+
 # The plane of normal force and slip speed, closed and cut into triangles around a texture's models.
 
 

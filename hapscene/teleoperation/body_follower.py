@@ -22,6 +22,8 @@ from hapscene.teleoperation.leader_follower import accelerate, couple, new_tool
 if TYPE_CHECKING:
     from hapscene.bridge.simulation import Simulation
 
+__all__ = ["BodyFollower", "sense"]
+
 
 class BodyFollower:
     """A follower at rest, in place of a `Follower`.

@@ -27,6 +27,22 @@ from hapscene.teleoperation.jitter_buffer import play_samples
 if TYPE_CHECKING:
     from hapscene.render.renderer import Renderer
 
+__all__ = [
+    "COUPLING_HZ",
+    "SHAKE_HZ",
+    "Follower",
+    "Leader",
+    "accelerate",
+    "couple",
+    "follow",
+    "intend",
+    "lead",
+    "new_follower",
+    "new_leader",
+    "new_tool",
+    "shake",
+]
+
 
 # The tool at the tip of a device: its handle's direction, its acceleration along it, and how vibration moves it.
 

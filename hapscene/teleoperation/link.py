@@ -17,6 +17,8 @@ from hapscene.errors import HapsceneError
 from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE
 
+__all__ = ["JITTER_MOST", "SLOT_COUNT", "Impairment", "Link", "collect", "new_link", "post"]
+
 SLOT_COUNT: Final = 1024
 """Messages that can be under way at once [count]: a second at 1 kHz. More are lost, as in a full router."""
 

@@ -24,6 +24,18 @@ from hapscene.compiled.native import native
 from hapscene.geometry import Vector
 from hapscene.teleoperation.jitter_buffer import next_wave
 
+__all__ = [
+    "CATCH_UP_S",
+    "GIFT_J",
+    "REPAY_NS_M",
+    "arrive",
+    "energy_to_tell",
+    "limit_force",
+    "repay",
+    "tie_follower",
+    "tie_leader",
+]
+
 CATCH_UP_S: Final = 0.03
 """Time constant with which a position that fell behind for want of energy is caught up [s]. Faster asks for more energy
 at once, slower is felt to drag."""

@@ -6,6 +6,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+__all__ = ["MARGIN", "facing", "looks", "place", "pose_of", "seen_size"]
+
 VIEW_FROM: Final = (0.35, -1.0, 0.75)
 """Direction from the scene to the camera: from the front, above, a little from the right."""
 

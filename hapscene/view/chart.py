@@ -17,6 +17,8 @@ from hapscene.view.palette import CHART_STYLE, DARK, INK, rgb
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+__all__ = ["dark_twin", "inline_svg", "new_chart", "picture", "save_both", "save_chart", "turn_dark"]
+
 GREY_SPREAD: Final = 0.06
 """Colours whose red, green and blue differ by less are greys: page, ink, grid. What is more colourful tells
 categories apart, and can be seen on both grounds."""

@@ -10,6 +10,26 @@ from numpy.typing import ArrayLike, NDArray
 if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
 
+__all__ = [
+    "AIR",
+    "CHART_STYLE",
+    "DARK",
+    "DISTANCE_MIN",
+    "EDGE",
+    "FORCE",
+    "INK",
+    "LIGHT",
+    "OKABE_ITO",
+    "PATH",
+    "SHADE",
+    "Theme",
+    "albedo_colours",
+    "distinct_colours",
+    "linear",
+    "rgb",
+    "swatch_colours",
+]
+
 OKABE_ITO: Final = {
     "blue": "#0072B2",
     "orange": "#E69F00",

@@ -9,6 +9,8 @@ import numpy as np
 from hapscene.io.files import whole_file
 from hapscene.render.recording import Recording
 
+__all__ = ["FADE_S", "PEAK_DBFS", "write_sound"]
+
 PEAK_DBFS: Final = -1.0
 """Level of the loudest sample [dB of full scale]: loud, and clear of clipping when a player resamples."""
 

@@ -19,6 +19,8 @@ import scipy
 
 from hapscene.capture.io.streams import Array
 
+__all__ = ["FLOOR", "ORDER", "change_points"]
+
 ORDER: Final = 8
 """Order of the search's models [count]: four resonances up to 1.25 kHz. The texture's own order is chosen later."""
 

@@ -33,6 +33,8 @@ from hapscene.capture.fit.taps import (
 from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.surface.taps import Taps
 
+__all__ = ["fit_contact"]
+
 WINDOW_S: Final = 0.03
 """Width of a window [s]: three periods of the fastest that the low-pass lets through."""
 

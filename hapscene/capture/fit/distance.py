@@ -20,6 +20,23 @@ from hapscene.errors import CaptureError
 from hapscene.io.files import refusing
 from hapscene.perception import band_edges_Hz
 
+__all__ = [
+    "BAND_EDGES_HZ",
+    "WINDOW_S",
+    "Liveliness",
+    "band_power",
+    "goodness_of_fit",
+    "level_difference_dB",
+    "liveliness",
+    "log_spectral_distance",
+    "model_spectrum",
+    "residual",
+    "spectral_centroid_Hz",
+    "spectrogram",
+    "spectrogram_error",
+    "spectrum",
+]
+
 WINDOW_S: Final = 0.1024
 """Length of the windows that spectra are estimated with [s]: 512 samples at 5 kHz. Longer ones resolve more and
 scatter more, so every distance grows with it: compare only distances of one length."""

@@ -13,6 +13,8 @@ from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
 
+__all__ = ["EDGE_S", "Friction", "fit_friction", "no_sliding"]
+
 BLOCK_S: Final = 0.05
 """Time over which forces are averaged before anything is fitted [s]."""
 

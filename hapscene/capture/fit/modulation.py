@@ -21,6 +21,8 @@ from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.surface.life import SPREAD_MAX, Life
 from hapscene.surface.texture import Texture
 
+__all__ = ["fit_life"]
+
 WINDOW_S: Final = 0.01
 """Length of the windows that levels are taken in [s]: the shortest in which 20 Hz to 1 kHz have a level."""
 

@@ -31,6 +31,19 @@ from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoo
 from hapscene.dsp.warped_prediction import lag_count, predictor, warp_at, warped, warped_angle
 from hapscene.perception import band_edges_Hz, band_jnd, bands_jnd
 
+__all__ = [
+    "DISTANCE_RATIO",
+    "DOMAINS",
+    "DOMAIN_JND",
+    "MISFIT_DB",
+    "MISFIT_RATIO",
+    "OrderSearch",
+    "felt_domain",
+    "felt_order",
+    "search_domain",
+    "search_order",
+]
+
 ORDERS: Final = range(2, 161)
 """Orders that are tried. On the project's recordings nothing improves beyond 100."""
 

@@ -30,6 +30,21 @@ from hapscene.capture.fit.change_point import change_points
 from hapscene.capture.io.streams import BLOCK, HAND_CUTOFF_HZ, Array, Streams, blocks, filtered
 from hapscene.constants import ACCELERATION_BAND_HZ
 
+__all__ = [
+    "BRIEF_S",
+    "IMPACT",
+    "LEVEL_S",
+    "TAP_S",
+    "InteractionState",
+    "Part",
+    "Run",
+    "Segmentation",
+    "noise",
+    "onset",
+    "runs",
+    "segment",
+]
+
 Mask = NDArray[np.bool_]
 Run = tuple[int, int]
 """First sample, and the one after the last."""

@@ -10,6 +10,8 @@ import scipy
 from hapscene.capture.fit.segment import InteractionState, Part, Segmentation, noise, runs
 from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Array, Streams
 
+__all__ = ["RANGE", "Stiffness", "fit_stiffness", "jackknife_half"]
+
 RANGE: Final = (0.1, 0.9)
 """Part of a loading that is used, as shares of its largest force [1]: below, the contact is not whole; above, it
 creeps."""

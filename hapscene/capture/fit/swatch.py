@@ -31,6 +31,8 @@ from hapscene.errors import CaptureError
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
+__all__ = ["FitOptions", "fit_parts", "fit_swatch", "prepare"]
+
 STATIONARY_PIECES: Final = 5.0
 """Median length of the stationary stretches, in pieces of `PIECE_S`, from which the texture's pieces are cut at their
 borders [1]. Of shorter ones too much is left over: of the project's recordings of two seconds a fifth, and the

@@ -19,6 +19,8 @@ from hapscene.surface.swatch import Swatch, SwatchLike
 from hapscene.surface.texture import Texture
 from hapscene.swatches.library import load_swatch
 
+__all__ = ["BLOCK_S", "synthesize"]
+
 BLOCK_S: Final = 0.01
 """How long one filter is kept [s]: force and speed are below 20 Hz, so they change little in that time. The level is
 ramped over it."""

@@ -17,6 +17,19 @@ from hapscene.capture.fit.segment import InteractionState, Part, Run, onset
 from hapscene.capture.io.streams import Array, Streams, high_pass_gain
 from hapscene.surface.taps import TAP_ROWS, Taps
 
+__all__ = [
+    "EXPLAINED_MIN",
+    "FITTED_MAX",
+    "NORMAL_95",
+    "OUTLIER",
+    "WAVE_S",
+    "MeasuredTap",
+    "fit_taps",
+    "measure_tap",
+    "pooled_taps",
+    "weighted_mean",
+]
+
 WAVE_S: Final = 0.1
 """Length of a stored transient [s]: as those of the Penn Haptic Texture Toolkit."""
 

@@ -15,6 +15,8 @@ from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoo
 from hapscene.dsp.warped_prediction import lag_count, predictor, warped
 from hapscene.surface.texture import EXPONENT_MAX, Texture
 
+__all__ = ["PIECES_PER_MODEL", "choose_model_count", "fit_texture"]
+
 POWER_LEAST: Final = 0.1
 """Least share of its own pieces' power that a model is given [1]: silence is at no force or no speed alone."""
 

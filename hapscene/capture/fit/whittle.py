@@ -23,6 +23,8 @@ from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import WHITE, autocorrelation, tapered
 
+__all__ = ["LOW_HZ", "NoisyModel", "density", "judged", "over_noise", "refined"]
+
 Complex = NDArray[np.complex128]
 
 LOW_HZ: Final = 1.5 * ACCELERATION_BAND_HZ[0]

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from hapscene.capture.io.streams import Array, Streams, part_of
 from hapscene.errors import CaptureError
 
+__all__ = ["PIECE_S", "Pieces", "cut", "fit_level", "pooled"]
+
 PIECE_S: Final = 0.1
 """Length of the pieces that a recording is cut into [s]: over one, force and speed of a hand are nearly constant."""
 

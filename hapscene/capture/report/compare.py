@@ -28,6 +28,17 @@ from hapscene.surface.taps import Tap, Taps
 from hapscene.surface.texture import Texture
 from hapscene.swatches.library import library_folder, load_swatch, shipped_swatches
 
+__all__ = [
+    "ComparedSurface",
+    "Comparison",
+    "Difference",
+    "compare",
+    "load_library",
+    "load_surface",
+    "rank",
+    "tap_energy",
+]
+
 Verdict = Literal["cannot be told apart", "could be told apart", "is clearly different", "cannot be compared"]
 
 CLEAR_JND: Final = 2.0

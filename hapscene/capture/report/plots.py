@@ -20,6 +20,8 @@ from hapscene.view.palette import INK, OKABE_ITO
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+__all__ = ["Plot", "plot_friction", "plot_models", "plot_order", "plot_plane", "plot_spectra", "plot_taps", "signed"]
+
 
 BLUE, ORANGE, GREEN, PURPLE = (OKABE_ITO[name] for name in ("blue", "vermilion", "green", "purple"))
 

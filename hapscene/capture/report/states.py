@@ -15,6 +15,8 @@ from hapscene.view.plot import STYLE, envelope
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+__all__ = ["WORDS", "draw_states", "write_states"]
+
 
 COLOURS: Final = {
     InteractionState.AIR: "#D5DAE1",

@@ -17,6 +17,19 @@ from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector
 from hapscene.records import Records, records
 
+__all__ = [
+    "CONNECTED",
+    "SIMULATED_OMNI",
+    "Arm",
+    "advance_arm",
+    "drive_arm",
+    "find_tip",
+    "find_tip_velocity",
+    "new_arm",
+    "read_arm",
+    "simulated_device",
+]
+
 SIMULATED_POINT: Final = 0
 SIMULATED_OMNI: Final = 1
 CONNECTED: Final = 2

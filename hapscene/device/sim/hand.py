@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from hapscene.compiled.native import native
 from hapscene.errors import HapsceneError, no_such
 
+__all__ = ["GRIPS", "HAND", "Grip", "grip_named", "pull"]
+
 HAND: Final = np.dtype(
     [
         ("k_N_m", "f8"),

@@ -27,6 +27,29 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.compiled.native import native
 from hapscene.geometry import Vector
 
+__all__ = [
+    "ELBOW_RAD",
+    "FOREARM_M",
+    "NOMINAL_LEVER_M",
+    "NOMINAL_RAD",
+    "SHOULDER_RAD",
+    "SINGULAR",
+    "UPPER_M",
+    "WAIST_RAD",
+    "Matrix",
+    "Turns",
+    "forward",
+    "inverse",
+    "jacobian",
+    "lever",
+    "leverage",
+    "reachable",
+    "singular",
+    "tip",
+    "turns_at",
+    "within_limits",
+]
+
 UPPER_M: Final = 0.134
 """Length l1 of the upper arm, shoulder to elbow [m]. URDF of sawSensablePhantom; wrong, and the workspace is."""
 

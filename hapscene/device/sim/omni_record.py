@@ -5,6 +5,8 @@ from typing import Final
 
 import numpy as np
 
+__all__ = ["OMNI", "OmniFlag"]
+
 
 class OmniFlag(IntFlag):
     """What went wrong or was limited since the last `hold_omni` (bits of the record's `trouble`)."""

@@ -39,6 +39,25 @@ from hapscene.device.sim.omni_kinematics import (
 from hapscene.device.sim.omni_record import OmniFlag
 from hapscene.geometry import Vector
 
+__all__ = [
+    "K8",
+    "K9",
+    "K10",
+    "STEP_MAX_S",
+    "STOP_OVER_RAD",
+    "ahead",
+    "apparent_mass",
+    "coriolis_at",
+    "gravity",
+    "gravity_at",
+    "grip_in_D",
+    "mass_matrix",
+    "slopes_at",
+    "slow",
+    "solve",
+    "step",
+]
+
 # What moves the Phantom Omni's arm: mass matrix, Coriolis and gravity in joint space.
 #
 #     M(q) q̈ + C(q, q̇) q̇ + G(q) = τ

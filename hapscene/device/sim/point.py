@@ -21,6 +21,8 @@ from hapscene.compiled.native import native
 from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector
 
+__all__ = ["POINT", "PointMass", "advance_point", "hold_point", "read_point"]
+
 POINT: Final = np.dtype(
     [
         ("mass_kg", "f8"),

@@ -12,6 +12,8 @@ from typing import Any, Final
 from hapscene.errors import CaptureError
 from hapscene.wall_clock import CLOCK, Clock
 
+__all__ = ["BAUD", "LUMP_S", "POLL_S", "DrainedPort", "Port", "simulated_port", "simulator_parser"]
+
 BAUD: Final = 921_600
 """Default speed of a port [bit/s]: the highest that all common USB bridges do; 5 kHz of one column fit through."""
 

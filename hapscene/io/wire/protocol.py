@@ -17,6 +17,23 @@ from numpy.typing import NDArray
 
 from hapscene.errors import CaptureError
 
+__all__ = [
+    "COLUMN_MAX",
+    "LINE_MAX",
+    "VERSION",
+    "WRAP",
+    "Column",
+    "Count",
+    "Decoder",
+    "Header",
+    "Run",
+    "checksum",
+    "header_line",
+    "read_header",
+    "sample_line",
+    "sealed",
+]
+
 VERSION: Final = 1
 MAGIC: Final = b"#hapscene-probe"
 

@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import Final
 
+__all__ = ["UNITS"]
+
 _LENGTH: Final = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 _FORCE: Final = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}
 _ANGLE: Final = {"deg": math.pi / 180.0, "°": math.pi / 180.0, "rad": 1.0}

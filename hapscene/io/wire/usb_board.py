@@ -3,6 +3,8 @@
 from types import SimpleNamespace
 from typing import Any
 
+__all__ = ["UsbBoard"]
+
 _BASE = "bLength bDescriptorType extra_descriptors "
 _DEVICE = "bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol bMaxPacketSize0 bcdDevice iManufacturer iProduct "
 _DEVICE += "iSerialNumber port_number port_numbers speed"
