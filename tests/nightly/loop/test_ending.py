@@ -31,7 +31,7 @@ MASS = PointMass(0.045, 0.1, 0.26, 5.5e-5)
 APPLICATION = """
 import sys, time
 sys.path.insert(0, {folder!r})
-from tests.nightly.servo.test_ending import MASS, make_scene
+from tests.nightly.loop.test_ending import MASS, make_scene
 from hapscene.loop import Servo
 if __name__ == "__main__":
     with Servo(make_scene(), MASS) as servo:
@@ -179,7 +179,7 @@ def test_a_start_under_way_can_be_cancelled() -> None:
 ENTER = """
 import sys
 sys.path.insert(0, {folder!r})
-from tests.nightly.servo.test_ending import MASS, make_scene
+from tests.nightly.loop.test_ending import MASS, make_scene
 from hapscene.errors import HapsceneError
 from hapscene.loop import Servo
 if __name__ == "__main__":
@@ -226,7 +226,7 @@ USED = """
 import os, sys
 from multiprocessing import shared_memory
 sys.path.insert(0, {folder!r})
-from tests.nightly.servo.test_ending import MASS, make_scene
+from tests.nightly.loop.test_ending import MASS, make_scene
 from hapscene.loop import Servo
 if __name__ == "__main__":
     shared_memory._make_filename = lambda: f"/of-{{os.getpid()}}"

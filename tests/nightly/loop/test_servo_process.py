@@ -14,8 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from tests.servo.test_driver import TICK_NS, desk  # noqa: F401  # a fixture
-from tests.servo.test_servo import ASKED, MASS, make_scene
 
 import hapscene
 from hapscene.clock import new_clock
@@ -27,6 +25,8 @@ from hapscene.loop.driver import CHANNEL
 from hapscene.loop.servo_process import Desk
 from hapscene.loop.timing import LATE_MAX, TIMING, Timer, start_timer, wait_for_tick
 from hapscene.records import records
+from tests.loop.test_driver import TICK_NS, desk  # noqa: F401  # a fixture
+from tests.loop.test_servo import ASKED, MASS, make_scene
 from tests.until import until
 
 
@@ -107,7 +107,7 @@ def test_it_ends_with_an_application_that_is_killed(tmp_path: Path) -> None:
     script.write_text(
         "import os, sys\n"
         f"sys.path.insert(0, {str(Path(__file__).parents[3])!r})\n"
-        "from tests.servo.test_servo import MASS, make_scene\n"
+        "from tests.loop.test_servo import MASS, make_scene\n"
         "from hapscene.loop import Servo\n"
         "if __name__ == '__main__':\n"
         "    servo = Servo(make_scene(), MASS).__enter__()\n"

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.servo.test_servo import MASS, make_scene
 
 from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import HapsceneError
 from hapscene.loop import SessionLog
 from hapscene.loop.session_log import NUMBERS_FILE, STORY_FILE, note_order, replay_log, write_log
+from tests.loop.test_servo import MASS, make_scene
 from tests.until import until
 from tests.virtual_servo import VirtualServo
 
