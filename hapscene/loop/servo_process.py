@@ -461,8 +461,9 @@ class Desk:
     def _bind(self) -> tuple[BoundCall, BoundCall]:
         """The compiled driver and the wait for a tick, on all that there is now; the first tick is due from now on."""
         loop = self._loop()
-        start_timer(loop.timer)
-        return bound(loop), BoundCall(wait_at, loop.timer)
+        calls = bound(loop), BoundCall(wait_at, loop.timer)
+        start_timer(loop.timer)  # last: to bind takes some ms, by which the first ticks would be late
+        return calls
 
     def _note_change(self) -> None:
         """What ticks remember is to be copied anew: from here on they give something else."""

@@ -11,7 +11,7 @@ from hapscene.device.sim.omni import stand
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError, PathError, SceneError
 from hapscene.flags import Flag
-from hapscene.loop import Servo
+from hapscene.loop import Servo, servo_process
 from hapscene.loop.timing import LATE_MAX
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -305,6 +305,18 @@ def test_lateness_is_counted(servo: VirtualServo) -> None:
     servo.clock.sleep_s(1e-3 * (LATE_MAX + 10))
     servo.advance(1)
     assert servo.timing().since(late).missed > LATE_MAX
+
+
+def test_the_time_to_bind_the_loop_delays_no_tick(servo: VirtualServo, monkeypatch: pytest.MonkeyPatch) -> None:
+    before, bind = servo.timing(), servo_process.bound
+    monkeypatch.setattr(servo_process, "bound", lambda loop: (servo.clock.sleep_s(1.0), bind(loop))[1])
+    servo.start((0.0, 0.0, 0.01))
+    servo.advance(10)
+    servo.rest()
+    servo.resume()
+    servo.advance(10)
+    since = servo.timing().since(before)
+    assert since.missed == 0 and since.delay_us(1.0) < 1000.0
 
 
 def test_the_state_ages_as_the_clock_goes_at_rest_too(servo: VirtualServo) -> None:
