@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from hapscene.errors import FormatError, printable
 
-__all__ = ["confined"]
+__all__ = ["confined", "import_path"]
 
 Reader = Callable[..., Mapping[str, NDArray[Any]]]
 """What can be run: takes the open file (binary, seekable) and texts or numbers; gives arrays by name, none of objects.
@@ -48,6 +48,15 @@ SAID_MAX_B: Final = 16_384
 
 _PR_SET_PDEATHSIG: Final = 1
 _SIGXCPU: Final = 24
+
+
+def import_path() -> dict[str, str]:
+    """Environment of a Python process that is started with -P: it imports what this one does.
+
+    With -P a file of the working folder, which may be a stranger's, is not taken for a module.
+    """
+    places = [str(Path(__file__).parents[2]), *(place for place in sys.path if place)]
+    return {"PYTHONPATH": os.pathsep.join(places)}
 
 
 class Answer(NamedTuple):
@@ -85,11 +94,9 @@ def confined(
     """
     name = f"{reader.__module__}:{reader.__qualname__}"
     order = json.dumps([name, arguments, memory_B, math.ceil(time_s), list(imports)])
-    # -P: a file of the working folder is not taken for a module; its own path has what is imported here
-    path = os.pathsep.join([str(Path(__file__).parents[1]), *(place for place in sys.path if place)])
     alone = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     # Arrow's own allocator takes 128 MB at once, and with what is left nothing may be read
-    environment = os.environ | {"PYTHONPATH": path, **alone, "ARROW_DEFAULT_MEMORY_POOL": "system"}
+    environment = os.environ | import_path() | alone | {"ARROW_DEFAULT_MEMORY_POOL": "system"}
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "hapscene.io.confined", order],
         stdin=file,

@@ -1,8 +1,7 @@
 """Frames drawn without a screen, in a child process: `python -m hapscene.view.offscreen`.
 
 A process can load only one GL platform, so a second one is tried in a second process; and a driver that crashes ends
-only the child. The child reads a pickled `Drawing` from its standard input and writes each frame's pixels to its
-standard output.
+only the child. The child reads a pickled `Drawing` from standard input and writes pixels to standard output.
 """
 
 import os
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
+from hapscene.io.confined import import_path
 
 if TYPE_CHECKING:
     from hapscene.view.triangles import Drawing
@@ -82,8 +82,8 @@ def _started(platform: str) -> "Iterator[subprocess.Popen[bytes]]":
         return
     pipe = subprocess.PIPE
     with subprocess.Popen(
-        [sys.executable, "-m", "hapscene.view.offscreen"],
-        env=os.environ | {"PYOPENGL_PLATFORM": platform},
+        [sys.executable, "-P", "-m", "hapscene.view.offscreen"],
+        env=os.environ | import_path() | {"PYOPENGL_PLATFORM": platform},
         stdin=pipe,
         stdout=pipe,
         stderr=pipe,

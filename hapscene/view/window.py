@@ -18,6 +18,7 @@ import numpy as np
 
 from hapscene.errors import ViewError
 from hapscene.interrupt import heard
+from hapscene.io.confined import import_path
 from hapscene.render.recording import Recording
 from hapscene.view.figure_parts import FigureParts, make_figure_parts
 from hapscene.view.legend import entries_of
@@ -86,10 +87,9 @@ def felt(recording: Recording, hand: Path) -> Recording:
 
 def _run(job: bytes) -> str:
     """Run the window's process to its end; return why it failed, or an empty text."""
-    environment = {name: value for name, value in os.environ.items() if name != "PYOPENGL_PLATFORM"}
-    command = [sys.executable, "-m", "hapscene.view.window"]
-    pipe = subprocess.PIPE
-    with subprocess.Popen(command, env=environment, stdin=pipe, stderr=pipe) as process:
+    environment = {name: value for name, value in os.environ.items() if name != "PYOPENGL_PLATFORM"} | import_path()
+    command = [sys.executable, "-P", "-m", "hapscene.view.window"]
+    with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdin is not None and process.stderr is not None
         try:
             with suppress(BrokenPipeError):  # it has ended already

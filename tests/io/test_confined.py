@@ -12,8 +12,9 @@ from typing import Any, BinaryIO
 import numpy as np
 import pytest
 
+import hapscene
 from hapscene.errors import FormatError
-from hapscene.io.confined import confined
+from hapscene.io.confined import confined, import_path
 
 
 def give(file: BinaryIO, scale: float) -> dict[str, Any]:
@@ -61,6 +62,12 @@ def importable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     for reader in (give, misbehave):
         monkeypatch.setattr(reader, "__module__", Path(__file__).stem)
+
+
+def test_the_process_finds_the_package_and_none_of_its_modules_alone() -> None:
+    places = [Path(place) for place in import_path()["PYTHONPATH"].split(os.pathsep)]
+    package = Path(hapscene.__file__).resolve().parent
+    assert places[0] == package.parent and package not in places
 
 
 def test_gives_arrays_and_what_was_printed() -> None:

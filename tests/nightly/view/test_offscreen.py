@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,17 @@ def test_a_process_that_was_started_ahead_draws_the_same_and_once(
         (after,) = draw(replace(drawing, frames=drawing.frames[:1]))
         assert len(started) == 3
     assert np.array_equal(ahead, expected) and np.array_equal(after, expected)
+
+
+def test_files_of_the_working_folder_are_not_imported(
+    drawing: Drawing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "numpy.py").write_text("raise SystemExit('of the working folder')\n")
+    monkeypatch.chdir(tmp_path)
+    try:
+        list(draw(replace(drawing, frames=drawing.frames[:1])))
+    except ViewError as error:
+        assert "of the working folder" not in str(error)
 
 
 def test_a_process_that_was_started_ahead_and_not_used_ends() -> None:
