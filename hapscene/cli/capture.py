@@ -328,7 +328,6 @@ def coverage(
     from hapscene.capture.record.coverage_page import blocks_of, table
 
     ranges = wanted.wanted()
-    ranges = wanted.wanted()
     read = load_recording(recording, **reading.reading())
     rows = {"acceleration": read.acceleration_m_s2, "force": read.force_N, "speed": read.speed_m_s}
     rows["tangential_force"] = read.tangential_force_N

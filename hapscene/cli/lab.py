@@ -12,6 +12,7 @@ from cyclopts.validators import Number
 from hapscene.cli.console import name_made, note, say, table, tell
 from hapscene.cli.inputs import check_scene, find_asset, load_input, tell_size
 from hapscene.cli.options import (
+    Counts,
     Help,
     InFile,
     InFolder,
@@ -91,7 +92,7 @@ def warmup(*, quick: Annotated[bool, Help("Compile only what a first touch needs
 
 
 Rates = Annotated[Numbers, Parameter(validator=Number(gte=100.0, lte=100_000.0), show_default="1000,5000,10000")]
-Delays = Annotated[Numbers, Parameter(validator=Number(gte=0.0, lte=1000.0), show_default="0,1")]
+Delays = Annotated[Counts, Parameter(validator=Number(gte=0, lte=63), show_default="0,1")]
 
 
 @app.command
@@ -99,7 +100,7 @@ def stability(
     *,
     device: Annotated[str, Help("Simulated device")] = "omni",
     rate: Annotated[Rates, Help("Rates of the force channel [Hz]")] = (1000.0, 5000.0, 10_000.0),
-    delay: Annotated[Delays, Help("Delays of the loop [ticks]")] = (0.0, 1.0),
+    delay: Annotated[Delays, Help("Delays of the loop [ticks]")] = (0, 1),
     scene: Annotated[str | None, Help("Scene whose swatches are placed (default: all known swatches)")] = None,
     grip: Annotated[str, Help("Grip of the hand: none, light, medium or firm")] = DEFAULT_GRIP,
     out: OutFolder = Path("out/stability"),
@@ -114,8 +115,7 @@ def stability(
     from hapscene.device.sim.hand import grip_named
     from hapscene.stability.study import stability as run
 
-    grip_row, delays = grip_named(grip), tuple(map(int, delay))
-    how = (device, rate, delays, grip_row, _swatches(scene), say)
+    how = (device, rate, delay, grip_named(grip), _swatches(scene), say)
     name_made(run(out, *how, jobs=workers.jobs, scheduler=workers.scheduler))
 
 
@@ -185,8 +185,8 @@ def compare(
 ) -> None:
     """Print ratios between two tables of figures, with their spread.
 
-    Above 1, the second is slower or less accurate. Ratios of times mean something
-    on the same quiet machine alone; it is printed whether the machine is the same.
+    Above 1, the second is slower or less accurate. Ratios of times are meaningful
+    only on the same quiet machine; the output states whether it is the same.
 
     for example:
       hapscene lab bench compare docs/bench/bench.csv out/bench/bench.csv

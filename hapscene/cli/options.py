@@ -22,6 +22,7 @@ __all__ = [
     "AsJson",
     "Compensator",
     "Count",
+    "Counts",
     "Dark",
     "Device",
     "Grip",
@@ -47,7 +48,6 @@ __all__ = [
     "Table",
     "Vector",
     "WorkerOptions",
-    "comma_separated",
 ]
 
 LOCALHOST: Final = "127.0.0.1"
@@ -91,6 +91,7 @@ Count = Annotated[int, Parameter(validator=Number(gte=0))]
 Port = Annotated[int, Parameter(validator=Number(gte=0, lte=65535))]
 Vector = tuple[float, float, float] | None
 Numbers = Annotated[tuple[float, ...], Parameter(converter=comma_separated(float), n_tokens=1, metavar="NUMBER,…")]
+Counts = Annotated[tuple[int, ...], Parameter(converter=comma_separated(int), n_tokens=1, metavar="COUNT,…")]
 Names = Annotated[tuple[str, ...], Parameter(converter=comma_separated(str), n_tokens=1, metavar="NAME,…")]
 Pairs = Annotated[
     dict[str, str] | None,

@@ -95,6 +95,8 @@ def test_bad_input_is_one_line_and_leaves_nothing(
         (["play", "demo", "--port", "70000"], "--port"),
         (["lab", "stability", "--rate", "1000,,2000"], "--rate"),
         (["lab", "stability", "--rate", "1e12"], "--rate"),
+        (["lab", "stability", "--delay", "0,0.5"], "--delay"),
+        (["lab", "stability", "--delay", "64"], "--delay"),
     ],
 )
 def test_wrong_words_are_one_line_with_the_nearest_and_exit_with_2(
