@@ -164,6 +164,12 @@ def test_without_a_recording_the_plots_say_so() -> None:
     Page(text)
 
 
+def test_friction_of_0_is_told_from_friction_that_was_not_measured() -> None:
+    assert "not measured" not in report(PLAIN) and "the tool glides" in report(PLAIN)
+    unknown = replace(PLAIN, absent={"friction_dynamic": "no tangential force", "friction_static": "no force"})
+    assert '<div class="value">not measured</div>' in report(unknown)
+
+
 def test_what_a_swatch_does_not_have_is_said() -> None:
     text = report(PLAIN)
     assert "What is absent, and why" in text and "sliding is silent" in text and "touch is silent" in text
