@@ -80,7 +80,7 @@ def _off(content: bytes, where: str) -> int:
     lines = content.splitlines()
     if max(map(len, lines)) > LINE_MAX:
         raise MeshError(f"{where}: a line longer than {LINE_MAX:,} characters, which is not read")
-    header = _OFF_HEADER.match(content)
+    header = _OFF_HEADER.match(content.removeprefix(b"\xef\xbb\xbf"))
     if header is None:
         raise MeshError(f"{where}: not a readable OFF file: expected OFF and the counts of vertices and faces")
     vertex_count, face_count = int(header[1]), int(header[2])
@@ -264,10 +264,10 @@ def _unzip(path: Path, content: bytes) -> tuple[str, bytes, FolderResources]:
     if len(found) != 1:
         what = ", ".join(found[:5]) or "none"
         raise MeshError(f"{path}: expected one mesh file in the archive, found {what}; unpack it and load each")
-    folder = Path(tempfile.mkdtemp()).resolve()
     resources = FolderResources(path, UNPACKED_MAX_B)
-    weakref.finalize(resources, shutil.rmtree, folder, ignore_errors=True)
     try:
+        folder = Path(tempfile.mkdtemp()).resolve()
+        weakref.finalize(resources, shutil.rmtree, folder, ignore_errors=True)
         archive.extractall(folder)
         member = Path(archive.extract(found[0], folder))
     except Exception as error:  # damaged, encrypted or packed in an odd way: zipfile raises anything at all
@@ -309,7 +309,7 @@ def _load(path: Path, suffix: str, content: bytes, resolver: Any) -> Any:
 
     try:
         with warnings.catch_warnings():
-            # older numpy only warns of a number that is none, and leaves out what follows
+            # older numpy only warns of an invalid number, and leaves out what follows
             warnings.filterwarnings("error", message="string or file could not be read")
             return trimesh.load_scene(io.BytesIO(content), file_type=suffix, resolver=resolver, process=False)
     except (MeshError, MemoryError):
