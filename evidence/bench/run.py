@@ -35,7 +35,7 @@ from .side_by_side_page import add_peers
 
 __all__ = ["bench", "bench_against", "bench_peers", "measure", "publish", "write_results"]
 
-SHARED: Final = Path(__file__).resolve().parents[2] / "shared"
+SHARED: Final = Path(__file__).resolve().parents[3] / "shared"
 """Reference data beside the checkout, used where it is there."""
 
 MAIN: Final = "sphere 82 k"

@@ -30,7 +30,7 @@ from hapscene.handle.handle_file import handle_to_json, load_handle
 from hapscene.handle.plant import Plant
 from hapscene.io.wire.protocol import Column, Decoder, Header, header_line, sample_line
 from hapscene.motion.path_file import load_path
-from hapscene.paint.web.page_socket import number, parse, pointer_of
+from hapscene.paint.web.socket import number, parse, pointer_of
 from hapscene.parallel import Journal
 from hapscene.render import recording
 from hapscene.scene.mesh import Mesh

@@ -7,9 +7,9 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from tests.test_files import write_next
 
 from hapscene.io import files
+from tests.io.test_files import write_next
 
 WRITER = """
 import os, pathlib, signal, sys, time

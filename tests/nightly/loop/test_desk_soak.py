@@ -23,7 +23,7 @@ DEMO = Path(__file__).resolve().parents[3] / "assets" / "demo.scene.json"
 
 def load_beside(name: str) -> Any:
     """A module of the drivers' tests."""
-    place = Path(__file__).parents[2] / "plugins" / "devices" / f"{name}.py"
+    place = Path(__file__).parents[1] / "plugins" / "devices" / f"{name}.py"
     spec = importlib.util.spec_from_file_location(name, place)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

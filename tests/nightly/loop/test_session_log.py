@@ -14,14 +14,9 @@ from hapscene.errors import HapsceneError
 from hapscene.loop import SessionLog
 from hapscene.loop.session_log import NUMBERS_FILE, STORY_FILE, note_order, replay_log, write_log
 from tests.loop.test_servo import MASS, make_scene
-from tests.until import until
 from tests.virtual_servo import VirtualServo
 
 pytestmark = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes longer than a period")
-
-
-def until_tick(servo: VirtualServo, tick: int) -> None:
-    until(lambda: servo.state().tick >= tick)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from hapscene.study.plan import parse_plan
 from hapscene.study.stimulus import StimulusMaker
@@ -159,14 +158,3 @@ def test_a_trial_of_a_study_is_heard_as_it_is_said_to_16_bits(sink: Any, tmp_pat
         if not any(wrong):
             break
     assert not any(wrong)  # every sample, to the last bit
-
-
-CHART = """
-from hapscene_evidence.chart import audio_latency
-print(audio_latency.error(256, 0)["latency"], audio_latency.error(256, 2)["latency"])
-"""
-
-
-def test_the_latency_that_is_charted_is_about_that_of_a_card(sink) -> None:
-    said_ms, charted_ms = (float(number) for number in sink.python(CHART).split())
-    assert charted_ms == pytest.approx(said_ms, abs=4.0)  # the chart's holds the tick and the filter as well
