@@ -24,7 +24,6 @@ __all__ = [
     "band_rms_m_s2",
     "bands_jnd",
     "force_jnd",
-    "is_felt",
     "vibration_least_m_s2",
 ]
 
@@ -112,16 +111,6 @@ def band_jnd(rms_m_s2: ArrayLike, true_m_s2: ArrayLike, edges_Hz: ArrayLike) -> 
 def bands_jnd(rms_m_s2: ArrayLike, true_m_s2: ArrayLike, edges_Hz: ArrayLike) -> Array:
     """The same over all bands, (…,) [JND]: root mean square."""
     return np.asarray(np.sqrt(np.mean(band_jnd(rms_m_s2, true_m_s2, edges_Hz) ** 2, axis=-1)))
-
-
-def is_felt(rms_m_s2: ArrayLike, edges_Hz: ArrayLike) -> bool:
-    """Whether a vibration with these root mean squares (k,) [m/s²] in bands with edges (k + 1,) [Hz] is felt at all.
-
-    Bands are summed as energies, each in units of its threshold.
-    """
-    edges = np.asarray(edges_Hz, np.float64)
-    ratio = np.asarray(rms_m_s2, np.float64) / vibration_least_m_s2(np.sqrt(edges[1:] * edges[:-1]))
-    return bool(np.sum(ratio**2) >= 1.0)
 
 
 def band_rms_m_s2(acceleration_m_s2: ArrayLike, rate_Hz: float, edges_Hz: ArrayLike, window: str = "hann") -> Array:

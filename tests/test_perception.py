@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfilt
 
 from hapscene import perception
-from hapscene.perception import band_edges_Hz, band_rms_m_s2, bands_jnd, force_jnd, is_felt, vibration_least_m_s2
+from hapscene.perception import band_edges_Hz, band_rms_m_s2, bands_jnd, force_jnd, vibration_least_m_s2
 
 EDGES_HZ = band_edges_Hz()
 
@@ -41,12 +40,3 @@ def test_two_decibels_in_every_band_are_one_jnd_and_what_is_not_felt_is_none() -
     loud = 100.0 * vibration_least_m_s2(np.sqrt(EDGES_HZ[1:] * EDGES_HZ[:-1]))
     assert bands_jnd(loud * 10.0**0.1, loud, EDGES_HZ) == pytest.approx(1.0)
     assert bands_jnd(loud * 1e-3, loud * 5e-3, EDGES_HZ) == 0.0
-    assert is_felt(loud, EDGES_HZ) and not is_felt(loud * 1e-3, EDGES_HZ)
-
-
-def test_what_is_felt_falls_above_the_knee() -> None:
-    rng, levels = np.random.default_rng(2), []
-    for low, high in ((100.0, 200.0), (600.0, 900.0)):
-        noise = sosfilt(butter(4, (low, high), "band", fs=10_000.0, output="sos"), rng.standard_normal(100_000))
-        levels.append(band_rms_m_s2(noise / noise.std() * 0.25, 10_000.0, EDGES_HZ))
-    assert is_felt(levels[0], EDGES_HZ) and not is_felt(levels[1], EDGES_HZ)

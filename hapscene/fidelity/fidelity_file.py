@@ -36,7 +36,7 @@ from hapscene.scene.scene import Scene
 if TYPE_CHECKING:
     from hapscene.scene.scene_file import SidecarFiles
 
-__all__ = ["FidelityError", "check_place", "fidelity_beside", "load_fidelity", "save_fidelity", "saving_words"]
+__all__ = ["FidelityError", "check_place", "fidelity_beside", "load_fidelity", "save_fidelity"]
 
 FORMAT: Final = "hapscene fidelity"
 VERSION: Final = 1
@@ -143,25 +143,6 @@ def load_fidelity(path: str | os.PathLike[str], scene: Scene) -> Fidelity:
         raise
     except FormatError as fault:
         raise FidelityError(str(fault)) from None
-
-
-def saving_words(path: str | os.PathLike[str], scene: Scene) -> str:
-    """What the fidelity file saves in a line, "tuned: 12 k of 82 k faces, …"; what is wrong with it; "" without one."""
-    if not Path(path).exists():
-        return ""
-    try:
-        fidelity = load_fidelity(path, scene)
-    except FormatError as error:
-        return f"not tuned: {error}"
-    told, before = fidelity.level.told, fidelity.made
-    try:
-        faces, ticks = ((told[name], before[f"untuned_{name}"]) for name in ("faces", "tick_median_us"))
-        return (
-            f"tuned: {faces[0] / 1e3:.3g} k of {faces[1] / 1e3:.3g} k faces, {told['error_jnd']:.2g} JND, "
-            f"{ticks[0]:.2g} of {ticks[1]:.2g} µs a tick"
-        )
-    except (KeyError, TypeError, ValueError, OverflowError):  # not as `tune` writes them
-        return "tuned"
 
 
 def _read(path: Path, content: dict[str, Any], scene: Scene) -> Fidelity:

@@ -117,12 +117,6 @@ class StableRegion:
     limit_N_m: tuple[float, ...]
     closed_N_m: tuple[float, ...]
 
-    def limit_at(self, damping_Ns_m: float) -> float:
-        """Between two dampings the lower of their limits."""
-        at = int(np.searchsorted(self.damping_Ns_m, damping_Ns_m))
-        near = self.limit_N_m[max(at - 1, 0) : at + 1]
-        return min(near) if damping_Ns_m not in self.damping_Ns_m else self.limit_N_m[at]
-
 
 @dataclass(frozen=True)
 class Point:

@@ -1,7 +1,6 @@
 """Sound of a swatch: one tap, then a stroke at a given force and speed, as WAV."""
 
 import io
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,7 +14,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S
 from hapscene.view.sound import FADE_S, PEAK_DBFS
 
-__all__ = ["START_S", "Sound", "concatenated", "swatch_sound", "wav_bytes"]
+__all__ = ["START_S", "Sound", "swatch_sound", "wav_bytes"]
 
 STROKE_S: Final = 1.5
 """Length of a stroke unless told otherwise [s]: long enough to tell two textures apart."""
@@ -25,9 +24,6 @@ START_S: Final = 0.25
 
 EASE_S: Final = 0.15
 """How long the stroke takes to reach its speed, and to end [s]."""
-
-PAUSE_S: Final = 0.4
-"""Between two swatches that are compared [s]."""
 
 FULL_SCALE_M_S2: Final = 20.0
 """Acceleration at full scale [m/s²]: a rough texture (2 m/s² rms) sounds at −20 dBFS, the usual level of speech. The
@@ -78,13 +74,6 @@ def swatch_sound(
         length = min(len(tap), len(a))
         a[:length] += tap[:length]
     return Sound(a, rate_Hz)
-
-
-def concatenated(sounds: Sequence[Sound], pause_s: float = PAUSE_S) -> Sound:
-    """Sounds of one rate, one after the other."""
-    rate_Hz = sounds[0].rate_Hz
-    gap = np.zeros(round(pause_s * rate_Hz))
-    return Sound(np.concatenate([part for sound in sounds for part in (gap, sound.a_m_s2)][1:]), rate_Hz)
 
 
 def wav_bytes(sound: Sound) -> bytes:

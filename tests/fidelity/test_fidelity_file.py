@@ -16,7 +16,6 @@ from hapscene.fidelity.fidelity_file import (
     fidelity_beside,
     load_fidelity,
     save_fidelity,
-    saving_words,
 )
 
 from .conftest import scene_of
@@ -74,13 +73,7 @@ def test_the_demo_comes_with_its_own():
     assert first.told["error_jnd"] <= 1.0 and first.told["faces"] < 0.5 * sum(len(b.mesh.faces) for b in scene.bodies)
 
 
-def test_what_it_saves_is_told_in_a_line(file, scene):
-    assert saving_words(file, scene) == "tuned: 2.56 k of 5.12 k faces, 0.4 JND, 2.1 of 4 µs a tick"
-    assert saving_words(file.with_name("none.fidelity.json"), scene) == ""
-    assert "run `hapscene tune`" in saving_words(file, scene_of("torus"))
-    for told, made in (({"faces": 10**400}, {}), ({}, {"untuned_tick_median_us": "4"})):  # by another hand
-        save_fidelity(Fidelity(Level(told=TOLD | told), MADE | made), file, scene)
-        assert saving_words(file, scene) == "tuned"
+def test_its_file_is_beside_the_scene():
     assert fidelity_beside("a/x.scene.json").as_posix() == fidelity_beside("a/x.ply").as_posix() == "a/x.fidelity.json"
 
 

@@ -7,7 +7,7 @@ from hapscene.device.sim.hand import grip_named
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
 from hapscene.stability.rig import Rig
-from hapscene.stability.z_width import REST_M_S, WORK_J, Point, StableRegion, place, say_of, trace, try_wall
+from hapscene.stability.z_width import REST_M_S, WORK_J, Point, place, say_of, trace, try_wall
 from hapscene.surface.swatch import Swatch
 
 LIGHT = grip_named("light")
@@ -59,8 +59,3 @@ def test_the_whole_omni_rests_where_its_limits_put_walls() -> None:
 )
 def test_words(point: Point, said: str) -> None:
     assert say_of(point, 1000.0, 0) == said
-
-
-def test_limit_between_dampings() -> None:
-    region = StableRegion("x", 1000.0, 0, (0.0, 1.0, 2.0), (100.0, 300.0, 200.0), (0.0, 0.0, 0.0))
-    assert [region.limit_at(B) for B in (0.0, 0.5, 1.0, 1.5, 2.0)] == [100.0, 100.0, 300.0, 200.0, 200.0]
