@@ -184,7 +184,7 @@ class BridgeServer:
         """What is sent back.
 
         Raises:
-            PacketError: a payload that is none.
+            PacketError: an invalid payload.
         """
         if packet.kind == HELLO:
             return self._greet(packet, address)

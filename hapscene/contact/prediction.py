@@ -53,7 +53,7 @@ PREDICTED: Final = np.dtype(
     [
         ("count", "i8"),  # of the frame it goes on from
         ("jumps", "i8"),
-        ("refused", "i8"),  # 1 while the last frame had a pose that is none
+        ("refused", "i8"),  # 1 while the last frame had an invalid pose
         ("time_ns", "i8"),  # of that frame
         ("period_s", "f8"),  # from frame to frame, in the mean of the last few
         ("left_s", "f8"),  # until nothing is left of the last difference

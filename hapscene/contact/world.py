@@ -101,7 +101,7 @@ PROXY: Final = np.dtype(
         ("near_room_m", "f8"),  # how far the nearest body that is not listed was from there
         ("near_count", "i8"),  # bodies close enough to be met in this tick, as far as they are asked
         ("crowded", "i8"),  # 1 where there were more
-        ("refused", "i8"),  # 1 where a body was given a pose in this tick that is none
+        ("refused", "i8"),  # 1 where a body was given an invalid pose in this tick
         ("reshaped", "i8"),  # 1 + the first body that is given other shapes, 0 for none
         ("passed_count", "i8"),  # how many of `passed`
         ("aside", "i8"),  # how many planes were dropped in this tick

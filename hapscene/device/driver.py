@@ -244,7 +244,7 @@ class Driver:
         """All options by name: those told, texts read as their types, and the defaults of the others.
 
         Raises:
-            DeviceError: an option that the driver does not have, or a value that is none.
+            DeviceError: an option that the driver does not have, or an invalid value.
         """
         known = {option.name: option for option in self.options}
         for name in told:

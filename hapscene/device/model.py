@@ -210,7 +210,7 @@ def device_named(name: str) -> Device:
     """A device of `DEVICES`.
 
     Raises:
-        HapsceneError: there is none of this name.
+        HapsceneError: no device of this name.
     """
     if name not in DEVICES:
         raise HapsceneError(no_such("device", name, DEVICES))
@@ -221,7 +221,7 @@ def device_of(device: "DeviceLike") -> Device:
     """What is known of a device, given by its name, as one of `DEVICES`, or as a simulated one.
 
     Raises:
-        HapsceneError: there is none of this name, or it is no device.
+        HapsceneError: no device of this name, or not a device.
     """
     if isinstance(device, str):
         return device_named(device)

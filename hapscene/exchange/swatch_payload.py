@@ -97,7 +97,7 @@ def restore(
         text: that text, where the file carries it.
 
     Raises:
-        SceneError: a number that is none.
+        SceneError: not a number.
         SwatchError: the text is no swatch, or of another name.
 
     Warns:

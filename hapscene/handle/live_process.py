@@ -77,7 +77,7 @@ def open_output(name: str, options: Mapping[str, Any]) -> HandleOutput:
     """The handle that the driver `name` plays on, opened with its options, which may be texts.
 
     Raises:
-        DeviceError: no such driver or option, a value that is none, or a device that has no handle.
+        DeviceError: no such driver or option, an invalid value, or a device that has no handle.
         HandleError: nothing there that can be used.
     """
     driver, told = DeviceChoice(name, dict(options)).checked(handle=True)

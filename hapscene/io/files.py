@@ -431,7 +431,7 @@ VALUE_MAX: Final = 2_500_000
 
 
 def parse_json(data: bytes | str, what: str) -> Any:
-    """The value of a JSON text in UTF-8: every key once, no number that is none.
+    """The value of a JSON text in UTF-8: every key once, no NaN and no infinity.
 
     Args:
         data: the text; the caller has bounded its length.

@@ -466,7 +466,7 @@ class Servo:
 
         Args:
             body: its name.
-            X_WB: (4, 4) its pose. One that is none is flagged (`Flag.POSE_REFUSED`), and the last good one kept.
+            X_WB: (4, 4) its pose. An invalid one is flagged (`Flag.POSE_REFUSED`), and the last valid one kept.
             v_W_m_s: (3,) velocity of its centre of mass.
             w_W_rad_s: (3,) how fast it turns.
             seen: how much of the tool's impulse this contains; without it, as much as `impulse` told last.

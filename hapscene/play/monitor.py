@@ -23,7 +23,7 @@ WHY: Final = {
     Flag.ACCELERATION_LIMITED: "acceleration at the handle's limit",
     Flag.ENERGY_DAMPED: "a wall was damped, so as not to buzz",
     Flag.CROWDED: "more bodies here than a tick asks",
-    Flag.POSE_REFUSED: "a body was given a pose that is none",
+    Flag.POSE_REFUSED: "a body was given an invalid pose",
     Flag.OUT_OF_WORKSPACE: "no force: the tool is out of the device's workspace",
     Flag.TOO_FAST: "no force: the tool moved faster than a hand",
     Flag.FORCE_NOT_FINITE: "no force: it was no number",

@@ -281,7 +281,7 @@ class Part:
 
 
 def check_reading(up: str | None, scale: float) -> None:
-    """Refuse, before a file is read, an axis that is none, or a scale that leaves nothing.
+    """Refuse, before a file is read, an unknown axis, or a scale that is not above 0.
 
     Raises:
         MeshError: with what would have worked.

@@ -183,7 +183,7 @@ class Scene:
                 None: 0.1 mm, or the body's diagonal / 4096 where that is more.
 
         Raises:
-            SceneError: no such body, an index that is no face, a width that is none, or a soft border of whole faces.
+            SceneError: no such body, a face index out of range, an invalid width, or a soft border of whole faces.
             MeshError: no such group.
             SwatchError: the swatch is unknown or broken.
         """

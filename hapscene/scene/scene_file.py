@@ -294,7 +294,7 @@ def decode_fine(told: Any, face_count: int, swatches: list[int], leaf_max: int) 
         raise ValueError("has leaves that cut one piece in two ways")
     a, b, weight = parts(paint)
     if paint.min() < 0 or max(a.max(), b.max()) >= len(swatches) or (blend(a, b, weight) != paint).any():
-        raise ValueError(f"has paint that is none; there are {len(swatches)} swatches, counted from 0")
+        raise ValueError(f"swatch index out of range: there are {len(swatches)} swatches, counted from 0")
     index = np.array(swatches)
     return replace(fine, paint=blend(index[a], index[b], weight))
 

@@ -168,7 +168,7 @@ def scaled(swatch: SwatchLike, factors: Mapping[str, float]) -> Swatch:
     """A swatch with stiffness, friction or the gain of its texture times a factor, and a name that says so.
 
     Raises:
-        SceneError: another number, or a factor that is none.
+        SceneError: another number, or an invalid factor.
         SwatchError: the swatch is unknown or broken.
     """
     from hapscene.swatches.library import load_swatch

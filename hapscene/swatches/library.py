@@ -234,7 +234,7 @@ def edit(
     """Renames, tags or moves a swatch of the library; what is None stays. Its entry as it is now.
 
     Raises:
-        SwatchError: no such swatch, a name that is taken, a tag or a folder that is none; it cannot be written.
+        SwatchError: no such swatch, a name that is taken, an invalid tag or folder name; it cannot be written.
     """
     old = _found(name, folder)
     if old is None:
@@ -498,7 +498,7 @@ def read_index(url: str) -> tuple[str, list[LibraryEntry]]:
         SwatchError: no http or https address, no answer, or no valid index.
     """
     if urlsplit(url).scheme not in ("http", "https") or not urlsplit(url).netloc:
-        raise SwatchError(f"{url!r} is no address: expected http://… or https://…")
+        raise SwatchError(f"{url!r} is not an address: expected http://… or https://…")
     url = url.removesuffix("index.html")  # of a published site, as it stands in a browser
     address = url if url.endswith(".json") else urljoin(url.rstrip("/") + "/", INDEX)
     data = bytearray()
@@ -670,7 +670,7 @@ def _redirected(place: str, target: str) -> str:
     try:
         found = urljoin(place, target)
     except ValueError:
-        raise SwatchError(f"{place}: is redirected to {printable(target, REASON_SHOWN)}, which is no address") from None
+        raise SwatchError(f"{place}: is redirected to {printable(target, REASON_SHOWN)}: not an address") from None
     schemes = ("https",) if urlsplit(place).scheme == "https" else ("http", "https")
     if urlsplit(found).scheme not in schemes:
         raise SwatchError(f"{place}: is redirected to {printable(found, REASON_SHOWN)}, not to {' or '.join(schemes)}")

@@ -66,7 +66,7 @@ def grip_named(name: str) -> Grip:
     """A grip of `GRIPS`.
 
     Raises:
-        HapsceneError: there is none of this name.
+        HapsceneError: no grip of this name.
     """
     if name not in GRIPS:
         raise HapsceneError(no_such("grip", name, GRIPS))

@@ -69,7 +69,7 @@ class Composing:
         """Index of a body.
 
         Raises:
-            SceneError: there is none of that name.
+            SceneError: no such name.
         """
         scene = self._painting.scene
         return scene.bodies.index(scene.body(body))
