@@ -86,7 +86,8 @@ class Worker:
             threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
             pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
             worker = [sys.executable, str(Path(__file__).with_name("worker.py"))]
-            threads["TMPDIR"] = str(Path(self._place.name, "temporary"))
+            threads["TMPDIR"] = str(place := Path(self._place.name, "temporary"))
+            place.mkdir(exist_ok=True)  # before an import asks for it, or that takes another
             environment = {**os.environ, **threads, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
             self._process = subprocess.Popen(worker, cwd=self._place.name, env=environment, text=True, **pipes)
         process = self._process
