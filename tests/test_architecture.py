@@ -162,3 +162,22 @@ def test_what_a_module_imports_can_be_read() -> None:
         for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
             assert not (isinstance(node, ast.ImportFrom) and node.level), source
             assert not (isinstance(node, ast.Import) and any(alias.name == "hapscene" for alias in node.names)), source
+
+
+FOLDERS = {"hapscene": "hapscene", "hapscene_plugins": "plugins", "hapscene_evidence": "evidence", "tests": "tests"}
+"""Our packages, and the folders that they are in."""
+
+
+def test_what_tests_and_evidence_import_exists() -> None:
+    """Also where the gate does not run it, as in tests/nightly."""
+    sources = [path for folder in ("tests", "evidence", "examples", "docs") for path in (ROOT / folder).rglob("*.py")]
+    missing = []
+    for source in sources:
+        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                package, _, rest = node.module.partition(".")
+                if package in FOLDERS:
+                    place = ROOT / FOLDERS[package] / rest.replace(".", "/")
+                    if not (place.is_dir() or place.with_suffix(".py").is_file()):
+                        missing.append(f"{source.relative_to(ROOT)}: {node.module}")
+    assert missing == []
