@@ -84,7 +84,7 @@ def main() -> None:
 
 
 def _hapscene(*words: Any) -> None:
-    subprocess.run([sys.executable, "-m", "hapscene.cli", *map(str, words)], cwd=ROOT, check=True)
+    subprocess.run([sys.executable, "-m", "hapscene", *map(str, words)], cwd=ROOT, check=True)
 
 
 def _pebble(folder: Path) -> Path:

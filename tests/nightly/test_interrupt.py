@@ -131,6 +131,7 @@ TEXT
 """
 
 
+@pytest.mark.timeout(300, method="thread")  # SIGALRM is what is tested
 @pytest.mark.parametrize(
     "text", ["while True: pass", "raise ImportError('half of it is missing')", "exec('raise error')"]
 )

@@ -25,7 +25,7 @@ def test_the_command_fails_where_this_checkout_is_slower(monkeypatch: pytest.Mon
     for ratio, code in ((1.0, 0), (1.1, 1)):
         found = [against.Compared("whole tick", ratio, 1.0, [ratio])]
         monkeypatch.setattr("hapscene_evidence.bench.run.compare_checkouts", lambda *_, found=found: found)
-        assert main(["bench", "--against", str(tmp_path)]) == code
+        assert main(["lab", "bench", "--against", str(tmp_path)]) == code
 
 
 def test_a_folder_that_is_no_checkout_is_refused(tmp_path: Path) -> None:

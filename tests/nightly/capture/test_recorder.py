@@ -129,7 +129,7 @@ def test_a_killed_recording_is_readable_up_to_its_last_second(probe: Probe, tmp_
     """A real process, killed with SIGKILL while it records: what the clock says it had, less a second, is there."""
     path = tmp_path / "a.hsrec"
     stop = threading.Event()
-    words = ("-m", "hapscene.cli", "capture", "record", "--port", probe.port, "-o", str(path))
+    words = ("-m", "hapscene", "capture", "record", "--port", probe.port, "-o", str(path))
     with process(*words, stdout=subprocess.PIPE) as child:
         probe.play(paced(stop), at_once=True)
         assert child.stdout is not None
@@ -152,7 +152,7 @@ def test_a_killed_recording_is_readable_up_to_its_last_second(probe: Probe, tmp_
 def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path, kind: signal.Signals) -> None:
     path = tmp_path / "a.hsrec"
     stop = threading.Event()
-    words = ("-m", "hapscene.cli", "capture", "record", "--port", probe.port, "-o", str(path))
+    words = ("-m", "hapscene", "capture", "record", "--port", probe.port, "-o", str(path))
     with process(*words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
         probe.play(paced(stop), at_once=True)
         assert child.stdout is not None and child.stderr is not None

@@ -140,7 +140,7 @@ pairs = [["alive", "paper"]]
 def test_a_trial_of_a_study_is_heard_as_it_is_said_to_16_bits(sink: Any, tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
     intervals = next(trials(parse_plan(PLAN), "P01", 0)).intervals
-    assert {interval.stimulus["name"] for interval in intervals} == {"alive", "paper"}
+    assert {interval.stimulus.name for interval in intervals} == {"alive", "paper"}
     for buffer_s in ("0.1", "0.2", "0.4"):  # a busy computer may leave a gap that nobody tells of
         with sink.recording(tmp_path / "heard"):
             full_scale_m_s2, underruns = sink.python(TRIAL, str(tmp_path / "plan.toml"), buffer_s).split()
