@@ -3,7 +3,6 @@
 mkdocs.yml names this file as its hook; `make docs` builds the site.
 """
 
-import pkgutil
 import re
 from importlib import import_module
 from pathlib import Path
@@ -38,9 +37,10 @@ class SharedLine(Extension):
 
 
 def public_rooms() -> list[ModuleType]:
-    """hapscene, and every room in it that says what is public: that has an `__all__`."""
-    names = sorted(found.name for found in pkgutil.iter_modules(hapscene.__path__, "hapscene."))
-    return [hapscene, *(room for room in map(import_module, names) if getattr(room, "__all__", None))]
+    """hapscene, the modules that its stub names and that have an `__all__`, and the errors."""
+    found = [getattr(hapscene, name) for name in sorted(hapscene.__all__)]
+    rooms = [value for value in found if isinstance(value, ModuleType) and getattr(value, "__all__", None)]
+    return [hapscene, *rooms, import_module("hapscene.errors")]
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

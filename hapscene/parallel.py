@@ -14,6 +14,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -192,12 +193,13 @@ def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Any]
 def begin_process() -> None:
     """Prepare a worker process: Ctrl-C is left to the parent process, and without that it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is None:
+    if (parent := multiprocessing.parent_process()) is None:
         return
 
     def follow() -> None:
-        parent.join()
+        alive = parent.is_alive if os.name == "nt" else lambda: os.getppid() == parent.pid  # joblib: no sentinel
+        while alive():
+            time.sleep(1.0)
         os._exit(1)
 
     threading.Thread(target=follow, daemon=True).start()

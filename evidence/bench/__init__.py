@@ -10,8 +10,8 @@
 | `order`, `synthesis`, `surface_fit` | textures of many orders; synthesis without a tick; fits |
 | `twin_time`, `handle` | the closed loop of hand, device and handle; the handle's compensators, error against time |
 | `teleoperation` | what a hand feels through leader and follower: for `hapscene lab reproduce` |
-| `against`, `against_worker` | another checkout in turn: `bench --against`; one of its processes |
-| `side_by_side`, `side_by_side_page` | other renderers in turn: `bench --peers` |
+| `against`, `against_worker` | another checkout in turn: `hapscene lab bench --against`; one of its processes |
+| `side_by_side`, `side_by_side_page` | other renderers in turn: `python -m hapscene_evidence.bench.run BUILD docs` |
 | `path_driver` | hapscene as one of them |
 | `comparison` | ratios of two tables: `hapscene lab bench compare` |
 | `sheet`, `machine` | the figures, the machine |

@@ -3,7 +3,6 @@
 ```python
 import numpy as np
 import hapscene
-
 force_N, speed_m_s = np.full(20_000, 1.0), np.full(20_000, 0.1)  # two seconds at 10 kHz
 wood = hapscene.load_swatch("wood")
 acceleration_m_s2 = hapscene.capture.synthesize(wood, force_N, speed_m_s, rate_Hz=10_000.0)  # or recorded

@@ -158,7 +158,6 @@ def identify(
       hapscene device identify --port /dev/ttyACM0 --grips 5 --out out/mine
       hapscene device identify --from a.csv b.csv --rate 10000 -o my.handle \\
           --units acceleration=m/s2,force=N
-      python -m hapscene.handle.port_simulator     # a simulated handle for --port
     """
     if [simulated, port is not None, bool(files)].count(True) != 1:
         raise HandleError("name one source: --simulated, --port PORT, or --from FILE …")

@@ -55,7 +55,7 @@ class HelpFormatter:
             if len(label) > width:
                 print(f"  {label}")
                 first = indent
-            print(textwrap.fill(text, _width(), initial_indent=first, subsequent_indent=indent))
+            print(textwrap.fill(text, _width(), initial_indent=first, subsequent_indent=indent) or first.rstrip())
         print()
 
     def _row(self, entry: "HelpEntry") -> tuple[str, str]:
@@ -68,10 +68,10 @@ class HelpFormatter:
 def _description(entry: "HelpEntry") -> str:
     """What an option is, its choices, and its default."""
     text = " ".join(_plain(entry.description).split()).removesuffix(".")
-    if entry.choices:
+    if entry.choices and len(entry.choices) > 1:
         text += f"; one of {', '.join(entry.choices)}"
     if entry.default not in HIDDEN_DEFAULTS:
-        text += f" (default: {str(entry.default).removesuffix('.0')})"
+        text += f" (default: {re.sub(r'[()]|,(?= )|[.]0(?=[,)]|$)', '', str(entry.default))})"
     return text
 
 

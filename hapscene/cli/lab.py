@@ -36,9 +36,11 @@ if TYPE_CHECKING:
 __all__ = ["app", "tune"]
 
 WORDS = ("plugins", "effects", "stability", "study", "teleoperate", "bench", "chart", "reproduce", "warmup")
+STUDY: Final = "Ask people what they can tell apart: a plan, a page to answer on, a report."
+TELEOPERATE: Final = "Teleoperation over UDP: a follower touches a surface, a leader feels it."
 app = App(name="lab", synonym=WORDS, help="Effects, stability, benchmarks, charts, studies, teleoperation.")
-app.command("hapscene.cli.sessions:study", name="study")
-app.command("hapscene.cli.sessions:teleoperate", name="teleoperate")
+app.command("hapscene.cli.sessions:study", name="study", help=STUDY)
+app.command("hapscene.cli.sessions:teleoperate", name="teleoperate", help=TELEOPERATE)
 
 Docs = Annotated[Path | None, Parameter(metavar="FOLDER", help="Write the page of the documents here, too.")]
 

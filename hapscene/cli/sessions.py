@@ -40,8 +40,7 @@ if TYPE_CHECKING:
 
 __all__ = ["study", "teleoperate"]
 
-study = App(name="study", help="Ask people what they can tell apart: a plan, a page to answer on, a report.")
-teleoperate = App(name="teleoperate", help="Teleoperation over UDP: a follower touches a surface, a leader feels it.")
+study, teleoperate = App(name="study"), App(name="teleoperate")  # their help is in hapscene/cli/lab.py
 
 NAP_S: Final = 0.2
 

@@ -1,13 +1,13 @@
 """The painter: paint swatches onto a scene, in a program (`model`) or in the browser (`web`).
 
-    session = Session(scene, Path("cup.scene.json"))
-    session.add_swatch("wood")
-    session.begin_stroke("wood", radius_m=0.004)
-    session.drag_to(origin_W_m, direction_W)     # as often as the pointer moves
-    session.end_stroke()
-    session.tune("wood", stiffness_N_m=350.0)
-    session.undo()
-    session.save()
+```python
+import hapscene
+session = hapscene.paint.Session(hapscene.load_scene(hapscene.assets.path("demo")))
+session.begin_stroke("wood", radius_m=0.004)
+session.drag_to(origin_W_m=(0.0, 0.0, 0.1), direction_W=(0.0, 0.0, -1.0))  # as often as the pointer moves
+session.end_stroke()
+session.save("cup.scene.json")
+```
 
 `model.session` is the start; only the modules of `web` import viser.
 """

@@ -3,7 +3,6 @@
 ```python
 import tempfile
 import hapscene
-
 plan = hapscene.study.parse_plan('''
 title = "Is the amplitude modulation noticed?"
 people = 4
@@ -20,7 +19,7 @@ question = "Which of the two is livelier?"
 repeats = 10
 ''')
 with tempfile.TemporaryDirectory() as folder, hapscene.study.Sitting(plan, folder, "P01") as sitting:
-    print(sitting.trial.question, [interval.stimulus["name"] for interval in sitting.trial.intervals])
+    print(sitting.trial.block.question, [interval.stimulus.name for interval in sitting.trial.intervals])
     sitting.answer(0, latency_s=1.2)
 ```
 """

@@ -1,4 +1,4 @@
-"""`hapscene study`, as a user meets it: asked over the page, ended by Ctrl-C, gone on with."""
+"""`hapscene lab study`, as a user meets it: asked over the page, ended by Ctrl-C, gone on with."""
 
 from pathlib import Path
 

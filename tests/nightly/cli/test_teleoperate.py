@@ -1,4 +1,4 @@
-"""`hapscene teleoperate`, as typed."""
+"""`hapscene lab teleoperate`, as typed."""
 
 import json
 import signal
