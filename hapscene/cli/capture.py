@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
-app = App(name="capture", help="Haptography: record a surface, fit a swatch to it, judge the fit.")
+app = App(name="capture", synonym="fit", help="Haptography: record a surface, fit a swatch to it, judge the fit.")
 
 
 # Fits.
