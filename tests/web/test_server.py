@@ -7,6 +7,7 @@ import urllib.request
 from collections.abc import Iterator
 from importlib import resources
 from queue import Queue
+from threading import Event
 from typing import Any
 
 import pytest
@@ -146,10 +147,12 @@ def test_a_page_that_does_not_read_is_disconnected(opened: Opened) -> None:
 
 
 def test_what_was_sent_before_the_end_arrives() -> None:
-    server = WebServer(resources.files("hapscene.play"), "page", take=lambda page, message: None)
+    joined = Event()
+    files = resources.files("hapscene.play")
+    server = WebServer(files, "page", take=lambda page, message: None, joined=lambda page: joined.set())
     server.open()
     with connect(server) as tab:
-        tab.ping().wait(PATIENCE_S)
+        assert joined.wait(PATIENCE_S)  # a ping is answered before the page is registered
         for number in range(10):
             server.send(number)
         server.close()
