@@ -29,7 +29,7 @@ JOINED_MAX: Final = 8
 """Points of a method up to which they are joined, in the order of its settings [count]: more are no one line."""
 
 FLOOR: Final = 1 / 3
-"""Where an error of zero is drawn on a logarithmic axis, in the least error that is none [1]."""
+"""Where an error of zero is drawn on a logarithmic axis, relative to the smallest error above zero [1]."""
 
 
 def write_picture(question: Question, points: Sequence[Point], path: Path) -> list[Path]:
@@ -53,7 +53,7 @@ def write_picture(question: Question, points: Sequence[Point], path: Path) -> li
 
 
 def panels_of(question: Question, points: Sequence[Point]) -> list[Measure]:
-    """The measures that were told of some point."""
+    """The measures that some point has."""
     return [m for m in question.measures if any(_is_number(p.errors.get(m.key)) for p in points)]
 
 

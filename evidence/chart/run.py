@@ -46,7 +46,7 @@ def question(name: str) -> Question:
     """The question of that name.
 
     Raises:
-        HapsceneError: there is none.
+        HapsceneError: no such question.
     """
     if name not in QUESTIONS:
         raise HapsceneError(no_such("question", name, QUESTIONS))

@@ -10,13 +10,12 @@ from typing import Any, Final
 from hapscene import assets
 from hapscene.paint.model.session import Session
 from hapscene.scene.scene import Scene
-from hapscene.scene.scene_bundle import unpacked_beside
+from hapscene.scene.scene_bundle import ZIP_SUFFIX, unpacked_beside
+from hapscene.scene.scene_file import SUFFIX
 from hapscene.touch import open_scene, step
 
 __all__ = ["earlier_scenes", "open_session"]
 
-SUFFIX: Final = ".scene.json"
-ZIP_SUFFIX: Final = ".scene.zip"
 UNITLESS: Final = (".stl", ".obj", ".ply", ".off")
 
 DEMO: Final = Path("hapscene-demo")
