@@ -202,6 +202,7 @@ class Driver:
         button_count: how many buttons it has.
         rate_Hz: of its own loop, at most; 0 for as fast as it is asked.
         needs: what must be there: a library, a port, a permission.
+        imports: modules that `open` and `release` import when they are called. The watchdog imports them at its start.
         options: what a user may tell.
         watchdog_s: after how long without a word the device itself lets go; infinite for never: then the servo's guard
             opens it and writes zero.
@@ -226,6 +227,7 @@ class Driver:
     button_count: int = 0
     rate_Hz: float = 0.0
     needs: str = ""
+    imports: tuple[str, ...] = ()
     options: tuple[Option, ...] = ()
     watchdog_s: float = math.inf
     release: Callable[..., None] | None = None

@@ -92,8 +92,10 @@ SAFETY: Final = np.dtype(
         ("pulse_s", "f8"),
         # by the servo, before each tick
         ("pulse_now", "i8"),
+        ("elapsed_s", "f8"),  # time since the tick before, by the clock; 0 where no clock runs: one period
+        ("stopped", "i8"),  # 1: the application asks for no force
         ("stalled", "i8"),  # the loop stood still before this tick
-        ("late", "i8"),  # this tick makes up for one that was late: others had no time, either
+        ("late", "i8"),  # this tick began more than one period after it was due
     ],
     align=True,
 )
@@ -159,7 +161,8 @@ def protect(s: np.record, p_DT: Vector, ready: int, count: int, f: Any, tick_s: 
 
     `p_DT` is the tool in the device's frame, `ready` and `count` are as in `DEVICE_STATE`.
     """
-    causes = _trips(s, p_DT, ready, count, tick_s)
+    elapsed_s = s.elapsed_s if s.elapsed_s > 0.0 else tick_s
+    causes = _trips(s, p_DT, ready, count, tick_s, elapsed_s)
     if not (math.isfinite(f[0]) and math.isfinite(f[1]) and math.isfinite(f[2])):
         wanted = (0.0, 0.0, 0.0)
         causes |= _NAN
@@ -169,7 +172,7 @@ def protect(s: np.record, p_DT: Vector, ready: int, count: int, f: Any, tick_s: 
         wanted = (f[0], f[1], f[2])
     force, flags = _limited(s, wanted, tick_s)
     if causes != 0:
-        left = s.gain - tick_s / FALL_S
+        left = s.gain - max(tick_s, elapsed_s) / FALL_S
         s.gain, s.rested_s, s.rise_s = left if left > TINY else 0.0, 0.0, s.ramp_s
     else:
         s.rested_s += tick_s
@@ -185,8 +188,12 @@ def protect(s: np.record, p_DT: Vector, ready: int, count: int, f: Any, tick_s: 
 
 
 @native
-def _trips(s: np.record, p: Vector, ready: int, count: int, tick_s: float) -> int:
-    """The causes to give no force."""
+def _trips(s: np.record, p: Vector, ready: int, count: int, tick_s: float, elapsed_s: float) -> int:
+    """The causes to give no force.
+
+    Silence of the device and of the application is measured by the clock: ticks that miss their deadline, as all do
+    while a driver waits for a device that does not answer, count with their true duration.
+    """
     causes = 0
     if not (math.isfinite(p[0]) and math.isfinite(p[1]) and math.isfinite(p[2])):
         return _NOT_READY
@@ -202,16 +209,16 @@ def _trips(s: np.record, p: Vector, ready: int, count: int, tick_s: float) -> in
         causes |= _FAST
     if count != s.count or s.begun == 0:
         s.count_s = 0.0
-    elif s.late == 0:
-        s.count_s += tick_s
+    else:
+        s.count_s += elapsed_s
     if s.pulse_now != s.pulse or s.begun == 0:
         s.pulse_s = 0.0
-    elif s.late == 0:
-        s.pulse_s += tick_s
+    else:
+        s.pulse_s += elapsed_s
     s.count, s.pulse = count, s.pulse_now
     if ready == 0 or s.count_s > s.state_age_s:
         causes |= _NOT_READY
-    if s.pulse_s > PULSE_AGE_S:
+    if s.pulse_s > PULSE_AGE_S or s.stopped == 1:
         causes |= _SILENT
     if s.stalled == 1:
         causes |= _STALLED

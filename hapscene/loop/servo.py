@@ -410,6 +410,7 @@ class Servo:
             raise PathError(f"{self._tools} tools start at as many places; these are {len(places)}")
         held = grip_named(grip) if isinstance(grip, str) else grip
         self._order("start", [tuple(p) for p in places.tolist()], held.row())
+        self._channel.channel.stop_force = 0
         self._told[:] = 0.0
 
     def rest(self) -> None:
@@ -418,6 +419,15 @@ class Servo:
 
     pause = rest
 
+    def stop_force(self) -> None:
+        """Remove the force of all tools within 6 ms, while ticks continue; the next `start` or `resume` brings it back.
+
+        It only writes a number to shared memory: it may be called from a signal handler. It does nothing where no
+        process runs.
+        """
+        if self._opened is not None:
+            self._opened.channel.stop_force = 1
+
     def resume(self) -> None:
         """Go on after `pause` from where it stopped, contact kept.
 
@@ -425,6 +435,7 @@ class Servo:
             HapsceneError: it never started.
         """
         self._order("resume")
+        self._channel.channel.stop_force = 0
 
     def aim(
         self, p_WT: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0), *, tool: int = 0

@@ -98,7 +98,7 @@ def open_port(port: str | None, alone: bool = False) -> Any:
         port = found[0].options["port"]
     try:
         exclusive = True if alone and os.name == "posix" else None
-        return serial.Serial(port, BAUD, timeout=0.0015, write_timeout=0.05, exclusive=exclusive)
+        return serial.Serial(port, BAUD, timeout=0.0, write_timeout=0.05, exclusive=exclusive)
     except (OSError, ValueError) as error:
         if getattr(error, "errno", None) == errno.EAGAIN:  # that of a lock which another has
             raise DeviceError(f"haply2diy: {port}: another program has it: close that") from None
@@ -234,6 +234,7 @@ DRIVER = Driver(
     high_D_m=(0.08, 0.07, 0.001),
     rate_Hz=1000.0,
     needs="a serial port, and the permission to open it",
+    imports=("serial", "serial.tools.list_ports"),
     options=(
         Option("port", None, "the serial port: /dev/ttyACM0, COM3; where one alone is there, that"),
         Option("hardware", "v3", "which version it is", tuple(HARDWARE)),

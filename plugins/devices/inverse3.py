@@ -28,6 +28,9 @@ FORCE_N: Final = 2.0
 PENDING_MAX: Final = 4
 """Most messages that wait for their state [count]: a service that is late is not given more to do."""
 
+WAIT_S: Final = 0.0003
+"""Time that a tick waits for the answer to its last message [s]."""
+
 IGNORED_COUNT: Final = 50
 """States in which a force was sent and none is there, until that is told [count]."""
 
@@ -117,7 +120,7 @@ class Inverse3Connection(Connection):
         self._pending += 1
 
     def read(self) -> None:
-        wait_s = 0.001
+        wait_s = WAIT_S
         while self._pending > 0:
             message = self._receive(wait_s)
             if message is None:
@@ -226,6 +229,7 @@ DRIVER = Driver(
     button_count=3,
     rate_Hz=1000.0,
     needs="Haply's Inverse service, running; websockets (pip install 'hapscene[serve]')",
+    imports=("websockets.sync.client", "websockets.exceptions"),
     options=(
         Option("uri", URI, "where the service listens"),
         Option("field", "vector", "how it spells a force: values before 3.5, vector since", ("vector", "values")),

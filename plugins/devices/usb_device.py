@@ -13,6 +13,9 @@ from hapscene.errors import DeviceError
 BACKEND: Final = Option("backend", None, "pyusb's backend: libusb1, libusb0, openusb, or a module with get_backend()")
 """The option of every driver that speaks USB."""
 
+USB_MODULES: Final = ("usb.core", "usb.util", "usb.backend.libusb1")
+"""Modules that a driver of a USB device imports when it is opened (`Driver.imports`)."""
+
 _EXTRA: Final = "pip install 'hapscene[usb]'"
 _LIBUSB: Final = "install libusb (Debian: apt install libusb-1.0-0; macOS: brew install libusb)"
 

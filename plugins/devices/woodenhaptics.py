@@ -17,7 +17,7 @@ from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.silence import Silence
-from hapscene_plugins.devices.usb_device import BACKEND, UsbDevice, find_usb
+from hapscene_plugins.devices.usb_device import BACKEND, USB_MODULES, UsbDevice, find_usb
 
 VENDOR, PRODUCT = 0x1234, 0x0006
 """What mbed's USBHID calls itself unless it is told another name."""
@@ -167,6 +167,7 @@ DRIVER = Driver(
     high_D_m=(0.1, 0.1, 0.1),
     rate_Hz=500.0,
     needs="pyusb (pip install 'hapscene[usb]'), libusb, permission",
+    imports=USB_MODULES,
     options=(
         Option("homed", False, "yes where it stood at its zero as it was plugged in; without, no force is given"),
         Option("signs", "+--", "which way each motor turns for a positive current: the other way for -"),

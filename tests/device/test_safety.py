@@ -169,10 +169,26 @@ def test_an_application_without_pulse_ends_the_force_within_20_ms() -> None:
     assert sent[-1].tolist() == [0.0, 0.0, 0.0] and Flag.APPLICATION_SILENT in flags
 
 
-def test_ticks_that_make_up_for_lateness_accuse_nobody() -> None:
+def test_ticks_that_catch_up_count_with_the_time_that_they_took() -> None:
     bench = Bench().settled()
-    bench.safety.late = 1
-    assert bench.run(0.03, alive=False)[1] == Flag(0)
+    bench.safety.late, bench.safety.elapsed_s = 1, 5e-6
+    assert bench.run(0.03, alive=False, fresh=False)[1] == Flag(0)
+
+
+@pytest.mark.parametrize("silent", [{"fresh": False}, {"alive": False}])
+def test_silence_is_measured_by_the_clock_where_every_tick_misses_its_deadline(silent: dict[str, bool]) -> None:
+    bench = Bench().settled()
+    bench.safety.late, bench.safety.elapsed_s = 1, 0.0025
+    sent, flags = bench.run(0.008, **silent)  # eight ticks, which take 20 ms
+    assert sent[-1].tolist() == [0.0, 0.0, 0.0] and flags & (Flag.DEVICE_NOT_READY | Flag.APPLICATION_SILENT)
+
+
+def test_an_application_that_asks_for_no_force_gets_none_within_6_ms() -> None:
+    bench = Bench().settled()
+    bench.safety.stopped = 1
+    assert bench.run(0.006)[0][-1].tolist() == [0.0, 0.0, 0.0]
+    bench.safety.stopped = 0
+    assert bench.run(CALM_S + RAMP_S)[0][-1, 2] == pytest.approx(1.0)
 
 
 def test_a_device_that_says_nothing_new_is_not_ready() -> None:

@@ -63,7 +63,7 @@ def test_a_servo_that_stands_still_is_noticed(waiting: int, patience_s: float) -
 
 
 def test_one_that_was_stopped_by_a_signal_is_noticed_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watchdog, "_is_stopped", lambda pid: True)
+    monkeypatch.setattr(watchdog, "_state_of", lambda pid: "stopped")
     closed, after_s = watch(stands_after(1.0))
     assert not closed and STILL_S < after_s - 1.0 <= STILL_S + 2.5 * LOOK_S
 
