@@ -150,7 +150,7 @@ def test_after_an_order_the_force_comes_back_without_a_knock_wherever_the_tool_i
 
 def test_a_late_tick_finds_the_tool_farther_on_and_no_new_state() -> None:
     bench = Bench().settled()
-    bench.safety.late = 1
+    bench.safety.late, bench.safety.elapsed_s = 1, 5e-6
     assert bench.tick(p_m=(0.015, 0.0, 0.0))[1] == Flag(0)
     assert bench.run(0.019, p_m=(0.015, 0.0, 0.0), fresh=False)[1] == Flag(0)
     assert Flag.TOO_FAST in bench.tick(p_m=(0.06, 0.0, 0.0))[1]

@@ -92,11 +92,8 @@ class Play:
 
     def _children(self) -> list[int]:
         """The processes that multiprocessing started, the oldest first: the servo, its watchdog."""
-        found = []
-        for pid in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split():
-            if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes():
-                found.append(int(pid))
-        return sorted(found)
+        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        return sorted(int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes())
 
     def torques(self) -> list[list[float]]:
         """Time [ns] and torques [N·m] of all commands."""
