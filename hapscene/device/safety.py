@@ -161,7 +161,7 @@ def protect(s: np.record, p_DT: Vector, ready: int, count: int, f: Any, tick_s: 
 
     `p_DT` is the tool in the device's frame, `ready` and `count` are as in `DEVICE_STATE`.
     """
-    elapsed_s = s.elapsed_s if s.elapsed_s > 0.0 else tick_s
+    elapsed_s: float = s.elapsed_s if s.elapsed_s > 0.0 else tick_s
     causes = _trips(s, p_DT, ready, count, tick_s, elapsed_s)
     if not (math.isfinite(f[0]) and math.isfinite(f[1]) and math.isfinite(f[2])):
         wanted = (0.0, 0.0, 0.0)
@@ -207,14 +207,8 @@ def _trips(s: np.record, p: Vector, ready: int, count: int, tick_s: float, elaps
     since_s = s.count_s + (tick_s if s.late == 0 else STALL_S)
     if s.begun == 1 and way > (s.speed_m_s * since_s) ** 2:
         causes |= _FAST
-    if count != s.count or s.begun == 0:
-        s.count_s = 0.0
-    else:
-        s.count_s += elapsed_s
-    if s.pulse_now != s.pulse or s.begun == 0:
-        s.pulse_s = 0.0
-    else:
-        s.pulse_s += elapsed_s
+    s.count_s = 0.0 if count != s.count or s.begun == 0 else s.count_s + elapsed_s
+    s.pulse_s = 0.0 if s.pulse_now != s.pulse or s.begun == 0 else s.pulse_s + elapsed_s
     s.count, s.pulse = count, s.pulse_now
     if ready == 0 or s.count_s > s.state_age_s:
         causes |= _NOT_READY

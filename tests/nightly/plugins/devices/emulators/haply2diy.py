@@ -1,7 +1,7 @@
 """A 2DIY's board on a pseudo-terminal: it answers each message at once, and holds the last torques.
 
-Run: haply2diy.py LOG. `fault` has it answer wrongly from then on: 1 not at all, 2 with truncated answers, 3 with NaN, 4 with random bytes,
-5 with a position that jumps by centimetres.
+Run: haply2diy.py LOG. `fault` has it answer wrongly from then on: 1 not at all, 2 with truncated answers, 3 with NaN,
+4 with random bytes, 5 with a position that jumps by centimetres.
 """
 
 import math
