@@ -188,6 +188,7 @@ class Desk:
         self._stop: Callable[[], object] | None = None  # waits until the loop has ended, which runs
         self._turning: Iterator[None] = iter(())
         self._started = False
+        self._stopped_ns = 0  # when the tick began after which an order stopped the loop; 0: none did
         self._faults: list[str] = []
         self._tuned: list[tuple[str, str, dict[str, float]]] = []
         self._timing = records(1, TIMING)[0]
@@ -392,6 +393,7 @@ class Desk:
     def _between_ticks(self) -> Iterator[None]:
         """The loop stands meanwhile, and a real device has no force."""
         running = self.rest()
+        self._stopped_ns = int(self._timing.began_ns) if running else 0
         try:
             yield
         finally:
@@ -463,6 +465,9 @@ class Desk:
         loop = self._loop()
         calls = bound(loop), BoundCall(wait_at, loop.timer)
         start_timer(loop.timer)  # last: to bind takes some ms, by which the first ticks would be late
+        if self._stopped_ns:  # ticks that an order has cost are missed ones
+            loop.timer.channel.missed += (loop.timer.timing.began_ns - self._stopped_ns) // loop.timer.tick_ns - 1
+            self._stopped_ns = 0
         return calls
 
     def _note_change(self) -> None:

@@ -319,6 +319,17 @@ def test_the_time_to_bind_the_loop_delays_no_tick(servo: VirtualServo, monkeypat
     assert since.missed == 0 and since.delay_us(1.0) < 1000.0
 
 
+def test_ticks_that_an_order_costs_are_missed_ones(servo: VirtualServo, monkeypatch: pytest.MonkeyPatch) -> None:
+    bind = servo_process.bound
+    servo.start((0.0, 0.0, 0.01))
+    servo.advance(10)
+    before = servo.timing()
+    monkeypatch.setattr(servo_process, "bound", lambda loop: (servo.clock.sleep_s(0.012), bind(loop))[1])
+    servo.repaint(make_scene())
+    servo.advance(10)
+    assert servo.timing().since(before).missed == pytest.approx(12, abs=1)
+
+
 def test_the_state_ages_as_the_clock_goes_at_rest_too(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.01))
     servo.advance(3)

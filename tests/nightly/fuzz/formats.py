@@ -355,7 +355,7 @@ def read_page(path: Path) -> None:
 STUDY = b"""title = "t"
 people = 2
 stimuli.a.swatch = "wood"
-stimuli.b = {swatch = "wood", life = false, order = 40}
+stimuli.b = {swatch = "wood", life = false}
 [[blocks]]
 name = "rated"
 kind = "rating"
