@@ -11,7 +11,7 @@ from hapscene.clock import VIRTUAL, new_clock
 from hapscene.compiled.native import compiling
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.contact.moving import place_bodies
-from hapscene.contact.proxy import put
+from hapscene.contact.proxy import place_proxy
 from hapscene.device.driver_registry import DeviceChoice
 from hapscene.device.model import IDEAL
 from hapscene.device.sim.omni import Omni
@@ -37,7 +37,7 @@ ABOVE_M: Final = (0.0, 0.0, 0.06)
 ALL_EFFECTS: Final = (*EFFECTS, "puncture", "guide", "magnet", "viscosity", "weight")
 _SETTINGS: Final = {"guide": {"points_m": [[0.0, 0.0, 1.0]]}, "magnet": {"points_m": [[0.0, 0.0, 1.0]]}}
 
-_FIRST: Final = (tick, run_ticks, put)
+_FIRST: Final = (tick, run_ticks, place_proxy)
 _LATER: Final = (*(place_bodies, couple, guard, shade, render_fields, drive, operate, step_leader, step_follower),)
 """What is declared, so that the progress line knows its total: the large functions."""
 

@@ -216,7 +216,7 @@ class Bridge:
         """The slots of the bodies; anew for another renderer."""
         if self._bodies is None or renderer is not self._renderer:
             n = len(self.simulation.names)
-            self._renderer, self._bodies = renderer, renderer.moving(self.simulation.names)
+            self._renderer, self._bodies = renderer, renderer.moving_bodies(self.simulation.names)
             self._jumps = set(self.simulation.names)
             self._late_s = max(0.0, renderer.tick_s - self.simulation.step_s)  # the first step has a tick
             self._X_WB = np.tile(np.eye(4), (n, 1, 1))

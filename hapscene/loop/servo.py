@@ -494,7 +494,7 @@ class Servo:
         shared = self._channel
         frame = self._frames[index]
         frame["count"] |= 1
-        frame["time_ns"], frame["lasts_s"] = self._now_ns(), HORIZON_S
+        frame["time_ns"], frame["lifetime_s"] = self._now_ns(), HORIZON_S
         frame["X_WB"], frame["v"], frame["seen"] = pose, v, got
         frame["jumps"] += teleport
         frame["count"] += 1
@@ -529,9 +529,9 @@ class Servo:
             raise SceneError(f"body {body!r}: its centre of mass is three finite numbers in metres")
         _ = self._channel
         frame = self._frames[index]
-        frame["lightness"] = 1.0 / mass_kg
+        frame["inverse_mass"] = 1.0 / mass_kg
         frame["com_B_m"] = com_m
-        frame["yields_B"] = np.linalg.inv(inertia) if math.isfinite(mass_kg) else 0.0
+        frame["inverse_inertia_B"] = np.linalg.inv(inertia) if math.isfinite(mass_kg) else 0.0
 
     def impulse(self, body: str) -> Impulse:
         """What the tools have given a body since the last `start`: running totals, so that a missed look loses nothing.

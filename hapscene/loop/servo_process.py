@@ -386,7 +386,7 @@ class Desk:
         prepared = [renderer.prepare_painting(self._scene) for renderer in self._renderers]
         with self._between_ticks():
             for renderer, painting in zip(self._renderers, prepared, strict=True):
-                renderer.take_painting(painting)
+                renderer.apply_painting(painting)
 
     @contextmanager
     def _between_ticks(self) -> Iterator[None]:

@@ -155,7 +155,7 @@ class Twin:
             if self.X_WD is None and isinstance(self.device, Omni):
                 self.X_WD = stand(0.5 * (intent.target_W_m.min(axis=0) + intent.target_W_m.max(axis=0)))
             self.reset(intent.target_W_m[0])
-        self.renderer._see_poses()
+        self.renderer._apply_scene_poses()
 
 
 class Run:

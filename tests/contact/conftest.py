@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.contact.proxy import put
+from hapscene.contact.proxy import place_proxy
 from hapscene.contact.world import World, build_world
 from hapscene.scene.scene import Scene
 
@@ -21,7 +21,7 @@ def world() -> "Callable[..., World]":
         for mesh in meshes:
             scene.add(mesh, unit="m", two_sided=two_sided)
         built = build_world(scene.bodies)
-        put(built, tuple(map(float, at)))
+        place_proxy(built, tuple(map(float, at)))
         built.near[:] = np.arange(len(built.near))  # a cast looks at all of them, wherever it begins
         built.proxy[0].near_count = len(built.near)
         return built

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.contact.crossing import MET, PAST, RESTS, UNKNOWN, cross_edges, lies_over_planes
+from hapscene.contact.crossing import BLOCKED, PAST, SETTLED, UNKNOWN, cross_edges, lies_over_planes
 from hapscene.contact.planes import nearest
-from hapscene.contact.proxy import move, put
+from hapscene.contact.proxy import move_proxy, place_proxy
 from hapscene.contact.world import build_world
 from hapscene.scene.scene import Scene
 
@@ -32,8 +32,8 @@ def roof(angle_deg: float) -> trimesh.Trimesh:
 
 def glide(world, start, *tools):
     """The proxies of a tool that goes from place to place, from `start` on."""
-    put(world, tuple(map(float, start)))
-    return np.array([(move(world, tuple(map(float, tool))), world.proxy[0].p_WP_m.copy())[1] for tool in tools])
+    place_proxy(world, tuple(map(float, start)))
+    return np.array([(move_proxy(world, tuple(map(float, tool))), world.proxy[0].p_WP_m.copy())[1] for tool in tools])
 
 
 @pytest.mark.parametrize("angle_deg", [0.01, 1.0, 20.0, 60.0, -0.01, -1.0, -20.0, -60.0])
@@ -87,7 +87,7 @@ def test_it_rests_beyond(angle_deg) -> None:
     world = world_of(roof(angle_deg))
     p, tool, goal = on_the_first_slope(world)
     outcome, place = cross_edges(world, p, tool, goal)
-    assert outcome == RESTS and world.proxy[0].count == 1 and world.proxy[0].face[0] in (0, 1)
+    assert outcome == SETTLED and world.proxy[0].count == 1 and world.proxy[0].face[0] in (0, 1)
     n = np.array([np.sin(np.radians(angle_deg)), 0.0, np.cos(np.radians(angle_deg))])
     assert n @ place == pytest.approx(world.bodies[0].skin_m, rel=1e-9)
 
@@ -97,8 +97,8 @@ def test_what_stands_on_the_edge_is_met() -> None:
     world = world_of(roof(0.0), wall)
     p, tool, goal = on_the_first_slope(world)
     outcome, place = cross_edges(world, p, tool, goal)
-    assert outcome == MET and world.proxy[0].body[0] == 1 and place[0] < 0.0002
-    assert move(world, tool)
+    assert outcome == BLOCKED and world.proxy[0].body[0] == 1 and place[0] < 0.0002
+    assert move_proxy(world, tool)
     assert world.proxy[0].p_WP_m[0] == pytest.approx(0.0002, abs=1e-9)
 
 
@@ -164,9 +164,9 @@ def test_many_planes_about_a_corner_stay_within_their_room() -> None:
     faces = np.c_[np.zeros(24, int), 1 + k, 1 + (k + 1) % 24]
     world = world_of(trimesh.Trimesh(vertices, faces, process=False))
     rng = np.random.default_rng(0)
-    put(world, (0.0, 0.0, 0.02))
+    place_proxy(world, (0.0, 0.0, 0.02))
     for tool in rng.normal(scale=2e-4, size=(3000, 3)).cumsum(axis=0) * [1, 1, 0] - [0, 0, 0.004]:
-        move(world, tuple(tool))
+        move_proxy(world, tuple(tool))
         proxy = world.proxy[0]
         assert proxy.count <= 4 and np.isfinite(proxy.p_WP_m).all()
         r = np.hypot(*proxy.p_WP_m[:2])

@@ -78,7 +78,7 @@ def test_a_surface_that_rises_takes_along_what_it_meets() -> None:
 
 def test_a_moving_body_changes_shape_as_it_goes() -> None:
     renderer, vertices = ball()
-    bodies = renderer.moving(["liver"])
+    bodies = renderer.moving_bodies(["liver"])
     depth = []
     for tick in range(600):
         tool = np.array([0.0, 0.0, max(0.045, 0.054 - 0.5e-3 * tick)])
@@ -161,7 +161,7 @@ def test_what_is_bound_while_it_is_led_stands_where_it_is() -> None:
     renderer.run(np.linspace([0.0, 0.0, 0.06], [0.0, 0.0, 0.048], 100))
     renderer.deform("liver", 1.1 * vertices)
     renderer.run(np.tile([0.0, 0.0, 0.048], (4, 1)))
-    assert not renderer.moving(["liver"]).X_WB[0, :3, 3].any()
+    assert not renderer.moving_bodies(["liver"]).X_WB[0, :3, 3].any()
 
 
 def test_an_instance_keeps_its_own_shape() -> None:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import hapscene
-from hapscene.contact.moving import MENDED
+from hapscene.contact.moving import ROTATION_TOLERANCE
 from hapscene.errors import SceneError
 from hapscene.flags import Flag
 from hapscene.scene.mesh import Mesh
@@ -37,7 +37,7 @@ def pressed(*places_m) -> tuple[hapscene.Renderer, hapscene.MovingBodies]:
     renderer = hapscene.Renderer(boxes(*places_m), ["wall"])
     for z in (0.051, 0.0495, 0.049):
         renderer.step((0.01, 0.02, z))
-    return renderer, renderer.moving([f"box {i}" for i in range(len(places_m))])
+    return renderer, renderer.moving_bodies([f"box {i}" for i in range(len(places_m))])
 
 
 def test_slots_and_poses_by_name_give_the_same_bits():
@@ -49,7 +49,7 @@ def test_slots_and_poses_by_name_give_the_same_bits():
     ]
     whole = hapscene.Renderer(boxes((0, 0, 0))).run(path, {"box 0": X})
     named, slotted = hapscene.Renderer(boxes((0, 0, 0))), hapscene.Renderer(boxes((0, 0, 0)))
-    slots = slotted.moving(["box 0"])
+    slots = slotted.moving_bodies(["box 0"])
     for k in range(200):
         slots.X_WB[0] = X[k]
         a, b = named.step(path[k], {"box 0": X[k]}), slotted.step(path[k], slots)
@@ -98,7 +98,7 @@ def test_a_pose_that_is_none_is_flagged_and_the_last_good_one_kept(spoil):
 
 
 @pytest.mark.nightly
-@given(st.integers(0, 2**32 - 1), st.floats(1e-12, MENDED / 4))
+@given(st.integers(0, 2**32 - 1), st.floats(1e-12, ROTATION_TOLERANCE / 4))
 def test_what_rounding_does_to_a_rotation_is_mended(seed, size):
     rng = np.random.default_rng(seed)
     R = Rotation.random(random_state=seed).as_matrix()
@@ -145,7 +145,7 @@ def test_what_else_holds_the_tool_goes_on_when_a_body_jumps():
     for p in ((0.045, 0.0, 0.055), (0.0495, 0.0, 0.0495), corner):
         renderer.step(p)
     assert renderer.world.proxy[0].count == 2
-    slots = renderer.moving(["box 1"])
+    slots = renderer.moving_bodies(["box 1"])
     slots.X_WB = at((0.5, 0.0, 0.0))[None]
     slots.teleport("box 1")
     contact = renderer.step((0.045, 0.0, 0.0495), slots).contact
@@ -169,9 +169,9 @@ def test_slots_that_cannot_be_are_refused():
     renderer = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0)), [])
     for names in (["crate"], ["box 0", "box 0"]):
         with pytest.raises(SceneError, match=names[0]):
-            renderer.moving(names)
+            renderer.moving_bodies(names)
     with pytest.raises(SceneError, match="box 1"):
-        renderer.moving(["box 0"]).teleport("box 1")
+        renderer.moving_bodies(["box 0"]).teleport("box 1")
     for bad in (np.eye(3), "X", [["a"] * 4] * 4):
         with pytest.raises(SceneError, match="box 0"):
             renderer.step((0, 0, 1), {"box 0": bad})
@@ -179,7 +179,7 @@ def test_slots_that_cannot_be_are_refused():
 
 def test_bodies_bound_by_another_renderer_are_refused():
     """Of another scene their numbers would lead anywhere; of the same one a jump would be felt once."""
-    slots = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0))).moving(["box 1"])
+    slots = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0))).moving_bodies(["box 1"])
     with pytest.raises(SceneError):
         hapscene.Renderer(SCENE, []).step((0.0, 0.0, 9.0), slots)
 
@@ -189,7 +189,7 @@ def test_bodies_are_bound_where_the_scene_has_them():
     renderer = hapscene.Renderer(scene, ["wall"])
     renderer.step((0.01, 0.02, 0.06))
     scene.pose("box 0", at((0.3, 0.0, 0.0)))
-    slots = renderer.moving(["box 0"])
+    slots = renderer.moving_bodies(["box 0"])
     assert slots.X_WB[0, 0, 3] == 0.3
     assert renderer.step((0.01, 0.02, 0.04), slots).contact is None
 
@@ -204,4 +204,4 @@ def test_a_body_that_appears_is_in_no_motion(when):
         renderer.reset((0.0, 0.0, 0.3))
     renderer.step((0.0, 0.0, 0.3))
     body = renderer.world.bodies[0]
-    assert body.was_p_WB_m.tolist() == body.p_WB_m.tolist() == [0.1, 0.0, 0.0]
+    assert body.last_p_WB_m.tolist() == body.p_WB_m.tolist() == [0.1, 0.0, 0.0]

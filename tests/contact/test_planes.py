@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hapscene.contact.planes import PARALLEL, nearest, take_back
-from hapscene.contact.world import ASIDE, PROXY
+from hapscene.contact.planes import PARALLEL, nearest, restore_plane
+from hapscene.contact.world import DROPPED, PROXY
 from hapscene.records import records
 
 
@@ -111,14 +111,14 @@ def test_only_what_was_dropped_in_this_tick_is_taken_back(world, triangle):
     """Slots of earlier ticks still hold planes: those are not met again by being remembered."""
     w = world(triangle)
     proxy = w.proxy[0]
-    for slot in (ASIDE, ASIDE + 1):
+    for slot in (DROPPED, DROPPED + 1):
         proxy.nhat_W[slot], proxy.skin_m[slot], proxy.face[slot], proxy.side[slot] = (0.0, 0.0, 1.0), 1e-6, 0, 1.0
-    proxy.face[ASIDE + 1] = 0
+    proxy.face[DROPPED + 1] = 0
     over, under = (0.02, 0.02, 1e-4), (0.02, 0.02, -1e-4)
-    proxy.aside, proxy.count = 0, 0
-    assert not take_back(w, over, under)
-    proxy.aside, proxy.offset_m[ASIDE] = 1, -1.0  # the one dropped now lies far below
-    assert not take_back(w, over, under)
-    proxy.aside = 2
-    assert take_back(w, over, under)
+    proxy.dropped_count, proxy.count = 0, 0
+    assert not restore_plane(w, over, under)
+    proxy.dropped_count, proxy.offset_m[DROPPED] = 1, -1.0  # the one dropped now lies far below
+    assert not restore_plane(w, over, under)
+    proxy.dropped_count = 2
+    assert restore_plane(w, over, under)
     assert (proxy.count, proxy.met[0], proxy.offset_m[0]) == (1, 2, 0.0)

@@ -21,8 +21,8 @@ class Line:
     def __init__(self, mass_kg: float = np.inf, inertia: float = 1e-4, com_B_m=(0.0, 0.0, 0.0)) -> None:
         self.frames, self.predicted = records(1, FRAME), records(1, PREDICTED)
         frame = self.frames[0]
-        frame.lightness, frame.com_B_m = 1.0 / mass_kg, com_B_m
-        frame.yields_B = np.eye(3) / inertia if np.isfinite(mass_kg) else 0.0
+        frame.inverse_mass, frame.com_B_m = 1.0 / mass_kg, com_B_m
+        frame.inverse_inertia_B = np.eye(3) / inertia if np.isfinite(mass_kg) else 0.0
         self.impulse, self.clock = np.zeros((1, 6)), new_clock()
         self.X, self.teleported = np.eye(4)[None, None].copy(), np.zeros(1, np.int64)
 
@@ -34,7 +34,7 @@ class Line:
         if R is not None:
             frame.X_WB[:3, :3] = R
         frame.v, frame.seen = np.r_[v, w], self.impulse[0] if seen is None else seen
-        frame.time_ns, frame.lasts_s = START_NS + round(tick * 1e6), HORIZON_S
+        frame.time_ns, frame.lifetime_s = START_NS + round(tick * 1e6), HORIZON_S
         frame.count += 1
 
     def tick(self, tick: int) -> np.ndarray:
@@ -174,7 +174,7 @@ def test_a_box_that_is_pushed_at_60_frames_a_second_feels_as_one_box(friction: f
     changes, steps = {}, {}
     for held in (True, False):
         renderer, line = hapscene.Renderer(scene, ["wall"]), Line(mass_kg)
-        slots, frames = renderer.moving(["crate"]), frames_at(3000)
+        slots, frames = renderer.moving_bodies(["crate"]), frames_at(3000)
         line.impulse = renderer.world.impulse
         x = v = told = 0.0
         forces, touching = [], []

@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapscene.constants import CAST_MAX, NEAR_MAX
-from hapscene.contact.proxy import move, put
+from hapscene.contact.proxy import move_proxy, place_proxy
 from hapscene.contact.world import World, build_world
 from hapscene.flags import Flag
 from hapscene.render.renderer import Renderer
@@ -301,10 +301,10 @@ def test_put_leaves_a_free_tool_where_it_is():
     scene = Scene()
     scene.add(BOX, unit="m")
     world = build_world(scene.bodies)
-    put(world, (0.01, 0.02, 0.03))
+    place_proxy(world, (0.01, 0.02, 0.03))
     assert tuple(world.proxy[0].p_W_m) == (0.01, 0.02, 0.03)
-    assert move(world, (0.01, 0.02, 0.02))
-    assert (world.proxy[0].count, world.proxy[0].held) == (0, 0)
+    assert move_proxy(world, (0.01, 0.02, 0.02))
+    assert (world.proxy[0].count, world.proxy[0].touching) == (0, 0)
     assert tuple(world.proxy[0].p_WP_m) == (0.01, 0.02, 0.02)
 
 
@@ -323,9 +323,9 @@ def pressed(*meshes: Mesh) -> World:
     for mesh in meshes:
         scene.add(mesh)
     world = build_world(scene.bodies)
-    put(world, (0.0, 0.0, 0.06))
+    place_proxy(world, (0.0, 0.0, 0.06))
     for z in (0.0515, 0.0509, 0.0504, 0.049, 0.045):
-        assert move(world, (0.0, 0.0, z))
+        assert move_proxy(world, (0.0, 0.0, z))
     return world
 
 
@@ -336,8 +336,8 @@ def test_coincident_bodies_feel_as_one_and_a_tick_asks_few_of_them():
     assert one.proxy[0].crowded == 0
     np.testing.assert_allclose(proxy.p_WP_m, one.proxy[0].p_WP_m, atol=MICRON)
     for _ in range(2):  # the way out is among them
-        move(many, (0.0, 0.0, 0.2))
-    assert proxy.crowded == 0 and proxy.held == 0
+        move_proxy(many, (0.0, 0.0, 0.2))
+    assert proxy.crowded == 0 and proxy.touching == 0
 
 
 def test_what_holds_the_proxy_is_asked_however_many_come_before():
@@ -352,12 +352,12 @@ def test_what_holds_the_proxy_is_asked_however_many_come_before():
 def test_a_tick_that_does_not_settle_leaves_the_proxy_outside_and_the_next_goes_on(moves):
     """Cut straight through many bodies: each tick makes a few moves, holds the tool, and ends where one body's does."""
     one, many = pressed(BALL), pressed(*[BALL] * (CAST_MAX // moves))
-    assert move(one, THROUGH)
+    assert move_proxy(one, THROUGH)
     proxy, settled = many.proxy[0], []
     while not settled or not settled[-1]:
-        settled.append(move(many, THROUGH))
+        settled.append(move_proxy(many, THROUGH))
         off = distance(ROUND, proxy.p_WP_m[None])[0]
-        assert proxy.held == 1 and off < 2 * proxy.skin_m[0]
+        assert proxy.touching == 1 and off < 2 * proxy.skin_m[0]
         assert settled[-1] or np.array_equal(proxy.p_WP_m, proxy.p_W_m)
         assert len(settled) < 9
     assert len(settled) > 1

@@ -11,7 +11,7 @@ from hapscene.contact.triangle import (
     lies_over,
     plane,
     to_body,
-    to_body_before,
+    to_body_last,
     to_world,
 )
 
@@ -68,4 +68,4 @@ def test_frames_of_a_moved_body(world, triangle, turned):
     np.testing.assert_allclose(to_world(body, p), turned @ p + (1.0, 2.0, 3.0))
     np.testing.assert_allclose(to_body(body, to_world(body, p)), p)
     np.testing.assert_allclose(to_body(body, tuple(expected)), turned.T @ p)
-    assert to_body_before(body, p) == p  # the last tick's pose: where it was loaded
+    assert to_body_last(body, p) == p  # the last tick's pose: where it was loaded

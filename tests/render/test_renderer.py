@@ -291,7 +291,7 @@ def test_bodies_come_and_go_in_contact():
     built = hapscene.Scene()
     built.add(box, name="plate", unit="m")
     renderer = hapscene.Renderer(built, ["wall"])
-    bound = renderer.moving(["plate"])
+    bound = renderer.moving_bodies(["plate"])
     renderer.run(np.linspace([0.0, 0.0, 0.02], [0.0, 0.0, 0.008], 50))
     renderer.deform("plate", built.body("plate").mesh.vertices_m)
     built.add(box, name="lid", unit="m", swatch="wood", pose=trimesh.transformations.translation_matrix([0, 0, 0.1]))
@@ -308,13 +308,13 @@ def test_bodies_come_and_go_in_contact():
     renderer.remove("lid")
     felt = renderer.run(up[-1:])
     assert not felt.touching.any()
-    for gone in (renderer.impulse, renderer.remove, lambda name: renderer.moving([name])):
+    for gone in (renderer.impulse, renderer.remove, lambda name: renderer.moving_bodies([name])):
         with pytest.raises(SceneError, match="lid"):
             gone("lid")
     with pytest.raises(SceneError):
         renderer.step((0.0, 0.0, 0.1), [np.eye(4)])
     with pytest.raises(SceneError):
-        renderer.moving("plate")
+        renderer.moving_bodies("plate")
 
 
 def test_an_added_body_is_searched_once_for_all_and_is_not_of_another_world():
@@ -339,7 +339,7 @@ def test_an_added_body_is_searched_once_for_all_and_is_not_of_another_world():
 def test_a_removed_body_stays_away_whatever_an_older_binding_says():
     built = scene()
     renderer = hapscene.Renderer(built, ["wall"])
-    bound = renderer.moving(["box"])
+    bound = renderer.moving_bodies(["box"])
     renderer.reset((0.0, 0.0, 0.01))
     renderer.step((0.0, 0.0, 0.01), {"box": np.eye(4)})
     renderer.remove("box")

@@ -59,14 +59,14 @@ def test_skin_lets_in_bone_holds_and_the_way_out_is_free(two_sided):
     assert renderer.surface.touch[0].inside == 1
     way_out = feel(renderer, 0.01, 0.06)
     assert {body for body, z in way_out if z > 0.021} == {""}
-    assert renderer.surface.touch[0].inside == 0 and not renderer.world.bodies["passed"].any()
+    assert renderer.surface.touch[0].inside == 0 and not renderer.world.bodies["punctured"].any()
     assert [body for body, _ in feel(renderer, 0.06, 0.048)][-1] == "skin"  # it holds again
 
 
 def test_a_body_that_moves_keeps_the_tool_in():
     renderer = arm()
     feel(renderer, 0.06, 0.035)
-    slots = renderer.moving(["skin"])
+    slots = renderer.moving_bodies(["skin"])
     for k in range(12):
         slots.X_WB[0, 2, 3] = 1e-3 * k
         renderer.step((0.001, 0.002, 0.035), slots)
@@ -80,11 +80,11 @@ def test_a_body_that_moves_keeps_the_tool_in():
 def test_a_body_that_is_teleported_lets_go_of_the_shaft():
     renderer = arm()
     feel(renderer, 0.06, 0.035)
-    slots = renderer.moving(["skin"])
+    slots = renderer.moving_bodies(["skin"])
     slots.X_WB[0, 2, 3] = -0.01  # still about the tool, which never went in there
     slots.teleport("skin")
     assert renderer.step((0.001, 0.002, 0.035), slots).contact is None
-    assert renderer.surface.touch[0].inside == 0 and not renderer.world.bodies["passed"].any()
+    assert renderer.surface.touch[0].inside == 0 and not renderer.world.bodies["punctured"].any()
 
 
 def test_what_holds_the_shaft_is_given_to_the_body_that_was_passed():
@@ -105,7 +105,7 @@ def test_a_reset_closes_what_was_open():
     renderer = arm()
     feel(renderer, 0.06, 0.035)
     renderer.reset((0.0, 0.0, 0.06))
-    assert renderer.world.proxy[0].passed_count == 0
+    assert renderer.world.proxy[0].puncture_count == 0
     assert [body for body, _ in feel(renderer, 0.06, 0.049)][-1] == "skin"
 
 
