@@ -20,8 +20,8 @@ from hapscene.records import ROW, records
 from hapscene.surface.device_clipping import STIFFNESS, WALL
 
 if TYPE_CHECKING:
-    from hapscene.loop.hand_intent import Intent
-    from hapscene.loop.result import Feel
+    from hapscene.loop.reference_trajectory import ReferenceTrajectory
+    from hapscene.loop.result import ClosedLoopResult
     from hapscene.loop.twin import Twin
     from hapscene.render.moving_bodies import MovingBodies
     from hapscene.render.recording import Recording
@@ -185,7 +185,7 @@ class Bridge:
         renderer._ticks -= n
         return renderer.recording(rows, a_m_s2)
 
-    def live(self, twin: "Twin", intent: "Intent") -> "Feel":
+    def live(self, twin: "Twin", intent: "ReferenceTrajectory") -> "ClosedLoopResult":
         """Live through an intention of a hand in closed loop, while the simulation goes on: see `Twin.run`.
 
         Raises:

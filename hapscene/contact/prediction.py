@@ -34,12 +34,12 @@ __all__ = ["FRAME", "HORIZON_S", "PREDICTED", "predict_bodies"]
 FRAME: Final = np.dtype(
     [
         ("count", "i8"),  # odd while the frame is being written, 0 before the first frame
-        ("jumps", "i8"),  # how often the body was teleported so far
+        ("teleport_count", "i8"),  # how often the body was teleported so far
         ("time_ns", "i8"),  # time of the pose, by the clock of the ticks
         ("lifetime_s", "f8"),  # how long the prediction may continue without another frame
         ("X_WB", "f8", (4, 4)),
         ("v", "f8", (6,)),  # linear velocity of the centre of mass [m/s] and angular velocity [rad/s], in W
-        ("seen", "f8", (6,)),  # part of `World.impulse` that the pose already contains
+        ("applied", "f8", (6,)),  # part of `World.impulse` that the pose already contains
         ("inverse_mass", "f8"),  # 1/mass [1/kg]; 0 for a body that the tool does not push
         ("com_B_m", "f8", (3,)),
         ("inverse_inertia_B", "f8", (3, 3)),  # inverse of the inertia about the centre of mass [1/(kg·m²)]
@@ -51,7 +51,7 @@ FRAME: Final = np.dtype(
 PREDICTED: Final = np.dtype(
     [
         ("count", "i8"),  # of the frame that the prediction starts from
-        ("jumps", "i8"),
+        ("teleport_count", "i8"),
         ("refused", "i8"),  # 1 while the last frame has an invalid pose
         ("time_ns", "i8"),  # of that frame
         ("period_s", "f8"),  # time between frames, exponential mean
@@ -62,7 +62,7 @@ PREDICTED: Final = np.dtype(
         ("v", "f8", (6,)),
         ("given", "f8", (6,)),  # impulse of the tool up to the last tick
         ("frame_v", "f8", (6,)),  # velocities of the last frame
-        ("frame_seen", "f8", (6,)),  # impulse that the last frame contains, about the centre of mass
+        ("frame_applied", "f8", (6,)),  # impulse that the last frame contains, about the centre of mass
         ("last_other", "f8", (6,)),  # acceleration by all but the tool between the last two frames [m/s², rad/s²]
         ("other", "f8", (6,)),  # the estimate of it that is used
         ("off_m", "f8", (3,)),  # remaining difference to the last frame
@@ -108,14 +108,14 @@ def predict_bodies(
             _integrate(frame, body, given, tick_s)
         if count != body.count and count % 2 == 0:
             now_ns(clock)  # a call that orders the two reads of the count (sequence lock)
-            body.refused, jumps = 0 if is_pose(frame.X_WB) else 1, frame.jumps
+            body.refused, teleports = 0 if is_pose(frame.X_WB) else 1, frame.teleport_count
             if body.refused == 0:
                 _start_from_frame(frame, body, given, now)
             now_ns(clock)
             if frame.count == count:  # otherwise the frame was being written; it is read again in the next tick
                 body.count = count
-                if body.refused == 0 and jumps != body.jumps:
-                    body.jumps = jumps
+                if body.refused == 0 and teleports != body.teleport_count:
+                    body.teleport_count = teleports
                     teleported[m] = 1
         for i in range(6):
             body.given[i] = given[i]
@@ -152,7 +152,7 @@ def _start_from_frame(frame: np.record, body: np.record, given: NDArray[np.float
     _estimate_other_acceleration(frame, body, span_s)
     for i in range(6):
         body.v[i] = frame.v[i]
-    _add_impulse(frame, body, frame.seen, given)
+    _add_impulse(frame, body, frame.applied, given)
     for i in range(6):
         body.v[i] += body.other[i] * age_s
     arm, mean_s = _com_offset(body), 0.5 * age_s
@@ -175,7 +175,7 @@ def _estimate_other_acceleration(frame: np.record, body: np.record, span_s: floa
     """Estimate the acceleration by all but the tool between two frames `span_s` apart; 0 for the first frame."""
     for i in range(6):
         body.v[i] = 0.0
-    _add_impulse(frame, body, body.frame_seen, frame.seen)
+    _add_impulse(frame, body, body.frame_applied, frame.applied)
     for i in range(6):
         new = 0.0
         if span_s > 0.0 and frame.inverse_mass > 0.0:
@@ -183,7 +183,7 @@ def _estimate_other_acceleration(frame: np.record, body: np.record, span_s: floa
         last = body.last_other[i]
         body.other[i] = math.copysign(min(abs(new), abs(last)), new) if new * last > 0.0 else 0.0
         body.last_other[i] = new
-        body.frame_v[i], body.frame_seen[i] = frame.v[i], frame.seen[i]
+        body.frame_v[i], body.frame_applied[i] = frame.v[i], frame.applied[i]
 
 
 @native

@@ -33,7 +33,7 @@ class Line:
         frame.X_WB[:3, 3] = p
         if R is not None:
             frame.X_WB[:3, :3] = R
-        frame.v, frame.seen = np.r_[v, w], self.impulse[0] if seen is None else seen
+        frame.v, frame.applied = np.r_[v, w], self.impulse[0] if seen is None else seen
         frame.time_ns, frame.lifetime_s = START_NS + round(tick * 1e6), HORIZON_S
         frame.count += 1
 
@@ -213,7 +213,7 @@ def test_a_body_jumps_with_the_whole_frame_that_says_so_and_not_before() -> None
     line.tick(0)
     frame = line.frames[0]
     frame.count += 1  # it is being written
-    frame.jumps += 1
+    frame.teleport_count += 1
     frame.X_WB[0, 3] = np.nan
     assert line.tick(1)[0, 3] == 0.0 and not line.teleported[0]
     frame.count += 1

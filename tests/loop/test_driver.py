@@ -20,7 +20,7 @@ from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.loop import Servo, Twin, servo_process, timing
 from hapscene.loop.driver import CHANNEL, FOLLOW_RAD_S, _follow, _read_aim
-from hapscene.loop.servo_process import Desk
+from hapscene.loop.servo_process import OrderHandler
 from hapscene.loop.shared_memory import open_channel
 from hapscene.loop.timing import (
     BIN_COUNT,
@@ -97,17 +97,17 @@ def make_cube() -> Scene:
 
 
 @pytest.fixture
-def desk(request: Any) -> Iterator[Desk]:
+def handler(request: Any) -> Iterator[OrderHandler]:
     twin = Twin(make_cube(), PointMass(0.045, 0.1), tick_s=request.param)
-    desk = Desk(twin.renderer._scene, [twin], open_channel(2000, twin.renderer.block, bodies=1))
-    yield desk
-    desk.rest()
-    desk._channel.memory.unlink()  # whoever still looks at it may do so
+    handler = OrderHandler(twin.renderer._scene, [twin], open_channel(2000, twin.renderer.block, bodies=1))
+    yield handler
+    handler.pause()
+    handler._channel.memory.unlink()  # whoever still looks at it may do so
 
 
-@pytest.mark.parametrize("desk", [1e-3], indirect=True)
-def test_an_aim_that_is_being_written_is_not_taken(desk: Desk) -> None:
-    told, aim, clock = desk._channel.aims[0], np.full((5, 3), 7.0), new_clock()
+@pytest.mark.parametrize("handler", [1e-3], indirect=True)
+def test_an_aim_that_is_being_written_is_not_taken(handler: OrderHandler) -> None:
+    told, aim, clock = handler._channel.aims[0], np.full((5, 3), 7.0), new_clock()
     told.aim = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]
     told["count"] = 3
     _read_aim(told, aim, clock)
@@ -117,11 +117,11 @@ def test_an_aim_that_is_being_written_is_not_taken(desk: Desk) -> None:
     assert aim.tolist() == [[1.0, 2.0, 3.0], [7.0] * 3, [7.0] * 3, [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]
 
 
-@pytest.mark.parametrize("desk", [1e-3, 4e-3], indirect=True)
-def test_the_hand_follows_the_aim_critically_damped(desk: Desk) -> None:
+@pytest.mark.parametrize("handler", [1e-3, 4e-3], indirect=True)
+def test_the_hand_follows_the_aim_critically_damped(handler: OrderHandler) -> None:
     """From rest: target = aim − (1 + ωt) e^(−ωt) of the way; on each axis, and at rest there in the end."""
-    body, tick_s = desk._twins[0].body, desk._twins[0].renderer.tick_s
-    aim, hand, way = np.zeros((5, 3)), desk._twins[0].body.arm.hand[0], np.array([0.01, -0.02, 0.03])
+    body, tick_s = handler._twins[0].tool, handler._twins[0].renderer.tick_s
+    aim, hand, way = np.zeros((5, 3)), handler._twins[0].tool.arm.hand[0], np.array([0.01, -0.02, 0.03])
     aim[0], aim[3], aim[4] = way, (100.0, 2.0, 0.01), (0.1, 0.2, 0.3)
     for k in range(1, 600):
         _follow(body, aim, tick_s)
@@ -136,16 +136,16 @@ def test_the_hand_follows_the_aim_critically_damped(desk: Desk) -> None:
 # What may be ordered, and what both processes share.
 
 
-@pytest.mark.parametrize("desk", [1e-3], indirect=True)
-def test_a_hand_that_rests_goes_on_resting_whatever_is_painted(desk: Desk) -> None:
-    channel, cube = desk._channel.channel[0], make_cube()
+@pytest.mark.parametrize("handler", [1e-3], indirect=True)
+def test_a_hand_that_rests_goes_on_resting_whatever_is_painted(handler: OrderHandler) -> None:
+    channel, cube = handler._channel.channel[0], make_cube()
     painting = cube.swatches, [(body.face_swatch, body.fine) for body in cube.bodies]
-    assert not desk.rest()
-    desk.repaint(*painting)
-    assert not desk.rest() and channel.done == 0
-    desk.start([(0.0, 0.0, 0.05)], grip_named("light").row())
-    desk.repaint(*painting)
-    assert desk.rest() and not desk.rest() and channel.pause == 1
+    assert not handler.pause()
+    handler.repaint(*painting)
+    assert not handler.pause() and channel.done == 0
+    handler.start([(0.0, 0.0, 0.05)], grip_named("light").row())
+    handler.repaint(*painting)
+    assert handler.pause() and not handler.pause() and channel.pause == 1
 
 
 # What the system grants is told, and to the asking thread alone.

@@ -92,7 +92,7 @@ def test_repainting_while_it_runs(servo: VirtualServo) -> None:
 def test_a_body_is_pushed_by_the_hand_and_told_what_it_got(servo: VirtualServo) -> None:
     """A plate on a slide, which an application steps 60 times a second: its momentum is the impulse it was told."""
     servo.start((0.0, 0.0, 0.005))
-    servo.free("plate", 0.3, inertia_B_kg_m2=(1e-3, 1e-3, 1e-3))
+    servo.set_mass("plate", 0.3, inertia_B_kg_m2=(1e-3, 1e-3, 1e-3))
     z, v, told = -0.01, 0.0, np.zeros(3)
     servo.aim((0.0, 0.0, -0.02), "medium")
     since = servo.state().tick + 1
@@ -115,7 +115,7 @@ def test_a_body_is_pushed_by_the_hand_and_told_what_it_got(servo: VirtualServo) 
     assert after >= log.first + len(log.rows)
     servo.start((0.0, 0.0, 0.005))
     assert not np.any(servo.impulse("plate"))
-    servo.free("plate", np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
+    servo.set_mass("plate", np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
     X_WB[2, 3] = -0.01
     servo.move("plate", X_WB, teleport=True)
 
@@ -163,7 +163,7 @@ def test_a_body_that_is_pushed_may_be_added(servo: VirtualServo) -> None:
     X_WB = np.eye(4)
     X_WB[2, 3] = 0.5
     servo.add(trimesh.creation.box((0.02, 0.02, 0.02)), name="thrown", unit="m", pose=X_WB)
-    servo.free("thrown", 0.1, inertia_B_kg_m2=(1e-5, 1e-5, 1e-5))
+    servo.set_mass("thrown", 0.1, inertia_B_kg_m2=(1e-5, 1e-5, 1e-5))
     X_WB[2, 3] = 0.01
     servo.move("thrown", X_WB, teleport=True)
     servo.aim((0.0, 0.0, 0.015), "medium")
@@ -201,7 +201,7 @@ def test_two_tools_touch_in_one_loop() -> None:
         one, other = servo.state(), servo.state(tool=1)
         assert one.p_WP_m[0] == pytest.approx(-0.03, abs=2e-3) and other.p_WP_m[0] == pytest.approx(0.03, abs=2e-3)
         assert other.f_W_N[2] > 1.2 * one.f_W_N[2] > 0.0
-        servo.rest()
+        servo.pause()
         given = [servo.read(tool=tool).rows["f_body_W_N"].sum(axis=0) * servo.tick_s for tool in (0, 1)]
         assert servo.impulse("plate").linear_N_s == pytest.approx(given[0] + given[1], rel=1e-9)
         assert [len(servo.events(tool=tool)[0]) > 0 for tool in (0, 1)] == [True, True]
@@ -262,10 +262,10 @@ def test_wrong_orders_are_answered_and_it_goes_on(servo: VirtualServo) -> None:
         (1.0, lopsided),
     ):
         with pytest.raises(SceneError, match="mass and inertia"):
-            servo.free("plate", wrong[0], inertia_B_kg_m2=wrong[1])
+            servo.set_mass("plate", wrong[0], inertia_B_kg_m2=wrong[1])
     for com in ((0.0, 0.0), (0.0, np.nan, 0.0)):
         with pytest.raises(SceneError, match="its centre of mass is three finite numbers"):
-            servo.free("plate", 1.0, inertia_B_kg_m2=(1.0, 1.0, 1.0), com_B_m=com)
+            servo.set_mass("plate", 1.0, inertia_B_kg_m2=(1.0, 1.0, 1.0), com_B_m=com)
     with pytest.raises(HapsceneError, match="no grip 'fist'"):
         servo.aim((0.0, 0.0, 0.0), "fist")
     with pytest.raises(HapsceneError, match="a tick is a whole number, not 'now'"):
@@ -312,7 +312,7 @@ def test_the_time_to_bind_the_loop_delays_no_tick(servo: VirtualServo, monkeypat
     monkeypatch.setattr(servo_process, "bound", lambda loop: (servo.clock.sleep_s(1.0), bind(loop))[1])
     servo.start((0.0, 0.0, 0.01))
     servo.advance(10)
-    servo.rest()
+    servo.pause()
     servo.resume()
     servo.advance(10)
     since = servo.timing().since(before)
@@ -328,7 +328,7 @@ def test_the_state_ages_as_the_clock_goes_at_rest_too(servo: VirtualServo) -> No
         after = servo.state()
         assert after.tick == before.tick and after.age_s == pytest.approx(before.age_s + 0.05)
         assert after[:1] == (after.tick,) and after[11:13] == (after.flags, after.age_s)  # older places as they were
-        servo.rest()
+        servo.pause()
 
 
 def test_what_the_twin_refuses_is_said_at_the_start() -> None:
@@ -342,7 +342,7 @@ ASKED: dict[str, Callable[[Servo], object]] = {
     "aim": lambda servo: servo.aim((0.0, 0.0, 0.0)),
     "lateness": lambda servo: servo.timing(),
     "tune": lambda servo: servo.tune("wood", stiffness_N_m=100.0),
-    "rest": lambda servo: servo.rest(),
+    "pause": lambda servo: servo.pause(),
 }
 
 

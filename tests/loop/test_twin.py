@@ -14,7 +14,7 @@ from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError, PathError
 from hapscene.flags import Flag
 from hapscene.handle.plant import Plant
-from hapscene.loop import Intent, Twin
+from hapscene.loop import ReferenceTrajectory, Twin
 from hapscene.motion.gestures import GESTURES, PRESS_N, act
 from hapscene.render.renderer import Renderer
 from hapscene.scene.scene import Scene, load_scene
@@ -36,7 +36,7 @@ def test_it_sees_a_body_that_the_scene_puts_elsewhere() -> None:
     scene = Scene()
     scene.add(trimesh.creation.box((0.1, 0.1, 0.1)), name="box", unit="m")
     twin = Twin(scene, MASS, effects=["wall"])
-    press = Intent.hold((0.0, 0.0, 0.04), 100)
+    press = ReferenceTrajectory.hold((0.0, 0.0, 0.04), 100)
     twin.reset((0.0, 0.0, 0.0505))
     assert twin.run(press).recording.touching.any()
     scene.pose("box", np.array([[1.0, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]))
@@ -46,7 +46,7 @@ def test_it_sees_a_body_that_the_scene_puts_elsewhere() -> None:
 def test_a_push_rests_where_the_spring_carries_it(plate: Scene) -> None:
     twin = Twin(plate, PointMass(0.045, 2.0), effects=["wall"])
     twin.reset((0.0, 0.0, 0.0))
-    feel = twin.run(Intent.hold((0.0, 0.0, 0.0), 2000, "none", push_W_N=(0.0, 0.0, -1.0)))
+    feel = twin.run(ReferenceTrajectory.hold((0.0, 0.0, 0.0), 2000, "none", push_W_N=(0.0, 0.0, -1.0)))
     assert feel.p_W_m[-1, 2] == pytest.approx(-1.0 / 500.0, rel=1e-6)
     assert feel.rest_m_s < 1e-6
 
@@ -54,7 +54,7 @@ def test_a_push_rests_where_the_spring_carries_it(plate: Scene) -> None:
 def test_force_goes_out_after_the_delay(plate: Scene) -> None:
     twin = Twin(plate, MASS, delay_ticks=3)
     twin.reset((0.0, 0.0, -0.001))
-    feel = twin.run(Intent.hold((0.0, 0.0, -0.002), 50))
+    feel = twin.run(ReferenceTrajectory.hold((0.0, 0.0, -0.002), 50))
     assert np.array_equal(feel.f_motor_W_N[3:], feel.recording.f_W_N[:-3])
     assert not feel.f_motor_W_N[:3].any()
 
@@ -65,7 +65,7 @@ def test_the_hand_pulls_with_its_spring_its_damper_and_its_push(plate: Scene) ->
     path = 0.03 + 0.01 * np.column_stack((np.sin(20.0 * t_s), np.cos(30.0 * t_s), np.sin(50.0 * t_s)))
     twin = Twin(plate, PointMass(0.045, 0.1))
     twin.reset(path[0] + 0.001, (0.1, -0.2, 0.3))
-    feel = twin.run(Intent.along(path, Grip(200.0, 3.0, 0.01), (0.1, 0.2, 0.3)))
+    feel = twin.run(ReferenceTrajectory.along(path, Grip(200.0, 3.0, 0.01), (0.1, 0.2, 0.3)))
     speed = np.diff(path, axis=0, append=path[-1:]) / TICK_S
     pull_N = 200.0 * (path - feel.p_W_m) + 3.0 * (speed - feel.v_W_m_s) + (0.1, 0.2, 0.3)
     np.testing.assert_allclose(feel.f_hand_W_N, pull_N, atol=1e-9)
@@ -75,14 +75,14 @@ def test_the_hand_pulls_with_its_spring_its_damper_and_its_push(plate: Scene) ->
 def test_the_warmest_motor_is_told(plate: Scene, motor: int) -> None:
     twin = Twin(plate, Omni(), X_WD=stand((0.0, 0.0, 0.05)))
     twin.reset((0.0, 0.0, 0.05))
-    twin.body.arm.omni.heat[0, motor] = 0.5
-    assert twin.run(Intent.hold((0.0, 0.0, 0.05), 1)).heat[0] == pytest.approx(0.5, rel=0.01)
+    twin.tool.arm.omni.heat[0, motor] = 0.5
+    assert twin.run(ReferenceTrajectory.hold((0.0, 0.0, 0.05), 1)).heat[0] == pytest.approx(0.5, rel=0.01)
 
 
 def test_work_of_the_motors_is_what_the_free_mass_gains(plate_of: Callable[..., Scene]) -> None:
     twin = Twin(plate_of(1000.0), PointMass(0.045), effects=["wall"])
     twin.reset((0.0, 0.0, 0.001), (0.0, 0.0, -0.2))
-    feel = twin.run(Intent.hold((0.0, 0.0, 0.0), 200, "none"))
+    feel = twin.run(ReferenceTrajectory.hold((0.0, 0.0, 0.0), 200, "none"))
     kinetic_J = 0.5 * 0.045 * (feel.v_W_m_s**2).sum(axis=1)
     assert feel.work_J[:-1].cumsum() == pytest.approx(kinetic_J[1:] - kinetic_J[0], abs=1e-12)
     assert kinetic_J[-1] > kinetic_J[0]  # a sampled spring gives energy (W8)
@@ -97,7 +97,7 @@ def test_the_same_seed_gives_the_same_bits_and_run_goes_on_where_it_was(plate: S
     step_m = np.linalg.norm(np.diff(intent.target_W_m, axis=0), axis=1)
     half = quarter + int(step_m[quarter : 3 * quarter].argmin()) + 1  # where the hand hardly moves
     parts = [
-        Intent(intent.target_W_m[a:b], intent.grip[a:b], intent.push_W_N[a:b]) for a, b in ((0, half), (half, None))
+        ReferenceTrajectory(intent.target_W_m[a:b], intent.grip[a:b], intent.push_W_N[a:b]) for a, b in ((0, half), (half, None))
     ]
     second = [twin.run(part) for part in parts]
     joined = np.concatenate([feel.a_handle_m_s2 for feel in second])
@@ -145,36 +145,36 @@ def test_wrong_input_is_answered(plate: Scene) -> None:
     with pytest.raises(HapsceneError, match="a device is a name"):
         Twin(plate, 3.0)  # type: ignore[arg-type]
     with pytest.raises(PathError, match="must be finite"):
-        Intent.along([[0.0, 0.0, np.nan]])
+        ReferenceTrajectory.along([[0.0, 0.0, np.nan]])
     with pytest.raises(PathError, match=r"target_W_m must be \(1, 3\), a row per tick; it is \(0, 3\)"):
-        Intent(*np.empty((3, 0, 3)))
+        ReferenceTrajectory(*np.empty((3, 0, 3)))
 
 
 @pytest.mark.parametrize(
     "made",
     [
-        lambda: Intent.along([]),
-        lambda: Intent.along(None),  # type: ignore[arg-type]
-        lambda: Intent.along(np.zeros((3, 4))),
-        lambda: Intent.along(np.zeros(5)),
-        lambda: Intent.along(np.zeros((3, 3)), np.zeros((2, 3))),
-        lambda: Intent.along(np.zeros((3, 3)), "light", (1e300, 0.0, 0.0)),
-        lambda: Intent.hold((0.0, 0.0, 0.0), 0),
-        lambda: Intent.hold((0.0, 0.0, 0.0), 1.5),  # type: ignore[arg-type]
-        lambda: Intent.hold((0.0, 0.0), 5),
-        lambda: Intent(1.0, 2.0, 3.0),  # type: ignore[arg-type]
+        lambda: ReferenceTrajectory.along([]),
+        lambda: ReferenceTrajectory.along(None),  # type: ignore[arg-type]
+        lambda: ReferenceTrajectory.along(np.zeros((3, 4))),
+        lambda: ReferenceTrajectory.along(np.zeros(5)),
+        lambda: ReferenceTrajectory.along(np.zeros((3, 3)), np.zeros((2, 3))),
+        lambda: ReferenceTrajectory.along(np.zeros((3, 3)), "light", (1e300, 0.0, 0.0)),
+        lambda: ReferenceTrajectory.hold((0.0, 0.0, 0.0), 0),
+        lambda: ReferenceTrajectory.hold((0.0, 0.0, 0.0), 1.5),  # type: ignore[arg-type]
+        lambda: ReferenceTrajectory.hold((0.0, 0.0), 5),
+        lambda: ReferenceTrajectory(1.0, 2.0, 3.0),  # type: ignore[arg-type]
     ],
 )
-def test_an_intention_that_is_none(made: Callable[[], Intent]) -> None:
+def test_an_intention_that_is_none(made: Callable[[], ReferenceTrajectory]) -> None:
     with pytest.raises(PathError):
         made()
 
 
 def test_one_row_is_for_all_ticks() -> None:
-    intent = Intent.along(np.zeros((4, 3)), (1.0, 2.0, 0.0), (0.0, 0.0, -1.0))
+    intent = ReferenceTrajectory.along(np.zeros((4, 3)), (1.0, 2.0, 0.0), (0.0, 0.0, -1.0))
     assert intent.grip.tolist() == [[1.0, 2.0, 0.0]] * 4
     assert intent.push_W_N.tolist() == [[0.0, 0.0, -1.0]] * 4
-    for plain in (Intent.along(np.zeros((4, 3))), Intent.hold((0.0, 0.0, 0.0), 4)):
+    for plain in (ReferenceTrajectory.along(np.zeros((4, 3))), ReferenceTrajectory.hold((0.0, 0.0, 0.0), 4)):
         assert plain.grip.tolist() == [GRIPS["light"].row().tolist()] * 4 and not plain.push_W_N.any()
 
 

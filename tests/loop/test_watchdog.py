@@ -10,7 +10,7 @@ import pytest
 from hapscene.device.driver import Driver
 from hapscene.device.driver_registry import DeviceChoice
 from hapscene.loop import heartbeat, watchdog
-from hapscene.loop.heartbeat import PULSE_NS
+from hapscene.loop.heartbeat import HEARTBEAT_NS
 from hapscene.loop.watchdog import BUSY_S, LOOK_S, RELEASE_S, STILL_S, WAITING_S, release, until_needed
 from tests.virtual_clock import VirtualClock
 
@@ -107,7 +107,7 @@ def test_a_device_that_is_still_held_is_tried_again(free_s: float, released: boo
     assert bool(zeros) == released and clock.now_s() - begin_s <= min(free_s, RELEASE_S) + 0.01
 
 
-@pytest.mark.parametrize(("patience_ns", "beats"), [(10**18, 200), (50 * PULSE_NS, 50)])
+@pytest.mark.parametrize(("patience_ns", "beats"), [(10**18, 200), (50 * HEARTBEAT_NS, 50)])
 def test_the_heartbeat_stops_where_nothing_is_asked_for_too_long(patience_ns: int, beats: int) -> None:
     class Stop:
         looks = 0

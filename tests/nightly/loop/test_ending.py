@@ -186,7 +186,7 @@ if __name__ == "__main__":
     try:
         with Servo(make_scene(), MASS) as servo:
             servo.start((0.0, 0.0, 0.05))
-            servo.read(), servo.rest()
+            servo.read(), servo.pause()
             print("it runs")
     except HapsceneError as error:
         print(error)

@@ -22,10 +22,10 @@ from hapscene.device.sim.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.loop import Servo
 from hapscene.loop.driver import CHANNEL
-from hapscene.loop.servo_process import Desk
+from hapscene.loop.servo_process import OrderHandler
 from hapscene.loop.timing import LATE_MAX, TIMING, Timer, start_timer, wait_for_tick
 from hapscene.records import records
-from tests.loop.test_driver import TICK_NS, desk  # noqa: F401  # a fixture
+from tests.loop.test_driver import TICK_NS, handler  # noqa: F401  # a fixture
 from tests.loop.test_servo import ASKED, MASS, make_scene
 from tests.until import until
 
@@ -84,7 +84,7 @@ def test_a_process_that_hangs_is_seen_by_the_age_of_its_state(servo: Servo) -> N
     finally:
         os.kill(servo._process.pid, signal.SIGCONT)
     until(lambda: servo.state().tick > tick and servo.state().age_s < 0.01)
-    servo.rest()
+    servo.pause()
     rested = servo.state()
     until(lambda: servo.state().age_s > rested.age_s + 0.05)  # at rest too
     assert servo.state().tick == rested.tick
@@ -201,13 +201,13 @@ def test_it_sleeps_until_just_before_a_tick_is_due() -> None:
 
 
 @pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes all there is")
-@pytest.mark.parametrize("desk", [1e-3, 4e-3], indirect=True)
-def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) -> None:  # noqa: F811
-    channel, tick_s = desk._channel.channel[0], desk._twins[0].renderer.tick_s
+@pytest.mark.parametrize("handler", [1e-3, 4e-3], indirect=True)
+def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(handler: OrderHandler) -> None:  # noqa: F811
+    channel, tick_s = handler._channel.channel[0], handler._twins[0].renderer.tick_s
 
     def live() -> tuple[float, float]:
         wall_s, used_s = time.monotonic(), time.thread_time()
-        desk._bind()[0]()
+        handler._bind()[0]()
         return time.monotonic() - wall_s, time.thread_time() - used_s
 
     channel.pause = 0
