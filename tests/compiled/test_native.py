@@ -208,7 +208,8 @@ def test_a_long_compilation_is_announced_once(printed: list[str], monkeypatch: p
         native(lambda x: x * 5.0)(1.0)
         native(lambda x: x * 7.0)(1.0)
     text = "".join(printed)
-    assert text.startswith("compiling (first run, about 10 s)") and text.count("compiling") == 1 and text[-1] == "\n"
+    assert text.startswith("compiling 1 function (first run, about 10 s)")
+    assert text.count("compiling") == 1 and text[-1] == "\n"
 
 
 def test_code_for_a_record_is_named_by_its_layout_whatever_was_compiled_before() -> None:
