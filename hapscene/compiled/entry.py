@@ -22,7 +22,7 @@ _interpreted: Final[list[Callable[..., Any]]] = []
 
 
 def address_of(function: Callable[..., Any], *arguments: Any) -> int:
-    """Return the address with which `call_flags` calls a function that returns an int, for the types of the arguments."""
+    """Return the address with which `call_flags` calls a function that returns an int, compiled for these types."""
     if INTERPRETED:
         if function not in _interpreted:
             _interpreted.append(function)

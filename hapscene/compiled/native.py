@@ -98,7 +98,7 @@ def _type_of_native(value: Native, context: Any) -> Any:
 
 
 def native(function: Function) -> Function:
-    """Decorate a function: compile it without the GIL, with NumPy's rules for division by zero, and cache it on disk."""
+    """Decorate a function: compile it without the GIL, with division by zero as in NumPy, and cache it on disk."""
     compiled: Any = function if INTERPRETED else Native(function)
     return compiled  # type: ignore[no-any-return]
 

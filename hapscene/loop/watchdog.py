@@ -28,7 +28,7 @@ priority."""
 
 WAITING_S: Final = 1.0
 """Time without a tick after which a servo that waits for its device is killed [s]. Drivers report a silent device after
-half of it."""
+half this time."""
 
 LOOK_S: Final = 0.005
 """How often the watchdog looks [s]."""

@@ -24,7 +24,7 @@ from hapscene.records import ROW, Records, block_of, records
 from hapscene.render.contact_info import Contact, Impulse
 from hapscene.render.moving_bodies import MovingBodies
 from hapscene.render.tick import run_ticks, tick, use_moving_bodies, use_tick
-from hapscene.surface.device_clipping import Clip, Fit, Numbers, clip_to_device, clips, share_of
+from hapscene.surface.device_clipping import Clip, ClippedSwatches, Numbers, clip_to_device, clips, share_of
 from hapscene.surface.effect import Effect, check_range
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.field_settings import FieldSetting, field_setting
@@ -75,7 +75,7 @@ class PreparedPainting(NamedTuple):
     """Swatches and painted faces of a scene, compiled for `Renderer.apply_painting`."""
 
     surface: Surface
-    fit: Fit
+    fit: ClippedSwatches
     swatch_names: tuple[str, ...]
     extension: Extension | None  # of the world by new bodies, if there are any
     bodies: "tuple[Body, ...]"
@@ -311,9 +311,9 @@ class Renderer:
         """Return the parameters of effects of the scene that exceed the limits of the device."""
         return [clip for k in range(len(self._fields)) for clip in self._clipped_field(k)[1]]
 
-    def _build_surface(self, scene: "Scene") -> tuple[Fit, Surface, list[str]]:
+    def _build_surface(self, scene: "Scene") -> tuple[ClippedSwatches, Surface, list[str]]:
         """Return the clipped swatches of a scene, their arrays, and warnings about those that are painted."""
-        fit = Fit(scene, self._contact_effects, self.limits, self.tick_s)
+        fit = ClippedSwatches(scene, self._contact_effects, self.limits, self.tick_s)
         surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self.limits, self._fields)
         for k in range(len(self._fields)):
             put_numbers(surface, self._effects, len(scene.swatches), self._clipped_field(k)[0])

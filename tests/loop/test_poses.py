@@ -27,7 +27,9 @@ def test_a_platform_that_rises_carries_the_tool(plate_of: Callable[..., Scene]) 
     twin.run(ReferenceTrajectory.hold((0.0, 0.0, 0.0), 1000, "none", push_W_N=(0.0, 0.0, -1.0)))
     speed_m_s = 0.03
     way_m = np.minimum(speed_m_s * 1e-3 * np.arange(1, 2001), 0.03)
-    feel = twin.run(ReferenceTrajectory.hold((0.0, 0.0, 0.0), 2000, "none", push_W_N=(0.0, 0.0, -1.0)), lift(scene, way_m))
+    feel = twin.run(
+        ReferenceTrajectory.hold((0.0, 0.0, 0.0), 2000, "none", push_W_N=(0.0, 0.0, -1.0)), lift(scene, way_m)
+    )
     assert feel.recording.touching.all()
     assert feel.p_W_m[-1, 2] == pytest.approx(0.03 - 1.0 / 500.0, abs=1e-6)
     assert feel.v_W_m_s[900, 2] == pytest.approx(speed_m_s, rel=1e-3)
@@ -39,7 +41,9 @@ def test_a_platform_that_rises_carries_the_tool(plate_of: Callable[..., Scene]) 
 def test_it_is_the_renderers_own_tick(plate_of: Callable[..., Scene]) -> None:
     scene = plate_of(friction_static=0.4, friction_dynamic=0.3)
     poses = lift(scene, 0.004 * np.sin(np.arange(600) / 50.0))
-    feel = Twin(scene, MASS).run(ReferenceTrajectory.hold((0.0, 0.0, 0.001), 600, "light", push_W_N=(0.3, 0.0, -1.0)), poses)
+    feel = Twin(scene, MASS).run(
+        ReferenceTrajectory.hold((0.0, 0.0, 0.001), 600, "light", push_W_N=(0.3, 0.0, -1.0)), poses
+    )
     again = Renderer(scene).run(feel.recording.p_WT_m, poses)
     assert 0 < feel.recording.touching.sum() < 600
     for name in ("p_WP_m", "f_W_N", "slip_m_s", "flags"):

@@ -97,7 +97,8 @@ def test_the_same_seed_gives_the_same_bits_and_run_goes_on_where_it_was(plate: S
     step_m = np.linalg.norm(np.diff(intent.target_W_m, axis=0), axis=1)
     half = quarter + int(step_m[quarter : 3 * quarter].argmin()) + 1  # where the hand hardly moves
     parts = [
-        ReferenceTrajectory(intent.target_W_m[a:b], intent.grip[a:b], intent.push_W_N[a:b]) for a, b in ((0, half), (half, None))
+        ReferenceTrajectory(intent.target_W_m[a:b], intent.grip[a:b], intent.push_W_N[a:b])
+        for a, b in ((0, half), (half, None))
     ]
     second = [twin.run(part) for part in parts]
     joined = np.concatenate([feel.a_handle_m_s2 for feel in second])

@@ -8,7 +8,7 @@ import hapscene
 from hapscene.device.model import Limits
 from hapscene.errors import HapsceneError, PathError, SceneError
 from hapscene.flags import Flag
-from hapscene.surface.device_clipping import Fit
+from hapscene.surface.device_clipping import ClippedSwatches
 from hapscene.surface.effect import Effect, Param
 from hapscene.surface.swatch import Swatch
 
@@ -259,12 +259,12 @@ def test_another_painting_is_felt_as_a_new_renderer_feels_it(monkeypatch):
     fitted = []
 
     def counted(*arguments):
-        fitted.append(Fit(*arguments))
+        fitted.append(ClippedSwatches(*arguments))
         return fitted[-1]
 
     renderer = hapscene.Renderer(scene("wood"), device="omni")
     renderer.run(stroke())
-    monkeypatch.setattr("hapscene.render.renderer.Fit", counted)
+    monkeypatch.setattr("hapscene.render.renderer.ClippedSwatches", counted)
     other = scene(Swatch("oak", stiffness_N_m=333.0))
     renderer.repaint(other)
     assert len(fitted) == 1

@@ -9,7 +9,7 @@ import pytest
 from hapscene.device.model import Limits
 from hapscene.surface.device_clipping import WALL, Clip, _in_blocks, clip_to_device, clips, share_of
 from hapscene.surface.effect_registry import load_effect
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.texture import Texture
 from hapscene.swatches.library import load_swatch
 
@@ -99,7 +99,7 @@ def test_without_a_mass_or_a_known_damping_there_is_nothing_to_limit():
 
 
 def steady_wood():
-    return replace(load_swatch("wood").texture, life=None, exponents=(0.0, 0.0))
+    return replace(load_swatch("wood").texture, modulation=None, exponents=(0.0, 0.0))
 
 
 def test_the_share_is_what_makes_the_worst_stroke_just_passive():
@@ -116,7 +116,7 @@ def test_the_share_is_what_makes_the_worst_stroke_just_passive():
 def test_bursts_and_a_level_beyond_the_recorded_are_held_within_it():
     texture = steady_wood()
     found = share_of(texture, 0.045, 0.1, 1e-3).share
-    alive = replace(texture, life=Life([0.5], [20.0], [0.0]))
+    alive = replace(texture, modulation=GainModulation([0.5], [20.0], [0.0]))
     assert share_of(alive, 0.045, 0.1, 1e-3).share == pytest.approx(found / np.exp(0.25))
     farther = share_of(replace(texture, exponents=(2.0, 0.0)), 0.045, 0.1, 1e-3)
     assert farther.share < found / 1.9 and farther.force_N == 2.0 * texture.force_max_N

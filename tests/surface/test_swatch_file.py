@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.errors import SwatchError
 from hapscene.surface import swatch_file
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import SwatchWarning, save_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.taps import TAP_ROWS, Taps
@@ -25,7 +25,7 @@ def make_swatch(seed: int = 0) -> Swatch:
     a = ar_from_reflection(rng.uniform(-0.5, 0.5, (3, 12)))
     texture = Texture.from_models(
         1e4 / 3, rng.uniform(1, 2, 3), rng.uniform(0.1, 0.2, 3), a=a, variance_m2_s4=rng.uniform(0, 1, 3), warp=2 / 3,
-        exponents=rng.uniform(0, 2, 2), life=Life([0.3, 1 / 3], [7.0, 0.0], [0.0, 1e3 / 7]),
+        exponents=rng.uniform(0, 2, 2), modulation=GainModulation([0.3, 1 / 3], [7.0, 0.0], [0.0, 1e3 / 7]),
     )  # fmt: skip
     waves = rng.standard_normal((2, 5))
     taps = Taps([0.1, 1 / 3], rng.uniform(0, 9, 2), rng.uniform(50, 200, 2), rng.uniform(50, 200, 2), waves, 1e4 / 3)
@@ -58,7 +58,7 @@ def test_a_file_of_the_first_version_is_read_and_its_noise_passed_over() -> None
     for key in ("warp", "exponents", "life"):
         del content["texture"][key]
     plain = swatch_from_json(json.dumps(content))
-    assert plain.texture is not None and plain.texture.life is None and plain.texture.warp == 0.0
+    assert plain.texture is not None and plain.texture.modulation is None and plain.texture.warp == 0.0
     content["version"], content["texture"]["excitation"] = 1, [-1.0, 0.0, 1.0]
     assert swatch_from_json(json.dumps(content)) == plain
     for key, value in {"warp": 0.5, "life": None}.items():

@@ -13,7 +13,7 @@ from scipy.signal import freqz, lfilter
 from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.errors import SwatchError
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.texture import GAIN_MAX, INTERPOLATIONS, Texture, filters, form, stabilised
 from hapscene.swatches.library import load_swatch
 
@@ -219,7 +219,7 @@ def test_textures_are_equal_by_all_that_they_hold() -> None:
     for name in ("force_N", "speed_m_s", "lsf_rad", "variance_m2_s4"):
         assert texture != replace(texture, **{name: 0.999 * getattr(texture, name)}), name
     assert texture != replace(texture, triangles=texture.triangles[::-1])
-    more = {"warp": 0.5, "exponents": (1.0, 0.0), "life": Life([0.3], [20.0], [0.0])}
+    more = {"warp": 0.5, "exponents": (1.0, 0.0), "modulation": GainModulation([0.3], [20.0], [0.0])}
     changed = replace(texture, **more)
     assert changed == replace(texture, **more)
     for name in more:
@@ -229,8 +229,10 @@ def test_textures_are_equal_by_all_that_they_hold() -> None:
 
 def test_a_life_that_cannot_be_is_refused() -> None:
     good = {"spread": [0.3, 0.2], "decay_1_s": [20.0, 0.0], "decay_1_m": [0.0, 300.0]}
-    assert Life(**good) == Life(**good) and hash(Life(**good)) == hash(Life(**good))
-    assert Life(**good).log_spread == pytest.approx(np.sqrt(0.13))
+    assert GainModulation(**good) == GainModulation(**good) and hash(GainModulation(**good)) == hash(
+        GainModulation(**good)
+    )
+    assert GainModulation(**good).log_spread == pytest.approx(np.sqrt(0.13))
     for change in (
         {"spread": []},
         {"decay_1_m": [0.0]},
@@ -240,7 +242,7 @@ def test_a_life_that_cannot_be_is_refused() -> None:
         {"decay_1_m": [0.0, 0.0]},
     ):
         with pytest.raises(SwatchError):
-            Life(**(good | change))
+            GainModulation(**(good | change))
 
 
 @pytest.mark.parametrize("warp", [0.75, -0.4])
@@ -275,11 +277,11 @@ def test_beyond_the_largest_recorded_the_level_goes_on_and_is_bounded() -> None:
 
 
 def test_a_warped_texture_is_truncated_to_the_same_power_and_lags() -> None:
-    texture = replace(load_swatch("wood").texture, life=None)
+    texture = replace(load_swatch("wood").texture, modulation=None)
     short = texture.truncated(5)
     assert short.order == 5 and short.warp == texture.warp > 0.0
     place = [texture.force_max_N], [texture.speed_max_m_s]
     assert short.power(*place) == pytest.approx(texture.power(*place))
-    living = replace(texture, life=Life([0.3], [20.0], [0.0]))
+    living = replace(texture, modulation=GainModulation([0.3], [20.0], [0.0]))
     for made in (living.truncated(5), living.resampled(5000.0)):
         assert made.life == living.life
