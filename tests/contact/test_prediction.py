@@ -131,7 +131,7 @@ def test_a_frame_elsewhere_is_no_jump_and_a_teleport_is_one() -> None:
     line.say(17, (0.01, 0, 0))
     way = [line.tick(17 + k)[0, 3] for k in range(40)]
     assert max(np.diff([0.0, *way])) < 0.01 / 16 and way[-1] == pytest.approx(0.01, abs=1e-15)
-    line.frames[0].jumps += 1
+    line.frames[0].teleport_count += 1
     line.say(70, (0.5, 0, 0))
     assert line.tick(70)[0, 3] == 0.5 and line.teleported[0] == 1
 

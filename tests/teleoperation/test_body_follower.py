@@ -78,7 +78,9 @@ def test_it_is_felt_as_a_follower_on_a_scene_is() -> None:
 @pytest.mark.parametrize("step_s", [1e-4, 1e-3])
 def test_the_stiffness_felt_is_that_of_springs_in_a_row(step_s: float) -> None:
     """1/K = 1/K_wall + 1/K_c, without a delay but that of the line's own tick."""
-    rest = [ReferenceTrajectory.hold(START_M, 4000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)) for push_N in (-0.5, -1.0)]
+    rest = [
+        ReferenceTrajectory.hold(START_M, 4000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)) for push_N in (-0.5, -1.0)
+    ]
     felt = operated(Wall(step_s), rest[0].then(rest[1]))
     light, firm = felt.leader_W_m[3999, 2], felt.leader_W_m[-1, 2]
     assert 0.5 / (light - firm) == pytest.approx(predict_stiffness(1e-3), rel=2e-3)

@@ -157,7 +157,10 @@ def test_a_seed_that_is_none_is_told(seed: object) -> None:
 
 def living(**fields) -> Swatch:
     swatch = unlike("lsf")
-    return replace(swatch, texture=replace(swatch.texture, modulation=GainModulation([0.3, 0.4], [40.0, 0.0], [0.0, 300.0]), **fields))
+    return replace(
+        swatch,
+        texture=replace(swatch.texture, modulation=GainModulation([0.3, 0.4], [40.0, 0.0], [0.0, 300.0]), **fields),
+    )
 
 
 def test_a_slow_gain_spreads_the_levels_and_keeps_the_power() -> None:

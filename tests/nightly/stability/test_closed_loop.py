@@ -68,7 +68,9 @@ def test_a_sliding_mass_stops_in_the_ticks_of_the_closed_form_and_rests(speed_m_
 
 
 def test_an_omni_neither_drifts_nor_chatters_at_half_its_friction() -> None:
-    felt = rough(Omni()).run(ReferenceTrajectory.hold((*AT_M, 0.0), 12_000, "none", push_W_N=(0.5 * COULOMB, 0.0, -1.0)))
+    felt = rough(Omni()).run(
+        ReferenceTrajectory.hold((*AT_M, 0.0), 12_000, "none", push_W_N=(0.5 * COULOMB, 0.0, -1.0))
+    )
     assert np.linalg.norm(felt.p_W_m[-1, :2] - felt.p_W_m[2000, :2]) < 1e-6
     assert np.sqrt((felt.v_W_m_s[-2000:] ** 2).sum(1).mean()) < 1e-4
 
