@@ -96,7 +96,7 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
             wire.send(handler.answer(order, arguments))
     except (EOFError, ConnectionError, KeyboardInterrupt):
         # the application has ended; where signals cannot be blocked, Ctrl-C reaches both processes
-        ending = "the application was gone"
+        ending = "the application has ended"
     except HapsceneError as error:
         wire.send((str(error), None))
     except BaseException:

@@ -38,7 +38,7 @@ def make(weight: float) -> Bound:
     return Bound(tuple(Part(np.full(3, k + 1.0), records(1, ROW), weight) for k in range(2)), np.zeros(1, np.int64))
 
 
-def test_it_acts_on_what_it_was_bound_to() -> None:
+def test_call_acts_on_its_argument() -> None:
     first, second = make(0.5), make(2.0)
     calls = BoundCall(add_at, first), BoundCall(add_at, second)  # of one type: compiled once
     for _ in range(3):
@@ -50,7 +50,7 @@ def test_it_acts_on_what_it_was_bound_to() -> None:
 
 
 @pytest.mark.skipif(INTERPRETED, reason="interpreted code needs Python's lock")
-def test_any_thread_may_call_its_address_as_one_of_c() -> None:
+def test_any_thread_can_call_the_c_function() -> None:
     bound = make(1.0)
     call = BoundCall(add_at, bound)
     function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(call.address)

@@ -9,7 +9,7 @@ from hapscene.contact.cast import cast
 BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
 
 
-def test_stops_a_skin_off_the_face(world):
+def test_stop_is_one_skin_above_the_face(world):
     w = world(BOX)
     stop = cast(w, (0.01, 0.02, 0.03), (0.01, 0.02, -0.01))
     skin = w.bodies[0].skin_m
@@ -29,7 +29,7 @@ def test_stops_a_skin_off_the_face(world):
         ((0.0, 0.0, 0.03), (0.0, 0.0, 0.03)),  # stays
     ],
 )
-def test_free_way(world, origin, goal):
+def test_no_stop_on_a_free_way(world, origin, goal):
     w = world(BOX)
     assert cast(w, origin, goal) == 2.0
     assert w.proxy[0].count == 0
@@ -42,7 +42,7 @@ def test_two_sided_face_stops_from_inside_and_faces_inwards(world):
     assert w.proxy[0].side[0] == -1.0
 
 
-def test_passes_a_face_from_behind_and_meets_the_next_from_outside(world):
+def test_back_face_is_passed_and_next_front_face_stops(world):
     other = BOX.copy()
     other.apply_translation((0, 0, 0.1))
     w = world(trimesh.util.concatenate([BOX, other]))
@@ -60,7 +60,7 @@ def test_nearest_of_several_bodies_wins_in_either_order(world):
         assert (w.proxy[0].count, w.proxy[0].body[0]) == (1, body)
 
 
-def test_a_face_met_at_a_grazing_angle_is_seen(world):
+def test_face_at_a_grazing_angle_stops(world):
     """At a slope of 1 in 100 the goal lies half a skin over the face: the way ends before the face is reached."""
     w = world(BOX)
     skin = w.bodies[0].skin_m

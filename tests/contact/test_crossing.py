@@ -38,7 +38,7 @@ def glide(world, start, *tools):
 
 @pytest.mark.parametrize("angle_deg", [0.01, 1.0, 20.0, 60.0, -0.01, -1.0, -20.0, -60.0])
 @pytest.mark.parametrize("two_sided", [False, True])
-def test_over_an_edge_as_by_rays_alone(angle_deg, two_sided) -> None:
+def test_edge_crossing_agrees_with_casts(angle_deg, two_sided) -> None:
     x = np.linspace(-0.004, 0.004, 101)
     tools = np.c_[x, 0.3 * x, np.full(len(x), -0.003)]
     known, alone = (
@@ -49,7 +49,7 @@ def test_over_an_edge_as_by_rays_alone(angle_deg, two_sided) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_on_rough_ground_the_proxy_stays_outside_and_on_the_surface(seed) -> None:
+def test_proxy_stays_on_a_rough_surface(seed) -> None:
     rng = np.random.default_rng(seed)
     z = rng.normal(scale=0.0008, size=(40, 40))
     t = np.linspace(0.0, 6.0, 3000)
@@ -83,7 +83,7 @@ def on_the_first_slope(world):
 
 
 @pytest.mark.parametrize("angle_deg", [0.01, 5.0, 40.0, -0.5])
-def test_it_rests_beyond(angle_deg) -> None:
+def test_proxy_settles_beyond_the_edge(angle_deg) -> None:
     world = world_of(roof(angle_deg))
     p, tool, goal = on_the_first_slope(world)
     outcome, place = cross_edges(world, p, tool, goal)
@@ -92,7 +92,7 @@ def test_it_rests_beyond(angle_deg) -> None:
     assert n @ place == pytest.approx(world.bodies[0].skin_m, rel=1e-9)
 
 
-def test_what_stands_on_the_edge_is_met() -> None:
+def test_body_on_the_edge_blocks_the_proxy() -> None:
     wall = trimesh.creation.box(bounds=[[0.0002, -0.02, 0.0], [0.0004, 0.02, 0.02]])
     world = world_of(roof(0.0), wall)
     p, tool, goal = on_the_first_slope(world)
@@ -111,7 +111,7 @@ def ground(z) -> trimesh.Trimesh:
     return trimesh.Trimesh(np.c_[x.ravel(), y.ravel(), z.ravel()], np.r_[np.c_[a, b, c], np.c_[a, c, d]], process=False)
 
 
-def test_a_facet_that_was_met_lets_go_behind_its_edge() -> None:
+def test_plane_of_a_facet_is_dropped_beyond_its_edge() -> None:
     """In one tick over a floor of small faces to a pillar and half round it."""
     pillar = trimesh.creation.cylinder(radius=1e-3, segment=[[0, 0, -0.01], [0, 0, 0.01]], sections=64)
     goal = np.array([0.0005, -0.0009, -0.001])
@@ -121,7 +121,7 @@ def test_a_facet_that_was_met_lets_go_behind_its_edge() -> None:
     np.testing.assert_allclose(found[-1], goal * [1, 1, 0], rtol=0.0, atol=1e-8)
 
 
-def test_a_jump_over_a_slot_does_not_end_in_it() -> None:
+def test_jump_over_a_slot_ends_on_the_far_side() -> None:
     """In one tick along a block of 20 mm with a slot in the middle, 0.2 mm below its top."""
     outline = [[-10, 0], [-1, 0], [-0.9, -5], [0.9, -5], [1, 0], [10, 0]]
     vertices = 1e-3 * np.array([[x, y, z] for x, z in outline for y in (-10, 10)])
@@ -131,7 +131,7 @@ def test_a_jump_over_a_slot_does_not_end_in_it() -> None:
     np.testing.assert_allclose(found, [[0.006, 0.001, 0.0], [-0.0088, 0.001, 0.0]], rtol=0.0, atol=1e-9)
 
 
-def test_what_the_mesh_does_not_say_changes_nothing() -> None:
+def test_without_adjacency_nothing_changes() -> None:
     world = world_of(roof(5.0), known=False)
     p, tool, goal = on_the_first_slope(world)
     before = world.proxy[0].copy()
@@ -141,7 +141,7 @@ def test_what_the_mesh_does_not_say_changes_nothing() -> None:
     np.testing.assert_array_equal(after.nhat_W[0], before.nhat_W[0])
 
 
-def test_needles_and_faces_of_no_area_are_none_to_rest_on() -> None:
+def test_degenerate_faces_do_not_hold_the_proxy() -> None:
     """Between the slopes lies a strip that is narrower than the search can tell, and one of no width at all."""
     strip = 2e-7
     for width in (strip, 0.0):
@@ -155,7 +155,7 @@ def test_needles_and_faces_of_no_area_are_none_to_rest_on() -> None:
         assert world.proxy[0].face[0] in (4, 5)
 
 
-def test_many_planes_about_a_corner_stay_within_their_room() -> None:
+def test_many_faces_at_a_corner_use_at_most_four_planes() -> None:
     """A funnel of many faces, into which the tool is pressed and moved about: no more than four planes at a time."""
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     rim = np.c_[0.05 * np.cos(angle), 0.05 * np.sin(angle), 0.03 * np.ones(24)]

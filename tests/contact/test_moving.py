@@ -57,7 +57,7 @@ def test_slots_and_poses_by_name_give_the_same_bits():
     assert whole.touching[1:].all()
 
 
-def test_a_body_that_is_given_no_pose_any_more_stands_still():
+def test_body_without_a_new_pose_comes_to_rest():
     renderer, slots = pressed((0, 0, 0))
     slots.X_WB[0, 0, 3] = 1e-3
     moved = renderer.step(ON_TOP, slots)
@@ -80,7 +80,7 @@ def test_a_body_that_is_given_no_pose_any_more_stands_still():
     ],
     ids=["nan", "inf", "far", "scaled", "mirrored", "flat", "transposed"],
 )
-def test_a_pose_that_is_none_is_flagged_and_the_last_good_one_kept(spoil):
+def test_invalid_pose_is_flagged_and_last_valid_one_kept(spoil):
     renderer, slots = pressed((0, 0, 0))
     good = at((0.0, 0.0, 0.001), Rotation.from_rotvec([0, 0, 0.1]).as_matrix())
     slots.X_WB = good[None]
@@ -99,7 +99,7 @@ def test_a_pose_that_is_none_is_flagged_and_the_last_good_one_kept(spoil):
 
 @pytest.mark.nightly
 @given(st.integers(0, 2**32 - 1), st.floats(1e-12, ROTATION_TOLERANCE / 4))
-def test_what_rounding_does_to_a_rotation_is_mended(seed, size):
+def test_rounding_errors_of_a_rotation_are_corrected(seed, size):
     rng = np.random.default_rng(seed)
     R = Rotation.random(random_state=seed).as_matrix()
     X = at(rng.normal(size=3), R + size * rng.uniform(-1.0, 1.0, (3, 3)))
@@ -114,7 +114,7 @@ def test_what_rounding_does_to_a_rotation_is_mended(seed, size):
 SCENE = boxes((0, 0, 0))
 
 
-def test_an_hour_of_float32_products_is_mended():
+def test_one_hour_of_float32_products_is_corrected():
     turn = Rotation.from_rotvec([0.003, 0.01, 0.02]).as_matrix().astype(np.float32)
     X, renderer = np.eye(4, dtype=np.float32), hapscene.Renderer(SCENE, [])
     for _ in range(3600 * 60):
@@ -123,7 +123,7 @@ def test_an_hour_of_float32_products_is_mended():
     assert renderer.step((0.0, 0.0, 9.0), {"box 0": X}).flags == Flag(0)
 
 
-def test_a_body_that_is_teleported_takes_nothing_along():
+def test_teleport_does_not_move_the_proxy():
     """Away from under the tool, and back about it: neither drags the tool nor hits it."""
     renderer, slots = pressed((0, 0, 0))
     slots.X_WB = at((0.3, 0.0, 0.0))[None]
@@ -138,7 +138,7 @@ def test_a_body_that_is_teleported_takes_nothing_along():
     assert renderer.step(ON_TOP, slots).contact is not None
 
 
-def test_what_else_holds_the_tool_goes_on_when_a_body_jumps():
+def test_contact_with_another_body_survives_a_teleport():
     """In the corner of two boxes, one of which jumps away."""
     renderer = hapscene.Renderer(boxes((0, 0, 0), (0.1, 0.0, 0.05)), ["wall"])
     corner = (0.0505, 0.0, 0.0495)  # under the top of the first, inside the side of the second
@@ -152,7 +152,7 @@ def test_what_else_holds_the_tool_goes_on_when_a_body_jumps():
     assert contact.body == "box 0" and not contact.began and contact.depth_m == pytest.approx(0.0005)
 
 
-def test_a_body_jumps_into_a_running_scene_by_its_scene_too():
+def test_scene_pose_teleports_a_body():
     scene = boxes((0, 0, 0))
     renderer = hapscene.Renderer(scene, ["wall"])
     renderer.step((0.01, 0.02, 0.051))
@@ -165,7 +165,7 @@ def test_a_body_jumps_into_a_running_scene_by_its_scene_too():
     assert not renderer.run(np.tile((0.31, 0.02, 0.049), (3, 1))).touching.any()
 
 
-def test_slots_that_cannot_be_are_refused():
+def test_invalid_moving_bodies_are_rejected():
     renderer = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0)), [])
     for names in (["crate"], ["box 0", "box 0"]):
         with pytest.raises(SceneError, match=names[0]):
@@ -177,14 +177,14 @@ def test_slots_that_cannot_be_are_refused():
             renderer.step((0, 0, 1), {"box 0": bad})
 
 
-def test_bodies_bound_by_another_renderer_are_refused():
+def test_moving_bodies_of_another_renderer_are_rejected():
     """Of another scene their numbers would lead anywhere; of the same one a jump would be felt once."""
     slots = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0))).moving_bodies(["box 1"])
     with pytest.raises(SceneError):
         hapscene.Renderer(SCENE, []).step((0.0, 0.0, 9.0), slots)
 
 
-def test_bodies_are_bound_where_the_scene_has_them():
+def test_moving_bodies_start_at_the_pose_of_the_scene():
     scene = boxes((0, 0, 0))
     renderer = hapscene.Renderer(scene, ["wall"])
     renderer.step((0.01, 0.02, 0.06))
@@ -195,7 +195,7 @@ def test_bodies_are_bound_where_the_scene_has_them():
 
 
 @pytest.mark.parametrize("when", ["first", "before a reset"])
-def test_a_body_that_appears_is_in_no_motion(when):
+def test_first_pose_is_no_motion(when):
     renderer = hapscene.Renderer(boxes((0, 0, 0)), ["wall"])
     if when != "first":
         renderer.step((0.0, 0.0, 0.3))

@@ -54,13 +54,13 @@ def test_wedge_of_two_planes_is_exact_however_flat(angle_deg):
     np.testing.assert_allclose(p, (0.0, 0.03, 0.0), atol=1e-6)
 
 
-def test_a_plane_named_twice_counts_once():
+def test_duplicate_plane_counts_once():
     found, p = nearest(held_by([[0, 0, 1.0], [0, 0, 1.0], [1.0, 0, 0]], [0.0, 0.0, 0.0]), (-1.0, 0.5, -1.0), 0.0)
     assert found
     assert p == (0.0, 0.5, 0.0)
 
 
-def test_planes_that_enclose_nothing_are_reported():
+def test_infeasible_planes_are_reported():
     found, p = nearest(held_by([[0, 0, 1.0], [0, 0, -1.0]], [0.1, 0.1]), (0.0, 0.0, 0.0), 0.0)
     assert not found
     assert p == (0.0, 0.0, 0.0)
@@ -84,7 +84,7 @@ DOWN = np.array([0.0, 0.0, -1.0])
 @given(st.lists(st.tuples(directions, st.floats(0, 0.1)), min_size=1, max_size=4), vectors)
 @example(planes=[(DOWN, 0.0), (np.array([5.96e-8, 0.0, 1.0]), 0.0)], tool=(-1.0, 0.0, 0.0))
 @example(planes=[(DOWN, 0.0), (np.array([np.sin(1e-5), 0.0, np.cos(1e-5)]), 0.0)], tool=(-1.0, 0.0, 0.0))
-def test_allowed_by_all_and_pushed_by_none_that_pulls(planes, tool):
+def test_solution_satisfies_the_kkt_conditions(planes, tool):
     """The conditions of Karush, Kuhn and Tucker: they hold for the closest point alone.
 
     It gives up only where planes are dependent to within `PARALLEL`: two that face each other at a millionth of a
@@ -107,7 +107,7 @@ def test_allowed_by_all_and_pushed_by_none_that_pulls(planes, tool):
     np.testing.assert_allclose(np.array(tool) + push @ normals, p, atol=rounding)
 
 
-def test_only_what_was_dropped_in_this_tick_is_taken_back(world, triangle):
+def test_only_planes_dropped_in_this_tick_are_restored(world, triangle):
     """Slots of earlier ticks still hold planes: those are not met again by being remembered."""
     w = world(triangle)
     proxy = w.proxy[0]

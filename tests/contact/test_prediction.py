@@ -50,7 +50,7 @@ def frames_at(ticks: int) -> set[int]:
     return set(np.ceil(np.arange(0.0, ticks * TICK_S, FRAME_S) / TICK_S).astype(int).tolist())
 
 
-def test_without_velocities_it_goes_straight_from_frame_to_frame_and_stands_on_the_last() -> None:
+def test_without_velocities_poses_are_interpolated() -> None:
     line = Line()
     line.say(0, (0, 0, 0))
     line.tick(0)
@@ -61,7 +61,7 @@ def test_without_velocities_it_goes_straight_from_frame_to_frame_and_stands_on_t
     np.testing.assert_allclose(turned, np.minimum(np.arange(1, 31), 20) * 0.02, atol=1e-12)
 
 
-def test_with_velocities_it_goes_on_and_stops_when_no_frame_comes() -> None:
+def test_with_velocities_motion_continues_for_the_horizon() -> None:
     line = Line(com_B_m=(0.1, 0.0, 0.0))
     line.say(0, (0.0, 0, 0), v=(0.3, 0, 0), w=(0, 0, 2.0))
     seen = np.array([line.tick(k) for k in range(200)])
@@ -71,7 +71,7 @@ def test_with_velocities_it_goes_on_and_stops_when_no_frame_comes() -> None:
     np.testing.assert_allclose(Rotation.from_matrix(seen[:, :3, :3]).as_rotvec()[:, 2], 2.0 * t, atol=1e-12)
 
 
-def test_a_body_that_goes_steadily_does_not_stand_still_when_a_frame_comes() -> None:
+def test_steady_motion_is_not_interrupted_by_a_frame() -> None:
     line, way = Line(), []
     for k in range(100):
         if k % 20 == 0:
@@ -84,7 +84,7 @@ def test_a_body_that_goes_steadily_does_not_stand_still_when_a_frame_comes() -> 
 
 
 @pytest.mark.parametrize("late", [0, 5])
-def test_a_push_moves_it_as_its_mass_and_inertia_have_it(late: int) -> None:
+def test_push_accelerates_by_mass_and_inertia(late: int) -> None:
     """A steady force off the centre, which the program has not seen yet; also where the frame is old when it comes."""
     line, force, place = Line(0.2, 1e-3), np.array([1.0, 0, 0]), np.array([0.0, 0.01, 0.0])
     line.say(-late)
@@ -98,7 +98,7 @@ def test_a_push_moves_it_as_its_mass_and_inertia_have_it(late: int) -> None:
     assert turn[2] == pytest.approx(-0.5 * 10.0 * t * t, rel=0.03 + 0.1 * late)
 
 
-def test_what_leans_against_the_push_is_learnt_from_the_frames() -> None:
+def test_support_force_is_estimated_from_frames() -> None:
     """It rests against a wall, pushed with 1 N: the program says that it stands, and it does not wander off."""
     line, away, frames = Line(0.2), [], frames_at(1000)
     for k in range(1000):
@@ -110,7 +110,7 @@ def test_what_leans_against_the_push_is_learnt_from_the_frames() -> None:
     assert max(np.abs(away[100:])) < 1e-4
 
 
-def test_frames_that_come_late_and_at_once_are_no_jump() -> None:
+def test_delayed_frames_cause_no_jump() -> None:
     """60 a second on a steady way, of which some are held up and come with the next: no tick is much faster."""
     line, way = Line(), []
     due = {round(k * 1000 / 60): k for k in range(60)}
@@ -124,7 +124,7 @@ def test_frames_that_come_late_and_at_once_are_no_jump() -> None:
     assert steps.max() < 3 * 0.1 * TICK_S
 
 
-def test_a_frame_elsewhere_is_no_jump_and_a_teleport_is_one() -> None:
+def test_new_pose_is_smoothed_and_teleport_jumps() -> None:
     line = Line(0.2)
     line.say(0)
     line.tick(0)
@@ -136,7 +136,7 @@ def test_a_frame_elsewhere_is_no_jump_and_a_teleport_is_one() -> None:
     assert line.tick(70)[0, 3] == 0.5 and line.teleported[0] == 1
 
 
-def test_a_frame_that_is_no_pose_leaves_it_where_it_was_going() -> None:
+def test_invalid_frame_is_reported_and_prediction_continues() -> None:
     line = Line()
     line.say(0, v=(0.1, 0, 0))
     assert line.tick(0)[0, 3] == 0.0
@@ -148,7 +148,7 @@ def test_a_frame_that_is_no_pose_leaves_it_where_it_was_going() -> None:
     assert [line.tick(k)[0, 3] for k in range(3, 40)] == pytest.approx([1e-4 * k for k in range(3, 40)], abs=3e-4)
 
 
-def test_a_body_that_spun_beyond_all_numbers_comes_back_with_its_next_frame() -> None:
+def test_overflow_is_recovered_by_the_next_frame() -> None:
     line = Line()
     line.say(0, w=(1e300, 0, 0))
     assert not np.isfinite([line.tick(0), line.tick(1)]).all()
@@ -157,7 +157,7 @@ def test_a_body_that_spun_beyond_all_numbers_comes_back_with_its_next_frame() ->
         np.testing.assert_array_equal(line.tick(k)[:3, 3], (0.1, 0, 0))
 
 
-def test_a_frame_that_is_being_written_is_left_alone() -> None:
+def test_incomplete_frame_is_ignored() -> None:
     line = Line()
     line.say(0, (0.1, 0, 0))
     line.tick(0)
@@ -167,7 +167,7 @@ def test_a_frame_that_is_being_written_is_left_alone() -> None:
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_a_box_that_is_pushed_at_60_frames_a_second_feels_as_one_box(friction: float) -> None:
+def test_prediction_keeps_contact_with_a_pushed_box(friction: float) -> None:
     """0.2 kg at 650 N/m: held still between frames it is met again and again, at up to a newton; so it is not."""
     scene, mass_kg = hapscene.Scene(), 0.2
     scene.add(trimesh.creation.box((0.05,) * 3), name="crate", unit="m", swatch=Swatch("s", stiffness_N_m=650.0))
@@ -196,7 +196,7 @@ def test_a_box_that_is_pushed_at_60_frames_a_second_feels_as_one_box(friction: f
     assert steps[False] < 0.1 < steps[True] and changes[False] <= 2 < changes[True]
 
 
-def test_another_centre_of_mass_does_not_move_the_body() -> None:
+def test_new_centre_of_mass_does_not_move_the_body() -> None:
     line = Line(0.2)
     line.say(0, (0.3, 0, 0))
     line.tick(0)
@@ -207,7 +207,7 @@ def test_another_centre_of_mass_does_not_move_the_body() -> None:
         np.testing.assert_allclose(line.tick(tick)[:3, 3], (0.3, 0, 0), atol=1e-12)
 
 
-def test_a_body_jumps_with_the_whole_frame_that_says_so_and_not_before() -> None:
+def test_teleport_waits_for_a_complete_valid_frame() -> None:
     line = Line()
     line.say(0)
     line.tick(0)

@@ -128,13 +128,13 @@ def work_of_a_tour(mesh, height_m) -> tuple[float, float]:
     return float(each.sum()), float(np.abs(each).sum())
 
 
-def test_a_closed_tour_over_facets_gives_no_work():
+def test_closed_tour_over_facets_generates_no_work():
     """Slipping over a convex edge lets go of a little of what was pressed in, and never gives any."""
     work_J, effort_J = work_of_a_tour(trimesh.creation.icosphere(subdivisions=3, radius=0.05), 0.05)
     assert -0.02 * effort_J < work_J < 1e-6 * effort_J
 
 
-def test_fast_tool_is_held_at_the_first_side_of_a_thin_wall():
+def test_thin_wall_stops_a_fast_tool():
     for wall_m, speed_m_s in ((2e-4, 5.0), (1e-3, 2.0)):
         wall = trimesh.creation.box(bounds=[[-0.05, -0.05, -wall_m], [0.05, 0.05, 0.0]])
         z = np.arange(0.0303, -0.03, -1e-3 * speed_m_s)
@@ -143,7 +143,7 @@ def test_fast_tool_is_held_at_the_first_side_of_a_thin_wall():
 
 
 @pytest.mark.parametrize(("width_a_m", "width_b_m"), [(0.1, 0.1), (0.01, 0.1), (0.1, 0.01), (0.05, 1.0)])
-def test_slides_from_one_body_to_the_next_over_the_seam(width_a_m, width_b_m):
+def test_proxy_slides_over_the_seam_between_bodies(width_a_m, width_b_m):
     a = trimesh.creation.box(bounds=[[-width_a_m, -width_a_m, -width_a_m], [0, width_a_m, 0]])
     b = trimesh.creation.box(bounds=[[0, -width_b_m, -width_b_m], [width_b_m, width_b_m, 0]])
     path = between([(-0.008, 0, 0.001), (-0.008, 0, -0.0005), (0.008, 0.001, -0.0005), (-0.008, 0, -0.0005)])
@@ -160,7 +160,7 @@ def moved(ticks, offsets_m) -> np.ndarray:
     return X
 
 
-def test_a_body_pushes_the_proxy_of_a_tool_that_stands_still():
+def test_moving_body_pushes_the_proxy():
     ticks = 300
     lift = np.linspace(-0.005, 0.01, ticks)
     tool = np.tile([0.01, 0.02, 0.0], (ticks, 1))
@@ -169,7 +169,7 @@ def test_a_body_pushes_the_proxy_of_a_tool_that_stands_still():
     np.testing.assert_allclose(r.f_W_N[-1], (0, 0, 5), rtol=1e-3, atol=1e-9)
 
 
-def test_a_plate_swings_over_a_tool_that_stands_still():
+def test_rotating_plate_pushes_the_proxy():
     plate = trimesh.creation.box(bounds=[[0, -0.05, -0.001], [0.1, 0.05, 0.001]])
     angle = np.linspace(-0.6, 0.6, 600)
     X = np.array([trimesh.transformations.rotation_matrix(-a, (0, 1, 0)) for a in angle])
@@ -182,7 +182,7 @@ def test_a_plate_swings_over_a_tool_that_stands_still():
 
 
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.5, 2.0])
-def test_a_floor_that_moves_does_not_carry_the_proxy_through_a_wall(speed_m_s):
+def test_moving_floor_does_not_carry_the_proxy_through_a_wall(speed_m_s):
     """Pressed to a moving floor in front of a wall of 0.2 mm, the tool still: the proxy stays above the tool."""
     wall = trimesh.creation.box(bounds=[[0.03, -0.05, -0.05], [0.0302, 0.05, 0.05]])
     tool = between([(0.0295, 0, 0.005), (0.0295, 0, -0.005), (0.0295, 0, -0.005)], 100)
@@ -192,7 +192,7 @@ def test_a_floor_that_moves_does_not_carry_the_proxy_through_a_wall(speed_m_s):
     assert not r.flags.any()
 
 
-def test_two_bodies_that_squeeze_the_tool_let_it_go_again():
+def test_squeezed_tool_is_released():
     ticks = 400
     gap = np.abs(np.linspace(0.01, -0.01, ticks)) + 1e-4
     upper = trimesh.creation.box(bounds=[[-0.05, -0.05, 0], [0.05, 0.05, 0.02]])
@@ -206,7 +206,7 @@ def test_two_bodies_that_squeeze_the_tool_let_it_go_again():
 
 
 @pytest.mark.parametrize("start", range(12))
-def test_tool_that_starts_on_the_surface_is_held(start):
+def test_contact_from_a_start_on_the_surface(start):
     """Exactly on a face, an edge or a corner, of a body that stands or is put where it is by its first pose."""
     rng = np.random.default_rng(start)
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
@@ -260,7 +260,7 @@ def distance(mesh, points_m) -> np.ndarray:
 @pytest.mark.parametrize("shape", SHAPES)
 @settings(max_examples=12, deadline=None)
 @given(tour=tours)
-def test_never_crosses_a_face_and_lies_on_the_surface_in_contact(shape, two_sided, tour):
+def test_proxy_stays_outside_and_on_the_surface(shape, two_sided, tour):
     mesh = SHAPES[shape]
     path = between([(0.09, 0.09, 0.09), *tour], 40)
     r = play([mesh], path, two_sided=two_sided)
@@ -274,7 +274,7 @@ def test_never_crosses_a_face_and_lies_on_the_surface_in_contact(shape, two_side
 
 @settings(max_examples=20, deadline=None)
 @given(tour=st.lists(st.tuples(*[st.floats(-0.03, 0.03)] * 2, st.floats(-0.015, -0.001)), min_size=2, max_size=5))
-def test_comes_back_after_a_closed_tour(tour):
+def test_proxy_returns_after_a_closed_tour(tour):
     """Over one plane and back to the start the proxy is where it was, whatever lies between."""
     path = between([(0, 0, 0.01), tour[0], *tour[1:], tour[0]], 30)
     r = play([BOX], path)
@@ -284,7 +284,7 @@ def test_comes_back_after_a_closed_tour(tour):
 @settings(max_examples=20, deadline=None)
 @given(tour=tours)
 @example(tour=[(0.0, 0.0, 0.0), (0.0, 0.0, -0.0625)])  # comes to lie on a vertex, exactly
-def test_same_in_any_frame(tour):
+def test_result_is_independent_of_the_frame(tour):
     """Moved 10 m away, mesh and path together: the same proxy to a micron.
 
     Exactly on the surface, rounding decides whether it is touched: the depth, and so the force, is nothing then.
@@ -297,7 +297,7 @@ def test_same_in_any_frame(tour):
     np.testing.assert_allclose(near.p_WP_m, far.p_WP_m - 10.0, atol=MICRON)
 
 
-def test_put_leaves_a_free_tool_where_it_is():
+def test_placing_the_proxy_in_free_space():
     scene = Scene()
     scene.add(BOX, unit="m")
     world = build_world(scene.bodies)
@@ -329,7 +329,7 @@ def pressed(*meshes: Mesh) -> World:
     return world
 
 
-def test_coincident_bodies_feel_as_one_and_a_tick_asks_few_of_them():
+def test_coincident_bodies_equal_one_body():
     one, many = pressed(BALL), pressed(*[BALL] * (3 * NEAR_MAX))
     proxy = many.proxy[0]
     assert proxy.crowded == 1 and proxy.near_count == NEAR_MAX
@@ -340,7 +340,7 @@ def test_coincident_bodies_feel_as_one_and_a_tick_asks_few_of_them():
     assert proxy.crowded == 0 and proxy.touching == 0
 
 
-def test_what_holds_the_proxy_is_asked_however_many_come_before():
+def test_body_in_contact_is_listed_among_many():
     world = pressed(*[BALL] * (NEAR_MAX + 50), LARGER)
     proxy = world.proxy[0]
     assert proxy.crowded == 1 and proxy.near_count == NEAR_MAX + 1
@@ -349,7 +349,7 @@ def test_what_holds_the_proxy_is_asked_however_many_come_before():
 
 
 @pytest.mark.parametrize("moves", [8, 9])  # the last of them lets go of a plane, or meets one
-def test_a_tick_that_does_not_settle_leaves_the_proxy_outside_and_the_next_goes_on(moves):
+def test_unsettled_tick_leaves_the_proxy_outside(moves):
     """Cut straight through many bodies: each tick makes a few moves, holds the tool, and ends where one body's does."""
     one, many = pressed(BALL), pressed(*[BALL] * (CAST_MAX // moves))
     assert move_proxy(one, THROUGH)
@@ -373,7 +373,7 @@ def crowd_of(count: int) -> Scene:
     return scene
 
 
-def test_a_crowd_is_told_and_flagged(recwarn):
+def test_too_many_overlapping_bodies_are_reported(recwarn):
     Renderer(crowd_of(NEAR_MAX), effects=["wall"])
     assert not recwarn.list
     with pytest.warns(MeshWarning, match="300"):

@@ -28,7 +28,7 @@ def test_a_narrow_triangle_is_lower_than_the_least_height_over_its_longest_edge(
     assert is_narrow(a, a, a, 0.0)
 
 
-def test_corners_are_the_meshs_own(world, triangle):
+def test_corners_equal_the_mesh(world, triangle):
     w = world(triangle)
     np.testing.assert_array_equal(corners(w, w.bodies[0], 0), triangle.vertices)
 
@@ -50,7 +50,7 @@ def test_lies_over(world, triangle, x, y, margin_m, over):
         assert bool(lies_over(w, w.bodies[0], 0, (x, y, height), margin_m)) is over
 
 
-def test_barycentric_weights_the_corners(world, triangle, turned):
+def test_barycentric_coordinates(world, triangle, turned):
     mesh = triangle.copy()
     mesh.vertices = triangle.vertices @ turned.T + 10.0
     w = world(mesh)

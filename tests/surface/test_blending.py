@@ -80,7 +80,7 @@ def test_the_spectrum_of_a_blend_is_the_sum_of_both_by_weight(weight):
     assert samples.var() == pytest.approx((1 - weight) * 1.0 + weight * 4.0, rel=0.04)
 
 
-def test_over_a_soft_border_forces_go_over_with_the_weight_and_lag_no_more_than_the_blend_s_time():
+def test_force_follows_the_weight_over_a_soft_border():
     soft_m = 0.008
     renderer = hapscene.Renderer(scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), soft_m)), ["wall"])
     path = stroke(1.0, 0.05)
@@ -94,7 +94,7 @@ def test_over_a_soft_border_forces_go_over_with_the_weight_and_lag_no_more_than_
     assert set(recording.swatch[5:]) == {1, 2}
 
 
-def test_over_a_soft_border_nothing_clicks():
+def test_soft_border_causes_no_click():
     """The largest change from sample to sample is no larger than within either texture alone, however fast it goes."""
     quiet, slow = resonance(60, 1.0, 0.999)[2], resonance(90, 1.0, 0.999)[2]
     one, two = Swatch("one", texture=quiet), Swatch("two", texture=slow)
@@ -119,7 +119,7 @@ def told(renderer, path):
     return np.array(rows[1:]).T  # the first is in the air
 
 
-def test_from_one_through_the_blend_to_the_other_and_back_each_keeps_its_memory():
+def test_effects_keep_their_state_across_a_blend():
     renderer = hapscene.Renderer(scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), 0.008)), ["wall"])
     swatch, other, weight, crossed, other_crossed, bank = told(renderer, there_and_back(stroke(0.3))[:-1])
     n = len(swatch)
@@ -132,7 +132,7 @@ def test_from_one_through_the_blend_to_the_other_and_back_each_keeps_its_memory(
     assert np.abs(np.diff(share)).max() <= 1e-3 / BLEND_S + 1e-9
 
 
-def test_over_a_soft_border_effects_of_the_scene_go_on():
+def test_effects_of_the_scene_ignore_soft_borders():
     """They have one memory: what those of contact remember twice is none of theirs."""
     path = there_and_back(there_and_back(stroke(0.4)))
     scene = scene_of((SOFT, PlaneSide((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), 0.01))
@@ -142,7 +142,7 @@ def test_over_a_soft_border_effects_of_the_scene_go_on():
     np.testing.assert_allclose((loaded.f_W_N - bare.f_W_N)[200:, 2], -0.5, rtol=1e-9)
 
 
-def test_a_third_swatch_comes_in_and_hard_borders_change_at_once():
+def test_third_swatch_and_hard_borders():
     third = Swatch("third", stiffness_N_m=300.0)
     scene = scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), 0.02), (third, Box((-0.003, -1, -1), (0.004, 1, 1)), 0))
     swatch, other, weight, crossed, _, _ = told(hapscene.Renderer(scene, ["wall"]), stroke(0.6))
@@ -153,7 +153,7 @@ def test_a_third_swatch_comes_in_and_hard_borders_change_at_once():
     assert swatch[-1] == 2
 
 
-def test_an_effect_that_fails_on_one_of_the_two_is_mute_on_both():
+def test_failed_effect_is_muted_on_both_swatches():
     renderer = hapscene.Renderer(scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), 0.008)), ["wall", "lpc_texture"])
     put_numbers(renderer.surface, renderer._effects, 2, {(1, "texture_gain"): np.nan})
     recording = renderer.run(stroke(0.3))
@@ -172,7 +172,7 @@ def turned(angle_rad):
 
 
 @pytest.mark.parametrize("kind", ["still", "two_sided", "moving"])
-def test_a_border_inside_a_face_is_felt_where_it_was_painted(kind):
+def test_border_inside_a_face_is_rendered_where_painted(kind):
     scene = scene_of((SOFT, Sphere(CENTRE, RADIUS_M), 0.0), two_sided=kind == "two_sided")
     assert scene.bodies[0].fine is not None and len(PLATE.faces) == 12
     rng = np.random.default_rng(5)
@@ -190,7 +190,7 @@ def test_a_border_inside_a_face_is_felt_where_it_was_painted(kind):
     assert ((recording.swatch == 2) == (distance_m < 0))[sure].all()
 
 
-def test_it_stays_on_the_surface_of_a_body_that_takes_another_shape():
+def test_fine_paint_follows_deformation():
     scene = scene_of((SOFT, Sphere(CENTRE, RADIUS_M), 0.0))
     renderer = hapscene.Renderer(scene, ["wall"])
     renderer.deform("plate", scene.bodies[0].mesh.vertices_m * (1.2, 1.2, 1.0))
@@ -213,7 +213,7 @@ def test_a_fidelity_keeps_the_borders_and_a_coarser_mesh_is_refused():
         apply_level(scene, Level({"plate": BodyFidelity(mesh=coarse)}, {}))
 
 
-def test_repainting_while_it_is_touched_takes_the_finer_paint():
+def test_repainting_in_contact_uses_fine_paint():
     scene = scene_of()
     renderer = hapscene.Renderer(scene, ["wall"])
     path = stroke(0.4)

@@ -37,14 +37,14 @@ def make_swatch(seed: int = 0) -> Swatch:
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_round_trip_is_exact_to_the_bit(seed: int) -> None:
+def test_files_are_lossless(seed: int) -> None:
     swatch = make_swatch(seed)
     again = swatch_from_json(swatch_to_json(swatch))
     assert again == swatch
     assert swatch_to_json(again) == swatch_to_json(swatch)
 
 
-def test_saved_whole_and_readable(tmp_path: Path) -> None:
+def test_saved_file_is_readable(tmp_path: Path) -> None:
     path = tmp_path / "oak.swatch"
     save_swatch(PLAIN, path)
     save_swatch(make_swatch(), path)
@@ -53,7 +53,7 @@ def test_saved_whole_and_readable(tmp_path: Path) -> None:
     assert '"stiffness_N_m": 333.3333333333333,\n' in path.read_text(encoding="utf-8")
 
 
-def test_a_file_of_the_first_version_is_read_and_its_noise_passed_over() -> None:
+def test_version_1_is_read() -> None:
     content = json.loads(swatch_to_json(make_swatch()))
     for key in ("warp", "exponents", "life"):
         del content["texture"][key]
@@ -79,13 +79,13 @@ def test_a_file_that_cannot_be_read(tmp_path: Path, name: str) -> None:
         load_swatch(tmp_path / name)
 
 
-def test_a_text_that_would_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+def test_unreadable_text_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(SwatchError, match="provenance"):
         save_swatch(Swatch("long", provenance="a" * (swatch_file.TEXT_MAX + 1)), tmp_path / "long.swatch")
     assert not list(tmp_path.iterdir())
 
 
-def test_shipped_swatches_load_and_say_where_they_come_from() -> None:
+def test_shipped_swatches_have_provenance() -> None:
     assert {"wood", "paper", "leather", "epoxy"} <= set(shipped_swatches())
     for name in shipped_swatches():
         swatch = load_swatch(name)
@@ -161,7 +161,7 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, monkeypatch: pytes
         load_swatch(path)
 
 
-def test_tool_and_tip_are_of_version_4_and_what_has_none_stays_as_it_was() -> None:
+def test_tool_and_tip_need_version_4() -> None:
     swatch = replace(make_swatch(), tool="steel probe", tip="3.2 mm ball")
     text = swatch_to_json(swatch)
     assert '"version": 4' in text and swatch_from_json(text) == swatch
@@ -175,7 +175,7 @@ def test_tool_and_tip_are_of_version_4_and_what_has_none_stays_as_it_was() -> No
 
 
 @pytest.mark.parametrize("kind", ["state", "layers"])
-def test_a_second_state_and_layers_of_earlier_versions_are_ignored_with_a_warning(kind: str) -> None:
+def test_regimes_and_layers_are_ignored_with_a_warning(kind: str) -> None:
     swatch = replace(make_swatch(), tool="steel probe")
     content = json.loads(swatch_to_json(swatch))
     texture = json.loads(json.dumps(content["texture"]))
