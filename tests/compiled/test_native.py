@@ -1,4 +1,4 @@
-"""Compiled functions: cached on disk where nobody else may write, by their code, and compiled anew when damaged."""
+"""Compiled functions: disk cache, its safety and keys, and progress."""
 
 import importlib
 import os
@@ -35,7 +35,7 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="no such permissions 
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cache of the test's own: the user's may hold these functions from an earlier run."""
+    """Use a separate cache: that of the user may contain these functions."""
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
     cache._folder.cache_clear()
 
@@ -46,7 +46,7 @@ def source(**changed: Any) -> str:
 
 @pytest.fixture
 def compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
-    """Compiles `twice` of a module, as a new process would, its cache in the folder `cache`."""
+    """Compile `twice` of a module as a new process would, with the cache in the folder `cache`."""
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
 
@@ -75,7 +75,7 @@ def hits(function: Any) -> int:
 
 def test_a_function_is_compiled_once(compiled: Callable[..., Any], tmp_path: Path) -> None:
     assert hits(compiled()) == 0 and hits(compiled()) == 1
-    assert len(files(tmp_path)) == 1  # of the whole; its part has none
+    assert len(files(tmp_path)) == 1  # of the whole only
 
 
 @pytest.mark.parametrize("change", [{"doc": "Other words."}, {"comment": "  # why"}, {"other": 2}])
@@ -165,7 +165,7 @@ def test_folder_of_another_user_is_not_used(compiled: Callable[..., Any], tmp_pa
 
 
 def test_code_of_a_wheel_is_used(compiled: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compiled for a processor that has no more than ours: found where the user's own cache has nothing."""
+    """Code for a processor with a subset of our features is used if the cache of the user is empty."""
     codegen = native(lambda x: x).whole.targetctx.codegen()
     triple = codegen.magic_tuple()[0]
     with monkeypatch.context() as built:  # as with NUMBA_CPU_NAME and an empty NUMBA_CPU_FEATURES
@@ -181,7 +181,7 @@ def test_code_of_a_wheel_is_used(compiled: Callable[..., Any], tmp_path: Path, m
 
 
 def test_code_of_another_build_is_not_used(compiled: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of another numba, llvmlite or Python, as in a wheel that was installed beside others than it was built with."""
+    """Code of a wheel that was built with another numba, llvmlite or Python is not used."""
     compiled()
     monkeypatch.setattr(cache, "_BUILD", "another")
     assert hits(compiled()) == 0 and hits(compiled()) == 1
@@ -213,7 +213,7 @@ def test_long_compilation_is_reported_once(printed: list[str], monkeypatch: pyte
 def test_record_code_is_named_by_its_layout() -> None:
     long, short = (from_dtype(np.dtype([("k", np.float64, (n,)), ("gain", np.float64)])) for n in (45, 29))
     elsewhere = copy(short)
-    elsewhere._code = long._code  # as in a process that met the short one at that place
+    elsewhere._code = long._code  # as in a process that met the short one first
     assert mangle_type(elsewhere) == mangle_type(short) != mangle_type(long)
 
 

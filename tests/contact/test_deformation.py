@@ -1,4 +1,4 @@
-"""Bodies that change shape under the tool: felt as their new shape, without a step, and never passed through."""
+"""Deforming bodies in contact: correct final shape, no steps, no penetration."""
 
 import threading
 
@@ -20,7 +20,7 @@ def ball(crease_rad: float = 0.0, two_sided: bool = False) -> tuple[Renderer, np
 
 
 def bent(vertices: np.ndarray, phase: float) -> np.ndarray:
-    """Breathes by 4 %, shears and bends by some mm."""
+    """Scale by 4 %, shear and bend by some mm."""
     breath = 1.0 + 0.04 * np.sin(phase)
     moved = breath * vertices
     moved[:, 0] += 0.2 * np.sin(1.3 * phase) * vertices[:, 2]
@@ -51,14 +51,14 @@ def test_contact_point_moves_between_shapes_without_a_step(two_sided: bool) -> N
     renderer, vertices = ball(two_sided=two_sided)
     renderer.run(np.linspace([0.003, 0.002, 0.08], [0.003, 0.002, 0.04], 200))
     depth, changes = [], 0
-    for frame in range(120):  # two seconds at 60 Hz, the top at up to 30 mm/s
+    for frame in range(120):  # two seconds at 60 Hz; the top moves at up to 30 mm/s
         renderer.deform("liver", bent(vertices, 0.05 * frame))
         felt = renderer.run(np.tile([0.003, 0.002, 0.04], (TICKS_A_FRAME, 1)))
         depth.append(felt.depth_m)
         changes += int(np.count_nonzero(~felt.touching))
         assert not felt.flags.any()
     assert changes == 0
-    assert np.abs(np.diff(np.concatenate(depth))).max() < 2e-4  # 0.75 mm a frame at most; 0.13 where an edge is crossed
+    assert np.abs(np.diff(np.concatenate(depth))).max() < 2e-4  # at most 0.75 mm per frame; 0.13 mm at an edge
 
 
 def test_rising_surface_pushes_the_proxy() -> None:
@@ -66,7 +66,7 @@ def test_rising_surface_pushes_the_proxy() -> None:
         random = np.random.default_rng(seed)
         renderer, vertices = ball()
         way = random.normal(size=3)
-        at = 0.052 * way / np.linalg.norm(way)  # 2 mm above, in the air
+        at = 0.052 * way / np.linalg.norm(way)  # 2 mm above the surface
         renderer.reset(at)
         for size in np.linspace(1.0, 1.2, 12):  # 1 cm in 0.2 s
             renderer.deform("liver", size * vertices)
@@ -141,7 +141,7 @@ def test_shrinking_body_does_not_hide_another() -> None:
 
 
 @pytest.mark.parametrize("two_sided", [False, True])
-@pytest.mark.parametrize("x_m", [0.003, 0.0003, -0.0005])  # before a wall, near it, leaning on it
+@pytest.mark.parametrize("x_m", [0.003, 0.0003, -0.0005])  # in front of a wall, near it, in contact with it
 def test_part_of_a_fold_that_passes_the_proxy_holds_it(x_m: float, two_sided: bool) -> None:
     vertices = np.array([[0, -1, 0], [1, -1, 0], [1, 1, 0], [0, 1, 0], [0, -1, 1], [0, 1, 1]]) * 0.05  # floor and wall
     scene = Scene()

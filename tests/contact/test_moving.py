@@ -1,4 +1,4 @@
-"""Poses that programs give: taken, mended or refused; bodies that move, stop, jump."""
+"""Poses of moving bodies: accepted, corrected or rejected; motion, rest and teleport."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def at(p, R=None) -> np.ndarray:
 
 
 def pressed(*places_m) -> tuple[hapscene.Renderer, hapscene.MovingBodies]:
-    """Boxes, and the tool 1 mm under the top of the first."""
+    """Return boxes with the tool 1 mm below the top of the first."""
     renderer = hapscene.Renderer(boxes(*places_m), ["wall"])
     for z in (0.051, 0.0495, 0.049):
         renderer.step((0.01, 0.02, z))
@@ -124,7 +124,7 @@ def test_one_hour_of_float32_products_is_corrected():
 
 
 def test_teleport_does_not_move_the_proxy():
-    """Away from under the tool, and back about it: neither drags the tool nor hits it."""
+    """A teleport away from the tool and back around it neither drags nor hits the tool."""
     renderer, slots = pressed((0, 0, 0))
     slots.X_WB = at((0.3, 0.0, 0.0))[None]
     slots.teleport("box 0")
@@ -133,15 +133,15 @@ def test_teleport_does_not_move_the_proxy():
     assert renderer.surface.touch[0].p_WP_m.tolist() == list(ON_TOP)
     slots.X_WB = at((0.0, 0.0, 0.0))[None]
     slots.teleport("box 0")
-    assert renderer.step(ON_TOP, slots).contact is None  # the tool is in it now
+    assert renderer.step(ON_TOP, slots).contact is None  # the tool is inside the body
     assert renderer.step((0.01, 0.02, 0.06), slots).contact is None
     assert renderer.step(ON_TOP, slots).contact is not None
 
 
 def test_contact_with_another_body_survives_a_teleport():
-    """In the corner of two boxes, one of which jumps away."""
+    """In the corner of two boxes, one of which is teleported away."""
     renderer = hapscene.Renderer(boxes((0, 0, 0), (0.1, 0.0, 0.05)), ["wall"])
-    corner = (0.0505, 0.0, 0.0495)  # under the top of the first, inside the side of the second
+    corner = (0.0505, 0.0, 0.0495)  # below the top of the first, inside the side of the second
     for p in ((0.045, 0.0, 0.055), (0.0495, 0.0, 0.0495), corner):
         renderer.step(p)
     assert renderer.world.proxy[0].count == 2
@@ -178,7 +178,7 @@ def test_invalid_moving_bodies_are_rejected():
 
 
 def test_moving_bodies_of_another_renderer_are_rejected():
-    """Of another scene their numbers would lead anywhere; of the same one a jump would be felt once."""
+    """Their indices would be invalid in another scene, and a teleport would apply to one renderer only."""
     slots = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0))).moving_bodies(["box 1"])
     with pytest.raises(SceneError):
         hapscene.Renderer(SCENE, []).step((0.0, 0.0, 9.0), slots)

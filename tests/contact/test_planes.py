@@ -85,10 +85,10 @@ DOWN = np.array([0.0, 0.0, -1.0])
 @example(planes=[(DOWN, 0.0), (np.array([5.96e-8, 0.0, 1.0]), 0.0)], tool=(-1.0, 0.0, 0.0))
 @example(planes=[(DOWN, 0.0), (np.array([np.sin(1e-5), 0.0, np.cos(1e-5)]), 0.0)], tool=(-1.0, 0.0, 0.0))
 def test_solution_satisfies_the_kkt_conditions(planes, tool):
-    """The conditions of Karush, Kuhn and Tucker: they hold for the closest point alone.
+    """The Karush–Kuhn–Tucker conditions hold for the closest point only.
 
-    It gives up only where planes are dependent to within `PARALLEL`: two that face each other at a millionth of a
-    radian meet so far off that no mesh means it.
+    The solver fails only if planes are dependent to within `PARALLEL`, such as two that face each other at a millionth
+    of a radian.
     """
     normals = np.array([n for n, _ in planes])
     offsets = np.array([-d for _, d in planes])  # the origin is allowed, so a closest point exists
@@ -108,7 +108,7 @@ def test_solution_satisfies_the_kkt_conditions(planes, tool):
 
 
 def test_only_planes_dropped_in_this_tick_are_restored(world, triangle):
-    """Slots of earlier ticks still hold planes: those are not met again by being remembered."""
+    """Slots of earlier ticks still hold planes, which are not restored."""
     w = world(triangle)
     proxy = w.proxy[0]
     for slot in (DROPPED, DROPPED + 1):
@@ -117,7 +117,7 @@ def test_only_planes_dropped_in_this_tick_are_restored(world, triangle):
     over, under = (0.02, 0.02, 1e-4), (0.02, 0.02, -1e-4)
     proxy.dropped_count, proxy.count = 0, 0
     assert not restore_plane(w, over, under)
-    proxy.dropped_count, proxy.offset_m[DROPPED] = 1, -1.0  # the one dropped now lies far below
+    proxy.dropped_count, proxy.offset_m[DROPPED] = 1, -1.0  # dropped now, but far below
     assert not restore_plane(w, over, under)
     proxy.dropped_count = 2
     assert restore_plane(w, over, under)

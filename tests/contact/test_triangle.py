@@ -1,4 +1,4 @@
-"""Faces: their plane, what lies over them, barycentric coordinates, and bodies that are turned and moved."""
+"""Geometry of faces: plane, point-over-face test, barycentric coordinates, frames."""
 
 import numpy as np
 import pytest
@@ -68,4 +68,4 @@ def test_frames_of_a_moved_body(world, triangle, turned):
     np.testing.assert_allclose(to_world(body, p), turned @ p + (1.0, 2.0, 3.0))
     np.testing.assert_allclose(to_body(body, to_world(body, p)), p)
     np.testing.assert_allclose(to_body(body, tuple(expected)), turned.T @ p)
-    assert to_body_last(body, p) == p  # the last tick's pose: where it was loaded
+    assert to_body_last(body, p) == p  # the last pose is the one at loading

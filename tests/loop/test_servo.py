@@ -92,7 +92,7 @@ def test_repaint_while_running(servo: VirtualServo) -> None:
 
 
 def test_pushed_body_receives_the_impulse(servo: VirtualServo) -> None:
-    """A plate on a slide, simulated at 60 Hz by the application: its momentum equals the reported impulse."""
+    """A plate on a slide, simulated at 60 Hz: its momentum equals the reported impulse."""
     servo.start((0.0, 0.0, 0.005))
     servo.set_mass("plate", 0.3, inertia_B_kg_m2=(1e-3, 1e-3, 1e-3))
     z, v, last = -0.01, 0.0, np.zeros(3)

@@ -95,7 +95,7 @@ def test_native_code_cannot_allocate():
 
 
 def _grown_B(renderer, path):
-    """Return the memory that steps along a path keep, the least of three runs [bytes], without that of other threads."""
+    """Return the memory that steps along a path keep, without that of other threads: the least of three runs [B]."""
     ours = [tracemalloc.Filter(True, __file__, all_frames=True)]
     for p in path[:100]:
         renderer.step(p)

@@ -1,4 +1,4 @@
-"""What a device takes of a swatch's numbers: springs that it holds, the dampers that let it hold more, its texture."""
+"""Limits of a device on swatch parameters: stiffness, damping, adhesion, texture."""
 
 import math
 from dataclasses import replace
@@ -41,7 +41,7 @@ NUMBERS = {
     ],
 )
 def test_each_spring_has_its_own_damper(spring, damper, asked_N_m, asked_Ns_m, given_N_m, given_Ns_m):
-    """Beyond what is held undamped it is damped, up to what the device holds; the other spring stays as it is."""
+    """Stiffness above the undamped limit gets damping up to the limit of the device; the other spring is unchanged."""
     taken = clip_to_device(LIMITS, EFFECTS, NUMBERS | {spring: asked_N_m, damper: asked_Ns_m})
     assert taken == NUMBERS | {spring: given_N_m, damper: pytest.approx(given_Ns_m)}
 
@@ -55,7 +55,7 @@ def test_depth_damping_and_viscous_friction_are_limited():
     limits = replace(LIMITS, force_N=2.0)
     numbers = NUMBERS | {(0, "hunt_crossley_Ns_m2"): 1e3, (1, "friction_viscous_s_m"): 1.0}
     taken = clip_to_device(limits, EFFECTS, numbers | {(0, "damping_Ns_m"): 0.1})
-    assert taken[0, "hunt_crossley_Ns_m2"] * 2.0 / 300.0 == pytest.approx(0.4 - 0.1)  # as deep as 2 N press
+    assert taken[0, "hunt_crossley_Ns_m2"] * 2.0 / 300.0 == pytest.approx(0.4 - 0.1)  # at the depth of 2 N
     assert taken[1, "friction_viscous_s_m"] * 2.0 == pytest.approx(0.4)
     assert clip_to_device(Limits(), EFFECTS, numbers) == numbers
     none = clip_to_device(Limits(force_N=0.0, damping_Ns_m=0.0), EFFECTS, numbers)
@@ -67,8 +67,8 @@ def test_adhesion_is_widened_at_constant_work():
     taken = clip_to_device(LIMITS, EFFECTS, numbers)
     A, delta = taken.values()
     assert math.e * A / delta == pytest.approx(LIMITS.undamped_N_m) and A * delta == pytest.approx(1e-4)
-    said = [str(clip) for clip in clips("tar", numbers, taken, replace(LIMITS, device="omni"), 1e-3)]
-    assert "adhesion_N" in said[0] and "adhesion_range_m" in said[1]
+    messages = [str(clip) for clip in clips("tar", numbers, taken, replace(LIMITS, device="omni"), 1e-3)]
+    assert "adhesion_N" in messages[0] and "adhesion_range_m" in messages[1]
     wide = numbers | {(0, "adhesion_range_m"): 1e-2}
     off = numbers | {(0, "adhesion_range_m"): 0.0}
     assert clip_to_device(LIMITS, EFFECTS, wide) == wide and clip_to_device(LIMITS, EFFECTS, off) == off
@@ -89,7 +89,7 @@ def test_audible_changes_are_reported(number, given, reported):
     assert Clip("oak", number, 600.0, given, "omni", 1000.0).reported is reported
 
 
-# How much of a texture the motors have.
+# Share of a texture that motors render.
 
 
 def test_texture_is_not_limited_without_mass_or_damping():
@@ -103,7 +103,7 @@ def steady_wood():
 
 
 def test_share_scales_with_damping_and_level():
-    """A device twice as damped holds twice as much, and a texture twice as loud gets half of it."""
+    """The share is proportional to the damping of the device and inverse to the level of the texture."""
     texture = steady_wood()
     found = share_of(texture, 0.045, 0.1, 1e-3)
     assert 0.0 < found.share < 0.5 and found.share == pytest.approx(found.limit / found.amplitude)
@@ -123,7 +123,7 @@ def test_share_includes_modulation_and_exponents():
 
 
 def test_averaged_noise():
-    """White noise of variance 1 at 10 kHz, averaged by 10: a variance of a tenth, heard up to half the tick's rate."""
+    """White noise of variance 1 at 10 kHz, averaged over 10 samples, has variance 0.1 up to half the tick rate."""
     white = Texture.from_models(10_000.0, [1.0], [0.1], a=[[1.0, 0.0]], variance_m2_s4=[1.0])
     rms, frequency = _in_blocks(white, np.ones(1), np.full(1, 0.1), 1e-3)
     assert rms[0] == pytest.approx(math.sqrt(0.1), rel=0.02)

@@ -1,4 +1,4 @@
-"""Effects are found through entry points; a broken plugin is named and harms no other."""
+"""Effects are found through entry points; a broken plugin is reported and does not affect others."""
 
 import sys
 
@@ -13,7 +13,7 @@ GOOD = "from hapscene.surface.effect import Effect\nEFFECT = Effect('{}', 'Does 
 
 @pytest.fixture
 def install(tmp_path, monkeypatch):
-    """Puts a package with one module and entry points of the group onto the path, as pip would."""
+    """Install a package with one module and entry points, as pip would."""
 
     def put(package: str, source: str, **points: str) -> None:
         site = tmp_path / package

@@ -1,4 +1,4 @@
-"""Effects of the scene: called in every tick, with settings of their own, the poses of bodies before them."""
+"""Effects of the scene: called in every tick, with settings and poses of bodies."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ BOX = trimesh.creation.box((0.1, 0.1, 0.1))
 
 
 def _pull(touch, p, table, s, out):
-    """Towards points of the first body's frame, and how often it was asked."""
+    """Pull towards points in the frame of the first body, and count calls."""
     s.count += 1.0
     for k in range(12, len(table), 3):
         for i in range(3):
@@ -32,7 +32,7 @@ PULL = Effect(
     "pull",
     "Pulls to points.",
     _pull,
-    params=(Param("stiffness_N_m", 10.0, "N/m", "how hard", 0.0, 100.0),),
+    params=(Param("stiffness_N_m", 10.0, "N/m", "stiffness", 0.0, 100.0),),
     state=(State("count"),),
     table=_points,
     scope="scene",
@@ -140,7 +140,7 @@ def test_field_stiffness_is_limited_with_a_warning():
             scene(), [PULL], device=device, settings={"pull": {"points_m": [[0, 0, 0.1]], **setting}}
         )
 
-    soft = hapscene.device.PointMass(0.05, 0.01)  # holds 2 b/T = 20 N/m, by a margin of 2
+    soft = hapscene.device.PointMass(0.05, 0.01)  # limit 2 b/T = 20 N/m, with a margin of 2
     with pytest.warns(hapscene.device.DeviceWarning, match="swatch"):
         r = on(soft)
     assert {clip.whose for clip in r.clips} == {"swatch"}

@@ -1,4 +1,4 @@
-"""A swatch's look: comes back to the bit, and a stranger's picture costs nothing but itself."""
+"""Pictures of a swatch: lossless files, and invalid or damaged pictures."""
 
 import base64
 import io

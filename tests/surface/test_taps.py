@@ -1,4 +1,4 @@
-"""Taps over approach speed: between, below and beyond what was recorded."""
+"""Tap transients over approach speed: between, below and above the recorded speeds."""
 
 from unittest.mock import ANY
 
@@ -19,7 +19,7 @@ def test_taps_are_interpolated() -> None:
 
 def test_taps_are_equal_by_value() -> None:
     same = Taps([0.1, 0.3], [5.0, 20.0], [100.0, 140.0], [80.0, 60.0])
-    assert same == TAPS and hash(same) == hash(TAPS) and TAPS == ANY  # which says so itself
+    assert same == TAPS and hash(same) == hash(TAPS) and TAPS == ANY  # `ANY` decides
     assert Taps([0.1, 0.3], [5.0, 20.0], [100.0, 140.0], [80.0, 61.0]) != TAPS and TAPS != 5
 
 
@@ -68,7 +68,7 @@ def test_sinusoid_without_transients() -> None:
     t_s = np.arange(len(wave)) / 2000.0
     np.testing.assert_allclose(wave, 5.0 * np.exp(-80.0 * t_s) * np.sin(2 * np.pi * 100.0 * t_s))
     assert np.exp(-80.0 * t_s[-1]) < 2e-3
-    assert not TAPS.transient(0.1, 150.0).any()  # that rate cannot carry it
+    assert not TAPS.transient(0.1, 150.0).any()  # above the Nyquist frequency
 
 
 def test_transients_at_another_rate_keep_their_shape() -> None:

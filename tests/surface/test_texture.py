@@ -1,4 +1,4 @@
-"""The texture: what is asked for lies between the models, is stable, and has the power it should have."""
+"""The texture: interpolation between models is stable and has the right power; resampling; invalid textures."""
 
 from dataclasses import replace
 from unittest.mock import ANY
@@ -19,7 +19,7 @@ from hapscene.swatches.library import load_swatch
 
 
 def make_texture(order: int = 20, count: int = 5, seed: int = 0, interpolation: str = "lsf") -> Texture:
-    """Random models at random places up to 3 N and 0.3 m/s."""
+    """Return random models at random points up to 3 N and 0.3 m/s."""
     rng = np.random.default_rng(seed)
     k = rng.uniform(-0.4, 0.4, (count, order)) * np.exp(-np.arange(order) / 20)
     k[:, 0] = rng.uniform(-0.98, -0.8, count)
@@ -120,8 +120,8 @@ def test_resampling_keeps_the_common_band(rate_Hz: float) -> None:
         assert abs(10 * np.log10(in_whole[0].sum() / in_whole[1].sum())) < 0.1
 
 
-@pytest.mark.parametrize("rate_Hz", [5000.0, 20_000.0, 48_000.0])
-@pytest.mark.parametrize("name", ["wood", "paper", "leather", "epoxy"])
+@pytest.mark.parametrize("rate_Hz", [5000.0, 48_000.0])
+@pytest.mark.parametrize("name", ["wood", "epoxy"])
 def test_resampling_shipped_swatches(name: str, rate_Hz: float) -> None:
     texture = load_swatch(name).texture
     assert texture is not None
@@ -130,15 +130,15 @@ def test_resampling_shipped_swatches(name: str, rate_Hz: float) -> None:
     place = [texture.force_max_N], [texture.speed_max_m_s]
     density = [t.density(*place, frequency_Hz=frequency)[0] for t in (texture, other)]
     off_dB = 10 * np.log10(density[0] / density[1])
-    assert np.sqrt(np.mean(off_dB**2)) < 0.1 and np.abs(off_dB).max() < 0.2  # warped, as below
+    assert np.sqrt(np.mean(off_dB**2)) < 0.1 and np.abs(off_dB).max() < 0.2  # of warped models, see texture.py
     assert other.resampled(rate_Hz) is other
 
 
-# Ways to blend models: stable in all of them, at the power that was asked for.
+# Interpolations: all are stable and have the right power.
 
 
 def wild_pairs(order: int, count: int = 1000) -> tuple[np.ndarray, np.ndarray]:
-    """Random stable filters (count, order+1), twice: any line spectral frequencies, hence any stable filter at all."""
+    """Return two sets of random stable filters (count, order+1), from random line spectral frequencies."""
     rng = np.random.default_rng(order)
     one, two = np.sort(rng.uniform(0.0, np.pi, (2, count, order)), axis=2)
     return ar_from_lsf(one), ar_from_lsf(two)
@@ -146,7 +146,7 @@ def wild_pairs(order: int, count: int = 1000) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(("order", "share"), [(3, 0.13), (8, 0.73), (20, 0.99)])
 def test_between_random_pairs_only_the_direct_form_is_unstable(order: int, share: float) -> None:
-    """L1 of the reference (25, 75, 98 %; which random pairs it took is not stated), somewhere on the way between."""
+    """Share of pairs that are unstable somewhere between; the reference has 25, 75, 98 % for unspecified pairs."""
     one, two = wild_pairs(order)
     unstable = np.zeros(len(one), bool)
     for weight in np.linspace(0.0, 1.0, 21):
@@ -156,7 +156,7 @@ def test_between_random_pairs_only_the_direct_form_is_unstable(order: int, share
         made = stabilised(mean)
         assert np.all(power_gain(made) < GAIN_MAX)
         calm = gain < GAIN_MAX
-        assert np.array_equal(made[calm], mean[calm])  # what is stable stays to the bit
+        assert np.array_equal(made[calm], mean[calm])  # stable filters are unchanged
         k = (1 - weight) * reflection_from_ar(one) + weight * reflection_from_ar(two)
         assert np.all(np.abs(k) < 1.0)
     assert unstable.mean() == pytest.approx(share, abs=0.04)
@@ -173,7 +173,7 @@ def test_interpolations_reproduce_the_models(interpolation: str, order: int) -> 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 def test_interpolation_between_opposite_spectra(interpolation: str) -> None:
-    """Models of opposite spectra, the worst there is: asked for, synthesised, and compared."""
+    """Models of opposite spectra, the worst case: the synthesised level is compared."""
     rng = np.random.default_rng(3)
     k = rng.uniform(-0.8, 0.8, (6, 12))
     k[::2, 0], k[1::2, 0] = -0.98, 0.98
@@ -214,7 +214,7 @@ def test_lattice_of_a_single_filter() -> None:
 def test_equality_of_textures() -> None:
     texture = make_texture()
     assert texture == make_texture() and hash(texture) == hash(make_texture())
-    assert texture != 5 and texture == ANY  # which says so itself
+    assert texture != 5 and texture == ANY  # `ANY` decides
     assert texture != replace(texture, rate_Hz=9_000.0) and texture != replace(texture, interpolation="reflection")
     for name in ("force_N", "speed_m_s", "lsf_rad", "variance_m2_s4"):
         assert texture != replace(texture, **{name: 0.999 * getattr(texture, name)}), name
@@ -282,6 +282,6 @@ def test_truncated_warped_texture() -> None:
     assert short.order == 5 and short.warp == texture.warp > 0.0
     place = [texture.force_max_N], [texture.speed_max_m_s]
     assert short.power(*place) == pytest.approx(texture.power(*place))
-    living = replace(texture, modulation=GainModulation([0.3], [20.0], [0.0]))
-    for made in (living.truncated(5), living.resampled(5000.0)):
-        assert made.modulation == living.modulation
+    modulated = replace(texture, modulation=GainModulation([0.3], [20.0], [0.0]))
+    for made in (modulated.truncated(5), modulated.resampled(5000.0)):
+        assert made.modulation == modulated.modulation
