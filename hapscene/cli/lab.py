@@ -42,7 +42,9 @@ app = App(name="lab", synonym=WORDS, help="Effects, stability, benchmarks, chart
 app.command("hapscene.cli.sessions:study", name="study", help=STUDY)
 app.command("hapscene.cli.sessions:teleoperate", name="teleoperate", help=TELEOPERATE)
 
-Docs = Annotated[Path | None, Parameter(metavar="FOLDER", help="Write the page of the documents here, too.")]
+Docs = Annotated[
+    Path | None, Parameter(metavar="FOLDER", help="Folder of result pages (docs/results) to update as well.")
+]
 
 
 @app.command
@@ -167,7 +169,7 @@ def run_bench(
       hapscene lab bench --quick --out out/quick
       hapscene lab bench --from out/bench/bench.csv --out out/again
       hapscene lab bench --against ../hapscene-before
-      hapscene lab bench compare docs/bench/bench.csv out/bench/bench.csv
+      hapscene lab bench compare docs/results/bench/bench.csv out/bench/bench.csv
     """
     check_evidence()
     from hapscene_evidence.bench.run import bench as run
@@ -191,7 +193,7 @@ def compare(
     only on the same quiet machine; the output states whether it is the same.
 
     for example:
-      hapscene lab bench compare docs/bench/bench.csv out/bench/bench.csv
+      hapscene lab bench compare docs/results/bench/bench.csv out/bench/bench.csv
     """
     check_evidence()
     from hapscene_evidence.bench.comparison import lines
@@ -242,6 +244,7 @@ def reproduce(
     *,
     recordings: Annotated[InFolder | None, Help("Recordings of the shipped swatches (default: synthesised)")] = None,
     out: OutFolder = Path("out/reproduce"),
+    docs: Docs = None,
 ) -> None:
     """Reproduce the haptography paper: its figures and numbers beside those of hapscene, on one page.
 
@@ -252,7 +255,7 @@ def reproduce(
     check_evidence()
     from hapscene_evidence.paper.reproduction import reproduce as run
 
-    name_made(run(str(out), recordings, say))
+    name_made(run(str(out), recordings, say, docs))
 
 
 # `hapscene tune`.
