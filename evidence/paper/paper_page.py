@@ -131,7 +131,7 @@ def page_of(results: Mapping[str, FigureResult], materials: Mapping[str, Materia
             page.drawing(plot.svg, plot.title, plot.caption)
         _add_numbers(page, [("", number) for number in result.numbers])
     page.heading("Assumed values", key="assumed")
-    page.table(("quantity", "assumed"), list(_assumed(materials).items()))
+    page.table(("quantity", "assumed"), list(_assumed().items()))
     return page
 
 
@@ -148,33 +148,29 @@ def table_of_numbers(results: Mapping[str, FigureResult]) -> str:
 
 def _add_numbers(page: Page, rows: Sequence[tuple[str, Number]]) -> None:
     """Add numbers as a table, each with the figure that it belongs to; a long table is folded in HTML."""
-    cells = []
+    cells: list[tuple[str, ...]] = []
+    compared = any(n.paper is not None for _, n in rows)
     for figure, n in rows:
         unit = "" if n.unit == "1" else f" {n.unit}"
         here, paper = (("" if v is None else f"{shown(v)}{unit}".replace("-", "−")) for v in (n.value, n.paper))
         quantity = f"{figure}: {n.quantity}" if figure else n.quantity
-        cells.append((quantity, f"{paper} ({n.place})" if paper else "", here, n.note))
-    if any(paper for _, paper, _, _ in cells):
-        head: tuple[str, ...] = ("quantity", "paper (place)", "here", "what the simulation knows, or why they differ")
-    else:
-        head, cells = ("quantity", "here", "note"), [(q, here, note) for q, _, here, note in cells]
+        stated = (f"{paper} ({n.place})" if paper else "",) if compared else ()
+        cells.append((quantity, *stated, here, n.note))
+    head: tuple[str, ...] = ("quantity", "paper (place)", "here", "what the simulation knows, or why they differ")
+    if not compared:
+        head = ("quantity", "here", "note")
     folded = len(rows) > NUMBERS_OPEN and not rows[0][0]
     page.table(head, cells, f"{len(rows)} numbers" if folded else "")
 
 
-def _assumed(materials: Mapping[str, Material]) -> dict[str, str]:
+def _assumed() -> dict[str, str]:
     plant, sensor = Plant(), Sensor()
     values = ", ".join(f"{f.name} {getattr(plant, f.name):g}" for f in fields(plant) if f.name != "force_limit_N")
-    items = {
+    noise = f"noise {sensor.noise_m_s2_rtHz:.2g} m/s²/√Hz"
+    return {
         "handle": f"{values}; the paper's text does not state its values",
-        "accelerometer of the handle": f"one pole at {sensor.bandwidth_Hz:g} Hz, noise {sensor.noise_m_s2_rtHz:.2g} "
-        "m/s²/√Hz",
+        "accelerometer of the handle": f"one pole at {sensor.bandwidth_Hz:g} Hz, {noise}",
         "hands": "from 150 N/m and 3 N·s/m to 2000 N/m and 10 N·s/m, ±10 % between trials",
         "taps of the wood": "waveform and size after Okamura et al. 2001",
+        "recordings": "wood, paper, leather: rate and unit, inferred; epoxy: unit 1 g, 1 N, 0.1 m/s",
     }
-    if any(material.recorded for material in materials.values()):
-        items["recordings"] = (
-            "wood, paper, leather: 10 kHz inferred from their low-pass, m/s² from their level; epoxy: unit 1 g, 1 N, "
-            "0.1 m/s"
-        )
-    return items

@@ -3,20 +3,16 @@
 The paper's reference, 100 %, is the error with the base motors alone. Errors here are relative to the same reference.
 """
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from hapscene.constants import ACCELERATION_BAND_HZ, ACCELERATION_RATE_HZ, DEFAULT_GRIP
 from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.compensator import COMPENSATORS
-from hapscene.view.palette import INK
 
 from ..bench.teleoperation import Rendering, compare_handles
-from .result import COLOURS, FigureResult, Number, Plot, drawn, spectrogram_panels, trace_panels
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from .result import FigureResult, Number, Plot, spectrogram_panels, trace_panels
 
 TAPS, DRAGS = 2, 5
 """Taps and drags of the paper's experiment [count]."""
@@ -72,32 +68,20 @@ def remote_numbers(renderings: list[Rendering]) -> list[Number]:
 def teleoperated_wood() -> FigureResult:
     """Reproduce Fig. 8."""
     renderings = compare_handles("wood", tuple(COMPENSATORS), DEFAULT_GRIP, taps=TAPS, strokes=DRAGS)
-    names = ["base motors" if r.compensator == "none" else f"handle, {r.compensator}" for r in renderings]
-    numbers = remote_numbers(renderings)
-    base = errors_of(renderings[0])
+    numbers, base = remote_numbers(renderings), errors_of(renderings[0])
     count = min(len(rendering.desired_m_s2) for rendering in renderings)
     signals = {"desired: accelerometer of the follower": renderings[0].desired_m_s2[:count]}
-    for rendering, name in zip(renderings, names, strict=True):
-        if rendering.compensator in ("none", LIKE_PAPER, "adaptive"):
+    names = {"none": "base motors", LIKE_PAPER: f"handle, {LIKE_PAPER}", "adaptive": "handle, adaptive"}
+    for rendering in renderings:
+        if name := names.get(rendering.compensator):
             relative = 100.0 * errors_of(rendering)["all"] / base["all"]
             signals[f"{name}: error {relative:.0f} %"] = rendering.rendered_m_s2[:count]
-
-    def draw(axes: "Axes") -> None:
-        at = np.arange(len(renderings))
-        for k, (part, words) in enumerate(PARTS.items()):
-            errors = [100.0 * errors_of(rendering)[part] / base[part] for rendering in renderings]
-            axes.bar(at + 0.27 * (k - 1), errors, 0.25, color=COLOURS[k], label=words)
-        axes.axhline(PAPER_ERROR, color=INK, linewidth=1.0, linestyle=(0, (4, 3)), label="the paper's handle, 48 %")
-        axes.set_xticks(at, [name.split(", ")[-1].replace(" ", "\n") for name in names])
-        axes.set(ylabel="error, base motors alone = 100 %", ylim=(0.0, 115.0))
-        axes.grid(visible=False, axis="x")
 
     t_s = np.arange(count) / ACCELERATION_RATE_HZ
     caption = "Acceleration of the follower's tool, and of the leader's handle."
     plots = [
         Plot("Time domain", caption, trace_panels("fig8-time", t_s, signals, "[m/s²]")),
         Plot("Spectrograms", caption, spectrogram_panels("fig8-spectrogram", signals, ACCELERATION_RATE_HZ)),
-        Plot("Error by compensator", "", drawn("fig8-error", draw, 3.0)),
     ]
     text = (
         f"Simulated: a leader Omni in a hand with a {DEFAULT_GRIP} grip, and a follower Omni on a plate with the "
