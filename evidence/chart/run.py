@@ -233,7 +233,7 @@ def page_of(found: Table, asked: Sequence[Question], pictures: Path, csv: str) -
         points = found.points[q.name]
         measures = [m for m in q.measures if any(m.key in p.errors for p in points)]
         page.heading(q.title, key=q.name)
-        page.picture(pictures / f"{q.name}.png", f"{q.title} {'; '.join(m.name for m in measures)}")
+        page.picture(pictures / f"{q.name}.png", q.title)
         page.text(q.conditions)
         page.text(q.advice(points), strong=True)
         head = (

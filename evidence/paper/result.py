@@ -31,6 +31,10 @@ RANGE_DB: Final = 50.0
 """Range of the spectrograms below their maximum [dB]."""
 
 
+SETTING: Final = "a setting, not a result"
+"""Note of a number that is chosen as in the paper."""
+
+
 @dataclass(frozen=True)
 class Number:
     """A number of a figure.

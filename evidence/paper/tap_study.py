@@ -18,7 +18,7 @@ from hapscene.handle.playback import play
 from hapscene.perception import BAND_DB, band_edges_Hz, band_rms_m_s2, bands_jnd
 from hapscene.swatches.library import load_swatch
 
-from .result import COLOURS, Array, FigureResult, Number, Plot, drawn
+from .result import COLOURS, SETTING, Array, FigureResult, Number, Plot, drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -98,8 +98,8 @@ def rated_taps(seed: int = 0) -> FigureResult:
         axes.set(ylabel="rating [1]", ylim=(LOWEST - 0.4, HIGHEST + 0.4))
         axes.grid(visible=False, axis="x")
 
-    note = "a simulated rater computes the rating from spectra; people were not asked, so nothing follows about people"
-    numbers = [Number("highest rating", HIGHEST, "1", 7.0, PLACE, "in the paper 7 is a real wooden block")]
+    note = "computed from spectra; nothing follows about people"
+    numbers = [Number("highest rating", HIGHEST, "1", 7.0, PLACE, SETTING)]
     for condition, name, value in zip(CONDITIONS, names, mean, strict=True):
         paper = PAPER_RATINGS.get(condition)
         numbers.append(

@@ -109,9 +109,8 @@ def test_targets_are_judged(made: list[Path]) -> None:
     assert page.count("| yes |") + page.count("| **no** |") == len(AIMS)
 
 
-def test_synthesis_is_in_multiples_of_real_time(made: list[Path]) -> None:
+def test_time_of_synthesis_is_a_target(made: list[Path]) -> None:
     page = made[-1].read_text(encoding="utf-8")
-    assert "| 40 | 500 | 500 |  | 500 |" in page
     assert "| synthesis of 10 s at 10 kHz, order 40 | ≤ 0.02 s | 0.02 s | yes |" in page
 
 
