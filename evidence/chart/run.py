@@ -146,7 +146,7 @@ def _measure(
     settings = {q.name: list(q.settings(quick, scene)) for q in asked}
     reason = f"no body of the scene has at least {BODY_FACES_MIN:,} faces"
     if not any(settings.values()):
-        raise HapsceneError(f"{scene}: {reason}: name a scene with a larger body, or none for the default")
+        raise HapsceneError(f"{scene}: {reason}: name a scene with a larger body, or omit the scene")
     pieces = []
     for q in asked:
         if not settings[q.name]:
