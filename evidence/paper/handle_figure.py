@@ -72,12 +72,12 @@ def approximated(full: ArrayLike, frequency_Hz: ArrayLike) -> NDArray[np.complex
 
 def misfit_dB(trials: Trials, approximate: bool = False) -> float:
     """Return the rms difference over the band between the magnitudes of the trials and of their models [dB]."""
-    away = []
+    differences = []
     for grip, response in zip(trials.handle.grips, trials.responses, strict=True):
         model = modelled(trials.handle, grip, response.frequency_Hz)
         model = approximated(model, response.frequency_Hz) if approximate else model
-        away.append(decibels(np.abs(response.response)) - decibels(np.abs(model)))
-    return float(np.sqrt(np.mean(np.concatenate(away) ** 2)))
+        differences.append(decibels(np.abs(response.response)) - decibels(np.abs(model)))
+    return float(np.sqrt(np.mean(np.concatenate(differences) ** 2)))
 
 
 def handle_in_hands(true_plant: Plant, band_Hz: tuple[float, float], seed: int = 0) -> FigureResult:

@@ -84,8 +84,8 @@ def rate(distance: Array, seed: int, scatter: float = SCATTER_POINTS, rounded: b
 
 def rated_taps(seed: int = 0) -> FigureResult:
     """Run the study."""
-    away = distances(seed)
-    ratings = rate(away, seed)
+    distance_jnd = distances(seed)
+    ratings = rate(distance_jnd, seed)
     mean, error = ratings.mean(axis=0), ratings.std(axis=0, ddof=1) / np.sqrt(RATERS)
     names = ["no vibration" if name == "none" else name for name in CONDITIONS]
 
@@ -106,7 +106,7 @@ def rated_taps(seed: int = 0) -> FigureResult:
             Number(f"mean rating, {name}", float(value), "1", paper, PLACE if paper else "", note if paper else "")
         )
     numbers += [
-        Number(f"distance, {n}", float(d), "JND") for n, d in zip(names[1:], away.mean(axis=0)[1:], strict=True)
+        Number(f"distance, {n}", float(d), "JND") for n, d in zip(names[1:], distance_jnd.mean(axis=0)[1:], strict=True)
     ]
     text = (
         "The paper cites a study (Kuchenbecker et al. 2006) in which people tapped on the stiffest spring-based wall "

@@ -174,20 +174,20 @@ def test_simulated_surface_has_the_stated_power() -> None:
     for force, speed in ((0.3, 0.04), (2.0, 0.25)):
         power = np.trapezoid(texture.surface_density(force, speed), texture.FREQUENCY_HZ)
         assert power == pytest.approx(25.0 * force * speed / 0.1, rel=1e-3)
-        made = texture.planted_texture("lsf", 2).power([force], [speed])
+        made = texture.known_texture("lsf", 2).power([force], [speed])
         assert made[0] == pytest.approx(power, rel=1e-3)
 
 
 @pytest.mark.parametrize("domain", ["lsf", "reflection", "direct", "hatt", "warped"])
 def test_more_models_reduce_the_error_of_interpolation(domain: str) -> None:
-    two, three = (texture.planted_error(domain, 40, grid) for grid in (2, 3))
-    assert three < two and three < 0.7 * texture.planted_error("nearest", 40, 3)
+    two, three = (texture.known_surface_error(domain, 40, grid) for grid in (2, 3))
+    assert three < two and three < 0.7 * texture.known_surface_error("nearest", 40, 3)
 
 
 def test_higher_order_reduces_the_error_and_warped_models_need_less() -> None:
-    few, some, many = (texture.planted_error("lsf", order, 5) for order in (4, 20, 80))
+    few, some, many = (texture.known_surface_error("lsf", order, 5) for order in (4, 20, 80))
     assert few > some > many
-    assert texture.planted_error("warped", 12, 5) < texture.planted_error("lsf", 12, 5)
+    assert texture.known_surface_error("warped", 12, 5) < texture.known_surface_error("lsf", 12, 5)
 
 
 @pytest.mark.parametrize("held", [False, True])
