@@ -58,7 +58,7 @@ CONDITIONS: Final = (
 TABLE_ONE: Final = (
     ("digital SLR camera", "highly sensorized handheld tool", "hapscene capture record"),
     ("interchangeable lenses", "interchangeable tool tips", "hapscene capture fit"),
-    ("framing a shot and focusing the camera", "exploring an object’s surface", "hapscene capture coverage"),
+    ("framing a shot and focusing the camera", "exploring an object’s surface", "hapscene capture record"),
     ("planar distribution of light intensities", "stream of positions, forces, and accelerations", ""),
     ("optics and the human eye", "haptics and the human hand", ""),
     ("LCD monitor", "uniquely actuated handheld tool", "hapscene device identify"),
