@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from hapscene.capture.fit.synthesis import synthesize
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 RATE_HZ: Final = 10_000.0
 ORDER: Final = 40
 DURATION_S: Final = 10.0
-LIFE: Final = Life(np.array([0.3, 0.3]), np.array([20.0, 5.0]), np.array([100.0, 0.0]))
+MODULATION: Final = GainModulation(np.array([0.3, 0.3]), np.array([20.0, 5.0]), np.array([100.0, 0.0]))
 REPEATS: Final = 7
 
 
@@ -40,7 +40,7 @@ def measure_synthesis(sheet: Sheet) -> None:
     many = Texture.from_models(RATE_HZ, force, speed, a=a, variance_m2_s4=1.0 / power_gain(a))
     case = f"synthesis, order {ORDER}"
     sheet.add(case, "nine models for 10 s", _time_played(many), "s")
-    alive_s = _time_played(replace(many, life=LIFE))
+    alive_s = _time_played(replace(many, modulation=MODULATION))
     sheet.add(case, "nine models, alive over lfilter", alive_s / _time_filtered(ar_from_reflection(common)), "times")
 
 
