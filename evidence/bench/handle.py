@@ -148,7 +148,7 @@ def judge(
     """The errors of a compensator on a signal (n,) [m/s²], with that sensor, taken for what is believed."""
 
     def error(plant: Plant) -> tuple[float, int]:
-        played = play(desired_m_s2, RATE_HZ, plant, compensator=compensator, sensor=sensor, believed=believed)
+        played = play(desired_m_s2, RATE_HZ, plant, compensator=compensator, sensor=sensor, nominal_sensor=believed)
         return spectrogram_error(desired_m_s2, played.acceleration_m_s2, RATE_HZ), played.hits
 
     errors, hits = zip(*map(error, (Plant(), firm(Plant()), *plants(count))), strict=True)

@@ -68,7 +68,7 @@ def error(compensator: str, heard: str, handles: int) -> dict[str, float]:
 
 def time(compensator: str, heard: str, handles: int) -> tuple[float, float]:
     sensor = CONDITIONS[heard] if heard else None
-    known: dict[str, Any] = {"sensor": sensor.sensor, "believed": sensor.believed} if sensor else {}
+    known: dict[str, Any] = {"sensor": sensor.sensor, "nominal_sensor": sensor.believed} if sensor else {}
     handle = new_handle(Plant(), Plant(), compensator, RATE_HZ, **known)[0]
     out, part = np.zeros((4, CHUNK)), _signals()["texture"][:CHUNK]
     return call_us(lambda: run(handle, part, out), CHUNK, 1000)

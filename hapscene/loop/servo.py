@@ -301,7 +301,7 @@ class Servo:
         Raises:
             HandleError: it plays no more, and why.
         """
-        return {} if self._played is None else self._played.look()
+        return {} if self._played is None else self._played.update_report()
 
     def turn_handle(self, volume: float) -> None:
         """Have a real handle play from now on at this share of its gain, 0 … 1; nothing without one.
@@ -310,7 +310,7 @@ class Servo:
             HandleError: it plays no more, and why.
         """
         if self._played is not None:
-            self._played.turn(volume)
+            self._played.set_volume(volume)
 
     def _look(self, shared: Channel) -> None:
         """Keep views of what is often read or written: by name, each look costs microseconds."""

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
-from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, RUN_MAX, TRIPPED, WATCHDOG_MS
+from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, RUN_MAX, WATCHDOG_EXPIRED, WATCHDOG_MS
 from hapscene.handle.plant import Plant
 from hapscene.handle.serial_handle import BUFFER, LINE_COUNT, START, STATE
 from hapscene.io.wire.port import simulated_port, simulator_parser
@@ -115,7 +115,7 @@ class Peer:
         self._played = (self._played + (not empty)) % WRAP
         limit = round(self.source.plant.force_limit_N / COLUMNS[0].scale)
         force = min(max(asked, -limit), limit)
-        bits = (LIVE, bool(self._watchdog)), (EMPTY, empty), (TRIPPED, self._tripped), (LIMITED, force != asked)
+        bits = (LIVE, bool(self._watchdog)), (EMPTY, empty), (WATCHDOG_EXPIRED, self._tripped), (LIMITED, force != asked)
         return force, self._played, RUN * self._run + sum(bit for bit, on in bits if on)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
-from hapscene.handle.fit import OWN, Identification, _Fit, asymptote, identify, sampled_response
+from hapscene.handle.fit import HANDLE_PARAMETERS, Identification, _Fit, asymptote, identify, sampled_response
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.handle_record import ACCELEROMETER_HZ
 from hapscene.handle.plant import Plant
@@ -26,7 +26,7 @@ def measured(
     """Responses of the plant in each grip, at realistic noise, travel predicted with the default plant."""
     source = SimulatedSource(plant, rate_Hz, seed=seed)
     if quiet:
-        source = SimulatedSource(plant, rate_Hz, noise_m_s2_rtHz=1e-7, unrest_N=1e-7)
+        source = SimulatedSource(plant, rate_Hz, noise_m_s2_rtHz=1e-7, tremor_N=1e-7)
     force = sweep.force(rate_Hz, Plant())
     responses = []
     for _, k_u, b_u in grips:
@@ -50,7 +50,7 @@ def default() -> tuple[Identification, list[Hand]]:
 
 def errors(found: Identification, plant: Plant, grips: list[Hand]) -> dict[str, float]:
     """Relative error of each parameter."""
-    said = {name: getattr(found.plant, name) / getattr(plant, name) - 1.0 for name in OWN}
+    said = {name: getattr(found.plant, name) / getattr(plant, name) - 1.0 for name in HANDLE_PARAMETERS}
     for i, (grip, (_, k_u, b_u)) in enumerate(zip(found.grips, grips, strict=True)):
         said |= {f"k_u {i}": grip.k_u_N_m / k_u - 1.0, f"b_u {i}": grip.b_u_Ns_m / b_u - 1.0}
     return said
@@ -58,7 +58,7 @@ def errors(found: Identification, plant: Plant, grips: list[Hand]) -> dict[str, 
 
 def misses(found: Identification, plant: Plant, grips: list[Hand]) -> list[str]:
     """Parameters whose interval does not hold the truth."""
-    pairs = [(name, found.intervals[name], getattr(plant, name)) for name in (*OWN, "amplifier_Hz")]
+    pairs = [(name, found.intervals[name], getattr(plant, name)) for name in (*HANDLE_PARAMETERS, "amplifier_Hz")]
     for i, (grip, (_, k_u, b_u)) in enumerate(zip(found.grips, grips, strict=True)):
         pairs += [(f"k_u {i}", grip.intervals["k_u_N_m"], k_u), (f"b_u {i}", grip.intervals["b_u_Ns_m"], b_u)]
     return [name for name, (low, high), truth in pairs if not low <= truth <= high]
@@ -93,7 +93,7 @@ def test_handles_unlike_the_guess_come_back(plant: Plant) -> None:
     found, grips = identified(plant, 3, Sweep(sweep_s=6.0))
     off = errors(found, plant, grips)
     assert found.misfit < 1.2 and abs(off["m_h_kg"]) < 2e-3
-    assert all(abs(off[name]) < 0.1 for name in OWN)
+    assert all(abs(off[name]) < 0.1 for name in HANDLE_PARAMETERS)
 
 
 def test_two_equal_poles_are_the_limit_of_two_that_are_apart() -> None:
@@ -115,7 +115,7 @@ def test_without_noise_the_answer_is_exact() -> None:
 def test_the_papers_band_to_200_Hz_does_too() -> None:
     found, grips = identified(Plant(), 3, Sweep(high_Hz=200.0, sweep_s=6.0))
     assert abs(errors(found, Plant(), grips)["m_h_kg"]) < 2e-3 and max(found.asymptote_Hz) <= 200.0
-    assert all(abs(errors(found, Plant(), grips)[name]) < 0.05 for name in OWN)
+    assert all(abs(errors(found, Plant(), grips)[name]) < 0.05 for name in HANDLE_PARAMETERS)
 
 
 def test_one_grip_tells_the_mass_and_says_that_the_rest_is_not_known() -> None:

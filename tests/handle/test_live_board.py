@@ -16,7 +16,7 @@ from hapscene.errors import HandleError
 from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_file import save_handle
-from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, TRIPPED, LiveBoard, live_start
+from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, WATCHDOG_EXPIRED, LiveBoard, live_start
 from hapscene.handle.live_process import compensator_of, play_recording
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import spectrogram_error
@@ -35,7 +35,7 @@ pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.nightly]
 
 
 def peer(limit_N: float = 3.0) -> Peer:
-    peer = Peer(SimulatedSource(Plant(force_limit_N=limit_N), RATE_HZ, noise_m_s2_rtHz=0.0, unrest_N=0.0))
+    peer = Peer(SimulatedSource(Plant(force_limit_N=limit_N), RATE_HZ, noise_m_s2_rtHz=0.0, tremor_N=0.0))
     peer.give(1)  # compiled before anybody waits
     return peer
 
@@ -153,7 +153,7 @@ def test_a_board_that_hears_nothing_puts_out_no_force_after_its_watchdog() -> No
         handle.take(sample_line(first, [1000] * 32))
     said = rows(handle.give(300))
     assert said[:100, 1].all() and not said[100:, 1].any()  # 20 ms, to the sample
-    assert (said[100:, 4] == 3 * RUN + LIVE + EMPTY + TRIPPED).all()
+    assert (said[100:, 4] == 3 * RUN + LIVE + EMPTY + WATCHDOG_EXPIRED).all()
     handle.take(sample_line(992, [1000] * 32))
     assert not peer_force(handle)  # it stays so until it is told to start
     handle.take(sealed(live_start(0.02, 4)) + sample_line(0, [1000]))
@@ -263,7 +263,7 @@ def test_the_compensator_learns_the_handle_on_the_board(delay_s: float, tmp_path
         live = board(wire, watchdog_s=1.0, highpass_Hz=15.0)
         handle = compensator_of(live, str(tmp_path / "ours.handle"), compensator)
         play_recording(wanted, RATE_HZ, live, handle, clock=wire.clock)
-        still = SimulatedSource(OFF, RATE_HZ, noise_m_s2_rtHz=0.0, unrest_N=0.0, accelerometer_Hz=1e5)
+        still = SimulatedSource(OFF, RATE_HZ, noise_m_s2_rtHz=0.0, tremor_N=0.0, accelerometer_Hz=1e5)
         felt, _ = still.advance(1e-4 * wire.force)
         late = np.argmax(np.correlate(felt, wanted, "valid"))
         error[compensator] = spectrogram_error(wanted, felt[late : late + len(wanted)], RATE_HZ)

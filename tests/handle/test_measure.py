@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HapsceneError
-from hapscene.handle.fit import OWN, Identification, identify
+from hapscene.handle.fit import HANDLE_PARAMETERS, Identification, identify
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_file import load_handle
 from hapscene.handle.identification_report import _degrees, _draw, describe_lines, modelled, write_result
@@ -54,7 +54,7 @@ def test_a_saved_recording_says_the_same(
     again = load_grips([str(tmp_path / "light.npz"), str(tmp_path / "firm.npz")])
     assert [recording.name for recording in again] == ["light", "firm"] and again[0].rate_Hz == RATE_HZ
     same = made_of(again)
-    for name in OWN:
+    for name in HANDLE_PARAMETERS:
         assert getattr(found.plant, name) == pytest.approx(getattr(same.plant, name), rel=1e-4)
 
 

@@ -10,9 +10,9 @@ import pytest
 from hapscene.errors import HandleError
 from hapscene.handle import Plant, Sensor, identify, play, spectrogram_error
 from hapscene.handle.force_source import SimulatedSource
-from hapscene.handle.handle_dynamics import delay, set_late
+from hapscene.handle.handle_dynamics import delay, set_delay
 from hapscene.handle.handle_loop import command_force, learn
-from hapscene.handle.handle_record import LATE, new_handle
+from hapscene.handle.handle_record import DELAY_LINE, new_handle
 from hapscene.handle.measure import play_grips
 from hapscene.handle.playback import run
 from hapscene.handle.sweep import Sweep
@@ -57,7 +57,7 @@ def test_what_is_not_as_believed_costs_little(name: str) -> None:
     condition = bench.CONDITIONS[name]
     for signal in condition.signals:
         desired = condition.loud * signals()[signal]
-        got = error(desired, sensor=condition.sensor, believed=condition.believed)
+        got = error(desired, sensor=condition.sensor, nominal_sensor=condition.believed)
         assert got < flat(signal, condition.loud) + 2.0, signal
 
 
@@ -76,7 +76,7 @@ def test_a_sensor_far_from_what_is_believed_is_heard_no_more() -> None:
     for k in range(0, 40_000, 100):
         run(handle[0], signals()["white"][k : k + 100], np.zeros((4, 100)))
         trusted += handle[0].theta.tolist() != handle[0].nominal.tolist()
-    assert trusted < 80 and handle[0].deaf > 0 and handle[0].distrust > handle[0].distrust_least
+    assert trusted < 80 and handle[0].pause > 0 and handle[0].fallback > handle[0].fallback_least
 
 
 def test_an_accelerometer_that_is_dead_or_upside_down_is_heard_no_more() -> None:
@@ -87,21 +87,21 @@ def test_an_accelerometer_that_is_dead_or_upside_down_is_heard_no_more() -> None
             force = command_force(handle, desired)
             learn(handle, k, force, sign * desired)
             trusted += handle.used[0] != handle.nominal[0]
-        assert trusted < 2500 and handle.deaf > 0
+        assert trusted < 2500 and handle.pause > 0
 
 
 def test_the_mistaken_delay_is_found() -> None:
     for true_s, believed_s in ((0.4e-3, 0.3e-3), (0.2e-3, 0.3e-3)):
         handle = new_handle(Plant(), Plant(), "adaptive", RATE_HZ, 0, Sensor(true_s), Sensor(believed_s))
         run(handle[0], signals()["white"], np.zeros((4, len(signals()["white"]))))
-        assert handle[0].late_s == pytest.approx(true_s, abs=1e-5)
+        assert handle[0].delay_s == pytest.approx(true_s, abs=1e-5)
 
 
 @pytest.mark.parametrize("rate_Hz", [5000.0, 48_000.0])
 def test_a_delay_of_fractions_of_a_sample_is_that_delay(rate_Hz: float) -> None:
-    late, t_s = records(1, LATE), np.arange(2000) / rate_Hz
+    late, t_s = records(1, DELAY_LINE), np.arange(2000) / rate_Hz
     for delay_s in (0.0, 0.13e-3, 1.03e-3):
-        set_late(late[0], delay_s * rate_Hz)
+        set_delay(late[0], delay_s * rate_Hz)
         for f_Hz in (40.0, 300.0):
             got = [delay(late[0], x) for x in np.sin(2 * np.pi * f_Hz * t_s)]
             wanted = np.sin(2 * np.pi * f_Hz * (t_s - delay_s))
@@ -137,7 +137,7 @@ def test_a_real_handle_is_identified_late_and_driven_so() -> None:
                 for j in range(50):
                     learn(handle, k - 49 + j, told[k - 49 + j], read[j])
         assert (abs(handle.theta[0] / true.m_h_kg - 1.0) < 0.04) == exact
-        assert (abs(handle.late_s - found.sensor.delay_s) < 2e-5) == exact
+        assert (abs(handle.delay_s - found.sensor.delay_s) < 2e-5) == exact
 
 
 def test_lost_samples_teach_nothing_for_a_while() -> None:
@@ -145,22 +145,22 @@ def test_lost_samples_teach_nothing_for_a_while() -> None:
     for k in range(100):
         command_force(handle, 1.0)
         learn(handle, k, 0.0, 0.0)
-    assert handle.deaf == 0
+    assert handle.pause == 0
     for sample, force, read in ((150, 0.0, 0.0), (151, np.nan, 0.0), (152, 0.0, np.inf), (10_000, 0.0, 0.0)):
-        handle.deaf = 0
+        handle.pause = 0
         for _ in range(60):
             command_force(handle, 1.0)
         before = handle.theta.copy()
         learn(handle, sample, force, read)
-        assert handle.deaf == handle.deaf_count and handle.theta.tolist() == before.tolist()
-    assert np.isfinite(handle.heard).all()
+        assert handle.pause == handle.pause_count and handle.theta.tolist() == before.tolist()
+    assert np.isfinite(handle.reading_filter).all()
 
 
 def test_compensators_that_do_not_learn_hear_nothing() -> None:
     handle = new_handle(Plant(), Plant(), "flat", RATE_HZ)[0]
     command_force(handle, 1.0)
     learn(handle, 0, 5.0, -100.0)
-    assert handle.theta.tolist() == handle.nominal.tolist() and handle.heard_count == 0
+    assert handle.theta.tolist() == handle.nominal.tolist() and handle.next_sample == 0
 
 
 @pytest.mark.parametrize(

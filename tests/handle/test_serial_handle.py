@@ -78,7 +78,7 @@ def wire() -> Iterator[Wire]:
 
 
 def peer() -> Peer:
-    peer = Peer(SimulatedSource(Plant(), RATE_HZ, noise_m_s2_rtHz=0.0, unrest_N=0.0), grip_count=2)
+    peer = Peer(SimulatedSource(Plant(), RATE_HZ, noise_m_s2_rtHz=0.0, tremor_N=0.0), grip_count=2)
     peer.give(1)  # compiled before anybody waits
     return peer
 
@@ -93,7 +93,7 @@ def felt(force: np.ndarray) -> np.ndarray:
     """What that force makes the simulated handle do in its first grip."""
     _, k_u, b_u = simulated_grips(2)[0]
     plant = Plant(k_u_N_m=k_u, b_u_Ns_m=b_u)
-    return SimulatedSource(plant, RATE_HZ, noise_m_s2_rtHz=0.0, unrest_N=0.0).advance(force)[0]
+    return SimulatedSource(plant, RATE_HZ, noise_m_s2_rtHz=0.0, tremor_N=0.0).advance(force)[0]
 
 
 def test_what_is_played_comes_out_and_comes_back(wire: Wire) -> None:

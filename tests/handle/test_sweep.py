@@ -37,7 +37,7 @@ def test_travel_stays_inside_its_share_for_the_guessed_handle(hand: tuple[float,
     plant = Plant(k_u_N_m=hand[0], b_u_Ns_m=hand[1])
     force = Sweep(force_N=6.6).force(RATE_HZ, Plant())
     assert 5.0 < np.abs(force).max() <= 6.6
-    source = SimulatedSource(plant, RATE_HZ, unrest_N=0.0)
+    source = SimulatedSource(plant, RATE_HZ, tremor_N=0.0)
     _, travel_m = source.advance(force)
     assert np.abs(travel_m).max() <= 1.4 * TRAVEL_SHARE * plant.travel_limit_m
 

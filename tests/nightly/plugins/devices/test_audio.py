@@ -52,7 +52,7 @@ if __name__ == "__main__":
     where = {"length": 8000, "block": 10, "name": channel.memory.name}
     with LiveHandle(where, 1e4, 0, "audio", {"gain": 0.02, "buffer_s": sys.argv[1]}) as handle:
         time.sleep(1.9)
-        told = handle.look()
+        told = handle.update_report()
         over.set()  # ticks stop
         thread.join()
         time.sleep(0.2)
