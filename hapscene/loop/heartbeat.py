@@ -18,7 +18,7 @@ from hapscene.loop.timing import request_realtime_priority
 __all__ = ["PULSE_NS", "Heartbeat"]
 
 PULSE_NS: Final = 2_000_000
-"""Time between two pulses [ns]: five are missed before the force ends (`hapscene.device.safety.PULSE_AGE_S`)."""
+"""Time between two pulses [ns]: five are missed before the force ends (`hapscene.device.safety.HEARTBEAT_AGE_S`)."""
 
 
 class Heartbeat:

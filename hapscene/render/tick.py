@@ -8,7 +8,7 @@
     render     each effect of the touched swatch                        surface/mixer.py
     react      what the tool does to the bodies                         reaction.py
     field      each effect of the scene, felt by the hand alone         surface/mixer.py
-    guard      the wall's energy, where asked for                       device/stabilisers.py
+    passivity  the wall's energy, where asked for                       device/stabilisers.py
     mix        their sum, within the limits of the device               surface/mixer.py
     note       a row
 
@@ -29,7 +29,7 @@ from hapscene.contact.moving import place_bodies
 from hapscene.contact.passing import let_in
 from hapscene.contact.proxy import move
 from hapscene.contact.world import NO_SHADE
-from hapscene.device.stabilisers import couple, guard
+from hapscene.device.stabilisers import control_passivity, couple
 from hapscene.flags import Flag
 from hapscene.geometry import Vector
 from hapscene.records import Records
@@ -130,8 +130,8 @@ def use_tick(world: "World", surface: "Surface", rows: Records, a_m_s2: NDArray[
     entries, point = surface.entries, (0.0, 0.0, 0.0)
     if surface.limits[0].coupling_N_m > 0.0:
         entries[COUPLE] = address_of(couple, surface)
-    if surface.limits[0].guard_Ns_m > 0.0:
-        entries[GUARD] = address_of(guard, surface, point)
+    if surface.limits[0].passivity_Ns_m > 0.0:
+        entries[GUARD] = address_of(control_passivity, surface, point)
     if world.proxy[0].crease_cos < NO_SHADE:
         entries[SHADE] = address_of(shade, world, surface)
     if len(surface.effects) > surface.contact_count[0]:

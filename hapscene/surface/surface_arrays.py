@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hapscene.clock import new_clock
 from hapscene.compiled.block import by_pointer
 from hapscene.constants import SLIP_CUTOFF_HZ
-from hapscene.device.model import DELAY_MAX, Limits
+from hapscene.device.model import DELAY_TICKS_MAX, Limits
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import EffectError
 from hapscene.records import OUTPUT, TOUCH, Records, pack_small_arrays, records
@@ -61,7 +61,7 @@ MEMORY: Final = np.dtype(
         ("bank", "i8"),  # of `touch.swatch`; the other one is that of `touch.other`
         ("other_crossed", "i8"),  # as `touch.crossed`
         ("gain", "f8", (2,)),  # of each bank's acceleration at the end of the last tick, where two are felt
-        ("held_N", "f8", (DELAY_MAX + 1, 3)),  # normal part of the forces sent in the last ticks, by tick
+        ("held_N", "f8", (DELAY_TICKS_MAX + 1, 3)),  # normal part of the forces sent in the last ticks, by tick
     ],
     align=True,
 )

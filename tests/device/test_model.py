@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import hapscene
 from hapscene.device.model import (
     BORDER_COUNT,
-    DELAY_MAX,
+    DELAY_TICKS_MAX,
     DEVICES,
     IDEAL,
     Device,
@@ -202,7 +202,7 @@ def test_limits_that_make_no_sense(name, value):
         Limits(**{name: value})
 
 
-@pytest.mark.parametrize("delay", [0.5, DELAY_MAX + 1, math.inf])
+@pytest.mark.parametrize("delay", [0.5, DELAY_TICKS_MAX + 1, math.inf])
 def test_bad_delay(delay):
     with pytest.raises(HapsceneError, match="delay_ticks"):
         Limits(delay_ticks=delay)
@@ -255,7 +255,7 @@ def test_tune_is_clipped_too_and_forgets_it_when_softened():
 
 
 def test_damping_is_clipped_and_reported():
-    limits = replace(limits_of("omni", 1e-3), guard_Ns_m=0.0)
+    limits = replace(limits_of("omni", 1e-3), passivity_Ns_m=0.0)
     with pytest.warns(DeviceWarning, match=r"'tar': damping_Ns_m of 40 N·s/m is more than the omni holds .*N·s/m"):
         renderer = hapscene.Renderer(scene(Swatch("tar", damping_Ns_m=40.0)), ["wall"], limits=limits)
     renderer.reset([0.0, 0.0, 0.001])
@@ -264,7 +264,7 @@ def test_damping_is_clipped_and_reported():
 
 
 def test_a_stiff_wall_is_given_the_damping_that_it_needs():
-    limits = replace(limits_of("phantom-1.0", 1e-3), guard_Ns_m=0.0)
+    limits = replace(limits_of("phantom-1.0", 1e-3), passivity_Ns_m=0.0)
     assert limits.undamped_N_m < 400.0 < limits.stiffness_N_m
     renderer = hapscene.Renderer(scene(Swatch("oak", stiffness_N_m=400.0)), ["wall"], limits=limits)
     given = {(clip.swatch, clip.number): clip.given for clip in renderer.clips}

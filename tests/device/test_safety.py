@@ -11,7 +11,7 @@ from hapscene.device.model import Device, Limits
 from hapscene.device.safety import (
     CALM_S,
     FALL_S,
-    PULSE_AGE_S,
+    HEARTBEAT_AGE_S,
     RAMP_S,
     RESUME_S,
     begin_safety,
@@ -47,7 +47,7 @@ class Bench:
     def tick(self, f_N=(0.0, 0.0, 1.0), *, p_m=(0.0, 0.0, 0.0), ready=1, fresh=True, alive=True):
         """One tick; the force sent, and flags."""
         self.count += fresh
-        self.safety.pulse_now += alive
+        self.safety.heartbeat_now += alive
         sent, flags = protect(self.safety, p_m, ready, self.count, np.array(f_N), TICK_S)
         return np.array(sent), Flag(flags)
 
@@ -165,7 +165,7 @@ def test_a_force_that_is_no_number_is_none(bad: float) -> None:
 def test_an_application_without_pulse_ends_the_force_within_20_ms() -> None:
     bench = Bench().settled()
     sent, flags = bench.run(0.02, alive=False)
-    assert sent[int(PULSE_AGE_S / TICK_S) - 2, 2] == 1.0  # and not before
+    assert sent[int(HEARTBEAT_AGE_S / TICK_S) - 2, 2] == 1.0  # and not before
     assert sent[-1].tolist() == [0.0, 0.0, 0.0] and Flag.APPLICATION_SILENT in flags
 
 
@@ -194,13 +194,13 @@ def test_a_simulated_hand_is_kept_from_nothing_but_an_application_that_is_gone()
     safety = simulated_safety()[0]
     begin_safety(safety)
     f_N = np.array([1e3, 0.1, -7.0])
-    for k in range(PULSE_TICKS := round(PULSE_AGE_S / TICK_S)):
+    for k in range(PULSE_TICKS := round(HEARTBEAT_AGE_S / TICK_S)):
         sent, flags = protect(safety, (0.0, 0.0, 0.0), 1, k, f_N, TICK_S)
         assert sent == tuple(f_N) and flags == 0  # to the bit
     for k in range(10):
         sent, flags = protect(safety, (0.0, 0.0, 0.0), 1, PULSE_TICKS + k, f_N, TICK_S)
     assert sent == (0.0, 0.0, 0.0)
-    safety.pulse_now += 1
+    safety.heartbeat_now += 1
     assert protect(safety, (0.0, 0.0, 0.0), 1, 99, f_N, TICK_S) == (tuple(f_N), 0)
 
 

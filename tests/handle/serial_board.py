@@ -115,7 +115,12 @@ class Peer:
         self._played = (self._played + (not empty)) % WRAP
         limit = round(self.source.plant.force_limit_N / COLUMNS[0].scale)
         force = min(max(asked, -limit), limit)
-        bits = (LIVE, bool(self._watchdog)), (EMPTY, empty), (WATCHDOG_EXPIRED, self._tripped), (LIMITED, force != asked)
+        bits = (
+            (LIVE, bool(self._watchdog)),
+            (EMPTY, empty),
+            (WATCHDOG_EXPIRED, self._tripped),
+            (LIMITED, force != asked),
+        )
         return force, self._played, RUN * self._run + sum(bit for bit, on in bits if on)
 
 

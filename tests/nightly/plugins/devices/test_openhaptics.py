@@ -14,7 +14,8 @@ import pytest
 from hapscene.compiled.bound_call import BoundCall, loaded
 from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import DeviceError
-from hapscene_plugins.devices.openhaptics import DRIVER, ERRORS, OpenHapticsConnection
+from hapscene_plugins.devices.openhaptics import DRIVER, OpenHapticsConnection
+from hapscene_plugins.devices.openhaptics_library import ERRORS
 from tests.nightly.plugins.devices.vendor_desk import Desk, desk, emulator
 from tests.virtual_clock import StillClock
 
