@@ -46,7 +46,7 @@ class Peer:
         self._grips = simulated_grips(grip_count, seed)
         self._rest = b""
         self._expected = self._played = self._number = self._grip = self._quiet = self._watchdog = self._run = 0
-        self._tripped = False
+        self._expired = False
         self._announce = True
         self._hold()
 
@@ -74,7 +74,7 @@ class Peer:
     def _fill(self, number: int, counts: list[int]) -> None:
         """Force into the buffer; in live play only what is due next and has room."""
         lost = (number - self._expected) % WRAP
-        if self._watchdog and (number >= WRAP or self._tripped or len(self.queue) + lost + len(counts) > BUFFER):
+        if self._watchdog and (number >= WRAP or self._expired or len(self.queue) + lost + len(counts) > BUFFER):
             return
         self.queue.extend([0] * lost if lost <= BUFFER else [])
         self.queue.extend(counts)
@@ -88,7 +88,7 @@ class Peer:
             self._hold()
         self.queue.clear()
         self._expected = self._played = self._quiet = 0
-        self._watchdog, self._run, self._tripped = watchdog, run, False
+        self._watchdog, self._run, self._expired = watchdog, run, False
         self._announce = True
 
     def give(self, count: int) -> bytes:
@@ -107,7 +107,7 @@ class Peer:
     def _next(self) -> tuple[int, int, int]:
         """Force of the next sample, how many have been played, and the state."""
         if self._watchdog and self._quiet >= self._watchdog:
-            self._tripped = True
+            self._expired = True
             self.queue.clear()
         self._quiet += 1
         empty = not self.queue
@@ -118,7 +118,7 @@ class Peer:
         bits = (
             (LIVE, bool(self._watchdog)),
             (EMPTY, empty),
-            (WATCHDOG_EXPIRED, self._tripped),
+            (WATCHDOG_EXPIRED, self._expired),
             (LIMITED, force != asked),
         )
         return force, self._played, RUN * self._run + sum(bit for bit, on in bits if on)

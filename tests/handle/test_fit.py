@@ -118,14 +118,14 @@ def test_the_papers_band_to_200_Hz_does_too() -> None:
     assert all(abs(errors(found, Plant(), grips)[name]) < 0.05 for name in HANDLE_PARAMETERS)
 
 
-def test_one_grip_tells_the_mass_and_says_that_the_rest_is_not_known() -> None:
+def test_one_grip_determines_the_mass_only() -> None:
     found, _ = identified(Plant(m_c_kg=0.02), 1)
     assert found.plant.m_h_kg == pytest.approx(0.12, rel=2e-3) and "m_h_kg" in found.intervals
     assert set(found.absent) == {"m_c_kg", "k_s_N_m", "b_s_Ns_m"} and set(found.grips[0].absent) == {
         "k_u_N_m",
         "b_u_Ns_m",
     }
-    assert "play two or more" in found.absent["m_c_kg"]
+    assert "m_c_kg" in found.absent
 
 
 def test_one_grip_still_gives_a_plant_with_the_same_response() -> None:
@@ -137,15 +137,15 @@ def test_one_grip_still_gives_a_plant_with_the_same_response() -> None:
     np.testing.assert_allclose(found.plant_in(found.grips[0]).response(at), held.response(at), rtol=0.03)
 
 
-def test_the_same_grip_twice_does_not_do() -> None:
+def test_equal_grips_are_not_sufficient() -> None:
     grips = [("a", 500.0, 5.0), ("b", 500.0, 5.0)]
     found = identify(measured(Plant(), grips, Sweep()), RATE_HZ, ["a", "b"])
-    assert "the grips differ too little" in found.absent["m_c_kg"]
+    assert "m_c_kg" in found.absent
 
 
-def test_a_fast_amplifier_is_not_invented() -> None:
+def test_a_fast_amplifier_has_no_interval() -> None:
     found, _ = identified(Plant(amplifier_Hz=1e6), 2, Sweep(high_Hz=300.0))
-    assert "too fast to be seen" in found.absent["amplifier_Hz"] and found.plant.amplifier_Hz == 5000.0
+    assert "amplifier_Hz" in found.absent and found.plant.amplifier_Hz == 5000.0
 
 
 def test_a_system_of_another_kind_shows_in_the_misfit() -> None:
@@ -177,14 +177,14 @@ def test_no_interval_is_narrower_than_what_the_model_leaves_says() -> None:
     assert np.all(deviation > 0.99 * misfit * alone)
 
 
-def test_what_cannot_be_identified_is_refused() -> None:
+def test_insufficient_responses_are_refused() -> None:
     responses = measured(Plant(), [("a", 500.0, 5.0)], Sweep(sweep_s=3.0))
     with pytest.raises(HandleError, match="1 to 20 grips"):
         identify([], RATE_HZ, [])
     short = replace(responses[0], **{name: getattr(responses[0], name)[:3] for name in vars(responses[0])})
-    with pytest.raises(HandleError, match="no octave in which"):
+    with pytest.raises(HandleError, match="octave"):
         identify([short], RATE_HZ, ["a"])
-    with pytest.raises(HandleError, match="no octave"):
+    with pytest.raises(HandleError, match="octave"):
         asymptote([short])
 
 

@@ -90,7 +90,7 @@ class Sine:
     def fade_in(self) -> None:
         self.fades += 1
 
-    def hear(self, numbers: np.ndarray, force: np.ndarray, acceleration: np.ndarray) -> None:
+    def receive_feedback(self, numbers: np.ndarray, force: np.ndarray, acceleration: np.ndarray) -> None:
         self.heard.append(np.stack([numbers, force, acceleration]))
 
     def check(self, lost: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -272,8 +272,8 @@ def test_the_compensator_learns_the_handle_on_the_board(delay_s: float, tmp_path
     assert error[None] < 0.16 < 0.32 < error["flat"], error
 
 
-@pytest.mark.parametrize(("way", "words"), [("gone", "the handle went away: torn out"), ("silent", "says nothing")])
-def test_a_board_that_is_torn_out_ends_in_words(way: str, words: str) -> None:
+@pytest.mark.parametrize(("way", "words"), [("gone", "disconnected: torn out"), ("silent", "no data")])
+def test_a_disconnected_or_silent_board_is_reported(way: str, words: str) -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
@@ -284,18 +284,18 @@ def test_a_board_that_is_torn_out_ends_in_words(way: str, words: str) -> None:
     assert words in live.fault and wire.closed
 
 
-def test_a_board_that_only_plays_sweeps_is_told_so() -> None:
+def test_a_board_that_only_plays_sweeps_is_refused() -> None:
     wire = Wire(peer())
     wire.spoil = lambda data: header_line(Header(RATE_HZ, COLUMNS))
-    with pytest.raises(HandleError, match=r"plays no live force.*column 'state'"):
+    with pytest.raises(HandleError, match="state"):
         board(wire)
     assert wire.closed
 
 
 @pytest.mark.parametrize("other", [{"watchdog_s": 2.0}, {"watchdog_s": 0.001}, {"limit_N": 0.0}])
-def test_options_that_cannot_be_are_refused(other: dict[str, float]) -> None:
+def test_options_out_of_range_are_refused(other: dict[str, float]) -> None:
     wire = Wire(peer())
-    with pytest.raises(HandleError, match="option watchdog_s is"):
+    with pytest.raises(HandleError, match=next(iter(other))):
         board(wire, **other)
     assert wire.closed
 

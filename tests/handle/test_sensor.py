@@ -156,7 +156,7 @@ def test_lost_samples_teach_nothing_for_a_while() -> None:
     assert np.isfinite(handle.reading_filter).all()
 
 
-def test_compensators_that_do_not_learn_hear_nothing() -> None:
+def test_compensators_without_adaptation_ignore_measurements() -> None:
     handle = new_handle(Plant(), Plant(), "flat", RATE_HZ)[0]
     command_force(handle, 1.0)
     learn(handle, 0, 5.0, -100.0)
@@ -166,18 +166,18 @@ def test_compensators_that_do_not_learn_hear_nothing() -> None:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"delay_s": -1e-3}, "sensor: delay_s must be 0 to 0.01, is -0.001"),
+        ({"delay_s": -1e-3}, "delay_s"),
         ({"delay_s": np.nan}, "delay_s"),
         ({"bandwidth_Hz": 0.0}, "bandwidth_Hz"),
         ({"noise_m_s2_rtHz": np.inf}, "noise_m_s2_rtHz"),
-        ({"delay_s": "late"}, "sensor: delay_s must be a number, is 'late'"),
+        ({"delay_s": "late"}, "delay_s"),
     ],
 )
-def test_sensors_that_cannot_be_are_refused(wrong: dict[str, Any], said: str) -> None:
+def test_sensor_values_out_of_range_are_refused(wrong: dict[str, Any], said: str) -> None:
     with pytest.raises(HandleError, match=said):
         Sensor(**wrong)
 
 
-def test_a_sensor_too_late_for_the_rate_is_refused() -> None:
+def test_a_delay_too_long_for_the_rate_is_refused() -> None:
     with pytest.raises(HandleError, match="delay_s must be at most"):
         play(np.zeros(9), 100_000.0, sensor=Sensor(delay_s=9e-3))

@@ -270,7 +270,7 @@ def test_singular_posture_is_flagged() -> None:
     assert omni.trouble[0] & OmniFlag.SINGULAR
 
 
-def test_two_runs_are_the_same_to_the_bit() -> None:
+def test_two_runs_are_identical() -> None:
     ends = []
     for _ in range(2):
         omni, holder = Omni().record(ORIGIN), hand(k_N_m=200.0, b_Ns_m=2.0, target_m_s=(0.05, 0.02, -0.1))
@@ -284,26 +284,24 @@ def test_two_runs_are_the_same_to_the_bit() -> None:
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"tool_kg": 0.0}, "tool_kg must be finite and above 0"),
-        ({"friction_N": -0.1}, "friction_N must be finite and at least 0"),
-        ({"friction_N": math.nan}, "friction_N must be finite"),
-        ({"stiffness_N_m": (1.0, 2.0)}, "three numbers"),
-        ({"continuous_N": 5.0}, "continuous_N 5.0 is over peak_N 3.3"),
+        ({"tool_kg": 0.0}, "tool_kg"),
+        ({"friction_N": -0.1}, "friction_N"),
+        ({"friction_N": math.nan}, "friction_N"),
+        ({"stiffness_N_m": (1.0, 2.0)}, "stiffness_N_m"),
+        ({"continuous_N": 5.0}, "continuous_N"),
     ],
 )
-def test_a_number_out_of_range_is_refused(fields: dict[str, Any], message: str) -> None:
+def test_a_value_out_of_range_is_refused(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(HapsceneError, match=message):
         Omni(**fields)
 
 
-def test_a_start_out_of_reach_is_refused_with_what_is_in_reach() -> None:
-    with pytest.raises(
-        HapsceneError, match=r"out of its reach; the middle of its workspace is \(0\.000, 0\.101, 0\.187\)"
-    ):
+def test_a_start_out_of_reach_is_refused_with_the_workspace() -> None:
+    with pytest.raises(HapsceneError, match=r"\(1\.000, 0\.000, 0\.000\).*\(0\.000, 0\.101, 0\.187\)"):
         Omni().record((1.0, 0.0, 0.0), np.eye(4))
 
 
 @pytest.mark.parametrize("X_WD", [np.eye(3), np.diag([1.0, 1.0, -1.0, 1.0]), np.full((4, 4), np.nan), 2.0 * np.eye(4)])
-def test_what_is_no_pose_is_refused(X_WD: Any) -> None:
+def test_an_invalid_pose_is_refused(X_WD: Any) -> None:
     with pytest.raises(HapsceneError, match="X_WD: "):
         Omni().record(ORIGIN, X_WD)

@@ -173,14 +173,14 @@ def test_it_learns_where_an_identified_handle_reads_back(
     )
     assert compensator_of(output, None)[0].kind == 2
     if kind == 0:
-        with pytest.raises(HandleError, match=r"'adaptive' learns from .*: mine reads nothing back in time"):
+        with pytest.raises(HandleError, match=r"'adaptive'.*mine"):
             compensator_of(output, str(tmp_path / "ours.handle"), compensator)
         return
     h = compensator_of(output, str(tmp_path / "ours.handle"), compensator)[0]
     assert h.kind == kind and h.force_limit_N == 4.0 and h.rate_Hz == 5000.0
     if kind == 3:  # half a sample of the board's, and most of the accelerometer's pole
         assert 3e-4 + 1e-4 < h.assumed_delay_s < 3e-4 + 2e-4 and h.force_measured == 0
-        with pytest.raises(HandleError, match="give the file of one"):
+        with pytest.raises(HandleError, match="adaptive"):
             compensator_of(output, None, "adaptive")
 
 

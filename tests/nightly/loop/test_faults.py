@@ -181,7 +181,7 @@ def test_a_board_that_takes_nothing_more_is_told_of_and_left_without_force(desk:
 def test_a_device_torn_out_is_named_and_its_last_minute_kept(desk: Desk, tmp_path: Path) -> None:
     desk.board.tell(gone=1)
     _, errors = desk.application.communicate(timeout=PATIENCE_S)
-    assert f"haply2diy: {desk.board.place}" in errors and "plug it in again" in errors
+    assert f"haply2diy: {desk.board.place}" in errors and "reconnect it" in errors
     log = log_in(tmp_path / "logs")
     assert "haply2diy" in log.reason and len(log.replay().unlike) == 0
 
@@ -205,4 +205,4 @@ def test_a_servo_without_its_device_lives_to_say_so(desk: Desk) -> None:
     time.sleep(2.0 * GUARDED_S)  # in which the guard would end what stands still
     os.kill(desk.application.pid, signal.SIGCONT)
     _, errors = desk.application.communicate(timeout=PATIENCE_S)
-    assert "plug it in again" in errors
+    assert "reconnect it" in errors

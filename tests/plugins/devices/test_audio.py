@@ -72,25 +72,21 @@ def test_the_output_is_found_by_name(
 @pytest.mark.parametrize(
     ("there", "told", "words"),
     [
-        ((SPLIT,), {}, "shows only 2 of its four channels.*Pro Audio or Direct.*option channels=1,2"),
-        (
-            (HEADPHONES,),
-            {"device": "exciter"},
-            r"no sound output 'exciter'; there are: 0 USB Headphones \(2 channels\)",
-        ),
-        ((), {}, "there are: none"),
-        ((HEADPHONES,), {"channels": "3,4"}, "has the channels 1 to 2"),
-        ((HEADPHONES,), {"channels": "left"}, "numbers from 1 with commas between"),
-        ((HEADPHONES,), {"rate_Hz": 1.0}, "cannot be opened: Invalid sample rate"),
+        ((SPLIT,), {}, "DualSense Speaker.*Pro Audio.*channels=1,2"),
+        ((HEADPHONES,), {"device": "exciter"}, r"'exciter'.*0 USB Headphones \(2 channels\)"),
+        ((), {}, "no audio output"),
+        ((HEADPHONES,), {"channels": "3,4"}, "channels=3,4.*USB Headphones"),
+        ((HEADPHONES,), {"channels": "left"}, "channels=left"),
+        ((HEADPHONES,), {"rate_Hz": 1.0}, "Invalid sample rate"),
     ],
 )
-def test_what_cannot_be_played_on_is_said_in_words(cards: Any, there: Any, told: dict[str, Any], words: str) -> None:
+def test_an_output_that_cannot_be_opened_is_an_error(cards: Any, there: Any, told: dict[str, Any], words: str) -> None:
     cards(*there)
     with pytest.raises(HandleError, match=words):
         AudioHandle(**told)
 
 
-def test_a_fault_in_the_callback_is_silence_and_told(cards: Any) -> None:
+def test_an_error_in_the_callback_plays_silence_and_is_reported(cards: Any) -> None:
     sound = cards(HEADPHONES)
     handle = AudioHandle()
 
@@ -105,14 +101,14 @@ def test_a_fault_in_the_callback_is_silence_and_told(cards: Any) -> None:
     assert not out.any() and "no more" in handle.fault and handle.counts == {"underruns": 1}
 
 
-def test_a_card_that_is_torn_out_is_told(cards: Any) -> None:
+def test_a_disconnected_card_is_reported(cards: Any) -> None:
     sound = cards(HEADPHONES)
     handle = AudioHandle()
     sound.opened["finished_callback"]()
-    assert handle.fault == "USB Headphones: plays no more: was it unplugged?"
+    assert handle.fault.startswith("USB Headphones: ")
 
 
-def test_without_portaudio_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_portaudio_the_error_names_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     class Finder:
         def find_spec(self, name: str, path: Any, target: Any = None) -> None:
             if name == "sounddevice":
@@ -126,8 +122,8 @@ def test_without_portaudio_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
     assert found.trouble and "libportaudio2" in found.remedy
 
 
-def test_outputs_are_found_and_the_trap_is_told(cards: Any) -> None:
+def test_outputs_are_listed_with_a_remedy_for_missing_channels(cards: Any) -> None:
     cards(HEADPHONES, SPLIT)
     headphones, split = DRIVER.find()
     assert headphones.where == "USB Headphones (2 channels)" and headphones.trouble == ""
-    assert "shows only 2 of its four" in split.trouble and "Pro Audio or Direct" in split.remedy
+    assert "2 of its four channels" in split.trouble and "Pro Audio or Direct" in split.remedy

@@ -1,31 +1,37 @@
-"""When a device counts as gone: by how long it is asked in vain, on a clock that the test moves on."""
+"""The response timeout of drivers, on a virtual clock."""
 
-from hapscene_plugins.devices.silence import FORGOTTEN_S, GONE_S, Silence
+import pytest
+
+from hapscene.device.driver import Connection
+from hapscene.errors import DeviceError
+from hapscene_plugins.devices.response_timeout import GONE_S, STALE_S, ResponseTimeout
 from tests.virtual_clock import VirtualClock
 
 
-def asked_in_vain(silence: Silence, clock: VirtualClock, seconds: float, every_s: float = 0.001) -> bool:
-    over = False
-    for _ in range(round(seconds / every_s)):
-        clock.sleep_s(every_s)
-        over = silence.is_over()
-    return over
+def poll(timeout: ResponseTimeout, clock: VirtualClock, seconds: float) -> Connection:
+    connection = Connection()
+    connection.state.ready = 1
+    for _ in range(round(1000 * seconds)):
+        clock.sleep_s(0.001)
+        timeout.check(connection, "device", "check the cable")
+    return connection
 
 
-def test_it_is_gone_after_so_long_of_questions_in_vain() -> None:
-    silence = Silence(clock := VirtualClock())
-    assert not asked_in_vain(silence, clock, 0.99 * GONE_S)
-    assert asked_in_vain(silence, clock, 0.02 * GONE_S)
-    silence.end()
-    assert not asked_in_vain(silence, clock, 0.99 * GONE_S)
+def test_a_device_without_answers_is_an_error_after_the_timeout() -> None:
+    timeout = ResponseTimeout(clock := VirtualClock())
+    assert poll(timeout, clock, 0.99 * GONE_S).state.ready[0] == 1
+    with pytest.raises(DeviceError, match="device"):
+        poll(timeout, clock, 0.02 * GONE_S)
+    timeout.received()
+    poll(timeout, clock, 0.99 * GONE_S)
 
 
-def test_while_nobody_asks_it_is_not_silent_but_its_last_word_is_forgotten() -> None:
-    silence = Silence(clock := VirtualClock())
-    assert not silence.is_forgotten()
-    clock.sleep_s(1.1 * FORGOTTEN_S)
-    assert silence.is_forgotten()
+def test_a_pause_makes_the_last_answer_stale_but_is_no_timeout() -> None:
+    timeout = ResponseTimeout(clock := VirtualClock())
+    assert not timeout.is_stale()
+    clock.sleep_s(1.1 * STALE_S)
+    assert timeout.is_stale()
     clock.sleep_s(3600.0)
-    assert not silence.is_over()  # the first question after a pause counts for a moment
-    silence.end()
-    assert not silence.is_forgotten()
+    poll(timeout, clock, 0.001)  # the first poll after a pause counts for a moment only
+    timeout.received()
+    assert not timeout.is_stale()

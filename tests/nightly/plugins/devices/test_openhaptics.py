@@ -211,7 +211,7 @@ def test_forces_that_the_library_switched_off_stay_off(desk, device):
     desk.set(off=1)
     gone(desk)
     gone(desk)
-    assert device.state.ready == 0 and "switched the forces off" in device.reason(int(device.state.trouble[0]))
+    assert device.state.ready == 0 and "disabled the force" in device.reason(int(device.state.trouble[0]))
     assert not desk.rows()["force"][-1].any()
 
 
@@ -223,7 +223,7 @@ def test_a_bad_frame_gives_no_force_and_no_state(desk, device):
     assert np.array_equal(device.state.p_DT_m, before.p_DT_m)
     assert (device.state.count, device.state.ready) == (before.count, 0)
     assert not desk.rows()["force"][-1].any()
-    with pytest.raises(DeviceError, match="positions that cannot be"):
+    with pytest.raises(DeviceError, match="invalid positions"):
         for _ in range(30):
             device.read()
 
@@ -264,11 +264,11 @@ def test_a_device_that_is_gone_is_seen(desk, device):
     ctypes.CDLL(emulator("hd")).hdStopScheduler()
     device.check()
     device._clock.at_s += 1.0
-    with pytest.raises(DeviceError, match="stands still"):
+    with pytest.raises(DeviceError, match="does not run"):
         device.check()
     device._clock.runs = True
     device.unschedule()
-    with pytest.raises(DeviceError, match="stands still"):
+    with pytest.raises(DeviceError, match="does not run"):
         device.read()
 
 
@@ -282,7 +282,7 @@ def test_names_are_tried_in_turn(desk):
 
 
 def test_a_device_that_another_has(desk, device):
-    with pytest.raises(DeviceError, match=r"HD_DEVICE_ALREADY_INITIATED.*close that"):
+    with pytest.raises(DeviceError, match=r"HD_DEVICE_ALREADY_INITIATED"):
         connect()
     device.read()
 
@@ -324,17 +324,17 @@ def test_the_library_is_looked_for(desk, monkeypatch, tmp_path):
     broken = tmp_path / "libHD.so"
     broken.write_text("not a library")
     places["libHD.so"] = str(broken)
-    with pytest.raises(DeviceError, match=r"tried as HD, libHD\.so, HD\.dll \(.*libHD\.so: .*\); install OpenHaptics"):
+    with pytest.raises(DeviceError, match=r"tried HD, libHD\.so, HD\.dll\) \(.*libHD\.so: .*\); install OpenHaptics"):
         connect(library=None)
 
 
 def test_no_library():
     with pytest.raises(
-        DeviceError, match=r"tried as nowhere/libHD\.so .*cannot open.*install OpenHaptics.*library=PATH"
+        DeviceError, match=r"tried nowhere/libHD\.so\) .*cannot open.*install OpenHaptics.*library=PATH"
     ):
         connect(library="nowhere/libHD.so")
     (found,) = DRIVER.find(library="nowhere/libHD.so")
-    assert "does not load" in found.trouble
+    assert "cannot be loaded" in found.trouble
     with pytest.raises(DeviceError, match="no function hdInitDevice"):
         connect(library=emulator("dhd"))
 
@@ -388,6 +388,6 @@ def test_release_gives_zero_to_a_device_whose_driver_was_killed(desk):
 def test_release_says_where_no_zero_was_given(desk):
     """The guard tries it again, then."""
     lay(desk, refuse=b"hdStartScheduler", refuse_code=0x0304)
-    with pytest.raises(DeviceError, match="stands still"):
+    with pytest.raises(DeviceError, match="does not run"):
         DRIVER.release(**DRIVER.read_options({"library": emulator("hd")}))
     assert (desk.started, desk.disabled) == (0, 1)
