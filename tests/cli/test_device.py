@@ -77,7 +77,7 @@ def test_a_touch_is_played_as_it_was_recorded(tmp_path: Path) -> None:
     ("words", "told"),
     [
         (["identify", "--simulated", "--grips", "0", "-o", "a.handle"], "--grips must be 1 to 20"),
-        (["identify", "--simulated", "--rate", "1000", "-o", "a.handle"], "can go to 400 Hz, not to 1000 Hz"),
+        (["identify", "--simulated", "--rate", "1000", "-o", "a.handle"], "400 Hz"),
         (["identify", "--simulated", "--force", "-1", "-o", "a.handle"], "--force"),
         (["identify", "--simulated", "--port", "COM1"], "name one source"),
         (["identify", "--from", "none.csv", "-o", "a.handle"], "none.csv: no such file"),
@@ -133,7 +133,7 @@ def test_play_on_a_real_handle(texture: str, folder: Path, capsys: pytest.Captur
     [
         (["--handle", "serial", "--out", "o"], "--out"),
         (["--handle", "serial", "--handle-option", "tempo=1"], "no option 'tempo'; there are:"),
-        (["--handle", "serial"], "which port"),
+        (["--handle", "serial"], "option port"),
     ],
 )
 def test_what_play_cannot_do_on_a_real_handle(
@@ -146,4 +146,4 @@ def test_what_play_cannot_do_on_a_real_handle(
 def test_devices_are_listed_with_what_is_in_the_way(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["device", "list"]) == 0
     told = capfd.readouterr().out
-    assert "openhaptics" in told and "library=PATH" in told and "in this computer: ready" in told
+    assert "openhaptics" in told and "library=PATH" in told and "built in: ready" in told
