@@ -29,7 +29,7 @@ BLOCK_S: Final = 0.002
 """Time between two writes [s]."""
 
 CAUGHT_UP_S: Final = 0.1
-"""How much time is made up for at once [s]: a board's clock waits for nobody; more would not fit onto the wire."""
+"""How much time is made up for at once [s]: a board's clock does not wait; more would not fit onto the wire."""
 
 STATE_COLUMN: Final = Column(STATE, "1", 1.0)
 
@@ -57,7 +57,7 @@ class Peer:
     def take(self, data: bytes) -> None:
         """Takes in what the host sent."""
         *lines, rest = (self._rest + data).split(b"\n")
-        self._rest = rest[:LINE_MAX]  # so long a line is none, however it ends
+        self._rest = rest[:LINE_MAX]  # a line of this length is invalid
         for line in lines:
             body, _, crc = line.rpartition(b"*")
             if crc != b"%04X" % checksum(body):
@@ -152,7 +152,7 @@ def serve(peer: Peer, wire: int, over: Callable[[], bool], hurried: bool = False
 
 
 def _write(wire: int, data: bytes, over: Callable[[], bool], patience_s: float) -> None:
-    """Writes all of it; what nobody reads in that time is lost, as on a wire."""
+    """Write all bytes; bytes that are not read in time are lost, as on a wire."""
     until_s = time.monotonic() + patience_s
     while data and time.monotonic() < until_s and not over():
         try:

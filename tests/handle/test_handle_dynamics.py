@@ -94,8 +94,8 @@ def test_a_coil_at_its_stop_stays_there_and_momentum_is_kept() -> None:
         speeds.append((velocity, x[1]))
     assert handle.hits >= 1 and handle.x[2] == -plant.travel_limit_m
     assert np.abs(momentum).max() < 1e-6  # no force from outside but a grip of almost nothing
-    told, true = np.transpose(speeds)
-    assert np.abs(told - true).max() < 0.02 * np.abs(true).max()  # the knock, too, is in the acceleration
+    reported, true = np.transpose(speeds)
+    assert np.abs(reported - true).max() < 0.02 * np.abs(true).max()  # the knock, too, is in the acceleration
 
 
 def test_the_accelerometer_has_its_noise_and_its_pole() -> None:

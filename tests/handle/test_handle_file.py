@@ -1,4 +1,4 @@
-"""Handle files: exact round trip, and errors for invalid content."""
+"""Handle files: written and read exactly, errors for invalid content."""
 
 import json
 from pathlib import Path

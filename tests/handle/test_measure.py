@@ -62,8 +62,8 @@ def test_tables_in_other_units_and_names(tmp_path: Path) -> None:
     t_s = np.arange(400) / RATE_HZ
     table = np.stack([1e3 * np.sin(t_s), np.cos(t_s), 0 * t_s], axis=1)
     np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="coil,a_x,a_y", comments="")
-    told = {"columns": {"force": "coil", "acceleration": "a_x"}, "units": {"force": "mN", "acceleration": "g"}}
-    recording = load_grip(str(tmp_path / "a.csv"), RATE_HZ, **told)
+    options = {"columns": {"force": "coil", "acceleration": "a_x"}, "units": {"force": "mN", "acceleration": "g"}}
+    recording = load_grip(str(tmp_path / "a.csv"), RATE_HZ, **options)
     np.testing.assert_allclose(recording.force_N, np.sin(t_s), atol=1e-12)
     np.testing.assert_allclose(recording.acceleration_m_s2, 9.80665 * np.cos(t_s), atol=1e-12)
 

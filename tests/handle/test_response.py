@@ -30,7 +30,7 @@ def test_without_noise_it_is_the_system() -> None:
 
 
 def test_a_flat_system_has_the_h1_and_coherence_of_scipy() -> None:
-    """Where the response does not change in a band, averaging over lines and over windows is the same thing."""
+    """Where the response does not change in a band, averaging over lines equals averaging over windows."""
     rng = np.random.default_rng(1)
     force = rng.standard_normal(200_000)
     acceleration = 3.0 * force + 2.0 * rng.standard_normal(len(force))

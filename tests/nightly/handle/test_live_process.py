@@ -123,7 +123,7 @@ def test_ticks_become_force_and_silence_when_they_stop(board: Board, channel: Ch
     with LiveHandle(where(channel), 1e4, 0, "serial", {"port": board.port}) as handle:
         board.wait_for_force()
         until(lambda: board.loud_count() > 10_000)
-        told = handle.update_report()
+        report = handle.update_report()
         ticks.stop()
         stopped = board.loud_count()
         until(lambda: handle.update_report()["gaps"] >= 1 and abs(board.force[-1][1]) < 1e-3)
@@ -132,7 +132,7 @@ def test_ticks_become_force_and_silence_when_they_stop(board: Board, channel: Ch
     strong = force[np.abs(force) > 0.01][-8000:-1500]
     mass_kg = np.abs(Plant().response(100.0)) ** -1
     assert np.abs(strong).max() == pytest.approx(5.0 * mass_kg, rel=0.05)
-    assert 0.01 < told["latency_s"] < 0.06 + 0.1 * (os.getloadavg()[0] > 1.0)  # a busy machine's ticks come in bursts
+    assert 0.01 < report["latency_s"] < 0.06 + 0.1 * (os.getloadavg()[0] > 1.0)  # a busy machine's ticks come in bursts
     assert not handle._process.is_alive()
 
 
@@ -141,8 +141,8 @@ def test_the_board_s_readings_teach_the_identified_handle_s_compensator(
 ) -> None:
     grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
     heavy = replace(Plant(), m_h_kg=0.156)
-    told = ("ours", heavy, (grip,), {}, {}, 0.12, (100.0, 200.0), 0.0, 1600.0, 5000.0, (10.0, 1000.0), 1.0)
-    save_handle(Identification(*told), tmp_path / "ours.handle")
+    fields = ("ours", heavy, (grip,), {}, {}, 0.12, (100.0, 200.0), 0.0, 1600.0, 5000.0, (10.0, 1000.0), 1.0)
+    save_handle(Identification(*fields), tmp_path / "ours.handle")
     options = {"port": board.port, "ahead_s": 0.05, "watchdog_s": 0.2}
     right_N = 5.0 * np.abs(Plant().response(100.0)) ** -1
     ticks = Ticks(channel)
@@ -166,8 +166,8 @@ def test_it_learns_where_an_identified_handle_reads_back(
     reads_back: bool, compensator: str | None, kind: int, tmp_path: Path
 ) -> None:
     grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
-    told = ("ours", Plant(), (grip,), {}, {}, 0.12, (100.0, 200.0), 3e-4, 1600.0, 1e4, (10.0, 1000.0), 1.0)
-    save_handle(Identification(*told), tmp_path / "ours.handle")
+    fields = ("ours", Plant(), (grip,), {}, {}, 0.12, (100.0, 200.0), 3e-4, 1600.0, 1e4, (10.0, 1000.0), 1.0)
+    save_handle(Identification(*fields), tmp_path / "ours.handle")
     output: Any = SimpleNamespace(
         name="mine", takes_force=True, reads_back=reads_back, rate_Hz=5000.0, ceiling=2.0, gain=0.5
     )

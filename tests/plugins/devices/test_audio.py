@@ -1,4 +1,4 @@
-"""The handle that is played as sound: on a sound card that is none, and on cards that are none at all."""
+"""The handle that is played as sound: on simulated sound cards."""
 
 import sys
 from types import SimpleNamespace
@@ -28,9 +28,9 @@ class FakeSound:
     def query_devices(self) -> list[dict[str, Any]]:
         return [{"name": name, "max_output_channels": count} for name, count in self._cards]
 
-    def OutputStream(self, **told: Any) -> Any:
-        self.opened = told
-        if told["samplerate"] != 48_000.0:
+    def OutputStream(self, **options: Any) -> Any:
+        self.opened = options
+        if options["samplerate"] != 48_000.0:
             raise self.PortAudioError("Invalid sample rate")
         return SimpleNamespace(latency=0.01, start=lambda: None, stop=lambda: None, close=lambda: None)
 
@@ -49,7 +49,7 @@ def cards(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("told", "number", "columns", "count"),
+    ("options", "number", "columns", "count"),
     [
         ({}, 1, [2, 3], 4),  # a DualSense first, where there is one
         ({"device": "dualsense"}, 1, [2, 3], 4),
@@ -59,10 +59,10 @@ def cards(monkeypatch: pytest.MonkeyPatch) -> Any:
     ],
 )
 def test_the_output_is_found_by_name(
-    cards: Any, told: dict[str, str], number: int, columns: list[int], count: int
+    cards: Any, options: dict[str, str], number: int, columns: list[int], count: int
 ) -> None:
     sound = cards(HEADPHONES, PAD)
-    handle = AudioHandle(**told)
+    handle = AudioHandle(**options)
     assert (sound.opened["device"], handle._columns, sound.opened["channels"]) == (number, columns, count)
     handle.close()
     handle.close()
@@ -70,7 +70,7 @@ def test_the_output_is_found_by_name(
 
 
 @pytest.mark.parametrize(
-    ("there", "told", "words"),
+    ("there", "options", "words"),
     [
         ((SPLIT,), {}, "DualSense Speaker.*Pro Audio.*channels=1,2"),
         ((HEADPHONES,), {"device": "exciter"}, r"'exciter'.*0 USB Headphones \(2 channels\)"),
@@ -80,10 +80,12 @@ def test_the_output_is_found_by_name(
         ((HEADPHONES,), {"rate_Hz": 1.0}, "Invalid sample rate"),
     ],
 )
-def test_an_output_that_cannot_be_opened_is_an_error(cards: Any, there: Any, told: dict[str, Any], words: str) -> None:
+def test_an_output_that_cannot_be_opened_is_an_error(
+    cards: Any, there: Any, options: dict[str, Any], words: str
+) -> None:
     cards(*there)
     with pytest.raises(HandleError, match=words):
-        AudioHandle(**told)
+        AudioHandle(**options)
 
 
 def test_an_error_in_the_callback_plays_silence_and_is_reported(cards: Any) -> None:

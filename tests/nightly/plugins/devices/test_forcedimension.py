@@ -1,4 +1,4 @@
-"""The driver of Force Dimension's devices, against an emulated library with a watchdog of its own."""
+"""The driver of Force Dimension's devices, against an emulated library with a watchdog."""
 
 import ctypes
 import math
@@ -30,7 +30,7 @@ def status(**more: int) -> np.ndarray:
 
 
 def lay(desk: Desk, **more: Any) -> None:
-    """A calibrated device on the desk, its force off."""
+    """A connected, calibrated device with disabled force."""
     desk.set(**{"style": 1, "status": status()} | more)
 
 
@@ -118,7 +118,7 @@ def test_force_that_does_not_come_is_asked_for_seldom(desk):
         assert desk.tried.decode().count("force;") == 3 and device.state.ready == 0
 
 
-def test_saturated_motors_are_told(desk, device):
+def test_saturated_motors_are_reported(desk, device):
     desk.set(saturated=1)
     device.write()
     device.read()

@@ -33,7 +33,7 @@ def push(address: Any, kind: Any) -> None:
 
 
 def lay(desk: Desk, **more: Any) -> None:
-    """A calibrated Touch on the desk."""
+    """A connected, calibrated Touch."""
     values = {"name": b"NULL", "calibration": 0x5000, "style": 4, "transform": np.eye(4).ravel(), "most_force": 3.4}
     desk.set(**values | {"workspace": (-80, -60, -35, 80, 60, 35)} | more)
 
@@ -155,7 +155,7 @@ def test_no_force_before_calibration(desk):
         assert rows["force"][-1].any() and not rows["force"][rows["ready"] == 0].any()
 
 
-def test_encoders_are_reset_only_when_told(desk):
+def test_encoders_are_reset_only_on_request(desk):
     lay(desk, calibration=0x5001, style=1)
     with connect() as device:
         device.read()
@@ -193,16 +193,16 @@ def test_an_error_of_the_frames_end_counts_in_the_next(desk, device):
 
 
 @pytest.mark.parametrize(
-    ("first", "later", "told"),
+    ("first", "later", "code"),
     [(0x0302, 0x0402, 0x0302), (0x0302, 0x0200, 0x0302), (0x0200, 0x0302, 0x0302), (0x0203, 0x0200, 0x0203)],
 )
-def test_the_cause_is_told_and_not_what_follows(desk, device, first, later, told):
+def test_the_first_error_is_reported(desk, device, first, later, code):
     """The library gives its newest error first: the oldest is the cause. Warm motors are less than what is gone."""
     serve(device, 1.0)
     desk.set(begin_error=first, refuse=b"hdGetIntegerv", refuse_code=later)
     gone(desk)
     gone(desk)
-    assert device.state.trouble == told
+    assert device.state.trouble == code
 
 
 def test_forces_that_the_library_switched_off_stay_off(desk, device):
@@ -229,7 +229,7 @@ def test_a_bad_frame_gives_no_force_and_no_state(desk, device):
 
 
 def test_mutated_returns(desk, device):
-    """10⁵ frames of NaN, infinite and huge numbers, unknown errors and calibrations: no force from any of them."""
+    """10⁵ frames of NaN, infinite and huge numbers, unknown errors and calibrations: never a force."""
     tick = BoundCall(push, (device.state, np.array([1.0, 0.0, 0.0, 0.0])))
     device.schedule(tick.address, tick.context)
     pass_frames(100_000, 7)
