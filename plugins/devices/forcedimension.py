@@ -200,7 +200,7 @@ def find(library: str | None = None, **options: Any) -> Sequence[Found]:
     try:
         dhd = load_library("forcedimension", library, LIBRARIES, _FUNCTIONS, _remedy())
     except DeviceError as error:
-        return [Found("", trouble=str(error), remedy=_remedy())]
+        return [Found("", trouble=str(error).removeprefix("forcedimension: "), remedy=_remedy())]
     return [Found(f"device {index}", {"device": index}) for index in range(max(0, int(dhd.dhdGetDeviceCount())))]
 
 

@@ -196,7 +196,7 @@ def find(uri: str = URI, **options: Any) -> Sequence[Found]:
             content = parse(socket.recv(timeout=0.2)) or {}
     except DeviceError as error:
         trouble, _, remedy = str(error).partition("; ")
-        return [Found(uri, trouble=trouble, remedy=remedy)]
+        return [Found(uri, trouble=trouble.removeprefix(f"inverse3: {uri}: "), remedy=remedy)]
     except Exception as error:  # another program listens at this port
         return [Found(uri, trouble=f"inverse3: {uri}: {error!r:.100}", remedy="start Haply's Inverse service")]
     return [Found(f"{uri} {entry.get('device_id')}") for entry in listed(content, "inverse3")]

@@ -144,7 +144,7 @@ def find(library: str | None = None, name: str | None = None, **options: Any) ->
         hd = load(library)
         device = initiate(hd, name)
     except DeviceError as error:
-        return [Found("", trouble=str(error), remedy=remedy())]
+        return [Found("", trouble=str(error).removeprefix("openhaptics: "), remedy=remedy())]
     words = [hd.hdGetString(what) or b"" for what in (MODEL, SERIAL)]
     hd.hdDisableDevice(device)
     pop_errors(hd)
