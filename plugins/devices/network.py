@@ -132,7 +132,7 @@ class NetworkConnection(Connection):
             return
         again = self._key != 0 and client == self._client and hello.get("nonce") == self._nonce
         if self._key != 0 and not again and now_s - self._message_s < GONE_S:
-            self._refuse(packet, client, "another client is connected")
+            self._refuse(packet, client, "another client is here")  # clients compare this text
             return
         if not again:
             self._key, self._client, self._nonce = 1 + secrets.randbits(63), client, hello.get("nonce")

@@ -136,7 +136,7 @@ def test_one_client_at_a_time(device: Any, client: Client) -> None:
     client.hello()
     other = Client(device)
     refused = other.hello(nonce=6)
-    assert refused.kind == REFUSED and b"another client is connected" in refused.payload
+    assert refused.kind == REFUSED and b"another client is here" in refused.payload
     other.key = client.key
     other.frame(0.0, 0.0, 0.0)
     turn(device)
