@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -55,7 +55,7 @@ def weights(plant: Plant, corner_Hz: float) -> Array:
 
 
 @native
-def section(state: Any, at: int, g: float, d: float, x: float) -> tuple[float, float, float]:
+def section(state: Array, at: int, g: float, d: float, x: float) -> tuple[float, float, float]:
     """Second-order section, (s², ω₀s, ω₀²)/(s² + dω₀s + ω₀²) of x; g = tan(ω₀T/2), state at [at, at+1].
 
     Trapezoidal state-variable filter (Zavalishin 2012, "The Art of VA Filter Design").
@@ -70,7 +70,7 @@ def section(state: Any, at: int, g: float, d: float, x: float) -> tuple[float, f
 
 
 @native
-def integrals(state: Any, g: float, d1: float, d2: float, a: float) -> tuple[float, float, float, float, float]:
+def integrals(state: Array, g: float, d1: float, d2: float, a: float) -> tuple[float, float, float, float, float]:
     """φ_0 … φ_4 of the next sample a of the acceleration; state (6,)."""
     high, _, low = section(state, 0, g, d1, a)
     phi0, phi1, phi2 = section(state, 2, g, d2, high)
@@ -79,7 +79,7 @@ def integrals(state: Any, g: float, d1: float, d2: float, a: float) -> tuple[flo
 
 
 @native
-def retune(state: Any, ratio: float) -> None:
+def retune(state: Array, ratio: float) -> None:
     """Change ω₀ of `integrals` by a ratio without a step of the output: rescale the states by powers of ω₀."""
     square = ratio * ratio
     state[0] *= ratio
@@ -91,7 +91,7 @@ def retune(state: Any, ratio: float) -> None:
 
 
 @native
-def differences(state: Any, g: float, d1: float, d2: float, f: float) -> float:
+def differences(state: Array, g: float, d1: float, d2: float, f: float) -> float:
     """s⁴/D(s) of the next sample f; state (4,)."""
     high = section(state, 0, g, d1, f)[0]
     return section(state, 2, g, d2, high)[0]

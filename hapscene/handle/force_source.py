@@ -1,7 +1,7 @@
 """Sources of identification data: the interface, and a simulated handle. The real one is in `serial_handle`."""
 
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 import scipy
@@ -142,7 +142,7 @@ class SimulatedSource:
 
 
 @native
-def _advance(step: Array, inputs: Array, x: Array, line: Any, out: Array) -> None:
+def _advance(step: Array, inputs: Array, x: Array, line: np.record, out: Array) -> None:
     """Fill out (n, 2) with reading and travel at the start of each input (n, 3). The state is the first row of x."""
     for k in range(len(inputs)):
         out[k, 0], out[k, 1] = delay(line, x[0, _READING]), x[0, _TRAVEL]

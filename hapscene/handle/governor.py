@@ -21,11 +21,14 @@ detects the impact and reduces the allowed travel (`handle_loop.learn`).
 """
 
 import math
-from typing import Any, Final
+from typing import Final
+
+import numpy as np
 
 from hapscene.compiled.native import native
 from hapscene.handle.handle_dynamics import MASK as MASK
 from hapscene.handle.handle_dynamics import advance
+from hapscene.handle.plant import Array
 
 __all__ = ["HIGH_HZ", "LOOK_AHEAD_S", "ONE", "RELEASE_S", "TRAVEL_SHARE", "YIELD", "fade", "foresee", "yield_corner"]
 
@@ -56,7 +59,7 @@ ONE: Final = 1 << 40
 
 
 @native
-def yield_corner(h: Any) -> float:
+def yield_corner(h: np.record) -> float:
     """tan(ω₀T/2) of the corner for the next sample: the lowest corner while the coil swings little, otherwise higher.
 
     The swing is that of the nominal handle, or that of the learnt one where it is much larger.
@@ -71,14 +74,14 @@ def yield_corner(h: Any) -> float:
 
 
 @native
-def _swing2(h: Any, x: Any) -> float:
+def _swing2(h: np.record, x: Array) -> float:
     """Squared travel that the coil reaches from state x (4,) without further force [m²]."""
     r, v = x[2], x[3] / h.swing_rad_s
     return float(r * r + v * v)
 
 
 @native
-def foresee(h: Any, needed_N: float) -> float:
+def foresee(h: np.record, needed_N: float) -> float:
     """The gain, 0 … 1, that keeps the sample that is asked for now within the limits when it is played.
 
     `needed_N` is the force for the sample according to the estimate.
@@ -113,7 +116,7 @@ def foresee(h: Any, needed_N: float) -> float:
 
 
 @native
-def fade(h: Any, target: float) -> float:
+def fade(h: np.record, target: float) -> float:
     """The gain, 0 … 1, of the sample of `delay` samples ago, given the bound `target` of the newest sample.
 
     A monotonic queue (`least`, `when`) gives the minimum over the look-ahead, a running sum its average.

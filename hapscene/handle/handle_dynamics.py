@@ -8,8 +8,11 @@ place.
 import math
 from typing import Any, Final
 
+import numpy as np
+
 from hapscene.compiled.native import native
 from hapscene.dsp.noise import normal
+from hapscene.handle.plant import Array
 
 __all__ = ["MASK", "RING", "advance", "amplify", "delay", "grip_handle", "hold", "move", "sense", "set_delay"]
 
@@ -24,14 +27,14 @@ _TERMS: Final = 12
 
 
 @native
-def grip_handle(handle: Any, k_u_N_m: float, b_u_Ns_m: float) -> None:
+def grip_handle(handle: np.record, k_u_N_m: float, b_u_Ns_m: float) -> None:
     """Change the grip of one `HANDLE`: stiffness [N/m] and damping [N·s/m] of the hand. Allocates nothing."""
     handle.k_u_N_m, handle.b_u_Ns_m = k_u_N_m, b_u_Ns_m
     hold(handle, handle.step)
 
 
 @native
-def hold(h: Any, step: Any) -> None:
+def hold(h: np.record, step: Array) -> None:
     """Fill step (5, 5) with exp([A B; 0 0] T): the transition of state and force over one sample."""
     work, power = h.work[0], h.work[1]
     _derivative(h, work)
@@ -60,7 +63,7 @@ def hold(h: Any, step: Any) -> None:
 
 
 @native
-def _derivative(h: Any, m: Any) -> None:
+def _derivative(h: np.record, m: Array) -> None:
     """Fill m (5, 5) with [A B; 0 0] of `Plant.state_space`."""
     for i in range(5):
         for j in range(5):
@@ -76,7 +79,7 @@ def _derivative(h: Any, m: Any) -> None:
 
 
 @native
-def _product(a: Any, b: Any, c: Any) -> None:
+def _product(a: Array, b: Array, c: Array) -> None:
     for i in range(5):
         for j in range(5):
             total = 0.0
@@ -86,7 +89,7 @@ def _product(a: Any, b: Any, c: Any) -> None:
 
 
 @native
-def amplify(h: Any, command_N: float) -> float:
+def amplify(h: np.record, command_N: float) -> float:
     """The mean force of a sample [N] for a constant command: one pole at the bandwidth of the amplifier."""
     mean = command_N + (h.amplifier_N - command_N) * h.amplifier_mean
     h.amplifier_N = command_N + (h.amplifier_N - command_N) * h.amplifier_pole
@@ -94,7 +97,7 @@ def amplify(h: Any, command_N: float) -> float:
 
 
 @native
-def advance(step: Any, x: Any, force_N: float) -> None:
+def advance(step: Array, x: Array, force_N: float) -> None:
     """Advance the state x (4,) by one sample with the transition step (5, 5)."""
     x0, x1, x2, x3 = x[0], x[1], x[2], x[3]
     for i in range(4):
@@ -102,7 +105,7 @@ def advance(step: Any, x: Any, force_N: float) -> None:
 
 
 @native
-def move(h: Any, force_N: float) -> float:
+def move(h: np.record, force_N: float) -> float:
     """Advance the handle by one sample. Returns its acceleration at the start of the sample under the force [m/s²].
 
     A coil that reaches a stop remains there without rebound. Momentum is conserved, so the handle receives an impulse,
@@ -135,7 +138,7 @@ def sense(h: Any, acceleration_m_s2: float) -> float:
 
 
 @native
-def set_delay(line: Any, samples: float) -> None:
+def set_delay(line: np.record, samples: float) -> None:
     """Set the delay of one `DELAY_LINE`; fractions of a sample by Lagrange interpolation of third order."""
     line.whole = max(0, int(samples) - 1)
     at = samples - line.whole
@@ -147,7 +150,7 @@ def set_delay(line: Any, samples: float) -> None:
 
 
 @native
-def delay(line: Any, x: float) -> float:
+def delay(line: np.record, x: float) -> float:
     """Pass a sample x through one `DELAY_LINE`. Returns the delayed sample."""
     n = line.count
     line.last[n & MASK] = x

@@ -22,6 +22,8 @@ sense      accelerometer                                                        
 import math
 from typing import Any, Final
 
+import numpy as np
+
 from hapscene.compiled.native import inlined, native
 from hapscene.handle.compensator import COUNT, differences, integrals, retune, section
 from hapscene.handle.governor import fade, foresee, yield_corner
@@ -30,6 +32,7 @@ from hapscene.handle.handle_record import ACCELEROMETER_HZ as ACCELEROMETER_HZ
 from hapscene.handle.handle_record import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCELEROMETER_NOISE_M_S2_RTHZ
 from hapscene.handle.handle_record import HANDLE as HANDLE
 from hapscene.handle.handle_record import new_handle as new_handle
+from hapscene.handle.plant import Array
 
 __all__ = ["DESIRED_MAX_M_S2", "command_force", "learn", "vibrate"]
 
@@ -155,7 +158,7 @@ def _filter_measurement(h: Any, force_N: float, read_m_s2: float) -> float:
 
 
 @inlined
-def _update(h: Any, y: float, surprise: float) -> None:
+def _update(h: np.record, y: float, surprise: float) -> None:
     """Kalman update of θ, lag, snap and their covariance. The covariance returns to its prior with time.
 
     `used` is θ shrunk towards its nominal value: a deviation x becomes x³/(x² + `SHRINK`²).
@@ -183,7 +186,7 @@ def _update(h: Any, y: float, surprise: float) -> None:
 
 
 @native
-def _check_plausible(h: Any) -> None:
+def _check_plausible(h: np.record) -> None:
     """Fall back where mass or delay stayed at a bound; shorten the next fallback while they do not."""
     h.fallback = max(h.fallback - 1, h.fallback_least)
     mass = h.theta[0]
@@ -194,7 +197,7 @@ def _check_plausible(h: Any) -> None:
 
 
 @native
-def _fall_back(h: Any) -> None:
+def _fall_back(h: np.record) -> None:
     """Return to the nominal handle and forget the estimate; each time for twice as long."""
     h.lag = h.snap = 0.0
     h.delay_s, h.at_bound = h.assumed_delay_s, 0
@@ -210,7 +213,7 @@ def _fall_back(h: Any) -> None:
 
 
 @native
-def _move_lag_to_delay(h: Any) -> None:
+def _move_lag_to_delay(h: np.record) -> None:
     """Move a part of the estimated lag into the delay of the force: a delay is exact, the lag is of first order."""
     lag_s = h.lag * h.jerk / (h.theta[0] * h.rate_Hz)
     delay_s = min(max(h.delay_s + FOLD * lag_s, 0.0), h.delay_most_s)
@@ -254,21 +257,21 @@ def command_force(handle: Any, desired_m_s2: float) -> float:
 
 
 @native
-def _dot(a: Any, b: Any) -> float:
+def _dot(a: Array, b: Array) -> float:
     """Σ a_i b_i over the estimated quantities. Summed in pairs, since a serial sum waits for each of its terms."""
     first, second = a[0] * b[0] + a[1] * b[1], a[2] * b[2] + a[3] * b[3]
     return float((first + second) + ((a[4] * b[4] + a[5] * b[5]) + a[6] * b[6]))
 
 
 @native
-def _weighted(theta: Any, phi: tuple[float, float, float, float, float]) -> float:
+def _weighted(theta: Array, phi: tuple[float, float, float, float, float]) -> float:
     """Σ θ_i φ_i [N]."""
     first, second = theta[0] * phi[0] + theta[1] * phi[1], theta[2] * phi[2] + theta[3] * phi[3]
     return float((first + second) + theta[4] * phi[4])
 
 
 @native
-def vibrate(handle: Any, desired_m_s2: float) -> tuple[float, float, float]:
+def vibrate(handle: np.record, desired_m_s2: float) -> tuple[float, float, float]:
     """Advance a simulated handle, one `HANDLE`, by one sample with a desired acceleration [m/s²].
 
     Returns the acceleration of the handle under this sample's force [m/s²], its displacement at the end of the sample
@@ -284,7 +287,7 @@ def vibrate(handle: Any, desired_m_s2: float) -> tuple[float, float, float]:
 
 
 @native
-def _integrate(h: Any, desired_m_s2: float) -> tuple[float, float, float, float, float]:
+def _integrate(h: np.record, desired_m_s2: float) -> tuple[float, float, float, float, float]:
     """φ of a sample, with the corner that the travel allows, scaled to the corner `LEARN_HZ` as θ is."""
     g = yield_corner(h)
     if g != h.g_now:
@@ -296,7 +299,7 @@ def _integrate(h: Any, desired_m_s2: float) -> tuple[float, float, float, float,
 
 
 @native
-def _lead(h: Any, a: float) -> float:
+def _lead(h: np.record, a: float) -> float:
     """Invert the lag of the amplifier: gain (1 − pole z⁻¹)/(1 + zero z⁻¹)."""
     h.lead_m_s2[1] = h.lead[0] * (a - h.lead[1] * h.lead_m_s2[0]) - h.lead[2] * h.lead_m_s2[1]
     h.lead_m_s2[0] = a

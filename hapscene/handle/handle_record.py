@@ -18,6 +18,7 @@ from hapscene.handle.plant import Array, Plant
 from hapscene.handle.sensor import ACCELEROMETER_HZ as ACCELEROMETER_HZ
 from hapscene.handle.sensor import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCELEROMETER_NOISE_M_S2_RTHZ
 from hapscene.handle.sensor import Sensor
+from hapscene.records import Records
 
 __all__ = ["DELAY_LINE", "HANDLE", "RATE_MAX_HZ", "RATE_MIN_HZ", "SPREAD", "new_handle", "prior"]
 
@@ -197,7 +198,7 @@ def new_handle(
     seed: int = 0,
     sensor: Sensor | None = None,
     nominal_sensor: Sensor | None = None,
-) -> Any:
+) -> Records:
     """Create a record (1,) `HANDLE` at rest.
 
     Args:
@@ -253,12 +254,12 @@ def new_handle(
     return handle
 
 
-def _set_plant(h: Any, plant: Plant) -> None:
+def _set_plant(h: np.record, plant: Plant) -> None:
     for name in SPREAD:  # its keys are the parameters of the handle's equation
         setattr(h, name, getattr(plant, name))
 
 
-def _set_amplifier(h: Any, plant: Plant, nominal: Plant, leads: bool) -> None:
+def _set_amplifier(h: np.record, plant: Plant, nominal: Plant, leads: bool) -> None:
     """Set the amplifier that is simulated, and the lead filter for the nominal one."""
     h.amplifier_pole, h.amplifier_mean = _lag(plant.amplifier_Hz, h.rate_Hz)
     pole, mean = _lag(nominal.amplifier_Hz, h.rate_Hz)
@@ -267,7 +268,7 @@ def _set_amplifier(h: Any, plant: Plant, nominal: Plant, leads: bool) -> None:
     h.nominal_pole, h.nominal_mean = pole, mean
 
 
-def _set_sensor(h: Any, sensor: Sensor, nominal_sensor: Sensor) -> None:
+def _set_sensor(h: np.record, sensor: Sensor, nominal_sensor: Sensor) -> None:
     """Set the accelerometer that is simulated, and the one that the compensator assumes."""
     h.sensor_pole = math.exp(-2.0 * math.pi * sensor.bandwidth_Hz / h.rate_Hz)
     h.noise_m_s2 = sensor.noise_m_s2_rtHz * math.sqrt(0.5 * h.rate_Hz)
@@ -288,7 +289,7 @@ def _lag(bandwidth_Hz: float, rate_Hz: float) -> tuple[float, float]:
     return math.exp(-lag), -math.expm1(-lag) / lag
 
 
-def _set_adaptation(h: Any, nominal: Plant, nominal_sensor: Sensor, corner_Hz: float) -> None:
+def _set_adaptation(h: np.record, nominal: Plant, nominal_sensor: Sensor, corner_Hz: float) -> None:
     """Set the parameters of the estimate of θ."""
     middle_Hz, omega = math.sqrt(READING_BAND_HZ[0] * READING_BAND_HZ[1]), 2.0 * math.pi * corner_Hz
     h.band_g, h.band_d = math.tan(math.pi * middle_Hz / h.rate_Hz), sum(READING_BAND_HZ) / middle_Hz

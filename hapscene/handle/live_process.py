@@ -25,6 +25,7 @@ from hapscene.handle.live_stream import FADE_S, LiveStream
 from hapscene.handle.plant import Array, Plant
 from hapscene.loop.shared_memory import Channel, open_channel
 from hapscene.loop.timing import request_realtime_priority
+from hapscene.records import Records
 from hapscene.wall_clock import CLOCK, Clock
 
 __all__ = ["ChannelSource", "LiveHandle", "compensator_of", "open_output", "play_recording", "report"]
@@ -96,7 +97,7 @@ def finish(stream: LiveStream, output: HandleOutput, clock: Clock = CLOCK) -> No
     output.close()
 
 
-def compensator_of(output: HandleOutput, file: str | None, compensator: str | None = None) -> Any:
+def compensator_of(output: HandleOutput, file: str | None, compensator: str | None = None) -> Records | None:
     """Create a record (1,) `HANDLE` that computes force from acceleration for an output.
 
     Args:
@@ -134,7 +135,7 @@ def play_recording(
     samples: Array,
     rate_Hz: float,
     output: HandleOutput,
-    handle: Any = None,
+    handle: Records | None = None,
     say: Callable[[float], None] | None = None,
     clock: Clock = CLOCK,
 ) -> LiveStream:

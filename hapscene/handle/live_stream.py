@@ -28,7 +28,7 @@ from hapscene.handle.governor import MASK, ONE, RELEASE_S, fade
 from hapscene.handle.handle_loop import DESIRED_MAX_M_S2, HANDLE, command_force, learn
 from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.plant import Array
-from hapscene.records import records
+from hapscene.records import Records, records
 
 __all__ = ["FADE_S", "PHASES", "LiveStream", "filter_table"]
 
@@ -100,7 +100,13 @@ class LiveStream:
     """The source from which an output pulls its samples, as a `Feed`."""
 
     def __init__(
-        self, fetch: Callable[[int], Array], rate_Hz: float, output: HandleOutput, *, handle: Any = None, steered: bool
+        self,
+        fetch: Callable[[int], Array],
+        rate_Hz: float,
+        output: HandleOutput,
+        *,
+        handle: Records | None = None,
+        steered: bool,
     ) -> None:
         """Create a stream.
 
@@ -225,7 +231,7 @@ def _high_pass(corner_Hz: float, rate_Hz: float) -> Array:
 
 
 @native
-def _learn_all(handle: Any, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
+def _learn_all(handle: Records, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
     """Pass measurements (n,) of the numbered samples to the compensator, if there is one."""
     for k in range(len(numbers)):
         if len(handle) > 0 and numbers[k] >= 0:  # negative numbers are samples of the limiter's initial silence
@@ -245,7 +251,7 @@ def write(s: Any, ring: Array, samples: Array) -> None:
 
 
 @native
-def render(s: Any, ring: Array, table: Array, handle: Any, out: Array) -> None:
+def render(s: Any, ring: Array, table: Array, handle: Records, out: Array) -> None:
     """Fill `out` (n,) with the next samples of a stream. `handle` is (1,), or (0,) for no compensator."""
     if s.state == SILENT and s.steered == 0 and s.ending == 0 and s.written > s.whole + s.half:
         s.state = PLAYING

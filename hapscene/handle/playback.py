@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy
@@ -93,7 +92,7 @@ def play(
 
 
 @native
-def run(handle: Any, desired_m_s2: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+def run(handle: np.record, desired_m_s2: NDArray[np.float64], out: NDArray[np.float64]) -> None:
     """Fill `out` (4, n) with acceleration, displacement, force and travel of one `HANDLE` for a desired
     acceleration."""
     for k in range(len(desired_m_s2)):
