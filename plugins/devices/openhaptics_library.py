@@ -145,10 +145,10 @@ def find(library: str | None = None, name: str | None = None, **options: Any) ->
         device = initiate(hd, name)
     except DeviceError as error:
         return [Found("", trouble=str(error).removeprefix("openhaptics: "), remedy=remedy())]
-    words = [hd.hdGetString(what) or b"" for what in (MODEL, SERIAL)]
+    texts = [hd.hdGetString(what) or b"" for what in (MODEL, SERIAL)]
     hd.hdDisableDevice(device)
     pop_errors(hd)
-    return [Found(" ".join(word.decode(errors="replace") for word in words).strip() or "unnamed")]
+    return [Found(" ".join(text.decode(errors="replace") for text in texts).strip() or "unnamed")]
 
 
 def release(library: str | None = None, name: str | None = None, **options: Any) -> None:
