@@ -97,7 +97,7 @@ def finish(stream: LiveStream, output: HandleOutput, clock: Clock = CLOCK) -> No
     output.close()
 
 
-def compensator_of(output: HandleOutput, file: str | None, compensator: str | None = None) -> Records | None:
+def compensator_of(output: HandleOutput, file: str | None, compensator: str | None = None) -> "Records | None":
     """Create a record (1,) `HANDLE` that computes force from acceleration for an output.
 
     Args:
@@ -135,7 +135,7 @@ def play_recording(
     samples: Array,
     rate_Hz: float,
     output: HandleOutput,
-    handle: Records | None = None,
+    handle: "Records | None" = None,
     say: Callable[[float], None] | None = None,
     clock: Clock = CLOCK,
 ) -> LiveStream:

@@ -105,7 +105,7 @@ class LiveStream:
         rate_Hz: float,
         output: HandleOutput,
         *,
-        handle: Records | None = None,
+        handle: "Records | None" = None,
         steered: bool,
     ) -> None:
         """Create a stream.
