@@ -132,7 +132,7 @@ def test_it_only_ever_loses_energy(dq: tuple[float, float, float], compliant: bo
         advance_omni(omni[0], no_hand[0], 2e-3)
         now_J = energy_J(omni, no_hand)
         if not omni.trouble[0] & OmniFlag.AT_STOP:  # a stop's spring stores energy that is not counted
-            assert now_J <= last_J + 1e-6 * start_J
+            assert now_J <= last_J + 1e-6 * start_J + 1e-24  # rounding at rest
         last_J = now_J
     if SHORT == 1:
         assert last_J <= 1e-6 * start_J
