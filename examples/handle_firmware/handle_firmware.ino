@@ -1,4 +1,4 @@
-// A haptography handle on a Teensy 4 with a current amplifier: docs/handle-protocol.md, version 2, over USB's own serial
+// A haptography handle on a Teensy 4 with a current amplifier: docs/reference/handle-protocol.md, version 2, over USB's own serial
 // port. Tools > USB Type: Serial. Tried on a computer against the project's simulated handle, byte by byte, and on no
 // board yet: check the force on a scale, and the watchdog by pulling the cable, before a hand is on it.
 //

@@ -1,4 +1,4 @@
-"""What each format keeps, measured by round trip, against what docs/exchange.md and the registry say."""
+"""What each format keeps, measured by round trip, against what docs/reference/file-formats.md and the registry say."""
 
 import warnings
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
 
 UNIT = {"obj": "m", "stl": "m"}
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "exchange.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference" / "file-formats.md"
 KEPT, ROUNDED, FLOAT32, CUT, LOST = "kept", "to 1e-15", "to 1e-7", "as cut faces", "lost"
 
 
@@ -157,7 +157,7 @@ def test_table_of_the_docs_is_what_was_measured(results: dict[str, dict[str, str
         cells = [results[name][aspect] for name in columns.values()]
         rows.append(f"| {aspect} | " + " | ".join("**lost**" if c == LOST else c for c in cells) + " |")
     table = "\n".join(rows)
-    assert table in DOCS.read_text(encoding="utf-8"), f"docs/exchange.md should hold:\n{table}"
+    assert table in DOCS.read_text(encoding="utf-8"), f"docs/reference/file-formats.md should hold:\n{table}"
 
 
 def test_what_a_scene_has_not_is_not_said_to_be_lost(scene: Scene) -> None:

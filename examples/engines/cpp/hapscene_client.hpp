@@ -1,4 +1,4 @@
-// A client of hapscene's bridge in one header, C++17 and sockets alone: docs/bridge-protocol.md, version 1.
+// A client of hapscene's bridge in one header, C++17 and sockets alone: docs/reference/bridge-protocol.md, version 1.
 // In each step of your physics: move, frame, poll, take. push.cpp shows it.
 #pragma once
 #include <array>

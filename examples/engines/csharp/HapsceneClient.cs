@@ -1,4 +1,4 @@
-// A client of hapscene's bridge in one file, of .NET alone (C# 7: Unity, Mono): docs/bridge-protocol.md, version 1.
+// A client of hapscene's bridge in one file, of .NET alone (C# 7: Unity, Mono): docs/reference/bridge-protocol.md, version 1.
 // In each step of your physics: Frame, Poll, Take. Push.cs shows it. Not for several threads at once.
 using System;
 using System.Collections;

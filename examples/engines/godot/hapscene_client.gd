@@ -1,4 +1,4 @@
-# A client of hapscene's bridge in one file, for Godot 3 (GDScript): docs/bridge-protocol.md, version 1.
+# A client of hapscene's bridge in one file, for Godot 3 (GDScript): docs/reference/bridge-protocol.md, version 1.
 # Say HELLO, free and start once; then, in each _physics_process: move, frame, poll, push. See main.gd.
 extends Reference
 

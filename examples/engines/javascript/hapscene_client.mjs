@@ -1,4 +1,4 @@
-// A client of hapscene's bridge in one file, for Node.js without packages: docs/bridge-protocol.md, version 1.
+// A client of hapscene's bridge in one file, for Node.js without packages: docs/reference/bridge-protocol.md, version 1.
 // In each step of your physics: frame, then take. push.mjs shows it. A browser sends the same packets over --ws.
 import dgram from "node:dgram";
 import zlib from "node:zlib";

@@ -1,4 +1,4 @@
-"""A client of hapscene's bridge in one file, of Python's own library alone: `docs/bridge-protocol.md`, version 1.
+"""A client of hapscene's bridge in one file, of Python's own library alone: `docs/reference/bridge-protocol.md`, version 1.
 
 client = Client(up="y", handed="right")
 client.order("free", body="crate", mass=0.2, inertia=[1e-4] * 3)

@@ -21,7 +21,7 @@ from hapscene.io.wire.protocol import (
 )
 
 HEADER = Header(1000.0, (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.01)))
-DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "probe-protocol.md"
+DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "reference" / "probe-protocol.md"
 
 
 def row(n: int) -> tuple[int, int]:

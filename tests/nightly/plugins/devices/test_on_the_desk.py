@@ -1,5 +1,5 @@
 """The contract on a device that is really there: `pytest tests/plugins/devices --device NAME`, as
-docs/devices.md tells; without --device, on the simulated one. It never gives more than 0.5 N. What it saw is written to
+docs/how-to/set-up-a-device.md tells; without --device, on the simulated one. It never gives more than 0.5 N. What it saw is written to
 device-report.json, to be filed with an issue.
 """
 
