@@ -155,9 +155,7 @@ def driver_page() -> str:
         if driver.watchdog_s < 1e9:
             facts.append(f"- The device's own watchdog ends the force after {driver.watchdog_s:g} s")
         if driver.release is not None:
-            facts.append(
-                "- If the driver's process dies, the watchdog opens the device again and sends zero force"
-            )
+            facts.append("- If the driver's process dies, the watchdog opens the device again and sends zero force")
         if driver.assumptions:
             facts.append("- Assumptions:\n" + "\n".join(f"    - {text}" for text in driver.assumptions))
         parts.append("\n".join(facts))

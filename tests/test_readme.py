@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import hapscene
 from tests.cli.command_lines import parse
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -47,3 +48,22 @@ def test_command_lines_are_understood(file: str) -> None:
     assert len(lines) >= 4
     for line in lines:
         parse(shlex.split(line, comments=True)[1:])
+
+
+def test_the_version_is_the_same_everywhere() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert hapscene.__version__ == version
+    assert re.search(rf"^version: {re.escape(version)}$", citation, re.MULTILINE)
+    assert f"## {version}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_paths_of_documents_in_the_sources_exist() -> None:
+    stale = []
+    for folder in ("hapscene", "plugins", "examples", "evidence", "tests"):
+        for file in (ROOT / folder).rglob("*"):
+            if file.suffix in {".py", ".md", ".cs", ".gd", ".mjs", ".hpp", ".ino", ".html", ".js"}:
+                text = file.read_text(encoding="utf-8")
+                paths = re.findall(r"\bdocs/[\w/-]+\.(?:md|py)\b", text)
+                stale += [f"{file.relative_to(ROOT)}: {path}" for path in paths if not (ROOT / path).exists()]
+    assert stale == []
