@@ -93,8 +93,8 @@ def commands(words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     """Iterate over the command, its groups and all commands below it."""
     yield words
     tree = app()
-    for word in words:
-        tree = tree[word]
+    for name in words:
+        tree = tree[name]
     for name in tree:
         if not name.startswith("-"):
             yield from commands((*words, name))
