@@ -1,4 +1,4 @@
-"""Time of texture synthesis: the lattice with its noise and its models along a stroke, beside SciPy's direct form."""
+"""Time of texture synthesis along a stroke, compared with SciPy's direct-form filter."""
 
 import timeit
 from collections.abc import Callable
@@ -27,12 +27,11 @@ REPEATS: Final = 7
 
 
 def measure_synthesis(sheet: Sheet) -> None:
-    """Times to make `DURATION_S` at `RATE_HZ`, the best of `REPEATS`, for each order.
+    """Measure the time to synthesise `DURATION_S` at `RATE_HZ`, the best of `REPEATS`, for each order.
 
-    The case "synthesis, order p" has "one model" (one filter for all forces and speeds; the level follows them), "nine
-    models" (all differ, along a stroke through all), the same "alive", with a slow gain, and "lfilter": one call of
-    `scipy.signal.lfilter` on noise that is there already, with one fixed filter and level; each "over lfilter" is the
-    ratio to it.
+    Figures of the case "synthesis, order p": "one model" (one filter; the level follows force and speed), "nine models"
+    (nine filters, along a stroke through all), the same "alive" (with amplitude modulation), and "lfilter" (one call of
+    `scipy.signal.lfilter` on existing noise with one filter); "over lfilter" is the ratio to the latter.
     """
     for order in ORDERS:
         rng = np.random.default_rng(order)
@@ -54,7 +53,7 @@ def _add(sheet: Sheet, case: str, name: str, time_s: float) -> None:
 
 
 def _time_played(texture: Texture) -> float:
-    """Time to play a texture along a stroke between 5 % and 95 % of its largest force and speed [s]."""
+    """Return the time to play a texture along a stroke between 5 % and 95 % of its largest force and speed [s]."""
     swatch = Swatch("timed", texture=texture)
     t_s = np.arange(round(RATE_HZ * DURATION_S)) / RATE_HZ
     force_N = texture.force_max_N * (0.5 + 0.45 * np.sin(2.1 * t_s))
@@ -63,7 +62,7 @@ def _time_played(texture: Texture) -> float:
 
 
 def _time_filtered(a: Array) -> float:
-    """Time of SciPy's filter on noise of the same length [s]."""
+    """Return the time of SciPy's filter for noise of the same length [s]."""
     noise = np.random.default_rng(0).standard_normal(round(RATE_HZ * DURATION_S))
     return _best(lambda: lfilter([1.0], a, noise))
 

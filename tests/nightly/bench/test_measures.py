@@ -148,7 +148,7 @@ def test_sheet_is_read_back_from_its_file(tmp_path: Path) -> None:
     sheet.add_spread("one", "contact", [1000.0, 2000.0, 3000.0], "µs", 1e-3)
     sheet.write(tmp_path / "bench.csv")
     read = Sheet.read(tmp_path / "bench.csv")
-    assert list(read) == list(sheet) and read.text("machine", "processor") == "a, b"
+    assert list(read) == list(sheet)
     assert read.number("one", "contact median") == 2.0 and read.cases("o") == ["one"]
     (tmp_path / "other.csv").write_text("x,y\n1,2\n")
     with pytest.raises(HapsceneError, match=r"other\.csv"):

@@ -1,4 +1,4 @@
-"""The charts and the page are made from the table alone."""
+"""Charts and page are generated from the table alone."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,7 @@ from hapscene_evidence.bench.sheet import Sheet
 
 @pytest.fixture(scope="module")
 def sheet() -> Sheet:
-    """Figures as a run notes them, each with a number of its own."""
+    """A sheet with a value for every figure of a run."""
     sheet = Sheet()
     machine.describe_machine(sheet)
     sheet.add("method", "path", 10.0, "s")
@@ -79,13 +79,13 @@ def _add_rest(sheet: Sheet) -> None:
 
 @pytest.fixture(scope="module")
 def made(sheet: Sheet, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """What is written of it, bench.md last."""
+    """Files that are written for the sheet, bench.md last."""
     return write_results(sheet, tmp_path_factory.mktemp("bench"))
 
 
 @pytest.fixture(scope="module")
 def anew(made: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of what is written of its table."""
+    """Folder of the files that are written again from its table."""
     folder = tmp_path_factory.mktemp("anew")
     bench(folder, table=made[0])
     return folder
@@ -93,7 +93,7 @@ def anew(made: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_every_chart_is_written_and_shown_on_the_page(made: list[Path]) -> None:
     charts = {file.name for file in made if file.suffix == ".png"}
-    names = ("speed", "accuracy", "crowd")
+    names = ("speed", "accuracy")
     assert charts == {f"{name}{ground}.png" for name in names for ground in ("", "-dark")}
     assert all(file.read_bytes().startswith(b"\x89PNG") for file in made if file.suffix == ".png")
     page = made[-1].read_text(encoding="utf-8")
@@ -101,17 +101,17 @@ def test_every_chart_is_written_and_shown_on_the_page(made: list[Path]) -> None:
     assert "nan" not in page
 
 
-def test_aims_are_judged(made: list[Path]) -> None:
+def test_targets_are_judged(made: list[Path]) -> None:
     page = made[-1].read_text(encoding="utf-8")
-    assert "| load of 82 k triangles to the first tick, warm cache | ≤ 3 s | 3.5 s | **no** |" in page
-    assert "| harness of the effect calls | ≤ 0.3 µs | 0.0625 µs | yes |" in page
-    assert "| `step()` with 1,000 bodies that move | ≤ 120 µs | 105 µs | yes |" in page
+    assert "| import, load 82 k triangles, first tick | ≤ 3 s | 3.5 s | **no** |" in page
+    assert "| calling five effects that do nothing | ≤ 0.3 µs | 0.0625 µs | yes |" in page
+    assert "| `step()` with 1,000 moving bodies | ≤ 120 µs | 105 µs | yes |" in page
     assert page.count("| yes |") + page.count("| **no** |") == len(AIMS)
 
 
-def test_synthesis_is_told_in_multiples_of_real_time(made: list[Path]) -> None:
+def test_synthesis_is_in_multiples_of_real_time(made: list[Path]) -> None:
     page = made[-1].read_text(encoding="utf-8")
-    assert "| nine models | 40 | 500 | 500 |" in page
+    assert "| 40 | 500 | 500 |  | 500 |" in page
     assert "| synthesis of 10 s at 10 kHz, order 40 | ≤ 0.02 s | 0.02 s | yes |" in page
 
 
@@ -140,10 +140,10 @@ def test_missing_docs_are_named_before_anything_is_measured(tmp_path: Path) -> N
     assert not (tmp_path / "out").exists()
 
 
-def test_machine_is_told_without_its_name() -> None:
+def test_machine_is_described_without_its_name() -> None:
     import socket
 
     sheet = Sheet()
     machine.describe_machine(sheet)
-    assert sheet.text("machine", "processor")
+    assert ("machine", "processor") in sheet
     assert all(socket.gethostname() not in str(figure.value) for figure in sheet)

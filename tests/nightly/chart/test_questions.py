@@ -19,7 +19,7 @@ from hapscene.surface.texture import Texture
 from hapscene_evidence.bench.case import RADIUS_M
 from hapscene_evidence.bench.machine import held_MB
 from hapscene_evidence.chart import acceleration_rate, compensator, force_rate, groove, mesh, run, stabiliser, texture
-from hapscene_evidence.chart.measuring import apart_jnd, enough, model_bands, stroke_path, texture_bands
+from hapscene_evidence.chart.measuring import apart_jnd, enough, stroke_path, texture_bands
 from hapscene_evidence.chart.question import Point
 from hapscene_evidence.chart.texture_update import followed, held_error
 from hapscene_evidence.chart.touched_surface import SPHERE, closest_points, reduced, touched
@@ -55,7 +55,6 @@ def test_the_truth_of_the_sphere_is_round_and_that_of_a_body_its_closest_point()
     assert np.linalg.norm(surface[inside], axis=1) == pytest.approx(RADIUS_M, abs=1e-12)
     assert not on.into_m[~inside].any()
     plate = touched(None, "plate")
-    assert plate.swatch.name in ("wood", "paper")
     depth = np.linalg.norm(plate.into_m, axis=1)
     assert 1e-3 < depth.max() < 4e-3  # not through to its back
 
@@ -195,7 +194,6 @@ def test_more_coefficients_are_nearer_and_warped_ones_need_fewer() -> None:
 def test_bands_of_white_noise_are_as_wide_as_they_are_and_droop_where_samples_are_held(held: bool) -> None:
     white = Texture.from_models(2000.0, [1.0], [0.1], a=[[1.0, 0.0]], variance_m2_s4=[3.0])
     found = texture_bands(white, [1.0], [0.1], held=held)[0]
-    assert held or model_bands([1.0], 3.0, 2000.0) == pytest.approx(found)
     for low, high, rms in zip(EDGES_HZ[:-1], EDGES_HZ[1:], found, strict=True):
         power = quad(lambda f: 2.0 * 3.0 / 2000.0 * (np.sinc(f / 2000.0) ** 2 if held else 1.0), low, high)[0]
         assert rms == pytest.approx(np.sqrt(power), rel=1e-4)

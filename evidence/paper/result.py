@@ -1,4 +1,4 @@
-"""What a figure of the paper gives here: numbers, each with the paper's own where that is known, and drawings."""
+"""The result of reproducing a figure: numbers beside those that the paper states, and drawings."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,10 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
-Say = Callable[[str], None]
-
-PUBLISHED: Final = "published"
-REMEMBERED: Final = "as remembered, to be checked"
+Progress = Callable[[str], None]
 
 COLOURS: Final = tuple(OKABE_ITO[name] for name in ("blue", "vermilion", "green", "purple", "orange", "sky"))
 
@@ -36,14 +33,23 @@ RANGE_DB: Final = 50.0
 
 @dataclass(frozen=True)
 class Number:
-    """A number of a figure: ours; the paper's, None where it is not known here; how it is known; why the two differ."""
+    """A number of a figure.
 
-    what: str
-    ours: float
+    Attributes:
+        quantity: what it is.
+        value: the value found here.
+        unit: its unit; "1" for a dimensionless number.
+        paper: the value that the paper states; None if it states none.
+        place: where the paper states it, such as "Fig. 4, caption".
+        note: what the simulation knows and an experiment does not, or why the two values differ.
+    """
+
+    quantity: str
+    value: float
     unit: str = "1"
     paper: float | None = None
-    known: str = ""
-    why: str = ""
+    place: str = ""
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -56,8 +62,8 @@ class Plot:
 
 
 @dataclass(frozen=True)
-class Finding:
-    """A figure, reproduced: its title, a text, its numbers and its drawings."""
+class FigureResult:
+    """A reproduced figure: its title, a description, its numbers and its drawings."""
 
     title: str
     text: str
@@ -66,7 +72,14 @@ class Finding:
 
 
 def drawn(name: str, draw: Callable[..., None], height_in: float, panels: tuple[float, ...] = (1,)) -> str:
-    """The SVG element `name` that `draw` fills: it gets the axes of panels, one below the other, of those heights."""
+    """Return a drawing as an SVG element.
+
+    Args:
+        name: identifier of the drawing, unique on the page.
+        draw: draws into the axes that it is called with, one per panel, from top to bottom.
+        height_in: height without the legend [in].
+        panels: relative heights of the panels.
+    """
     with new_chart(WIDTH_IN, height_in) as figure:
         draw(*figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=panels)[:, 0])
         figure.align_ylabels()
@@ -78,12 +91,12 @@ def drawn(name: str, draw: Callable[..., None], height_in: float, panels: tuple[
 
 
 def trace_panels(name: str, t_s: Array, signals: Mapping[str, Array], labels: Mapping[str, str] | str) -> str:
-    """Signals (n,) over time, one below the other, as SVG; with one label for all they share one scale."""
+    """Return signals (n,) over time as SVG, one panel each; if all share one label, they share one scale."""
     most = 1.05 * max(float(np.abs(signal).max()) for signal in signals.values())
 
     def draw(*panels: "Axes") -> None:
         for axes, colour, (title, signal) in zip(panels, COLOURS, signals.items(), strict=False):
-            # long ones as a picture inside the drawing: a path of ten thousands of points is heavy
+            # Long signals are rasterised: an SVG path of tens of thousands of points is slow to display.
             axes.plot(t_s, signal, color=colour, linewidth=0.7, rasterized=len(t_s) > 2000)
             axes.set_title(title, fontsize=10)
             axes.set(ylabel=labels if isinstance(labels, str) else labels[title], xlim=(t_s[0], t_s[-1]))
@@ -95,13 +108,13 @@ def trace_panels(name: str, t_s: Array, signals: Mapping[str, Array], labels: Ma
 
 
 def spectrogram_panels(name: str, signals: Mapping[str, Array], rate_Hz: float) -> str:
-    """Spectrograms of signals (n,) by title, one below the other on one scale of colours, as SVG."""
-    seen = {title: metric.spectrogram(signal, rate_Hz) for title, signal in signals.items()}
-    top = max(decibels(magnitude**2).max() for _, _, magnitude in seen.values())
+    """Return the spectrograms of signals (n,) as SVG, one panel each, with a common colour scale."""
+    spectrograms = {title: metric.spectrogram(signal, rate_Hz) for title, signal in signals.items()}
+    top = max(decibels(magnitude**2).max() for _, _, magnitude in spectrograms.values())
     step = 0.5 * SPECTROGRAM_S
 
     def draw(*panels: "Axes") -> None:
-        for axes, (title, (time, frequency, magnitude)) in zip(panels, seen.items(), strict=True):
+        for axes, (title, (time, frequency, magnitude)) in zip(panels, spectrograms.items(), strict=True):
             felt = frequency <= ACCELERATION_BAND_HZ[1]
             image = axes.imshow(
                 decibels(magnitude[:, felt] ** 2).T,
@@ -112,11 +125,11 @@ def spectrogram_panels(name: str, signals: Mapping[str, Array], rate_Hz: float) 
             axes.grid(visible=False)
         panels[-1].set_xlabel("time [s]")
         bar = panels[0].figure.colorbar(image, ax=panels, label="level [dB re 1 m/s²]", aspect=40, pad=0.02)
-        cast(Any, bar.solids).set_rasterized(True)  # else each of its 256 colours is a path
+        cast(Any, bar.solids).set_rasterized(True)  # otherwise each of its 256 colours is a path
 
     return drawn(name, draw, 1.8 + 1.4 * len(signals), (1,) * len(signals))
 
 
 def decibels(power: Array) -> Array:
-    """10 log10 of a power (…,), silence at −300 dB."""
+    """Return 10 log10 of a power (…,), and −300 dB for zero power."""
     return np.asarray(10.0 * np.log10(np.maximum(power, 1e-30)))
