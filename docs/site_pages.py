@@ -63,8 +63,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for module in modules:
         content = module_page(module, modules, home)
         files.append(File.generated(config, f"reference/{module.__name__}.md", content=content))
-    assert config.nav is not None
-    config.nav.append({"Python API": [{m.__name__: f"reference/{m.__name__}.md"} for m in modules]})
+    reference = next(section["Reference"] for section in config.nav or () if "Reference" in section)
+    reference.append({"Python API": [{m.__name__: f"reference/{m.__name__}.md"} for m in modules]})
     return files
 
 
