@@ -56,14 +56,3 @@ def test_the_version_is_the_same_everywhere() -> None:
     assert hapscene.__version__ == version
     assert re.search(rf"^version: {re.escape(version)}$", citation, re.MULTILINE)
     assert f"## {version}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-
-
-def test_paths_of_documents_in_the_sources_exist() -> None:
-    stale = []
-    for folder in ("hapscene", "plugins", "examples", "evidence", "tests"):
-        for file in (ROOT / folder).rglob("*"):
-            if file.suffix in {".py", ".md", ".cs", ".gd", ".mjs", ".hpp", ".ino", ".html", ".js"}:
-                text = file.read_text(encoding="utf-8")
-                paths = re.findall(r"\bdocs/[\w/-]+\.(?:md|py)\b", text)
-                stale += [f"{file.relative_to(ROOT)}: {path}" for path in paths if not (ROOT / path).exists()]
-    assert stale == []
