@@ -1,5 +1,6 @@
 """What README and CONTRIBUTING show works as written."""
 
+import json
 import re
 import shlex
 import tomllib
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import hapscene
+from hapscene.study import parse_plan
 from tests.cli.command_lines import parse
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -56,3 +58,14 @@ def test_the_version_is_the_same_everywhere() -> None:
     assert hapscene.__version__ == version
     assert re.search(rf"^version: {re.escape(version)}$", citation, re.MULTILINE)
     assert f"## {version}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_data_in_the_documents_is_valid() -> None:
+    plans = 0
+    for page in sorted((ROOT / "docs").rglob("*.md")):
+        for kind, data in re.findall(r"^```(json|toml)\n(.*?)^```$", page.read_text(encoding="utf-8"), re.S | re.M):
+            read = json.loads(data) if kind == "json" else tomllib.loads(data)
+            if "blocks" in read:
+                assert parse_plan(data).blocks
+                plans += 1
+    assert plans >= 1
