@@ -82,7 +82,7 @@ PARAMETERS: Final = tuple(field.name for field in fields(Plant))[:6]
 
 
 @dataclass(frozen=True)
-class Judged:
+class CompensatorErrors:
     """Spectrogram errors of a compensator for a signal [1].
 
     Attributes:
@@ -143,7 +143,7 @@ def judge(
     count: int = PLANTS,
     sensor: Sensor | None = None,
     believed: Sensor | None = None,
-) -> Judged:
+) -> CompensatorErrors:
     """Return the errors of a compensator for a signal (n,) [m/s²], with a sensor and the data assumed about it."""
 
     def error(plant: Plant) -> tuple[float, int]:
@@ -152,7 +152,7 @@ def judge(
 
     errors, hits = zip(*map(error, (Plant(), firm(Plant()), *plants(count))), strict=True)
     median, p95 = np.percentile(errors[2:], (50, 95))
-    return Judged(errors[0], float(median), float(p95), errors[1], sum(hits))
+    return CompensatorErrors(errors[0], float(median), float(p95), errors[1], sum(hits))
 
 
 def sample_us(desired_m_s2: Array, compensator: str, repeats: int = 300) -> float:

@@ -10,7 +10,7 @@ from ..page import Page, shown
 from .handle import FIRM, PLANTS, SIGNALS, SPREAD
 from .machine import machine_words
 from .order import ORDERS
-from .sheet import QUANTILES, Sheet
+from .sheet import Sheet
 from .side_by_side_page import add_peers
 
 AIMS: Final = (  # description, case, figure, upper bound, unit
@@ -62,16 +62,16 @@ def page_of(sheet: Sheet, pictures: Path, peers: Sheet | None = None) -> Page:
         includes two reads of the clock, {shown(sheet.number("clock", "between two reads median"))} ns. Caches are warm.
         """
     )
-    for add in (_aims, _contact, _tick, _accuracy, _synthesis, _twin, _handle, _crowd):
+    for add in (_aims, _contact, _tick, _accuracy, _handle):
         add(page, sheet, pictures)
         if add is _contact:
-            add_peers(page, peers)
+            add_peers(page, peers, set(machine_words(sheet)))
     return page
 
 
-def _quantiles(sheet: Sheet, case: str, name: str, quantiles: Iterable[str] = QUANTILES, scale: float = 1.0) -> str:
-    """Return quantiles with slashes between them: median / p99 / p99.9 / max by default."""
-    return " / ".join(shown(scale * sheet.number(case, f"{name} {quantile}")) for quantile in quantiles)
+def _quantiles(sheet: Sheet, case: str, name: str, quantiles: Iterable[str]) -> str:
+    """Return quantiles with slashes between them."""
+    return " / ".join(shown(sheet.number(case, f"{name} {quantile}")) for quantile in quantiles)
 
 
 def _figures(sheet: Sheet, case: str, names: Sequence[str], scale: float = 1.0) -> list[str]:
@@ -84,7 +84,7 @@ def _aims(page: Page, sheet: Sheet, pictures: Path) -> None:
     for what, case, name, most, unit in AIMS:
         if (case, name) in sheet:
             value = sheet.number(case, name)
-            rows.append((what, f"≤ {most:g} {unit}", f"{shown(value)} {unit}", "yes" if value <= most else "**no**"))
+            rows.append((what, f"≤ {most:.3g} {unit}", f"{shown(value)} {unit}", "yes" if value <= most else "**no**"))
     page.heading("Targets")
     page.table(("quantity", "target", "measured", "met"), rows)
 
@@ -94,11 +94,18 @@ def _contact(page: Page, sheet: Sheet, pictures: Path) -> None:
     for case in (*sheet.cases("sphere "), *sheet.cases("zoo ")):
         if (case, "triangles") in sheet:
             count = f"{sheet.number(case, 'triangles'):,.0f}"
-            rows.append((case, count, _quantiles(sheet, case, "contact"), shown(sheet.number(case, "build"))))
+            rows.append(
+                (
+                    case,
+                    count,
+                    _quantiles(sheet, case, "contact", ("median", "p99", "max")),
+                    shown(sheet.number(case, "build")),
+                )
+            )
     page.heading("Contact")
     page.picture(pictures / "speed.png", "Contact time over mesh size, and tick time over texture order")
     page.text("Collision search and proxy of a tick. Build: search structure from a mesh in memory.")
-    page.table(("case", "triangles", "median / p99 / p99.9 / max [µs]", "build [ms]"), rows)
+    page.table(("case", "triangles", "median / p99 / max [µs]", "build [ms]"), rows)
 
 
 def _tick(page: Page, sheet: Sheet, pictures: Path) -> None:
@@ -107,12 +114,12 @@ def _tick(page: Page, sheet: Sheet, pictures: Path) -> None:
         case = f"tick, order {order}"
         over = _figures(sheet, case, ("contact median", "step over the tick median"))
         run = _figures(sheet, case, ("run for 10 s of path",), 1e3)
-        rows.append((str(order), _quantiles(sheet, case, "tick"), *over, *run))
+        rows.append((str(order), _quantiles(sheet, case, "tick", ("median", "p99", "max")), *over, *run))
     head = (
         "order",
-        "median / p99 / p99.9 / max [µs]",
+        "median / p99 / max [µs]",
         "contact part [µs]",
-        "`step()` beyond it [µs]",
+        "`step()` without it [µs]",
         "`run()`, 10 s [ms]",
     )
     harness = shown(1e3 * sheet.number("harness", "four idle effects median"))
@@ -135,10 +142,9 @@ def _accuracy(page: Page, sheet: Sheet, pictures: Path) -> None:
         if (case, "force direction error median") in sheet:
             direction = _quantiles(sheet, case, "force direction error", ("median", "p99"))
             away = [shown(1e6 * sheet.number(case, f"proxy to {what} max")) for what in _DISTANCES]
-            rows.append((case, shown(sheet.number(case, "contact median")), direction, *away))
+            rows.append((case, direction, *away))
     head = (
         "case",
-        "contact, median [µs]",
         "force direction error, median / p99 [°]",
         "proxy to facets, max [µm]",
         "to closest point, max [µm]",
@@ -149,34 +155,6 @@ def _accuracy(page: Page, sheet: Sheet, pictures: Path) -> None:
     page.text("""Reference: the sphere's normal for the direction; the facets, their point closest to the tool, and the
         round sphere for the proxy. The direction error is that of the facets.""")
     page.table(head, rows)
-
-
-def _synthesis(page: Page, sheet: Sheet, pictures: Path) -> None:
-    names = ("one model", "nine models", "nine models, alive", "lfilter")
-    rows = []
-    for case in sheet.cases("synthesis, order "):
-        taken = [sheet.number(case, f"{n} for 10 s") if (case, f"{n} for 10 s") in sheet else None for n in names]
-        rows.append((case.removeprefix("synthesis, order "), *(f"{10.0 / s:,.0f}" if s else "" for s in taken)))
-    page.heading("Synthesis without a tick")
-    page.text("""Multiples of real time: 10 s at 10 kHz along a stroke through the swatch's forces and speeds, best of
-        seven runs. `synthesize` generates noise, blends models and filters; `scipy.signal.lfilter` filters existing
-        noise with one filter.""")
-    page.table(("order", "one model", "nine models", "with amplitude modulation", "`lfilter`"), rows)
-
-
-def _twin(page: Page, sheet: Sheet, pictures: Path) -> None:
-    rows = [
-        (
-            case.removeprefix("twin, "),
-            f"{sheet.number(case, 'times real time'):,.0f}",
-            *_figures(sheet, case, ("tick", "rendering median")),
-        )
-        for case in sheet.cases("twin, ")
-    ]
-    page.heading("Simulated device in closed loop")
-    page.text("""A simulated hand scrubs wood: five effects, 1 kHz force, 10 kHz acceleration, handle with compensator
-        `adaptive`; fastest of seven runs.""")
-    page.table(("device", "multiple of real time", "tick [µs]", "its rendering [µs]"), rows)
 
 
 def _handle(page: Page, sheet: Sheet, pictures: Path) -> None:
@@ -194,13 +172,3 @@ def _handle(page: Page, sheet: Sheet, pictures: Path) -> None:
         at 10 kHz with amplifier, accelerometer, noise, travel and force limits. The compensator is made for the nominal
         handle. Time per sample includes the simulated handle.""")
     page.table(("compensator", *SIGNALS, "sample [µs]"), rows)
-
-
-def _crowd(page: Page, sheet: Sheet, pictures: Path) -> None:
-    rows = [
-        (case, _quantiles(sheet, case, "contact", ("median", "p99")))
-        for case in (*sheet.cases("1 body"), *sheet.cases("10"))
-    ]
-    page.heading("Many bodies")
-    page.text("Spheres of 1,280 triangles on a grid with 0.2 m spacing; the tool slides over one.")
-    page.table(("", "contact, median / p99 [µs]"), rows)

@@ -134,14 +134,14 @@ def beside(one: Turn, ours: Turn) -> dict[str, float]:
     on = one.rows[:, 6] > 0.0
     both = on & (ours.rows[:, 6] > 0.0)
     found = {"build": one.build_ms, "ticks in contact": float(on.sum())}
-    away_m = np.linalg.norm(one.rows[:, :3] - ours.rows[:, :3], axis=1)
-    values = (1e-3 * one.rows[:, 7], 1e-3 * ours.rows[:, 7], 1e-3 * ours.rows[:, 8], 1e6 * away_m)
-    time, contact, tick, away = (spread(value[both] if both.any() else [np.nan]) for value in values)
+    difference_m = np.linalg.norm(one.rows[:, :3] - ours.rows[:, :3], axis=1)
+    values = (1e-3 * one.rows[:, 7], 1e-3 * ours.rows[:, 7], 1e-3 * ours.rows[:, 8], 1e6 * difference_m)
+    time, contact, tick, difference = (spread(value[both] if both.any() else [np.nan]) for value in values)
     for q in ("median", "p99"):
         found[f"contact {q}"] = time[q]
         if one is ours:
             found[f"tick {q}"] = tick[q]
         else:
             found[f"over contact {q}"], found[f"over tick {q}"] = time[q] / contact[q], time[q] / tick[q]
-            found[f"proxy away {q}"] = away[q]
+            found[f"proxy away {q}"] = difference[q]
     return found

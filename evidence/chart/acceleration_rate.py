@@ -21,7 +21,7 @@ SWATCHES: Final = ("wood", "paper", "leather")
 FORCE_N, SPEED_M_S, TAP_M_S = 1.0, 0.1, 0.2
 """Normal force and speed of the stroke; approach speed of the tap."""
 
-METHODS: Final = {"held": "zero-order hold (converter)", "filtered": "filtered (sound card)"}
+METHODS: Final = {"held": "zero-order hold (converter)", "filtered": "low-pass (sound card)"}
 """Output stage by its key."""
 
 

@@ -98,8 +98,8 @@ def off_jnd(slow_N: Array, fast_N: Array) -> float:
 
 def time(device: str, rate_Hz: float, quick: bool = False) -> tuple[float, float]:
     renderer = Renderer(_scene(), device=device, tick_s=1.0 / rate_Hz, a_rate_Hz=10.0 * rate_Hz)
-    median, late = spread_us(ticks_ns(renderer, _path()[:: round(REFERENCE_HZ / rate_Hz)]))
-    return 1e-3 * rate_Hz * median, 1e-3 * rate_Hz * late
+    median, p99 = spread_us(ticks_ns(renderer, _path()[:: round(REFERENCE_HZ / rate_Hz)]))
+    return 1e-3 * rate_Hz * median, 1e-3 * rate_Hz * p99
 
 
 def advice(points: Sequence[Point]) -> str:

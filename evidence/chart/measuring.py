@@ -31,8 +31,8 @@ RECORDINGS: Final = Path(__file__).resolve().parents[3] / "shared" / "data" / "r
 STROKES: Final = ("wood", "paper", "leather")
 """Recordings with force, speed and friction."""
 
-FELT_HZ: Final = band_edges_Hz()
-FINE_HZ: Final = np.geomspace(FELT_HZ[0], FELT_HZ[-1], 481)
+BAND_EDGES_HZ: Final = band_edges_Hz()
+FINE_HZ: Final = np.geomspace(BAND_EDGES_HZ[0], BAND_EDGES_HZ[-1], 481)
 """Edges of the perceptible bands, and 40 frequencies in each [Hz]."""
 
 ISRAR: Final = "2 dB in a band (Israr, Tan & Reed 2006)"
@@ -76,13 +76,13 @@ def bands_of(frequency_Hz: Array, density: Array) -> Array:
 
 def apart_jnd(bands_m_s2: ArrayLike, true_m_s2: ArrayLike) -> Array:
     """Return the distance (…,) [JND] between levels (…, k) of the perceptible bands and the true ones (…, k)."""
-    return bands_jnd(bands_m_s2, true_m_s2, FELT_HZ)
+    return bands_jnd(bands_m_s2, true_m_s2, BAND_EDGES_HZ)
 
 
 def spread_us(times_ns: ArrayLike) -> tuple[float, float]:
     """Return median and 99th percentile [µs] of times [ns]."""
-    median, late = np.percentile(np.asarray(times_ns, np.float64), (50, 99))
-    return 1e-3 * float(median), 1e-3 * float(late)
+    median, p99 = np.percentile(np.asarray(times_ns, np.float64), (50, 99))
+    return 1e-3 * float(median), 1e-3 * float(p99)
 
 
 def call_us(job: Callable[[], object], per: float = 1.0, repeats: int = 200) -> tuple[float, float]:

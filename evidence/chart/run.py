@@ -98,41 +98,41 @@ def chart(
     """
     if INTERPRETED and table is None:
         raise HapsceneError("NUMBA_DISABLE_JIT is set, but the chart measures compiled code: unset it")
-    asked = [question(name) for name in dict.fromkeys(only or QUESTIONS)]
+    questions = [question(name) for name in dict.fromkeys(only or QUESTIONS)]
     if docs is not None and not docs.is_dir():
         raise HapsceneError(f"{docs}: no such folder")
     if table is None:
         out.mkdir(parents=True, exist_ok=True)
-        found = _measure(asked, out / "chart.jsonl", scene, quick, jobs, scheduler, say)
-        asked = [q for q in asked if found.points[q.name]]
+        found = _measure(questions, out / "chart.jsonl", scene, quick, jobs, scheduler, say)
+        questions = [q for q in questions if found.points[q.name]]
     else:
-        found, asked = _read(table, asked)
+        found, questions = _read(table, questions)
         out.mkdir(parents=True, exist_ok=True)
     say("made:")
-    for path in _write(found, asked, out, docs):
+    for path in _write(found, questions, out, docs):
         say(f"  {path}")
     return found
 
 
-def _read(file: Path, asked: Sequence[Question]) -> tuple[Table, list[Question]]:
+def _read(file: Path, questions: Sequence[Question]) -> tuple[Table, list[Question]]:
     """Read a table; return it and the questions that it has points of."""
     found = Table.read(file)
-    there = [q for q in asked if found.points.get(q.name)]
-    if not there:
+    present = [q for q in questions if found.points.get(q.name)]
+    if not present:
         known = ", ".join(found.points) or "none"
-        raise HapsceneError(f"{file}: no points of {', '.join(q.name for q in asked)}; it has points of: {known}")
-    for q in there:
+        raise HapsceneError(f"{file}: no points of {', '.join(q.name for q in questions)}; it has points of: {known}")
+    for q in present:
         try:
             q.advice(found.points[q.name])
         except (LookupError, ValueError, ArithmeticError, StopIteration):
             raise HapsceneError(
                 f"{file}: points or measures of {q.name} are missing: choose other questions with --only"
             ) from None
-    return found, there
+    return found, present
 
 
 def _measure(
-    asked: Sequence[Question],
+    questions: Sequence[Question],
     journal: Path,
     scene: str | None,
     quick: bool,
@@ -143,12 +143,12 @@ def _measure(
     """Measure all questions."""
     stamp = "" if scene is None else hashlib.sha256(Path(scene).read_bytes()).hexdigest()[:16]
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
-    settings = {q.name: list(q.settings(quick, scene)) for q in asked}
+    settings = {q.name: list(q.settings(quick, scene)) for q in questions}
     reason = f"no body of the scene has at least {BODY_FACES_MIN:,} faces"
     if not any(settings.values()):
-        raise HapsceneError(f"{scene}: {reason}: name a scene with a larger body, or none for the default")
+        raise HapsceneError(f"{scene}: {reason}: name a scene with a larger body, or omit the scene")
     pieces = []
-    for q in asked:
+    for q in questions:
         if not settings[q.name]:
             say(f"{q.name} omitted: {reason}")
         for s in settings[q.name]:
@@ -164,7 +164,7 @@ def _measure(
     )
     points = {
         q.name: [_point(s, results[_key(q, s, "time")], results[_key(q, s, "error")]) for s in settings[q.name]]
-        for q in asked
+        for q in questions
     }
     journal.unlink(missing_ok=True)
     return Table(_machine(load, quick, scene), points)
@@ -192,14 +192,14 @@ def _machine(load_before: float, quick: bool, scene: str | None) -> dict[str, st
     return found
 
 
-def _write(found: Table, asked: Sequence[Question], out: Path, docs: Path | None) -> list[Path]:
+def _write(found: Table, questions: Sequence[Question], out: Path, docs: Path | None) -> list[Path]:
     """Write table, pictures and pages; return their paths."""
     made = [out / "chart.csv"]
-    found.write(made[0], asked)
-    for q in asked:
+    found.write(made[0], questions)
+    for q in questions:
         made += write_picture(q, found.points[q.name], out / f"{q.name}.png")
     made.append(out / "chart.html")
-    _write_text(made[-1], page_of(found, asked, out, "chart.csv").html())
+    _write_text(made[-1], page_of(found, questions, out, "chart.csv").html())
     if docs is not None:
         folder = docs / "chart"
         folder.mkdir(exist_ok=True)
@@ -209,7 +209,7 @@ def _write(found: Table, asked: Sequence[Question], out: Path, docs: Path | None
         kept = folder / f"{machine_slug(found.machine)}.csv"
         shutil.copyfile(out / "chart.csv", kept)
         made += [kept, docs / "chart.md"]
-        _write_text(made[-1], page_of(found, asked, folder, f"chart/{kept.name}").markdown(docs))
+        _write_text(made[-1], page_of(found, questions, folder, f"chart/{kept.name}").markdown(docs))
     return made
 
 
@@ -224,16 +224,16 @@ def machine_slug(machine: Mapping[str, str]) -> str:
     return re.sub(r"[^a-z0-9]+", "-", re.sub(r"\((?:r|tm)\)", "", text.lower())).strip("-")
 
 
-def page_of(found: Table, asked: Sequence[Question], pictures: Path, csv: str) -> Page:
+def page_of(found: Table, questions: Sequence[Question], pictures: Path, csv: str) -> Page:
     """Return the page: picture, conditions and recommendation of each question; in HTML also all points."""
     page = Page(TITLE)
     page.text(f"Generated by `hapscene lab chart --docs docs/results` from {csv}. {METHOD}")
     page.text(f"Machine: {'; '.join(f'{name} {value}' for name, value in found.machine.items())}.")
-    for q in asked:
+    for q in questions:
         points = found.points[q.name]
         measures = [m for m in q.measures if any(m.key in p.errors for p in points)]
         page.heading(q.title, key=q.name)
-        page.picture(pictures / f"{q.name}.png", f"{q.title} {'; '.join(m.name for m in measures)}")
+        page.picture(pictures / f"{q.name}.png", q.title)
         page.text(q.conditions)
         page.text(q.advice(points), strong=True)
         head = (

@@ -86,9 +86,9 @@ class Stabiliser:
 class Outcome(NamedTuple):
     """Result of one stabiliser in one case."""
 
-    late_m_s: float
+    rest_speed_m_s: float
     """Rms speed of the tool when it should be at rest."""
-    out_J: float
+    energy_J: float
     """Maximum over time of the net energy that the motors have given to the hand."""
     kept: float
     """Rendered stiffness over requested stiffness; NaN if the tool does not come to rest."""
@@ -125,12 +125,12 @@ def run_case(device: Device, gesture: str, stiffness_N_m: float, name: str) -> O
         if chosen.crease_rad > 0.0:
             twin.renderer = Renderer(scene, **setup, crease_rad=chosen.crease_rad)
     target = _target(gesture)
-    felt = twin.run(Intent.along(target, "light"))
-    late = felt.v_W_m_s[-1000:]
-    late_m_s = float(np.sqrt(np.mean(np.sum(late**2, axis=1))))
-    kept = _felt_stiffness(twin, target[-1]) / stiffness_N_m if late_m_s < REST_M_S else math.nan
-    out_J = max(0.0, float(np.cumsum(felt.work_J).max()))
-    return Outcome(late_m_s, out_J, kept)
+    result = twin.run(Intent.along(target, "light"))
+    at_end_m_s = result.v_W_m_s[-1000:]
+    rest_speed_m_s = float(np.sqrt(np.mean(np.sum(at_end_m_s**2, axis=1))))
+    kept = _rendered_stiffness(twin, target[-1]) / stiffness_N_m if rest_speed_m_s < REST_M_S else math.nan
+    energy_J = max(0.0, float(np.cumsum(result.work_J).max()))
+    return Outcome(rest_speed_m_s, energy_J, kept)
 
 
 def _target(gesture: str) -> NDArray[np.float64]:
@@ -147,12 +147,12 @@ def _target(gesture: str) -> NDArray[np.float64]:
     return np.column_stack((np.full(3000, AT_M[0]), np.full(3000, AT_M[1]), height))
 
 
-def _felt_stiffness(twin: Twin, target_W_m: NDArray[np.float64]) -> float:
+def _rendered_stiffness(twin: Twin, target_W_m: NDArray[np.float64]) -> float:
     """Return force over depth while the hand pushes [N/m]."""
     down = target_W_m / np.linalg.norm(target_W_m) if abs(target_W_m[2]) > 0.01 else np.array((0.0, 0.0, 1.0))
-    felt = twin.run(Intent.hold(tuple(target_W_m), 1500, GRIPS["light"], push_W_N=tuple(-PUSH_N * down)))
-    force = np.linalg.norm(felt.f_motor_W_N[-500:].mean(axis=0))
-    depth = np.linalg.norm((felt.recording.p_WP_m - felt.p_W_m)[-500:].mean(axis=0))
+    result = twin.run(Intent.hold(tuple(target_W_m), 1500, GRIPS["light"], push_W_N=tuple(-PUSH_N * down)))
+    force = np.linalg.norm(result.f_motor_W_N[-500:].mean(axis=0))
+    depth = np.linalg.norm((result.recording.p_WP_m - result.p_W_m)[-500:].mean(axis=0))
     return float(force / depth)
 
 
@@ -207,8 +207,8 @@ def error(name: str, device: str, stiffness_N_m: float, gestures: Sequence[str])
     rows = [run_case(TOUCHED[device], gesture, stiffness_N_m, name) for gesture in gestures]
     return {
         "kept": 100.0 * min(0.0 if math.isnan(row.kept) else row.kept for row in rows),
-        "energy": float(np.clip(1e3 * max(row.out_J for row in rows), *MJ)),
-        "late": float(np.clip(1e3 * max(row.late_m_s for row in rows), *MM_S)),
+        "energy": float(np.clip(1e3 * max(row.energy_J for row in rows), *MJ)),
+        "late": float(np.clip(1e3 * max(row.rest_speed_m_s for row in rows), *MM_S)),
     }
 
 

@@ -69,7 +69,7 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
 
 def error(domain: str, order: int) -> dict[str, float]:
     """Return the errors on a simulated surface between its models, and on left-out parts of recordings [JND]."""
-    found = {"planted": planted_error(domain, order)}
+    found = {"planted": known_surface_error(domain, order)}
     if not no_recordings():
         found["recorded"] = float(np.sqrt(np.mean([left_out(domain, order, name) ** 2 for name in STROKES])))
     return found
@@ -88,7 +88,7 @@ def surface_density(force_N: float, speed_m_s: float) -> Array:
     return np.asarray(power_m2_s4 * density / np.fft.irfft(density)[0] / (0.5 * RATE_HZ))
 
 
-def planted_texture(domain: str, grid: int, order: int = ORDER) -> Texture:
+def known_texture(domain: str, grid: int, order: int = ORDER) -> Texture:
     """Return the simulated surface as a texture of grid × grid models."""
     warp = warp_of(domain)
     force, speed = (g.ravel() for g in np.meshgrid(np.geomspace(*FORCE_N, grid), np.geomspace(*SPEED_M_S, grid)))
@@ -118,9 +118,9 @@ def _interpolation(domain: str) -> str:
     return "lsf" if domain in ("nearest", "warped") else domain
 
 
-def planted_error(domain: str, order: int, grid: int = MODELS, seed: int = 0) -> float:
+def known_surface_error(domain: str, order: int, grid: int = MODELS, seed: int = 0) -> float:
     """Return the rms error of the simulated surface at conditions between its models [JND]."""
-    texture, (low, high) = planted_texture(domain, grid, order), np.log((FORCE_N, SPEED_M_S)).T
+    texture, (low, high) = known_texture(domain, grid, order), np.log((FORCE_N, SPEED_M_S)).T
     apart = []
     for force, speed in np.exp(np.random.default_rng(seed).uniform(low, high, (PLACES, 2))).tolist():
         true = bands_of(FREQUENCY_HZ, surface_density(force, speed))
@@ -131,9 +131,9 @@ def planted_error(domain: str, order: int, grid: int = MODELS, seed: int = 0) ->
 def levels_of(texture: Texture, domain: str, force_N: float, speed_m_s: float) -> Array:
     """Return the levels of a texture in the perceptible bands [m/s²] at a force and a speed."""
     if domain == "nearest":
-        away = (texture.force_N - force_N) ** 2 / texture.force_max_N**2
-        away += (texture.speed_m_s - speed_m_s) ** 2 / texture.speed_max_m_s**2
-        nearest = int(np.argmin(np.where(texture.variance_m2_s4 > 0.0, away, np.inf)))
+        distance2 = (texture.force_N - force_N) ** 2 / texture.force_max_N**2
+        distance2 += (texture.speed_m_s - speed_m_s) ** 2 / texture.speed_max_m_s**2
+        nearest = int(np.argmin(np.where(texture.variance_m2_s4 > 0.0, distance2, np.inf)))
         force_N, speed_m_s = float(texture.force_N[nearest]), float(texture.speed_m_s[nearest])
     return np.asarray(texture_bands(texture, [force_N], [speed_m_s])[0])
 
@@ -160,7 +160,7 @@ def left_out(domain: str, order: int, name: str) -> float:
 
 
 def time(domain: str, order: int) -> tuple[float, float]:
-    return texture_us(planted_texture(domain, MODELS, order))
+    return texture_us(known_texture(domain, MODELS, order))
 
 
 def advice(points: Sequence[Point]) -> str:

@@ -16,7 +16,7 @@ from hapscene.surface.texture import Texture
 
 from .measuring import ISRAR, Array, apart_jnd, effect_us, enough, texture_bands
 from .question import Measure, Point, Question, Setting
-from .texture import planted_texture
+from .texture import known_texture
 
 EVERY: Final = (1, 2, 5, 10, 20, 50)
 """Ticks between updates of the filter [count]."""
@@ -41,13 +41,13 @@ def hand() -> tuple[Array, Array]:
     way = np.concatenate([way, way[::-1]] * STROKES)
     force = FORCE_N * (1.0 + SHARE * np.sin(2.0 * np.pi * CHANGES_HZ * TICK_S * np.arange(len(way))))
     moved.trace(way, force / STIFFNESS_N_M)
-    felt = Renderer(scene, ("wall",)).run(moved.p_WT_m)
-    return felt.normal_force_N[felt.touching], felt.slip_m_s[felt.touching]
+    recording = Renderer(scene, ("wall",)).run(moved.p_WT_m)
+    return recording.normal_force_N[recording.touching], recording.slip_m_s[recording.touching]
 
 
 @cache
 def _texture() -> Texture:
-    return planted_texture("lsf", 5)  # each shipped swatch has one filter for all forces and speeds
+    return known_texture("lsf", 5)  # each shipped swatch has one filter for all forces and speeds
 
 
 def error(every: int) -> dict[str, float]:
@@ -61,8 +61,8 @@ def held_error(texture: Texture, force_N: Array, speed_m_s: Array, every: int) -
     true = texture_bands(texture, force_N, speed_m_s)
     level = np.sqrt(texture.power(force_N, speed_m_s))
     share = followed(level, every) / np.maximum(level[last], 1e-12)
-    median, late = np.percentile(apart_jnd(true[last] * share[:, None], true), (50, 95))
-    return {"median": float(median), "p95": float(late)}
+    median, p95 = np.percentile(apart_jnd(true[last] * share[:, None], true), (50, 95))
+    return {"median": float(median), "p95": float(p95)}
 
 
 def followed(level_m_s2: Array, every: int) -> Array:

@@ -22,7 +22,7 @@ from hapscene.handle.response import Response, estimate_response
 from hapscene.handle.sweep import Sweep
 from hapscene.view.palette import INK, OKABE_ITO
 
-from .result import Array, FigureResult, Number, Plot, drawn
+from .result import SETTING, Array, FigureResult, Number, Plot, drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,12 +72,12 @@ def approximated(full: ArrayLike, frequency_Hz: ArrayLike) -> NDArray[np.complex
 
 def misfit_dB(trials: Trials, approximate: bool = False) -> float:
     """Return the rms difference over the band between the magnitudes of the trials and of their models [dB]."""
-    away = []
+    differences = []
     for grip, response in zip(trials.handle.grips, trials.responses, strict=True):
         model = modelled(trials.handle, grip, response.frequency_Hz)
         model = approximated(model, response.frequency_Hz) if approximate else model
-        away.append(decibels(np.abs(response.response)) - decibels(np.abs(model)))
-    return float(np.sqrt(np.mean(np.concatenate(away) ** 2)))
+        differences.append(decibels(np.abs(response.response)) - decibels(np.abs(model)))
+    return float(np.sqrt(np.mean(np.concatenate(differences) ** 2)))
 
 
 def handle_in_hands(true_plant: Plant, band_Hz: tuple[float, float], seed: int = 0) -> FigureResult:
@@ -99,13 +99,12 @@ def handle_in_hands(true_plant: Plant, band_Hz: tuple[float, float], seed: int =
         )
         return FigureResult("Beyond Fig. 7: the handle to 1000 Hz", text, numbers, plots)
     place = "Section 4, System Dynamics"
-    simulated = "simulated: spring and damper, the form that the model assumes"
     paper = [
-        Number("users", USERS, "1", 5, place, simulated),
-        Number("trials of each user", TRIALS, "1", 3, place, simulated),
-        Number("lowest frequency of the sweep", band_Hz[0], "Hz", 10.0, place),
-        Number("highest frequency of the sweep", band_Hz[1], "Hz", 200.0, place),
-        Number("peak force of the actuator", true_plant.force_limit_N, "N", 6.6, "Section 4, Prototype"),
+        Number("users", USERS, "1", 5, place, SETTING),
+        Number("trials of each user", TRIALS, "1", 3, place, SETTING),
+        Number("lowest frequency of the sweep", band_Hz[0], "Hz", 10.0, place, SETTING),
+        Number("highest frequency of the sweep", band_Hz[1], "Hz", 200.0, place, SETTING),
+        Number("peak force of the actuator", true_plant.force_limit_N, "N", 6.6, "Section 4, Prototype", SETTING),
     ]
     text = (
         "Simulated: no handle and no hand was measured. The grips are drawn from a light to a firm one; sensor noise "

@@ -12,7 +12,7 @@ from hapscene.handle.sensor import Sensor
 
 from ..page import Page, shown
 from .material import Material
-from .result import FigureResult, Number
+from .result import SETTING, FigureResult, Number
 
 __all__ = ["TABLE_ONE", "page_of", "summary", "table_of_numbers"]
 
@@ -26,31 +26,31 @@ NUMBERS_OPEN: Final = 14
 
 CONDITIONS: Final = (
     (
-        "Figs. 4 and 5",
+        "Figs. 4, 5",
         "organza on a stiff substrate, plastic probe, 4.0 cm/s, 1.5 N, n = 120 (Fig. 4, caption); force and speed held "
-        "constant; 5000 Hz (Section 3, Texture Modeling)",
-        "wood, tool moved freely by hand; 10 kHz, inferred from the recording's low-pass, resampled to 5000 Hz",
-        "nothing, if recordings are given; a synthesised surface is itself a linear prediction model",
+        "constant, 5000 Hz (Section 3, Texture Modeling)",
+        "wood, moved freely by hand; 10 kHz, inferred from the recording's low-pass, resampled to 5000 Hz",
+        "nothing for a recording; a synthesised surface is a linear prediction model itself",
     ),
     (
         "Fig. 7",
-        "five users with three trials each, three-fingered pinch grip; repeated sweep of 10–200 Hz (Section 4, System "
-        "Dynamics)",
-        "five simulated grips with three trials each; the same sweep, and one to 1000 Hz",
-        "the handle and the hands have exactly the form of the fitted model",
+        "five users, three trials each, three-fingered pinch grip, repeated sweep of 10–200 Hz (Section 4, System "
+        "Dynamics); actuator of 6.6 N peak (Section 4, Prototype)",
+        "five simulated grips, three trials each, the same sweep and peak force",
+        "handle and hands have exactly the form of the fitted model",
     ),
     (
         "Fig. 8",
         "two Omnis, position–position controller, two taps and five drags on unfinished plywood; 100 % is the run "
         "without the voice coil (Section 4, Teleoperation Testing)",
-        "the same, simulated, on the swatch of wood, with one press between taps and drags",
-        "the compensator knows the handle's parameters exactly; the latency is removed exactly",
+        "the same, simulated, on the swatch of wood; a press between taps and drags",
+        "the compensator knows the handle's parameters, and the latency is removed, exactly",
     ),
     (
         "ratings",
-        "people tap on a spring-based wall, without and with transients; 7 is a real wooden block (Section 2)",
+        "people tap on a spring-based wall without and with transients; 7 is a real wooden block (Section 2)",
         "12 simulated raters tap on the swatch of wood, rendered by the handle",
-        "the rater is a formula of the spectral distance that the compensator minimises",
+        "the rating is computed from the spectral distance; no person is involved",
     ),
 )
 """Figure; conditions of the paper, with the place; conditions here; what the simulation knows beyond an experiment."""
@@ -58,7 +58,7 @@ CONDITIONS: Final = (
 TABLE_ONE: Final = (
     ("digital SLR camera", "highly sensorized handheld tool", "hapscene capture record"),
     ("interchangeable lenses", "interchangeable tool tips", "hapscene capture fit"),
-    ("framing a shot and focusing the camera", "exploring an object’s surface", "hapscene capture coverage"),
+    ("framing a shot and focusing the camera", "exploring an object’s surface", "hapscene capture record"),
     ("planar distribution of light intensities", "stream of positions, forces, and accelerations", ""),
     ("optics and the human eye", "haptics and the human hand", ""),
     ("LCD monitor", "uniquely actuated handheld tool", "hapscene device identify"),
@@ -68,28 +68,18 @@ TABLE_ONE: Final = (
 """The rows of the paper's Table 1 (photography, haptography), and the command that corresponds to each."""
 
 NOT_REPRODUCED: Final = (
-    ("Figs. 1, 3 and 6", "diagrams and a photograph; they hold no measurement"),
+    ("Figs. 1, 3, 6", "diagrams and a photograph without measurements"),
+    ("Figs. 2, 4, 5", "plastic, foam and organza; positions, taps and presses: not recorded"),
+    ("Fig. 7", "real handle and hands: not available; the parameter values stand in the picture only"),
+    ("Fig. 8", "real teleoperation, its phase lag and underactuation"),
+    ("Section 2", "ratings by people; a public online database (`hapscene swatch publish` writes its pages)"),
     (
-        "Fig. 2: plastic and foam; positions",
-        "no recording of them is available; the recordings hold speed, not position",
+        "Section 3",
+        "models of contact angle, hand configuration and grip force, and of transitions between contact states",
     ),
-    ("Figs. 4 and 5: organza, plastic probe", "no recording of it is available"),
-    ("contact angle, hand configuration, grip force (Section 3)", "can be recorded and stored; no model uses them"),
-    ("models of transitions between contact states (Section 3)", "taps and sliding are modelled, transitions are not"),
-    ("public online database (Section 2)", "`hapscene swatch publish` writes the pages; no database is operated"),
-    (
-        "a real handle, real hands and their parameters (Fig. 7)",
-        "none was available; the values in Fig. 7 are in a picture",
-    ),
-    ("real teleoperation, its phase lag and underactuation (Fig. 8)", "none was available"),
-    ("hands-on demonstration and its comments (Section 4)", "no people were asked"),
-    ("realism ratings by people (Section 2)", "no people were asked"),
-    (
-        "three-dimensional accelerations on one actuator (Section 4, Future Work)",
-        "DFT321 is used; it was not tested with people",
-    ),
+    ("Section 4", "demonstration to people; perceptual test of mapping three axes to one (DFT321 is used)"),
 )
-"""What the paper contains and this reproduction does not, and the reason."""
+"""Parts of the paper that are not reproduced."""
 
 
 def summary(results: Mapping[str, FigureResult], materials: Mapping[str, Material]) -> Page:
@@ -106,7 +96,9 @@ def summary(results: Mapping[str, FigureResult], materials: Mapping[str, Materia
             "swatches synthesise. `hapscene lab reproduce --recordings DIR` uses recordings."
         )
     page.heading("Numbers of the paper", key="summary")
-    _add_numbers(page, [(r.title.split(":")[0], n) for r in results.values() for n in r.numbers if n.paper is not None])
+    _add_numbers(
+        page, [(r.title.split(":")[0], n) for r in results.values() for n in r.numbers if n.note != SETTING and n.paper]
+    )
     page.heading("Conditions", key="conditions")
     page.table(("", "paper", "here", "what the simulation knows and an experiment does not"), CONDITIONS)
     if "interpolation" in results:
@@ -114,10 +106,8 @@ def summary(results: Mapping[str, FigureResult], materials: Mapping[str, Materia
         page.heading(found.title, key="interpolation-summary")
         page.text(found.text)
         _add_numbers(page, [("", number) for number in found.numbers])
-    page.heading("Table 1 of the paper, and the commands", key="table1")
-    page.table(("photography", "haptography", "hapscene"), TABLE_ONE)
     page.heading("Not reproduced", key="not-reproduced")
-    page.table(("part of the paper", "reason"), NOT_REPRODUCED)
+    page.table(("place", "not reproduced"), NOT_REPRODUCED)
     return page
 
 
@@ -130,6 +120,8 @@ def page_of(results: Mapping[str, FigureResult], materials: Mapping[str, Materia
         for plot in result.plots:
             page.drawing(plot.svg, plot.title, plot.caption)
         _add_numbers(page, [("", number) for number in result.numbers])
+    page.heading("Table 1 of the paper, and the commands", key="table1")
+    page.table(("photography", "haptography", "hapscene"), TABLE_ONE)
     page.heading("Assumed values", key="assumed")
     page.table(("quantity", "assumed"), list(_assumed().items()))
     return page
@@ -156,7 +148,7 @@ def _add_numbers(page: Page, rows: Sequence[tuple[str, Number]]) -> None:
         quantity = f"{figure}: {n.quantity}" if figure else n.quantity
         stated = (f"{paper} ({n.place})" if paper else "",) if compared else ()
         cells.append((quantity, *stated, here, n.note))
-    head: tuple[str, ...] = ("quantity", "paper (place)", "here", "what the simulation knows, or why they differ")
+    head: tuple[str, ...] = ("quantity", "paper (place)", "here", "what the simulation knows; other differences")
     if not compared:
         head = ("quantity", "here", "note")
     folded = len(rows) > NUMBERS_OPEN and not rows[0][0]

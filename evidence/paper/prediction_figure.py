@@ -81,8 +81,8 @@ def linear_prediction(material: Material) -> FigureResult:
     s, signal = material.streams, at_paper_rate(material)
     first, second = np.array_split(signal, 2)
     chosen = search_order(signal, PAPER_RATE_HZ).chosen
-    note = "ours is the smallest order that loses nothing the recording supports; the paper gives one order"
-    by_hand = "another surface; moved by hand, where the paper holds speed and force constant"
+    note = "the smallest order that loses nothing the recording supports; another surface"
+    by_hand = "another surface, moved freely by hand"
     caption = "Fig. 4, caption"
     numbers = [
         Number(f"order n, {material.title}, at {PAPER_RATE_HZ:g} Hz", chosen, "1", PAPER_ORDER, caption, note),

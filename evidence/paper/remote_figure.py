@@ -12,7 +12,7 @@ from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.compensator import COMPENSATORS
 
 from ..bench.teleoperation import Rendering, compare_handles
-from .result import FigureResult, Number, Plot, spectrogram_panels, trace_panels
+from .result import SETTING, FigureResult, Number, Plot, spectrogram_panels, trace_panels
 
 TAPS, DRAGS = 2, 5
 """Taps and drags of the paper's experiment [count]."""
@@ -45,18 +45,15 @@ def remote_numbers(renderings: list[Rendering]) -> list[Number]:
     base, *rest = [(rendering.compensator, errors_of(rendering)) for rendering in renderings]
     note = f"the reference; it is {base[1]['all']:.1f} % of the magnitude of the desired spectrogram"
     numbers = [
-        Number("taps", TAPS, "1", 2, PLACE),
-        Number("drags", DRAGS, "1", 5, PLACE),
+        Number("taps", TAPS, "1", 2, PLACE, SETTING),
+        Number("drags", DRAGS, "1", 5, PLACE, SETTING),
         Number("error with the base motors alone", 100.0, "%", 100.0, PLACE, note),
     ]
     for compensator, errors in rest:
         relative = {part: 100.0 * errors[part] / base[1][part] for part in errors}
         what = f"error with the handle, compensator {compensator}"
         if compensator == LIKE_PAPER:
-            note = (
-                f"{errors['all']:.1f} % of the desired spectrogram; the compensator is made for exactly the simulated "
-                "handle, and the latency is removed exactly"
-            )
+            note = f"{errors['all']:.1f} % of the desired spectrogram; handle and latency are known exactly"
             numbers.append(Number(what, relative["all"], "%", PAPER_ERROR, PLACE, note))
             numbers.append(Number(f"{what}, above {LOW_HZ:g} Hz", relative[ABOVE], "%"))
         else:

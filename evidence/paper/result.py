@@ -31,6 +31,10 @@ RANGE_DB: Final = 50.0
 """Range of the spectrograms below their maximum [dB]."""
 
 
+SETTING: Final = "a setting, not a result"
+"""Note of a number that is chosen as in the paper."""
+
+
 @dataclass(frozen=True)
 class Number:
     """A number of a figure.
@@ -115,11 +119,11 @@ def spectrogram_panels(name: str, signals: Mapping[str, Array], rate_Hz: float) 
 
     def draw(*panels: "Axes") -> None:
         for axes, (title, (time, frequency, magnitude)) in zip(panels, spectrograms.items(), strict=True):
-            felt = frequency <= ACCELERATION_BAND_HZ[1]
+            inside = frequency <= ACCELERATION_BAND_HZ[1]
             image = axes.imshow(
-                decibels(magnitude[:, felt] ** 2).T,
+                decibels(magnitude[:, inside] ** 2).T,
                 origin="lower", aspect="auto", cmap="cividis", vmin=top - RANGE_DB, vmax=top, interpolation="nearest",
-                extent=(time[0] - 0.5 * step, time[-1] + 0.5 * step, -0.5 * frequency[1], frequency[felt][-1]),
+                extent=(time[0] - 0.5 * step, time[-1] + 0.5 * step, -0.5 * frequency[1], frequency[inside][-1]),
             )  # fmt: skip
             axes.set(title=title, ylabel="frequency [Hz]", ylim=ACCELERATION_BAND_HZ)
             axes.grid(visible=False)

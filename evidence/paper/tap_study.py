@@ -18,7 +18,7 @@ from hapscene.handle.playback import play
 from hapscene.perception import BAND_DB, band_edges_Hz, band_rms_m_s2, bands_jnd
 from hapscene.swatches.library import load_swatch
 
-from .result import COLOURS, Array, FigureResult, Number, Plot, drawn
+from .result import COLOURS, SETTING, Array, FigureResult, Number, Plot, drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,8 +84,8 @@ def rate(distance: Array, seed: int, scatter: float = SCATTER_POINTS, rounded: b
 
 def rated_taps(seed: int = 0) -> FigureResult:
     """Run the study."""
-    away = distances(seed)
-    ratings = rate(away, seed)
+    distance_jnd = distances(seed)
+    ratings = rate(distance_jnd, seed)
     mean, error = ratings.mean(axis=0), ratings.std(axis=0, ddof=1) / np.sqrt(RATERS)
     names = ["no vibration" if name == "none" else name for name in CONDITIONS]
 
@@ -98,15 +98,15 @@ def rated_taps(seed: int = 0) -> FigureResult:
         axes.set(ylabel="rating [1]", ylim=(LOWEST - 0.4, HIGHEST + 0.4))
         axes.grid(visible=False, axis="x")
 
-    note = "a simulated rater computes the rating from spectra; people were not asked, so nothing follows about people"
-    numbers = [Number("highest rating", HIGHEST, "1", 7.0, PLACE, "in the paper 7 is a real wooden block")]
+    note = "computed from spectra; nothing follows about people"
+    numbers = [Number("highest rating", HIGHEST, "1", 7.0, PLACE, SETTING)]
     for condition, name, value in zip(CONDITIONS, names, mean, strict=True):
         paper = PAPER_RATINGS.get(condition)
         numbers.append(
             Number(f"mean rating, {name}", float(value), "1", paper, PLACE if paper else "", note if paper else "")
         )
     numbers += [
-        Number(f"distance, {n}", float(d), "JND") for n, d in zip(names[1:], away.mean(axis=0)[1:], strict=True)
+        Number(f"distance, {n}", float(d), "JND") for n, d in zip(names[1:], distance_jnd.mean(axis=0)[1:], strict=True)
     ]
     text = (
         "The paper cites a study (Kuchenbecker et al. 2006) in which people tapped on the stiffest spring-based wall "

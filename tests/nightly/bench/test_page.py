@@ -109,13 +109,12 @@ def test_targets_are_judged(made: list[Path]) -> None:
     assert page.count("| yes |") + page.count("| **no** |") == len(AIMS)
 
 
-def test_synthesis_is_in_multiples_of_real_time(made: list[Path]) -> None:
+def test_time_of_synthesis_is_a_target(made: list[Path]) -> None:
     page = made[-1].read_text(encoding="utf-8")
-    assert "| 40 | 500 | 500 |  | 500 |" in page
     assert "| synthesis of 10 s at 10 kHz, order 40 | ≤ 0.02 s | 0.02 s | yes |" in page
 
 
-def test_page_in_docs_is_made_anew_from_the_table(made: list[Path], anew: Path, tmp_path: Path) -> None:
+def test_result_page_is_written_from_the_table(made: list[Path], anew: Path, tmp_path: Path) -> None:
     docs = tmp_path / "docs"
     docs.mkdir()
     page = publish(made, docs)
@@ -129,13 +128,13 @@ def test_page_in_docs_is_made_anew_from_the_table(made: list[Path], anew: Path, 
     assert page.read_text(encoding="utf-8") == first
 
 
-def test_charts_are_drawn_anew_from_a_table(made: list[Path], anew: Path) -> None:
+def test_charts_are_drawn_again_from_a_table(made: list[Path], anew: Path) -> None:
     assert sorted(file.name for file in made) == sorted(file.name for file in anew.iterdir())
     assert all(file.read_bytes() == (anew / file.name).read_bytes() for file in made)
 
 
-def test_missing_docs_are_named_before_anything_is_measured(tmp_path: Path) -> None:
-    with pytest.raises(HapsceneError, match=r"nowhere: no such folder"):
+def test_missing_folder_is_reported_before_measuring(tmp_path: Path) -> None:
+    with pytest.raises(HapsceneError, match="nowhere"):
         bench(tmp_path / "out", quick=True, docs=tmp_path / "nowhere")
     assert not (tmp_path / "out").exists()
 
