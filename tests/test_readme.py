@@ -61,11 +61,8 @@ def test_the_version_is_the_same_everywhere() -> None:
 
 
 def test_data_in_the_documents_is_valid() -> None:
-    plans = 0
     for page in sorted((ROOT / "docs").rglob("*.md")):
         for kind, data in re.findall(r"^```(json|toml)\n(.*?)^```$", page.read_text(encoding="utf-8"), re.S | re.M):
             read = json.loads(data) if kind == "json" else tomllib.loads(data)
             if "blocks" in read:
                 assert parse_plan(data).blocks
-                plans += 1
-    assert plans >= 1

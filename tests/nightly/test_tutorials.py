@@ -4,7 +4,7 @@ import contextlib
 import io
 import re
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,30 +19,26 @@ BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
 class Run:
-    """Result of a tutorial: its folder, the names of its programs, and the output of its commands."""
+    """Result of a tutorial: the names of its programs, the output of its commands, and its files."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self) -> None:
         self.names: dict[str, Any] = {"__name__": "__main__"}
         self.output: dict[str, str] = {}
+        self.files: set[str] = set()
         self.no_gl = False
 
     def command(self, start: str) -> str:
-        """Output of the command that starts with `start`."""
         return next(output for line, output in self.output.items() if line.startswith(start))
-
-    def files(self) -> set[str]:
-        return {file.relative_to(self.folder).as_posix() for file in self.folder.rglob("*") if file.is_file()}
 
 
 @pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Run]]:
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Run]:
     """Run a tutorial. The painter is left to the program that does the same."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path / "library"))
 
     def run_page(name: str) -> Run:
-        done = Run(tmp_path)
+        done = Run()
         text = (ROOT / "docs" / "tutorials" / f"{name}.md").read_text(encoding="utf-8")
         for kind, code in BLOCK.findall(text):
             if kind == "python":
@@ -51,9 +47,10 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[s
                 continue
             for line in code.splitlines():
                 run_command(line, done)
+        done.files = {file.relative_to(tmp_path).as_posix() for file in tmp_path.rglob("*") if file.is_file()}
         return done
 
-    yield run_page
+    return run_page
 
 
 def run_command(line: str, done: Run) -> None:
@@ -80,8 +77,8 @@ def test_every_tutorial_is_run() -> None:
 
 def test_run_first_touch(run: Callable[[str], Run]) -> None:
     done = run("first-touch")
-    assert {f"out/demo/{name}" for name in ("plots.png", "feel.wav", "touch.npz", "touch.csv")} <= done.files()
-    assert "out/stroke/hand.png" in done.files()
+    assert {f"out/demo/{name}" for name in ("plots.png", "feel.wav", "touch.npz", "touch.csv")} <= done.files
+    assert "out/stroke/hand.png" in done.files
     assert "80 mm × 56 mm × 32 mm" in done.command("hapscene check")
     assert done.names["command"].contact.body == "pebble"
 
@@ -90,16 +87,15 @@ def test_run_paint_a_scene(run: Callable[[str], Run]) -> None:
     import hapscene
 
     done = run("paint-a-scene")
-    made = done.files()
-    assert {"pebble.scene.json", "pebble.glb", "again.scene.json", "out/stability/z_width.png"} <= made
-    assert len([name for name in made if re.fullmatch(r"pebble\.epoxy\.[0-9a-f]{8,}\.swatch", name)]) == 1
-    assert done.no_gl or "pebble.gif" in made
+    assert {"pebble.scene.json", "pebble.glb", "again.scene.json", "out/stability/z_width.png"} <= done.files
+    assert len([name for name in done.files if re.fullmatch(r"pebble\.epoxy\.[0-9a-f]{8,}\.swatch", name)]) == 1
+    assert done.no_gl or "pebble.gif" in done.files
     assert "900 N/m" in done.command("hapscene touch") and "700 N/m" in done.command("hapscene touch")
     assert "900 N/m" in done.command("hapscene lab stability")
 
     areas = []
     for name in ("pebble", "again"):
-        scene = hapscene.load_scene(done.folder / f"{name}.scene.json")
+        scene = hapscene.load_scene(f"{name}.scene.json")
         (body,) = scene.bodies
         corner_m = body.mesh.vertices_m[body.mesh.faces]
         size_m2 = np.linalg.norm(np.cross(corner_m[:, 1] - corner_m[:, 0], corner_m[:, 2] - corner_m[:, 0]), axis=1) / 2
@@ -115,7 +111,7 @@ def test_run_paint_a_scene(run: Callable[[str], Run]) -> None:
 
 def test_run_recording_to_swatch(run: Callable[[str], Run]) -> None:
     done = run("recording-to-swatch")
-    assert {"oak.swatch", "oak.html", "library/oak.swatch", "out/oak/plots.png"} <= done.files()
+    assert {"oak.swatch", "oak.html", "library/oak.swatch", "out/oak/plots.png"} <= done.files
     ratio = done.names["acceleration"].std() / done.names["recording"].acceleration_m_s2.std()
     assert ratio == pytest.approx(1.0, abs=0.2)
 
