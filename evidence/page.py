@@ -1,6 +1,7 @@
 """Pages of benchmark, chart and paper: headings, text, pictures and tables, written as Markdown or HTML."""
 
 import base64
+import re
 import textwrap
 from collections.abc import Callable, Sequence
 from html import escape
@@ -43,7 +44,7 @@ class Page:
     def text(self, text: str, strong: bool = False) -> None:
         """Add a paragraph."""
         filled = paragraph(text)
-        html = f"<strong>{escape(filled)}</strong>" if strong else escape(filled)
+        html = f"<strong>{escaped(filled)}</strong>" if strong else escaped(filled)
         self._add(f"**{filled}**\n" if strong else f"{filled}\n", f"<p>{html}</p>")
 
     def markdown_only(self, text: str) -> None:
@@ -71,8 +72,8 @@ class Page:
 
     def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], fold: str = "") -> None:
         """Add a table. With `fold` it is folded under that summary in HTML, and Markdown omits it."""
-        titles = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-        lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+        titles = "".join(f"<th>{escaped(cell)}</th>" for cell in head)
+        lines = "".join(f"<tr>{''.join(f'<td>{escaped(cell)}</td>' for cell in row)}</tr>" for row in rows)
         html = f'<div class="table"><table><tr>{titles}</tr>{lines}</table></div>'
         if fold:
             self._add("", f"<details><summary>{escape(fold)}</summary>{html}</details>")
@@ -96,6 +97,11 @@ class Page:
 
     def _add(self, markdown: str, html: str) -> None:
         self._parts.append((lambda _: markdown, lambda: html))
+
+
+def escaped(text: str) -> str:
+    """Return text as HTML, with `code` as an element."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

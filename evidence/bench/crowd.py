@@ -1,4 +1,4 @@
-"""Many bodies: contact time with bodies at rest, and time of a step while all bodies move."""
+"""Many bodies: time of a step while all bodies move."""
 
 import math
 import time
@@ -11,14 +11,10 @@ from hapscene.render.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 
-from .case import slide_path, sphere
+from .case import sphere
 from .sheet import Sheet
-from .tick_time import hot
 
 Array = NDArray[np.float64]
-
-BODY_COUNTS: Final = (1, 10, 1000)
-"""Numbers of bodies at rest; the tool slides over the first one."""
 
 SPACING_M: Final = 0.2
 """Spacing of the grid of bodies [m]; spheres of 0.1 m diameter do not touch."""
@@ -33,13 +29,8 @@ MOVING_TICKS: Final = 1000
 """Ticks with moving bodies [count]; a pose per body and tick takes memory."""
 
 
-def measure_crowd(sheet: Sheet, tick_count: int, repeats: int) -> None:
-    """Measure the contact time with bodies at rest, and the time of a step while all bodies move."""
-    for count in BODY_COUNTS:
-        name = f"{count} bodies" if count > 1 else "1 body"
-        renderer = Renderer(crowd_of(sphere(3), grid(count)), effects=[])
-        sheet.add(name, "bodies", count, "1")
-        sheet.add_spread(name, "contact", hot(renderer, slide_path(tick_count), repeats).contact_ns, "µs", 1e-3)
+def measure_crowd(sheet: Sheet, repeats: int) -> None:
+    """Measure the time of a step while all bodies move."""
     for count in BOUND_COUNTS:
         measure_bound(sheet, count, repeats)
 

@@ -178,7 +178,7 @@ def _measure_spheres(
         recording = tick_time.measure_contact(sheet, one, repeats)
         accuracy.measure_accuracy(sheet, one, recording)
     say("many bodies")
-    crowd.measure_crowd(sheet, ticks, repeats)
+    crowd.measure_crowd(sheet, repeats)
 
 
 def _measure_ticks(sheet: Sheet, main: case.Case, repeats: int, say: Callable[[str], None]) -> None:

@@ -103,7 +103,7 @@ def summary(results: Mapping[str, FigureResult], materials: Mapping[str, Materia
     page.table(("", "paper", "here", "what the simulation knows and an experiment does not"), CONDITIONS)
     if "interpolation" in results:
         found = results["interpolation"]
-        page.heading(found.title, key="interpolation-summary")
+        page.heading(found.title, key="interpolation")
         page.text(found.text)
         _add_numbers(page, [("", number) for number in found.numbers])
     page.heading("Not reproduced", key="not-reproduced")
@@ -115,6 +115,8 @@ def page_of(results: Mapping[str, FigureResult], materials: Mapping[str, Materia
     """Return the whole page."""
     page = summary(results, materials)
     for key, result in results.items():
+        if key == "interpolation":  # part of the summary
+            continue
         page.heading(result.title, key=key)
         page.text(result.text)
         for plot in result.plots:
@@ -141,16 +143,16 @@ def table_of_numbers(results: Mapping[str, FigureResult]) -> str:
 def _add_numbers(page: Page, rows: Sequence[tuple[str, Number]]) -> None:
     """Add numbers as a table, each with the figure that it belongs to; a long table is folded in HTML."""
     cells: list[tuple[str, ...]] = []
-    compared = any(n.paper is not None for _, n in rows)
+    compared, noted = any(n.paper is not None for _, n in rows), any(n.note for _, n in rows)
     for figure, n in rows:
         unit = "" if n.unit == "1" else f" {n.unit}"
         here, paper = (("" if v is None else f"{shown(v)}{unit}".replace("-", "−")) for v in (n.value, n.paper))
         quantity = f"{figure}: {n.quantity}" if figure else n.quantity
         stated = (f"{paper} ({n.place})" if paper else "",) if compared else ()
-        cells.append((quantity, *stated, here, n.note))
+        cells.append((quantity, *stated, here, n.note)[: None if noted else -1])
     head: tuple[str, ...] = ("quantity", "paper (place)", "here", "what the simulation knows; other differences")
     if not compared:
-        head = ("quantity", "here", "note")
+        head = ("quantity", "here", "note")[: None if noted else -1]
     folded = len(rows) > NUMBERS_OPEN and not rows[0][0]
     page.table(head, cells, f"{len(rows)} numbers" if folded else "")
 

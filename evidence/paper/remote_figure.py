@@ -43,7 +43,7 @@ def errors_of(rendering: Rendering) -> dict[str, float]:
 def remote_numbers(renderings: list[Rendering]) -> list[Number]:
     """Return the errors with each compensator, relative to the base motors alone, which are the first rendering."""
     base, *rest = [(rendering.compensator, errors_of(rendering)) for rendering in renderings]
-    note = f"the reference; it is {base[1]['all']:.1f} % of the magnitude of the desired spectrogram"
+    note = f"the reference: {base[1]['all']:.1f} % of the desired spectrogram; both Omnis and the hand are simulated"
     numbers = [
         Number("taps", TAPS, "1", 2, PLACE, SETTING),
         Number("drags", DRAGS, "1", 5, PLACE, SETTING),

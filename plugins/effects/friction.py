@@ -18,7 +18,7 @@ de Wit 1994),
 
 by default µ_d alone. It is asked while it slips only: what sticks feels no speed, and does not creep. As z is only ever
 cut, friction gives back what was put in, no more, however µ falls. Where it falls faster than device and hand damp,
-the tool squeals as on the surface itself; the low-pass on v makes it hold a little longer (`results/stability.md`).
+the tool squeals as on the surface itself; the low-pass on v makes it hold a little longer (`docs/stability.md`).
 
 It sticks again when |f| falls below µ_d F_n, that is, when the hand turns back or presses harder, and where friction
 grows as v falls, once v is at `REST` of v_s. With v_s and µ_v of 0 and undamped, all

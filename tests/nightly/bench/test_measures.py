@@ -108,14 +108,13 @@ def test_all_figures_of_the_tick_are_measured() -> None:
     assert all(("profile", name) in sheet for name in EFFECTS)
 
 
-def test_every_order_is_synthesised(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_synthesis_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(synthesis, "REPEATS", 1)
     monkeypatch.setattr(synthesis, "DURATION_S", 0.5)
     sheet = Sheet()
     synthesis.measure_synthesis(sheet)
-    for order in synthesis.ORDERS:
-        for name in ("one model", "nine models", "nine models, alive", "lfilter"):
-            assert sheet.number(f"synthesis, order {order}", f"{name} for 10 s") > 0.0
+    assert sheet.number("synthesis, order 40", "nine models for 10 s") > 0.0
+    assert sheet.number("synthesis, order 40", "nine models, alive over lfilter") > 0.0
 
 
 def test_time_and_memory_of_a_fit_are_measured() -> None:
