@@ -93,8 +93,8 @@ def commands(words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     """Iterate over the command, its groups and all commands below it."""
     yield words
     tree = app()
-    for name in words:
-        tree = tree[name]
+    for part in words:
+        tree = tree[part]
     for name in tree:
         if not name.startswith("-"):
             yield from commands((*words, name))
