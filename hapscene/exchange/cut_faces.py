@@ -1,7 +1,7 @@
-"""Faces cut where they are painted finer, for formats that know no more than a colour of a face: PLY and OBJ.
+"""Conversion of subdivided faces to separate faces, for formats that have one colour per face: PLY and OBJ.
 
-Pieces meet side by side, without a crack: one is cut on where a neighbour has a corner on its side. Each cut
-of a leaf halves a side (`hapscene.scene.fine_paint`), so that such a corner is the middle of it, or of a half of it.
+The result has no cracks: a part is cut further where a neighbour has a vertex on its side. Each cut bisects a side
+(`hapscene.scene.fine_paint`), so such a vertex is the midpoint of the side or of a half of it.
 """
 
 from dataclasses import replace
@@ -18,9 +18,12 @@ __all__ = ["cut_faces"]
 
 
 def cut_faces(body: Body) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int16]]:
-    """Vertices (n, 3) [m] in the body's frame, its own first; faces (m, 3); and the swatch of each (m,).
+    """Divide the faces of a body along its paint.
 
-    Pieces stand in the place of their face. Of a blend it is the heavier swatch.
+    Parts replace their face in the order of faces. A blend is reduced to its heavier swatch.
+
+    Returns:
+        Vertices (n, 3) in the body frame [m], those of the mesh first; faces (m, 3); and the swatch of each face (m,).
     """
     mesh = body.mesh
     faces, swatch = mesh.faces.astype(np.int64), body.face_swatch
@@ -28,15 +31,15 @@ def cut_faces(body: Body) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArr
     if not fine:
         return mesh.vertices_m, faces, swatch
     points = _Points(weld(mesh.vertices_m)[faces])
-    near = np.isin(points.names, points.names[fine.faces]).sum(axis=1) > 1  # they share a side
+    near = np.isin(points.names, points.names[fine.faces]).sum(axis=1) > 1  # neighbours that share a side
     near[fine.faces] = False
     left = np.ones(len(faces), np.bool_)
     left[fine.faces] = left[near] = False
     plain = np.flatnonzero(near)
-    leaves = fine.corners()
-    table = np.unique(points.keys(fine.face, leaves))
+    subfaces = fine.corners()
+    table = np.unique(points.keys(fine.face, subfaces))
     face = np.concatenate([fine.face, plain]).astype(np.int64)
-    bary = np.concatenate([leaves, np.tile(np.eye(3), (len(plain), 1, 1))])
+    bary = np.concatenate([subfaces, np.tile(np.eye(3), (len(plain), 1, 1))])
     paint = np.concatenate([fine.paint, swatch[plain]]).astype(np.int16)
     done = []
     while len(face):
@@ -50,7 +53,7 @@ def cut_faces(body: Body) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArr
             corners[row, (edge + 2 - half) % 3] = middle[cut][row, edge]
         face, bary, paint = np.tile(face[cut], 2), np.concatenate(halves), np.tile(paint[cut], 2)
     face, bary, paint = (np.concatenate(column) for column in zip(*done, strict=True))
-    corner = faces[face[:, None], bary.argmax(axis=2)]  # of pieces' corners that are the face's own
+    corner = faces[face[:, None], bary.argmax(axis=2)]  # corners of the parts that are corners of the face
     new = bary.max(axis=2) < 1.0
     _, first, index = np.unique(points.keys(face, bary)[new], return_index=True, return_inverse=True)
     corner[new] = len(mesh.vertices_m) + index
@@ -63,19 +66,19 @@ def cut_faces(body: Body) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArr
 
 
 class _Points:
-    """Points of faces by a number each, the same for the same point on the side of two.
+    """Hashes of points on faces; a point on the common side of two faces has the same hash in both.
 
     Args:
-        names: (m, 3) of the faces' corners, the same at the same place.
+        names: welded vertices of the faces (m, 3), equal at equal positions.
     """
 
     def __init__(self, names: NDArray[np.int64]) -> None:
         self.names = names
 
     def keys(self, face: NDArray[np.integer[Any]], bary: NDArray[np.float64]) -> NDArray[np.uint64]:
-        """Of points (k, 3) by their barycentric coordinates (k, 3, 3), which are exact: parts of powers of two.
+        """Return the hashes of points (k, 3), given by exact barycentric coordinates (k, 3, 3): sums of powers of ½.
 
-        They are hashes: that two of 12 million points have one happens in one of 250,000 files.
+        A collision among 12 million points happens in one of 250,000 files.
         """
         named = np.where(bary > 0.0, self.names[face][:, None, :], -1)
         order = np.argsort(named, axis=2, kind="stable")

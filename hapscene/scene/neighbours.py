@@ -1,4 +1,4 @@
-"""The faces across the edges of each face of a mesh: where a proxy that leaves a face comes to."""
+"""Adjacency of the faces of a mesh: the contact solver uses it to move the proxy from face to face."""
 
 from typing import NamedTuple
 
@@ -11,23 +11,24 @@ __all__ = ["Neighbours", "neighbours_of"]
 
 
 class Neighbours(NamedTuple):
-    """The neighbours of a mesh's M faces."""
+    """Adjacency of the M faces of a mesh."""
 
-    # (M, 3) the face across edge k, from corner k to the next; −1 where there is not just one
+    # (M, 3) index of the face across edge k, which runs from corner k to corner k + 1; −1 if there is not exactly one
     beyond: NDArray[np.int32]
-    mixed: bool  # whether two are wound against each other
-    closed: bool  # whether every edge has two faces
+    mixed: bool  # whether two neighbours have opposite winding
+    closed: bool  # whether every edge has exactly two faces
 
 
 def neighbours_of(vertices_m: NDArray[np.float64], faces: NDArray[np.integer]) -> Neighbours:
-    """The faces across each edge; −1 at borders, where three faces meet or more, or the two wind differently.
+    """Compute the adjacency of faces.
 
-    Vertices at the same place count as one; a face with two corners there has no neighbours.
+    The entry is −1 at borders, at edges with three or more faces, and between faces with opposite winding. Vertices at
+    the same position count as one; faces that have two corners at the same position have no neighbours.
     """
     edges = edges_of(faces, weld(vertices_m))
     at = edges.start[edges.count == 2]
-    alike = edges.forward[at] != edges.forward[at + 1]
-    one, other = edges.order[at[alike]], edges.order[at[alike] + 1]
+    agree = edges.forward[at] != edges.forward[at + 1]
+    one, other = edges.order[at[agree]], edges.order[at[agree] + 1]
     beyond = np.full(3 * len(faces), -1, np.int32)
     beyond[one], beyond[other] = other // 3, one // 3
-    return Neighbours(beyond.reshape(-1, 3), not alike.all(), edges.closed)
+    return Neighbours(beyond.reshape(-1, 3), not agree.all(), edges.closed)

@@ -38,10 +38,10 @@ def scene_solid(scene: "Scene") -> Triangles:
 
 
 def _body_solid(body: "Body", colours: NDArray[np.float64]) -> Triangles:
-    mesh, X_WB, leaves = body.mesh, np.asarray(body.X_WB), body.fine or NO_LEAVES
-    whole = np.delete(np.arange(len(mesh.faces)), leaves.faces)  # faces that are not painted finer
-    face = np.concatenate((whole, leaves.face))
-    a, b, weight = parts(np.concatenate((body.face_swatch[whole], leaves.paint)))
+    mesh, X_WB, subfaces = body.mesh, np.asarray(body.X_WB), body.fine or NO_LEAVES
+    whole = np.delete(np.arange(len(mesh.faces)), subfaces.faces)  # faces that are not painted finer
+    face = np.concatenate((whole, subfaces.face))
+    a, b, weight = parts(np.concatenate((body.face_swatch[whole], subfaces.paint)))
     colour = (1 - weight)[:, None] * colours[a] + weight[:, None] * colours[b]
     if mesh.colour_rgb is not None:
         own, plain = mesh.colour_rgb[face], a == 0
@@ -50,7 +50,7 @@ def _body_solid(body: "Body", colours: NDArray[np.float64]) -> Triangles:
     vertices_m = mesh.vertices_m @ X_WB[:3, :3].T + X_WB[:3, 3]
     corner_m, normal = vertices_m[mesh.faces.ravel()], _corner_normals(mesh) @ X_WB[:3, :3].T
     if body.fine is not None:
-        corners = np.concatenate((np.broadcast_to(np.eye(3), (len(whole), 3, 3)), leaves.corners()))
+        corners = np.concatenate((np.broadcast_to(np.eye(3), (len(whole), 3, 3)), subfaces.corners()))
         corner_m = (corners @ corner_m.reshape(-1, 3, 3)[face]).reshape(-1, 3)
         normal = unit((corners @ normal.reshape(-1, 3, 3)[face]).reshape(-1, 3))
     return Triangles(corner_m, normal, np.repeat(linear_rgb(colour), 3, axis=0))

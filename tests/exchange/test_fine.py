@@ -11,7 +11,7 @@ import trimesh
 from hapscene.errors import SceneError
 from hapscene.exchange import export_scene, import_scene
 from hapscene.exchange.cut_faces import cut_faces
-from hapscene.exchange.swatch_payload import ExchangeWarning, fine_told, restore_fine
+from hapscene.exchange.swatch_payload import ExchangeWarning, fine_to_json, restore_fine
 from hapscene.scene.fine_paint import parts
 from hapscene.scene.region import Box, Sphere
 from hapscene.scene.scene import Scene
@@ -29,9 +29,9 @@ def fine() -> Scene:
     scene = Scene()
     box = scene.add(trimesh.creation.box((0.04, 0.03, 0.02)), name="box", unit="m", pose=turned(0.1), swatch="leather")
     twin = scene.add(box.mesh, name="twin")
-    scene.paint("box", "wood", Sphere((0.0, 0.0, 0.01), 0.004), finest_m=1e-3)
-    scene.paint("box", "paper", Sphere((0.02, 0.0, 0.0), 0.004), soft_m=0.004, finest_m=1e-3)
-    scene.paint("twin", "paper", Box((-0.03, -0.03, 0.0), (0.0, 0.03, 0.03)), finest_m=1e-3)
+    scene.paint("box", "wood", Sphere((0.0, 0.0, 0.01), 0.004), resolution_m=1e-3)
+    scene.paint("box", "paper", Sphere((0.02, 0.0, 0.0), 0.004), falloff_m=0.004, resolution_m=1e-3)
+    scene.paint("twin", "paper", Box((-0.03, -0.03, 0.0), (0.0, 0.03, 0.03)), resolution_m=1e-3)
     assert box.fine is not None and twin.fine is not None and parts(box.fine.paint)[2].any()
     return scene
 
@@ -70,7 +70,7 @@ def test_comes_back_whole(fine: Scene, tmp_path: Path) -> None:
 
 
 def test_of_changed_faces_stays_out(fine: Scene, tmp_path: Path) -> None:
-    told = fine_told(fine, fine.bodies[0])
+    told = fine_to_json(fine, fine.bodies[0])
     shuffled = Scene()
     body = shuffled.add(replace(fine.bodies[0].mesh, faces=fine.bodies[0].mesh.faces[::-1]), swatch="wood")
     for name in ("leather", "paper"):
@@ -89,7 +89,7 @@ def test_of_changed_faces_stays_out(fine: Scene, tmp_path: Path) -> None:
     ],
 )
 def test_damaged_is_refused(edit: Callable[[dict], object], fine: Scene) -> None:
-    told = fine_told(fine, fine.bodies[0])
+    told = fine_to_json(fine, fine.bodies[0])
     order = np.argsort(fine.bodies[0].face_swatch, kind="stable")
     mesh = replace(fine.bodies[0].mesh, faces=fine.bodies[0].mesh.faces[order])
     scene = Scene()
@@ -117,7 +117,7 @@ def test_cut_faces_cover_the_surface_without_a_crack(soup: bool, fine: Scene) ->
     assert cut.is_watertight and cut.is_winding_consistent  # each side of each piece is a side of just one other
     assert cut.area == pytest.approx(trimesh.Trimesh(body.mesh.vertices_m, body.mesh.faces).area, rel=1e-12)
     area_m2, leaves = np.bincount(swatch, cut.area_faces, 4), body.fine
-    heavier = np.bincount(parts(leaves.paint)[0], leaves.leaf_areas_m2(body.mesh), 4)
+    heavier = np.bincount(parts(leaves.paint)[0], leaves.areas_m2(body.mesh), 4)
     whole = np.setdiff1d(np.arange(12), leaves.faces)
     heavier += np.bincount(body.face_swatch[whole], trimesh.triangles.area(body.mesh.triangles_m[whole]), 4)
     np.testing.assert_allclose(area_m2, heavier, atol=1e-15)
@@ -135,7 +135,7 @@ def test_comes_back_as_cut_faces(suffix: str, fine: Scene, tmp_path: Path) -> No
 
 
 def test_body_whose_parent_is_gone_hangs_on_nothing(fine: Scene, tmp_path: Path) -> None:
-    fine.hang("box", "twin")
+    fine.attach("box", "twin")
     file = tmp_path / "a.gltf"
     export_scene(fine, file)
     assert import_scene(file).bodies[0].parent == "twin"

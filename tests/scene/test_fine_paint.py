@@ -17,8 +17,8 @@ from hapscene.scene.fine_paint import (
     NOTHING,
     blend,
     paint_faces,
+    paint_over,
     paint_region,
-    painted_over,
     parts,
     whole_faces,
 )
@@ -41,8 +41,8 @@ def area_m2(body, swatch):
     fine = body.fine or NOTHING
     a, b, w = parts(fine.paint)
     whole = np.setdiff1d(np.flatnonzero(body.face_swatch == swatch), fine.faces)
-    leaves = ((a == swatch) * (1 - w) + (b == swatch) * w) @ fine.leaf_areas_m2(body.mesh)
-    return leaves + whole_faces(whole, whole).leaf_areas_m2(body.mesh).sum()
+    leaves = ((a == swatch) * (1 - w) + (b == swatch) * w) @ fine.areas_m2(body.mesh)
+    return leaves + whole_faces(whole, whole).areas_m2(body.mesh).sum()
 
 
 def check(body):
@@ -54,7 +54,7 @@ def check(body):
         mine = fine.face == face
         assert start[mine][0] == 0 and (start[mine][1:] == (start + size)[mine][:-1]).all()
         assert (start + size)[mine][-1] == 1 << LEVEL_MAX
-    assert fine.is_sound() and len(fine.joined()) == len(fine)
+    assert fine.is_consistent() and len(fine.joined()) == len(fine)
     assert (np.diff(fine.face) >= 0).all()
     b = fine.corners()
     area = np.abs(np.linalg.det(b))  # of the face's, by its corners
@@ -67,30 +67,30 @@ def test_a_sphere_paints_a_disc_of_its_size_on_a_cube_of_twelve_triangles():
     assert scene.paint("cube", hapscene.Swatch("steel"), Sphere(CENTRE, RADIUS_M)) == 2
     check(body)
     assert area_m2(body, 1) == pytest.approx(math.pi * RADIUS_M**2, rel=1e-4)
-    assert body.fine.leaf_areas_m2(body.mesh).sum() == pytest.approx(SIDE_M**2)
+    assert body.fine.areas_m2(body.mesh).sum() == pytest.approx(SIDE_M**2)
     assert (body.face_swatch == 0).all()  # most of each side is still plain
     assert body.fine.nbytes < 1500 * 2 * math.pi * 1e3 * RADIUS_M  # bytes a millimetre of border
 
 
-@pytest.mark.parametrize("finest_m", [2e-4, 2e-3])
-def test_a_border_lies_within_the_finest_side_of_its_place(finest_m):
+@pytest.mark.parametrize("resolution_m", [2e-4, 2e-3])
+def test_a_border_lies_within_the_finest_side_of_its_place(resolution_m):
     _, body = cube()
     region = Tube([(-0.03, -0.02, 0.05), (0.0, 0.03, 0.05), (0.03, -0.01, 0.05)], 0.004)
-    paint_region(body, region, 1, finest_m=finest_m)
-    corners = body.fine.leaf_corners_m(body.mesh)
+    paint_region(body, region, 1, resolution_m=resolution_m)
+    corners = body.fine.corners_m(body.mesh)
     off_m = np.abs(region.distance_m(corners.mean(axis=1)))
     wrong = (region.distance_m(corners.reshape(-1, 3)).reshape(-1, 3) <= 0) != (body.fine.paint == 1)[:, None]
-    assert np.abs(region.distance_m(corners[wrong])).max() < finest_m
-    assert off_m.max() > 5 * finest_m  # and elsewhere the leaves are coarse
+    assert np.abs(region.distance_m(corners[wrong])).max() < resolution_m
+    assert off_m.max() > 5 * resolution_m  # and elsewhere the leaves are coarse
     side_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    assert side_m.min() > finest_m / 2.1 and side_m.max() > 8 * finest_m
+    assert side_m.min() > resolution_m / 2.1 and side_m.max() > 8 * resolution_m
 
 
 def test_painted_and_painted_back_leaves_nothing():
     _, body = cube()
     hit = paint_region(body, Sphere(CENTRE, RADIUS_M), 1)
     before = body.fine
-    paint_region(body, Sphere((0.0, 0.0, 0.06), 0.02), 2, soft_m=0.004, finest_m=5e-4)
+    paint_region(body, Sphere((0.0, 0.0, 0.06), 0.02), 2, falloff_m=0.004, resolution_m=5e-4)
     check(body)
     body.fine = body.fine.with_faces(hit, before.of_faces(hit))
     for mine, old in zip(body.fine.columns, before.columns, strict=True):
@@ -104,13 +104,13 @@ def test_painted_and_painted_back_leaves_nothing():
 
 def test_a_soft_border_goes_over_in_its_width_and_a_stroke_does_not_add_to_itself():
     _, body = cube()
-    soft_m = 0.006
-    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, soft_m=soft_m)
+    falloff_m = 0.006
+    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, falloff_m=falloff_m)
     check(body)
     # of the weight ½ − d / soft over the disc: π (r² + soft² / 12)
-    assert area_m2(body, 1) == pytest.approx(math.pi * (RADIUS_M**2 + soft_m**2 / 12), rel=1e-4)
+    assert area_m2(body, 1) == pytest.approx(math.pi * (RADIUS_M**2 + falloff_m**2 / 12), rel=1e-4)
     before = body.fine
-    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, soft_m=soft_m)
+    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, falloff_m=falloff_m)
     for mine, old in zip(body.fine.columns, before.columns, strict=True):
         np.testing.assert_array_equal(mine, old)
     rng = np.random.default_rng(1)
@@ -119,13 +119,13 @@ def test_a_soft_border_goes_over_in_its_width_and_a_stroke_does_not_add_to_itsel
         p = bary @ body.mesh.triangles_m[face]
         a, b, w = (x.item() for x in parts(body.fine.at(face, bary)))
         got = {a: 1 - w, b: w} if w else {a: 1.0}
-        wanted = float(np.clip(0.5 - (np.linalg.norm(p - CENTRE) - RADIUS_M) / soft_m, 0, 1))
+        wanted = float(np.clip(0.5 - (np.linalg.norm(p - CENTRE) - RADIUS_M) / falloff_m, 0, 1))
         assert got.get(1, 0.0) == pytest.approx(wanted, abs=0.07)
 
 
 def test_the_paint_at_a_point_is_that_of_the_leaf_around_it():
     _, body = cube()
-    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, finest_m=1e-3)
+    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, resolution_m=1e-3)
     rng, fine = np.random.default_rng(2), body.fine
     assert fine.at(0, (0.2, 0.3, 0.5)) is None
     corners = fine.corners()
@@ -135,12 +135,12 @@ def test_the_paint_at_a_point_is_that_of_the_leaf_around_it():
 
 def test_of_three_swatches_the_smallest_goes():
     half = blend(1, 2, 0.4)
-    over = painted_over(half[None], 3, np.array([0.3]))
+    over = paint_over(half[None], 3, np.array([0.3]))
     assert [x.item() for x in parts(over)] == pytest.approx([1, 3, 0.3 / (0.3 + 0.7 * 0.6)], abs=1 / 256)
-    assert painted_over(half[None], 3, np.array([0.1])) == half  # itself the smallest
-    assert painted_over(half[None], 2, np.array([0.2])) == half  # more already
-    assert [x.item() for x in parts(painted_over(half[None], 2, np.array([0.75])))] == [2, 1, 0.25]
-    assert painted_over(half[None], 3, np.array([1.0])) == 3 and blend(5, 5, 0.3) == 5
+    assert paint_over(half[None], 3, np.array([0.1])) == half  # itself the smallest
+    assert paint_over(half[None], 2, np.array([0.2])) == half  # more already
+    assert [x.item() for x in parts(paint_over(half[None], 2, np.array([0.75])))] == [2, 1, 0.25]
+    assert paint_over(half[None], 3, np.array([1.0])) == 3 and blend(5, 5, 0.3) == 5
     assert blend(4, 2, 0.5) == blend(2, 4, 0.5)
 
 
@@ -157,17 +157,17 @@ def test_only_the_faces_that_are_told_are_painted_and_opacity_is_a_blend_of_whol
 @pytest.mark.parametrize(
     ("setting", "field"),
     [
-        ({"finest_m": 0.0}, "finest_m"),
-        ({"soft_m": -1.0}, "soft_m"),
+        ({"resolution_m": 0.0}, "resolution_m"),
+        ({"falloff_m": -1.0}, "falloff_m"),
         ({"opacity": math.nan}, "opacity"),
-        ({"soft_m": "3 mm"}, "soft_m"),
-        ({"finest_m": [1e-3, 2e-3]}, "finest_m"),
-        ({"finest_m": 1e-7}, "4,000"),
+        ({"falloff_m": "3 mm"}, "falloff_m"),
+        ({"resolution_m": [1e-3, 2e-3]}, "resolution_m"),
+        ({"resolution_m": 1e-7}, "4,000"),
     ],
 )
 def test_bad_numbers(setting, field, monkeypatch):
     _, body = cube()
-    monkeypatch.setattr("hapscene.scene.fine_paint.LEAF_MAX", 4000)
+    monkeypatch.setattr("hapscene.scene.fine_paint.SUBFACE_MAX", 4000)
     with pytest.raises(SceneError, match=field):
         paint_region(body, Sphere(CENTRE, RADIUS_M), 1, **setting)
     assert body.fine is None
@@ -175,8 +175,8 @@ def test_bad_numbers(setting, field, monkeypatch):
 
 def test_a_soft_border_needs_a_region_of_space():
     scene, _ = cube()
-    with pytest.raises(SceneError, match="soft_m"):
-        scene.paint("cube", "wood", [1, 2], soft_m=0.01)
+    with pytest.raises(SceneError, match="falloff_m"):
+        scene.paint("cube", "wood", [1, 2], falloff_m=0.01)
 
 
 @pytest.mark.parametrize(
@@ -198,8 +198,8 @@ def test_distances_change_no_faster_than_the_way_and_are_negative_within(region)
 
 def saved(tmp_path):
     scene, body = cube()
-    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, finest_m=1e-3)
-    paint_region(body, Sphere((0.05, 0, 0), 0.02), 2, soft_m=0.01, finest_m=1e-3)
+    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, resolution_m=1e-3)
+    paint_region(body, Sphere((0.05, 0, 0), 0.02), 2, falloff_m=0.01, resolution_m=1e-3)
     path = tmp_path / "my.scene.json"
     scene.save(path)
     return scene, path
@@ -281,7 +281,7 @@ def test_invalid_fine_paint_is_refused_in_one_line(tmp_path, change):
 
 def test_the_leaves_of_a_whole_scene_are_bounded(tmp_path):
     _, body = cube()
-    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, finest_m=1e-3)
+    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, resolution_m=1e-3)
     told = encode_fine(body.fine)
     assert len(decode_fine(told, 12, [0, 1, 2, 3], len(body.fine))) == len(body.fine)
     with pytest.raises(ValueError):
@@ -298,9 +298,9 @@ def test_unsorted_leaves_of_two_strokes_at_random_are_always_sound():
             body,
             Tube(at, rng.uniform(0.002, 0.02)),
             int(rng.integers(0, 4)),
-            soft_m=float(rng.choice([0, 0.01])),
+            falloff_m=float(rng.choice([0, 0.01])),
             opacity=float(rng.choice([0.5, 1.0])),
-            finest_m=5e-4,
+            resolution_m=5e-4,
         )
         if body.fine is not None:
             check(body)

@@ -50,7 +50,6 @@ SLIVER = Mesh(
     np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0], [0.5, 1, 0.0]]), np.array([[0, 1, 2], [1, 3, 2], [3, 0, 2]])
 )
 INWARD = F[:, ::-1]
-SHIFT = np.array([0.05, 0, 0])  # exactly to the middle: edges meet edges
 
 BROKEN = {
     "whole": (Mesh(V, F), {}),
@@ -68,7 +67,6 @@ BROKEN = {
     "sliver": (SLIVER, {"slivers": 1, "open_edges": 3}),
     "cavity": (joined((V, F), (V * 0.5, F[:, ::-1])), {}),
     "cavity with a solid inside out": (joined((V, F), (V * 0.6, INWARD), (V * 0.3, INWARD)), {"inside_out": 1280}),
-    "two that cross": (joined((V, F), (V + SHIFT, F)), {"self_intersections": None}),
 }
 
 

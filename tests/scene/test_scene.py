@@ -92,7 +92,7 @@ def test_painting_by_all_group_faces_mask_and_region(tmp_path):
     assert scene.paint("box", SLATE, "lid") == 4 and body.face_swatch.tolist() == [1] * 8 + [2] * 4
     assert scene.paint("box", PLAIN, [0, 3, 3]) == 2 and body.face_swatch[[0, 3]].tolist() == [0, 0]
     assert scene.paint("box", SLATE, np.arange(12) < 2) == 2
-    assert scene.paint("box", OAK, PlaneSide((0, 0, 0.04), (0, 0, 1)), finest_m=math.inf) == 2
+    assert scene.paint("box", OAK, PlaneSide((0, 0, 0.04), (0, 0, 1)), resolution_m=math.inf) == 2
     assert (body.face_swatch[mesh.normals[:, 2] > 0.9] == 1).all()
     assert scene.paint("box", OAK, []) == 0
     assert scene.swatches == [PLAIN, OAK, SLATE]
@@ -188,8 +188,8 @@ def test_what_hangs_on_a_body_goes_where_it_goes():
     for name in "abcd":
         scene.add(mesh, name=name)
     scene.pose("b", translated(0.0, 1.0, 0.0))
-    scene.hang("b", "a")
-    scene.hang("c", "b")
+    scene.attach("b", "a")
+    scene.attach("c", "b")
     quarter = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     scene.pose("a", quarter)
     np.testing.assert_allclose(scene.body("b").X_WB[:3, 3], (-1.0, 0.0, 0.0), atol=1e-15)
@@ -198,7 +198,7 @@ def test_what_hangs_on_a_body_goes_where_it_goes():
     assert scene.copy().body("c").parent == "b"
     for parent in ("a", "b", "c"):
         with pytest.raises(SceneError):
-            scene.hang("a", parent)
+            scene.attach("a", parent)
     scene.body("a").parent = "c"  # by hand: no pose goes round in circles
     scene.pose("a", np.eye(4))
 

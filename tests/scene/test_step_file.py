@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import MeshError
-from hapscene.scene.step_file import faces_in, promised_by
+from hapscene.scene.step_file import declared_by, faces_in
 
 STATEMENTS = """#1=CARTESIAN_POINT('a; #99 /* no comment */',(0.,0.,0.));
 #2=VERTEX_POINT('',#1);
@@ -15,7 +15,7 @@ STATEMENTS = """#1=CARTESIAN_POINT('a; #99 /* no comment */',(0.,0.,0.));
 
 
 def promised(statements: str):
-    return promised_by(
+    return declared_by(
         f"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n{statements}ENDSEC;\nEND-ISO-10303-21;\n".encode(), "x"
     )
 
@@ -49,7 +49,7 @@ def test_a_statement_that_no_other_names_is_doubtful() -> None:
 @pytest.mark.parametrize("content", [b"solid x", b"ISO-10303-21;\nHEADER;\n"])
 def test_other_and_truncated_files_are_refused(content: bytes) -> None:
     with pytest.raises(MeshError, match="part"):
-        promised_by(content, "part.step")
+        declared_by(content, "part.step")
 
 
 def test_faces_are_counted_by_their_own_vertices() -> None:

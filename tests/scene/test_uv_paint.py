@@ -94,7 +94,7 @@ def test_a_picture_lies_upright_and_is_as_sharp_as_a_texel() -> None:
     assert at(1, 19) == 2 and at(19, 19) == 1 and at(1, 1) == 1
     for y_mm in (15.5, 17.0, 19.5):
         assert at(12.5 - 0.51 * texel_mm, y_mm) == 2 and at(12.5 + 0.51 * texel_mm, y_mm) == 1
-    areas = body.fine.leaf_areas_m2(body.mesh)[parts(body.fine.paint)[0] == 2].sum()
+    areas = body.fine.areas_m2(body.mesh)[parts(body.fine.paint)[0] == 2].sum()
     assert areas == pytest.approx(0.0125 * 0.005, rel=0.02)
 
 
@@ -106,7 +106,7 @@ def test_greys_blend_what_black_and_white_mean() -> None:
     assert body.fine is not None
     first, second, weight = parts(body.fine.paint)
     of_white = np.where(first == 2, 1 - weight, np.where((second == 2) & (weight > 0), weight, 0))
-    x = (body.fine.leaf_corners_m(body.mesh).mean(axis=1) / 0.02)[:, 0]
+    x = (body.fine.corners_m(body.mesh).mean(axis=1) / 0.02)[:, 0]
     assert np.abs(of_white - x).max() < 1 / 32 + 1 / 64
     out = picture_of(scene, body, legend, (64, 64))
     assert np.abs(out[..., 0].astype(int) - grey).max() <= 8  # a step of 3 %
@@ -184,7 +184,7 @@ def test_texture_coordinates_that_go_round_repeat_the_picture() -> None:
     which[:, 8:] = 1
     paint_picture(body, paint_of(picture(which), LEGEND))
     assert body.fine is not None
-    x = body.fine.leaf_corners_m(body.mesh).mean(axis=1)[:, 0] / 0.02
+    x = body.fine.corners_m(body.mesh).mean(axis=1)[:, 0] / 0.02
     assert (parts(body.fine.paint)[0] == np.where(3 * x % 1 < 0.5, 1, 2)).all()
 
 

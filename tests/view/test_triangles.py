@@ -91,7 +91,7 @@ def test_paint_finer_than_faces_is_drawn_where_it_is() -> None:
     scene = Scene()
     scene.add(trimesh.creation.box((0.04, 0.04, 0.04)), name="cube", unit="m", swatch="wood")
     whole = scene_solid(scene)
-    scene.paint("cube", "leather", Sphere((0.0, 0.0, 0.02), 0.01), soft_m=0.002)
+    scene.paint("cube", "leather", Sphere((0.0, 0.0, 0.02), 0.01), falloff_m=0.002)
     solid = scene_solid(scene)
     assert surface_of(solid) == pytest.approx(surface_of(whole), rel=1e-12)
     colours = np.unique(solid.colour.round(9), axis=0)

@@ -1,8 +1,6 @@
 """A serial port, drained by a thread that does nothing else: a slow disk or terminal costs no samples."""
 
-import argparse
 import errno
-import math
 import os
 import queue
 import threading
@@ -12,7 +10,7 @@ from typing import Any, Final
 from hapscene.errors import CaptureError
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["BAUD", "LUMP_S", "POLL_S", "DrainedPort", "Port", "simulated_port", "simulator_parser"]
+__all__ = ["BAUD", "LUMP_S", "POLL_S", "DrainedPort", "Port"]
 
 BAUD: Final = 921_600
 """Default speed of a port [bit/s]: the highest that all common USB bridges do; 5 kHz of one column fit through."""
@@ -102,28 +100,3 @@ def _ports() -> str:
 
     names = sorted(port.device for port in comports())
     return f"; there are: {', '.join(names)}" if names else "; no serial port is there"
-
-
-# A port without hardware: the two simulators' own, a pseudo-terminal.
-
-
-def simulator_parser(module: str, description: str | None, rate_Hz: float) -> argparse.ArgumentParser:
-    """The options of a simulated board, `python -m module`: --rate, --seconds, --seed."""
-    parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
-    parser.add_argument("--rate", type=float, default=rate_Hz, metavar="HZ", help="samples a second (%(default)g)")
-    parser.add_argument("--seconds", type=float, default=math.inf, help="how long it runs (default: until Ctrl-C)")
-    parser.add_argument("--seed", type=int, default=0, help="of what is random (default 0)")
-    return parser
-
-
-def simulated_port(parser: argparse.ArgumentParser) -> int:
-    """A board's end of a new port, not blocking; the name of the other end is printed."""
-    if not hasattr(os, "openpty"):
-        parser.error("a simulated port needs pseudo-terminals: Linux or macOS")
-    import tty
-
-    ours, theirs = os.openpty()
-    tty.setraw(theirs)
-    os.set_blocking(ours, False)
-    print(os.ttyname(theirs), flush=True)
-    return ours

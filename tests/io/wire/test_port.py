@@ -6,7 +6,8 @@ from collections.abc import Iterator
 import pytest
 
 from hapscene.errors import CaptureError
-from hapscene.io.wire.port import BAUD, Port, simulated_port, simulator_parser
+from hapscene.io.wire.port import BAUD, Port
+from tests.simulated_port import simulated_port, simulator_parser
 from tests.virtual_clock import PATIENCE_S, VirtualClock
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")

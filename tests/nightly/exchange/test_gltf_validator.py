@@ -24,7 +24,7 @@ Promise.all(files.map(file => require(package).validateBytes(new Uint8Array(fs.r
 @pytest.mark.skipif(not PACKAGE.exists(), reason="no gltf-validator here: make system, which needs npm")
 def test_validator_finds_no_error(scene: Scene, shared: Path, tmp_path: Path) -> None:
     body = scene.bodies[0].name
-    scene.paint(body, "paper", Sphere((0.0, 0.0, 0.03), 0.01), finest_m=2e-3, soft_m=0.005)
+    scene.paint(body, "paper", Sphere((0.0, 0.0, 0.03), 0.01), resolution_m=2e-3, falloff_m=0.005)
     own = ("a.glb", "a.gltf")
     for file in own:
         export_scene(scene, tmp_path / file)

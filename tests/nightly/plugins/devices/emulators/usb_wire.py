@@ -12,7 +12,7 @@ from contextlib import suppress
 
 from usb.core import USBError, USBTimeoutError
 
-from hapscene.io.wire.usb_board import UsbBoard
+from tests.usb_device import UsbDevice
 
 HEAD = struct.Struct("<BBBHI")
 CONTROL, WRITE, READ, DESCRIBE, CONFIGURE = range(5)
@@ -55,7 +55,7 @@ def _answer(emulator, wire):
         wire.send(bytes([status]) + data)
 
 
-class Backend(UsbBoard):
+class Backend(UsbDevice):
     """The device at the other end."""
 
     def __init__(self):
