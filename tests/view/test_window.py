@@ -13,7 +13,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.view.figure_parts import TOOL, make_figure_parts
 from hapscene.view.palette import LIGHT
-from hapscene.view.window import Player, check_display, felt, play_in_window
+from hapscene.view.window import Player, check_display, play_in_window, with_hand
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +56,6 @@ def test_player_keeps_the_touch_s_own_time(scene: Scene, recording: Recording) -
 def test_closed_loop_is_shown_as_it_truly_went(tmp_path: Path, recording: Recording) -> None:
     p_W_m, f_motor_W_N = recording.p_WT_m + 1e-4, recording.f_W_N * 0.9
     np.savez(tmp_path / "hand.npz", p_W_m=p_W_m, f_motor_W_N=f_motor_W_N)
-    true = felt(recording, tmp_path / "hand.npz")
+    true = with_hand(recording, tmp_path / "hand.npz")
     assert np.array_equal(true.p_WT_m, p_W_m) and np.array_equal(true.f_W_N, f_motor_W_N)
     assert np.array_equal(true.p_WP_m, recording.p_WP_m)

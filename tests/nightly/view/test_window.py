@@ -119,7 +119,7 @@ def wait_for(seen: Callable[[], bool], process: "subprocess.Popen[str]") -> None
 
 def shows_the_touch(display: str) -> bool:
     pixels = screenshot(display)
-    green = np.abs(pixels[220:] - rgb(FORCE) * 255).max(axis=2) < 60  # below the legend
+    green = np.abs(pixels - rgb(FORCE) * 255).max(axis=2) < 60  # the force arrow
     orange = (pixels[..., 0] > 180) & (pixels[..., 2] < 60)
     grey = (pixels == np.round(rgb(LIGHT.background) * 255)).all(axis=2)
     return bool(green.sum() > 30 and orange.sum() > 5000 and grey.mean() > 0.3)
