@@ -9,7 +9,7 @@ export_scene(scene, "painted.glb")
 scene = import_scene("painted.glb")
 ```
 
-docs/exchange.md lists what each format preserves, as measured by round trips.
+docs/exchange.md has a table of what each format preserves.
 """
 
 import lazy_loader

@@ -1,7 +1,7 @@
 """Conversion of subdivided faces to separate faces, for formats that have one colour per face: PLY and OBJ.
 
 The result has no cracks: a part is cut further where a neighbour has a vertex on its side. Each cut bisects a side
-(`hapscene.scene.fine_paint`), so such a vertex is the midpoint of the side or of a half of it.
+(`hapscene.scene.fine_paint`), so such a vertex is the midpoint of the side or of one of its halves.
 """
 
 from dataclasses import replace

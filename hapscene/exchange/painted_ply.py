@@ -127,11 +127,11 @@ def read_ply(path: Path) -> Scene | None:
 
 def _rows(path: Path, line: str, count: int) -> tuple[list[float], str]:
     """Parse the numbers and the name in a comment line."""
-    words = line.split(" ", 4 + count)[4:]
+    tokens = line.split(" ", 4 + count)[4:]
     try:
-        if len(words) != count + 1:
+        if len(tokens) != count + 1:
             raise ValueError
-        return [finite(word) for word in words[:count]], words[count]
+        return [finite(word) for word in tokens[:count]], tokens[count]
     except ValueError:
         raise SceneError(f"{path}: {line[:60]!r}: expected {count} numbers and a name") from None
 

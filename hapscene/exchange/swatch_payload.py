@@ -72,7 +72,7 @@ def text_of(swatch: Swatch) -> str | None:
 
 
 def known_swatch(name: str) -> Swatch | None:
-    """Return the swatch with this name from the library; None if there is none. A name never opens another file."""
+    """Return the swatch with this name from the library; None if it is unknown. A name never opens another file."""
     if name == PLAIN.name:
         return PLAIN
     if "/" in name or "\\" in name or os.sep in name or name.endswith(SUFFIX):
@@ -204,7 +204,7 @@ def join(pieces: Sequence[Piece]) -> tuple[NDArray[np.float64], NDArray[np.int64
 
 
 def fine_to_json(scene: Scene, body: Body) -> dict[str, Any] | None:
-    """Encode the paint of subdivided faces, with faces in the order of `pieces_of`; None if there are none."""
+    """Encode the paint of subdivided faces, with faces in the order of `pieces_of`; None without subdivided faces."""
     if body.fine is None:
         return None
     order = np.argsort(body.face_swatch, kind="stable")

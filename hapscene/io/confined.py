@@ -62,7 +62,7 @@ class Answer(NamedTuple):
     """Result of a reader: arrays by name, and what the native code printed."""
 
     arrays: Mapping[str, NDArray[Any]]
-    said: str
+    output: str
 
 
 def confined(
@@ -106,7 +106,7 @@ def confined(
     assert process.stdout is not None and process.stderr is not None
     start_s, most_s = time.monotonic(), CLOCK_RATIO * time_s
     watch = threading.Timer(most_s, process.kill)
-    said = _Tail(process.stderr)
+    tail = _Tail(process.stderr)
     try:
         watch.start()
         refused, arrays = _answer(process.stdout, output_B)
@@ -115,10 +115,10 @@ def confined(
         watch.cancel()
         process.kill()
         process.wait()
-        said.end()
+        tail.end()
         process.stdout.close()
         process.stderr.close()
-    text = said.text()
+    text = tail.text()
     if refused is not None:
         raise FormatError(refused)
     if code == -_SIGXCPU or (code != 0 and time.monotonic() - start_s >= most_s):

@@ -23,7 +23,7 @@ class Body:
         face_swatch: index into `Scene.swatches` for each face (M,); for a subdivided face, the swatch with the largest
             area.
         made_of: the swatch of the whole body before painting, which an eraser restores; None if unknown.
-        fine: paint of the subdivided faces; None if there are none. `paint_faces` and `paint_region` update it.
+        fine: paint of the subdivided faces; None if no face is subdivided. `paint_faces` and `paint_region` update it.
         parent: name of the body that this one is attached to and moves with; None if it is not attached.
     """
 

@@ -33,11 +33,11 @@ def read_obj(content: bytes, where: str, resolver: Any) -> Part:
     """
     reader = _Reader(where)
     unknown: list[str] = []
-    for reader.line, words in _lines(content, where):
-        if words and (read := _READ.get(words[0])):
-            read(reader, words[1:])
-        elif words and words[0] not in _IGNORED and words[0][0] != "#":
-            unknown.append(f"line {reader.line}, {printable(words[0], 40)!r}")
+    for reader.line, tokens in _lines(content, where):
+        if tokens and (read := _READ.get(tokens[0])):
+            read(reader, tokens[1:])
+        elif tokens and tokens[0] not in _IGNORED and tokens[0][0] != "#":
+            unknown.append(f"line {reader.line}, {printable(tokens[0], 40)!r}")
     if unknown:
         warn(f"{where}: skipped {len(unknown):,} unknown OBJ statements, the first in {unknown[0]}", MeshWarning)
     group = np.asarray(reader.group)
@@ -50,7 +50,7 @@ LINE_MAX: Final = 1_000_000
 
 
 def _lines(content: bytes, where: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line number and the words of each line; a backslash at the end joins lines.
+    """Yield the line number and the tokens of each line; a backslash at the end joins lines.
 
     Raises:
         MeshError: a line is longer than `LINE_MAX`.
@@ -98,15 +98,15 @@ class _Reader:
                 self.material_of.append(self.material or None)
         return self.current
 
-    def numbers(self, words: list[str], start: int, end: int, expected: str) -> list[float]:
-        """Parse the words from `start` to `end` of a line as numbers."""
+    def numbers(self, tokens: list[str], start: int, end: int, expected: str) -> list[float]:
+        """Parse the tokens from `start` to `end` of a line as numbers."""
         try:
-            found = [float(word) for word in words[start:end]]
+            found = [float(word) for word in tokens[start:end]]
             if len(found) == end - start:
                 return found
         except ValueError:
             pass
-        raise self.fail(f"expected {expected}, not {' '.join(words)[:60]!r}")
+        raise self.fail(f"expected {expected}, not {' '.join(tokens)[:60]!r}")
 
     def pad(self) -> None:
         """Mark faces before the first texture coordinate as having none."""
@@ -117,28 +117,28 @@ class _Reader:
         return MeshError(f"{self.where}, line {self.line}: {problem}")
 
 
-def _vertex(reader: _Reader, words: list[str]) -> None:
-    reader.v.extend(reader.numbers(words, 0, 3, "three numbers after 'v'"))
-    if len(words) >= 6:
-        reader.rgb.extend(reader.numbers(words, 3, 6, "a colour after the position"))
+def _vertex(reader: _Reader, tokens: list[str]) -> None:
+    reader.v.extend(reader.numbers(tokens, 0, 3, "three numbers after 'v'"))
+    if len(tokens) >= 6:
+        reader.rgb.extend(reader.numbers(tokens, 3, 6, "a colour after the position"))
 
 
-def _texture(reader: _Reader, words: list[str]) -> None:
-    u, *v = reader.numbers(words, 0, 2 if len(words) > 1 else 1, "two numbers after 'vt'")
+def _texture(reader: _Reader, tokens: list[str]) -> None:
+    u, *v = reader.numbers(tokens, 0, 2 if len(tokens) > 1 else 1, "two numbers after 'vt'")
     reader.vt.extend([u, *v] if v else [u, 0.0])
 
 
-def _normal(reader: _Reader, words: list[str]) -> None:
+def _normal(reader: _Reader, tokens: list[str]) -> None:
     """Check a vertex normal, which is not used: the end of a truncated file may be in such a line."""
-    reader.numbers(words, 0, 3, "three numbers after 'vn'")
+    reader.numbers(tokens, 0, 3, "three numbers after 'vn'")
 
 
-def _face(reader: _Reader, words: list[str]) -> None:
-    if len(words) < 3:
-        raise reader.fail(f"expected a face with at least three corners, not {' '.join(words)[:60]!r}")
+def _face(reader: _Reader, tokens: list[str]) -> None:
+    if len(tokens) < 3:
+        raise reader.fail(f"expected a face with at least three corners, not {' '.join(tokens)[:60]!r}")
     corners, textures = [], []
     vertex_count, texture_count = len(reader.v) // 3, len(reader.vt) // 2
-    for word in words:
+    for word in tokens:
         fields = word.split("/")
         corners.append(_index(reader, fields[0], vertex_count, "vertex"))
         has_texture = len(fields) > 1 and fields[1] and reader.vt
@@ -146,9 +146,9 @@ def _face(reader: _Reader, words: list[str]) -> None:
     group = reader.name()
     if reader.vt:  # the file has texture coordinates
         reader.pad()
-        for i in range(1, len(words) - 1):
+        for i in range(1, len(tokens) - 1):
             reader.f_vt.extend((textures[0], textures[i], textures[i + 1]))
-    for i in range(1, len(words) - 1):
+    for i in range(1, len(tokens) - 1):
         reader.f.extend((corners[0], corners[i], corners[i + 1]))
         reader.group.append(group)
 
@@ -166,15 +166,15 @@ def _index(reader: _Reader, word: str, count: int, what: str) -> int:
 
 
 def _named(attribute: str) -> Any:
-    def read(reader: _Reader, words: list[str]) -> None:
-        setattr(reader, attribute, " ".join(words))
+    def read(reader: _Reader, tokens: list[str]) -> None:
+        setattr(reader, attribute, " ".join(tokens))
         reader.current = None
 
     return read
 
 
-def _library(reader: _Reader, words: list[str]) -> None:
-    reader.mtllib.append(" ".join(words))
+def _library(reader: _Reader, tokens: list[str]) -> None:
+    reader.mtllib.append(" ".join(tokens))
 
 
 _READ = {

@@ -62,7 +62,7 @@ def step_glb(content: bytes, where: str) -> tuple[bytes, list[str]]:
             time_s=TIME_S[0] + TIME_S[1] * len(content),
             imports=["cascadio"],
         )
-    errors = _errors(answer.said)
+    errors = _errors(answer.output)
     return answer.arrays["glb"].tobytes(), [f"Open CASCADE reports {errors!r}"] if errors else []
 
 
@@ -126,12 +126,12 @@ def declared_by(content: bytes, where: str) -> Declared:
     damage, doubts = [], []
     if b"END-ISO-10303-21" not in text[-1000:]:
         damage.append("an unterminated comment")
-    odd = sum(
+    incomplete = sum(
         not _WHOLE.fullmatch(statement) or statement.count(b"(") != statement.count(b")") or statement.count(b"=") > 1
         for statement in statements
     ) + sum(bool(section[-1].strip()) for section in sections)
-    if odd:
-        damage.append(f"{odd:,} incomplete statements")
+    if incomplete:
+        damage.append(f"{incomplete:,} incomplete statements")
     defined, named = (_numbers(pattern, text) for pattern in (_DEFINED, _NAMED))
     if twice := len(defined) - len(known := np.unique(defined)):
         damage.append(f"{twice:,} duplicate statements")

@@ -228,11 +228,11 @@ def paint_of(picture: NDArray[np.uint8], legend: Legend) -> NDArray[np.int64]:
     clear = picture[..., 3] < 128
     count = np.bincount(place.ravel(), ~clear.ravel()) * (away_least > FAR)
     if count.sum() > FAR_SHARE * clear.size:
-        odd = "#{:02x}{:02x}{:02x}".format(*colours[count.argmax()].astype(int))
-        meant = ", ".join("#{:02x}{:02x}{:02x}".format(*colour) for colour in list(legend)[:8])
+        outlier = "#{:02x}{:02x}{:02x}".format(*colours[count.argmax()].astype(int))
+        known_colours = ", ".join("#{:02x}{:02x}{:02x}".format(*colour) for colour in list(legend)[:8])
         raise SceneError(
-            f"colour {odd} is far from all colours of the legend ({meant}): use those colours, or add it to the "
-            f'legend file beside the image, as {{"{odd}": "wood"}}'
+            f"colour {outlier} is far from all colours of the legend ({known_colours}): use those colours, or add "
+            f'it to the legend file beside the image, as {{"{outlier}": "wood"}}'
         )
     return np.where(clear, -1, paint[place].reshape(packed.shape))
 
@@ -432,12 +432,12 @@ def save_picture(scene: "Scene", body: "Body", path: Path, size: tuple[int, int]
     files = {path: content.getvalue()}
     for colour, index in legend.items():
         swatch, source = scene.swatches[index], scene.swatch_source[index]
-        meant: Any = swatch.name
+        entry: Any = swatch.name
         if not isinstance(source, str):  # not in the library, so the file goes beside the image
             plain = re.sub(r"[^\w.-]+", "_", swatch.name)[:40]
-            meant = {"swatch": swatch.name, "file": f"{path.stem}.{plain}.swatch"}
-            files[path.with_name(meant["file"])] = swatch_to_bytes(swatch)
-        entries["#{:02x}{:02x}{:02x}".format(*colour)] = meant
+            entry = {"swatch": swatch.name, "file": f"{path.stem}.{plain}.swatch"}
+            files[path.with_name(entry["file"])] = swatch_to_bytes(swatch)
+        entries["#{:02x}{:02x}{:02x}".format(*colour)] = entry
     files[path.with_suffix(".json")] = (json.dumps(entries, indent=2, ensure_ascii=False) + "\n").encode()
     for file, data in files.items():
         write_whole(file, data, SceneError)

@@ -75,7 +75,7 @@ def test_gives_arrays_and_what_was_printed() -> None:
     assert answer.arrays["numbers"].tolist() == [0.5, 1.0, 1.5]
     assert answer.arrays["none"].shape == (0, 3)
     assert answer.arrays["word"] == "mm"
-    assert answer.said == "native words"
+    assert answer.output == "native words"
 
 
 @pytest.mark.nightly
@@ -105,6 +105,6 @@ def test_a_reader_that_does_not_end_is_stopped(how: str) -> None:
 
 
 def test_what_it_prints_is_shown_without_escapes() -> None:
-    assert _run(give, 1.0).said == "native words"
+    assert _run(give, 1.0).output == "native words"
     with pytest.raises(FormatError, match=r"red \\x07$"):
         _run(misbehave, "colour")

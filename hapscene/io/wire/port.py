@@ -39,7 +39,7 @@ class DrainedPort:
         raise NotImplementedError
 
     def next(self) -> tuple[bytes, float] | str | None:
-        """Return data and time; None if there was none for `POLL_S`; the reason, as a string, if the port is lost."""
+        """Return data and arrival time; None if nothing arrived within `POLL_S`; a reason if the port is lost."""
         with suppress(queue.Empty):
             return self._pieces.get(timeout=POLL_S)
         return None

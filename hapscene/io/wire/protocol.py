@@ -125,16 +125,16 @@ def read_header(line: bytes) -> Header | None:
     body, _, crc = line.rpartition(b"*")
     if not body.startswith(MAGIC + b" ") or not _matches(body, crc):
         return None
-    words = body.decode("utf-8", "replace").split()
-    if words[1] != str(VERSION):
+    tokens = body.decode("utf-8", "replace").split()
+    if tokens[1] != str(VERSION):
         raise CaptureError(
-            f"the probe uses protocol version {words[1][:20]}, expected version {VERSION}: update its firmware or "
+            f"the probe uses protocol version {tokens[1][:20]}, expected version {VERSION}: update its firmware or "
             "hapscene"
         )
-    fields = dict(word.partition("=")[::2] for word in words[2:])
+    fields = dict(word.partition("=")[::2] for word in tokens[2:])
     rate_Hz = _number(fields.get("rate", ""))
     if not 1.0 <= rate_Hz <= 1e6:
-        raise CaptureError(f"invalid header of the probe: expected rate=HZ from 1 to 1e6, found {words[2:]}")
+        raise CaptureError(f"invalid header of the probe: expected rate=HZ from 1 to 1e6, found {tokens[2:]}")
     return Header(rate_Hz, _columns(fields.get("columns", "")))
 
 
