@@ -45,7 +45,10 @@ def write_ply(scene: Scene, path: Path) -> list[Path]:
     """
     for what, named in (("body", scene.bodies), ("swatch", scene.swatches)):
         for name in (one.name for one in named if _END in one.name):
-            raise SceneError(f"{path}: invalid name of a {what}, {name!r}: rename it, or export to .glb")
+            raise SceneError(
+                f"{path}: the name of {what} {name!r} contains {_END}, the end mark of a PLY header: rename it, or "
+                "export to .glb"
+            )
     if len(scene.swatches) > SWATCH_MAX:
         raise SceneError(f"{path}: {len(scene.swatches):,} swatches, at most {SWATCH_MAX:,} fit in a PLY file")
     cut = [cut_faces(body) for body in scene.bodies]

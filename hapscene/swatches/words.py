@@ -38,17 +38,14 @@ def phrases(swatch: Swatch) -> tuple[Phrase, ...]:
     found = figures(swatch)
     (hard,) = words({"stiffness_N_m": swatch.stiffness_N_m})
     (slick,) = words({"friction_dynamic": swatch.friction_dynamic})
-    friction = f"µ {swatch.friction_dynamic:.2g}, {swatch.friction_static:.2g} at rest"
+    # an assumed friction must not be described as if it were measured: the default 0 would be "slippery"
+    slick = "friction not measured" if "friction_dynamic" in swatch.absent else slick
     return (
-        _scalar(swatch, "hardness", "stiffness_N_m", hard, f"{swatch.stiffness_N_m:.3g} N/m"),
+        Phrase("hardness", hard, f"{swatch.stiffness_N_m:.3g} N/m"),
         _texture(swatch, found),
-        _scalar(swatch, "friction", "friction_dynamic", slick, friction),
+        Phrase("friction", slick, f"µ {swatch.friction_dynamic:.2g}, {swatch.friction_static:.2g} at rest"),
         _taps(swatch, found),
     )
-
-
-def _scalar(swatch: Swatch, quality: str, name: str, word: str, figure: str) -> Phrase:
-    return Phrase(quality, f"{quality} not measured" if name in swatch.absent else word, figure)
 
 
 def _texture(swatch: Swatch, found: dict[str, float]) -> Phrase:

@@ -76,7 +76,7 @@ def test_no_export_takes_the_place_of_a_mesh_of_the_scene(desk: Path, capsys: py
     (mesh,) = desk.parent.glob("desk.tetra.*.ply")
     before = mesh.read_bytes()
     assert main(["convert", str(desk), str(mesh), "--replace"]) == 2
-    assert "is a mesh that a scene is made of, so it stays; take another name" in capsys.readouterr().err
+    assert "is a mesh of a scene and cannot be replaced" in capsys.readouterr().err
     assert mesh.read_bytes() == before
     plain = desk.with_name("tetra.ply")
     plain.write_bytes(before)

@@ -132,8 +132,8 @@ def test_data_before_the_header_is_ignored() -> None:
         (b"#hapscene-probe 1 columns=a:g:1", "rate=HZ"),
         (b"#hapscene-probe 1 rate=1000 columns=a:g", "NAME:UNIT:SCALE"),
         (b"#hapscene-probe 1 rate=1000 columns=a:g:0", "NAME:UNIT:SCALE"),
-        (b"#hapscene-probe 1 rate=1000 columns=a:g:1,a:g:1", "distinct",
-        (b"#hapscene-probe 1 rate=1000 columns=" + b",".join(b"a%d:g:1" % i for i in range(17)), "16",
+        (b"#hapscene-probe 1 rate=1000 columns=a:g:1,a:g:1", "distinct"),
+        (b"#hapscene-probe 1 rate=1000 columns=" + b",".join(b"a%d:g:1" % i for i in range(17)), "16"),
     ],
 )
 def test_invalid_header_raises(line: bytes, message: str) -> None:

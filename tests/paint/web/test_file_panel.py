@@ -101,7 +101,7 @@ def test_a_mesh_of_the_scene_is_neither_offered_nor_written_over(page: Page, tab
     tab.set("File", "ball.obj")
     tab.settle()
     tab.set("Export", True)
-    said(tab, "is a mesh that a scene is made of")
+    said(tab, "is a mesh of a scene")
     assert Path("ball.obj").read_bytes() == before and not asked(tab, "Save over it")
 
 
