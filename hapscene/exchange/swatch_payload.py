@@ -142,7 +142,9 @@ def check_version(path: Path, version: Any) -> None:
     if type(version) is not int or version < 1:
         raise SceneError(f"{path}: hapscene_version must be an integer from 1 to {VERSION}, not {str(version)[:40]}")
     if version > VERSION:
-        raise SceneError(f"{path}: format version {version} is not supported; expected 1 to {VERSION}: update hapscene")
+        raise SceneError(
+            f"{path}: format version {version} is later than {VERSION}, the latest supported version: update hapscene"
+        )
 
 
 def is_digest(text: Any) -> bool:

@@ -491,7 +491,9 @@ def parse_format(data: bytes | str, what: str, name: str, version: int) -> dict[
     if type(found) is not int or found < 1:
         raise FormatError(f"version must be an integer from 1 to {version}, not {short(found)}")
     if found > version:
-        raise FormatError(f"format version {short(found)} is not supported; expected 1 to {version}: update hapscene")
+        raise FormatError(
+            f"format version {short(found)} is later than {version}, the latest supported version: update hapscene"
+        )
     return content
 
 

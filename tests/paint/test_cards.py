@@ -25,7 +25,8 @@ def test_a_swatch_in_words() -> None:
     assert said["texture"].figure.startswith(f"{figures(wood)['roughness_m_s2']:.2g} m/s² at 1 N, 0.1 m/s")
     assert said["friction"].figure == "µ 0.32, 0.32 at rest"
     assert said["taps"] == ("taps", "clear knocking taps", "5 m/s², 100 Hz at 0.1 m/s")
-    assert [phrase.word for phrase in phrases(Swatch("bare"))] == ["firm", "texture not measured", "slippery", "taps not measured"]
+    bare = [phrase.word for phrase in phrases(Swatch("bare"))]
+    assert bare == ["firm", "texture not measured", "slippery", "taps not measured"]
 
 
 def test_gains_are_heard_in_the_words() -> None:
