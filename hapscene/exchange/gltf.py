@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 
 from hapscene import __version__
 from hapscene.errors import SceneError
-from hapscene.exchange.swatch_payload import VERSION, Piece, digest_of, fine_to_json, pieces_of, text_of
+from hapscene.exchange.swatch_payload import EMBEDDED_MAX, VERSION, Piece, digest_of, fine_to_json, pieces_of
 from hapscene.io.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import swatch_to_json
 from hapscene.view.palette import linear
 
 __all__ = ["Z_UP", "write_gltf"]
@@ -134,7 +135,7 @@ class _Writer:
         if key not in self.materials:
             extras = {"hapscene_swatch": swatch.name, **swatch.own_numbers, "albedo_rgb": list(swatch.albedo_rgb)}
             extras["sha256"] = digest_of(swatch)
-            if (text := text_of(swatch)) is not None:
+            if len(text := swatch_to_json(swatch)) <= EMBEDDED_MAX:
                 extras["swatch_file"] = text
             colour = [1.0] * 4 if own_colours else [*linear(swatch.albedo_rgb).tolist(), 1.0]
             look = {"baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.8}

@@ -26,7 +26,6 @@ from hapscene.exchange.swatch_payload import (
     known_swatch,
     restore,
     restore_fine,
-    restore_parent,
     warn_of_loss,
 )
 from hapscene.geometry import RIGID_TOLERANCE, rotation_of
@@ -68,7 +67,10 @@ def read_gltf(path: Path) -> Scene | None:
     for swatch in reader.swatches_named():
         scene.swatch_index(swatch)
     for made, body in zip(scene.bodies, bodies, strict=True):
-        restore_parent(path, scene, made, body.parent)
+        try:
+            scene.attach(made.name, None if body.parent is None else str(body.parent))
+        except SceneError:
+            warn_of_loss(f"{path}: body {made.name[:60]!r} is detached: parent {str(body.parent)[:60]!r} is invalid")
         if body.fine is not None:
             restore_fine(path, scene, made, body.fine)
     return scene

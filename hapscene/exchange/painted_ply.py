@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hapscene.errors import MeshError, SceneError
 from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.gltf_read import read_bounded
-from hapscene.exchange.swatch_payload import VERSION, check_version, digest_of, finite, is_digest, restore
+from hapscene.exchange.swatch_payload import VERSION, check_version, digest_of, is_digest, restore
 from hapscene.io.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
@@ -132,9 +132,10 @@ def _rows(path: Path, line: str, count: int) -> tuple[list[float], str]:
     """Parse the numbers and the name in a comment line."""
     tokens = line.split(" ", 4 + count)[4:]
     try:
-        if len(tokens) != count + 1:
+        numbers = [float(token) for token in tokens[:count]]
+        if len(tokens) != count + 1 or not np.isfinite(numbers).all():
             raise ValueError
-        return [finite(word) for word in tokens[:count]], tokens[count]
+        return numbers, tokens[count]
     except ValueError:
         raise SceneError(f"{path}: {line[:60]!r}: expected {count} numbers and a name") from None
 

@@ -1,7 +1,6 @@
 """Representation of swatches and paint in files of other formats, and their restoration."""
 
 import hashlib
-import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -25,21 +24,19 @@ from hapscene.surface.swatch_file import SUFFIX, is_number, swatch_from_json, sw
 from hapscene.swatches.library import load_swatch
 
 __all__ = [
+    "EMBEDDED_MAX",
     "VERSION",
     "ExchangeWarning",
     "Piece",
     "check_version",
     "digest_of",
     "fine_to_json",
-    "finite",
     "is_digest",
     "join",
     "known_swatch",
     "pieces_of",
     "restore",
     "restore_fine",
-    "restore_parent",
-    "text_of",
     "warn_of_loss",
 ]
 
@@ -63,12 +60,6 @@ def warn_of_loss(message: str) -> None:
 def digest_of(swatch: Swatch) -> str:
     """Return the SHA-256 of the swatch file in hex; it depends on the name and all properties of the swatch."""
     return hashlib.sha256(swatch_to_json(swatch).encode()).hexdigest()
-
-
-def text_of(swatch: Swatch) -> str | None:
-    """Return the content of the swatch file; None if it is longer than `EMBEDDED_MAX`."""
-    text = swatch_to_json(swatch)
-    return text if len(text) <= EMBEDDED_MAX else None
 
 
 def known_swatch(name: str) -> Swatch | None:
@@ -152,18 +143,6 @@ def is_digest(text: Any) -> bool:
     return isinstance(text, str) and re.fullmatch(r"[0-9a-f]{64}", text) is not None
 
 
-def finite(text: str) -> float:
-    """Parse a finite number.
-
-    Raises:
-        ValueError: not a finite number.
-    """
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(text)
-    return value
-
-
 # Formats with one material per mesh: a painted body is divided into pieces, one for each swatch, and joined again.
 
 
@@ -240,19 +219,6 @@ def restore_fine(path: Path, scene: Scene, body: Body, content: Any) -> None:
     except ValueError as error:
         raise SceneError(f"{where}: 'fine' {error}") from None
     set_subfaces(body, fine)
-
-
-def restore_parent(path: Path, scene: Scene, body: Body, parent: Any) -> None:
-    """Attach a body to its parent from a file; None for no parent.
-
-    Warns:
-        ExchangeWarning: the parent is missing or invalid.
-    """
-    try:
-        if parent is not None:
-            scene.attach(body.name, str(parent))
-    except SceneError:
-        warn_of_loss(f"{path}: body {body.name[:60]!r} is not attached: its parent {str(parent)[:60]!r} is invalid")
 
 
 def _corners_of(mesh: Mesh, order: Any = slice(None)) -> str:

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from hapscene.constants import REACH_MAX_M
 from hapscene.errors import MeshError, no_such
 from hapscene.geometry import columns_of, used_by
-from hapscene.scene.topology import normals_of
+from hapscene.scene.topology import Neighbours, neighbours_of, normals_of
 
 if TYPE_CHECKING:
     import trimesh
 
-    from hapscene.scene.neighbours import Neighbours
 
 __all__ = [
     "FACE_MAX",
@@ -148,10 +147,8 @@ class Mesh:
         return np.array([[column.min() for column in columns], [column.max() for column in columns]])
 
     @cached_property
-    def neighbours(self) -> "Neighbours":
+    def neighbours(self) -> Neighbours:
         """Adjacency of the faces."""
-        from hapscene.scene.neighbours import neighbours_of
-
         return neighbours_of(self.vertices_m, self.faces)
 
     @property

@@ -11,6 +11,7 @@ from hapscene.scene.mesh_doctor import examine
 from hapscene.scene.mesh_file import FORMATS, load_mesh
 from hapscene.scene.mesh_report import Report
 from hapscene.scene.scene import load_scene
+from hapscene.scene.size_advice import size_advice
 
 __all__ = ["CODES", "examined", "mesh_sources", "verdict_of"]
 
@@ -49,7 +50,11 @@ def examined(file: Path, mesh: Mesh | None, unit: str | None, **reading: Any) ->
             return {"path": str(file), "verdict": UNREADABLE, "error": reason, "words": f": {reason}"}
     verdict = verdict_of(report)
     warned = [printable(str(warning.message)).removeprefix(prefix) for warning in caught]
-    words = [*warned, *(finding.what for finding in sorted(report.findings, key=lambda f: f.level != "fault"))]
+    words = [
+        *warned,
+        *filter(None, [size_advice(mesh).words]),
+        *(finding.what for finding in sorted(report.findings, key=lambda f: f.level != "fault")),
+    ]
     return {
         **json.loads(report.to_json()),
         "verdict": NOTES if warned and verdict == OK else verdict,

@@ -1,6 +1,5 @@
 """Mesh checks: find defects of a mesh, explain their effect on contact, and repair those that can be repaired."""
 
-from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -9,60 +8,15 @@ from numpy.typing import NDArray
 
 from hapscene.constants import SKIN_RATIO
 from hapscene.errors import MeshError
-from hapscene.scene.mesh import UNIT_M, Mesh
+from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_report import Finding, Report, length, number
 from hapscene.scene.mesh_structure import MeshStructure, mesh_structure
-from hapscene.scene.size_advice import HAND_M, LIKELY_M
 from hapscene.scene.topology import Index
 
 __all__ = ["examine", "repair"]
 
-# Cracks: openings that are too narrow to see.
-
-
 CHUNK: Final = 100_000
 """Number of edges that are processed at once [count]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Cracks:
-    """Vertices of open edges that lie on or near other open edges.
-
-    Attributes:
-        on_edge: vertices on the inside of an open edge of another face (n,): T-junctions.
-        edge_gap_m: their distances from that edge (n,) [m].
-        near: pairs of vertices that nearly coincide, at the ends of different open edges (m, 2).
-        near_gap_m: their distances (m,) [m].
-    """
-
-    on_edge: Index
-    edge_gap_m: NDArray[np.float64]
-    near: Index
-    near_gap_m: NDArray[np.float64]
-
-
-def cracks(mesh: Mesh, body: MeshStructure, tolerance_m: float) -> Cracks:
-    """Find cracks up to a width [m]."""
-    ends = body.edges.ends(np.flatnonzero(body.edges.count == 1))
-    rim = np.unique(ends)
-    if not len(rim):
-        none = np.zeros(0, np.int64)
-        return Cracks(none, np.zeros(0), none.reshape(0, 2), np.zeros(0))
-    place = mesh.vertices_m[rim]
-    tree = scipy.spatial.cKDTree(place)
-    near = rim[tree.query_pairs(tolerance_m, output_type="ndarray")]
-    size = np.int64(len(mesh.vertices_m))
-    side = ends.min(axis=1) * size + ends.max(axis=1)
-    near = near[
-        ~np.isin(near.min(axis=1) * size + near.max(axis=1), side)
-    ]  # the two ends of one short edge are not a crack
-    gap = np.linalg.norm(mesh.vertices_m[near[:, 0]] - mesh.vertices_m[near[:, 1]], axis=1)
-    chunks = (ends[at : at + CHUNK] for at in range(0, len(ends), CHUNK))
-    found = [_on_edges(mesh.vertices_m, chunk, rim, tree, tolerance_m) for chunk in chunks]
-    which, distance = map(np.concatenate, zip(*found, strict=True))
-    order = np.lexsort((distance, which))  # keep the nearest edge of each vertex
-    unique, first = np.unique(which[order], return_index=True)
-    return Cracks(unique, distance[order][first], near, gap)
 
 
 def _on_edges(
@@ -97,7 +51,6 @@ class _Text(NamedTuple):
     fixable: bool = False
 
 
-_BRIDGED = "none: contact bridges cracks that are narrower than the skin"
 _TWO_SIDED = "add the body with two_sided=True (--two-sided)"
 
 # fmt: off
@@ -120,9 +73,6 @@ _TEXT: Final = {
     "cracks": _Text(
         "fault", "vertex", "on a crack that is wider than the skin of contact",
         "the proxy may fall into the crack", "merge the vertices in a mesh editor (merge by distance)"),
-    "t_junctions": _Text("note", "vertex", "on an open edge of another face: T-junctions", _BRIDGED, "none"),
-    "near_vertices": _Text(
-        "note", "vertex", "on a rim, closer to another vertex than the skin of contact", _BRIDGED, "none"),
     "nonmanifold_edges": _Text(
         "note", "edge", "where more than two faces meet",
         "each face can be touched on the side that its winding defines; the check of windings stops at these edges",
@@ -130,7 +80,6 @@ _TEXT: Final = {
     "zero_area": _Text("note", "face", "without area", "none", "delete them", fixable=True),
     "needles": _Text(
         "note", "face", "without area that fill a T-junction", "none; without them the mesh would be open", "none"),
-    "slivers": _Text("note", "face", "narrower than the skin of contact", "as part of their neighbours", "none"),
     "doubled_faces": _Text("note", "face", "that duplicate another face", "none", "delete the copies", fixable=True),
     "opposed_faces": _Text(
         "note", "face", "back to back with another face", "as a sheet without thickness, from both sides", "none"),
@@ -144,7 +93,7 @@ _TEXT: Final = {
 def examine(mesh: Mesh) -> Report:
     """Check a mesh for defects."""
     body = mesh_structure(mesh)
-    findings = _size(mesh) + _faces(mesh, body) + _edges(body) + _cracks(mesh, body) + _vertices(body)
+    findings = _faces(mesh, body) + _edges(body) + _cracks(mesh, body) + _vertices(body)
     low, high = mesh.bounds_m
     closed = bool(body.kept.any() and body.shells.closed[body.kept].all())
     return Report(
@@ -168,22 +117,6 @@ def _skin_m(mesh: Mesh) -> float:
     return SKIN_RATIO * mesh.diagonal_m
 
 
-def _size(mesh: Mesh) -> list[Finding]:
-    """Report a size that is too small or too large to touch, and the units that would give a suitable size."""
-    size_m = mesh.diagonal_m
-    if HAND_M[0] <= size_m <= HAND_M[1]:
-        return []
-    has_unit = mesh.path is not None and mesh.path.suffix.lower() in (".step", ".stp")
-    units = {} if has_unit else UNIT_M
-    sizes_m = {unit: size_m * metres / UNIT_M[mesh.unit] for unit, metres in units.items()}
-    likely = [f"with --unit {u} it is {length(m)}" for u, m in sizes_m.items() if LIKELY_M[0] <= m <= LIKELY_M[1]]
-    advice = f"check the unit: {', '.join(likely)}" if likely else "scale it in a mesh editor"
-    what = f"diagonal of {length(size_m)}: not a size for touch by hand"
-    if size_m < HAND_M[0]:
-        return [Finding("tiny", "fault", 1, what, "hardly noticeable: the tool passes it within a tick or two", advice)]
-    return [Finding("huge", "note", 1, what, "only the part within reach of the device", advice)]
-
-
 def _finding(kind: str, examples: NDArray[Any], count: int | None = None, more: str = "") -> list[Finding]:
     """Return one finding with `count` (default: the number of examples), or an empty list if the count is 0."""
     count = len(examples) if count is None else count
@@ -202,7 +135,6 @@ def _faces(mesh: Mesh, body: MeshStructure) -> list[Finding]:
         "one_sided": body.winding.one_sided,
         "zero_area": body.spare,
         "needles": body.flat & ~body.spare,
-        "slivers": ~body.flat & (body.height_m < _skin_m(mesh)),
         "doubled_faces": body.doubled,
         "opposed_faces": body.opposed,
     }
@@ -218,16 +150,28 @@ def _edges(body: MeshStructure) -> list[Finding]:
 
 
 def _cracks(mesh: Mesh, body: MeshStructure) -> list[Finding]:
+    """Find vertices of open edges that nearly lie on another open edge or vertex: openings too narrow to see."""
     skin_m = _skin_m(mesh)
-    crack = cracks(mesh, body, CRACK_SKINS * skin_m)
-    near = crack.near[:, 0]
-    wide = np.concatenate([crack.on_edge[crack.edge_gap_m > skin_m], near[crack.near_gap_m > skin_m]])
-    gap_m = max((0.0, *crack.edge_gap_m, *crack.near_gap_m))
-    return [
-        *_finding("cracks", np.unique(wide), more=f" ({length(skin_m)}), up to {length(gap_m)} wide"),
-        *_finding("t_junctions", crack.on_edge[crack.edge_gap_m <= skin_m]),
-        *_finding("near_vertices", np.unique(near[crack.near_gap_m <= skin_m])),
-    ]
+    most_m = CRACK_SKINS * skin_m
+    ends = body.edges.ends(np.flatnonzero(body.edges.count == 1))
+    rim = np.unique(ends)
+    if not len(rim):
+        return []
+    tree = scipy.spatial.cKDTree(mesh.vertices_m[rim])
+    near = rim[tree.query_pairs(most_m, output_type="ndarray")]
+    size = np.int64(len(mesh.vertices_m))
+    side = ends.min(axis=1) * size + ends.max(axis=1)
+    near = near[~np.isin(near.min(axis=1) * size + near.max(axis=1), side)]  # the two ends of one edge are no crack
+    gap_m = np.linalg.norm(mesh.vertices_m[near[:, 0]] - mesh.vertices_m[near[:, 1]], axis=1)
+    chunks = (ends[at : at + CHUNK] for at in range(0, len(ends), CHUNK))
+    found = [_on_edges(mesh.vertices_m, chunk, rim, tree, most_m) for chunk in chunks]
+    vertex, distance_m = map(np.concatenate, zip(*found, strict=True))
+    nearest_m = np.full(size, np.inf)  # distance of each vertex from the nearest edge that it does not belong to
+    np.minimum.at(nearest_m, vertex, distance_m)
+    on_edge = np.unique(vertex)
+    wide = np.concatenate([on_edge[nearest_m[on_edge] > skin_m], near[gap_m > skin_m, 0]])
+    widest_m = max((0.0, *nearest_m[on_edge], *gap_m))
+    return _finding("cracks", np.unique(wide), more=f" ({length(skin_m)}), up to {length(widest_m)} wide")
 
 
 def _vertices(body: MeshStructure) -> list[Finding]:

@@ -24,7 +24,6 @@ class MeshStructure:
 
     Attributes:
         welded: lowest index of a vertex at the same position, for each vertex (N,).
-        height_m: smallest height of each face (M,) [m].
         flat: faces without area (M,).
         spare: flat faces that can be deleted without opening an edge (M,).
         doubled: duplicates of an earlier face with the same winding (M,).
@@ -35,7 +34,6 @@ class MeshStructure:
 
     mesh: Mesh
     welded: Index
-    height_m: NDArray[np.float64]
     flat: Mask
     spare: Mask
     doubled: Mask
@@ -84,7 +82,7 @@ def mesh_structure(mesh: Mesh) -> MeshStructure:
         spare = flat & ~(edges_of(mesh.faces, welded, ~copy).count_by_face() == 2).any(axis=1)
     edges = edges_of(mesh.faces, welded, ~(spare | copy))
     winding = winding_of(edges, area_of(triangles))
-    return MeshStructure(mesh, welded, height, flat, spare, doubled, opposed, edges, winding)
+    return MeshStructure(mesh, welded, flat, spare, doubled, opposed, edges, winding)
 
 
 def height_of(triangles_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ connected as they appear. −0.0 and 0.0 are the same position. A mesh with a mi
 
 import secrets
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -17,11 +17,13 @@ from hapscene.compiled.native import native
 __all__ = [
     "Edges",
     "Index",
+    "Neighbours",
     "Winding",
     "area_of",
     "connected",
     "edges_of",
     "first_of",
+    "neighbours_of",
     "normals_of",
     "unit",
     "volume_of",
@@ -181,6 +183,30 @@ def _ends(corners: Index, half: int) -> tuple[int, int]:
     """Return the lower and the higher vertex of a half-edge."""
     a, b = corners[half], corners[half + 1 if half % 3 < 2 else half - 2]
     return min(a, b), max(a, b)
+
+
+class Neighbours(NamedTuple):
+    """Adjacency of the M faces of a mesh."""
+
+    # (M, 3) index of the face across edge k, which runs from corner k to corner k + 1; −1 if there is not exactly one
+    beyond: NDArray[np.int32]
+    mixed: bool  # whether two neighbours have opposite winding
+    closed: bool  # whether every edge has exactly two faces
+
+
+def neighbours_of(vertices_m: NDArray[np.float64], faces: NDArray[np.integer]) -> Neighbours:
+    """Compute the adjacency of faces.
+
+    The entry is −1 at borders, at edges with three or more faces, and between faces with opposite winding. Vertices at
+    the same position count as one; faces that have two corners at the same position have no neighbours.
+    """
+    edges = edges_of(faces, weld(vertices_m))
+    at = edges.start[edges.count == 2]
+    agree = edges.forward[at] != edges.forward[at + 1]
+    one, other = edges.order[at[agree]], edges.order[at[agree] + 1]
+    beyond = np.full(3 * len(faces), -1, np.int32)
+    beyond[one], beyond[other] = other // 3, one // 3
+    return Neighbours(beyond.reshape(-1, 3), not agree.all(), edges.closed)
 
 
 def connected(pairs: Index, count: int) -> Index:

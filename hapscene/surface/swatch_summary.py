@@ -89,7 +89,7 @@ def lines(swatch: Swatch) -> list[str]:
     ]
     texture, taps = swatch.texture, swatch.taps
     if texture is None:
-        told.append(_line("texture", "not measured" + _reason(swatch, "texture")))
+        told.append(_line("texture", _measured(swatch, "texture").strip(" ()") or "not measured"))
     else:
         at_N, at_m_s = min(FORCE_N, texture.force_max_N), min(SPEED_M_S, texture.speed_max_m_s)
         told.append(_line("roughness", f"{found['roughness_m_s2']:.3g} m/s² rms at {at_N:.3g} N and {at_m_s:.3g} m/s"))
@@ -100,7 +100,7 @@ def lines(swatch: Swatch) -> list[str]:
         told.append(_line("texture", f"{size}, {reach}, blended as {texture.interpolation!r}{warped}"))
         told += [_line("", sentence) for sentence in _living(texture)]
     if taps is None:
-        told.append(_line("taps", "not measured" + _reason(swatch, "taps")))
+        told.append(_line("taps", _measured(swatch, "taps").strip(" ()") or "not measured"))
     else:
         speeds = f"{len(taps.approach_m_s)} from {taps.approach_m_s[0]:.3g} to {taps.approach_m_s[-1]:.3g} m/s"
         peak = f"at {TAP_M_S:g} m/s: {found['tap_m_s2']:.3g} m/s², {found['tap_Hz']:.3g} Hz"
@@ -137,11 +137,7 @@ def _measured(swatch: Swatch, name: str) -> str:
     if name in swatch.intervals:
         low, high = swatch.intervals[name]
         return f" (95 %: {low:.3g} to {high:.3g})"
-    return f" (assumed, not measured: {swatch.absent[name]})" if name in swatch.absent else ""
-
-
-def _reason(swatch: Swatch, name: str) -> str:
-    return f" ({swatch.absent[name]})" if name in swatch.absent else ""
+    return f" (not measured: {swatch.absent[name]})" if name in swatch.absent else ""
 
 
 def _line(what: str, told: str) -> str:

@@ -89,9 +89,6 @@ class LibraryEntry:
     tool: str = ""
     tip: str = ""
 
-    def __repr__(self) -> str:
-        return f"<LibraryEntry {self.name!r}: {', '.join(self.words)}; {self.bytes:,} bytes>"
-
     @property
     def words(self) -> list[str]:
         """Description of the surface, such as ["firm", "rough"]."""
@@ -214,8 +211,7 @@ def add(
         tags: search words.
 
     Raises:
-        SwatchError: the name is that of a shipped swatch, or it exists and `replace` is False; or the folder cannot be
-            written.
+        SwatchError: the name is that of a shipped swatch or exists, or the folder cannot be written.
     """
     root = library_folder(folder)
     old = _found(swatch.name, root)
@@ -475,8 +471,8 @@ PATIENCE_S: Final = 60.0
 """Time for a transfer in addition to that of its bytes [s]: name resolution, connections, redirections, retries."""
 
 RATE_MIN_B_S: Final = 16_384
-"""Minimum rate of a transfer after `PATIENCE_S` [bytes/s], which a slow telephone line reaches. Without it, a server
-that sends one byte per timeout would block forever."""
+"""Minimum rate of a transfer after `PATIENCE_S` [bytes/s]; else a server that sends one byte per timeout would
+block."""
 
 TRIES: Final = 4
 """Maximum number of attempts [count]."""
@@ -528,8 +524,7 @@ def get(
         new_name: name in the library; None for its name in the index.
 
     Raises:
-        SwatchError: no such swatch, no answer, a different hash, an invalid swatch, or an existing name. The library is
-            then unchanged.
+        SwatchError: no such swatch, no answer, invalid content, or an existing name. The library is then unchanged.
     """
     entry = next((e for e in entries if e.name == name), None)
     if entry is None:

@@ -37,9 +37,6 @@ class Sound:
     a_m_s2: NDArray[np.float64]
     rate_Hz: float
 
-    def __repr__(self) -> str:
-        return f"<Sound: {len(self.a_m_s2) / self.rate_Hz:.3g} s at {self.rate_Hz:g} Hz>"
-
 
 def swatch_sound(
     swatch: Swatch,

@@ -10,9 +10,8 @@ from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S, figures
 __all__ = ["Phrase", "phrases"]
 
 LOUDNESS: Final = ((1.5, "faint"), (4.0, "soft"), (12.0, "clear"), (np.inf, "loud"))
-"""Loudness of taps by their amplitude at 0.1 m/s [m/s²]: steps of 9 dB, which is three to four just noticeable
-differences (2 to 3 dB, Israr et al. 2006). Below the first bound, taps are less than about ten times the detection
-threshold (0.1 m/s²)."""
+"""Loudness of taps by their amplitude at 0.1 m/s [m/s²], in steps of 9 dB: three to four just noticeable differences
+(2 to 3 dB, Israr et al. 2006). "faint" is less than about fifteen times the detection threshold (0.1 m/s²)."""
 
 PITCH: Final = ((42.0, "dull"), (173.0, "knocking"), (np.inf, "ringing"))
 """Pitch of taps by their frequency [Hz]. The bounds are geometric means between rubber (18 Hz), wood (100 Hz) and
@@ -20,13 +19,7 @@ aluminium (300 Hz) of Okamura, Cutkosky & Dennerlein 2001."""
 
 
 class Phrase(NamedTuple):
-    """Description of one quality of a swatch.
-
-    Attributes:
-        quality: "hardness", "texture", "friction" or "taps".
-        word: description, such as "firm".
-        figure: value with unit, such as "650 N/m"; empty if there is no value.
-    """
+    """Description of one quality of a swatch: a word such as "firm", and a figure such as "650 N/m" or ""."""
 
     quality: str
     word: str

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.scene.neighbours import neighbours_of
+from hapscene.scene.topology import neighbours_of
 
 
 def faces_beyond(vertices_m, faces):

@@ -1,6 +1,5 @@
 """Charts for light and dark backgrounds."""
 
-import io
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -78,9 +77,3 @@ def test_picture() -> None:
     html = picture("bench/speed.png", 'of "ours" & <theirs>')
     assert 'srcset="bench/speed-dark.png"' in html and 'src="bench/speed.png"' in html
     assert "&quot;ours&quot; &amp; &lt;theirs&gt;" in html
-
-
-def test_unprintable_title() -> None:
-    with new_chart(2, 1, "oak\udcff.obj") as figure:
-        figure.savefig(io.BytesIO())
-    assert figure.get_suptitle() == "oak\\udcff.obj"

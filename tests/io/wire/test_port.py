@@ -7,7 +7,6 @@ import pytest
 
 from hapscene.errors import CaptureError
 from hapscene.io.wire.port import BAUD, Port
-from tests.simulated_port import simulated_port, simulator_parser
 from tests.virtual_clock import PATIENCE_S, VirtualClock
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
@@ -59,20 +58,3 @@ def test_silence_and_lost_port(wire: tuple[int, Port]) -> None:
 def test_port_in_use_raises(wire: tuple[int, Port]) -> None:
     with pytest.raises(CaptureError, match="cannot open the port"):
         Port(wire[1]._serial.port, BAUD)
-
-
-def test_simulated_port_does_not_block(capsys: pytest.CaptureFixture[str]) -> None:
-    parser = simulator_parser("hapscene.a_board", None, 1234.0)
-    options = parser.parse_args(["--seed", "3"])
-    assert (options.rate, options.seconds, options.seed) == (1234.0, float("inf"), 3)
-    ours = simulated_port(parser)
-    name = capsys.readouterr().out.strip()
-    port = Port(name, BAUD)
-    try:
-        with pytest.raises(BlockingIOError):
-            os.read(ours, 1)
-        os.write(ours, b"\n\r\x03\xff")  # raw mode: bytes are not interpreted
-        assert b"".join(data for data, _ in read_all(port, 4)) == b"\n\r\x03\xff"
-    finally:
-        port.close()
-        os.close(ours)
