@@ -78,7 +78,7 @@ POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src 'self'; 
 ASSUMED: Final = {"hardness": "stiffness_N_m", "texture": "texture", "friction": "friction_dynamic", "taps": "taps"}
 """Key in `Swatch.absent` for each quality."""
 
-HEARD: Final = (
+SOUND_NOTE: Final = (
     f"Each sound is the acceleration of the handle during a tap at {1e3 * TAP_M_S:g} mm/s and, after {START_S:g} s, a "
     f"stroke with {FORCE_N:g} N at {1e3 * SPEED_M_S:g} mm/s. All sounds have the same scale."
 )
@@ -152,7 +152,7 @@ def publish(
         SwatchError: the folder contains other files with the same names, or cannot be written.
     """
     folder = Path(folder)
-    before = _made_before(folder)
+    before = _published_files(folder)
     entries: list[LibraryEntry] = []
     taken = {f"index{SUFFIX}"}
     for source in sources:
@@ -183,7 +183,7 @@ def _files_of(entries: Iterable[LibraryEntry]) -> set[str]:
     return {PAGE, INDEX, *(entry.file.removesuffix(SUFFIX) + end for entry in entries for end in MADE)}
 
 
-def _made_before(folder: Path) -> set[str]:
+def _published_files(folder: Path) -> set[str]:
     """Return the names of the files of an earlier publication."""
     if not (folder / PAGE).is_file() or not (folder / INDEX).is_file():
         return set()
@@ -224,7 +224,7 @@ def first_page(swatches: Sequence[Swatch], entries: Sequence[LibraryEntry], titl
     body = [
         MARK,
         f"<main><h1>{_text(title)}</h1>",
-        f'<p class="lead">{len(entries)} swatch{"es" * (len(entries) != 1)}. {HEARD}</p>',
+        f'<p class="lead">{len(entries)} swatch{"es" * (len(entries) != 1)}. {SOUND_NOTE}</p>',
         f"<p>Copy a swatch to your library: <code>hapscene swatch get NAME --from {address}</code></p>",
         '<search class="find" hidden><label for="words">Find</label><input id="words" type="search" '
         'placeholder="rough wood CC0"><output for="words"></output></search>',
@@ -255,7 +255,7 @@ def swatch_page(
         f'<main><h1>{_text(swatch.name)}</h1><p class="lead">{", ".join(p.word for p in phrases(swatch))}</p>',
         f'<h2>Pictures</h2><div class="plots"><figure class="body"><img src="{stem}-body.png" alt="{body_alt}" '
         f'width="{size[0]}" height="{size[1]}"></figure>{"".join(plots)}</div>',
-        f"<h2>Sound</h2><p>{HEARD}</p>{_audio(stem, swatch)}",
+        f"<h2>Sound</h2><p>{SOUND_NOTE}</p>{_audio(stem, swatch)}",
         f'<h2>Description</h2><div class="table"><table><tbody>{rows}</tbody></table></div>',
         f"<h2>Source</h2><dl>{''.join(f'<dt>{a}</dt><dd>{b}</dd>' for a, b in where)}</dl>",
         f"<h2>All parameters</h2><pre>{_numbers(swatch)}</pre></main>",

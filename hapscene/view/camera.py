@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["MARGIN", "facing", "looks", "place", "pose_of", "seen_size"]
+__all__ = ["MARGIN", "facing", "fit_cameras", "orbit", "pose_of", "visible_size"]
 
 VIEW_FROM: Final = (0.35, -1.0, 0.75)
 """Direction from the scene to the camera: in front, above, slightly to the right."""
@@ -17,20 +17,20 @@ MARGIN: Final = 1.08
 Extent = tuple[float, float, float]
 
 
-def looks(turns_rad: Sequence[float]) -> list[NDArray[np.float64]]:
+def orbit(turns_rad: Sequence[float]) -> list[NDArray[np.float64]]:
     """Return the rotations R_SC (3, 3) of a camera that is turned about z by each of these angles."""
     R = facing(np.array(VIEW_FROM), (0.0, 0.0, 1.0))
     return [_about_z(angle) @ R for angle in turns_rad]
 
 
-def seen_size(points_m: NDArray[np.float64], R_SC: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
+def visible_size(points_m: NDArray[np.float64], R_SC: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
     """Return width and height of the points (k, 3) [m], seen by all these cameras."""
     low_m, high_m = _seen(points_m, R_SC)
     width_m, height_m, _ = np.maximum(high_m - low_m, 1e-9)
     return float(width_m), float(height_m)
 
 
-def place(
+def fit_cameras(
     points_m: NDArray[np.float64], R_SC: Sequence[NDArray[np.float64]], size: tuple[int, int]
 ) -> tuple[list[NDArray[np.float64]], Extent, float]:
     """Place cameras so that the points (k, 3) fill a picture of `size` pixels.

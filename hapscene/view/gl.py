@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.view.camera import facing, looks, pose_of
+from hapscene.view.camera import facing, orbit, pose_of
 from hapscene.view.palette import Theme, rgb
 from hapscene.view.triangles import Drawing, Shown, Triangles, joined, moved, same
 
@@ -91,7 +91,7 @@ def watch(
 
     scene = _empty(pyrender, theme.background)
     nodes = [scene.add(_mesh(pyrender, part)) if len(part.corner_m) else None for part in parts]
-    (R_SC,) = looks([0.0])
+    (R_SC,) = orbit([0.0])
     distance_m = 0.85 * float(np.linalg.norm(points_m, axis=1).max()) / np.sin(VIEW_RAD / 2)
     camera = pyrender.PerspectiveCamera(VIEW_RAD, znear=distance_m * 1e-2, zfar=10.0 * distance_m)
     scene.add(camera, pose=pose_of(R_SC, R_SC[:, 2] * distance_m))

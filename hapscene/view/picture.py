@@ -12,7 +12,7 @@ from PIL import Image
 from hapscene.errors import ViewError
 from hapscene.io.files import whole_file
 from hapscene.render.recording import Recording
-from hapscene.view.camera import looks, place, seen_size
+from hapscene.view.camera import fit_cameras, orbit, visible_size
 from hapscene.view.figure_parts import ARROW_SPACING, arrow_ticks, make_figure_parts
 from hapscene.view.legend import Legend, entries_of, measures_of
 from hapscene.view.offscreen import draw
@@ -102,14 +102,14 @@ def write_picture(
         arrows = figure.arrows(arrow_ticks(recording, ARROW_SPACING * figure.size_m))
         shown += [(len(parts) - 1, np.eye(4)), (len(parts), np.eye(4))]
         parts.append(arrows)
-    R_SC, points_m = looks([0.0]), figure.points_m(tool=False)
+    R_SC, points_m = orbit([0.0]), figure.points_m(tool=False)
     width = WIDTH if size is None else size[0]
     legend = Legend(entries_of(scene, theme, path=recording is not None), width, theme)
     if size is None:
-        width_m, height_m = seen_size(points_m, R_SC)
+        width_m, height_m = visible_size(points_m, R_SC)
         size = width, int(np.clip(width * height_m / width_m, *HEIGHTS)) + legend.height
     area = _area_over(legend, size)
-    (X_SC,), extent_m, pixel_m = place(points_m, R_SC, area)
+    (X_SC,), extent_m, pixel_m = fit_cameras(points_m, R_SC, area)
     drawing = Drawing(parts, [Frame(X_SC, shown)], extent_m, area, theme.background, OVERSAMPLING)
     strip = legend.draw(measures_of(pixel_m, width, theme, figure.arrow_m_N, figure.f_max_N))
     (picture,) = _drawn(drawing, strip)
@@ -152,10 +152,10 @@ def _compose(scene: "Scene", recording: Recording | None, film: Film, count: int
     touched = recording is not None
     ticks = np.linspace(0, 0 if recording is None else len(recording) - 1, count).round().astype(np.int64)
     figure = make_figure_parts(scene, recording, film.theme, ticks)
-    R_SC = looks((film.turn_rad * np.arange(count) / count).tolist())
+    R_SC = orbit((film.turn_rad * np.arange(count) / count).tolist())
     legend = Legend(entries_of(scene, film.theme, path=touched, tool=touched), film.size[0], film.theme)
     area = _area_over(legend, film.size)
-    poses, extent_m, pixel_m = place(figure.points_m(tool=True), R_SC, area)
+    poses, extent_m, pixel_m = fit_cameras(figure.points_m(tool=True), R_SC, area)
     shown = [figure.shown(int(tick) if touched else None) for tick in ticks]
     frames = [Frame(X_SC, parts) for X_SC, parts in zip(poses, shown, strict=True)]
     drawing = Drawing(figure.parts, frames, extent_m, area, film.theme.background, OVERSAMPLING)

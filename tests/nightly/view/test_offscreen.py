@@ -14,7 +14,7 @@ import pytest
 
 from hapscene.errors import ViewError
 from hapscene.view import offscreen
-from hapscene.view.camera import looks, place
+from hapscene.view.camera import fit_cameras, orbit
 from hapscene.view.offscreen import draw, platforms, started_ahead
 from hapscene.view.triangles import Drawing, Frame, lathe
 
@@ -23,7 +23,7 @@ from hapscene.view.triangles import Drawing, Frame, lathe
 def drawing() -> Drawing:
     """A green cone from three sides."""
     cone = lathe([(0.05, 0.0), (0.0, 0.1)], "#009E73")
-    poses, extent_m, _ = place(cone.corner_m, looks([0.0, 1.0, 2.0]), (80, 60))
+    poses, extent_m, _ = fit_cameras(cone.corner_m, orbit([0.0, 1.0, 2.0]), (80, 60))
     return Drawing([cone], [Frame(X_SC, [(0, np.eye(4))]) for X_SC in poses], extent_m, (80, 60), "#102030", 2)
 
 
