@@ -400,7 +400,7 @@ def test_text_of_the_server_is_escaped(server: Server, capsys: pytest.CaptureFix
     )
     assert cli.main(["swatch", "get", "--from", server.url]) == 2
     said = capsys.readouterr().err
-    assert r"the server says 500 \x1b]0;title\x07\u009bxxx" in said and len(said) < 300 and said[:-1].isprintable()
+    assert r"the server returns 500 \x1b]0;title\x07\u009bxxx" in said and len(said) < 300 and said[:-1].isprintable()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signal there")
@@ -430,5 +430,5 @@ def test_command(server: Server, home: Path, capsys: pytest.CaptureFixture[str])
     said = capsys.readouterr()
     assert "oak.swatch" in said.out and "no swatch 'elm'" in said.err and load_swatch("oak") == oak()
     assert cli.main(["swatch", "get", "--all", "--from", server.url]) == 2
-    assert "in the library already" in capsys.readouterr().err
+    assert "already in the library" in capsys.readouterr().err
     assert cli.main(["swatch", "get", "--all", "--replace", "--from", server.url]) == 0
