@@ -413,7 +413,7 @@ def _draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
     axes.set_xticks([20, 50, 100, 200, 500, 1000], ["20", "50", "100", "200", "500", "1000"])
     axes.set_xticks([], minor=True)
     if swatch.texture is None:
-        axes.text(0.5, 0.5, "texture not measured", ha="center", va="center", transform=axes.transAxes)
+        axes.text(0.5, 0.5, "no texture", ha="center", va="center", transform=axes.transAxes)
     else:
         axes.legend(loc="best", handlelength=2.4, borderaxespad=0.3, labelspacing=0.25)
 

@@ -45,7 +45,7 @@ def _texture(swatch: Swatch, found: dict[str, float]) -> Phrase:
     texture = swatch.texture
     gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)
     if texture is None:
-        return Phrase("texture", "texture not measured", "")
+        return Phrase("texture", "texture not measured" if "texture" in swatch.absent else "no texture", "")
     if gain == 0.0:
         return Phrase("texture", "no texture", "texture gain 0")
     roughness = gain * found["roughness_m_s2"]
@@ -57,7 +57,7 @@ def _texture(swatch: Swatch, found: dict[str, float]) -> Phrase:
 def _taps(swatch: Swatch, found: dict[str, float]) -> Phrase:
     gain = swatch.parameter("tap", "tap_gain", 1.0)
     if swatch.taps is None:
-        return Phrase("taps", "taps not measured", "")
+        return Phrase("taps", "taps not measured" if "taps" in swatch.absent else "no taps", "")
     if gain == 0.0:
         return Phrase("taps", "no taps", "tap gain 0")
     amplitude, frequency = gain * found["tap_m_s2"], found["tap_Hz"]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from hapscene.loop.result import Feel
+    from hapscene.loop.result import ClosedLoopResult
 
 
 COLUMN_COUNT: Final = 2000
@@ -231,56 +231,56 @@ def envelope(
 # hand.png: a closed-loop touch with simulated hand: target and device position, forces, accelerations, energy.
 
 
-def write_hand_plot(feel: "Feel", path: str | Path, title: str = "", dark: bool = False) -> None:
+def write_hand_plot(result: "ClosedLoopResult", path: str | Path, title: str = "", dark: bool = False) -> None:
     """Write a PNG plot of heights, forces, accelerations and motor work over time.
 
     Raises:
         OSError: the folder is missing or cannot be written.
     """
-    save_chart(draw_hand_plot(feel, title), path, DPI, dark)
+    save_chart(draw_hand_plot(result, title), path, DPI, dark)
 
 
-def draw_hand_plot(feel: "Feel", title: str = "") -> "Figure":
+def draw_hand_plot(result: "ClosedLoopResult", title: str = "") -> "Figure":
     """Return the figure of `write_hand_plot`."""
     with new_chart(*SIZE_IN, title, STYLE, layout=None) as figure:
         axes = _rows(figure, (1, 1, 1, 1))
         for ax, draw in zip(axes, (_draw_height, _draw_hand_force, _draw_hand_acceleration, _draw_work), strict=True):
-            draw(ax, feel)
-            shade(ax, feel.recording)
+            draw(ax, result)
+            shade(ax, result.recording)
             legend_above(ax)
-        axes[0].set_xlim(feel.recording.t_s[0], feel.recording.t_s[-1])
+        axes[0].set_xlim(result.recording.t_s[0], result.recording.t_s[-1])
     return figure
 
 
-def _draw_height(ax: "Axes", feel: "Feel") -> None:
+def _draw_height(ax: "Axes", result: "ClosedLoopResult") -> None:
     """Draw the heights of the target of the hand, the device and the proxy."""
-    t_s = feel.recording.t_s
-    ax.plot(t_s, feel.target_W_m[:, 2] * 1e3, color=OKABE_ITO["orange"], linewidth=1.2, label="target of the hand")
-    ax.plot(t_s, feel.p_W_m[:, 2] * 1e3, color=OKABE_ITO["blue"], linewidth=1.2, label="device")
-    surface_m = np.where(feel.recording.touching, feel.recording.p_WP_m[:, 2], np.nan)
+    t_s = result.recording.t_s
+    ax.plot(t_s, result.target_W_m[:, 2] * 1e3, color=OKABE_ITO["orange"], linewidth=1.2, label="target of the hand")
+    ax.plot(t_s, result.p_W_m[:, 2] * 1e3, color=OKABE_ITO["blue"], linewidth=1.2, label="device")
+    surface_m = np.where(result.recording.touching, result.recording.p_WP_m[:, 2], np.nan)
     ax.plot(t_s, surface_m * 1e3, color=INK, linewidth=1.2, linestyle=":", label="proxy on the surface")
     ax.set_ylabel("height [mm]")
 
 
-def _draw_hand_force(ax: "Axes", feel: "Feel") -> None:
+def _draw_hand_force(ax: "Axes", result: "ClosedLoopResult") -> None:
     """Draw the magnitudes of the forces of motors and hand."""
-    t_s = feel.recording.t_s
-    ax.plot(t_s, np.linalg.norm(feel.f_hand_W_N, axis=1), color=OKABE_ITO["orange"], linewidth=1.2, label="hand")
-    ax.plot(t_s, np.linalg.norm(feel.f_motor_W_N, axis=1), color=OKABE_ITO["blue"], linewidth=1.2, label="motors")
+    t_s = result.recording.t_s
+    ax.plot(t_s, np.linalg.norm(result.f_hand_W_N, axis=1), color=OKABE_ITO["orange"], linewidth=1.2, label="hand")
+    ax.plot(t_s, np.linalg.norm(result.f_motor_W_N, axis=1), color=OKABE_ITO["blue"], linewidth=1.2, label="motors")
     ax.set_ylabel("force [N]")
 
 
-def _draw_hand_acceleration(ax: "Axes", feel: "Feel") -> None:
+def _draw_hand_acceleration(ax: "Axes", result: "ClosedLoopResult") -> None:
     """Draw the requested acceleration and that of the handle."""
-    recording = feel.recording
+    recording = result.recording
     requested = ("requested", recording.a_m_s2, recording.a_t_s, "sky")
-    measured = ("handle", feel.a_handle_m_s2, recording.a_t_s - feel.latency_s, "vermilion")
+    measured = ("handle", result.a_handle_m_s2, recording.a_t_s - result.latency_s, "vermilion")
     _fill_accelerations(ax, recording, requested, measured)
 
 
-def _draw_work(ax: "Axes", feel: "Feel") -> None:
+def _draw_work(ax: "Axes", result: "ClosedLoopResult") -> None:
     """Draw the energy from the motors; its final value is negative if energy is dissipated, positive if generated."""
-    work_mJ = np.cumsum(feel.work_J) * 1e3
-    ax.plot(feel.recording.t_s, work_mJ, color=OKABE_ITO["blue"], linewidth=1.2, label="work of the motors")
+    work_mJ = np.cumsum(result.work_J) * 1e3
+    ax.plot(result.recording.t_s, work_mJ, color=OKABE_ITO["blue"], linewidth=1.2, label="work of the motors")
     ax.axhline(0.0, color=INK, linewidth=0.8)
     ax.set_ylabel("energy [mJ]")

@@ -26,7 +26,7 @@ def test_a_swatch_in_words() -> None:
     assert said["friction"].figure == "µ 0.32, 0.32 at rest"
     assert said["taps"] == ("taps", "clear knocking taps", "5 m/s², 100 Hz at 0.1 m/s")
     bare = [phrase.word for phrase in phrases(Swatch("bare"))]
-    assert bare == ["firm", "texture not measured", "slippery", "taps not measured"]
+    assert bare == ["firm", "no texture", "slippery", "no taps"]
 
 
 def test_gains_are_heard_in_the_words() -> None:

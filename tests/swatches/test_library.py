@@ -11,7 +11,7 @@ import pytest
 
 from hapscene import cli
 from hapscene.errors import SwatchError
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.swatch_summary import figures, lines, words
@@ -224,10 +224,10 @@ def test_commands(home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 def test_lines_describe_modulation() -> None:
     wood = load_swatch("wood")
     assert wood.texture is not None
-    steady = replace(wood, texture=replace(wood.texture, life=None))
-    assert "alive" not in "\n".join(lines(steady))
-    life = Life(np.array([0.3, 0.4]), np.array([20.0, 0.0]), np.array([0.0, 300.0]))
-    texture = replace(wood.texture, warp=0.5, life=life, exponents=np.array([0.5, 2.0]))
+    steady = replace(wood, texture=replace(wood.texture, modulation=None))
+    assert "modulation" not in "\n".join(lines(steady))
+    life = GainModulation(np.array([0.3, 0.4]), np.array([20.0, 0.0]), np.array([0.0, 300.0]))
+    texture = replace(wood.texture, warp=0.5, modulation=life, exponents=np.array([0.5, 2.0]))
     text = "\n".join(lines(replace(wood, texture=texture)))
     assert all(word in text for word in ("0.5", "4.3 dB", "20/s", "300/m", "10 dB"))
 
