@@ -101,7 +101,7 @@ BOMBS: dict[str, tuple[str, Callable[[Path], Any], str]] = {
     "lzma.npz": ("rec", packed(zipfile.ZIP_LZMA), "NumPy does not write"),
     "bzip2.npz": ("rec", packed(zipfile.ZIP_BZIP2), "NumPy does not write"),
     "encrypted.npz": ("rec", encrypted, "NumPy does not write"),
-    "members.npz": ("rec", many_members, "list of members"),
+    "members.npz": ("rec", many_members, "its directory"),
     "overlap.npz": ("rec", overlapping, "not an NPZ file"),
     "claim.wav": ("rec", wav(size=1 << 30), "truncated: its header says 1,073,741,824 bytes"),
     "channels.wav": ("rec", wav(channels=0), "not a WAV file"),
