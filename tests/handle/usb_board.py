@@ -9,7 +9,7 @@ from typing import Any, Final
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.plant import Plant
 from tests.handle.serial_board import Peer
-from tests.usb_device import UsbDevice
+from tests.nightly.plugins.devices.emulators.usb_device import UsbDevice
 
 RATE_HZ: Final = 5000.0
 

@@ -11,8 +11,7 @@ import threading
 from contextlib import suppress
 
 from usb.core import USBError, USBTimeoutError
-
-from tests.usb_device import UsbDevice
+from usb_device import UsbDevice
 
 HEAD = struct.Struct("<BBBHI")
 CONTROL, WRITE, READ, DESCRIBE, CONFIGURE = range(5)
