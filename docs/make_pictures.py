@@ -53,9 +53,9 @@ from hapscene.view import window
 from hapscene.view.gl import watch
 from hapscene.view.palette import DARK, LIGHT
 def open_here(job):
-    player, legend, title, theme = pickle.loads(job)
+    player, title, theme = pickle.loads(job)
     figure = player.figure
-    watch(figure.parts, figure.points_m(tool=True), legend, title, theme, lambda: player.at({WINDOW_S}))
+    watch(figure.parts, figure.points_m(tool=True), title, theme, lambda: player.at({WINDOW_S}))
     return ""
 window._run = open_here
 scene, touch = open_scene(sys.argv[1]), Recording.load(sys.argv[2])
