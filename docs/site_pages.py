@@ -89,15 +89,15 @@ def command_page() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def commands(words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+def commands(parents: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     """Iterate over the command, its groups and all commands below it."""
-    yield words
+    yield parents
     tree = app()
-    for name in words:
+    for name in parents:
         tree = tree[name]
     for name in tree:
         if not name.startswith("-"):
-            yield from commands((*words, name))
+            yield from commands((*parents, name))
 
 
 @contextlib.contextmanager
