@@ -66,3 +66,14 @@ def test_data_in_the_documents_is_valid() -> None:
             read = json.loads(data) if kind == "json" else tomllib.loads(data)
             if "blocks" in read:
                 assert parse_plan(data).blocks
+
+
+def test_paths_of_documents_in_the_sources_exist() -> None:
+    stale = []
+    for folder in ("hapscene", "plugins", "examples", "evidence", "tests"):
+        for file in (ROOT / folder).rglob("*"):
+            if file.suffix in {".py", ".md", ".cs", ".gd", ".mjs", ".hpp", ".ino", ".html", ".js"}:
+                text = file.read_text(encoding="utf-8")
+                paths = re.findall(r"\bdocs/[\w/-]+\.(?:md|py)\b", text)
+                stale += [f"{file.relative_to(ROOT)}: {path}" for path in paths if not (ROOT / path).exists()]
+    assert stale == []
