@@ -1,4 +1,4 @@
-"""A microcontroller handle that plays live: version 2 of docs/handle-protocol.md. The board is the clock.
+"""A microcontroller handle that plays live: version 2 of docs/reference/handle-protocol.md. The board is the clock.
 
 Force is sent in lines of samples, `ahead_s` ahead of those that the board reports as played. `ahead_s` is therefore
 both the latency and the longest pause of a busy computer. The board stops the force by itself after `watchdog_s`
@@ -106,7 +106,7 @@ class LiveBoard(Board):
             self.close()
             raise HandleError(
                 f"{name}: cannot play live, only the sweep of `hapscene device identify`: the firmware announces no "
-                "column 'state'; update it (docs/handle-protocol.md, version 2)"
+                "column 'state'; update it (docs/reference/handle-protocol.md, version 2)"
             )
 
     @property

@@ -1,4 +1,4 @@
-"""A real handle on a serial port, for identification (docs/handle-protocol.md). It plays force and streams data.
+"""A real handle on a serial port, for identification (docs/reference/handle-protocol.md).
 
 Force is sent in lines of samples, never more than `BUFFER` samples ahead of those that the handle reports as played.
 The
@@ -114,7 +114,8 @@ class Board:
                     self._pieces += self._decoder.feed(*piece)
             if self._clock.now_s() > deadline_s and not done():
                 raise HandleError(
-                    f"{self.name}: {missing} for {SILENCE_S:g} s; check the cable, --baud and docs/handle-protocol.md"
+                    f"{self.name}: {missing} for {SILENCE_S:g} s; check the cable, --baud and "
+                    "docs/reference/handle-protocol.md"
                 )
 
     def _last_played(self) -> int | None:
@@ -208,6 +209,6 @@ def _columns(port: str, announced: tuple[Column, ...]) -> dict[str, tuple[int, f
     if missing:
         raise HandleError(
             f"{port}: the device announces no column {missing[0]!r}; a handle has force, acceleration and played "
-            "(docs/handle-protocol.md)"
+            "(docs/reference/handle-protocol.md)"
         )
     return found

@@ -1,4 +1,4 @@
-"""A handle on a serial port or USB CDC: docs/handle-protocol.md, firmware in examples/handle_firmware."""
+"""A handle on a serial port or USB CDC: docs/reference/handle-protocol.md, firmware in examples/handle_firmware."""
 
 from typing import Any, Final
 

@@ -1,4 +1,4 @@
-"""A handle on USB bulk endpoints: the lines of docs/handle-protocol.md, without a serial port."""
+"""A handle on USB bulk endpoints: the lines of docs/reference/handle-protocol.md, without a serial port."""
 
 from collections.abc import Sequence
 from typing import Any, Final

@@ -110,7 +110,7 @@ def test_a_damaged_file_is_refused_or_read(data: st.DataObject) -> None:
 def test_files_that_cannot_be_opened_are_errors(tmp_path: Path) -> None:
     with pytest.raises(HandleError, match="no such file"):
         load_handle(tmp_path / "none.handle")
-    with pytest.raises(HandleError, match="is no file"):
+    with pytest.raises(HandleError, match="not a regular file"):
         load_handle(tmp_path)
     with pytest.raises(HandleError, match="cannot be read"):
         load_handle("a\0b")

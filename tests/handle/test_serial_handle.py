@@ -205,5 +205,5 @@ def test_devices_that_are_not_handles_are_refused(wire: Wire, text: bytes, words
 
 
 def test_no_such_port() -> None:
-    with pytest.raises(HandleError, match="cannot be opened"):
+    with pytest.raises(HandleError, match="cannot open the port"):
         SerialSource("/dev/none")

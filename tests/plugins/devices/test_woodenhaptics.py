@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from hapscene.errors import DeviceError
-from hapscene.io.wire.usb_board import UsbBoard
 from hapscene_plugins.devices.woodenhaptics import (
     DRIVER,
     GEAR,
@@ -21,6 +20,7 @@ from hapscene_plugins.devices.woodenhaptics import (
     currents,
     forward,
 )
+from tests.nightly.plugins.devices.emulators.usb_device import UsbDevice
 
 
 def test_reports_are_eight_bytes_little_endian() -> None:
@@ -54,7 +54,7 @@ def test_invalid_signs_are_an_error() -> None:
         DRIVER.open(signs="+-")
 
 
-class Board(UsbBoard):
+class Board(UsbDevice):
     """A WoodenHaptics with distinct endpoints: it sends one report and records the reports that it receives."""
 
     ids, kind, ends = (VENDOR, PRODUCT), 3, (0x02, 0x81)
