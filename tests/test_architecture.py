@@ -48,7 +48,6 @@ EXCEPTIONS = {
     "fidelity/tune.py": {"handle", "motion", "touch"},  # scenes are opened in each process of the search
     "handle/measure.py": {"capture"},  # recordings of a sweep are read like other recordings
     "handle/identification_report.py": {"view"},  # plots of the report
-    "handle/playback_report.py": {"view"},
     "handle/live_process.py": {"loop"},  # reads the samples in the servo's memory
     "swatches/site.py": {"view"},  # pictures and sounds of the pages
     "swatches/sound.py": {"capture", "view"},  # synthesis of a stroke
@@ -123,8 +122,8 @@ def test_no_module_imports_itself_through_others() -> None:
 
 
 def test_the_documents_name_files_that_exist() -> None:
-    """Every file and folder that docs/architecture.md and CONTRIBUTING.md name is there."""
-    documents = (ROOT / "docs" / "architecture.md", ROOT / "CONTRIBUTING.md")
+    """Every file and folder that docs/explanation/architecture.md and CONTRIBUTING.md name is there."""
+    documents = (ROOT / "docs" / "explanation" / "architecture.md", ROOT / "CONTRIBUTING.md")
     text = "\n".join(document.read_text(encoding="utf-8") for document in documents)
     for name in sorted(set(re.findall(r"[\w./]+(?:\.py|\.js|/)(?=[\s`,:)])", text))):
         assert (ROOT / name).exists() or (PACKAGE / name).exists() or list(PACKAGE.rglob(name.strip("/"))), name

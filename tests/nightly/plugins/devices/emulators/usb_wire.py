@@ -11,8 +11,7 @@ import threading
 from contextlib import suppress
 
 from usb.core import USBError, USBTimeoutError
-
-from hapscene.io.wire.usb_board import UsbBoard
+from usb_device import UsbDevice
 
 HEAD = struct.Struct("<BBBHI")
 CONTROL, WRITE, READ, DESCRIBE, CONFIGURE = range(5)
@@ -55,15 +54,15 @@ def _answer(emulator, wire):
         wire.send(bytes([status]) + data)
 
 
-class Backend(UsbBoard):
+class Backend(UsbDevice):
     """The device at the other end."""
 
     def __init__(self):
         self._wire = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._wire.connect(os.environ["HAPSCENE_USB"])
-        told = self._ask(DESCRIBE)
-        *self.ids, self.kind = struct.unpack_from("<HHB", told)
-        self.ends = told[5:]
+        description = self._ask(DESCRIBE)
+        *self.ids, self.kind = struct.unpack_from("<HHB", description)
+        self.ends = description[5:]
 
     def _ask(self, op, endpoint=0, request=0, value=0, wait_ms=0, data=b""):
         try:
