@@ -9,7 +9,7 @@ import pytest
 
 from hapscene.capture.io.datasets import GAP_SAMPLES, read_dataset
 from hapscene.capture.io.formats import read_parquet
-from hapscene.capture.io.recording import BridgedWarning, load_recording
+from hapscene.capture.io.recording import InterpolatedWarning, load_recording
 from hapscene.errors import CaptureError
 from hapscene.io.confined import confined
 
@@ -116,7 +116,7 @@ def test_cluster_gaps_are_missing_samples(tmp_path: Path) -> None:
     file = cluster_recording(tmp_path, "0_0_20_500_0")
     lines = file.read_text().splitlines()
     file.write_text("\n".join(lines[:5000] + lines[5030:]))
-    with pytest.warns(BridgedWarning, match=r"\d+ of acceleration_x"):
+    with pytest.warns(InterpolatedWarning, match=r"\d+ of acceleration_x"):
         recording = load_recording(file)
     assert recording.bridged["acceleration_x"] == pytest.approx(30, abs=3) and GAP_SAMPLES < 30
     file.write_text("\n".join(lines[:5000] + lines[6000:]))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapscene.capture import FitOptions, fit_swatch, load_recording
-from hapscene.capture.io.hsrec import CutWarning, RecordWriter, load_record
+from hapscene.capture.io.hsrec import TruncatedWarning, RecordWriter, load_record
 from hapscene.errors import CaptureError
 from hapscene.io.wire.protocol import Column, Header, Run
 from tests.capture.probe_simulator import COLUMNS, FRICTION, strokes
@@ -69,7 +69,7 @@ def test_one_that_is_cut_off_says_so(tmp_path: Path) -> None:
     path = tmp_path / "cut.hsrec"
     with RecordWriter(path, HEADER) as writer:
         writer.write(rows(0, 100))
-    with pytest.warns(CutWarning, match="100 samples"):
+    with pytest.warns(TruncatedWarning, match="100 samples"):
         assert len(load_recording(path).acceleration_m_s2) == 100
 
 

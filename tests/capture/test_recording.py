@@ -7,7 +7,7 @@ import pytest
 from scipy.io import savemat, wavfile
 
 from hapscene.capture import load_recording
-from hapscene.capture.io.recording import BridgedWarning, dft321, one_axis
+from hapscene.capture.io.recording import InterpolatedWarning, dft321, one_axis
 from hapscene.capture.io.streams import clean
 from hapscene.errors import CaptureError
 
@@ -160,7 +160,7 @@ def test_samples_that_a_probe_dropped_are_bridged_if_few(tmp_path: Path) -> None
     stream = np.arange(1000.0)
     stream[500:505] = np.nan
     np.savez(tmp_path / "r.npz", acceleration=stream, rate_Hz=1000.0, units=np.array(["acceleration=m/s2"]))
-    with pytest.warns(BridgedWarning):
+    with pytest.warns(InterpolatedWarning):
         recording = load_recording(tmp_path / "r.npz")
     np.testing.assert_allclose(recording.acceleration_m_s2, np.arange(1000.0))
     stream[:100] = np.nan
@@ -193,7 +193,7 @@ def test_missing_samples_are_bridged_and_told(tmp_path: Path) -> None:
     path, stream = tmp_path / "oak.npz", np.arange(1000.0)
     stream[[3, 500]] = np.nan
     np.savez(path, acceleration=stream, force=np.ones(1000), other=stream, rate_Hz=1000.0)
-    with pytest.warns(BridgedWarning, match=r"oak\.npz: missing samples .*: 2 of acceleration$"):
+    with pytest.warns(InterpolatedWarning, match=r"oak\.npz: missing samples .*: 2 of acceleration$"):
         recording = load_recording(path, units={"acceleration": "m/s2", "force": "N"})
     assert np.array_equal(recording.acceleration_m_s2, np.arange(1000.0))
     assert recording.bridged == {"acceleration": 2}

@@ -81,10 +81,8 @@ def test_a_batch_gives_each_recording_a_swatch_and_is_resumed(
         (["fit", "a.csv"], "a.csv: no such file"),
         (["fit"], "RECORDINGS"),
         (["fit", __file__, "-o", "oak"], "must end in .swatch"),
-        (["batch", "-o", "out/", "--list", "files.csv"], "files.csv: no such file"),
         (["batch", "none", "-o", "out/"], "none: no such file or folder"),
         (["batch", "-o", "out/"], "no recordings"),
-        (["coverage", __file__, "--force-range", "2", "1"], "--force-range 2 1"),
     ],
 )
 def test_options_that_do_not_fit_together(
