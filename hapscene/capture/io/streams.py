@@ -207,7 +207,7 @@ def speed_of(position_m: Array | Sequence[Array], rate_Hz: float) -> Array:
     """
     if not _can_filter(position_m[0], rate_Hz):
         raise CaptureError(
-            f"{len(position_m[0])} positions at {rate_Hz:g} Hz are too few for a speed; expected at least 0.1 s at more "
+            f"{len(position_m[0])} positions at {rate_Hz:g} Hz give no speed; expected at least 0.1 s at more "
             f"than {4.0 * HAND_CUTOFF_HZ:g} Hz"
         )
     square = np.zeros(len(position_m[0]))
