@@ -14,7 +14,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.capture.fit.swatch import FitOptions, fit_swatch
+from hapscene.capture.fit.swatch import QUALITY, FitOptions, fit_swatch
+from hapscene.capture.fit.verdict import verdict
 from hapscene.capture.io.recording import InterpolatedWarning, load_recording
 from hapscene.errors import CaptureError
 from hapscene.io.files import refusing
@@ -177,4 +178,5 @@ def fit_file(
     with refusing(CaptureError, path):
         swatch = fit_swatch(recording, FitOptions(**options))
     save_swatch(swatch, output)
-    return [str(warning.message) for warning in caught if issubclass(warning.category, InterpolatedWarning)]
+    notes = [str(warning.message) for warning in caught if issubclass(warning.category, InterpolatedWarning)]
+    return notes + ([verdict(swatch)] if QUALITY in swatch.absent else [])

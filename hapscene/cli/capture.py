@@ -76,6 +76,7 @@ def fit(
     """
     for path in recordings:
         check_there(path)
+    from hapscene.capture.fit.verdict import verdict
     from hapscene.surface.swatch_file import SUFFIX, save_swatch
     from hapscene.surface.swatch_summary import lines
 
@@ -86,7 +87,7 @@ def fit(
         raise SwatchError(f"--name {name!r}: a surface's name has no slash, for files are called by it")
     swatch = _fitted(recordings, name or out.stem, plot, reading.reading(), options)
     save_swatch(swatch, str(out))
-    tell(lines(swatch))
+    tell([verdict(swatch), *lines(swatch)])
     name_made([out, *([] if plot is None else [plot])])
 
 
@@ -95,7 +96,7 @@ def _fitted(
 ) -> "Swatch":
     from hapscene import __version__
     from hapscene.capture.fit.segment import InteractionState
-    from hapscene.capture.fit.swatch import fit_parts, prepare
+    from hapscene.capture.fit.swatch import fit_recordings, prepare
     from hapscene.capture.io.recording import load_recording
     from hapscene.capture.report.states import WORDS, write_states
     from hapscene.io.files import refusing
@@ -112,7 +113,7 @@ def _fitted(
     if plot is not None:  # before the fit: it shows why one may fail
         write_states(parts, str(plot), [Path(path).name for path in paths])
     with step(say, "fitting"), refusing(CaptureError, ", ".join(paths)):
-        swatch = fit_parts(parts, options.fitting(name))
+        swatch = fit_recordings(parts, options.fitting(name))
     files = printable(", ".join(Path(path).name for path in paths))
     return replace(swatch, provenance=f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip())
 

@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 Array = np.ndarray
-Clocked = tuple[float, dict[str, Array]]
+Sampled = tuple[float, dict[str, Array]]
 
 FINE_HZ: Final = 20_000.0
 LEAD_S: Final = 2.6
@@ -19,7 +19,7 @@ LEAD_S: Final = 2.6
 
 def planted(
     seed: int, *, taps: bool, second: str = "force+speed", seconds: float | None = None, related: bool = True
-) -> tuple[Clocked, Clocked, float, float]:
+) -> tuple[Sampled, Sampled, float, float]:
     """The first device (rate, streams), the second one, offset within ± 2 s, drift within ± 200 ppm.
 
     Args:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapscene.capture import FitOptions, fit_swatch, load_recording
-from hapscene.capture.io.hsrec import TruncatedWarning, RecordWriter, load_record
+from hapscene.capture.io.hsrec import RecordWriter, TruncatedWarning, load_record
 from hapscene.errors import CaptureError
 from hapscene.io.wire.protocol import Column, Header, Run
 from tests.capture.probe_simulator import COLUMNS, FRICTION, strokes

@@ -7,7 +7,14 @@ import pytest
 from scipy.io import wavfile
 
 from hapscene.capture.io.recording import load_recording
-from hapscene.capture.record.time_alignment import Clocked, ClockOffset, clock_offset, join, level_changes, resampled
+from hapscene.capture.record.time_alignment import (
+    ClockOffset,
+    SampledStreams,
+    clock_offset,
+    join,
+    level_changes,
+    resampled,
+)
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 
@@ -20,7 +27,7 @@ SECONDS = 15.0
 def found(seed: int, taps: bool, second: str, seconds: float | None = SECONDS) -> tuple[ClockOffset, float]:
     """The offset that is found, and how far it is off [s]."""
     one, two, offset_s, drift = planted(seed, taps=taps, second=second, seconds=seconds)
-    known = clock_offset(Clocked(*one), Clocked(*two))
+    known = clock_offset(SampledStreams(*one), SampledStreams(*two))
     length_s = len(next(iter(two[1].values()))) / two[0]
     return known, farthest_s(offset_s, drift, known.offset_s, known.drift, length_s)
 
@@ -38,7 +45,10 @@ def test_unlike_channels_are_aligned_to_some_milliseconds() -> None:
 
 def test_swapped_recordings_have_the_inverse() -> None:
     one, two, _, _ = planted(5, taps=True, second="acceleration", seconds=SECONDS)
-    forth, back = clock_offset(Clocked(*one), Clocked(*two)), clock_offset(Clocked(*two), Clocked(*one))
+    forth, back = (
+        clock_offset(SampledStreams(*one), SampledStreams(*two)),
+        clock_offset(SampledStreams(*two), SampledStreams(*one)),
+    )
     t_s = np.array([2.0, 13.0])
     there = forth.offset_s + (1.0 + forth.drift) * t_s
     np.testing.assert_allclose(back.offset_s + (1.0 + back.drift) * there, t_s, atol=1e-3)
@@ -52,7 +62,7 @@ def test_many_planted_clocks(seed: int, taps: bool, second: str, most_s: float) 
     assert found(seed, taps, second, None)[1] < most_s
     one, two, _, _ = planted(seed, taps=taps, second=second, seconds=20.0, related=False)
     with pytest.raises(CaptureError, match="no clear peak"):
-        clock_offset(Clocked(*one), Clocked(*two))
+        clock_offset(SampledStreams(*one), SampledStreams(*two))
 
 
 def test_noise_silence_and_what_repeats_are_refused() -> None:
@@ -66,11 +76,11 @@ def test_noise_silence_and_what_repeats_are_refused() -> None:
     ]
     for one, two in pairs:
         with pytest.raises(CaptureError, match="no clear peak"):
-            clock_offset(Clocked(1000.0, {"acceleration": one}), Clocked(1000.0, {"1": two}))
+            clock_offset(SampledStreams(1000.0, {"acceleration": one}), SampledStreams(1000.0, {"1": two}))
     with pytest.raises(CaptureError, match="sample rate"):
-        clock_offset(Clocked(20.0, {"force": beat[:40]}), Clocked(5000.0, {"a": beat}))
+        clock_offset(SampledStreams(20.0, {"force": beat[:40]}), SampledStreams(5000.0, {"a": beat}))
     with pytest.raises(CaptureError, match="duration"):
-        clock_offset(Clocked(5000.0, {"a": beat[:4000]}), Clocked(5000.0, {"a": beat}))
+        clock_offset(SampledStreams(5000.0, {"a": beat[:4000]}), SampledStreams(5000.0, {"a": beat}))
 
 
 def test_level_changes_are_bounded_and_follow_the_level() -> None:

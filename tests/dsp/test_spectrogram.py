@@ -1,9 +1,8 @@
-"""spectrogram"""
+"""Spectrograms and the spectrogram error."""
 
 import numpy as np
 import pytest
 
-from hapscene.capture.fit import distance as metric
 from hapscene.dsp.spectrogram import row_of
 from hapscene.errors import HandleError
 from hapscene.handle import spectrogram_error
@@ -29,19 +28,13 @@ def test_half_of_two_tones_missing() -> None:
     assert spectrogram_error(one + two, one, 1e4) == pytest.approx(np.sqrt(0.5), rel=1e-3)
 
 
-def test_capture_judges_with_the_same_measure() -> None:
-    rng = np.random.default_rng(1)
-    one, two = rng.standard_normal((2, 9000))
-    assert metric.spectrogram_error(one, two, 5000.0) == spectrogram_error(one, two, 5000.0)
-
-
 def test_signals_that_do_not_fit_are_refused() -> None:
     noise = np.random.default_rng(0).standard_normal(2000)
-    with pytest.raises(HandleError, match="one length"):
+    with pytest.raises(HandleError, match="shapes"):
         spectrogram_error(noise, noise[1:], 1e4)
-    with pytest.raises(HandleError, match="silent"):
+    with pytest.raises(HandleError, match="power"):
         spectrogram_error(0.0 * noise, noise, 1e4)
-    with pytest.raises(HandleError, match="shorter than a window"):
+    with pytest.raises(HandleError, match="too short"):
         spectrogram_error(noise[:99], noise[:99], 1e4)
 
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import resample_poly
 
 from hapscene.capture import load_recording, synthesize
-from hapscene.capture.fit import distance as metric
-from hapscene.capture.fit.order import felt_domain, search_order
+from hapscene.capture.fit import distance as spectral
+from hapscene.capture.fit.order import perceptual_domain, search_order
 from hapscene.capture.io.streams import clean
 from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.errors import CaptureError
@@ -45,9 +45,9 @@ def test_two_surfaces_in_one_recording_are_told_apart_by_speed() -> None:
     frequency = np.linspace(30.0, 950.0, 200)
     for truth, gain, v in ((slow, 1.0, 0.1), (fast, 3.0, 0.25)):
         a, variance = swatch.texture.model(1.0, v)
-        model = metric.model_spectrum(a, variance, rate, frequency)
-        should = metric.model_spectrum(truth, gain**2, rate, frequency)
-        assert metric.log_spectral_distance(model, should, frequency, level=True) < 1.5
+        model = spectral.model_spectrum(a, variance, rate, frequency)
+        should = spectral.model_spectrum(truth, gain**2, rate, frequency)
+        assert spectral.log_spectral_distance(model, should, frequency, level=True) < 1.5
 
 
 def test_power_along_the_recorded_force_and_speed_is_the_recordings() -> None:
@@ -60,7 +60,7 @@ def test_power_along_the_recorded_force_and_speed_is_the_recordings() -> None:
     assert swatch.texture is not None
     recorded = clean(acceleration, rate).acceleration_m_s2.var()
     assert abs(10 * np.log10(swatch.texture.power(force, speed).mean() / recorded)) < 0.05
-    assert abs(metric.level_difference_dB(synthesize(swatch, force, speed), acceleration)) < 0.5
+    assert abs(spectral.level_difference_dB(synthesize(swatch, force, speed), acceleration)) < 0.5
 
 
 NOISE = np.random.default_rng(1).standard_normal(5000)
@@ -110,8 +110,8 @@ def recorded(name: str, shared: Path) -> np.ndarray:
 
 
 def held_out_distance(a: np.ndarray, signal: np.ndarray, rate_Hz: float, warp: float = 0.0) -> float:
-    frequency, density = metric.spectrum(signal, rate_Hz)
-    return metric.log_spectral_distance(metric.model_spectrum(a, 1.0, rate_Hz, frequency, warp), density, frequency)
+    frequency, density = spectral.spectrum(signal, rate_Hz)
+    return spectral.log_spectral_distance(spectral.model_spectrum(a, 1.0, rate_Hz, frequency, warp), density, frequency)
 
 
 @pytest.mark.parametrize("rate_Hz", [10_000.0, 5_000.0])
@@ -145,7 +145,7 @@ def test_the_shipped_swatches_are_what_this_code_fits(name: str, shared: Path) -
     texture = load_swatch(name).texture
     assert texture is not None
     heard = clean(recorded(name, shared), 10_000.0).acceleration_m_s2
-    assert (texture.order, texture.warp) == felt_domain(heard, 10_000.0)
+    assert (texture.order, texture.warp) == perceptual_domain(heard, 10_000.0)
     search = search_order(heard, 10_000.0, texture.warp)
     assert texture.order < search.chosen  # which misses nothing; this one nothing that is felt
     i = texture.order - search.orders[0]

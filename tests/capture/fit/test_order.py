@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfilt
 
-from hapscene.capture.fit import distance as metric
+from hapscene.capture.fit import distance as spectral
 from hapscene.capture.fit.order import (
     DISTANCE_RATIO,
     DOMAIN_JND,
     MISFIT_DB,
     MISFIT_RATIO,
     _misfit,
-    felt_order,
+    perceptual_order,
     search_domain,
     search_order,
 )
@@ -46,9 +46,9 @@ def test_the_order_of_an_ar_process_is_found(frequency_Hz):
 def test_what_was_found_is_what_the_words_say():
     signal = np.concatenate([played(resonant(200, 600), 8000), 2.0 * played(resonant(260, 600), 8000, 1)])
     found = search_order(signal, RATE_HZ)
-    spectra = [metric.spectrum(half, RATE_HZ) for half in np.split(signal, 2)]
+    spectra = [spectral.spectrum(half, RATE_HZ) for half in np.split(signal, 2)]
     (frequency, one), (_, two) = spectra
-    assert found.floor_dB == pytest.approx(metric.log_spectral_distance(one, two, frequency))
+    assert found.floor_dB == pytest.approx(spectral.log_spectral_distance(one, two, frequency))
     assert found.allowed_dB == max(MISFIT_RATIO * found.floor_dB, MISFIT_DB)
     fits = found.misfit_dB <= found.allowed_dB
     near = found.distance_dB <= max(found.floor_dB, DISTANCE_RATIO * found.distance_dB.min())
@@ -67,9 +67,9 @@ def test_each_half_is_judged_by_the_model_of_the_other(order):
     assert found.residual[order - 2] == pytest.approx(np.sqrt(ratio[0] * ratio[1]))
     distance = []
     for i in (0, 1):
-        frequency, density = metric.spectrum(np.split(signal, 2)[1 - i], RATE_HZ)
-        model = metric.model_spectrum(a[i], 1.0, RATE_HZ, frequency)
-        distance.append(metric.log_spectral_distance(model, density, frequency))
+        frequency, density = spectral.spectrum(np.split(signal, 2)[1 - i], RATE_HZ)
+        model = spectral.model_spectrum(a[i], 1.0, RATE_HZ, frequency)
+        distance.append(spectral.log_spectral_distance(model, density, frequency))
     assert found.distance_dB[order - 2] == pytest.approx(np.mean(distance))
 
 
@@ -78,11 +78,11 @@ def test_what_is_shipped_is_no_larger_than_is_felt() -> None:
     rng, rate_Hz = np.random.default_rng(15), 5000.0
     poles = 0.97 * np.exp(2j * np.pi * 150.0 / rate_Hz)
     loud = lfilter([1.0], [1.0, -2.0 * poles.real, abs(poles) ** 2], rng.standard_normal(60_000))
-    assert felt_order(search_order(loud, rate_Hz), loud, rate_Hz) <= 6  # the mode, and what chance adds to it
+    assert perceptual_order(search_order(loud, rate_Hz), loud, rate_Hz) <= 6  # the mode, and what chance adds to it
     poles = 0.97 * np.exp(2j * np.pi * 600.0 / rate_Hz)
     second = lfilter([1.0], [1.0, -2.0 * poles.real, abs(poles) ** 2], rng.standard_normal(60_000))
     both = loud + second
-    order = felt_order(search_order(both, rate_Hz), both, rate_Hz)
+    order = perceptual_order(search_order(both, rate_Hz), both, rate_Hz)
     a = solve(autocorrelation(tapered(both, rate_Hz), order))
     assert 4 <= order <= 16 and np.abs(np.roots(a)).max() > 0.9  # both are felt
 

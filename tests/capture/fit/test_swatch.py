@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from hapscene.capture.fit.segment import segment
 from hapscene.capture.fit.stiffness import Stiffness
-from hapscene.capture.fit.swatch import FitOptions, fit_parts, prepare
+from hapscene.capture.fit.swatch import FitOptions, fit_recordings, prepare
 from hapscene.capture.io.recording import SurfaceRecording
 from hapscene.capture.io.streams import clean
 from hapscene.errors import CaptureError
@@ -77,20 +77,20 @@ def test_recordings_are_pooled_as_one(handled_recording):
                 )
             )
         )
-    swatch = fit_parts(parts, FitOptions("oak", 12))
+    swatch = fit_recordings(parts, FitOptions("oak", 12))
     assert swatch.texture is not None and swatch.texture.order == 12
     assert swatch.taps is not None and len(swatch.taps.approach_m_s) == 4  # like speeds are one
     assert swatch.friction_dynamic == pytest.approx(0.35, rel=0.02)
     other = clean(np.random.default_rng(0).standard_normal(4000), 2000.0)
     with pytest.raises(CaptureError, match="must have one rate, these have 2000, 10000 Hz"):
-        fit_parts([parts[0], (other, segment(other))])
+        fit_recordings([parts[0], (other, segment(other))])
     with pytest.raises(CaptureError, match="one rate"):
-        fit_parts([])
+        fit_recordings([])
 
 
 def test_a_spring_that_its_damper_was_fitted_with_is_not_absent(monkeypatch):
     monkeypatch.setattr("hapscene.capture.fit.swatch.fit_stiffness", lambda parts: Stiffness(None, reason="no line"))
-    swatch = fit_parts(presses(damping=3.0))
+    swatch = fit_recordings(presses(damping=3.0))
     assert swatch.stiffness_N_m == pytest.approx(STIFFNESS_N_M, rel=0.1) and "stiffness_N_m" not in swatch.absent
 
 

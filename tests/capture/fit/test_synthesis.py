@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import welch
 
 from hapscene.capture import synthesize
-from hapscene.capture.fit import distance as metric
+from hapscene.capture.fit import distance as spectral
 from hapscene.capture.fit.synthesis import _PART, BLOCK_S
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.errors import CaptureError
@@ -43,7 +43,7 @@ EACH = pytest.mark.parametrize("swatch", SWATCHES, ids=[*shipped_swatches(), *IN
 
 def bands_dB(frequency: np.ndarray, density: np.ndarray) -> np.ndarray:
     """Level in each band of `EDGES_HZ`."""
-    return np.asarray(10 * np.log10(metric.band_power(density, frequency, EDGES_HZ)))
+    return np.asarray(10 * np.log10(spectral.band_power(density, frequency, EDGES_HZ)))
 
 
 @EACH
@@ -57,7 +57,7 @@ def test_long_synthesis_has_the_model_s_spectrum_and_power(swatch: Swatch) -> No
     a, variance = texture.model(force, slip)
     assert a[0] == 1.0
     frequency, density = welch(made, texture.rate_Hz, nperseg=8192)
-    model = metric.model_spectrum(a, variance, texture.rate_Hz, frequency, texture.warp)
+    model = spectral.model_spectrum(a, variance, texture.rate_Hz, frequency, texture.warp)
     assert np.abs(bands_dB(frequency, density) - bands_dB(frequency, model)).max() < 0.3
     assert abs(10 * np.log10(made.var() / (variance * power_gain(a, texture.warp)))) < 0.2
 
@@ -78,8 +78,8 @@ def test_the_effect_s_table_says_what_the_model_says(swatch: Swatch) -> None:
         a, variance = texture.model(force, slip)
         looked_up = ar_from_reflection(s["k"][1 : texture.order + 1])
         alike = power_gain(looked_up, texture.warp)
-        got = metric.model_spectrum(looked_up, power / alike, 1e4, frequency, texture.warp)
-        want = metric.model_spectrum(a, variance, 1e4, frequency, texture.warp)
+        got = spectral.model_spectrum(looked_up, power / alike, 1e4, frequency, texture.warp)
+        want = spectral.model_spectrum(a, variance, 1e4, frequency, texture.warp)
         spectrum.append(np.sqrt(np.mean((10 * np.log10(got / want)) ** 2)))
         level.append(abs(10 * np.log10(power / (variance * power_gain(a, texture.warp)))))
     assert np.median(spectrum) < 0.1 and np.percentile(spectrum, 90) < 0.5

@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import lfilter, lfiltic
 
 from hapscene.capture.fit.distance import log_spectral_distance, model_spectrum
-from hapscene.capture.fit.texture import PIECES_PER_MODEL, _cluster, _corners, _missed, choose_model_count, fit_texture
-from hapscene.capture.fit.windows import Pieces
+from hapscene.capture.fit.texture import WINDOWS_PER_MODEL, _cluster, _corners, _missed, choose_model_count, fit_texture
+from hapscene.capture.fit.windows import AnalysisWindows
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import autocorrelation, smoothed, solve, tapered
 
@@ -25,7 +25,7 @@ def pieces(force_N, speed_m_s, frequency_Hz=300.0, power=1.0, seed=0):
         a = filter_of(f)
         x = lfilter([1.0], a, rng.standard_normal(LENGTH + 200))[200:]
         rows.append(x * np.sqrt(p / power_gain(a)))
-    return Pieces(np.array(rows), force.astype(float), speed.astype(float), np.arange(len(rows)))
+    return AnalysisWindows(np.array(rows), force.astype(float), speed.astype(float), np.arange(len(rows)))
 
 
 SLOW_AND_FAST = np.repeat([0.1, 0.3], 20)
@@ -41,7 +41,7 @@ def test_clusters_are_those_that_are_there():
 
 
 def test_a_cluster_of_too_few_pieces_is_joined_to_the_nearest():
-    few = PIECES_PER_MODEL - 1
+    few = WINDOWS_PER_MODEL - 1
     part = pieces(np.ones(20 + few), np.array([0.1] * 10 + [0.3] * 10 + [0.27] * few))
     label = _cluster(part, 3)
     assert set(label) == {0, 1} and len(set(label[10:])) == 1 and label[0] != label[10]
@@ -68,7 +68,7 @@ def test_one_filter_is_that_of_all_pieces_joined():
     texture = fit_texture(part, RATE_HZ, 2, 1)
     joined = solve(smoothed(autocorrelation(tapered(part.acceleration_m_s2.ravel(), RATE_HZ), 2), RATE_HZ))
     np.testing.assert_allclose(texture.model(1.0, 0.1)[0], joined, atol=1e-9)
-    cut = Pieces(part.acceleration_m_s2, part.force_N, part.speed_m_s, 2 * part.start)  # no two are neighbours
+    cut = AnalysisWindows(part.acceleration_m_s2, part.force_N, part.speed_m_s, 2 * part.start)  # no two are neighbours
     lags = [autocorrelation(tapered(row, RATE_HZ), 2) for row in part.acceleration_m_s2]
     np.testing.assert_allclose(
         fit_texture(cut, RATE_HZ, 2, 1).model(1.0, 0.1)[0], solve(smoothed(np.sum(lags, axis=0), RATE_HZ)), atol=1e-9
@@ -125,7 +125,7 @@ def moving_pieces(count, seed=0):
         gain = np.sqrt(force[i] * speed[i] ** 2 / power_gain(a))
         signal[i + order : i + order + 20] = lfilter([1.0], a, gain * excitation[i : i + 20], zi=past)[0]
     rows = (signal[order:].reshape(count, LENGTH), force.reshape(count, LENGTH), speed.reshape(count, LENGTH))
-    return Pieces(rows[0], rows[1].mean(axis=1), rows[2].mean(axis=1), np.arange(count))
+    return AnalysisWindows(rows[0], rows[1].mean(axis=1), rows[2].mean(axis=1), np.arange(count))
 
 
 def shape_error_dB(texture, part):
@@ -178,7 +178,7 @@ def test_a_warped_texture_has_the_recordings_power_and_spectrum():
 def test_a_piece_where_a_texture_is_silent_is_missed_by_much_but_not_without_end():
     part = pieces(np.ones(12), np.full(12, 0.1))
     texture = fit_texture(part, RATE_HZ, 2, 1)
-    lifted = Pieces(part.acceleration_m_s2, 0.0 * part.force_N, part.speed_m_s, part.start)
+    lifted = AnalysisWindows(part.acceleration_m_s2, 0.0 * part.force_N, part.speed_m_s, part.start)
     lags = autocorrelation(tapered(part.acceleration_m_s2, RATE_HZ), 2)
     assert np.all(_missed(texture, lifted, lags)[1] > 100.0 * _missed(texture, part, lags)[1])
     assert np.all(np.isfinite(_missed(texture, lifted, lags)))

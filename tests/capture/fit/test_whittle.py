@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import freqz, lfilter
 
-from hapscene.capture.fit import distance as metric
+from hapscene.capture.fit import distance as spectral
 from hapscene.capture.fit.order import search_order
 from hapscene.capture.fit.texture import choose_model_count, fit_texture
 from hapscene.capture.fit.whittle import LOW_HZ, NoisyModel, _derivatives, density, judged, over_noise, refined
@@ -52,10 +52,10 @@ def test_all_resonances_below_1_kHz(frequency_Hz, width_Hz, snr_dB):
     assert abs(texture.order - 2 * len(frequency_Hz)) <= 2
     a, variance = texture.model(10.0, 10.0)
     frequency = np.arange(30.0, 1000.0, 5.0)
-    model = metric.model_spectrum(a, variance, RATE, frequency)
-    should = metric.model_spectrum(truth, 1.0 / power_gain(truth), RATE, frequency)
+    model = spectral.model_spectrum(a, variance, RATE, frequency)
+    should = spectral.model_spectrum(truth, 1.0 / power_gain(truth), RATE, frequency)
     heard = should > 2.0 * 10 ** (-snr_dB / 10) / RATE  # what lies below the noise no one can know
-    assert metric.log_spectral_distance(model[heard], should[heard], frequency[heard]) < 0.7
+    assert spectral.log_spectral_distance(model[heard], should[heard], frequency[heard]) < 0.7
 
 
 def test_the_noise_is_told_from_the_surface():
@@ -78,10 +78,10 @@ def test_two_filters_under_noise_are_told_apart_by_speed():
     assert choose_model_count(part, RATE, noise.order, noise) >= 2
     frequency = np.arange(100.0, 900.0, 5.0)
     for truth, v in zip(truths, (0.1, 0.25), strict=True):
-        model = metric.model_spectrum(texture.model(1.0, v)[0], 1.0, RATE, frequency)
-        should = metric.model_spectrum(truth, 1.0 / power_gain(truth), RATE, frequency)
+        model = spectral.model_spectrum(texture.model(1.0, v)[0], 1.0, RATE, frequency)
+        should = spectral.model_spectrum(truth, 1.0 / power_gain(truth), RATE, frequency)
         heard = should > 0.02 / RATE
-        assert metric.log_spectral_distance(model[heard], should[heard], frequency[heard]) < 1.0
+        assert spectral.log_spectral_distance(model[heard], should[heard], frequency[heard]) < 1.0
 
 
 def test_what_no_small_model_explains_is_left_alone(shared):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hapscene.capture import load_recording, synthesize
-from hapscene.capture.fit import distance as metric
-from hapscene.capture.fit.windows import Pieces, fit_level
+from hapscene.capture.fit import distance as spectral
+from hapscene.capture.fit.windows import AnalysisWindows, fit_level
 from hapscene.capture.io.streams import clean
 
 from ..signals import fit
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.nightly
 def pieces(force_N, speed_m_s, power, seed=0):
     rng = np.random.default_rng(seed)
     signal = rng.standard_normal((len(force_N), 500)) * np.sqrt(power)[:, None]
-    return Pieces(signal, force_N, speed_m_s, np.arange(len(force_N)))
+    return AnalysisWindows(signal, force_N, speed_m_s, np.arange(len(force_N)))
 
 
 @pytest.mark.parametrize("exponent", [(0.0, 0.0), (1.0, 2.0), (0.5, 1.5)])
@@ -52,7 +52,7 @@ def test_a_stroke_at_other_forces_and_speeds_is_foretold():
     swatch = fit(signal, rate, force_N=force, speed_m_s=speed, model_count=1)
     assert swatch.texture.single and np.count_nonzero(swatch.texture.variance_m2_s4) == 4
     made = synthesize(swatch, force, speed)
-    assert abs(metric.level_difference_dB(made, clean(signal, rate).acceleration_m_s2)) < 0.4
+    assert abs(spectral.level_difference_dB(made, clean(signal, rate).acceleration_m_s2)) < 0.4
     corner = swatch.texture.power(np.array([0.85, 1.15]), np.array([0.085, 0.115]))
     assert 10 * np.log10(corner[1] / corner[0]) == pytest.approx(10 * np.log10(1.15 * 0.115 / 0.85 / 0.085), abs=0.7)
 
@@ -71,4 +71,4 @@ def test_power_on_the_held_out_half(name, shared):
         swatch = fit(recording.acceleration_m_s2[train], 10_000.0, force_N=force[train], speed_m_s=speed[train])
         count = -(-200_000 // len(whole[test]))  # long enough that the noise does not decide
         made = synthesize(swatch, np.tile(force[test], count), np.tile(speed[test], count), life=0.0)
-        assert abs(metric.level_difference_dB(made, whole[test])) < 0.5
+        assert abs(spectral.level_difference_dB(made, whole[test])) < 0.5

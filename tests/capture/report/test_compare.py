@@ -40,7 +40,7 @@ def amplitude_of(frequency_Hz: float) -> float:
 
 def test_the_same_surface_cannot_be_told_apart() -> None:
     comparison = compare(textured(), textured())
-    assert comparison.distance_jnd == 0.0 and comparison.verdict == "cannot be told apart"
+    assert comparison.distance_jnd == 0.0 and comparison.verdict == "cannot be distinguished"
     assert len(comparison.differences) == 7 and not comparison.skipped
 
 
