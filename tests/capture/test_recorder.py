@@ -115,7 +115,7 @@ def test_npz_holds_the_same_and_the_record_beside_it_is_gone(play: Play, tmp_pat
         ({"stopped_after": 12}, "stopped", True),
     ],
 )
-def test_every_end_leaves_a_proper_record(
+def test_the_record_is_complete_however_the_recording_ends(
     play: Play, tmp_path: Path, more: dict[str, object], ended: str, complete: bool
 ) -> None:
     calls = iter(range(10**6))
@@ -158,9 +158,9 @@ def test_a_header_without_samples_leaves_no_file(play: Play, tmp_path: Path) -> 
 
 @pytest.mark.parametrize(
     ("out", "message"),
-    [("a.wav", r"expected \.hsrec or \.npz"), ("there.hsrec", "already exists"), ("there.npz", "already exists")],
+    [("a.wav", r"expected \.hsrec or \.npz"), ("there.hsrec", "exists"), ("there.npz", "exists")],
 )
-def test_no_recording_is_replaced(tmp_path: Path, out: str, message: str) -> None:
+def test_existing_files_are_not_overwritten(tmp_path: Path, out: str, message: str) -> None:
     (tmp_path / "there.hsrec").write_bytes(b"dear")
     with pytest.raises(CaptureError, match=message):
         record("no port", tmp_path / out)

@@ -83,18 +83,18 @@ def test_a_warped_lattice_is_the_rational_filter_that_it_stands_for(order: int, 
 
 @pytest.mark.parametrize("order", [4, 9, 28])
 def test_whatever_warped_models_follow_one_another_none_is_louder(order: int) -> None:
-    """White memories of variance 1 stay so in each step, and give f_0 the variance that is told: to rounding."""
+    """White memories of variance 1 remain so, and f_0 has the returned variance: to rounding."""
     rng, size = np.random.default_rng(order), 4 * -(-order // 4)
     for warp in rng.uniform(-0.9, 0.9, 20):
         variance, made = warped(rng.uniform(-0.99, 0.99, order), warp)
-        step, heard = np.zeros((size, size + 1)), np.zeros(size + 1)
+        step, output = np.zeros((size, size + 1)), np.zeros(size + 1)
         for i in range(size + 1):
             b = np.zeros(size + 1)
             b[i % (size + 1)] = 1.0 if i < size else 0.0
-            heard[i] = advance_warped(made, b, order, warp, float(i == size))
+            output[i] = advance_warped(made, b, order, warp, float(i == size))
             step[:, i] = b[:size]
         np.testing.assert_allclose(step @ step.T, np.eye(size), atol=1e-10)
-        assert np.sum(heard**2) == pytest.approx(variance, rel=1e-9)
+        assert np.sum(output**2) == pytest.approx(variance, rel=1e-9)
 
 
 def test_a_warped_lattice_without_warp_is_the_plain_one() -> None:

@@ -59,5 +59,5 @@ def test_a_row_of_numbers_is_a_signal(values: object) -> None:
 
 @pytest.mark.parametrize("values", ["12", ["1"], None, [None], 3.0, [[1.0]], [[1], [1, 2]], [1j], {"a": 1}, [{}]])
 def test_nothing_else_is(values: object) -> None:
-    with pytest.raises(HandleError, match="acceleration must"):
+    with pytest.raises(HandleError, match="acceleration"):
         row_of(values, "acceleration")  # type: ignore[arg-type]

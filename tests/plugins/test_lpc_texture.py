@@ -223,7 +223,7 @@ def test_updated_seldom_it_follows_force_and_speed_in_steps_that_do_not_click(be
 LIFE = Life([0.4, 0.3], [30.0, 0.0], [0.0, 800.0])
 
 
-def living(swatch_of, life=LIFE, **fields):
+def modulated(swatch_of, life=LIFE, **fields):
     swatch = swatch_of()
     return replace(swatch, texture=replace(swatch.texture, life=life, **fields))
 
@@ -232,21 +232,21 @@ def test_a_slow_gain_keeps_the_mean_power_and_spreads_the_levels(bench, ticks, s
     """Against the steady one: levels of 50 ms; scaled to 0 it is that one to the bit; twice as lively, more so."""
     rows = ticks(60_000, force_N=1.0, slip_m_s=0.1)
     made = {
-        life: bench(LPC, living(swatch_of), params={"texture_life": life}).samples(rows) for life in (0.0, 1.0, 2.0)
+        life: bench(LPC, modulated(swatch_of), params={"texture_life": life}).samples(rows) for life in (0.0, 1.0, 2.0)
     }
     np.testing.assert_array_equal(made[0.0], bench(LPC, swatch_of()).samples(rows))
     power = {life: y.reshape(-1, 500).var(axis=1) for life, y in made.items()}
     assert np.mean(power[1.0]) == pytest.approx(np.mean(power[0.0]), rel=0.1)
     spread = [np.std(10 * np.log10(power[life])) for life in (0.0, 1.0, 2.0)]
     assert spread[1] > spread[0] + 1.0 and spread[2] > spread[1] + 2.0
-    again = bench(LPC, living(swatch_of)).samples(rows)
+    again = bench(LPC, modulated(swatch_of)).samples(rows)
     np.testing.assert_array_equal(again, made[1.0])
-    assert not np.array_equal(bench(LPC, living(swatch_of), seed=1).samples(rows), again)
+    assert not np.array_equal(bench(LPC, modulated(swatch_of), seed=1).samples(rows), again)
 
 
 def test_life_that_is_left_out_under_the_same_touch_fades_away_and_comes_again(bench, ticks, swatch_of):
     """A gain that hardly moves of itself goes to 1 and back without a jump; in a new contact at once."""
-    effect = bench(LPC, living(swatch_of, Life([1.0], [1e-9], [0.0])))
+    effect = bench(LPC, modulated(swatch_of, Life([1.0], [1e-9], [0.0])))
 
     def gains(count, life, began=0):
         effect.p["texture_life"] = life
@@ -265,7 +265,7 @@ def test_life_that_is_left_out_under_the_same_touch_fades_away_and_comes_again(b
 
 
 def test_a_gain_of_the_way_stands_still_where_the_tool_does(bench, ticks, swatch_of):
-    effect = bench(LPC, living(swatch_of, Life([0.5], [0.0], [300.0])))
+    effect = bench(LPC, modulated(swatch_of, Life([0.5], [0.0], [300.0])))
     gains = []
     for i, slip in enumerate((0.1, 0.1, 0.0, 0.0, 0.1)):
         effect.run(ticks(1, force_N=1.0, slip_m_s=slip, began=i == 0))

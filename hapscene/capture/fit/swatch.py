@@ -42,7 +42,7 @@ reduced the likelihood of the other half by 0.003 per sample."""
 QUALITY: Final = "texture.quality"
 """Key in `Swatch.absent` of the reason why a texture is unreliable."""
 
-TONAL_MAX: Final = 0.5
+TONAL_MAX: Final = 0.7
 """Largest fraction of the power of a texture in narrow lines [1]. A texture model replaces lines by noise."""
 
 HALVES_JND: Final = 2.0

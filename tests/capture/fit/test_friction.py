@@ -1,4 +1,4 @@
-"""Friction and stiffness whose truth is known, at 20 dB, and reasons where there is none."""
+"""Friction of simulated recordings at 20 dB SNR, and reasons for missing coefficients."""
 
 import numpy as np
 import pytest
@@ -115,7 +115,7 @@ def test_force_that_does_not_follow_depth_is_no_stiffness(handled_recording):
 
 
 def slides(tangential_N, speed_m_s, sliding, rate=1000.0):
-    """A recording of 1 N that slides where told, with no search for it."""
+    """A recording at 1 N with given runs of sliding."""
     count = len(tangential_N)
     states = np.where(sliding, InteractionState.SLIDING, InteractionState.AIR).astype(np.int8)
     streams = Streams(rate, np.zeros(count), np.ones(count), speed_m_s, tangential_N)
@@ -176,7 +176,7 @@ def test_static_friction_waits_for_a_rest_and_a_force():
     states = np.where(cycle < 400, InteractionState.STILL, InteractionState.SLIDING).astype(np.int8)
     start = (cycle >= 380) & (cycle < 420)
     force, pull = np.ones(6000), np.where(start, 0.5, 0.3)
-    states[3000:3380] = InteractionState.SLIDING  # rests for 20 ms before it slides on: 0.8 then is none
+    states[3000:3380] = InteractionState.SLIDING  # a rest of 20 ms is too short for a breakaway
     pull[3380:3420] = 0.8
     force[5200:5600] = 0.05
     pull[5200:5600] = 0.9 * 0.05

@@ -1,4 +1,4 @@
-"""Slow gains that were planted are found as they were, and none where there is none."""
+"""Amplitude modulation of simulated textures is recovered; stationary noise has none."""
 
 from dataclasses import replace
 

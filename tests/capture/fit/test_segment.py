@@ -46,8 +46,8 @@ def test_without_force_rest_and_air_are_one_state(seed, streams, handled_recordi
     truth = handled_recording(seed)
     channels = clean(truth.acceleration_m_s2, truth.rate_Hz, **{name: getattr(truth, name) for name in streams})
     states = segment(channels).states
-    told = np.where(truth.states == InteractionState.STILL, InteractionState.AIR, truth.states)
-    assert np.mean(states == told) > 0.97
+    expected = np.where(truth.states == InteractionState.STILL, InteractionState.AIR, truth.states)
+    assert np.mean(states == expected) > 0.97
     assert len(runs(states == InteractionState.TAP)) == len(truth.tap_m_s)
 
 

@@ -131,9 +131,9 @@ def of_taps(streams, seed):
     """The taps that are found in streams with noise 20 dB below six taps' 60 ms."""
     acceleration, force, depth = streams
     rng = np.random.default_rng(seed)
-    heard = [acceleration[i * 5000 : i * 5000 + 300] for i in range(1, 7)]
+    taps = [acceleration[i * 5000 : i * 5000 + 300] for i in range(1, 7)]
     channels = clean(
-        acceleration + 0.1 * np.sqrt(np.mean(np.square(heard))) * rng.standard_normal(len(force)),
+        acceleration + 0.1 * np.sqrt(np.mean(np.square(taps))) * rng.standard_normal(len(force)),
         RATE_HZ,
         noisy(force, rng),
         None,

@@ -70,5 +70,5 @@ def test_power_on_the_held_out_half(name, shared):
     for train, test in ((first, second), (second, first)):
         swatch = fit(recording.acceleration_m_s2[train], 10_000.0, force_N=force[train], speed_m_s=speed[train])
         count = -(-200_000 // len(whole[test]))  # long enough that the noise does not decide
-        made = synthesize(swatch, np.tile(force[test], count), np.tile(speed[test], count), life=0.0)
+        made = synthesize(swatch, np.tile(force[test], count), np.tile(speed[test], count), modulation=0.0)
         assert abs(spectral.level_difference_dB(made, whole[test])) < 0.5
