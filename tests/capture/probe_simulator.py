@@ -30,7 +30,7 @@ BLOCK_S: Final = 0.01
 """Time between two writes [s]."""
 
 LATE_S: Final = 2e-3
-"""Time between two looks whether the reader has come [s]."""
+"""Interval at which the simulator tries to write again [s]."""
 
 HELD_S: Final = 0.6
 """How late a reader may be before what was sent is lost [s]: as Linux holds it for a serial port of 921,600 baud. For a

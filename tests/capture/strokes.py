@@ -1,4 +1,4 @@
-"""Strokes over surfaces that are made with nothing of the renderer."""
+"""Simulated strokes over surfaces, independent of the renderer."""
 
 import math
 from typing import Final
@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from hapscene.capture.io.streams import Streams
 
 SURFACES: Final = ("steady", "grains", "bursts", "stick-slip")
-"""Noise; a gain that follows the distance; one that follows time; a tone that comes and goes."""
+"""Noise; modulation over distance; modulation over time; stick–slip tones."""
 
 
 def simulated(

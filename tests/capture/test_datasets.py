@@ -1,4 +1,4 @@
-"""Published data sets: recordings made to their descriptions, and errors where one is not as described."""
+"""Published data sets: simulated recordings in their layouts, and errors."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Files of the Penn Haptic Texture Toolkit, held to an independent reference of its query."""
+"""Files of the Penn Haptic Texture Toolkit, compared with an independent implementation of its query."""
 
 import random
 import shutil
@@ -119,7 +119,7 @@ def places(count: int) -> Array:
 
 
 @pytest.mark.parametrize(("seed", "pairs"), [(0, 7), (1, 8), (2, 10)])
-def test_answers_are_the_toolkits(tmp_path: Path, seed: int, pairs: int) -> None:
+def test_queries_equal_those_of_the_toolkit(tmp_path: Path, seed: int, pairs: int) -> None:
     path = write_models(tmp_path / "Models_x.xml", seed, pairs)
     reference, swatch = Toolkit(path), import_hatt(path)
     assert swatch.texture is not None and swatch.texture.rate_Hz == 10000 and swatch.texture.order == 2 * pairs
@@ -130,7 +130,7 @@ def test_answers_are_the_toolkits(tmp_path: Path, seed: int, pairs: int) -> None
         assert ours == pytest.approx(variance, rel=1e-9)
 
 
-def test_the_example_of_the_layout(shared: Path) -> None:
+def test_the_example_files(shared: Path) -> None:
     folder = shared / "data" / "hatt_format"
     swatch = import_hatt(folder / "Models_example.xml", folder / "Taps_example.xml")
     reference = Toolkit(folder / "Models_example.xml")
@@ -156,7 +156,7 @@ def edited(text: str, *changes: tuple[str, str]) -> str:
     return text
 
 
-def test_odd_but_readable_files(tmp_path: Path) -> None:
+def test_unusual_but_valid_files(tmp_path: Path) -> None:
     path = write_models(tmp_path / "Models_x.xml", 0)
     plain, text = import_hatt(path).texture, path.read_text(encoding="utf-8")
     assert plain is not None

@@ -1,4 +1,4 @@
-"""Records on disk: whole, cut at any byte, with a flipped bit, and made by somebody else."""
+"""Record files: complete, truncated, damaged and invalid ones."""
 
 import itertools
 from pathlib import Path
@@ -30,7 +30,7 @@ def write(path: Path, end: bool = True) -> bytes:
     return path.read_bytes()
 
 
-def test_what_was_written_comes_back_with_its_gap(tmp_path: Path) -> None:
+def test_a_record_is_read_back_with_its_gap(tmp_path: Path) -> None:
     write(tmp_path / "a.hsrec")
     record = load_record(tmp_path / "a.hsrec")
     assert record.rate_Hz == 1000.0 and record.units == {"acceleration": "g", "force": "N"}
@@ -47,7 +47,7 @@ def test_long_runs_are_split_and_joined_again(tmp_path: Path) -> None:
     assert (load_record(tmp_path / "a.hsrec").streams["force"] == -np.arange(10_000)).all()
 
 
-def test_cut_at_any_byte_all_whole_chunks_are_read(tmp_path: Path) -> None:
+def test_complete_chunks_of_a_truncated_record_are_read(tmp_path: Path) -> None:
     data = write(tmp_path / "a.hsrec")
     cut = tmp_path / "cut.hsrec"
     lengths = []

@@ -94,7 +94,7 @@ def test_dropped_torn_and_garbage(play: Play, tmp_path: Path) -> None:
     np.testing.assert_allclose(np.stack(list(kept.streams.values()))[:, there], truth(there), atol=1e-12)
 
 
-def test_npz_holds_the_same_and_the_record_beside_it_is_gone(play: Play, tmp_path: Path) -> None:
+def test_npz_replaces_the_record(play: Play, tmp_path: Path) -> None:
     parts = lines(0, 600)
     parts[5] = b""
     made = play([HEADER, *parts], out="a.npz", duration_s=0.25)
@@ -150,7 +150,7 @@ def test_a_port_that_closes_or_is_stopped_before_a_header(play: Play) -> None:
         play([], stopped=lambda: True)
 
 
-def test_a_header_without_samples_leaves_no_file(play: Play, tmp_path: Path) -> None:
+def test_a_probe_without_samples_leaves_no_file(play: Play, tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="no samples"):
         play([HEADER], out="a.npz", last="unplugged")
     assert not list(tmp_path.iterdir())

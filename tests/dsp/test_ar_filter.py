@@ -1,4 +1,4 @@
-"""Forms of all-pole filters against each other and against SciPy."""
+"""Conversions between forms of all-pole filters, compared with SciPy."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from hapscene.errors import SwatchError
 
 
 def random_filter(order: int, seed: int) -> np.ndarray:
-    """A stable filter (order+1,) with a spectrum as uneven as a recorded one's: power gain 1e2 to 1e4."""
+    """A stable filter (order+1,) with a power gain of 1e2 to 1e4, as in recordings."""
     rng = np.random.default_rng(seed)
     k = rng.uniform(-0.6, 0.6, order) * np.exp(-np.arange(order) / 30)
     k[:2] = [-0.97, 0.9][:order]
@@ -30,7 +30,7 @@ def test_conversion_to_lsf_and_back(order: int) -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 256), st.integers(0, 2**32 - 1))
-def test_any_ascending_frequencies_are_a_stable_filter(order: int, seed: int) -> None:
+def test_ascending_frequencies_give_a_stable_filter(order: int, seed: int) -> None:
     gap = np.random.default_rng(seed).uniform(0.5, 1.0, order + 1)  # power gains up to 1e6
     lsf = np.pi * np.cumsum(gap)[:-1] / gap.sum()
     a = ar_from_lsf(lsf)
@@ -40,7 +40,7 @@ def test_any_ascending_frequencies_are_a_stable_filter(order: int, seed: int) ->
 
 
 @pytest.mark.parametrize(("gap_rad", "others"), [(1e-4, 16), (1e-7, 4)])
-def test_roots_that_no_grid_tells_apart_are_found(gap_rad: float, others: int) -> None:
+def test_roots_between_grid_points_are_found(gap_rad: float, others: int) -> None:
     """Two resonances that near: two roots of P, and two of Q, fall between two points of the finest grid.
 
     Four such roots make the coefficients tell them to 1e-7 only, whatever the method.
@@ -54,7 +54,7 @@ def test_roots_that_no_grid_tells_apart_are_found(gap_rad: float, others: int) -
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 160), st.integers(0, 10), st.floats(1e-5, 0.1), st.integers(0, 2**32 - 1))
 def test_conversion_of_filters_with_sharp_resonances(order: int, count: int, width: float, seed: int) -> None:
-    """Filters as fits give them: solved from the autocorrelation of a spectrum with peaks up to 60 dB high."""
+    """Filters from the autocorrelation of spectra with peaks of up to 60 dB."""
     rng = np.random.default_rng(seed)
     w = np.linspace(0.0, np.pi, 8193)
     density = np.exp(3.0 * rng.normal() * np.cos(w))

@@ -24,7 +24,7 @@ def fitted(truth, part=slice(None), **options):
 
 
 @pytest.mark.nightly
-def test_a_recording_with_everything(handled_recording):
+def test_a_recording_of_all_quantities(handled_recording):
     truth = handled_recording(0)
     swatch = fitted(truth, name="oak")
     assert swatch.texture is not None and swatch.taps is not None
@@ -40,7 +40,7 @@ def test_a_recording_with_everything(handled_recording):
     assert abs(10 * np.log10(swatch.texture.power(np.array([1.5]), np.array([0.15]))[0] / sliding.var())) < 0.5
 
 
-def test_taps_alone_make_a_swatch_without_texture(handled_recording):
+def test_a_recording_of_taps_gives_a_swatch_without_texture(handled_recording):
     truth = handled_recording(0)
     swatch = fitted(truth, slice(0, round(2.3 * truth.rate_Hz)))
     assert swatch.texture is None and swatch.taps is not None

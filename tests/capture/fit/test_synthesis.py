@@ -24,7 +24,7 @@ EDGES_HZ = np.geomspace(20.0, 1000.0, 9)
 
 
 def unlike(interpolation: str) -> Swatch:
-    """A swatch of five models that differ, none of them near unstable."""
+    """A swatch with five different, well-damped models."""
     rng = np.random.default_rng(4)
     k = rng.uniform(-0.5, 0.5, (5, 16))
     k[:, 0] = np.linspace(-0.95, -0.5, 5)
@@ -47,8 +47,8 @@ def bands_dB(frequency: np.ndarray, density: np.ndarray) -> np.ndarray:
 
 
 @EACH
-def test_long_synthesis_has_the_model_s_spectrum_and_power(swatch: Swatch) -> None:
-    """At a fixed force and speed, between models, steady: 0.3 dB a band, 0.2 dB in all, beyond what chance does."""
+def test_spectrum_and_power_of_a_long_synthesis(swatch: Swatch) -> None:
+    """At constant force and speed between models: 0.3 dB per band and 0.2 dB in total, plus scatter."""
     texture = swatch.texture
     assert texture is not None
     force, slip = 0.63 * texture.force_max_N, 0.41 * texture.speed_max_m_s
@@ -63,8 +63,8 @@ def test_long_synthesis_has_the_model_s_spectrum_and_power(swatch: Swatch) -> No
 
 
 @EACH
-def test_the_effect_s_table_says_what_the_model_says(swatch: Swatch) -> None:
-    """The level and filter that the renderer plays at places off the grid, against those of `Texture.model`."""
+def test_the_table_of_the_effect_equals_the_texture(swatch: Swatch) -> None:
+    """Level and filter of the renderer between grid points, compared with `Texture.model`."""
     texture = swatch.texture
     assert texture is not None
     table = EFFECT.table(swatch, texture.rate_Hz)
@@ -88,7 +88,7 @@ def test_the_effect_s_table_says_what_the_model_says(swatch: Swatch) -> None:
 
 @pytest.mark.parametrize("name", shipped_swatches())
 @pytest.mark.parametrize("rate_Hz", [5000.0, 20_000.0])
-def test_at_another_rate_the_power_is_kept(name: str, rate_Hz: float) -> None:
+def test_resampling_preserves_the_power(name: str, rate_Hz: float) -> None:
     swatch = load_swatch(name)
     texture = swatch.texture
     assert texture is not None
@@ -102,7 +102,7 @@ def test_at_another_rate_the_power_is_kept(name: str, rate_Hz: float) -> None:
 
 
 @EACH
-def test_wild_walks_stay_finite_and_at_the_level(swatch: Swatch) -> None:
+def test_random_strokes_stay_finite_and_at_their_level(swatch: Swatch) -> None:
     texture = swatch.texture
     assert texture is not None
     rng = np.random.default_rng(0)
@@ -115,8 +115,8 @@ def test_wild_walks_stay_finite_and_at_the_level(swatch: Swatch) -> None:
         assert abs(10 * np.log10(made.var() / texture.power(force, slip).mean())) < 3.0
 
 
-def test_long_strokes_are_made_in_parts_without_a_seam() -> None:
-    """Louder and louder: the level goes on through the border between two parts."""
+def test_long_strokes_are_continuous_across_batches() -> None:
+    """The level is continuous at the border between two batches."""
     block = round(BLOCK_S * 10_000)
     wood = load_swatch("wood")
     count = (_BATCH + 40) * block

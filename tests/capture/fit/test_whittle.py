@@ -18,7 +18,7 @@ RATE = 10_000.0
 
 
 def resonant(frequency_Hz, width_Hz, rate_Hz=RATE):
-    """The filter with a resonance at each frequency, of that width (−3 dB)."""
+    """Filter with resonances of given frequencies and widths (−3 dB)."""
     a = np.array([1.0])
     for f, w in zip(frequency_Hz, width_Hz, strict=True):
         radius = np.exp(-np.pi * w / rate_Hz)
@@ -93,7 +93,7 @@ def test_other_signals_get_no_model_with_noise(shared):
 
 
 def test_scoring_improves_and_stays_stable():
-    """From random stable starts on spectra of random models."""
+    """Random stable initial values and spectra of random models."""
     rng = np.random.default_rng(1)
     for _ in range(20):
         truth = resonant(rng.uniform(60, 900, 3), rng.uniform(30, 150, 3))

@@ -1,4 +1,4 @@
-"""How loud a surface is over force and speed: learnt where there is enough to learn from, expected where not."""
+"""Level law: exponents and extrapolation."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def pieces(force_N, speed_m_s, power, seed=0):
 
 
 @pytest.mark.parametrize("exponent", [(0.0, 0.0), (1.0, 2.0), (0.5, 1.5)])
-def test_exponents_come_back_where_force_and_speed_vary(exponent):
+def test_known_exponents_are_found(exponent):
     rng = np.random.default_rng(1)
     force, speed = rng.uniform(0.3, 3.0, 300), rng.uniform(0.03, 0.3, 300)
     law = fit_level(pieces(force, speed, force ** exponent[0] * speed ** exponent[1]))
@@ -29,8 +29,8 @@ def test_exponents_come_back_where_force_and_speed_vary(exponent):
         assert np.log2(two / one) == pytest.approx(exponent[i], abs=0.05)
 
 
-def test_a_hand_that_changes_little_teaches_little():
-    """Levels that scatter by 3 dB over speeds of ±5 %: the exponents stay near those of friction."""
+def test_small_variations_leave_the_prior():
+    """With a scatter of 3 dB over speeds of ±5 %, the exponents stay near the prior."""
     rng = np.random.default_rng(2)
     for seed in range(20):
         force, speed = rng.uniform(1.9, 2.1, 10), rng.uniform(0.095, 0.105, 10)
@@ -38,13 +38,13 @@ def test_a_hand_that_changes_little_teaches_little():
         assert law(np.array([2.2]), np.array([0.1]))[0] / law(np.array([2.0]), np.array([0.1]))[0] < 1.2
 
 
-def test_the_mean_power_is_kept():
+def test_the_mean_power_is_preserved():
     part = pieces(np.linspace(1, 2, 30), np.linspace(0.2, 0.1, 30), np.linspace(1, 5, 30))
     assert fit_level(part)(part.force_N, part.speed_m_s).mean() == pytest.approx(np.mean(part.acceleration_m_s2**2))
 
 
-def test_a_stroke_at_other_forces_and_speeds_is_foretold():
-    """Fitted at slow and light strokes, judged at faster and firmer ones of the same surface, power as that of F v."""
+def test_extrapolation_to_other_forces_and_speeds():
+    """Fitted to slow and light strokes, compared with faster and firmer ones; power proportional to F v."""
     rng, rate = np.random.default_rng(3), 2000.0
     t = np.arange(20_000) / rate
     force, speed = 1.0 + 0.2 * np.sin(2.0 * t), 0.10 + 0.02 * np.sin(3.1 * t)
@@ -59,7 +59,7 @@ def test_a_stroke_at_other_forces_and_speeds_is_foretold():
 
 @pytest.mark.parametrize("name", ["leather", "paper", "wood"])
 def test_power_on_the_held_out_half(name, shared):
-    """Both ways. The halves of wood differ by 0.9 dB: the other one's force and speed explain it."""
+    """Both directions; the halves of wood differ by 0.9 dB because of force and speed."""
     path = shared / "data" / "recordings" / f"cdp_{name}.csv"
     units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
     recording = load_recording(path, 10_000.0, columns={"acceleration": "accel"}, units=units)

@@ -149,7 +149,7 @@ def test_a_killed_recording_is_readable_up_to_its_last_second(probe: Probe, tmp_
 
 
 @pytest.mark.parametrize("kind", [signal.SIGINT, *ENDS])
-def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path, kind: signal.Signals) -> None:
+def test_ctrl_c_ends_the_record_and_names_the_file(probe: Probe, tmp_path: Path, kind: signal.Signals) -> None:
     path = tmp_path / "a.hsrec"
     stop = threading.Event()
     words = ("-m", "hapscene", "capture", "record", "--port", probe.port, "-o", str(path))
@@ -167,7 +167,7 @@ def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path, k
 
 
 def test_the_simulator_is_a_probe(tmp_path: Path) -> None:
-    """Two commands of the documentation: a simulated probe in one process, a recording here."""
+    """A simulated probe in another process is recorded."""
     with process("-m", "tests.capture.probe_simulator", "--drop", "0.01", stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         port = child.stdout.readline().strip()
@@ -179,7 +179,7 @@ def test_the_simulator_is_a_probe(tmp_path: Path) -> None:
     assert kept.streams["acceleration"][~kept.missing].std() > 0.05
 
 
-def test_an_unplugged_probe_ends_the_record_properly(probe: Probe, tmp_path: Path) -> None:
+def test_an_unplugged_probe_ends_the_record(probe: Probe, tmp_path: Path) -> None:
     calls = itertools.count()
 
     def stopped() -> bool:

@@ -1,4 +1,4 @@
-"""Recordings from strangers: no file takes more memory than its size allows, ends the process, or is read shortened."""
+"""Memory and robustness of reading untrusted recordings."""
 
 import json
 import struct
@@ -47,7 +47,7 @@ def spoiled(path: Path, old: bytes, new: bytes) -> None:
 
 
 def crossed_mat(path: Path) -> None:
-    """The tag of the numbers says a type that there is not: SciPy's reader ends the process."""
+    """An invalid data type, at which the reader of SciPy crashes."""
     savemat(path, {"acceleration": np.arange(1000.0)})
     spoiled(path, struct.pack("<II", 9, 8000), struct.pack("<II", 11, 8000))
 
