@@ -1,6 +1,6 @@
 """Amplitude modulation of a texture by a slow random gain. Compiled.
 
-The logarithm of the gain is a sum of Ornstein–Uhlenbeck processes (`hapscene.surface.life`). Each process is
+The logarithm of the gain is a sum of Ornstein–Uhlenbeck processes (`hapscene.surface.gain_modulation`). Each process is
 a number x of variance 1 with an exact update for any step: x ← ρ x + √(1 − ρ²) z, with z standard normal and
 ρ = exp(−dt · decay_1_s − dx · decay_1_m). The distribution does not depend on the length of a tick, and is stationary
 from the first draw. The logarithm is limited to `BOUND` standard deviations, because recordings do not exceed this.

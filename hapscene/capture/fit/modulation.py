@@ -17,7 +17,7 @@ import scipy
 from hapscene.capture.fit.segment import runs
 from hapscene.capture.io.streams import Array, Streams, filtered, part_of
 from hapscene.constants import ACCELERATION_BAND_HZ
-from hapscene.surface.life import SPREAD_MAX, Life
+from hapscene.surface.gain_modulation import SPREAD_MAX, GainModulation
 from hapscene.surface.texture import Texture
 
 __all__ = ["fit_modulation"]
@@ -81,7 +81,7 @@ class ModulationFit(NamedTuple):
         ahead: held-out log-likelihood of processes over distance, and over both, minus that over time; NaN if unknown.
     """
 
-    modulation: Life | None
+    modulation: GainModulation | None
     intervals: tuple[tuple[float, float], ...] = ()
     reason: str = ""
     ahead: tuple[float, float] = (np.nan, np.nan)
@@ -139,7 +139,7 @@ def fit_modulation(texture: Texture, stretches: Sequence[Streams]) -> Modulation
     decay_1_s, decay_1_m = np.hstack([rate_1_s, none]), np.hstack([none, rate_1_s / speed])
     kinds = _KINDS[kind]
     spread = spread * (min(whole, SPREAD_MAX) / float(np.sqrt(np.sum(spread[kept] ** 2))))
-    modulation = Life(spread[kept], decay_1_s[kinds][kept], decay_1_m[kinds][kept])
+    modulation = GainModulation(spread[kept], decay_1_s[kinds][kept], decay_1_m[kinds][kept])
     return ModulationFit(modulation, tuple(zip(low.tolist(), high.tolist(), strict=True)), "", ahead)
 
 

@@ -246,7 +246,7 @@ def _texture(
     count = len(found.modulation.spread)
     names = [*(f"texture.life.spread[{i}]" for i in range(count)), "texture.life.log_spread"]
     intervals |= zip(names, found.intervals, strict=True)
-    return replace(texture, life=found.modulation), intervals, missing
+    return replace(texture, modulation=found.modulation), intervals, missing
 
 
 def _sliding_acceleration(recordings: Sequence[SegmentedRecording]) -> Array:

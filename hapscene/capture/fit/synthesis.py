@@ -90,9 +90,9 @@ class _Synthesizer:
         self.step = max(1, round(STEP_S * texture.rate_Hz))
         self.hold = max(1, round(BLOCK_S * texture.rate_Hz / self.step))
         self.block, self.step_s = self.hold * self.step, self.step / texture.rate_Hz
-        self.rates, life = np.zeros(0), texture.life
-        if life is not None:
-            self.rates = np.column_stack((life.spread, life.decay_1_s, life.decay_1_m)).ravel()
+        self.rates, gain = np.zeros(0), texture.modulation
+        if gain is not None:
+            self.rates = np.column_stack((gain.spread, gain.decay_1_s, gain.decay_1_m)).ravel()
         fields = [(name, np.float64, shape) for name, shape in voice_fields(texture.order)]
         self.s = np.zeros(1, [*fields, ("rng", np.uint64, (4,))]).view(np.recarray)[0]
         self.s["order"], self.s["warp"], self.s["spread_scale"] = texture.order, texture.warp, modulation
