@@ -181,11 +181,14 @@ TONE_RATIO: Final = 8.0
 """Smallest ratio of a spectral line to that median [1]; noise exceeds it at 0.4 % of all frequencies."""
 
 
+TONE_S: Final = 10.0
+"""Longest part of a signal in which tones are searched [s]; this limits the memory."""
+
+
 def tonal_share(acceleration_m_s2: Array, rate_Hz: float) -> float:
     """Fraction of the power of a signal (n,) from 20 to 1000 Hz that is in narrow lines: noise 0, tones 1 [1]."""
-    frequency, density = scipy.signal.welch(
-        acceleration_m_s2, rate_Hz, nperseg=min(len(acceleration_m_s2), round(rate_Hz))
-    )
+    signal = acceleration_m_s2[: round(TONE_S * rate_Hz)]
+    frequency, density = scipy.signal.welch(signal, rate_Hz, nperseg=min(len(signal), round(rate_Hz)))
     density = density[_in_band(frequency)]
     local = scipy.ndimage.median_filter(density, max(3, round(TONE_HZ / frequency[1])))
     return float(density[density > TONE_RATIO * local].sum() / max(float(density.sum()), np.finfo(np.float64).tiny))

@@ -228,6 +228,7 @@ def _texture(
             f"{100 * share:.0f} % of the vibration is in pure tones, which a texture model replaces by noise: look for "
             "hum or motor noise and record sliding on the surface"
         )
+    del slid  # as large as a stream
     windows = _analysis_windows(recordings)
     model_count = options.model_count
     if model_count == "auto":

@@ -63,6 +63,8 @@ def read_recording_source(file: Path) -> RecordingSource:
     """
     with refusing(CaptureError):
         check_file_size(file, BYTES_MAX, "recording")
+    if file.suffix.lower() == ".hsrec":
+        return _record(file)  # checks its content, and names the file in its errors
     with refusing(CaptureError, file):
         return _source(file)
 
@@ -71,7 +73,7 @@ def _source(file: Path) -> RecordingSource:
     readers = {".wav": _wav, ".npz": _npz, ".mat": _mat, ".parquet": _parquet}
     reader = readers.get(file.suffix.lower(), _text)
     try:
-        source = _record(file) if file.suffix.lower() == ".hsrec" else reader(file)
+        source = reader(file)
     except OSError as error:
         raise CaptureError(f"cannot be read: {error.strerror or error}") from None
     lengths = {name: len(column) for name, column in source.columns.items()}
