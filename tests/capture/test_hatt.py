@@ -239,7 +239,7 @@ def test_malicious_xml_is_refused(tmp_path: Path) -> None:
         assert "secret" not in str(caught.value).replace(str(secret), "")
     with pytest.raises(SwatchError, match="no such file"):
         import_hatt(tmp_path / "none.xml")
-    with pytest.raises(SwatchError, match="is no file"):
+    with pytest.raises(SwatchError, match="cannot be read"):
         import_hatt(tmp_path)
 
 

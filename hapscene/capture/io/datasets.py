@@ -126,7 +126,7 @@ def _resampled(
     if not end_s > start_s:
         raise CaptureError("the time stamps of its columns do not overlap")
     count = int((end_s - start_s) * rate_Hz) + 1
-    check_memory(16 * 8 * count, own_B, f"{count:,} samples from {start_s:g} to {end_s:g} s", TOO_MUCH)
+    check_memory(16 * 8 * count, own_B, f"resampling to {count:,} samples from {start_s:g} to {end_s:g} s", TOO_MUCH)
     t_s = start_s + np.arange(count) / rate_Hz
     made: dict[str, Array] = {}
     for name, column in columns.items():

@@ -195,7 +195,7 @@ def _parsed(data: bytes) -> Record:
     if length * len(columns) > VALUE_MAX:
         raise CaptureError(f"{length} samples of {len(columns)} columns exceed the limit of {VALUE_MAX} values")
     needed_B = len(data) + 8 * length * len(columns)
-    check_memory(needed_B, len(data), f"{length:,} samples, dropped ones included,", "record it again")
+    check_memory(needed_B, len(data), f"a record of {length:,} samples, dropped ones included,", "record it again")
     streams = {column.name: np.full(length, np.nan) for column in columns}
     for kind, first, payload in _chunks(data):  # read twice, because a list of millions of chunks needs much memory
         if kind == b"DATA" and len(payload) % row_B == 0:

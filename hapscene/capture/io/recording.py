@@ -189,7 +189,7 @@ def load_recording(
         count, own_B = len(next(iter(source.columns.values()))), source.own_B
         needed_B = sum(column.nbytes for column in source.columns.values())
         needed_B += 8 * count * (len(chosen) + axes + _EXTRA_STREAMS + ("position" in chosen))
-        check_memory(needed_B, own_B, f"its {count:,} samples", TOO_MUCH)
+        check_memory(needed_B, own_B, f"a recording of {count:,} samples", TOO_MUCH)
         rate = rate_of(rate_Hz, source, reader.rows("time")[0] if "time" in chosen else None)
         recording = _assembled(rate, chosen, reader)
     if reader.bridged:

@@ -251,7 +251,7 @@ def join(
         )
     samples = np.arange(int(np.ceil(start_s * first.rate_Hz)), int(np.floor(stop_s * first.rate_Hz)))
     stream_count = sum(len(each.streams) for each in (first, *recordings.values()))
-    check_memory(16 * len(samples) * stream_count, 0, f"{len(samples):,} merged samples", TOO_MUCH)
+    check_memory(16 * len(samples) * stream_count, 0, f"merging {len(samples):,} samples", TOO_MUCH)
     streams, units = {name: stream[samples] for name, stream in first.streams.items()}, dict(first.units)
     for number, (path, second) in enumerate(recordings.items(), 2):
         known = offsets[path]
@@ -299,7 +299,7 @@ def _read(paths: Sequence[Path], rates_Hz: Sequence[float]) -> dict[Path, Sample
 
 
 def _sampled(source: RecordingSource, rate_Hz: float | None, wave: bool) -> SampledStreams:
-    check_memory(16 * sum(len(column) for column in source.columns.values()), source.own_B, "its streams", TOO_MUCH)
+    check_memory(16 * sum(len(column) for column in source.columns.values()), source.own_B, "the recording", TOO_MUCH)
     names = {name: name for name in source.columns}
     if list(names) == ["1"]:
         names = {"1": "acceleration"}
