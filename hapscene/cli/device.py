@@ -1,5 +1,6 @@
 """`hapscene device`: devices and handles: what is connected, a first run, identification, playing a file."""
 
+import importlib
 import sys
 import threading
 from collections.abc import Sequence
@@ -24,7 +25,7 @@ from hapscene.cli.options import (
     Seed,
 )
 from hapscene.cli.paths import base_name
-from hapscene.errors import HandleError
+from hapscene.errors import DeviceError, HandleError
 from hapscene.io.wire.port import BAUD
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
-app = App(name="device", synonym="handle", help="Haptic devices and handles: list, try, identify, play a file.")
+app = App(name="device", synonym="handle", help="Haptic devices and handles: list, try, check, identify, play a file.")
 
 FIND_S: Final = 5.0
 """Longest time that a driver may look for its device [s]."""
@@ -111,6 +112,59 @@ def try_device(
     from hapscene.play.first_run import try_device as run
 
     return run(name, option or {}, say, wait=not yes)
+
+
+@app.command(name="check")
+def check_device(
+    name: Annotated[str, Help("Driver: a name of `hapscene device list`, or MODULE:DRIVER of a file in this folder")],
+    /,
+    *,
+    option: Annotated[Pairs, Help("Options of the driver, as port=/dev/ttyACM0")] = None,
+    emulator: Annotated[
+        str | None, Help("Emulator to check instead of the connected device, as MODULE:CLASS in this folder")
+    ] = None,
+) -> int:
+    """Check that a driver keeps the driver contract, on the connected device or on an emulator.
+
+    Prints one line per check: ok, failed or skipped. The exit code is 1 if a check failed. The connected device
+    receives no force. An emulator receives at most 0.5 N, and also faults: see the tutorial "Write a driver".
+
+    for example:
+      hapscene device check haply2diy --option port=/dev/ttyACM0 --option homed=yes
+      hapscene device check board_driver:DRIVER --emulator board_driver:Board
+    """
+    from hapscene.device.check import check_driver
+    from hapscene.device.driver import Driver
+    from hapscene.device.driver_registry import DRIVERS, DeviceChoice
+    from hapscene.device.emulator import Emulator, serve
+
+    driver = _imported(name, Driver) if ":" in name else DRIVERS.load(name)
+    if driver.open is None:
+        DeviceChoice(name).checked()  # raises an error that names the driver's kind
+    if emulator is None:
+        return 0 if check_driver(driver, option or {}, say) else 1
+    emulated = _imported(emulator, type)()
+    if not isinstance(emulated, Emulator):
+        raise DeviceError(f"{emulator}: expected a class that is derived from hapscene.device.emulator.Emulator")
+    with serve(emulated) as place:
+        known = {one.name for one in driver.options}
+        found = {key: value for key, value in place.items() if key in known}
+        return 0 if check_driver(driver, found | (option or {}), say, emulated) else 1
+
+
+def _imported(text: str, kind: type) -> Any:
+    """The object MODULE:NAME, of an installed module or of one in the current folder."""
+    module, _, name = text.partition(":")
+    sys.path.insert(0, "")
+    try:
+        found = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise DeviceError(f"{text}: cannot be imported: {error}; expected MODULE:NAME, as my_driver:DRIVER") from None
+    finally:
+        sys.path.remove("")
+    if not isinstance(found, kind):
+        raise DeviceError(f"{text}: is a {type(found).__name__}; expected a {kind.__name__}")
+    return found
 
 
 @Parameter(name="*", group="Sweep")

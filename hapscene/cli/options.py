@@ -95,7 +95,7 @@ Counts = Annotated[tuple[int, ...], Parameter(converter=comma_separated(int), n_
 Names = Annotated[tuple[str, ...], Parameter(converter=comma_separated(str), n_tokens=1, metavar="NAME,…")]
 Pairs = Annotated[
     dict[str, str] | None,
-    Parameter(converter=_pairs, n_tokens=1, accepts_keys=False, metavar="NAME=VALUE,…"),
+    Parameter(converter=_pairs, n_tokens=-1, accepts_keys=False, metavar="NAME=VALUE,…"),
 ]
 
 

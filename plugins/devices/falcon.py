@@ -10,12 +10,12 @@ from typing import Any, Final
 
 from hapscene.device.driver import Connection, Driver, Option, clip_force
 from hapscene.device.model import Device, Limits
+from hapscene.device.response_timeout import ResponseTimeout
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.falcon_kinematics import COUNT_RAD, MIDDLE_M, ZERO_RAD, forward, motor_units
-from hapscene_plugins.devices.response_timeout import ResponseTimeout
 from hapscene_plugins.devices.usb_device import BACKEND, USB_MODULES, UsbDevice, find_usb
 
 VENDOR, PRODUCT = 0x0403, 0xCB48

@@ -3,12 +3,12 @@
 from typing import Any, Final
 
 from hapscene.device.driver import Driver, Option
+from hapscene.device.serial_port import find_ports
 from hapscene.errors import HandleError
 from hapscene.handle.live_board import LiveBoard
 from hapscene.handle.serial_handle import SerialWire
 from hapscene.io.files import refusing
 from hapscene.io.wire.port import BAUD
-from hapscene_plugins.devices.serial_port import find_ports
 
 BOARD: Final = (
     Option("limit_N", 3.0, "force limit [N]"),

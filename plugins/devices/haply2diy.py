@@ -6,35 +6,17 @@ checksum, float32, little-endian. The device's axes H: x to the left, y towards 
 The board has no watchdog: it holds the last torque indefinitely. Therefore every exit path sends zero torque.
 """
 
-import errno
 import math
-import os
 import struct
-from contextlib import suppress
 from typing import Any, Final, NamedTuple
 
 from hapscene.device.driver import Connection, Driver, Option
 from hapscene.device.model import Device, Limits
+from hapscene.device.response_timeout import ResponseTimeout
+from hapscene.device.serial_port import SERIAL_MODULES, SerialPort, find_ports
 from hapscene.device.sim.point import PointMass
-from hapscene.errors import DeviceError
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.haply2diy_kinematics import arm_torques, forward
-from hapscene_plugins.devices.response_timeout import ResponseTimeout
-from hapscene_plugins.devices.serial_port import PERMISSION, find_ports
-
-try:
-    from termios import error as PortError
-except ImportError:  # Windows has none
-    PortError = OSError  # type: ignore[misc,assignment]
-
-WRITE_S: Final = 0.05
-"""Longest time that a write may block [s]."""
-
-CLOSE_S: Final = 1.0
-"""Longest time that the final zero torque may block [s]."""
-
-GONE: Final = (OSError, TypeError, PortError)
-"""Exceptions of pyserial after a disconnection."""
 
 ID: Final = 5
 """Device id that the board is given; each answer starts with it."""
@@ -82,31 +64,6 @@ def run_message(torques: tuple[float, float]) -> bytes:
     return TORQUES.pack(RUN, ID, torques[1], torques[0])
 
 
-def open_port(port: str | None, alone: bool = False) -> Any:
-    """Open the serial port of the board, with exclusive access if `alone` and supported.
-
-    Raises:
-        DeviceError: no port was named and the number of ports is not one; or the port does not exist, is in use, or its
-            permissions do not allow it.
-    """
-    import serial
-
-    if port is None:
-        found = find_ports()
-        if len(found) != 1:
-            names = ", ".join(each.where for each in found) or "not found"
-            raise DeviceError(f"haply2diy: name the serial port: --option port=NAME; connected ports: {names}")
-        port = found[0].options["port"]
-    try:
-        exclusive = True if alone and os.name == "posix" else None
-        return serial.Serial(port, BAUD, timeout=0.0, write_timeout=0.05, exclusive=exclusive)
-    except (OSError, ValueError) as error:
-        if getattr(error, "errno", None) == errno.EAGAIN:  # another process holds the lock
-            raise DeviceError(f"haply2diy: {port}: in use; close the other program that uses it") from None
-        remedy = f"; {PERMISSION}" if getattr(error, "errno", None) == errno.EACCES else ""
-        raise DeviceError(f"haply2diy: {port}: cannot be opened: {error}{remedy}") from None
-
-
 class Haply2diyConnection(Connection):
     """An open 2DIY. Each tick sends torques and receives the angles of the arms."""
 
@@ -114,12 +71,10 @@ class Haply2diyConnection(Connection):
         self, port: str | None = None, hardware: str = "v3", homed: bool = False, clock: Clock = CLOCK
     ) -> None:
         super().__init__()
-        self._clock = clock
         self._hardware, self._homed = HARDWARE[hardware], homed
-        self._port = open_port(port, alone=True)
-        self._name = f"haply2diy: {self._port.port}"
+        self._port = SerialPort("haply2diy", port, BAUD, clock=clock)
         self._tail, self._theta, self._p, self._timeout = b"", (0.0, 0.0), (0.0, 0.0), ResponseTimeout(clock)
-        self._unsent, self._known, self._garbled = b"", False, False
+        self._known, self._garbled = False, False
         try:
             self._send(setup_message(self._hardware) + run_message((0.0, 0.0)))
         except BaseException:
@@ -127,48 +82,22 @@ class Haply2diyConnection(Connection):
             raise
 
     def _send(self, data: bytes) -> None:
-        try:
-            if self._garbled:  # lost synchronisation: the next answer starts afresh
-                self._port.reset_input_buffer()
-                self._tail, self._garbled = b"", False
-            self._put(data, WRITE_S)
-        except GONE as error:
-            raise DeviceError(f"{self._name}: disconnected ({error}); reconnect it") from None
-
-    def _put(self, data: bytes, timeout_s: float) -> None:
-        """Write `data` after all unsent bytes. Messages must stay complete: the board separates them by length only.
-
-        Raises:
-            OSError: the board accepted nothing for `timeout_s`. The unsent bytes precede the next message.
-        """
-        self._unsent += data
-        end_s = self._clock.now_s() + timeout_s
-        while self._unsent:
-            if os.name == "posix":
-                with suppress(BlockingIOError):
-                    self._unsent = self._unsent[os.write(self._port.fileno(), self._unsent) :]
-            else:
-                self._port.write(self._unsent)
-                self._unsent = b""
-            if self._unsent:
-                if self._clock.now_s() > end_s:
-                    raise TimeoutError("it accepts no data")
-                self._clock.sleep_s(5e-4)
+        if self._garbled:  # lost synchronisation: the next answer starts afresh
+            self._port.discard_input()
+            self._tail, self._garbled = b"", False
+        self._port.write(data)
 
     def read(self) -> None:
-        try:
-            if self._known and self._timeout.is_stale():  # buffered answers are from before a pause
-                self._port.reset_input_buffer()
-                self._tail, self._known = b"", False
-            data = self._tail + self._port.read(max(ANSWER.size - len(self._tail), self._port.in_waiting))
-        except GONE as error:
-            raise DeviceError(f"{self._name}: disconnected ({error}); reconnect it") from None
+        if self._known and self._timeout.is_stale():  # buffered answers are from before a pause
+            self._port.discard_input()
+            self._tail, self._known = b"", False
+        data = self._tail + self._port.read()
         self._garbled = len(data) > 4 * ANSWER.size
         while len(data) >= ANSWER.size and not self._garbled:
             self._garbled = not self._take(*ANSWER.unpack_from(data))
             data = data[ANSWER.size :]
         self._tail = b"" if self._garbled else data
-        self._timeout.check(self, self._name, "check that it is the board of a 2DIY")
+        self._timeout.check(self, self._port.name, "check that it is the board of a 2DIY")
 
     def _take(self, name: int, second_deg: float, first_deg: float) -> bool:
         """Update the state by an answer. Returns False if the answer is invalid or implausible."""
@@ -197,11 +126,7 @@ class Haply2diyConnection(Connection):
             self._send(run_message((0.0, 0.0)))
 
     def close(self) -> None:
-        if self._port.is_open:
-            with suppress(*GONE):
-                self._put(run_message((0.0, 0.0)), CLOSE_S)  # until it accepts this, the board holds its last torque
-        with suppress(*GONE):
-            self._port.close()
+        self._port.close(run_message((0.0, 0.0)))  # until it accepts this, the board holds its last torque
 
     def reason(self, trouble: int) -> str:
         remedy = "move the arms to their marks, and use --option homed=yes"
@@ -210,12 +135,10 @@ class Haply2diyConnection(Connection):
 
 def release(port: str | None = None, **options: Any) -> None:
     """Send zero torque after the driver process has died."""
-    device = open_port(port)
+    device = SerialPort("haply2diy", port, BAUD, alone=False)
     try:
         device.write(run_message((0.0, 0.0)))
         device.flush()
-    except GONE as error:
-        raise DeviceError(f"haply2diy: {port}: disconnected ({error})") from None
     finally:
         device.close()
 
@@ -233,7 +156,7 @@ DRIVER = Driver(
     high_D_m=(0.08, 0.07, 0.001),
     rate_Hz=1000.0,
     needs="a serial port, and permission for it",
-    imports=("serial", "serial.tools.list_ports"),
+    imports=SERIAL_MODULES,
     options=(
         Option("port", None, "serial port, such as /dev/ttyACM0 or COM3; by default the only one that is connected"),
         Option("hardware", "v3", "hardware version", tuple(HARDWARE)),

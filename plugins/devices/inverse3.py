@@ -13,12 +13,12 @@ import numpy as np
 
 from hapscene.device.driver import Connection, Driver, Found, Option, clip_force
 from hapscene.device.model import Device, Limits
+from hapscene.device.response_timeout import ResponseTimeout
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import rotation_of
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.inverse3_messages import first, force_message, is_identity, listed, numbers, parse, part
-from hapscene_plugins.devices.response_timeout import ResponseTimeout
 
 URI: Final = "ws://localhost:10001"
 

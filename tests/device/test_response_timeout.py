@@ -4,7 +4,7 @@ import pytest
 
 from hapscene.device.driver import Connection
 from hapscene.errors import DeviceError
-from hapscene_plugins.devices.response_timeout import GONE_S, STALE_S, ResponseTimeout
+from hapscene.device.response_timeout import GONE_S, STALE_S, ResponseTimeout
 from tests.virtual_clock import VirtualClock
 
 

@@ -1,10 +1,12 @@
-"""Timeout for devices that stop answering. Not a driver."""
+"""Timeout for drivers of devices that stop answering."""
 
 from typing import Final
 
 from hapscene.device.driver import Connection
 from hapscene.errors import DeviceError
 from hapscene.wall_clock import CLOCK, Clock
+
+__all__ = ["ResponseTimeout"]
 
 GONE_S: Final = 0.5
 """Time without a valid answer after which a device counts as disconnected [s]. The servo stops its force after 10
