@@ -50,8 +50,8 @@ class Emulator:
     def __init__(self) -> None:
         self.fault = ""
         self.last_N: Vector = (0.0, 0.0, 0.0)
-        self.largest_N: float = 0.0
-        self.message_count: int = 0
+        self.largest_N = 0.0
+        self.message_count = 0
         self._unread, self._random = b"", random.Random(7)
 
     def message_size(self, data: bytes) -> int:
@@ -76,8 +76,8 @@ class Emulator:
             force = self.force_N(message)
             if force is not None:
                 self.last_N = force
-                size = math.hypot(*force)
-                self.largest_N = max(self.largest_N, math.inf if math.isnan(size) else size)
+                norm_N = math.hypot(*force)
+                self.largest_N = max(self.largest_N, math.inf if math.isnan(norm_N) else norm_N)
             answers += self._answer(message)
         return answers
 

@@ -5,6 +5,7 @@ A DualSense on a USB cable is a sound card with four channels at 48 kHz: channel
 rumble, the voice coils play no audio. This was not tested on hardware; several independent sources agree.
 """
 
+import threading
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -26,6 +27,11 @@ BLOCK_MAX: Final = 1 << 16
 """Largest block of samples that a card requests."""
 
 FULL_SCALE: Final = 32_767
+
+BUFFERS_S: Final = (0.08, 0.12, 0.2, 0.3)
+"""Lengths of the audio buffer without the option buffer_s [s]: the first, and the next one after an underrun.
+
+The smallest buffer of PortAudio (`latency="low"`, 10 to 30 ms) has underruns on a busy computer."""
 
 
 class AudioHandle:
@@ -58,22 +64,27 @@ class AudioHandle:
         self._columns = _columns(channels, name, count)
         self._samples = np.zeros(BLOCK_MAX)
         needed = max(self._columns) + 1
+        self._buffers_s = [buffer_s] if buffer_s > 0.0 else list(BUFFERS_S)
+        self._options = {
+            "samplerate": rate_Hz,
+            "device": number,
+            # all channels of the card: otherwise a mixer may redistribute them
+            "channels": max(needed, 4) if count >= 4 else needed,
+            "dtype": "int16",  # rounded here, since PortAudio truncates
+            "blocksize": block,
+            "callback": self._fill,
+            "finished_callback": self._finished,
+        }
+        self._closing, self._reopening, self._latency_s = False, False, 0.0
+        self._lock, self._grow = threading.Lock(), threading.Event()
         try:
-            self._stream: Any = self._sound.OutputStream(
-                samplerate=rate_Hz,
-                device=number,
-                channels=max(needed, 4)
-                if count >= 4
-                else needed,  # all channels of the card: otherwise a mixer may redistribute them
-                dtype="int16",  # rounded here, since PortAudio truncates
-                latency=buffer_s or "low",
-                blocksize=block,
-                callback=self._fill,
-                finished_callback=self._finished,
-            )
+            self._stream = self._open()
         except (self._sound.PortAudioError, ValueError) as error:
             raise HandleError(f"{name}: cannot be opened: {' '.join(str(error).split())}") from None
-        self._closing, self._latency_s = False, 0.0
+
+    def _open(self) -> Any:
+        """A stream with the next length of the buffer."""
+        return self._sound.OutputStream(latency=self._buffers_s.pop(0), **self._options)
 
     @property
     def rate_Hz(self) -> float:
@@ -81,8 +92,8 @@ class AudioHandle:
 
     @property
     def latency_s(self) -> float:
-        """Latency that PortAudio reports [s]; the last value after `close`."""
-        if not self._closing:
+        """Latency of the current buffer, as PortAudio reports it [s]; the last value after `close`."""
+        if not self._closing and not self._reopening:
             self._latency_s = float(self._stream.latency)
         return self._latency_s
 
@@ -92,11 +103,40 @@ class AudioHandle:
             self._stream.start()
         except self._sound.PortAudioError as error:
             raise HandleError(f"{self.name}: cannot play: {' '.join(str(error).split())}") from None
+        if self._buffers_s:
+            threading.Thread(target=self._grow_when_needed, name="hapscene audio", daemon=True).start()
+
+    def _grow_when_needed(self) -> None:
+        """Enlarge the buffer after each underrun. A thread, since a callback must not close its own stream."""
+        while self._buffers_s and not self._closing and not self.fault:
+            self._grow.wait()
+            self.grow()
+
+    def grow(self) -> None:
+        """Reopen the stream with the next length of the buffer. The signal fades in again."""
+        with self._lock:
+            if self._closing or self.fault or not self._buffers_s:
+                return
+            _ = self.latency_s
+            self._reopening = True
+            try:
+                self._stream.stop()
+                self._stream.close()
+                assert self._feed is not None
+                self._feed.fade_in()
+                self._stream = self._open()
+                self._grow.clear()
+                self._stream.start()
+                self._reopening = False
+            except (self._sound.PortAudioError, ValueError) as error:
+                self.fault = f"{self.name}: cannot be reopened: {' '.join(str(error).split())}"
 
     def _fill(self, out: Any, count: int, time: Any, status: Any) -> None:
         out.fill(0)
         try:
-            self.counts["underruns"] += bool(status.output_underflow)
+            if status.output_underflow:
+                self.counts["underruns"] += 1
+                self._grow.set()
             samples = self._samples[:count]
             assert self._feed is not None
             self._feed.pull(samples)
@@ -109,20 +149,22 @@ class AudioHandle:
             raise self._sound.CallbackAbort from None
 
     def _finished(self) -> None:
-        if not self._closing and not self.fault:
+        if not self._closing and not self._reopening and not self.fault:
             self.fault = f"{self.name}: the output has stopped; check that it is connected"
 
     def close(self) -> None:
-        if self._closing:
-            return
-        _ = self.latency_s
-        self._closing = True
-        try:
-            if not self.fault:
-                self._stream.stop()  # plays the buffered samples, which end in silence
-            self._stream.close()
-        except self._sound.PortAudioError:
-            pass  # the card was disconnected
+        with self._lock:
+            if self._closing:
+                return
+            _ = self.latency_s
+            self._closing = True
+            self._grow.set()
+            try:
+                if not self.fault:
+                    self._stream.stop()  # plays the buffered samples, which end in silence
+                self._stream.close()
+            except self._sound.PortAudioError:
+                pass  # the card was disconnected
 
 
 def _sounddevice() -> Any:
@@ -207,7 +249,9 @@ DRIVER = Driver(
         Option("channels", "", "channels, from 1, such as 3,4; by default 3,4 of a DualSense, otherwise 1,2"),
         Option("gain", 0.02, "share of full scale for 1 m/s², or for 1 N with a compensator"),
         Option("rate_Hz", 48_000.0, "sample rate of the card [Hz]"),
-        Option("buffer_s", 0.0, "audio buffer of the system [s]; 0 for the smallest that it offers"),
+        Option(
+            "buffer_s", 0.0, "length of the audio buffer [s]; 0 for 0.08 s, and after underruns up to 0.3 s"
+        ),
         Option("block", 0, "block size [samples]; 0 for the system's choice"),
         Option("highpass_Hz", 15.0, "corner of the high-pass filter [Hz]; 0 disables the filter"),
         Option("lag_s", 0.005, "reserve of the channel against delayed ticks [s]"),

@@ -3,8 +3,8 @@
 import pytest
 
 from hapscene.device.driver import Connection
-from hapscene.errors import DeviceError
 from hapscene.device.response_timeout import GONE_S, STALE_S, ResponseTimeout
+from hapscene.errors import DeviceError
 from tests.virtual_clock import VirtualClock
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
-from hapscene_plugins.devices.audio import DRIVER, AudioHandle
+from hapscene_plugins.devices.audio import BUFFERS_S, DRIVER, AudioHandle
 
 
 class FakeSound:
@@ -32,7 +32,9 @@ class FakeSound:
         self.opened = options
         if options["samplerate"] != 48_000.0:
             raise self.PortAudioError("Invalid sample rate")
-        return SimpleNamespace(latency=0.01, start=lambda: None, stop=lambda: None, close=lambda: None)
+        latency_s = options["latency"]
+        finished = options["finished_callback"]
+        return SimpleNamespace(latency=latency_s, start=lambda: None, stop=finished, close=lambda: None)
 
 
 HEADPHONES, PAD, SPLIT = ("USB Headphones", 2), ("Wireless Controller: USB Audio", 4), ("DualSense Speaker", 2)
@@ -66,7 +68,7 @@ def test_the_output_is_found_by_name(
     assert (sound.opened["device"], handle._columns, sound.opened["channels"]) == (number, columns, count)
     handle.close()
     handle.close()
-    assert handle.latency_s == 0.01  # what is said at the end
+    assert handle.latency_s == BUFFERS_S[0] and not handle.fault
 
 
 @pytest.mark.parametrize(
@@ -90,17 +92,34 @@ def test_an_output_that_cannot_be_opened_is_an_error(
 
 def test_an_error_in_the_callback_plays_silence_and_is_reported(cards: Any) -> None:
     sound = cards(HEADPHONES)
-    handle = AudioHandle()
+    handle = AudioHandle(buffer_s=0.05)
 
     def pull(out: np.ndarray) -> None:
         out[:] = 1.0
         raise RuntimeError("no more")
 
-    handle.start(SimpleNamespace(pull=pull, fade_in=lambda: None))
+    handle.start(SimpleNamespace(pull=pull))
     out = np.ones((64, 2), np.int16)
     with pytest.raises(FakeSound.CallbackAbort):
         sound.opened["callback"](out, 64, None, SimpleNamespace(output_underflow=True))
     assert not out.any() and "no more" in handle.fault and handle.counts == {"underruns": 1}
+
+
+@pytest.mark.parametrize("buffer_s", [0.0, 0.05])
+def test_the_default_buffer_grows_after_underruns_and_reports_its_latency(cards: Any, buffer_s: float) -> None:
+    sound, latencies_s, faded = cards(HEADPHONES), [], []
+    handle = AudioHandle(buffer_s=buffer_s)
+    handle._feed = SimpleNamespace(pull=lambda out: out.fill(0.5), fade_in=lambda: faded.append(True))
+    for underflow in (False, True, True, True, True):
+        out = np.zeros((64, 2), np.int16)
+        sound.opened["callback"](out, 64, None, SimpleNamespace(output_underflow=underflow))
+        assert (out == np.rint(0.5 * 32_767)).all()
+        if handle._grow.is_set():
+            handle.grow()  # as its thread does
+        latencies_s.append(handle.latency_s)
+    assert latencies_s == ([BUFFERS_S[0], *BUFFERS_S[1:], BUFFERS_S[-1]] if buffer_s == 0.0 else [buffer_s] * 5)
+    assert len(faded) == (len(BUFFERS_S) - 1 if buffer_s == 0.0 else 0)
+    assert handle.counts == {"underruns": 4} and not handle.fault
 
 
 def test_a_disconnected_card_is_reported(cards: Any) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from hapscene.study.plan import parse_plan
 from hapscene.study.stimulus import StimulusMaker
@@ -83,6 +84,41 @@ def test_a_dualsense_gets_on_3_and_4_what_was_recorded_to_16_bits(sink: Any, tmp
         if error < 1.8e-5:
             break
     assert error < 1.8e-5  # half a step of 16 bits, 1.53e-5, and what the resampler is off by
+
+
+DEFAULT = """
+import sys, numpy as np
+from hapscene.handle.live_process import open_output, play_recording
+at_s = np.arange(80_000) / 1e4
+output = open_output("audio", {"gain": 0.02, "highpass_Hz": 0})
+latencies_s, grows = [], sys.argv[1:] == ["grows"]
+
+def say(share):
+    global grows
+    latencies_s.append(output.latency_s)
+    if grows and share > 0.3:
+        output.grow()
+        grows = False
+
+play_recording(25.0 * np.sin(2 * np.pi * 60.0 * at_s), 1e4, output, say=say)
+print(latencies_s[0], latencies_s[-1], output.counts["underruns"], output.fault)
+"""
+
+
+@pytest.mark.parametrize("words", [(), ("grows",)])
+def test_the_default_buffer_plays_low_frequencies_at_their_level(
+    sink: Any, words: tuple[str, ...], tmp_path: Path
+) -> None:
+    with sink.recording(tmp_path / "played"):
+        first_s, last_s, underruns = map(float, sink.python(DEFAULT, *words).split())
+        time.sleep(0.5)
+    played = sink.recorded(tmp_path / "played")
+    loud = np.flatnonzero(np.abs(played[:, 2]) > 0.1)
+    part = played[loud[-1] - 100_000 : loud[-1] - 4_000, 2]  # the last 2 s, after the buffer has grown
+    spectrum = 2.0 * np.abs(np.fft.rfft(part)) / len(part)
+    assert spectrum.max() == pytest.approx(0.5, rel=0.0035) and spectrum.argmax() == 120
+    assert 0.04 < first_s <= last_s < 0.5
+    assert (last_s > first_s) == (underruns > 0 or bool(words))
 
 
 def test_a_servo_s_ticks_are_felt_without_a_click_and_end_in_silence(sink: Any, tmp_path: Path) -> None:
