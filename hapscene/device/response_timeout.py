@@ -12,8 +12,8 @@ GONE_S: Final = 0.5
 """Time without a valid answer after which a device counts as disconnected [s]. The servo stops its force after 10
 ms."""
 
-STALE_S: Final = 0.1
-"""Time after which the last answer is too old to check the plausibility of the next one [s]."""
+PAUSE_S: Final = 0.1
+"""Time without a poll from which on the last answer is too old to check the plausibility of the next one [s]."""
 
 
 class ResponseTimeout:
@@ -21,12 +21,12 @@ class ResponseTimeout:
 
     def __init__(self, clock: Clock = CLOCK) -> None:
         self._clock = clock
-        self._silent_s = 0.0
-        self._polled_s = self._received_s = self._clock.now_s()
+        self._silent_s, self._paused = 0.0, False
+        self._polled_s = self._clock.now_s()
 
     def received(self) -> None:
         """Note that the device sent a valid answer."""
-        self._silent_s, self._received_s = 0.0, self._clock.now_s()
+        self._silent_s, self._paused, self._polled_s = 0.0, False, self._clock.now_s()
 
     def check(self, connection: Connection, name: str, remedy: str) -> None:
         """Call this after each poll without a valid answer.
@@ -34,13 +34,17 @@ class ResponseTimeout:
         Raises:
             DeviceError: no valid answer for `GONE_S`. No force is accepted from then on.
         """
-        now_s = self._clock.now_s()
+        self._paused, now_s = self.was_paused(), self._clock.now_s()
         self._silent_s += min(now_s - self._polled_s, 0.02)
         self._polled_s = now_s
         if self._silent_s > GONE_S:
             connection.state.ready = 0
             raise DeviceError(f"{name}: no valid data for {GONE_S:g} s; {remedy}")
 
-    def is_stale(self) -> bool:
-        """Whether the last valid answer is older than `STALE_S`, whether polled or not."""
-        return self._clock.now_s() - self._received_s > STALE_S
+    def was_paused(self) -> bool:
+        """Whether the device was not polled for `PAUSE_S` since its last valid answer.
+
+        After a pause the device may be anywhere, and answers in the buffer are old. A device that was polled and did
+        not answer was not paused: compare its next position with the last one, since it may be garbage.
+        """
+        return self._paused or self._clock.now_s() - self._polled_s > PAUSE_S

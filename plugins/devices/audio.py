@@ -249,9 +249,7 @@ DRIVER = Driver(
         Option("channels", "", "channels, from 1, such as 3,4; by default 3,4 of a DualSense, otherwise 1,2"),
         Option("gain", 0.02, "share of full scale for 1 m/s², or for 1 N with a compensator"),
         Option("rate_Hz", 48_000.0, "sample rate of the card [Hz]"),
-        Option(
-            "buffer_s", 0.0, "length of the audio buffer [s]; 0 for 0.08 s, and after underruns up to 0.3 s"
-        ),
+        Option("buffer_s", 0.0, "length of the audio buffer [s]; 0 for 0.08 s, and after underruns up to 0.3 s"),
         Option("block", 0, "block size [samples]; 0 for the system's choice"),
         Option("highpass_Hz", 15.0, "corner of the high-pass filter [Hz]; 0 disables the filter"),
         Option("lag_s", 0.005, "reserve of the channel against delayed ticks [s]"),

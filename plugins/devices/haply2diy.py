@@ -88,7 +88,7 @@ class Haply2diyConnection(Connection):
         self._port.write(data)
 
     def read(self) -> None:
-        if self._known and self._timeout.is_stale():  # buffered answers are from before a pause
+        if self._known and self._timeout.was_paused():  # buffered answers are from before a pause
             self._port.discard_input()
             self._tail, self._known = b"", False
         data = self._tail + self._port.read()

@@ -117,7 +117,7 @@ class WoodenHapticsConnection(Connection):
         """Update the state by encoder counts. Returns False if they are implausible."""
         last = self._counts or counts
         jump = max(abs(now - before) for now, before in zip(counts, last, strict=True))
-        if jump > JUMP and not self._timeout.is_stale():
+        if jump > JUMP and not self._timeout.was_paused():
             return False
         self._counts, self._angles = counts, body_angles(counts)
         x, y, z = forward(self._angles)

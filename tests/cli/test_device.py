@@ -85,6 +85,10 @@ def test_a_touch_is_played_as_it_was_recorded(tmp_path: Path) -> None:
         (["play-file", "none.csv", "--out", "o"], "none.csv: no such file"),
         (["play-file", __file__, "--out", "o", "--compensator", "flot"], "no compensator 'flot'"),
         (["try", "flacon"], "did you mean 'falcon'?"),
+        (["check", "audio"], "--handle audio"),
+        (["check", "no_module:DRIVER"], "no_module"),
+        (["check", "tests.device.test_check:Board"], "expected a Driver"),
+        (["check", "simulated", "--option", "grip=light", "--option", "grip=firm"], "grip=firm"),
     ],
 )
 def test_what_cannot_be_is_told_in_a_line(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -147,3 +151,11 @@ def test_devices_are_listed_with_what_is_in_the_way(capfd: pytest.CaptureFixture
     assert main(["device", "list"]) == 0
     told = capfd.readouterr().out
     assert "openhaptics" in told and "library=PATH" in told and "built in: ready" in told
+
+
+def test_a_driver_is_checked_with_options_given_in_two_ways(capfd: pytest.CaptureFixture[str]) -> None:
+    file = str(Path("assets", "none.npz"))
+    for options in (["--option", f"file={file}", "--option", "again=yes"], ["--option", f"file={file},again=yes"]):
+        assert main(["device", "check", "replay", *options]) == 1
+        told = capfd.readouterr().out
+        assert "ok       options: file, origin, again" in told and "failed   open: " in told and file in told

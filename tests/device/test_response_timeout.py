@@ -3,7 +3,7 @@
 import pytest
 
 from hapscene.device.driver import Connection
-from hapscene.device.response_timeout import GONE_S, STALE_S, ResponseTimeout
+from hapscene.device.response_timeout import GONE_S, PAUSE_S, ResponseTimeout
 from hapscene.errors import DeviceError
 from tests.virtual_clock import VirtualClock
 
@@ -26,12 +26,13 @@ def test_a_device_without_answers_is_an_error_after_the_timeout() -> None:
     poll(timeout, clock, 0.99 * GONE_S)
 
 
-def test_a_pause_makes_the_last_answer_stale_but_is_no_timeout() -> None:
+def test_a_pause_lasts_until_an_answer_and_is_no_timeout() -> None:
     timeout = ResponseTimeout(clock := VirtualClock())
-    assert not timeout.is_stale()
-    clock.sleep_s(1.1 * STALE_S)
-    assert timeout.is_stale()
+    poll(timeout, clock, 2.0 * PAUSE_S)
+    assert not timeout.was_paused()  # the device is silent
     clock.sleep_s(3600.0)
+    assert timeout.was_paused()
     poll(timeout, clock, 0.001)  # the first poll after a pause counts for a moment only
+    assert timeout.was_paused()
     timeout.received()
-    assert not timeout.is_stale()
+    assert not timeout.was_paused()

@@ -44,7 +44,7 @@ def turn_until(device: Any, true: Callable[[], Any]) -> None:
 def test_no_force_before_it_is_ready_and_none_after(case: Case, emulate) -> None:
     emulated = emulate(case.name)
     with case.driver.open(**case.filled(emulated.place, ready=False)) as device:
-        turn(device, 60)
+        turn_until(device, lambda: device.state.trouble[0])
         assert device.state.ready[0] == 0 and device.reason(int(device.state.trouble[0]))
         assert not forces(emulated).any()
     with case.driver.open(**case.filled(emulated.place)) as device:
