@@ -133,4 +133,4 @@ def test_run_write_a_driver(run: Callable[[str], Run]) -> None:
     done = run("write-a-driver")
     assert done.names["device"].state.p_DT_m[0, 2] == pytest.approx(1.0 / 300.0, rel=0.01)
     lines = done.command("hapscene device check").splitlines()
-    assert len(lines) == 18 and all(line.startswith("ok ") for line in lines), lines
+    assert len(lines) == 16 and all(line.startswith("ok ") for line in lines), lines

@@ -98,5 +98,5 @@ def test_a_driver_passes_on_its_emulator(
 ) -> None:
     code = main(["device", "check", *driver, "--emulator", f"{__name__}:{emulator}"])
     lines = capfd.readouterr().out.splitlines()
-    assert code == 0 and len(lines) == 18, "\n".join(lines)
+    assert code == 0 and len(lines) == 16, "\n".join(lines)
     assert sum(line.startswith("skipped") for line in lines) == skipped
