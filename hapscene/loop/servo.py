@@ -337,18 +337,19 @@ class Servo(ServoConnection):
 
     def tune(self, swatch: str, **numbers: float) -> None:
         """Change parameters of a swatch while ticks run; see `Renderer.tune`."""
-        self._order("tune", swatch, numbers)
-        note_order(self._tuned, "tune", swatch, numbers)
+        self._change("tune", swatch, numbers)
 
     def tune_field(self, effect: str, **numbers: float) -> None:
         """Change parameters of an effect of the scene while ticks run; see `Renderer.tune_field`."""
-        self._order("tune_field", effect, numbers)
-        note_order(self._tuned, "tune_field", effect, numbers)
+        self._change("tune_field", effect, numbers)
 
     def mute(self, effect: str, muted: bool = True) -> None:
         """Exclude an effect from the sum, or include it again, while ticks run; see `Renderer.mute`."""
-        self._order("mute", effect, muted)
-        note_order(self._tuned, "mute", effect, {"muted": muted})
+        self._change("mute", effect, {"muted": muted})
+
+    def _change(self, order: str, name: str, arguments: dict[str, Any]) -> None:
+        self._order("change", order, name, arguments)
+        note_order(self._tuned, order, name, arguments)
 
     def repaint(self, scene: Scene) -> None:
         """Change the swatches and painted faces of the same bodies.

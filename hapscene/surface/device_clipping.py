@@ -84,8 +84,8 @@ def _figure(value: float) -> str:
 def clip_to_device(limits: Limits, effects: Sequence[Effect], asked: Mapping[tuple[int, str], float]) -> Numbers:
     """Return the parameters of a swatch within the limits of a device.
 
-    - A stiffness above the limit without damping gets the damping that makes it stable (`damping_Ns_m` of any effect for
-      the wall, `…_damping_Ns_m` for `…_stiffness_N_m` of an effect), or is reduced if there is no such parameter.
+    - A stiffness above the limit without damping gets the damping that makes it stable (`damping_Ns_m` of any effect
+      for the wall, `…_damping_Ns_m` for `…_stiffness_N_m` of an effect), or is reduced without such a parameter.
     - Damping is limited to what the device can render. Damping that grows with depth counts at the largest depth that
       the device can be pressed to, viscous friction at the largest normal force.
     - Adhesion gets weaker and wider, at the same work, until its steepest slope is below the limit without damping.
