@@ -25,8 +25,7 @@ from hapscene.loop.session_log import SessionLog, log_of, note_order
 from hapscene.loop.shared_memory import read_text
 from hapscene.loop.timing import TimingStatistics
 from hapscene.records import block_of
-from hapscene.render.contact_events import ContactEvent, events_of
-from hapscene.render.contact_info import Impulse
+from hapscene.render.contact_info import ContactEvent, Impulse, events_of
 from hapscene.render.renderer import OTHER_BODIES
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import Painting
