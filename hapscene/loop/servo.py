@@ -473,7 +473,7 @@ class Servo(ServoConnection):
         over = max(int(shared.channel[0].done) + 1 - self._length - first, 0)  # overwritten meanwhile
         return TickLog(first + over, *(part[over:] for part in taken))
 
-    def session_log(self, reason: str = "asked for") -> SessionLog:
+    def session_log(self, reason: str = "requested") -> SessionLog:
         """Return the last ticks (`ring_s`) and what is needed to replay them; also after the process has ended.
 
         Raises:
@@ -483,7 +483,7 @@ class Servo(ServoConnection):
             raise HapsceneError("this servo is closed, and its session log was discarded: save it before closing")
         return log_of(self._opened, self.scene, self._renderer_arguments, self._tuned, reason)
 
-    def save_log(self, folder: "str | os.PathLike[str]", reason: str = "asked for") -> None:
+    def save_log(self, folder: "str | os.PathLike[str]", reason: str = "requested") -> None:
         """Write `session_log` to a folder; `hapscene play --replay FOLDER` replays it.
 
         Raises:

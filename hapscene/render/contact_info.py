@@ -145,7 +145,7 @@ def events_of(
 ) -> list[ContactEvent]:
     """Return the events from tick `since` on in rows (n,) ROW, of which the first is tick number `first`.
 
-    A contact that goes on in the first row is no event, unless that row is tick 0.
+    A contact that continues in the first row is no event, unless that row is tick 0.
     """
     found = []
     before = (-1, -1)
