@@ -260,7 +260,7 @@ def tune(
     scene, mesh = find_asset(scene, mesh)
     check_scene(scene, mesh)
     from hapscene.device.model import device_named
-    from hapscene.fidelity.fidelity_file import check_place, fidelity_beside, save_fidelity
+    from hapscene.fidelity.fidelity_file import check_scene_path, fidelity_beside, save_fidelity
     from hapscene.fidelity.trial import quietly
     from hapscene.fidelity.tune import reach_m_s2
     from hapscene.fidelity.tune import tune as run
@@ -269,7 +269,7 @@ def tune(
     if is_model(scene):
         raise HapsceneError(f"{scene}: a model of MuJoCo is not tuned; tune a scene of its meshes")
     out = out or fidelity_beside(scene)
-    check_place(out)
+    check_scene_path(out)
     device_named(device)
     reach_m_s2(handle)
     with quietly():
