@@ -103,7 +103,7 @@ def _open_page(
     if not page.no_browser:
         is_scene = scene is not None and scene.endswith(".scene.json")
         lead_browser(server.url, Path(str(scene)).parent if is_scene else Path(), ends)
-    from hapscene.paint.model.document import earlier_words
+    from hapscene.paint.model.document import describe_scene_file
     from hapscene.paint.opening import earlier_scenes, open_session
     from hapscene.paint.web.hand import HandConfig
     from hapscene.paint.web.page import Page
@@ -118,7 +118,7 @@ def _open_page(
         session.painting.take_painting(painted, f"picture {picture.name}")
     tell_size(session.scene, scene or "", hand.device)
     for earlier in earlier_scenes(session.path, str(scene).endswith(".scene.zip")):
-        say(f"{earlier_words(earlier)} To continue it: hapscene paint {earlier}\n")
+        say(f"{describe_scene_file(earlier)} To continue it: hapscene paint {earlier}\n")
     return Page(session, with_hand=not hand.no_hand, hand=config, server=server)
 
 

@@ -89,7 +89,7 @@ class Tab:
 
     def choose(self, name: str) -> None:
         """Take a swatch to paint with: press its card on the shelf."""
-        self.send("shelf", act="use", name=name)
+        self.send("library", act="use", name=name)
         self.settle()
 
     def wait(self, true: Callable[[], Any]) -> Any:

@@ -28,7 +28,7 @@ from hapscene.paint.model.session import Session
 from hapscene.paint.web.hand import HandConfig
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.socket import UPLOAD_PATH
-from hapscene.paint.web.swatch_panel import SURELY
+from hapscene.paint.web.swatch_panel import CONFIRM_DELETE
 from hapscene.paint.web.view import rgb_bytes
 from hapscene.scene.scene import load_scene
 from hapscene.surface.swatch import Swatch
@@ -167,14 +167,6 @@ def test_swatches_of_one_colour_are_told_apart(page: Page, tab: Tab) -> None:
     assert all(any(f"background:{colour}" in chip for chip in chips) for colour in page.context.view.colours[:3])
 
 
-def test_a_part_is_filled_by_its_name(page: Page, tab: Tab) -> None:
-    tab.choose("wood")
-    tab.set("Part", "ball: north")
-    tab.set("Fill this part", True)
-    tab.wait(lambda: painted(page, 0, "wood"))
-    assert painted(page, 0, "wood") == 700
-
-
 def test_a_slider_tunes_the_swatch_and_undo_moves_it_back(page: Page, tab: Tab) -> None:
     tab.choose("paper")
     index = page.context.session.painting.swatch_named("paper")
@@ -185,7 +177,7 @@ def test_a_slider_tunes_the_swatch_and_undo_moves_it_back(page: Page, tab: Tab) 
     tab.wait(lambda: tab.control("Stiffness [N/m]")["value"] == before)
     tab.set("Stiffness [N/m]", 1e9)
     tab.settle()
-    assert page.context.session.scene.swatches[index].stiffness_N_m <= page.context.session.limits.stiffness_N_m
+    assert page.context.session.scene.swatches[index].stiffness_N_m <= page.context.session.tuning.limits.stiffness_N_m
 
 
 def test_a_tuned_swatch_is_saved_as_a_new_one_and_is_on_the_shelf(page: Page, tab: Tab, library: Path) -> None:
@@ -258,21 +250,21 @@ def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
 def card_names(tab: Tab) -> list[str]:
     """What the shelf shows, in its order."""
     told = "".join(c["props"].get("content") or "" for c in list(tab.controls.values()))
-    return [html.unescape(name) for name in re.findall(r'data-shelf="use" data-name="([^"]*)"', told)]
+    return [html.unescape(name) for name in re.findall(r'data-library="use" data-name="([^"]*)"', told)]
 
 
 def test_the_shelf_is_narrowed_and_sorted(page: Page, tab: Tab, library: Path) -> None:
     add(Swatch("sponge", friction_dynamic=0.1, friction_static=0.1), inside="kitchen")
     page.server.get_event_loop().call_soon_threadsafe(page._swatch_panel.show, True)
-    tab.send("shelf", act="where", value="your library: kitchen")
+    tab.send("library", act="where", value="your library: kitchen")
     tab.wait(lambda: card_names(tab) == ["sponge"])
-    tab.send("shelf", act="where", value="computed")
-    tab.send("shelf", act="sort", value="roughness")
+    tab.send("library", act="where", value="computed")
+    tab.send("library", act="sort", value="roughness")
     tab.wait(lambda: len(card_names(tab)) > 24 and card_names(tab)[0] == "glass")
-    tab.send("shelf", act="where", value="<b>nowhere")
-    tab.send("shelf", act="sort", value=["x"])
-    tab.send("shelf", act="no such act", name={})
-    tab.send("shelf", act="where", value="computed")
+    tab.send("library", act="where", value="<b>nowhere")
+    tab.send("library", act="sort", value=["x"])
+    tab.send("library", act="no such act", name={})
+    tab.send("library", act="where", value="computed")
     tab.wait(lambda: "slate" in card_names(tab))
     pictures = "".join(c["props"].get("content") or "" for c in list(tab.controls.values()))
     tab.wait(lambda: "data:image/png;base64," in pictures or len(page._swatch_panel._balls) > 8)
@@ -284,7 +276,7 @@ def test_a_swatch_of_the_library_is_renamed_tagged_moved_and_deleted(page: Page,
     tab.choose("sponge")
     tab.send("save")
     tab.wait(lambda: not tab.state["dirty"])
-    tab.send("shelf", act="edit", name="sponge")
+    tab.send("library", act="edit", name="sponge")
     tab.control("Cancel")  # the dialog is there, and all in it
     for label, value in (("Name", "old sponge"), ("Tags", "wet, kitchen"), ("Folder", "kitchen")):
         tab.set(label, value)
@@ -296,17 +288,17 @@ def test_a_swatch_of_the_library_is_renamed_tagged_moved_and_deleted(page: Page,
     assert page.context.session.dirty
     page.context.session.save()
     assert {s.name for s in load_scene(page.context.session.path).swatches} >= {"sponge"}
-    tab.send("shelf", act="edit", name="wood")
+    tab.send("library", act="edit", name="wood")
     tab.wait(lambda: any("not in your library" in said for said in tab.said))
-    tab.send("shelf", act="edit", name="old sponge")
+    tab.send("library", act="edit", name="old sponge")
     tab.control("Delete")
     tab.send("dismiss")  # Escape
     tab.wait(lambda: not any(c["props"].get("label") == "Delete" for c in list(tab.controls.values())))
-    tab.send("shelf", act="edit", name="old sponge")
+    tab.send("library", act="edit", name="old sponge")
     tab.set("Delete", True)
     tab.wait(lambda: any("for good" in c["props"].get("label", "") for c in list(tab.controls.values())))
     assert own_entries(library / "kitchen")
-    tab.set(SURELY, True)
+    tab.set(CONFIRM_DELETE, True)
     tab.wait(lambda: not own_entries(library / "kitchen") and "old sponge" not in card_names(tab))
 
 
@@ -371,9 +363,9 @@ def test_a_file_that_changed_meanwhile_is_asked_about(page: Page, tab: Tab) -> N
     path.write_text(path.read_text() + "\n")
     before = path.read_bytes()
     tab.send("save")
-    tab.control("Save over it")
+    tab.control("Overwrite")
     assert path.read_bytes() == before
-    tab.set("Save over it", True)
+    tab.set("Overwrite", True)
     tab.wait(lambda: not page.context.session.dirty)
     assert path.read_bytes() != before
 
@@ -412,7 +404,7 @@ def test_what_was_not_saved_is_offered_to_the_next_page(tmp_path: Path, monkeypa
     with Page(again, port=0, with_hand=False) as page:
         tab = Tab(page)
         assert painted(page, 0, "wood") == 0
-        tab.set("Recover it", True)
+        tab.set("Recover", True)
         tab.wait(lambda: painted(page, 0, "wood") == count)
         tab.close()
 
@@ -548,7 +540,7 @@ def test_another_device_grip_and_handle_are_held_and_the_painting_stays(
     make_scene(tmp_path).save(tmp_path / "made.scene.json")
     session = Session.open(tmp_path / "made.scene.json")
     page = Page(session, port=0, with_hand=False, hand=HandConfig("phantom-1.0", "light", "flat"))
-    assert session.device == "phantom-1.0"
+    assert session.tuning.device == "phantom-1.0"
     monkeypatch.setattr(page.context.touch, "open", opened)
     page.context.touch.status = "ready"
     with page:
@@ -566,12 +558,12 @@ def test_another_device_grip_and_handle_are_held_and_the_painting_stays(
         tab.wait(lambda: any("perfect handle" in c["props"].get("content", "") for c in list(tab.controls.values())))
         tab.set("Device", "omni")
         tab.wait(lambda: made[1:] == [HandConfig("omni", "light", "no-handle")])
-        assert session.device == "omni"
+        assert session.tuning.device == "omni"
         tab.set("Grip", "firm")  # at once: nothing starts anew
         tab.wait(lambda: page.context.touch.config.grip == "firm")
         tab.set("Device", "hammer")
         tab.wait(lambda: any("no device 'hammer'" in said for said in tab.said))
-        assert len(made) == 2 and session.device == "omni" and painted(page, 0, "wood") == count > 0
+        assert len(made) == 2 and session.tuning.device == "omni" and painted(page, 0, "wood") == count > 0
         tab.close()
     session.document.close()
 
