@@ -59,6 +59,7 @@ class SwatchPanel:
         self._shown_for: tuple[Any, ...] = ()
         self._balls: dict[tuple[Any, ...], str] = {}
         self._drawing: Future[None] | None = None
+        self._shown_cards: Sequence[Card] = ()
         self._where, self._sort = ALL, SORTS[0]
         gui, callback = context.server.gui, context.callback
         with container, gui.add_folder("Swatches"):
@@ -127,6 +128,7 @@ class SwatchPanel:
 
     def _show_cards(self, shown: Sequence[Card]) -> None:
         """Show the cards; previews that are not cached are rendered in a thread and shown later."""
+        self._shown_cards = shown
         keys = [self._ball_key(card) for card in shown]
         missing = [(key, card) for key, card in zip(keys, shown, strict=True) if key not in self._balls]
         cards = "".join(self._card_html(card, self._balls.get(key, "")) for key, card in zip(keys, shown, strict=True))
@@ -141,8 +143,9 @@ class SwatchPanel:
     async def _draw(self, missing: Sequence[tuple[tuple[Any, ...], Card]], shown: Sequence[Card]) -> None:
         for key, card in missing[:BALLS_AT_ONCE]:
             self._balls[key] = await asyncio.to_thread(_ball, card, key[-1])
-        self._drawing = None
-        self._show_cards(shown)  # renders the next ones
+        if shown is self._shown_cards:  # a cancellation may come too late to stop the previews of an earlier list
+            self._drawing = None
+            self._show_cards(shown)  # renders the next ones
 
     def _ball_key(self, card: Card) -> tuple[Any, ...]:
         """Cache key of a preview: everything that it depends on; the last item is the colour."""

@@ -1,5 +1,6 @@
 """The page through its real protocol: what a browser would send and see."""
 
+import asyncio
 import contextlib
 import html
 import io
@@ -86,7 +87,10 @@ def test_a_page_half_as_wide_as_high_sees_all_from_twice_as_far(page: Page, tab:
     assert np.linalg.norm(camera.position) == pytest.approx(6.0)
     tab.send("frame", client=tab.client, w=400, h=800)
     far = 2 * np.linalg.norm(page.server.initial_camera.position)
-    tab.wait(lambda: np.linalg.norm(camera.position) == pytest.approx(far) and not np.any(camera.look_at))
+    centred = {"rtol": 0.0, "atol": 1e-9}  # the centre of the scene is 0 up to rounding
+    tab.wait(
+        lambda: np.linalg.norm(camera.position) == pytest.approx(far) and np.allclose(camera.look_at, 0.0, **centred)
+    )
 
 
 def test_a_view_frames_all_or_the_body_under_the_pointer(page: Page, tab: Tab) -> None:
@@ -247,8 +251,18 @@ def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
     assert not any("friction" in said for said in tab.said)
 
 
+def test_previews_of_an_earlier_search_do_not_bring_its_cards_back(page: Page, tab: Tab) -> None:
+    panel, loop = page._swatch_panel, page.server.get_event_loop()
+    earlier = panel._cards[:3]
+    tab.set("Search", "no such thing")
+    tab.wait(lambda: not card_names(tab))
+    asyncio.run_coroutine_threadsafe(panel._draw([], earlier), loop).result()
+    tab.settle()
+    assert not card_names(tab)
+
+
 def card_names(tab: Tab) -> list[str]:
-    """What the shelf shows, in its order."""
+    """Names on the cards, in their order."""
     told = "".join(c["props"].get("content") or "" for c in list(tab.controls.values()))
     return [html.unescape(name) for name in re.findall(r'data-library="use" data-name="([^"]*)"', told)]
 
