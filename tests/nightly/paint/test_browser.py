@@ -173,7 +173,7 @@ def test_while_a_question_stands_keys_wait(window: Window) -> None:
     tab.get_by_text("Overwrite the file?").first.wait_for()
     for keys in ("Control+s", "Control+z", "2"):
         tab.keyboard.press(keys)
-    tab.get_by_role("button", name="Do not save").click()
+    tab.get_by_role("button", name="Cancel").click()
     window.wait("!document.querySelector('.mantine-Modal-content')")
     tab.keyboard.press("Control+s")
     tab.get_by_text("Overwrite the file?").first.wait_for()

@@ -43,7 +43,7 @@ def test_a_scene_is_composed_saved_killed_and_found_again(browser: Any, foreign:
         page.drop(foreign / "cone.glb")
         page.bodies("cube", "cone")
         page.drop(foreign / "ring.stl")
-        page.tab.get_by_text("ring.stl does not say the unit").wait_for()
+        page.tab.get_by_text("ring.stl does not contain a unit").wait_for()
         page.tab.get_by_role("button", name="mm: 30 × 30 × 6 mm").click()
         page.bodies("cube", "cone", "ring")
         assert (folder / "cone.glb").is_file() and (folder / "ring.stl").is_file()
@@ -100,8 +100,8 @@ def test_a_scene_is_composed_saved_killed_and_found_again(browser: Any, foreign:
     assert moved_m == pytest.approx(0.123)
     with painter(folder, *command) as (process, url):  # the same words again
         page = Composer(browser, url)
-        page.tab.get_by_text("It was painted before").wait_for()
-        page.tab.get_by_role("button", name="Recover the copy of cube.scene.json").click()
+        page.tab.get_by_text("Recover unsaved work?").wait_for()
+        page.tab.get_by_role("button", name="Recover", exact=True).click()
         page.wait(
             "window.hapscene.state.title === 'cube.scene.json' && window.hapscene.state.undo === 'recovered painting'"
         )

@@ -53,8 +53,9 @@ class Top:
         self.page = page
         page.see_bodies()
         page.choose(CUBE)
-        page.press("isolate", CUBE)
-        page.tab.locator('[data-body-act="isolate"]', has_text="Show all").wait_for()
+        for body in ("bunny", "Duck"):
+            page.press("hide", body)
+            page.tab.locator(f'[data-body-act="hide"][data-body="{body}"]', has_text="Show").wait_for()
         page.press("choose", CUBE)  # let go: no handles before it
         page.tab.get_by_role("tab", name="Paint").click()
         page.tab.mouse.move(5, 300)
@@ -237,9 +238,9 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
 
     with painter(folder, *command) as (process, url):  # the same words again
         page = Composer(browser, url)
-        page.tab.get_by_text("It was painted before").wait_for()
+        page.tab.get_by_text("Recover unsaved work?").wait_for()
         keep(page, "9-again")
-        page.tab.get_by_role("button", name=f"Recover the copy of {file.name}").click()
+        page.tab.get_by_role("button", name="Recover", exact=True).click()
         page.wait("window.hapscene.state.undo === 'recovered painting'")
         page.see_bodies()
         page.bodies("bunny", CUBE, "Duck")

@@ -83,7 +83,7 @@ def test_an_export_is_asked_for_where_a_file_is(page: Page, tab: Tab) -> None:
 
 def test_what_an_export_loses_of_this_very_scene_is_told_before(page: Page, tab: Tab) -> None:
     tab.set("Format", "stl")
-    tab.wait(lambda: told(tab, "Will not be in it: bodies and their names"))
+    tab.wait(lambda: told(tab, "Not included: bodies and their names"))
     assert not told(tab, "painting finer than faces")
     tab.choose("wood")
     tab.point("down", (0.01, 0.0, 0.02))
@@ -150,9 +150,9 @@ def test_while_it_is_asked_all_is_kept(killed: Path) -> None:
         tab.control("Recover")
         assert page.context.session.document.autosave
         page.context.session.fill_body("plate", 0)
-        tab.wait(lambda: told(tab, "A copy is kept beside the file"))
+        tab.wait(lambda: told(tab, "backed up every second"))
         tab.set("Recover", True)
-        said(tab, "its bodies are not those of this scene")
+        said(tab, "bodies differ")
         tab.settle()
         assert asked(tab, "Recover")
         tab.set("Ask again next time", True)
@@ -178,7 +178,7 @@ def test_without_autosave_no_copy_is_promised(killed: Path) -> None:
     with Page(Session.open(killed), port=0, with_hand=False, with_autosave=False) as page:
         tab = Tab(page)
         page.context.session.fill_body("plate", 0)
-        tab.wait(lambda: told(tab, "No copy of it is kept"))
+        tab.wait(lambda: told(tab, "Autosave is off"))
         assert not asked(tab, "Recover")
         tab.close()
     assert not page.kept

@@ -190,7 +190,7 @@ def test_a_tuned_swatch_is_saved_as_a_new_one_and_is_on_the_shelf(page: Page, ta
     tab.set("New name", "card <b>board")
     tab.settle()
     tab.set("Save as new", True)
-    tab.wait(lambda: any("in your library" in said for said in tab.said))
+    tab.wait(lambda: any("to your library" in said for said in tab.said))
     assert list(library.glob("*.swatch"))
 
     def cards() -> str:
@@ -204,7 +204,7 @@ def test_a_tuned_swatch_is_saved_as_a_new_one_and_is_on_the_shelf(page: Page, ta
 def test_plain_stays_and_a_copy_of_it_is_tuned(page: Page, tab: Tab) -> None:
     tab.choose("plain")
     tab.send("size", factor=1.01)
-    tab.wait(lambda: any("stays as it is" in str(c["props"].get("content")) for c in list(tab.controls.values())))
+    tab.wait(lambda: any("cannot be changed" in str(c["props"].get("content")) for c in list(tab.controls.values())))
     tab.set("New name", "softer")
     tab.set("Copy", True)
     tab.wait(lambda: tab.state["swatch"] == "softer")
@@ -246,7 +246,7 @@ def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
     tab.wait(lambda: "epoxy" in names() and "wood" not in names())
     tab.set("Search", "friction<")  # half typed: all are there, and it is told beside them
     tab.wait(names)
-    assert any("friction<" in str(c["props"].get("content")) for c in list(tab.controls.values()))
+    tab.wait(lambda: any("&#x27;friction&lt;&#x27;" in str(c["props"].get("content")) for c in tab.controls.values()))
     tab.settle()
     assert not any("friction" in said for said in tab.said)
 
@@ -310,7 +310,7 @@ def test_a_swatch_of_the_library_is_renamed_tagged_moved_and_deleted(page: Page,
     tab.wait(lambda: not any(c["props"].get("label") == "Delete" for c in list(tab.controls.values())))
     tab.send("library", act="edit", name="old sponge")
     tab.set("Delete", True)
-    tab.wait(lambda: any("for good" in c["props"].get("label", "") for c in list(tab.controls.values())))
+    tab.wait(lambda: any(CONFIRM_DELETE in c["props"].get("label", "") for c in list(tab.controls.values())))
     assert own_entries(library / "kitchen")
     tab.set(CONFIRM_DELETE, True)
     tab.wait(lambda: not own_entries(library / "kitchen") and "old sponge" not in card_names(tab))
@@ -324,14 +324,14 @@ def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: P
     drop(page, {"again.swatch": gift})
     tab.wait(lambda: {entry.name for entry in own_entries()} == {"gift", "gift 2"})
     for files, told in (
-        ({"bad.swatch": b"no"}, "bad.swatch: not a swatch"),
-        ({"a.exe": b"no"}, "files that end in .*swatch.* can be dropped here"),
+        ({"bad.swatch": b"no"}, "bad.swatch"),
+        ({"a.exe": b"no"}, r"a\.exe: .*\.swatch"),
         ({f"{i}.swatch": b"" for i in range(201)}, "1 to 200 files"),
-        ({"huge.swatch": 1 << 40}, "512 MiB can be dropped at once"),
-        ({"short.swatch": 10}, "did not come whole"),
+        ({"huge.swatch": 1 << 40}, "512 MiB"),
+        ({"short.swatch": 10}, "interrupted"),
     ):
         drop(page, files)
-        tab.wait(lambda told=told: any(re.search(told, said) for said in tab.said))
+        tab.wait(lambda told=told: any(re.search(told, said) for said in list(tab.said)))
     assert not list(Path(tempfile.gettempdir()).glob("hapscene-*/bad.swatch"))
 
 
@@ -342,7 +342,7 @@ def test_a_picture_becomes_the_look_of_the_chosen_swatch_and_undo_takes_it_back(
     noisy, file = rng.integers(0, 100, (600, 400, 3), np.uint8) + np.uint8([155, 0, 0]), io.BytesIO()
     Image.fromarray(noisy).save(file, "PNG")
     drop(page, {"red grain.png.look": file.getvalue()})
-    tab.wait(lambda: any("wood looks like red grain.png" in said for said in tab.said))
+    tab.wait(lambda: any("wood to red grain.png" in said for said in tab.said))
     swatch = page.context.session.scene.swatches[-1]
     assert swatch.look is not None and swatch.look.albedo() is not None
     np.testing.assert_allclose(swatch.albedo_rgb, np.array([204.5, 49.5, 49.5]) / 255, atol=0.01)
