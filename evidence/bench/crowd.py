@@ -48,7 +48,7 @@ def measure_bound(sheet: Sheet, count: int, repeats: int) -> None:
     """A whole step from Python, in contact, while all bodies move: their poses written into slots."""
     place = grid(count)
     renderer = Renderer(crowd_of(sphere(3), place), effects=["wall"])
-    slots = renderer.moving([f"body {i}" for i in range(count)])
+    slots = renderer.moving_bodies([f"body {i}" for i in range(count)])
     X_WB = _sway(place, MOVING_TICKS)
     took_ns = np.zeros((repeats, MOVING_TICKS), np.int64)
     renderer.step((0.0, 0.0, 0.06))

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from hapscene.capture.fit.synthesis import synthesize
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 RATE_HZ: Final = 10_000.0
 DURATION_S: Final = 10.0
-LIFE: Final = Life(np.array([0.3, 0.3]), np.array([20.0, 5.0]), np.array([100.0, 0.0]))
+LIFE: Final = GainModulation(np.array([0.3, 0.3]), np.array([20.0, 5.0]), np.array([100.0, 0.0]))
 REPEATS: Final = 7
 
 
@@ -41,7 +41,7 @@ def measure_synthesis(sheet: Sheet) -> None:
         one = _texture(common[None], np.array([2.0]), np.array([0.2]))
         many = _texture(common + rng.uniform(-0.1, 0.1, (9, order)), force, speed)
         case = f"synthesis, order {order}"
-        alive = replace(many, life=LIFE)
+        alive = replace(many, modulation=LIFE)
         filtered_s = _time_filtered(ar_from_reflection(common))
         for name, texture in (("one model", one), ("nine models", many), ("nine models, alive", alive)):
             _add(sheet, case, name, time_s := _time_played(texture))

@@ -23,7 +23,7 @@ from hapscene.device.model import (
 )
 from hapscene.device.sim.hand import GRIPS
 from hapscene.device.sim.point import PointMass
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.loop.twin import Twin
 from hapscene.render.renderer import Renderer
 from hapscene.scene.mesh import Mesh
@@ -125,7 +125,7 @@ def run_case(device: Device, gesture: str, stiffness_N_m: float, name: str) -> O
         if chosen.crease_rad > 0.0:
             twin.renderer = Renderer(scene, **setup, crease_rad=chosen.crease_rad)
     target = _target(gesture)
-    felt = twin.run(Intent.along(target, "light"))
+    felt = twin.run(ReferenceTrajectory.along(target, "light"))
     late = felt.v_W_m_s[-1000:]
     late_m_s = float(np.sqrt(np.mean(np.sum(late**2, axis=1))))
     kept = _felt_stiffness(twin, target[-1]) / stiffness_N_m if late_m_s < REST_M_S else math.nan
@@ -150,7 +150,7 @@ def _target(gesture: str) -> NDArray[np.float64]:
 def _felt_stiffness(twin: Twin, target_W_m: NDArray[np.float64]) -> float:
     """Force over depth while the hand pushes on [N/m]."""
     down = target_W_m / np.linalg.norm(target_W_m) if abs(target_W_m[2]) > 0.01 else np.array((0.0, 0.0, 1.0))
-    felt = twin.run(Intent.hold(tuple(target_W_m), 1500, GRIPS["light"], push_W_N=tuple(-PUSH_N * down)))
+    felt = twin.run(ReferenceTrajectory.hold(tuple(target_W_m), 1500, GRIPS["light"], push_W_N=tuple(-PUSH_N * down)))
     force = np.linalg.norm(felt.f_motor_W_N[-500:].mean(axis=0))
     depth = np.linalg.norm((felt.recording.p_WP_m - felt.p_W_m)[-500:].mean(axis=0))
     return float(force / depth)

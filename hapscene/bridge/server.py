@@ -266,7 +266,7 @@ class BridgeServer:
             self.servo.move(
                 name,
                 frame.pose(body.p, body.q),
-                seen=Impulse(frame.force(seen[:3]) - before[:3], frame.turning(seen[3:]) - before[3:]),
+                applied=Impulse(frame.force(seen[:3]) - before[:3], frame.turning(seen[3:]) - before[3:]),
                 teleport=body.teleport,
                 **moving,
             )

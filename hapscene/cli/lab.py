@@ -90,7 +90,7 @@ def warmup(*, quick: Annotated[bool, Help("Compile only what a first touch needs
     start_s = time.perf_counter()
     warm_up(quick)
     count = sum(1 for _ in folder.glob("*.nbc"))
-    print(f"{count} compiled functions in {folder}; {time.perf_counter() - start_s:.0f} s")
+    print(f"compiled {count} function{'' if count == 1 else 's'} to {folder}; {time.perf_counter() - start_s:.0f} s")
 
 
 Rates = Annotated[Numbers, Parameter(validator=Number(gte=100.0, lte=100_000.0), show_default="1000,5000,10000")]

@@ -17,8 +17,8 @@ from hapscene.device.sim.hand import GRIPS, Grip
 from hapscene.device.sim.omni import Omni, stand
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
-from hapscene.loop.hand_intent import Intent
-from hapscene.loop.result import Feel
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
+from hapscene.loop.result import ClosedLoopResult
 from hapscene.loop.twin import Twin
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -97,7 +97,7 @@ class Rig:
         self._stiffness_N_m, self._damping_Ns_m = stiffness_N_m, damping_Ns_m
         self.twin.renderer.tune("wall", stiffness_N_m=stiffness_N_m, damping_Ns_m=damping_Ns_m)
 
-    def let_go(self, depth_m: float, speed_m_s: float, push_N: float, count: int) -> Feel:
+    def let_go(self, depth_m: float, speed_m_s: float, push_N: float, count: int) -> ClosedLoopResult:
         """The hand leads a point mass into the sheet, lets go of it at a depth and with a speed, and from then on only
         pushes.
 
@@ -108,7 +108,7 @@ class Rig:
             count: ticks after it has let go.
 
         Returns:
-            Feel: of the `count` ticks after it has let go.
+            ClosedLoopResult: of the `count` ticks after it has let go.
         """
         settle = SETTLE + self.delay_ticks
         before = depth_m - speed_m_s * self.tick_s * np.arange(settle, -1.0, -1.0)
@@ -118,27 +118,27 @@ class Rig:
         grip[-1] = 0.0  # at the depth it lets go
         push = np.array((0.0, 0.0, -push_N))
         self.twin.reset(target[0])
-        self.twin.run(Intent(target, grip, np.broadcast_to(push, grip.shape)))
+        self.twin.run(ReferenceTrajectory(target, grip, np.broadcast_to(push, grip.shape)))
         return self.push_on(push_N, count)
 
-    def push_on(self, push_N: float, count: int) -> Feel:
+    def push_on(self, push_N: float, count: int) -> ClosedLoopResult:
         """The hand goes on pushing into the sheet, and nothing else, for `count` ticks."""
-        return self.twin.run(Intent.hold((*AT_M, 0.0), count, GRIPS["none"], push_W_N=(0.0, 0.0, -push_N)))
+        return self.twin.run(ReferenceTrajectory.hold((*AT_M, 0.0), count, GRIPS["none"], push_W_N=(0.0, 0.0, -push_N)))
 
-    def throw(self, height_m: float, speed_m_s: float, count: int) -> Feel:
+    def throw(self, height_m: float, speed_m_s: float, count: int) -> ClosedLoopResult:
         """A point mass flies at the sheet from above, held by nobody: `count` ticks of it."""
         self.twin.reset(_at(-height_m), (0.0, 0.0, -speed_m_s))
         return self.push_on(0.0, count)
 
-    def follow(self, depth_m: NDArray[np.float64], grip: Grip) -> Feel:
+    def follow(self, depth_m: NDArray[np.float64], grip: Grip) -> ClosedLoopResult:
         """The hand means the tool to go along depths (n,), from rest at the first; negative ones are in the air."""
         path = _at(depth_m)
         self.twin.reset(path[0])
-        return self.twin.run(Intent.along(path, grip))
+        return self.twin.run(ReferenceTrajectory.along(path, grip))
 
-    def stay(self, depth_m: float, count: int, grip: Grip) -> Feel:
+    def stay(self, depth_m: float, count: int, grip: Grip) -> ClosedLoopResult:
         """The hand goes on meaning one depth for `count` ticks."""
-        return self.twin.run(Intent.hold((*AT_M, -depth_m), count, grip))
+        return self.twin.run(ReferenceTrajectory.hold((*AT_M, -depth_m), count, grip))
 
     @property
     def point(self) -> PointMass:

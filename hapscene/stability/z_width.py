@@ -21,7 +21,7 @@ from hapscene.device.model import TOUCH_SPEED_M_S, device_named, limits_of
 from hapscene.device.sim.hand import Grip
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
-from hapscene.loop.result import Feel
+from hapscene.loop.result import ClosedLoopResult
 from hapscene.parallel import Task, run_tasks
 from hapscene.stability.closed_form import limit_of_small_motion
 from hapscene.stability.rig import Rig
@@ -163,7 +163,7 @@ def touch(rig: Rig, grip: Grip) -> Trial:
     return trial
 
 
-def _judged(felt: Feel, tick_s: float, work_J: float) -> Trial:
+def _judged(felt: ClosedLoopResult, tick_s: float, work_J: float) -> Trial:
     """The end of what was felt, and the work of all of it, beside that of before."""
     late = round(LATE_S / tick_s)
     speed2 = np.sum(felt.v_W_m_s[-late:] ** 2, axis=1)

@@ -4,12 +4,12 @@
 import numpy as np
 import hapscene
 from hapscene.teleoperation import Impairment, Operation
-from hapscene.loop import Intent
+from hapscene.loop import ReferenceTrajectory
 
 scene = hapscene.Scene()
 scene.add("assets/meshes/plate.obj", name="plate", unit="mm", swatch="wood")
 path = np.linspace([0.0, 0.0, 0.01], [0.01, 0.0, -0.01], 1000)  # where the leader's hand means its tool to be
-operated = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(Intent.along(path, grip="medium"))
+operated = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(ReferenceTrajectory.along(path, grip="medium"))
 ```
 
 | module | does |

@@ -48,7 +48,7 @@ class Line(NamedTuple):
 def operate(leader: Any, follower: Any, line: Any, first: int, hand: Any, happened: Any) -> None:
     """Ticks from number `first` on, one for each row of `happened` (n,), which it fills.
 
-    `hand`: target, grip and push of the leader's hand (see `twin.intent.Intent`).
+    `hand`: target, grip and push of the leader's hand (see `twin.intent.ReferenceTrajectory`).
     """
     for k in range(len(happened)):
         now, row = first + k, happened[k]

@@ -24,7 +24,7 @@ from hapscene.errors import HapsceneError
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.interrupt import interrupt_noted
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.records import records
 from hapscene.teleoperation.bilateral_loop import step_follower, step_leader
 from hapscene.teleoperation.datagram import DATAGRAM, MESSAGE, Gate, pack
@@ -105,7 +105,7 @@ class UdpSession:
         self,
         side: Leader | Follower,
         sock: socket.socket,
-        intent: Intent | None = None,
+        intent: ReferenceTrajectory | None = None,
         impairment: Impairment | None = None,
         seed: int = 0,
         allowed: str | None = None,

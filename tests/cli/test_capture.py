@@ -37,7 +37,7 @@ def test_a_swatch_a_plot_and_the_numbers(tmp_path: Path, capsys: pytest.CaptureF
     for text in (
         "of order",
         "0.4 dynamic (95 %: 0.4 to 0.4)",
-        "taps        none (assumed: no tap",
+        "taps        not measured: no tap",
         "oak.swatch",
     ):
         assert text in said

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from hapscene.device.sim.hand import Grip
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operated, Operation
@@ -47,7 +47,7 @@ class Wall:
         self.p_m = self.p_m + self.v_m_s * self.step_s
 
 
-def operated(scene: Any, intent: Intent, line: Impairment | None = None) -> Operated:
+def operated(scene: Any, intent: ReferenceTrajectory, line: Impairment | None = None) -> Operated:
     body = "tip" if isinstance(scene, Wall) else None
     bare: dict[str, Any] = {"device": PointMass(MASS_KG, DAMPING_NS_M), "compensator": "none", "effects": ("wall",)}
     operation = Operation(scene, START_M, line=line, body=body, **bare)
@@ -60,7 +60,7 @@ def operated(scene: Any, intent: Intent, line: Impairment | None = None) -> Oper
 def test_it_is_felt_as_a_follower_on_a_scene_is() -> None:
     """The same mass at the same wall: down, press, along, up."""
     t = np.linspace(0.0, 1.0, 2000)[:, None]
-    intent = Intent.along(
+    intent = ReferenceTrajectory.along(
         np.array(START_M) + t * [0.01, 0.0, 0.0] - 0.008 * np.sin(np.pi * t) * [0.0, 0.0, 1.0], "firm"
     )
     swatch = Swatch("wall", stiffness_N_m=WALL_N_M)
@@ -78,7 +78,9 @@ def test_it_is_felt_as_a_follower_on_a_scene_is() -> None:
 @pytest.mark.parametrize("step_s", [1e-4, 1e-3])
 def test_the_stiffness_felt_is_that_of_springs_in_a_row(step_s: float) -> None:
     """1/K = 1/K_wall + 1/K_c, without a delay but that of the line's own tick."""
-    rest = [Intent.hold(START_M, 4000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)) for push_N in (-0.5, -1.0)]
+    rest = [
+        ReferenceTrajectory.hold(START_M, 4000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)) for push_N in (-0.5, -1.0)
+    ]
     felt = operated(Wall(step_s), rest[0].then(rest[1]))
     light, firm = felt.leader_W_m[3999, 2], felt.leader_W_m[-1, 2]
     assert 0.5 / (light - firm) == pytest.approx(predict_stiffness(1e-3), rel=2e-3)
@@ -93,7 +95,7 @@ def test_what_a_simulation_does_not_say_of_contact_is_not_made_up() -> None:
         def advance(self, wrench_W: Array) -> None:
             self.p_m = self.p_m + 1e-6
 
-    felt = operated(Mute(1e-3), Intent.hold(START_M, 5))
+    felt = operated(Mute(1e-3), ReferenceTrajectory.hold(START_M, 5))
     assert np.isnan(felt.f_contact_W_N).all() and not felt.touching.any()
 
 
@@ -103,7 +105,7 @@ def test_a_simulation_that_bursts_is_said_and_not_felt() -> None:
             self.p_m = self.p_m * (np.nan if self.p_m[2] < 0.0019 else 0.999)
 
     with pytest.raises(HapsceneError, match="its simulation has burst"):
-        operated(Bursting(1e-3), Intent.hold(START_M, 500))
+        operated(Bursting(1e-3), ReferenceTrajectory.hold(START_M, 500))
 
 
 def test_what_does_not_fit_is_said() -> None:

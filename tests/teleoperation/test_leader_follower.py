@@ -11,7 +11,7 @@ from hapscene.device.sim.point import PointMass
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.records import records
 from hapscene.render.renderer import Renderer
 from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate, receive, step_follower, step_leader
@@ -107,7 +107,7 @@ def make_ends() -> tuple[Leader, Follower, Link, Link, Renderer]:
 
 def test_apart_both_ends_do_what_they_do_in_one_loop() -> None:
     count, first = 30, 5
-    intent = Intent.hold((0.002, 0.0, -0.02), count, "medium", push_W_N=(0.0, 0.0, -0.5))
+    intent = ReferenceTrajectory.hold((0.002, 0.0, -0.02), count, "medium", push_W_N=(0.0, 0.0, -0.5))
     hand = (intent.target_W_m, intent.grip, intent.push_W_N)
     leader, follower, forth, back, _renderer = make_ends()
     happened = records(count, HAPPENED)

@@ -1,4 +1,4 @@
-"""Ten minutes on a desk: ticks beside a viewer that draws and Python that never rests, and an empty loop."""
+"""Soak test: delays of ticks beside a viewer and a busy Python thread, compared with an empty loop."""
 
 import importlib.util
 import os
@@ -22,7 +22,7 @@ DEMO = Path(__file__).resolve().parents[3] / "assets" / "demo.scene.json"
 
 
 def load_beside(name: str) -> Any:
-    """A module of the drivers' tests."""
+    """Load a module of the driver tests."""
     place = Path(__file__).parents[1] / "plugins" / "devices" / f"{name}.py"
     spec = importlib.util.spec_from_file_location(name, place)
     assert spec is not None and spec.loader is not None
@@ -32,7 +32,7 @@ def load_beside(name: str) -> Any:
 
 
 def memory_kB(pid: int) -> int:
-    """Its own: not what it shares, which fills as ticks come."""
+    """Return the private memory of a process, without shared memory [kB]."""
     lines = Path(f"/proc/{pid}/status").read_text().splitlines()
     return int(next(line for line in lines if line.startswith("RssAnon")).split()[1])
 
@@ -40,9 +40,7 @@ def memory_kB(pid: int) -> int:
 @pytest.mark.soak
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="memory is looked up in /proc")
 @pytest.mark.parametrize("device", ["omni", "simulated", "openhaptics"])
-def test_ticks_are_as_late_as_those_of_an_empty_loop(
-    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_delays_equal_those_of_an_empty_loop(device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene, over, choice, desk = hapscene.load_scene(DEMO), threading.Event(), device, None
     if device == "openhaptics":
         vendor = load_beside("vendor_desk")
@@ -75,7 +73,7 @@ def test_ticks_are_as_late_as_those_of_an_empty_loop(
                 k += 1
                 if device == "omni":
                     servo.aim((0.02 * np.sin(0.02 * k), 0.01 * np.cos(0.013 * k), 0.0), "medium")
-                elif desk is not None:  # a stroke over the plate; in its axes y is up
+                elif desk is not None:  # a stroke over the plate; y points up in the frame of the device
                     place = np.eye(4)
                     place[3, :3] = 20.0 * np.sin(0.02 * k), -12.0, 10.0 * np.cos(0.013 * k)
                     desk.set(transform=place.ravel(), position=place[3, :3])

@@ -1,4 +1,4 @@
-"""What a hand means to do: where it wants the tool, how firmly it holds it and how hard it pushes, tick by tick."""
+"""The reference trajectory of a simulated hand: target position, grip and push force in each tick."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,23 +11,23 @@ from hapscene.device.sim.hand import Grip, grip_named
 from hapscene.errors import PathError
 from hapscene.geometry import numbers
 
-__all__ = ["Intent"]
+__all__ = ["ReferenceTrajectory"]
 
 NUMBER_MAX: Final = 1e12
-"""Largest number of an intention, of whatever unit [1]: beyond any hand, and nothing made of it overflows."""
+"""Largest number in a reference trajectory, in any unit [1]: beyond any hand, and safe from overflow."""
 
 
 @dataclass(frozen=True, eq=False)
-class Intent:
-    """A hand's intention over n ticks. Between ticks its target moves on straight.
+class ReferenceTrajectory:
+    """Reference of a hand over n ticks. The target moves linearly between ticks.
 
     Attributes:
-        target_W_m: (n, 3) where the hand means the tool to be.
-        grip: (n, 3) spring [N/m], damper [N·s/m] and mass [kg] of the hand.
-        push_W_N: (n, 3) force of the hand beside its spring and damper.
+        target_W_m: (n, 3) target position of the hand.
+        grip: (n, 3) stiffness [N/m], damping [N·s/m] and mass [kg] of the hand.
+        push_W_N: (n, 3) force of the hand in addition to its spring and damper.
 
     Raises:
-        PathError: arrays of another shape, not finite, or with a negative grip.
+        PathError: an array has a wrong shape or is not finite, or a grip is negative.
     """
 
     target_W_m: NDArray[np.float64]
@@ -39,15 +39,15 @@ class Intent:
         for name in ("target_W_m", "grip", "push_W_N"):
             array = numbers(getattr(self, name))
             if array.shape != (n, 3) or n == 0:
-                raise PathError(f"intent: {name} must be ({max(n, 1)}, 3), a row per tick; it is {array.shape}")
+                raise PathError(f"{name} must have shape ({max(n, 1)}, 3), one row per tick; it has {array.shape}")
             if not (np.abs(array) <= NUMBER_MAX).all():
-                raise PathError(f"intent: {name} must be finite, and at most {NUMBER_MAX:g} in size")
+                raise PathError(f"{name} must be finite, with absolute values up to {NUMBER_MAX:g}")
             object.__setattr__(self, name, np.ascontiguousarray(array))
         if (self.grip < 0.0).any():
-            raise PathError("intent: a grip's spring, damper and mass are at least 0")
+            raise PathError("grip must not be negative: stiffness, damping and mass of the hand are at least 0")
 
     def __repr__(self) -> str:
-        return f"<Intent: {len(self):,} ticks>"
+        return f"<ReferenceTrajectory: {len(self):,} ticks>"
 
     def __len__(self) -> int:
         return len(self.target_W_m)
@@ -55,12 +55,12 @@ class Intent:
     @classmethod
     def along(
         cls, target_W_m: ArrayLike, grip: str | Grip | ArrayLike = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0)
-    ) -> "Intent":
-        """Follow a path (n, 3) [m] with one grip, its name or a row per tick, and a constant push (3,) [N].
+    ) -> "ReferenceTrajectory":
+        """Follow a path (n, 3) [m] with one grip, given by name or as a row per tick, and a constant push (3,) [N].
 
         Raises:
-            HapsceneError: no grip of this name.
-            PathError: a path that is not (n, 3) finite numbers.
+            HapsceneError: the grip is unknown.
+            PathError: the path is not (n, 3) finite numbers.
         """
         path = np.atleast_2d(numbers(target_W_m))
         if isinstance(grip, str):
@@ -76,20 +76,20 @@ class Intent:
         grip: str | Grip = "light",
         *,
         push_W_N: Sequence[float] = (0.0, 0.0, 0.0),
-    ) -> "Intent":
-        """Mean one place (3,) [m] for `count` ticks.
+    ) -> "ReferenceTrajectory":
+        """Stay at one position (3,) [m] for `count` ticks.
 
         Raises:
-            HapsceneError: no grip of this name.
-            PathError: not three finite numbers, or a count that is not a whole number above 0.
+            HapsceneError: the grip is unknown.
+            PathError: the position is not three finite numbers, or `count` is not a positive integer.
         """
         if not isinstance(count, int | np.integer) or count < 1:
-            raise PathError(f"intent: count must be a whole number of ticks above 0, is {count!r}")
+            raise PathError(f"count must be a positive integer number of ticks, is {count!r}")
         return cls.along(_rows(numbers(target_W_m), int(count)), grip, push_W_N)
 
-    def then(self, other: "Intent") -> "Intent":
-        """This, and after it another."""
-        return Intent(
+    def then(self, other: "ReferenceTrajectory") -> "ReferenceTrajectory":
+        """Return this trajectory followed by another."""
+        return ReferenceTrajectory(
             np.concatenate((self.target_W_m, other.target_W_m)),
             np.concatenate((self.grip, other.grip)),
             np.concatenate((self.push_W_N, other.push_W_N)),
@@ -97,5 +97,5 @@ class Intent:
 
 
 def _rows(row: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """One row (3,) as (count, 3); what has rows of its own stays as it is."""
+    """Return one row (3,) as (count, 3); an array of rows is returned unchanged."""
     return np.tile(row, (count, 1)) if row.ndim == 1 else row

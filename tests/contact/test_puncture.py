@@ -50,7 +50,7 @@ def feel(renderer: hapscene.Renderer, *heights_m: float) -> list[tuple[str, floa
 
 
 @pytest.mark.parametrize("two_sided", [False, True])
-def test_skin_lets_in_bone_holds_and_the_way_out_is_free(two_sided):
+def test_punctured_skin_over_bone(two_sided):
     renderer = arm(two_sided)
     way_in = feel(renderer, 0.06, 0.01)
     assert [body for body, _ in groupby(way_in, key=lambda found: found[0])] == ["", "skin", "", "bone"]
@@ -59,14 +59,14 @@ def test_skin_lets_in_bone_holds_and_the_way_out_is_free(two_sided):
     assert renderer.surface.touch[0].inside == 1
     way_out = feel(renderer, 0.01, 0.06)
     assert {body for body, z in way_out if z > 0.021} == {""}
-    assert renderer.surface.touch[0].inside == 0 and not renderer.world.bodies["passed"].any()
+    assert renderer.surface.touch[0].inside == 0 and not renderer.world.bodies["punctured"].any()
     assert [body for body, _ in feel(renderer, 0.06, 0.048)][-1] == "skin"  # it holds again
 
 
-def test_a_body_that_moves_keeps_the_tool_in():
+def test_punctured_body_moves():
     renderer = arm()
     feel(renderer, 0.06, 0.035)
-    slots = renderer.moving(["skin"])
+    slots = renderer.moving_bodies(["skin"])
     for k in range(12):
         slots.X_WB[0, 2, 3] = 1e-3 * k
         renderer.step((0.001, 0.002, 0.035), slots)
@@ -77,17 +77,17 @@ def test_a_body_that_moves_keeps_the_tool_in():
     assert renderer.surface.touch[0].inside == 0
 
 
-def test_a_body_that_is_teleported_lets_go_of_the_shaft():
+def test_teleport_closes_a_puncture():
     renderer = arm()
     feel(renderer, 0.06, 0.035)
-    slots = renderer.moving(["skin"])
+    slots = renderer.moving_bodies(["skin"])
     slots.X_WB[0, 2, 3] = -0.01  # still about the tool, which never went in there
     slots.teleport("skin")
     assert renderer.step((0.001, 0.002, 0.035), slots).contact is None
-    assert renderer.surface.touch[0].inside == 0 and not renderer.world.bodies["passed"].any()
+    assert renderer.surface.touch[0].inside == 0 and not renderer.world.bodies["punctured"].any()
 
 
-def test_what_holds_the_shaft_is_given_to_the_body_that_was_passed():
+def test_shaft_force_acts_on_the_punctured_body():
     def grip(touch, p, table, s, out):
         if touch.inside and not touch.touching:
             out.f_W_N[0] += 0.5
@@ -101,15 +101,15 @@ def test_what_holds_the_shaft_is_given_to_the_body_that_was_passed():
     np.testing.assert_allclose(renderer.impulse("skin").linear_N_s - before, [-0.5e-3, 0, 0], atol=1e-12)
 
 
-def test_a_reset_closes_what_was_open():
+def test_reset_closes_punctures():
     renderer = arm()
     feel(renderer, 0.06, 0.035)
     renderer.reset((0.0, 0.0, 0.06))
-    assert renderer.world.proxy[0].passed_count == 0
+    assert renderer.world.proxy[0].puncture_count == 0
     assert [body for body, _ in feel(renderer, 0.06, 0.049)][-1] == "skin"
 
 
-def test_more_bodies_than_can_be_passed_hold():
+def test_limit_of_punctured_bodies():
     scene = hapscene.Scene()
     for k in range(PASSED_MAX + 1):
         scene.add(ball(0.05 - 0.004 * k), unit="m", swatch=SKIN)
