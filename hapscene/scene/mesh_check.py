@@ -5,6 +5,7 @@ import warnings
 from pathlib import Path
 from typing import Any, Final
 
+from hapscene.constants import SCENE_SUFFIXES
 from hapscene.errors import HapsceneError, printable
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_doctor import examine
@@ -26,7 +27,7 @@ CODES: Final = {FELT: 0, NOTES: 0, FAULTS: 1, NOT_FELT: 1, UNREADABLE: 2}
 def mesh_sources(name: str) -> list[tuple[Path, Mesh | None]]:
     """The mesh files of a folder, by their suffixes; a scene's meshes, by the names of their bodies; or the file."""
     path = Path(name)
-    if name.endswith((".scene.json", ".scene.zip")):
+    if name.endswith(SCENE_SUFFIXES):
         return [(Path(body.name), body.mesh) for body in load_scene(path).bodies]
     if not path.is_dir():
         return [(path, None)]

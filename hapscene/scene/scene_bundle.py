@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
+from hapscene.constants import BUNDLE_SUFFIX
 from hapscene.errors import FormatError, SceneError
 from hapscene.io.files import check_memory, open_zip, refusing, whole_file
 from hapscene.scene.mesh import Mesh
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ZIP_SUFFIX", "read_bundle", "save_bundle", "unpack_bundle", "unpacked_beside"]
 
-ZIP_SUFFIX: Final = ".scene.zip"
+ZIP_SUFFIX: Final = BUNDLE_SUFFIX
 
 UNPACKED_MAX_B: Final = 2_000_000_000
 """Most that a bundle may unpack to [bytes]."""

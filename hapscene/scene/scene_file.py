@@ -36,6 +36,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.constants import SCENE_SUFFIX
 from hapscene.errors import SceneError, warn
 from hapscene.io.files import check_file, naming, read_bytes, refusing, write_whole
 from hapscene.scene.body import Body
@@ -70,7 +71,7 @@ __all__ = [
 # name. So none is ever written over, neither ours nor anybody's; a scene file names what it was saved with, or nothing.
 
 
-SUFFIX: Final = ".scene.json"
+SUFFIX: Final = SCENE_SUFFIX
 
 NAMING: Final = (SUFFIX, ".fidelity.json")
 """Ends of the names of files that name others beside them: what one of them names, no other one removes."""
