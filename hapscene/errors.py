@@ -104,7 +104,7 @@ def no_such(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Suggestion of a similar name, "; did you mean 'oak'?"; "" if there is none."""
+    """Suggestion of a similar name, "; did you mean 'oak'?"; "" without a similar name."""
     near = difflib.get_close_matches(name, list(known), n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
 

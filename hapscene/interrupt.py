@@ -78,7 +78,7 @@ def reraise_swallowed_interrupt() -> Iterator[None]:
 
 
 _watched: int | None = None
-"""Signal whose interrupt is raised again if it is swallowed; None if there is none."""
+"""Signal whose interrupt is raised again if it is swallowed; None if it does not exist."""
 
 
 def clear_interrupt() -> None:

@@ -171,7 +171,7 @@ def test_faces_that_are_turned_away_are_told_of() -> None:
     into = line((0.001, 0.002, 0.02), (0.001, 0.002, 0.001))
     assert "crosses 'bowl' from behind its faces" in why_nothing(bowl(), into)
     both_sides = why_nothing(bowl(two_sided=True), line((0.0, 0.0, 0.001), (0.0, 0.0, 0.002)))
-    assert "misses all faces of 'bowl'" in both_sides
+    assert "misses all faces of the nearest body 'bowl'" in both_sides
 
 
 def test_a_hand_that_touches_nothing_is_told_why(tmp_path: Path) -> None:

@@ -91,7 +91,7 @@ def _names(stem: str, suffix: str = SUFFIX) -> Iterator[Path]:
 
 
 def earlier_scenes(path: Path | None, unpacked: bool = False) -> list[Path]:
-    """Scene files from earlier sessions with the same mesh, so that the user can continue one of them.
+    """Scene files from earlier sessions with the same mesh, which the user may want to continue.
 
     Args:
         path: path of the new scene.

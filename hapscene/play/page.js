@@ -155,7 +155,7 @@ function say(text, wrong) {
 
 const SILENT_MS = 2000; // time without messages after which the connection counts as lost; the server sends at 30 Hz
 
-let received = 0; // time of the last trace message [ms]; 0 if there is none
+let received = 0; // time of the last trace message [ms]; 0 if it does not exist
 
 function connect() {
   socket = new WebSocket(new URL("socket", location.href.replace(/^http/, "ws")));

@@ -318,7 +318,7 @@ def test_a_model_is_touched_from_the_command_line(
     assert main(["touch", "empty.xml"]) == 2
     said = capsys.readouterr().err
     assert (
-        "leave --unit out" in said
+        "--unit" in said
         and "bad.xml: MuJoCo says" in said
         and "empty.xml: the model has no geom to touch" in said
     )

@@ -83,7 +83,7 @@ def test_without_a_name_a_copy_of_the_demo_is_painted(folder: Path) -> None:
         (["cube.ply", "--unit", "m", "--device", "omi"], "no device 'omi'; there are: omni, omni-point"),
         (["cube.ply", "--unit", "m", "--grip", "tight"], "no grip 'tight'; there are: firm, light, medium"),
         (["cube.ply", "--unit", "m", "--compensator", "none"], "no compensator 'none'; there are: adaptive"),
-        (["made.scene.json", "--unit", "m"], "leave --unit out"),
+        (["made.scene.json", "--unit", "m"], "--unit"),
     ],
 )
 def test_what_cannot_be_painted_is_one_line(

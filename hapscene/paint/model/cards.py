@@ -137,9 +137,9 @@ def matching(cards: Iterable[Card], text: str) -> list[Card]:
     every = list(cards)
     text = re.sub(r"\s*([<>]=?)\s*", r"\1", text)
     bounds = [term for term in text.split() if set(term) & set("<>") or term.casefold().startswith(("tool:", "tip:"))]
-    words = [term for term in text.split() if term not in bounds]
+    terms = [term for term in text.split() if term not in bounds]
     held = {id(entry) for entry in library.search([card.entry for card in every], bounds)}
-    return [card for card in every if id(card.entry) in held and all(_has(card, w.casefold()) for w in words)]
+    return [card for card in every if id(card.entry) in held and all(_has(card, term.casefold()) for term in terms)]
 
 
 def _has(card: Card, word: str) -> bool:

@@ -253,7 +253,7 @@ class ReducedMesh:
         faces: (S, 3) int32.
         shown_of: (M,) int32, the shown face that represents each face of the full mesh.
         lent: (k, 2) int32, shown faces that represent no face, and the face of the full mesh whose colour each takes.
-        under: (N,) int32, the shown face below or above each vertex of the full mesh; −1 if there is none.
+        under: (N,) int32, the shown face below or above each vertex of the full mesh; −1 if it does not exist.
         raised_m: (N, 3) float32, vertices of the full mesh raised above the shown faces [m]; None if the mesh is not
             reduced.
     """
@@ -555,7 +555,7 @@ def reduce_mesh(shape: PaintableMesh, count: int) -> ReducedMesh:
 
     The method is edge collapse by quadric error metrics (Garland & Heckbert 1997, fast-simplification), or vertex
     clustering (Rossignac & Borrel 1993) for meshes with many slivers. A face of the full mesh is represented by the
-    shown face above or below its centroid; if there is none, by the nearest one in centroid and normal.
+    shown face above or below its centroid; if it does not exist, by the nearest one in centroid and normal.
 
     Raises:
         ViewError: the package fast-simplification is missing.
@@ -678,7 +678,7 @@ def _compared(
 def _under(
     search: Search, shown_normal: NDArray[np.float64], points_m: Places, normals: NDArray[np.float64], far_m: float
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Shown face (n,) above or below each point, −1 if there is none, and its height above the point (n,) [m]."""
+    """Shown face (n,) above or below each point, −1 if it does not exist, and its height above the point (n,) [m]."""
     face, above_m = np.zeros(len(points_m), np.int32), np.zeros(len(points_m))
     overlay_faces(search.handle, new_ray(), points_m - search.center_m, normals, shown_normal, far_m, face, above_m)
     return face, above_m
@@ -712,7 +712,7 @@ def overlay_faces(
         normals: (n, 3) unit normals at the points; zero if unknown.
         shown_normals: (S, 3) normals of the shown faces; a face that points away from the normal is ignored.
         far_m: length of a ray to either side [m].
-        faces, above_m: (n,), (n,) output: face, −1 if there is none, and its height above the point [m].
+        faces, above_m: (n,), (n,) output: face, −1 if it does not exist, and its height above the point [m].
     """
     back_m = BACK_SHARE * far_m
     for i in range(len(points_m)):

@@ -121,7 +121,7 @@ class Recovery:
 
 
 def find_recovery(path: Path) -> Recovery | None:
-    """The newest unsaved work on a scene file; None if there is none or another painter has the file open."""
+    """The newest unsaved work on a scene file; None if it does not exist or another painter has the file open."""
     folder = autosave_folder(path)
     try:
         lock = _lock(folder) if folder.is_dir() else None
@@ -367,7 +367,7 @@ class Document:
         _check_unchanged(target, self._hash if same else None)
 
     def recovery(self) -> Recovery | None:
-        """The newest unsaved work of a killed painter on this scene; None if there is none."""
+        """The newest unsaved work of a killed painter on this scene; None if it does not exist."""
         if self.autosave is not None:
             return self.autosave.recoveries[0] if self.autosave.recoveries else None
         return find_recovery(self.path) if self.path is not None else None

@@ -266,14 +266,14 @@ class History:
         return replace(step, number=self._count)
 
     def undo(self) -> Step | None:
-        """Move the last step to `undone` and return it; None if there is none."""
+        """Move the last step to `undone` and return it; None if it does not exist."""
         if not self.done:
             return None
         self.undone.append(self.done.pop())
         return self.undone[-1]
 
     def redo(self) -> Step | None:
-        """Move the last undone step back to `done` and return it; None if there is none."""
+        """Move the last undone step back to `done` and return it; None if it does not exist."""
         if not self.undone:
             return None
         self.done.append(self.undone.pop())

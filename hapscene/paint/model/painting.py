@@ -180,7 +180,7 @@ class Painting:
         return int(swatch)
 
     def swatch_named(self, name: str) -> int | None:
-        """Index of the scene's swatch with that name; None if there is none."""
+        """Index of the scene's swatch with that name; None if it does not exist."""
         names = [swatch.name for swatch in self.scene.swatches]
         return names.index(name) if name in names else None
 
@@ -192,7 +192,7 @@ class Painting:
     # --- undo and redo ---
 
     def undo(self) -> str | None:
-        """Undo the last step, including one in progress; returns its description, or None if there is none."""
+        """Undo the last step, including one in progress; returns its description, or None if it does not exist."""
         with self.lock:
             self.end_step()
             step = self.history.undo()
@@ -206,7 +206,7 @@ class Painting:
             return step.what
 
     def redo(self) -> str | None:
-        """Redo the step undone last; returns its description, or None if there is none."""
+        """Redo the step undone last; returns its description, or None if it does not exist."""
         with self.lock:
             self.end_step()
             step = self.history.redo()
@@ -217,14 +217,14 @@ class Painting:
 
     @property
     def undo_text(self) -> str | None:
-        """Description of the step that `undo` would revert; None if there is none."""
+        """Description of the step that `undo` would revert; None if it does not exist."""
         if self._open is not None and self._open.changes:
             return "stroke"
         return self.history.done[-1].what if self.history.done else None
 
     @property
     def redo_text(self) -> str | None:
-        """Description of the step that `redo` would apply; None if there is none."""
+        """Description of the step that `redo` would apply; None if it does not exist."""
         return self.history.undone[-1].what if self.history.undone else None
 
     @property

@@ -249,7 +249,7 @@ class Page:
         session = self.context.session
         self.context.tools.finish()
         what = session.undo() if do == "undo" else session.redo()
-        self._socket.say(f"{do.capitalize()}: {what}." if what else f"Nothing to {do}.")
+        self._socket.say(f"Nothing to {do}." if what is None else f"{do.capitalize()}: {what}.")
 
     def _frame(self, message: Message) -> None:
         """Fit the scene into the view of a new page whose canvas is higher than wide."""

@@ -59,7 +59,7 @@ class LassoOutline:
 
     @property
     def state(self) -> dict[str, Any] | None:
-        """Outline as sent to the pages; None if there is none."""
+        """Outline as sent to the pages; None if it does not exist."""
         return {"client": self.client, "corners": list(self.corners)} if self.corners else None
 
 
@@ -92,7 +92,7 @@ class Tools:
         angle_rad: angle of a facet [rad].
         margin_m: margin of a box around the two points that span it [m].
         force_N: normal force of the hand [N].
-        client: page whose pointer button is pressed on the surface; None if there is none.
+        client: page whose pointer button is pressed on the surface; None if it does not exist.
     """
 
     def __init__(self, session: Session, view: SceneView, touch: TouchHand, say: Callable[[str], None]) -> None:
