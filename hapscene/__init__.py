@@ -19,7 +19,7 @@ other programs; `motion/` tool paths; `dsp/` signal processing. See `docs/archit
 
 import lazy_loader
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __getattr__, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["__version__"]

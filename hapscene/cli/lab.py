@@ -14,7 +14,6 @@ from hapscene.cli.inputs import check_scene, find_asset, load_input, tell_size
 from hapscene.cli.options import (
     Counts,
     Help,
-    InFile,
     InFolder,
     MeshOptions,
     Names,
@@ -42,7 +41,9 @@ app = App(name="lab", synonym=WORDS, help="Effects, stability, benchmarks, chart
 app.command("hapscene.cli.sessions:study", name="study", help=STUDY)
 app.command("hapscene.cli.sessions:teleoperate", name="teleoperate", help=TELEOPERATE)
 
-Docs = Annotated[Path | None, Parameter(metavar="FOLDER", help="Write the page of the documents here, too.")]
+Docs = Annotated[
+    Path | None, Parameter(metavar="FOLDER", help="Folder of result pages (docs/results) to update as well.")
+]
 
 
 @app.command
@@ -144,12 +145,8 @@ def check_evidence() -> None:
         )
 
 
-bench = App(name="bench")
-app.command(bench)
-
-
-@bench.default
-def run_bench(
+@app.command
+def bench(
     *,
     out: OutFolder = Path("out/bench"),
     quick: Annotated[bool, Help("Measure fewer cases, in a third of the time")] = False,
@@ -167,7 +164,6 @@ def run_bench(
       hapscene lab bench --quick --out out/quick
       hapscene lab bench --from out/bench/bench.csv --out out/again
       hapscene lab bench --against ../hapscene-before
-      hapscene lab bench compare docs/bench/bench.csv out/bench/bench.csv
     """
     check_evidence()
     from hapscene_evidence.bench.run import bench as run
@@ -177,26 +173,6 @@ def run_bench(
         return 0 if bench_against(against, ROUNDS) else 1
     run(out, quick, docs, zoo, table)
     return 0
-
-
-@bench.command
-def compare(
-    first: Annotated[InFile, Help("A bench.csv")],
-    second: Annotated[InFile, Help("Another one, of the same kind")],
-    /,
-) -> None:
-    """Print ratios between two tables of figures, with their spread.
-
-    Above 1, the second is slower or less accurate. Ratios of times are meaningful
-    only on the same quiet machine; the output states whether it is the same.
-
-    for example:
-      hapscene lab bench compare docs/bench/bench.csv out/bench/bench.csv
-    """
-    check_evidence()
-    from hapscene_evidence.bench.comparison import lines
-
-    tell(lines(first, second))
 
 
 @app.command
@@ -242,6 +218,7 @@ def reproduce(
     *,
     recordings: Annotated[InFolder | None, Help("Recordings of the shipped swatches (default: synthesised)")] = None,
     out: OutFolder = Path("out/reproduce"),
+    docs: Docs = None,
 ) -> None:
     """Reproduce the haptography paper: its figures and numbers beside those of hapscene, on one page.
 
@@ -252,7 +229,7 @@ def reproduce(
     check_evidence()
     from hapscene_evidence.paper.reproduction import reproduce as run
 
-    name_made(run(str(out), recordings, say))
+    name_made(run(str(out), recordings, say, docs))
 
 
 # `hapscene tune`.
@@ -283,7 +260,7 @@ def tune(
     scene, mesh = find_asset(scene, mesh)
     check_scene(scene, mesh)
     from hapscene.device.model import device_named
-    from hapscene.fidelity.fidelity_file import check_place, fidelity_beside, save_fidelity
+    from hapscene.fidelity.fidelity_file import check_scene_path, fidelity_beside, save_fidelity
     from hapscene.fidelity.trial import quietly
     from hapscene.fidelity.tune import reach_m_s2
     from hapscene.fidelity.tune import tune as run
@@ -292,7 +269,7 @@ def tune(
     if is_model(scene):
         raise HapsceneError(f"{scene}: a model of MuJoCo is not tuned; tune a scene of its meshes")
     out = out or fidelity_beside(scene)
-    check_place(out)
+    check_scene_path(out)
     device_named(device)
     reach_m_s2(handle)
     with quietly():

@@ -138,7 +138,7 @@ class Composing:
             one = scene.body(body)
             copies = Scene()
             copies.swatches[:], copies.swatch_source[:] = scene.swatches, scene.swatch_source
-            copies.bodies = [replace(b, face_swatch=b.face_swatch.copy()) for b in (one, *scene.hanging_on(body))]
+            copies.bodies = [replace(b, face_swatch=b.face_swatch.copy()) for b in (one, *scene.descendants(body))]
             return self.add(copies, what=f"copy {body!r}")[0]
 
     def delete(self, body: str) -> None:
@@ -182,7 +182,7 @@ class Composing:
             one = self._unlocked(body)
             trial = Scene()
             trial.bodies = [replace(other) for other in self._painting.scene.bodies]
-            trial.hang(body, parent)  # raises on a cycle
+            trial.attach(body, parent)  # raises on a cycle
             if parent != one.parent:
                 what = f"detach {body!r}" if parent is None else f"attach {body!r} to {parent!r}"
                 self._painting.change(what, (), [self._delta(one, parent=parent)])
@@ -210,7 +210,7 @@ class Composing:
             if np.array_equal(X_WB, one.X_WB):
                 return
             step = X_WB @ np.linalg.inv(one.X_WB)
-            attached = self._painting.scene.hanging_on(body)
+            attached = self._painting.scene.descendants(body)
             deltas = [self._delta(b, X_WB=rigid(step @ b.X_WB, f"body {b.name!r}")) for b in attached]
             now_s, first = self.clock(), self._moved_s == -math.inf
             join, self._moved_s = not first and (goes_on or now_s - self._moved_s <= JOIN_S), now_s

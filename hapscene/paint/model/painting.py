@@ -23,7 +23,7 @@ from hapscene.paint.model.history import (
 from hapscene.paint.model.mesh import Hit, PaintableMesh, pick
 from hapscene.paint.model.visibility import Visibility
 from hapscene.scene.body import Body
-from hapscene.scene.fine_paint import NOTHING, blend, paint_faces, paint_region, parts, put_leaves
+from hapscene.scene.fine_paint import NOTHING, blend, paint_faces, paint_region, parts, set_subfaces
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Volume
 from hapscene.scene.scene import Scene
@@ -281,7 +281,7 @@ class Painting:
         body: int,
         region: Volume,
         faces: NDArray[np.integer] | None = None,
-        soft_m: float = 0.0,
+        falloff_m: float = 0.0,
         opacity: float = 1.0,
         *,
         eye_W_m: ArrayLike | None = None,
@@ -292,7 +292,7 @@ class Painting:
             body: index of the body.
             region: region in the body's frame.
             faces: (n,) restrict painting to these faces; None for all.
-            soft_m: width of the soft border [m]; see `hapscene.scene.fine_paint.paint_region`.
+            falloff_m: width of the soft border [m]; see `hapscene.scene.fine_paint.paint_region`.
             opacity: weight of the swatch over the present painting [0, 1].
             eye_W_m: (3,) paint only what is visible from this point [m]; None to ignore occlusion.
 
@@ -310,7 +310,7 @@ class Painting:
             if eye_W_m is not None:
                 visibility = Visibility(self.scene.bodies, self.shapes, body, eye_W_m, self.hidden)
                 faces = visibility.facing(np.arange(len(painted.face_swatch)) if faces is None else faces)
-            more: dict[str, Any] = {"soft_m": soft_m, "opacity": opacity, "sight": visibility}
+            more: dict[str, Any] = {"falloff_m": falloff_m, "opacity": opacity, "sight": visibility}
             faces = paint_region(painted, region, swatch, faces=faces, **more)
             if len(faces):
                 self._note_faces(body, faces)
@@ -341,7 +341,7 @@ class Painting:
                 new, found = self.swatch_index(step.swatch, body), subfaces.of_faces(np.unique(subfaces.face[uses]))
                 heavier, lighter, weight = parts(found.paint)
                 paint = blend(np.where(heavier == old, new, heavier), np.where(lighter == old, new, lighter), weight)
-                put_leaves(painted, replace(found, paint=paint))
+                set_subfaces(painted, replace(found, paint=paint))
                 self._note_faces(body, found.faces)
                 count += len(found.faces)
             return count

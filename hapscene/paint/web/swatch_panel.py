@@ -325,7 +325,7 @@ class SwatchPanel:
 
 def _figure_html(phrase: Phrase) -> str:
     """HTML of the figure of a phrase, with line breaks only between numbers; "" if the word is sufficient."""
-    if phrase.figure in ("none", "no texture"):
+    if not phrase.figure:
         return ""
     figure = escape_html(phrase.figure).replace(" ", "&nbsp;").replace(",&nbsp;", ", ")
     return f"<span class='dim'>{figure}</span>"

@@ -90,7 +90,7 @@ def test_an_engine_pushes_a_crate(served: Served, engine: list[object]) -> None:
     done = pushed(engine, served.port)
     said = done.stdout
     assert done.returncode == 0, said + done.stderr
-    told = re.search(r"momentum ([-\d.e]+) told ([-\d.e]+)", said)
+    told = re.search(r"momentum ([-\d.e]+) received ([-\d.e]+)", said)
     assert told is not None and "began, crate, wood" in said, said
     momentum, got = (float(number) for number in told.groups())
     assert momentum > 1e-3 and momentum == pytest.approx(got, abs=1.1e-6)  # printed to six digits, kept in float32

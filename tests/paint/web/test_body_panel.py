@@ -72,7 +72,7 @@ def test_buttons_and_fields_do_what_they_say(page: Page, tab: Tab) -> None:
         ("scale", "ball", "0", "invalid scale"),
         ("size z", "ball", "-3", "invalid scale"),
         ("scale", "ball", "1e8", "invalid scale"),
-        ("parent", "ball", "ball", "cannot hang on"),
+        ("parent", "ball", "ball", "cannot be attached"),
         ("parent", "ball", "x", "no body 'x'"),
         ("name", "ball", "plate", "already has a body"),
         ("name", "ball", "", "printable"),
