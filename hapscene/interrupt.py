@@ -120,15 +120,17 @@ def _is_propagating() -> bool:
 
 
 @contextmanager
-def interrupt_noted() -> Iterator[Callable[[], bool]]:
+def interrupt_noted(act: Callable[[], object] | None = None) -> Iterator[Callable[[], bool]]:
     """Context in which the first Ctrl-C and all `ENDS` only set a flag; a second Ctrl-C raises KeyboardInterrupt.
 
     Use it for work that needs an orderly end. It yields a function that returns whether a signal was received, and must
-    be used in the main thread.
+    be used in the main thread. The signal handler calls `act`, which must be short and must not take a lock.
     """
     noted = threading.Event()
 
     def note(kind: int, frame: object) -> None:
+        if act is not None:
+            act()
         noted.set()
         _leave_terminals()
         signal.signal(signal.SIGINT, signal.default_int_handler)
