@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from hapscene.cli.console import name_made, say, tell
+from hapscene.cli.console import print_files, print_lines, print_progress
 from hapscene.cli.options import (
     LOCALHOST,
     Compensator,
@@ -71,7 +71,7 @@ def run(
     Each answer is on the disk before the next question. After Ctrl-C or a crash,
     the same command with the same --person resumes at the next question.
 
-    for example:
+    Examples:
       hapscene lab study run life.toml
       hapscene lab study run life.toml --person P07 --out out/life
     """
@@ -88,14 +88,14 @@ def run(
             raise StudyError(f"{person} has answered all {sitting.done}; --person NAME asks another")
         player = _player(loaded, output)
         stack.callback(player.close)
-        say(f"{person}: {sitting.done} of {sitting.total} answered\n")
+        print_progress(f"{person}: {sitting.done} of {sitting.total} answered\n")
         if fault := _serve(sitting, player, page):
             raise StudyError(f"{fault}; {sitting.done} answers are kept; {resume}")
         report = player.report()
         lines = [f"{person}: {sitting.done} of {sitting.total} answered, in {folder / 'results.csv'}"]
         lines += [f"{words}: {report[name]:.0f} times" for name, words in WRONG.items() if report.get(name)]
         lines.append(f"report: hapscene lab study report {folder}" if sitting.trial is None else resume)
-        tell(lines)
+        print_lines(lines)
 
 
 def _serve(sitting: "Sitting", player: "OutputPlayer", page: PageOptions) -> str:
@@ -107,7 +107,7 @@ def _serve(sitting: "Sitting", player: "OutputPlayer", page: PageOptions) -> str
     with StudyServer(sitting, player, host=page.host, port=page.port) as server:
         print(f"{server.url}   (Ctrl-C ends; the session can be resumed)", flush=True)
         if server.public:
-            say("open to the network: whoever has this address may answer\n")
+            print_progress("open to the network: whoever has this address may answer\n")
         if not page.no_browser:
             webbrowser.open(server.url)
         with interrupt_noted() as noted:
@@ -136,11 +136,11 @@ def _player(plan: "Plan", options: OutputOptions) -> "OutputPlayer":
     maker, stimuli = StimulusMaker(plan.folder), all_stimuli(plan)
     output = open_output(options.handle or "audio", options.handle_option or {})
     try:
-        with step(say, f"making {len(stimuli)} stimuli"):
+        with step(print_progress, f"making {len(stimuli)} stimuli"):
             if plan.channel == "handle":
                 return handle(maker, output, stimuli, str(options.handle_file or ""))
             player = headphones(maker, output, stimuli)
-        say(f"{output.name}: full scale is {player.report()['full_scale_m_s2']:.3g} m/s²\n")
+        print_progress(f"{output.name}: full scale is {player.report()['full_scale_m_s2']:.3g} m/s²\n")
         return player
     except BaseException:
         output.close()
@@ -156,14 +156,14 @@ def report(
 ) -> None:
     """Write the results of a study on one page: thresholds, d′, ratings, with intervals.
 
-    for example:
+    Examples:
       hapscene lab study report out/life
     """
     from hapscene.study.study_report import write_report
 
     path = out or folder / "report.html"
     write_report(folder, path)
-    name_made([path])
+    print_files([path])
 
 
 # Teleoperation.
@@ -224,7 +224,7 @@ def follower(
 ) -> None:
     """Run the end that touches: it waits for a leader, and ends with it.
 
-    for example:
+    Examples:
       hapscene lab teleoperate follower --swatch wood
       hapscene lab teleoperate follower --delay 50 --jitter 10 --loss 0.1
     """
@@ -246,7 +246,7 @@ def leader(
 ) -> None:
     """Run the end that is held: a simulated hand feels what the follower touches.
 
-    for example:
+    Examples:
       hapscene lab teleoperate leader --port 47600 --duration 10
     """
     from hapscene.teleoperation.udp_session import run_leader

@@ -144,7 +144,7 @@ def test_every_command_has_help_with_an_example_in_80_columns(
     for words in commands:
         assert main([*words, "--help"]) == 0
         said = capsys.readouterr().out
-        assert f"for example:\n  hapscene {' '.join(words)}" in said, words
+        assert f"Examples:\n  hapscene {' '.join(words)}" in said, words
         assert all(len(line) <= 80 for line in said.splitlines()), words
 
 

@@ -83,7 +83,7 @@ def test_no_key_is_lost_and_no_line_is_broken_by_the_terminal(terminal: int, mon
     monkeypatch.setattr(play, "LOOK_S", 0.01)
     servo = FakeServo()
     shown: list[str] = []
-    monkeypatch.setattr(play, "tell_over", shown.append)
+    monkeypatch.setattr(play, "print_in_place", shown.append)
     with pressed_keys() as keys:
         looks = iter([b"", b"  ", b" q"])
 
