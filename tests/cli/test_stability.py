@@ -21,12 +21,12 @@ def test_writes_chart_tables_and_words(tmp_path: Path, capsys: pytest.CaptureFix
     args = ("premium-1.5", (1000.0,), (0,), grip_named("light"), swatches)
     made = stability(tmp_path / "out", *args, dampings_Ns_m=(0.0, 2.0))
     charts = {"z_width.png", "z_width-dark.png"}
-    assert {file.name for file in made} == {*charts, "z_width.csv", "swatches.csv", "words.txt"}
+    assert {file.name for file in made} == {*charts, "z_width.csv", "swatches.csv", "verdicts.txt"}
     with (tmp_path / "out" / "z_width.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["damping_Ns_m"]) for row in rows] == [0.0, 2.0]
     assert float(rows[1]["limit_N_m"]) > float(rows[0]["limit_N_m"]) > z_width.STIFFNESS_N_M[0]
-    words = (tmp_path / "out" / "words.txt").read_text(encoding="utf-8")
+    words = (tmp_path / "out" / "verdicts.txt").read_text(encoding="utf-8")
     assert "steel: 20000 N/m buzzes at 1 kHz; the device's cap makes it" in words
     assert "felt" in words
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.stability import closed_form as form
+from tests.stability import closed_form as form
 
 masses, ticks, shares = st.floats(0.01, 1.0), st.floats(1e-4, 1e-2), st.floats(1e-5, 0.5)
 

@@ -8,7 +8,8 @@ import pytest
 from hapscene.device.model import stability_border
 from hapscene.errors import HapsceneError
 from hapscene.stability import critical_stiffness
-from hapscene.stability.closed_form import (
+from hapscene.stability.critical import growth
+from tests.stability.closed_form import (
     limit_of_passivity,
     limit_of_rest,
     limit_of_small_motion,
@@ -16,7 +17,6 @@ from hapscene.stability.closed_form import (
     limit_with_wall_damping,
     limit_without_delay,
 )
-from hapscene.stability.critical import growth
 
 
 def test_device_damping_alone() -> None:

@@ -30,7 +30,7 @@ def test_the_sheet_is_flat_felt_from_above_and_touched_inside_a_face() -> None:
 @pytest.mark.parametrize("speed_m_s", [0.0, 0.1, -0.2])
 def test_it_lets_go_at_the_depth_and_speed_that_were_asked_for(speed_m_s: float, delay_ticks: int) -> None:
     """From then on there are only the wall's held force and the push: the first tick by hand."""
-    found = rig(delay_ticks).let_go(0.01, speed_m_s, 3.0, 40)
+    found = rig(delay_ticks).release(0.01, speed_m_s, 3.0, 40)
     acted = 200.0 * (0.01 - speed_m_s * TICK_S * delay_ticks)  # of as many ticks before
     speed = speed_m_s + (3.0 - acted) / MASS_KG * TICK_S
     assert -found.v_W_m_s[0, 2] == pytest.approx(speed, abs=2e-3)
@@ -40,17 +40,17 @@ def test_it_lets_go_at_the_depth_and_speed_that_were_asked_for(speed_m_s: float,
 
 
 def test_a_push_as_strong_as_the_wall_s_force_leaves_it_there() -> None:
-    found = rig(b_Ns_m=1.0).let_go(0.01, 0.0, 2.0, 200)
+    found = rig(b_Ns_m=1.0).release(0.01, 0.0, 2.0, 200)
     assert -found.p_W_m[:, 2] == pytest.approx(0.01, abs=1e-6)
     tuned = rig(b_Ns_m=1.0)
     tuned.tune(1000.0, 0.5)
-    assert -tuned.let_go(0.01, 0.0, 10.0, 200).p_W_m[:, 2] == pytest.approx(0.01, abs=1e-6)
+    assert -tuned.release(0.01, 0.0, 10.0, 200).p_W_m[:, 2] == pytest.approx(0.01, abs=1e-6)
 
 
 def test_pushing_on_goes_on_from_where_it_was() -> None:
-    whole = rig().let_go(0.01, 0.05, 3.0, 60)
+    whole = rig().release(0.01, 0.05, 3.0, 60)
     cut = rig()
-    parts = [cut.let_go(0.01, 0.05, 3.0, 25), cut.push_on(3.0, 35)]
+    parts = [cut.release(0.01, 0.05, 3.0, 25), cut.push_on(3.0, 35)]
     assert np.array_equal(np.concatenate([part.p_W_m for part in parts]), whole.p_W_m)
 
 
@@ -82,4 +82,4 @@ def test_the_hand_that_leads_is_stiffer_than_all_it_meets_and_critically_damped(
 
 def test_an_omni_has_no_small_motion_of_a_point() -> None:
     with pytest.raises(HapsceneError, match="small motion is looked at on a point mass"):
-        Rig(Omni(), TICK_S).let_go(0.01, 0.0, 1.0, 5)
+        Rig(Omni(), TICK_S).release(0.01, 0.0, 1.0, 5)

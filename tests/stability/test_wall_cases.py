@@ -8,9 +8,9 @@ import pytest
 
 from hapscene.device.model import DEVICES
 from hapscene.device.sim.point import PointMass
-from hapscene.stability import closed_form
 from hapscene.stability.critical import comes_to_rest, critical_stiffness
 from hapscene.stability.rig import Rig
+from tests.stability import closed_form
 from tests.stability.wall_cases import bounce, found, largest_beta, passivity_limit, peak_speed
 
 LARGEST_BETA = (2.0, 0.8284, 0.5359, 0.3978)
@@ -110,14 +110,14 @@ def test_friction_stops_small_motion_at_any_wall() -> None:
     rig = Rig(PointMass(0.05, 0.0, 0.1), 1e-3, 1)
     for stiffness in (1e3, 1e4, 1e5):
         rig.tune(stiffness)
-        felt = rig.let_go(1e-2, 1e-6, stiffness * 1e-2, 500)
+        felt = rig.release(1e-2, 1e-6, stiffness * 1e-2, 500)
         assert (felt.v_W_m_s[-100:, 2] == 0.0).all()
 
 
 def test_the_tool_is_let_go_where_and_as_asked() -> None:
     rig = Rig(PointMass(0.05, 0.3), 1e-3)
     rig.tune(500.0)
-    felt = rig.let_go(0.02, 0.4, 10.0, 4)
+    felt = rig.release(0.02, 0.4, 10.0, 4)
     assert -felt.p_W_m[0, 2] == pytest.approx(0.0204, rel=1e-3)  # a tick after
     assert -felt.v_W_m_s[0, 2] == pytest.approx(0.4, rel=2e-2)
     np.testing.assert_array_equal(felt.f_hand_W_N[:, 2], -10.0)

@@ -7,7 +7,7 @@ from hapscene.device.sim.hand import grip_named
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
 from hapscene.stability.rig import Rig
-from hapscene.stability.z_width import REST_M_S, WORK_J, Point, place, say_of, trace, try_wall
+from hapscene.stability.z_width import REST_M_S, WORK_J, Point, describe, place, trace, try_wall
 from hapscene.surface.swatch import Swatch
 
 LIGHT = grip_named("light")
@@ -17,8 +17,8 @@ POINT = device_named("omni").point or PointMass(1.0)
 def test_trials_tell_rest_from_buzz() -> None:
     rig = Rig(POINT, 1e-3)
     still, loud = try_wall(rig, 500.0, 0.0, LIGHT), try_wall(rig, 5000.0, 0.0, LIGHT)
-    assert still.stable and still.late_m_s < 1e-6 and still.work_J < 0.0
-    assert not loud.stable and loud.late_m_s > REST_M_S and loud.work_J > WORK_J
+    assert still.stable and still.end_speed_m_s < 1e-6 and still.work_J < 0.0
+    assert not loud.stable and loud.end_speed_m_s > REST_M_S and loud.work_J > WORK_J
 
 
 def test_friction_widens_and_lateness_narrows() -> None:
@@ -58,4 +58,4 @@ def test_the_whole_omni_rests_where_its_limits_put_walls() -> None:
     ],
 )
 def test_words(point: Point, said: str) -> None:
-    assert say_of(point, 1000.0, 0) == said
+    assert describe(point, 1000.0, 0) == said

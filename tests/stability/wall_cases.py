@@ -85,7 +85,7 @@ def peak_speed(setup: dict[str, float]) -> float:
 
     def grows(speed_m_s: float) -> bool:
         depth = 3.0 * speed_m_s / turn_1_s
-        felt = rig.let_go(depth, speed_m_s, stiffness * depth, CYCLES * cycle)
+        felt = rig.release(depth, speed_m_s, stiffness * depth, CYCLES * cycle)
         speed = np.abs(felt.v_W_m_s[:, 2])
         return bool(speed[-cycle:].max() > speed[:cycle].max() or not felt.recording.touching.all())
 

@@ -11,7 +11,7 @@ from hapscene.errors import HapsceneError, StudyError
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play
 from hapscene.study.plan import Stimulus
-from hapscene.study.playing import FULL_SCALE, TIMEOUT_S, _Samples, handle, headphones
+from hapscene.study.playing import FULL_SCALE, TIMEOUT_S, _Samples, handle_player, headphone_player
 from hapscene.study.stimulus import StimulusMaker
 from hapscene.study.trial_order import Interval
 from tests.virtual_clock import BEGIN_NS, VirtualClock
@@ -63,7 +63,7 @@ def maker(tmp_path: Path) -> StimulusMaker:
 def test_headphones_are_given_whole_steps_of_16_bits_from_the_first_to_the_last(maker: StimulusMaker) -> None:
     one, two = (stimulus(swatch=name, seconds=0.3) for name in ("wood", "paper"))
     output = FakeOutput()
-    player = headphones(maker, output, [one, two], clock=output)
+    player = headphone_player(maker, output, [one, two], clock=output)
     told = player.report()
     for count, (told_of, seed) in enumerate(((one, 5), (two, 6), (one, 5))):
         output.blocks.clear()
@@ -82,7 +82,7 @@ def test_a_handle_is_given_the_force_of_its_compensator(maker: StimulusMaker) ->
     flat, naive = (stimulus(swatch="wood", seconds=0.3, compensator=name) for name in ("", "naive"))
     output = FakeOutput(takes_force=True, rate_Hz=10_000.0)
     output.gain, output.ceiling = 1.0, 5.0  # type: ignore[misc]
-    player = handle(maker, output, [flat, naive], clock=output)
+    player = handle_player(maker, output, [flat, naive], clock=output)
     heard = {}
     for told_of, name in ((flat, "flat"), (naive, "naive")):
         output.blocks.clear()
@@ -97,11 +97,11 @@ def test_a_handle_is_given_the_force_of_its_compensator(maker: StimulusMaker) ->
 
 def test_what_an_output_cannot_play_is_said(maker: StimulusMaker) -> None:
     with pytest.raises(StudyError, match=r'takes a force, not sound: .*channel = "handle"'):
-        headphones(maker, FakeOutput(takes_force=True), [stimulus(swatch="wood")])
+        headphone_player(maker, FakeOutput(takes_force=True), [stimulus(swatch="wood")])
     with pytest.raises(HapsceneError, match="no compensator 'flatt'"):
-        handle(maker, FakeOutput(), [stimulus(swatch="wood", compensator="flatt")])
+        handle_player(maker, FakeOutput(), [stimulus(swatch="wood", compensator="flatt")])
     output = FakeOutput()
-    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
+    player = headphone_player(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
     output.fault = "fake: plays no more: was it unplugged?"
     with pytest.raises(StudyError, match="was it unplugged"):
         player.ready(Interval(stimulus(swatch="wood", seconds=0.1), 1))()
@@ -110,7 +110,7 @@ def test_what_an_output_cannot_play_is_said(maker: StimulusMaker) -> None:
 
 def test_an_output_that_takes_no_samples_any_more_is_not_waited_for(maker: StimulusMaker) -> None:
     output = FakeOutput()
-    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
+    player = headphone_player(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
     output.close()
     with pytest.raises(StudyError, match="fake: takes no samples any more"):
         player.ready(Interval(stimulus(swatch="wood", seconds=0.1), 1))()
@@ -125,7 +125,7 @@ def test_a_sound_that_is_closed_breaks_off(maker: StimulusMaker) -> None:
             return super().wait(event, timeout_s)
 
     output = Closing()
-    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
+    player = headphone_player(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
     player.ready(Interval(stimulus(swatch="wood", seconds=60.0), 1))()
     assert len(output.blocks) == 10 and not output.fault
 

@@ -13,9 +13,9 @@ pytest.importorskip("questplus", reason="questplus is not installed: pip install
 from hapscene.errors import StudyError
 from hapscene.study.discrimination import Estimate
 from hapscene.study.plan import parse_plan
-from hapscene.study.sitting import Sitting
+from hapscene.study.session import Session
 from hapscene.study.statistics import analyse
-from hapscene.study.study_report import report, shown, write_report
+from hapscene.study.study_report import report, format_estimate, write_report
 
 from .people import Truth, simulate
 
@@ -75,10 +75,10 @@ def answered(tmp_path: Path) -> Callable[..., Path]:
     """A folder in which one person has given so many answers, all of them right."""
 
     def answer(count: int, text: str = PLAN) -> Path:
-        with Sitting(parse_plan(text), tmp_path / "answers", "P01") as sitting:
+        with Session(parse_plan(text), tmp_path / "answers", "P01") as session:
             for _ in range(count):
-                assert sitting.trial is not None
-                sitting.answer(sitting.trial.correct or 0, latency_s=2.5, replays=1)
+                assert session.trial is not None
+                session.answer(session.trial.correct or 0, latency_s=2.5, replays=1)
         return tmp_path / "answers"
 
     return answer
@@ -93,7 +93,7 @@ def test_its_numbers_are_those_of_the_statistics(folder: Path, page: str) -> Non
     together = [one for one in findings if not one.person]
     assert {one.quantity for one in together} >= {"threshold", "d′", "right", "rating", "difference of ratings"}
     for one in together:
-        assert f"{one.quantity} {shown(one.estimate, one.unit)}" in page, one
+        assert f"{one.quantity} {format_estimate(one.estimate, one.unit)}" in page, one
     judged = [one for one in findings if one.verdict]
     assert {(one.block, one.quantity) for one in judged} == {
         ("real", "difference of ratings"),
@@ -121,8 +121,8 @@ def test_an_unfinished_session_is_named(answered: Callable[..., Path]) -> None:
 
 def test_what_was_played_on_is_told_not_what_the_plan_says(answered: Callable[..., Path]) -> None:
     folder = answered(3)
-    with Sitting(replace(parse_plan(PLAN), channel="handle"), folder, "P02") as sitting:
-        sitting.answer(0, latency_s=2.0)
+    with Session(replace(parse_plan(PLAN), channel="handle"), folder, "P02") as session:
+        session.answer(0, latency_s=2.0)
     page = text_of(report(folder))
     assert "2 of 8 participants; 4 answers, at most 34 each; handle, headphones." in page
     assert "heard, not felt" in page
@@ -138,7 +138,7 @@ def test_equality_is_claimed_within_a_margin_alone(tmp_path: Path) -> None:
 
 
 def test_without_an_answer_there_is_no_report(tmp_path: Path) -> None:
-    with Sitting(parse_plan(PLAN), tmp_path / "a", "P01"):
+    with Session(parse_plan(PLAN), tmp_path / "a", "P01"):
         pass
     with pytest.raises(StudyError, match="no answers yet"):
         write_report(tmp_path / "a", tmp_path / "report.html")
@@ -146,5 +146,5 @@ def test_without_an_answer_there_is_no_report(tmp_path: Path) -> None:
 
 
 def test_a_number_is_shown_with_its_interval() -> None:
-    assert shown(Estimate(1.234, -0.5, 2.0), "dB") == "1.23 dB (−0.5 to 2)"
-    assert shown(Estimate(3.0, -float("inf"), 4.0)) == "3 (−∞ to 4)"
+    assert format_estimate(Estimate(1.234, -0.5, 2.0), "dB") == "1.23 dB (−0.5 to 2)"
+    assert format_estimate(Estimate(3.0, -float("inf"), 4.0)) == "3 (−∞ to 4)"

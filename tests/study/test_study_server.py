@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 from hapscene.errors import StudyError
 from hapscene.study.plan import parse_plan
 from hapscene.study.results_file import load_rows
-from hapscene.study.sitting import Sitting
+from hapscene.study.session import Session
 from hapscene.study.study_server import StudyServer, practice_trials
 from hapscene.study.trial_order import Interval
 from tests.virtual_clock import VirtualClock
@@ -82,7 +82,7 @@ class FakePlayer:
         return {}
 
 
-Asked = tuple[StudyServer, Sitting, FakePlayer]
+Asked = tuple[StudyServer, Session, FakePlayer]
 
 
 @pytest.fixture
@@ -91,11 +91,11 @@ def ask(tmp_path: Path) -> Iterator[Callable[..., Asked]]:
     opened: list[Any] = []
 
     def begin(text: str = PLAN, person: str = "P01") -> Asked:
-        sitting, player = Sitting(parse_plan(text), tmp_path / "answers", person), FakePlayer()
-        server = StudyServer(sitting, player, clock=VirtualClock())
+        session, player = Session(parse_plan(text), tmp_path / "answers", person), FakePlayer()
+        server = StudyServer(session, player, clock=VirtualClock())
         server.__enter__()
-        opened[:] = [server, sitting]
-        return server, sitting, player
+        opened[:] = [server, session]
+        return server, session, player
 
     yield begin
     for one in opened:
@@ -120,23 +120,23 @@ def hear(server: StudyServer) -> dict[str, Any]:
     return server.state()
 
 
-def answer_all(server: StudyServer, sitting: Sitting, upto: int | None = None) -> None:
-    while sitting.trial is not None and sitting.done != upto:
+def answer_all(server: StudyServer, session: Session, upto: int | None = None) -> None:
+    while session.trial is not None and session.done != upto:
         state = server.state()
         if state["screen"] != "trial":
-            order(server, go=True)
+            order(server, **{"continue": True})
             continue
         hear(server)
         order(server, answer=[state["number"], 0, 0.5])
 
 
 def test_a_person_is_taken_through_and_every_answer_is_kept(ask: Callable[..., Asked], tmp_path: Path) -> None:
-    server, sitting, player = ask()
-    answer_all(server, sitting)
+    server, session, player = ask()
+    answer_all(server, session)
     rows = load_rows(tmp_path / "answers" / "results.csv")
-    assert len(rows) == sitting.total == 8 and server.ended.is_set() and server.state()["screen"] == "end"
+    assert len(rows) == session.total == 8 and server.ended.is_set() and server.state()["screen"] == "end"
     assert {row["latency_s"] for row in rows} == {"0.500"} and {row["replays"] for row in rows} == {"0"}
-    practised = [interval for trial in practice_trials(sitting.plan) for interval in trial.intervals]
+    practised = [interval for trial in practice_trials(session.plan) for interval in trial.intervals]
     assert player.played[: len(practised)] == practised  # and of what then was asked, all in its order
     names = [interval.stimulus.name for interval in player.played[len(practised) :]]
     asked = [row[f"stimulus_{k}"] for row in rows for k in (1, 2, 3) if row[f"stimulus_{k}"] != "NA"]
@@ -144,18 +144,18 @@ def test_a_person_is_taken_through_and_every_answer_is_kept(ask: Callable[..., A
 
 
 def test_the_page_is_told_nothing_of_what_is_compared(ask: Callable[..., Asked]) -> None:
-    server, sitting, _ = ask()
+    server, session, _ = ask()
     told: list[str] = []
     origin: Any = "/".join(server.url.split("/")[:3])
     with connect(server.url.replace("http", "ws") + "socket", origin=origin) as tab:
         told.append(str(tab.recv()))
-        while sitting.trial is not None:
+        while session.trial is not None:
             state = server.state()
             if state["screen"] != "trial":
-                tab.send('{"go": true}')
+                tab.send('{"continue": true}')
             else:
                 tab.send(json.dumps({"play": [state["number"], 0, len(state["intervals"])]}))
-                while json.loads(told[-1]).get("heard") != list(range(len(state["intervals"]))):
+                while json.loads(told[-1]).get("played") != list(range(len(state["intervals"]))):
                     told.append(str(tab.recv()))
                 tab.send(json.dumps({"answer": [state["number"], 0, 1.0]}))
             told.append(str(tab.recv()))
@@ -166,42 +166,42 @@ def test_the_page_is_told_nothing_of_what_is_compared(ask: Callable[..., Asked])
 
 
 def test_nobody_answers_before_they_have_heard_all_nor_twice(ask: Callable[..., Asked]) -> None:
-    server, sitting, _ = ask(PLAN.replace("practice = 1", ""))
-    order(server, go=True)
+    server, session, _ = ask(PLAN.replace("practice = 1", ""))
+    order(server, **{"continue": True})
     number = server.state()["number"]
     order(server, answer=[number, 0, 1.0])
-    assert sitting.done == 0
+    assert session.done == 0
     hear(server)
     for choice, latency_s in ((-1, 1.0), (99, 1.0), (True, 1.0), (0, -1.0), (0, 1e9), (0, "x"), (0, None), (0.0, 1.0)):
         order(server, answer=[number, choice, latency_s])
     order(server, answer=[number + 1, 0, 1.0])
-    assert sitting.done == 0
+    assert session.done == 0
     order(server, answer=[number, 0, 1.0])
     order(server, answer=[number, 0, 1.0])  # a key that was pressed twice
-    assert sitting.done == 1
+    assert session.done == 1
 
 
 def test_what_was_played_again_is_counted_whoever_asks_for_it(ask: Callable[..., Asked], tmp_path: Path) -> None:
-    server, sitting, player = ask(PLAN.replace("practice = 1", ""))
-    order(server, go=True)
+    server, session, player = ask(PLAN.replace("practice = 1", ""))
+    order(server, **{"continue": True})
     count = len(hear(server)["intervals"])
     hear(server)
     order(server, play=[server.state()["number"], 0, 1])
     await_play(server)
     order(server, answer=[server.state()["number"], 0, 1.0])
     assert load_rows(tmp_path / "answers" / "results.csv")[0]["replays"] == str(count + 1)
-    assert len(player.played) == 2 * count + 1 and sitting.done == 1
+    assert len(player.played) == 2 * count + 1 and session.done == 1
 
 
 def test_all_of_a_trial_is_made_once_and_before_the_first_is_heard(ask: Callable[..., Asked]) -> None:
     """Else the silence between two would tell which of them takes longer to make."""
-    server, sitting, player = ask(PLAN.replace("practice = 1", ""))
-    order(server, go=True)
+    server, session, player = ask(PLAN.replace("practice = 1", ""))
+    order(server, **{"continue": True})
     heard = 0
-    while sitting.trial is not None:
+    while session.trial is not None:
         if server.state()["screen"] == "break":
-            order(server, go=True)
-        trial = sitting.trial
+            order(server, **{"continue": True})
+        trial = session.trial
         hear(server)
         hear(server)  # and once more
         assert player.made == [(interval, heard) for interval in trial.intervals]
@@ -211,8 +211,8 @@ def test_all_of_a_trial_is_made_once_and_before_the_first_is_heard(ask: Callable
 
 
 def test_while_it_plays_nothing_else_is_done(ask: Callable[..., Asked]) -> None:
-    server, sitting, player = ask(PLAN.replace("practice = 1", ""))
-    order(server, go=True)
+    server, session, player = ask(PLAN.replace("practice = 1", ""))
+    order(server, **{"continue": True})
     hear(server)
     player.free.clear()
     number = server.state()["number"]
@@ -222,32 +222,32 @@ def test_while_it_plays_nothing_else_is_done(ask: Callable[..., Asked]) -> None:
     order(server, play=[number, 0, 1])
     player.free.set()
     await_play(server)
-    assert sitting.done == 0 and len(player.played) == len(server.state()["intervals"]) + 1
+    assert session.done == 0 and len(player.played) == len(server.state()["intervals"]) + 1
 
 
 def test_who_goes_on_is_at_the_next_trial_without_practice(ask: Callable[..., Asked]) -> None:
-    server, sitting, _ = ask()
-    answer_all(server, sitting, upto=3)
+    server, session, _ = ask()
+    answer_all(server, session, upto=3)
     server.close()
-    sitting.close()
+    session.close()
     again, resumed, _ = ask()
     assert resumed.done == 3 and again.state()["screen"] == "begin" and again.state()["practices"] == 0
-    order(again, go=True)
+    order(again, **{"continue": True})
     assert again.state()["number"] == 3
     answer_all(again, resumed)
     assert resumed.done == 8
 
 
 def test_there_is_a_break_when_one_is_due_and_only_then(ask: Callable[..., Asked]) -> None:
-    server, sitting, _ = ask(PLAN.replace("practice = 1", "").replace("break_every = 4", "break_every = 3"))
-    order(server, go=True)
+    server, session, _ = ask(PLAN.replace("practice = 1", "").replace("break_every = 4", "break_every = 3"))
+    order(server, **{"continue": True})
     screens = []
-    while sitting.trial is not None:
-        screens.append((sitting.done, server.state()["screen"]))
+    while session.trial is not None:
+        screens.append((session.done, server.state()["screen"]))
         if server.state()["screen"] == "break":
-            order(server, play=[sitting.done, 0, 1])
-            order(server, answer=[sitting.done, 0, 1.0])  # not now
-            order(server, go=True)
+            order(server, play=[session.done, 0, 1])
+            order(server, answer=[session.done, 0, 1.0])  # not now
+            order(server, **{"continue": True})
         else:
             hear(server)
             order(server, answer=[server.state()["number"], 0, 1.0])
@@ -255,37 +255,37 @@ def test_there_is_a_break_when_one_is_due_and_only_then(ask: Callable[..., Asked
 
 
 def test_practice_is_told_right_or_wrong_and_not_kept(ask: Callable[..., Asked]) -> None:
-    server, sitting, _ = ask()
-    order(server, go=True)
+    server, session, _ = ask()
+    order(server, **{"continue": True})
     told = []
-    for trial in practice_trials(sitting.plan):
+    for trial in practice_trials(session.plan):
         assert server.state()["practice"] and server.state()["question"] == trial.block.question
         hear(server)
         order(server, answer=[server.state()["number"], trial.correct or 0, 1.0])
         told.append(server.state()["feedback"])
         assert ("right" in told[-1]) == (trial.correct is not None)
-    assert len(told) == 3 and sitting.done == 0 and not server.state().get("practice")
+    assert len(told) == 3 and session.done == 0 and not server.state().get("practice")
 
 
 def test_what_breaks_is_told_and_what_was_answered_is_kept(ask: Callable[..., Asked]) -> None:
-    server, sitting, player = ask()
-    answer_all(server, sitting, upto=2)
+    server, session, player = ask()
+    answer_all(server, session, upto=2)
     player.fault = "headphones: plays no more: was it unplugged?"
-    order(server, go=True)
+    order(server, **{"continue": True})
     order(server, play=[server.state()["number"], 0, 1])
     await_play(server)
-    assert "was it unplugged" in server.state()["said"] and sitting.done == 2
+    assert "was it unplugged" in server.state()["error"] and session.done == 2
     order(server, answer=[server.state()["number"], 0, 1.0])
-    assert sitting.done == 2
+    assert session.done == 2
 
 
 def test_garbage_breaks_nothing(ask: Callable[..., Asked]) -> None:
-    server, sitting, _ = ask()
-    order(server, go=True)
+    server, session, _ = ask()
+    order(server, **{"continue": True})
     values: list[Any] = [None, True, -1, 10**400, "x", "", [], {}, [[]], [1, 2, 3], [None] * 3, [0, 0, float("nan")]]
-    for key in ("go", "play", "answer", "said"):
+    for key in ("go", "play", "answer", "error"):
         for value in values:
             order(server, **{key: value})
     for value in ("", [], 7, None):
         server.take(value)
-    assert server.state()["screen"] == "trial" and not server.fault and sitting.done == 0
+    assert server.state()["screen"] == "trial" and not server.fault and session.done == 0

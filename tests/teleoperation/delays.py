@@ -12,8 +12,8 @@ from hapscene.loop.hand_intent import Intent
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.link import Impairment
-from hapscene.teleoperation.operation import Operated, Operation
-from hapscene.teleoperation.test_plate import plate
+from hapscene.teleoperation.operation import OperationResult, Operation
+from hapscene.teleoperation.plate import plate
 
 BAD: Final = {"jitter_s": 0.005, "loss": 0.05, "reorder": 0.05}
 """The bad line: what comes to each delay."""
@@ -45,7 +45,7 @@ WALL_N_M: Final = 500.0
 """Stiffness of the plate where the stiffness felt is measured [N/m]."""
 
 
-def operate_case(scheme: str, delay_s: float, bad: bool, case: str, grip: str, seed: int = 0) -> Operated:
+def operate_case(scheme: str, delay_s: float, bad: bool, case: str, grip: str, seed: int = 0) -> OperationResult:
     """One run of the study."""
     intent = CASES[case](grip)
     line = Impairment(delay_s, **BAD) if bad else Impairment(delay_s)

@@ -12,8 +12,8 @@ from hapscene.errors import HapsceneError
 from hapscene.loop.hand_intent import Intent
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.link import Impairment
-from hapscene.teleoperation.operation import Operated, Operation
-from hapscene.teleoperation.test_plate import plate
+from hapscene.teleoperation.operation import OperationResult, Operation
+from hapscene.teleoperation.plate import plate
 from tests.teleoperation.delays import WALL_N_M, predict_stiffness
 
 Array = NDArray[np.float64]
@@ -47,12 +47,12 @@ class Wall:
         self.p_m = self.p_m + self.v_m_s * self.step_s
 
 
-def operated(scene: Any, intent: Intent, line: Impairment | None = None) -> Operated:
+def operated(scene: Any, intent: Intent, line: Impairment | None = None) -> OperationResult:
     body = "tip" if isinstance(scene, Wall) else None
     bare: dict[str, Any] = {"device": PointMass(MASS_KG, DAMPING_NS_M), "compensator": "none", "effects": ("wall",)}
     operation = Operation(scene, START_M, line=line, body=body, **bare)
     for side in (operation.leader, operation.follower):
-        side.end.port.allowance_J = 1.0
+        side.end.state.allowance_J = 1.0
     return operation.run(intent)
 
 

@@ -13,7 +13,7 @@ from hapscene.compiled.native import native
 from hapscene.errors import HapsceneError
 from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE
-from hapscene.teleoperation.endpoint import ALLOWANCE_J, Coupling, Endpoint, control, hear, new_endpoint, place, tell
+from hapscene.teleoperation.endpoint import ALLOWANCE_J, Coupling, Endpoint, control, receive_message, new_endpoint, set_start, fill_message
 from hapscene.teleoperation.link import Impairment, collect, new_link, post
 
 Array = NDArray[np.float64]
@@ -34,14 +34,14 @@ def drive(
     for k in range(len(x_m)):
         for i in range(2):
             while collect(links[1 - i], k, out, 0):
-                hear(ends[i], k, out[0])
+                receive_message(ends[i], k, out[0])
         for i in range(2):
             f_N[k, i] = control(ends[i], k, x_m[k, i], 0.0, 0.0)[0]
         for i in range(2):
-            tell(ends[i], k, out)
+            fill_message(ends[i], k, out)
             post(links[i], k, out)
             energy_J[k, i] = out[0].wave_J
-            energy_J[k, 2 + i] = ends[i].port[0].spent_J
+            energy_J[k, 2 + i] = ends[i].state[0].spent_J
 
 
 def run(
@@ -50,9 +50,9 @@ def run(
     """The ends afterwards, their forces (n, 2), told and spent energy (n, 4); `unlimited`: energy enough."""
     ends = new_endpoint(coupling, "leader", TICK_S), new_endpoint(coupling, "follower", TICK_S)
     for i, end in enumerate(ends):
-        place(end, x_m[0, i], 0.0, 0.0)
+        set_start(end, x_m[0, i], 0.0, 0.0)
         if unlimited:
-            end.port.allowance_J, end.port.reserve_J = 1.0, 10.0
+            end.state.allowance_J, end.state.reserve_J = 1.0, 10.0
     links = new_link(line, TICK_S, seed, "forth"), new_link(line, TICK_S, seed, "back")
     f_N, energy_J = np.zeros((len(x_m), 2)), np.zeros((len(x_m), 4))
     drive(ends, links, records(1, MESSAGE), x_m, f_N, energy_J)
@@ -105,9 +105,9 @@ def test_an_end_tells_of_no_energy_that_was_not_there(line: Impairment, seed: in
 def test_over_a_line_that_only_delays_waves_come_out_as_they_went_in(delay_ms: int) -> None:
     x_m = wander(1)
     (leader, follower), f_N, _ = run(x_m, Coupling(), Impairment(delay_ms * TICK_S), unlimited=True)
-    assert leader.port[0].short == follower.port[0].short == 0
+    assert leader.state[0].short == follower.state[0].short == 0
     # the leader's law, from what the follower sent `delay` ago: F = b v − √(2b) v̂, f = −F
-    b, smoothing = Coupling().impedance_Ns_m, leader.port[0].smoothing
+    b, smoothing = Coupling().impedance_Ns_m, leader.state[0].smoothing
     smooth = np.zeros(len(x_m))
     for k in range(1, len(x_m)):
         smooth[k] = smooth[k - 1] + smoothing * (x_m[k, 0] - x_m[0, 0] - smooth[k - 1])
@@ -139,12 +139,12 @@ def test_the_plain_controller_is_the_papers() -> None:
     """f = K (x_peer − x) + B (v_peer − v)."""
     coupling = Coupling("position", stiffness_N_m=400.0, damping_Ns_m=2.0)
     end, told = new_endpoint(coupling, "leader", TICK_S), records(1, MESSAGE)
-    place(end, 0.01, 0.0, 0.0)
+    set_start(end, 0.01, 0.0, 0.0)
     told[0].p_WT_m = (0.03, 0.0, 0.0)
-    hear(end, 0, told[0])  # engages where they are: no force
+    receive_message(end, 0, told[0])  # engages where they are: no force
     assert abs(control(end, 0, 0.01, 0.0, 0.0)[0]) < 1e-12
     told[0].tick, told[0].p_WT_m, told[0].v_WT_m_s = 1, (0.031, 0.002, 0.0), (0.1, 0.0, 0.0)
-    hear(end, 1, told[0])
+    receive_message(end, 1, told[0])
     f = control(end, 1, 0.01, 0.0, 0.0)
     assert f == pytest.approx((400.0 * 0.001 + 2.0 * 0.1, 400.0 * 0.002, 0.0), abs=1e-12)
 
@@ -157,13 +157,13 @@ def test_the_motors_let_go_when_the_peer_is_silent_and_take_up_without_a_jerk(sc
     for k in range(100):
         told[0].tick, told[0].p_WT_m = k, (k * 1e-5, 0.0, 0.0)
         told[0].wave_sqrtJs, told[0].wave_J = (k * 1e-3, 0.0, 0.0), k * 5e-4
-        hear(end, k, told[0])
+        receive_message(end, k, told[0])
         force = control(end, k, 0.0, 0.0, 0.0)
     assert abs(force[0]) > 0.1
     forces = [control(end, 100 + k, 0.0, 0.0, 0.0)[0] for k in range(100)]
     assert forces[60:] == [0.0] * 40
     told[0].tick, told[0].p_WT_m, told[0].wave_sqrtJs = 200, (0.05, 0.0, 0.0), (5.0, 0.0, 0.0)
-    hear(end, 200, told[0])
+    receive_message(end, 200, told[0])
     assert control(end, 200, 0.0, 0.0, 0.0)[0] == 0.0
 
 

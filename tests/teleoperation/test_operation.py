@@ -13,7 +13,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import ALLOWANCE_J, Coupling
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operation
-from hapscene.teleoperation.test_plate import START_M, explore, plate
+from hapscene.teleoperation.plate import START_M, explore, plate
 from tests.teleoperation.delays import (
     BAD,
     ENERGY_MAX_J,
@@ -29,14 +29,14 @@ from tests.teleoperation.delays import (
 @pytest.mark.parametrize("bad", [False, True])
 def test_at_50_ms_waves_rest_where_the_plain_controller_does_not(bad: bool) -> None:
     plain, waves = (operate_case(scheme, 0.05, bad, "land", "light") for scheme in ("position", "wave"))
-    assert plain.rest_m_s > 0.1 and plain.energy_out_J > 0.1
-    assert waves.rest_m_s < REST_MAX_M_S and waves.energy_out_J < ENERGY_MAX_J
+    assert plain.final_speed_m_s > 0.1 and plain.energy_out_J > 0.1
+    assert waves.final_speed_m_s < REST_MAX_M_S and waves.energy_out_J < ENERGY_MAX_J
     assert waves.touching[-1000:].all()
 
 
 def test_without_delay_the_plain_controller_rests_too() -> None:
     plain = operate_case("position", 0.0, False, "land", "light")
-    assert plain.rest_m_s < REST_MAX_M_S and plain.touching[-1000:].all()
+    assert plain.final_speed_m_s < REST_MAX_M_S and plain.touching[-1000:].all()
 
 
 @given(
@@ -110,5 +110,5 @@ def test_ten_minutes_over_a_bad_line() -> None:
     intent = explore("light", 500.0).intent
     for _ in range(600_000 // len(intent)):
         operated = operation.run(intent)
-        assert operated.rest_m_s < REST_MAX_M_S
-    assert operation.leader.end.port[0].work_J + operation.follower.end.port[0].work_J < ENERGY_MAX_J
+        assert operated.final_speed_m_s < REST_MAX_M_S
+    assert operation.leader.end.state[0].work_J + operation.follower.end.state[0].work_J < ENERGY_MAX_J

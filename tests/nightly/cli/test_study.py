@@ -57,9 +57,9 @@ class Run:
         """The trial that is asked."""
         state = self.state
         if state["screen"] == "begin":
-            self.say(lambda told: told["screen"] == "trial", go=True)
+            self.say(lambda told: told["screen"] == "trial", **{"continue": True})
             state = self.state
-        self.say(lambda told: told["heard"] == [0, 1] and not told["playing"], play=[state["number"], 0, 2])
+        self.say(lambda told: told["played"] == [0, 1] and not told["playing"], play=[state["number"], 0, 2])
         done = state["done"]
         self.say(lambda told: told["done"] == done + 1, answer=[state["number"], 0, 1.5])
 

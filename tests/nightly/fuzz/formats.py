@@ -40,7 +40,7 @@ from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.study.plan import load_plan
 from hapscene.study.results_file import load_rows
-from hapscene.study.sitting import Sitting
+from hapscene.study.session import Session
 from hapscene.study.statistics import analyse
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
@@ -382,9 +382,9 @@ def answers() -> Files:
         (Path(folder) / "x.toml").write_bytes(STUDY)
         plan = load_plan(Path(folder) / "x.toml")
         for person in ("P01", "P02"):
-            with Sitting(plan, Path(folder) / "x", person) as sitting:
-                while sitting.trial is not None:
-                    sitting.answer(sitting.trial.number % 2, latency_s=1.0)
+            with Session(plan, Path(folder) / "x", person) as session:
+                while session.trial is not None:
+                    session.answer(session.trial.number % 2, latency_s=1.0)
         return {"results.csv": (Path(folder) / "x" / "results.csv").read_bytes(), "plan.toml": STUDY}
 
 

@@ -20,12 +20,12 @@ from hapscene.handle.sensor import ACCELEROMETER_HZ, Sensor
 from hapscene.loop.hand_intent import Intent
 from hapscene.loop.twin import Twin
 from hapscene.render.renderer import Renderer
-from hapscene.stability.closed_form import limit_of_small_motion, limit_with_one_delay, limit_without_delay
 from hapscene.stability.critical import DEPTH_M, growth, limit_of_motion
 from hapscene.stability.rig import AT_M, Rig, sheet
 from hapscene.surface.field_frame import EASE_S, FADED_MOST
 from hapscene.surface.swatch import Swatch
 from hapscene_evidence.bench.handle import PARAMETERS, signals
+from tests.stability.closed_form import limit_of_small_motion, limit_with_one_delay, limit_without_delay
 
 LEAD = Grip(2e3, 20.0)
 """The hand that brings the tool onto the surface."""

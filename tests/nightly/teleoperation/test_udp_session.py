@@ -26,8 +26,8 @@ from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.leader_follower import new_leader
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import UP
-from hapscene.teleoperation.test_plate import START_M, explore
-from hapscene.teleoperation.udp_session import Pace, UdpSession, run_follower
+from hapscene.teleoperation.plate import START_M, explore
+from hapscene.teleoperation.udp_session import TickTimer, UdpSession, run_follower
 
 HOST = "127.0.0.1"
 
@@ -39,14 +39,14 @@ def test_a_pace_tells_how_late_it_was_and_skips_what_is_lost(monkeypatch: pytest
         now_ns[0] += round(s * 1e9) + 20_000
 
     monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter_ns=lambda: now_ns[0], sleep=sleep))
-    pace = Pace()
+    timer = TickTimer()
     for _ in range(4):
-        pace.await_tick()
+        timer.await_tick()
         now_ns[0] += 150_000
-    assert set(pace.late_ns) == {20_000} and pace.slipped == 0
+    assert set(timer.latency_ns) == {20_000} and timer.slipped == 0
     now_ns[0] += 300_000_000
-    pace.await_tick()
-    assert pace.slipped == 299 and pace.late_ns[-1] < 1_000_000
+    timer.await_tick()
+    assert timer.slipped == 299 and timer.latency_ns[-1] < 1_000_000
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def new_session(sock: socket.socket, scheme: str = "wave") -> UdpSession:
     handle = new_handle(Plant(), Plant(), "inverse", ACCELERATION_RATE_HZ)
     side = new_leader(Omni(), handle, Coupling(scheme), START_M, UP)
     session = UdpSession(side, sock, explore("medium", 500.0).intent)
-    session.rehearse()
+    session.compile_first_tick()
     return session
 
 
@@ -168,8 +168,8 @@ import json, sys
 from hapscene.teleoperation.udp_session import Coupling, Impairment, UdpSession, run_leader
 receive = UdpSession._receive
 def told(session):
-    before, heard = session.gate.counts["accepted"], receive(session)
-    if before < 500 <= session.gate.counts["accepted"]:
+    before, heard = session.filter_.counts["accepted"], receive(session)
+    if before < 500 <= session.filter_.counts["accepted"]:
         print("it has heard enough", flush=True)
     return heard
 UdpSession._receive = told

@@ -1,4 +1,4 @@
-"""A sitting keeps every answer, and goes on where it was: killed at any time, in the same order."""
+"""A session keeps every answer, and goes on where it was: killed at any time, in the same order."""
 
 import os
 import random
@@ -12,9 +12,9 @@ import pytest
 
 from hapscene.study.plan import parse_plan
 from hapscene.study.results_file import load_rows
-from hapscene.study.sitting import Sitting
+from hapscene.study.session import Session
 from tests.study.plans import TEXT
-from tests.study.test_sitting import answers, sit, whole
+from tests.study.test_session import answers, sit, whole
 
 __all__ = ["whole"]  # fixtures
 
@@ -28,11 +28,11 @@ AT_TIMES = ("time", "latency_s")
 KILLED = """
 import sys
 sys.path.insert(0, sys.argv[1])
-from study.test_sitting import PLAN, Sitting, choice
-with Sitting(PLAN, sys.argv[2], "P01") as sitting:
-    while sitting.trial is not None:
-        number = sitting.trial.number
-        sitting.answer(choice(sitting.trial), latency_s=0.5)
+from study.test_session import PLAN, Session, choice
+with Session(PLAN, sys.argv[2], "P01") as session:
+    while session.trial is not None:
+        number = session.trial.number
+        session.answer(choice(session.trial), latency_s=0.5)
         print(number, flush=True)
 """
 
@@ -63,8 +63,8 @@ def killed(folder: Path, times: int, draw: random.Random) -> int:
             with (folder / "results.csv").open("ab") as file:
                 file.write(b"P01,0,headphones,"[: draw.randint(1, 17)])
             torn += 1
-            with Sitting(PLAN, folder, "P01") as sitting:
-                assert sitting.done == len(rows)
+            with Session(PLAN, folder, "P01") as session:
+                assert session.done == len(rows)
     return torn
 
 

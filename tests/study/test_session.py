@@ -1,4 +1,4 @@
-"""A sitting keeps every answer, and goes on where it was: killed at any time, in the same order."""
+"""A session keeps every answer, and goes on where it was: killed at any time, in the same order."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from hapscene.errors import StudyError
 from hapscene.study.plan import Plan, parse_plan
 from hapscene.study.results_file import COLUMNS, load_rows
-from hapscene.study.sitting import Sitting
+from hapscene.study.session import Session
 from hapscene.study.trial_order import Trial
 from hapscene.swatches.library import swatch_place
 
@@ -25,9 +25,9 @@ def choice(trial: Trial) -> int:
 
 def sit(plan: Plan, folder: Path, person: str, most: int = 1000) -> None:
     """Answers, at most so many."""
-    with Sitting(plan, folder, person) as sitting:
-        while sitting.trial is not None and most > 0:
-            sitting.answer(choice(sitting.trial), latency_s=0.5)
+    with Session(plan, folder, person) as session:
+        while session.trial is not None and most > 0:
+            session.answer(choice(session.trial), latency_s=0.5)
             most -= 1
 
 
@@ -37,7 +37,7 @@ def answers(folder: Path) -> list[dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, str]]:
-    """The answers of a sitting that nothing stops."""
+    """The answers of a session that nothing stops."""
     folder = tmp_path_factory.mktemp("whole")
     sit(PLAN, folder, "P01")
     return answers(folder)
@@ -58,13 +58,13 @@ def test_every_answer_is_a_row(whole: list[dict[str, str]]) -> None:
 @pytest.mark.nightly
 def test_stopped_after_each_answer_it_is_the_same(whole: list[dict[str, str]], tmp_path: Path) -> None:
     for done in range(len(whole)):
-        with Sitting(PLAN, tmp_path, "P01") as sitting:
-            assert (sitting.done, sitting.total) == (done, len(whole))
-            sitting.answer(choice(sitting.trial), latency_s=0.5)
-    with Sitting(PLAN, tmp_path, "P01") as sitting:
-        assert sitting.trial is None
+        with Session(PLAN, tmp_path, "P01") as session:
+            assert (session.done, session.total) == (done, len(whole))
+            session.answer(choice(session.trial), latency_s=0.5)
+    with Session(PLAN, tmp_path, "P01") as session:
+        assert session.trial is None
         with pytest.raises(StudyError, match="all 34 trials are answered"):
-            sitting.answer(0, latency_s=0.5)
+            session.answer(0, latency_s=0.5)
     assert answers(tmp_path) == whole
 
 
@@ -81,12 +81,12 @@ def test_what_does_not_fit_is_refused_and_nothing_is_changed(tmp_path: Path) -> 
     sit(PLAN, tmp_path, "P01", most=20)
     other = parse_plan(TEXT.replace("seed = 1", "seed = 2"))
     with pytest.raises(StudyError, match="holds another plan"):
-        Sitting(other, tmp_path, "P01")
+        Session(other, tmp_path, "P01")
     with pytest.raises(StudyError, match="channel is 'headphones', by the plan it is 'handle'"):
-        Sitting(replace(PLAN, channel="handle"), tmp_path, "P01")
+        Session(replace(PLAN, channel="handle"), tmp_path, "P01")
     for person in ("", "1", "NA", "P 01", "é", "T"):
         with pytest.raises(StudyError, match="person: "):
-            Sitting(PLAN, tmp_path, person)
+            Session(PLAN, tmp_path, person)
     path = tmp_path / "results.csv"
     good = path.read_bytes().decode()
     lines = good.split("\r\n")
@@ -100,21 +100,21 @@ def test_what_does_not_fit_is_refused_and_nothing_is_changed(tmp_path: Path) -> 
         fields[COLUMNS.index(column)] = value
         path.write_text("\r\n".join([*lines[:3], ",".join(fields), *lines[4:]]), encoding="utf-8", newline="")
         with pytest.raises(StudyError, match=said):
-            Sitting(PLAN, tmp_path, "P01")
+            Session(PLAN, tmp_path, "P01")
     path.write_text(good, encoding="utf-8", newline="")
-    with Sitting(PLAN, tmp_path, "P01") as sitting:
-        assert sitting.done == 20
+    with Session(PLAN, tmp_path, "P01") as session:
+        assert session.done == 20
         with pytest.raises(StudyError, match="choice must be from 0 to"):
-            sitting.answer(99, latency_s=0.5)
+            session.answer(99, latency_s=0.5)
         for latency_s in (-1.0, float("nan"), float("inf")):
             with pytest.raises(StudyError, match="latency_s"):
-                sitting.answer(0, latency_s=latency_s)
-        assert sitting.done == 20
+                session.answer(0, latency_s=latency_s)
+        assert session.done == 20
         with pytest.raises(StudyError, match="another session"):
-            Sitting(PLAN, tmp_path, "P02")
+            Session(PLAN, tmp_path, "P02")
     (tmp_path / "plan.toml").unlink()
     with pytest.raises(StudyError, match=r"has answers, but not their plan\.toml"):
-        Sitting(PLAN, tmp_path, "P01")
+        Session(PLAN, tmp_path, "P01")
 
 
 def test_a_recording_or_swatch_that_has_changed_is_refused(tmp_path: Path) -> None:
@@ -133,11 +133,11 @@ def test_a_recording_or_swatch_that_has_changed_is_refused(tmp_path: Path) -> No
     recording.write_bytes(b"1,2,4\n")
     for person in ("P01", "P02"):
         with pytest.raises(StudyError, match=r"P01, trial \d: a recording or swatch of the plan has changed since"):
-            Sitting(plan, folder, person)
+            Session(plan, folder, person)
     recording.write_bytes(b"1,2,3\n")
     mine.write_bytes(shipped.replace(b'"name"', b' "name"', 1))
     with pytest.raises(StudyError, match="has changed since"):
-        Sitting(plan, folder, "P01")
+        Session(plan, folder, "P01")
     mine.write_bytes(shipped)
     sit(plan, folder, "P01")
     assert answers(folder)[:4] == rows and len(answers(folder)) == 6
@@ -145,7 +145,7 @@ def test_a_recording_or_swatch_that_has_changed_is_refused(tmp_path: Path) -> No
 
 def test_a_folder_holds_one_plan(tmp_path: Path) -> None:
     folder, other = tmp_path / "out", parse_plan(TEXT.replace("seed = 1", "seed = 2"))
-    Sitting(PLAN, folder, "P01").close()
+    Session(PLAN, folder, "P01").close()
     with pytest.raises(StudyError, match="holds another plan"):
-        Sitting(other, folder, "P01")
+        Session(other, folder, "P01")
     assert (folder / "plan.toml").read_bytes() == PLAN.content
