@@ -288,7 +288,7 @@ def tune(
     check_scene(scene, mesh)
     from hapscene.device.model import device_named
     from hapscene.fidelity.fidelity_file import check_place, fidelity_beside, save_fidelity
-    from hapscene.fidelity.trial import quietly
+    from hapscene.fidelity.trial import without_scene_warnings
     from hapscene.fidelity.tune import reach_m_s2
     from hapscene.fidelity.tune import tune as run
     from hapscene.touch import is_model, open_scene
@@ -299,7 +299,7 @@ def tune(
     check_place(out)
     device_named(device)
     reach_m_s2(handle)
-    with quietly():
+    with without_scene_warnings():
         loaded = open_scene(scene, mesh.unit, mesh.swatch, mesh.two_sided, **mesh.reading())
     print_size_advice(loaded, scene, device)
     found = run(loaded, device=device, handle=handle, budget_us=budget_us, jnd=jnd, seed=seed, say=print_progress)

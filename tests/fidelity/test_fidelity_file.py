@@ -50,7 +50,7 @@ def test_what_was_saved_is_read_to_the_bit(file, scene, fidelity):
     read = load_fidelity(file, scene)
     was, now = fidelity.level, read.level
     assert read.made == MADE
-    assert now.swatches == was.swatches and now.told == was.told and now.bodies.keys() == was.bodies.keys()
+    assert now.swatches == was.swatches and now.cost == was.cost and now.bodies.keys() == was.bodies.keys()
     for name, body in was.bodies.items():
         mesh = now.bodies[name].mesh
         assert mesh.digest == body.mesh.digest
@@ -70,7 +70,7 @@ def test_the_demo_comes_with_its_own():
     assets = Path(__file__).parents[2] / "assets"
     scene = hapscene.load_scene(assets / "demo.scene.json")
     first = load_fidelity(assets / "demo.fidelity.json", scene).level
-    assert first.told["error_jnd"] <= 1.0 and first.told["faces"] < 0.5 * sum(len(b.mesh.faces) for b in scene.bodies)
+    assert first.cost["error_jnd"] <= 1.0 and first.cost["faces"] < 0.5 * sum(len(b.mesh.faces) for b in scene.bodies)
 
 
 def test_its_file_is_beside_the_scene():
@@ -152,7 +152,7 @@ def test_a_mesh_that_was_changed_is_refused(file, scene):
 
 def test_numbers_that_are_none_are_not_written(tmp_path, scene):
     with pytest.raises(ValueError):
-        save_fidelity(Fidelity(Level(told={"error_jnd": math.nan})), tmp_path / "x.fidelity.json", scene)
+        save_fidelity(Fidelity(Level(cost={"error_jnd": math.nan})), tmp_path / "x.fidelity.json", scene)
     assert not list(tmp_path.iterdir())
 
 

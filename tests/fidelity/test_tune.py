@@ -72,7 +72,7 @@ def test_faces_in_one_plane_are_given_up_without_a_difference():
     assert len(mesh.faces) < 400
     paths = trial.scene_paths(box, 5, "omni")[:6]
     felt = [
-        trial.forces(trial.ready(scene, "omni", ("wall", "friction")), paths)
+        trial.render_paths(trial.new_renderer(scene, "omni", ("wall", "friction")), paths)
         for scene in (box, apply_level(box, Level({"body": BodyFidelity(mesh)})))
     ]
     assert np.percentile(trial.force_error(*felt), 99) < 1e-3
@@ -89,11 +89,11 @@ def test_a_sine_has_its_power_in_its_band():
 
 def test_an_error_is_told_in_jnd_of_what_was_planted():
     scene = scene_of("sphere")
-    renderer = trial.ready(scene, "omni")
+    renderer = trial.new_renderer(scene, "omni")
     paths = trial.scene_paths(scene, 3, "omni")[:2]
-    felt = trial.feel(renderer, paths, 0, 2)
-    true = trial.Felt(felt.recordings, [1e6 * p + 1.0 for p in felt.power])  # all over its threshold
-    louder = trial.Felt(
+    felt = trial.render(renderer, paths, 0, 2)
+    true = trial.Rendered(felt.recordings, [1e6 * p + 1.0 for p in felt.power])  # all over its threshold
+    louder = trial.Rendered(
         [replace(r, f_W_N=1.14 * r.f_W_N) for r in true.recordings], [p * 10 ** (0.3 * BAND_DB) for p in true.power]
     )
     found = trial.error_of(true, louder, NEVER)
@@ -108,12 +108,12 @@ def test_the_order_is_the_smallest_that_keeps_to_the_error():
     a = ar_from_reflection(0.6 * 0.93 ** np.arange(30) * np.cos(2.1 * np.arange(30)))
     rough = Texture.from_models(1e4, [1.0], [0.1], a=a[None], variance_m2_s4=[100.0 / power_gain(a)])
     swatch, every = Swatch("rough", texture=rough), np.full(12, np.inf)
-    found = {most: tune.judge_swatch(swatch, "omni", every, most) for most in (0.3, 0.8)}
+    found = {most: tune.evaluate_swatch(swatch, "omni", every, most) for most in (0.3, 0.8)}
     orders = {most: judged.least(most) for most, judged in found.items()}
     assert orders[0.8] < orders[0.3] < 30
-    assert dict((one.asked, one.error_jnd) for one in found[0.8].tried)[orders[0.8] - 1] > 0.8
+    assert dict((one.requested, one.error_jnd) for one in found[0.8].tried)[orders[0.8] - 1] > 0.8
     assert "coefficients" in found[0.3].why("coefficients", 0.3)
-    assert tune.judge_swatch(Swatch("plain"), "omni", every, 1.0).least(1.0) is None
+    assert tune.evaluate_swatch(Swatch("plain"), "omni", every, 1.0).least(1.0) is None
 
 
 @pytest.fixture(scope="module")
@@ -137,13 +137,13 @@ def test_a_tuned_scene_feels_the_same_on_other_paths_and_is_half_as_large(tuned)
     folder, scene, code = tuned
     assert code == 0
     fidelity = load_fidelity(folder / "x.fidelity.json", scene)
-    told, made = fidelity.level.told, fidelity.made
-    assert told["error_jnd"] <= 1.0 and told["share_within"] >= 0.95
-    assert told["memory_B"] <= 0.5 * made["untuned_memory_B"]
+    cost, made = fidelity.level.cost, fidelity.made
+    assert cost["error_jnd"] <= 1.0 and cost["share_within"] >= 0.95
+    assert cost["memory_B"] <= 0.5 * made["untuned_memory_B"]
     assert made["device"] == "omni" and made["seed"] == 0
     paths = trial.scene_paths(scene, 99, "omni")
     felt = [
-        trial.forces(trial.ready(s, "omni", ("wall", "friction")), paths)
+        trial.render_paths(trial.new_renderer(s, "omni", ("wall", "friction")), paths)
         for s in (scene, apply_level(scene, fidelity.level))
     ]
     assert np.percentile(trial.force_error(*felt), 95) <= 1.0
