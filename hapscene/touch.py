@@ -371,7 +371,7 @@ def touch_by_hand(
         with step(say, f"readying {_counted(scene)}"):
             twin = ready()
         with step(say, f"living through {len(intent) * twin.renderer.tick_s:.1f} s"):
-            feel = twin.run(intent) if bridge is None else bridge.live(twin, intent)
+            feel = twin.run(intent) if bridge is None else bridge.run_twin(twin, intent)
         _give_cautions(scene, feel.recording, say, caution)
         hand = {**told, **summarise_feel(feel)}
         missing = write_touch(

@@ -64,18 +64,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 on success; 1 when the command succeeded and its result is negative; 2 on invalid input, with one line on
         stderr; 128 plus the signal number when a signal ended the command, 130 for Ctrl-C.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    debug = "--debug" in words  # accepted at any position: users append it to a command that failed
+    tokens = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in tokens  # accepted at any position: users append it to a command that failed
     with interrupted_by_ends():
-        return _guarded([word for word in words if word != "--debug"], debug)
+        return _guarded([token for token in tokens if token != "--debug"], debug)
 
 
-def _guarded(words: list[str], debug: bool) -> int:
+def _guarded(tokens: list[str], debug: bool) -> int:
     """Run a command; print its error as one line, and return the exit code."""
     ready_streams()
     try:
         with insisting():
-            return _run(words)
+            return _run(tokens)
     except KeyboardInterrupt as interrupt:
         if debug:
             raise
@@ -95,13 +95,13 @@ def _guarded(words: list[str], debug: bool) -> int:
             sys.stdout.flush()
 
 
-def _run(words: list[str]) -> int:
+def _run(tokens: list[str]) -> int:
     from cyclopts import CycloptsError
 
     warnings.showwarning = _show_warning
     note_little_memory()
     try:
-        code = app()(words)
+        code = app()(tokens)
     except CycloptsError as error:
         print_error(_usage_error(error))
         return 2
@@ -136,8 +136,8 @@ def app() -> "App":
     for i, (title, commands) in enumerate(COMMANDS.items()):
         group = Group(title, sort_key=i)
         for j, (name, (place, _)) in enumerate(commands.items()):
-            words = {"synonym": SYNONYMS[name]} if name in SYNONYMS else {}
-            tree.command(f"hapscene.cli.{place}", name=name, group=group, sort_key=j, **words)
+            tokens = {"synonym": SYNONYMS[name]} if name in SYNONYMS else {}
+            tree.command(f"hapscene.cli.{place}", name=name, group=group, sort_key=j, **tokens)
     tree["--help"].show = tree["--version"].show = False
     return tree
 

@@ -200,7 +200,7 @@ def serve(
     scene, mesh = find_asset(scene, mesh)
     from hapscene.bridge.orders import Orders
     from hapscene.bridge.server import BridgeServer
-    from hapscene.bridge.web_door import WebDoor
+    from hapscene.bridge.websocket import WebSocketBridge
     from hapscene.loop import Servo
     from hapscene.touch import step
 
@@ -208,15 +208,15 @@ def serve(
     with ExitStack() as stack:
         orders = Orders(servo := Servo(loaded, device))
         server = stack.enter_context(BridgeServer(orders, host, udp))
-        door = None if ws is None else WebDoor(server, host, ws)
+        websocket = None if ws is None else WebSocketBridge(server, host, ws)
         with step(print_progress, f"starting the {device}"):
             stack.enter_context(servo)
         stack.enter_context(orders)
         with interrupt_noted() as noted:
             print_progress(f"udp {server.address[0]}:{server.address[1]}   (press Ctrl-C to end)\n")
-            if door is not None:
-                stack.enter_context(door)
-                print_progress(f"ws://{door.address[0]}:{door.address[1]}\n")
+            if websocket is not None:
+                stack.enter_context(websocket)
+                print_progress(f"ws://{websocket.address[0]}:{websocket.address[1]}\n")
             if not server.address[0].startswith("127."):
                 print_progress("open to the network: the first client that sends a packet controls the bodies\n")
             server.serve(noted)

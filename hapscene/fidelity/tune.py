@@ -120,13 +120,13 @@ class Candidate(NamedTuple):
 
 
 class Evaluation(NamedTuple):
-    """The candidates of a body or swatch, the finest first, or the reason why there are none."""
+    """The candidates of a body or swatch, the finest first, or the reason for an empty list."""
 
     tried: list[Candidate]
     why_not: str
 
     def least(self, most_jnd: float) -> int | None:
-        """The smallest candidate whose difference does not exceed a limit; None if there is none."""
+        """The smallest candidate whose difference does not exceed a limit; or None."""
         return min((one.requested for one in self.tried if one.error_jnd <= most_jnd), default=None)
 
     def why(self, what: str, most_jnd: float) -> str:

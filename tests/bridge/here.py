@@ -13,7 +13,7 @@ import trimesh
 import hapscene
 from hapscene.bridge.orders import Orders
 from hapscene.bridge.server import BridgeServer
-from hapscene.bridge.web_door import WebDoor
+from hapscene.bridge.websocket import WebSocketBridge
 from tests.virtual_servo import VirtualServo
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples" / "engines" / "python"))
@@ -37,7 +37,7 @@ class Here:
         self._open.enter_context(self.servo)
         orders = self._open.enter_context(Orders(self.servo))
         self.server = self._open.enter_context(BridgeServer(orders, "127.0.0.1", 0, self.servo.clock))
-        self.door = self._open.enter_context(WebDoor(self.server, "127.0.0.1", 0)) if ws else None
+        self.door = self._open.enter_context(WebSocketBridge(self.server, "127.0.0.1", 0)) if ws else None
         self.ws = "ws://{}:{}".format(*self.door.address) if self.door else ""
 
     @property

@@ -28,7 +28,7 @@ from hapscene.bridge.packets import (
     unpack,
     unpack_json,
 )
-from hapscene.bridge.server import FLOOD, BridgeServer
+from hapscene.bridge.server import BATCH_MAX, BridgeServer
 from hapscene.device.sim.hand import grip_named
 from hapscene.errors import SceneError
 from hapscene.flags import Flag
@@ -88,7 +88,7 @@ class Talk:
 
     def __init__(self, server: BridgeServer, **hello: Any) -> None:
         self.server, self.key, self.sequence = server, 0, 0
-        server._heard_s = -np.inf  # whoever was here is gone
+        server._received_s = -np.inf  # whoever was here is gone
         welcome = self.say(HELLO, pack_json({"version": 1, "nonce": next(NONCES), **hello}))
         self.key, self.kind, self.told = welcome.key, welcome.kind, unpack_json(welcome.payload)
 
@@ -185,7 +185,7 @@ def test_what_one_client_frees_is_not_pushed_with_the_next(server: BridgeServer)
 def test_a_flood_does_not_keep_it_from_ending(server: BridgeServer) -> None:
     class Flood:
         def recvfrom(self, size: int) -> tuple[bytes, tuple[str, int]]:
-            assert server.counts["bad"] < 10 * FLOOD, "for ever"
+            assert server.counts["bad"] < 10 * BATCH_MAX, "for ever"
             return b"", HERE
 
     server._socket, real = Flood(), server._socket  # type: ignore[assignment]

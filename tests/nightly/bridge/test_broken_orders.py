@@ -20,7 +20,7 @@ from hapscene.bridge.server import BridgeServer
 from hapscene.loop import Servo
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
-from hapscene.bridge.web_door import WebDoor
+from hapscene.bridge.websocket import WebSocketBridge
 
 BOX = trimesh.creation.box((0.05, 0.05, 0.05))
 VERTICES, FACES = BOX.vertices.tolist(), BOX.faces.tolist()
@@ -66,7 +66,7 @@ def broken(rng: random.Random) -> str:
 
 
 @pytest.fixture(scope="module")
-def touched() -> Iterator[tuple[WebDoor, Servo]]:
+def touched() -> Iterator[tuple[WebSocketBridge, Servo]]:
     scene = hapscene.Scene()
     scene.add(BOX, "crate", unit="m")
     scene.add(BOX, "other", unit="m", swatch="wood", pose=np.eye(4) + np.pad([[3.0]], ((0, 3), (3, 0))))
@@ -75,11 +75,11 @@ def touched() -> Iterator[tuple[WebDoor, Servo]]:
         servo.aim((0.0, 0.0, 0.01))
         while not servo.state().touching or servo.state().tick < 1000:
             pass
-        with WebDoor(server, "127.0.0.1", 0) as door:
+        with WebSocketBridge(server, "127.0.0.1", 0) as door:
             yield door, servo
 
 
-def break_many(touched: tuple[WebDoor, Servo], seed: int, count: int) -> None:
+def break_many(touched: tuple[WebSocketBridge, Servo], seed: int, count: int) -> None:
     door, servo = touched
     rng, to, orders = random.Random(seed), Convention.of({}), door._orders
     here = ("127.0.0.1", 1)
@@ -116,10 +116,10 @@ def resource_kB(servo: Servo) -> tuple[int, int]:
     return tuple(kB * int(path.read_text().split()[1]) for path in (Path("/proc/self/statm"), statm))
 
 
-def test_broken_orders_are_answered_and_not_felt(touched: tuple[WebDoor, Servo]) -> None:
+def test_broken_orders_are_answered_and_not_felt(touched: tuple[WebSocketBridge, Servo]) -> None:
     break_many(touched, 5, 1500)
 
 
 @pytest.mark.soak
-def test_a_hundred_thousand_broken_orders_leave_memory_as_it_was(touched: tuple[WebDoor, Servo]) -> None:
+def test_a_hundred_thousand_broken_orders_leave_memory_as_it_was(touched: tuple[WebSocketBridge, Servo]) -> None:
     break_many(touched, 6, 100_000)

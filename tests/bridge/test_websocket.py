@@ -17,7 +17,7 @@ sync = pytest.importorskip(
 from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus  # noqa: E402
 
 from hapscene.bridge.packets import FRAME, HELLO, ORDER, STATE, Frame, Packet, pack, pack_json, unpack  # noqa: E402
-from hapscene.bridge.web_door import CONNECTIONS_MAX, MESSAGE_MAX  # noqa: E402
+from hapscene.bridge.websocket import CONNECTIONS_MAX, MESSAGE_MAX  # noqa: E402
 
 from .client_packets import pack_frame, unpack_state  # noqa: E402
 from .here import PATIENCE_S, Client, Here, Line  # noqa: E402
