@@ -138,6 +138,7 @@ def _player(plan: "Plan", options: OutputOptions) -> "OutputPlayer":
     from hapscene.touch import step
 
     maker, stimuli = StimulusMaker(plan.folder), all_stimuli(plan)
+    options.chosen()  # checks the name of the output
     output = open_output(options.handle or "audio", options.handle_option or {})
     try:
         with step(print_progress, f"synthesising {len(stimuli)} stimuli"):

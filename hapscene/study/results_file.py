@@ -124,8 +124,8 @@ def _complete_rows(content: bytes) -> bytes:
     if not last or (not end and not ",".join(COLUMNS).encode().startswith(last)):
         return content
     row = next(csv.reader([last.decode(errors="replace")]), [""])
-    counts = {len(COLUMNS), len(OLD_COLUMNS)}
-    return content if len(row) in counts and len(row[-1]) == SHA256_LENGTH else before + end
+    count = content.partition(b"\n")[0].count(b",") + 1
+    return content if len(row) == count and len(row[-1]) == SHA256_LENGTH else before + end
 
 
 def _parse(content: bytes) -> tuple[Sequence[str], list[dict[str, str]]]:

@@ -122,9 +122,7 @@ def format_estimate(estimate: Estimate, unit: str = "") -> str:
 def _plot(number: int, found: Sequence[Finding], quantity: str) -> str:
     """Plot estimates of one quantity with their intervals; those of single participants are grey."""
     rows = [one for one in found if one.quantity == quantity]
-    ends = [v for one in rows for v in (one.estimate.value, one.estimate.low, one.estimate.high) if math.isfinite(v)]
-    room = 0.12 * (max(ends) - min(ends)) or 0.5 if ends else 0.5
-    edges = (min(ends) - room, max(ends) + room) if ends else (0.0, 1.0)
+    edges = _axis_limits([one.estimate for one in rows])
     with new_chart(6.0, 0.9 + 0.28 * len(rows)) as figure:
         axes = figure.subplots()
         for place, one in enumerate(rows):
@@ -139,6 +137,15 @@ def _plot(number: int, found: Sequence[Finding], quantity: str) -> str:
         drawing = inline_svg(figure, f"block{number}")
     label = "; ".join(f"{one.person} {one.what} {format_estimate(one.estimate, one.unit)}".strip() for one in rows)
     return drawing.replace("<svg", f'<svg role="img" aria-label="{escape(label)}"', 1)
+
+
+def _axis_limits(estimates: Sequence[Estimate]) -> tuple[float, float]:
+    """Limits of an axis that contains all finite values, with a margin of 12 %."""
+    values = [v for one in estimates for v in (one.value, one.low, one.high) if math.isfinite(v)]
+    if not values:
+        return 0.0, 1.0
+    margin = 0.12 * (max(values) - min(values)) or 0.5
+    return min(values) - margin, max(values) + margin
 
 
 def _people(analysis: Analysis, rows: Sequence[Row], most: int) -> str:

@@ -1,4 +1,4 @@
-"""What clients pack and unpack, the other way round from the server."""
+"""Encoding and decoding of packets on the client side."""
 
 from hapscene.bridge.packets import _AIM, _BODY, _EVENT, _IMPULSE, _STATE, Event, Frame, PacketError, State
 

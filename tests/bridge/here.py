@@ -1,4 +1,4 @@
-"""The bridge in this process: its servo ticks at a virtual time, and what is sent is answered at once."""
+"""The bridge in this process: its servo runs in virtual time, and packets are answered immediately."""
 
 import socket
 import sys
@@ -42,7 +42,7 @@ class Here:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages by what became of them."""
+        """Number of messages by result."""
         return dict(self.server.orders.counts)
 
     def close(self) -> None:
@@ -84,7 +84,7 @@ class Client(client_file.Client):
         return Line(self.here)  # type: ignore[return-value]
 
     def feel(self, ticks: int = 16, **frame: Any) -> dict[str, Any]:
-        """Send a frame, let ticks go by, and send it again: what is told then."""
+        """Send a frame, let ticks go by, and send it again: and return the new state."""
         self.frame(**frame)
         self.here.servo.advance(ticks)
         self.frame(**frame)

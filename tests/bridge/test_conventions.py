@@ -1,4 +1,4 @@
-"""Frames of programs: places, turnings and forces of four of them, against rotations of SciPy."""
+"""Coordinate conventions of four programs, against rotations of SciPy."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ FRAMES = [("z", "right", 1.0), ("y", "right", 1.0), ("y", "left", 1.0), ("z", "l
 
 
 @pytest.mark.parametrize(("up", "handed", "metres"), FRAMES)
-def test_up_is_up_and_what_turns_keeps_its_sense(up: str, handed: str, metres: float) -> None:
+def test_vectors_and_angular_quantities(up: str, handed: str, metres: float) -> None:
     frame = Convention.of({"up": up, "handed": handed, "metres": metres})
     axis = np.array([0.0, 0.0, 1.0] if up == "z" else [0.0, 1.0, 0.0])
     np.testing.assert_allclose(frame.position(axis), [0, 0, metres])
@@ -26,8 +26,8 @@ def test_up_is_up_and_what_turns_keeps_its_sense(up: str, handed: str, metres: f
 
 
 @pytest.mark.parametrize(("up", "handed", "metres"), FRAMES)
-def test_a_pose_takes_points_where_the_program_has_them(up: str, handed: str, metres: float) -> None:
-    """A quaternion is (axis sin ½φ, cos ½φ) in any frame: as a matrix it takes the program's points to its points."""
+def test_pose(up: str, handed: str, metres: float) -> None:
+    """The rotation matrix of a quaternion maps the points of the client to its points."""
     frame = Convention.of({"up": up, "handed": handed, "metres": metres})
     R, p, x = Rotation.from_rotvec([0.3, -0.7, 1.1]), np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.2, -0.4])
     X_WB = frame.pose(p, 3.0 * R.as_quat())  # of any length
@@ -36,13 +36,13 @@ def test_a_pose_takes_points_where_the_program_has_them(up: str, handed: str, me
     np.testing.assert_allclose(frame.inertia([1.0, 2.0, 3.0]), frame.C @ inertia @ frame.C.T)
 
 
-def test_what_is_no_rotation_is_left_to_be_flagged() -> None:
+def test_an_invalid_quaternion_gives_nan() -> None:
     frame = Convention.of({})
     assert np.isnan(frame.pose((0, 0, 0), (0, 0, 0, 0))).any()
     assert np.isnan(frame.pose((0, 0, 0), (np.nan, 0, 0, 1))).any()
 
 
 @pytest.mark.parametrize("hello", [{"up": "x"}, {"metres": True}])
-def test_another_frame_is_refused(hello: dict) -> None:
+def test_invalid_conventions(hello: dict) -> None:
     with pytest.raises(PacketError):
         Convention.of(hello)

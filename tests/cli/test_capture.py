@@ -33,14 +33,14 @@ def test_a_swatch_a_plot_and_the_numbers(tmp_path: Path, capsys: pytest.CaptureF
     assert swatch.name == "Eiche" and swatch.texture is not None
     assert "a.csv" in swatch.provenance
     assert swatch.friction_dynamic == pytest.approx(0.4, rel=1e-6)
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for text in (
         "of order",
         "0.4 dynamic (95 %: 0.4 to 0.4)",
         "taps        none (assumed: no tap",
         "oak.swatch",
     ):
-        assert text in said
+        assert text in output
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
@@ -67,11 +67,11 @@ def test_a_batch_gives_each_recording_a_swatch_and_is_resumed(
     folder, out = tmp_path / "in", tmp_path / "swatches"
     folder.mkdir()
     options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4", "--jobs", "1")
-    for count, said in ((2, "2 fitted"), (3, "1 fitted, 2 done before, 0 failed")):
+    for count, output in ((2, "2 fitted"), (3, "1 fitted, 2 done before, 0 failed")):
         for i in range(count):
             write(folder / f"r{i}.csv", i)
         assert main(["capture", "batch", str(folder), "--out", str(out), *options]) == 0
-        assert said in capsys.readouterr().out
+        assert output in capsys.readouterr().out
     assert [load_swatch(out / f"r{i}.swatch").name for i in range(3)] == ["r0", "r1", "r2"]
 
 
@@ -103,7 +103,7 @@ def test_options_that_do_not_fit_together(
 def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = str(write(tmp_path / "a.csv")), str(tmp_path / "oak.swatch")
     given = ("--columns", "acceleration=accel", "--units", UNITS)
-    for words, said in (
+    for words, output in (
         ((path, *given), "--rate HZ"),
         ((path, "--rate", "2000", "--columns", "acceleration=accel"), "--units acceleration=m/s2"),
         ((path, "--rate", "2000", "--units", UNITS), "--columns acceleration=accel"),
@@ -111,7 +111,7 @@ def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path, capsys: 
         ((str(write(tmp_path / "b.csv", count=100)), "--rate", "2000", *given), "at least 0.5 s"),
     ):
         assert run(*words, "-o", out) == 2
-        assert said in capsys.readouterr().err
+        assert output in capsys.readouterr().err
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.csv", "b.csv"]
 
 
@@ -154,13 +154,13 @@ def test_a_report_on_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFi
     page = tmp_path / "a.html"
     (tmp_path / "silent.csv").write_text("acceleration\n" + "0\n" * 2000)
     silent = [str(tmp_path / "silent.csv"), "--rate", "1000", "--units", "acceleration=g"]
-    for words, said in (
+    for words, output in (
         (["oka"], "no swatch 'oka'"),
         (["wood", "none.csv"], "none.csv"),
         (["wood", *silent], "silent"),
     ):
         assert run_report(*words, "-o", str(page)) == 2
-        assert said in capsys.readouterr().err
+        assert output in capsys.readouterr().err
     assert not page.exists()
 
 
@@ -176,9 +176,9 @@ def test_tool_tip_and_what_was_recorded_beside_are_kept_and_told(
     oak = tmp_path / "oak.swatch"
     words = [str(tmp_path / "b.csv"), "-o", str(oak), "--tool", "steel probe", "--tip", "3.2 mm ball", *options]
     assert run(*words) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for text in ("steel probe", "3.2 mm ball", "grip force 3.25 to 7.75 N, contact angle 1.25"):
-        assert text in said
+        assert text in output
     swatch = load_swatch(oak)
     assert (swatch.tool, swatch.tip) == ("steel probe", "3.2 mm ball")
     assert "contact angle 1.25 to 23.7°." in "".join(lines(swatch))

@@ -12,21 +12,21 @@ from hapscene_evidence.chart.table import Table
 
 def test_a_question_that_is_not_there_is_told_with_those_that_are(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["lab", "chart", "--only", "mesh,grove"]) == 2
-    told = capsys.readouterr().err
-    assert "no question 'grove'; there are: " in told
-    assert "groove" in told
-    assert "stabiliser" in told
+    expected = capsys.readouterr().err
+    assert "no question 'grove'; there are: " in expected
+    assert "groove" in expected
+    assert "stabiliser" in expected
 
 
 def test_what_cannot_be_is_refused_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for words, told in (
+    for words, expected in (
         (["--jobs", "2", "--scheduler", "tcp://a:1"], "give one of the two"),
         (["none.scene.json"], "none.scene.json: no such file"),
         (["--from", "none.csv"], "none.csv: no such file"),
         (["--docs", str(tmp_path / "none")], "no such folder"),
     ):
         assert main(["lab", "chart", *words]) == 2
-        assert told in capsys.readouterr().err
+        assert expected in capsys.readouterr().err
 
 
 def test_a_scene_without_large_bodies_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -43,13 +43,13 @@ def test_a_scene_without_large_bodies_is_told(tmp_path: Path, capsys: pytest.Cap
 
 def test_a_table_that_lacks_points_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "chart.csv"
-    for points, told in (
+    for points, expected in (
         ({}, "has no points of"),
         ({"groove": [Point("projection, 60°", "1", 0.01, 0.02, {"off": 2})]}, "lacks points or measures"),
     ):
         Table({"processor": "one"}, points).write(table, [])
         assert main(["lab", "chart", "--from", str(table), "--out", str(tmp_path / "out")]) == 2
-        assert told in capsys.readouterr().err
+        assert expected in capsys.readouterr().err
 
 
 def scene_of(mesh: Path) -> hapscene.Scene:

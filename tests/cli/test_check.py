@@ -57,9 +57,9 @@ def test_the_exit_code_is_that_of_the_worst(folder: Path, capsys: pytest.Capture
     (folder / "meshes" / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
     (folder / "meshes" / "d\x1b[31m.stl").write_bytes(b"solid")
     assert main(["check", "meshes", "--unit", "mm"]) == 2
-    said = capsys.readouterr().out
-    assert "flat.obj: not felt: " in said and "d\\x1b[31m.stl: not readable: the file is truncated" in said
-    assert "\x1b" not in said and said.splitlines()[-1].endswith("1 felt with faults, 1 not felt, 1 not readable")
+    output = capsys.readouterr().out
+    assert "flat.obj: not felt: " in output and "d\\x1b[31m.stl: not readable: the file is truncated" in output
+    assert "\x1b" not in output and output.splitlines()[-1].endswith("1 felt with faults, 1 not felt, 1 not readable")
 
 
 def test_as_json_it_is_a_list(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -26,8 +26,8 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_there_and_back(suffix: str, desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, back = desk.with_name(f"desk.{suffix}"), desk.with_name("back.scene.json")
     assert main(["convert", str(desk), str(file)]) == 0
-    said = capsys.readouterr().out
-    assert str(file) in said and "does not come back" in said
+    output = capsys.readouterr().out
+    assert str(file) in output and "does not come back" in output
     assert main(["convert", str(file), str(back)]) == 0
     assert "1 body, 2 of 4 faces painted: plain, wood" in capsys.readouterr().out
     (was,), (now,) = load_scene(desk).bodies, load_scene(back).bodies
@@ -51,8 +51,8 @@ def test_what_goes_wrong_is_said_in_a_line(
     monkeypatch.chdir(desk.parent)
     before = sorted(desk.parent.iterdir())
     assert main(["convert", *(str(desk) if word == "SCENE" else word for word in arguments)]) == 2
-    said = capsys.readouterr().err
-    assert message in said and said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert message in output and output.count("\n") == 1
     assert sorted(desk.parent.iterdir()) == before
 
 
@@ -65,8 +65,8 @@ def test_a_file_that_is_there_is_replaced_where_it_is_asked_for(desk: Path, caps
             capsys.readouterr()
         before = {file: file.read_bytes() for file in desk.parent.iterdir() if file.is_file()}
         assert main(["convert", *words]) == 2
-        said = capsys.readouterr().err
-        assert "is there already" in said and said.count("\n") == 1
+        output = capsys.readouterr().err
+        assert "is there already" in output and output.count("\n") == 1
         assert {file: file.read_bytes() for file in desk.parent.iterdir() if file.is_file()} == before
         assert main(["convert", *words, "--replace"]) == 0
     assert desk.with_name("desk.mtl").read_text().startswith("newmtl")

@@ -56,8 +56,8 @@ def test_play_writes_what_would_be_felt(folder: Path, tmp_path: Path, capsys: py
     errors = []
     for compensator in ("naive", "flat"):
         out = tmp_path / compensator
-        told = ["--handle-file", str(folder / "ours.handle"), "--compensator", compensator]
-        assert main([*words, *told, "--out", str(out)]) == 0
+        expected = ["--handle-file", str(folder / "ours.handle"), "--compensator", compensator]
+        assert main([*words, *expected, "--out", str(out)]) == 0
         assert {file.name for file in out.iterdir()} == {"felt.png", "felt.wav"}
         errors.append(float(capsys.readouterr().out.split("spectrogram error ")[1].split(" %")[0]))
     assert errors[1] < 10.0 < errors[0] < 100.0
@@ -74,7 +74,7 @@ def test_a_touch_is_played_as_it_was_recorded(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         (["identify", "--simulated", "--grips", "0", "-o", "a.handle"], "--grips must be 1 to 20"),
         (["identify", "--simulated", "--rate", "1000", "-o", "a.handle"], "can go to 400 Hz, not to 1000 Hz"),
@@ -87,24 +87,24 @@ def test_a_touch_is_played_as_it_was_recorded(tmp_path: Path) -> None:
         (["try", "flacon"], "did you mean 'falcon'?"),
     ],
 )
-def test_what_cannot_be_is_told_in_a_line(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_is_told_in_a_line(words: list[str], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["device", *words]) == 2
     error = capsys.readouterr().err
-    assert told in error and error.count("\n") == 1
+    assert expected in error and error.count("\n") == 1
 
 
 @pytest.mark.parametrize(
-    ("count", "rate", "told"), [(3, "10000", "shorter than"), (9999, "10000", "silent"), (9999, "100", "rate_Hz")]
+    ("count", "rate", "expected"), [(3, "10000", "shorter than"), (9999, "10000", "silent"), (9999, "100", "rate_Hz")]
 )
 def test_a_recording_that_cannot_be_played_is_named(
-    count: int, rate: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    count: int, rate: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "still.csv"
     path.write_text("acceleration\n" + "0\n" * count)
     given = ["--rate", rate, "--units", "acceleration=m/s2"]
     assert main(["device", "play-file", str(path), *given, "--out", str(tmp_path / "o")]) == 2
     error = capsys.readouterr().err
-    assert f"{path}: " in error and told in error
+    assert f"{path}: " in error and expected in error
 
 
 @pytest.fixture
@@ -123,9 +123,9 @@ def test_play_on_a_real_handle(texture: str, folder: Path, capsys: pytest.Captur
     pytest.importorskip("usb", reason="no pyusb: extra `usb`")
     words = ["device", "play-file", texture, *READ, "--handle", "usb", "--handle-file", str(folder / "ours.handle")]
     assert main([*words, "--handle-option", "backend=tests.handle.usb_board,watchdog_s=0.5"]) == 0
-    told = capsys.readouterr().out
-    assert "playing texture.csv, 0.3 s, on usb 16c0:05dc" in told and "latency" in told
-    assert "adapted while it played: mass of the handle 1" in told
+    expected = capsys.readouterr().out
+    assert "playing texture.csv, 0.3 s, on usb 16c0:05dc" in expected and "latency" in expected
+    assert "adapted while it played: mass of the handle 1" in expected
 
 
 @pytest.mark.parametrize(
@@ -145,5 +145,5 @@ def test_what_play_cannot_do_on_a_real_handle(
 
 def test_devices_are_listed_with_what_is_in_the_way(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["device", "list"]) == 0
-    told = capfd.readouterr().out
-    assert "openhaptics" in told and "library=PATH" in told and "in this computer: ready" in told
+    expected = capfd.readouterr().out
+    assert "openhaptics" in expected and "library=PATH" in expected and "in this computer: ready" in expected

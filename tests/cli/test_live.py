@@ -1,4 +1,4 @@
-"""`hapscene demo --live`, with a simulated servo."""
+"""`hapscene play` with the mouse, on a simulated servo."""
 
 import os
 import signal
@@ -66,14 +66,14 @@ made_servos: list[FakeServo] = []
 urls: list[str] = []
 
 
-def test_demo_live_serves_the_page_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_play_serves_the_page_and_writes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hapscene.play.start.Servo", FakeServo)
     monkeypatch.setattr("hapscene.play.monitor.Monitor", FakeMonitor)
     monkeypatch.setattr("hapscene.cli.play.QUIET_S", 0.0)
     monkeypatch.setattr("hapscene.play.top_frame.TopFrame.picture", lambda frame, theme: b"")
     monkeypatch.setattr("webbrowser.open", urls.append)
     before = set(threading.enumerate())
-    assert main(["demo", "--live"]) == 0
+    assert main(["play"]) == 0
     (servo,) = made_servos
     assert b"<canvas" in servo.pages[0]
     assert servo.closed

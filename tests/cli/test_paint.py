@@ -49,8 +49,8 @@ def test_the_browser_is_led_to_the_page_by_a_file_that_no_other_user_reads(
     with ExitStack() as ends:
         opener = lead_browser(url, Path(), ends)
         assert opener is not None and url in opener.read_text()
-        told = led.get(timeout=60.0)
-        assert told == opener.absolute().as_uri() and "secret" not in told
+        expected = led.get(timeout=60.0)
+        assert expected == opener.absolute().as_uri() and "secret" not in expected
         assert sys.platform == "win32" or stat.S_IMODE(opener.parent.stat().st_mode) == 0o700
         assert lead_browser(url, folder / "cube.ply", ends) is None  # where nothing can be written
     assert not opener.parent.exists() and led.empty()
@@ -75,7 +75,7 @@ def test_without_a_name_a_copy_of_the_demo_is_painted(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "output"),
     [
         (["none.scene.json"], "none.scene.json"),
         (["cube.ply"], "unit"),
@@ -87,12 +87,12 @@ def test_without_a_name_a_copy_of_the_demo_is_painted(folder: Path) -> None:
     ],
 )
 def test_what_cannot_be_painted_is_one_line(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], output: str
 ) -> None:
     open_session("cube.ply", unit="m").save(folder / "made.scene.json")
     assert main(["paint", *arguments, "--no-browser"]) == 2
     error = capsys.readouterr().err
-    assert said in error and error.count("\n") == 1
+    assert output in error and error.count("\n") == 1
 
 
 def test_a_mesh_that_was_exported_anew_keeps_its_painting_if_told(folder: Path) -> None:

@@ -16,8 +16,8 @@ def test_writes_a_page_and_its_numbers(
 ) -> None:
     monkeypatch.setattr(reproduction, "FIGURES", {"fig2": ("two materials", two_materials)})
     assert main(["lab", "reproduce", "--out", str(tmp_path / "out")]) == 0
-    said = capsys.readouterr().out
-    assert "1 of 1: two materials" in said and all(name in said for name in MADE)
+    output = capsys.readouterr().out
+    assert "1 of 1: two materials" in output and all(name in output for name in MADE)
     html = (tmp_path / "out" / MADE[0]).read_text(encoding="utf-8")
     assert html.count("<svg") == 2 and "wood, synthesised" in html and 'id="fig2"' in html
     with (tmp_path / "out" / MADE[1]).open(encoding="utf-8", newline="") as file:
@@ -45,7 +45,7 @@ def test_an_interrupt_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "output"),
     [
         (["--recordings", "missing"], "missing: no such folder"),
         (["--recordings", "empty"], "empty: has no recording; expected one or more of cdp_wood.csv"),
@@ -54,10 +54,14 @@ def test_an_interrupt_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyP
     ],
 )
 def test_refuses(
-    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    arguments: list[str],
+    output: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").touch()
     assert main(["lab", "reproduce", *arguments]) == 2
-    assert said in capsys.readouterr().err and not (tmp_path / "out").exists()
+    assert output in capsys.readouterr().err and not (tmp_path / "out").exists()

@@ -29,7 +29,7 @@ def test_two_surfaces_are_set_side_by_side(capsys: pytest.CaptureFixture[str]) -
 def test_the_same_surface_cannot_be_told_apart(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["swatch", "compare", "wood", "wood", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["verdict"] == "cannot be told apart" and found["distance_jnd"] == 0.0
+    assert found["verdict"] == "cannot be expected apart" and found["distance_jnd"] == 0.0
     assert {row["unit"] for row in found["differences"]} == {"dB", "%"}
 
 
@@ -43,12 +43,12 @@ def test_one_surface_is_ranked_against_the_shipped_and_the_own(
     save_swatch(oak, tmp_path / "library" / "oak.swatch")
     (tmp_path / "library" / "broken.swatch").write_text("{}")
     assert main(["swatch", "compare", "wood", "--json"]) == 0
-    told = capsys.readouterr()
-    ranked = json.loads(told.out)["ranked"][0]
+    expected = capsys.readouterr()
+    ranked = json.loads(expected.out)["ranked"][0]
     assert ranked[0]["second"] == "oak" and len(ranked) == 4
-    assert "broken.swatch" in told.err
+    assert "broken.swatch" in expected.err
     assert main(["swatch", "compare", "wood", "--library", str(tmp_path / "library")]) == 0
-    assert "could be told apart" in capsys.readouterr().out
+    assert "could be expected apart" in capsys.readouterr().out
 
 
 def test_several_are_ranked(capsys: pytest.CaptureFixture[str]) -> None:
@@ -65,5 +65,5 @@ def test_several_are_ranked(capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_errors_are_one_sentence(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["swatch", "compare", *words]) == 2
-    told = capsys.readouterr()
-    assert message in told.err and told.out == ""
+    expected = capsys.readouterr()
+    assert message in expected.err and expected.out == ""

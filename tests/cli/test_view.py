@@ -24,10 +24,10 @@ def test_mesh_is_drawn_with_a_swatch_in_the_size_asked_for(
 ) -> None:
     out = tmp_path / "plate.png"
     code = main(["view", plate, "--unit", "m", "--swatch", "wood", "--size", "300", "240", "--dark", "--out", str(out)])
-    said = capsys.readouterr()
-    if code == 2 and "no GL" in said.err:
-        pytest.skip(said.err)
-    assert code == 0 and "plate.png" in said.out
+    output = capsys.readouterr()
+    if code == 2 and "no GL" in output.err:
+        pytest.skip(output.err)
+    assert code == 0 and "plate.png" in output.out
     with Image.open(out) as image:
         pixels = np.asarray(image.convert("RGB")).astype(int)
     assert pixels.shape == (240, 300, 3) and pixels[0, 0].max() < 50
@@ -48,8 +48,8 @@ def test_what_cannot_be_drawn_is_one_line(
     plate: str, arguments: list[str], error: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["view", plate, "--unit", "m", *arguments]) == 2
-    said = capsys.readouterr().err
-    assert error in said and said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert error in output and output.count("\n") == 1
     assert not Path(arguments[1]).exists()
 
 

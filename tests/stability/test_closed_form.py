@@ -1,4 +1,6 @@
-"""The formulas among themselves: each is a case or a limit of another, or of the characteristic polynomial."""
+"""The closed forms agree with each other: each is a case or a limit of another, or of the characteristic
+polynomial.
+"""
 
 import math
 
@@ -14,7 +16,7 @@ masses, ticks, shares = st.floats(0.01, 1.0), st.floats(1e-4, 1e-2), st.floats(1
 
 @settings(max_examples=10, deadline=None)
 @given(masses, ticks, shares)
-def test_polynomial_holds_the_cases_without_wall_damping(mass: float, tick: float, share: float) -> None:
+def test_polynomial_without_wall_damping(mass: float, tick: float, share: float) -> None:
     damping = share * mass / tick
     zero, one = form.limit_without_delay(mass, damping, tick), form.limit_with_one_delay(mass, damping, tick)
     assert form.limit_of_small_motion(mass, damping, tick) == pytest.approx(zero, rel=1e-6)
@@ -23,13 +25,13 @@ def test_polynomial_holds_the_cases_without_wall_damping(mass: float, tick: floa
 
 @settings(max_examples=10, deadline=None)
 @given(masses, ticks, st.floats(0.01, 1.99))
-def test_polynomial_holds_wall_damping(mass: float, tick: float, beta: float) -> None:
+def test_polynomial_with_wall_damping(mass: float, tick: float, beta: float) -> None:
     wall = beta * mass / tick
     expected = form.limit_with_wall_damping(mass, wall, tick)
     assert form.limit_of_small_motion(mass, 0.0, tick, 0, wall) == pytest.approx(expected, rel=1e-6)
 
 
-def test_the_limit_is_where_a_root_leaves() -> None:
+def test_a_root_leaves_the_unit_circle_at_the_limit() -> None:
     rng = np.random.default_rng(5)
     for _ in range(40):
         delay, damping = int(rng.integers(0, 6)), 10.0 ** rng.uniform(-4, 2)
@@ -53,20 +55,20 @@ def test_apex() -> None:
     assert beta[alpha.argmax()] == pytest.approx(form.APEX_BETA, abs=2e-5)
 
 
-def test_overdamped_device_flips_before_it_turns() -> None:
+def test_a_root_of_an_overdamped_device_leaves_through_minus_one() -> None:
     for delta, flips in ((3.7, False), (3.75, True)):
         turning = form.limit_without_delay(1.0, delta, 1.0)
         assert (form.limit_of_small_motion(1.0, delta, 1.0) < turning * (1.0 - 1e-6)) == flips
 
 
-def test_no_damping_no_limit() -> None:
+def test_the_limit_is_zero_without_damping() -> None:
     assert form.limit_without_delay(1.0, 0.0, 1.0) == form.limit_with_one_delay(1.0, 0.0, 1.0) == 0.0
     assert form.limit_of_small_motion(1.0, 0.0, 1.0) == 0.0
     assert form.limit_with_wall_damping(1.0, 2.5, 1.0) == 0.0
 
 
-def test_speed_and_bounce_agree_on_what_is_lossless() -> None:
-    """Where hold and dampers balance, a bounce gives back its speed, and friction has no speed to be a limit of."""
+def test_peak_speed_and_restitution_agree_on_the_lossless_case() -> None:
+    """If hold and dampers balance, a bounce keeps its speed, and there is no limit of the speed."""
     tick, damping = 1e-3, 0.1
     stiffness = 2.0 * damping / tick
     assert form.restitution(0.05, stiffness, tick, 0, damping) == pytest.approx(1.0)

@@ -39,7 +39,7 @@ def page(browser: Browser, tmp_path: Path) -> Iterator[Page]:
 
 
 def test_a_page_adds_paints_tunes_and_removes(page: Page) -> None:
-    rows, said = page.locator("#bodies tr"), page.locator("#said")
+    rows, text = page.locator("#bodies tr"), page.locator("#text")
     expect(rows).to_have_count(1, timeout=120_000)
     page.click("#add button")
     expect(rows).to_have_count(2)
@@ -48,10 +48,10 @@ def test_a_page_adds_paints_tunes_and_removes(page: Page) -> None:
     expect(page.locator("#tune option")).to_have_text(["plain", "wood", "leather"])
     page.locator("#tune select").select_option("wood")
     page.locator("#tune input").fill("300")
-    expect(said).to_have_text("done: tune")
+    expect(text).to_have_text("done: tune")
     page.click("#resume")
-    expect(said).to_contain_text("nothing to resume")
-    expect(said).to_have_class("wrong")
+    expect(text).to_contain_text("nothing to resume")
+    expect(text).to_have_class("wrong")
     if "HAPSCENE_PICTURE" in os.environ:
         page.screenshot(path=os.environ["HAPSCENE_PICTURE"])
     rows.nth(1).locator("button").click()

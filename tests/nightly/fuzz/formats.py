@@ -47,7 +47,7 @@ from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 from hapscene.swatches import library
-from hapscene.teleoperation.datagram import MESSAGE, Gate, pack
+from hapscene.teleoperation.datagram import MESSAGE, DatagramFilter, pack
 
 Files = Mapping[str, bytes]
 """Contents by name: the file that is broken first, then those beside it."""
@@ -337,7 +337,7 @@ def datagram() -> Files:
 
 def read_datagram(path: Path) -> None:
     message = np.zeros(1, MESSAGE)[0]
-    Gate(0).admit(path.read_bytes(), message)
+    DatagramFilter(0).accept(path.read_bytes(), message)
     assert all(np.isfinite(message[name]).all() for name in MESSAGE.names or ()), "let in, and no number"
 
 

@@ -1,4 +1,4 @@
-"""A session keeps every answer, and goes on where it was: killed at any time, in the same order."""
+"""Sessions: a killed session resumes in the same order."""
 
 import os
 import random
@@ -14,9 +14,9 @@ from hapscene.study.plan import parse_plan
 from hapscene.study.results_file import load_rows
 from hapscene.study.session import Session
 from tests.study.plans import TEXT
-from tests.study.test_session import answers, sit, whole
+from tests.study.test_session import answer_trials, answers, complete
 
-__all__ = ["whole"]  # fixtures
+__all__ = ["complete"]  # fixtures
 
 
 PLAN = parse_plan(TEXT.replace("trials = 20", "trials = 6"))
@@ -38,10 +38,9 @@ with Session(PLAN, sys.argv[2], "P01") as session:
 
 
 def killed(folder: Path, times: int, draw: random.Random) -> int:
-    """Sits in processes, each killed without warning after some answers; how many rows were torn.
-
-    Every answer that a process has told of is in the file afterwards. Half of the times, what a kill in the middle of
-    a write leaves is added, as the row is too short to be caught in it often.
+    """Run sessions in processes that are killed after some answers; return the number of incomplete rows. Every
+    answer that a process has printed must be in the file. In half of the cases the start of a row is appended,
+    as a kill during a write would leave it.
     """
     torn = 0
     for _ in range(times):
@@ -50,15 +49,15 @@ def killed(folder: Path, times: int, draw: random.Random) -> int:
             stdout=subprocess.PIPE,
             text=True,
         ) as process:
-            told = -1
+            shown = -1
             for _ in range(draw.randint(1, 6)):
-                told = int(process.stdout.readline() or told)
+                shown = int(process.stdout.readline() or shown)
             os.kill(process.pid, signal.SIGKILL)
-            told = max([told, *(int(line) for line in process.stdout if line.endswith("\n"))])
+            shown = max([shown, *(int(line) for line in process.stdout if line.endswith("\n"))])
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # should the kill have torn a row
             rows = load_rows(folder / "results.csv")
-        assert [int(row["trial"]) for row in rows] == list(range(len(rows))) and len(rows) > told
+        assert [int(row["trial"]) for row in rows] == list(range(len(rows))) and len(rows) > shown
         if draw.random() < 0.5:
             with (folder / "results.csv").open("ab") as file:
                 file.write(b"P01,0,headphones,"[: draw.randint(1, 17)])
@@ -69,15 +68,15 @@ def killed(folder: Path, times: int, draw: random.Random) -> int:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such kill")
-def test_killed_it_goes_on_at_the_next_trial(whole: list[dict[str, str]], tmp_path: Path) -> None:
+def test_a_killed_session_resumes(complete: list[dict[str, str]], tmp_path: Path) -> None:
     assert killed(tmp_path, 4, random.Random(3)) > 0
-    sit(PLAN, tmp_path, "P01")
-    assert answers(tmp_path) == whole
+    answer_trials(PLAN, tmp_path, "P01")
+    assert answers(tmp_path) == complete
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(10))
-def test_killed_at_random_again_and_again(whole: list[dict[str, str]], tmp_path: Path, seed: int) -> None:
+def test_repeated_kills(complete: list[dict[str, str]], tmp_path: Path, seed: int) -> None:
     killed(tmp_path, 8, random.Random(seed))
-    sit(PLAN, tmp_path, "P01")
-    assert answers(tmp_path) == whole
+    answer_trials(PLAN, tmp_path, "P01")
+    assert answers(tmp_path) == complete

@@ -18,7 +18,7 @@ __all__ = ["ask"]  # fixtures
 
 
 @pytest.mark.parametrize(("scheme", "width"), [("light", 1000), ("dark", 390)])
-def test_a_person_answers_by_keys_and_buttons(
+def test_answers_by_keys_and_buttons(
     ask: Callable[..., Asked], browser: Any, scheme: str, width: int, tmp_path: Path
 ) -> None:
     server, session, _ = ask()
@@ -36,8 +36,8 @@ def test_a_person_answers_by_keys_and_buttons(
             assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth"), screen
 
         looked_at("begin")
-        assert "free will" in tab.inner_text("#consent") and "3 for practice" in tab.inner_text("#practice-count")
-        tab.click("text=I agree: begin")
+        assert "free will" in tab.inner_text("#consent") and "3 practice questions" in tab.inner_text("#practice-count")
+        tab.click("text=I agree; begin")
         tab.wait_for_selector("#trial:not([hidden])")
         looks, asked = set(), 0
         while session.trial is not None:
@@ -63,7 +63,7 @@ def test_a_person_answers_by_keys_and_buttons(
                 tab.keyboard.press("2")
             until(lambda: (session.done, len(server._practice)) != before)  # noqa: B023
             asked += 1
-            if asked == 5:  # the tab is closed by mistake
+            if asked == 5:  # the tab was closed
                 tab.reload()
                 tab.wait_for_selector("#trial:not([hidden]), #break:not([hidden])")
         looked_at("end")
@@ -73,9 +73,7 @@ def test_a_person_answers_by_keys_and_buttons(
     assert all(0.0 <= float(row["latency_s"]) < 120.0 for row in rows)
 
 
-def test_the_page_times_the_answer_from_the_end_of_what_was_played(
-    ask: Callable[..., Asked], browser: Any, tmp_path: Path
-) -> None:
+def test_response_time_starts_at_the_end_of_playback(ask: Callable[..., Asked], browser: Any, tmp_path: Path) -> None:
     server, session, player = ask(PLAN.replace("practice = 1", ""))
     with browser.new_context() as context:
         context.set_default_timeout(120_000)
@@ -85,7 +83,7 @@ def test_the_page_times_the_answer_from_the_end_of_what_was_played(
         tab.wait_for_selector("#trial:not([hidden])")
         player.free.clear()
         tab.keyboard.press("Space")
-        time.sleep(3.0)  # it plays
+        time.sleep(3.0)  # playing
         player.free.set()
         tab.wait_for_selector("#choices button:enabled")
         ended_s = time.monotonic()
@@ -94,4 +92,4 @@ def test_the_page_times_the_answer_from_the_end_of_what_was_played(
         until(lambda: session.done == 1)
         most_s = time.monotonic() - ended_s
     latency_s = float(load_rows(tmp_path / "answers" / "results.csv")[0]["latency_s"])
-    assert 0.5 <= latency_s < most_s + 2.5  # the time in which it played is not in it
+    assert 0.5 <= latency_s < most_s + 2.5  # playback is not included
