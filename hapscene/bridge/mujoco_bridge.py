@@ -91,7 +91,8 @@ class MuJoCo(Bridge):
 
         self.model, self.data = model, data
         if not (isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData)):
-            raise SceneError(f"expected mujoco.MjModel and MjData, got {type(model).__name__}")
+            given = f"{type(model).__name__} and {type(data).__name__}"
+            raise SceneError(f"got {given}; expected mujoco.MjModel and mujoco.MjData")
         if (len(data.qpos), len(data.xpos), len(data.geom_xpos)) != (model.nq, model.nbody, model.ngeom):
             raise SceneError("the data belongs to another model; create it by mujoco.MjData(model)")
         self.step_s = float(model.opt.timestep)

@@ -61,6 +61,10 @@ BATCH_MAX: Final = 1000
 
 KINDS: Final = {"began": 1, "crossed": 2, "ended": 3}
 
+BUSY: Final = "another client is here"
+NO_SESSION: Final = "no such session"
+"""Errors that clients recognise by their text (docs/bridge-protocol.md): part of the protocol."""
+
 Answer = bytes | Future[bytes] | None
 """The answer to a packet: immediate, after an order is executed, or none."""
 
@@ -191,7 +195,7 @@ class BridgeServer:
         session = self._session
         if session is None or (packet.key, address) != (session.key, session.address):
             self.counts["forged"] += 1
-            return self._refuse(packet, "unknown session; send HELLO first") if packet.kind in (FRAME, ORDER) else None
+            return self._refuse(packet, NO_SESSION) if packet.kind in (FRAME, ORDER) else None
         self._received_s = self._clock.now_s()
         if packet.kind == FRAME:
             return self._process_frame(session, packet)
@@ -210,7 +214,7 @@ class BridgeServer:
             return session.welcome  # the first answer was lost
         if session is not None and self._clock.now_s() - self._received_s < SILENT_S:
             self.counts["busy"] += 1
-            return self._refuse(packet, "another client is connected")
+            return self._refuse(packet, BUSY)
         if hello.get("version") != VERSION:
             return self._refuse(packet, f"unsupported protocol version; expected {VERSION}")
         key = secrets.randbits(64) or 1

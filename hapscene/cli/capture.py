@@ -76,7 +76,7 @@ def fit(
     A recording needs acceleration; force and speed make the texture depend on them.
     Sliding, taps and pressing are found in the recording.
 
-    Examples:
+    examples:
       hapscene capture fit oak.csv --rate 10000 --units acceleration=g,force=N
       hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch \\
           --units 'acceleration=98 m/s2'
@@ -146,7 +146,7 @@ def batch(
     completed fits; a recording with unchanged content and options is skipped. Exit
     codes: 0 success; 1 some fits failed, listed at the end; 130 Ctrl-C.
 
-    Examples:
+    examples:
       hapscene capture batch recordings/ --rate 10000 --units acceleration=g
       hapscene capture batch --list files.csv --out swatches --jobs 4
       hapscene capture batch recordings/ --scheduler tcp://head:8786
@@ -207,7 +207,7 @@ def report(
 ) -> None:
     """Write a report on the quality of a swatch: verdict, plots, figures, missing measurements.
 
-    Examples:
+    examples:
       hapscene capture report wood                             # to wood.html
       hapscene capture report oak.swatch oak.csv --rate 10000 \\
           --units acceleration=m/s2,force=N
@@ -266,7 +266,7 @@ def record(
     docs/probe-protocol.md specifies the protocol of a probe. Exit codes: 0 success;
     1 it ended early, for example because the probe was disconnected.
 
-    Examples:
+    examples:
       hapscene capture record --port /dev/ttyUSB0
       hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz
       hapscene capture record --port /dev/ttyUSB0 --live --force-range 0.5 2
@@ -325,7 +325,7 @@ def coverage(
 ) -> None:
     """Print which forces and speeds a recording covers, and what to record in addition.
 
-    Examples:
+    examples:
       hapscene capture coverage stroke.hsrec
       hapscene capture coverage oak.csv --rate 10000 --force-range 0.5 2 \\
           --units acceleration=m/s2,speed=mm/s,force=N
@@ -359,7 +359,7 @@ def join(
     that the files share, or of all their streams. If the correlation has no clear
     peak, the command fails and writes nothing.
 
-    Examples:
+    examples:
       hapscene capture join handle.csv plate.wav -o oak.npz --rate 1000
       hapscene capture join recording-1.hsrec recording-2.hsrec -o oak.npz
       hapscene capture fit oak.npz --units 'acceleration=98 m/s2'

@@ -53,7 +53,7 @@ def list_devices(
 ) -> None:
     """List the device drivers, the connected devices, and how to make the others ready.
 
-    Examples:
+    examples:
       hapscene device list
       hapscene device list --option library=/opt/openhaptics/libHD.so
     """
@@ -109,7 +109,7 @@ def try_device(
     You move the device through its workspace, then it renders a small force. The
     force stays below 0.5 N until you confirm a larger one.
 
-    Examples:
+    examples:
       hapscene device try haply2diy
       hapscene device try falcon --option firmware=falcon.bin
     """
@@ -161,7 +161,7 @@ def identify(
     The result has a confidence interval for each parameter. Give one source:
     --simulated, --port or --from.
 
-    Examples:
+    examples:
       hapscene device identify --simulated
       hapscene device identify --port /dev/ttyACM0 --grips 5 --out out/mine
       hapscene device identify --from a.csv b.csv --rate 10000 -o my.handle \\
@@ -261,7 +261,7 @@ def play_file(
     Without --handle, the handle is simulated: its vibration is written as
     felt.wav, and compared with the recording in felt.png.
 
-    Examples:
+    examples:
       hapscene device play-file touch.npz --handle-file my.handle --out out/felt
       hapscene device play-file oak.csv --rate 10000 --compensator inverse \\
           --units acceleration=m/s2

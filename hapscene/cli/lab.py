@@ -49,7 +49,7 @@ Docs = Annotated[Path | None, Parameter(metavar="FOLDER", help="Folder to write 
 def effects() -> None:
     """List the installed effects with their parameters, units and defaults.
 
-    Examples:
+    examples:
       hapscene lab effects
     """
     from hapscene.surface.effect_registry import listed
@@ -74,7 +74,7 @@ def effects() -> None:
 def warmup(*, quick: Annotated[bool, Help("Compile only the functions that a first touch needs")] = False) -> None:
     """Compile all functions in advance, so that later commands start without delay.
 
-    Examples:
+    examples:
       hapscene lab warmup
       hapscene lab warmup --quick
     """
@@ -113,7 +113,7 @@ def stability(
     For each rate and delay, virtual walls of increasing stiffness and damping are
     touched in simulation; the region is where the device comes to rest.
 
-    Examples:
+    examples:
       hapscene lab stability --device omni --rate 1000,5000,10000 --delay 0,1
       hapscene lab stability --device premium-1.5 --scene demo.scene.json
     """
@@ -162,7 +162,7 @@ def run_bench(
 
     Exit codes: 0 success; 1 with --against, this checkout is more than 3 % slower.
 
-    Examples:
+    examples:
       hapscene lab bench
       hapscene lab bench --quick --out out/quick
       hapscene lab bench --from out/bench/bench.csv --out out/again
@@ -191,7 +191,7 @@ def compare(
     only if both were measured on the same idle machine; the output states whether
     the machines are the same.
 
-    Examples:
+    examples:
       hapscene lab bench compare docs/bench/bench.csv out/bench/bench.csv
     """
     check_evidence()
@@ -217,7 +217,7 @@ def chart(
     Each question becomes a picture; chart.html shows all of them, chart.csv has the
     figures. If interrupted, run the same command again to resume.
 
-    Examples:
+    examples:
       hapscene lab chart
       hapscene lab chart scene.scene.json --only mesh,force-rate --out out/mine
       hapscene lab chart --quick --jobs 1
@@ -246,7 +246,7 @@ def reproduce(
 ) -> None:
     """Reproduce the haptography paper: figures and numbers beside the published ones, on one page.
 
-    Examples:
+    examples:
       hapscene lab reproduce
       hapscene lab reproduce --recordings recordings --out out/paper
     """
@@ -279,7 +279,7 @@ def tune(
     the time of a tick on this machine. `hapscene touch --fidelity` applies the
     result. Exit codes: 0 success; 1 the difference or the time budget is exceeded.
 
-    Examples:
+    examples:
       hapscene tune demo.scene.json --explain
       hapscene tune bunny.ply --unit m --swatch wood -o bunny.fidelity.json
       hapscene touch demo.scene.json --fidelity demo.fidelity.json

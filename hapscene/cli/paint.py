@@ -53,7 +53,7 @@ def paint(
 ) -> None:
     """Paint swatches onto a scene or mesh in the browser, and touch it with the mouse.
 
-    Examples:
+    examples:
       hapscene paint                         # a copy of the demo scene
       hapscene paint cup.scene.json
       hapscene paint bunny.ply --unit m --swatch wood

@@ -66,7 +66,7 @@ def play(
 
     Exit codes with --replay: 0 the forces are equal; 1 they differ.
 
-    Examples:
+    examples:
       hapscene play                                     # demo scene, by mouse
       hapscene play demo.scene.json --handle audio
       hapscene play demo.scene.json --device openhaptics
@@ -193,7 +193,7 @@ def serve(
     clients in several languages, and a page that tunes, paints, adds and removes
     bodies. For a MuJoCo model, its bodies are served without its physics.
 
-    Examples:
+    examples:
       hapscene serve cup.scene.json --ws 47701
       hapscene serve crate.stl --unit m --swatch wood --device premium-1.5
     """

@@ -42,7 +42,7 @@ def view(
 ) -> None:
     """Draw a scene, with or without a recorded touch of it, as an image or video.
 
-    Examples:
+    examples:
       hapscene view demo
       hapscene view bunny.ply --unit m --swatch wood --out bunny.gif --size 480 360
       hapscene view desk.scene.json --touch out/desk/touch.npz --out desk.mp4
@@ -93,7 +93,7 @@ def check(
     safely. Exit codes: 0 no defects; 1 a mesh has defects or cannot be rendered;
     2 a file cannot be read; for several meshes, the highest of these.
 
-    Examples:
+    examples:
       hapscene check demo
       hapscene check part.stl --unit mm
       hapscene check part.stl --unit mm --fix part_mended.ply
@@ -195,7 +195,7 @@ def convert(
       .hjif                           export of a swatch as MPEG haptics: texture at
                                       1 N and 0.1 m/s for 2 s, then its taps
 
-    Examples:
+    examples:
       hapscene convert desk.scene.json              # to desk.glb
       hapscene convert desk.scene.json desk.ply
       hapscene convert desk.glb                     # to desk.scene.json

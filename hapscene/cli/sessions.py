@@ -73,7 +73,7 @@ def run(
     Each answer is written to disk before the next question. After Ctrl-C or a
     crash, run the same command with the same --participant to resume.
 
-    Examples:
+    examples:
       hapscene lab study run life.toml
       hapscene lab study run life.toml --participant P07 --out out/life
     """
@@ -161,7 +161,7 @@ def report(
 ) -> None:
     """Write a report on a study: thresholds, d′ and ratings with confidence intervals.
 
-    Examples:
+    examples:
       hapscene lab study report out/life
     """
     from hapscene.study.study_report import write_report
@@ -207,7 +207,7 @@ def follower(
 
     It waits for a leader, ends with it, and prints a summary as JSON.
 
-    Examples:
+    examples:
       hapscene lab teleoperate follower --swatch wood
       hapscene lab teleoperate follower --host 192.168.0.7 --allow 192.168.0.8
     """
@@ -231,7 +231,7 @@ def leader(
 
     When it ends, it prints a summary as JSON.
 
-    Examples:
+    examples:
       hapscene lab teleoperate leader --duration 10
       hapscene lab teleoperate leader --host 192.168.0.7 --grip firm
     """

@@ -43,7 +43,7 @@ def list_swatches(
     Each term must match: a word in name or description, the tool or tip of the
     recording, or a comparison of a property. Exit codes: 0 success; 1 no match.
 
-    Examples:
+    examples:
       hapscene swatch list
       hapscene swatch search wood "friction<0.4" "roughness>=1"
       hapscene swatch search tool:probe tip:ball
@@ -83,7 +83,7 @@ def _print_entries(groups: Mapping[str, Sequence[Any]], as_json: bool = False) -
 def show(swatch: Annotated[str, Help("Name of a swatch, or .swatch file")], /, *, library: Library = None) -> None:
     """Print the properties of a swatch, its origin and licence.
 
-    Examples:
+    examples:
       hapscene swatch show wood
       hapscene swatch show oak.swatch
     """
@@ -105,7 +105,7 @@ def add(
 ) -> None:
     """Add swatch files to the library.
 
-    Examples:
+    examples:
       hapscene swatch add oak.swatch
       hapscene swatch add oak.swatch --name 'oak, oiled'
     """
@@ -123,7 +123,7 @@ def add(
 def remove(names: Annotated[list[str], Help("Names of swatches")], /, *, library: Library = None) -> None:
     """Remove swatches from the library, and delete their files.
 
-    Examples:
+    examples:
       hapscene swatch remove oak
     """
     from hapscene.swatches import library as known
@@ -145,7 +145,7 @@ def get(
 
     Without names, the available swatches are listed.
 
-    Examples:
+    examples:
       hapscene swatch get --from https://example.org/swatches/
       hapscene swatch get oak birch --from https://example.org/swatches/
     """
@@ -180,7 +180,7 @@ def import_files(
 
     Models_X.xml and Taps_X.xml of the same X become one swatch.
 
-    Examples:
+    examples:
       hapscene swatch import Models_oak.xml Taps_oak.xml -o swatches
       hapscene swatch import Models10000Hz/XML Taps/XML -o swatches
     """
@@ -215,7 +215,7 @@ def compare(
 
     Differences are in just-noticeable differences (JND).
 
-    Examples:
+    examples:
       hapscene swatch compare wood paper
       hapscene swatch compare mine.swatch            # against the shipped swatches
       hapscene swatch compare mine.swatch --library swatches/
@@ -303,7 +303,7 @@ def publish(
     the site, and the pages also open as local files. `swatch get` downloads from
     it. Other files in the folder are not changed.
 
-    Examples:
+    examples:
       hapscene swatch publish site
       hapscene swatch publish site oak.swatch wood --title "Woods"
       python -m http.server --directory site

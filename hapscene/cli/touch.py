@@ -48,7 +48,7 @@ def demo(
     The scene has three bodies with four surfaces whose textures were fitted to
     recordings. To touch it yourself, run `hapscene play`.
 
-    Examples:
+    examples:
       hapscene demo
       hapscene demo --out out/first --dark
     """
@@ -139,7 +139,7 @@ def touch(
     device, which contact forces move. The results are touch.npz and touch.csv
     (every tick), summary.json, plots.png, scene.png and feel.wav (vibration).
 
-    Examples:
+    examples:
       hapscene touch demo               # an asset: demo, bracket, plate, toad
       hapscene touch bunny.ply --unit m --swatch wood
       hapscene touch demo.scene.json --path hand.csv --out out/hand

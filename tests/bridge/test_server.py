@@ -148,7 +148,7 @@ def test_there_is_one_client_at_a_time(served: Here, client: Client) -> None:
     client.close()
     other = Client(served)
     other.close()
-    with pytest.raises(ConnectionError, match="up is y or z"):
+    with pytest.raises(ConnectionError, match="up 'x'"):
         Client(served, up="x")
     client.__init__(served)  # type: ignore[misc]  # for the fixture to close
 

@@ -145,7 +145,7 @@ def test_packets_in_binary_messages(served: Here, designer: Designer) -> None:
     assert "done" in designer.order("counts")
     stranger = Line(served)
     stranger.send(pack(Packet(FRAME, key, 2, pack_frame(Frame(None, 0, ())))))
-    assert b"unknown session" in stranger.recv(100)
+    assert b"no such session" in stranger.recv(100)
     wire.send(pack(Packet(7, key, 2, b"")))
 
 

@@ -142,7 +142,7 @@ def test_every_command_has_help_with_examples_in_80_columns(
     for words in commands:
         assert main([*words, "--help"]) == 0
         output = capsys.readouterr().out
-        assert f"Examples:\n  hapscene {' '.join(words)}" in output, words
+        assert f"examples:\n  hapscene {' '.join(words)}" in output, words
         assert all(len(line) <= 80 for line in output.splitlines()), words
 
 
@@ -238,7 +238,7 @@ def test_effects_are_listed_with_units(capsys: pytest.CaptureFixture[str]) -> No
     assert main(["lab", "effects"]) == 0
     output = capsys.readouterr().out
     assert "wall  (hapscene" in output and "damping_Ns_m" in output and "N·s/m" in output
-    assert "settings={'guide': {…}} takes its parameters, points_m, normal, bodies\n" in output
+    assert "settings={'guide': {…}} sets its parameters, points_m, normal, bodies\n" in output
 
 
 def test_check_and_fix(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

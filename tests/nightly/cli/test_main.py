@@ -43,7 +43,7 @@ def test_help_and_version_are_fast() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "Examples:\n  hapscene touch" in done.stdout
+    assert "examples:\n  hapscene touch" in done.stdout
 
 
 CODE = "import sys; from hapscene.cli import main; sys.exit(main(sys.argv[1:]))"
