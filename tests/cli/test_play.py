@@ -24,8 +24,8 @@ compiled = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes lon
 @compiled
 def test_play_for_a_second(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["play", DEMO, "--device", "simulated", "--seconds", "1", "--option", "grip=firm"]) == 0
-    expected = capfd.readouterr().out
-    assert "ticks, " in expected and "later than a period: " in expected and "worst tick " in expected
+    output = capfd.readouterr().out
+    assert "ticks, " in output and "later than a period: " in output and "worst tick " in output
 
 
 @pytest.mark.parametrize(

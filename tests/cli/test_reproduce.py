@@ -11,9 +11,7 @@ from hapscene_evidence.paper.prediction_figure import two_materials
 from hapscene_evidence.paper.reproduction import MADE
 
 
-def test_writes_a_page_and_its_numbers(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_page_and_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reproduction, "FIGURES", {"fig2": ("two materials", two_materials)})
     assert main(["lab", "reproduce", "--out", str(tmp_path / "out")]) == 0
     output = capsys.readouterr().out
@@ -25,17 +23,17 @@ def test_writes_a_page_and_its_numbers(
     assert len(rows) == 4 and rows[0]["unit"] == "N" and 1.0 < float(rows[0]["ours"]) < 1.4
 
 
-def test_without_a_checkout_it_says_what_is_missing(
+def test_without_the_benchmarks(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hapscene.cli.lab.find_spec", lambda name: None)
     for command in ("bench", "chart", "reproduce"):
         assert main(["lab", command, "--out", str(tmp_path / "out")]) == 2
-        assert "checkout" in capsys.readouterr().err
+        assert "clone" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_an_interrupt_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(*arguments: object) -> None:
         raise KeyboardInterrupt
 
@@ -53,7 +51,7 @@ def test_an_interrupt_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyP
         (["--out", "file"], "file: is a file; expected a folder"),
     ],
 )
-def test_refuses(
+def test_invalid_options(
     arguments: list[str],
     output: str,
     tmp_path: Path,

@@ -1,4 +1,4 @@
-"""`hapscene paint` as a process, and what it opens."""
+"""`hapscene paint` as a process."""
 
 import errno
 import os
@@ -44,7 +44,7 @@ def served(folder: Path, *command: str) -> Iterator[tuple[subprocess.Popen[str],
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="pages are reserved on Linux")
-def test_a_hand_that_cannot_start_is_told_on_terminal_and_page(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_that_cannot_start_is_reported(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*asked: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -73,7 +73,7 @@ def test_a_hand_that_cannot_start_is_told_on_terminal_and_page(folder: Path, mon
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is no signal there")
 @pytest.mark.parametrize("kind", ENDS)
-def test_it_serves_until_it_is_ended_and_leaves_nothing_behind(folder: Path, kind: signal.Signals) -> None:
+def test_signals_end_the_painter_without_files(folder: Path, kind: signal.Signals) -> None:
     with served(folder, "-m", "hapscene") as (process, url):
         with urllib.request.urlopen(url, timeout=60.0) as answer:
             assert b"/hapscene.js" in answer.read()
@@ -86,7 +86,7 @@ def test_it_serves_until_it_is_ended_and_leaves_nothing_behind(folder: Path, kin
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is no signal there")
-def test_what_is_not_saved_is_kept_when_it_is_ended(folder: Path) -> None:
+def test_unsaved_changes_are_kept(folder: Path) -> None:
     (folder / "painter.py").write_text(
         "import sys\n"
         "from hapscene.cli import main\n"
