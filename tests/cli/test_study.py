@@ -29,7 +29,7 @@ question = "Which is rougher?"
 """
 
 CARD = '''
-"""The part of sounddevice that headphones use, with a simulated sound card.
+"""The part of sounddevice that headphones use, with a simulated sound card."""
 import threading, time
 from types import SimpleNamespace
 import numpy as np

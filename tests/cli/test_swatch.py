@@ -46,7 +46,7 @@ def test_one_surface_is_ranked_against_the_library(tmp_path: Path, capsys: pytes
     assert ranked[0]["second"] == "oak" and len(ranked) == 4
     assert "broken.swatch" in output.err
     assert main(["swatch", "compare", "wood", "--library", str(tmp_path / "library")]) == 0
-    assert "could be output apart" in capsys.readouterr().out
+    assert "1.4 JND" in capsys.readouterr().out
 
 
 def test_several_surfaces_are_ranked(capsys: pytest.CaptureFixture[str]) -> None:

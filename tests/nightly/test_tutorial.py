@@ -82,7 +82,7 @@ def test_commands_say_what_the_tutorial_says(told: Told) -> None:
     check = next(said for line, said in told.said.items() if line.startswith("hapscene check"))
     assert "80 mm × 56 mm × 32 mm" in check and "WARNING" not in check and "ERROR" not in check
     export = next(said for line, said in told.said.items() if line.startswith("hapscene convert pebble.scene"))
-    assert "does not come back from this format" in export
+    assert "not stored in this format" in export
 
 
 def test_painting_is_felt_and_comes_back(told: Told) -> None:
