@@ -10,7 +10,7 @@ from hapscene.scene.mesh import Mesh
 
 
 def meshes(kind):
-    """One shape with decreasing numbers of faces; the box has the same shape in all of them."""
+    """One shape with decreasing numbers of faces; all boxes have the same shape."""
     creation = trimesh.creation
     if kind == "sphere":
         made = [creation.icosphere(subdivisions=n, radius=0.05) for n in (4, 3, 2)]

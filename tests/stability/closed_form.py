@@ -4,7 +4,7 @@
     wall      F = K x + B Δx/T, with depth x in encoder steps Δ, sampled once per tick; F is applied d ticks later
 
 δ = bT/m, a = e^(−δ), e = 1 − a. [pub] marks published formulas; [drv] marks formulas derived here or where stated,
-which are exact up to rounding. The simulation does not use any of them.
+which are exact up to rounding. The simulation does not use these formulas.
 """
 
 import math
