@@ -1,9 +1,9 @@
-"""Evidence: what is measured of hapscene. Installed as `hapscene_evidence` from a checkout; it is not in the wheel.
+"""Benchmarks, charts and the reproduction of the paper. Installed from a checkout as `hapscene_evidence`.
 
-| package | does |
+| package | content |
 |---|---|
-| `bench` | time and accuracy of the tick, other renderers beside it: `hapscene lab bench` |
-| `chart` | speed against accuracy, eight questions: `hapscene lab chart` |
-| `paper` | the haptography paper, its figures and numbers beside ours: `hapscene lab reproduce` |
-| `page` | the pages of all three, as Markdown and as HTML |
+| `bench` | time and accuracy of the tick, comparison with other renderers: `hapscene lab bench` |
+| `chart` | speed against accuracy for eight questions: `hapscene lab chart` |
+| `paper` | the haptography paper, its numbers beside those found here: `hapscene lab reproduce` |
+| `page` | pages of all three, as Markdown and HTML |
 """

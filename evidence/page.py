@@ -1,6 +1,7 @@
-"""The page writer of benchmark, chart and paper: headings, text, pictures and tables, as Markdown or HTML."""
+"""Pages of benchmark, chart and paper: headings, text, pictures and tables, written as Markdown or HTML."""
 
 import base64
+import re
 import textwrap
 from collections.abc import Callable, Sequence
 from html import escape
@@ -22,14 +23,14 @@ th, td { text-align: left; vertical-align: top; padding: 5px 10px 5px 0; border-
 """
 
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-"""Content security policy of the HTML: it loads nothing and runs nothing."""
+"""Content security policy of the HTML: no external resources and no scripts."""
 
 Part = tuple[Callable[[Path], str], Callable[[], str]]
-"""A part of a page: what gives its Markdown, seen from a folder, and its HTML."""
+"""A part of a page: functions that return its Markdown, with links relative to a folder, and its HTML."""
 
 
 class Page:
-    """A page that is filled from top to bottom. All text is plain: HTML escapes it."""
+    """A page that is filled from top to bottom. Text is plain; HTML escapes it."""
 
     def __init__(self, title: str) -> None:
         self.title = title
@@ -42,16 +43,16 @@ class Page:
 
     def text(self, text: str, strong: bool = False) -> None:
         """Add a paragraph."""
-        said = paragraph(text)
-        html = f"<strong>{escape(said)}</strong>" if strong else escape(said)
-        self._add(f"**{said}**\n" if strong else f"{said}\n", f"<p>{html}</p>")
+        filled = paragraph(text)
+        html = f"<strong>{escaped(filled)}</strong>" if strong else escaped(filled)
+        self._add(f"**{filled}**\n" if strong else f"{filled}\n", f"<p>{html}</p>")
 
     def markdown_only(self, text: str) -> None:
-        """Add text that is Markdown already, and that the HTML does not show."""
+        """Add Markdown that the HTML omits."""
         self._add(text, "")
 
     def picture(self, path: Path, alt: str) -> None:
-        """Add a chart that `hapscene.view.chart.save_both` wrote, light and dark; HTML embeds it."""
+        """Add a picture that `hapscene.view.chart.save_both` wrote, for light and dark pages; HTML embeds it."""
 
         def embedded() -> str:
             light, dark = (
@@ -64,15 +65,15 @@ class Page:
         self._parts.append((lambda folder: picture(path.relative_to(folder).as_posix(), alt) + "\n", embedded))
 
     def drawing(self, svg: str, title: str, caption: str) -> None:
-        """Add a drawing of `hapscene.view.chart.inline_svg`, which HTML alone shows."""
+        """Add a drawing of `hapscene.view.chart.inline_svg`; Markdown omits it."""
         labelled = svg.replace("<svg", f'<svg role="img" aria-label="{escape(caption or title)}"', 1)
-        told = f"<figcaption>{escape(caption)}</figcaption>"
-        self._add("", f"<figure><h3>{escape(title)}</h3>{labelled}{told}</figure>")
+        text = f"<figcaption>{escape(caption)}</figcaption>"
+        self._add("", f"<figure><h3>{escape(title)}</h3>{labelled}{text}</figure>")
 
     def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], fold: str = "") -> None:
-        """Add a table. With `fold` only HTML has it, folded under that summary."""
-        titles = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-        lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+        """Add a table. With `fold` it is folded under that summary in HTML, and Markdown omits it."""
+        titles = "".join(f"<th>{escaped(cell)}</th>" for cell in head)
+        lines = "".join(f"<tr>{''.join(f'<td>{escaped(cell)}</td>' for cell in row)}</tr>" for row in rows)
         html = f'<div class="table"><table><tr>{titles}</tr>{lines}</table></div>'
         if fold:
             self._add("", f"<details><summary>{escape(fold)}</summary>{html}</details>")
@@ -80,12 +81,12 @@ class Page:
             self._add(table(head, rows), html)
 
     def markdown(self, folder: Path) -> str:
-        """The page as Markdown, to be written into `folder`."""
+        """Return the page as Markdown, to be written into `folder`."""
         parts = [part(folder) for part, _ in self._parts]
         return "\n".join([f"# {self.title}\n", *filter(None, parts)])
 
     def html(self) -> str:
-        """The page as one HTML file that needs no other."""
+        """Return the page as self-contained HTML."""
         body = "\n".join([f"<h1>{escape(self.title)}</h1>", *(part() for _, part in self._parts)])
         return (
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -98,19 +99,24 @@ class Page:
         self._parts.append((lambda _: markdown, lambda: html))
 
 
+def escaped(text: str) -> str:
+    """Return text as HTML, with `code` as an element."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
+
+
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
+    """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def paragraph(text: str) -> str:
-    """Text filled to lines of 120 characters."""
+    """Return text filled to lines of 120 characters."""
     return textwrap.fill(" ".join(text.split()), 120, break_long_words=False, break_on_hyphens=False)
 
 
 def shown(value: float) -> str:
-    """A number with three figures."""
+    """Return a number with three significant digits."""
     if value == 0.0:
         return "0"
     if abs(value) >= 100.0:

@@ -49,7 +49,7 @@ STIFFNESS_N_M = 500.0  # of the spring between leader and follower
 FRICTION = 0.5  # of the crate on the table, as above
 OMNI_N_M = 2310.0  # of the leader's arm, up and down, between the tip and its encoders: by its data sheet
 
-Intent = hapscene.loop.Intent
+ReferenceTrajectory = hapscene.loop.ReferenceTrajectory
 model = mujoco.MjModel.from_xml_string(ARM)
 data = mujoco.MjData(model)
 data.qpos[:3] = (0.0, -0.6, 1.5)
@@ -68,7 +68,7 @@ def move(*points: tuple[float, float, float]) -> hapscene.teleoperation.Operatio
     x, z, t_s = np.transpose(points)
     now_s = np.arange(0.0, t_s[-1], 1e-3)
     target_m = 1e-3 * np.column_stack((np.interp(now_s, t_s, x), 0.0 * now_s, np.interp(now_s, t_s, z)))
-    return operation.run(Intent.along(target_m, "medium"))
+    return operation.run(ReferenceTrajectory.along(target_m, "medium"))
 
 
 pressed = move((0, 0, 0.2), (0, -55, 0.7), (0, -55, 1.5))  # the table is 48 mm below the tip's ball

@@ -26,7 +26,7 @@ from hapscene.render.recording import Recording
 if TYPE_CHECKING:
     from hapscene.bridge import MuJoCo
     from hapscene.fidelity.fidelity import Fidelity
-    from hapscene.loop import Intent, Twin
+    from hapscene.loop import ReferenceTrajectory, Twin
     from hapscene.scene.scene import Scene
 
 __all__ = [
@@ -336,7 +336,7 @@ def touch(
 def touch_by_hand(
     scene: "Scene",
     out: str | Path,
-    intent: "Intent",
+    intent: "ReferenceTrajectory",
     ready: Callable[[], "Twin"],
     *,
     title: str = "",
@@ -362,7 +362,7 @@ def touch_by_hand(
         HapsceneError: what the twin refuses.
         OSError: the folder cannot be written.
     """
-    from hapscene.loop.result import summarise_feel
+    from hapscene.loop.result import summarise_result
     from hapscene.view.plot import write_hand_plot
 
     _check_memory(len(intent), TICK_S, ACCELERATION_RATE_HZ, _FEEL_B)
@@ -373,7 +373,7 @@ def touch_by_hand(
         with step(say, f"living through {len(intent) * twin.renderer.tick_s:.1f} s"):
             feel = twin.run(intent) if bridge is None else bridge.run_twin(twin, intent)
         _give_cautions(scene, feel.recording, say, caution)
-        hand = {**told, **summarise_feel(feel)}
+        hand = {**told, **summarise_result(feel)}
         missing = write_touch(
             scene, feel.recording, folder, title, with_picture, say, feel.a_handle_m_s2, dark, hand=hand
         )

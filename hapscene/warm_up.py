@@ -11,13 +11,13 @@ from hapscene.clock import VIRTUAL, new_clock
 from hapscene.compiled.native import compiling
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.contact.moving import place_bodies
-from hapscene.contact.proxy import put
+from hapscene.contact.proxy import place_proxy
 from hapscene.device.driver_registry import DeviceChoice
 from hapscene.device.model import IDEAL
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
 from hapscene.device.stabilisers import couple, guard
-from hapscene.loop import Intent, Twin
+from hapscene.loop import ReferenceTrajectory, Twin
 from hapscene.loop.driver import CHANNEL, drive
 from hapscene.render.describe import shade
 from hapscene.render.renderer import EFFECTS, Renderer
@@ -38,7 +38,7 @@ ABOVE_M: Final = (0.0, 0.0, 0.06)
 ALL_EFFECTS: Final = (*EFFECTS, "puncture", "guide", "magnet", "viscosity", "weight")
 _SETTINGS: Final = {"guide": {"points_m": [[0.0, 0.0, 1.0]]}, "magnet": {"points_m": [[0.0, 0.0, 1.0]]}}
 
-_FIRST: Final = (tick, run_ticks, put)
+_FIRST: Final = (tick, run_ticks, place_proxy)
 _LATER: Final = (*(place_bodies, couple, guard, shade, render_fields, drive, operate, step_leader, step_follower),)
 """What is declared, so that the progress line knows its total: the large functions."""
 
@@ -90,7 +90,7 @@ def _close_the_loop(scene: Scene) -> None:
     from hapscene.handle import Plant
 
     for device, handle in ((PointMass(0.045, 0.1, 0.26, 5.5e-5), None), (Omni(), Plant())):
-        Twin(scene, device, handle=handle).run(Intent.hold(ABOVE_M, 2))
+        Twin(scene, device, handle=handle).run(ReferenceTrajectory.hold(ABOVE_M, 2))
 
 
 def _serve(scene: Scene) -> None:
@@ -98,7 +98,7 @@ def _serve(scene: Scene) -> None:
     from hapscene.device.safety import resume_safety, simulated_safety
     from hapscene.loop.empty_loop import loop_empty
     from hapscene.loop.heartbeat import _beat
-    from hapscene.loop.servo_process import Desk
+    from hapscene.loop.servo_process import OrderHandler
     from hapscene.loop.shared_memory import open_channel
     from hapscene.loop.timing import TIMING, Timer
     from hapscene.records import records
@@ -115,13 +115,13 @@ def _serve(scene: Scene) -> None:
         twin.safety = simulated_safety()
         channel = open_channel(16, twin.renderer.block, bodies=len(scene.bodies))
         try:
-            desk = Desk(scene, [twin], channel, clock=virtual)
-            desk.start([ABOVE_M], np.zeros(3))
-            desk.rest()
-            resume_safety(twin.body.safety[0])
-            desk.end()
+            handler = OrderHandler(scene, [twin], channel, clock=virtual)
+            handler.start([ABOVE_M], np.zeros(3))
+            handler.pause()
+            resume_safety(twin.tool.safety[0])
+            handler.end()
         finally:
-            del twin, desk  # they look at the memory that is given back
+            del twin, handler  # they look at the memory that is given back
             channel.close(unlink=True)
 
 
@@ -135,7 +135,7 @@ def _teleoperate() -> None:
     from hapscene.teleoperation.operation import UP, Operation, follower_renderer
     from hapscene.teleoperation.plate import START_M, plate
 
-    scene, coupling, intent = plate(SWATCH), Coupling(), Intent.hold(START_M, 2)
+    scene, coupling, intent = plate(SWATCH), Coupling(), ReferenceTrajectory.hold(START_M, 2)
     Operation(scene, START_M).run(intent)
     renderer = follower_renderer(scene)  # owns the memory that the compiled tick of the follower reads
     follower = new_follower(renderer, Omni(), coupling, START_M, UP)

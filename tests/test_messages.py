@@ -141,7 +141,7 @@ CALLS: dict[str, Callable[[], object]] = {
     "an unknown device": lambda: renderer(device="omi"),
     "a device that cannot hold the stiffness": lambda: hapscene.Renderer(scene("steel"), device="omni"),
     "a limit below zero": lambda: Limits(force_N=-1.0),
-    "an unknown moving body": lambda: renderer().moving(["crate"]),
+    "an unknown moving body": lambda: renderer().moving_bodies(["crate"]),
 }
 """Calls of the library; the errors and warnings that they raise."""
 

@@ -39,7 +39,7 @@ def things() -> Iterator[list[Any]]:
     p_WT = np.linspace([0.0, 0.0, 0.02], [0.01, 0.0, 0.009], 50)
     recording = renderer.run(p_WT)
     twin = hapscene.loop.Twin(scene, "omni", handle=hapscene.handle.Plant())
-    intent = hapscene.loop.Intent.along(p_WT, "light")
+    intent = hapscene.loop.ReferenceTrajectory.along(p_WT, "light")
     feel = twin.run(intent)
     noise = np.random.default_rng(0).standard_normal(4000)
     operation = hapscene.teleoperation.Operation(scene, p_WT[0])

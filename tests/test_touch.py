@@ -176,7 +176,7 @@ def test_faces_that_are_turned_away_are_told_of() -> None:
 
 def test_a_hand_that_touches_nothing_is_told_why(tmp_path: Path) -> None:
     from hapscene.device.sim.point import PointMass
-    from hapscene.loop import Intent, Twin
+    from hapscene.loop import ReferenceTrajectory, Twin
 
     said: list[str] = []
     into = line((0.001, 0.002, 0.02), (0.001, 0.002, 0.001))
@@ -185,7 +185,9 @@ def test_a_hand_that_touches_nothing_is_told_why(tmp_path: Path) -> None:
     def ready() -> Twin:
         return Twin(made_of, PointMass(0.045, 0.1, 0.26, 5.5e-5))
 
-    touch_by_hand(made_of, tmp_path / "out", Intent.along(into, "light"), ready, with_picture=False, say=said.append)
+    touch_by_hand(
+        made_of, tmp_path / "out", ReferenceTrajectory.along(into, "light"), ready, with_picture=False, say=said.append
+    )
     assert "nothing was touched: the path goes through 'bowl'" in "".join(said)
 
 

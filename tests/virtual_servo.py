@@ -11,7 +11,7 @@ import numpy as np
 from hapscene.device.driver import Connection, new_state
 from hapscene.errors import HapsceneError
 from hapscene.loop import Servo
-from hapscene.loop.servo_process import Desk, open_twins
+from hapscene.loop.servo_process import OrderHandler, open_twins
 from hapscene.loop.session_log import settings_of
 from hapscene.loop.shared_memory import Channel
 from tests.virtual_clock import VirtualClock
@@ -31,19 +31,19 @@ class VirtualServo(Servo):
 
     def _begin(self, shared: Channel) -> None:
         try:
-            self._process = self._wire = _Here(self._made, shared, self.clock)
+            self._process = self._wire = _Here(self._arguments, shared, self.clock)
         except HapsceneError:
             self._process = None
             raise
-        self._told_made = self._wire.desk.made
+        self._renderer_arguments = self._wire.handler.made
         self._asked = np.zeros(1, np.int64)
-        self._pulse = shared.channel["pulse"].view(np.ndarray)
+        self._pulse = shared.channel["heartbeat"].view(np.ndarray)
 
     @property
-    def desk(self) -> Desk:
+    def handler(self) -> OrderHandler:
         """What answers the orders."""
-        desk: Desk = self._wire.desk
-        return desk
+        handler: OrderHandler = self._wire.handler
+        return handler
 
     def advance(self, ticks: int) -> None:
         """Let so many ticks go by."""
@@ -51,7 +51,7 @@ class VirtualServo(Servo):
             for _ in range(ticks):
                 if not self.alone:
                     self._pulse[0] += 1
-                self.desk.advance(1)
+                self.handler.advance(1)
 
     def until(self, true: Callable[[], Any], ticks: int = TICKS_MAX) -> Any:
         """Tick until something comes true; what it then is."""
@@ -75,7 +75,7 @@ class _Here:
         try:
             twins = open_twins(made, self._opened)
             settings = settings_of([twin.renderer for twin in twins], made.get("settings"))
-            self.desk = Desk(made["scene"], twins, shared, folder, settings, clock.buffer)
+            self.handler = OrderHandler(made["scene"], twins, shared, folder, settings, clock.buffer)
         except BaseException:
             self._close()
             raise
@@ -85,7 +85,7 @@ class _Here:
     def send_bytes(self, pickled: Any) -> None:
         order, arguments = ForkingPickler.loads(pickled)
         with self.lock:
-            self._answers.append(ForkingPickler.dumps(self.desk.answer(order, arguments)))
+            self._answers.append(ForkingPickler.dumps(self.handler.answer(order, arguments)))
 
     def poll(self, timeout_s: float) -> bool:
         return bool(self._answers)
@@ -94,7 +94,7 @@ class _Here:
         return ForkingPickler.loads(self._answers.popleft())
 
     def send(self, word: Any) -> None:
-        self.desk.end()
+        self.handler.end()
         self._close()
         self.exitcode = 0
 

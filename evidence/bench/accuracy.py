@@ -1,4 +1,4 @@
-"""How far force and proxy are from the truth, on a sphere: its facets, and the round surface that they stand for."""
+"""Errors of force and proxy on a sphere, against its facets and against the round surface."""
 
 from typing import Final
 
@@ -14,14 +14,14 @@ from .sheet import Sheet
 Array = NDArray[np.float64]
 
 DEPTH_MIN_M: Final = 1e-4
-"""Depth from which a direction is judged [m]."""
+"""Penetration depth above which the direction is judged [m]."""
 
 NEIGHBOURS: Final = 48
-"""Facets looked at for each tick, those with the nearest middles [count]: the nearest plane is among them."""
+"""Facets with the nearest centroids that are searched in each tick [count]; the nearest plane is among them."""
 
 
 def measure_accuracy(sheet: Sheet, case: Case, recording: Recording) -> None:
-    """Force against the sphere's normal; proxy against the facets, and against their point closest to the tool."""
+    """Measure the force against the sphere's normal, and the proxy against facets, closest point and round surface."""
     on = recording.touching & (recording.depth_m > DEPTH_MIN_M)
     tool, proxy, force = recording.p_WT_m[on], recording.p_WP_m[on], recording.f_W_N[on]
     sheet.add_spread(case.name, "force direction error", angle_deg(force, tool), "°")
@@ -32,16 +32,16 @@ def measure_accuracy(sheet: Sheet, case: Case, recording: Recording) -> None:
 
 
 def angle_deg(a: Array, b: Array) -> Array:
-    """Angles (n,) [°] between vectors (n, 3): of a force and a tool below a sphere about the origin, its error."""
+    """Return the angles (n,) [°] between vectors (n, 3); for force and tool position on a sphere, the force's error."""
     sine = np.linalg.norm(np.cross(a, b), axis=1)
     return np.asarray(np.degrees(np.arctan2(sine, np.einsum("ni,ni->n", a, b))))
 
 
 def distances(corners_m: Array, proxy_m: Array, tool_m: Array) -> tuple[Array, Array]:
-    """Of proxies (n, 3) to a convex body's facets (n,), negative inside; and to the point closest to the tool (n,).
+    """Return the distances (n,) of proxies (n, 3) to a convex body, and to its point closest to the tool.
 
-    Inside a convex body the distance to its surface is that to the nearest facet's plane, exactly; the closest point is
-    the foot on that plane.
+    The first is negative inside. Inside a convex body the distance to the surface is that to the nearest plane of a
+    facet, and the closest point is the foot of the perpendicular on that plane.
     """
     middle = corners_m.mean(axis=1)
     n = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])

@@ -1,4 +1,4 @@
-"""Whole tick and `step` of this checkout against another one's: both run in turn, and ratios of pairs are compared."""
+"""Time of tick and `step` of this checkout against another one: both run alternately, and pairs are compared."""
 
 import json
 import os
@@ -28,19 +28,19 @@ PACKAGES: Final = {
     "hapscene_assets": "assets",
     "hapscene_swatches": "swatches",
 }
-"""Import names, and their folders in a checkout."""
+"""Folder in a checkout by import name."""
 
-FIGURES: Final = {"tick": "whole tick", "step": "`step` from Python"}
+FIGURES: Final = {"tick": "tick", "step": "`step` from Python"}
 
 SUBDIVISIONS, TICKS, PASSES = 6, 3000, 8
-"""The sphere, the length of the path, and how often each of a pair of processes runs it [count]."""
+"""Subdivisions of the sphere, ticks of the path, runs of each process [count]."""
 
 SLOWER: Final = 1.03
-"""Ratio above which this checkout counts as slower [1]."""
+"""Ratio of times above which this checkout counts as slower [1]."""
 
 
 class Compared(NamedTuple):
-    """A figure of both checkouts: medians [µs], and the ratio of each round's pair."""
+    """A time of both checkouts: medians [µs], and the ratio in each round."""
 
     name: str
     ours_us: float
@@ -49,19 +49,19 @@ class Compared(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """Median of the rounds' ratios, this checkout's time over the other's."""
+        """Median over the rounds of this checkout's time over the other's."""
         return float(np.median(self.ratios))
 
 
 def compare_checkouts(other: Path, rounds: int, say: Callable[[str], None]) -> list[Compared]:
-    """Time both checkouts in turn: in each round two new processes run the same path alternately.
+    """Time both checkouts: in each round two new processes run the same path alternately.
 
     Raises:
-        HapsceneError: `other` is no checkout of hapscene; a process fails.
+        HapsceneError: `other` is not a checkout of hapscene, or a process fails.
     """
     if not all((other / folder).is_dir() for folder in PACKAGES.values()):
         raise HapsceneError(f"{other}: not a checkout of hapscene; expected the folders {', '.join(PACKAGES.values())}")
-    times: list[list[dict[str, float]]] = []  # of each round, this checkout's and the other's
+    times: list[list[dict[str, float]]] = []  # per round: this checkout, the other one
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         save_mesh(sphere(SUBDIVISIONS), work / "sphere.ply")
@@ -84,18 +84,18 @@ def compare_checkouts(other: Path, rounds: int, say: Callable[[str], None]) -> l
 
 
 def lines(found: list[Compared]) -> list[str]:
-    """What is printed of a comparison."""
-    said = [f"{'':20} this [µs]  other [µs]  this over other, median (least–greatest of the rounds)"]
+    """Return the lines that are printed for a comparison."""
+    printed = [f"{'':20} this [µs]  other [µs]  this over other, median (minimum–maximum of the rounds)"]
     for one in found:
         verdict = f"slower by more than {100 * (SLOWER - 1):.0f} %" if one.ratio > SLOWER else "not slower"
         spread = f"({min(one.ratios):.3f}–{max(one.ratios):.3f})"
-        said.append(f"{one.name:20} {one.ours_us:9.3f}  {one.theirs_us:10.3f}  {one.ratio:.3f} {spread}: {verdict}")
-    return said
+        printed.append(f"{one.name:20} {one.ours_us:9.3f}  {one.theirs_us:10.3f}  {one.ratio:.3f} {spread}: {verdict}")
+    return printed
 
 
 @contextmanager
 def _worker(checkout: Path, work: Path) -> Iterator["subprocess.Popen[str]"]:
-    """A process that imports hapscene from a checkout, ready to run the path."""
+    """Start a process that imports hapscene from a checkout and runs the path on request."""
     links = work / checkout.as_posix().strip("/").replace("/", "-")
     links.mkdir(exist_ok=True)
     for name, folder in PACKAGES.items():
@@ -114,7 +114,7 @@ def _worker(checkout: Path, work: Path) -> Iterator["subprocess.Popen[str]"]:
 
 
 def _run(process: "subprocess.Popen[str]") -> dict[str, float]:
-    """Times of one run of the path [µs]."""
+    """Run the path once; return the times [µs]."""
     assert process.stdin is not None and process.stdout is not None
     try:
         process.stdin.write("run\n")
@@ -123,6 +123,6 @@ def _run(process: "subprocess.Popen[str]") -> dict[str, float]:
     except OSError:
         answer = ""
     if not answer:
-        raise HapsceneError("a process that was to be timed ended: its error is above")
+        raise HapsceneError("a timed process ended early: its error is printed above")
     found: dict[str, float] = json.loads(answer)
     return found

@@ -1,6 +1,6 @@
-"""A process of `against`: runs a path over a mesh for each line that it reads, and prints the times of each run.
+"""Worker process of `against`: runs a path over a mesh for each input line, and prints the times.
 
-It imports hapscene of whichever checkout PYTHONPATH names, and so uses its public interface alone.
+It imports hapscene from the checkout in PYTHONPATH and therefore uses only the public interface.
 """
 
 import json

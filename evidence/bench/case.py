@@ -1,4 +1,4 @@
-"""What the benchmark touches: spheres of five sizes and a path over them, both made; the zoo's, where it is there."""
+"""Cases of the benchmark: spheres of five sizes with a generated path, and meshes and paths of the zoo if present."""
 
 import math
 from dataclasses import dataclass
@@ -23,48 +23,47 @@ SUBDIVISIONS: Final = (3, 5, 6, 7, 8)
 """Subdivisions of the icosahedron [count]: 1 k, 20 k, 82 k, 328 k and 1.31 M triangles."""
 
 START_M: Final = 0.07
-"""Distance from the centre at which a path starts and ends [m]."""
+"""Distance from the centre at which the path starts and ends [m]."""
 
 PRESS_M: Final = 0.002
-"""Depth that the tool slides at [m], on average."""
+"""Mean depth of the slide [m]."""
 
 WIGGLES: Final = ((3.0, 0.9e-3), (17.0, 0.3e-3))
-"""Frequency [Hz] and amplitude [m] of what the depth does while it slides."""
+"""Frequencies [Hz] and amplitudes [m] of the variation of the depth."""
 
 SLIDE_M_S: Final = 0.1
 """Speed of the slide [m/s]."""
 
 EASE_S: Final = 1.0
-"""How long the approach takes, and the leaving [s]."""
+"""Duration of approach and of retreat [s]."""
 
 TILT: Final = 0.3
-"""Turns of the slide's great circle about the vertical in one round of it [1]: no track is felt twice."""
+"""Rotation of the great circle of the slide per revolution [1], so that no track is touched twice."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A mesh and a path over it. `round` is True where the mesh is the sphere of `RADIUS_M` about the origin."""
+    """A mesh and a path over it."""
 
     name: str
     mesh: Mesh
     p_WT_m: Array
-    round: bool
 
     def scene(self, swatch: Swatch | None = None) -> Scene:
-        """A scene of the one body."""
+        """Return a scene of the mesh."""
         scene = Scene()
         scene.add(self.mesh, name="body", swatch=swatch)
         return scene
 
 
 def sphere(subdivisions: int) -> Mesh:
-    """Icosphere of `RADIUS_M` about the origin: 20 · 4^subdivisions faces."""
+    """Return an icosphere of `RADIUS_M` about the origin with 20 · 4^subdivisions faces."""
     made = icosphere(subdivisions=subdivisions, radius=RADIUS_M)
     return Mesh(vertices_m=np.asarray(made.vertices), faces=np.asarray(made.faces, np.int32))
 
 
 def slide_path(tick_count: int = 10_000) -> Array:
-    """Tool (n, 3) [m] over the sphere: approach, press, slide at `SLIDE_M_S` with wiggling depth, leave."""
+    """Return tool positions (n, 3) [m]: approach, press, slide at `SLIDE_M_S` with varying depth, retreat."""
     t_s = np.arange(tick_count) * TICK_S
     end_s = tick_count * TICK_S
     ease_s = min(EASE_S, end_s / 4)
@@ -77,7 +76,7 @@ def slide_path(tick_count: int = 10_000) -> Array:
 
 
 def _around(angle_rad: Array) -> Array:
-    """Directions (n, 3) after ways (n,) [rad] along a great circle that slowly turns."""
+    """Return directions (n, 3) at arc lengths (n,) [rad] along a slowly rotating great circle."""
     turn = np.linspace(0.0, angle_rad.max() + 1.0, 20_000)
     x, y, z = np.cos(turn), np.sin(turn) * math.sqrt(0.5), np.sin(turn) * math.sqrt(0.5)
     c, s = np.cos(TILT * turn), np.sin(TILT * turn)
@@ -88,7 +87,7 @@ def _around(angle_rad: Array) -> Array:
 
 
 def zoo_cases(zoo: Path) -> list[Case]:
-    """The zoo's own slide path over the sphere of 82 k triangles, and its bunny."""
+    """Return the cases of the zoo: its slide path over the sphere of 82 k triangles, and its bunny."""
     meshes: list[tuple[str, Mesh, str]] = [("zoo sphere 82 k", sphere(6), "slide_sph1k.npz")]
     with np.load(zoo / "mesh_bunny.npz", allow_pickle=False) as arrays:
         bunny = Mesh(vertices_m=arrays["vertices_m"], faces=arrays["faces"])
@@ -96,16 +95,16 @@ def zoo_cases(zoo: Path) -> list[Case]:
     cases = []
     for name, mesh, path in meshes:
         with np.load(zoo / path, allow_pickle=False) as arrays:
-            cases.append(Case(name, mesh, np.ascontiguousarray(arrays["tool_m"]), mesh is not bunny))
+            cases.append(Case(name, mesh, np.ascontiguousarray(arrays["tool_m"])))
     return cases
 
 
 def sphere_cases(subdivisions: tuple[int, ...], tick_count: int) -> list[Case]:
-    """The made cases."""
+    """Return the sphere cases."""
     path = slide_path(tick_count)
-    return [Case(f"sphere {short(20 * 4**k)}", sphere(k), path, True) for k in subdivisions]
+    return [Case(f"sphere {short(20 * 4**k)}", sphere(k), path) for k in subdivisions]
 
 
 def short(count: int) -> str:
-    """A count as it stands in a table: 1280 as "1 k", 1310720 as "1.31 M"."""
+    """Return a rounded count: "1 k" for 1280, "1.31 M" for 1310720."""
     return f"{count / 1e6:.2f} M" if count >= 1e6 else f"{round(count / 1e3)} k"

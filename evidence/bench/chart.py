@@ -1,6 +1,5 @@
-"""The charts of a benchmark, drawn from its sheet."""
+"""Charts of a benchmark, drawn from its sheet."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -16,37 +15,29 @@ if TYPE_CHECKING:
 
 OURS: Final = OKABE_ITO["blue"]
 ROUNDING_M: Final = 1e-18
-"""Where an error of zero is drawn [m]: float64's rounding at the scale of a millimetre."""
+"""Value at which an error of zero is drawn [m]: rounding of float64 at the scale of a millimetre."""
 
 
 def write_charts(sheet: Sheet, folder: Path) -> list[Path]:
-    """Write those charts as PNG, on light and on dark ground, whose figures the sheet has; return their paths."""
-    charts: dict[str, tuple[bool, int, Callable[..., None]]] = {
-        "speed": (bool(sheet.cases("sphere ")), 2, _draw_speed),
-        "accuracy": (bool(sheet.cases("sphere ")), 2, _draw_accuracy),
-        "crowd": (bool(sheet.cases("1 body")), 1, _draw_crowd),
-    }
-    made = []
-    for name, (known, panels, draw) in charts.items():
-        if known:
-            made += _write(folder / f"{name}.png", panels, sheet, draw)
+    """Write the charts whose figures are in the sheet as PNG, for light and dark pages; return their paths."""
+    made: list[Path] = []
+    if not sheet.cases("sphere "):
+        return made
+    for name, draw in (("speed", _draw_speed), ("accuracy", _draw_accuracy)):
+        with new_chart(10.0, 4.8, style={"axes.titlesize": 11.5}) as figure:
+            draw(sheet, *figure.subplots(1, 2))
+            made += save_both(figure, folder / f"{name}.png")
     return made
 
 
-def _write(path: Path, panels: int, sheet: Sheet, draw: Callable[..., None]) -> list[Path]:
-    with new_chart(min(6.8 * panels, 10.0), 4.8, style={"axes.titlesize": 11.5}) as figure:
-        draw(sheet, *figure.subplots(1, panels, squeeze=False)[0])
-        return save_both(figure, path)
-
-
 def _spheres(sheet: Sheet) -> tuple[list[str], list[float]]:
-    """Names of the sphere cases, and their triangles."""
+    """Return the names of the sphere cases, and their numbers of triangles."""
     names = [name for name in sheet.cases("sphere ") if (name, "triangles") in sheet]
     return names, [sheet.number(name, "triangles") for name in names]
 
 
 def _draw_speed(sheet: Sheet, left: "Axes", right: "Axes") -> None:
-    """Contact time over mesh size, and the whole tick over the texture's order."""
+    """Draw contact time over mesh size, and tick time over the order of the texture."""
     names, triangles = _spheres(sheet)
     for quantile, style, width in (("median", "-", 2.6), ("p99", ":", 1.6)):
         times = [sheet.number(name, f"contact {quantile}") for name in names]
@@ -62,17 +53,17 @@ def _draw_speed(sheet: Sheet, left: "Axes", right: "Axes") -> None:
     orders = [order for order in ORDERS if (f"tick, order {order}", "tick median") in sheet]
     for quantile, style in (("median", "-"), ("p99", ":")):
         times = [sheet.number(f"tick, order {order}", f"tick {quantile}") for order in orders]
-        right.plot(orders, times, color=OURS, marker="o", linestyle=style, label=f"whole tick, {quantile}")
+        right.plot(orders, times, color=OURS, marker="o", linestyle=style, label=f"tick, {quantile}")
     contact = [sheet.number(f"tick, order {order}", "contact median") for order in orders]
     right.plot(orders, contact, color=OKABE_ITO["purple"], marker="v", label="its contact part, median", linewidth=1.2)
     right.set(xlabel="order of the texture's AR model", ylabel="time per tick [µs]", xticks=orders)
     right.set_ylim(bottom=0)
-    right.set_title("Tick with wall, friction, texture and tap; 82 k triangles")
+    right.set_title("Tick with five effects; 82 k triangles")
     right.legend(loc="upper left")
 
 
 def _draw_accuracy(sheet: Sheet, left: "Axes", right: "Axes") -> None:
-    """Error of the force's direction, and gap to the mesh, against contact time."""
+    """Draw the direction error of the force, and the distance to the mesh, against contact time."""
     names, triangles = _spheres(sheet)
     times = [sheet.number(name, "contact median") for name in names]
     for quantile, style, fill in (("median", "-", OURS), ("p99", ":", "white")):
@@ -80,7 +71,7 @@ def _draw_accuracy(sheet: Sheet, left: "Axes", right: "Axes") -> None:
         label = f"hapscene, {quantile}"
         left.plot(times, errors, color=OURS, marker="o", linestyle=style, markerfacecolor=fill, label=label)
     gaps = [max(sheet.number(name, "proxy to facets max"), ROUNDING_M) * 1e6 for name in names]
-    right.plot(times, gaps, color=OURS, marker="o", label="hapscene, largest")
+    right.plot(times, gaps, color=OURS, marker="o", label="hapscene, maximum")
     for x, error, gap, count in zip(times, errors, gaps, triangles, strict=True):
         for ax, y in ((left, error), (right, gap)):
             ax.annotate(short(int(count)), (x, y), (7, 3), textcoords="offset points", fontsize=8.5)
@@ -89,7 +80,7 @@ def _draw_accuracy(sheet: Sheet, left: "Axes", right: "Axes") -> None:
         ax.set_xlim(0.15, 4)
         _plain_ticks(ax, x=(0.2, 0.5, 1, 2, 4))
     left.set_ylabel("angle to the sphere's normal [°]")
-    left.set_title("Direction of the force: the facets' own error (hollow: p99)")
+    left.set_title("Direction of the force; hollow: p99")
     _plain_ticks(left, y=(0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10))
     left.legend(loc="upper right", fontsize=8.5)
     right.set_ylabel("distance from the proxy to the mesh [µm]")
@@ -98,20 +89,8 @@ def _draw_accuracy(sheet: Sheet, left: "Axes", right: "Axes") -> None:
     right.legend(loc="best", fontsize=8.5)
 
 
-def _draw_crowd(sheet: Sheet, ax: "Axes") -> None:
-    """Contact among many bodies."""
-    names = [name for name in (*sheet.cases("1 body"), *sheet.cases("10")) if (name, "bodies") in sheet]
-    bodies = [sheet.number(name, "bodies") for name in names]
-    ax.plot(bodies, [sheet.number(name, "contact median") for name in names], color=OURS, marker="o")
-    ax.set(xscale="log", yscale="log", xlabel="bodies", ylabel="time per tick, median [µs]")
-    ax.set_xticks(bodies, [f"{count:,.0f}" for count in bodies])
-    _plain_ticks(ax, y=(0.03, 0.1, 0.3, 1, 3, 10))
-    ax.minorticks_off()
-    ax.set_title("Contact among many bodies, the tool slides over one")
-
-
 def _plain_ticks(ax: "Axes", x: tuple[float, ...] = (), y: tuple[float, ...] = ()) -> None:
-    """Numbers as they are spoken on a logarithmic axis."""
+    """Label a logarithmic axis with plain decimal numbers."""
     if x:
         ax.set_xticks(x, [f"{value:g}" for value in x])
         ax.xaxis.minorticks_off()

@@ -1,4 +1,4 @@
-"""Many bodies: time of the contact among them, at rest, and of a step while all of them move."""
+"""Many bodies: time of a step while all bodies move."""
 
 import math
 import time
@@ -11,44 +11,35 @@ from hapscene.render.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 
-from .case import slide_path, sphere
+from .case import sphere
 from .sheet import Sheet
-from .tick_time import hot
 
 Array = NDArray[np.float64]
 
-BODY_COUNTS: Final = (1, 10, 1000)
-"""Bodies of the crowd [count]; the tool slides over the first."""
-
 SPACING_M: Final = 0.2
-"""Of the grid that the bodies stand on [m]: spheres of 0.1 m do not touch."""
+"""Spacing of the grid of bodies [m]; spheres of 0.1 m diameter do not touch."""
 
 SWAY_M, SWAY_HZ = 0.005, 1.6
-"""How far and how often they move to and fro [m], [Hz]: 0.05 m/s at most."""
+"""Amplitude [m] and frequency [Hz] of the motion; at most 0.05 m/s."""
 
 BOUND_COUNTS: Final = (1, 100, 1000)
-"""Bodies that all move, bound to slots, in steps from Python [count]."""
+"""Numbers of moving bodies, stepped from Python."""
 
 MOVING_TICKS: Final = 1000
-"""Ticks with moving bodies [count]: a pose of each body for each tick takes memory."""
+"""Ticks with moving bodies [count]; a pose per body and tick takes memory."""
 
 
-def measure_crowd(sheet: Sheet, tick_count: int, repeats: int) -> None:
-    """Time of the contact among many bodies at rest, and of a step while all of them move."""
-    for count in BODY_COUNTS:
-        name = f"{count} bodies" if count > 1 else "1 body"
-        renderer = Renderer(crowd_of(sphere(3), grid(count)), effects=[])
-        sheet.add(name, "bodies", count, "1")
-        sheet.add_spread(name, "contact", hot(renderer, slide_path(tick_count), repeats).contact_ns, "µs", 1e-3)
+def measure_crowd(sheet: Sheet, repeats: int) -> None:
+    """Measure the time of a step while all bodies move."""
     for count in BOUND_COUNTS:
         measure_bound(sheet, count, repeats)
 
 
 def measure_bound(sheet: Sheet, count: int, repeats: int) -> None:
-    """A whole step from Python, in contact, while all bodies move: their poses written into slots."""
+    """Measure a step from Python in contact while all bodies move; poses are written into slots."""
     place = grid(count)
     renderer = Renderer(crowd_of(sphere(3), place), effects=["wall"])
-    slots = renderer.moving([f"body {i}" for i in range(count)])
+    slots = renderer.moving_bodies([f"body {i}" for i in range(count)])
     X_WB = _sway(place, MOVING_TICKS)
     took_ns = np.zeros((repeats, MOVING_TICKS), np.int64)
     renderer.step((0.0, 0.0, 0.06))
@@ -62,14 +53,14 @@ def measure_bound(sheet: Sheet, count: int, repeats: int) -> None:
 
 
 def grid(count: int) -> Array:
-    """Positions (count, 3) [m] of a cubic grid, the first at the origin."""
+    """Return positions (count, 3) [m] on a cubic grid, the first at the origin."""
     edge = math.ceil(count ** (1 / 3))
     steps = np.stack(np.unravel_index(np.arange(count), (edge, edge, edge)), axis=1)
     return SPACING_M * steps.astype(np.float64)
 
 
 def crowd_of(mesh: Mesh, place: Array) -> Scene:
-    """A scene of bodies of one mesh at places (n, 3) [m]."""
+    """Return a scene of bodies that share a mesh, at positions (n, 3) [m]."""
     scene = Scene()
     for i, p in enumerate(place):
         X_WB = np.eye(4)
@@ -79,7 +70,7 @@ def crowd_of(mesh: Mesh, place: Array) -> Scene:
 
 
 def _sway(place: Array, tick_count: int) -> Array:
-    """Poses (tick_count, m, 4, 4) of bodies that move to and fro about their places (m, 3)."""
+    """Return poses (tick_count, m, 4, 4) of bodies that oscillate about positions (m, 3)."""
     X_WB = np.tile(np.eye(4), (tick_count, len(place), 1, 1))
     X_WB[:, :, :3, 3] = place
     X_WB[:, :, 0, 3] += SWAY_M * np.sin(2 * np.pi * SWAY_HZ * 1e-3 * np.arange(tick_count))[:, None]

@@ -1,5 +1,4 @@
-"""A body of 20,480 faces whose shape changes 60 times a second while it is touched: what that costs, and what it does
-to the ticks beside it."""
+"""A body of 20,480 faces that deforms 60 times a second while it is touched: time of `deform`, and of the ticks."""
 
 import time
 from typing import Final
@@ -21,13 +20,13 @@ PRESSED_M: Final = (0.0, 0.0, RADIUS_M - 0.003)
 
 
 def measure_deform(sheet: Sheet, duration_s: float) -> None:
-    """Note the time of a shape, and how long and late ticks of a servo are with shapes and without."""
+    """Measure the time of `deform`, and duration and latency of servo ticks with and without deformation."""
     scene = Scene()
     body = scene.add(sphere(5), name="body", swatch="wood")
     vertices = np.array(body.mesh.vertices_m)
     shapes = [(1.0 + 0.02 * np.sin(0.3 * k)) * vertices for k in range(21)]
     renderer = Renderer(scene)
-    renderer.deform("body", vertices)  # builds the search
+    renderer.deform("body", vertices)  # builds the search structure
     took = []
     for k in range(200):
         start_s = time.perf_counter()

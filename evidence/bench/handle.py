@@ -1,4 +1,4 @@
-"""The handle's compensators: error of what is felt against what was asked for, and time per sample."""
+"""Compensators of the handle: error of the rendered acceleration, and time per sample."""
 
 import time
 from collections.abc import Iterator
@@ -27,29 +27,29 @@ RATE_HZ: Final = 10_000.0
 DURATION_S: Final = 4.0
 
 SPREAD: Final = 0.3
-"""How far each of the six parameters may be off, evenly distributed [1]."""
+"""Largest relative error of the six parameters, uniformly distributed [1]."""
 
 PLANTS: Final = 100
-"""Handles that are drawn so [count]."""
+"""Number of random handles [count]."""
 
 FIRM: Final = 4.0
-"""How much firmer the grip is, stiffness and damping, where it is firm [1]."""
+"""Factor of stiffness and damping of the firm grip [1]."""
 
 CHUNK: Final = 1000
-"""Samples that are timed at once [count]: short, so that the least of many is undisturbed."""
+"""Samples per timed call [count]: short, so that the minimum of many calls is undisturbed."""
 
 SIGNALS: Final = ("white", "texture", "tap", "chirp")
 
 NOISY: Final = 10.0
-"""How much louder the accelerometer's noise is than that of the assumed one, where it is noisy [1]."""
+"""Factor of the accelerometer's noise in the noisy conditions [1]."""
 
 QUIET: Final = 0.2
-"""What is played of the texture where it is quiet [1]: 0.33 m/s², root mean square."""
+"""Factor of the texture in the noisy conditions [1]: 0.33 m/s² rms."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """How the handle is heard, what is believed of that, and what is played, how many times as loud."""
+    """The actual sensor, the sensor data that the compensator assumes, the signals that are played and their gain."""
 
     sensor: Sensor
     believed: Sensor
@@ -67,30 +67,29 @@ CONDITIONS: Final = {
     "known delay of 0 ms": _known(Sensor()),
     "known delay of 0.3 ms": _known(Sensor(delay_s=0.3e-3)),
     "known delay of 1 ms": _known(Sensor(delay_s=1e-3)),
-    "0.1 ms later than believed": Condition(Sensor(delay_s=0.4e-3), Sensor(delay_s=0.3e-3), SIGNALS),
-    "0.1 ms earlier than believed": Condition(Sensor(delay_s=0.2e-3), Sensor(delay_s=0.3e-3), SIGNALS),
-    "pole at half of what is believed": Condition(Sensor(bandwidth_Hz=0.5 * ACCELEROMETER_HZ), Sensor(), SIGNALS),
+    "delay 0.1 ms longer than assumed": Condition(Sensor(delay_s=0.4e-3), Sensor(delay_s=0.3e-3), SIGNALS),
+    "delay 0.1 ms shorter than assumed": Condition(Sensor(delay_s=0.2e-3), Sensor(delay_s=0.3e-3), SIGNALS),
+    "half the assumed bandwidth": Condition(Sensor(bandwidth_Hz=0.5 * ACCELEROMETER_HZ), Sensor(), SIGNALS),
     f"noise × {NOISY:g}, texture × {QUIET:g}": _known(_NOISY, ("texture",), QUIET),
     f"the same, noise × {NOISY:g} not known": Condition(_NOISY, Sensor(), ("texture",), QUIET),
     "force commanded, tap × 8": _known(Sensor(force_measured=False), ("tap",), 8.0),
     "force commanded, white × 20": _known(Sensor(force_measured=False), ("white",), 20.0),
     "force commanded, texture × 20": _known(Sensor(force_measured=False), ("texture",), 20.0),
 }
-"""Sensors as they are and as they are believed to be; loudest last: the governor then fades most of it."""
+"""Conditions by name. In the last ones the gain is so high that the governor attenuates most of the signal."""
 
 PARAMETERS: Final = tuple(field.name for field in fields(Plant))[:6]
 
 
 @dataclass(frozen=True)
-class Judged:
-    """Spectrogram errors of a compensator on a signal [1].
+class CompensatorErrors:
+    """Spectrogram errors of a compensator for a signal [1].
 
     Attributes:
-        nominal: of the handle that the compensator was made for.
-        median: of handles whose six parameters are off by up to `SPREAD`.
-        p95: of them, what 95 % stay below.
-        firm: of the nominal handle in a grip `FIRM` times as firm.
-        hits: how often the coil met a stop in all of them [count].
+        nominal: error with the handle that the compensator is made for.
+        median, p95: median and 95th percentile for handles whose parameters differ by up to `SPREAD`.
+        firm: error with the nominal handle in a grip that is `FIRM` times as firm.
+        hits: number of times that the coil hit a stop, over all handles [count].
     """
 
     nominal: float
@@ -101,11 +100,11 @@ class Judged:
 
 
 def signals() -> dict[str, Array]:
-    """What is played, each (n,) [m/s²] at `RATE_HZ`: white noise of the band, a texture, taps and a chirp.
+    """Return the signals (n,) [m/s²] at `RATE_HZ`: band-limited white noise, a texture, taps and a chirp.
 
-    The texture is the shipped wood at 1 N and 0.1 m/s, steady. A tap is 20 m/s² at 250 Hz, decaying at 60/s: with the
-    approximate inverse of f₀ = 10 Hz it asks for 2.1 N and 0.43 mm, as the tap of the project's reference does. There
-    are eight, for the error of one depends on where it lies between the spectrogram's windows.
+    The texture is the shipped wood at 1 N and 0.1 m/s without amplitude modulation. A tap is 20 m/s² at 250 Hz,
+    decaying at 60/s; the approximate inverse with f₀ = 10 Hz needs 2.1 N and 0.43 mm for it. There are eight taps,
+    because the error of one depends on its position relative to the spectrogram's windows.
     """
     count = round(DURATION_S * RATE_HZ)
     t_s, rng = np.arange(count) / RATE_HZ, np.random.default_rng(0)
@@ -126,7 +125,7 @@ def signals() -> dict[str, Array]:
 
 
 def plants(count: int = PLANTS, spread: float = SPREAD, seed: int = 0) -> Iterator[Plant]:
-    """Handles with each of the six parameters off the nominal by up to ± `spread`, evenly."""
+    """Return random handles whose six parameters differ from the nominal ones by up to ± `spread`."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
         off = rng.uniform(1.0 - spread, 1.0 + spread, len(PARAMETERS))
@@ -134,7 +133,7 @@ def plants(count: int = PLANTS, spread: float = SPREAD, seed: int = 0) -> Iterat
 
 
 def firm(plant: Plant, factor: float = FIRM) -> Plant:
-    """The same handle in a grip that many times as firm."""
+    """Return the same handle in a grip that is `factor` times as firm."""
     return replace(plant, k_u_N_m=factor * plant.k_u_N_m, b_u_Ns_m=factor * plant.b_u_Ns_m)
 
 
@@ -144,8 +143,8 @@ def judge(
     count: int = PLANTS,
     sensor: Sensor | None = None,
     believed: Sensor | None = None,
-) -> Judged:
-    """The errors of a compensator on a signal (n,) [m/s²], with that sensor, taken for what is believed."""
+) -> CompensatorErrors:
+    """Return the errors of a compensator for a signal (n,) [m/s²], with a sensor and the data assumed about it."""
 
     def error(plant: Plant) -> tuple[float, int]:
         played = play(desired_m_s2, RATE_HZ, plant, compensator=compensator, sensor=sensor, believed=believed)
@@ -153,11 +152,11 @@ def judge(
 
     errors, hits = zip(*map(error, (Plant(), firm(Plant()), *plants(count))), strict=True)
     median, p95 = np.percentile(errors[2:], (50, 95))
-    return Judged(errors[0], float(median), float(p95), errors[1], sum(hits))
+    return CompensatorErrors(errors[0], float(median), float(p95), errors[1], sum(hits))
 
 
 def sample_us(desired_m_s2: Array, compensator: str, repeats: int = 300) -> float:
-    """Time of a sample [µs], plant and all: the least over stretches of `CHUNK`, which nothing else disturbed."""
+    """Return the time per sample including the simulated handle [µs]: the minimum over calls of `CHUNK` samples."""
     handle = new_handle(Plant(), Plant(), compensator, RATE_HZ)[0]
     out, times = np.zeros((4, CHUNK)), []
     for k in range(repeats):
@@ -169,7 +168,7 @@ def sample_us(desired_m_s2: Array, compensator: str, repeats: int = 300) -> floa
 
 
 def measure_handle(sheet: Sheet, count: int = PLANTS) -> None:
-    """Note errors and time of every compensator."""
+    """Measure errors and time of every compensator."""
     played = signals()
     for name in COMPENSATORS:
         case = f"handle, {name}"

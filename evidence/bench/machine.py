@@ -1,4 +1,4 @@
-"""The machine that figures are from: what it can do, not whose it is."""
+"""Properties of the machine that figures are measured on, without its name."""
 
 import ctypes
 import datetime
@@ -22,7 +22,7 @@ PACKAGES: Final = ("numba", "llvmlite", "numpy", "embreex", "trimesh")
 
 
 def describe_machine(sheet: Sheet) -> None:
-    """Note processor, cores, system, versions and date."""
+    """Add processor, cores, system, versions and date to a sheet."""
     sheet.add("machine", "processor", _processor())
     sheet.add("machine", "cores", float(os.cpu_count() or 1))
     sheet.add("machine", "system", f"{platform.system()} {platform.release()} {platform.machine()}")
@@ -34,16 +34,16 @@ def describe_machine(sheet: Sheet) -> None:
 
 
 def machine_words(sheet: Sheet) -> list[str]:
-    """What `describe_machine` noted, each with its name."""
+    """Return the properties that `describe_machine` added, each with its name."""
     noted = [figure for figure in sheet if figure.case == "machine"]
     return [f"{f.name} {f.value:g}" if isinstance(f.value, float) else f"{f.name} {f.value}" for f in noted]
 
 
 def run_python(arguments: list[str], otherwise: str, **environment: str) -> str:
-    """What a fresh Python prints that is given code and its arguments.
+    """Run code in a new Python process with arguments; return what it prints.
 
     Raises:
-        HapsceneError: with the words `otherwise` and its last line, where it fails.
+        HapsceneError: the process fails; the message is `otherwise` and the last line of its error.
     """
     command = [sys.executable, "-c", *arguments]
     done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
@@ -53,7 +53,7 @@ def run_python(arguments: list[str], otherwise: str, **environment: str) -> str:
 
 
 def held_MB(build: Callable[[], object]) -> float:
-    """How much more memory this process has while what is built is held [MB]; NaN where the system does not tell."""
+    """Return the memory of the object that `build` returns [MB]; NaN if the system does not report memory."""
     before_B = _resident_B()
     held = build()
     grown_B = _resident_B() - before_B
@@ -62,34 +62,34 @@ def held_MB(build: Callable[[], object]) -> float:
 
 
 def _resident_B() -> float:
-    """Memory of this process, what was freed given back first."""
+    """Return the resident memory of this process, after freed memory is returned to the system."""
     if not sys.platform.startswith("linux"):
         return float("nan")
     gc.collect()
     with suppress(AttributeError, OSError):
-        ctypes.CDLL(None).malloc_trim(0)  # of glibc
+        ctypes.CDLL(None).malloc_trim(0)  # glibc only
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return float(pages * os.sysconf("SC_PAGE_SIZE"))
 
 
 def _processor() -> str:
-    """Its model and clock, as far as the system tells."""
+    """Return model and clock of the processor, as far as the system reports them."""
     if sys.platform.startswith("linux"):
-        told: dict[str, str] = {}
+        info: dict[str, str] = {}
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             name, _, value = line.partition(":")
-            told.setdefault(name.strip(), value.strip())
-        clock = f", {float(told['cpu MHz']) / 1e3:.1f} GHz" if "cpu MHz" in told else ""
-        if "model name" in told:
-            return f"{told['model name']}{_family(told)}{clock}"
+            info.setdefault(name.strip(), value.strip())
+        clock = f", {float(info['cpu MHz']) / 1e3:.1f} GHz" if "cpu MHz" in info else ""
+        if "model name" in info:
+            return f"{info['model name']}{_family(info)}{clock}"
     if sys.platform == "darwin":
         command = ["/usr/sbin/sysctl", "-n", "machdep.cpu.brand_string"]
         return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
     return platform.processor() or platform.machine()
 
 
-def _family(told: dict[str, str]) -> str:
-    """Family and model number, which tell processors apart that a virtual machine gives one name."""
-    if "model" not in told:
+def _family(info: dict[str, str]) -> str:
+    """Return family and model number, which distinguish processors that a virtual machine gives the same name."""
+    if "model" not in info:
         return ""
-    return f" (family {told.get('cpu family', '?')}, model {told['model']})"
+    return f" (family {info.get('cpu family', '?')}, model {info['model']})"

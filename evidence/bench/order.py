@@ -1,4 +1,4 @@
-"""Textures of many orders, made from a shipped swatch to be timed."""
+"""Textures of several orders for timing, fitted to the shipped wood."""
 
 from dataclasses import replace
 from typing import Final
@@ -10,16 +10,16 @@ from hapscene.surface.swatch import Swatch
 from hapscene.swatches.library import load_swatch
 
 ORDERS: Final = (8, 20, 40, 80, 120)
-"""Orders that are timed [count]."""
+"""Orders that are timed [coefficients]."""
 
 FORCE_N, SPEED_M_S, DURATION_S = 1.0, 0.1, 10.0
-"""What the texture is played at before it is fitted again."""
+"""Conditions and duration of the synthesised texture that is fitted."""
 
 RATE_HZ: Final = 10_000.0
 
 
 def swatch_of_order(order: int) -> Swatch:
-    """The shipped wood, its texture played for `DURATION_S` and fitted again at `order`: real in level and spectrum."""
+    """Return the shipped wood with its texture played for `DURATION_S` and fitted at `order`."""
     wood = load_swatch("wood")
     count = round(DURATION_S * RATE_HZ)
     force_N, speed_m_s = np.full(count, FORCE_N), np.full(count, SPEED_M_S)

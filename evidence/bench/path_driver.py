@@ -1,8 +1,25 @@
-"""hapscene along a path, in a process of its own and called as other renderers' drivers are, and the files of them all.
+"""Times hapscene along a path in a separate process, through the file interface of all renderers of `side_by_side`.
 
     python -m hapscene_evidence.bench.path_driver MESH PATH OUT [--repeats N] [--cold-first TICK --flush-mb MIB]
 
-`side_by_side_page.FORMATS` says what is in them; OUT has one column more here, the time of the whole tick.
+The programs for other renderers are not part of hapscene. A folder BUILD holds `chai_path`, `hapi_path` or both:
+programs without a device around CHAI3D 3.3.0 (github.com/chai3d/chai3d) and HAPI 1.3.1 (github.com/ChristianFrisson/
+HAPI and its H3DUtil), compiled with -O3 -march=native. `chai_path` also takes --mode static|dynamic and --scale
+UNITS_PER_M. Files are little-endian:
+
+| file | content |
+|---|---|
+| MESH | two int64: numbers of vertices and faces; float64 (vertices, 3) [m]; int32 (faces, 3) |
+| PATH | float64 (ticks, 3) [m]: position of the tool in each tick |
+| OUT | float64 (ticks, 8): proxy (3) [m], force (3) [N], 1 in contact or 0, time [ns]; hapscene adds the tick's time |
+
+A program prints the line `build_ms NUMBER`, the time to build the search structure of a mesh in memory, and exits with
+0, or with the error as the last line of stderr. It runs the path once to warm up and N times timed, each time with a
+new proxy at the first position. Only the renderer's call lies between two reads of a monotonic clock; the minimum of
+each tick counts. With --cold-first it runs once; from that tick on, it first rewrites one word of each 64-byte line of
+a buffer of MIB. CHAI3D: a `cMultiMesh` in a `cWorld` with `createAABBCollisionDetector`, a `cAlgorithmFingerProxy` of
+radius 0, in mode dynamic with `m_useDynamicProxy`. HAPI: a `HapticTriangleTree` over an `AABBTree`, front sides, a
+smooth `FrictionSurface`, a `GodObjectRenderer`.
 """
 
 import argparse
@@ -27,17 +44,17 @@ from .tick_time import REPEATS, hot
 Array = NDArray[np.float64]
 
 COLUMNS: Final = 8
-"""Of OUT: proxy 3 [m], force 3, in contact 0 or 1, time [ns]; of hapscene the contact's, and the tick's as a ninth."""
+"""Columns of OUT. hapscene's time is that of the contact; a ninth column has the time of the tick."""
 
 
 def write_mesh(path: Path, mesh: Mesh) -> None:
-    """MESH: counts of vertices and faces, then both."""
+    """Write a mesh as MESH."""
     counts = np.array([len(mesh.vertices_m), len(mesh.faces)], "<i8")
     path.write_bytes(counts.tobytes() + mesh.vertices_m.astype("<f8").tobytes() + mesh.faces.astype("<i4").tobytes())
 
 
 def read_mesh(path: Path) -> Mesh:
-    """What `write_mesh` wrote."""
+    """Read MESH."""
     data = path.read_bytes()
     vertices, faces = np.frombuffer(data, "<i8", 2)
     vertices_m = np.frombuffer(data, "<f8", 3 * vertices, 16).reshape(-1, 3)
@@ -45,12 +62,12 @@ def read_mesh(path: Path) -> Mesh:
 
 
 def run_cold(renderer: Renderer, path: Array, first: int, flush_mb: int) -> Recording:
-    """A path, from tick `first` on with a buffer rewritten before each tick that is larger than the caches."""
+    """Run a path; from tick `first` on, rewrite a buffer larger than the caches before each tick."""
     rows, samples = records(len(path), ROW), np.zeros((len(path), renderer.block))
     rows.view(np.ndarray).view(np.uint8)[:] = 0
-    samples[:] = 0.0  # their pages are there before the first tick, as in the other drivers
+    samples[:] = 0.0  # touches the pages before the first tick, as the other programs do
     buffer = np.ones(flush_mb * 2**20 // 8, np.uint64)
-    for n in (1, len(path)):  # once for the code to be there
+    for n in (1, len(path)):  # one tick first, which compiles the code
         renderer.reset(path[0])
         _run_cold(renderer.world, renderer.surface, path[:n], first, buffer, rows[:n], samples[:n])
     return renderer.recording(rows, samples)
@@ -62,7 +79,7 @@ def _run_cold(
 ) -> None:
     for k in range(len(path)):
         if k >= first:
-            for i in range(0, len(buffer), 8):  # a word of each line of 64 bytes
+            for i in range(0, len(buffer), 8):  # one word of each cache line of 64 bytes
                 buffer[i] += np.uint64(1)
         call_flags(surface.entries[TICK], (world, surface, path[k, 0], path[k, 1], path[k, 2], rows[k], samples[k]))
 
@@ -75,7 +92,7 @@ def main() -> None:
         parser.add_argument(name, type=int, default=default)
     given = parser.parse_args()
     path = np.fromfile(given.path, "<f8").reshape(-1, 3)
-    scene = Case("body", read_mesh(given.mesh), path, False).scene()
+    scene = Case("body", read_mesh(given.mesh), path).scene()
     start_s = time.perf_counter()
     renderer = Renderer(scene, effects=["wall"], seed=0)
     print(f"build_ms {1e3 * (time.perf_counter() - start_s):.1f}")

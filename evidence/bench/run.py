@@ -1,4 +1,4 @@
-"""The whole benchmark, in order: measure, then write bench.csv, bench.md and the charts."""
+"""The benchmark: measures everything and writes bench.csv, bench.md and the charts."""
 
 import shutil
 import sys
@@ -36,26 +36,26 @@ from .side_by_side_page import add_peers
 __all__ = ["bench", "bench_against", "bench_peers", "measure", "publish", "write_results"]
 
 SHARED: Final = Path(__file__).resolve().parents[3] / "shared"
-"""Reference data beside the checkout, used where it is there."""
+"""Folder of reference data beside the checkout, used if present."""
 
 MAIN: Final = "sphere 82 k"
-"""The case that the whole tick is measured on."""
+"""Case on which the tick is measured."""
 
 
 def bench(
     out: Path, quick: bool = False, docs: Path | None = None, zoo: Path | None = None, table: Path | None = None
 ) -> None:
-    """Measure speed and accuracy on this machine and write bench.csv, bench.md and charts into `out`.
+    """Measure speed and accuracy on this machine, and write bench.csv, bench.md and charts into `out`.
 
     Args:
-        out: folder to write into; made when it is missing.
+        out: output folder, created if missing.
         quick: fewer cases, shorter paths, fewer repeats.
-        docs: the project's folder of documents: its benchmark.md and bench/ are made anew as well.
+        docs: the folder docs/results, whose benchmark.md and bench/ are written as well.
         zoo: folder of reference cases; by default ../shared/zoo beside the checkout, if it exists.
-        table: an earlier bench.csv, to draw and write from it; nothing is measured then.
+        table: an earlier bench.csv to use instead of measuring.
 
     Raises:
-        HapsceneError: under NUMBA_DISABLE_JIT=1, where times mean nothing; no such `docs` or `zoo`; an invalid `table`.
+        HapsceneError: NUMBA_DISABLE_JIT=1, which disables compilation; no such `docs` or `zoo`; an invalid `table`.
         OSError: `out` cannot be written.
     """
     zoo = _checked(docs, zoo, table is not None)
@@ -68,7 +68,7 @@ def bench(
 
 
 def write_results(sheet: Sheet, out: Path) -> list[Path]:
-    """Write bench.csv, the charts and bench.md of a sheet into a folder; return their paths."""
+    """Write bench.csv, charts and bench.md into a folder; return their paths."""
     made = [out / "bench.csv", *write_charts(sheet, out), out / "bench.md"]
     sheet.write(made[0])
     _write_text(made[-1], page_of(sheet, out, _peers(out)).markdown(out))
@@ -76,7 +76,7 @@ def write_results(sheet: Sheet, out: Path) -> list[Path]:
 
 
 def publish(made: list[Path], docs: Path) -> Path:
-    """Copy tables and charts into docs/bench, and write docs/benchmark.md from the tables there; return its path."""
+    """Copy tables and charts into the folder bench of `docs`, and write benchmark.md from them; return its path."""
     folder = docs / "bench"
     folder.mkdir(exist_ok=True)
     for file in made:
@@ -93,15 +93,15 @@ def _write_text(file: Path, text: str) -> None:
 
 
 def _peers(folder: Path) -> Sheet | None:
-    """The table of other renderers, where one was made."""
+    """Return the table of other renderers, if it exists."""
     return Sheet.read(folder / "peers.csv") if (folder / "peers.csv").is_file() else None
 
 
 def bench_against(other: Path, rounds: int) -> bool:
-    """Print this checkout's whole tick and `step` against those of another checkout; return whether neither is slower.
+    """Print tick and `step` of this checkout against another one; return whether neither is slower.
 
     Raises:
-        HapsceneError: `other` is no checkout; NUMBA_DISABLE_JIT=1, where times mean nothing; a process fails.
+        HapsceneError: `other` is not a checkout; NUMBA_DISABLE_JIT=1; a process fails.
     """
     _checked(None, None)
     found = compare_checkouts(other, rounds, _say)
@@ -110,32 +110,27 @@ def bench_against(other: Path, rounds: int) -> bool:
 
 
 def bench_peers(
-    build: Path, out: Path, quick: bool, docs: Path | None, zoo: Path | None,
-    names: Sequence[str], rounds: tuple[int, int], huge: bool,
-) -> None:  # fmt: skip
-    """Time other renderers beside hapscene, turn by turn, and write peers.csv and peers.md into `out`.
+    build: Path, out: Path, quick: bool, docs: Path | None, zoo: Path | None, rounds: tuple[int, int]
+) -> None:
+    """Time other renderers and hapscene in turn, and write peers.csv and peers.md into `out`.
 
     Args:
-        build: folder of their programs, chai_path and hapi_path.
-        out, quick, docs, zoo: as of `bench`; the zoo has the bunny.
-        names: of the cases; all available ones if empty.
-        rounds: how often each renderer runs, with hot and with cold caches.
-        huge: huge pages for all of them.
+        build: folder of the programs chai_path and hapi_path (see `path_driver`).
+        out, quick, docs, zoo: as for `bench`; with `quick` only the smallest sphere is measured.
+        rounds: numbers of rounds with hot and with cold caches.
 
     Raises:
-        HapsceneError: as `bench`; `build` holds no program; an unknown case; a program fails.
+        HapsceneError: as for `bench`; no program in `build`; a program fails.
         OSError: `out` or `docs` cannot be written.
     """
     zoo = _checked(docs, zoo)
     drivers = side_by_side.find_drivers(build)
-    if not names and zoo is None:
-        names = tuple(side_by_side.SPHERES)
-        _say("without the bunny, whose mesh and path are in the zoo: --zoo DIR")
-    cases = side_by_side.find_cases(names or side_by_side.CASES, zoo, 2000 if quick else 10_000)
-    _say(f"side by side: {', '.join(drivers)}")
+    cases = case.sphere_cases(case.SUBDIVISIONS[:1] if quick else case.SUBDIVISIONS, 2000 if quick else 10_000)
+    if zoo is not None and not quick:
+        cases += [one for one in case.zoo_cases(zoo) if "bunny" in one.name]
     out.mkdir(parents=True, exist_ok=True)
-    sheet = side_by_side.measure(drivers, cases, *rounds, huge, _say)
-    made, page = [out / "peers.csv", out / "peers.md"], Page("Benchmark beside other renderers")
+    sheet = side_by_side.measure(drivers, cases, *rounds, _say)
+    made, page = [out / "peers.csv", out / "peers.md"], Page("Benchmark: other renderers")
     sheet.write(made[0])
     add_peers(page, sheet)
     _write_text(made[1], page.markdown(out))
@@ -143,7 +138,7 @@ def bench_peers(
 
 
 def measure(quick: bool, zoo: Path | None, say: Callable[[str], None]) -> Sheet:
-    """Measure everything; the order is that of the page."""
+    """Measure everything, in the order of the page."""
     sheet = Sheet()
     ticks, repeats = (2000, 2) if quick else (10_000, tick_time.REPEATS)
     sizes = (3, 6) if quick else case.SUBDIVISIONS
@@ -156,18 +151,18 @@ def measure(quick: bool, zoo: Path | None, say: Callable[[str], None]) -> Sheet:
         for one in case.zoo_cases(zoo):
             say(f"{one.name}: contact")
             tick_time.measure_contact(sheet, one, repeats)
-    main = case.Case(MAIN, case.sphere(6), case.slide_path(ticks), True)
+    main = case.Case(MAIN, case.sphere(6), case.slide_path(ticks))
     _measure_ticks(sheet, main, repeats, say)
     say("start of a process")
     for one in (main, *([] if quick else case.sphere_cases(case.SUBDIVISIONS[-1:], ticks))):
         start_time.measure_start(sheet, one, 1 if quick else 5)
-    say("shapes that change")
+    say("deforming body")
     deform.measure_deform(sheet, 1.0 if quick else 10.0)
-    say("synthesis of textures")
+    say("synthesis")
     synthesis.measure_synthesis(sheet)
     say("fits")
     surface_fit.measure_fit(sheet, (10.0,) if quick else (10.0, 600.0))
-    say("the twin in closed loop; the handle's compensators")
+    say("closed loop; compensators of the handle")
     twin_time.measure_twin(sheet)
     handle.measure_handle(sheet, 12 if quick else handle.PLANTS)
     return sheet
@@ -176,29 +171,29 @@ def measure(quick: bool, zoo: Path | None, say: Callable[[str], None]) -> Sheet:
 def _measure_spheres(
     sheet: Sheet, sizes: tuple[int, ...], ticks: int, repeats: int, say: Callable[[str], None]
 ) -> None:
-    """Contact time and accuracy over mesh size; many bodies."""
+    """Measure contact time and accuracy over mesh size, and many bodies."""
     for k in sizes:
         (one,) = case.sphere_cases((k,), ticks)
         say(f"{one.name}: contact, accuracy")
         recording = tick_time.measure_contact(sheet, one, repeats)
         accuracy.measure_accuracy(sheet, one, recording)
     say("many bodies")
-    crowd.measure_crowd(sheet, ticks, repeats)
+    crowd.measure_crowd(sheet, repeats)
 
 
 def _measure_ticks(sheet: Sheet, main: case.Case, repeats: int, say: Callable[[str], None]) -> None:
-    """The whole tick at each order, and what calling effects costs."""
+    """Measure the tick at each order, and the cost of effects."""
     for p in order.ORDERS:
-        say(f"{main.name}: whole tick, order {p}")
+        say(f"{main.name}: tick, order {p}")
         tick_time.measure_tick(sheet, main, order.swatch_of_order(p), p, repeats)
     tick_time.measure_harness(sheet, main, repeats)
     tick_time.measure_effects(sheet, main, order.swatch_of_order(40), repeats)
 
 
 def _checked(docs: Path | None, zoo: Path | None, measured: bool = False) -> Path | None:
-    """Check the arguments of `bench`; return the folder of the zoo, if it exists."""
+    """Check the arguments of `bench`; return the folder of the zoo if it exists."""
     if INTERPRETED and not measured:
-        raise HapsceneError("the benchmark times compiled code: run it without NUMBA_DISABLE_JIT")
+        raise HapsceneError("NUMBA_DISABLE_JIT is set, but the benchmark measures compiled code: unset it")
     for folder in (docs, zoo):
         if folder is not None and not folder.is_dir():
             raise HapsceneError(f"{folder}: no such folder")
@@ -215,4 +210,4 @@ def _say(text: str) -> None:
 
 if __name__ == "__main__":  # python -m hapscene_evidence.bench.run BUILD DOCS [ZOO]
     build, docs, *zoo = map(Path, sys.argv[1:])
-    bench_peers(build, Path("out/bench"), False, docs, zoo[0] if zoo else None, (), (5, 3), False)
+    bench_peers(build, Path("out/bench"), False, docs, zoo[0] if zoo else None, (5, 3))

@@ -1,4 +1,4 @@
-"""The sheet that a benchmark fills: one row per figure, kept as CSV, from which charts and page are made."""
+"""The sheet of a benchmark: one row per figure, stored as CSV; charts and page are made from it."""
 
 import csv
 from collections.abc import Iterator, Sequence
@@ -15,12 +15,12 @@ from hapscene.io.files import whole_file
 COLUMNS: Final = ("case", "figure", "value", "unit")
 
 QUANTILES: Final = {"median": 0.5, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
-"""What is told of a distribution: nearest ranks, so that every number was measured in some tick."""
+"""Quantiles that describe a distribution. They are nearest ranks, so that each value occurred in a tick."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One measured number, or a word about the machine."""
+    """A measured number, or a property of the machine."""
 
     case: str
     name: str
@@ -29,18 +29,18 @@ class Figure:
 
 
 class Sheet:
-    """Figures by case and name, in the order they were measured."""
+    """Figures by case and name, in the order of measurement."""
 
     def __init__(self) -> None:
         self._figures: dict[tuple[str, str], Figure] = {}
 
     def add(self, case: str, name: str, value: float | str, unit: str = "") -> None:
-        """Note a figure; one of the same case and name is replaced."""
+        """Add a figure; it replaces one with the same case and name."""
         kept = value if isinstance(value, str) else float(value)
         self._figures[case, name] = Figure(case, name, kept, unit)
 
     def add_spread(self, case: str, name: str, values: ArrayLike, unit: str, scale: float = 1.0) -> None:
-        """Note the `QUANTILES` of values (n,), each times `scale`, as "name median" and so on."""
+        """Add the `QUANTILES` of values (n,), multiplied by `scale`, as "name median" and so on."""
         for quantile, value in spread(values).items():
             self.add(case, f"{name} {quantile}", scale * value, unit)
 
@@ -51,26 +51,23 @@ class Sheet:
         return key in self._figures
 
     def number(self, case: str, name: str) -> float:
-        """The figure of that case and name.
+        """Return the figure of that case and name.
 
         Raises:
-            HapsceneError: it was not measured.
+            HapsceneError: the figure was not measured.
         """
         if (case, name) not in self._figures:
-            raise HapsceneError(f"the benchmark has no figure {name!r} of {case!r}: was it made by an older version?")
+            raise HapsceneError(
+                f"no figure {name!r} of {case!r} in the table, which may be of an older version: measure again"
+            )
         return float(self._figures[case, name].value)
 
-    def text(self, case: str, name: str) -> str:
-        """The word of that case and name, empty where there is none."""
-        figure = self._figures.get((case, name))
-        return "" if figure is None else str(figure.value)
-
     def cases(self, prefix: str) -> list[str]:
-        """Cases whose name starts so, in order."""
+        """Return the cases whose names start with `prefix`, in order."""
         return list(dict.fromkeys(figure.case for figure in self if figure.case.startswith(prefix)))
 
     def write(self, path: Path) -> None:
-        """Write as CSV."""
+        """Write the sheet as CSV."""
         with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
             table = csv.writer(file, lineterminator="\n")
             table.writerow(COLUMNS)
@@ -80,10 +77,10 @@ class Sheet:
 
     @classmethod
     def read(cls, path: Path) -> "Sheet":
-        """Read what `write` wrote.
+        """Read a sheet that `write` wrote.
 
         Raises:
-            HapsceneError: the file is no such table.
+            HapsceneError: the file is not such a table.
         """
         sheet = cls()
         for case, name, value, unit in read_rows(path, COLUMNS, "figures"):
@@ -95,10 +92,10 @@ class Sheet:
 
 
 def read_rows(path: Path, columns: Sequence[str], what: str) -> list[list[str]]:
-    """The rows of a CSV table that has just these columns.
+    """Return the rows of a CSV table with exactly these columns.
 
     Raises:
-        HapsceneError: the file is no table of `what`.
+        HapsceneError: the file is not a table of `what`.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -106,18 +103,18 @@ def read_rows(path: Path, columns: Sequence[str], what: str) -> list[list[str]]:
     except (UnicodeDecodeError, csv.Error):
         rows = []
     if not rows or rows[0] != list(columns) or any(len(row) != len(columns) for row in rows):
-        raise HapsceneError(f"{path}: no table of {what}; expected the columns {', '.join(columns)}")
+        raise HapsceneError(f"{path}: not a table of {what}; expected the columns {', '.join(columns)}")
     return rows[1:]
 
 
 def spread(values: ArrayLike) -> dict[str, float]:
-    """The `QUANTILES` of values (n,) by name.
+    """Return the `QUANTILES` of values (n,) by name.
 
     Raises:
-        HapsceneError: there are none.
+        HapsceneError: no values.
     """
     ordered = np.sort(np.asarray(values, np.float64))
     if not len(ordered):
-        raise HapsceneError("a benchmark measured nothing: the tool touched no body")
+        raise HapsceneError("no tick to measure: the tool touched no body")
     rank = {name: max(int(np.ceil(q * len(ordered))) - 1, 0) for name, q in QUANTILES.items()}
     return {name: float(ordered[i]) for name, i in rank.items()}

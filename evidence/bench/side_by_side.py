@@ -1,64 +1,58 @@
-"""Other renderers beside hapscene: the same meshes and paths, one machine, one run, turn by turn."""
+"""Times of other renderers and hapscene on the same meshes and paths, measured in turn."""
 
 import os
 import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.errors import HapsceneError, did_you_mean
+from hapscene.errors import HapsceneError
 
 from . import path_driver
-from .case import SUBDIVISIONS, Case, short, sphere_cases, zoo_cases
+from .case import Case
 from .machine import describe_machine
 from .sheet import Sheet, spread
 from .tick_time import REPEATS
 
 OURS: Final = "hapscene"
 
-PROGRAMS: Final = (  # name, program, what it is told
+PROGRAMS: Final = (  # name, program, options
     ("CHAI3D static", "chai_path", ("--mode", "static", "--scale", "20")),
     ("CHAI3D dynamic", "chai_path", ("--mode", "dynamic", "--scale", "20")),
     ("HAPI", "hapi_path", ()),
 )
 
 COLD_TICKS: Final = 500
-"""Ticks that are timed cold, from the middle of the path on [count]."""
+"""Ticks that are timed with cold caches, from the middle of the path [count]."""
 
 FLUSH_MB: Final = 64
-"""Memory that is rewritten before each of them [MiB]: more than the caches hold."""
-
-HUGE: Final = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
-"""Environment in which glibc asks for huge pages for all memory."""
+"""Memory that is rewritten before each cold tick [MiB]; larger than the caches."""
 
 UNITS: Final = {"build": "ms", "ticks": "1", "contact": "µs", "tick": "µs", "over": "times", "proxy": "µm"}
-"""Of a figure, by its first word."""
-
-SPHERES: Final = {short(20 * 4**k).replace(" ", ""): k for k in SUBDIVISIONS}
-CASES: Final = (*SPHERES, "bunny")
+"""Unit of a figure by its first word."""
 
 Drivers = dict[str, tuple[Sequence[str], Sequence[str]]]
-"""Name → the words of a command before MESH PATH OUT, and after."""
+"""Command of each renderer: words before and after MESH PATH OUT."""
 
 
 class Turn(NamedTuple):
-    """One renderer on one case: rows (ticks, `COLUMNS` or one more), and its time to build what it searches [ms]."""
+    """Result of one renderer on one case: rows (ticks, `COLUMNS` or one more), and build time [ms]."""
 
     rows: NDArray[np.float64]
     build_ms: float
 
 
 def find_drivers(build: Path) -> Drivers:
-    """Those that a folder holds, hapscene's own first.
+    """Return the programs in a folder, after that of hapscene.
 
     Raises:
-        HapsceneError: it holds none.
+        HapsceneError: no program in the folder.
     """
     found: Drivers = {OURS: ((sys.executable, "-m", path_driver.__name__), ())}
     for name, program, options in PROGRAMS:
@@ -67,47 +61,25 @@ def find_drivers(build: Path) -> Drivers:
             found[name] = ((str(file),), options)
     if len(found) == 1:
         raise HapsceneError(
-            f"{build}: holds neither chai_path nor hapi_path, programs that run other renderers; docs/benchmark.md, "
-            '"A driver for another renderer", says how they are built'
+            f"{build}: neither chai_path nor hapi_path found; expected a program for another renderer: "
+            "evidence/bench/path_driver.py describes how to build it"
         )
     return found
 
 
-def find_cases(names: Iterable[str], zoo: Path | None, ticks: int) -> list[Case]:
-    """Cases by their names in `CASES`: spheres and the path over them are made, the bunny is the zoo's.
+def measure(drivers: Drivers, cases: list[Case], rounds: int, cold_rounds: int, say: Callable[[str], None]) -> Sheet:
+    """Run all renderers in turn, each in a separate process; the order rotates between rounds.
+
+    Figures are medians of the rounds; ratios are computed within each round.
 
     Raises:
-        HapsceneError: an unknown name; the bunny without a zoo.
-    """
-    cases = []
-    for name in names:
-        if name in SPHERES:
-            cases += sphere_cases((SPHERES[name],), ticks)
-        elif name != "bunny":
-            raise HapsceneError(f"no case {name!r}{did_you_mean(name, CASES)}; there are: {', '.join(CASES)}")
-        elif zoo is None:
-            raise HapsceneError("the bunny's mesh and path are in the zoo: --zoo DIR says where that is")
-        else:
-            cases += [case for case in zoo_cases(zoo) if "bunny" in case.name]
-    return cases
-
-
-def measure(
-    drivers: Drivers, cases: list[Case], rounds: int, cold_rounds: int, huge: bool, say: Callable[[str], None]
-) -> Sheet:
-    """Let all take turns, each in a process of its own, in an order that turns by one from round to round.
-
-    Figures are medians of the rounds, ratios those of each round's own numbers.
-
-    Raises:
-        HapsceneError: a driver fails, or writes something else than it should.
+        HapsceneError: a program fails, or its output is invalid.
     """
     sheet = Sheet()
     describe_machine(sheet)
     load = [f"{os.getloadavg()[0]:.2f}"] if hasattr(os, "getloadavg") else []
     sheet.add("method", "hot rounds", rounds, "1")
     sheet.add("method", "cold rounds", cold_rounds, "1")
-    sheet.add("method", "huge pages", "for all" if huge else "where each asks for them")
     names = list(drivers)
     with tempfile.TemporaryDirectory() as work:
         found: dict[str, list[dict[str, float]]] = {}
@@ -116,7 +88,7 @@ def measure(
                 say(f"{kind} round {r + 1}: {case.name}")
                 turns = {}
                 for name in names[r % len(names) :] + names[: r % len(names)]:
-                    turns[name] = _turn(drivers, name, case, Path(work), kind == "cold", huge)
+                    turns[name] = _turn(drivers, name, case, Path(work), kind == "cold")
                 for name in names:
                     found.setdefault(f"{kind}, {case.name}, {name}", []).append(beside(turns[name], turns[OURS]))
     for key, of_rounds in found.items():
@@ -131,8 +103,8 @@ def measure(
     return sheet
 
 
-def _turn(drivers: Drivers, name: str, case: Case, work: Path, cold: bool, huge: bool) -> Turn:
-    """Run a driver on a case; of a cold run the rows of the cold ticks."""
+def _turn(drivers: Drivers, name: str, case: Case, work: Path, cold: bool) -> Turn:
+    """Run a renderer on a case; a cold run returns only the rows of the cold ticks."""
     mesh, path, out = work / f"{case.name}.mesh", work / "path", work / "out"
     first = len(case.p_WT_m) // 2 if cold else 0
     tool = case.p_WT_m[: first + COLD_TICKS] if cold else case.p_WT_m
@@ -142,34 +114,34 @@ def _turn(drivers: Drivers, name: str, case: Case, work: Path, cold: bool, huge:
     out.unlink(missing_ok=True)
     how = ("--cold-first", str(first), "--flush-mb", str(FLUSH_MB)) if cold else ("--repeats", str(REPEATS))
     before, after = drivers[name]
-    command, environment = [*before, str(mesh), str(path), str(out), *after, *how], os.environ | (HUGE if huge else {})
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, errors="replace", check=False)
+    command = [*before, str(mesh), str(path), str(out), *after, *how]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     built = re.search(r"^build_ms ([0-9.]+)", done.stdout, re.MULTILINE)
     columns = path_driver.COLUMNS + (name == OURS)
     size_B = out.stat().st_size if out.exists() else 0
     why = ""
     if done.returncode:
-        why = (done.stderr.strip().splitlines() or [f"it ended with {done.returncode}"])[-1]
+        why = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
     elif size_B != 8 * columns * len(tool):
-        why = f"it wrote {size_B} bytes, expected {len(tool)} ticks of {columns} numbers of 8 bytes"
+        why = f"wrote {size_B} bytes; expected {len(tool)} ticks of {columns} numbers of 8 bytes"
     if why or built is None:
-        raise HapsceneError(f"{name} on {case.name} ({before[-1]}): {why or 'it printed no line build_ms NUMBER'}")
+        raise HapsceneError(f"{name} on {case.name} ({before[-1]}): {why or 'no line build_ms NUMBER in its output'}")
     return Turn(np.fromfile(out, "<f8").reshape(-1, columns)[first:], float(built[1]))
 
 
 def beside(one: Turn, ours: Turn) -> dict[str, float]:
-    """A round's figures of a renderer; times are of the ticks in which hapscene is in contact too, NaN without any."""
+    """Return a renderer's figures of a round, over ticks in which hapscene is in contact too; NaN without any."""
     on = one.rows[:, 6] > 0.0
     both = on & (ours.rows[:, 6] > 0.0)
     found = {"build": one.build_ms, "ticks in contact": float(on.sum())}
-    away_m = np.linalg.norm(one.rows[:, :3] - ours.rows[:, :3], axis=1)
-    values = (1e-3 * one.rows[:, 7], 1e-3 * ours.rows[:, 7], 1e-3 * ours.rows[:, 8], 1e6 * away_m)
-    time, contact, tick, away = (spread(value[both] if both.any() else [np.nan]) for value in values)
+    difference_m = np.linalg.norm(one.rows[:, :3] - ours.rows[:, :3], axis=1)
+    values = (1e-3 * one.rows[:, 7], 1e-3 * ours.rows[:, 7], 1e-3 * ours.rows[:, 8], 1e6 * difference_m)
+    time, contact, tick, difference = (spread(value[both] if both.any() else [np.nan]) for value in values)
     for q in ("median", "p99"):
         found[f"contact {q}"] = time[q]
         if one is ours:
             found[f"tick {q}"] = tick[q]
         else:
             found[f"over contact {q}"], found[f"over tick {q}"] = time[q] / contact[q], time[q] / tick[q]
-            found[f"proxy away {q}"] = away[q]
+            found[f"proxy away {q}"] = difference[q]
     return found

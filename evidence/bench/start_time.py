@@ -1,4 +1,4 @@
-"""Time of the start of a process, from `import hapscene` to the first tick; memory of a mesh's triangles."""
+"""Time from the start of `import hapscene` to the first tick in a new process; memory per triangle of a mesh."""
 
 import tempfile
 from pathlib import Path
@@ -13,7 +13,7 @@ from .case import Case
 from .machine import run_python
 from .sheet import Sheet
 
-_FAILED: Final = "the process that was to be timed failed"
+_FAILED: Final = "a timed process failed"
 
 _START: Final = """
 import sys, time
@@ -40,7 +40,7 @@ def resident_B():
     return int(file.read_text().split()[1]) * mmap.PAGESIZE if file.exists() else 0
 
 mesh = load_mesh(sys.argv[1], "m")
-Shapes([Mesh(np.eye(3), np.array([[0, 1, 2]]))], 0.0)  # its code
+Shapes([Mesh(np.eye(3), np.array([[0, 1, 2]]))], 0.0)  # compiles
 before_B = resident_B()
 shapes = Shapes([mesh], 0.0)
 print((resident_B() - before_B) / len(mesh.faces))
@@ -48,7 +48,7 @@ print((resident_B() - before_B) / len(mesh.faces))
 
 
 def measure_start(sheet: Sheet, case: Case, repeats: int) -> None:
-    """A fresh process: `import hapscene`, and from there to the first tick of a saved scene. The cache is warm."""
+    """Measure `import hapscene` and the time to the first tick of a saved scene, in new processes with warm caches."""
     import trimesh
 
     for kind in ("ply", "stl"):

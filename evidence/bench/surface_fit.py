@@ -1,4 +1,4 @@
-"""Time and memory of fitting a swatch to a recording, short and long."""
+"""Time and memory of fitting a swatch to a short and a long recording."""
 
 import time
 import tracemalloc
@@ -15,11 +15,11 @@ RATE_HZ: Final = 10_000.0
 
 
 def measure_fit(sheet: Sheet, durations_s: tuple[float, ...] = (10.0, 600.0)) -> None:
-    """Fits a stroke over the shipped wood at forces and speeds that change by ten; case "fit, 10 s" and so on.
+    """Fit strokes over the shipped wood whose force and speed vary by a factor of ten; cases "fit, 10 s" and so on.
 
-    "time" is of `hapscene.capture.fit_swatch`, what it imports not counted. "memory" is the most that Python and
-    NumPy held meanwhile, what is given counted, over the three streams as float64; told by tracemalloc in a run of its
-    own, for that takes its time.
+    "time" is that of `hapscene.capture.fit_swatch` without imports. "memory" is the peak of Python and NumPy memory
+    including the recording, over the size of its three streams as float64; it is measured by tracemalloc in a separate
+    run, because tracemalloc slows the fit.
     """
     wood = load_swatch("wood")
     for duration_s in (1.0, *durations_s):

@@ -1,4 +1,4 @@
-"""Time of texture synthesis: the lattice with its noise and its models along a stroke, beside SciPy's direct form."""
+"""Time of texture synthesis along a stroke, compared with SciPy's direct-form filter."""
 
 import timeit
 from collections.abc import Callable
@@ -11,50 +11,41 @@ from scipy.signal import lfilter
 
 from hapscene.capture.fit.synthesis import synthesize
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
-from .order import ORDERS
 from .sheet import Sheet
 
 Array = NDArray[np.float64]
 
 RATE_HZ: Final = 10_000.0
+ORDER: Final = 40
 DURATION_S: Final = 10.0
-LIFE: Final = Life(np.array([0.3, 0.3]), np.array([20.0, 5.0]), np.array([100.0, 0.0]))
+MODULATION: Final = GainModulation(np.array([0.3, 0.3]), np.array([20.0, 5.0]), np.array([100.0, 0.0]))
 REPEATS: Final = 7
 
 
 def measure_synthesis(sheet: Sheet) -> None:
-    """Times to make `DURATION_S` at `RATE_HZ`, the best of `REPEATS`, for each order.
+    """Measure the time to synthesise `DURATION_S` at `RATE_HZ`, the best of `REPEATS`.
 
-    The case "synthesis, order p" has "one model" (one filter for all forces and speeds; the level follows them), "nine
-    models" (all differ, along a stroke through all), the same "alive", with a slow gain, and "lfilter": one call of
-    `scipy.signal.lfilter` on noise that is there already, with one fixed filter and level; each "over lfilter" is the
-    ratio to it.
+    Figures of the case "synthesis, order 40": "nine models" (nine filters, along a stroke through all), the same
+    "alive" (with amplitude modulation), and "over lfilter", the latter over the time of one call of
+    `scipy.signal.lfilter` on existing noise with one filter.
     """
-    for order in ORDERS:
-        rng = np.random.default_rng(order)
-        common = rng.uniform(-0.3, 0.3, order)
-        force, speed = (grid.ravel() for grid in np.meshgrid([0.5, 1.0, 2.0], [0.05, 0.1, 0.2]))
-        one = _texture(common[None], np.array([2.0]), np.array([0.2]))
-        many = _texture(common + rng.uniform(-0.1, 0.1, (9, order)), force, speed)
-        case = f"synthesis, order {order}"
-        alive = replace(many, life=LIFE)
-        filtered_s = _time_filtered(ar_from_reflection(common))
-        for name, texture in (("one model", one), ("nine models", many), ("nine models, alive", alive)):
-            _add(sheet, case, name, time_s := _time_played(texture))
-            sheet.add(case, f"{name} over lfilter", time_s / filtered_s, "times")
-        _add(sheet, case, "lfilter", filtered_s)
-
-
-def _add(sheet: Sheet, case: str, name: str, time_s: float) -> None:
-    sheet.add(case, f"{name} for 10 s", time_s, "s")
+    rng = np.random.default_rng(ORDER)
+    common = rng.uniform(-0.3, 0.3, ORDER)
+    force, speed = (grid.ravel() for grid in np.meshgrid([0.5, 1.0, 2.0], [0.05, 0.1, 0.2]))
+    a = ar_from_reflection(common + rng.uniform(-0.1, 0.1, (9, ORDER)))
+    many = Texture.from_models(RATE_HZ, force, speed, a=a, variance_m2_s4=1.0 / power_gain(a))
+    case = f"synthesis, order {ORDER}"
+    sheet.add(case, "nine models for 10 s", _time_played(many), "s")
+    alive_s = _time_played(replace(many, modulation=MODULATION))
+    sheet.add(case, "nine models, alive over lfilter", alive_s / _time_filtered(ar_from_reflection(common)), "times")
 
 
 def _time_played(texture: Texture) -> float:
-    """Time to play a texture along a stroke between 5 % and 95 % of its largest force and speed [s]."""
+    """Return the time to play a texture along a stroke between 5 % and 95 % of its largest force and speed [s]."""
     swatch = Swatch("timed", texture=texture)
     t_s = np.arange(round(RATE_HZ * DURATION_S)) / RATE_HZ
     force_N = texture.force_max_N * (0.5 + 0.45 * np.sin(2.1 * t_s))
@@ -63,14 +54,9 @@ def _time_played(texture: Texture) -> float:
 
 
 def _time_filtered(a: Array) -> float:
-    """Time of SciPy's filter on noise of the same length [s]."""
+    """Return the time of SciPy's filter for noise of the same length [s]."""
     noise = np.random.default_rng(0).standard_normal(round(RATE_HZ * DURATION_S))
     return _best(lambda: lfilter([1.0], a, noise))
-
-
-def _texture(k: Array, force_N: Array, speed_m_s: Array) -> Texture:
-    a = ar_from_reflection(k)
-    return Texture.from_models(RATE_HZ, force_N, speed_m_s, a=a, variance_m2_s4=1.0 / power_gain(a))
 
 
 def _best(job: Callable[[], Array]) -> float:

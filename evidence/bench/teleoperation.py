@@ -1,8 +1,8 @@
-"""The haptography paper's teleoperation experiment, in simulation.
+"""The teleoperation experiment of the haptography paper (Section 4, Teleoperation Testing), in simulation.
 
-A follower Omni touches a surface (a swatch that was fitted to a recording); a leader Omni, held by a hand, is tied to
-it. What its accelerometer reads is what the hand should feel; what the hand feels is the acceleration of the leader's
-tip, by the base motors alone, or by them and the handle. After Kuchenbecker, Romano & McMahan, "Haptography".
+A follower Omni touches a plate with a swatch; a leader Omni, held by a hand, is coupled to it. The desired acceleration
+is that of the follower's accelerometer. The rendered acceleration is that of the leader's tip, produced by the base
+motors alone or by the base motors and the handle.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling
-from hapscene.teleoperation.operation import OperationResult, Operation
+from hapscene.teleoperation.operation import Operation, OperationResult
 from hapscene.teleoperation.plate import START_M, Gesture, explore, plate
 
 Array = NDArray[np.float64]
@@ -23,13 +23,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """What a leader's hand felt of what the follower's accelerometer read.
+    """Desired and rendered acceleration of a run.
 
     Attributes:
-        compensator: of the handle; "none" for the base motors alone.
-        desired_m_s2, rendered_m_s2: (n,) at 10 kHz, the latency taken out.
-        latency_s: from the follower to the leader's handle.
-        errors: spectrogram error by part: "all", "tap", "stroke"; 1.0 is that of silence.
+        compensator: compensator of the handle; "none" for the base motors alone.
+        desired_m_s2, rendered_m_s2: accelerations (n,) at 10 kHz, aligned in time.
+        latency_s: latency from the follower to the leader's handle.
+        errors: spectrogram error by part ("all", "tap", "stroke"), relative to the desired spectrogram.
     """
 
     compensator: str
@@ -47,7 +47,7 @@ def compare_handles(
     taps: int = 3,
     strokes: int = 4,
 ) -> list[Rendering]:
-    """The experiment once for each compensator: taps, a press, strokes, over a line without delay."""
+    """Run the experiment for each compensator: taps, a press, strokes, without delay of the line."""
     coupling = Coupling("position")
     gesture = explore(grip, coupling.stiffness_N_m, taps, strokes)
     return [_render(swatch, compensator, coupling, gesture, seed) for compensator in compensators]
@@ -65,15 +65,15 @@ def _render(swatch: str | Swatch, compensator: str, coupling: Coupling, gesture:
 
 
 def align(operated: OperationResult) -> tuple[Array, Array]:
-    """Desired and rendered acceleration (n,), the rendered one moved back by the latency."""
-    late = round(operated.latency_s * ACCELERATION_RATE_HZ)
+    """Return desired and rendered acceleration (n,), the rendered one advanced by the latency."""
+    delay = round(operated.latency_s * ACCELERATION_RATE_HZ)
     desired = operated.a_follower_m_s2.ravel()
     rendered = (operated.a_tip_m_s2 + operated.a_handle_m_s2).ravel()
-    return desired[: len(desired) - late], rendered[late:]
+    return desired[: len(desired) - delay], rendered[delay:]
 
 
 def _within(spans: list[tuple[int, int]], count: int) -> NDArray[np.bool_]:
-    """(count,) which samples lie in spans of ticks."""
+    """Return which of `count` samples lie in spans of ticks."""
     within = np.zeros(count, bool)
     for first, last in spans:
         within[first * SAMPLE_COUNT : last * SAMPLE_COUNT] = True

@@ -1,4 +1,4 @@
-"""Time of the contact and of the whole tick, hot: measured inside the tick, the least of several runs of each tick."""
+"""Time of contact and tick with hot caches, measured inside the tick: the minimum of several runs for each tick."""
 
 import time
 import timeit
@@ -22,22 +22,22 @@ from .sheet import Sheet
 Times = NDArray[np.int64]
 
 REPEATS: Final = 5
-"""Runs of a path after one to warm up [count]: as the other renderers in `peer` were measured."""
+"""Runs of a path after a warm-up run [count]."""
 
 
 @dataclass(frozen=True)
 class Hot:
-    """Times of the ticks in contact, each the least of all runs, and the last run."""
+    """Times of the ticks in contact, the minimum of all runs for each tick, and the last run."""
 
     contact_ns: Times
     tick_ns: Times
     run_s: float
-    """Least time of a whole `Renderer.run` [s]."""
+    """Minimum time of `Renderer.run` [s]."""
     recording: Recording
 
 
 def hot(renderer: Renderer, p_WT_m: NDArray[np.float64], repeats: int = REPEATS) -> Hot:
-    """Run a path several times after one to warm up."""
+    """Run a path several times after a warm-up run."""
     contact: list[Times] = []
     tick: list[Times] = []
     run_s: list[float] = []
@@ -54,7 +54,7 @@ def hot(renderer: Renderer, p_WT_m: NDArray[np.float64], repeats: int = REPEATS)
 
 
 def measure_clock(sheet: Sheet) -> None:
-    """What two calls of the clock one after the other read: part of every time here, and taken from none."""
+    """Measure the time between two successive reads of the clock, which is included in all times."""
     between = np.zeros(20_000, np.int64)
     for _ in range(2):
         _read_clock(new_clock(), between)
@@ -69,7 +69,7 @@ def _read_clock(clock: Times, between: Times) -> None:
 
 
 def measure_contact(sheet: Sheet, case: Case, repeats: int = REPEATS) -> Recording:
-    """Time of the contact part on one case, without effects; and of building what it reads."""
+    """Measure the contact part of the tick on one case, and the time to build the search structure."""
     measure_build(sheet, case)
     found = hot(Renderer(case.scene(), effects=["wall"]), case.p_WT_m, repeats)
     sheet.add(case.name, "triangles", len(case.mesh.faces), "1")
@@ -80,16 +80,16 @@ def measure_contact(sheet: Sheet, case: Case, repeats: int = REPEATS) -> Recordi
 
 
 def measure_build(sheet: Sheet, case: Case) -> None:
-    """Time to find the neighbours of faces, to pack the faces and to build their search."""
+    """Measure the time to find face neighbours, pack the faces and build the search structure."""
 
     def build() -> None:
-        Shapes([replace(case.mesh)], 0.0)  # whose neighbours are not known yet
+        Shapes([replace(case.mesh)], 0.0)  # a copy, whose neighbours are not cached
 
     sheet.add(case.name, "build", 1e3 * min(timeit.repeat(build, number=1, repeat=3)), "ms")
 
 
 def measure_tick(sheet: Sheet, case: Case, swatch: Swatch, order: int, repeats: int = REPEATS) -> None:
-    """The whole tick with all five effects and a texture of `order`: by itself, in `run` and by `step`."""
+    """Measure the tick with five effects and a texture of `order`: inside `run`, `run` itself, and `step`."""
     name = f"tick, order {order}"
     renderer = Renderer(case.scene(swatch), effects=EFFECTS)
     found = hot(renderer, case.p_WT_m, repeats)
@@ -101,7 +101,7 @@ def measure_tick(sheet: Sheet, case: Case, swatch: Swatch, order: int, repeats: 
 
 
 def _step_over_tick_ns(renderer: Renderer, p_WT_m: NDArray[np.float64], repeats: int) -> float:
-    """Median time that `step` takes from Python beyond the tick itself."""
+    """Return the median time of `step` from Python without the tick [ns]."""
     over: list[list[int]] = []
     for _ in range(repeats + 1):
         renderer.reset(p_WT_m[0])
@@ -115,12 +115,12 @@ def _step_over_tick_ns(renderer: Renderer, p_WT_m: NDArray[np.float64], repeats:
 
 
 def last_row(renderer: Renderer) -> Any:
-    """The row of the last `step`, which a program does not get: it holds the times."""
+    """Return the internal row of the last `step`, which holds the times."""
     return renderer._row.view(np.ndarray)[0]
 
 
 def measure_harness(sheet: Sheet, case: Case, repeats: int = REPEATS) -> None:
-    """Time of calling effects: a tick with four that do nothing, less one with none."""
+    """Measure the cost of calling effects: a tick with idle effects minus a tick without effects."""
     idle = [Effect(f"idle_{i}", "Does nothing.", _do_nothing) for i in range(len(EFFECTS))]
     with_idle = hot(Renderer(case.scene(), effects=idle), case.p_WT_m, repeats)
     without = hot(Renderer(case.scene(), effects=[]), case.p_WT_m, repeats)
@@ -129,7 +129,7 @@ def measure_harness(sheet: Sheet, case: Case, repeats: int = REPEATS) -> None:
 
 
 def measure_effects(sheet: Sheet, case: Case, swatch: Swatch, repeats: int = REPEATS) -> None:
-    """Mean time that each effect by itself adds to a tick in contact without effects."""
+    """Measure the mean time that each effect alone adds to a tick in contact."""
     bare = hot(Renderer(case.scene(swatch), effects=[]), case.p_WT_m, repeats).tick_ns
     for name in EFFECTS:
         alone = hot(Renderer(case.scene(swatch), effects=[name]), case.p_WT_m, repeats).tick_ns

@@ -1,4 +1,4 @@
-"""Charts of speed against accuracy: what an approximation costs, what it buys, and what to choose.
+"""Charts of speed against accuracy for eight questions: `hapscene lab chart`.
 
-`question` says what a question is, `run` lists the eight questions; each of their modules asks one.
+`question` defines a question, `run` lists them; each question has one module. `measuring` holds what they share.
 """

@@ -1,4 +1,4 @@
-"""The picture of a question: error against time, with its front and what is felt."""
+"""The picture of a question: error against time, with the Pareto front and the perceptible limit."""
 
 import math
 import textwrap
@@ -17,23 +17,23 @@ if TYPE_CHECKING:
 
 COLOURS: Final = (*(OKABE_ITO[name] for name in ("blue", "vermilion", "green", "orange", "purple", "sky")), EDGE)
 MARKERS: Final = "osD^vPX*<>"
-"""Of the methods in turn: told apart without colour as well."""
+"""Markers of the methods, so that they can be distinguished without colour."""
 
 NAMED_MAX: Final = 12
-"""Points of a panel up to which each is named in the picture [count]; of more, those of the front alone."""
+"""Largest number of points of a panel for which all are labelled; otherwise only the front is [count]."""
 
 BARS_MAX: Final = 30
-"""Points of a panel up to which the second of their times is drawn as well [count]."""
+"""Largest number of points of a panel for which p99 is drawn as well [count]."""
 
 JOINED_MAX: Final = 8
-"""Points of a method up to which they are joined, in the order of its settings [count]: more are no one line."""
+"""Largest number of points of a method that are joined by a line [count]."""
 
 FLOOR: Final = 1 / 3
-"""Where an error of zero is drawn on a logarithmic axis, relative to the smallest error above zero [1]."""
+"""Position of an error of zero on a logarithmic axis, relative to the smallest error above zero [1]."""
 
 
 def write_picture(question: Question, points: Sequence[Point], path: Path) -> list[Path]:
-    """Draw all panels of a question beside each other, what to choose beneath, as PNG on light and on dark ground."""
+    """Draw all panels of a question side by side with the recommendation below, as PNG for light and dark pages."""
     panels = panels_of(question, points)
     width_in = 4.9 * min(len(panels), 3)
     rows = -(-len(panels) // 3)
@@ -53,7 +53,7 @@ def write_picture(question: Question, points: Sequence[Point], path: Path) -> li
 
 
 def panels_of(question: Question, points: Sequence[Point]) -> list[Measure]:
-    """The measures that some point has."""
+    """Return the measures that at least one point has."""
     return [m for m in question.measures if any(_is_number(p.errors.get(m.key)) for p in points)]
 
 
@@ -86,7 +86,7 @@ def _draw(ax: "Axes", question: Question, points: Sequence[Point], measure: Meas
         _plain(ax.yaxis)
     ax.set_xscale("log")
     _plain(ax.xaxis)
-    time = f"time a {question.per} [µs]: median, and to p99"
+    time = f"time per {question.per} [µs]: median, line to p99"
     ax.set_xlabel(next((f"{m.name} [{m.unit}]" for m in question.measures if m.key == against), time))
     best = fronts(question, points, measure)
     for k, each in enumerate(best):
@@ -100,7 +100,7 @@ def _draw(ax: "Axes", question: Question, points: Sequence[Point], measure: Meas
 
 
 def _name_points(ax: "Axes", named: Sequence[tuple[str, float, float]]) -> None:
-    """Labels beside points, left out where they would lie on one that is there."""
+    """Draw labels beside points; a label that would overlap another one is omitted."""
     taken: list[tuple[float, float, float]] = []
     for label, x, y in named:
         at_x, at_y = ax.transData.transform((x, y)) * 72 / ax.figure.dpi
@@ -111,22 +111,22 @@ def _name_points(ax: "Axes", named: Sequence[tuple[str, float, float]]) -> None:
 
 
 def _plain(axis: "Axis") -> None:
-    """Numbers as they are spoken on a logarithmic axis: 0.5, not 5 × 10⁻¹."""
+    """Label a logarithmic axis with plain decimal numbers: 0.5, not 5 × 10⁻¹."""
 
     def minor(value: float, _: float) -> str:
         low, high = axis.get_view_interval()
         digits = "123456789" if high < 3 * low else "25" if high < 30 * low else ""
-        return spoken(value, 0) if f"{value:e}"[0] in digits else ""
+        return decimal(value, 0) if f"{value:e}"[0] in digits else ""
 
-    def spoken(value: float, _: float) -> str:
+    def decimal(value: float, _: float) -> str:
         return f"{value:,.0f}" if value >= 1e4 else f"{value:g}"
 
-    axis.set_major_formatter(spoken)
+    axis.set_major_formatter(decimal)
     axis.set_minor_formatter(minor)
 
 
 def _draw_threshold(ax: "Axes", measure: Measure, jnd: float) -> None:
-    """The line of what is just felt, and the part of the panel that is not needed."""
+    """Draw the line of the perceptible limit, and shade the part of the panel beyond it."""
     low, high = ax.get_ylim()
     if measure.log:
         low, high = min(low, jnd / 2), max(high, jnd * 2)
@@ -136,9 +136,9 @@ def _draw_threshold(ax: "Axes", measure: Measure, jnd: float) -> None:
     ends = (jnd, high) if measure.more_is_better else (low, jnd)
     ax.axhspan(*ends, color=SHADE, zorder=0)
     ax.axhline(jnd, color=INK, linewidth=1, linestyle="--", zorder=1)
-    told = f"{measure.limit}: {jnd:g} {measure.unit}" + (f" ({measure.source})" if measure.source else "")
+    label = f"{measure.limit}: {jnd:g} {measure.unit}" + (f" ({measure.source})" if measure.source else "")
     up = measure.more_is_better
-    for words, x, above, style in ((told, 1.0, not up, "normal"), ("not needed", 0.0, up, "italic")):
+    for words, x, above, style in ((label, 1.0, not up, "normal"), ("not needed", 0.0, up, "italic")):
         ax.annotate(
             words, (x, jnd), (-3 if x else 4, 3 if above else -4), textcoords="offset points",
             xycoords=ax.get_yaxis_transform(), ha="right" if x else "left", va="bottom" if above else "top",

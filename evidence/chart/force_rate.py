@@ -1,4 +1,4 @@
-"""How fast the force channel must run, device by device."""
+"""The question of the rate of the force channel, for three devices."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -27,16 +27,16 @@ RATES_HZ: Final = (500.0, 1000.0, 2000.0, 4000.0)
 TOUCHED: Final = ("omni", "premium-1.5", "phantom-1.0")
 
 REFERENCE_HZ: Final = 20_000.0
-"""Rate of the force that others are held against [Hz]: a multiple of all of them."""
+"""Rate of the reference [Hz]: a multiple of all other rates."""
 
 SLIDE_S, SUBDIVISIONS = 4.0, 5
-"""How long the sphere is slid over [s], and how fine it is."""
+"""Duration of the slide over the sphere [s]; subdivisions of the sphere [count]."""
 
 BUZZ_N_M: Final = 1000.0
-"""The wall at which it is felt whether a device buzzes [N/m]: what CHAI3D drives a Phantom 1.0 at."""
+"""Stiffness of the wall on which a device is tested for vibration [N/m]: CHAI3D's value for a Phantom 1.0."""
 
 REST_MM_S, LEAST_MM_S = 5.0, 0.01
-"""Speed at rest at most, as `hapscene.stability.z_width` has it, and what less is drawn as [mm/s]."""
+"""Largest speed that counts as rest (as in `hapscene.stability.z_width`); smallest speed that is drawn [mm/s]."""
 
 
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
@@ -46,7 +46,7 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
 
 
 def error(device: str, rate_Hz: float, quick: bool = False) -> dict[str, float]:
-    """The stiffest wall by theory and as felt, the speed at which a wall buzzes, the force on a slide."""
+    """Return the stiffest wall in closed form and by simulation, the speed on the test wall, and the force error."""
     point, grip = _point(device), GRIPS["light"]
     found = {
         "closed": limit_of_small_motion(point.mass_kg, point.b_Ns_m, 1.0 / rate_Hz),
@@ -72,7 +72,7 @@ def _scene() -> Scene:
 
 @cache
 def slid(rate_Hz: float) -> Array:
-    """Forces (n, 3) [N] of a slide over a sphere at a rate: every so many-th place of one path."""
+    """Return the forces (n, 3) [N] of a slide over a sphere at a rate; all rates sample the same path."""
     path = _path()[:: round(REFERENCE_HZ / rate_Hz)]
     return Renderer(_scene(), ("wall",), tick_s=1.0 / rate_Hz, a_rate_Hz=rate_Hz).run(path).f_W_N
 
@@ -85,12 +85,12 @@ def _path() -> Array:
 
 
 def held_force_jnd(rate_Hz: float) -> float:
-    """How far the force is from that at 20 kHz, each held until the next [JND]: what 95 % of the time stays below."""
+    """Return the 95th percentile over time of the difference from the force at 20 kHz, with zero-order hold [JND]."""
     return off_jnd(slid(rate_Hz), slid(REFERENCE_HZ))
 
 
 def off_jnd(slow_N: Array, fast_N: Array) -> float:
-    """The same of forces (n, 3) that are held for as many of the fast ones (m, 3) as go into them."""
+    """Return the same for forces (n, 3), each held over m/n of the fast forces (m, 3)."""
     held = np.repeat(slow_N, -(-len(fast_N) // len(slow_N)), axis=0)[: len(fast_N)]
     on = np.linalg.norm(fast_N, axis=1) > 0.0
     return float(np.percentile(force_jnd(held, fast_N)[on], 95))
@@ -98,49 +98,49 @@ def off_jnd(slow_N: Array, fast_N: Array) -> float:
 
 def time(device: str, rate_Hz: float, quick: bool = False) -> tuple[float, float]:
     renderer = Renderer(_scene(), device=device, tick_s=1.0 / rate_Hz, a_rate_Hz=10.0 * rate_Hz)
-    median, late = spread_us(ticks_ns(renderer, _path()[:: round(REFERENCE_HZ / rate_Hz)]))
-    return 1e-3 * rate_Hz * median, 1e-3 * rate_Hz * late
+    median, p99 = spread_us(ticks_ns(renderer, _path()[:: round(REFERENCE_HZ / rate_Hz)]))
+    return 1e-3 * rate_Hz * median, 1e-3 * rate_Hz * p99
 
 
 def advice(points: Sequence[Point]) -> str:
-    """The slowest rate at which nothing is missed, and what each device gains beyond it."""
+    """Recommend the lowest rate whose force error is below one JND, and state the stiffest wall at other rates."""
     chosen = enough(points, "force", 1.0)
     gains = []
     for device in dict.fromkeys(p.method for p in points):
         own = sorted((p for p in points if p.method == device), key=lambda p: float(p.label.split()[0]))
         key = "felt" if all("felt" in p.errors for p in own) else "closed"
-        still = [p for p in own if p.errors["buzz"] <= REST_MM_S and p.errors.get("felt", BUZZ_N_M) >= BUZZ_N_M]
-        quiet = still[0].label if still else "no rate"
+        stable = [p for p in own if p.errors["buzz"] <= REST_MM_S and p.errors.get("felt", BUZZ_N_M) >= BUZZ_N_M]
+        quiet = stable[0].label if stable else "no rate tested"
         gains.append(
-            f"{device} holds {own[0].errors[key]:.0f} N/m at {own[0].label} and {own[-1].errors[key]:.0f} at "
-            f"{own[-1].label}, and rests on {BUZZ_N_M:g} N/m from {quiet} on"
+            f"{device}: {own[0].errors[key]:.0f} N/m at {own[0].label}, {own[-1].errors[key]:.0f} N/m at "
+            f"{own[-1].label}, stable at {BUZZ_N_M:g} N/m from {quiet}"
         )
     return (
-        f"For the force alone {chosen.label} is enough ({chosen.errors['force']:.2g} JND for 95 % of a slide). Run "
-        f"faster for stiffer walls: {'; '.join(gains)}. Not faster where the device's own cap is reached, or where "
-        "its driver has one rate: the time grows with the rate."
+        f"For the force alone {chosen.label} is sufficient ({chosen.errors['force']:.2g} JND for 95 % of a slide). "
+        f"Stiffer walls need a higher rate; stiffest stable wall: {'; '.join(gains)}. The time per second grows with "
+        "the rate."
     )
 
 
 QUESTION: Final = Question(
     name="force-rate",
-    title="How fast must the force channel run?",
+    title="Rate of the force channel",
     measures=(
         Measure("force", "force on a slide, 95 %", "JND", 1.0, "7 %, 18° (Pang et al. 1991, Barbagli et al. 2006)"),
         Measure(
             "buzz", f"speed on a wall of {BUZZ_N_M:g} N/m", "mm/s", REST_MM_S, "half an encoder's noise", limit="rest"
         ),
-        Measure("felt", "stiffest wall in a light hand", "N/m", more_is_better=True),
-        Measure("closed", "stiffest wall, no friction, no hand", "N/m", more_is_better=True),
+        Measure("felt", "stiffest stable wall, light grip", "N/m", more_is_better=True),
+        Measure("closed", "stiffest stable wall, no friction, no hand", "N/m", more_is_better=True),
     ),
     settings=settings,
     error=error,
     time=time,
     advice=advice,
     conditions=(
-        f"Slide over a sphere at 500 N/m against the same at 20 kHz; a wall of {BUZZ_N_M:g} N/m tapped and pressed by "
-        "a light hand, undamped, without the device's limits; the stiffest wall that rests so, and in closed form. "
-        "Time: all ticks of a millisecond, all effects, ten samples a tick."
+        f"Force: slide over a sphere at 500 N/m, against 20 kHz. Speed: a light grip taps and presses an undamped wall "
+        f"of {BUZZ_N_M:g} N/m without the device's limits; stiffest wall: the same by search, and in closed form. "
+        "Time: ticks of one millisecond with all effects and ten acceleration samples per tick."
     ),
     per="ms of touch",
 )

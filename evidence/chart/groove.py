@@ -1,7 +1,7 @@
-"""How the proxy is found between two planes: the exact active set against alternating projection.
+"""The question of the proxy between two planes: exact active set or alternating projection.
 
-Alternating projection (von Neumann 1933) goes to the one plane, then to the other, until it is near the groove's edge.
-Each step leaves cos α of the error, α the groove's angle: fast at a right angle, endless in a sharp groove.
+Alternating projection (von Neumann 1933) projects the point onto the two planes in turn. Each step multiplies the error
+by cos α, with the groove's angle α: it converges quickly at a right angle and slowly in a sharp groove.
 """
 
 import math
@@ -18,21 +18,21 @@ from hapscene.records import records
 from .question import Measure, Point, Question, Setting
 
 ANGLES_DEG: Final = (60.0, 20.0, 10.0)
-"""Angles of the groove: between its two faces, through the air [°]."""
+"""Opening angles of the groove [°]."""
 
 STEPS: Final = (1, 4, 16, 64, 256, 1024)
-"""Projections made [count]."""
+"""Numbers of projections [count]."""
 
 TOOL_M: Final[Vector] = (0.3e-3, 0.0, -2e-3)
-"""The tool, 2 mm below the edge at the origin, a little to the side [m]: the closest allowed point is the origin."""
+"""Tool position, 2 mm below the edge at the origin and slightly to the side [m]: the exact proxy is the origin."""
 
 CALLS: Final = 2000
-"""Solutions that are timed at once [count]."""
+"""Solutions per timed call [count]."""
 
 EXACT: Final = "active set"
 
 ROUNDING_M: Final = 1e-15
-"""Under which an error is that of float64 at a millimetre's scale [m]: it is drawn as this, for 0 has no place."""
+"""Rounding of float64 at the scale of a millimetre [m]: smaller errors are drawn as this, as a log axis has no 0."""
 
 
 def settings(quick: bool, scene: str | None) -> Sequence[Setting]:
@@ -46,7 +46,7 @@ def settings(quick: bool, scene: str | None) -> Sequence[Setting]:
 
 
 def error(angle_deg: float, steps: int) -> dict[str, float]:
-    """Distance of the proxy from the groove's edge, the closest point there is; no steps for the active set."""
+    """Return the distance of the proxy from the groove's edge, the exact solution; `steps` is 0 for the active set."""
     planes = groove(angle_deg)
     off_m = alternating_error_m(planes, steps) if steps else norm(nearest(planes[0], TOOL_M, 0.0)[1])
     return {"off": max(off_m, ROUNDING_M) * 1e3}
@@ -60,7 +60,7 @@ def time(angle_deg: float, steps: int) -> tuple[float, float]:
 
 
 def groove(angle_deg: float) -> Any:
-    """Planes of a groove along y, its edge at the origin, open upwards: a `PROXY` record."""
+    """Return the planes of a groove along y with its edge at the origin, open upwards: a `PROXY` record."""
     proxy = records(1, PROXY)
     half = math.radians(angle_deg) / 2
     proxy["nhat_W"][0, :2] = (math.cos(half), 0.0, math.sin(half)), (-math.cos(half), 0.0, math.sin(half))
@@ -70,13 +70,13 @@ def groove(angle_deg: float) -> Any:
 
 
 def alternating_error_m(planes: Any, steps: int) -> float:
-    """Distance from the right point after a number of projections [m]."""
+    """Return the distance from the exact point after a number of projections [m]."""
     return norm(alternate(planes[0], TOOL_M, steps))
 
 
 @native
 def alternate(proxy: Any, p: Vector, steps: int) -> Vector:
-    """The point `p` projected in turn onto the planes that it lies behind."""
+    """Project the point `p` in turn onto the planes that it lies behind."""
     for step in range(steps):
         n = proxy.nhat_W[step % proxy.count]
         short = proxy.offset_m[step % proxy.count] - (n[0] * p[0] + n[1] * p[1] + n[2] * p[2])
@@ -86,7 +86,7 @@ def alternate(proxy: Any, p: Vector, steps: int) -> Vector:
 
 
 def time_ns(planes: Any, steps: int, clock: Any) -> float:
-    """Time of so many projections, or of the active set where `steps` is 0 [ns]."""
+    """Return the time of a number of projections, or of the active set if `steps` is 0 [ns]."""
     return float(_time_alternating(planes, steps, clock) if steps else _time_exact(planes, clock)) / CALLS
 
 
@@ -94,7 +94,7 @@ def time_ns(planes: Any, steps: int, clock: Any) -> float:
 def _time_alternating(planes: Any, steps: int, clock: Any) -> int:
     start = now_ns(clock)
     x = 0.0
-    for _ in range(CALLS):  # each call starts where the last one ended, to rounding, so that none is left out
+    for _ in range(CALLS):  # depends on the previous result, so that the compiler removes no call
         x = 1e-30 * alternate(planes[0], (0.3e-3 + x, 0.0, -2e-3), steps)[0]
     return int(now_ns(clock) - start) + int(x)
 
@@ -109,24 +109,23 @@ def _time_exact(planes: Any, clock: Any) -> int:
 
 
 def advice(points: Sequence[Point]) -> str:
+    """Compare the error of projection after the time that the active set takes."""
     exact = max(p.median_us for p in points if p.method == EXACT)
     worst = max((p.errors["off"] for p in points if "projection" in p.method and p.median_us <= exact), default=0.0)
     return (
-        f"Take the active set: it is there in {exact:.2f} µs at every angle, to rounding, where projection is still "
-        f"up to {worst:.2g} mm off in as much time. Projection is enough only where no two faces meet at less than a "
-        "right angle."
+        f"Use the active set: it is exact to rounding in {exact:.2f} µs at every angle; projection has an error of up "
+        f"to {worst:.2g} mm after the same time. Projection suffices only if no two faces meet at less than 90°."
     )
 
 
 QUESTION: Final = Question(
     name="groove",
-    title="How is the proxy found between two planes?",
-    measures=(Measure("off", "proxy from the closest point", "mm"),),
+    title="Proxy between two planes",
+    measures=(Measure("off", "distance of the proxy from the exact point", "mm"),),
     settings=settings,
     error=error,
     time=time,
     advice=advice,
-    conditions="A tool 2 mm below the edge of a groove of 60, 20 or 10°; the closest allowed point is the edge itself, "
-    "known beforehand.",
+    conditions="The tool is 2 mm below the edge of a groove of 60, 20 or 10°. The exact solution is the edge.",
     per="solution",
 )

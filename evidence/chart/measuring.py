@@ -1,4 +1,4 @@
-"""What several questions measure with: recordings, bands of vibration, times, and what is near enough."""
+"""Functions that several questions share: recordings, levels in bands, times, and the choice of a point."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.capture import load_recording
-from hapscene.capture.fit.distance import band_power, model_spectrum
+from hapscene.capture.fit.distance import band_power
 from hapscene.capture.io.streams import Streams, clean
 from hapscene.perception import band_edges_Hz, bands_jnd
 from hapscene.render.renderer import Renderer
@@ -26,66 +26,67 @@ Array = NDArray[np.float64]
 RATE_HZ: Final = 10_000.0
 
 RECORDINGS: Final = Path(__file__).resolve().parents[3] / "shared" / "data" / "recordings"
-"""Real recordings beside the checkout."""
+"""Folder of recordings beside the checkout."""
 
 STROKES: Final = ("wood", "paper", "leather")
-"""Recordings that hold force, speed and friction."""
+"""Recordings with force, speed and friction."""
 
-FELT_HZ: Final = band_edges_Hz()
-FINE_HZ: Final = np.geomspace(FELT_HZ[0], FELT_HZ[-1], 481)
-"""Edges of the bands that are felt, and 40 frequencies in each [Hz]."""
+BAND_EDGES_HZ: Final = band_edges_Hz()
+FINE_HZ: Final = np.geomspace(BAND_EDGES_HZ[0], BAND_EDGES_HZ[-1], 481)
+"""Edges of the perceptible bands, and 40 frequencies in each [Hz]."""
 
 ISRAR: Final = "2 dB in a band (Israr, Tan & Reed 2006)"
 
 TICKS: Final = 3000
-"""Ticks that are timed [count]: 30 of them are slower than the 99th percentile."""
+"""Ticks that are timed [count]; 30 of them exceed the 99th percentile."""
 
 
 def no_recordings() -> str:
-    """Why a question of recordings is left out; empty where they are there."""
+    """Return why questions about recordings are omitted; empty if the recordings are present."""
     return "" if RECORDINGS.is_dir() else "real recordings in ../shared/data/recordings beside the checkout"
 
 
 @cache
 def recorded(name: str) -> Streams:
-    """One of `STROKES`, cleaned, at `RATE_HZ`."""
+    """Return one of `STROKES`, cleaned, at `RATE_HZ`."""
     units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
-    told = load_recording(RECORDINGS / f"cdp_{name}.csv", RATE_HZ, columns={"acceleration": "accel"}, units=units)
-    return clean(told.acceleration_m_s2, RATE_HZ, told.force_N, told.speed_m_s, told.tangential_force_N)
-
-
-def model_bands(a: ArrayLike, variance_m2_s4: float, rate_Hz: float, warp: float = 0.0) -> Array:
-    """Root mean squares (k,) [m/s²] of an AR model in the felt bands, in closed form but for the integral."""
-    return bands_of(FINE_HZ, model_spectrum(a, variance_m2_s4, rate_Hz, FINE_HZ, warp))
+    recording = load_recording(RECORDINGS / f"cdp_{name}.csv", RATE_HZ, columns={"acceleration": "accel"}, units=units)
+    return clean(
+        recording.acceleration_m_s2,
+        RATE_HZ,
+        recording.force_N,
+        recording.speed_m_s,
+        recording.tangential_force_N,
+    )
 
 
 def texture_bands(texture: Texture, force_N: ArrayLike, speed_m_s: ArrayLike, *, held: bool = False) -> Array:
-    """Root mean squares (n, k) [m/s²] of a texture in the felt bands at forces and speeds (n,).
+    """Return the rms (n, k) [m/s²] of a texture in the perceptible bands at forces and speeds (n,).
 
-    `held`: each sample for its whole time, as a converter does, which leaves |sinc(f/rate)|.
+    With `held` the output stage is a zero-order hold, whose response is |sinc(f/rate)|.
     """
     density = texture.density(force_N, speed_m_s, frequency_Hz=FINE_HZ)
     return bands_of(FINE_HZ, density * np.sinc(FINE_HZ / texture.rate_Hz) ** 2 if held else density)
 
 
 def bands_of(frequency_Hz: Array, density: Array) -> Array:
-    """Root mean squares (..., k) [m/s²] of a power density (..., n) [(m/s²)²/Hz] in the felt bands."""
+    """Return the rms (..., k) [m/s²] of a power density (..., n) [(m/s²)²/Hz] in the perceptible bands."""
     return np.asarray(np.sqrt(np.maximum(band_power(density, frequency_Hz), 0.0)))
 
 
 def apart_jnd(bands_m_s2: ArrayLike, true_m_s2: ArrayLike) -> Array:
-    """How far the levels (…, k) of the felt bands are from the true ones (…, k), (…,) [JND]."""
-    return bands_jnd(bands_m_s2, true_m_s2, FELT_HZ)
+    """Return the distance (…,) [JND] between levels (…, k) of the perceptible bands and the true ones (…, k)."""
+    return bands_jnd(bands_m_s2, true_m_s2, BAND_EDGES_HZ)
 
 
 def spread_us(times_ns: ArrayLike) -> tuple[float, float]:
-    """Median and 99th percentile [µs] of times [ns]."""
-    median, late = np.percentile(np.asarray(times_ns, np.float64), (50, 99))
-    return 1e-3 * float(median), 1e-3 * float(late)
+    """Return median and 99th percentile [µs] of times [ns]."""
+    median, p99 = np.percentile(np.asarray(times_ns, np.float64), (50, 99))
+    return 1e-3 * float(median), 1e-3 * float(p99)
 
 
 def call_us(job: Callable[[], object], per: float = 1.0, repeats: int = 200) -> tuple[float, float]:
-    """Median and 99th percentile of the time of a call [µs], over `per`."""
+    """Return median and 99th percentile of the time of a call, divided by `per` [µs]."""
     job()
     times = []
     for _ in range(repeats):
@@ -96,7 +97,7 @@ def call_us(job: Callable[[], object], per: float = 1.0, repeats: int = 200) -> 
 
 
 def stroke_path(count: int = TICKS, tick_s: float = 1e-3) -> Array:
-    """A tool (n, 3) [m] to and fro over the rig's sheet at up to 0.2 m/s, 1 to 2 mm deep."""
+    """Return tool positions (n, 3) [m]: strokes over the rig's sheet at up to 0.2 m/s, 1 to 2 mm deep."""
     t = tick_s * np.arange(count)
     depth = 1.5e-3 + 0.5e-3 * np.sin(9.0 * t)
     depth[0] = -1e-3
@@ -106,9 +107,9 @@ def stroke_path(count: int = TICKS, tick_s: float = 1e-3) -> Array:
 def effect_us(
     swatch: Any, effects: Sequence[Any], less: Sequence[Any] = (), path: Array | None = None, **rates: Any
 ) -> tuple[float, float]:
-    """Median and 99th percentile of the time that a tick takes with `effects` beyond one with `less` [µs], in contact.
+    """Return median and 99th percentile of the time of a tick with `effects` minus one with `less` [µs], in contact.
 
-    Each tick's is the least of several runs, measured inside it; what has no `less` is the whole tick.
+    Times are measured inside the tick, the minimum of several runs each. Without `less` it is the time of the tick.
     """
     path = stroke_path() if path is None else path
     taken = ticks_ns(Renderer(sheet(swatch), list(effects), **rates), path)
@@ -120,27 +121,27 @@ def effect_us(
 
 
 def ticks_ns(renderer: Renderer, path: Array, repeats: int = 9) -> NDArray[np.int64]:
-    """Time of each tick in contact [ns], the least of several runs."""
+    """Return the time of each tick in contact [ns], the minimum of several runs."""
     return hot(renderer, path, repeats).tick_ns
 
 
 def texture_us(texture: Texture, a_rate_Hz: float = RATE_HZ) -> tuple[float, float]:
-    """Median and 99th percentile of the time of a block of texture in the tick [µs]."""
+    """Return median and 99th percentile of the time of a block of texture in the tick [µs]."""
     return effect_us(Swatch("timed", texture=texture), ("wall", "lpc_texture"), ("wall",), a_rate_Hz=a_rate_Hz)
 
 
 def measured(points: Sequence[Point], key: str) -> list[Point]:
-    """Those of the points that were measured here and have that error, a finite one."""
+    """Return the points with a finite error of that key."""
     return [p for p in points if np.isfinite(p.errors.get(key, np.nan))]
 
 
 def best(points: Sequence[Point], key: str) -> Point:
-    """The one of the least error."""
+    """Return the point with the smallest error."""
     return min(measured(points, key), key=lambda p: p.errors[key])
 
 
 def enough(points: Sequence[Point], key: str, within: float) -> Point:
-    """The quickest whose error is at most `within`, or else at most that of the best one."""
+    """Return the fastest point whose error is at most `within`, or otherwise the one with the smallest error."""
     least = best(points, key).errors[key]
     fit = [p for p in measured(points, key) if p.errors[key] <= max(within, least)]
     return min(fit, key=lambda p: (p.median_us if p.median_us == p.median_us else np.inf, p.errors[key]))

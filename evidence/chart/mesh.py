@@ -1,4 +1,4 @@
-"""The question of the mesh: how much of a scan may be left out before the hand notices."""
+"""The question of mesh resolution: how many faces a mesh needs."""
 
 import math
 from collections.abc import Sequence
@@ -19,22 +19,22 @@ from .question import Measure, Point, Question, Setting
 from .touched_surface import SPHERE, Array, bodies_of, reduced, touched
 
 DIVISORS: Final = (1, 2, 4, 8, 16, 32, 64)
-"""Of the faces [count]."""
+"""Factors by which the number of faces is reduced [1]."""
 
 CREASE_RAD: Final = math.radians(40.0)
-"""Edges below which a shaded mesh is felt round [rad]: those of a sphere of 100 faces are, those of a box are not."""
+"""Angle below which shading smooths an edge [rad]: a sphere of 100 faces becomes round, a box keeps its edges."""
 
 DEPTH_M: Final = 1e-4
-"""Depth from which a direction is judged [m]: there is 0.05 N, and a skin of a micrometre is 1/100 of it."""
+"""Penetration depth above which the direction is judged [m]; there the force is 0.05 N."""
 
 FACES_MIN: Final = 40
-"""Faces that are left at least [count]."""
+"""Smallest number of faces of a reduced mesh [count]."""
 
 LEAST: Final = {"direction": 0.01, "force": 0.001, "edge": 0.01, "depth": 0.001}
-"""What errors are told as where they are less: on flat faces they are rounding, which would fill the picture."""
+"""Smallest errors that are drawn: on flat faces errors are rounding, which would extend the axis."""
 
-LATE: Final = 95.0
-"""Percentile of the ticks in contact that an error is told of: what 19 in 20 lie below."""
+PERCENTILE: Final = 95.0
+"""Percentile over the ticks in contact that is reported [%]."""
 
 
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
@@ -47,50 +47,50 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
             for divisor in DIVISORS[::3] if quick else DIVISORS:
                 if count // divisor >= FACES_MIN:
                     arguments = {"scene_file": scene_file, "body": name, "divisor": divisor, "shaded": shaded}
-                    label = f"÷{divisor}" if divisor > 1 else "whole"
+                    label = f"÷{divisor}" if divisor > 1 else "full"
                     found.append(Setting(f"{name}, shaded" if shaded else name, label, arguments))
     return found
 
 
 def subject(point: Point) -> str:
-    """The body that a point is of."""
+    """Return the name of the body of a point."""
     return point.method.removesuffix(", shaded")
 
 
 def renderer_of(scene_file: str | None, body: str, divisor: int, shaded: bool) -> Renderer:
-    """One that has the reduced body alone, and the wall alone."""
+    """Return a renderer for the reduced body alone, with the wall as the only effect."""
     scene = touched(scene_file, body).scene(reduced(scene_file, body, divisor))
     return Renderer(scene, ["wall"], crease_rad=CREASE_RAD if shaded else 0.0)
 
 
 def error(scene_file: str | None, body: str, divisor: int, shaded: bool) -> dict[str, float]:
-    """Errors of force and depth on the path, and the mesh's memory."""
+    """Return the errors of force and depth on the path, and the memory of the mesh."""
     on = touched(scene_file, body)
-    felt = renderer_of(scene_file, body, divisor, shaded).run(on.p_WT_m)
+    recording = renderer_of(scene_file, body, divisor, shaded).run(on.p_WT_m)
     memory_MB = held_MB(lambda: renderer_of(scene_file, body, divisor, shaded))
-    found = force_errors(felt, on.into_m, PLAIN.stiffness_N_m)
+    found = force_errors(recording, on.into_m, PLAIN.stiffness_N_m)
     return {**{key: max(value, LEAST[key]) for key, value in found.items()}, "memory": memory_MB}
 
 
-def force_errors(felt: Recording, into_m: Array, stiffness_N_m: float) -> dict[str, float]:
-    """Of a recording with the wall alone, against the closest points of `Touched.into_m`.
+def force_errors(recording: Recording, into_m: Array, stiffness_N_m: float) -> dict[str, float]:
+    """Return the errors of a recording with the wall alone, against the closest points `Touched.into_m`.
 
-    Where both never touch at once there is no direction: NaN.
+    The direction error is NaN if the two are never in contact in the same tick.
     """
-    true_N, force_N = stiffness_N_m * into_m, felt.f_W_N
+    true_N, force_N = stiffness_N_m * into_m, recording.f_W_N
     depth_m, size_N = np.linalg.norm(into_m, axis=1), np.linalg.norm(force_N, axis=1)
-    on = felt.touching | (depth_m > 0.0)
+    on = recording.touching | (depth_m > 0.0)
     true_size_N = np.linalg.norm(true_N, axis=1)
     size = np.abs(size_N - true_size_N) / (FORCE * np.maximum(true_size_N, FORCE_LEAST_N))
-    both = felt.touching & (depth_m > DEPTH_M)
+    both = recording.touching & (depth_m > DEPTH_M)
     turn = angle_deg(force_N, true_N)[both]
     step, true_step = angle_deg(force_N[1:], force_N[:-1]), angle_deg(true_N[1:], true_N[:-1])
     sliding = both[1:] & both[:-1]
     return {
-        "direction": float(np.percentile(turn, LATE)) if len(turn) else math.nan,
-        "force": float(np.percentile(size[on], LATE)),
+        "direction": float(np.percentile(turn, PERCENTILE)) if len(turn) else math.nan,
+        "force": float(np.percentile(size[on], PERCENTILE)),
         "edge": float(np.max(np.maximum(step - true_step, 0.0)[sliding], initial=0.0)),
-        "depth": 1e3 * float(np.percentile(np.abs(felt.depth_m - depth_m)[on], LATE)),
+        "depth": 1e3 * float(np.percentile(np.abs(recording.depth_m - depth_m)[on], PERCENTILE)),
     }
 
 
@@ -100,45 +100,45 @@ def time(scene_file: str | None, body: str, divisor: int, shaded: bool) -> tuple
 
 
 def advice(points: Sequence[Point]) -> str:
-    said = []
+    """Recommend the coarsest mesh of each body whose errors are not perceptible."""
+    found = []
     for body in dict.fromkeys(map(subject, points)):
         of = [p for p in points if p.method == body]
         fit = [
             p for p in of if p.errors["force"] <= 1.0 and max(p.errors["direction"], p.errors["edge"]) <= DIRECTION_DEG
         ]
         if not fit:
-            said.append(f"{body} whole")
+            found.append(f"{body}: full mesh")
             continue
         least, whole = min(fit, key=lambda p: p.errors["memory"]), of[0]
-        said.append(f"{body} {least.label} ({least.errors['memory']:.2g} MB of {whole.errors['memory']:.2g})")
+        found.append(f"{body} {least.label} ({least.errors['memory']:.2g} MB instead of {whole.errors['memory']:.2g})")
     return (
-        f"Take the coarsest mesh whose force, direction and edges nobody feels: {'; '.join(said)}. It saves memory and "
-        "loading; a tick gains next to nothing. Shade what was round and is coarse. Do not where the facets are the "
-        "shape, or where energy counts: shading turns the force and leaves its size."
+        f"Coarsest meshes with force, direction and edges below their limits: {'; '.join(found)}. They save memory and "
+        "loading time; the tick time hardly changes. Shading suits coarse meshes of round shapes: it changes the "
+        "direction of the force, not its size."
     )
 
 
 QUESTION: Final = Question(
     name="mesh",
-    title="How coarse may a mesh be?",
+    title="Mesh resolution",
     measures=(
-        Measure("direction", "direction of the force, off by (95 % of ticks)", "°", DIRECTION_DEG,
+        Measure("direction", "error of the force's direction (95 % of ticks)", "°", DIRECTION_DEG,
                 "Barbagli et al. 2006"),
-        Measure("force", "size of the force, off by (95 % of ticks)", "JND", 1.0, "7 %, Pang et al. 1991"),
-        Measure("edge", "felt edge: largest turn from tick to tick beyond the surface's own", "°", DIRECTION_DEG,
+        Measure("force", "error of the force's size (95 % of ticks)", "JND", 1.0, "7 %, Pang et al. 1991"),
+        Measure("edge", "edges: largest turn between ticks beyond that of the surface", "°", DIRECTION_DEG,
                 "Barbagli et al. 2006"),
-        Measure("depth", "depth, off by (95 % of ticks)", "mm"),
+        Measure("depth", "error of the depth (95 % of ticks)", "mm"),
         Measure("memory", "memory of the mesh", "MB"),
     ),
     settings=settings,
     error=error,
     time=time,
     advice=advice,
-    conditions="Each body by itself, its faces reduced by quadric error metrics (fast-simplification), felt with the "
-    "wall alone along the path of a hand that explores it from above. Truth: the point of the unreduced mesh that is "
-    "closest to the tool, by distances to its triangles; of the sphere, the round surface. A proxy that was led over "
-    "bumps is not always at the closest point: so much of the error is not the mesh's. Shaded: edges below 40° are "
-    "felt round.",
+    conditions="Each body alone, its faces reduced by quadric error metrics (fast-simplification), touched with the "
+    "wall effect along the path of a hand that explores it from above. Reference: the closest point of the full mesh, "
+    "or of the round sphere. On bumpy bodies the proxy is not always at the closest point, which adds to the error. "
+    "Shaded: edges below 40° are smoothed.",
     against="memory",
     subject=subject,
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What a question of the chart is: settings of methods, each of which becomes a point of time against error."""
+"""A question of the chart: methods at several settings, each a point of time against error."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,25 +11,25 @@ class Setting(NamedTuple):
     """A method at one of its settings."""
 
     method: str
-    """One line of the picture."""
+    """Name of the method; one line of the picture."""
     label: str
-    """Short name of the point: "order 40", "÷16"."""
+    """Label of the point, such as "order 40" or "÷16"."""
     arguments: Mapping[str, Any]
-    """Arguments of the question's `error` and `time`, of types that JSON holds."""
+    """Arguments of the question's `error` and `time`; JSON types."""
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A quantity that errors are measured in; one panel of the picture.
+    """A kind of error; one panel of the picture.
 
     Attributes:
-        key: its key in what `error` returns.
+        key: its key in the result of `Question.error`.
         name, unit: as shown.
-        jnd: just-noticeable difference in that unit; None where it is not known. Smaller errors cannot be felt.
+        jnd: just-noticeable difference in that unit, or None; smaller errors are not perceptible.
         source: source of the just-noticeable difference.
-        limit: name of that number: "just felt", or what else it is the limit of.
+        limit: name of that number in the picture.
         log: whether the axis is logarithmic.
-        more_is_better: whether more is better, as of a stiffness that is kept.
+        more_is_better: whether larger values are better, as for a stiffness.
     """
 
     key: str
@@ -39,17 +39,17 @@ class Measure:
     source: str = ""
     log: bool = True
     more_is_better: bool = False
-    limit: str = "just felt"
+    limit: str = "just noticeable"
 
 
 @dataclass(frozen=True)
 class Point:
-    """A setting as it was measured.
+    """A measured setting.
 
     Attributes:
         method, label: of the setting.
         median_us, p99_us: time per `Question.per` [µs].
-        errors: by `Measure.key`.
+        errors: errors by `Measure.key`.
     """
 
     method: str
@@ -61,22 +61,22 @@ class Point:
 
 @dataclass(frozen=True)
 class Question:
-    """One picture: error against time, over the settings of some methods.
+    """A question: error against time for several methods and settings.
 
     Attributes:
         name: file name: "mesh", "force-rate".
-        title: the question itself: "How coarse may a mesh be?"
-        measures: quantities that are measured; a panel each.
-        settings: the settings to measure, given whether in short, and the scene's file (None for the question's own
-            subject).
-        error: errors of a setting's arguments, by `Measure.key`, against a truth that no method under test made. Called
-            in several processes at once.
-        time: median and p99 of a setting's time [µs], called with nothing beside it.
-        advice: a sentence or two that say what to choose and when not to, computed from the points.
-        conditions: what was touched, how, against which truth.
-        per: what the time is of.
-        against: key of the measure that stands in the place of time, where it is not time that is saved.
-        subject: what a point is of, as a body: points of different subjects do not compete.
+        title: heading, such as "Mesh resolution".
+        measures: kinds of error, one panel each.
+        settings: returns the settings to measure; called with whether to measure fewer, and with the scene file (None:
+            the question's default subject).
+        error: returns the errors of a setting by `Measure.key`, against a reference that is independent of the methods.
+            Called in several processes at once.
+        time: returns median and p99 of a setting's time [µs]; called with no other task running.
+        advice: returns a recommendation and its limits, computed from the points.
+        conditions: subject, path and reference of the measurement.
+        per: what one time refers to.
+        against: key of the measure that replaces time as the cost; empty for time.
+        subject: returns the subject of a point, such as a body; points of different subjects are not compared.
     """
 
     name: str
@@ -93,7 +93,7 @@ class Question:
 
 
 def front(points: Sequence[Point], measure: Measure, against: str = "") -> list[Point]:
-    """The Pareto front: points that no other one beats in both cost and error, by cost."""
+    """Return the Pareto front, sorted by cost: points that no other point beats in both cost and error."""
     sign = -1.0 if measure.more_is_better else 1.0
     known = [p for p in points if measure.key in p.errors and cost_of(p, against) == cost_of(p, against)]
     best, kept = float("inf"), []
@@ -105,17 +105,17 @@ def front(points: Sequence[Point], measure: Measure, against: str = "") -> list[
 
 
 def cost_of(point: Point, against: str = "") -> float:
-    """The median time [µs], or the measure that stands in its place; NaN where it is not known."""
+    """Return the median time [µs], or the measure that replaces it; NaN if it is unknown."""
     return point.errors.get(against, float("nan")) if against else point.median_us
 
 
 def fronts(question: Question, points: Sequence[Point], measure: Measure) -> list[list[Point]]:
-    """The front of each subject of a question."""
+    """Return the front of each subject of a question."""
     subjects = dict.fromkeys(question.subject(p) for p in points)
     against = cost_key(question, measure)
     return [front([p for p in points if question.subject(p) == of], measure, against) for of in subjects]
 
 
 def cost_key(question: Question, measure: Measure) -> str:
-    """Key of the measure that a panel is drawn against; empty for time."""
+    """Return the key of the measure on the cost axis of a panel; empty for time."""
     return "" if question.against == measure.key else question.against

@@ -1,4 +1,4 @@
-"""The whole chart: every question measured, drawn and put on one page. A new question takes its line in `QUESTIONS`."""
+"""The chart: measures every question and writes pictures and page. `QUESTIONS` lists the questions."""
 
 import hashlib
 import os
@@ -18,7 +18,7 @@ from ..bench.machine import describe_machine
 from ..bench.sheet import Sheet
 from ..page import Page, shown
 from .drawing import write_picture
-from .question import Measure, Point, Question, Setting, fronts
+from .question import Point, Question, Setting
 from .table import Table
 from .touched_surface import BODY_FACES_MIN
 
@@ -34,16 +34,16 @@ QUESTIONS: Final[Mapping[str, str]] = {
     "stabiliser": "stabiliser",
     "compensator": "compensator",
 }
-"""The module of each question, in the order of the page."""
+"""Module of each question by its name, in the order of the page."""
 
-TITLE: Final = "The chart: speed and accuracy, one charted against the other"
+TITLE: Final = "Chart: speed against accuracy"
 
-METHOD: Final = """Each point is a method at one setting: the time that it takes, and its error against a truth that the
-method did not make. No other point beats those on the front in both. Errors in the shaded part cannot be felt."""
+METHOD: Final = """Each point is a method at one setting: its time, and its error against an independent reference. No
+other point beats a point on the front in both. Errors in the shaded area are not perceptible."""
 
 
 def question(name: str) -> Question:
-    """The question of that name.
+    """Return the question of that name.
 
     Raises:
         HapsceneError: no such question.
@@ -55,12 +55,12 @@ def question(name: str) -> Question:
 
 
 def error_of(name: str, arguments: Mapping[str, Any], stamp: str) -> dict[str, float]:
-    """The errors of a setting, in whichever process. The stamp identifies the content of the scene's file."""
+    """Return the errors of a setting. The stamp identifies the content of the scene file in the journal."""
     return {key: float(value) for key, value in question(name).error(**arguments).items()}
 
 
 def time_of(name: str, arguments: Mapping[str, Any], stamp: str) -> list[float]:
-    """Median and p99 of a setting's time [µs]."""
+    """Return median and p99 of a setting's time [µs]."""
     return [float(value) for value in question(name).time(**arguments)]
 
 
@@ -76,60 +76,63 @@ def chart(
     docs: Path | None = None,
     say: Callable[[str], None] = print,
 ) -> Table:
-    """Measure every question and write chart.csv, a picture each and chart.html into `out`.
+    """Measure every question and write chart.csv, a picture of each and chart.html into `out`.
 
-    Finished settings are noted in chart.jsonl there until all are done: the same call continues an interrupted one.
+    Finished settings are kept in chart.jsonl until all are done; the same call resumes an interrupted one.
 
     Args:
-        out: folder to write into; made when it is missing.
-        scene: file of the scene that is asked about; None for each question's own subject.
-        only: names of questions; all without them.
+        out: output folder, created if missing.
+        scene: scene file; None for each question's default subject.
+        only: names of questions; all if empty.
         quick: fewer settings, shorter paths.
-        jobs: processes that find errors; None for one a core. Times are always taken alone, here, afterwards.
-        scheduler: address of a Dask cluster in their place; a scene must have the same path there.
-        table: an earlier chart.csv, to draw it again; nothing is measured then.
-        docs: the project's folder of documents: chart.md and chart/ are written too.
+        jobs: number of processes that compute errors; None for one per core. Times are measured afterwards in this
+            process, one at a time.
+        scheduler: address of a Dask cluster to use instead; the scene must have the same path there.
+        table: an earlier chart.csv to draw instead of measuring.
+        docs: the folder docs/results, whose chart.md and chart/ are written as well.
         say: called with each line of progress.
 
     Raises:
-        HapsceneError: no such question; NUMBA_DISABLE_JIT=1, where times mean nothing; an invalid `table`.
+        HapsceneError: no such question; NUMBA_DISABLE_JIT=1, which disables compilation; an invalid `table`.
         OSError: `out` cannot be written.
     """
     if INTERPRETED and table is None:
-        raise HapsceneError("the chart times compiled code: run it without NUMBA_DISABLE_JIT")
-    asked = [question(name) for name in dict.fromkeys(only or QUESTIONS)]
+        raise HapsceneError("NUMBA_DISABLE_JIT is set, but the chart measures compiled code: unset it")
+    questions = [question(name) for name in dict.fromkeys(only or QUESTIONS)]
     if docs is not None and not docs.is_dir():
         raise HapsceneError(f"{docs}: no such folder")
     if table is None:
         out.mkdir(parents=True, exist_ok=True)
-        found = _measure(asked, out / "chart.jsonl", scene, quick, jobs, scheduler, say)
-        asked = [q for q in asked if found.points[q.name]]
+        found = _measure(questions, out / "chart.jsonl", scene, quick, jobs, scheduler, say)
+        questions = [q for q in questions if found.points[q.name]]
     else:
-        found, asked = _read(table, asked)
+        found, questions = _read(table, questions)
         out.mkdir(parents=True, exist_ok=True)
     say("made:")
-    for path in _write(found, asked, out, docs):
+    for path in _write(found, questions, out, docs):
         say(f"  {path}")
     return found
 
 
-def _read(file: Path, asked: Sequence[Question]) -> tuple[Table, list[Question]]:
-    """A table, and those of the questions that it has points of."""
+def _read(file: Path, questions: Sequence[Question]) -> tuple[Table, list[Question]]:
+    """Read a table; return it and the questions that it has points of."""
     found = Table.read(file)
-    there = [q for q in asked if found.points.get(q.name)]
-    if not there:
+    present = [q for q in questions if found.points.get(q.name)]
+    if not present:
         known = ", ".join(found.points) or "none"
-        raise HapsceneError(f"{file}: has no points of {', '.join(q.name for q in asked)}; it has: {known}")
-    for q in there:
+        raise HapsceneError(f"{file}: no points of {', '.join(q.name for q in questions)}; it has points of: {known}")
+    for q in present:
         try:
             q.advice(found.points[q.name])
         except (LookupError, ValueError, ArithmeticError, StopIteration):
-            raise HapsceneError(f"{file}: {q.name} lacks points or measures: draw others with --only") from None
-    return found, there
+            raise HapsceneError(
+                f"{file}: points or measures of {q.name} are missing: choose other questions with --only"
+            ) from None
+    return found, present
 
 
 def _measure(
-    asked: Sequence[Question],
+    questions: Sequence[Question],
     journal: Path,
     scene: str | None,
     quick: bool,
@@ -137,17 +140,17 @@ def _measure(
     scheduler: str | None,
     say: Callable[[str], None],
 ) -> Table:
-    """The points of all questions, and the machine."""
+    """Measure all questions."""
     stamp = "" if scene is None else hashlib.sha256(Path(scene).read_bytes()).hexdigest()[:16]
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
-    settings = {q.name: list(q.settings(quick, scene)) for q in asked}
-    reason = f"no body of the scene has {BODY_FACES_MIN:,} faces or more"
+    settings = {q.name: list(q.settings(quick, scene)) for q in questions}
+    reason = f"no body of the scene has at least {BODY_FACES_MIN:,} faces"
     if not any(settings.values()):
-        raise HapsceneError(f"{scene}: {reason}, which the question is about: omit the scene, or name a larger one")
+        raise HapsceneError(f"{scene}: {reason}: name a scene with a larger body, or omit the scene")
     pieces = []
-    for q in asked:
+    for q in questions:
         if not settings[q.name]:
-            say(f"{q.name} is left out: {reason}")
+            say(f"{q.name} omitted: {reason}")
         for s in settings[q.name]:
             arguments = {"name": q.name, "arguments": dict(s.arguments), "stamp": stamp}
             for kind, alone in (("error", False), ("time", True)):
@@ -161,7 +164,7 @@ def _measure(
     )
     points = {
         q.name: [_point(s, results[_key(q, s, "time")], results[_key(q, s, "error")]) for s in settings[q.name]]
-        for q in asked
+        for q in questions
     }
     journal.unlink(missing_ok=True)
     return Table(_machine(load, quick, scene), points)
@@ -183,20 +186,20 @@ def _machine(load_before: float, quick: bool, scene: str | None) -> dict[str, st
     if load_before == load_before:
         found["load before and after"] = f"{load_before:.1f} and {os.getloadavg()[0]:.1f}"
     if quick:
-        found["settings"] = "fewer, in short (--quick)"
+        found["settings"] = "fewer (--quick)"
     if scene is not None:
         found["scene"] = Path(scene).name
     return found
 
 
-def _write(found: Table, asked: Sequence[Question], out: Path, docs: Path | None) -> list[Path]:
-    """Write table, pictures and page; return their paths."""
+def _write(found: Table, questions: Sequence[Question], out: Path, docs: Path | None) -> list[Path]:
+    """Write table, pictures and pages; return their paths."""
     made = [out / "chart.csv"]
-    found.write(made[0], asked)
-    for q in asked:
+    found.write(made[0], questions)
+    for q in questions:
         made += write_picture(q, found.points[q.name], out / f"{q.name}.png")
     made.append(out / "chart.html")
-    _write_text(made[-1], page_of(found, asked, out, "chart.csv").html())
+    _write_text(made[-1], page_of(found, questions, out, "chart.csv").html())
     if docs is not None:
         folder = docs / "chart"
         folder.mkdir(exist_ok=True)
@@ -206,7 +209,7 @@ def _write(found: Table, asked: Sequence[Question], out: Path, docs: Path | None
         kept = folder / f"{machine_slug(found.machine)}.csv"
         shutil.copyfile(out / "chart.csv", kept)
         made += [kept, docs / "chart.md"]
-        _write_text(made[-1], page_of(found, asked, folder, f"chart/{kept.name}").markdown(docs))
+        _write_text(made[-1], page_of(found, questions, folder, f"chart/{kept.name}").markdown(docs))
     return made
 
 
@@ -216,36 +219,35 @@ def _write_text(file: Path, text: str) -> None:
 
 
 def machine_slug(machine: Mapping[str, str]) -> str:
-    """File name of a machine: its processor and cores, without the clock, which changes."""
+    """Return the file name of a machine: processor and cores, without the clock rate, which varies."""
     text = f"{machine.get('processor', 'machine').split('), ')[0]} {machine.get('cores', '?')} cores"
     return re.sub(r"[^a-z0-9]+", "-", re.sub(r"\((?:r|tm)\)", "", text.lower())).strip("-")
 
 
-def page_of(found: Table, asked: Sequence[Question], pictures: Path, csv: str) -> Page:
-    """The page of a chart: for each question a picture, what to choose, the front, and all points."""
+def page_of(found: Table, questions: Sequence[Question], pictures: Path, csv: str) -> Page:
+    """Return the page: picture, conditions and recommendation of each question; in HTML also all points."""
     page = Page(TITLE)
-    page.text(f"Made by `hapscene lab chart`; every figure is from {csv}. {METHOD}")
+    page.text(f"Generated by `hapscene lab chart --docs docs/results` from {csv}. {METHOD}")
     page.text(f"Machine: {'; '.join(f'{name} {value}' for name, value in found.machine.items())}.")
-    for q in asked:
+    for q in questions:
         points = found.points[q.name]
         measures = [m for m in q.measures if any(m.key in p.errors for p in points)]
         page.heading(q.title, key=q.name)
-        page.picture(pictures / f"{q.name}.png", f"{q.title} {'; '.join(m.name for m in measures)}")
+        page.picture(pictures / f"{q.name}.png", q.title)
         page.text(q.conditions)
         page.text(q.advice(points), strong=True)
-        best = {id(p): p for m in measures for each in fronts(q, points, m) for p in each}.values()
-        _add_points(page, q, sorted(best, key=lambda p: p.median_us), measures, "")
-        _add_points(page, q, points, measures, "All points")
-    return page
-
-
-def _add_points(page: Page, q: Question, points: Sequence[Point], measures: Sequence[Measure], fold: str) -> None:
-    head = ("method", "setting", f"time a {q.per} [µs], median / p99", *(f"{m.name} [{m.unit}]" for m in measures))
-    rows = [
-        (
-            *(p.method, p.label, f"{shown(p.median_us)} / {shown(p.p99_us)}"),
-            *(shown(p.errors[m.key]) if m.key in p.errors else "" for m in measures),
+        head = (
+            "method",
+            "setting",
+            f"time per {q.per} [µs], median / p99",
+            *(f"{m.name} [{m.unit}]" for m in measures),
         )
-        for p in points
-    ]
-    page.table(head, rows, fold=fold)
+        rows = [
+            (
+                *(p.method, p.label, f"{shown(p.median_us)} / {shown(p.p99_us)}"),
+                *(shown(p.errors[m.key]) if m.key in p.errors else "" for m in measures),
+            )
+            for p in points
+        ]
+        page.table(head, rows, fold="All points")
+    return page

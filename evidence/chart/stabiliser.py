@@ -1,4 +1,4 @@
-"""What keeps a stiff wall at rest, and what is left of its stiffness."""
+"""The question of the stabiliser: which one keeps a stiff wall stable, and at what loss of stiffness."""
 
 import math
 import warnings
@@ -23,7 +23,7 @@ from hapscene.device.model import (
 )
 from hapscene.device.sim.hand import GRIPS
 from hapscene.device.sim.point import PointMass
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.loop.twin import Twin
 from hapscene.render.renderer import Renderer
 from hapscene.scene.mesh import Mesh
@@ -35,24 +35,24 @@ from .measuring import measured, spread_us, stroke_path, ticks_ns
 from .question import Measure, Point, Question, Setting
 
 OUT_J: Final = 2e-3
-"""Energy given to the hand that counts as a weak tap [J]."""
+"""Energy given to the hand above which a stabiliser is not recommended [J]: that of a weak tap."""
 
 REST_M_S: Final = 5e-3
-"""Root-mean-square speed below which the tool is at rest [m/s]."""
+"""Rms speed below which the tool counts as at rest [m/s]."""
 
 COUPLING_N_M: Final = 200.0
-"""Spring of the virtual coupling that is tried [N/m]."""
+"""Stiffness of the virtual coupling that is tried [N/m]."""
 
 PUSH_N: Final = 2.0
-"""With what the hand pushes while the stiffness is felt [N]: deep enough for encoder steps not to matter."""
+"""Force with which the hand pushes while the stiffness is measured [N]; encoder steps are then negligible."""
 
 FACET_M: Final = 0.01
 FACET_RAD: Final = math.radians(15.0)
 FACETS: Final = 6
-"""The ridge of the edge tour: width of its faces, how far the surface turns at each edge, and how many they are."""
+"""The ridge of the edge tour: width of its faces, angle between adjacent faces, number of faces."""
 
 BARE: Final = Device("point mass", PointMass(0.045, 0.1), IDEAL)
-"""The Omni without friction and encoder steps: nothing but its damping holds a wall."""
+"""The Omni without friction and encoder steps: only its damping dissipates energy."""
 
 GESTURES: Final = ("tap", "press", "tour")
 STABILISERS: Final = (
@@ -65,17 +65,17 @@ STABILISERS: Final = (
     "shading",
     "limits, passivity",
 )
-"""Stabilisers that are tried; the last one is a device's default."""
+"""Stabilisers that are tried; the last one is the default of a device."""
 
 
 @dataclass(frozen=True)
 class Stabiliser:
-    """What is switched on.
+    """Settings of a stabiliser.
 
     Attributes:
-        limits: of the renderer.
-        damping_Ns_m: of the wall.
-        crease_rad: edges flatter than it are shaded.
+        limits: limits of the renderer.
+        damping_Ns_m: damping of the wall.
+        crease_rad: angle below which edges are shaded.
     """
 
     limits: Limits = IDEAL
@@ -84,18 +84,18 @@ class Stabiliser:
 
 
 class Outcome(NamedTuple):
-    """What one stabiliser made of one case."""
+    """Result of one stabiliser in one case."""
 
-    late_m_s: float
-    """Root-mean-square speed of the tool when it should be at rest."""
-    out_J: float
-    """Most energy that the motors have given the hand, beyond what they have taken, at any time."""
+    rest_speed_m_s: float
+    """Rms speed of the tool when it should be at rest."""
+    energy_J: float
+    """Maximum over time of the net energy that the motors have given to the hand."""
     kept: float
-    """Stiffness felt over stiffness asked for; NaN where the tool does not rest."""
+    """Rendered stiffness over requested stiffness; NaN if the tool does not come to rest."""
 
 
 def stabiliser(name: str, device: Device, stiffness_N_m: float, tick_s: float = TICK_S) -> Stabiliser:
-    """One of `STABILISERS`, set up for a device and a wall."""
+    """Return the settings of one of `STABILISERS` for a device and a wall."""
     point = device.point
     assert point is not None
     limits = limits_of(device, tick_s)
@@ -112,29 +112,29 @@ def stabiliser(name: str, device: Device, stiffness_N_m: float, tick_s: float = 
 
 
 def run_case(device: Device, gesture: str, stiffness_N_m: float, name: str) -> Outcome:
-    """One of `STABILISERS` on one of `GESTURES`, at a light grip and 1 kHz."""
+    """Run one of `STABILISERS` with one of `GESTURES`, with a light grip at 1 kHz."""
     point = device.point
     assert point is not None
     chosen = stabiliser(name, device, stiffness_N_m)
     swatch = Swatch("wall", stiffness_N_m=stiffness_N_m, damping_Ns_m=chosen.damping_Ns_m)
     scene = ridge(swatch) if gesture == "tour" else sheet(swatch)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeviceWarning)  # that the limits clip the wall is what is tried
+        warnings.simplefilter("ignore", DeviceWarning)  # that the limits clip the wall is what is tested
         setup: dict[str, Any] = {"effects": ("wall",), "a_rate_Hz": 1.0 / TICK_S, "limits": chosen.limits}
         twin = Twin(scene, point, **setup)
         if chosen.crease_rad > 0.0:
             twin.renderer = Renderer(scene, **setup, crease_rad=chosen.crease_rad)
     target = _target(gesture)
-    felt = twin.run(Intent.along(target, "light"))
-    late = felt.v_W_m_s[-1000:]
-    late_m_s = float(np.sqrt(np.mean(np.sum(late**2, axis=1))))
-    kept = _felt_stiffness(twin, target[-1]) / stiffness_N_m if late_m_s < REST_M_S else math.nan
-    out_J = max(0.0, float(np.cumsum(felt.work_J).max()))
-    return Outcome(late_m_s, out_J, kept)
+    result = twin.run(ReferenceTrajectory.along(target, "light"))
+    at_end_m_s = result.v_W_m_s[-1000:]
+    rest_speed_m_s = float(np.sqrt(np.mean(np.sum(at_end_m_s**2, axis=1))))
+    kept = _rendered_stiffness(twin, target[-1]) / stiffness_N_m if rest_speed_m_s < REST_M_S else math.nan
+    energy_J = max(0.0, float(np.cumsum(result.work_J).max()))
+    return Outcome(rest_speed_m_s, energy_J, kept)
 
 
 def _target(gesture: str) -> NDArray[np.float64]:
-    """Where the hand means the tool to be, (n, 3)."""
+    """Return the reference trajectory of the hand (n, 3)."""
     if gesture == "tour":
         half = 0.9 * FACETS * FACET_RAD / 2.0
         angle = np.concatenate((np.linspace(-half, half, 1500), np.linspace(half, -half, 1500), np.full(1500, -half)))
@@ -147,24 +147,24 @@ def _target(gesture: str) -> NDArray[np.float64]:
     return np.column_stack((np.full(3000, AT_M[0]), np.full(3000, AT_M[1]), height))
 
 
-def _felt_stiffness(twin: Twin, target_W_m: NDArray[np.float64]) -> float:
-    """Force over depth while the hand pushes on [N/m]."""
+def _rendered_stiffness(twin: Twin, target_W_m: NDArray[np.float64]) -> float:
+    """Return force over depth while the hand pushes [N/m]."""
     down = target_W_m / np.linalg.norm(target_W_m) if abs(target_W_m[2]) > 0.01 else np.array((0.0, 0.0, 1.0))
-    felt = twin.run(Intent.hold(tuple(target_W_m), 1500, GRIPS["light"], push_W_N=tuple(-PUSH_N * down)))
-    force = np.linalg.norm(felt.f_motor_W_N[-500:].mean(axis=0))
-    depth = np.linalg.norm((felt.recording.p_WP_m - felt.p_W_m)[-500:].mean(axis=0))
+    result = twin.run(ReferenceTrajectory.hold(tuple(target_W_m), 1500, GRIPS["light"], push_W_N=tuple(-PUSH_N * down)))
+    force = np.linalg.norm(result.f_motor_W_N[-500:].mean(axis=0))
+    depth = np.linalg.norm((result.recording.p_WP_m - result.p_W_m)[-500:].mean(axis=0))
     return float(force / depth)
 
 
 def ridge_radius_m(width_m: float = FACET_M, turn_rad: float = FACET_RAD) -> float:
-    """Distance of the ridge's faces from its axis."""
+    """Return the distance of the ridge's faces from its axis [m]."""
     return width_m / (2.0 * math.tan(turn_rad / 2.0))
 
 
 def ridge(swatch: Swatch, count: int = FACETS, width_m: float = FACET_M, turn_rad: float = FACET_RAD) -> Scene:
-    """A scene of `count` flat faces, `width_m` wide, that turn by `turn_rad` about the y axis, each to the next.
+    """Return a scene of `count` flat faces, `width_m` wide; adjacent faces differ by `turn_rad` about the y axis.
 
-    The middle of them, an edge or a face, is at the top.
+    The middle of the ridge, an edge or a face, is at the top.
     """
     corner_radius = width_m / (2.0 * math.sin(turn_rad / 2.0))
     angle = turn_rad * (np.arange(count + 1) - 0.5 * count)
@@ -185,7 +185,7 @@ TOUCHED: Final = {"omni": DEVICES["omni"], "bare": BARE}
 """The Omni, and the same without friction and encoder steps."""
 
 MM_S, MJ = (0.01, 1e4), (1e-3, 1e3)
-"""What less and what more is drawn as: a loop that blows up has no number."""
+"""Smallest and largest values that are drawn; an unstable loop has no finite value."""
 
 
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
@@ -200,28 +200,30 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
 
 
 def error(name: str, device: str, stiffness_N_m: float, gestures: Sequence[str]) -> dict[str, float]:
-    """The worst of some gestures of a light hand: stiffness that is left, energy out, speed where it should rest.
+    """Return the worst stiffness, energy and speed at rest over some gestures with a light grip.
 
-    A wall on which the tool never rests keeps nothing.
+    The stiffness of a wall on which the tool never comes to rest counts as 0.
     """
     rows = [run_case(TOUCHED[device], gesture, stiffness_N_m, name) for gesture in gestures]
     return {
         "kept": 100.0 * min(0.0 if math.isnan(row.kept) else row.kept for row in rows),
-        "energy": float(np.clip(1e3 * max(row.out_J for row in rows), *MJ)),
-        "late": float(np.clip(1e3 * max(row.late_m_s for row in rows), *MM_S)),
+        "energy": float(np.clip(1e3 * max(row.energy_J for row in rows), *MJ)),
+        "late": float(np.clip(1e3 * max(row.rest_speed_m_s for row in rows), *MM_S)),
     }
 
 
 def time(name: str, device: str, stiffness_N_m: float, gestures: Sequence[str]) -> tuple[float, float]:
     chosen = stabiliser(name, TOUCHED[device], stiffness_N_m)
-    limits = replace(chosen.limits, stiffness_N_m=math.inf)  # the same wall for all: only the tick's work differs
+    limits = replace(
+        chosen.limits, stiffness_N_m=math.inf
+    )  # the same wall for all, so that only the computation differs
     swatch = Swatch("wall", stiffness_N_m=stiffness_N_m, damping_Ns_m=chosen.damping_Ns_m)
     renderer = Renderer(sheet(swatch), ("wall",), limits=limits, crease_rad=chosen.crease_rad)
     return spread_us(ticks_ns(renderer, stroke_path()))
 
 
 def advice(points: Sequence[Point]) -> str:
-    """What keeps most of the stiffness among those that rest and give no energy, in all cases."""
+    """Recommend the stabiliser that keeps most stiffness among those that are stable and passive in all cases."""
     worst: dict[str, dict[str, float]] = {}
     for p in measured(points, "kept"):
         of = worst.setdefault(p.method, {"kept": math.inf, "energy": 0.0, "late": 0.0, "us": p.median_us})
@@ -231,36 +233,35 @@ def advice(points: Sequence[Point]) -> str:
     if not calm:
         least = min(worst, key=lambda n: worst[n]["energy"])
         return (
-            f"No stabiliser keeps all of these walls stable: {least} gives least, {worst[least]['energy']:.2g} mJ. "
-            "Choose softer walls, more damping in the device or a faster loop."
+            f"No stabiliser keeps all of these walls stable; {least} gives least, {worst[least]['energy']:.2g} mJ. "
+            "Use softer walls, a device with more damping or a faster loop."
         )
     chosen = max(calm, key=lambda n: worst[n]["kept"])
     loud = max(worst, key=lambda n: worst[n]["energy"])
     also = [f"{n} ({worst[n]['kept']:.0f} %)" for n in calm if n != chosen]
     return (
-        f"Choose {chosen}: it keeps {worst[chosen]['kept']:.0f} % of the stiffness or more and gives at most "
-        f"{worst[chosen]['energy']:.2g} mJ, for a tick of {worst[chosen]['us']:.2g} µs; also stable: "
-        f"{'; '.join(also) or 'none'}. {loud[0].upper()}{loud[1:]} gives "
-        f"{worst[loud]['energy']:.0f} mJ{' or more' if worst[loud]['energy'] >= MJ[1] else ''}. Where walls are "
-        "softer than the device holds by itself, none is needed."
+        f"Use {chosen}: it keeps at least {worst[chosen]['kept']:.0f} % of the stiffness and gives at most "
+        f"{worst[chosen]['energy']:.2g} mJ; the tick takes {worst[chosen]['us']:.2g} µs. Also "
+        f"stable: {'; '.join(also) or 'no other'}. {loud[0].upper()}{loud[1:]} gives "
+        f"{worst[loud]['energy']:.0f} mJ{' or more' if worst[loud]['energy'] >= MJ[1] else ''}. Walls that the device "
+        "holds without a stabiliser need no stabiliser."
     )
 
 
 QUESTION: Final = Question(
     name="stabiliser",
-    title="What keeps a stiff wall still?",
+    title="Stabiliser of a stiff wall",
     measures=(
-        Measure("kept", "stiffness kept, worst gesture", "%", log=False, more_is_better=True),
-        Measure("energy", "energy given to the hand", "mJ", 1e3 * OUT_J, "the Omni's 45 g", limit="a weak tap"),
-        Measure("late", "speed where it should rest", "mm/s", 1e3 * REST_M_S, "half an encoder's noise", limit="rest"),
+        Measure("kept", "remaining stiffness, worst gesture", "%", log=False, more_is_better=True),
+        Measure("energy", "energy given to the hand", "mJ", 1e3 * OUT_J, "the Omni's 45 g", limit="weak tap"),
+        Measure("late", "speed at rest", "mm/s", 1e3 * REST_M_S, "half an encoder's noise", limit="rest"),
     ),
     settings=settings,
     error=error,
     time=time,
     advice=advice,
     conditions=(
-        "A light hand taps and presses a sheet and tours a ridge, at 1 kHz: an Omni, and the same without friction "
-        "and encoder steps (bare); the worst of the three gestures. Time of a whole tick with a wall, all sent the "
-        "same way."
+        "At 1 kHz, a light grip taps a sheet, presses it and slides over a ridge; the worst of the three counts. "
+        "Devices: an Omni, and the same without friction and encoder steps (bare). Time of a tick with a wall."
     ),
 )

@@ -1,4 +1,4 @@
-"""The table of a chart, as CSV: every point of every question, and the machine that measured them."""
+"""The table of a chart as CSV: every point of every question, and the machine."""
 
 import csv
 from collections.abc import Iterable
@@ -15,23 +15,23 @@ from .question import Point, Question
 COLUMNS: Final = ("question", "method", "label", "measure", "value", "unit", "median_us", "p99_us", "source")
 
 MACHINE: Final = "machine"
-"""What stands in the place of a question where a row tells of the machine: its `method` is what, its `value` how."""
+"""Value of the column `question` in rows about the machine; `method` is the property, `value` its value."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """What was measured.
+    """The measured points.
 
     Attributes:
-        machine: what is told of the machine, of the versions and of the date, by name.
-        points: of each question by its name.
+        machine: properties of the machine, versions and date, by name.
+        points: points by name of the question.
     """
 
     machine: dict[str, str]
     points: dict[str, list[Point]]
 
     def write(self, path: Path, questions: Iterable[Question]) -> None:
-        """Write as CSV, a row for each measure of each point."""
+        """Write the table as CSV, with a row for each measure of each point."""
         units = {(q.name, measure.key): measure.unit for q in questions for measure in q.measures}
         with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
             rows = csv.writer(file, lineterminator="\n")
@@ -46,10 +46,10 @@ class Table:
 
     @classmethod
     def read(cls, path: Path) -> "Table":
-        """Read what `write` wrote.
+        """Read a table that `write` wrote.
 
         Raises:
-            HapsceneError: the file is no such table.
+            HapsceneError: the file is not such a table.
         """
         rows = read_rows(path, COLUMNS, "a chart")
         machine: dict[str, str] = {}
@@ -62,11 +62,11 @@ class Table:
                 of = (question, method, label, str(float(median_us)), str(float(p99_us)))
                 number = float(value)
             except ValueError:
-                raise HapsceneError(f"{path}: line {line}: value, median_us and p99_us are numbers") from None
-            if not source:  # tables of earlier versions cite other renderers' points
+                raise HapsceneError(f"{path}, line {line}: expected numbers as value, median_us and p99_us") from None
+            if not source:  # tables of earlier versions also hold points of other renderers
                 errors.setdefault(of, {})[key] = number
         points: dict[str, list[Point]] = {}
-        for (question, method, label, median_us, p99_us), told in errors.items():
-            point = Point(method, label, float(median_us), float(p99_us), told)
+        for (question, method, label, median_us, p99_us), measured in errors.items():
+            point = Point(method, label, float(median_us), float(p99_us), measured)
             points.setdefault(question, []).append(point)
         return cls(machine, points)

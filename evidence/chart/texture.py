@@ -1,4 +1,4 @@
-"""How many coefficients a texture's filter needs, and in which domain its models are blended."""
+"""The question of texture order and domain: how many coefficients, and in which form models are interpolated."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -38,22 +38,22 @@ DOMAINS: Final = {
     "hatt": "LSF and variance",
     "nearest": "nearest model",
 }
-"""Domains of `hapscene.surface.texture.INTERPOLATIONS`; LSF of warped models; the nearest model, unblended."""
+"""`hapscene.surface.texture.INTERPOLATIONS`; LSF of warped models; the nearest model without interpolation."""
 
 ORDERS: Final[dict[str, tuple[int, ...]]] = {
     "lsf": (2, 4, 8, 12, 20, 40, 80, 120),
     "warped": (4, 8, 12, 20, 28, 40),
 }
-"""Orders tried in these domains; the others are tried at `ORDER` alone."""
+"""Orders that are tried in these domains; the others are tried only at `ORDER`."""
 
 ORDER, MODELS, PARTS = 20, 3, 4
-"""Order of the other domains; models of a fitted texture; parts of a recording, of which each inner one is left out."""
+"""Order of the other domains; models of a fitted texture; parts of a recording, of which inner ones are left out."""
 
 FORCE_N, SPEED_M_S = (0.3, 2.0), (0.04, 0.25)
-"""Range of the known surface's models."""
+"""Range of force [N] and speed [m/s] of the simulated surface's models."""
 
 PLACES: Final = 40
-"""Random forces and speeds at which the known surface is tested [count]."""
+"""Random conditions at which the simulated surface is tested [count]."""
 
 FREQUENCY_HZ: Final = np.linspace(0.0, 0.5 * RATE_HZ, 4097)
 
@@ -68,18 +68,18 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
 
 
 def error(domain: str, order: int) -> dict[str, float]:
-    """Error of a known surface between its models, and of recordings at forces and speeds that were left out [JND]."""
-    found = {"planted": planted_error(domain, order)}
+    """Return the errors on a simulated surface between its models, and on left-out parts of recordings [JND]."""
+    found = {"planted": known_surface_error(domain, order)}
     if not no_recordings():
         found["recorded"] = float(np.sqrt(np.mean([left_out(domain, order, name) ** 2 for name in STROKES])))
     return found
 
 
 def surface_density(force_N: float, speed_m_s: float) -> Array:
-    """Power density (n,) [(m/s²)²/Hz] of the known surface at `FREQUENCY_HZ`: no model under test made it.
+    """Return the power density (n,) [(m/s²)²/Hz] of the simulated surface at `FREQUENCY_HZ`.
 
-    Three lines rise with the speed, as ridges that are crossed faster; two stay, as those of a tool. Lines widen with
-    the force, and the power grows with both.
+    Three spectral lines rise with the speed, like those of ridges; two are fixed, like those of a tool. Lines widen
+    with the force, and the power grows with both.
     """
     lines = np.array([*(np.array([80.0, 170.0, 360.0]) * (speed_m_s / 0.1) ** 0.7), 450.0, 800.0])
     width = 0.2 * lines[:, None] * force_N**0.3
@@ -88,8 +88,8 @@ def surface_density(force_N: float, speed_m_s: float) -> Array:
     return np.asarray(power_m2_s4 * density / np.fft.irfft(density)[0] / (0.5 * RATE_HZ))
 
 
-def planted_texture(domain: str, grid: int, order: int = ORDER) -> Texture:
-    """The known surface as a texture of grid × grid models."""
+def known_texture(domain: str, grid: int, order: int = ORDER) -> Texture:
+    """Return the simulated surface as a texture of grid × grid models."""
     warp = warp_of(domain)
     force, speed = (g.ravel() for g in np.meshgrid(np.geomspace(*FORCE_N, grid), np.geomspace(*SPEED_M_S, grid)))
     models = []
@@ -110,7 +110,7 @@ def planted_texture(domain: str, grid: int, order: int = ORDER) -> Texture:
 
 
 def warp_of(domain: str) -> float:
-    """The warp of the models of a domain."""
+    """Return the frequency warping of the models of a domain."""
     return warp_at(RATE_HZ) if domain == "warped" else 0.0
 
 
@@ -118,28 +118,31 @@ def _interpolation(domain: str) -> str:
     return "lsf" if domain in ("nearest", "warped") else domain
 
 
-def planted_error(domain: str, order: int, grid: int = MODELS, seed: int = 0) -> float:
-    """Error of the known surface at places between its models [JND]."""
-    texture, (low, high) = planted_texture(domain, grid, order), np.log((FORCE_N, SPEED_M_S)).T
+def known_surface_error(domain: str, order: int, grid: int = MODELS, seed: int = 0) -> float:
+    """Return the rms error of the simulated surface at conditions between its models [JND]."""
+    texture, (low, high) = known_texture(domain, grid, order), np.log((FORCE_N, SPEED_M_S)).T
     apart = []
     for force, speed in np.exp(np.random.default_rng(seed).uniform(low, high, (PLACES, 2))).tolist():
         true = bands_of(FREQUENCY_HZ, surface_density(force, speed))
-        apart.append(apart_jnd(asked(texture, domain, force, speed), true))
+        apart.append(apart_jnd(levels_of(texture, domain, force, speed), true))
     return float(np.sqrt(np.mean(np.square(apart))))
 
 
-def asked(texture: Texture, domain: str, force_N: float, speed_m_s: float) -> Array:
-    """Levels of the bands [m/s²] that a texture has at a force and a speed."""
+def levels_of(texture: Texture, domain: str, force_N: float, speed_m_s: float) -> Array:
+    """Return the levels of a texture in the perceptible bands [m/s²] at a force and a speed."""
     if domain == "nearest":
-        away = (texture.force_N - force_N) ** 2 / texture.force_max_N**2
-        away += (texture.speed_m_s - speed_m_s) ** 2 / texture.speed_max_m_s**2
-        nearest = int(np.argmin(np.where(texture.variance_m2_s4 > 0.0, away, np.inf)))
+        distance2 = (texture.force_N - force_N) ** 2 / texture.force_max_N**2
+        distance2 += (texture.speed_m_s - speed_m_s) ** 2 / texture.speed_max_m_s**2
+        nearest = int(np.argmin(np.where(texture.variance_m2_s4 > 0.0, distance2, np.inf)))
         force_N, speed_m_s = float(texture.force_N[nearest]), float(texture.speed_m_s[nearest])
     return np.asarray(texture_bands(texture, [force_N], [speed_m_s])[0])
 
 
 def left_out(domain: str, order: int, name: str) -> float:
-    """Error of a texture at a part of a recording, between others in force or speed, that was left out of its fit."""
+    """Return the error of a texture on parts of a recording that were left out of its fit [JND].
+
+    The parts lie between the others in force or speed.
+    """
     pieces = cut(recorded(name))
     apart = []
     for by in (np.argsort(pieces.force_N), np.argsort(pieces.speed_m_s)):
@@ -150,47 +153,48 @@ def left_out(domain: str, order: int, name: str) -> float:
                 pieces[left], RATE_HZ, order, MODELS, interpolation=_interpolation(domain), warp=warp_of(domain)
             )
             out: Pieces = pieces[~left]
-            found = [asked(texture, domain, f, v) for f, v in zip(out.force_N, out.speed_m_s, strict=True)]
+            found = [levels_of(texture, domain, f, v) for f, v in zip(out.force_N, out.speed_m_s, strict=True)]
             true = [bands_of(*spectrum(signal, RATE_HZ)) for signal in out.acceleration_m_s2]
             apart.append(apart_jnd(*(np.sqrt(np.mean(np.square(each), axis=0)) for each in (found, true))))
     return float(np.sqrt(np.mean(np.square(apart))))
 
 
 def time(domain: str, order: int) -> tuple[float, float]:
-    return texture_us(planted_texture(domain, MODELS, order))
+    return texture_us(known_texture(domain, MODELS, order))
 
 
 def advice(points: Sequence[Point]) -> str:
+    """Recommend the fastest method within one JND of the best."""
     key = "recorded" if measured(points, "recorded") else "planted"
     least = best(points, key)
     chosen = enough(points, key, least.errors[key] + 1.0)
     plain = [p.errors[key] for p in points if p.method != DOMAINS["warped"] and p.label == f"order {ORDER}"]
-    domains = "cannot be told apart" if max(plain) - min(plain) < 1.0 else "differ"
+    domains = "are not distinguishable" if max(plain) - min(plain) < 1.0 else "differ"
     return (
-        f"Choose {chosen.method} of {chosen.label}: at {chosen.errors[key]:.2g} JND it is the quickest within one of "
-        f"the best, {least.method} of {least.label} ({least.errors[key]:.2g} JND), and takes {chosen.median_us:.2g} µs "
-        f"a block where that takes {least.median_us:.2g}. At order {ORDER} the domains {domains}: {min(plain):.2g} to "
-        f"{max(plain):.2g} JND. Use a higher order where a surface has sharp lines. Do not blend direct coefficients "
-        "of unlike models: they may be unstable."
+        f"Use {chosen.method} of {chosen.label}: it is the fastest within one JND of the best "
+        f"({chosen.errors[key]:.2g} JND, {chosen.median_us:.2g} µs per block; best: {least.method} of {least.label}, "
+        f"{least.errors[key]:.2g} JND, {least.median_us:.2g} µs). At order {ORDER} the domains {domains}: "
+        f"{min(plain):.2g} to {max(plain):.2g} JND. Use a higher order for sharp spectral lines. Interpolated direct "
+        "coefficients may be unstable."
     )
 
 
 QUESTION: Final = Question(
     name="texture",
-    title="Which order and which domain for a texture?",
+    title="Order and interpolation domain of a texture",
     measures=(
         *(() if no_recordings() else (Measure("recorded", "real recordings, left out", "JND", 1.0, ISRAR),)),
-        Measure("planted", "a known surface, between its models", "JND", 1.0, ISRAR),
+        Measure("planted", "simulated surface, between its models", "JND", 1.0, ISRAR),
     ),
     settings=settings,
     error=error,
     time=time,
     advice=advice,
     conditions=(
-        "Levels in twelve bands from 20 to 1000 Hz at forces and speeds that no model was fitted at: wood, paper and "
-        f"leather without a quarter of their pieces, fitted with up to {MODELS} models; and a known surface of five "
-        f"lines, three of which rise with the speed, at {PLACES} places between its {MODELS} × {MODELS} models. A "
-        "warped model has an allpass for each delay (Strube 1980)."
+        "Error: levels in twelve bands from 20 to 1000 Hz at conditions that no model was fitted at. Recordings: wood, "
+        f"paper and leather without a quarter of their windows, fitted with up to {MODELS} models. Simulated surface: "
+        f"five spectral lines, three of which rise with the speed, at {PLACES} conditions between {MODELS} × {MODELS} "
+        "models. A warped model has an allpass instead of each delay (Strube 1980)."
     ),
     per="block",
 )

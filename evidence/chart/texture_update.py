@@ -1,4 +1,4 @@
-"""How often a texture's filter must follow the hand."""
+"""The question of the texture update: how often the filter must follow force and speed."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -16,16 +16,16 @@ from hapscene.surface.texture import Texture
 
 from .measuring import ISRAR, Array, apart_jnd, effect_us, enough, texture_bands
 from .question import Measure, Point, Question, Setting
-from .texture import planted_texture
+from .texture import known_texture
 
 EVERY: Final = (1, 2, 5, 10, 20, 50)
-"""Ticks from one look at force and speed to the next [count]."""
+"""Ticks between updates of the filter [count]."""
 
 FORCE_N, SHARE, CHANGES_HZ = 1.0, 0.5, 3.0
-"""Mean force of the hand that strokes [N], how much of it comes and goes [1], how often [Hz]."""
+"""Mean force of the stroking hand [N], relative amplitude of its variation [1], frequency of the variation [Hz]."""
 
 STROKES: Final = 4
-"""Strokes to and fro [count]."""
+"""Number of strokes forth and back [count]."""
 
 
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
@@ -34,20 +34,20 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
 
 @cache
 def hand() -> tuple[Array, Array]:
-    """Normal force [N] and slip speed [m/s] (n,), tick by tick, of a hand that strokes to and fro."""
+    """Return normal force [N] and slip speed [m/s] (n,) of a stroking hand, tick by tick."""
     scene = sheet(Swatch("stroked"))
     moved = Hand((-0.05, 0.01, 0.01), TICK_S, look_from_above(scene))
     way = moved.line((-0.05, 0.01), (0.05, 0.01), STROKE_M_S)
     way = np.concatenate([way, way[::-1]] * STROKES)
     force = FORCE_N * (1.0 + SHARE * np.sin(2.0 * np.pi * CHANGES_HZ * TICK_S * np.arange(len(way))))
     moved.trace(way, force / STIFFNESS_N_M)
-    felt = Renderer(scene, ("wall",)).run(moved.p_WT_m)
-    return felt.normal_force_N[felt.touching], felt.slip_m_s[felt.touching]
+    recording = Renderer(scene, ("wall",)).run(moved.p_WT_m)
+    return recording.normal_force_N[recording.touching], recording.slip_m_s[recording.touching]
 
 
 @cache
 def _texture() -> Texture:
-    return planted_texture("lsf", 5)  # a shipped swatch has one filter for all forces and speeds
+    return known_texture("lsf", 5)  # each shipped swatch has one filter for all forces and speeds
 
 
 def error(every: int) -> dict[str, float]:
@@ -56,20 +56,19 @@ def error(every: int) -> dict[str, float]:
 
 
 def held_error(texture: Texture, force_N: Array, speed_m_s: Array, every: int) -> dict[str, float]:
-    """How far the bands of each tick are from those at its own force and speed [JND]: median and 95th percentile."""
+    """Return median and 95th percentile over ticks of the distance to the bands at the tick's force and speed [JND]."""
     last = np.arange(len(force_N)) // every * every
     true = texture_bands(texture, force_N, speed_m_s)
     level = np.sqrt(texture.power(force_N, speed_m_s))
     share = followed(level, every) / np.maximum(level[last], 1e-12)
-    median, late = np.percentile(apart_jnd(true[last] * share[:, None], true), (50, 95))
-    return {"median": float(median), "p95": float(late)}
+    median, p95 = np.percentile(apart_jnd(true[last] * share[:, None], true), (50, 95))
+    return {"median": float(median), "p95": float(p95)}
 
 
 def followed(level_m_s2: Array, every: int) -> Array:
-    """The level that is played (n,) where it would be (n,): it is looked at each `every` ticks, and then gone to evenly
-    until the next look."""
-    looks = np.arange(0, len(level_m_s2), every)
-    return np.interp(np.arange(len(level_m_s2)) + 1, looks + every, level_m_s2[looks])
+    """Return the played level (n,) for the true one (n,): updated every `every` ticks, interpolated linearly."""
+    updates = np.arange(0, len(level_m_s2), every)
+    return np.interp(np.arange(len(level_m_s2)) + 1, updates + every, level_m_s2[updates])
 
 
 def time(every: int) -> tuple[float, float]:
@@ -78,21 +77,19 @@ def time(every: int) -> tuple[float, float]:
 
 
 def advice(points: Sequence[Point]) -> str:
-    """The rarest update that is not felt, and what it saves in the worst tick."""
+    """Recommend the longest interval whose error is below one JND."""
     at_once = next(p for p in points if p.label == "1 ms")
     chosen = enough(points, "p95", 1.0)
-    single = "; where all models share one filter its level alone need follow at all"
     return (
-        f"Follow the hand every {chosen.label} (`update_ticks`): 95 % of the blocks are then within "
-        f"{chosen.errors['p95']:.2g} JND, and a block takes {chosen.median_us:.2g} µs where one that follows in every "
-        f"tick takes {at_once.median_us:.2g}. Not for the sake of the worst tick, which still makes a filter "
-        f"({chosen.p99_us:.2g} against {at_once.p99_us:.2g} µs at the 99th percentile){single}."
+        f"Update every {chosen.label} (`update_ticks`): 95 % of the blocks are then within {chosen.errors['p95']:.2g} "
+        f"JND, and the median block takes {chosen.median_us:.2g} µs instead of {at_once.median_us:.2g} with an update "
+        f"in every tick. The 99th percentile is {chosen.p99_us:.2g} instead of {at_once.p99_us:.2g} µs."
     )
 
 
 QUESTION: Final = Question(
     name="texture-update",
-    title="How often must a texture follow the hand?",
+    title="Update interval of the texture filter",
     measures=(
         Measure("p95", "bands, 95 % of the ticks", "JND", 1.0, ISRAR),
         Measure("median", "bands, median tick", "JND", 1.0, ISRAR),
@@ -102,10 +99,10 @@ QUESTION: Final = Question(
     time=time,
     advice=advice,
     conditions=(
-        "A known surface whose lines rise with the speed, stroked to and fro by a hand at 0.12 m/s in the mean, its "
-        f"{FORCE_N:g} N coming and going by half {CHANGES_HZ:g} times a second: each tick's levels in twelve bands "
-        "against those of its own force and speed, in closed form; between two looks the filter stays, and "
-        "the level goes to that of the last one."
+        "A simulated surface whose spectral lines rise with the speed, stroked at 0.12 m/s on average with a force of "
+        f"{FORCE_N:g} N that varies by half {CHANGES_HZ:g} times per second. Error: each tick's levels in twelve bands "
+        "against those at its force and speed, in closed form. Between updates the filter is constant and the level is "
+        "interpolated."
     ),
     per="block",
 )

@@ -1,13 +1,14 @@
-"""The haptography paper, reproduced: `hapscene lab reproduce`. One figure of it a file; start with `reproduction`.
+"""Reproduction of the haptography paper: `hapscene lab reproduce`. Each module covers one figure or study.
 
 | module | does |
 |---|---|
-| `reproduction` | the table of figures, and the command: all of them, the page and the table of numbers |
-| `finding` | what a figure gives: numbers, the paper's beside ours and how each is known, and drawings |
-| `material` | the surfaces: recordings of real ones where they are given, else what shipped swatches synthesise |
-| `prediction_figure` | Figs. 2, 4 and 5: two materials; linear prediction, real against synthetic |
-| `handle_figure` | Fig. 7: Bode plots of the handle in five hands, three trials each; beyond it to 1000 Hz |
-| `remote_figure` | Fig. 8: two taps and five drags on wood, felt through a leader |
-| `tap_study` | the study of taps, with simulated raters |
-| `paper_page` | the page: the figures, Table 1, what is assumed |
+| `reproduction` | list of the figures; runs all of them and writes the page and the table of numbers |
+| `result` | a figure's result: its numbers beside those of the paper, and its drawings |
+| `material` | the surfaces: recordings if a folder is given, otherwise signals synthesised from the shipped swatches |
+| `prediction_figure` | Figs. 2, 4 and 5: two materials, linear prediction, recorded and synthetic acceleration |
+| `interpolation_table` | Section 3, Future Work: interpolation of coefficients, poles and cepstral coefficients |
+| `handle_figure` | Fig. 7: Bode plots of the handle for five users with three trials each, and up to 1000 Hz |
+| `remote_figure` | Fig. 8: two taps and five drags on wood by teleoperation |
+| `tap_study` | Section 2: realism ratings of taps, with simulated raters |
+| `paper_page` | the page |
 """

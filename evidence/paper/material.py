@@ -1,4 +1,4 @@
-"""The surfaces of the figures: recordings where a folder has them, else what the shipped swatches synthesise."""
+"""The surfaces of the figures: recordings if a folder is given, otherwise signals synthesised from shipped swatches."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,37 +15,43 @@ from hapscene_swatches.fit import SOURCES, load_source
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A tool on a surface: its name, whether it was recorded or synthesised, and what was measured, cleaned."""
+    """A drag of a tool over a surface.
+
+    Attributes:
+        name: name of the surface.
+        recorded: True for a recording, False for a signal synthesised from the swatch.
+        streams: the cleaned streams.
+    """
 
     name: str
-    real: bool
+    recorded: bool
     streams: Streams
 
     @property
     def title(self) -> str:
-        """Its name, and what it is."""
-        return f"{self.name}, {'recorded' if self.real else 'synthesised'}"
+        """Name of the surface, and the origin of the streams."""
+        return f"{self.name}, {'recorded' if self.recorded else 'synthesised'}"
 
 
 def load_materials(folder: Path | None) -> dict[str, Material]:
-    """The materials of the shipped swatches by name: from `folder` where that has the recording.
+    """Return the materials of the shipped swatches by name, from the recordings in `folder` where present.
 
     Raises:
-        CaptureError: a folder that has none of them, or a recording that is none.
+        CaptureError: a folder without any of the recordings, or an invalid recording.
     """
-    real = {name for name, source in SOURCES.items() if folder is not None and (folder / source.file).is_file()}
-    if folder is not None and not real:
+    present = {name for name, source in SOURCES.items() if folder is not None and (folder / source.file).is_file()}
+    if folder is not None and not present:
         files = ", ".join(source.file for source in SOURCES.values())
-        raise CaptureError(f"{folder}: has no recording; expected one or more of {files}")
+        raise CaptureError(f"{folder}: no recording found; expected one or more of {files}")
     found = {}
     for name in SOURCES:
-        r = load_source(name, folder) if folder is not None and name in real else _stroke(name)
-        found[name] = Material(name, name in real, clean(r.acceleration_m_s2, r.rate_Hz, r.force_N, r.speed_m_s))
+        r = load_source(name, folder) if folder is not None and name in present else _stroke(name)
+        found[name] = Material(name, name in present, clean(r.acceleration_m_s2, r.rate_Hz, r.force_N, r.speed_m_s))
     return found
 
 
 def _stroke(name: str) -> SurfaceRecording:
-    """What a swatch gives along a stroke of 1.9 s, as long as the recordings, at about 1.2 N and 0.15 m/s."""
+    """Synthesise a stroke of 1.9 s, the length of the recordings, at about 1.2 N and 0.15 m/s."""
     t_s = np.arange(round(1.9 * ACCELERATION_RATE_HZ)) / ACCELERATION_RATE_HZ
     force_N, speed_m_s = 1.2 + 0.4 * np.sin(2.0 * np.pi * 0.9 * t_s), 0.15 + 0.05 * np.sin(2.0 * np.pi * 1.3 * t_s)
     acceleration = synthesize(name, force_N, speed_m_s, rate_Hz=ACCELERATION_RATE_HZ)

@@ -1,4 +1,4 @@
-"""The page: every figure with its numbers, the paper's beside ours, Table 1, what is assumed, what is left out."""
+"""The page: the paper's numbers beside those found here, the conditions of both, and what is not reproduced."""
 
 import csv
 import datetime
@@ -11,125 +11,160 @@ from hapscene.handle.plant import Plant
 from hapscene.handle.sensor import Sensor
 
 from ..page import Page, shown
-from .finding import PUBLISHED, REMEMBERED, Finding, Number
 from .material import Material
+from .result import SETTING, FigureResult, Number
 
-__all__ = ["TABLE_ONE", "page_of", "table_of_numbers"]
+__all__ = ["TABLE_ONE", "page_of", "summary", "table_of_numbers"]
 
 PAPER: Final = (
-    "Kuchenbecker, Romano & McMahan, “Haptography: Capturing and Recreating the Rich Feel of Real Surfaces”, 14th "
-    "International Symposium on Robotics Research, 2009 (Springer Tracts in Advanced Robotics 70, 2011)"
+    "K. J. Kuchenbecker, J. Romano and W. McMahan, “Haptography: Capturing and Recreating the Rich Feel of Real "
+    "Surfaces”, International Symposium on Robotics Research 2009 (Springer Tracts in Advanced Robotics 70, 2011)"
 )
 
 NUMBERS_OPEN: Final = 14
 """Longest table of numbers that is not folded [rows]."""
 
-TABLE_ONE: Final = (
-    ("the camera", "a stylus with accelerometer and force sensor", "hapscene capture record", "fig2"),
-    ("the film developed", "models fitted: texture, tap, friction, stiffness", "hapscene capture fit", "fig4"),
-    ("the photograph", "the haptograph, a .swatch file", "hapscene swatch show", "fig5"),
-    ("is it sharp?", "real against synthetic", "hapscene capture report", "fig5"),
-    ("the album", "a library of surfaces", "hapscene swatch publish", ""),
-    ("retouching, a collage", "swatches painted onto a scene", "hapscene paint", ""),
-    ("the screen, measured", "the handle, identified", "hapscene device identify", "fig7"),
-    ("looking at it", "touching it through the handle", "hapscene play", "taps"),
-    ("a live broadcast", "touching from afar", "hapscene lab teleoperate leader", "fig8"),
+CONDITIONS: Final = (
+    (
+        "Figs. 4, 5",
+        "organza on a stiff substrate, plastic probe, 4.0 cm/s, 1.5 N, n = 120 (Fig. 4, caption); force and speed held "
+        "constant, 5000 Hz (Section 3, Texture Modeling)",
+        "wood, moved freely by hand; 10 kHz, inferred from the recording's low-pass, resampled to 5000 Hz",
+        "nothing for a recording; a synthesised surface is a linear prediction model itself",
+    ),
+    (
+        "Fig. 7",
+        "five users, three trials each, three-fingered pinch grip, repeated sweep of 10–200 Hz (Section 4, System "
+        "Dynamics); actuator of 6.6 N peak (Section 4, Prototype)",
+        "five simulated grips, three trials each, the same sweep and peak force",
+        "handle and hands have exactly the form of the fitted model",
+    ),
+    (
+        "Fig. 8",
+        "two Omnis, position–position controller, two taps and five drags on unfinished plywood; 100 % is the run "
+        "without the voice coil (Section 4, Teleoperation Testing)",
+        "the same, simulated, on the swatch of wood; a press between taps and drags",
+        "the compensator knows the handle's parameters, and the latency is removed, exactly",
+    ),
+    (
+        "ratings",
+        "people tap on a spring-based wall without and with transients; 7 is a real wooden block (Section 2)",
+        "12 simulated raters tap on the swatch of wood, rendered by the handle",
+        "the rating is computed from the spectral distance; no person is involved",
+    ),
 )
-"""Photography, haptography, the command of this project, and the section of the page that shows it."""
+"""Figure; conditions of the paper, with the place; conditions here; what the simulation knows beyond an experiment."""
+
+TABLE_ONE: Final = (
+    ("digital SLR camera", "highly sensorized handheld tool", "hapscene capture record"),
+    ("interchangeable lenses", "interchangeable tool tips", "hapscene capture fit"),
+    ("framing a shot and focusing the camera", "exploring an object’s surface", "hapscene capture record"),
+    ("planar distribution of light intensities", "stream of positions, forces, and accelerations", ""),
+    ("optics and the human eye", "haptics and the human hand", ""),
+    ("LCD monitor", "uniquely actuated handheld tool", "hapscene device identify"),
+    ("viewing the digital image", "freely exploring the digital model", "hapscene play"),
+    ("spatial resolution and focus", "high frequency accelerations", "hapscene capture report"),
+)
+"""The rows of the paper's Table 1 (photography, haptography), and the command that corresponds to each."""
+
+NOT_REPRODUCED: Final = (
+    ("Figs. 1, 3, 6", "diagrams and a photograph without measurements"),
+    ("Figs. 2, 4, 5", "plastic, foam and organza; positions, taps and presses: not recorded"),
+    ("Fig. 7", "real handle and hands: not available; the parameter values stand in the picture only"),
+    ("Fig. 8", "real teleoperation, its phase lag and underactuation"),
+    ("Section 2", "ratings by people; a public online database (`hapscene swatch publish` writes its pages)"),
+    (
+        "Section 3",
+        "models of contact angle, hand configuration and grip force, and of transitions between contact states",
+    ),
+    ("Section 4", "demonstration to people; perceptual test of mapping three axes to one (DFT321 is used)"),
+)
+"""Parts of the paper that are not reproduced."""
 
 
-def page_of(findings: Mapping[str, Finding], materials: Mapping[str, Material]) -> Page:
-    """The page."""
-    page = Page("Haptography, reproduced")
-    page.text(f"{PAPER}: its figures and numbers, as far as the data at hand allow.")
-    for text in _leads(materials):
-        page.text(text)
-    page.heading("The paper’s numbers, and ours", key="summary")
-    compared = [
-        (f"{finding.title.split(':')[0]}: ", number)
-        for finding in findings.values()
-        for number in finding.numbers
-        if number.paper is not None
-    ]
-    _add_numbers(page, compared)
-    for key, finding in findings.items():
-        page.heading(finding.title, key=key)
-        page.text(finding.text)
-        for plot in finding.plots:
-            page.drawing(plot.svg, plot.title, plot.caption)
-        _add_numbers(page, [("", number) for number in finding.numbers])
-    page.heading("Table 1: haptography beside photography", key="table1")
-    page.text(f"That the paper sets the two beside each other is {REMEMBERED}; the lines are ours.")
-    page.table(("photography", "haptography", "here", "shown in"), TABLE_ONE)
-    page.heading("What is assumed", key="assumed")
-    page.table(("what", "as"), list(_assumed(materials).items()))
-    page.heading("What is left out, and why", key="left-out")
-    page.table(("what", "why"), list(_left_out(materials).items()))
+def summary(results: Mapping[str, FigureResult], materials: Mapping[str, Material]) -> Page:
+    """Return the page without the sections of the figures."""
+    page = Page("The haptography paper, reproduced")
+    page.text(
+        f"{PAPER}. Each number of the paper is given with its place in it. Made by `hapscene lab reproduce` on "
+        f"{datetime.date.today().isoformat()}."
+    )
+    missing = [material.name for material in materials.values() if not material.recorded]
+    if missing:
+        page.text(
+            f"No recordings of {', '.join(missing)} were given: the figures of these surfaces show what the shipped "
+            "swatches synthesise. `hapscene lab reproduce --recordings DIR` uses recordings."
+        )
+    page.heading("Numbers of the paper", key="summary")
+    _add_numbers(
+        page, [(r.title.split(":")[0], n) for r in results.values() for n in r.numbers if n.note != SETTING and n.paper]
+    )
+    page.heading("Conditions", key="conditions")
+    page.table(("", "paper", "here", "what the simulation knows and an experiment does not"), CONDITIONS)
+    if "interpolation" in results:
+        found = results["interpolation"]
+        page.heading(found.title, key="interpolation")
+        page.text(found.text)
+        _add_numbers(page, [("", number) for number in found.numbers])
+    page.heading("Not reproduced", key="not-reproduced")
+    page.table(("place", "not reproduced"), NOT_REPRODUCED)
     return page
 
 
-def table_of_numbers(findings: Mapping[str, Finding]) -> str:
-    """All numbers as CSV, unrounded; `paper` is empty where the paper's is not known here."""
+def page_of(results: Mapping[str, FigureResult], materials: Mapping[str, Material]) -> Page:
+    """Return the whole page."""
+    page = summary(results, materials)
+    for key, result in results.items():
+        if key == "interpolation":  # part of the summary
+            continue
+        page.heading(result.title, key=key)
+        page.text(result.text)
+        for plot in result.plots:
+            page.drawing(plot.svg, plot.title, plot.caption)
+        _add_numbers(page, [("", number) for number in result.numbers])
+    page.heading("Table 1 of the paper, and the commands", key="table1")
+    page.table(("photography", "haptography", "hapscene"), TABLE_ONE)
+    page.heading("Assumed values", key="assumed")
+    page.table(("quantity", "assumed"), list(_assumed().items()))
+    return page
+
+
+def table_of_numbers(results: Mapping[str, FigureResult]) -> str:
+    """Return all numbers as CSV, unrounded; `paper` is empty where the paper states none."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("figure", "quantity", "unit", "paper", "paper_known", "ours", "why"))
-    for key, finding in findings.items():
-        for n in finding.numbers:
-            writer.writerow((key, n.what, n.unit, n.paper, n.known, n.ours, n.why))
+    writer.writerow(("figure", "quantity", "unit", "paper", "place", "here", "note"))
+    for key, result in results.items():
+        for n in result.numbers:
+            writer.writerow((key, n.quantity, n.unit, n.paper, n.place, n.value, n.note))
     return text.getvalue()
 
 
-def _leads(materials: Mapping[str, Material]) -> list[str]:
-    told = [
-        f"Of the paper its abstract was at hand, not its text. Each of its numbers says how it is known: “{PUBLISHED}” "
-        f"where published text was checked, “{REMEMBERED}” where it was not; where none stands, it is not known here. "
-        f"Made by “hapscene lab reproduce” on {datetime.date.today().isoformat()}."
-    ]
-    made = [material.name for material in materials.values() if not material.real]
-    if made:
-        told.append(
-            f"Not from recordings: {', '.join(made)}. Of these, Figs. 2, 4, 5 and the orders show what the shipped "
-            "swatches synthesise: the method, and nothing of a surface that a swatch does not already hold. With the "
-            "recordings in a folder, “hapscene lab reproduce --recordings DIR” draws them from real surfaces."
-        )
-    return told
-
-
 def _add_numbers(page: Page, rows: Sequence[tuple[str, Number]]) -> None:
-    """Add numbers as a table, folded where it is long; each with the text before it."""
-    cells = []
-    for before, n in rows:
+    """Add numbers as a table, each with the figure that it belongs to; a long table is folded in HTML."""
+    cells: list[tuple[str, ...]] = []
+    compared, noted = any(n.paper is not None for _, n in rows), any(n.note for _, n in rows)
+    for figure, n in rows:
         unit = "" if n.unit == "1" else f" {n.unit}"
-        ours, paper = (("" if v is None else f"{shown(v)}{unit}".replace("-", "−")) for v in (n.ours, n.paper))
-        cells.append((before + n.what, ours, f"{paper} ({n.known})" if paper else "", n.why))
-    fold = f"{len(rows)} numbers" if len(rows) > NUMBERS_OPEN else ""
-    page.table(("number", "ours", "the paper", "why they differ, what it depends on"), cells, fold)
+        here, paper = (("" if v is None else f"{shown(v)}{unit}".replace("-", "−")) for v in (n.value, n.paper))
+        quantity = f"{figure}: {n.quantity}" if figure else n.quantity
+        stated = (f"{paper} ({n.place})" if paper else "",) if compared else ()
+        cells.append((quantity, *stated, here, n.note)[: None if noted else -1])
+    head: tuple[str, ...] = ("quantity", "paper (place)", "here", "what the simulation knows; other differences")
+    if not compared:
+        head = ("quantity", "here", "note")[: None if noted else -1]
+    folded = len(rows) > NUMBERS_OPEN and not rows[0][0]
+    page.table(head, cells, f"{len(rows)} numbers" if folded else "")
 
 
-def _assumed(materials: Mapping[str, Material]) -> dict[str, str]:
+def _assumed() -> dict[str, str]:
     plant, sensor = Plant(), Sensor()
     values = ", ".join(f"{f.name} {getattr(plant, f.name):g}" for f in fields(plant) if f.name != "force_limit_N")
-    items = {
-        "the handle": f"{values}: the published values were not to be had",
-        "the actuator": f"{plant.force_limit_N:g} N peak ({PUBLISHED})",
-        "its accelerometer": f"one pole at {sensor.bandwidth_Hz:g} Hz, noise {sensor.noise_m_s2_rtHz:.2g} m/s²/√Hz",
-        "users": "hands from 150 N/m and 3 N·s/m to 2000 N/m and 10 N·s/m, ±10 % a trial",
-        "teleoperation": "both Omnis, the hand and the line are simulated; the taps of the plate have an assumed form",
-        "raters": "what a rating is, as told in its section",
+    noise = f"noise {sensor.noise_m_s2_rtHz:.2g} m/s²/√Hz"
+    return {
+        "handle": f"{values}; the paper's text does not state its values",
+        "accelerometer of the handle": f"one pole at {sensor.bandwidth_Hz:g} Hz, {noise}",
+        "hands": "from 150 N/m and 3 N·s/m to 2000 N/m and 10 N·s/m, ±10 % between trials",
+        "taps of the wood": "waveform and size after Okamura et al. 2001",
+        "recordings": "wood, paper, leather: rate and unit, inferred; epoxy: unit 1 g, 1 N, 0.1 m/s",
     }
-    if any(material.real for material in materials.values()):
-        said = "wood, paper, leather: 10 kHz inferred from their low-pass, m/s² from their level; epoxy: 1 = 1 g"
-        items["the recordings"] = f"{said}, its force and speed"
-    return items
-
-
-def _left_out(materials: Mapping[str, Material]) -> dict[str, str]:
-    items = {
-        "Figs. 1, 3 and 6": f"pictures and diagrams ({REMEMBERED}): nothing is measured in them",
-        "position, taps and presses": "of Fig. 2: the recordings in reach hold speed and drags",
-        "a real handle": "its parameters and the hands of real users: none was at hand",
-        "ratings of people": "none were taken; those of the simulated raters are no evidence about people",
-    }
-    if not any(material.real for material in materials.values()):
-        items["real surfaces"] = "no recordings were given: --recordings DIR"
-    return items

@@ -1,52 +1,80 @@
-"""All figures in turn, the page and the table of numbers: what `hapscene lab reproduce` does."""
+"""The figures in turn, the page and the table of numbers: `hapscene lab reproduce`."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
+from hapscene.errors import HapsceneError
 from hapscene.handle.plant import Plant
-from hapscene.io.files import whole_folder
+from hapscene.io.files import whole_file, whole_folder
 
-from . import handle_figure, prediction_figure, remote_figure, tap_study
-from .finding import Finding, Say
+from . import handle_figure, interpolation_table, prediction_figure, remote_figure, tap_study
 from .material import Material, load_materials
-from .paper_page import page_of, table_of_numbers
+from .paper_page import page_of, summary, table_of_numbers
+from .result import FigureResult, Progress
 
-MADE: Final = ("haptography.html", "numbers.csv")
-"""What is written."""
+FILES: Final = ("haptography.html", "numbers.csv")
+"""Names of the files that are written."""
 
-Make = Callable[[dict[str, Material]], Finding]
+START, END = "<!-- reproduce -->\n", "<!-- end of reproduce -->\n"
+"""Lines of paper.md between which the summary is written."""
 
-FIGURES: Final[Mapping[str, tuple[str, Make]]] = {
+Reproduce = Callable[[dict[str, Material]], FigureResult]
+
+FIGURES: Final[Mapping[str, tuple[str, Reproduce]]] = {
     "fig2": ("two materials", prediction_figure.two_materials),
     "fig4": ("linear prediction", lambda m: prediction_figure.linear_prediction(m["wood"])),
-    "fig5": ("real against synthetic", lambda m: prediction_figure.real_against_synthetic(m["wood"])),
-    "fig7": ("the handle", lambda _: handle_figure.handle_in_hands(Plant(), handle_figure.PAPER_BAND_HZ)),
-    "fig8": ("two taps and five drags", lambda _: remote_figure.felt_through_a_leader()),
+    "fig5": ("real and synthetic acceleration", lambda m: prediction_figure.real_against_synthetic(m["wood"])),
+    "interpolation": ("interpolation between conditions", lambda _: interpolation_table.interpolation()),
+    "fig7": ("handle, five users", lambda _: handle_figure.handle_in_hands(Plant(), handle_figure.PAPER_BAND_HZ)),
+    "fig8": ("teleoperation, two taps and five drags", lambda _: remote_figure.teleoperated_wood()),
     "taps": ("ratings of taps, simulated", lambda _: tap_study.rated_taps()),
-    "handle": ("the handle to 1000 Hz", lambda _: handle_figure.handle_in_hands(Plant(), handle_figure.FULL_BAND_HZ)),
+    "handle": ("handle to 1000 Hz", lambda _: handle_figure.handle_in_hands(Plant(), handle_figure.FULL_BAND_HZ)),
 }
-"""What is reproduced: a key, what is said meanwhile, and what makes it."""
+"""The figures: key on the page, progress message, and the function that reproduces it."""
 
 
-def reproduce(out: str | Path, recordings: Path | None = None, say: Say = lambda text: None) -> list[Path]:
-    """Write `MADE` into a folder: all of it or nothing.
+def reproduce(
+    out: str | Path, recordings: Path | None = None, say: Progress = lambda text: None, docs: Path | None = None
+) -> list[Path]:
+    """Reproduce all figures and write `FILES` into a folder; an interrupted run writes nothing.
 
     Args:
         out: the folder.
-        recordings: folder of the recordings that the shipped swatches were fitted to, or None: what would show a
-            surface is then synthesised from the swatches.
-        say: told how far it is.
+        recordings: folder of the recordings that the shipped swatches were fitted to; without it, the surfaces are
+            synthesised from the swatches.
+        say: called with progress messages.
+        docs: folder of the project's result pages; the summary is written into its paper.md as well.
 
     Raises:
-        CaptureError: no recording in that folder, or one that is none.
-        OSError: the folder cannot be written.
+        CaptureError: no recording in that folder, or an invalid one.
+        HapsceneError: `docs` has no paper.md with the lines `START` and `END`.
+        OSError: a folder cannot be written.
     """
-    materials, findings = load_materials(recordings), {}
-    with whole_folder(out, ours=MADE) as folder:
+    materials, results = load_materials(recordings), {}
+    page = None if docs is None else _parts(docs / "paper.md")
+    with whole_folder(out, ours=FILES) as folder:
         for number, (key, (words, make)) in enumerate(FIGURES.items(), 1):
             say(f"{number} of {len(FIGURES)}: {words}\n")
-            findings[key] = make(materials)
-        for name, text in zip(MADE, (page_of(findings, materials).html(), table_of_numbers(findings)), strict=True):
+            results[key] = make(materials)
+        for name, text in zip(FILES, (page_of(results, materials).html(), table_of_numbers(results)), strict=True):
             (folder / name).write_text(text, encoding="utf-8", newline="\n")
-    return [Path(out) / name for name in MADE]
+    made = [Path(out) / name for name in FILES]
+    if docs is not None and page is not None:
+        made.append(docs / "paper.md")
+        with whole_file(made[-1]) as part:
+            text = summary(results, materials).markdown(docs)
+            part.write_text(f"{page[0]}{START}{text}{END}{page[1]}", encoding="utf-8", newline="\n")
+    return made
+
+
+def _parts(file: Path) -> tuple[str, str]:
+    """Return the text of paper.md before and after the generated summary."""
+    text = file.read_text(encoding="utf-8") if file.is_file() else ""
+    before, start, rest = text.partition(START)
+    _, end, after = rest.partition(END)
+    if not start or not end:
+        raise HapsceneError(
+            f"{file}: expected the lines {START.strip()} and {END.strip()}; name the folder docs/results"
+        )
+    return before, after

@@ -131,7 +131,7 @@ class Orders:
     def fix_all(self) -> None:
         """Fix all bodies, so that they cannot be pushed."""
         for name in self.freed:
-            self.servo.free(name, np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
+            self.servo.set_mass(name, np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
         self.freed.clear()
 
     # --- the orders; their arguments come from a client, and may be of any type
@@ -158,7 +158,7 @@ class Orders:
     def _free(self, to: Convention, body: Any, mass: Any, inertia: Any, com: Any = (0.0, 0.0, 0.0)) -> None:
         mass_kg, inertia_B = float(mass), to.inertia(numbers(inertia))
         with self.lock:
-            self.servo.free(str(body), mass_kg, inertia_B_kg_m2=inertia_B, com_B_m=to.position(com))
+            self.servo.set_mass(str(body), mass_kg, inertia_B_kg_m2=inertia_B, com_B_m=to.position(com))
             self.freed.add(str(body))
 
     def _add(

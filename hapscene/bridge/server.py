@@ -270,7 +270,7 @@ class BridgeServer:
             self.servo.move(
                 name,
                 frame.pose(body.p, body.q),
-                seen=Impulse(frame.vector(seen[:3]) - before[:3], frame.angular(seen[3:]) - before[3:]),
+                applied=Impulse(frame.vector(seen[:3]) - before[:3], frame.angular(seen[3:]) - before[3:]),
                 teleport=body.teleport,
                 **moving,
             )

@@ -21,8 +21,8 @@ from hapscene.records import ROW, records
 from hapscene.surface.device_clipping import STIFFNESS, WALL
 
 if TYPE_CHECKING:
-    from hapscene.loop.hand_intent import Intent
-    from hapscene.loop.result import Feel
+    from hapscene.loop.reference_trajectory import ReferenceTrajectory
+    from hapscene.loop.result import ClosedLoopResult
     from hapscene.loop.twin import Twin
     from hapscene.render.moving_bodies import MovingBodies
     from hapscene.render.recording import Recording
@@ -186,7 +186,7 @@ class Bridge:
         renderer._ticks -= n
         return renderer.recording(rows, a_m_s2)
 
-    def run_twin(self, twin: "Twin", intent: "Intent") -> "Feel":
+    def run_twin(self, twin: "Twin", intent: "ReferenceTrajectory") -> "ClosedLoopResult":
         """Simulate a reference trajectory of a hand in closed loop, as `Twin.run`, while the simulation runs.
 
         Raises:
@@ -217,7 +217,7 @@ class Bridge:
         """The slots of the bodies in the renderer; created for each new renderer."""
         if self._bodies is None or renderer is not self._renderer:
             n = len(self.simulation.names)
-            self._renderer, self._bodies = renderer, renderer.moving(self.simulation.names)
+            self._renderer, self._bodies = renderer, renderer.moving_bodies(self.simulation.names)
             self._jumps = set(self.simulation.names)
             self._pending_s = max(0.0, renderer.tick_s - self.simulation.step_s)  # so that the first step has a tick
             self._X_WB = np.tile(np.eye(4), (n, 1, 1))

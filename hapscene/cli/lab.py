@@ -14,7 +14,6 @@ from hapscene.cli.inputs import check_scene, find_asset, load_input, print_size_
 from hapscene.cli.options import (
     Counts,
     Help,
-    InFile,
     InFolder,
     MeshOptions,
     Names,
@@ -42,7 +41,9 @@ app = App(name="lab", synonym=WORDS, help="Stability, benchmarks, user studies, 
 app.command("hapscene.cli.sessions:study", name="study", help=STUDY)
 app.command("hapscene.cli.sessions:teleoperate", name="teleoperate", help=TELEOPERATE)
 
-Docs = Annotated[Path | None, Parameter(metavar="FOLDER", help="Folder to write the documentation page to as well.")]
+Docs = Annotated[
+    Path | None, Parameter(metavar="FOLDER", help="Folder of result pages (docs/results) to update as well.")
+]
 
 
 @app.command
@@ -90,7 +91,7 @@ def warmup(*, quick: Annotated[bool, Help("Compile only the functions that a fir
     start_s = time.perf_counter()
     warm_up(quick)
     count = sum(1 for _ in folder.glob("*.nbc"))
-    print(f"{count} compiled functions in {folder}; {time.perf_counter() - start_s:.0f} s")
+    print(f"compiled {count} function{'' if count == 1 else 's'} to {folder}; {time.perf_counter() - start_s:.0f} s")
 
 
 Rates = Annotated[Numbers, Parameter(validator=Number(gte=100.0, lte=100_000.0), show_default="1000,5000,10000")]
@@ -144,12 +145,8 @@ def check_evidence() -> None:
         raise HapsceneError("the benchmarks are not installed: clone the repository, and run `pip install -e .` in it")
 
 
-bench = App(name="bench")
-app.command(bench)
-
-
-@bench.default
-def run_bench(
+@app.command
+def bench(
     *,
     out: OutFolder = Path("out/bench"),
     quick: Annotated[bool, Help("Measure fewer cases, in a third of the time")] = False,
@@ -167,7 +164,6 @@ def run_bench(
       hapscene lab bench --quick --out out/quick
       hapscene lab bench --from out/bench/bench.csv --out out/again
       hapscene lab bench --against ../hapscene-before
-      hapscene lab bench compare docs/bench/bench.csv out/bench/bench.csv
     """
     check_evidence()
     from hapscene_evidence.bench.run import bench as run
@@ -177,27 +173,6 @@ def run_bench(
         return 0 if bench_against(against, ROUNDS) else 1
     run(out, quick, docs, zoo, table)
     return 0
-
-
-@bench.command
-def compare(
-    first: Annotated[InFile, Help("Table bench.csv")],
-    second: Annotated[InFile, Help("Table bench.csv of another run")],
-    /,
-) -> None:
-    """Print the ratios between two benchmark tables, with their spread.
-
-    Above 1, the second is slower or less accurate. Ratios of times are meaningful
-    only if both were measured on the same idle machine; the output states whether
-    the machines are the same.
-
-    examples:
-      hapscene lab bench compare docs/bench/bench.csv out/bench/bench.csv
-    """
-    check_evidence()
-    from hapscene_evidence.bench.comparison import lines
-
-    print_lines(lines(first, second))
 
 
 @app.command
@@ -243,6 +218,7 @@ def reproduce(
     *,
     recordings: Annotated[InFolder | None, Help("Folder of recordings (default: synthesised recordings)")] = None,
     out: OutFolder = Path("out/reproduce"),
+    docs: Docs = None,
 ) -> None:
     """Reproduce the haptography paper: figures and numbers beside the published ones, on one page.
 
@@ -253,7 +229,7 @@ def reproduce(
     check_evidence()
     from hapscene_evidence.paper.reproduction import reproduce as run
 
-    print_files(run(str(out), recordings, print_progress))
+    print_files(run(str(out), recordings, print_progress, docs))
 
 
 # `hapscene tune`.

@@ -216,7 +216,7 @@ def _touch_by_hand(
     from hapscene.device.model import device_named, limits_of
     from hapscene.device.sim.omni import Omni
     from hapscene.handle import Plant
-    from hapscene.loop import Intent, Twin
+    from hapscene.loop import ReferenceTrajectory, Twin
     from hapscene.motion.gestures import act
     from hapscene.motion.path_file import load_path
     from hapscene.render.renderer import EFFECTS
@@ -227,7 +227,7 @@ def _touch_by_hand(
         if path is None:
             intent = act(hand.hand, _aim(scene, write["bridge"]), TICK_S, grip=hand.grip)
         else:
-            intent = Intent.along(load_path(path, TICK_S)[1], hand.grip)
+            intent = ReferenceTrajectory.along(load_path(path, TICK_S)[1], hand.grip)
     device = device_named(hand.device)
     held = Omni() if device.name == "omni" else device.point
     assert held is not None  # checked by HandOptions.check

@@ -1,1 +1,1 @@
-"""Compilation: numba's pipeline for inner functions and whole ones, the cache on disk, progress, arrays by pointer."""
+"""Compilation with numba: pipelines, disk cache, progress report, and arrays passed by pointer."""

@@ -1,9 +1,8 @@
-"""Named tuples of arrays that compiled code takes as one pointer.
+"""Named tuples of arrays that are passed to compiled code as one pointer.
 
-Numba passes a tuple of arrays as seven words an array, some 300 for a scene, in every call, and compiles longer for
-every word. Here the words lie side by side in memory that the tuple owns, and their address is passed. An array is read
-from there where it is used; since the words never change, the compiler may keep what it has read.
-"""
+Numba passes each array of a tuple as seven words, some 300 for a scene, in every call, and compile time grows with
+every word. Here the words are stored side by side in memory that the tuple owns, and only their address is passed.
+Compiled code loads an array where it uses it. The words never change, so the compiler may keep what it has loaded."""
 
 # mypy: allow-untyped-calls
 
@@ -37,7 +36,7 @@ Tuple = TypeVar("Tuple", bound=type)
 
 
 class BlockType(_Type):  # type: ignore[misc]
-    """The type of such a tuple in compiled code; `fields` is numba's type of the tuple itself."""
+    """Type of such a tuple in compiled code; `fields` is numba's type of the plain tuple."""
 
     def __init__(self, fields: Any) -> None:
         self.fields = fields
@@ -45,7 +44,7 @@ class BlockType(_Type):  # type: ignore[misc]
         super().__init__(f"Block({fields.instance_class.__name__}, {digest})")
 
     def place_of(self, name: str) -> tuple[Any, int]:
-        """Type of an array, and its first word."""
+        """Return the type of an array and the index of its first word."""
         index = self.fields.fields.index(name)
         return self.fields[index], sum(5 + 2 * array.ndim for array in list(self.fields)[:index])
 
@@ -66,9 +65,9 @@ class _Attributes(_Template):  # type: ignore[misc]
 
 @lower_getattr_generic(BlockType)
 def _load_array(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
-    """The array as numba has it in registers: owner, parent, size, item size, data, shape, strides.
+    """Load an array as numba holds it in registers: owner, parent, size, item size, data, shape, strides.
 
-    It has neither owner nor parent, since nothing is counted here.
+    Owner and parent are null, because references are not counted.
     """
     array, first = kind.place_of(name)
     never_changes = builder.module.add_metadata([])
@@ -100,13 +99,13 @@ def _unbox(kind: Any, instance: Any, c: Any) -> Any:
 
 
 class _Block:
-    """What a named tuple of arrays takes on to be passed by one pointer."""
+    """Mixin of named tuples of arrays that are passed by one pointer."""
 
     _words: Any
     address: int
 
     def __getattr__(self, name: str) -> int:
-        """`address`: where the words of the arrays lie, as long as the tuple lives; computed once."""
+        """Compute `address` once: where the words of the arrays are stored, as long as the tuple exists."""
         if name != "address":
             raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}")
         arrays: Any = self
@@ -117,7 +116,7 @@ class _Block:
 
 
 def by_pointer(kind: Tuple) -> Tuple:
-    """Decorator of a `NamedTuple` whose fields are arrays: compiled code takes it as one pointer."""
+    """Decorate a `NamedTuple` of arrays: compiled code receives it as one pointer."""
     made: Any = type(kind.__name__, (_Block, kind), {"__doc__": kind.__doc__, "__module__": kind.__module__})
     made.__qualname__ = kind.__qualname__
 

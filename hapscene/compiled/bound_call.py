@@ -1,8 +1,8 @@
-"""A compiled function with its argument bound: one C function `void call(void *context)`, as any thread can call it.
+"""A compiled function with its argument bound: a C function `void call(void *context)` that any thread can call.
 
-So a vendor's library calls the servo's tick from its own thread, and Python calls it for the price of one pointer: to
-take a hundred arrays apart costs more than a tick. The argument lies in memory as numba has it in registers; the call
-touches nothing of Python.
+A vendor's library thus calls the tick of a servo from its own thread, and Python calls it at the price of one pointer;
+to unpack a hundred arrays takes longer than a tick. The argument is stored in memory as numba holds it in registers.
+The call uses nothing of Python.
 """
 
 import ctypes
@@ -20,23 +20,23 @@ from hapscene.compiled.native import INTERPRETED, CFunction, native
 
 __all__ = ["BoundCall", "loaded"]
 
-_intrinsic: Any = intrinsic  # numba types neither as they are used
+_intrinsic: Any = intrinsic  # numba's stubs type neither as it is used
 _typeof: Any = typeof
 
 ALIGNED: Final = 64
-"""Where the argument begins: a multiple of this [bytes]."""
+"""Alignment of the argument [bytes]."""
 
 
 class BoundCall:
-    """A compiled function and what it is called with, which lives as long as this does.
+    """A compiled function and its argument, which stays alive with this object.
 
     Attributes:
-        address: of the C function.
-        context: the address that it is called with.
+        address: address of the C function.
+        context: argument of the C function.
     """
 
     def __init__(self, function: Callable[[Any, Any], None], argument: tuple[Any, ...]) -> None:
-        """`function(address, kind)` is plain Python, to be compiled: it takes its argument by `loaded`."""
+        """Bind an argument to `function(address, kind)`, a Python function that gets it with `loaded`."""
         self._argument = argument
         if INTERPRETED:
             self._function: Any = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(lambda context: function(argument, None))
@@ -51,21 +51,21 @@ class BoundCall:
         self._call = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(self.address)
 
     def __call__(self) -> None:
-        """Call it, without the GIL."""
+        """Call the function without the GIL."""
         self._call(self.context)
 
 
 if INTERPRETED:
 
     def loaded(address: Any, kind: Any) -> Any:
-        """The argument that a `BoundCall` is bound to."""
+        """Return the bound argument of a `BoundCall`."""
         return address
 
 else:
 
     @_intrinsic
     def loaded(typing: Any, address: Any, kind: Any) -> Any:
-        """The argument that a `BoundCall` is bound to."""
+        """Return the bound argument of a `BoundCall`."""
         value = kind.instance_type
 
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -85,18 +85,18 @@ def _stored(typing: Any, address: Any, value: Any) -> Any:
 
 @native
 def _store(address: int, value: Any) -> None:
-    """Put an argument where `loaded` finds it."""
+    """Store an argument for `loaded`."""
     _stored(np.uintp(address), value)
 
 
 @cache
 def _compiled(function: Callable[[Any, Any], None], kind: Any) -> CFunction:
-    """The function for an argument of that type."""
-    # its second argument has no size: the caller leaves it out
+    """Compile the function for an argument type."""
+    # a type has no size, so the caller of the C function omits it
     return CFunction(types.void(types.uintp, types.TypeRef(kind)), function)
 
 
 def _size(kind: Any) -> int:
-    """How much memory an argument of that type takes [bytes]."""
+    """Return the memory that an argument of a type needs [bytes]."""
     context: Any = cpu_target.target_context
     return int(context.get_abi_sizeof(context.get_value_type(kind)))

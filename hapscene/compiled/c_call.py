@@ -1,4 +1,4 @@
-"""C functions called by their address from compiled code: those of a vendor's library, which ctypes has loaded."""
+"""Calls C functions by address from compiled code, such as those of a vendor's library that ctypes has loaded."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,15 +10,15 @@ from numba.extending import intrinsic
 
 __all__ = ["c_caller"]
 
-_tuple: Any = types.Tuple  # numba types neither
+_tuple: Any = types.Tuple  # numba's stubs type neither
 _unpack: Any = cgutils.unpack_tuple
 
 
 def c_caller(result: Any, *arguments: Any) -> Callable[..., Any]:
-    """What calls a C function of this signature (types of numba) from compiled code: `call(address, (a, b, …))`.
+    """Return a function that calls C functions of a signature (numba types) as `call(address, (a, b, …))`.
 
-    Pointers are `types.uintp`: `array.ctypes.data`. Structures by value are not for it: how they are passed differs
-    between systems.
+    Pointers have the type `types.uintp`: pass `array.ctypes.data`. Structures by value are not supported, because
+    their calling conventions differ between systems.
     """
     declared = tuple(arguments)
     given_type = _tuple(declared)
@@ -33,8 +33,8 @@ def c_caller(result: Any, *arguments: Any) -> Callable[..., Any]:
                 [context.get_value_type(kind) for kind in declared],
             )
             function = builder.inttoptr(values[0], function_type.as_pointer())
-            told = builder.call(function, parts)
-            return context.get_dummy_value() if result == types.void else told
+            returned = builder.call(function, parts)
+            return context.get_dummy_value() if result == types.void else returned
 
         return signature, generate
 

@@ -1,8 +1,8 @@
-"""The cache on disk of what is compiled, and the compiled code that a wheel carries.
+"""Disk cache of compiled functions, and the compiled code that a wheel contains.
 
-A file holds one function for one signature; its name holds a digest of the function's own code and all below it, of the
-signature, of numba, Python and the processor. So nothing in it is ever out of date, and a file that fits is the right
-one. Files end with a digest of their content: a damaged one counts as absent, and is replaced.
+A file holds one function for one signature. Its name contains a digest of the code of the function and its callees,
+of the signature, and of the versions of numba, Python and the processor. Files are thus never out of date. Each file
+ends with a digest of its content; a damaged file counts as absent and is replaced.
 """
 
 # mypy: allow-untyped-calls
@@ -33,19 +33,19 @@ from hapscene.io.files import whole_file
 __all__ = ["DiskCache", "cache_folder", "is_known", "locked", "warn_not_kept"]
 
 SHIPPED: Final = Path(__file__).with_name("shipped")
-"""The folder of compiled code that a wheel carries; absent in a checkout."""
+"""Folder of compiled code in a wheel; absent in a checkout."""
 
 V3_FEATURES: Final = "avx avx2 bmi bmi2 cx16 f16c fma lzcnt movbe popcnt sse3 sse4.1 sse4.2 ssse3"
-"""What a processor has on which code for x86-64-v3 runs, in LLVM's words."""
+"""Features that a processor needs to run code for x86-64-v3, by LLVM's names."""
 
 PORTABLE_CPU: Final = "x86-64-v3" if llvm.get_default_triple().startswith("x86_64") else "generic"
-"""The processor for which a wheel's code is compiled."""
+"""Processor for which the code in a wheel is compiled."""
 
 _KEPT_S: Final = 30 * 24 * 3600.0
-"""Files are removed when unused for this long [s]."""
+"""Time after which an unused file is removed [s]."""
 
 _CODE: Final = ("pipeline.py", "block.py", "digest.py", "native.py")
-"""Files that decide how a function is compiled: a change of theirs compiles everything anew."""
+"""Files that determine how functions are compiled; a change in them recompiles everything."""
 
 _BUILD: Final = hashlib.sha256(
     b"".join(Path(__file__).with_name(name).read_bytes() for name in _CODE)
@@ -56,7 +56,7 @@ _Cache: Any = caching._Cache
 
 
 class DiskCache(_Cache):  # type: ignore[misc]
-    """Where numba looks for a compiled function, and puts it: files of one function, a signature each."""
+    """Cache that numba uses for one function, with a file for each signature."""
 
     def __init__(self, name: str, digest: str) -> None:
         self._name, self._digest = name, digest
@@ -81,7 +81,8 @@ class DiskCache(_Cache):  # type: ignore[misc]
         folder = cache_folder()
         if folder is None or result.library.has_dynamic_globals:
             return
-        with suppress(OSError, pickle.PicklingError, AttributeError, TypeError):  # a full disk; a type of a notebook's
+        # a full disk, or a type that cannot be pickled, as of a notebook
+        with suppress(OSError, pickle.PicklingError, AttributeError, TypeError):
             content = pickle.dumps(result._reduce(), protocol=pickle.HIGHEST_PROTOCOL)
             path = folder / self._file(signature, target=result.target_context.codegen().magic_tuple())
             with whole_file(path) as part:
@@ -98,12 +99,12 @@ class DiskCache(_Cache):  # type: ignore[misc]
         pass
 
     def lock_path(self) -> Path | None:
-        """A file that who compiles this locks; None where nothing is kept."""
+        """Return the file that a process locks while it compiles this function; None without a cache folder."""
         folder = cache_folder()
         return folder / f"{self._name}-{self._digest}.lock" if folder is not None else None
 
     def _places(self, signature: Any, target_context: Any) -> Iterator[Path]:
-        """The files in which it may be."""
+        """Yield the files that may hold the function."""
         target = target_context.codegen().magic_tuple()
         folder = cache_folder()
         if folder is not None:
@@ -117,7 +118,7 @@ class DiskCache(_Cache):  # type: ignore[misc]
 
 
 def _whole_content(path: Path) -> bytes | None:
-    """The content of a file that ends with its digest; None where it is damaged or absent."""
+    """Return the content of a file that ends with its digest; None if it is damaged or absent."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -126,7 +127,7 @@ def _whole_content(path: Path) -> bytes | None:
 
 
 def is_known(digest: str) -> bool:
-    """Whether a function of this digest was compiled before, for whatever signature."""
+    """Return whether a function with this digest is in the cache for any signature."""
     places = (cache_folder(), SHIPPED if _runs_portable_code() else None)
     folders = [folder for folder in places if folder is not None and folder.is_dir()]
     return any(next(folder.glob(f"*-{digest}-*.nbc"), None) is not None for folder in folders)
@@ -134,7 +135,7 @@ def is_known(digest: str) -> bool:
 
 @cache
 def _runs_portable_code() -> bool:
-    """Whether this processor runs what was compiled for `PORTABLE_CPU`, and no other is asked for."""
+    """Return whether this processor runs code for `PORTABLE_CPU` and the user selected no other processor."""
     if vars(config)["CPU_NAME"] is not None:
         return False
     features = llvm.get_host_cpu_features()
@@ -142,13 +143,13 @@ def _runs_portable_code() -> bool:
 
 
 def cache_folder() -> Path | None:
-    """The folder of the cache: below the one that NUMBA_CACHE_DIR names, else the user's. None where it is unusable."""
+    """Return the cache folder, in NUMBA_CACHE_DIR or the user's cache; None if it is unusable."""
     return _folder(vars(config)["CACHE_DIR"])
 
 
 @cache
 def _folder(chosen: str) -> Path | None:
-    """None where others may write, since code is taken from what lies there, or where we may not."""
+    """Return the folder, or None if it is not writable, or if other users could place code in it."""
     folder = Path(chosen) / "hapscene" if chosen else user_cache_path("hapscene", appauthor=False)
     try:
         folder.mkdir(0o700, parents=True, exist_ok=True)
@@ -165,13 +166,13 @@ def _folder(chosen: str) -> Path | None:
 
 @cache
 def warn_not_kept(reason: str) -> None:
-    """Warn once that every start compiles."""
-    text = f"compiled code is not cached, so that every start takes about 20 s longer: {reason}"
-    warn(f"{text}; set the environment variable NUMBA_CACHE_DIR to a folder of yours", RuntimeWarning)
+    """Warn once that every start compiles again."""
+    text = f"compiled code cannot be cached, so every start takes about 20 s longer: {reason}"
+    warn(f"{text}; set the environment variable NUMBA_CACHE_DIR to a private folder", RuntimeWarning)
 
 
 def _others_write(folder: Path) -> Path | None:
-    """The folder, ours or one above it, into which other users could put something."""
+    """Return the folder, or the one above it, that other users can write to; None if there is no such folder."""
     if not hasattr(os, "geteuid"):
         return None
     state = folder.stat()
@@ -183,7 +184,7 @@ def _others_write(folder: Path) -> Path | None:
 
 @cache
 def _remove_old(folder: Path) -> None:
-    """Remove files that were not used for long; once in a process."""
+    """Remove files that were not used for a long time; once per process."""
     with suppress(OSError):
         for path in folder.iterdir():
             if path.is_file() and time.time() - path.stat().st_mtime > _KEPT_S:
@@ -192,7 +193,7 @@ def _remove_old(folder: Path) -> None:
 
 @contextmanager
 def locked(path: Path | None) -> Iterator[None]:
-    """Hold a lock between processes; nothing where there is no file for it."""
+    """Hold a lock between processes; without a file, do nothing."""
     if path is None:
         yield
         return

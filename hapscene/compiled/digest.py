@@ -1,7 +1,7 @@
-"""A digest of all that a compiled function is made of: its bytecode and that of every function below it.
+"""A digest of everything that determines the code of a compiled function: its bytecode and that of all its callees.
 
-Names of the cache's files hold it, so that a changed function is compiled anew, with all that call it, and a changed
-comment, docstring or function that is not compiled costs nothing.
+The names of cache files contain the digest. A changed function is thus recompiled with all its callers, while a changed
+comment, docstring or function that is not compiled has no effect.
 """
 
 import enum
@@ -19,7 +19,10 @@ _PLAIN: Final = (int, float, complex, bool, str, bytes, type(None), type(Ellipsi
 
 
 def function_below(value: Any) -> types.FunctionType | None:
-    """The Python function that a value stands for in compiled code, or None: plain, compiled, or an intrinsic."""
+    """Return the Python function that a value stands for in compiled code, or None.
+
+    Plain functions, compiled functions and intrinsics have one.
+    """
     for name in ("py_func", "_defn"):
         inner = getattr(value, name, None)
         if isinstance(inner, types.FunctionType):
@@ -28,7 +31,7 @@ def function_below(value: Any) -> types.FunctionType | None:
 
 
 def digest_of(function: types.FunctionType) -> tuple[str, list[Any]]:
-    """The digest (32 hexadecimal digits) of a function and all below it, and the values below that are compiled."""
+    """Return the digest (32 hexadecimal digits) of a function with all its callees, and those that are compiled."""
     digest = hashlib.sha256()
     numbers: dict[int, int] = {id(function): 0}
     waiting, compiled = [function], []
@@ -62,7 +65,7 @@ def _add_code(digest: Any, code: types.CodeType, doc: str | None) -> None:
 
 
 def _values_of(function: types.FunctionType) -> list[tuple[str, Any]]:
-    """What the names of a function mean that are not its own, in a fixed order."""
+    """Return the values of the global and free names of a function, in a fixed order."""
     names: set[str] = set()
     codes = [function.__code__]
     while codes:
@@ -73,13 +76,13 @@ def _values_of(function: types.FunctionType) -> list[tuple[str, Any]]:
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         try:
             found.append((name, cell.cell_contents))
-        except ValueError:  # not yet set
+        except ValueError:  # not set yet
             continue
     return found
 
 
 def _text(value: Any) -> str:
-    """A value that is compiled in, as text that is the same in every process."""
+    """Return a constant as text that is the same in every process."""
     if isinstance(value, enum.Enum):
         return f"{type(value).__qualname__}.{value.name}={value.value!r}"
     if isinstance(value, _PLAIN):
@@ -100,7 +103,7 @@ def _file_digest(path: str) -> str:
 
 
 def _source_text(value: Any) -> str:
-    """A class or a callable object: its name, and a digest of the file it is from where that is one of hapscene's."""
+    """Return the name of a class or callable object, with a digest of its file if it is part of hapscene."""
     kind = value if hasattr(value, "__qualname__") else type(value)
     name = f"{kind.__module__}.{kind.__qualname__}"
     if not str(kind.__module__).startswith("hapscene"):

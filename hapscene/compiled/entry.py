@@ -1,8 +1,7 @@
-"""Compiled functions that other compiled code calls by their address, so that it need not contain them.
+"""Compiled functions that other compiled code calls by address instead of linking them.
 
-One compiled tick so serves every loop that drives it, and what few scenes use (moving bodies, stabilisers, fields) is
-compiled when a scene first uses it. With NUMBA_DISABLE_JIT=1 an "address" is an index into a list of functions.
-"""
+One compiled tick thus serves all loops, and phases that few scenes use (moving bodies, stabilisers, fields) are
+compiled when a scene first uses them. With NUMBA_DISABLE_JIT=1 an "address" is an index into a list of functions."""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -23,7 +22,7 @@ _interpreted: Final[list[Callable[..., Any]]] = []
 
 
 def address_of(function: Callable[..., Any], *arguments: Any) -> int:
-    """Address by which `call_flags` reaches a function, which returns an int, for arguments like these."""
+    """Return the address with which `call_flags` calls a function that returns an int, compiled for these types."""
     if INTERPRETED:
         if function not in _interpreted:
             _interpreted.append(function)
@@ -32,19 +31,19 @@ def address_of(function: Callable[..., Any], *arguments: Any) -> int:
 
 
 def call_entry(function: Callable[..., Any], *arguments: Any) -> int:
-    """Call a function from Python, as the same machine code that `call_flags` reaches."""
+    """Call a function from Python, with the same machine code that `call_flags` uses."""
     if INTERPRETED:
         return int(function(*arguments))
     return int(_entry(function, arguments)(*arguments))
 
 
 def entry_of(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
-    """A function compiled for arguments like these: it takes exactly these types, and looks none of them up."""
+    """Return a function compiled for the types of the arguments. It accepts exactly these types and checks nothing."""
     return function if INTERPRETED else _entry(function, arguments)
 
 
 def _entry(function: Callable[..., Any], arguments: tuple[Any, ...]) -> CFunction:
-    """The function compiled for such arguments, once a process."""
+    """Return the function compiled for the types of the arguments, once per process."""
     kinds = tuple(map(_typeof, arguments))
     key = (function, *kinds)
     if key not in _compiled:
@@ -55,14 +54,14 @@ def _entry(function: Callable[..., Any], arguments: tuple[Any, ...]) -> CFunctio
 if INTERPRETED:
 
     def call_flags(address: int, arguments: tuple[Any, ...]) -> int:
-        """Call the function at an address, from compiled code: `call_flags(address, (a, b, …))`; returns its flags."""
+        """Call the function at an address from compiled code, as `call_flags(address, (a, b, …))`; return its flags."""
         return int(_interpreted[address - 1](*arguments))
 
 else:
 
     @_intrinsic
     def call_flags(typing: Any, address: Any, arguments: Any) -> Any:
-        """Call the function at an address, from compiled code: `call_flags(address, (a, b, …))`; returns its flags."""
+        """Call the function at an address from compiled code, as `call_flags(address, (a, b, …))`; return its flags."""
         kinds = tuple(arguments)
 
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:

@@ -1,7 +1,7 @@
-"""Compiled functions: numba with the project's options, compiled once, cached on disk.
+"""Compiled functions: numba with the options of this project, compiled once and cached on disk.
 
-Compiled code calls a `native` function as a part of itself; Python calls it through a whole of its own, which is
-compiled when it is first called. With NUMBA_DISABLE_JIT=1 the same functions run interpreted.
+Compiled code links a `native` function as a *part* of itself. Python calls it as a *whole*, which is compiled at the
+first call (see `hapscene.compiled.pipeline`). With NUMBA_DISABLE_JIT=1 the same functions run in the interpreter.
 """
 
 import functools
@@ -25,22 +25,22 @@ INTERPRETED: Final = bool(vars(config)["DISABLE_JIT"])
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_njit: Any = njit  # numba types its options by name, not as a dictionary
+_njit: Any = njit  # numba's stubs type the options by name, not as a dictionary
 _Record: Any = types.Record
 _unliteral: Any = types.unliteral
 _typeof_impl: Any = typeof_impl
 
-# Numba names what it compiles for a record by the order in which the process met that type. Code that two processes
-# kept then has one name for two layouts: a third, which loads both, runs the one on the other's memory.
+# Numba names the code for a record after the order in which the process met its type. In the cache, the codes of two
+# processes could then have one name for two layouts, and a process that loads both would run one on the other's memory.
 _Record.mangling_args = property(lambda self: ("Record", (hashlib.sha256(self.name.encode()).hexdigest()[:32],)))
 
 
 class Native:
-    """A function as compiled code calls it and as Python does.
+    """A function that compiled code and Python can call.
 
     Attributes:
         py_func: the Python function.
-        inline: whether LLVM must inline it into what calls it.
+        inline: whether LLVM must inline it into its callers.
     """
 
     def __init__(self, function: Callable[..., Any], inline: bool = False) -> None:
@@ -50,7 +50,7 @@ class Native:
 
     @functools.cached_property
     def part(self) -> Any:
-        """Numba's dispatcher that other compiled functions link."""
+        """Dispatcher of numba that other compiled functions link."""
         dispatcher = _njit(**_OPTIONS, **part_options, **({"forceinline": True} if self.inline else {}))(self.py_func)
         compiler = dispatcher._compiler
         compile_core = compiler._compile_core
@@ -66,14 +66,13 @@ class Native:
             return template(tuple(map(_unliteral, arguments)), named)
 
         compiler._compile_core = counted
-        dispatcher.get_call_template = (
-            without_constants  # numba compiles a function for each constant it is called with
-        )
+        # numba would otherwise compile a function for each constant that it is called with
+        dispatcher.get_call_template = without_constants
         return dispatcher
 
     @functools.cached_property
     def whole(self) -> Any:
-        """Numba's dispatcher that Python calls."""
+        """Dispatcher of numba that Python calls."""
         return _cached(_njit(**_OPTIONS, **whole_options)(self.py_func))
 
     def __call__(self, *arguments: Any) -> Any:
@@ -83,9 +82,10 @@ class Native:
         return f"<native {self.py_func.__qualname__}>"
 
     def compile(self, *arguments: Any) -> Any:
-        """Compile for arguments like these; returns numba's result, whose `entry_point` is the quickest way to call it.
+        """Compile for the types of the arguments.
 
-        `entry_point` takes exactly these types and checks nothing.
+        The `entry_point` of the result is the fastest way to call the function: it accepts exactly these types and
+        checks nothing.
         """
         signature = tuple(self.whole.typeof_pyval(argument) for argument in arguments)
         self.whole.compile(signature)
@@ -98,20 +98,20 @@ def _type_of_native(value: Native, context: Any) -> Any:
 
 
 def native(function: Function) -> Function:
-    """Decorator: compile without the GIL, with NumPy's rules for division by zero, cached on disk."""
+    """Decorate a function: compile it without the GIL, with division by zero as in NumPy, and cache it on disk."""
     compiled: Any = function if INTERPRETED else Native(function)
     return compiled  # type: ignore[no-any-return]
 
 
 def inlined(function: Function) -> Function:
-    """Decorator: `native`, and a part of whatever calls it: for the phases of the tick, and for small geometry."""
+    """Decorate a function as `native` and inline it into its callers: for phases of the tick and for small geometry."""
     compiled: Any = function if INTERPRETED else Native(function, inline=True)
     return compiled  # type: ignore[no-any-return]
 
 
 @contextmanager
 def compiling(*functions: Any) -> Iterator[None]:
-    """Meanwhile, what is compiled is announced as one run: these functions, unless they are cached, and any other."""
+    """Report what is compiled in this context as one run: these functions, unless they are cached, and any other."""
     expected: dict[int, Any] = {}
     for function in () if INTERPRETED else functions:
         plain = function_below(function)
@@ -123,17 +123,19 @@ def compiling(*functions: Any) -> Iterator[None]:
 
 
 class CFunction:
-    """A function compiled for C.
+    """A function compiled as a C function.
 
     Attributes:
-        address: of the C function; it is valid as long as this object lives.
+        address: address of the C function, valid as long as this object exists.
     """
 
     def __init__(self, signature: Any, function: Callable[..., Any], uses_carray: bool = False) -> None:
-        """Compile `function`, plain Python, for one signature; `uses_carray` where it makes arrays of C's pointers.
+        """Compile the Python function `function` for one signature.
+
+        `uses_carray` is for functions that make arrays of C pointers.
 
         Raises:
-            numba.core.errors.NumbaError: it does not compile.
+            numba.core.errors.NumbaError: the function does not compile.
         """
         plain = getattr(function, "py_func", function)
         options = _OPTIONS | {"_nrt": uses_carray}
@@ -145,25 +147,25 @@ class CFunction:
         self.address = int(self._result.library.get_pointer_to_function(name))
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call it from Python, with exactly the types of its signature: nothing is checked."""
+        """Call the function from Python. Arguments must have exactly the types of its signature; nothing is checked."""
         return self._call(*arguments)
 
 
 def _cached(dispatcher: Any) -> Any:
-    """Have a dispatcher keep on disk what it compiles, announce it, and compile nothing that another process does."""
+    """Make a dispatcher use the disk cache, report progress, and wait if another process compiles the same function."""
     digest, below = digest_of(dispatcher.py_func)
-    kept = cache.DiskCache(dispatcher.py_func.__name__, digest)
+    disk = cache.DiskCache(dispatcher.py_func.__name__, digest)
     compile_ = dispatcher.compile
 
     def compile_once(signature: Any) -> Any:
         arguments = tuple(signature.args) if hasattr(signature, "args") else tuple(signature)
         if arguments in dispatcher.overloads:
             return dispatcher.overloads[arguments].entry_point
-        if _load(dispatcher, kept, signature, arguments):
+        if _load(dispatcher, disk, signature, arguments):
             return dispatcher.overloads[arguments].entry_point
-        with progress.compiling(), cache.locked(kept.lock_path()):
+        with progress.compiling(), cache.locked(disk.lock_path()):
             progress.begin(1 + sum(not _is_typed(part) for part in below))
-            dispatcher._cache = kept  # which looks once more, then keeps
+            dispatcher._cache = disk  # numba looks in it again, because another process may have compiled meanwhile
             entry = compile_(signature)
             progress.advance()
             return entry
@@ -172,9 +174,9 @@ def _cached(dispatcher: Any) -> Any:
     return dispatcher
 
 
-def _load(dispatcher: Any, kept: Any, signature: Any, arguments: tuple[Any, ...]) -> bool:
-    """Take a function from the cache; whether it was there."""
-    found = kept.load_overload(signature, dispatcher.targetctx)
+def _load(dispatcher: Any, disk: Any, signature: Any, arguments: tuple[Any, ...]) -> bool:
+    """Load a function from the cache; return whether it was there."""
+    found = disk.load_overload(signature, dispatcher.targetctx)
     if found is None:
         return False
     dispatcher.targetctx.insert_user_function(found.entry_point, found.fndesc, [found.library])
@@ -184,7 +186,7 @@ def _load(dispatcher: Any, kept: Any, signature: Any, arguments: tuple[Any, ...]
 
 
 def _is_typed(part: Any) -> bool:
-    """Whether a function below another was compiled in this process already."""
+    """Return whether a called function was compiled in this process already."""
     if isinstance(part, Native):
         return "part" in part.__dict__ and bool(part.part.overloads)
     return True

@@ -1,12 +1,12 @@
-"""Numba pipelines that compile a call tree once: inner functions are typed and lowered, their caller is emitted.
+"""Numba pipelines that compile a call tree once: callees are typed and lowered, only their root is optimised.
 
-Numba optimises and emits every function alone, gives it wrappers for Python and C, links it into each caller, and
-optimises the result again: a function three calls deep is optimised four times. Here a *part*, a function that only
-compiled code calls, stops after lowering. A *whole*, a function that Python or C calls, links all parts below it in one
-module, which is optimised and emitted once. The result is the same machine code as before, in a third of the time.
+Numba optimises and emits every function separately, wraps it for Python and C, links it into each caller, and optimises
+the result again, so that a function three calls deep is optimised four times. Here a *part*, a function that only
+compiled code calls, stops after lowering. A *whole*, a function that Python or C calls, links all parts below it into
+one module, which is optimised and emitted once. The machine code is the same, in a third of the time.
 
-This is the only file that uses private parts of numba. It is used with the versions in `TESTED` whose parts it finds;
-with any other, `part_options` and `whole_options` are empty, and everything is compiled numba's slow way.
+This is the only module that uses private interfaces of numba, and only of the versions in `TESTED`. With other versions
+`part_options` and `whole_options` are empty, and functions are compiled by the standard pipeline of numba.
 """
 
 # mypy: allow-untyped-calls
@@ -22,7 +22,7 @@ from numba.core.targetconfig import ConfigStack, TargetConfig
 __all__ = ["part_options", "whole_options"]
 
 TESTED: Final = ((0, 67), (0, 68))
-"""Minor versions of numba with which the test suite has passed."""
+"""Minor versions of numba with which the test suite passes."""
 
 _Library: Any = codegen.JITCodeLibrary
 _NEEDED: Final = (
@@ -36,7 +36,7 @@ _NEEDED: Final = (
 
 
 def _is_supported() -> bool:
-    """Whether the installed numba is a tested one and has every private part that is used here."""
+    """Return whether the installed numba is a tested version and has every private interface that is used here."""
     version = tuple(int(number) for number in numba.__version__.split(".")[:2])
     library = vars(_Library) | {name: None for base in _Library.__mro__ for name in vars(base)}
     library["_linking_libraries"] = None  # set in its constructor
@@ -49,7 +49,7 @@ SUPPORTED: Final = _is_supported()
 
 
 class _PartLibrary(_Library):  # type: ignore[misc]
-    """The unoptimised LLVM module of one part."""
+    """The unoptimised LLVM module of a part."""
 
     def finalize(self) -> None:
         self._finalized = True
@@ -58,14 +58,14 @@ class _PartLibrary(_Library):  # type: ignore[misc]
         return 0
 
     def add_llvm_module(self, ll_module: Any) -> None:
-        self._final_module.link_in(ll_module)  # without optimising it: the whole is
+        self._final_module.link_in(ll_module)  # not optimised here, but with the whole
 
     def own_module(self) -> Any:
-        """The module of this part alone, to be linked into a whole."""
+        """Return the module of this part without its callees, to be linked into a whole."""
         return super()._get_module_for_linking()
 
     def _get_module_for_linking(self) -> Any:
-        """The module with all that it calls: numba asks for it where a function of another package calls a part."""
+        """Return the module with all callees, which numba needs if a function of another package calls a part."""
         module = self.own_module().clone()
         for library in _below(self):
             module.link_in(_module_of(library), preserve=True)
@@ -73,7 +73,7 @@ class _PartLibrary(_Library):  # type: ignore[misc]
 
 
 class _WholeLibrary(_Library):  # type: ignore[misc]
-    """A function with all parts below it, optimised and emitted as one."""
+    """A function with all parts below it, optimised and emitted as one module."""
 
     def finalize(self) -> None:
         self._raise_if_finalized()
@@ -85,13 +85,13 @@ class _WholeLibrary(_Library):  # type: ignore[misc]
         self._finalize_final_module()
 
     def _optimize_final_module(self) -> None:
-        """The full passes alone: numba's cheap ones before them are for reference counts, which are not used here."""
+        """Run the full optimisation only: the cheap passes before it handle reference counts, which are not used."""
         passes, builder = self._codegen._module_pass_manager()
         passes.run(self._final_module, builder)
 
 
 def _below(library: Any) -> list[Any]:
-    """The libraries that a library links, through parts to any depth, each once and in a fixed order."""
+    """Return the libraries that a library links through parts of any depth, each once and in a fixed order."""
     found: dict[Any, None] = {}
     waiting = list(library._linking_libraries)
     while waiting:
@@ -109,7 +109,7 @@ def _module_of(library: Any) -> Any:
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _RegisterPart(LoweringPass):
-    """Make a lowered part known to the functions that call it. Its entry for Python leads nowhere."""
+    """Make a lowered part known to its callers. Its entry point for Python must not be called."""
 
     _name = "hapscene_register_part"
 
@@ -127,7 +127,7 @@ class _RegisterPart(LoweringPass):
 
 
 def _share_overloads(state: Any) -> None:
-    """Have numba's own functions, such as `max`, compiled once for parts and wholes: it tells them by the flags."""
+    """Compile numba's own functions, such as `max`, once for parts and wholes, which differ by these flags."""
     flags = ConfigStack().top()
     for name in ("forceinline", "no_compile", "no_cpython_wrapper", "no_cfunc_wrapper"):
         flags.discard(name)
@@ -164,8 +164,8 @@ if SUPPORTED:
     part_options |= {"pipeline_class": _Part, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     whole_options |= {"pipeline_class": _Whole}
 
-    # numba hashes the names of a configuration's options and not their values: all that exist collide, and each look-up
-    # of a compiled function compares dictionaries of forty entries, a tenth of the time that compiling takes
+    # numba hashes the names of the options of a configuration but not their values, so all configurations collide, and
+    # each look-up compares dictionaries of forty entries: a tenth of the compile time
     def _hash(config: Any) -> int:
         options = config.options
         return hash(frozenset(k for k, value in config._values.items() if value is True and not options[k].default))

@@ -1,6 +1,6 @@
-"""What is printed while something is compiled: one line on stderr, from the first function to the last.
+"""Progress of compilation: one line on stderr, from the first function to the last.
 
-compiling (first run, about 18 s) … 63 of 148 functions
+compiling 148 functions (first run, about 18 s) … 63
 """
 
 import sys
@@ -12,11 +12,11 @@ from contextlib import contextmanager
 __all__ = ["advance", "begin", "compiling"]
 
 FUNCTION_S = 0.12
-"""Time that a function takes to compile [s], which the estimate assumes: 0.09 s on a quiet cloud machine of two cores,
-more where other processes run."""
+"""Time to compile a function [s] that the estimate assumes: 0.09 s on an idle cloud machine with two cores, more on a
+busy one."""
 
 _SOON_S = 1.0
-"""What is expected to take less is not announced [s]."""
+"""Compilation that is expected to take less is not reported [s]."""
 
 _lock = threading.RLock()
 _depth = 0
@@ -28,11 +28,11 @@ _announced = False
 
 @contextmanager
 def compiling(expected: int = 0) -> Iterator[None]:
-    """Meanwhile, what is compiled is one run with one line of progress; `expected` functions are known to come."""
+    """Report what is compiled in this context as one run in one line; `expected` functions are known in advance."""
     global _depth, _expected, _done, _announced
     with _lock:
         _depth += 1
-        _expected = max(_expected, _done + expected)  # inside another run, it is a part of what that expects
+        _expected = max(_expected, _done + expected)  # a nested run is part of the outer one
     try:
         yield
     finally:
@@ -46,7 +46,7 @@ def compiling(expected: int = 0) -> Iterator[None]:
 
 
 def begin(expected: int) -> None:
-    """A function with so many below it is about to be compiled."""
+    """Report that a function with `expected` functions, including itself, is about to be compiled."""
     global _announced, _expected, _start_s
     with _lock:
         _expected = max(_expected, _done + expected)
@@ -57,7 +57,7 @@ def begin(expected: int) -> None:
 
 
 def advance() -> None:
-    """One more function is compiled."""
+    """Count a compiled function."""
     global _done, _expected
     with _lock:
         _done += 1
@@ -67,14 +67,15 @@ def advance() -> None:
 
 
 def _rewrites() -> bool:
-    """Whether what was printed can be overwritten."""
+    """Return whether the line can be overwritten."""
     return sys.stderr is not None and sys.stderr.isatty()
 
 
 def _line() -> str:
-    tail = f"{_done} of {_expected} functions" if _done else ""
+    tail = f"{_done}" if _done else ""
     start = "\r" if _done and _rewrites() else ""
-    return f"{start}compiling (first run, about {max(1, round(_expected * FUNCTION_S))} s) … {tail}"
+    functions = f"{_expected} function{'' if _expected == 1 else 's'}"
+    return f"{start}compiling {functions} (first run, about {max(1, round(_expected * FUNCTION_S))} s) … {tail}"
 
 
 def _write(text: str) -> None:
@@ -82,5 +83,5 @@ def _write(text: str) -> None:
         try:
             sys.stderr.write(text)
             sys.stderr.flush()
-        except (OSError, ValueError):  # closed
+        except (OSError, ValueError):  # stderr is closed
             pass

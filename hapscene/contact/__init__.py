@@ -1,1 +1,1 @@
-"""Where the tool touches: rays through Embree, and the proxy that stays on the surface."""
+"""Contact computation: ray casts with Embree, and the proxy (god-object) that stays on the surface."""

@@ -1,8 +1,8 @@
-"""Casting the proxy from where it is towards a goal: the first face in the way, in float64.
+"""Sweeps the proxy along a straight line and finds the first face that stops it.
 
-Embree names faces along the ray; whether one is met from outside, and where the proxy must stop, is computed from
-the mesh's own corners. The ray looks past the goal (`LOOK_AHEAD`), because a face met at a grazing angle comes
-within a skin of the goal without lying on the way.
+Embree finds a face along the ray in float32. Whether the ray meets that face from outside, and where the proxy must
+stop, is then computed in float64 from the corners of the mesh. The ray extends beyond the goal by `LOOK_AHEAD` skins:
+at a grazing angle the proxy can come within one skin of a face that the ray itself only meets behind the goal.
 """
 
 import math
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
 __all__ = ["SATISFIED", "cast", "cast_body", "put_plane"]
 
 SATISFIED = 0.01
-"""How far inside a skin the goal may be before the face counts as in the way, in skins [1]."""
+"""Depth inside the skin of a face at which a goal still counts as free [skins]."""
 
 
 @inlined
 def cast(world: "World", origin_W: Vector, goal_W: Vector) -> float:
-    """Cast against all bodies in `world.near`; the nearest stop wins.
+    """Sweep the proxy against all bodies in `world.near` and keep the nearest stop.
 
-    Returns the fraction of the way at which the proxy has to stop, in [0, 1], and appends the plane of the face that
-    stops it to `world.proxy[0]`; 2.0, and nothing appended, where the way is free.
+    Returns the fraction of the way at which the proxy must stop, in [0, 1], and appends the plane of the face that
+    stops it to `world.proxy[0]`. Returns 2.0 and appends nothing if the way is free.
     """
     proxy = world.proxy[0]
     best = 2.0
     for k in range(proxy.near_count):
         i = world.near[k]
         body = world.bodies[i]
-        if body.passed != 0:
+        if body.punctured != 0:
             continue
         stop = cast_body(world, i, to_body(body, origin_W), to_body(body, goal_W), best)
         best = min(best, stop)
@@ -48,9 +48,10 @@ def cast(world: "World", origin_W: Vector, goal_W: Vector) -> float:
 
 @inlined
 def cast_body(world: "World", index: int, origin_B: Vector, goal_B: Vector, best: float) -> float:
-    """Cast against one body, in its frame; as `cast`, but leaves the plane in the slot after the last one.
+    """Sweep the proxy against one body, in the frame of that body.
 
-    Only a stop nearer than `best` is written, so that the caller's nearest one stays.
+    Returns the same fraction as `cast`. A stop nearer than `best` is written to the slot after the last plane; the
+    caller increments the count. Other stops are not written, so the nearest one found so far is kept.
     """
     body = world.bodies[index]
     proxy = world.proxy[0]
@@ -68,7 +69,7 @@ def cast_body(world: "World", index: int, origin_B: Vector, goal_B: Vector, best
         return 2.0
     va, vb, vc = corners(world, body, face)
     n, offset = plane(va, vb, vc)
-    if dot(n, direction) >= 0.0 and body.two_sided == 0:  # from behind: look for one that is met from outside
+    if dot(n, direction) >= 0.0 and body.two_sided == 0:  # met from behind: cast again, through back faces
         face = first_face(body.search, world.ray, origin, direction, far, world.fronts_only.ctypes.data)
         if face < 0:
             return 2.0
@@ -78,13 +79,15 @@ def cast_body(world: "World", index: int, origin_B: Vector, goal_B: Vector, best
     if dot(n, direction) >= 0.0:
         side, offset = -1.0, -offset
         n = (-n[0], -n[1], -n[2])
-    left = dot(n, goal_B) - offset
-    if left >= (1.0 - SATISFIED) * skin:
+    # Heights above the plane decide, not the ray's own distance: `remaining` is the height of the goal. The proxy stops
+    # where its height has fallen to one skin, which is a linear interpolation between the heights of start and goal.
+    remaining = dot(n, goal_B) - offset
+    if remaining >= (1.0 - SATISFIED) * skin:
         return 2.0
     start = dot(n, origin_B) - offset
     stop = 0.0
     if start > skin:
-        stop = (start - skin) / (start - left)
+        stop = (start - skin) / (start - remaining)
     if stop < best:
         put_plane(proxy, proxy.count, body, index, face, side, n, offset)
     return stop
@@ -94,7 +97,7 @@ def cast_body(world: "World", index: int, origin_B: Vector, goal_B: Vector, best
 def put_plane(
     proxy: np.record, k: int, body: np.record, index: int, face: int, side: float, n_B: Vector, offset_B: float
 ) -> None:
-    """Write a plane, given in the body's frame, into slot k."""
+    """Write a plane, given in the frame of its body, to slot `k` in the world frame."""
     n = turn_to_world(body, n_B)
     o = body.p_WB_m
     for i in range(3):

@@ -1,10 +1,11 @@
-"""Gliding over edges: what lies beyond one is known from the mesh, and a ray proves that nothing else is in the way.
+"""Moves the proxy across mesh edges by following face adjacency instead of casting rays downwards.
 
-Else a proxy that leaves its face casts three rays: over the edge, down until a face stops it, and along that one. Here
-the faces are followed from edge to edge, until those that hold the proxy lie under it: over a convex edge the next one
-takes the place of the last, over a concave one both may hold. Where the straight way there is free it is one ray; one
-more for each edge that it would cut, above which they meet. What a ray meets holds the proxy, as ever. Where the mesh
-does not say what comes, the proxy is moved by rays alone.
+Without adjacency a proxy that leaves its face needs three casts: over the edge, down until a face stops it, and along
+that face. This module follows the faces from edge to edge until the foot of the new proxy position lies on the faces
+that constrain it. Across a convex edge the next face replaces the last one; across a concave edge both can constrain
+the proxy. A cast along the straight way then proves that no other face blocks it; where that way would cut through a
+crossed edge, it bends above the edge and costs one more cast. If the mesh has no usable neighbour, `cross_edges`
+returns `UNKNOWN` and the caller searches with casts alone.
 """
 
 import math
@@ -17,44 +18,47 @@ from hapscene.constants import EDGE_OVERLAP
 from hapscene.contact.cast import cast, put_plane
 from hapscene.contact.planes import copy_plane, drop_idle, nearest, trust
 from hapscene.contact.triangle import corners, edge_past, is_narrow, plane, to_body, to_world
-from hapscene.contact.world import ASIDE, FACES_MAX, SAVED
+from hapscene.contact.world import DROPPED, FACES_MAX, SAVED
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World
 
-__all__ = ["MET", "OVER", "PAST", "RESTS", "UNKNOWN", "cross_edges", "lies_over_planes"]
+__all__ = ["BLOCKED", "OVER", "PAST", "SETTLED", "UNKNOWN", "cross_edges", "lies_over_planes"]
 
-RESTS: Final = 0
-"""The proxy has come to rest, on other faces."""
-
-MET: Final = 1
+SETTLED: Final = 0
+"""The proxy is in equilibrium on other faces."""
+BLOCKED: Final = 1
+"""A face stopped the proxy; the search continues from there."""
 """It has met a face, and goes on from there."""
 
 UNKNOWN: Final = 2
-"""Rays have to find out what holds it."""
+"""Adjacency does not give the answer; the caller must search with casts."""
 
 OVER: Final = 0
-"""A point lies over the faces of all planes."""
+"""The foot of the point lies on the faces of all planes."""
 
 NOT_PAST: Final = 1
-"""It is past no edge of those faces that were looked at."""
+"""The point is past no edge of the faces that were tested, but not all faces were tested."""
 
 PAST: Final = 2
-"""It is past an edge of one."""
+"""The point is past an edge of one face."""
 
 LIFT: Final = 20.0
-"""How far above an edge the way passes that would cut it [skins]."""
+"""Height above an edge at which a way that would cut the edge passes over it [skins]."""
 
 CLEAR: Final = 0.2
-"""How far off an edge a way must pass to be tried [skins]: it starts and ends one skin off."""
+"""Least clearance of a way above a crossed edge [skins]. The way starts and ends at a height of one skin."""
 
 
 @native
 def cross_edges(world: "World", p_W: Vector, tool_W: Vector, goal_W: Vector) -> tuple[int, Vector]:
-    """Move a proxy at `p_W`, whose planes allow `goal_W`, on over the edges that this is past.
+    """Follow face adjacency for a proxy at `p_W` whose unconstrained `goal_W` lies past one or more edges.
 
-    Returns `RESTS`, `MET` or `UNKNOWN`, and where it is.
+    Each round replaces or adds the faces beyond the edges and solves for the closest point again (`nearest`). The
+    rounds end when that point lies on its faces. The result is rejected if it is farther from the device than before.
+
+    Returns `SETTLED`, `BLOCKED` or `UNKNOWN`, and the proxy position.
     """
     proxy = world.proxy[0]
     count = proxy.count
@@ -62,7 +66,7 @@ def cross_edges(world: "World", p_W: Vector, tool_W: Vector, goal_W: Vector) -> 
         copy_plane(proxy, i, SAVED + i)
     place_W, crossed, where = goal_W, 0, PAST
     while where == PAST:
-        for i in range(proxy.count - 1, -1, -1):  # all at one place: along a groove both go on
+        for i in range(proxy.count - 1, -1, -1):  # all in one round: along a groove both faces end here
             edge = _edge_past(world, i, place_W)
             if edge < 0:
                 continue
@@ -76,29 +80,31 @@ def cross_edges(world: "World", p_W: Vector, tool_W: Vector, goal_W: Vector) -> 
         where = lies_over_planes(world, place_W)
     if norm(sub(place_W, tool_W)) > norm(sub(p_W, tool_W)):
         return _give_up(proxy, count, p_W)
+    # Second phase: sweep along the way that was found. It bends above each crossed edge that it would otherwise cut.
     at_W, first = p_W, 0
     while True:
         first, to_W = _next_corner(world, first, crossed, at_W, place_W)
         stop = cast(world, at_W, to_W)
         if stop <= 1.0:
-            if proxy.count == 1:  # it would have come off all faces: what is past the edge is no way to the tool
+            if proxy.count == 1:  # the proxy would leave all faces: what is past the edge does not lead to the device
                 return _give_up(proxy, count, p_W)
             copy_plane(proxy, proxy.count - 1, 0)
             proxy.count, proxy.met[0] = 1, 0
-            return MET, along(at_W, stop, sub(to_W, at_W))
+            return BLOCKED, along(at_W, stop, sub(to_W, at_W))
         if first > crossed:
             if where == OVER:
-                return RESTS, place_W
-            trust(proxy, proxy.count, math.inf)  # it is no more where a ray met the face of a plane
-            return MET, place_W
+                return SETTLED, place_W
+            trust(proxy, proxy.count, math.inf)  # the proxy is no longer where a ray met the face of a plane
+            return BLOCKED, place_W
         at_W = to_W
 
 
 @inlined
 def _next_corner(world: "World", first: int, crossed: int, p_W: Vector, place_W: Vector) -> tuple[int, Vector]:
-    """The first crossed edge, from `first` on, that the straight way to a place would cut, and a point above it.
+    """Find the next crossed edge, from number `first` on, that the straight way to `place_W` would cut.
 
-    Returns the number of the edge after it, and the point; more than `crossed`, and the place, where it is straight.
+    Returns the number of the edge after it and a point above the edge, or `crossed + 1` and `place_W` if the way is
+    free of edges.
     """
     proxy = world.proxy[0]
     for i in range(first, crossed):
@@ -123,7 +129,7 @@ def _next_corner(world: "World", first: int, crossed: int, p_W: Vector, place_W:
 
 @native
 def _give_up(proxy: np.record, count: int, p_W: Vector) -> tuple[int, Vector]:
-    """Have the planes hold the proxy that did before."""
+    """Restore the planes that constrained the proxy before, and report that adjacency gives no answer."""
     for i in range(count):
         copy_plane(proxy, SAVED + i, i)
     proxy.count = count
@@ -132,9 +138,10 @@ def _give_up(proxy: np.record, count: int, p_W: Vector) -> tuple[int, Vector]:
 
 @inlined
 def lies_over_planes(world: "World", p_W: Vector) -> int:
-    """Whether a point lies over the faces of all planes: `OVER`, `NOT_PAST` or `PAST`.
+    """Return whether the feet of a point lie on the faces of all planes: `OVER`, `NOT_PAST` or `PAST`.
 
-    A plane that was met from where the proxy is holds it wherever its face lies: that is not looked at.
+    A plane whose face was met by a ray from the present proxy position constrains it wherever that face ends, and is
+    not tested.
     """
     where = OVER
     for i in range(world.proxy[0].count):
@@ -147,7 +154,7 @@ def lies_over_planes(world: "World", p_W: Vector) -> int:
 
 @inlined
 def _edge_past(world: "World", i: int, p_W: Vector) -> int:
-    """The edge of the face of plane i that a point is past, −1 for none; none of one that a ray has just met."""
+    """Return the edge of the face of plane `i` that a point is past, −1 for none or if a ray has just met the face."""
     proxy = world.proxy[0]
     if proxy.met[i] != 0:
         return -1
@@ -158,7 +165,10 @@ def _edge_past(world: "World", i: int, p_W: Vector) -> int:
 
 @inlined
 def _cross(world: "World", i: int, edge: int, crossed: int) -> bool:
-    """Take the face beyond an edge in the place of plane i, or to it where it rises; False where that is not known."""
+    """Replace plane `i` by the face beyond an edge, or add that face if the edge is concave.
+
+    Returns False if the mesh has no usable face there, or if no plane is left.
+    """
     proxy = world.proxy[0]
     index, side = proxy.body[i], proxy.side[i]
     body = world.bodies[index]
@@ -170,7 +180,7 @@ def _cross(world: "World", i: int, edge: int, crossed: int) -> bool:
     holds = False
     for j in range(proxy.count):
         holds |= proxy.face[j] == face and proxy.body[j] == index
-    for j in range(crossed):  # it was there
+    for j in range(crossed):  # a face that was left in this tick: to return to it could loop for ever
         holds |= proxy.crossed[j, 1] // 3 == face and proxy.crossed[j, 0] == index
     if holds:
         copy_plane(proxy, proxy.count - 1, i)
@@ -182,9 +192,10 @@ def _cross(world: "World", i: int, edge: int, crossed: int) -> bool:
     o, u, v = corners(world, body, proxy.face[i])
     n = cross(sub(u, o), sub(v, o))
     slot = i
+    # The edge is concave if the corners of the next face lie above the plane of this one: then both are constraints.
     if side * (dot(n, sub(a, o)) + dot(n, sub(b, o)) + dot(n, sub(c, o))) > 0.0:
         slot = proxy.count
-        if slot == ASIDE:
+        if slot == DROPPED:
             return False
         proxy.count += 1
     n, offset = plane(a, b, c)

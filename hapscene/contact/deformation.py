@@ -1,13 +1,13 @@
-"""Bodies whose shape changes: their vertices given anew some 60 times a second, their search refitted beside the ticks.
+"""Bodies that change shape: new vertices arrive about 60 times a second and are refitted outside the haptic tick.
 
-A body has three shapes that it takes in turn: one is felt, one may wait for the next tick, the third is written, so
-that neither side ever waits for the other. A tick takes one over in a microsecond.
+A body has three shapes (triple buffering): one in use, one posted for the next tick, one that is being written.
+Neither side ever waits for the other. A tick takes over a posted shape in a microsecond.
 
-In between, the surface would stand, and then jump with all that rests on it. So the body is led: with a new shape it
-is shifted by as much as its surface went away under the proxy, and comes back evenly over the time between two shapes.
-Where it is touched the surface so goes from shape to shape without a step, as a moving body that carries what rests on
-it; around, it is out of place by what its parts move against each other, for a frame. Another part of the body that
-comes past the proxy meanwhile, as in a fold, holds it from then on: which faces do is seen along rays (`WAYS`).
+A new shape would make the surface jump under the proxy. To avoid that, the whole body is shifted by the displacement of
+its surface at the proxy, and the shift decays linearly to zero over the time between two shapes. At the contact point
+the surface thus moves from shape to shape without a step, like a moving body that carries the proxy. Elsewhere the body
+is displaced for the length of a frame by the relative motion of its parts. Another part of the body may pass the proxy
+meanwhile, as in a fold; rays from the proxy (`WAYS`) detect that, and the part constrains the proxy from then on.
 """
 
 import math
@@ -19,12 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.compiled.native import native
 from hapscene.constants import EDGE_OVERLAP, REACH_MAX_M
 from hapscene.contact.embree import RefittedSearch, first_face
-from hapscene.contact.passing import hold_again
 from hapscene.contact.planes import copy_plane
-from hapscene.contact.proxy import put
+from hapscene.contact.proxy import place_proxy
+from hapscene.contact.puncture import close_puncture
 from hapscene.contact.shading import CornerGroups
-from hapscene.contact.triangle import corners, lies_over_in_body, plane, to_body_before, weights
-from hapscene.contact.world import ASIDE, SHAPES, WAYS, World, place_ball
+from hapscene.contact.triangle import corners, lies_over_in_body, plane, to_body_last, weights
+from hapscene.contact.world import DROPPED, SHAPES, WAYS, World, update_ball
 from hapscene.errors import SceneError
 from hapscene.geometry import Vector, along, cross, dot, norm, numbers, sub
 
@@ -34,22 +34,22 @@ if TYPE_CHECKING:
 
 __all__ = ["Deformation", "reshape_bodies", "room_for", "shape_of"]
 
-LEAD_MAX_S: Final = 0.05
-"""Longest time in which a surface goes from one shape to the next [s]: three frames at 60 Hz."""
+SHIFT_MAX_S: Final = 0.05
+"""Longest transition from one shape to the next [s]: three frames at 60 Hz."""
 
 FLAT: Final = 1e-9
-"""Double area of a face, over its longest edge squared, below which it has no normal [1]."""
+"""Double area of a face over its longest edge squared below which its normal is undefined [1]."""
 
 
 class Deformation:
-    """The shapes of one body of a world, which has room for them: see `room_for`.
+    """The shapes of one body of a world that has room for them (see `room_for`).
 
     Args:
-        world: whose records are written.
-        index: of the body in it.
-        mesh: its faces; all shapes have them.
-        first: the first of its shapes' rows in `World.corners_m`.
-        crease_rad: as `build_world` has it.
+        world: world whose records are written.
+        index: index of the body in the world.
+        mesh: mesh with the faces that all shapes share.
+        first: first row of the shapes in `World.corners_m`.
+        crease_rad: see `build_world`.
     """
 
     def __init__(self, world: World, index: int, mesh: "Mesh", *, first: int, crease_rad: float) -> None:
@@ -65,10 +65,10 @@ class Deformation:
         row.next, proxy.reshaped = proxy.reshaped, index + 1
 
     def post(self, world: World, vertices: NDArray[np.float64]) -> None:
-        """Have the body of a world take another shape (N, 3) in its next tick: one that `shape_of` has checked."""
+        """Post a shape (N, 3), checked by `shape_of`, that the body takes in its next tick."""
         row, free = world.bodies[self._index], list[int]()
-        while not free:  # all three are in use for less than a microsecond, while a tick goes from one to the next
-            used = row.shape_felt, row.shape_taking, row.shape_posted
+        while not free:  # all three are in use for less than a microsecond, while a tick takes a shape over
+            used = row.shape_used, row.shape_taking, row.shape_posted
             free = [k for k in range(SHAPES) if k + 1 not in used]
         to = free[0]
         first = int(row.shape_face[to])
@@ -82,24 +82,24 @@ class Deformation:
 
 
 def shape_of(vertices_m: ArrayLike, count: int, name: str) -> NDArray[np.float64]:
-    """Places (N, 3) for the vertices of a body, checked.
+    """Return the vertices (N, 3) of a new shape of a body as a contiguous array.
 
     Raises:
-        PathError: not numbers.
-        SceneError: not as many as the mesh has vertices, or not finite ones.
+        PathError: `vertices_m` is not numeric.
+        SceneError: the number of vertices is not that of the mesh, or a vertex is not finite.
     """
     vertices = numbers(vertices_m)
     if vertices.shape != (count, 3):
-        raise SceneError(f"body {name!r} has {count:,} vertices, and takes as many places (n, 3), not {vertices.shape}")
-    if not np.abs(vertices).max() <= REACH_MAX_M:  # NaN is not, either
-        raise SceneError(f"body {name!r}: its vertices must be finite, within {REACH_MAX_M:g} m")
+        raise SceneError(f"body {name!r}: vertices_m has shape {vertices.shape}, expected ({count}, 3) as its mesh has")
+    if not np.abs(vertices).max() <= REACH_MAX_M:  # also False for NaN
+        raise SceneError(f"body {name!r}: vertices_m must be finite and within {REACH_MAX_M:g} m of the origin")
     return np.ascontiguousarray(vertices)
 
 
 def room_for(world: World, mesh: "Mesh") -> tuple[World, int]:
-    """A world with room for the shapes of one more mesh behind its corners, and where that begins.
+    """Return a world with room for the shapes of one more mesh behind its corners, and the first row of that room.
 
-    What runs on the old one goes on, and takes no shape that lies behind its end.
+    A loop that runs on the old world continues to work; it ignores shapes beyond the end of its array.
     """
     first = len(world.corners_m)
     room = np.zeros((SHAPES * len(mesh.faces), *world.corners_m.shape[1:]))
@@ -108,59 +108,59 @@ def room_for(world: World, mesh: "Mesh") -> tuple[World, int]:
 
 @native
 def reshape_bodies(world: "World", surface: "Surface") -> None:
-    """Have bodies take the shapes that were posted, and lead them; after `place_bodies` has done its part."""
+    """Take over posted shapes and advance the transitions; runs after `place_bodies` has placed the bodies."""
     k = world.proxy[0].reshaped
     while k > 0:
         body = world.bodies[k - 1]
         body.shape_ticks += 1
-        if body.shape_posted != body.shape_felt or body.lead_s > 0.0:
-            _lead(world, surface, k - 1)
+        if body.shape_posted != body.shape_used or body.shift_s > 0.0:
+            _update_shape(world, surface, k - 1)
         k = body.next
 
 
 @native
-def _lead(world: "World", surface: "Surface", index: int) -> None:
-    """One tick of a body on its way from one shape to another."""
+def _update_shape(world: "World", surface: "Surface", index: int) -> None:
+    """Advance the transition of one body by a tick, and start one if a shape was posted."""
     body, proxy = world.bodies[index], world.proxy[0]
     tick_s, fresh = surface.touch[0].tick_s, surface.memory[0].fresh
-    if body.moved == 0:  # no pose has put it where it is without being led
+    if body.moved == 0:  # `place_bodies` has not set the pose in this tick, so the shift must be removed here
         for i in range(3):
-            body.was_p_WB_m[i] = body.p_WB_m[i]
-            body.p_WB_m[i] -= body.lead_W_m[i]
-    if body.shape_posted != body.shape_felt:
+            body.last_p_WB_m[i] = body.p_WB_m[i]
+            body.p_WB_m[i] -= body.shift_W_m[i]
+    if body.shape_posted != body.shape_used:
         posted = 0
-        while posted != body.shape_posted:  # said before it is read, so that nobody writes it meanwhile
+        while posted != body.shape_posted:  # announce the shape before reading it, so that `post` does not overwrite it
             posted = body.shape_posted
             body.shape_taking = posted
         if body.shape_face[posted - 1] + body.face_count <= len(world.corners_m):
-            span_s = body.shape_ticks * tick_s if body.shape_felt > 0 else LEAD_MAX_S
+            span_s = body.shape_ticks * tick_s if body.shape_used > 0 else SHIFT_MAX_S
             _take_shape(world, index, posted)
-            body.lead_s = min(span_s, LEAD_MAX_S)
+            body.shift_s = min(span_s, SHIFT_MAX_S)
             body.shape_ticks = 0
-    goes_on = fresh == 0 and body.lead_s > tick_s
-    fade = (body.lead_s - tick_s) / body.lead_s if goes_on else 0.0
-    body.lead_s = body.lead_s - tick_s if goes_on else 0.0
+    goes_on = fresh == 0 and body.shift_s > tick_s
+    fade = (body.shift_s - tick_s) / body.shift_s if goes_on else 0.0
+    body.shift_s = body.shift_s - tick_s if goes_on else 0.0
     for i in range(3):
-        body.lead_W_m[i] *= fade
-        body.p_WB_m[i] += body.lead_W_m[i]
+        body.shift_W_m[i] *= fade
+        body.p_WB_m[i] += body.shift_W_m[i]
     if fresh == 1:
         for i in range(3):
-            body.was_p_WB_m[i] = body.p_WB_m[i]
+            body.last_p_WB_m[i] = body.p_WB_m[i]
     elif body.moved == 0:
         body.moved = 1
         world.moved[0] += 1
         world.moved[world.moved[0]] = index
-    proxy.near_room_m -= max(0.0, place_ball(body, world.ball_W_m[index]))
+    proxy.near_margin_m -= max(0.0, update_ball(body, world.ball_W_m[index]))
     if fresh == 1:
         at = surface.memory[0].p_WT_m
-        put(world, (at[0], at[1], at[2]))
+        place_proxy(world, (at[0], at[1], at[2]))
 
 
 @native
 def _take_shape(world: "World", index: int, posted: int) -> None:
-    """Give a body a shape, and lead it by as much as that takes its surface away where that is nearest to the proxy."""
+    """Switch a body to a shape, and shift it by the displacement of its surface at the point nearest to the proxy."""
     body, proxy = world.bodies[index], world.proxy[0]
-    p = to_body_before(body, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2]))
+    p = to_body_last(body, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2]))
     nearest = _look_around(world, index, p)
     at, before = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if nearest >= 0:
@@ -171,42 +171,42 @@ def _take_shape(world: "World", index: int, posted: int) -> None:
     body.search, body.radius_m, body.face = body.shape_search[k], body.shape_radius_m[k], body.shape_face[k]
     for i in range(3):
         body.center_B_m[i] = body.shape_center_B_m[k, i]
-    body.shape_felt = posted
+    body.shape_used = posted
     _drop_flat(world, index)
     if nearest < 0:
         return
     gone = sub(_blend(corners(world, body, nearest), at), before)
-    if not math.isfinite(gone[0] + gone[1] + gone[2]):  # a face without an area
+    if not math.isfinite(gone[0] + gone[1] + gone[2]):  # a face without area
         gone = (0.0, 0.0, 0.0)
     for i in range(3):
         for j in range(3):
-            body.lead_W_m[i] -= body.R_WB[i, j] * gone[j]
-            body.was_p_WB_m[i] -= body.was_R_WB[i, j] * gone[j]
+            body.shift_W_m[i] -= body.R_WB[i, j] * gone[j]
+            body.last_p_WB_m[i] -= body.last_R_WB[i, j] * gone[j]
     _meet(world, index, along(p, 1.0, gone))
 
 
 @native
 def _look_around(world: "World", index: int, p_B: Vector) -> int:
-    """Note the faces of a body along rays from a point, in `proxy.seen`, and on which side of them it is.
+    """Record the faces that rays from a point meet in `proxy.ray_face`, and on which side of them the point is.
 
-    Returns the one that holds the proxy, else the nearest; −1 where there is none.
+    Returns the face in contact with the proxy, otherwise the nearest one, or −1.
     """
     body, proxy = world.bodies[index], world.proxy[0]
     for way in range(WAYS):
-        proxy.seen[way] = -1
+        proxy.ray_face[way] = -1
     c = body.center_B_m
     origin = (p_B[0] - c[0], p_B[1] - c[1], p_B[2] - c[2])
     far = norm(origin) + body.radius_m
     nearest, found = far, -1
     for way in range(WAYS if far <= 3.0 * body.radius_m else 0):
         face = first_face(body.search, world.ray, origin, look_direction(way), far, 0)
-        proxy.seen[way] = face
+        proxy.ray_face[way] = face
         if face < 0:
             continue
         if float(world.ray[8]) < nearest:
             nearest, found = float(world.ray[8]), face
         n, offset = plane(*corners(world, body, face))
-        proxy.seen_side[way] = 1.0 if dot(n, p_B) >= offset else -1.0
+        proxy.ray_side[way] = 1.0 if dot(n, p_B) >= offset else -1.0
     for i in range(proxy.count):
         if proxy.body[i] == index:
             return int(proxy.face[i])
@@ -215,7 +215,7 @@ def _look_around(world: "World", index: int, p_B: Vector) -> int:
 
 @native
 def look_direction(way: int) -> Vector:
-    """One of `WAYS` unit vectors."""
+    """Return unit vector number `way` of `WAYS`: the axes, then the diagonals of the octants."""
     if way < 6:
         sign = 1.0 if way < 3 else -1.0
         return sign * (way % 3 == 0), sign * (way % 3 == 1), sign * (way % 3 == 2)
@@ -230,15 +230,15 @@ def look_direction(way: int) -> Vector:
 
 @native
 def _meet(world: "World", index: int, now_B: Vector) -> None:
-    """Have the seen faces hold the proxy that have passed it, which is at `now_B` in the body's axes.
+    """Add the recorded faces that have passed the proxy, which is at `now_B` in the body's frame, to its planes.
 
-    A body that had let the tool in holds it again where the tool is out of it.
+    If the body is punctured and the tool is now outside it, the puncture closes instead.
     """
     body, proxy = world.bodies[index], world.proxy[0]
     for way in range(WAYS):
-        face = proxy.seen[way]
+        face = proxy.ray_face[way]
         for other in range(way):
-            if proxy.seen[other] == face:
+            if proxy.ray_face[other] == face:
                 face = -1
         for i in range(proxy.count):
             if proxy.body[i] == index and proxy.face[i] == face:
@@ -246,27 +246,27 @@ def _meet(world: "World", index: int, now_B: Vector) -> None:
         if face < 0:
             continue
         n, offset = plane(*corners(world, body, face))
-        side = proxy.seen_side[way]
+        side = proxy.ray_side[way]
         behind_m = -side * (dot(n, now_B) - offset)
         if not (behind_m > 0.0 and lies_over_in_body(world, body, face, now_B, 2.0 * behind_m + body.skin_m)):
             continue
-        if body.passed != 0:
-            hold_again(world, index)
+        if body.punctured != 0:
+            close_puncture(world, index)
         elif side > 0.0 or body.two_sided == 1:
             _hold_by(world, index, face, side)
-            if body.two_sided == 1:  # or its back would hold the proxy where it is
+            if body.two_sided == 1:  # a two-sided face would otherwise constrain the proxy on its back
                 out_m = side * (behind_m + body.skin_m)
                 for i in range(3):
                     for j in range(3):
-                        proxy.p_W_m[i] += out_m * body.was_R_WB[i, j] * n[j]
+                        proxy.p_W_m[i] += out_m * body.last_R_WB[i, j] * n[j]
 
 
 @native
 def _hold_by(world: "World", index: int, face: int, side: float) -> None:
-    """Have one more face hold the proxy, if there is room; its plane is placed with the others of moving bodies."""
+    """Add one more face to the planes of the proxy if there is room; `_carry` computes the plane itself."""
     body, proxy = world.bodies[index], world.proxy[0]
     k = proxy.count
-    if k == ASIDE:
+    if k == DROPPED:
         return
     proxy.body[k], proxy.face[k], proxy.side[k] = index, face, side
     proxy.skin_m[k] = body.skin_m
@@ -276,7 +276,7 @@ def _hold_by(world: "World", index: int, face: int, side: float) -> None:
 
 @native
 def _blend(triangle: tuple[Vector, Vector, Vector], at: Vector) -> Vector:
-    """The point of a triangle at barycentric coordinates."""
+    """Return the point of a triangle at barycentric coordinates."""
     a, b, c = triangle
     u, v, w = at
     return (
@@ -288,7 +288,7 @@ def _blend(triangle: tuple[Vector, Vector, Vector], at: Vector) -> Vector:
 
 @native
 def _drop_flat(world: "World", index: int) -> None:
-    """Let go of the planes of a body's faces that have no normal any more."""
+    """Drop the planes of faces of a body whose normal is undefined in its new shape."""
     proxy = world.proxy[0]
     kept = 0
     count = proxy.count

@@ -1,8 +1,8 @@
-"""Embree: the one file that knows it. Builds search structures, and casts a ray from compiled code.
+"""Embree: builds search structures and casts rays from compiled code. No other module uses Embree.
 
-The library is the one that the embreex wheel carries. Its C functions are bound once through ctypes to build; the
-ray query is called straight from compiled code by its symbol, which keeps the callers cacheable on disk.
-Embree works in float32: it only names the face, everything else is computed in float64 from the mesh itself.
+The library comes with the embreex wheel. Its build functions are called through ctypes. The ray query is called from
+compiled code by its symbol, which keeps the callers cacheable on disk. Embree works in float32: it only identifies the
+face that a ray meets; all geometry is then computed in float64 from the mesh itself.
 """
 
 import ctypes
@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import llvmlite.binding as llvm
 import numpy as np
-from numba import carray, types  # type: ignore[attr-defined]  # numba forgets to say that it exports carray
+from numba import carray, types  # type: ignore[attr-defined]  # numba's stubs do not export carray
 from numpy.typing import NDArray
 
 from hapscene.compiled.native import INTERPRETED, CFunction, native
@@ -35,22 +35,22 @@ _LOW_QUALITY, _REFIT = 0, 3
 _INVOKE_FILTER, _ALL_FEATURES = 2, 0xFFFFFFFF
 
 MITRE: Final = 1.5
-"""Most that a corner of a face moves outwards in the search, in edge overlaps [1]: with `EDGE_OVERLAP` it must stay
-below one skin, or sharp corners stick out to where the proxy glides."""
+"""Largest distance that a corner of a face moves outwards in the search [edge overlaps]. With `EDGE_OVERLAP` it must
+stay below one skin, or sharp corners would reach into the space where the proxy slides."""
 
 
 def _library_path() -> Path:
-    """The Embree library inside the embreex wheel: its folder differs between Linux, macOS and Windows."""
+    """Return the path of the Embree library in the embreex wheel, whose folder depends on the system."""
     spec = importlib.util.find_spec("embreex")
     if spec is None or not spec.submodule_search_locations:
-        raise HapsceneError("the package embreex is missing, which carries Embree: pip install embreex")
+        raise HapsceneError("the package embreex, which contains Embree, is not installed: run pip install embreex")
     package = Path(next(iter(spec.submodule_search_locations)))
     for folder in (package.parent / "embreex.libs", package / ".dylibs", package):
         for pattern in ("libembree4*", "embree4*.dll"):
             found = sorted(folder.glob(pattern))
             if found:
                 return found[0]
-    raise HapsceneError(f"no Embree 4 library beside {package}: pip install --force-reinstall 'embreex>=4.4'")
+    raise HapsceneError(f"no Embree 4 library next to {package}: run pip install --force-reinstall 'embreex>=4.4'")
 
 
 def _load() -> ctypes.CDLL:
@@ -98,27 +98,27 @@ _NO_HIT = 0xFFFFFFFF
 
 
 def new_ray() -> NDArray[np.float32]:
-    """An aligned ray buffer (24,) for `first_face`: one for each thread that casts."""
+    """Return an aligned ray buffer (24,) for `first_face`; each thread that casts needs its own."""
     raw = np.zeros(_RAY_WORDS + 4, np.float32)
     start = (-raw.ctypes.data // 4) % 4
     return raw[start : start + _RAY_WORDS]
 
 
 def _let_backs_pass(arguments: Any) -> None:
-    """Embree's filter (RTCFilterFunctionNArguments: valid, user, context, ray, hit): refuse a face met from behind."""
-    if INTERPRETED:  # ctypes' pointers are indexed as they are; numba's carray knows no pointers to pointers there
+    """Filter of Embree (RTCFilterFunctionNArguments: valid, user, context, ray, hit) that rejects back faces."""
+    if INTERPRETED:  # ctypes pointers are indexed directly; numba's carray does not support nested pointers there
         pointers, ray, normal = arguments, arguments[3], arguments[4]
     else:
         pointers = carray(arguments, 5)
         ray, normal = carray(pointers[3], 7), carray(pointers[4], 3)
     if ray[4] * normal[0] + ray[5] * normal[1] + ray[6] * normal[2] >= 0.0:
         valid = pointers[0] if INTERPRETED else carray(pointers[0], 1)
-        valid[0] = 0.0  # the int 0 has the same bits
+        valid[0] = 0.0  # has the same bits as the int 0
 
 
 @cache
 def _filter() -> Any:
-    """The filter as C code; kept, since Embree only holds its address."""
+    """Return the filter as C code. The cache keeps it alive, because Embree only stores its address."""
     if INTERPRETED:
         floats = ctypes.POINTER(ctypes.c_float)
         return ctypes.CFUNCTYPE(None, ctypes.POINTER(floats))(_let_backs_pass)
@@ -127,7 +127,7 @@ def _filter() -> Any:
 
 
 def fronts_only() -> NDArray[np.uint64]:
-    """RTCIntersectArguments with which a ray passes through faces it meets from behind: flags, context, filter."""
+    """Return RTCIntersectArguments of a ray that passes through back faces: flags, context, filter."""
     compiled = _filter()
     address = ctypes.cast(compiled, ctypes.c_void_p).value if INTERPRETED else compiled.address
     return np.array([_ALL_FEATURES << 32 | _INVOKE_FILTER, 0, address, 0, 0], np.uint64)
@@ -142,10 +142,15 @@ def first_face(
     far_m: float,
     arguments: int,
 ) -> int:
-    """The first face along a ray, −1 where there is none; its distance [m] (float32) is left in `ray[8]`.
+    """Return the first face along a ray, or −1; its distance [m] (float32) is left in `ray[8]`.
 
-    Origin [m] and unit direction are in the centred frame of the search structure; the ray runs `far_m` along it.
-    `arguments` is the address of `fronts_only()`, or 0 to meet every face from both sides, which is faster.
+    Args:
+        search: address of a search structure.
+        ray: buffer of `new_ray`.
+        origin: start of the ray in the centred frame of the search structure [m].
+        direction: unit vector.
+        far_m: length of the ray [m].
+        arguments: address of `fronts_only()`, or 0 to meet faces from both sides, which is faster.
     """
     words = ray.view(np.uint32)
     for i in range(3):
@@ -169,17 +174,17 @@ def first_face(
 def _device(settings: bytes | None = None) -> int:
     device = _embree.rtcNewDevice(settings)
     if not device:
-        raise HapsceneError(f"Embree found no device it can work on (error {_embree.rtcGetDeviceError(None)})")
+        raise HapsceneError(f"Embree found no usable device (Embree error {_embree.rtcGetDeviceError(None)})")
     return int(device)
 
 
 class Search:
-    """The search structure over one mesh: built once, shared by all bodies that use the mesh.
+    """Search structure over one mesh, built once and shared by all bodies that use the mesh.
 
     Attributes:
-        handle: address that `first_face` takes.
-        center_m: (3,) middle of the bounding box; rays are given relative to it, so that float32 has the most digits.
-        radius_m: of the ball around `center_m` that holds the mesh.
+        handle: address for `first_face`.
+        center_m: (3,) centre of the bounding box. Rays are relative to it, which keeps the most float32 digits.
+        radius_m: radius of the ball around `center_m` that contains the mesh.
     """
 
     def __init__(self, vertices_m: NDArray[np.float64], faces: NDArray[np.int32], skin_m: float) -> None:
@@ -190,13 +195,13 @@ class Search:
 
 
 class RefittedSearch:
-    """The search structure over faces whose corners move: its boxes are fitted anew, their tree stays.
+    """Search structure over faces whose corners move: boxes are refitted, the tree is kept.
 
-    Built when it is first fitted; a search of many faces is refitted some twenty times as fast as it is built, and rays
-    are as fast as long as neighbours stay neighbours. One thread does it, as one runs beside the ticks.
+    The first refit builds it. A refit of many faces is about twenty times as fast as a build, and rays stay as fast as
+    long as neighbouring faces stay neighbours. Embree uses one thread, so that refits can run beside the haptic loop.
 
     Attributes:
-        handle: address that `first_face` takes.
+        handle: address for `first_face`.
     """
 
     def __init__(self, faces: NDArray[np.int32]) -> None:
@@ -204,7 +209,8 @@ class RefittedSearch:
         device = self._device = _device(b"threads=1")
         self.handle = int(_embree.rtcNewScene(device))
         _embree.rtcSetSceneFlags(self.handle, _DYNAMIC | _FILTER_IN_ARGUMENTS)
-        _embree.rtcSetSceneBuildQuality(self.handle, _LOW_QUALITY)  # has each geometry keep a tree of its own
+        # gives each geometry a tree that can be refitted separately
+        _embree.rtcSetSceneBuildQuality(self.handle, _LOW_QUALITY)
         self._geometry, self._corners, _ = _triangles(device, len(faces))
         _embree.rtcSetGeometryBuildQuality(self._geometry, _REFIT)
         _embree.rtcAttachGeometry(self.handle, self._geometry)
@@ -212,21 +218,22 @@ class RefittedSearch:
         weakref.finalize(self, _embree.rtcReleaseGeometry, self._geometry)
 
     def refit(self, vertices_m: NDArray[np.float64], overlap_m: float) -> tuple[NDArray[np.float64], float]:
-        """Take other vertices (N, 3); returns `center_m` and `radius_m` as `Search` has them."""
+        """Set the vertices (N, 3) and refit; returns `center_m` and `radius_m` as in `Search`."""
         center_m, radius_m = _ball(vertices_m, self._used)
         overlap_faces(vertices_m, self._faces, center_m, overlap_m, self._corners)
-        self._corners[np.isnan(self._corners[:, 0])] = 0.0  # a point: what is no number could not be refitted
+        # collapse left-out faces to a point: Embree cannot refit NaN
+        self._corners[np.isnan(self._corners[:, 0])] = 0.0
         _embree.rtcUpdateGeometryBuffer(self._geometry, _VERTEX_BUFFER, 0)
         _embree.rtcCommitGeometry(self._geometry)
         _embree.rtcCommitScene(self.handle)
         error = _embree.rtcGetDeviceError(self._device)
         if error:
-            raise HapsceneError(f"Embree could not refit its search over {len(self._faces):,} faces (error {error})")
+            raise HapsceneError(f"Embree could not refit a search over {len(self._faces):,} faces (error {error})")
         return center_m, radius_m
 
 
 def _ball(vertices_m: NDArray[np.float64], used: NDArray[np.bool_]) -> tuple[NDArray[np.float64], float]:
-    """Middle of the bounding box (3,) of the used vertices, and radius of the ball around it that holds them [m]."""
+    """Return the centre (3,) of the bounding box of the used vertices, and the radius around it that holds them [m]."""
     columns = columns_of(vertices_m, used)
     low, high = (np.array([end(column) for column in columns]) for end in (np.min, np.max))
     center_m = (low + high) / 2
@@ -242,10 +249,11 @@ def overlap_faces(
     overlap_m: float,
     out: NDArray[np.float32],
 ) -> None:
-    """Corners (3M, 3) of faces (M, 3) about `center_m` [m], into `out`: grown to reach `overlap_m` over the neighbours.
+    """Write the corners (3M, 3) of faces (M, 3) about `center_m`, grown by `overlap_m` [m] over their edges, to `out`.
 
-    Offsetting all three edges of a triangle scales it about its incentre by 1 + overlap / inradius. Faces narrower
-    than the overlap have no dependable normal and are left out (their neighbours bridge them): Embree skips NaN.
+    To offset all three edges of a triangle is to scale it about its incentre by 1 + overlap / inradius. Faces narrower
+    than the overlap have no reliable normal; they are written as NaN, which Embree skips, and their neighbours cover
+    them.
     """
     center = (center_m[0], center_m[1], center_m[2])
     for face in range(len(faces)):
@@ -272,7 +280,7 @@ def overlap_faces(
 
 @native
 def _grow(corner: Vector, incentre: Vector, growth: float, most_m: float, out: NDArray[np.float32]) -> None:
-    """Move a corner away from the incentre, into `out` (3,): by a part of its distance, and not by more than that."""
+    """Write a corner, moved from the incentre by `growth` times its distance but at most `most_m`, to `out`."""
     spoke = sub(corner, incentre)
     out[0], out[1], out[2] = along(corner, np.minimum(growth, most_m / norm(spoke)), spoke)
 
@@ -280,10 +288,10 @@ def _grow(corner: Vector, incentre: Vector, growth: float, most_m: float, out: N
 def _build(
     vertices_m: NDArray[np.float64], faces: NDArray[np.int32], center_m: NDArray[np.float64], overlap_m: float
 ) -> int:
-    """Embree scene over overlapping faces, which share no corners; returns its address.
+    """Build an Embree scene over overlapping faces that share no corners; return its address.
 
-    Embree's robust mode, which closes shared edges, is not asked for: the overlap closes them, and more, and without
-    it a ray is a fifth faster.
+    Embree's robust mode, which closes gaps at shared edges, is off: the overlap closes them too, and rays are a fifth
+    faster without it.
     """
     device = _device()
     scene = _embree.rtcNewScene(device)
@@ -294,18 +302,18 @@ def _build(
     _embree.rtcAttachGeometry(scene, geometry)
     _embree.rtcReleaseGeometry(geometry)
     _embree.rtcCommitScene(scene)
-    _give_back(corners)
-    _give_back(index)
+    _release_pages(corners)
+    _release_pages(index)
     error = _embree.rtcGetDeviceError(device)
     if error:
         raise HapsceneError(f"Embree could not build a search structure over {len(faces):,} faces (error {error})")
     return int(scene)
 
 
-def _give_back(buffer: NDArray[Any]) -> None:
-    """Have the system take the memory of a buffer that is not read again: the leaves of Embree's tree have copies.
+def _release_pages(buffer: NDArray[Any]) -> None:
+    """Return the memory of a buffer that Embree does not read again to the system: 48 bytes per face.
 
-    48 bytes a face. It stays a buffer, of zeros; where the system is another than Linux, it stays as it is.
+    The leaves of Embree's tree hold copies. The buffer stays valid and reads as zeros. Has an effect on Linux only.
     """
     first, end = buffer.ctypes.data, buffer.ctypes.data + buffer.nbytes
     first, end = -(-first // mmap.PAGESIZE) * mmap.PAGESIZE, end // mmap.PAGESIZE * mmap.PAGESIZE
@@ -319,7 +327,7 @@ def _libc() -> ctypes.CDLL:
 
 
 def _triangles(device: int, count: int) -> tuple[int, NDArray[np.float32], NDArray[np.uint32]]:
-    """A geometry of triangles that share no corners, its corners (3 count, 3), to be written, and its index."""
+    """Create a geometry of triangles that share no corners; return it, its corners (3 count, 3) and its index."""
     geometry = _embree.rtcNewGeometry(device, _TRIANGLE)
     corners = _buffer(geometry, _VERTEX_BUFFER, _FLOAT3, 3 * count, ctypes.c_float)
     index = _buffer(geometry, _INDEX_BUFFER, _UINT3, count, ctypes.c_uint32)
@@ -328,6 +336,6 @@ def _triangles(device: int, count: int) -> tuple[int, NDArray[np.float32], NDArr
 
 
 def _buffer(geometry: int, kind: int, layout: int, count: int, number: type[Any]) -> NDArray[Any]:
-    """A buffer that Embree makes (it pads it) and keeps as long as the geometry: rows (count, 3) of 4-byte numbers."""
+    """Create a buffer of rows (count, 3) of 4-byte numbers that Embree allocates and owns."""
     address = _embree.rtcSetNewGeometryBuffer(geometry, kind, 0, layout, 12, count)
     return np.ctypeslib.as_array(ctypes.cast(address, ctypes.POINTER(number)), (count, 3))

@@ -1,4 +1,4 @@
-"""Bodies that move: their poses taken over as a tick begins, checked, and the proxy let go where they jump."""
+"""Moving bodies: sets and checks their poses at the start of a tick, and releases the proxy from bodies that jump."""
 
 import math
 from typing import TYPE_CHECKING, Any, Final
@@ -9,26 +9,26 @@ from numpy.typing import NDArray
 from hapscene.compiled.native import native
 from hapscene.constants import REACH_MAX_M
 from hapscene.contact.deformation import reshape_bodies
-from hapscene.contact.passing import hold_again
 from hapscene.contact.planes import copy_plane
-from hapscene.contact.proxy import put
-from hapscene.contact.world import place_ball
+from hapscene.contact.proxy import place_proxy
+from hapscene.contact.puncture import close_puncture
+from hapscene.contact.world import update_ball
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World
     from hapscene.surface.surface_arrays import Surface
 
-__all__ = ["MENDED", "is_pose", "place_bodies"]
+__all__ = ["ROTATION_TOLERANCE", "is_pose", "place_bodies"]
 
-EXACT: Final = 1e-12
-"""How far a matrix may be from a rotation and still be taken as it is [1]: a few roundings of float64."""
+ROTATION_ROUNDING: Final = 1e-12
+"""Deviation of a matrix from a rotation up to which it is used as it is [1]: a few roundings of float64."""
 
-MENDED: Final = 1e-2
-"""How far a matrix may be from a rotation and still be mended [1]: float32 that is multiplied on at 60 Hz is there
-after an hour at the worst. Beyond, it scales or shears, and is refused."""
+ROTATION_TOLERANCE: Final = 1e-2
+"""Largest deviation from a rotation that is corrected [1]. A float32 matrix that is multiplied on at 60 Hz reaches it
+after an hour at worst. A larger deviation means scale or shear, and the pose is refused."""
 
-LAST_TICK: Final = 2
-"""Value of `moved` while a tick begins: it moved in the last one, and has no pose for this one yet."""
+MOVED_LAST_TICK: Final = 2
+"""Value of `BODY.moved` while a tick begins: the body moved in the last tick and has no pose for this one yet."""
 
 
 @native
@@ -41,88 +41,76 @@ def place_bodies(
     count: int,
     k: int,
 ) -> int:
-    """Take over the poses `X_WB[k]` (m, 4, 4) of the first `count` of the bodies `moving` (m,); all others stand still.
+    """Set the poses `X_WB[k]` (m, 4, 4) of the first `count` of the bodies `moving` (m,); all other bodies rest.
 
-    In the first tick after a reset, and where `teleported` (m,) is not 0, bodies appear where they are, without moving
-    there; it is set to 0. A pose that is not finite or no rotation and translation is left out
-    (`world.proxy[0].refused`): the body stays at its last one. Returns no flags.
+    In the first tick after a reset, and where `teleported` (m,) is not 0, a body appears at its pose without motion;
+    `teleported` is then set to 0. A pose that is not finite, or not a rotation and a translation, is ignored and
+    reported in `world.proxy[0].refused`: the body stays at its last pose. Returns no flags.
     """
-    proxy = world.proxy[0]
-    proxy.refused = 0
-    if count > 0 or world.moved[0] > 0:
-        _place(world, surface, moving, X_WB, teleported, count, k)
-    if proxy.reshaped > 0:
-        reshape_bodies(world, surface)
-    return 0
-
-
-@native
-def _place(
-    world: "World",
-    surface: "Surface",
-    moving: NDArray[Any],
-    X_WB: NDArray[Any],
-    teleported: NDArray[Any],
-    count: int,
-    k: int,
-) -> None:
-    """The same, where bodies move or moved in the last tick."""
     proxy, moved = world.proxy[0], world.moved
+    proxy.refused = 0
     last = moved[0]
     for i in range(1, last + 1):
-        world.bodies[moved[i]].moved = LAST_TICK
+        world.bodies[moved[i]].moved = MOVED_LAST_TICK
     nearer, jumps, fresh = 0.0, 0, surface.memory[0].fresh
     for m in range(count):
         body = world.bodies[moving[m]]
-        for i in range(3):
-            for j in range(3):
-                body.was_R_WB[i, j] = body.R_WB[i, j]
-            body.was_p_WB_m[i] = body.p_WB_m[i]
-            if body.lead_s > 0.0:
-                body.p_WB_m[i] -= body.lead_W_m[i]
-        if not _take(body, X_WB[k, m]):
+        _keep_last_pose(body)
+        if body.shift_s > 0.0:  # the shift of a deforming body is not part of its pose
+            for i in range(3):
+                body.p_WB_m[i] -= body.shift_W_m[i]
+        if not _set_pose(body, X_WB[k, m]):
             proxy.refused = 1
         body.moved = 1
         if fresh == 1 or teleported[m] != 0:
             _stop(body)
-            body.lead_s = 0.0
+            body.shift_s = 0.0
             for i in range(3):
-                body.lead_W_m[i] = 0.0
+                body.shift_W_m[i] = 0.0
         if teleported[m] != 0:
             jumps += 1
-        nearer = max(nearer, place_ball(body, world.ball_W_m[moving[m]]))
-    proxy.near_room_m -= nearer
-    for i in range(1, last + 1):
+        nearer = max(nearer, update_ball(body, world.ball_W_m[moving[m]]))
+    proxy.near_margin_m -= nearer
+    for i in range(1, last + 1):  # bodies that moved in the last tick and have no pose in this one come to rest
         body = world.bodies[moved[i]]
-        if body.moved == LAST_TICK:
+        if body.moved == MOVED_LAST_TICK:
             _stop(body)
-            place_ball(body, world.ball_W_m[moved[i]])
+            update_ball(body, world.ball_W_m[moved[i]])
     moved[0] = 0
     for m in range(count):
         if world.bodies[moving[m]].moved == 1:
             moved[0] += 1
             moved[moved[0]] = moving[m]
     if count > 0 and fresh == 1:
-        _start(world, surface)
+        _restart_proxy(world, surface)
     elif jumps > 0:
-        _let_go(world, surface, moving[:count], teleported)
+        _release(world, surface, moving[:count], teleported)
     for m in range(count if jumps > 0 else 0):
         teleported[m] = 0
+    if proxy.reshaped > 0:
+        reshape_bodies(world, surface)
+    return 0
+
+
+@native
+def _keep_last_pose(body: np.record) -> None:
+    """Copy the present pose of a body to that of the last tick."""
+    for i in range(3):
+        for j in range(3):
+            body.last_R_WB[i, j] = body.R_WB[i, j]
+        body.last_p_WB_m[i] = body.p_WB_m[i]
 
 
 @native
 def _stop(body: np.record) -> None:
-    """It stands where it is."""
+    """Mark a body as at rest at its present pose."""
     body.moved = 0
-    for i in range(3):
-        for j in range(3):
-            body.was_R_WB[i, j] = body.R_WB[i, j]
-        body.was_p_WB_m[i] = body.p_WB_m[i]
+    _keep_last_pose(body)
 
 
 @native
-def _take(body: np.record, X: NDArray[np.float64]) -> bool:
-    """Set a body's pose from (4, 4), its rotation mended; False, and nothing set, where it is none."""
+def _set_pose(body: np.record, X: NDArray[np.float64]) -> bool:
+    """Set the pose of a body from (4, 4) and correct its rotation; return False and set nothing if it is invalid."""
     if not is_pose(X):
         return False
     R = body.R_WB
@@ -130,23 +118,24 @@ def _take(body: np.record, X: NDArray[np.float64]) -> bool:
         for j in range(3):
             R[i, j] = X[i, j]
         body.p_WB_m[i] = X[i, 3]
-    while _off(R) > EXACT:  # the error is squared each time
-        _mend(R)
+    while _rotation_error(R) > ROTATION_ROUNDING:  # quadratic convergence: one or two steps
+        _correct_rotation(R)
     return True
 
 
 @native
 def is_pose(X: NDArray[np.float64]) -> bool:
-    """Whether (4, 4) is a rotation, give or take what is mended, and a translation within reach."""
+    """Return whether (4, 4) is a rotation, to within `ROTATION_TOLERANCE`, and a translation within `REACH_MAX_M`."""
     far = max(abs(X[0, 3]), abs(X[1, 3]), abs(X[2, 3]))
-    row = max(abs(X[3, 0]), abs(X[3, 1]), abs(X[3, 2]), abs(X[3, 3] - 1.0))  # a transposed pose has its place there
-    fits = _off(X) <= MENDED and row <= MENDED and far <= REACH_MAX_M  # NaN is neither
+    row = max(abs(X[3, 0]), abs(X[3, 1]), abs(X[3, 2]), abs(X[3, 3] - 1.0))  # not 0 in a transposed pose
+    fits = _rotation_error(X) <= ROTATION_TOLERANCE and row <= ROTATION_TOLERANCE and far <= REACH_MAX_M
+    # `fits` is False if an element is NaN
     return bool(fits and _determinant(X) > 0.0)
 
 
 @native
-def _off(R: NDArray[np.float64]) -> float:
-    """How far R Rᵀ is from 1, NaN where R is not finite."""
+def _rotation_error(R: NDArray[np.float64]) -> float:
+    """Return the largest deviation of R Rᵀ from the identity, or NaN if R is not finite."""
     off = 0.0
     for i in range(3):
         for j in range(i + 1):
@@ -167,8 +156,8 @@ def _determinant(R: NDArray[np.float64]) -> float:
 
 
 @native
-def _mend(R: NDArray[np.float64]) -> None:
-    """One step towards the nearest rotation: R ← (3 − R Rᵀ) R / 2 (Newton & Schulz; Higham 1986)."""
+def _correct_rotation(R: NDArray[np.float64]) -> None:
+    """Make one Newton–Schulz step towards the nearest rotation, R ← (3 − R Rᵀ) R / 2 (Higham 1986)."""
     a, b, c = R[0, 0], R[0, 1], R[0, 2]
     d, e, f = R[1, 0], R[1, 1], R[1, 2]
     g, h, i = R[2, 0], R[2, 1], R[2, 2]
@@ -182,23 +171,23 @@ def _mend(R: NDArray[np.float64]) -> None:
 
 
 @native
-def _start(world: "World", surface: "Surface") -> None:
-    """Put the proxy where the tool was last, off what is there."""
+def _restart_proxy(world: "World", surface: "Surface") -> None:
+    """Place the proxy at the last device position, outside the skins of nearby faces."""
     at = surface.memory[0].p_WT_m
-    put(world, (at[0], at[1], at[2]))
+    place_proxy(world, (at[0], at[1], at[2]))
 
 
 @native
-def _let_go(world: "World", surface: "Surface", moving: NDArray[Any], teleported: NDArray[Any]) -> None:
-    """Have the bodies that jump hold proxy and shaft no more; where no plane is left, the proxy begins at the tool."""
+def _release(world: "World", surface: "Surface", moving: NDArray[Any], teleported: NDArray[Any]) -> None:
+    """Drop the planes and punctures of bodies that jump; restart the proxy at the device if no plane is left."""
     proxy, touch = world.proxy[0], surface.touch[0]
     if _jumps(touch.left_body, moving, teleported):
         touch.left_body = -1
     if _jumps(touch.body, moving, teleported):
         surface.memory[0].jumped = 1
-    for i in range(proxy.passed_count - 1, -1, -1):
-        if _jumps(proxy.passed[i], moving, teleported):
-            hold_again(world, proxy.passed[i])
+    for i in range(proxy.puncture_count - 1, -1, -1):
+        if _jumps(proxy.punctured[i], moving, teleported):
+            close_puncture(world, proxy.punctured[i])
     kept, count = 0, proxy.count
     for i in range(count):
         if not _jumps(proxy.body[i], moving, teleported):
@@ -206,12 +195,12 @@ def _let_go(world: "World", surface: "Surface", moving: NDArray[Any], teleported
             kept += 1
     proxy.count = kept
     if kept == 0 < count:
-        _start(world, surface)
+        _restart_proxy(world, surface)
 
 
 @native
 def _jumps(index: int, moving: NDArray[Any], teleported: NDArray[Any]) -> bool:
-    """Whether this body is among those that jump."""
+    """Return whether a body is among those that jump."""
     for m in range(len(moving)):
         if moving[m] == index and teleported[m] != 0:
             return True

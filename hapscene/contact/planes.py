@@ -1,8 +1,9 @@
-"""The planes that hold the proxy, a solver of its own: the closest point to the tool that they allow, and which stay.
+"""Constraint solver of the proxy: the point closest to the device position that a set of planes allows.
 
-Zilles & Salisbury 1995 (eq. 6 to 8) find it with Lagrange multipliers for the planes that hold; which of them do is
-found here as well, so that no plane ever pulls: the smallest set whose pushes are all positive and whose solution
-lies behind no other plane. The problem is convex, so the first such set is the only one.
+Zilles & Salisbury 1995 (eq. 6 to 8) minimise the distance to the device with Lagrange multipliers for a given set of
+active planes. This solver also finds the active set, so that no plane ever pulls: it takes the smallest set whose
+multipliers are all positive and whose solution violates no other plane. The problem is convex, so the first such set
+is the only one. With at most four planes, all subsets of one, two and three are tried in closed form.
 """
 
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ import numpy as np
 from hapscene.compiled.native import inlined, native
 from hapscene.contact.cast import SATISFIED
 from hapscene.contact.triangle import corners, lies_over, plane, turn_to_world
-from hapscene.contact.world import ASIDE, SAVED
+from hapscene.contact.world import DROPPED, SAVED
 from hapscene.geometry import Vector
 
 if TYPE_CHECKING:
@@ -22,28 +23,28 @@ __all__ = [
     "PARALLEL",
     "copy_plane",
     "drop_idle",
+    "drop_oldest",
     "drop_unsupported",
-    "forget_oldest",
     "nearest",
-    "place_plane",
-    "take_back",
+    "restore_plane",
     "trust",
+    "update_plane",
 ]
 
 TOLERANCE = 1e-3
-"""How far behind a plane a solution may lie and still be allowed, in skins [1]."""
+"""How far behind a plane a solution may lie and still count as allowed [skins]."""
 
 PARALLEL = 1e-12
-"""Squared sine of the angle below which two planes count as one [1]."""
+"""Squared sine of the angle between two planes below which they count as parallel [1]."""
 
 
 @native
 def nearest(proxy: np.record, tool: Vector, skins: float) -> tuple[bool, Vector]:
-    """The point closest to `tool` in front of all planes of `proxy`, each moved out by `skins` of its skin.
+    """Return the point closest to `tool` in front of all planes of `proxy`, each moved outwards by `skins` of its skin.
 
-    Leaves the pushes of the planes in `proxy.push_m`, 0 for a plane that does not hold. Returns False and the tool
-    where no such point was found: the planes enclose nothing, or depend on each other to within `PARALLEL`, as two do
-    that face each other and would meet a kilometre off.
+    Writes the multiplier of each plane to `proxy.push_m`, 0 for inactive planes. Returns False and `tool` if there is
+    no such point: the planes enclose nothing, or they are dependent to within `PARALLEL`, such as two planes that face
+    each other and would meet a kilometre away.
     """
     count = proxy.count
     behind = 0
@@ -78,7 +79,7 @@ def nearest(proxy: np.record, tool: Vector, skins: float) -> tuple[bool, Vector]
 
 @native
 def _one(proxy: np.record, count: int, slack: float) -> bool:
-    """Try each plane alone."""
+    """Try each plane alone: project the device position onto it."""
     for i in range(count):
         push = proxy.short_m[i]
         if push <= 0.0:
@@ -95,7 +96,7 @@ def _one(proxy: np.record, count: int, slack: float) -> bool:
 
 @native
 def _two(proxy: np.record, count: int, slack: float) -> bool:
-    """Try each pair: the foot of the tool on their common line."""
+    """Try each pair of planes: project the device position onto their common line."""
     r = proxy.short_m
     for i in range(count):
         for j in range(i + 1, count):
@@ -105,7 +106,8 @@ def _two(proxy: np.record, count: int, slack: float) -> bool:
                 continue
             a = (r[i] - g * r[j]) / sine2
             b = (r[j] - g * r[i]) / sine2
-            u, v = r[i] - a - g * b, r[j] - g * a - b  # what is left: planes that nearly face each other need it
+            # one step of iterative refinement: planes that nearly face each other are ill-conditioned
+            u, v = r[i] - a - g * b, r[j] - g * a - b
             a += (u - g * v) / sine2
             b += (v - g * u) / sine2
             if a < 0.0 or b < 0.0:
@@ -123,7 +125,7 @@ def _two(proxy: np.record, count: int, slack: float) -> bool:
 
 @native
 def _three(proxy: np.record, count: int, slack: float) -> bool:
-    """Try each triple: the corner they meet in (Cramer's rule on their Gram matrix)."""
+    """Try each triple of planes: their common corner, by Cramer's rule on their Gram matrix."""
     r = proxy.short_m
     for i in range(count):
         for j in range(i + 1, count):
@@ -154,7 +156,7 @@ def _three(proxy: np.record, count: int, slack: float) -> bool:
 
 @native
 def _cramer(p: float, q: float, s: float, det: float, x: float, y: float, z: float) -> Vector:
-    """Solve the Gram matrix [[1, p, q], [p, 1, s], [q, s, 1]] for (x, y, z)."""
+    """Solve the Gram matrix [[1, p, q], [p, 1, s], [q, s, 1]] for the right-hand side (x, y, z)."""
     return (
         (x * (1.0 - s * s) + y * (q * s - p) + z * (p * s - q)) / det,
         (x * (q * s - p) + y * (1.0 - q * q) + z * (p * q - s)) / det,
@@ -162,19 +164,19 @@ def _cramer(p: float, q: float, s: float, det: float, x: float, y: float, z: flo
     )
 
 
-# The planes that hold the proxy: dropped when they push no more or reach under it no more, taken back when they do.
-
+# Bookkeeping of the active planes. A plane is dropped when it no longer pushes or when its face no longer lies below
+# the proxy, and is restored if the search returns to it within the same tick.
 
 NEARBY = 10.0
-"""How far the proxy moves before a plane that was taken back must lie under it again, in skins [1]."""
+"""Distance that the proxy moves before a restored plane must lie below it again [skins]."""
 
 
 @native
 def trust(proxy: np.record, first: int, moved_m: float) -> None:
-    """The proxy has moved: only planes from `first` on were met on the way it is on.
+    """Clear the `met` flag of planes before `first`: the proxy has moved, so no ray from its present position met them.
 
-    A plane that was taken back is trusted for a little longer, or near a corner it could be dropped and taken back
-    for ever.
+    A restored plane keeps its flag until the proxy has moved `NEARBY` skins. Otherwise the search could drop and
+    restore it for ever near a corner.
     """
     for i in range(first):
         if proxy.met[i] == 1 or moved_m > NEARBY * proxy.skin_m[i]:
@@ -183,7 +185,7 @@ def trust(proxy: np.record, first: int, moved_m: float) -> None:
 
 @native
 def drop_idle(proxy: np.record) -> None:
-    """Drop the planes that do not push; at most three are left."""
+    """Drop the planes that do not push; at most three remain."""
     kept = 0
     for i in range(proxy.count):
         if proxy.push_m[i] > 0.0:
@@ -195,10 +197,10 @@ def drop_idle(proxy: np.record) -> None:
 
 @inlined
 def drop_unsupported(world: "World", p_W: Vector) -> bool:
-    """Drop the planes whose faces do not reach under the proxy; True where there was one.
+    """Drop the planes whose faces do not reach below the proxy; return whether there was one.
 
-    A plane that was met from where the proxy is holds it wherever its face lies: in a narrow groove the face below
-    the proxy's foot may be another one.
+    A plane whose face was met by a ray from the present proxy position is kept wherever its face ends: in a narrow
+    groove the face below the proxy may be a different one.
     """
     proxy = world.proxy[0]
     kept = 0
@@ -210,21 +212,22 @@ def drop_unsupported(world: "World", p_W: Vector) -> bool:
                 copy_plane(proxy, i, kept)
             kept += 1
         else:
-            copy_plane(proxy, i, ASIDE + proxy.aside % (SAVED - ASIDE))
-            proxy.aside += 1
+            copy_plane(proxy, i, DROPPED + proxy.dropped_count % (SAVED - DROPPED))
+            proxy.dropped_count += 1
     proxy.count = kept
     return bool(kept < count)
 
 
 @inlined
-def take_back(world: "World", p_W: Vector, goal_W: Vector) -> bool:
-    """Take a dropped plane back where the next goal lies under it and over its face, and the proxy still above it.
+def restore_plane(world: "World", p_W: Vector, goal_W: Vector) -> bool:
+    """Restore a dropped plane if the next goal lies below it and on its face while the proxy is still above it.
 
-    So it is at a concave edge of a fraction of a degree: too flat for a ray a skin above one face to meet the other.
+    This happens at concave edges of a fraction of a degree, which are too flat for a ray one skin above one face to
+    meet the other.
     """
     proxy = world.proxy[0]
-    for k in range(min(proxy.aside, SAVED - ASIDE)):
-        i = ASIDE + k
+    for k in range(min(proxy.dropped_count, SAVED - DROPPED)):
+        i = DROPPED + k
         skin = proxy.skin_m[i]
         if _above(proxy, i, goal_W) >= (1.0 - SATISFIED) * skin or _above(proxy, i, p_W) < 0.0 or _holds(proxy, i):
             continue
@@ -238,14 +241,14 @@ def take_back(world: "World", p_W: Vector, goal_W: Vector) -> bool:
 
 @native
 def _above(proxy: np.record, slot: int, p_W: Vector) -> float:
-    """Height of a point over the plane in a slot [m]."""
+    """Return the height of a point above the plane in a slot [m]."""
     n = proxy.nhat_W[slot]
     return float(n[0] * p_W[0] + n[1] * p_W[1] + n[2] * p_W[2] - proxy.offset_m[slot])
 
 
 @native
 def _holds(proxy: np.record, slot: int) -> bool:
-    """Whether the face in a slot is among those that hold the proxy."""
+    """Return whether the face in a slot is among the active planes."""
     for i in range(proxy.count):
         if proxy.face[i] == proxy.face[slot] and proxy.body[i] == proxy.body[slot]:
             return True
@@ -253,16 +256,16 @@ def _holds(proxy: np.record, slot: int) -> bool:
 
 
 @native
-def forget_oldest(proxy: np.record) -> None:
-    """Drop the plane that has held the proxy longest."""
+def drop_oldest(proxy: np.record) -> None:
+    """Drop the plane that has been active longest."""
     for i in range(proxy.count - 1):
         copy_plane(proxy, i + 1, i)
     proxy.count -= 1
 
 
 @native
-def place_plane(world: "World", i: int) -> None:
-    """Compute plane i of the proxy anew from its face at the body's present pose."""
+def update_plane(world: "World", i: int) -> None:
+    """Recompute plane `i` from its face at the present pose of the body."""
     proxy = world.proxy[0]
     body = world.bodies[proxy.body[i]]
     a, b, c = corners(world, body, proxy.face[i])

@@ -1,12 +1,12 @@
-"""The god-object: a point that follows the tool and never enters a body (Zilles & Salisbury 1995).
+"""The proxy (god-object): a point that follows the device and never enters a body (Zilles & Salisbury 1995).
 
-The proxy moves towards the point closest to the tool that its planes allow. A face in the way stops it and becomes a
-plane; a plane that does not push any more, or whose face does not reach under the proxy any more, is dropped. It
-rests where neither happens. Planes are kept from tick to tick, so that a proxy that glides over one face costs one
-ray; over an edge it costs one or two (`hapscene.contact.crossing`).
+The proxy moves towards the point closest to the device position that its planes allow. A face in the way stops it and
+becomes a plane. A plane is dropped when it no longer pushes, or when its face no longer lies below the proxy. The
+proxy is in equilibrium when neither happens. Planes are kept from tick to tick, so a proxy that slides over one face
+costs one ray, and one or two more where it crosses an edge (`hapscene.contact.crossing`).
 
-While it is searched for, the proxy stays one skin off every face: rays never start on one. What is reported is the
-solution of the same planes without the skin, which lies on the surface itself.
+During the search the proxy stays one skin above every face, so that no ray starts on a face. The reported position is
+the solution of the same planes without the skin, which lies on the surface itself.
 """
 
 import math
@@ -17,58 +17,61 @@ import numpy as np
 from hapscene.compiled.native import inlined, native
 from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX
 from hapscene.contact.cast import cast, cast_body
-from hapscene.contact.crossing import MET, OVER, PAST, RESTS, cross_edges, lies_over_planes
-from hapscene.contact.passing import leave
+from hapscene.contact.crossing import BLOCKED, OVER, PAST, SETTLED, cross_edges, lies_over_planes
 from hapscene.contact.planes import (
     copy_plane,
     drop_idle,
+    drop_oldest,
     drop_unsupported,
-    forget_oldest,
     nearest,
-    place_plane,
-    take_back,
+    restore_plane,
     trust,
+    update_plane,
 )
-from hapscene.contact.triangle import lies_over, to_body, to_body_before, to_world
-from hapscene.contact.world import ASIDE, SAVED
+from hapscene.contact.puncture import close_left_punctures
+from hapscene.contact.triangle import lies_over, to_body, to_body_last, to_world
+from hapscene.contact.world import DROPPED, SAVED
 from hapscene.geometry import Vector, along, norm, sub
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World
 
-__all__ = ["move", "put"]
+__all__ = ["move_proxy", "place_proxy"]
 
-STILL = 1e-3
-"""A move shorter than this is none, in skins [1]."""
+MOVE_MIN = 1e-3
+"""Shortest distance that counts as a move [skins]."""
 
-TRIES = 2
-"""How often in a tick the faces beyond edges are tried before rays are asked for them [count]."""
+EDGE_TRIES_MAX = 2
+"""How often per tick the proxy follows face adjacency before it searches with casts alone [count]."""
 
-FEW = 16
-"""Most bodies near with which they are [count]: a try may cast 17 times, and with more `CAST_MAX` would not hold."""
+EDGE_BODIES_MAX = 16
+"""Most nearby bodies with which adjacency is followed [count]: one attempt may cast 17 times, which would exceed
+`CAST_MAX` with more bodies."""
 
 MOVED = 0
-"""The proxy has moved, or its planes have changed: the search goes on."""
+"""The proxy has moved or its planes have changed; the search continues."""
 
 AT_REST = 1
-"""The proxy is as near to the tool as its planes allow."""
+"""The proxy is as close to the device as its planes allow."""
 
 TRAPPED = 2
 """No point satisfies the planes."""
 
 DEPTH_MAX_M = 1e3
-"""More than any plane pushes [m]."""
+"""Larger than any penetration depth [m]."""
 
 
 @native
-def put(world: "World", p_W: Vector) -> None:
-    """Start anew with the proxy at `p_W`, touching nothing; off any face that it starts within a skin of."""
+def place_proxy(world: "World", p_W: Vector) -> None:
+    """Place the proxy at `p_W` without contact, and move it out of the skin of any face that it starts in."""
     proxy = world.proxy[0]
     proxy.count = 0
-    proxy.held = 0
-    skin = world.bodies[0].skin_m  # one for all
+    proxy.touching = 0
+    skin = world.bodies[0].skin_m  # all bodies have the same skin
     _list(world, p_W, (LOOK_AHEAD + 4.0) * skin)
-    proxy.near_room_m = 0.0
+    proxy.near_margin_m = 0.0
+    # A short cast from each side of the point finds the faces within a skin, and `nearest` moves the point off these.
+    # Repeat until no cast moves it: it can leave the skin of one face by entering that of another.
     for _ in range(min(len(world.bodies), PASS_MAX)):
         before = p_W
         for axis in range(6):
@@ -92,83 +95,84 @@ def put(world: "World", p_W: Vector) -> None:
 
 
 @inlined
-def move(world: "World", tool_W: Vector) -> bool:
-    """Move the proxy for one tick, bodies first, then towards the tool.
+def move_proxy(world: "World", tool_W: Vector) -> bool:
+    """Advance the proxy by one tick: with the moving bodies first, then towards the device position.
 
-    Results are left in `world.proxy[0]`: `p_WP_m` [m], `held`, and the planes. Returns False where the proxy did not
-    come to rest within `PASS_MAX` moves (`Flag.UNSETTLED`), fewer where it is cast against many bodies.
+    Writes `p_WP_m` [m], `touching`, `dominant` and the planes to `world.proxy[0]`. Returns False if the proxy did not
+    reach equilibrium within `PASS_MAX` moves, or fewer if it is cast against many bodies (`Flag.UNSETTLED`).
     """
     proxy = world.proxy[0]
     before_W = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
-    carried_W = _ride(world)
+    carried_W = _carried_position(world)
     _list_near(world, tool_W, carried_W)
     _carry(world, carried_W)
-    settled = _settle(world, tool_W)
+    settled = _solve(world, tool_W)
     found, p = nearest(proxy, tool_W, 0.0)
     held = 0
     for i in range(proxy.count):
         if proxy.push_m[i] > 0.0:
             held = 1
-    by = _chief(world, p)
-    if not (settled and found):  # where it has got to: a skin off the surface, and outside every body
+    dominant = _dominant_plane(world, p)
+    if not (settled and found):  # report the proxy of the search: a skin above the surface, outside every body
         p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
         held = 1 if proxy.count > 0 else 0
     for i in range(3):
         proxy.p_WP_m[i] = p[i]
-    proxy.held = held
-    proxy.by = by
-    if proxy.passed_count > 0:
-        leave(world, before_W, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2]))
+    proxy.touching = held
+    proxy.dominant = dominant
+    if proxy.puncture_count > 0:
+        close_left_punctures(world, before_W, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2]))
     return settled
 
 
 @inlined
-def _chief(world: "World", p_W: Vector) -> int:
-    """Of the planes that hold the proxy, the one that pushes most, before all of those whose face it lies over."""
+def _dominant_plane(world: "World", p_W: Vector) -> int:
+    """Return the plane that pushes most among those whose face lies below the proxy, or among all planes."""
     proxy = world.proxy[0]
-    by, most = 0, -1.0
+    dominant, most = 0, -1.0
     for i in range(proxy.count):
         push = proxy.push_m[i]
         if proxy.count > 1 and not lies_over(world, world.bodies[proxy.body[i]], proxy.face[i], p_W, proxy.skin_m[i]):
             push -= DEPTH_MAX_M
         if push > most or i == 0:
-            by, most = i, push
-    return by
+            dominant, most = i, push
+    return dominant
 
 
 @inlined
-def _ride(world: "World") -> Vector:
-    """Where the body that the proxy rests on takes it in this tick."""
+def _carried_position(world: "World") -> Vector:
+    """Return where the body that the proxy touches carries it in this tick."""
     proxy = world.proxy[0]
     p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
     if proxy.count > 0:
         body = world.bodies[proxy.body[0]]
         if body.moved == 1:
-            return to_world(body, to_body_before(body, p))
+            return to_world(body, to_body_last(body, p))
     return p
 
 
 @inlined
 def _list_near(world: "World", tool_W: Vector, carried_W: Vector) -> None:
-    """List the bodies whose ball meets the ball around the tool that holds all rays of this tick.
+    """List the bodies whose bounding balls intersect a ball around the device that contains all rays of this tick.
 
-    The list stays good until the tool, and the bodies, have moved as far as the nearest body that is not listed was
-    away. `place_bodies` takes what the bodies moved off that room.
+    The list stays valid until the device and the bodies have moved as far as the nearest unlisted body was away.
+    `place_bodies` subtracts the motion of the bodies from that margin.
     """
     proxy = world.proxy[0]
     at = proxy.near_at_W_m
     ride = norm(sub(carried_W, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])))
     reach = norm(sub(carried_W, tool_W)) + ride
     gone = norm((at[0] - tool_W[0], at[1] - tool_W[1], at[2] - tool_W[2]))
-    if gone + reach >= proxy.near_room_m:
+    if gone + reach >= proxy.near_margin_m:
         _list(world, tool_W, reach)
 
 
 @native
 def _list(world: "World", tool_W: Vector, reach_m: float) -> None:
-    """List the bodies whose ball comes within `reach_m` of the tool; of more than `NEAR_MAX` the first, and what holds.
+    """List the bodies whose bounding balls lie within `reach_m` of the device position.
 
-    So which they are does not change from tick to tick, and nothing lets go of the proxy that holds it.
+    If more than `NEAR_MAX` do, the first of the scene and those in contact are listed. The choice is thus the same from
+    tick to tick, and a body in contact stays in contact.
     """
     proxy = world.proxy[0]
     found = 0
@@ -186,7 +190,7 @@ def _list(world: "World", tool_W: Vector, reach_m: float) -> None:
             crowded = 1
             room = 0.0
     proxy.near_count = found
-    proxy.near_room_m = room
+    proxy.near_margin_m = room
     proxy.crowded = crowded
     for i in range(3):
         proxy.near_at_W_m[i] = tool_W[i]
@@ -194,7 +198,7 @@ def _list(world: "World", tool_W: Vector, reach_m: float) -> None:
 
 @native
 def _is_held_by(proxy: np.record, index: int) -> bool:
-    """Whether a body is among those that hold the proxy."""
+    """Return whether a body is in contact with the proxy."""
     for i in range(proxy.count):
         if proxy.body[i] == index:
             return True
@@ -203,7 +207,7 @@ def _is_held_by(proxy: np.record, index: int) -> bool:
 
 @inlined
 def _carry(world: "World", carried_W: Vector) -> None:
-    """Let moving bodies take the proxy along: the one it rests on carries it, any other pushes it ahead."""
+    """Let moving bodies take the proxy along: the body it touches carries it, other bodies push it."""
     proxy = world.proxy[0]
     rests_on = proxy.body[0] if proxy.count > 0 else -1
     before = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
@@ -211,16 +215,18 @@ def _carry(world: "World", carried_W: Vector) -> None:
     trust(proxy, proxy.count, math.inf)
     for i in range(proxy.count):
         if world.bodies[proxy.body[i]].moved == 1:
-            place_plane(world, i)
+            update_plane(world, i)
     carried = norm(sub(p, before)) > 0.0
+    # In the frame of each other body, the proxy moves from where it was relative to the last pose to where it is now
+    # relative to the present pose. A cast along that motion finds faces that ran into the proxy.
     for k in range(proxy.near_count):
         index = world.near[k]
         body = world.bodies[index]
-        if index == rests_on or body.passed != 0 or not (carried or body.moved == 1):
+        if index == rests_on or body.punctured != 0 or not (carried or body.moved == 1):
             continue
-        if proxy.count == 4:  # a tick that did not settle may leave four
-            forget_oldest(proxy)
-        start = to_body_before(body, before)
+        if proxy.count == 4:  # a tick that reached no equilibrium may leave four planes
+            drop_oldest(proxy)
+        start = to_body_last(body, before)
         goal = to_body(body, p)
         stop = cast_body(world, index, start, goal, 2.0)
         if stop <= 1.0:
@@ -233,21 +239,21 @@ def _carry(world: "World", carried_W: Vector) -> None:
 
 
 @inlined
-def _settle(world: "World", tool_W: Vector) -> bool:
-    """Move the proxy until it rests; False where it does not within the moves that a tick may take."""
+def _solve(world: "World", tool_W: Vector) -> bool:
+    """Move the proxy until it is in equilibrium; return False if the moves of one tick do not suffice."""
     proxy = world.proxy[0]
     p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
     met, halt_m = p, math.inf
-    tries = TRIES if proxy.near_count <= FEW else 0
+    tries = EDGE_TRIES_MAX if proxy.near_count <= EDGE_BODIES_MAX else 0
     outcome = MOVED
-    proxy.aside = 0
+    proxy.dropped_count = 0
     for _ in range(min(PASS_MAX, CAST_MAX // max(1, proxy.near_count))):
         outcome, p, met, halt_m, tries = _advance(world, tool_W, p, met, halt_m, tries)
         if outcome != MOVED:
             break
     settled = bool(outcome == AT_REST)
-    if proxy.count == 0 and proxy.aside > 0 and not settled:  # past the edge of the last face, not over the next
-        copy_plane(proxy, ASIDE + (proxy.aside - 1) % (SAVED - ASIDE), 0)
+    if proxy.count == 0 and proxy.dropped_count > 0 and not settled:  # past the last face, not yet above the next
+        copy_plane(proxy, DROPPED + (proxy.dropped_count - 1) % (SAVED - DROPPED), 0)
         proxy.count = 1
         p = met
     for i in range(3):
@@ -259,39 +265,40 @@ def _settle(world: "World", tool_W: Vector) -> bool:
 def _advance(
     world: "World", tool_W: Vector, p_W: Vector, met_W: Vector, halt_m: float, tries: int
 ) -> tuple[int, Vector, Vector, float, int]:
-    """One move of the proxy at `p_W`, or one change of its planes.
+    """Make one move of the proxy at `p_W`, or one change of its planes.
 
     Args:
-        world, tool_W: the scene, and the device position.
-        p_W: the proxy.
-        met_W: where a face stopped it last.
-        halt_m: distance from the proxy to the tool at its last halt, infinite before the first.
-        tries: how often the faces beyond edges may still be tried.
+        world: the scene as the contact reads it.
+        tool_W: device position.
+        p_W: proxy position.
+        met_W: where a face last stopped the proxy.
+        halt_m: distance from the proxy to the device when it last halted, infinite before.
+        tries: how often face adjacency may still be followed.
 
     Returns:
         `MOVED`, `AT_REST` or `TRAPPED`, and the new `p_W`, `met_W`, `halt_m` and `tries`.
     """
     proxy = world.proxy[0]
     found, goal = nearest(proxy, tool_W, 1.0)
-    if not found:  # planes that moved apart enclose nothing: let the oldest go
+    if not found:  # the planes enclose nothing: they have moved apart, so drop the oldest
         if proxy.count < 2:
             return TRAPPED, p_W, met_W, halt_m, tries
-        forget_oldest(proxy)
+        drop_oldest(proxy)
         return MOVED, p_W, met_W, halt_m, tries
     drop_idle(proxy)
-    if proxy.aside > 0 and take_back(world, p_W, goal):
+    if proxy.dropped_count > 0 and restore_plane(world, p_W, goal):
         return MOVED, p_W, met_W, halt_m, tries
     where = lies_over_planes(world, goal)
     if where == PAST and tries > 0:
         outcome, place = cross_edges(world, p_W, tool_W, goal)
-        if outcome == RESTS:
+        if outcome == SETTLED:
             return AT_REST, place, met_W, halt_m, tries
-        if outcome == MET:
+        if outcome == BLOCKED:
             return MOVED, place, place, halt_m, tries - 1
         tries = 0
     p = p_W
     way = sub(goal, p)
-    if norm(way) > STILL * _skin(world):
+    if norm(way) > MOVE_MIN * _skin(world):
         stop = cast(world, p, goal)
         if stop > 0.0:
             moved = min(stop, 1.0) * norm(way)
@@ -303,13 +310,13 @@ def _advance(
     if where == OVER:
         return AT_REST, p, met_W, halt_m, tries
     left_m = norm(sub(tool_W, p))
-    if left_m >= halt_m or not drop_unsupported(world, p):  # no nearer than at the last halt: flat, let it be
+    if left_m >= halt_m or not drop_unsupported(world, p):  # no closer than at the last halt: the surface is flat here
         return AT_REST, p, met_W, halt_m, tries
-    return MOVED, p, met_W, left_m - STILL * proxy.skin_m[ASIDE], tries
+    return MOVED, p, met_W, left_m - MOVE_MIN * proxy.skin_m[DROPPED], tries
 
 
 @inlined
 def _skin(world: "World") -> float:
-    """Skin of what holds the proxy, 0 in the air: there every move counts."""
+    """Return the skin of the first plane, 0 without contact: then every move counts."""
     proxy = world.proxy[0]
     return proxy.skin_m[0] if proxy.count > 0 else 0.0

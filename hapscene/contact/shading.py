@@ -1,10 +1,10 @@
-"""Force shading, an option of its own: normals at corners, by which a curved mesh feels round between its edges.
+"""Force shading: interpolates normals over faces, so that a curved mesh feels smooth across its edges. Optional.
 
-Morgenbesser & Srinivasan 1996 and Ruspini, Kolarov & Khatib 1997 interpolate the corners' normals over a face, as
-Phong did for light, and turn the force by it. Edges at which the surface turns by less than the crease angle are
-rounded, others stay sharp. The force turns, the depth stays: what is felt is bumpier by the depth's own step, and the
-force has a curl: gliding to an edge at one depth and back at another makes energy, K(1 − cos δ/2)[(d₁ − d₂)L/δ −
-(d₁² − d₂²)/2] on faces of length L that meet at δ.
+Morgenbesser & Srinivasan 1996 and Ruspini, Kolarov & Khatib 1997 interpolate normals from the corners of a face, like
+Phong shading, and rotate the contact force accordingly. Edges at which the surface turns by less than the crease angle
+are smoothed; the others stay sharp. Only the direction of the force changes. The penetration depth keeps its steps at
+edges, and the force field has a curl: sliding to an edge at one depth d₁ and back at another d₂ generates the energy
+K(1 − cos δ/2)[(d₁ − d₂)L/δ − (d₁² − d₂²)/2] on faces of length L that meet at the angle δ.
 """
 
 import math
@@ -21,15 +21,15 @@ __all__ = ["CornerGroups", "corner_normals"]
 
 
 def corner_normals(mesh: "Mesh", crease_rad: float) -> NDArray[np.float64]:
-    """Unit normals (f, 3, 3) at the corners of each face, in the mesh's frame."""
+    """Return unit normals (f, 3, 3) at the corners of each face, in the frame of the mesh."""
     return CornerGroups(mesh, crease_rad).normals(np.asarray(mesh.vertices_m, np.float64)[mesh.faces])
 
 
 class CornerGroups:
-    """The corners of a mesh that have one normal, and stay together when its shape changes.
+    """Groups of face corners that share one normal. The groups stay the same when the mesh changes shape.
 
-    The faces about a vertex that hang together over edges flatter than the crease angle share theirs, weighted by their
-    angles at it. Vertices at the same place count as one.
+    The faces around a vertex that are connected by edges flatter than the crease angle form a group. Its normal is the
+    mean of the face normals, weighted by their angles at the vertex. Vertices at the same position count as one.
     """
 
     def __init__(self, mesh: "Mesh", crease_rad: float) -> None:
@@ -47,14 +47,15 @@ class CornerGroups:
         one, two = order[:-1][same], order[1:][same]
         flat = np.einsum("ei,ei->e", normal[one // 3], normal[two // 3]) >= math.cos(crease_rad)
         one, two = one[flat], two[flat]
-        turned = start[one] == end[two]  # neighbours with the same winding run along their edge in opposite directions
+        # consistent winding: neighbours traverse their shared edge in opposite directions
+        turned = start[one] == end[two]
         ends = np.concatenate((one, after[one]))
         others = np.concatenate((np.where(turned, after[two], two), np.where(turned, two, after[two])))
         joined = scipy.sparse.coo_array((np.ones(len(ends), bool), (ends, others)), shape=(len(start), len(start)))
         self._count, self._group = scipy.sparse.csgraph.connected_components(joined, directed=False)
 
     def normals(self, corner: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Unit normals (f, 3, 3) at the corners (f, 3, 3) of the faces."""
+        """Return unit normals (f, 3, 3) at the corners (f, 3, 3) of the faces."""
         normal = _face_normals(corner)
         weight = _angles(corner).ravel()
         total = np.zeros((self._count, 3))
@@ -68,13 +69,13 @@ class CornerGroups:
 
 
 def _face_normals(corner: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit normals (f, 3) of triangles (f, 3, 3), 0 where they have no area."""
+    """Return unit normals (f, 3) of triangles (f, 3, 3), 0 for triangles without area."""
     area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     return np.asarray(area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-300))
 
 
 def _angles(corner: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Angles (f, 3) of triangles (f, 3, 3) at their corners [rad]."""
+    """Return the angles (f, 3) of triangles (f, 3, 3) at their corners [rad]."""
     out = np.roll(corner, -1, axis=1) - corner
     back = np.roll(corner, 1, axis=1) - corner
     cross = np.linalg.norm(np.cross(out, back), axis=2)

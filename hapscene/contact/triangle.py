@@ -1,4 +1,4 @@
-"""One face of one body, in float64 and in the world: its plane, whether the proxy lies over it, its coordinates."""
+"""Geometry of one face of a body in float64: frames, plane, point-over-face test and barycentric coordinates."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ __all__ = [
     "lies_over_in_body",
     "plane",
     "to_body",
-    "to_body_before",
+    "to_body_last",
     "to_world",
     "turn_to_body",
     "turn_to_world",
@@ -30,26 +30,26 @@ __all__ = [
 
 @inlined
 def to_world(body: np.record, p_B: Vector) -> Vector:
-    """Point from the body's frame to the world's."""
+    """Transform a point from the body frame to the world frame."""
     o = body.p_WB_m
     return along((o[0], o[1], o[2]), 1.0, turn_to_world(body, p_B))
 
 
 @inlined
 def to_body(body: np.record, p_W: Vector) -> Vector:
-    """Point from the world's frame to the body's, at this tick's pose."""
+    """Transform a point from the world frame to the body frame at the pose of this tick."""
     return _into(body.R_WB, body.p_WB_m, p_W)
 
 
 @native
-def to_body_before(body: np.record, p_W: Vector) -> Vector:
-    """Point from the world's frame to the body's, at the last tick's pose."""
-    return _into(body.was_R_WB, body.was_p_WB_m, p_W)
+def to_body_last(body: np.record, p_W: Vector) -> Vector:
+    """Transform a point from the world frame to the body frame at the pose of the last tick."""
+    return _into(body.last_R_WB, body.last_p_WB_m, p_W)
 
 
 @inlined
 def _into(R: NDArray[np.float64], o: Any, p: Vector) -> Vector:
-    """Rᵀ (p − o)."""
+    """Compute Rᵀ (p − o)."""
     x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
     return (
         R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
@@ -60,7 +60,7 @@ def _into(R: NDArray[np.float64], o: Any, p: Vector) -> Vector:
 
 @inlined
 def turn_to_world(body: np.record, v_B: Vector) -> Vector:
-    """Direction from the body's frame to the world's."""
+    """Rotate a direction from the body frame to the world frame."""
     R = body.R_WB
     return (
         R[0, 0] * v_B[0] + R[0, 1] * v_B[1] + R[0, 2] * v_B[2],
@@ -71,13 +71,13 @@ def turn_to_world(body: np.record, v_B: Vector) -> Vector:
 
 @native
 def turn_to_body(body: np.record, v_W: Vector) -> Vector:
-    """Direction from the world's frame to the body's."""
+    """Rotate a direction from the world frame to the body frame."""
     return _into(body.R_WB, (0.0, 0.0, 0.0), v_W)
 
 
 @inlined
 def corners(world: "World", body: np.record, face: int) -> tuple[Vector, Vector, Vector]:
-    """The three corners of a face in the body's frame [m]."""
+    """Return the three corners of a face in the body frame [m]."""
     row = body.face + face
     return _corner(world, row, 0), _corner(world, row, 1), _corner(world, row, 2)
 
@@ -89,7 +89,7 @@ def _corner(world: "World", row: int, k: int) -> Vector:
 
 @inlined
 def plane(a: Vector, b: Vector, c: Vector) -> tuple[Vector, float]:
-    """Unit normal of a triangle, counter-clockwise outward, and the plane's offset [m]."""
+    """Return the unit normal of a triangle (counter-clockwise seen from outside) and the offset of its plane [m]."""
     n = cross(sub(b, a), sub(c, a))
     length = norm(n)
     n = (n[0] / length, n[1] / length, n[2] / length)
@@ -98,20 +98,20 @@ def plane(a: Vector, b: Vector, c: Vector) -> tuple[Vector, float]:
 
 @inlined
 def lies_over(world: "World", body: np.record, face: int, p_W: Vector, margin_m: float) -> bool:
-    """Whether the foot of a point on the face's plane is inside the face, or at most `margin_m` past an edge."""
+    """Return whether the foot of a point on the plane of a face lies in the face or at most `margin_m` past an edge."""
     return lies_over_in_body(world, body, face, to_body(body, p_W), margin_m)
 
 
 @native
 def lies_over_in_body(world: "World", body: np.record, face: int, p: Vector, margin_m: float) -> bool:
-    """The same of a point in the body's axes."""
+    """Return the same as `lies_over` for a point in the body frame."""
     a, b, c = corners(world, body, face)
     return edge_past(a, b, c, p, margin_m) < 0
 
 
 @inlined
 def is_narrow(a: Vector, b: Vector, c: Vector, least_m: float) -> bool:
-    """Whether a triangle is lower than `least_m` over its longest edge, as those are that a search leaves out."""
+    """Return whether a triangle is lower than `least_m` over its longest edge; searches leave such faces out."""
     ab, bc, ca = sub(b, a), sub(c, b), sub(a, c)
     n = cross(ab, bc)
     return not dot(n, n) > least_m * least_m * max(dot(ab, ab), dot(bc, bc), dot(ca, ca))
@@ -119,7 +119,7 @@ def is_narrow(a: Vector, b: Vector, c: Vector, least_m: float) -> bool:
 
 @inlined
 def edge_past(a: Vector, b: Vector, c: Vector, p: Vector, margin_m: float) -> int:
-    """The edge of a triangle, 0 being a to b, that a point's foot is farthest past; −1 where by at most a margin."""
+    """Return the edge that the foot of a point is farthest past, 0 being a to b, or −1 if by at most `margin_m`."""
     n = cross(sub(b, a), sub(c, a))
     most2 = margin_m * margin_m * dot(n, n)
     edge, least = -1, 0.0
@@ -136,13 +136,13 @@ def edge_past(a: Vector, b: Vector, c: Vector, p: Vector, margin_m: float) -> in
 
 @native
 def barycentric(world: "World", body: np.record, face: int, p_W: Vector) -> Vector:
-    """Barycentric coordinates on the face of a point's foot on its plane [1]."""
+    """Return the barycentric coordinates of the foot of a point on the plane of a face [1]."""
     return weights(corners(world, body, face), to_body(body, p_W))
 
 
 @native
 def weights(triangle: tuple[Vector, Vector, Vector], p: Vector) -> Vector:
-    """Barycentric coordinates of a point's foot on a triangle's plane [1]."""
+    """Return the barycentric coordinates of the foot of a point on the plane of a triangle [1]."""
     a, b, c = triangle
     ab, ac, ap = sub(b, a), sub(c, a), sub(p, a)
     n = cross(ab, ac)

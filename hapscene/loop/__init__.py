@@ -1,15 +1,15 @@
-"""Closed loops of device, haptic tick and handle: `Twin` simulated, `Servo` in real time in a process of its own.
+"""Closed loops of device, haptic tick and handle: `Twin` is simulated, `Servo` runs in real time.
 
 ```python
 import numpy as np
 import hapscene
 from hapscene.device.sim.omni import Omni
-from hapscene.loop import Intent, Twin
+from hapscene.loop import ReferenceTrajectory, Twin
 
 scene = hapscene.Scene()
 scene.add("assets/meshes/plate.obj", name="plate", unit="mm", swatch="wood")
-path = np.linspace([0.0, 0.0, 0.01], [0.01, 0.0, -0.01], 1000)  # where the hand means the tool to be, a second long
-result = Twin(scene, Omni()).run(Intent.along(path, grip="light"))
+path = np.linspace([0.0, 0.0, 0.01], [0.01, 0.0, -0.01], 1000)  # target of the hand, 1 s
+result = Twin(scene, Omni()).run(ReferenceTrajectory.along(path, grip="light"))
 print(result.recording.f_W_N[-1])
 ```
 
@@ -18,7 +18,7 @@ import hapscene
 from hapscene.device.sim.omni import Omni
 from hapscene.loop import Servo
 
-if __name__ == "__main__":  # the new process reads this file too
+if __name__ == "__main__":  # the process of the servo imports this file
     scene = hapscene.Scene()
     scene.add("assets/meshes/plate.obj", name="plate", unit="mm", swatch="wood")
     with Servo(scene, Omni()) as servo:

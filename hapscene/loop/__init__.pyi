@@ -1,8 +1,8 @@
-from .hand_intent import Intent as Intent
-from .result import Feel as Feel
+from .reference_trajectory import ReferenceTrajectory as ReferenceTrajectory
+from .result import ClosedLoopResult as ClosedLoopResult
 from .servo import Servo as Servo
-from .servo import ServoState as ServoState
-from .servo import TimingStatistics as TimingStatistics
+from .servo_state import ServoState as ServoState
 from .session_log import Replay as Replay
 from .session_log import SessionLog as SessionLog
+from .timing import TimingStatistics as TimingStatistics
 from .twin import Twin as Twin

@@ -1,4 +1,4 @@
-"""Checkpoints: the memory of a tick as bytes, copied now and then by the loop, and restored for a replay."""
+"""Checkpoints: the state of a tick as bytes, copied periodically by the loop, and restored for a replay."""
 
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,33 +12,34 @@ if TYPE_CHECKING:
     from hapscene.contact.world import World
     from hapscene.surface.surface_arrays import Surface
 
-__all__ = ["keep_memory", "memory_of", "remember"]
+__all__ = ["memory_of", "restore_checkpoint", "write_checkpoint"]
 
 CHECKPOINT_TICKS: Final = 10_000
-"""How many ticks pass between two copies of what they remember [count]: 40 µs of each ten seconds."""
+"""Ticks between two checkpoints [count]: 40 µs every ten seconds."""
 
 
 def memory_of(world: "World", surface: "Surface") -> tuple[NDArray[np.uint8], ...]:
-    """Views of all that a tick reads and changes, whatever it is."""
+    """Return byte views of all arrays that a tick reads and changes."""
     arrays: list[Any] = [world.bodies, world.ball_W_m, world.near, world.moved, world.proxy]
     arrays += [surface.states, surface.muted, surface.touch, surface.memory]
     return tuple(np.atleast_1d(array).view(np.ndarray).reshape(-1).view(np.uint8) for array in arrays)
 
 
 _ADDRESSES: Final = ("search", "shape_search", "face", "mesh_row", "shape_face", "next")
-"""Fields of a body that are of this process alone, or of how it was loaded."""
+"""Fields of a body that are specific to this process, or to how the body was loaded."""
 
 
-def remember(world: "World", surface: "Surface", memory: NDArray[np.uint8]) -> None:
-    """Put a copy of what a tick remembered back.
+def restore_checkpoint(world: "World", surface: "Surface", memory: NDArray[np.uint8]) -> None:
+    """Write a checkpoint back to the arrays of a tick.
 
     Raises:
-        HapsceneError: it is of another scene.
+        HapsceneError: the checkpoint belongs to another scene or version.
     """
     parts = memory_of(world, surface)
     if sum(map(len, parts)) != len(memory):
         raise HapsceneError(
-            "the scene has other bodies or effects than the recorded one, or it was recorded by another version"
+            f"the checkpoint has {len(memory):,} bytes, expected {sum(map(len, parts)):,}: it was recorded with other "
+            "bodies, other effects or another version of hapscene"
         )
     own = {name: world.bodies[name].copy() for name in _ADDRESSES}
     at = 0
@@ -50,8 +51,8 @@ def remember(world: "World", surface: "Surface", memory: NDArray[np.uint8]) -> N
 
 
 @native
-def keep_memory(channel: Any, parts: Any, checkpoints: Any, ticks: NDArray[np.int64], length: int) -> None:
-    """Copy what the next tick remembers, when it is time to: so often that of the last `length` ticks some have one."""
+def write_checkpoint(channel: Any, parts: Any, checkpoints: Any, ticks: NDArray[np.int64], length: int) -> None:
+    """Write a checkpoint before the next tick if one is due: at least four for `length` ticks of the ring buffers."""
     if channel.done < channel.checkpoint_due:
         return
     channel.checkpoint_due = channel.done + min(CHECKPOINT_TICKS, length // 4)

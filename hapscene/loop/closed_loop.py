@@ -1,14 +1,15 @@
-"""The closed loop, compiled. One tick of it:
+"""One tick of the closed loop of device, haptic tick and handle, compiled.
 
-    read       the device's encoders                                    device/
-    tick       the real one                                             tick.py
-    protect    the person, where the device is real                     device/safety.py
-    wait       the force goes out `delay` ticks later
-    hold       it, until the next tick                                  device/
-    move       device, hand and handle, a sample of the channel a time  device/ handle/
+    read       position from the encoders of the device                 device/
+    tick       the haptic tick                                          render/tick.py
+    protect    limits and safety stops of a real device                 device/safety.py
+    delay      the force takes effect `delay` ticks later
+    hold       the motors hold the force until the next tick            device/
+    advance    device, hand and handle, one acceleration sample a step  device/, handle/
 
-The force of a tick is computed from the position read at its start, and held over it (at no delay). What the handle's
-actuator moves is added to what the device's own dynamics move: both are linear, and the encoders see the sum.
+The force of a tick is computed from the position at the start of the tick and is held until the next one (zero-order
+hold) if the delay is 0. The displacement by the actuator of the handle is added to that by the dynamics of the device:
+both are linear, and the encoders measure the sum.
 """
 
 import math
@@ -41,43 +42,47 @@ DELAY_MAX: Final = 256
 
 
 class Tool(NamedTuple):
-    """One tool of a closed loop: device and hand, handle, forces on their way, safety."""
+    """One tool of a closed loop: device, hand, handle, delayed forces and safety."""
 
     arm: Any  # device and hand
     handle: Any  # (1,) HANDLE
-    has_handle: int
+    has_handle: int  # 1 with a handle
     axis_W: NDArray[np.float64]  # (3,) unit vector along the handle
     shift_m: NDArray[np.float64]  # (1,) displacement of the handle by its actuator
-    quantum_m: float  # the encoders' step, in which the displacement is seen
-    wait_N: NDArray[np.float64]  # (DELAY_MAX, 3) forces on their way
-    ticks: NDArray[np.int64]  # (1,) so far
+    quantum_m: float  # resolution with which the encoders measure that displacement
+    wait_N: NDArray[np.float64]  # (DELAY_MAX, 3) ring buffer of delayed forces
+    ticks: NDArray[np.int64]  # (1,) ticks so far
     delay: int
     safety: Any  # (1,) SAFETY
 
 
 @inlined
 def tick_tool(world: Any, surface: Any, tool: Any, moved: Any, notes: Any) -> None:
-    """One tick of the closed loop, the hand's intent being set.
+    """Compute one tick of the closed loop; the target of the hand is already set.
 
-    `moved` are the bodies' indices, poses and jumps, their count and the row of the poses, as `tick_at` has them;
-    `notes` are a ROW, the desired samples (block,), a FELT and the handle's samples (block,), which are filled.
+    Args:
+        world, surface: arrays of the renderer.
+        tool: device, hand and handle.
+        moved: arguments of `place_bodies`: indices, poses, teleports, their number and the row of the poses.
+        notes: records to fill: a ROW, its acceleration samples (block,), a LOOP_ROW and the samples of the handle
+            (block,).
     """
-    row, a_m_s2, felt, a_handle_m_s2 = notes
+    row, a_m_s2, loop_row, a_handle_m_s2 = notes
     touch, arm = surface.touch[0], tool.arm
     x, y, z = _read(tool)
-    felt.read_W_m[0], felt.read_W_m[1], felt.read_W_m[2] = x, y, z
+    loop_row.read_W_m[0], loop_row.read_W_m[1], loop_row.read_W_m[2] = x, y, z
     tick_at(world, surface, moved, (x, y, z), row, a_m_s2)
-    _send(tool, _protect(tool, row, touch), felt)
-    _note(arm, felt)
+    _send(tool, _protect(tool, row, touch), loop_row)
+    _note(arm, loop_row)
     for i in range(touch.block):
-        a_handle_m_s2[i] = _shake(tool, a_m_s2[i], felt)
+        a_handle_m_s2[i] = _advance_handle(tool, a_m_s2[i], loop_row)
     advance_arm(arm, touch.tick_s / touch.block, touch.block)
-    _close(tool, felt)
+    _record_work(tool, loop_row)
 
 
 @inlined
 def _read(tool: Any) -> Vector:
-    """The tool as the encoders have it, in W [m]: the arm's tip, moved by the handle's actuator."""
+    """Return the position that the encoders measure, in W [m]: tip of the arm plus displacement of the handle."""
     x, y, z = read_arm(tool.arm)
     shift, axis = tool.shift_m[0], tool.axis_W
     if tool.quantum_m > 0.0:
@@ -87,7 +92,7 @@ def _read(tool: Any) -> Vector:
 
 @inlined
 def _protect(tool: Any, row: Any, touch: Any) -> Vector:
-    """The force that may go out, in W [N]."""
+    """Return the force that may be sent to the device, in W [N]."""
     f, safety, arm = row.f_W_N, tool.safety[0], tool.arm
     if safety.on == 0:
         return f[0], f[1], f[2]
@@ -101,19 +106,19 @@ def _protect(tool: Any, row: Any, touch: Any) -> Vector:
 
 
 @inlined
-def _shake(tool: Any, desired_m_s2: float, felt: Any) -> float:
-    """One sample of the handle. Without one the acceleration is as desired, and moves nothing."""
+def _advance_handle(tool: Any, desired_m_s2: float, loop_row: Any) -> float:
+    """Compute one sample of the handle. Without a handle, the acceleration is as desired and nothing moves."""
     if tool.has_handle == 0:
         return desired_m_s2
     acceleration, shift, force = vibrate(tool.handle[0], desired_m_s2)
     tool.shift_m[0] = shift
-    felt.f_coil_N = max(felt.f_coil_N, abs(force))
+    loop_row.f_coil_N = max(loop_row.f_coil_N, abs(force))
     return acceleration
 
 
 @native
 def take_grip(tool: Any, k_N_m: float, b_Ns_m: float, mass_kg: float) -> None:
-    """Hold the tool, and the handle on it, as firmly as that from now on."""
+    """Change the grip on the tool and on the handle from now on."""
     hand = tool.arm.hand[0]
     if tool.has_handle == 1 and (tool.ticks[0] == 0 or hand.k_N_m != k_N_m or hand.b_Ns_m != b_Ns_m):
         grip_handle(tool.handle[0], k_N_m, b_Ns_m)
@@ -121,38 +126,38 @@ def take_grip(tool: Any, k_N_m: float, b_Ns_m: float, mass_kg: float) -> None:
 
 
 @inlined
-def _send(tool: Any, f_N: Vector, felt: Any) -> None:
-    """Put a force on its way; hold the one that arrives."""
+def _send(tool: Any, f_N: Vector, loop_row: Any) -> None:
+    """Put a force into the delay line, and send the one that leaves it to the device."""
     k = tool.ticks[0]
     enter, leave = k % DELAY_MAX, (k - tool.delay) % DELAY_MAX
     for i in range(3):
         tool.wait_N[enter, i] = f_N[i]
     for i in range(3):
-        felt.f_motor_W_N[i] = tool.wait_N[leave, i] if k >= tool.delay else 0.0
-    drive_arm(tool.arm, (felt.f_motor_W_N[0], felt.f_motor_W_N[1], felt.f_motor_W_N[2]))
+        loop_row.f_motor_W_N[i] = tool.wait_N[leave, i] if k >= tool.delay else 0.0
+    drive_arm(tool.arm, (loop_row.f_motor_W_N[0], loop_row.f_motor_W_N[1], loop_row.f_motor_W_N[2]))
     tool.ticks[0] = k + 1
 
 
 @inlined
-def _note(arm: Any, felt: Any) -> None:
-    """The tick's start as it truly is."""
+def _note(arm: Any, loop_row: Any) -> None:
+    """Record the true state at the start of the tick."""
     p, v = find_tip(arm), find_tip_velocity(arm)
     for i in range(3):
-        felt.p_W_m[i], felt.v_W_m_s[i] = p[i], v[i]
-        felt.f_hand_W_N[i] = pull(arm.hand[0], i, p[i], v[i])
+        loop_row.p_W_m[i], loop_row.v_W_m_s[i] = p[i], v[i]
+        loop_row.f_hand_W_N[i] = pull(arm.hand[0], i, p[i], v[i])
 
 
 @inlined
-def _close(tool: Any, felt: Any) -> None:
-    """Work at the tip: exact for a point mass, whose motors' force is held."""
+def _record_work(tool: Any, loop_row: Any) -> None:
+    """Record the work of the motors at the tip. Exact for a point mass: the motor force is constant over the tick."""
     arm = tool.arm
     p = find_tip(arm)
     work = 0.0
     for i in range(3):
-        work += felt.f_motor_W_N[i] * (p[i] - felt.p_W_m[i])
-    felt.work_J = work
+        work += loop_row.f_motor_W_N[i] * (p[i] - loop_row.p_W_m[i])
+    loop_row.work_J = work
     if arm.kind == CONNECTED:
-        felt.trouble, felt.heat = arm.state[0].trouble, tool.safety[0].heat
+        loop_row.trouble, loop_row.heat = arm.state[0].trouble, tool.safety[0].heat
     if arm.kind == SIMULATED_OMNI:
-        felt.trouble = arm.omni[0].trouble
-        felt.heat = max(arm.omni[0].heat[0], arm.omni[0].heat[1], arm.omni[0].heat[2])
+        loop_row.trouble = arm.omni[0].trouble
+        loop_row.heat = max(arm.omni[0].heat[0], arm.omni[0].heat[1], arm.omni[0].heat[2])

@@ -1,11 +1,11 @@
-"""The one driver of the closed loop: the twin's ticks as fast as they go, the servo's in real time. Compiled once.
+"""The driver of all closed loops, simulated and in real time, compiled once.
 
-One `Loop` holds all that a tick acts on. `CHANNEL.pace` says who keeps the time:
+A `Loop` holds everything that a tick acts on. `CHANNEL.pace` selects who waits for the next tick:
 
-    FREE       nobody: the ticks of an intent one after the other (`Twin`)
-    TIMED      the driver: it waits until a tick is due (simulated devices of a `Servo`)
-    CALLED     the caller, who waits, reads and writes between single ticks (devices that Python drives)
-    SCHEDULED  a vendor's thread, which calls single ticks
+    FREE       no wait: the ticks of a reference trajectory run one after the other (`Twin`)
+    TIMED      the driver waits until a tick is due (simulated devices of a `Servo`)
+    CALLED     the caller waits, reads the device and writes to it between single ticks (drivers in Python)
+    SCHEDULED  a thread of the vendor's library calls single ticks
 """
 
 import math
@@ -21,7 +21,7 @@ from hapscene.compiled.native import inlined, native
 from hapscene.constants import TINY
 from hapscene.contact.prediction import FRAME, PREDICTED, predict_bodies
 from hapscene.device.safety import STALL_S
-from hapscene.loop.checkpoint import keep_memory, memory_of
+from hapscene.loop.checkpoint import memory_of, write_checkpoint
 from hapscene.loop.closed_loop import Tool, take_grip, tick_tool
 from hapscene.loop.timing import BIN_COUNT, TIMING, Timer, count_in_bin, wait_for_tick
 from hapscene.records import records
@@ -29,75 +29,76 @@ from hapscene.records import records
 if TYPE_CHECKING:
     from hapscene.render.renderer import Renderer
 
-__all__ = ["AIM", "CHANNEL", "Bodies", "Loop", "bound", "drive", "new_loop", "still_bodies", "wait_at"]
+__all__ = ["AIM", "CHANNEL", "Bodies", "Loop", "bound", "drive", "new_loop", "static_bodies", "wait_at"]
 
 FREE, TIMED, CALLED, SCHEDULED = 0, 1, 2, 3
 
 CHANNEL: Final = np.dtype(
     [
-        # by the application
-        ("pause", "i8"),  # 1: the loop shall return
-        ("moving_count", "i8"),  # bodies that the application moves: so many of `Channel.moving` are written
-        ("pulse", "i8"),  # heartbeat: one more every 2 ms, while the application lives
-        # by the servo
+        # fields written by the application
+        ("pause", "i8"),  # 1: the loop must return
+        ("moving_count", "i8"),  # number of bodies that the application moves; length of `Channel.moving`
+        ("heartbeat", "i8"),  # counter that the application increments every 2 ms while it runs
+        # fields written by the servo
         ("pace", "i8"),  # FREE, TIMED, CALLED or SCHEDULED
-        ("until", "i8"),  # the driver returns when so many ticks are complete
-        ("done", "i8"),  # complete ticks
-        ("done_ns", "i8"),  # when the newest was complete, by the clock of the loop
-        ("missed", "i8"),  # ticks that were left out since the loop was too late for them
-        ("waiting", "i8"),  # 1: a device is read or written by Python, which may wait for it
-        ("changed", "i8"),  # number of the first tick since an order last changed the scene or its parameters
-        ("checkpoint_due", "i8"),  # tick before which the next checkpoint is written
-        ("checkpoint_count", "i8"),  # checkpoints so far
-        ("checkpoint_size", "i8"),  # of each [bytes]
-        ("late", "i8", (BIN_COUNT,)),  # histogram of how late ticks began
-        ("busy", "i8", (BIN_COUNT,)),  # and of how long they took
+        ("until", "i8"),  # the driver returns when this many ticks are complete
+        ("done", "i8"),  # number of complete ticks
+        ("done_ns", "i8"),  # time at which the newest was complete, by the clock of the loop
+        ("missed", "i8"),  # deadline misses: ticks that were skipped
+        ("waiting", "i8"),  # 1: Python reads or writes a device, and may block in it
+        ("changed", "i8"),  # first tick after the last order that changed the scene or its parameters
+        ("checkpoint_due", "i8"),  # tick at which the next checkpoint is written
+        ("checkpoint_count", "i8"),  # number of checkpoints so far
+        ("checkpoint_size", "i8"),  # size of a checkpoint [bytes]
+        ("late", "i8", (BIN_COUNT,)),  # histogram of the delay of ticks
+        ("busy", "i8", (BIN_COUNT,)),  # histogram of the duration of ticks
     ],
     align=True,
 )
-"""The state of a loop; the servo's is in memory that it shares with the application."""
+"""State of a loop. That of a servo is in memory shared with the application."""
 
 AIM: Final = np.dtype(
     [
-        ("count", "i8"),  # odd while the aim is being written
-        ("aim", "f8", (3, 3)),  # place in W [m]; grip: k_N_m, b_Ns_m, mass_kg; push in W [N]
+        ("count", "i8"),  # odd while the target is being written (sequence lock)
+        ("aim", "f8", (3, 3)),  # position in W [m]; grip: k_N_m, b_Ns_m, mass_kg; push in W [N]
     ]
 )
-"""Where the hand on a tool aims, by the application."""
+"""Target of the hand on a tool, written by the application."""
 
 FOLLOW_RAD_S: Final = 60.0
-"""How fast the hand's target follows the aim, critically damped [rad/s]: a mouse moves in steps at 60 Hz, a hand does
-not; 17 ms is half of what is noticed between seeing and feeling (45 ms, Adelstein et al. 2003)."""
+"""Bandwidth of the critically damped filter from the target to the hand [rad/s]. A mouse moves in steps at 60 Hz, a
+hand does not. The delay of 17 ms is half the noticeable delay between vision and touch (45 ms, Adelstein et al.
+2003)."""
 
 
 class Bodies(NamedTuple):
-    """The scene's bodies that move. b bodies, t tools."""
+    """The moving bodies of the scene: b bodies, t tools."""
 
-    frames: Any  # (b,) FRAME, as the application gives them
+    frames: Any  # (b,) FRAME, written by the application
     predicted: Any  # (b,) PREDICTED
-    moving: NDArray[np.int64]  # (b,) indices of those that move, as many as the channel says
-    given: NDArray[np.float64]  # (b, 6) impulse of all tools on them
-    X_WB: NDArray[np.float64]  # (1, b, 4, 4) their poses, or (n, b, 4, 4) tick by tick
-    teleported: NDArray[np.int64]  # (b,)
-    jumps: NDArray[np.int64]  # (t, b) the same, until each tool has seen it
+    moving: NDArray[np.int64]  # (b,) indices of the bodies that move, as many as `CHANNEL.moving_count`
+    given: NDArray[np.float64]  # (b, 6) impulse of all tools on each body
+    X_WB: NDArray[np.float64]  # (1, b, 4, 4) poses, or (n, b, 4, 4) for each tick
+    teleported: NDArray[np.int64]  # (b,) 1 for bodies that teleport
+    jumps: NDArray[np.int64]  # (t, b) the same, until each tool has processed it
 
 
 class Loop(NamedTuple):
-    """All that a tick of t tools acts on."""
+    """Everything that a tick of t tools acts on."""
 
     worlds: Any  # (t,) `hapscene.contact.world.World`
     surfaces: Any  # (t,) `hapscene.surface.surface_arrays.Surface`
     tools: tuple[Tool, ...]  # (t,)
     bodies: Bodies
     timer: Timer  # with the channel
-    intent: Any  # target [m], grip, push [N], (n, 3) each: of a loop that is FREE
-    aims: Any  # (t,) AIM: of the others
-    hands: NDArray[np.float64]  # (t, 5, 3) the aim of each, its target, its velocity, grip and push, as last read
+    reference: Any  # target [m], grip and push [N], (n, 3) each; if the pace is FREE
+    aims: Any  # (t,) AIM; otherwise
+    hands: NDArray[np.float64]  # (t, 5, 3) target, filtered target, its velocity, grip and push of each tool
     rows: Any  # (t, length) ROW
-    felt: Any  # (t, length) FELT
+    loop_rows: Any  # (t, length) LOOP_ROW
     a_m_s2: NDArray[np.float64]  # (t, length, block) desired acceleration
     a_handle_m_s2: NDArray[np.float64]  # (t, length, block) of the handle
-    memory: Any  # what the ticks of all tools remember, a tuple of bytes
+    memory: Any  # state of the ticks of all tools, a tuple of byte arrays
     checkpoints: Any  # (CHECKPOINT_COUNT, room) bytes
     checkpoint_ticks: NDArray[np.int64]  # (CHECKPOINT_COUNT,)
 
@@ -105,11 +106,11 @@ class Loop(NamedTuple):
 def new_loop(
     renderers: "list[Renderer]", tools: list[Tool], channel: Any, clock: NDArray[np.int64], **parts: Any
 ) -> Loop:
-    """A loop of renderers and their tools; `parts` are further fields, those left out are empty."""
+    """Make a loop of renderers and their tools; `parts` are further fields, empty if omitted."""
     tick_ns = round(float(renderers[0].surface.touch[0].tick_s) * 1e9)
     empty = np.zeros((0, 3))
     fields = {
-        "intent": (empty, empty, empty),
+        "reference": (empty, empty, empty),
         "aims": records(0, AIM),
         "hands": np.zeros((0, 5, 3)),
         "checkpoints": np.zeros((0, 0), np.uint8),
@@ -125,34 +126,34 @@ def new_loop(
     )
 
 
-def still_bodies(moving: NDArray[np.int64], X_WB: NDArray[np.float64], teleported: NDArray[np.int64]) -> Bodies:
-    """Bodies `moving` (m,) whose poses (n, m, 4, 4) are known, so that nothing is predicted; of one tool."""
+def static_bodies(moving: NDArray[np.int64], X_WB: NDArray[np.float64], teleported: NDArray[np.int64]) -> Bodies:
+    """Return bodies `moving` (m,) of one tool with known poses (n, m, 4, 4), so that nothing is predicted."""
     none = np.zeros((0, 6))
     return Bodies(records(0, FRAME), records(0, PREDICTED), moving, none, X_WB, teleported, teleported.reshape(1, -1))
 
 
 def wait_at(address: Any, kind: Any) -> None:
-    """`wait_for_tick` as `BoundCall` takes it, with a `Timer`."""
+    """Call `wait_for_tick`, as a function for `BoundCall` with a `Timer`."""
     wait_for_tick(loaded(address, kind))
 
 
 def drive_at(address: Any, kind: Any) -> None:
-    """`drive` as `BoundCall` takes it, with what `bound` gives.
+    """Call `drive`, as a function for `BoundCall` with the argument that `bound` makes.
 
-    By its address: as a part of this function, with a thousand numbers loaded at once, its ticks are 5 % slower.
+    The call goes through an address: inlined here, with a thousand values loaded at once, ticks are 5 % slower.
     """
     entry, loop = loaded(address, kind)
     call_flags(entry, (loop,))
 
 
 def bound(loop: Loop) -> BoundCall:
-    """The driver of a loop as a C function without arguments."""
+    """Return the driver of a loop as a C function without arguments."""
     return BoundCall(drive_at, (address_of(drive, loop), loop))
 
 
 @native
 def drive(loop: Loop) -> int:
-    """Tick until `channel.pause` is set or `channel.until` ticks are complete; once where others keep the time."""
+    """Run ticks until `channel.pause` is set or `channel.until` are complete; just one if the caller keeps time."""
     channel = loop.timer.channel
     once = channel.pace >= CALLED
     while once or (channel.pause == 0 and channel.done < channel.until):
@@ -168,7 +169,7 @@ def drive(loop: Loop) -> int:
 
 @native
 def _note_start(timer: Timer) -> None:
-    """A vendor's thread keeps the time: the delay counts from the tick before."""
+    """Start a tick that a thread of the vendor's library called; its delay counts from the tick before."""
     channel, timing, tick_ns = timer.channel, timer.timing, timer.tick_ns
     start = now_ns(timer.clock)
     late = max(start - timing.began_ns - tick_ns, 0)
@@ -180,30 +181,30 @@ def _note_start(timer: Timer) -> None:
 
 @inlined
 def _tick_tools(loop: Loop) -> None:
-    """A tick of all tools, one after the other."""
+    """Run one tick of all tools, one after the other."""
     worlds, surfaces, tools, bodies, channel = loop.worlds, loop.surfaces, loop.tools, loop.bodies, loop.timer.channel
-    rows, a_m_s2, felt, a_handle_m_s2 = loop.rows, loop.a_m_s2, loop.felt, loop.a_handle_m_s2
+    rows, a_m_s2, loop_rows, a_handle_m_s2 = loop.rows, loop.a_m_s2, loop.loop_rows, loop.a_handle_m_s2
     clock, timing, hands = loop.timer.clock, loop.timer.timing, loop.hands
     tick_s, count, now = surfaces[0].touch[0].tick_s, channel.moving_count, channel.done
     real_time = channel.pace != FREE
     if real_time:
-        keep_memory(channel, loop.memory, loop.checkpoints, loop.checkpoint_ticks, rows.shape[1])
+        write_checkpoint(channel, loop.memory, loop.checkpoints, loop.checkpoint_ticks, rows.shape[1])
         _predict(worlds, bodies, count, timing.began_ns, clock, tick_s)
-    slot = now if now < rows.shape[1] else now % rows.shape[1]  # a division is slow
+    slot = now if now < rows.shape[1] else now % rows.shape[1]  # avoids a slow division
     pose = now if bodies.X_WB.shape[0] > 1 else 0
     for t in range(len(worlds)):
         world, surface, tool = worlds[t], surfaces[t], tools[t]
         if real_time:
             safety = tool.safety[0]
-            safety.pulse_now, safety.late, safety.stalled = channel.pulse, timing.late, timing.stalled
+            safety.pulse_now, safety.late, safety.stalled = channel.heartbeat, timing.late, timing.stalled
             _read_aim(loop.aims[t], hands[t], clock)
             _follow(tool, hands[t], tick_s)
         else:
-            _intend(tool, loop.intent[0], loop.intent[1], loop.intent[2], now, tick_s)
+            _set_reference(tool, loop.reference[0], loop.reference[1], loop.reference[2], now, tick_s)
         moved = (bodies.moving, bodies.X_WB, bodies.jumps[t], count, pose)
-        notes = (rows[t, slot], a_m_s2[t, slot], felt[t, slot], a_handle_m_s2[t, slot])
+        notes = (rows[t, slot], a_m_s2[t, slot], loop_rows[t, slot], a_handle_m_s2[t, slot])
         tick_tool(world, surface, tool, moved, notes)
-    if real_time:  # the clock is a call the compiler knows nothing of: what is above stays above
+    if real_time:  # the compiler cannot move code across the call of the clock
         end = now_ns(clock)
         count_in_bin(channel.busy, end - timing.began_ns)
         channel.done_ns = end
@@ -211,8 +212,8 @@ def _tick_tools(loop: Loop) -> None:
 
 
 @inlined
-def _intend(tool: Any, target: Any, grip: Any, push: Any, k: int, tick_s: float) -> None:
-    """The hand's intent for a tick: its target moves straight to that of the next."""
+def _set_reference(tool: Any, target: Any, grip: Any, push: Any, k: int, tick_s: float) -> None:
+    """Set the target, grip and push of tick `k` of a reference trajectory; the target moves linearly to the next."""
     hand = tool.arm.hand[0]
     after = min(k + 1, len(target) - 1)
     take_grip(tool, grip[k, 0], grip[k, 1], grip[k, 2])
@@ -224,7 +225,7 @@ def _intend(tool: Any, target: Any, grip: Any, push: Any, k: int, tick_s: float)
 
 @native
 def _predict(worlds: Any, bodies: Bodies, count: int, now: int, clock: NDArray[np.int64], tick_s: float) -> None:
-    """Where the bodies are by now that the application moves, pushed by all tools."""
+    """Predict the poses of the bodies that the application moves, under the impulses of all tools."""
     for m in range(count):
         index = bodies.moving[m]
         for i in range(6):
@@ -242,9 +243,12 @@ def _predict(worlds: Any, bodies: Bodies, count: int, now: int, clock: NDArray[n
 
 @inlined
 def _read_aim(shared: Any, hand: NDArray[np.float64], clock: NDArray[np.int64]) -> None:
-    """Take over the application's aim, unless it is being written."""
+    """Read the target that the application wrote, unless it is being written.
+
+    The two calls of the clock keep the compiler and the processor from moving the reads of the count (sequence lock).
+    """
     count = shared.count
-    now_ns(clock)  # keeps the two looks at the count apart
+    now_ns(clock)
     p, grip, push = shared.aim[0], shared.aim[1], shared.aim[2]
     x, y, z = p[0], p[1], p[2]
     k, b, m = grip[0], grip[1], grip[2]
@@ -259,7 +263,7 @@ def _read_aim(shared: Any, hand: NDArray[np.float64], clock: NDArray[np.int64]) 
 
 @inlined
 def _follow(tool: Any, aim: NDArray[np.float64], tick_s: float) -> None:
-    """Move the hand's target after the aim, smoothly."""
+    """Filter the target of the hand: critically damped, exact for a constant target over the tick."""
     take_grip(tool, aim[3, 0], aim[3, 1], aim[3, 2])
     hand = tool.arm.hand[0]
     fade = math.exp(-FOLLOW_RAD_S * tick_s)

@@ -1,4 +1,4 @@
-"""A loop like the servo's without a tick: which part of the delays is the machine's, not the tick's."""
+"""A real-time loop without a haptic tick, as a baseline: it measures the delays that the machine causes."""
 
 import threading
 import weakref
@@ -34,12 +34,12 @@ class EmptyLoop:
         self._end = weakref.finalize(self, _end, self._channel, self._thread)
 
     def timing(self) -> TimingStatistics:
-        """How well it has kept time."""
+        """Return the timing statistics so far."""
         row = self._channel[0]
         return TimingStatistics(row.late.copy(), np.zeros_like(row.late), int(row.missed))
 
     def stop(self) -> None:
-        """End it."""
+        """Stop the loop."""
         self._end()
 
 
@@ -49,7 +49,7 @@ def _end(channel: Any, thread: threading.Thread) -> None:
 
 
 def run_empty(timer: Timer) -> None:
-    """The thread: waits from now on."""
+    """Run the loop in its thread."""
     request_realtime_priority()
     start_timer(timer)
     loop_empty(timer)
@@ -57,7 +57,7 @@ def run_empty(timer: Timer) -> None:
 
 @native
 def loop_empty(timer: Timer) -> None:
-    """Wait for ticks until `channel.pause`, and do nothing in them."""
+    """Wait for ticks, without any work in them, until `channel.pause` is set."""
     while timer.channel.pause == 0:
         wait_for_tick(timer)
         timer.channel.done += 1

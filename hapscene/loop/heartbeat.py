@@ -1,7 +1,7 @@
-"""The application's pulse, by which the servo knows that it lives: a thread without the GIL, so a busy one has it too.
+"""Heartbeat of the application, by which the servo detects that it runs. The thread needs no GIL.
 
-It stops when the application does: killed, stopped, suspended with the machine. Where the application says how long it
-may be silent, it stops also when for so long nothing was asked of the servo: a program that hangs.
+The heartbeat ends with the application: when it is killed, stopped, or suspended with the machine. With `patience_s` it
+also ends when the application has not called the servo for that time, which detects a program that hangs.
 """
 
 import threading
@@ -15,32 +15,35 @@ from hapscene.clock import new_clock, now_ns, sleep_ns
 from hapscene.compiled.native import native
 from hapscene.loop.timing import request_realtime_priority
 
-__all__ = ["PULSE_NS", "Heartbeat"]
+__all__ = ["HEARTBEAT_NS", "Heartbeat"]
 
-PULSE_NS: Final = 2_000_000
-"""Time between two pulses [ns]: five are missed before the force ends (`hapscene.device.safety.PULSE_AGE_S`)."""
+HEARTBEAT_NS: Final = 2_000_000
+"""Time between two heartbeats [ns]. The force ends after five missed ones (`hapscene.device.safety.PULSE_AGE_S`)."""
 
 
 class Heartbeat:
-    """A thread that counts `pulse` (1,) up.
+    """A thread that increments a counter.
 
     Attributes:
-        asked: (1,) to be counted up with whatever is asked of the servo.
+        asked: (1,) counter of calls of the application, which the servo increments.
     """
 
-    def __init__(self, pulse: NDArray[np.int64], patience_s: float) -> None:
-        """`patience_s`: after how long without a question the pulse stops; infinite: never."""
+    def __init__(self, counter: NDArray[np.int64], patience_s: float) -> None:
+        """Increment `counter` (1,) from now on.
+
+        It stops when the application makes no call for `patience_s`, which may be infinite.
+        """
         self.asked = np.zeros(1, np.int64)
         self._stop = np.zeros(1, np.int64)
         patience_ns = int(min(patience_s, 1e9) * 1e9)
-        arguments = pulse, self.asked, self._stop, new_clock(), patience_ns
-        self._thread = threading.Thread(target=_run, args=arguments, name="hapscene pulse", daemon=True)
+        arguments = counter, self.asked, self._stop, new_clock(), patience_ns
+        self._thread = threading.Thread(target=_run, args=arguments, name="hapscene heartbeat", daemon=True)
         self._thread.start()
-        # the memory must not go before the thread: at the end of the program, too
+        # the thread must end before its memory is released, also at the exit of the program
         self._end = weakref.finalize(self, _end, self._stop, self._thread)
 
     def stop(self) -> None:
-        """Beat no more."""
+        """Stop the heartbeat."""
         self._end()
 
 
@@ -56,7 +59,7 @@ def _run(*arguments: Any) -> None:
 
 @native
 def _beat(
-    pulse: NDArray[np.int64],
+    counter: NDArray[np.int64],
     asked: NDArray[np.int64],
     stop: NDArray[np.int64],
     clock: NDArray[np.int64],
@@ -68,5 +71,5 @@ def _beat(
         if asked[0] != last:
             last, since = asked[0], now
         if now - since <= patience_ns:
-            pulse[0] += 1
-        sleep_ns(clock, PULSE_NS)
+            counter[0] += 1
+        sleep_ns(clock, HEARTBEAT_NS)

@@ -1,7 +1,7 @@
-"""The other process of a servo: opens the devices, runs the loop, and answers.
+"""The process of a servo: opens the devices, runs the loop, and executes orders of the application.
 
-Simulated devices, and those whose vendor's thread calls the tick, are driven by compiled code without the GIL. Others
-are read and written by Python before and after each tick, in a thread of a process that does little else.
+Simulated devices, and devices whose vendor's library calls the tick from its own thread, are driven by compiled code
+without the GIL. Other devices are read before and written after each tick by a Python thread of this process.
 """
 
 import gc
@@ -48,48 +48,55 @@ from hapscene.surface.swatch import Swatch
 if TYPE_CHECKING:
     from hapscene.loop import Twin
 
-__all__ = ["Desk", "open_twins", "run"]
+__all__ = ["OrderHandler", "open_twins", "run"]
 
 
 WATCH_S: Final = 0.1
-"""How often devices are asked what troubles them [s]."""
+"""Period at which devices are checked for errors [s]."""
 
 SWITCH_S: Final = 1e-4
-"""How long a thread of Python may keep the loop waiting that reads and writes a device [s]; Python's own is 5 ms."""
+"""Longest time that another Python thread may delay the thread that reads and writes a device [s]; Python's default is
+5 ms."""
 
 
 def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
-    """The process's main function: `name` and `length` are of the channel; the arguments of `Twin` come first.
+    """Main function of the process; receives the arguments of `Twin` first.
 
-    Ends when it is told to, when the application is gone, or at SIGTERM. Answers every message with (None, result) or
-    (error text, None); `life` hears at the end that all devices are closed.
+    It ends on the order "stop", when the application has ended, or at SIGTERM. It answers each order with (None,
+    result) or (error text, None).
+
+    Args:
+        wire: connection for orders and answers.
+        life: gets a message when all devices are closed.
+        name, length: name of the shared memory and length of its ring buffers.
     """
     from hapscene.loop import Twin
 
     signal.signal(signal.SIGTERM, _end)
-    channel = desk = None
+    channel = handler = None
     twins: list[Twin] = []
     opened: list[Connection] = []
     ending = ""
-    warnings.formatwarning = lambda message, *place: f"hapscene: note: {message}\n"  # whose line it was nobody can see
+    # the source line is of no use to the user
+    warnings.formatwarning = lambda message, *place: f"hapscene: note: {message}\n"
     try:
-        made = _heard(wire)
+        made = _receive(wire)
         bodies, folder = made.pop("bodies"), made.pop("log_folder")
         twins += open_twins(made, opened)
         channel = open_channel(length, twins[0].renderer.block, name, bodies=bodies, tools=len(twins))
         settings = settings_of([twin.renderer for twin in twins], made.get("settings"))
-        desk = Desk(made["scene"], twins, channel, folder, settings)
-        wire.send((None, desk.made))
+        handler = OrderHandler(made["scene"], twins, channel, folder, settings)
+        wire.send((None, handler.made))
         while True:
             while opened and not wire.poll(WATCH_S):
-                desk.look_after()
-            order, arguments = _heard(wire)
+                handler.check_devices()
+            order, arguments = _receive(wire)
             if order == "stop":
                 break
-            wire.send(desk.answer(order, arguments))
+            wire.send(handler.answer(order, arguments))
     except (EOFError, ConnectionError, KeyboardInterrupt):
-        # the application is gone; where signals cannot be held off, Ctrl-C reaches both
-        ending = "the application was gone"
+        # the application has ended; where signals cannot be blocked, Ctrl-C reaches both processes
+        ending = "the application has ended"
     except HapsceneError as error:
         wire.send((str(error), None))
     except BaseException:
@@ -97,20 +104,20 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
         raise
     finally:
         try:
-            if desk is not None:
-                desk.end()
+            if handler is not None:
+                handler.end()
         finally:
             for connection in opened:
                 connection.close()
-                connection.state = new_state()  # not of the shared memory any more
+                connection.state = new_state()  # no longer in the shared memory
             with suppress(OSError):
                 life.send(None)
-        if desk is not None:
-            desk.write_faults()
+        if handler is not None:
+            handler.write_faults()
             if ending:
-                desk.write_log(ending)
-        desk = None
-        twins.clear()  # they look at the memory that is given back
+                handler.write_log(ending)
+        handler = None
+        twins.clear()  # they hold views of the shared memory
         if channel is not None:
             channel.close(unlink=False)
 
@@ -120,7 +127,7 @@ def _end(signum: int, frame: Any) -> None:
 
 
 def open_twins(made: dict[str, Any], opened: list[Connection]) -> "list[Twin]":
-    """What closes the loop over each of the application's devices; the real ones are opened, and put into `opened`."""
+    """Make a twin for each device of the application; real devices are opened and appended to `opened`."""
     devices, force_N = made.pop("devices"), made.pop("force_N")
     twins = [_twin(device, opened, made) for device in devices]
     if force_N is not None:
@@ -130,7 +137,7 @@ def open_twins(made: dict[str, Any], opened: list[Connection]) -> "list[Twin]":
 
 
 def _twin(device: Any, opened: list[Connection], made: dict[str, Any]) -> "Twin":
-    """What closes the loop over a device; a real one is opened, and put into `opened`."""
+    """Make the twin of one device; a real device is opened and appended to `opened`."""
     from hapscene.loop import Twin
 
     if not isinstance(device, DeviceChoice):
@@ -140,22 +147,24 @@ def _twin(device: Any, opened: list[Connection], made: dict[str, Any]) -> "Twin"
     driver = DRIVERS.load(device.name)
     for name in ("limits", "delay_ticks"):
         if made.get(name):
-            raise HapsceneError(f"{name}: only of simulated devices; what {device.name!r} bears its driver says")
+            raise HapsceneError(
+                f"{name} is for simulated devices only; the driver of {device.name!r} states what the device can do"
+            )
     if driver.model is not None:
         made = made | {"limits": limits_of(driver.model, made["tick_s"])}
     if made.get("X_WD") is not None:
-        made = made | {"X_WD": rigid(made["X_WD"], f"device {device.name!r}")}  # a scale would be one of the force
+        made = made | {"X_WD": rigid(made["X_WD"], f"device {device.name!r}")}  # scale would also scale forces
     opened.append(connection := device.open())
     twin = Twin(device=connection, **made)
     twin.safety = safety_of(driver)
     return twin
 
 
-def _heard(wire: Pipe) -> Any:
-    """What the application sends.
+def _receive(wire: Pipe) -> Any:
+    """Return the next message of the application.
 
     Raises:
-        EOFError: it is gone, maybe in the middle of a word.
+        EOFError: the application has ended, possibly while it was sending.
     """
     try:
         return wire.recv()
@@ -164,11 +173,12 @@ def _heard(wire: Pipe) -> Any:
 
 
 NO_REPLAY: Final = np.iinfo(np.int64).max
-"""`CHANNEL.changed` where a log cannot be replayed: bodies were added, removed or deformed, or a fidelity is used."""
+"""Value of `CHANNEL.changed` if a log cannot be replayed, because bodies were added, removed or deformed, or because a
+fidelity is in use."""
 
 
-class Desk:
-    """Orders of the application. Those that replace the arrays of the running loop stop it: to bind it takes 12 ms."""
+class OrderHandler:
+    """Executes orders of the application. Orders that replace arrays of the running loop pause it, for about 12 ms."""
 
     def __init__(
         self,
@@ -179,14 +189,17 @@ class Desk:
         made: Mapping[str, Any] | None = None,
         clock: NDArray[np.int64] | None = None,
     ) -> None:
-        """`clock`: of `new_clock`; with a virtual time nothing ticks by itself, but as `advance` is called."""
+        """Prepare the loop without starting it.
+
+        `clock` is from `new_clock`. On a virtual clock, ticks run only in `advance`.
+        """
         self._scene, self._log_folder, self.made = scene, log_folder, dict(made or {})
         self._twins = tuple(twins)
         self._channel = channel
         self._hands = np.zeros((len(twins), 5, 3))
         self._clock = new_clock() if clock is None else clock
-        self._stop: Callable[[], object] | None = None  # waits until the loop has ended, which runs
-        self._turning: Iterator[None] = iter(())
+        self._stop: Callable[[], object] | None = None  # stops the loop and waits until it has ended
+        self._ticks: Iterator[None] = iter(())
         self._started = False
         self._faults: list[str] = []
         self._tuned: list[tuple[str, str, dict[str, float]]] = []
@@ -203,8 +216,9 @@ class Desk:
             jumps=np.zeros((len(twins), count), np.int64),
         )
         for twin, impulse in zip(self._twins, channel.impulse, strict=True):
-            twin.renderer.world = twin.renderer.world._replace(impulse=impulse)  # where the application sees it
-            use_moving_bodies(twin.renderer.world, twin.renderer.surface)  # not in the midst of the loop
+            twin.renderer.world = twin.renderer.world._replace(impulse=impulse)  # in shared memory
+            # so that no body that moves later interrupts the loop
+            use_moving_bodies(twin.renderer.world, twin.renderer.surface)
         for twin, state in zip(self._twins, channel.states, strict=True):
             if isinstance(twin.device, Connection):
                 slot = state.reshape(1).view(np.recarray)
@@ -215,16 +229,16 @@ class Desk:
         if vendors and len(self._twins) > 1:
             raise DeviceError("a device whose vendor's thread calls the tick is the only one of its servo")
         channel.channel.pause = 1
-        if self._renderers[0].fidelity is not None:  # which a log does not hold
+        if self._renderers[0].fidelity is not None:  # a log does not contain it
             channel.channel.changed = NO_REPLAY
         parts = (part for r in self._renderers for part in memory_of(r.world, r.surface))
         channel.channel.checkpoint_size = sum(len(part) for part in parts)
-        driven = bool(self._connections) or bool(self._clock[VIRTUAL])  # by Python, tick by tick
+        driven = bool(self._connections) or bool(self._clock[VIRTUAL])  # tick by tick, from Python
         pace = SCHEDULED if vendors else CALLED if driven else TIMED
         channel.channel.pace, channel.channel.until = pace, np.iinfo(np.int64).max
-        self._bind()  # compiled before the loop is needed
+        self._bind()  # compiles before the loop starts
         if self._connections and not self._clock[VIRTUAL]:
-            gc.freeze()  # nothing that is there now is looked through again while devices wait
+            gc.freeze()  # keeps existing objects out of garbage collections, which would delay devices
             sys.setswitchinterval(SWITCH_S)
 
     @property
@@ -232,48 +246,49 @@ class Desk:
         return [twin.renderer for twin in self._twins]
 
     def answer(self, order: str, arguments: Sequence[Any]) -> tuple[str | None, Any]:
-        """Do what the application orders: (None, result), or (error text, None)."""
+        """Execute an order; return (None, result) or (error text, None)."""
         try:
             return None, getattr(self, order)(*arguments)
         except HapsceneError as error:
             return str(error), None
-        except Exception as error:  # a fault of ours, or of an effect's: what is felt goes on
+        except Exception as error:  # an internal error or one of an effect must not end the loop
             return f"the order {order!r} failed: {type(error).__name__}: {error!s:.200}", None
 
     def advance(self, ticks: int) -> None:
-        """Tick so often, at a virtual time; not at all at rest."""
-        deque(islice(self._turning, ticks), 0)
+        """Run this many ticks on a virtual clock; none while the loop is paused."""
+        deque(islice(self._ticks, ticks), 0)
 
     def start(self, places_m: Sequence[tuple[float, float, float]], grip: NDArray[np.float64]) -> None:
-        """Run, the tools at rest at their places (3,), held there by a grip as the aim has it (3,)."""
+        """Start with the tools at rest at their positions (3,), held by a grip (3,) as in `AIM`."""
         for twin, place_m in zip(self._twins, places_m, strict=True):
-            new_arm(twin.device, place_m, twin.X_WD)  # raises where it is out of reach
-        self.rest()
+            new_arm(twin.device, place_m, twin.X_WD)  # raises an error if the position is out of reach
+        self.pause()
         for twin, place_m in zip(self._twins, places_m, strict=True):
             twin.reset(place_m)
             if isinstance(twin.device, Connection):
                 twin.device.read()
-                twin.renderer.reset(np.array(read_arm(twin.body.arm)))
-        self._channel.frames["seen"] = 0.0  # impulses begin anew
+                twin.renderer.reset(np.array(read_arm(twin.tool.arm)))
+        self._channel.frames["applied"] = 0.0  # impulses start from 0
         self._bodies.predicted.view(np.uint8)[:] = 0
-        for aim, place_m in zip(self._channel.aims, places_m, strict=True):  # the application waits meanwhile
+        # the application waits for the answer meanwhile
+        for aim, place_m in zip(self._channel.aims, places_m, strict=True):
             aim["count"] |= 1
             aim["aim"][:] = place_m, grip, (0.0, 0.0, 0.0)
             aim["count"] += 1
         self._hands[:, :3] = 0.0
         self._hands[:, 0] = self._hands[:, 1] = places_m
         self._started = True
-        self._begin()
+        self._start_loop()
 
     def resume(self) -> None:
-        """Go on from where `rest` stopped, contact and memory kept."""
+        """Continue after `pause`, with contact and state kept."""
         if not self._started:
-            raise HapsceneError("a servo that never started has nothing to resume: start it")
+            raise HapsceneError("resume: the servo was never started; call start first")
         if self._stop is None:
-            self._begin()
+            self._start_loop()
 
-    def look_after(self) -> None:
-        """Tell the application what troubles the devices, and whether one is gone; then write what led there."""
+    def check_devices(self) -> None:
+        """Report errors of the devices to the application, and write the log if a device failed."""
         self.write_faults()
         for connection in self._connections:
             write_text(self._channel.notice, connection.reason(int(connection.state.trouble[0])))
@@ -281,49 +296,49 @@ class Desk:
                 try:
                     connection.check()
                 except Exception as error:
-                    self.rest()
+                    self.pause()
                     self._note_fault(error)
 
     def tune(self, swatch: str, numbers: Mapping[str, float]) -> None:
-        """Change numbers of a swatch; single numbers are written whole, so the loop goes on."""
+        """Change parameters of a swatch. The loop continues, because single numbers are written atomically."""
         for renderer in self._renderers:
             renderer.tune(swatch, **numbers)
         note_order(self._tuned, "tune", swatch, numbers)
         self._note_change()
 
     def tune_field(self, effect: str, numbers: Mapping[str, float]) -> None:
-        """Change numbers of an effect of the scene, likewise."""
+        """Change parameters of an effect of the scene."""
         for renderer in self._renderers:
             renderer.tune_field(effect, **numbers)
         note_order(self._tuned, "tune_field", effect, numbers)
         self._note_change()
 
     def mute(self, effect: str, muted: bool) -> None:
-        """Switch an effect off, or on again."""
+        """Exclude an effect from the sum, or include it again."""
         for renderer in self._renderers:
             renderer.mute(effect, muted)
         note_order(self._tuned, "mute", effect, {"muted": muted})
         self._note_change()
 
     def repaint(self, swatches: Sequence[Swatch], painted: Sequence[Painting]) -> None:
-        """Take over swatches, and the faces of each body with what is painted finer."""
+        """Change the swatches and the painted faces of each body."""
         before = self._scene.swatches, [(body.face_swatch, body.fine) for body in self._scene.bodies]
         self._paint(swatches, painted)
         try:
-            self._take_scene()
+            self._apply_scene()
         except BaseException:
             self._paint(*before)
             raise
 
     def add(self, body: Body, like: int | None, swatches: Sequence[Swatch]) -> None:
-        """Feel one more body, of the mesh that the body number `like` has unless that is None."""
+        """Add a body. `like` is the number of a body with the same mesh, or None."""
         if like is not None:
             body = replace(body, mesh=self._scene.bodies[like].mesh)
         before = self._scene.swatches
         self._scene.swatches = list(swatches)
         self._scene.bodies.append(body)
         try:
-            self._take_scene()
+            self._apply_scene()
         except BaseException:
             self._scene.swatches = before
             self._scene.bodies.pop()
@@ -331,14 +346,14 @@ class Desk:
         self._channel.channel.changed = NO_REPLAY
 
     def remove(self, body: str) -> None:
-        """Feel a body no more."""
+        """Remove a body from contact."""
         with self._between_ticks():
             for renderer in self._renderers:
                 renderer.remove(body)
         self._channel.channel.changed = NO_REPLAY
 
     def deform(self, body: str, vertices_m: NDArray[np.float64]) -> None:
-        """Give a body another shape; the loop goes on, but for the first time."""
+        """Change the shape of a body. The loop continues, except for the first shape of a body."""
         for renderer in self._renderers:
             world = renderer.world
             try:
@@ -346,23 +361,23 @@ class Desk:
             finally:
                 if renderer.world is not world:
                     with self._between_ticks():
-                        pass  # it goes on with the new one
+                        pass  # the loop continues with the new world
         self._channel.channel.changed = NO_REPLAY
 
     def write_faults(self) -> None:
-        """Write what led to the faults that were noted since."""
+        """Write a session log for each fault since the last call."""
         while self._faults:
             self.write_log(self._faults.pop())
 
     def write_log(self, reason: str) -> None:
-        """Write the last minute, where the application has named a folder, and any tick is complete."""
+        """Write a session log if the application named a folder and a tick is complete."""
         channel = self._channel
         if self._log_folder is not None and channel.channel[0].done > 0:
             note = write_log(log_of(channel, self._scene, self.made, self._tuned, reason), self._log_folder)
             print(f"hapscene: note: {note}", file=sys.stderr, flush=True)
 
-    def rest(self) -> bool:
-        """Stop the loop; says whether it ran."""
+    def pause(self) -> bool:
+        """Stop the loop; return whether it was running."""
         self._channel.channel.pause = 1
         if self._stop is None:
             return False
@@ -371,8 +386,8 @@ class Desk:
         return True
 
     def end(self) -> None:
-        """Stop for good, and let go of the shared memory."""
-        self.rest()
+        """Stop the loop and release the shared memory."""
+        self.pause()
         for renderer in self._renderers:
             renderer.world = renderer.world._replace(impulse=np.zeros_like(renderer.world.impulse))
 
@@ -381,58 +396,59 @@ class Desk:
         for body, (face_swatch, fine) in zip(self._scene.bodies, painted, strict=True):
             body.face_swatch, body.fine = face_swatch, fine
 
-    def _take_scene(self) -> None:
-        """Feel the scene as it is now."""
+    def _apply_scene(self) -> None:
+        """Use the present swatches, painted faces and bodies of the scene."""
         prepared = [renderer.prepare_painting(self._scene) for renderer in self._renderers]
         with self._between_ticks():
             for renderer, painting in zip(self._renderers, prepared, strict=True):
-                renderer.take_painting(painting)
+                renderer.apply_painting(painting)
 
     @contextmanager
     def _between_ticks(self) -> Iterator[None]:
-        """The loop stands meanwhile, and a real device has no force."""
-        running = self.rest()
+        """Pause the loop for the body of the context; a real device has no force meanwhile."""
+        running = self.pause()
         try:
             yield
         finally:
             if running:
                 for twin in self._twins:
-                    resume_safety(twin.body.safety[0])
-                self._go()
+                    resume_safety(twin.tool.safety[0])
+                self._run_loop()
 
-    def _begin(self) -> None:
-        """Go on after a pause: forces begin anew."""
+    def _start_loop(self) -> None:
+        """Start the loop; forces ramp up from 0."""
         for twin in self._twins:
-            begin_safety(twin.body.safety[0])
-        self._go()
+            begin_safety(twin.tool.safety[0])
+        self._run_loop()
 
-    def _go(self) -> None:
+    def _run_loop(self) -> None:
         self._note_change()
         vendor = self._connections[0] if self._connections else None
         if isinstance(vendor, VendorConnection):
             self._calls = self._bind()
             vendor.schedule(self._calls[0].address, self._calls[0].context)
             self._stop = vendor.unschedule
-            self._channel.channel.pause = 0  # only now: the library may take its time, and the watchdog waits for ticks
+            # only now: the library may take long to start, and the watchdog expects ticks
+            self._channel.channel.pause = 0
             return
         self._channel.channel.pause = 0
         if self._clock[VIRTUAL]:
-            self._turning = self._turns()
-            self._stop = partial(deque, self._turning, 0)
+            self._ticks = self._device_loop()
+            self._stop = partial(deque, self._ticks, 0)
             return
-        loop = threading.Thread(target=self._run, daemon=True)
+        loop = threading.Thread(target=self._loop_thread, daemon=True)
         loop.start()
         self._stop = loop.join
 
-    def _run(self) -> None:
+    def _loop_thread(self) -> None:
         request_realtime_priority()
         if self._connections:
-            deque(self._turns(), 0)
+            deque(self._device_loop(), 0)
         else:
             self._bind()[0]()
 
-    def _turns(self) -> Iterator[None]:
-        """Read, tick, write, with devices that Python reads and writes; a tick each time that it is asked."""
+    def _device_loop(self) -> Iterator[None]:
+        """Read, tick and write devices that Python drives; one tick each time the iterator advances."""
         tick, wait = self._bind()
         pause, waiting = (self._channel.channel[name].view(np.ndarray) for name in ("pause", "waiting"))
         connections = self._connections
@@ -449,24 +465,24 @@ class Desk:
                     connection.write()
                 waiting[0] = 0
                 yield
-        except Exception as error:  # of a device or a driver: it is gone
+        except Exception as error:  # a device or its driver failed
             self._note_fault(error)
         waiting[0] = 0
-        for connection in connections:  # no force is held over a pause
+        for connection in connections:  # no force during a pause
             connection.state.f_D_N = 0.0
             with suppress(Exception):
                 connection.write()
-        self._channel.channel.pause = 1  # also after a fault: a watchdog that waits for ticks would end the process
+        self._channel.channel.pause = 1  # also after a fault, because the watchdog expects ticks
 
     def _bind(self) -> tuple[BoundCall, BoundCall]:
-        """The compiled driver and the wait for a tick, on all that there is now; the first tick is due from now on."""
+        """Bind the compiled driver and the wait for a tick to the present arrays; the first tick is one period away."""
         loop = self._loop()
         calls = bound(loop), BoundCall(wait_at, loop.timer)
-        start_timer(loop.timer)  # last: to bind takes some ms, by which the first ticks would be late
+        start_timer(loop.timer)  # last, because binding takes some ms, which would delay the first ticks
         return calls
 
     def _note_change(self) -> None:
-        """What ticks remember is to be copied anew: from here on they give something else."""
+        """Request a new checkpoint: from here on the recorded state no longer leads to the same output."""
         row, running = self._channel.channel[0], self._stop is not None
         row.changed = max(row.changed, row.done + running)
         row.checkpoint_due = min(row.changed, row.done + 1)
@@ -481,7 +497,7 @@ class Desk:
         c = self._channel
         return new_loop(
             self._renderers,
-            [twin.body for twin in self._twins],
+            [twin.tool for twin in self._twins],
             c.channel[0],
             self._clock,
             timing=self._timing,
@@ -489,7 +505,7 @@ class Desk:
             aims=c.aims,
             hands=self._hands,
             rows=c.rows,
-            felt=c.felt,
+            loop_rows=c.loop_rows,
             a_m_s2=c.a_m_s2,
             a_handle_m_s2=c.a_handle_m_s2,
             checkpoints=c.checkpoints,

@@ -1,7 +1,8 @@
-"""What application and servo share: one block of memory, in which each field has one writer.
+"""Memory that the application and the servo share. Each field has one writer.
 
-The application writes where the hand aims; the servo how many ticks are complete and, in rings, what they were. A
-number (8 bytes) is written whole; what is longer carries a count that is odd while it is being written.
+The application writes the targets of the hand and the frames of bodies. The servo writes the number of complete ticks
+and, to ring buffers, their rows. Numbers of 8 bytes are written atomically; longer fields have a counter that is odd
+while the field is being written (sequence lock).
 """
 
 import errno
@@ -19,77 +20,78 @@ from hapscene.contact.prediction import FRAME
 from hapscene.device.driver import DEVICE_STATE
 from hapscene.errors import HapsceneError
 from hapscene.loop.driver import AIM, CHANNEL
-from hapscene.loop.result import FELT
+from hapscene.loop.result import LOOP_ROW
 from hapscene.records import ROW
 
 __all__ = ["Channel", "open_channel", "read_text", "write_text"]
 
 CHECKPOINT_COUNT: Final = 8
-"""Copies that are kept of what ticks remember [count]: the newest minute, and one more."""
+"""Number of checkpoints that are kept [count]: those of the last minute and one more."""
 
 MEMORY_B: Final = 294_912
-"""Room in each for a tool [bytes]: 200 bodies. Copied in 20 µs; with more bodies a log cannot be replayed."""
+"""Size of a checkpoint for one tool [bytes]: 200 bodies, copied in 20 µs. With more bodies a log cannot be replayed."""
 
 TEXT_MAX: Final = 512
-"""Room for a sentence [bytes]."""
+"""Size of a message [bytes]."""
 
 
 def write_text(room: NDArray[np.uint8], text: str) -> None:
-    """Write a sentence (UTF-8) where `read_text` finds it, cut where it is too long."""
+    """Write a message (UTF-8) for `read_text`, truncated to the room."""
     raw = np.frombuffer(text.encode()[: len(room) - 1], np.uint8)
     room[len(raw) :] = 0
     room[: len(raw)] = raw
 
 
 def read_text(room: NDArray[np.uint8]) -> str:
-    """The sentence that was written there."""
+    """Return the message that `write_text` wrote."""
     return bytes(room).rstrip(b"\0").decode(errors="ignore")
 
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """The shared block, and views of its parts. `length` ticks fit into the rings, then they are written over."""
+    """The shared memory and views of its fields. The ring buffers hold `length` ticks."""
 
     channel: Any  # (1,) CHANNEL
-    aims: Any  # (tools,) AIM, by the application
+    aims: Any  # (tools,) AIM, written by the application
     rows: Any  # (tools, length) ROW
-    felt: Any  # (tools, length) FELT
-    a_m_s2: NDArray[np.float64]  # (tools, length, block) asked for
-    a_handle_m_s2: NDArray[np.float64]  # (tools, length, block) of the handle
-    frames: Any  # (bodies,) FRAME, by the application
-    moving: NDArray[np.int64]  # (bodies,) indices of those it moves, likewise
-    impulse: NDArray[np.float64]  # (tools, bodies, 6) as `World.impulse`, by the servo
-    checkpoints: NDArray[np.uint8]  # (CHECKPOINT_COUNT, room) what ticks remembered, tool after tool
-    checkpoint_ticks: NDArray[np.int64]  # (CHECKPOINT_COUNT,) before which tick; −1: nothing that is whole
+    loop_rows: Any  # (tools, length) LOOP_ROW
+    a_m_s2: NDArray[np.float64]  # (tools, length, block) desired acceleration
+    a_handle_m_s2: NDArray[np.float64]  # (tools, length, block) acceleration of the handle
+    frames: Any  # (bodies,) FRAME, written by the application
+    moving: NDArray[np.int64]  # (bodies,) indices of moving bodies, written by the application
+    impulse: NDArray[np.float64]  # (tools, bodies, 6) as `World.impulse`, written by the servo
+    checkpoints: NDArray[np.uint8]  # (CHECKPOINT_COUNT, room) state of ticks, tool after tool
+    checkpoint_ticks: NDArray[np.int64]  # (CHECKPOINT_COUNT,) tick of each checkpoint; −1: incomplete
     states: Any  # (tools,) DEVICE_STATE of real devices
-    fault: NDArray[np.uint8]  # (TEXT_MAX,) why a device is gone, by the servo; empty where none is
-    notice: NDArray[np.uint8]  # (TEXT_MAX,) what troubles it otherwise, likewise
-    memory: SharedMemory  # the last: where nobody closes it, it goes after its views, or else complains of them
+    fault: NDArray[np.uint8]  # (TEXT_MAX,) why a device failed; empty without a fault
+    notice: NDArray[np.uint8]  # (TEXT_MAX,) other messages of devices
+    memory: SharedMemory  # last field, so that it is released after the views
 
     def close(self, unlink: bool) -> None:
-        """Let go of the memory. The views must not be used afterwards."""
+        """Release the memory. The views must not be used afterwards."""
         for name in (field.name for field in fields(self) if field.name != "memory"):
             object.__setattr__(self, name, None)
         try:
             self.memory.close()
-        except BufferError:  # somebody still looks at it: it goes with the process
-            self.memory._buf = self.memory._mmap = None  # type: ignore[attr-defined]  # else it tries again, and complains
+        except BufferError:  # a view is still in use: the memory is released with the process
+            # otherwise its destructor would try again and warn
+            self.memory._buf = self.memory._mmap = None  # type: ignore[attr-defined]
         if unlink:
             self.memory.unlink()
 
 
 def open_channel(length: int, block: int, name: str | None = None, *, bodies: int = 0, tools: int = 1) -> Channel:
-    """A new block, all 0, for so many ticks, samples, bodies and tools; or, by its name, one that is there.
+    """Create a zeroed block for this many ticks, samples, bodies and tools, or open an existing one by name.
 
     Raises:
-        HapsceneError: the system has no room for a new one, or no place.
+        HapsceneError: the system has no room for a new block.
     """
     number = np.dtype("f8")
     parts: list[tuple[np.dtype[Any], tuple[int, ...]]] = [
         (CHANNEL, (1,)),
         (AIM, (tools,)),
         (ROW, (tools, length)),
-        (FELT, (tools, length)),
+        (LOOP_ROW, (tools, length)),
         (number, (tools, length, block)),
         (number, (tools, length, block)),
         (FRAME, (bodies,)),
@@ -112,11 +114,11 @@ def open_channel(length: int, block: int, name: str | None = None, *, bodies: in
 
 
 SYSTEM_FOLDER: Final = "/dev/shm"
-"""Where Linux keeps shared memory."""
+"""Folder of shared memory on Linux."""
 
 
 def _reserved(size: int) -> SharedMemory:
-    """A new block whose pages are there: where they are only promised, touching one too many kills the process."""
+    """Create a block whose pages are allocated now: to touch a page that was only promised kills the process."""
     memory = None
     try:
         memory = SharedMemory(create=True, size=size)
@@ -126,18 +128,20 @@ def _reserved(size: int) -> SharedMemory:
         if memory is not None:
             memory.close()
             memory.unlink()
-        raise HapsceneError(f"the servo needs {size:,} bytes of shared memory; {_lack(error)}") from None
+        raise HapsceneError(f"the servo needs {size:,} bytes of shared memory: {_shortage(error)}") from None
     return memory
 
 
-def _lack(error: OSError) -> str:
-    """Why there is none, and what would have worked."""
+def _shortage(error: OSError) -> str:
+    """Return why the system has no shared memory, and how to provide it."""
     if sys.platform == "linux" and error.errno == errno.ENOSPC:
         system = os.statvfs(SYSTEM_FOLDER)
         return (
-            f"{SYSTEM_FOLDER} has {system.f_bavail * system.f_frsize:,} left: make it larger (docker run "
-            f"--shm-size=256m, mount -o remount,size=256m {SYSTEM_FOLDER}), or end what else uses it"
+            f"{SYSTEM_FOLDER} has {system.f_bavail * system.f_frsize:,} bytes free. Enlarge it (docker run "
+            f"--shm-size=256m, or mount -o remount,size=256m {SYSTEM_FOLDER}), or end other programs that use it"
         )
     if sys.platform == "linux" and error.errno in (errno.EROFS, errno.ENOENT, errno.EACCES):
-        return f"{SYSTEM_FOLDER} must be there and be writable (mount -t tmpfs tmpfs {SYSTEM_FOLDER}): {error.strerror}"
-    return f"the system gives none: {error.strerror}"
+        return (
+            f"{SYSTEM_FOLDER} must exist and be writable ({error.strerror}): run mount -t tmpfs tmpfs {SYSTEM_FOLDER}"
+        )
+    return f"the system provides none: {error.strerror}"

@@ -1,4 +1,4 @@
-"""When a tick of a real-time loop begins, how late it was, and the priority of its thread."""
+"""Timing of a real-time loop: waits for the next tick, counts delays, and requests real-time priority."""
 
 import ctypes
 import math
@@ -25,24 +25,24 @@ __all__ = [
 ]
 
 BIN_NS: Final = 100.0
-"""Upper edge of the first bin [ns]: what the clock tells apart is less."""
+"""Upper edge of the first bin [ns]: below the resolution of the clock."""
 
 BINS_PER_OCTAVE: Final = 8
-"""Bins until a time has doubled [count]: each is 9 % wide, less than two runs differ by."""
+"""Bins per doubling of the time [count]: each is 9 % wide, less than the difference between two runs."""
 
 BIN_COUNT: Final = 24 * BINS_PER_OCTAVE + 1
-"""Bins of a histogram [count]: the last ends at 1.7 s, and holds what is longer."""
+"""Number of bins of a histogram [count]: the last ends at 1.7 s and also holds longer times."""
 
 
 @native
 def count_in_bin(histogram: Any, span_ns: int) -> None:
-    """One more in the bin of this time."""
+    """Count a time in its bin."""
     at = 1 + int(BINS_PER_OCTAVE * math.log2(span_ns / BIN_NS)) if span_ns > BIN_NS else 0
     histogram[min(at, BIN_COUNT - 1)] += 1
 
 
 def percentile_us(histogram: NDArray[np.int64], share: float) -> float:
-    """Upper edge of the bin in which that share of the counts is reached [µs]; 0 without any."""
+    """Return the upper edge of the bin in which a share of the counts is reached [µs]; 0 for an empty histogram."""
     total = int(histogram.sum())
     if total == 0:
         return 0.0
@@ -51,12 +51,11 @@ def percentile_us(histogram: NDArray[np.int64], share: float) -> float:
 
 
 class TimingStatistics(NamedTuple):
-    """How well a loop kept time.
+    """Timing statistics of a loop.
 
     Attributes:
-        delay, busy: (BIN_COUNT,) histograms of how late ticks began and how long they took, as `count_in_bin` fills
-            them.
-        missed: deadline misses: ticks that were left out since the loop was too late for them.
+        delay, busy: (BIN_COUNT,) histograms of the delay and the duration of ticks, see `count_in_bin`.
+        missed: deadline misses: ticks that were skipped because the loop was too late.
     """
 
     delay: NDArray[np.int64]
@@ -70,25 +69,25 @@ class TimingStatistics(NamedTuple):
         )
 
     def since(self, earlier: "TimingStatistics") -> "TimingStatistics":
-        """The part after an earlier reading of the same loop."""
+        """Return the statistics since an earlier reading of the same loop."""
         return TimingStatistics(self.delay - earlier.delay, self.busy - earlier.busy, self.missed - earlier.missed)
 
     def delay_us(self, share: float = 0.5) -> float:
-        """Delay that this share of the ticks did not exceed, to 9 % [µs]."""
+        """Return the delay that a share of the ticks did not exceed, to within 9 % [µs]."""
         return percentile_us(self.delay, share)
 
     def busy_us(self, share: float = 0.5) -> float:
-        """Duration that this share of the ticks did not exceed, to 9 % [µs]."""
+        """Return the duration that a share of the ticks did not exceed, to within 9 % [µs]."""
         return percentile_us(self.busy, share)
 
 
 LATE_MAX: Final = 20
-"""How many ticks the loop may be behind before it leaves them out [count]."""
+"""Number of ticks that the loop may be behind before it skips them [count]."""
 
 EARLY_NS: Final = 50_000
-"""How long before a tick is due the loop wakes, to poll the clock until then [ns]: what a wake takes in 99 of 100
-cases where nothing is in its way. Without, the tick is 10 to 20 µs late, and later than an empty loop, whose code is
-still in the caches. Costs 5 % of a core."""
+"""Time before a tick is due at which the loop wakes up and polls the clock [ns]. It covers 99 of 100 wake-ups on an
+idle machine. Without it ticks begin 10 to 20 µs late, and later than those of an empty loop, whose code is still in the
+caches. It costs 5 % of a core."""
 
 TIMING: Final = np.dtype([("due_ns", "i8"), ("began_ns", "i8"), ("late", "i8"), ("stalled", "i8")], align=True)
 """Of the tick that runs: when it was due and began; whether it began more than a tick late; whether ticks were left
@@ -96,23 +95,23 @@ out before it."""
 
 
 class Timer(NamedTuple):
-    """What a loop waits by."""
+    """What a loop needs to wait for its ticks."""
 
-    channel: Any  # CHANNEL: counts of delays and of ticks that were left out
+    channel: Any  # CHANNEL: histogram of delays, count of skipped ticks
     clock: NDArray[np.int64]  # of `new_clock`
     timing: Any  # TIMING
     tick_ns: int
 
 
 def start_timer(timer: Timer) -> None:
-    """The first tick is due one tick from now."""
+    """Make the first tick due one period from now."""
     timer.timing.due_ns = timer.timing.began_ns = now_ns(timer.clock)
     timer.timing.late = timer.timing.stalled = 0
 
 
 @native
 def wait_for_tick(timer: Timer) -> None:
-    """Wait until the next tick is due, and count its delay; ticks that it is much too late for are left out."""
+    """Wait until the next tick is due and count its delay; skip ticks if the loop is more than `LATE_MAX` behind."""
     channel, clock, timing, tick_ns = timer.channel, timer.clock, timer.timing, timer.tick_ns
     due = timing.due_ns + tick_ns
     start = now_ns(clock)
@@ -134,22 +133,22 @@ def wait_for_tick(timer: Timer) -> None:
 _PR_SET_TIMERSLACK: Final = 29
 
 SLACK_NS: Final = 1
-"""How much later than asked the system may wake the thread so as to wake others with it [ns]: 50,000 by default."""
+"""Timer slack of the thread [ns]: how much later the system may wake it up; 50,000 by default."""
 
 PRIORITY: Final = 1
-"""Least of the real-time priorities [1]: before all that is not real-time, behind sound and interrupts."""
+"""Lowest real-time priority [1]: above all normal threads, below audio and interrupts."""
 
 
 def request_realtime_priority() -> bool:
-    """Have the calling thread woken promptly; whether it then runs before all that is not real-time.
+    """Request prompt wake-ups and real-time priority for this thread; return whether it has real-time priority.
 
-    Real-time priority is given to root, to who has CAP_SYS_NICE, and where `ulimit -r` is not 0; without it the thread
-    waits for its turn among the others. On Linux only: elsewhere nothing is changed.
+    Real-time priority needs root, CAP_SYS_NICE, or a non-zero `ulimit -r`. Without it the thread competes with all
+    others. Only on Linux; other systems are not changed.
     """
     if sys.platform != "linux":
         return False
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(SLACK_NS))
-    if INTERPRETED:  # holds Python's lock and never sleeps: nothing may have to wait for that
+    if INTERPRETED:  # interpreted code holds the GIL and never sleeps, and would block every other thread
         return False
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))

@@ -1,4 +1,4 @@
-"""The twin: a scene, a device and a hand in one closed loop."""
+"""The simulated twin of a haptic device: scene, device and hand in one closed loop."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -21,9 +21,9 @@ from hapscene.geometry import numbers, positions
 from hapscene.handle.handle_loop import HANDLE, new_handle
 from hapscene.handle.plant import Plant
 from hapscene.loop.closed_loop import DELAY_MAX, Tool
-from hapscene.loop.driver import CHANNEL, drive, new_loop, still_bodies
-from hapscene.loop.hand_intent import Intent
-from hapscene.loop.result import FELT, Feel
+from hapscene.loop.driver import CHANNEL, drive, new_loop, static_bodies
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
+from hapscene.loop.result import LOOP_ROW, ClosedLoopResult
 from hapscene.records import ROW, records
 from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.surface.effect import Effect
@@ -36,26 +36,26 @@ __all__ = ["Run", "Twin"]
 
 
 class Twin:
-    """A hand that touches a scene with a device: the real tick, closed over a simulated arm.
+    """A simulated hand that touches a scene with a device: the haptic tick and the device dynamics in closed loop.
 
     Args:
-        scene: what is there.
-        device: what the hand holds: a name of `hapscene.device.DEVICES`, which brings its limits along, or a simulated
-            device, which has none unless they are given.
-        handle: the haptography handle on it; None for a device that plays accelerations as they are.
-        compensator: what drives the handle, a name of `hapscene.handle.compensator.COMPENSATORS`.
-        nominal: the handle that the compensator takes it for; else the same.
-        X_WD: (4, 4) where an Omni stands in W; else its workspace is centred on the first intention.
-        effects, seed, tick_s, a_rate_Hz, limits, settings, fidelity: as `Renderer` has them.
-        delay_ticks: how many ticks later a force goes out: 0 for a loop that writes in the tick in which it read.
+        scene: the scene.
+        device: name from `hapscene.device.DEVICES`, which sets the limits of that device, or a simulated device,
+            which has no limits unless `limits` is given.
+        handle: haptography handle on the device; None for a device that outputs accelerations without distortion.
+        compensator: compensator of the handle, a name from `hapscene.handle.compensator.COMPENSATORS`.
+        nominal: model of the handle that the compensator assumes; the true handle by default.
+        X_WD: (4, 4) pose of an Omni in W. By default its workspace is centred on the first reference trajectory.
+        effects, seed, tick_s, a_rate_Hz, limits, settings, fidelity: see `Renderer`.
+        delay_ticks: delay from the tick to its force [ticks].
 
     Attributes:
-        renderer: the renderer in the loop; `tune` it as you like.
-        safety: (1,) `hapscene.device.safety.SAFETY`, where the servo has set one.
-        body: what the compiled loop acts on; None before the first `reset` or `run`.
+        renderer: renderer in the loop; you may call its `tune`.
+        safety: (1,) `hapscene.device.safety.SAFETY`, if a servo has set it.
+        tool: state of device, hand and handle; None before the first `reset` or `run`.
 
     Raises:
-        HapsceneError: a delay out of range, or what `Renderer` refuses.
+        HapsceneError: `delay_ticks` is out of range, or `Renderer` rejects an argument.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Twin:
         fidelity: "Fidelity | str | os.PathLike[str] | None" = None,
     ) -> None:
         if not 0 <= delay_ticks < DELAY_MAX or delay_ticks % 1 != 0:
-            raise HapsceneError(f"delay_ticks must be a whole number from 0 to {DELAY_MAX - 1}, is {delay_ticks}")
+            raise HapsceneError(f"delay_ticks must be an integer from 0 to {DELAY_MAX - 1}, is {delay_ticks}")
         if handle is not None and not isinstance(handle, Plant):
             raise HapsceneError(f"handle must be a Plant, is {handle!r:.60}")
         self.device = device if isinstance(device, Connection) else simulated_device(device)
@@ -98,7 +98,7 @@ class Twin:
         self._seed = seed
         self._delay = delay_ticks
         self.safety: Any = None
-        self.body: Any = None
+        self.tool: Any = None
         self._drive: Any = None  # the compiled driver, once it has run
 
     def __repr__(self) -> str:
@@ -106,11 +106,11 @@ class Twin:
         return f"<Twin: {type(self.device).__name__} with {handle}; {self.renderer!r}>"
 
     def reset(self, p_WT: ArrayLike, v_WT_m_s: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """Start anew, the tool at `p_WT` (3,) [m], no force on its way; a point mass with a velocity (3,).
+        """Restart with the tool at `p_WT` (3,) [m] and no delayed force; a point mass also has a velocity (3,).
 
         Raises:
-            PathError: not three finite numbers.
-            HapsceneError: a place out of the device's reach.
+            PathError: position or velocity is not three finite numbers.
+            HapsceneError: the position is out of reach of the device.
         """
         p = positions(numbers(p_WT).reshape(1, -1))[0]
         v = positions(numbers(v_WT_m_s).reshape(1, -1))[0]
@@ -122,7 +122,7 @@ class Twin:
             handle = new_handle(
                 self.handle, self.nominal or self.handle, self.compensator, self.renderer.a_rate_Hz, self._seed
             )
-        self.body = Tool(
+        self.tool = Tool(
             arm=arm,
             handle=handle,
             has_handle=int(self.handle is not None),
@@ -136,55 +136,68 @@ class Twin:
         )
         self.renderer.reset(p)
 
-    def run(self, intent: Intent, poses: Mapping[str, ArrayLike] | None = None) -> Feel:
-        """Run an intent, a tick for each of its rows; `poses` {body: X_WB (n, 4, 4)} moves bodies there.
+    def run(self, reference: ReferenceTrajectory, poses: Mapping[str, ArrayLike] | None = None) -> ClosedLoopResult:
+        """Run a tick for each row of a reference trajectory.
 
-        Goes on from where the last run ended; the first starts at rest at the intent's first target.
+        The first run starts at rest at the first target; later runs continue from the state of the last tick.
+
+        Args:
+            reference: reference trajectory of the hand.
+            poses: poses of bodies that move, {body: X_WB (n, 4, 4)}, one for each tick.
 
         Raises:
-            SceneError: poses for an unknown body, of another length, or not rigid.
+            SceneError: a body is unknown, or poses have another length or are not rigid.
         """
-        self.begin(intent)
-        run = Run(self, intent, *self.renderer._poses(poses or {}, len(intent)))
-        run.advance(len(intent))
+        self.begin(reference)
+        run = Run(self, reference, *self.renderer._poses(poses or {}, len(reference)))
+        run.advance(len(reference))
         return run.result()
 
-    def begin(self, intent: Intent) -> None:
-        """At rest at the intent's first target, unless a run goes on."""
-        if self.body is None:
+    def begin(self, reference: ReferenceTrajectory) -> None:
+        """Start at rest at the first target of a reference trajectory, unless the twin has run already."""
+        if self.tool is None:
             if self.X_WD is None and isinstance(self.device, Omni):
-                self.X_WD = stand(0.5 * (intent.target_W_m.min(axis=0) + intent.target_W_m.max(axis=0)))
-            self.reset(intent.target_W_m[0])
-        self.renderer._see_poses()
+                target = reference.target_W_m
+                self.X_WD = stand(0.5 * (target.min(axis=0) + target.max(axis=0)))
+            self.reset(reference.target_W_m[0])
+        self.renderer._apply_scene_poses()
 
 
 class Run:
-    """The ticks of an intent, some at a time: for what simulates between them."""
+    """A run of a twin in parts, for simulations that compute something between its ticks."""
 
     def __init__(
         self,
         twin: Twin,
-        intent: Intent,
+        reference: ReferenceTrajectory,
         moving: NDArray[np.int64],
         X_WB: NDArray[np.float64],
         teleported: NDArray[np.int64],
     ) -> None:
-        """`moving` (m,), their poses (n, m, 4, 4) tick by tick, or (1, m, 4, 4) as now; which jump (m,)."""
-        n, renderer, self._channel = len(intent), twin.renderer, records(1, CHANNEL)[0]
-        self._twin, self._intent = twin, intent
-        self._rows, self._felt = records(n, ROW), records(n, FELT)
+        """Prepare a run.
+
+        Args:
+            twin: the twin.
+            reference: reference trajectory of the hand, n ticks.
+            moving: (m,) indices of bodies that move.
+            X_WB: their poses, (n, m, 4, 4) for each tick, or (1, m, 4, 4) to be written between ticks.
+            teleported: (m,) 1 for bodies that teleport.
+        """
+        n, renderer, self._channel = len(reference), twin.renderer, records(1, CHANNEL)[0]
+        self._twin, self._reference = twin, reference
+        self._rows, self._loop_rows = records(n, ROW), records(n, LOOP_ROW)
         self._a_m_s2, self._a_handle_m_s2 = np.zeros((2, n, renderer.block))
         self._channel.moving_count = len(moving)
-        hand = (intent.target_W_m, intent.grip, intent.push_W_N)
+        hand = (reference.target_W_m, reference.grip, reference.push_W_N)
         loop = new_loop(
             [renderer],
-            [twin.body],
+            [twin.tool],
             self._channel,
             new_clock(),
-            bodies=still_bodies(moving, X_WB, teleported),
-            intent=tuple(np.require(part, requirements=("C", "W")) for part in hand),
+            bodies=static_bodies(moving, X_WB, teleported),
+            reference=tuple(np.require(part, requirements=("C", "W")) for part in hand),
             rows=self._rows.reshape(1, n),
-            felt=self._felt.reshape(1, n),
+            loop_rows=self._loop_rows.reshape(1, n),
             a_m_s2=self._a_m_s2[None],
             a_handle_m_s2=self._a_handle_m_s2[None],
         )
@@ -193,32 +206,32 @@ class Run:
         self._loop = loop
 
     def advance(self, count: int) -> None:
-        """The next ticks."""
+        """Run the next `count` ticks."""
         self._channel.until += count
         self._twin._drive(self._loop)
 
-    def result(self) -> Feel:
-        """The closed loop of all ticks."""
-        twin, felt = self._twin, self._felt
-        delay = 0.0 if twin.handle is None else float(twin.body.handle.delay[0])
-        return Feel(
+    def result(self) -> ClosedLoopResult:
+        """Return the result of all ticks."""
+        twin, rows = self._twin, self._loop_rows
+        delay = 0.0 if twin.handle is None else float(twin.tool.handle.delay[0])
+        return ClosedLoopResult(
             recording=twin.renderer.recording(self._rows, self._a_m_s2),
-            p_W_m=_column(felt, "p_W_m"),
-            v_W_m_s=_column(felt, "v_W_m_s"),
-            target_W_m=self._intent.target_W_m,
-            f_motor_W_N=_column(felt, "f_motor_W_N"),
-            f_hand_W_N=_column(felt, "f_hand_W_N"),
-            work_J=_column(felt, "work_J"),
+            p_W_m=_column(rows, "p_W_m"),
+            v_W_m_s=_column(rows, "v_W_m_s"),
+            target_W_m=self._reference.target_W_m,
+            f_motor_W_N=_column(rows, "f_motor_W_N"),
+            f_hand_W_N=_column(rows, "f_hand_W_N"),
+            work_J=_column(rows, "work_J"),
             a_handle_m_s2=self._a_handle_m_s2,
             latency_s=delay / twin.renderer.a_rate_Hz,
-            f_coil_N=_column(felt, "f_coil_N"),
-            heat=_column(felt, "heat"),
-            trouble=np.ascontiguousarray(felt["trouble"]),
+            f_coil_N=_column(rows, "f_coil_N"),
+            heat=_column(rows, "heat"),
+            trouble=np.ascontiguousarray(rows["trouble"]),
         )
 
 
 def _quantum_m(device: PointMass | Omni | Connection) -> float:
-    """Step of the encoders in which the handle's own movement is seen; 0 of a real device, which measures it all."""
+    """Return the encoder step for displacements of the handle; 0 for a real device, which measures the sum."""
     if isinstance(device, Connection):
         return 0.0
     return device.quantum_m if isinstance(device, PointMass) else device.resolution_m

@@ -23,16 +23,18 @@ STILL_S: Final = 0.05
 """How long a servo that was stopped by a signal may be without a tick [s]."""
 
 BUSY_S: Final = 0.2
-"""And one that is not [s]: on two loaded cores without real-time priority 0.1 s was seen."""
+"""Time without a tick after which any other servo is killed [s]: 0.1 s occurs on two loaded cores without real-time
+priority."""
 
 WAITING_S: Final = 1.0
-"""And one that waits for its device [s]: after half of it, drivers say themselves that it is silent."""
+"""Time without a tick after which a servo that waits for its device is killed [s]. Drivers report a silent device after
+half this time."""
 
 LOOK_S: Final = 0.005
 """How often the watchdog looks [s]."""
 
 RELEASE_S: Final = 2.0
-"""How long it tries to open a device that a dying process may still have [s]."""
+"""Longest time for which the watchdog tries to open a device that an ending process may still hold [s]."""
 
 
 def watch(
@@ -43,13 +45,14 @@ def watch(
     pid: int,
     choices: Sequence[DeviceChoice],
 ) -> None:
-    """The process's main function.
+    """Main function of the process.
 
     Args:
-        life: its other end is the servo's alone: it ends with it, and brings a word before where all is closed.
-        ready: told when the watch has begun.
-        name, shape: of the channel: its length, block, bodies and tools.
-        pid: of the servo's process.
+        life: connection of which the servo alone holds the other end. It closes with the servo, and receives a message
+            before if all devices are closed.
+        ready: receives a message when the watch has begun.
+        name, shape: name of the shared memory, and its ring length, block, number of bodies and number of tools.
+        pid: process id of the servo.
         choices: the devices.
     """
     for signum in (signal.SIGINT, signal.SIGTERM):
@@ -70,7 +73,7 @@ def watch(
 
 
 def _is_stopped(pid: int) -> bool:
-    """Whether a process was stopped by a signal, as far as the system tells: on Linux."""
+    """Return whether a process is stopped by a signal. Always False on systems other than Linux."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
     except (OSError, IndexError):
@@ -78,7 +81,7 @@ def _is_stopped(pid: int) -> bool:
 
 
 def until_needed(life: Connection, channel: Channel, pid: int, clock: Clock = CLOCK) -> bool:
-    """Wait while the servo lives; return whether it has closed all devices itself."""
+    """Wait until the servo ends or stops ticking; return whether it closed all devices itself."""
     row, done, still_s, before_s = channel.channel[0], -1, 0.0, clock.now_s()
     while True:
         if life.poll(LOOK_S):
@@ -88,7 +91,7 @@ def until_needed(life: Connection, channel: Channel, pid: int, clock: Clock = CL
             return False
         now_s = clock.now_s()
         moved = row.done != done or row.pause == 1
-        # a watchdog that itself had no time has seen nothing
+        # count only time in which this process ran, so that its own delays do not count
         still_s = 0.0 if moved else still_s + min(now_s - before_s, 2.0 * LOOK_S)
         done, before_s = int(row.done), now_s
         patience_s = WAITING_S if row.waiting else BUSY_S
@@ -97,13 +100,13 @@ def until_needed(life: Connection, channel: Channel, pid: int, clock: Clock = CL
 
 
 def release(driver: Driver, choice: DeviceChoice, clock: Clock = CLOCK) -> None:
-    """Write zero; again, while the dying process still has the device."""
+    """Set the force of a device to zero; retry while the ended process still holds the device."""
     end_s = clock.now_s() + RELEASE_S
     while True:
         try:
             driver.release(**driver.read_options(choice.options))  # type: ignore[misc]
             return
-        except Exception:  # of a driver; the next device is released all the same
+        except Exception:  # an error of a driver; the next device is released in any case
             if clock.now_s() > end_s:
                 return
             clock.sleep_s(0.002)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hapscene.device.sim.hand import GRIPS, Grip, grip_named
 from hapscene.errors import PathError, no_such
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.motion.hand_path import HOVER_M, STROKE_M_S, Hand, explore
 from hapscene.motion.look_from_above import UNSEEN, Line, Look, between, look_from_above, places_to_feel
 
@@ -48,7 +48,7 @@ REACH: Final = 0.35
 """Radius of a circle over the shorter of the two best lines [1]."""
 
 
-def act(name: str, scene: "Scene", tick_s: float, *, grip: str = "light") -> Intent:
+def act(name: str, scene: "Scene", tick_s: float, *, grip: str = "light") -> ReferenceTrajectory:
     """A gesture of `GESTURES` on the first body that can be seen from above.
 
     Args:
@@ -67,14 +67,14 @@ def act(name: str, scene: "Scene", tick_s: float, *, grip: str = "light") -> Int
     if held.k_N_m == 0.0:
         raise PathError(f"a hand with grip {grip!r} does not hold the tool; choose light, medium or firm")
     if name == "explore":
-        return Intent.along(explore(scene, tick_s, STROKE_N / held.k_N_m, calm_s=calm_time_s(held)), held)
+        return ReferenceTrajectory.along(explore(scene, tick_s, STROKE_N / held.k_N_m, calm_s=calm_time_s(held)), held)
     place = _Place(scene, tick_s, calm_time_s(held))
     rows = _AT_A_PLACE[name](place, held)
     place.hand.rest(0.5)  # in which what buzzes is seen
     path = place.hand.p_WT_m
     if rows is None:
-        return Intent.along(path, held)
-    return Intent.along(path, np.concatenate((rows, np.tile(rows[-1], (len(path) - len(rows), 1)))))
+        return ReferenceTrajectory.along(path, held)
+    return ReferenceTrajectory.along(path, np.concatenate((rows, np.tile(rows[-1], (len(path) - len(rows), 1)))))
 
 
 class _Place:

@@ -1,1 +1,1 @@
-"""Rendering: one haptic tick, the renderer that drives it, what it returns."""
+"""Rendering: the haptic tick, the renderer that runs it, and what it returns."""

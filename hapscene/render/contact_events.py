@@ -1,4 +1,4 @@
-"""What happens to a contact, found in the rows of ticks: it begins, taps, comes to another body or swatch, ends."""
+"""Contact events, found in the rows of ticks: a contact begins, moves to another body or swatch, or ends."""
 
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
@@ -9,13 +9,13 @@ Kind = Literal["began", "crossed", "ended"]
 
 
 class ContactEvent(NamedTuple):
-    """A change.
+    """One contact event.
 
     Attributes:
-        tick: in which.
-        kind: began, crossed (another body or swatch, without leaving the surface) or ended.
-        body, swatch: that is touched, or was left.
-        approach_m_s: speed into the surface, where a contact began: how hard the tap.
+        tick: number of the tick.
+        kind: "began", "crossed" (to another body or swatch without leaving the surface) or "ended".
+        body, swatch: names of what is touched, or was touched if the contact ended.
+        approach_m_s: speed into the surface if the contact began, otherwise 0 [m/s].
     """
 
     tick: int
@@ -28,9 +28,9 @@ class ContactEvent(NamedTuple):
 def events_of(
     rows: Any, first: int, since: int, body_names: Sequence[str], swatch_names: Sequence[str]
 ) -> list[ContactEvent]:
-    """The events from tick `since` on among ticks (n,) ROW, of which the first is number `first`.
+    """Return the events from tick `since` on in rows (n,) ROW, of which the first is tick number `first`.
 
-    What was touched before the first is not known, unless it is number 0: what goes on from there is no event.
+    A contact that goes on in the first row is no event, unless that row is tick 0.
     """
     found = []
     before = (-1, -1)

@@ -1,4 +1,4 @@
-"""What a program is told of a contact: which body, where, and what the tool does to it."""
+"""The contact that `Renderer.step` reports: touched body, position, and the force of the tool on the body."""
 
 from struct import Struct
 from typing import Final, NamedTuple
@@ -19,11 +19,11 @@ _INTEGER: Final = Struct("=q").unpack_from
 
 
 class Impulse(NamedTuple):
-    """What the tool has given a body since the last reset, in W.
+    """Impulse of the tool on a body since the last reset, in W.
 
     Attributes:
-        linear_N_s: (3,) impulse [N·s].
-        angular_N_m_s: (3,) angular impulse about the body's origin, tick by tick where that was [N·m·s].
+        linear_N_s: (3,) linear impulse [N·s].
+        angular_N_m_s: (3,) angular impulse about the origin of the body at each tick [N·m·s].
     """
 
     linear_N_s: Vector3
@@ -31,18 +31,19 @@ class Impulse(NamedTuple):
 
 
 class Contact:
-    """A contact of one tick, the caller's to keep.
+    """The contact of one tick. A copy, which you may keep.
 
-    The force on the body is that of the effects of contact alone: no field of the scene, no damper of the device, and
-    nothing is cut to what the device can do. Where several bodies hold the tool, it is the share of this one.
+    The force on the body comes from the effects of contact alone. It excludes effects of the scene and device
+    damping, and it is not limited to what the device can output. If several bodies are in contact, it is the share of
+    this body.
     """
 
     __slots__ = ("_bodies", "_floats", "_row", "_swatches")
 
     def __init__(self, row: bytes, bodies: tuple[str, ...], swatches: tuple[str, ...]) -> None:
-        """`row` is one `ROW`: its bytes, since to copy a record takes longer than a tick."""
+        """`row` holds the bytes of one `ROW`: to copy a record takes longer than a tick."""
         self._row, self._bodies, self._swatches = row, bodies, swatches
-        self._floats: Vector3 | None = None  # the whole row, whose numbers all have eight bytes
+        self._floats: Vector3 | None = None  # view of the row as floats, made on demand; all fields have eight bytes
 
     def __repr__(self) -> str:
         place = ", ".join(f"{v:.4g}" for v in self.p_W_m)
@@ -55,7 +56,7 @@ class Contact:
 
     @property
     def face(self) -> int:
-        """Touched face, an index into the faces of its mesh."""
+        """Touched face, an index into the faces of the mesh."""
         return self._integer("face")
 
     @property
@@ -65,7 +66,7 @@ class Contact:
 
     @property
     def p_W_m(self) -> Vector3:
-        """(3,) the proxy, on the surface [m]: where the force acts."""
+        """(3,) proxy position on the surface, where the force acts [m]."""
         return self._vector("p_WP_m")
 
     @property
@@ -75,12 +76,12 @@ class Contact:
 
     @property
     def depth_m(self) -> float:
-        """How deep the tool is inside [m]."""
+        """Penetration depth: distance from the device position to the proxy [m]."""
         return self._float("depth_m")
 
     @property
     def slip_m_s(self) -> float:
-        """Speed of the proxy over the body, low-passed [m/s]."""
+        """Low-passed slip speed of the proxy relative to the body [m/s]."""
         return self._float("slip_m_s")
 
     @property
@@ -94,10 +95,10 @@ class Contact:
         return self._vector("f_body_W_N")
 
     def tau_body_W_Nm(self, about_W_m: ArrayLike) -> Vector3:
-        """(3,) torque of the tool on the body about a point (3,) of W, such as its centre of mass [N·m].
+        """Return the torque (3,) of the tool on the body about a point (3,) in W, such as its centre of mass [N·m].
 
         Raises:
-            PathError: a point that is not of numbers.
+            PathError: the point is not numeric.
         """
         return np.cross(self.p_W_m - numbers(about_W_m), self.f_body_W_N)
 

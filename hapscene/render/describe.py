@@ -1,4 +1,8 @@
-"""A phase of the tick of its own: the contact, described once as a `Touch`, so that all effects agree on it."""
+"""The describe phase of the tick: writes the contact to one `Touch` record, which all effects read.
+
+Kinematics in one place keep the effects consistent: penetration depth and its rate, slip relative to the body that the
+proxy touches, approach speed, touched swatch, and normal force.
+"""
 
 from typing import TYPE_CHECKING, Any
 
@@ -7,7 +11,7 @@ from numpy.typing import NDArray
 
 from hapscene.compiled.native import inlined, native
 from hapscene.constants import TINY
-from hapscene.contact.triangle import barycentric, to_body, to_body_before, to_world, turn_to_world
+from hapscene.contact.triangle import barycentric, to_body, to_body_last, to_world, turn_to_world
 from hapscene.geometry import Vector, along, dot, norm, sub
 from hapscene.surface.blending import paint_at, take_paint
 
@@ -20,7 +24,7 @@ __all__ = ["describe", "shade"]
 
 @inlined
 def describe(world: "World", surface: "Surface", p_WT: Vector) -> None:
-    """Fill `surface.touch[0]` from the proxy's result and the last tick."""
+    """Fill `surface.touch[0]` from the proxy and the state of the last tick."""
     touch, memory, proxy = surface.touch[0], surface.memory[0], world.proxy[0]
     was_touching, was_depth, was_body = touch.touching, touch.depth_m, touch.body
     p_WP = (proxy.p_WP_m[0], proxy.p_WP_m[1], proxy.p_WP_m[2])
@@ -29,18 +33,18 @@ def describe(world: "World", surface: "Surface", p_WT: Vector) -> None:
         v = sub(p_WT, (memory.p_WT_m[0], memory.p_WT_m[1], memory.p_WT_m[2]))
         v = (v[0] / touch.tick_s, v[1] / touch.tick_s, v[2] / touch.tick_s)
         touch.tick += 1
-    touch.touching = proxy.held
+    touch.touching = proxy.touching
     touch.crossed = memory.other_crossed = 0
-    touch.began = 1 if proxy.held == 1 and was_touching == 0 else 0
-    touch.ended = 1 if proxy.held == 0 and was_touching == 1 else 0
+    touch.began = 1 if proxy.touching == 1 and was_touching == 0 else 0
+    touch.ended = 1 if proxy.touching == 0 and was_touching == 1 else 0
     _set(touch.p_WT_m, p_WT)
     _set(touch.v_WT_m_s, v)
-    if proxy.held == 1:
+    if proxy.touching == 1:
         n = _locate(world, surface, p_WT, p_WP)
         slip = (0.0, 0.0, 0.0)
         if touch.began == 0 and touch.body == was_body:
             slip = _slip(world.bodies[touch.body], memory, p_WP, n)
-        drag = _drag(world.bodies[touch.body], p_WP, touch.tick_s)
+        drag = _body_velocity(world.bodies[touch.body], p_WP, touch.tick_s)
         _set(memory.drag_m_s, drag)
         v_rel = sub(v, drag)
         _press(touch, memory.smoothing, v_rel, was_depth)
@@ -50,13 +54,13 @@ def describe(world: "World", surface: "Surface", p_WT: Vector) -> None:
             touch.leaving_m_s = max(0.0, dot(sub(v, _vector(memory.drag_m_s)), _vector(touch.nhat_W)))
             touch.left_body = -1 if memory.jumped == 1 else was_body
             body, last = world.bodies[was_body], _vector(memory.p_WP_m)
-            _set(memory.left_B_m, to_body_before(body, last) if body.moved == 1 else to_body(body, last))
+            _set(memory.left_B_m, to_body_last(body, last) if body.moved == 1 else to_body(body, last))
         p_WP = p_WT
         _set(memory.drag_m_s, (0.0, 0.0, 0.0))
-        _leave(touch)
+        _clear_contact(touch)
     if touch.left_body >= 0:
         _set(touch.left_W_m, to_world(world.bodies[touch.left_body], _vector(memory.left_B_m)))
-    _enter(world, touch)
+    _list_punctured(world, touch)
     _set(touch.p_WP_m, p_WP)
     _set(memory.p_WT_m, p_WT)
     _set(memory.p_WP_m, p_WP)
@@ -64,13 +68,13 @@ def describe(world: "World", surface: "Surface", p_WT: Vector) -> None:
 
 
 @inlined
-def _enter(world: "World", touch: np.record) -> None:
-    """The bodies that the tool is in, and where they are."""
+def _list_punctured(world: "World", touch: np.record) -> None:
+    """List the punctured bodies and their poses."""
     proxy = world.proxy[0]
-    touch.inside = proxy.passed_count
-    for k in range(proxy.passed_count):
-        body = world.bodies[proxy.passed[k]]
-        touch.inside_body[k] = proxy.passed[k]
+    touch.inside = proxy.puncture_count
+    for k in range(proxy.puncture_count):
+        body = world.bodies[proxy.punctured[k]]
+        touch.inside_body[k] = proxy.punctured[k]
         for i in range(3):
             for j in range(3):
                 touch.inside_X_WB[k, 3 * i + j] = body.R_WB[i, j]
@@ -79,9 +83,9 @@ def _enter(world: "World", touch: np.record) -> None:
 
 @native
 def shade(world: "World", surface: "Surface") -> int:
-    """Turn the normal to that interpolated over the touched face, where all that holds the proxy is one round surface.
+    """Replace the normal by one interpolated over the touched face if all active planes belong to one smooth surface.
 
-    Slip and speeds stay those along the face. Returns no flags.
+    Slip and speeds remain those along the face. Returns no flags.
     """
     touch, proxy = surface.touch[0], world.proxy[0]
     if touch.touching == 0:
@@ -89,14 +93,14 @@ def shade(world: "World", surface: "Surface") -> int:
     for i in range(proxy.count):
         cosine = 0.0
         for k in range(3):
-            cosine += proxy.nhat_W[i, k] * proxy.nhat_W[proxy.by, k]
+            cosine += proxy.nhat_W[i, k] * proxy.nhat_W[proxy.dominant, k]
         if cosine < proxy.crease_cos:
             return 0
     body = world.bodies[touch.body]
     row = body.face + touch.face
     x = y = z = 0.0
     for k in range(3):
-        w = max(0.0, touch.bary[k])  # a skin past an edge
+        w = max(0.0, touch.bary[k])  # the proxy can be one skin past an edge
         x += w * world.corners_m[row, 3 + k, 0]
         y += w * world.corners_m[row, 3 + k, 1]
         z += w * world.corners_m[row, 3 + k, 2]
@@ -105,7 +109,7 @@ def shade(world: "World", surface: "Surface") -> int:
     length = norm(s)
     if length == 0.0:
         return 0
-    if s[0] * n[0] + s[1] * n[1] + s[2] * n[2] < 0.0:  # the back of a two-sided face
+    if s[0] * n[0] + s[1] * n[1] + s[2] * n[2] < 0.0:  # back of a two-sided face
         length = -length
     n[0], n[1], n[2] = s[0] / length, s[1] / length, s[2] / length
     return 0
@@ -113,9 +117,9 @@ def shade(world: "World", surface: "Surface") -> int:
 
 @inlined
 def _locate(world: "World", surface: "Surface", p_WT: Vector, p_WP: Vector) -> Vector:
-    """What is touched: body, face, swatch, depth and normal. Returns the normal."""
+    """Write what is touched: body, face, swatch, depth, normal and normal force. Returns the normal."""
     touch, proxy = surface.touch[0], world.proxy[0]
-    by = proxy.by
+    by = proxy.dominant
     touch.body, touch.face = proxy.body[by], proxy.face[by]
     body = world.bodies[touch.body]
     for i in range(3):
@@ -129,7 +133,7 @@ def _locate(world: "World", surface: "Surface", p_WT: Vector, p_WP: Vector) -> V
     out = sub(p_WP, p_WT)
     depth = norm(out)
     touch.depth_m = depth
-    if proxy.count == 1 or depth == 0.0:  # the face's own normal: exact however small the depth
+    if proxy.count == 1 or depth == 0.0:  # use the normal of the face, which is exact at any depth
         n = (proxy.nhat_W[by, 0], proxy.nhat_W[by, 1], proxy.nhat_W[by, 2])
     else:
         n = (out[0] / depth, out[1] / depth, out[2] / depth)
@@ -142,27 +146,27 @@ def _locate(world: "World", surface: "Surface", p_WT: Vector, p_WP: Vector) -> V
 
 
 @native
-def _drag(body: np.record, p_WP: Vector, tick_s: float) -> Vector:
-    """Velocity of the body at a point on it [m/s], 0 for one that stands still."""
+def _body_velocity(body: np.record, p_WP: Vector, tick_s: float) -> Vector:
+    """Return the velocity of a body at a point on it [m/s], 0 if the body is at rest."""
     if body.moved == 0:
         return 0.0, 0.0, 0.0
-    d = sub(to_world(body, to_body_before(body, p_WP)), p_WP)
+    d = sub(to_world(body, to_body_last(body, p_WP)), p_WP)
     return d[0] / tick_s, d[1] / tick_s, d[2] / tick_s
 
 
 @native
 def _slip(body: np.record, memory: np.record, p_WP: Vector, n: Vector) -> Vector:
-    """Tangential movement of the proxy over the body in this tick [m]."""
+    """Return the tangential displacement of the proxy relative to the body in this tick [m]."""
     last = (memory.p_WP_m[0], memory.p_WP_m[1], memory.p_WP_m[2])
     if body.moved == 1:
-        last = to_world(body, to_body_before(body, last))
+        last = to_world(body, to_body_last(body, last))
     d = sub(p_WP, last)
     return along(d, -dot(d, n), n)
 
 
 @native
 def _press(touch: Any, smoothing: float, v_rel: Vector, was_depth: float) -> None:
-    """Depth over time: its rate within a contact, the speed of approach where one begins."""
+    """Write the depth rate within a contact, or the approach speed if one begins, and low-pass the normal force."""
     n = touch.nhat_W
     if touch.began == 1:
         into = -(n[0] * v_rel[0] + n[1] * v_rel[1] + n[2] * v_rel[2])
@@ -178,7 +182,7 @@ def _press(touch: Any, smoothing: float, v_rel: Vector, was_depth: float) -> Non
 
 @native
 def _slide(touch: np.record, memory: np.record, slip: Vector, v_rel: Vector, n: Vector) -> None:
-    """Slip of this tick, and its low-passed speed; a contact starts with the tool's own."""
+    """Write the slip of this tick and its low-passed speed, which starts with the tangential velocity of the device."""
     k = memory.smoothing
     s = (memory.slip_m_s[0], memory.slip_m_s[1], memory.slip_m_s[2])
     if touch.began == 1:
@@ -196,8 +200,8 @@ def _slide(touch: np.record, memory: np.record, slip: Vector, v_rel: Vector, n: 
 
 
 @native
-def _leave(touch: np.record) -> None:
-    """In the air: no depth, no force, no slip; normal and swatch stay those of the last contact."""
+def _clear_contact(touch: np.record) -> None:
+    """Clear body, depth, force and slip without contact. Normal and swatch remain those of the last contact."""
     touch.body, touch.face = -1, -1
     touch.depth_m = touch.depth_rate_m_s = touch.normal_force_N = touch.force_N = touch.slip_m_s = 0.0
     _set(touch.slip_W_m, (0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Bodies bound to slots, whose poses a program writes in place, tick by tick."""
+"""Moving bodies whose poses a program writes in place in every tick."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -12,29 +12,37 @@ __all__ = ["MovingBodies"]
 
 
 class MovingBodies:
-    """The bodies that a program moves: made by `Renderer.moving`, given to `Renderer.step`.
+    """Poses of the bodies that a program moves. Made by `Renderer.moving_bodies`, passed to `Renderer.step`.
 
     Attributes:
-        names: of the bodies; body_names: of all bodies of their scene.
-        X_WB: (n, 4, 4) their poses, in that order; write into it.
+        names: names of the bodies.
+        body_names: names of all bodies of the scene.
+        X_WB: (n, 4, 4) poses in the order of `names`; write into this array.
     """
 
     def __init__(
         self, names: Sequence[str], index_of: Mapping[str, int], X_WB: NDArray[np.float64], owner: object = None
     ) -> None:
-        """`index_of` has the numbers of the scene's bodies, `X_WB` (b, 4, 4) their present poses; `owner` is a mark.
+        """Select bodies by name.
+
+        Args:
+            names: names of the bodies that move.
+            index_of: index of every body of the scene, by name.
+            X_WB: (b, 4, 4) present poses of all bodies.
+            owner: identifies the renderer.
 
         Raises:
-            SceneError: an unknown body, or one that is named twice.
+            SceneError: a body is unknown or listed twice.
         """
         self.names, self.body_names, self.owner = tuple(names), tuple(index_of), owner
         for name, count in Counter(self.names).items():
             if name not in index_of:
                 raise SceneError(no_such("body", name, index_of))
             if count > 1:
-                raise SceneError(f"body {name!r} is named twice; each has one slot")
+                raise SceneError(f"body {name!r} is listed twice; list it once")
         self.index = np.array([index_of[name] for name in self.names], np.int64)
-        self.poses: NDArray[np.float64] = X_WB[self.index][None].copy()  # as the tick takes them: (1, n, 4, 4)
+        # with the leading axis that a tick expects: (1, n, 4, 4)
+        self.poses: NDArray[np.float64] = X_WB[self.index][None].copy()
         self.teleported = np.zeros(len(self.names), np.int64)
 
     def __repr__(self) -> str:
@@ -50,25 +58,25 @@ class MovingBodies:
         self.poses[0] = poses
 
     def teleport(self, name: str) -> None:
-        """In the next tick the body appears at its pose: on its way there it meets nothing, and takes nothing along.
+        """Make the body jump to its pose in the next tick, without colliding with or carrying the proxy on the way.
 
         Raises:
-            SceneError: no such body among these.
+            SceneError: the body is not one of these.
         """
         if name not in self.names:
             raise SceneError(no_such("body", name, self.names))
         self.teleported[self.names.index(name)] = 1
 
-    def take(self, poses: Mapping[str, ArrayLike]) -> None:
-        """Write poses (4, 4) of these bodies, in their order.
+    def set_poses(self, poses: Mapping[str, ArrayLike]) -> None:
+        """Write the poses (4, 4) of these bodies, in the order of `names`.
 
         Raises:
-            SceneError: another shape.
+            SceneError: a pose is not a numeric (4, 4) matrix.
         """
         for slot, (name, X_WB) in zip(self.poses[0], poses.items(), strict=True):
             if np.shape(X_WB) != (4, 4):
-                raise SceneError(f"pose of body {name!r}: a pose is a matrix (4, 4), not {np.shape(X_WB)}")
+                raise SceneError(f"pose of body {name!r} has shape {np.shape(X_WB)}, expected a (4, 4) matrix")
             try:
                 slot[:] = X_WB
             except (TypeError, ValueError, OverflowError):
-                raise SceneError(f"pose of body {name!r}: a pose is a matrix (4, 4) of numbers") from None
+                raise SceneError(f"pose of body {name!r} is not numeric, expected a (4, 4) matrix") from None

@@ -1,9 +1,9 @@
-"""A phase of the tick of its own: what the tool does to the bodies, the reverse of what the surface does to the hand.
+"""Computes what the tool does to the bodies: the reaction to the contact force on the hand.
 
-It acts at the proxy. Where the planes that hold the proxy are of several bodies, the others take the share of the
-normal force with which their planes push, and the touched one the rest, with all that is tangential: the sum is exact.
-What an effect says that a body gives within which the tool is (`f_inside_W_N`) is that one's. Running totals are kept,
-so that whoever looks at them seldom, or misses a look, loses nothing.
+The reaction acts at the proxy. If the active planes belong to several bodies, each of the others receives the share of
+the normal force with which its planes push, and the touched body receives the rest with the whole tangential force, so
+that the sum is exact. Forces that an effect assigns to a punctured body (`f_inside_W_N`) act on that body. Impulses are
+accumulated as running totals, so that a program that reads them rarely loses nothing.
 """
 
 from typing import TYPE_CHECKING
@@ -22,7 +22,10 @@ __all__ = ["react"]
 
 @inlined
 def react(world: "World", surface: "Surface") -> None:
-    """Note the force on the touched body, and add what all got in this tick; `surface.total` is of contact alone."""
+    """Write the force on the touched body and add the impulse of this tick on all bodies.
+
+    Runs before the effects of the scene, so `surface.total` holds the contact force alone.
+    """
     touch, proxy, memory = surface.touch[0], world.proxy[0], surface.memory[0]
     f = surface.total[0].f_W_N
     force = (-f[0], -f[1], -f[2])
@@ -30,13 +33,14 @@ def react(world: "World", surface: "Surface") -> None:
     for k in range(touch.inside):
         g = surface.total[0].f_inside_W_N[k]
         force = (force[0] + g[0], force[1] + g[1], force[2] + g[2])
-        _give(world, proxy.passed[k], touch, (-g[0], -g[1], -g[2]))
+        _give(world, proxy.punctured[k], touch, (-g[0], -g[1], -g[2]))
     if touch.touching == 0:
-        index = proxy.passed[proxy.passed_count - 1] if proxy.passed_count > 0 else -1
-        if index < 0 and dot(force, force) > 0.0:  # what pulls after a contact
+        index = proxy.punctured[proxy.puncture_count - 1] if proxy.puncture_count > 0 else -1
+        if index < 0 and dot(force, force) > 0.0:  # pulls of adhesion after the contact act on the body that was left
             index = touch.left_body
     elif touch.depth_m > 0.0:
         normal_N = dot(force, (touch.nhat_W[0], touch.nhat_W[1], touch.nhat_W[2]))
+        # the device presses along the normal with depth = Σ push; each plane carries push/depth of the normal force
         for i in range(proxy.count):
             if proxy.body[i] != index:
                 share_N = normal_N * proxy.push_m[i] / touch.depth_m
@@ -53,8 +57,8 @@ def react(world: "World", surface: "Surface") -> None:
 
 @native
 def _give(world: "World", index: int, touch: np.record, force: Vector) -> None:
-    """Add the impulse of a force at the proxy over this tick."""
-    p, o, lead, impulse = touch.p_WP_m, world.bodies[index].p_WB_m, world.bodies[index].lead_W_m, world.impulse[index]
+    """Add the linear and angular impulse of a force at the proxy over this tick."""
+    p, o, lead, impulse = touch.p_WP_m, world.bodies[index].p_WB_m, world.bodies[index].shift_W_m, world.impulse[index]
     arm = sub((p[0], p[1], p[2]), (o[0] - lead[0], o[1] - lead[1], o[2] - lead[2]))
     torque = cross(arm, force)
     for i in range(3):

@@ -1,4 +1,4 @@
-"""What a run gives back, a row per tick, and the files it is kept in: touch.npz and touch.csv."""
+"""The recording of a run, one row per tick, and its file formats touch.npz and touch.csv."""
 
 import math
 from dataclasses import dataclass
@@ -16,18 +16,19 @@ from hapscene.io.number_files import Npz, open_npz
 __all__ = ["FORMAT_VERSION", "Recording", "RecordingError", "load_touch", "save_touch"]
 
 FORMAT_VERSION: Final = 2
-"""Version of the npz layout; a reader refuses a later one. 1 had no `began`, which is made anew, nor `f_body_W_N`."""
+"""Version of the npz layout; later versions are rejected. Version 1 lacks `began`, which is recomputed, and
+`f_body_W_N`."""
 
 BYTES_MAX: Final = 4 << 30
-"""Most bytes that a recording may hold unpacked [B]: three hours at the usual rates. What claims more is
-refused before any of it is read."""
+"""Most bytes that a recording may hold uncompressed [B]: three hours at the usual rates. Larger files are rejected
+before they are read."""
 
 
 class RecordingError(FormatError):
-    """A recording that is missing, broken, of a later version, or whose arrays do not fit together."""
+    """A recording is missing, damaged, of a later version, or its arrays do not match."""
 
 
-# Arrays with one row per tick: type, and shape of a row (None: the acceleration block, of any length).
+# Arrays with one row per tick: type and shape of a row (None: the acceleration block, of any length).
 _COLUMNS: Final[dict[str, tuple[str, tuple[int, ...] | None]]] = {
     "t_s": ("f8", ()),
     "p_WT_m": ("f8", (3,)),
@@ -50,44 +51,44 @@ _COLUMNS: Final[dict[str, tuple[str, tuple[int, ...] | None]]] = {
 }
 _SINCE_2: Final = ("began", "f_body_W_N")
 _NAMES: Final = ("body_names", "swatch_names", "effects")
-_CSV_ROWS: Final = 10_000  # that are made at once
-_NAME_B: Final = 100  # what a name takes beside its letters
+_CSV_ROWS: Final = 10_000  # converted at once
+_NAME_B: Final = 100  # memory of a name beside its characters
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One run of the renderer: n ticks, SI units, vectors in the world frame W.
+    """Recording of a run: n ticks in SI units, vectors in the world frame W.
 
     Raises:
-        RecordingError: an array has not n rows or a wrong shape, or an index points past its names.
+        RecordingError: an array has a wrong shape, or an index exceeds its list of names.
     """
 
     t_s: NDArray[np.float64]
     """(n,) time since the start [s]."""
     p_WT_m: NDArray[np.float64]
-    """(n, 3) tool."""
+    """(n, 3) device position."""
     p_WP_m: NDArray[np.float64]
-    """(n, 3) proxy: on the surface in contact, at the tool in the air."""
+    """(n, 3) proxy: on the surface in contact, at the device position without contact."""
     nhat_W: NDArray[np.float64]
-    """(n, 3) unit normal out of the surface, from tool to proxy; the last one in the air."""
+    """(n, 3) unit normal out of the surface; that of the last contact without contact."""
     depth_m: NDArray[np.float64]
-    """(n,) distance from tool to proxy, ≥ 0."""
+    """(n,) penetration depth, the distance from the device to the proxy, ≥ 0."""
     touching: NDArray[np.bool_]
-    """(n,) whether the tool is inside a surface."""
+    """(n,) whether the device is inside a surface."""
     body: NDArray[np.int32]
-    """(n,) touched body, an index into `body_names`; −1 in the air."""
+    """(n,) touched body, an index into `body_names`; −1 without contact."""
     face: NDArray[np.int32]
-    """(n,) touched face of that body's mesh; −1 in the air."""
+    """(n,) touched face of the mesh of that body; −1 without contact."""
     swatch: NDArray[np.int32]
-    """(n,) touched swatch, an index into `swatch_names`; −1 in the air."""
+    """(n,) touched swatch, an index into `swatch_names`; −1 without contact."""
     f_W_N: NDArray[np.float64]
     """(n, 3) force on the hand."""
     flags: NDArray[np.uint32]
     """(n,) bits of `hapscene.Flag`."""
     tick_ns: NDArray[np.int64]
-    """(n,) time that the whole tick took [ns]."""
+    """(n,) computation time of the tick [ns]."""
     contact_ns: NDArray[np.int64]
-    """(n,) time that its contact part took [ns]."""
+    """(n,) computation time of the contact [ns]."""
     a_m_s2: NDArray[np.float64]
     """(n, block) acceleration along the handle; sample k of tick i is at `t_s[i] + k / a_rate_Hz`."""
     a_rate_Hz: float
@@ -95,18 +96,18 @@ class Recording:
     body_names: tuple[str, ...]
     swatch_names: tuple[str, ...]
     seed: int
-    """Seed of the renderer: what effects drew at random follows from it."""
+    """Seed of the random numbers of effects."""
     effects: tuple[str, ...]
-    """Names of the effects, in the order in which they were summed."""
+    """Names of the effects in the order in which they were summed."""
     slip_m_s: NDArray[np.float64]
-    """(n,) low-passed slip speed, by which textures are chosen."""
+    """(n,) slip speed, low-passed; selects the texture model."""
     normal_force_N: NDArray[np.float64]
     """(n,) stiffness times depth."""
-    began: NDArray[np.bool_] = None  # type: ignore[assignment]  # files of version 1 and older scripts have none
-    """(n,) whether the contact begins there."""
+    began: NDArray[np.bool_] = None  # type: ignore[assignment]  # absent in files of version 1
+    """(n,) whether a contact begins in the tick."""
     f_body_W_N: NDArray[np.float64] = None  # type: ignore[assignment]
-    """(n, 3) force of the tool on the touched body, acting at the proxy: of contact alone, nothing cut to the device.
-    NaN where it is not known."""
+    """(n, 3) force of the tool on the touched body at the proxy: contact only, not limited to the device.
+    NaN if unknown."""
 
     def __post_init__(self) -> None:
         count = len(self.t_s)
@@ -141,7 +142,7 @@ class Recording:
         return (self.t_s[:, None] + offset_s).ravel()
 
     def save(self, path: str | Path) -> None:
-        """Write the recording as npz, whole or not at all; without pickled objects.
+        """Write the recording as npz, atomically and without pickled objects.
 
         Raises:
             OSError: the folder is missing or cannot be written.
@@ -149,12 +150,12 @@ class Recording:
         arrays: dict[str, Any] = {name: getattr(self, name) for name in _COLUMNS}
         arrays |= {name: np.array(getattr(self, name), dtype="U") for name in _NAMES}
         with whole_file(path) as part, part.open("wb") as file:
-            # not compressed: ten seconds are 3 MB, and packing them takes longer than rendering them
+            # uncompressed: ten seconds are 3 MB, and compressing them takes longer than rendering
             np.savez(file, format_version=FORMAT_VERSION, a_rate_Hz=self.a_rate_Hz, seed=self.seed, **arrays)
 
     @classmethod
     def of_rows(cls, rows: Any, a_m_s2: NDArray[np.float64], t_s: NDArray[np.float64], **more: Any) -> "Recording":
-        """Ticks by their rows (n,) `hapscene.records.ROW`, samples (n, block) and times (n,); `more` is all else."""
+        """Make a recording of rows (n,) ROW, samples (n, block) and times (n,); `more` are the other fields."""
         found = {name: rows[name] for name in _COLUMNS if name in rows.dtype.names}
         columns: dict[str, Any] = {
             name: np.ascontiguousarray(values, _COLUMNS[name][0]) for name, values in found.items()
@@ -163,37 +164,38 @@ class Recording:
 
     @classmethod
     def load(cls, path: str | Path) -> "Recording":
-        """Read a recording that `save` wrote. Safe to call on a file from anybody: nothing in it is run.
+        """Read a recording that `save` wrote. Safe for files from untrusted sources: no code in them is run.
 
         Raises:
-            RecordingError: the file is missing, broken, of a later version, or does not fit together.
+            RecordingError: the file is missing, damaged, of a later version, or its arrays do not match.
         """
         path = Path(path)
         if not path.exists():
-            raise RecordingError(f"{path}: no such file; expected a recording, as touch.npz")
+            raise RecordingError(f"{path}: no such file; expected a recording such as touch.npz")
         with refusing(RecordingError, path):
             try:
                 if not path.is_file():
-                    raise FormatError("is no file")
+                    raise FormatError("is not a regular file")
                 with open_npz(path, BYTES_MAX, "expected a shorter recording") as archive:
                     values = _read(archive)
             except RecordingError:
                 raise
             except FormatError as error:
-                raise RecordingError(f"not a recording that can be read ({error}); expected touch.npz") from None
+                raise RecordingError(f"cannot be read as a recording ({error}); expected touch.npz") from None
             return cls(**values)
 
     def save_csv(self, path: str | Path) -> None:
-        """Write one row per tick, whole or not at all; columns are named as the arrays: p_WT_x_m, p_WT_y_m, …
+        """Write one row per tick as CSV, atomically. Columns are named after the arrays: p_WT_x_m, p_WT_y_m, …
 
-        Bodies and swatches stand by name, empty in the air. a0_m_s2, a1_m_s2, … are the acceleration samples
-        of the tick, at a_rate_Hz. Numbers keep nine digits.
+        Bodies and swatches are written by name, empty without contact. a0_m_s2, a1_m_s2, … are the acceleration samples
+        of the tick at a_rate_Hz. Numbers have nine digits.
 
         Raises:
             OSError: the folder is missing or cannot be written.
         """
         with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
-            for start in range(0, max(len(self), 1), _CSV_ROWS):  # a number is five times as large in a list
+            # in blocks: a number in a list takes five times the memory
+            for start in range(0, max(len(self), 1), _CSV_ROWS):
                 header, line, columns = self._csv(slice(start, start + _CSV_ROWS))
                 if start == 0:
                     file.write(header)
@@ -201,14 +203,15 @@ class Recording:
                 file.writelines(line % row for row in rows)
 
     def _csv(self, part: slice) -> tuple[str, str, list[list[Any]]]:
-        """The first line of the CSV, the form of the others, and the columns of some of them."""
+        """Return the header line of the CSV, the format of the other lines, and the columns of a part of the ticks."""
         header: list[str] = []
         columns: list[list[Any]] = []
         form: list[str] = []
         for name in _COLUMNS:
             values = getattr(self, name)[part]
             if name in {"body", "swatch"}:
-                names = [_quoted(text) for text in getattr(self, f"{name}_names")] + [""]  # −1 is the last: empty
+                # index −1 selects the last: empty
+                names = [_quoted(text) for text in getattr(self, f"{name}_names")] + [""]
                 parts, pattern = {name: [names[i] for i in values.tolist()]}, "%s"
             else:
                 parts, pattern = _split(name, values), "%.9g" if values.dtype.kind == "f" else "%d"
@@ -219,17 +222,17 @@ class Recording:
 
 
 def load_touch(path: str | Path) -> Recording:
-    """`Recording.load`: what a run gave back, from the file that `save_touch` or `hapscene touch` wrote."""
+    """Read a recording from a file that `save_touch` or `hapscene touch` wrote; see `Recording.load`."""
     return Recording.load(path)
 
 
 def save_touch(recording: Recording, path: str | Path) -> None:
-    """`Recording.save`: keep what a run gave back, as touch.npz."""
+    """Write a recording as touch.npz; see `Recording.save`."""
     recording.save(path)
 
 
 def _split(name: str, values: NDArray[Any]) -> dict[str, list[Any]]:
-    """Columns of one array by name: `p_WT_m` (n, 3) gives p_WT_x_m, p_WT_y_m, p_WT_z_m."""
+    """Return the columns of one array by name: `p_WT_m` (n, 3) gives p_WT_x_m, p_WT_y_m, p_WT_z_m."""
     if values.ndim == 1:
         return {name: values.tolist()}
     if name == "a_m_s2":
@@ -239,16 +242,16 @@ def _split(name: str, values: NDArray[Any]) -> dict[str, list[Any]]:
 
 
 def _quoted(text: str) -> str:
-    """`text` as one CSV cell."""
+    """Return `text` as a CSV cell."""
     return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\r\n') else text
 
 
 def _read(archive: Npz) -> dict[str, Any]:
-    """The fields of a `Recording`, every array's header checked before any numbers are read."""
+    """Return the fields of a `Recording`; checks the header of every array before any data is read."""
     version = int(_array(archive, "format_version", "iu", 0))
     if version > FORMAT_VERSION:
         raise RecordingError(
-            f"is of format version {version}, and this hapscene reads up to {FORMAT_VERSION}; update hapscene"
+            f"has format version {version}; this hapscene reads versions up to {FORMAT_VERSION}: update hapscene"
         )
     held = [name for name in _COLUMNS if version > 1 or name not in _SINCE_2]
     headers = {name: archive.header(name) for name in (*held, *_NAMES)}
@@ -268,7 +271,7 @@ def _read(archive: Npz) -> dict[str, Any]:
 
 
 def _array(archive: Npz, name: str, kinds: str, dimension_count: int) -> NDArray[Any]:
-    """One array of the archive, if it is of such a kind."""
+    """Return one array of the archive after a check of its type and dimensions."""
     shape, dtype = archive.header(name)
     if dtype.kind not in kinds or len(shape) != dimension_count:
         raise RecordingError(f"array {name} is {dtype} {shape}; expected kind {kinds}, {dimension_count} dimensions")

@@ -1,4 +1,4 @@
-"""The renderer: a scene, effects and a tool that touches it, tick by tick or along a whole path."""
+"""The renderer: computes the force and acceleration of each haptic tick for a scene and a device position."""
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,17 +14,17 @@ from hapscene.compiled.native import INTERPRETED, compiling
 from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, REACH_MAX_M, TICK_S
 from hapscene.contact.deformation import Deformation, room_for, shape_of
 from hapscene.contact.moving import place_bodies
-from hapscene.contact.proxy import put
-from hapscene.contact.world import Growth, build_world, crowd
+from hapscene.contact.proxy import place_proxy
+from hapscene.contact.world import Extension, World, build_world, count_overlapping
 from hapscene.device.model import IDEAL, DeviceLike, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
 from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions, rigid
-from hapscene.records import ROW, block_of, records
+from hapscene.records import ROW, Records, block_of, records
 from hapscene.render.contact_info import Contact, Impulse
 from hapscene.render.moving_bodies import MovingBodies
 from hapscene.render.tick import run_ticks, tick, use_moving_bodies, use_tick
-from hapscene.surface.device_clipping import Clip, Fit, Numbers, clip_to_device, clips, share_of
+from hapscene.surface.device_clipping import Clip, ClippedSwatches, Numbers, clip_to_device, clips, share_of
 from hapscene.surface.effect import Effect, check_range
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.field_settings import FieldSetting, field_setting
@@ -37,22 +37,26 @@ if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
 __all__ = ["EFFECTS", "OTHER_BODIES", "Command", "Renderer"]
+
 EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap", "adhesion")
-"""The effects a renderer has unless told otherwise."""
+"""Default effects of a renderer."""
 
-OTHER_BODIES: Final = "to repaint, give the bodies that the renderer was made with; for others make a new one"
+OTHER_BODIES: Final = (
+    "the bodies differ from those that the renderer was made with: repaint the same bodies, or make a new renderer"
+)
 
-_STILL: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
+_NO_BODIES: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
+"""Indices, poses and teleports for a tick without moving bodies."""
 
 
 class Command(NamedTuple):
-    """What one haptic tick asks of the device.
+    """Output of one haptic tick.
 
     Attributes:
         f_W_N: (3,) force on the hand in W [N].
         a_m_s2: (block,) acceleration samples along the handle [m/s²].
-        flags: what went wrong or was limited.
-        contact: the touched body, where and how; None in the air.
+        flags: errors and limits that were reached.
+        contact: contact of this tick; None without contact.
     """
 
     f_W_N: NDArray[np.float64]
@@ -68,49 +72,50 @@ class Command(NamedTuple):
 
 
 class PreparedPainting(NamedTuple):
-    """The swatches of a scene and which face wears which, ready to be felt; `Renderer.repaint` in two halves."""
+    """Swatches and painted faces of a scene, compiled for `Renderer.apply_painting`."""
 
     surface: Surface
-    fit: Fit
+    fit: ClippedSwatches
     swatch_names: tuple[str, ...]
-    growth: Growth | None
+    extension: Extension | None  # of the world by new bodies, if there are any
     bodies: "tuple[Body, ...]"
     scene: "Scene"
 
 
 class Renderer:
-    """Renders touch: the same tick drives `run` over a recorded path and `step` in a loop of your own.
+    """Renders touch. `run` computes a recorded path, `step` one tick of a loop of your own; both give the same bits.
 
     Args:
-        scene: what is there. Its swatches are read once, here; after `Scene.pose` a body appears there.
-        effects: names of effect plugins, or `Effect` objects, in the order they are summed; those of the scene last.
-        settings: of the scene's effects, by name: `{"weight": {"mass_kg": 0.2}}`; their parameters, the arrays that
-            they ask for, and `bodies` whose poses they read.
-        seed: of all that effects draw at random; the same seed gives the same bits.
-        tick_s: period of the force channel [s].
-        a_rate_Hz: rate of the acceleration channel; a tick must hold a whole number of samples, at most 256.
-        limits: of the device; None for an ideal one.
-        device: in the place of limits, whose they are at this period: a name of `hapscene.device.DEVICES`, or itself.
-        crease_rad: edges at which a surface turns by less are felt round (force shading, `hapscene.contact.shading`,
-            which leaks energy); 0 for the mesh as it is.
-        fidelity: how finely each part of the scene is rendered, or the path of its file (`hapscene tune`). None for
-            the scene as it is.
+        scene: the scene. Its swatches are read once, here. After `Scene.pose`, a body appears at its new pose.
+        effects: names of effect plugins, or `Effect` objects, in the order in which they are summed. Effects of the
+            scene come after effects of contact.
+        settings: settings of the effects of the scene, by name: `{"weight": {"mass_kg": 0.2}}`. They can hold
+            parameters, arrays that the effect declares, and `bodies` whose poses the effect reads.
+        seed: seed of all random numbers of effects; the same seed gives the same bits.
+        tick_s: period of the haptic tick [s].
+        a_rate_Hz: sample rate of the acceleration channel; a tick must hold an integer number of samples, at most 256.
+        limits: limits of the device; None for an ideal device.
+        device: name from `hapscene.device.DEVICES`, or a device, whose limits at this period apply. Replaces `limits`.
+        crease_rad: edges at which the surface turns by less than this angle are smoothed (force shading, see
+            `hapscene.contact.shading`; it generates energy). 0 disables shading.
+        fidelity: level of detail of each part of the scene, or the path of a fidelity file (`hapscene tune`). None
+            renders the scene in full detail.
 
     Attributes:
-        tick_s, a_rate_Hz, seed: as given.
-        limits: of the device.
-        fidelity: as given, or read; None without one.
-        block: acceleration samples in a tick.
-        world, surface: what the compiled tick reads and writes; for those who drive it themselves.
+        tick_s, a_rate_Hz, seed: see the arguments.
+        limits: limits of the device.
+        fidelity: the fidelity in use; None without one.
+        block: number of acceleration samples in a tick.
+        world, surface: arrays that the compiled tick reads and writes, for code that runs the tick itself.
 
     Raises:
-        SceneError: a scene without bodies.
-        EffectError: an effect that is unknown or does not compile.
-        HapsceneError: rates that do not fit together, an unknown device, or a device beside limits.
+        SceneError: the scene has no bodies.
+        EffectError: an effect is unknown or does not compile.
+        HapsceneError: the rates are not multiples, the device is unknown, or both `device` and `limits` are given.
 
     Warns:
-        DeviceWarning: the device takes less of a swatch than it asks for, once, for the first one painted.
-        MeshWarning: more bodies overlap in one place than a tick asks.
+        DeviceWarning: a swatch exceeds the limits of the device. One warning reports the first painted swatch.
+        MeshWarning: more bodies overlap at one point than a tick can test.
     """
 
     def __init__(
@@ -134,41 +139,42 @@ class Renderer:
         self.block = block_of(self.tick_s, self.a_rate_Hz)
         self.seed = seed
         if isinstance(effects, str):
-            raise EffectError(f"effects are a list of names, as [{effects!r}]")
+            raise EffectError(f"effects must be a list of names, not the text {effects!r}: write [{effects!r}]")
         if not isinstance(seed, int | np.integer) or seed < 0:
-            raise HapsceneError(f"a seed is a whole number, 0 or more, not {seed!r}")
+            raise HapsceneError(f"seed must be an integer of at least 0, is {seed!r}")
         if device is not None and limits is not None:
-            raise HapsceneError(f"limits or a device, not both: device {device!r} has limits of its own")
+            raise HapsceneError(f"both limits and device {device!r} are given: give one, since a device has limits")
         if not 0.0 <= crease_rad <= np.pi:
-            raise HapsceneError(f"crease_rad must be 0 to π, is {crease_rad}")
+            raise HapsceneError(f"crease_rad must be from 0 to π, is {crease_rad}")
         self.limits = limits_of(device, self.tick_s) if device is not None else limits or IDEAL
         loaded = [load_effect(e) if isinstance(e, str) else e for e in effects]
         self._contact_effects = [e for e in loaded if e.scope == "contact"]
         self._effects = self._contact_effects + [e for e in loaded if e.scope == "scene"]
         self._body_names = tuple(body.name for body in scene.bodies)
-        self._index_of = {name: index for index, name in enumerate(self._body_names)}  # of those that are felt
+        self._index_of = {name: index for index, name in enumerate(self._body_names)}  # removed bodies are not in it
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
         self._bodies = tuple(scene.bodies)
         self._fields = self._read_field_settings(settings or {})
-        self._mapped: MovingBodies | None = None
+        self._pose_slots: MovingBodies | None = None
         self._scene, self._seen, self._seen_X_WB = scene, scene.pose_count, [body.X_WB for body in scene.bodies]
         self._crease_rad = crease_rad
         self._deformations: dict[int, Deformation] = {}
-        self._deforming = Lock()  # of threads that give shapes; no tick asks for it
+        self._deforming = Lock()  # held by threads that set shapes; no tick acquires it
         self.fidelity = _fidelity_of(fidelity, scene)
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
-        with compiling(tick, run_ticks, put, *(effect.render for effect in self._effects)):
+        with compiling(tick, run_ticks, place_proxy, *(effect.render for effect in self._effects)):
             rendered = self._at_fidelity(scene)
             self.world = build_world(rendered.bodies, crease_rad)
-            self._fit, self.surface, messages = self._fitted(rendered)
+            self._fit, self.surface, messages = self._build_surface(rendered)
             use_tick(self.world, self.surface, self._row, self._samples)
-            self._play = _entry(self.world, self.surface, self._row, self._samples)
-        _warn(messages + [str(clip) for k in range(len(self._fields)) for clip in self._field(k)[1] if clip.reported])
-        _warn_of_crowd(scene, self.world)
+            self._play = _compile_run(self.world, self.surface, self._row, self._samples)
+        _warn(messages + [str(clip) for clip in self._field_clips() if clip.reported])
+        _warn_of_overlap(scene, self.world)
         self._row_bytes = self._row.view(np.ndarray).view(np.uint8)
         row = self._row.view(np.ndarray)
-        self._out = row["f_W_N"][0], row["flags"], row["touching"]  # views: a look-up by name costs a microsecond
+        # views, because a look-up by name takes a microsecond
+        self._out = row["f_W_N"][0], row["flags"], row["touching"]
         self._started = False
         self._ticks = 0
 
@@ -181,12 +187,12 @@ class Renderer:
         )
 
     def reset(self, p_WT: ArrayLike) -> None:
-        """Start anew with the tool and the proxy at `p_WT` (3,) [m]: no contact, no memory, random numbers as at first.
+        """Restart with the device and the proxy at `p_WT` (3,) [m], without contact.
 
-        Bodies stay at their last poses.
+        States of effects are cleared, and random numbers start from the seed again. Bodies keep their poses.
 
         Raises:
-            PathError: a position that is not three finite numbers.
+            PathError: `p_WT` is not three finite numbers.
         """
         p = positions(numbers(p_WT).reshape(1, -1))[0]
         surface = self.surface
@@ -202,24 +208,24 @@ class Renderer:
         memory["p_WT_m"] = memory["tool_W_m"] = p
         memory["fresh"] = 1
         bodies = self.world.bodies
-        bodies["moved"] = bodies["passed"] = 0
-        bodies["was_R_WB"], bodies["was_p_WB_m"] = bodies["R_WB"], bodies["p_WB_m"]
-        self.world.moved[0] = self.world.proxy[0].passed_count = 0
+        bodies["moved"] = bodies["punctured"] = 0
+        bodies["last_R_WB"], bodies["last_p_WB_m"] = bodies["R_WB"], bodies["p_WB_m"]
+        self.world.moved[0] = self.world.proxy[0].puncture_count = 0
         self.world.impulse[:] = 0.0
-        put(self.world, (p[0], p[1], p[2]))
+        place_proxy(self.world, (p[0], p[1], p[2]))
         self._started = True
         self._ticks = 0
 
     def tune(self, swatch: str, **numbers: float) -> None:
-        """Change numbers of a swatch while it is felt, from the next tick on: `tune("oak", stiffness_N_m=300.0)`.
+        """Change parameters of a swatch from the next tick on, for example `tune("oak", stiffness_N_m=300.0)`.
 
         Args:
-            swatch: its name.
-            numbers: `stiffness_N_m`, and parameters of the effects by name.
+            swatch: name of the swatch.
+            numbers: `stiffness_N_m`, and parameters of effects by name.
 
         Raises:
-            SceneError: no such swatch in the scene.
-            EffectError: no effect has such a parameter, or it may not have this value.
+            SceneError: the scene has no such swatch.
+            EffectError: no effect has such a parameter, or the value is out of range.
         """
         if swatch not in self._swatch_names:
             raise SceneError(no_such("swatch", swatch, self._swatch_names))
@@ -229,10 +235,10 @@ class Renderer:
         _warn([str(clip) for clip in self._fit.clips(index) if clip.reported and clip.number in numbers])
 
     def tune_field(self, effect: str, **numbers: float) -> None:
-        """Change parameters of an effect of the scene, from the next tick on: `tune_field("weight", mass_kg=0.3)`.
+        """Change parameters of an effect of the scene from the next tick on: `tune_field("weight", mass_kg=0.3)`.
 
         Raises:
-            EffectError: no such effect of the scene, no such parameter, or it may not have this value.
+            EffectError: the effect or parameter does not exist, or the value is out of range.
         """
         first = len(self._contact_effects)
         names = [e.name for e in self._effects[first:]]
@@ -244,12 +250,12 @@ class Renderer:
             raise EffectError(no_such("parameter", unknown[0], params))
         checked = {name: check_range(self._effects[first + k], params[name], v) for name, v in numbers.items()}
         self._fields[k].numbers.update(checked)
-        taken, clipped = self._field(k)
+        taken, clipped = self._clipped_field(k)
         put_numbers(self.surface, self._effects, len(self._swatch_names), taken)
         _warn([str(clip) for clip in clipped if clip.reported and clip.number in numbers])
 
     def mute(self, effect: str, muted: bool = True) -> None:
-        """Leave an effect out of the sum from the next tick on, or take it in again; a reset changes nothing of it.
+        """Exclude an effect from the sum from the next tick on, or include it again. A reset does not change this.
 
         Raises:
             EffectError: the renderer has no such effect.
@@ -260,7 +266,7 @@ class Renderer:
         self.surface.muted[names.index(effect)] = SWITCHED_OFF if muted else 0
 
     def _at_fidelity(self, scene: "Scene") -> "Scene":
-        """The scene as the fidelity has it; itself without one."""
+        """Return the scene at the level of detail of the fidelity, or the scene itself without one."""
         if self.fidelity is None:
             return scene
         from hapscene.fidelity.apply import apply_level
@@ -268,28 +274,28 @@ class Renderer:
         return apply_level(scene, self.fidelity.level)
 
     def _refuse_fidelity(self, what: str) -> None:
-        """Say what is not done with a fidelity."""
+        """Raise `SceneError` if a fidelity is in use, which holds for the original bodies only."""
         if self.fidelity is not None:
-            raise SceneError(f"{what} with a fidelity, which is of the scene as it was: make a renderer without one")
+            raise SceneError(f"{what} while a fidelity is in use, which was computed for other bodies: omit fidelity")
 
     def _read_field_settings(self, settings: Mapping[str, Mapping[str, Any]]) -> list[FieldSetting]:
-        """Settings of the scene effects, checked, one per effect."""
+        """Return the checked settings of the effects of the scene, one for each effect."""
         of_scene = self._effects[len(self._contact_effects) :]
         names = [effect.name for effect in of_scene]
         for name in names:
             if names.count(name) > 1:
-                raise EffectError(f"effect {name!r} of the scene is named twice, and has one setting")
+                raise EffectError(f"effect {name!r} of the scene is listed twice; list it once")
         if not isinstance(settings, Mapping):
             raise EffectError(
-                f"settings go by the names of effects: {{'weight': {{'mass_kg': 0.2}}}}, not {settings!r:.40}"
+                f"settings must map effects to settings, as {{'weight': {{'mass_kg': 0.2}}}}, not {settings!r:.40}"
             )
         for name in settings:
             if name not in names:
                 raise EffectError(no_such("effect of the scene", name, names))
         return [field_setting(e, settings.get(e.name, {}), self._body_names, self.a_rate_Hz) for e in of_scene]
 
-    def _field(self, k: int) -> tuple[Numbers, list[Clip]]:
-        """What the device takes of the numbers of the k-th effect of the scene, and where that is not all."""
+    def _clipped_field(self, k: int) -> tuple[Numbers, list[Clip]]:
+        """Return the parameters of effect `k` of the scene within the limits of the device, and which were clipped."""
         e = len(self._contact_effects) + k
         asked = {(e, name): value for name, value in self._fields[k].numbers.items()}
         taken = clip_to_device(self.limits, self._effects, asked)
@@ -297,16 +303,20 @@ class Renderer:
 
     @property
     def clips(self) -> tuple[Clip, ...]:
-        """What the device does not take of the swatches' numbers, and of the scene's effects', as they are now."""
+        """Parameters of swatches and of effects of the scene that exceed the limits of the device at present."""
         of_swatches = [clip for index in range(len(self._swatch_names)) for clip in self._fit.clips(index)]
-        return tuple(of_swatches + [clip for k in range(len(self._fields)) for clip in self._field(k)[1]])
+        return tuple(of_swatches + self._field_clips())
 
-    def _fitted(self, scene: "Scene") -> tuple[Fit, Surface, list[str]]:
-        """A scene's swatches as the device takes them, and what of those painted is worth a warning."""
-        fit = Fit(scene, self._contact_effects, self.limits, self.tick_s)
+    def _field_clips(self) -> list[Clip]:
+        """Return the parameters of effects of the scene that exceed the limits of the device."""
+        return [clip for k in range(len(self._fields)) for clip in self._clipped_field(k)[1]]
+
+    def _build_surface(self, scene: "Scene") -> tuple[ClippedSwatches, Surface, list[str]]:
+        """Return the clipped swatches of a scene, their arrays, and warnings about those that are painted."""
+        fit = ClippedSwatches(scene, self._contact_effects, self.limits, self.tick_s)
         surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self.limits, self._fields)
         for k in range(len(self._fields)):
-            put_numbers(surface, self._effects, len(scene.swatches), self._field(k)[0])
+            put_numbers(surface, self._effects, len(scene.swatches), self._clipped_field(k)[0])
         from hapscene.scene.fine_paint import swatches_of
 
         painted = {k for body in scene.bodies for k in swatches_of(body).tolist()}
@@ -324,43 +334,43 @@ class Renderer:
         return fit, surface, messages
 
     def repaint(self, scene: "Scene") -> None:
-        """Feel another painting of the same bodies: their swatches, and face by face which. Contact goes on.
+        """Change the swatches and painted faces of the same bodies. Contact continues.
 
-        Bodies that the scene has behind those of the renderer are felt as well from then on, and it is this scene whose
-        `pose` is seen.
+        Bodies that the scene lists after those of the renderer are added. From then on the renderer follows
+        `Scene.pose` of the new scene.
 
         Raises:
-            SceneError: other bodies than the renderer was made with, or one far too large to be added to them.
-            EffectError: a swatch that an effect refuses. Then nothing is changed.
+            SceneError: the bodies differ from those of the renderer, or a new body is too large or too small.
+            EffectError: an effect rejects a swatch. Nothing is changed.
         """
-        self.take_painting(self.prepare_painting(scene))
+        self.apply_painting(self.prepare_painting(scene))
 
     def prepare_painting(self, scene: "Scene") -> PreparedPainting:
-        """The slow half of `repaint`: what `take_painting` takes, while ticks go on in another thread."""
+        """Do the slow part of `repaint`. Ticks may run in another thread meanwhile."""
         known = len(self._bodies)
         for ours, theirs in zip_longest(self._bodies, scene.bodies[:known]):
             if theirs is None or (ours.name, len(ours.mesh.faces)) != (theirs.name, len(theirs.mesh.faces)):
                 raise SceneError(OTHER_BODIES)
         more = tuple(scene.bodies[known:])
         if more:
-            self._refuse_fidelity("no body is added")
-        fit, surface, _ = self._fitted(self._at_fidelity(scene))
-        growth = Growth(self.world, self._bodies, more, self._crease_rad) if more else None
+            self._refuse_fidelity("bodies cannot be added")
+        fit, surface, _ = self._build_surface(self._at_fidelity(scene))
+        extension = Extension(self.world, self._bodies, more, self._crease_rad) if more else None
         names = tuple(swatch.name for swatch in scene.swatches)
-        return PreparedPainting(surface, fit, names, growth, more, scene)
+        return PreparedPainting(surface, fit, names, extension, more, scene)
 
-    def take_painting(self, painting: PreparedPainting) -> None:
-        """The quick half of `repaint`, between two ticks."""
+    def apply_painting(self, painting: PreparedPainting) -> None:
+        """Do the fast part of `repaint`, between two ticks."""
         surface, old = painting.surface, self.surface
         for name in ("touch", "memory", "states", "muted"):
             getattr(surface, name)[:] = getattr(old, name)
-        surface.touch["swatch"] = surface.touch["other"] = -1  # another one, or the same by another number
+        surface.touch["swatch"] = surface.touch["other"] = -1  # the swatch changed, or has a new index
         surface.entries[:] = old.entries
         self.surface, self._fit = surface, painting.fit
         self._swatch_names = painting.swatch_names
-        if painting.growth is not None:
+        if painting.extension is not None:
             with self._deforming:
-                self.world = painting.growth.take(self.world)
+                self.world = painting.extension.apply(self.world)
             self._bodies += painting.bodies
             for body in painting.bodies:
                 self._index_of[body.name] = len(self._body_names)
@@ -369,38 +379,38 @@ class Renderer:
             self._seen_X_WB = [body.X_WB for body in painting.scene.bodies]
 
     def remove(self, body: str) -> None:
-        """Take a body out of what is felt. Its number is not given to another, its memory stays, and so does the scene.
+        """Remove a body from contact. Its index and memory stay reserved, and the scene keeps it.
 
         Raises:
-            SceneError: no such body.
+            SceneError: the renderer has no such body.
         """
         index = self._index(body)
         row = self.world.bodies[index]
-        row.radius_m, row.shape_posted = -REACH_MAX_M, row.shape_felt  # nothing comes near it any more
-        slots = self.moving([body])
+        row.radius_m, row.shape_posted = -REACH_MAX_M, row.shape_used  # never near the device
+        slots = self.moving_bodies([body])
         slots.teleported[:] = 1
         self._place(slots)
-        self.world.proxy[0].near_room_m = 0.0  # which are near is looked up anew
+        self.world.proxy[0].near_margin_m = 0.0  # forces a new list of nearby bodies
         del self._index_of[body]
-        self._mapped = None  # it may hold the body
+        self._pose_slots = None  # it may contain the body
 
     def deform(self, body: str, vertices_m: ArrayLike) -> None:
-        """Give a body another shape from the next tick on, some 60 times a second: contact and memory go on.
+        """Set a new shape of a body from the next tick on, for example 60 times a second. Contact continues.
 
-        Between two shapes its surface goes evenly from one to the other where it is touched. May be called in another
-        thread than `step`, which does not wait for it. The first time takes as long as to build the search, three times
-        the body's memory, and once that of all the renderer's corners (72 bytes a face). The scene stays as it is.
+        At the contact point the surface moves linearly from shape to shape. This method may run in another thread than
+        `step`, which never waits for it. The first call builds the search structures and allocates three times the
+        memory of the body and once that of all corners (72 bytes per face). The scene does not change.
 
         Args:
-            body: its name.
-            vertices_m: (N, 3) where the vertices of its mesh are, in the body's frame; its faces are as ever.
+            body: name of the body.
+            vertices_m: (N, 3) positions of the vertices of its mesh in the frame of the body; the faces stay the same.
 
         Raises:
-            PathError: not numbers.
-            SceneError: no such body, not as many places as the mesh has vertices, or not finite ones.
+            PathError: `vertices_m` is not numeric.
+            SceneError: the body is unknown, the number of vertices differs from the mesh, or a vertex is not finite.
         """
         index = self._index(body)
-        self._refuse_fidelity("no body is given another shape")
+        self._refuse_fidelity("bodies cannot be deformed")
         use_moving_bodies(self.world, self.surface)
         mesh = self._bodies[index].mesh
         vertices = shape_of(vertices_m, len(mesh.vertices_m), body)
@@ -411,50 +421,56 @@ class Renderer:
                 self._deformations[index] = made
             self._deformations[index].post(self.world, vertices)
 
-    def moving(self, names: Sequence[str]) -> MovingBodies:
-        """Bind bodies to slots whose poses are written in place: what `step` then takes, at a fraction of the time.
+    def moving_bodies(self, names: Sequence[str]) -> MovingBodies:
+        """Select bodies whose poses you write in place. Faster than a mapping of poses in `step`.
 
         Raises:
-            SceneError: an unknown body, or one that is named twice.
+            SceneError: a body is unknown or listed twice.
         """
         if isinstance(names, str) or not isinstance(names, Iterable):
-            raise SceneError(f"bodies are a list of names, as ['crate'], not {names!r:.40}")
+            raise SceneError(f"bodies must be a list of names, as ['crate'], not {names!r:.40}")
         use_moving_bodies(self.world, self.surface)
-        self._see_poses()
+        self._apply_scene_poses()
         bodies = self.world.bodies
         X_WB = np.tile(np.eye(4), (len(bodies), 1, 1))
-        X_WB[:, :3, :3], X_WB[:, :3, 3] = bodies["R_WB"], bodies["p_WB_m"] - bodies["lead_W_m"]
+        X_WB[:, :3, :3], X_WB[:, :3, 3] = bodies["R_WB"], bodies["p_WB_m"] - bodies["shift_W_m"]
         return MovingBodies(names, self._index_of, X_WB, self.world.proxy)
 
     def step(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | MovingBodies | None = None) -> Command:
-        """One tick with the tool at `p_WT` (3,) [m]; `poses` moves bodies there: {body: X_WB (4, 4)}, or `moving` ones.
+        """Compute one tick with the device at `p_WT` (3,) [m].
 
-        A position that is not finite is flagged (`Flag.TOOL_NOT_FINITE`), not raised; so is a pose that is not finite
-        or not rigid (`Flag.POSE_REFUSED`), whose body stays at its last good one. What rounding does to a rotation is
-        mended. The first step of a renderer starts it at that position.
+        The first step starts the renderer at that position. A position that is not finite sets `Flag.TOOL_NOT_FINITE`.
+        A pose that is not finite or not rigid sets `Flag.POSE_REFUSED`, and its body stays at the last valid pose.
+        Rounding errors of rotations are corrected.
+
+        Args:
+            p_WT: (3,) device position [m].
+            poses: poses of the bodies that move, {body: X_WB (4, 4)} or the result of `moving_bodies`.
 
         Returns:
-            Command, whose arrays are the caller's to keep.
+            Command, whose arrays are copies.
 
         Raises:
-            PathError: a position that is not three numbers.
-            SceneError: poses for an unknown body, or of another shape; bodies bound by another renderer.
+            PathError: the position is not three numbers.
+            SceneError: a body is unknown, a pose is not (4, 4), or `poses` belongs to another renderer.
         """
         p = numbers(p_WT).reshape(1, -1)
         if p.shape != (1, 3):
-            raise PathError(f"a position is three numbers in metres; it has {p.size}")
+            raise PathError(f"a position must be three numbers [m]; it has {p.size}")
         if not self._started:
             if not np.isfinite(p).all():
                 return Command(np.zeros(3), np.zeros(self.block), Flag.TOOL_NOT_FINITE)
             self.reset(p[0])
-        self._see_poses()
-        slots = _STILL
+        self._apply_scene_poses()
+        slots = _NO_BODIES
         if poses:
             if not isinstance(poses, MovingBodies | Mapping):
-                raise SceneError("poses are {body: X_WB (4, 4)}, or what `moving` gave, not " + type(poses).__name__)
+                raise SceneError(
+                    "poses must be {body: X_WB (4, 4)} or the result of `moving_bodies`, not " + type(poses).__name__
+                )
             bodies = poses if isinstance(poses, MovingBodies) else self._slots(poses)
-            if bodies.owner is not self.world.proxy:  # which stays whatever becomes of the bodies
-                raise SceneError("these moving bodies are another renderer's: bind them by this one's `moving`")
+            if bodies.owner is not self.world.proxy:  # the array that stays the same when bodies are added
+                raise SceneError("poses belong to another renderer: call `moving_bodies` of this one")
             slots = bodies.index, bodies.poses, bodies.teleported
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
         self._ticks += 1
@@ -465,10 +481,10 @@ class Renderer:
         return Command(f_W_N.copy(), self._samples[0].copy(), flag_of(flags.item()), contact)
 
     def impulse(self, body: str) -> Impulse:
-        """What the tool has given a body since the last reset.
+        """Return the impulse of the tool on a body since the last reset.
 
         Raises:
-            SceneError: no such body.
+            SceneError: the renderer has no such body.
         """
         total = self.world.impulse[self._index(body)]
         return Impulse(total[:3].copy(), total[3:].copy())
@@ -479,34 +495,38 @@ class Renderer:
         return self._index_of[body]
 
     def _slots(self, poses: Mapping[str, ArrayLike]) -> MovingBodies:
-        """Slots for poses by name; the same as long as the names are."""
-        if self._mapped is None or self._mapped.names != tuple(poses):
-            self._mapped = self.moving(tuple(poses))
-        self._mapped.take(poses)
-        return self._mapped
+        """Return slots that hold poses given by name, reused as long as the names stay the same."""
+        if self._pose_slots is None or self._pose_slots.names != tuple(poses):
+            self._pose_slots = self.moving_bodies(tuple(poses))
+        self._pose_slots.set_poses(poses)
+        return self._pose_slots
 
     def run(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | None = None) -> "Recording":
-        """Tick along a path: `p_WT` (n, 3) [m], a position per tick; `poses` {body: X_WB (n, 4, 4)}, a pose per tick.
+        """Compute ticks along a path.
 
-        Goes on from where the last `run` or `step` ended; the first starts at the path's first position.
+        The first run starts at the first position of the path; later runs continue from the state of the last tick.
+
+        Args:
+            p_WT: (n, 3) device positions, one for each tick [m].
+            poses: poses of the bodies that move, {body: X_WB (n, 4, 4)}, one for each tick.
 
         Raises:
-            PathError: a path that is empty, of another shape, or not finite.
-            SceneError: poses for an unknown body, of another length, or not rigid.
+            PathError: the path is empty, not (n, 3), or not finite.
+            SceneError: a body is unknown, or poses have another length or are not rigid.
         """
         path = positions(np.ascontiguousarray(numbers(p_WT)))
         n = len(path)
         slots = self._poses(poses or {}, n)
         if not self._started:
             self.reset(path[0])
-        self._see_poses()
+        self._apply_scene_poses()
         rows = records(n, ROW)
         a_m_s2 = np.zeros((n, self.block))
         self._play(self.world, self.surface, path, *slots, rows, a_m_s2)
         return self.recording(rows, a_m_s2)
 
     def recording(self, rows: Any, a_m_s2: NDArray[np.float64]) -> "Recording":
-        """The next ticks, from their rows (n,) ROW and samples (n, block): for those who drive the tick themselves."""
+        """Return a recording of ticks that other code ran, from their rows (n,) ROW and samples (n, block)."""
         from hapscene.render.recording import Recording
 
         n = len(rows)
@@ -523,8 +543,8 @@ class Renderer:
             effects=tuple(effect.name for effect in self._effects),
         )
 
-    def _see_poses(self) -> None:
-        """Have the bodies whose pose in the scene is another one since the last look appear there."""
+    def _apply_scene_poses(self) -> None:
+        """Teleport the bodies whose pose in the scene has changed since the last call."""
         if self._scene.pose_count == self._seen:
             return
         X_WB = [body.X_WB for body in self._scene.bodies]
@@ -536,7 +556,7 @@ class Renderer:
         self._seen, self._seen_X_WB = self._scene.pose_count, X_WB
 
     def _place(self, slots: MovingBodies) -> None:
-        """Have bodies take their poses now, between two ticks."""
+        """Set the poses of bodies now, between two ticks."""
         use_moving_bodies(self.world, self.surface)
         call_entry(
             place_bodies, self.world, self.surface, slots.index, slots.poses, slots.teleported, len(slots.index), 0
@@ -545,7 +565,7 @@ class Renderer:
     def _poses(
         self, poses: Mapping[str, ArrayLike], count: int
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-        """Indices of the moving bodies (m,), their poses (count, m, 4, 4), and which of them jump (m,): none."""
+        """Return indices of moving bodies (m,), their poses (count, m, 4, 4), and which of them teleport (m,): none."""
         if poses:
             use_moving_bodies(self.world, self.surface)
         moving = np.zeros(len(poses), np.int64)
@@ -557,28 +577,28 @@ class Renderer:
 
 
 def _warn(messages: list[str]) -> None:
-    """One line for all of them."""
+    """Issue one warning for all messages."""
     if messages:
         more = f"; and {len(messages) - 1} more, see Renderer.clips" if len(messages) > 1 else ""
         warn(messages[0] + more, DeviceWarning)
 
 
-def _warn_of_crowd(scene: "Scene", world: Any) -> None:
-    """Say where more bodies overlap than a tick asks."""
-    count, index = crowd(world) if len(scene.bodies) > NEAR_MAX else (0, 0)
+def _warn_of_overlap(scene: "Scene", world: World) -> None:
+    """Warn if more bodies overlap at one point than a tick can test."""
+    count, index = count_overlapping(world) if len(scene.bodies) > NEAR_MAX else (0, 0)
     if count > NEAR_MAX:
         from hapscene.scene.mesh import MeshWarning
 
         place = ", ".join(f"{v:g}" for v in world.ball_W_m[index, :3])
         warn(
-            f"{count:,} bodies overlap about ({place}) m, where body {scene.bodies[index].name!r} is; a tick asks "
-            f"{NEAR_MAX} of them, the others are not felt there (Flag.CROWDED): move them apart, or make them one mesh",
+            f"{count:,} bodies overlap near ({place}) m, where body {scene.bodies[index].name!r} is. A tick tests "
+            f"{NEAR_MAX} bodies; others are ignored there (Flag.CROWDED). Move them apart, or merge them into one mesh",
             MeshWarning,
         )
 
 
 def _fidelity_of(fidelity: "Fidelity | str | os.PathLike[str] | None", scene: "Scene") -> "Fidelity | None":
-    """A fidelity by itself, or from its file."""
+    """Return a fidelity, loaded from its file if a path is given."""
     if isinstance(fidelity, str | os.PathLike):
         from hapscene.fidelity.fidelity_file import load_fidelity
 
@@ -586,9 +606,9 @@ def _fidelity_of(fidelity: "Fidelity | str | os.PathLike[str] | None", scene: "S
     return fidelity
 
 
-def _entry(world: Any, surface: Any, rows: Any, blocks: NDArray[np.float64]) -> Any:
-    """`run_ticks` compiled for these records, without numba's look-up of argument types (3 µs a call)."""
+def _compile_run(world: World, surface: Surface, rows: Records, blocks: NDArray[np.float64]) -> Any:
+    """Return `run_ticks` compiled for these records. Its entry point skips numba's type look-up (3 µs per call)."""
     play: Any = run_ticks
     if INTERPRETED:
         return play
-    return play.compile(world, surface, np.zeros((0, 3)), *_STILL, rows, blocks).entry_point
+    return play.compile(world, surface, np.zeros((0, 3)), *_NO_BODIES, rows, blocks).entry_point

@@ -1,19 +1,19 @@
-"""One haptic tick, in order. Read this first.
+"""The haptic tick. Start reading here: each phase names the module that implements it.
 
-    read       the tool's position; a bad one is replaced by the last good one
-    couple     it to the tool that touches, where asked for             device/stabilisers.py
-    sweep      the way from the proxy to the tool through the scene     contact/
-    constrain  the proxy to the faces in the way                        contact/
-    describe   the contact, once, so that all effects agree             describe.py
-    render     each effect of the touched swatch                        surface/mixer.py
-    react      what the tool does to the bodies                         reaction.py
-    field      each effect of the scene, felt by the hand alone         surface/mixer.py
-    guard      the wall's energy, where asked for                       device/stabilisers.py
-    mix        their sum, within the limits of the device               surface/mixer.py
-    note       a row
+    read       device position; an invalid one is replaced by the last valid one
+    couple     virtual coupling of device and proxy, if enabled             device/stabilisers.py
+    sweep      move the proxy towards the device through the scene          contact/
+    constrain  the proxy by the faces in the way                            contact/
+    describe   the contact in one record that all effects read              describe.py
+    render     sum the effects of the touched swatch                        surface/mixer.py
+    react      reaction forces and impulses on the bodies                   reaction.py
+    field      add the effects of the scene, which act on the hand only     surface/mixer.py
+    guard      energy of the wall (passivity), if enabled                   device/stabilisers.py
+    mix        limit the sum to the device                                  surface/mixer.py
+    note       write the row of the tick
 
-The same function is called by `Renderer.step` for one tick and by `Renderer.run` for many: same bits. It allocates
-nothing, locks nothing and raises nothing; what goes wrong is a `Flag`.
+`Renderer.step` (one tick), `Renderer.run` (many ticks) and the closed loops call the same function and get the same
+bits. A tick never allocates memory, takes a lock or raises an exception; errors are reported as a `Flag`.
 """
 
 import math
@@ -26,8 +26,8 @@ from hapscene.clock import now_ns
 from hapscene.compiled.entry import address_of, call_flags
 from hapscene.compiled.native import inlined, native
 from hapscene.contact.moving import place_bodies
-from hapscene.contact.passing import let_in
-from hapscene.contact.proxy import move
+from hapscene.contact.proxy import move_proxy
+from hapscene.contact.puncture import open_puncture
 from hapscene.contact.world import NO_SHADE
 from hapscene.device.stabilisers import couple, guard
 from hapscene.flags import Flag
@@ -54,9 +54,11 @@ _POSE = int(Flag.POSE_REFUSED)
 def tick(
     world: "World", surface: "Surface", x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]
 ) -> int:
-    """One tick with the tool at (x, y, z) [m] in W; `row` is one `ROW`, `a_m_s2` (block,) its samples. Returns flags.
+    """Compute one tick with the device at (x, y, z) [m] in W; returns flags.
 
-    Compiled once for all loops: they call it by `surface.entries[TICK]`, as it calls the phases that few scenes use.
+    Writes one `ROW` to `row` and its acceleration samples (block,) to `a_m_s2`. Compiled once for all loops, which
+    call it through `surface.entries[TICK]`. Phases that few scenes use are called the same way, if their entry is not
+    0.
     """
     start_ns = now_ns(surface.clock)
     entries = surface.entries
@@ -64,7 +66,7 @@ def tick(
     p_WT = tool_W
     if entries[COUPLE] != 0:
         p_WT = _coupled(surface, tool_W)
-    if not move(world, p_WT):
+    if not move_proxy(world, p_WT):
         flags |= _UNSETTLED
     if world.proxy[0].crowded == 1:
         flags |= _CROWDED
@@ -79,7 +81,7 @@ def tick(
     if entries[FIELDS] != 0:
         flags |= call_flags(entries[FIELDS], (world, surface))
     if surface.total[0].release != 0:
-        let_in(world)
+        open_puncture(world)
     if entries[GUARD] != 0:
         flags |= call_flags(entries[GUARD], (surface, tool_W))
     flags |= limit(surface)
@@ -102,9 +104,9 @@ def run_ticks(
     rows: Records,
     a_m_s2: NDArray[np.float64],
 ) -> None:
-    """Tick along a path `p_WT_m` (n, 3), the bodies `moving` (m,) at poses `X_WB` (n, m, 4, 4).
+    """Compute a tick for each position of a path `p_WT_m` (n, 3), with the bodies `moving` (m,) at `X_WB` (n, m, 4, 4).
 
-    Where `teleported` (m,) is not 0, a body appears at its first pose.
+    A body whose entry in `teleported` (m,) is not 0 jumps to its first pose.
     """
     for k in range(len(p_WT_m)):
         p, moved = p_WT_m[k], (moving, X_WB, teleported, len(moving), k)
@@ -113,7 +115,7 @@ def run_ticks(
 
 @inlined
 def tick_at(world: Any, surface: Any, moved: Any, p_WT: Vector, row: Any, a_m_s2: NDArray[np.float64]) -> None:
-    """Place the bodies that move, and tick: what every loop does. `moved` is what `place_bodies` takes after these."""
+    """Place the moving bodies and compute one tick. `moved` holds the arguments of `place_bodies` after these."""
     entries = surface.entries
     if entries[PLACE] != 0:
         call_flags(entries[PLACE], (world, surface, moved[0], moved[1], moved[2], moved[3], moved[4]))
@@ -121,11 +123,11 @@ def tick_at(world: Any, surface: Any, moved: Any, p_WT: Vector, row: Any, a_m_s2
 
 
 def use_tick(world: "World", surface: "Surface", rows: Records, a_m_s2: NDArray[np.float64]) -> None:
-    """Compile the tick, and the phases that its device, its mesh and its effects ask for; or take them from the cache.
+    """Compile the tick and the phases that device, mesh and effects need, or load them from the cache.
 
     Args:
-        world, surface: on which it will work, with all that is in them.
-        rows, a_m_s2: (n,) ROW and (n, block) samples, as those into which it will write.
+        world, surface: arrays on which the tick will work.
+        rows, a_m_s2: (n,) ROW and (n, block) samples of the types that the tick will write.
     """
     entries, point = surface.entries, (0.0, 0.0, 0.0)
     if surface.limits[0].coupling_N_m > 0.0:
@@ -140,7 +142,7 @@ def use_tick(world: "World", surface: "Surface", rows: Records, a_m_s2: NDArray[
 
 
 def use_moving_bodies(world: "World", surface: "Surface") -> None:
-    """Compile what moves and deforms bodies, or take it from the cache; before the first tick that needs it."""
+    """Compile the code that moves and deforms bodies, or load it from the cache."""
     none = np.zeros(0, np.int64)
     if surface.entries[PLACE] == 0:
         surface.entries[PLACE] = address_of(place_bodies, world, surface, none, np.zeros((1, 0, 4, 4)), none, 0, 0)
@@ -148,7 +150,7 @@ def use_moving_bodies(world: "World", surface: "Surface") -> None:
 
 @inlined
 def _coupled(surface: "Surface", tool_W: Vector) -> Vector:
-    """The virtual tool of the coupling."""
+    """Return the position of the virtual tool of the coupling."""
     now = surface.memory[0].now_W_m
     now[0], now[1], now[2] = tool_W
     call_flags(surface.entries[COUPLE], (surface,))
@@ -157,7 +159,7 @@ def _coupled(surface: "Surface", tool_W: Vector) -> Vector:
 
 @inlined
 def _read(surface: "Surface", x: float, y: float, z: float) -> tuple[Vector, int]:
-    """The tool's position, or the last good one where it is not finite."""
+    """Return the device position, or the last valid one and a flag if it is not finite."""
     if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
         return (x, y, z), 0
     last = surface.memory[0].tool_W_m
@@ -166,14 +168,14 @@ def _read(surface: "Surface", x: float, y: float, z: float) -> tuple[Vector, int
 
 @inlined
 def _keep(surface: "Surface", tool_W: Vector) -> None:
-    """Remember the tool as it was measured."""
+    """Store the measured device position."""
     last = surface.memory[0].tool_W_m
     last[0], last[1], last[2] = tool_W[0], tool_W[1], tool_W[2]
 
 
 @inlined
 def _note(surface: "Surface", row: np.record, a_m_s2: NDArray[np.float64]) -> None:
-    """Write the tick's row."""
+    """Write the row of the tick."""
     touch, total = surface.touch[0], surface.total[0]
     for i in range(3):
         row.p_WT_m[i] = touch.p_WT_m[i]

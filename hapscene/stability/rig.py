@@ -17,8 +17,8 @@ from hapscene.device.sim.hand import GRIPS, Grip
 from hapscene.device.sim.omni import Omni, stand
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
-from hapscene.loop.hand_intent import Intent
-from hapscene.loop.result import Feel
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
+from hapscene.loop.result import ClosedLoopResult
 from hapscene.loop.twin import Twin
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -97,7 +97,7 @@ class Rig:
         self._stiffness_N_m, self._damping_Ns_m = stiffness_N_m, damping_Ns_m
         self.twin.renderer.tune("wall", stiffness_N_m=stiffness_N_m, damping_Ns_m=damping_Ns_m)
 
-    def release(self, depth_m: float, speed_m_s: float, push_N: float, count: int) -> Feel:
+    def release(self, depth_m: float, speed_m_s: float, push_N: float, count: int) -> ClosedLoopResult:
         """Guide a point mass into the sheet, release it at a depth with a speed, and then only push.
 
         Args:
@@ -117,27 +117,27 @@ class Rig:
         grip[-1] = 0.0  # release
         push = np.array((0.0, 0.0, -push_N))
         self.twin.reset(target[0])
-        self.twin.run(Intent(target, grip, np.broadcast_to(push, grip.shape)))
+        self.twin.run(ReferenceTrajectory(target, grip, np.broadcast_to(push, grip.shape)))
         return self.push_on(push_N, count)
 
-    def push_on(self, push_N: float, count: int) -> Feel:
+    def push_on(self, push_N: float, count: int) -> ClosedLoopResult:
         """Continue to push into the sheet for `count` ticks."""
-        return self.twin.run(Intent.hold((*AT_M, 0.0), count, GRIPS["none"], push_W_N=(0.0, 0.0, -push_N)))
+        return self.twin.run(ReferenceTrajectory.hold((*AT_M, 0.0), count, GRIPS["none"], push_W_N=(0.0, 0.0, -push_N)))
 
-    def throw(self, height_m: float, speed_m_s: float, count: int) -> Feel:
+    def throw(self, height_m: float, speed_m_s: float, count: int) -> ClosedLoopResult:
         """Throw a free point mass at the sheet from above, and simulate `count` ticks."""
         self.twin.reset(_at(-height_m), (0.0, 0.0, -speed_m_s))
         return self.push_on(0.0, count)
 
-    def follow(self, depth_m: NDArray[np.float64], grip: Grip) -> Feel:
+    def follow(self, depth_m: NDArray[np.float64], grip: Grip) -> ClosedLoopResult:
         """Guide the tool along depths (n,), from rest at the first one; negative depths are above the sheet."""
         path = _at(depth_m)
         self.twin.reset(path[0])
-        return self.twin.run(Intent.along(path, grip))
+        return self.twin.run(ReferenceTrajectory.along(path, grip))
 
-    def stay(self, depth_m: float, count: int, grip: Grip) -> Feel:
+    def stay(self, depth_m: float, count: int, grip: Grip) -> ClosedLoopResult:
         """Continue to hold the target at a depth for `count` ticks."""
-        return self.twin.run(Intent.hold((*AT_M, -depth_m), count, grip))
+        return self.twin.run(ReferenceTrajectory.hold((*AT_M, -depth_m), count, grip))
 
     @property
     def point(self) -> PointMass:

@@ -24,7 +24,7 @@ from hapscene.device.model import TOUCH_SPEED_M_S, device_named, limits_of
 from hapscene.device.sim.hand import Grip
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
-from hapscene.loop.result import Feel
+from hapscene.loop.result import ClosedLoopResult
 from hapscene.parallel import Task, run_tasks
 from hapscene.stability.closed_form import limit_of_small_motion
 from hapscene.stability.rig import Rig
@@ -166,7 +166,7 @@ def touch(rig: Rig, grip: Grip) -> Trial:
     return trial
 
 
-def _judged(felt: Feel, tick_s: float, work_J: float) -> Trial:
+def _judged(felt: ClosedLoopResult, tick_s: float, work_J: float) -> Trial:
     """Evaluate the end of a motion, and add its energy to `work_J`."""
     late = round(LATE_S / tick_s)
     speed2 = np.sum(felt.v_W_m_s[-late:] ** 2, axis=1)

@@ -1,4 +1,4 @@
-"""How it feels: swatches, effects, and what they are summed into."""
+"""Surface properties: swatches, effects, and the mixer that sums what effects render."""
 
 import lazy_loader
 

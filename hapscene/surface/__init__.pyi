@@ -1,5 +1,5 @@
 from .effect_registry import load_effect as load_effect
-from .life import Life as Life
+from .gain_modulation import GainModulation as GainModulation
 from .taps import Tap as Tap
 from .taps import Taps as Taps
 from .texture import Texture as Texture

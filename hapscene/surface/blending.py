@@ -1,7 +1,7 @@
-"""A phase of the tick of its own: the paint at a place, and two swatches at once where it is a blend of two.
+"""Blends of two swatches: finds the paint at a point of a face, and cross-fades between swatches.
 
-The effects know nothing of it. They have two memories, *banks*: each swatch of a blend is felt through one of them, and
-keeps it as long as it is felt. So what was pure, goes over into another and is that alone at the end never begins anew.
+Effects do not handle blends. They have two states, in *banks*: each swatch of a blend uses one bank as long as it is
+rendered. A stroke from one pure swatch through a blend into another thus never resets the state of an effect.
 """
 
 from typing import Any
@@ -18,13 +18,17 @@ __all__ = ["paint_at", "take_paint"]
 
 @native
 def paint_at(leaf: Any, low: int, high: int, bary: Any) -> int:
-    """Paint (see `hapscene.scene.fine_paint`) at barycentric coordinates (3,) of a face, leaves `low` to `high`."""
+    """Return the paint at barycentric coordinates (3,) of a face, a leaf in `low` to `high`.
+
+    Descends the bisection tree of the face (`hapscene.scene.fine_paint`): each step halves the triangle at an edge,
+    transforms the coordinates to the half that contains the point, and keeps the leaves of that half.
+    """
     a, b, c = bary[0], bary[1], bary[2]
     shift = 31
     while high - low > 1 and shift >= 0:
         edge = leaf[low].edge >> 2 * shift & 3
         u, v = (b, c) if edge == 0 else (c, a) if edge == 1 else (a, b)
-        first, last = low, high  # of the second half: its leaves come last
+        first, last = low, high  # binary search for the first leaf of the second half
         while first < last:
             middle = (first + last) // 2
             if leaf[middle].path >> shift & 1 == 1:
@@ -47,13 +51,16 @@ def paint_at(leaf: Any, low: int, high: int, bary: Any) -> int:
 
 @native
 def take_paint(touch: np.record, memory: np.record, states: NDArray[np.uint8], passed_on: Any, paint: int) -> None:
-    """Have `touch` say what is felt of a paint: the swatches, the weight of the other one, what is new."""
+    """Write the swatches of a paint, the weight of the second one, and changes to `touch`.
+
+    The weight follows that of the paint at a limited rate (`BLEND_S`), except in the first tick of a contact.
+    """
     swatch, other, wanted = paint & 0xFFFF, paint >> 16 & 0xFFFF, (paint >> 32) / 256.0
     if wanted == 0.0:
         other = -1
     was = touch.swatch
     if swatch != was and (swatch == touch.other or (other == was and was >= 0)):
-        if swatch != touch.other:  # a new one in the place of what was beside
+        if swatch != touch.other:  # a new swatch replaces the one that was blended in
             if touch.other < 0:
                 _begin(touch, memory, states, passed_on)
             touch.crossed = 1
@@ -76,7 +83,7 @@ def take_paint(touch: np.record, memory: np.record, states: NDArray[np.uint8], p
 
 @native
 def _begin(touch: np.record, memory: np.record, states: NDArray[np.uint8], passed_on: Any) -> None:
-    """Have the bank that is not in use go on from the other one, or begin anew; its random numbers stay its own."""
+    """Start the unused bank with a copy of the used one, or from zero; its random numbers continue."""
     size = len(states) // 2
     new, used = size * (1 - memory.bank), size * memory.bank
     for k in range(len(passed_on)):

@@ -1,4 +1,4 @@
-"""A swatch's numbers as a device can take them: what was asked, what is given, and where the two differ."""
+"""Limits the parameters of swatches to what a device can render stably, and reports where they were changed."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
     from hapscene.surface.texture import Texture
 
-__all__ = ["STIFFNESS", "WALL", "Clip", "Fit", "Numbers", "clip_to_device", "clips", "share_of"]
+__all__ = ["STIFFNESS", "WALL", "Clip", "ClippedSwatches", "Numbers", "clip_to_device", "clips", "share_of"]
 
 
 STIFFNESS: Final = "stiffness_N_m"
@@ -28,26 +28,26 @@ ADHESION: Final = "adhesion_N"
 ADHESION_RANGE: Final = "adhesion_range_m"
 
 UNITS: Final = {HUNT_CROSSLEY: "N·s/m²", VISCOUS: "s/m", ADHESION: "N", ADHESION_RANGE: "m"}
-"""Of numbers whose name does not end in `STIFFNESS` or `DAMPING`."""
+"""Units of parameters whose names do not end in `STIFFNESS` or `DAMPING`."""
 
 WALL: Final = -1
-"""Stands for the swatch itself where effects stand by their index: it has the stiffness that all press with."""
+"""Key of the swatch itself where effects are keyed by their index: its stiffness is shared by all effects."""
 
 Numbers = dict[tuple[int, str], float]
-"""Numbers of one swatch by effect (`WALL`, or its index) and name."""
+"""Parameters of one swatch by effect (`WALL`, or its index) and name."""
 
 
 @dataclass(frozen=True)
 class Clip:
-    """A number of a swatch, or of an effect of the scene, that the device does not take.
+    """A parameter of a swatch, or of an effect of the scene, that was changed to suit the device.
 
     Attributes:
-        swatch: its name.
-        number: its name, with the unit at its end.
-        asked: what the swatch has.
-        given: what it is rendered with.
-        device: what messages call the device.
-        rate_Hz: of the tick.
+        swatch: name of the swatch or effect.
+        number: name of the parameter, which ends in its unit.
+        asked: value in the swatch.
+        given: value that is rendered.
+        device: name of the device in messages.
+        rate_Hz: tick rate.
         whose: "swatch" or "effect".
     """
 
@@ -61,7 +61,7 @@ class Clip:
 
     @property
     def reported(self) -> bool:
-        """Whether it is felt as another surface, and so worth a warning: what keeps a spring at rest is not."""
+        """Whether the change alters how the surface feels, so that it deserves a warning. Added damping does not."""
         if self.number in UNITS:
             return self.given != self.asked
         return self.number in (STIFFNESS, DAMPING) and self.given < self.asked
@@ -70,13 +70,12 @@ class Clip:
         unit = UNITS.get(self.number, "N·s/m" if self.number.endswith(DAMPING) else "N/m")
         rate = f"{self.rate_Hz / 1000.0:g} kHz"
         if self.given > self.asked:
-            needs = f"{self.number} of {self.asked:.3g} {unit} is too little for the {self.device} at {rate}"
-            return f"{self.whose} {self.swatch!r}: {needs}: rendered with {self.given:.3g} {unit}"
-        what = "" if self.number == STIFFNESS else f"{self.number} of "
-        holds = f"is more than the {self.device} holds at {rate} ({_figure(self.given)} {unit})"
+            low = f"{self.number} of {self.asked:.3g} {unit} is below the minimum of the {self.device} at {rate}"
+            return f"{self.whose} {self.swatch!r}: {low}; rendered with {self.given:.3g} {unit}"
+        limit = f"{_figure(self.given)} {unit}"
         return (
-            f"{self.whose} {self.swatch!r}: {what}{_figure(self.asked)} {unit} {holds}: "
-            f"rendered at {_figure(self.given)} {unit}"
+            f"{self.whose} {self.swatch!r}: {self.number} of {_figure(self.asked)} {unit} exceeds the stable limit of "
+            f"the {self.device} at {rate}; rendered with {limit}"
         )
 
 
@@ -85,13 +84,18 @@ def _figure(value: float) -> str:
 
 
 def clip_to_device(limits: Limits, effects: Sequence[Effect], asked: Mapping[tuple[int, str], float]) -> Numbers:
-    """What a device takes of a swatch's numbers.
+    """Return the parameters of a swatch within the limits of a device.
 
-    A spring beyond what the device holds undamped is given the damping that it needs there: the wall by any effect's
-    `damping_Ns_m`, an effect's own `…_stiffness_N_m` by its `…_damping_Ns_m`. Where nothing damps it, it is softer.
-    Damping goes as far as the device holds it: also that which grows with depth, as deep as the device can be pressed,
-    and that of friction, under as much force as it has. Adhesion is made weaker and wider alike, until it is as soft
-    as what the device holds undamped: tearing it off takes the same work.
+    - A stiffness above the limit without damping gets the damping that makes it stable: the wall by `damping_Ns_m` of
+    any
+      effect, an effect's own `…_stiffness_N_m` by its `…_damping_Ns_m`. Without a damping parameter the stiffness is
+      reduced.
+    - Damping is limited to what the device can render. This includes damping that grows with depth, at the largest
+    depth
+      that the device can be pressed to, and viscous friction, at the largest normal force.
+    - Adhesion gets weaker and wider until its steepest slope is below the stiffness limit without damping. The work
+    to
+      detach stays the same.
     """
     numbers = {
         (e, n): min(value, limits.damping_Ns_m) if n.endswith(DAMPING) else value for (e, n), value in asked.items()
@@ -123,15 +127,16 @@ def clip_to_device(limits: Limits, effects: Sequence[Effect], asked: Mapping[tup
     return numbers
 
 
-class Fit:
-    """The numbers of a scene's swatches, and what a device takes of them.
+class ClippedSwatches:
+    """The parameters of the swatches of a scene, within the limits of a device.
 
     Attributes:
-        names: of the swatches.
-        asked, given: their numbers, a swatch after the other.
+        names: names of the swatches.
+        asked: parameters of each swatch.
+        given: parameters of each swatch that are rendered.
 
     Raises:
-        EffectError: a parameter outside its limits.
+        EffectError: a parameter is out of range.
     """
 
     def __init__(self, scene: "Scene", effects: Sequence[Effect], limits: Limits, tick_s: float) -> None:
@@ -141,35 +146,35 @@ class Fit:
         self.given = [clip_to_device(limits, effects, numbers) for numbers in self.asked]
 
     def tune(self, swatch: int, changes: Mapping[str, float]) -> None:
-        """Ask for other numbers: stiffness, or parameters of effects by name.
+        """Change the stiffness or parameters of effects of a swatch.
 
         Raises:
-            EffectError: a name that nothing has, or a value outside its limits. Then nothing is changed.
+            EffectError: a parameter is unknown or out of range. Nothing is changed.
         """
         self.asked[swatch] = changed(self._effects, self.asked[swatch], changes)
         self.given[swatch] = clip_to_device(self._limits, self._effects, self.asked[swatch])
 
     def clips(self, swatch: int) -> list[Clip]:
-        """Where what a swatch is given is not what it asks for."""
+        """Return the parameters of a swatch that were changed to suit the device."""
         return clips(self.names[swatch], self.asked[swatch], self.given[swatch], self._limits, self._tick_s)
 
 
 def clips(
-    name: str, asked: Numbers, taken: Numbers, limits: Limits, tick_s: float, whose: str = "swatch"
+    name: str, asked: Numbers, given: Numbers, limits: Limits, tick_s: float, whose: str = "swatch"
 ) -> list[Clip]:
-    """Where what somebody is given is not what it asks for."""
+    """Return the parameters that were changed to suit a device."""
     return [
-        Clip(name, number, value, taken[effect, number], limits.device, 1.0 / tick_s, whose)
+        Clip(name, number, value, given[effect, number], limits.device, 1.0 / tick_s, whose)
         for (effect, number), value in asked.items()
-        if taken[effect, number] != value
+        if given[effect, number] != value
     ]
 
 
 def changed(effects: Sequence[Effect], numbers: Numbers, changes: Mapping[str, float]) -> Numbers:
-    """A swatch's numbers with changes to its stiffness, or to parameters of effects by name.
+    """Return the parameters of a swatch with changes to its stiffness or to parameters of effects.
 
     Raises:
-        EffectError: a name that nothing has, or a value outside its limits.
+        EffectError: a parameter is unknown or out of range.
     """
     result = dict(numbers)
     for name, given_value in changes.items():
@@ -179,7 +184,7 @@ def changed(effects: Sequence[Effect], numbers: Numbers, changes: Mapping[str, f
             raise EffectError(f"{name} must be a number, is {given_value!r:.40}") from None
         if name == STIFFNESS:
             if not 0.0 <= value < math.inf:
-                raise EffectError(f"stiffness_N_m must be finite and not negative, is {value:g} N/m")
+                raise EffectError(f"stiffness_N_m must be finite and at least 0, is {value:g} N/m")
             result[WALL, name] = value
         holders = [(e, param) for e, effect in enumerate(effects) for param in effect.params if param.name == name]
         if not holders and name != STIFFNESS:
@@ -201,41 +206,43 @@ def _asked(swatch: "Swatch", effects: Sequence[Effect]) -> Numbers:
     return numbers
 
 
-# How much of a texture the base motors may have, on a device without an actuator in its handle.
+# Share of a texture that motors can render, on a device without an actuator in its handle.
 #
-# Rendered every T to a device of damping b, a lateral grating of wavelength l is passive up to an amplitude of b l/(πT)
-# in force, and a height field that is pressed on with N up to b l²/(2π²NT) in height: beyond, its slope is a spring
-# stiffer than 2b/T. A texture is no grating, but a stroke at speed v plays it as one, of wavelength v/f with f its
-# root-mean-square frequency as the motors have it: block by block, at most 1/(2T). Its force is the mass it is folded
-# in by times its acceleration a, its height that by which such a mass moves, a/(2πf)².
+# Rendered with period T on a device of damping b, a lateral grating of wavelength l is passive up to a force amplitude
+# of b l/(πT), and a height field that is pressed with force N up to a height amplitude of b l²/(2π²NT): beyond it, its
+# slope is a spring stiffer than 2b/T. A texture is not a grating, but a stroke at speed v renders it like a grating of
+# wavelength v/f, where f is its root-mean-square frequency after averaging over ticks, at most 1/(2T). Its force
+# amplitude is the fold mass times its acceleration a; its height amplitude is a/(2πf)², the motion of a mass with that
+# acceleration.
 
 
 SPEED_MIN_M_S: Final = 0.02
-"""Slowest stroke that counts [m/s]. A texture is silent at rest, and a stroke that slow has a wavelength of 0.2 mm at
-100 Hz; at half of it the motors have a third of what they have now, at twice of it twice as much."""
+"""Slowest stroke that is tested [m/s]. A texture is silent at rest. At this speed 100 Hz has a wavelength of 0.2 mm;
+half the speed would reduce the share to a third, twice the speed would double it."""
 
 SPEED_COUNT: Final = 16
-"""Speeds that are tried, up to the texture's highest [count]."""
+"""Number of speeds that are tested, up to the highest of the texture [count]."""
 
 FORCE_SHARES: Final = (0.25, 0.5, 1.0)
-"""Normal forces that are tried, over the texture's highest [1]."""
+"""Normal forces that are tested, relative to the highest of the texture [1]."""
 
 BEYOND: Final = 2.0
-"""Up to how many times the highest force and speed a texture is tried whose level goes on beyond them [1]."""
+"""Largest tested force and speed, relative to the highest of the texture, if its level grows beyond them [1]."""
 
 BINS: Final = 512
-"""Frequencies of the spectrum [count]."""
+"""Number of frequencies of the spectrum [count]."""
 
 
 @dataclass(frozen=True)
-class Share:
-    """What motors may have of a texture, and the stroke that limits it.
+class TextureShare:
+    """TextureShare of a texture that motors can render, and the stroke that limits it.
 
     Attributes:
-        share: of its acceleration [1].
-        force_N, slip_m_s, wavelength_m: the stroke.
-        amplitude: what all of it would be, and limit: what is passive; in force [N] for a grating, in height [m].
-        grating: which of the two limits it.
+        share: share of its acceleration [1].
+        force_N, slip_m_s, wavelength_m: the limiting stroke.
+        amplitude: amplitude of the whole texture, as a force [N] if `grating` is true, otherwise as a height [m].
+        limit: largest passive amplitude, in the same unit.
+        grating: whether the passivity limit of a grating applies, otherwise that of a height field.
     """
 
     share: float
@@ -247,26 +254,27 @@ class Share:
     grating: bool = True
 
     def message(self, swatch: str, device: str) -> str:
-        """The warning."""
+        """Return the warning about a reduced texture."""
         scale, unit = (1e3, "mN") if self.grating else (1e6, "µm")
+        amplitude = f"{scale * self.amplitude:.3g} {unit} at a wavelength of {1e3 * self.wavelength_m:.2g} mm"
         return (
-            f"swatch {swatch!r}: at {self.slip_m_s:.2g} m/s its texture is {scale * self.amplitude:.3g} {unit} of "
-            f"{1e3 * self.wavelength_m:.2g} mm waves, and the motors of the {device} hold {scale * self.limit:.2g} "
-            f"{unit}: they get {100.0 * self.share:.2g} % of it; an actuator in the handle takes all"
+            f"swatch {swatch!r}: at {self.slip_m_s:.2g} m/s its texture has an amplitude of {amplitude}, above the "
+            f"passive limit of the {device} ({scale * self.limit:.2g} {unit}): its motors render "
+            f"{100.0 * self.share:.2g} % of the texture. An actuator in the handle renders all of it"
         )
 
 
-def share_of(texture: "Texture", mass_kg: float, own_damping_Ns_m: float, tick_s: float) -> Share:
-    """The share of a texture that may be folded, by `mass_kg`, into the force of a device."""
+def share_of(texture: "Texture", mass_kg: float, own_damping_Ns_m: float, tick_s: float) -> TextureShare:
+    """Return the share of a texture that a device can render as a motor force of `mass_kg` times the acceleration."""
     if mass_kg == 0.0 or math.isinf(own_damping_Ns_m):
-        return Share(1.0)
+        return TextureShare(1.0)
     farther = bool(np.any(texture.exponents != 0.0))
     shares = (*FORCE_SHARES, BEYOND) if farther else FORCE_SHARES
     top = (BEYOND if farther else 1.0) * texture.speed_max_m_s
-    spread = 0.0 if texture.life is None else texture.life.log_spread
-    swell = math.exp(max(0.0, spread - spread**2))  # its slow gain, a standard deviation up
+    spread = 0.0 if texture.modulation is None else texture.modulation.log_spread
+    swell = math.exp(max(0.0, spread - spread**2))  # one standard deviation of the amplitude modulation above the mean
     speed = np.linspace(min(SPEED_MIN_M_S, 0.5 * top), top, SPEED_COUNT)
-    worst = Share(1.0)
+    worst = TextureShare(1.0)
     for part in shares:
         force = np.full(SPEED_COUNT, part * texture.force_max_N)
         rms_m_s2, frequency_Hz = _in_blocks(texture, force, speed, tick_s)
@@ -282,18 +290,18 @@ def share_of(texture: "Texture", mass_kg: float, own_damping_Ns_m: float, tick_s
             for amplitude, limit in (grating, height):
                 if limit < worst.share * amplitude:
                     first = (amplitude, limit) == grating
-                    worst = Share(limit / amplitude, float(N), float(v), float(l), amplitude, limit, first)
+                    worst = TextureShare(limit / amplitude, float(N), float(v), float(l), amplitude, limit, first)
     return worst
 
 
 def _in_blocks(
     texture: "Texture", force_N: NDArray[np.float64], speed_m_s: NDArray[np.float64], tick_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Root mean square [m/s²] and root-mean-square frequency [Hz], each (n,), of a texture averaged by ticks."""
+    """Return rms acceleration [m/s²] and rms frequency [Hz], (n,) each, of a texture after averaging over ticks."""
     bin_Hz = texture.rate_Hz / (2.0 * BINS)
     f = (np.arange(BINS) + 0.5) * bin_Hz
     power = bin_Hz * texture.density(force_N, speed_m_s, frequency_Hz=f) * np.sinc(f * tick_s) ** 2
-    heard = np.abs(f - np.round(f * tick_s) / tick_s)
+    aliased = np.abs(f - np.round(f * tick_s) / tick_s)
     total = power.sum(axis=1)
-    frequency = np.sqrt((power * heard**2).sum(axis=1) / np.where(total > 0.0, total, 1.0))
+    frequency = np.sqrt((power * aliased**2).sum(axis=1) / np.where(total > 0.0, total, 1.0))
     return np.sqrt(total), frequency

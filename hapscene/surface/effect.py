@@ -1,32 +1,31 @@
-"""The effect contract: what a plugin says of itself. The smallest plugin is `examples/` away, 20 lines long.
+"""The effect contract: how a plugin declares an effect. `examples/third_party_effect` is a complete plugin.
 
-An effect is one file with a `render` function in plain scalar Python and one `Effect` that names it, its
-parameters and its state. The framework compiles it, calls it once a tick, and sums what it adds:
+An effect is one file with a `render` function in scalar Python and one `Effect` that declares its name, parameters and
+state. The framework compiles the function, calls it once per tick, and sums the outputs:
 
     def render(touch, p, table, s, out):
         if touch.touching:
             for i in range(3):
                 out.f_W_N[i] += p.push_N * touch.nhat_W[i]
 
-    EFFECT = Effect("push", "A constant push.", render, params=(Param("push_N", 0.1, "N", "how hard"),))
+    EFFECT = Effect("push", "A constant push.", render, params=(Param("push_N", 0.1, "N", "force"),))
 
-| argument | is |
+| argument | meaning |
 |---|---|
-| `touch` | the contact, a record of `hapscene.records.TOUCH`; read it, do not write it |
-| `p` | the parameters of the touched swatch, by name |
-| `table` | float64 array, what `Effect.table` made of that swatch; empty without one |
-| `s` | the effect's state, by name: zero after a reset, the same record over all swatches |
+| `touch` | the contact, a record of `hapscene.records.TOUCH`; read-only |
+| `p` | parameters of the touched swatch, by name |
+| `table` | float64 array that `Effect.table` computed for that swatch; empty without one |
+| `s` | state of the effect, by name: zero after a reset, one record for all swatches |
 | `out` | a record of `hapscene.records.OUTPUT`, zero on entry: add to it |
 
-`render` is called in the air too (`touch.touching` is 0, `p` and `table` those of the swatch touched last), so that
-what rings can ring down. It must not allocate, and reach nothing but its arguments and other compiled functions.
+`render` is also called without contact (`touch.touching` is 0, `p` and `table` are those of the last swatch), so that
+vibrations can decay. It must not allocate memory, and may use only its arguments and other compiled functions.
 
-An effect of the scene (`scope="scene"`), a field or a fixture, belongs to no swatch: it is called in every tick, and
-what it adds is felt by the hand alone, not by the body that is touched. Its parameters are set by
-`Renderer(settings={name: {…}})`. Its `table` begins with poses, 12 numbers each (R_WB row by row, p_WB in metres): of
-the bodies that its setting `bodies` names, or, where it names none, once that of W itself.
-`hapscene.surface.field_frame` has what ours share.
-"""
+An effect of the scene (`scope="scene"`), such as a force field or a virtual fixture, belongs to no swatch. It is called
+in every tick, and its output acts on the hand only, not on the touched body. Its parameters are set with
+`Renderer(settings={name: {…}})`. Its `table` begins with poses of 12 numbers (R_WB row by row, p_WB in metres): those
+of the bodies in its setting `bodies`, or the identity without them. `hapscene.surface.field_frame` has helper
+functions for such effects."""
 
 import math
 from collections.abc import Callable
@@ -46,7 +45,7 @@ Table = Callable[[Any, float], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Param:
-    """A number that a swatch may set: its name ends in its unit, as `stiffness_N_m` does."""
+    """A parameter that a swatch can set. Its name ends in its unit, as `stiffness_N_m` does."""
 
     name: str
     default: float
@@ -58,7 +57,7 @@ class Param:
 
 @dataclass(frozen=True)
 class State:
-    """Memory of an effect from tick to tick: float64 numbers, or, `seeded`, the state of `dsp.noise`."""
+    """State of an effect, kept from tick to tick: float64 numbers, or a random state of `dsp.noise` if `seeded`."""
 
     name: str
     shape: tuple[int, ...] = ()
@@ -69,12 +68,12 @@ class State:
 class Effect:
     """An effect plugin.
 
-    `table(swatch, rate_Hz)` is called once for each swatch when a scene is built, and returns the bulk numbers
-    that `render` gets as `table`: design there, in Python, what need not be computed in the tick. Of an effect of the
-    scene it is `table(settings, rate_Hz)`, with the settings that `arrays` names, None where one is not given.
+    `table(swatch, rate_Hz)` is called once for each swatch when a scene is built, and returns the array that `render`
+    gets as `table`: use it to compute in Python what need not be computed in every tick. For an effect of the scene
+    the call is `table(settings, rate_Hz)`, with the settings listed in `arrays`, None for those that are not given.
 
     Raises:
-        EffectError: a name that is no identifier, or stands twice.
+        EffectError: a name is not an identifier, or is declared twice.
     """
 
     name: str
@@ -88,7 +87,7 @@ class Effect:
 
     def __post_init__(self) -> None:
         if self.scope not in ("contact", "scene"):
-            raise EffectError(f"effect {self.name!r}: its scope is 'contact' or 'scene', not {self.scope!r}")
+            raise EffectError(f"effect {self.name!r}: scope must be 'contact' or 'scene', is {self.scope!r}")
         for kind, names in (("parameter", [p.name for p in self.params]), ("state", [s.name for s in self.state])):
             for name in names:
                 if not name.isidentifier():
@@ -102,26 +101,26 @@ class Effect:
 
     @property
     def param_dtype(self) -> np.dtype[Any]:
-        """Record layout of the parameters; never empty, since an empty record cannot be compiled."""
+        """Record type of the parameters; never empty, because numba cannot compile an empty record."""
         return np.dtype([(p.name, "f8") for p in self.params] or [("_", "f8")], align=True)
 
     @property
     def state_dtype(self) -> np.dtype[Any]:
-        """Record layout of the state; never empty, likewise."""
+        """Record type of the state; never empty, as `param_dtype`."""
         fields: list[Any] = [(s.name, "u8", (4,)) if s.seeded else (s.name, "f8", s.shape) for s in self.state]
         return np.dtype(fields or [("_", "f8")], align=True)
 
 
 def check_range(effect: Effect, param: Param, value: Any, where: str = "") -> float:
-    """The value, if the parameter may have it.
+    """Return the value of a parameter as float if it is in range.
 
     Raises:
-        EffectError: it may not; `where` stands before the text.
+        EffectError: the value is not a number or out of range; `where` is the start of the message.
     """
     if not isinstance(value, int | float | np.number) or not param.minimum <= value <= param.maximum:
-        said = f"{value:g} {param.unit}" if isinstance(value, int | float | np.number) else repr(value)
+        found = f"{value:g} {param.unit}" if isinstance(value, int | float | np.number) else repr(value)
         raise EffectError(
-            f"{where}{param.name} of effect {effect.name!r} is {said}; "
-            f"it must lie between {param.minimum:g} and {param.maximum:g}"
+            f"{where}{param.name} of effect {effect.name!r} is {found}; "
+            f"it must be from {param.minimum:g} to {param.maximum:g}"
         )
     return float(value)

@@ -1,8 +1,8 @@
-"""Effects made native: each compiled once for its own records, then called by address.
+"""Compiles effects: each once for its record types, then called by address.
 
-Whatever an effect declares, its compiled form takes the same five arguments: addresses of touch, parameters, state
-and output, and the table. So one compiled tick calls any effects, and a scene never triggers a compile of the tick.
-With NUMBA_DISABLE_JIT=1 the "address" is an index into a list of Python functions instead.
+The compiled form of every effect takes the same five arguments: addresses of touch, parameters, state and output, and
+the table. One compiled tick thus calls any effects, and a scene never recompiles the tick. With NUMBA_DISABLE_JIT=1 the
+"address" is an index into a list of Python functions.
 """
 
 from typing import Any, Final
@@ -26,10 +26,10 @@ _native: Final[dict[int, tuple[Effect, CFunction]]] = {}
 
 
 def compile_effect(effect: Effect) -> int:
-    """Address by which `call_effect` reaches the effect; compiled once a process, cached on disk.
+    """Return the address for `call_effect`; the effect is compiled once per process and cached on disk.
 
     Raises:
-        EffectError: `render` does not compile; the text names file and line, and gives numba's reason.
+        EffectError: `render` does not compile; the message has file, line and numba's reason.
     """
     if INTERPRETED:
         _interpreted.append(effect)
@@ -53,7 +53,7 @@ def _compile(effect: Effect) -> CFunction:
     code = getattr(effect.render, "__code__", None)
     where = f"{code.co_filename}:{code.co_firstlineno}" if code else repr(effect.render)
     if code is None or code.co_argcount != 5:
-        raise EffectError(f"effect {effect.name!r} ({where}): render must be a function (touch, p, table, s, out)")
+        raise EffectError(f"effect {effect.name!r} ({where}): render must be a function of (touch, p, table, s, out)")
     try:
         return CFunction(types.void(*arguments), effect.render)
     except NumbaError as error:
@@ -61,7 +61,7 @@ def _compile(effect: Effect) -> CFunction:
 
 
 def _reason(error: NumbaError) -> str:
-    """Numba's message without its banner, its advice and its blank lines."""
+    """Return numba's message without banner, advice and blank lines."""
     skipped = ("Failed in nopython mode", "During:", "Pass nopython", "For more information", "http", "This error may")
     lines = [line.strip() for line in str(error).splitlines()]
     return "; ".join(line for line in lines if line and not line.startswith(skipped))[:600]
@@ -74,7 +74,7 @@ if INTERPRETED:
     def call_effect(
         address: int, touch: Any, params: Bytes, param_start: int, table: Any, states: Bytes, state_start: int, out: Any
     ) -> None:
-        """Call an effect: its records lie in `params` and `states` from the given bytes on."""
+        """Call an effect whose records start at the given bytes of `params` and `states`."""
         effect = _interpreted[address]
         p = _record(params, param_start, effect.param_dtype)
         s = _record(states, state_start, effect.state_dtype)
@@ -114,5 +114,5 @@ else:
     def call_effect(
         address: int, touch: Any, params: Bytes, param_start: int, table: Any, states: Bytes, state_start: int, out: Any
     ) -> None:
-        """Call an effect: its records lie in `params` and `states` from the given bytes on."""
+        """Call an effect whose records start at the given bytes of `params` and `states`."""
         _call(address, touch, params.ctypes.data + param_start, table, states.ctypes.data + state_start, out)

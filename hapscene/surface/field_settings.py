@@ -1,4 +1,4 @@
-"""What a scene's effects are set to: parameters, arrays, and the bodies whose poses they read."""
+"""Settings of an effect of the scene: parameters, arrays, and bodies whose poses it reads."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -18,12 +18,12 @@ _WORLD: Final = np.concatenate((np.eye(3).ravel(), np.zeros(3)))
 
 
 class FieldSetting(NamedTuple):
-    """One effect of the scene, set.
+    """Checked settings of an effect of the scene.
 
     Attributes:
-        numbers: its parameters.
-        bodies: indices of the bodies whose poses stand first in its table.
-        table: poses (12 numbers each; of W where no body is named), and then what `Effect.table` made.
+        numbers: parameters by name.
+        bodies: indices of the bodies whose poses are at the start of its table.
+        table: poses (12 numbers each; the identity without bodies), then the result of `Effect.table`.
     """
 
     numbers: dict[str, float]
@@ -34,16 +34,16 @@ class FieldSetting(NamedTuple):
 def field_setting(
     effect: Effect, given: Mapping[str, Any], body_names: Sequence[str], a_rate_Hz: float
 ) -> FieldSetting:
-    """Check what an effect of the scene is set to.
+    """Check the settings of an effect of the scene.
 
     Raises:
-        EffectError: a name that it does not have, a number out of range, an array that it refuses, an unknown body.
+        EffectError: a setting or body is unknown, a number is out of range, or an array is invalid.
     """
     known = {param.name: param for param in effect.params}
     where = f"settings of effect {effect.name!r}: "
     if not isinstance(given, Mapping):
         raise EffectError(
-            where + f"they are numbers by name, as {{'{next(iter(known), 'mass_kg')}': 0.2}}, not {given!r:.40}"
+            where + f"must map names to numbers, as {{'{next(iter(known), 'mass_kg')}': 0.2}}, not {given!r:.40}"
         )
     for name in given:
         if name not in known and name not in effect.arrays and name != "bodies":
@@ -62,5 +62,5 @@ def field_setting(
     arrays = {name: given.get(name) for name in effect.arrays}
     own = np.zeros(0) if effect.table is None else np.asarray(effect.table(arrays, a_rate_Hz), np.float64).ravel()
     if not np.isfinite(own).all():
-        raise EffectError(where + "what its table is made of holds NaN or infinity")
+        raise EffectError(where + "its table contains NaN or infinity")
     return FieldSetting(numbers, tuple(bodies), np.concatenate((np.tile(_WORLD, max(1, len(bodies))), own)))

@@ -1,7 +1,7 @@
-"""What a swatch looks like, where its colour alone does not say it: small pictures that repeat over the surface.
+"""Appearance of a swatch beyond its colour: small pictures that repeat over the surface.
 
-A swatch's file comes from anybody, and so do its pictures: they are PNG, bounded in bytes and in pixels, which is known
-from their head before anything is unpacked.
+Swatch files come from untrusted sources. Pictures must be PNG, and their size in bytes and pixels is checked in the
+header before they are decompressed.
 """
 
 import io
@@ -17,13 +17,13 @@ from hapscene.errors import SwatchError
 __all__ = ["PICTURE_BYTES_MAX", "Look", "picture_png"]
 
 PICTURE_BYTES_MAX: Final = 256 * 1024
-"""Largest picture [bytes]."""
+"""Largest size of a picture file [bytes]."""
 
 PICTURE_PX_MAX: Final = 512
 """Longest side of a picture [pixels]."""
 
 SIZE_M: Final = (1e-4, 10.0)
-"""Least and largest side of what a picture shows [m]."""
+"""Range of the side length that a picture shows [m]."""
 
 _HEAD: Final = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
 
@@ -33,14 +33,14 @@ class Look:
     """Pictures of a surface, which repeat.
 
     Attributes:
-        roughness: from 0, a mirror, to 1, matt.
+        roughness: 0 for a mirror to 1 for a matt surface.
         size_m: side of the square that the pictures show [m].
-        albedo_png: its colour, as a PNG file's content; empty for the swatch's one colour.
-        normal_png: its normals (x right, y up, z out of it, 0 to 255 for −1 to 1), likewise; empty where the relief is
-            made from the texture's spectrum.
+        albedo_png: colours, as the content of a PNG file; empty to use the colour of the swatch.
+        normal_png: normals (x right, y up, z outwards; 0 to 255 for −1 to 1), as the content of a PNG file; empty to
+            make a relief from the spectrum of the texture.
 
     Raises:
-        SwatchError: a number out of range; a picture that is no PNG, or too large.
+        SwatchError: a number is out of range, or a picture is not PNG or too large.
     """
 
     roughness: float = 0.6
@@ -62,11 +62,11 @@ class Look:
         return f"<Look: roughness {self.roughness:g}, {' and '.join(pictures) or 'no'} picture>"
 
     def albedo(self) -> NDArray[np.float64] | None:
-        """Colours (h, w, 3), 0 to 1; None without a picture, or where it is damaged."""
+        """Return colours (h, w, 3), 0 to 1; None if there is no picture, or it is damaged."""
         return _pixels(self.albedo_png)
 
     def normal(self) -> NDArray[np.float64] | None:
-        """Unit normals (h, w, 3), likewise."""
+        """Return unit normals (h, w, 3); None if there is no picture, or it is damaged."""
         pixels = _pixels(self.normal_png)
         if pixels is None:
             return None
@@ -76,7 +76,7 @@ class Look:
 
 
 def picture_png(pixels: NDArray[np.uint8]) -> bytes:
-    """Pixels (h, w, 3 or 4) as a PNG file's content that a look may have: smaller, where they are too large."""
+    """Return pixels (h, w, 3 or 4) as the content of a PNG file, reduced to the limits of `Look`."""
     from PIL import Image
 
     image, px = Image.fromarray(pixels).convert("RGB"), PICTURE_PX_MAX
@@ -90,28 +90,28 @@ def picture_png(pixels: NDArray[np.uint8]) -> bytes:
 
 
 def _check_png(name: str, content: bytes) -> None:
-    """Refuses what is no PNG, or too large, by its length and its head."""
+    """Check size and header of a PNG file."""
     if not content:
         return
     if len(content) > PICTURE_BYTES_MAX:
-        raise SwatchError(f"look.{name} has {len(content)} bytes; a picture has {PICTURE_BYTES_MAX} at most")
+        raise SwatchError(f"look.{name} has {len(content):,} bytes; expected at most {PICTURE_BYTES_MAX:,}")
     if not content.startswith(_HEAD) or len(content) < len(_HEAD) + 8:
-        raise SwatchError(f"look.{name} is no PNG picture")
+        raise SwatchError(f"look.{name} is not a PNG picture")
     width, height = (int.from_bytes(content[i : i + 4], "big") for i in (len(_HEAD), len(_HEAD) + 4))
     if not (1 <= width <= PICTURE_PX_MAX and 1 <= height <= PICTURE_PX_MAX):
-        raise SwatchError(f"look.{name} is {width} × {height} pixels; each side must be 1 to {PICTURE_PX_MAX}")
+        raise SwatchError(f"look.{name} is {width} × {height} pixels; each side must be from 1 to {PICTURE_PX_MAX}")
 
 
 def _pixels(png: bytes) -> NDArray[np.float64] | None:
-    """Pixels (h, w, 3), 0 to 1; None where there are none, or they cannot be read."""
+    """Return pixels (h, w, 3), 0 to 1; None without a picture, or if it cannot be read."""
     if not png:
         return None
     from PIL import Image
 
     try:
         with Image.open(io.BytesIO(png), formats=("PNG",)) as picture:
-            if max(picture.size) > PICTURE_PX_MAX:  # a second head
+            if max(picture.size) > PICTURE_PX_MAX:  # a second header with another size
                 return None
             return np.asarray(picture.convert("RGB"), np.float64) / 255.0
-    except Exception:  # whatever a damaged picture brings about costs the picture alone
+    except Exception:  # a damaged picture must not prevent use of the swatch
         return None

@@ -1,4 +1,4 @@
-"""A phase of the tick of its own: what the effects supply, summed and kept inside the device's limits."""
+"""The render and mix phases of the tick: call effects, sum their outputs, and limit the sum to the device."""
 
 import math
 from typing import TYPE_CHECKING
@@ -23,19 +23,19 @@ _ACCELERATION = int(Flag.ACCELERATION_LIMITED)
 
 
 _ADDED = -1
-"""What `_call` returns for an effect that supplied something."""
+"""Result of `_call` for an effect that wrote an output."""
 
 
 @inlined
 def render_contact(surface: "Surface") -> int:
-    """Call the effects of contact with the touched swatch's parameters, summed into `surface.total[0]`; returns flags.
+    """Call the effects of contact with the parameters of the touched swatch; sum to `surface.total[0]`; return flags.
 
-    Each effect writes to a clean record of its own, so that one that returns NaN or infinity is known: it is mute until
-    the next reset, and the others go on.
+    Each effect writes to a cleared record, so that one that returns NaN or infinity is identified. It is muted until
+    the next reset, and the other effects continue.
 
-    Where two swatches are felt, the effects are called for each. Their forces are summed by weight, their accelerations
-    by its square root: they are independent, so the power of the sum, at all frequencies, is the sum of theirs by
-    weight.
+    Where two swatches are blended, the effects are called for each. Forces are summed by weight. Accelerations are
+    summed by the square root of the weight: the two signals are independent, so the power spectrum of the sum is the
+    sum of their power spectra by weight.
     """
     touch, part, total, memory = surface.touch[0], surface.part[0], surface.total[0], surface.memory[0]
     swatch, bank, blended = touch.swatch, memory.bank, touch.other >= 0
@@ -47,6 +47,7 @@ def render_contact(surface: "Surface") -> int:
     weight, gain, rise = 1.0, 1.0, 0.0
     for turn in range(2 if blended else 1):
         if turn == 1:
+            # the second pass renders the other swatch of a blend, with its state bank
             swatch, bank = touch.other, 1 - bank
             touch.swatch, touch.crossed = swatch, memory.other_crossed
         if blended:
@@ -75,7 +76,7 @@ def render_contact(surface: "Surface") -> int:
 
 @native
 def render_fields(world: "World", surface: "Surface") -> int:
-    """Call the effects of the scene, and add what they supply to `surface.total[0]`; returns flags."""
+    """Call the effects of the scene and add their outputs to `surface.total[0]`; return flags."""
     touch, part, total = surface.touch[0], surface.part[0], surface.total[0]
     read_poses(world, surface)
     flags = 0
@@ -96,7 +97,7 @@ def render_fields(world: "World", surface: "Surface") -> int:
 
 @inlined
 def _call(surface: "Surface", e: int, swatch: int, first_state: int) -> int:
-    """Have an effect write into `surface.part[0]`: `_ADDED`, or the flags of one that is mute."""
+    """Call an effect with output `surface.part[0]`; return `_ADDED`, or flags if it is muted."""
     touch, part = surface.touch[0], surface.part[0]
     if surface.muted[e] != 0:
         return _MUTED if surface.muted[e] == FAILED else 0
@@ -119,7 +120,7 @@ def _call(surface: "Surface", e: int, swatch: int, first_state: int) -> int:
 
 @native
 def read_poses(world: "World", surface: "Surface") -> None:
-    """Put the poses that effects of the scene read into their tables."""
+    """Write the poses that effects of the scene read to their tables."""
     for k in range(len(surface.frame_body)):
         start, body = surface.frame_at[k], world.bodies[surface.frame_body[k]]
         for i in range(3):
@@ -130,7 +131,7 @@ def read_poses(world: "World", surface: "Surface") -> None:
 
 @inlined
 def limit(surface: "Surface") -> int:
-    """Keep the sum inside the device's limits. Returns flags."""
+    """Limit the sum to the device: acceleration, force and slew rate. Returns flags."""
     limits, total, touch, memory = surface.limits[0], surface.total[0], surface.touch[0], surface.memory[0]
     f, a = total.f_W_N, total.a_m_s2
     flags = 0
@@ -141,6 +142,7 @@ def limit(surface: "Surface") -> int:
             a[i] = math.copysign(most, a[i])
             flags |= _ACCELERATION
         mean += a[i] / touch.block
+    # a device without an actuator in the handle plays the acceleration, averaged over the tick, with its motors
     if limits.fold_mass_kg > 0.0 and touch.swatch >= 0:
         fold_kg = surface.fold_mass_kg[touch.swatch]
         if touch.other >= 0:
@@ -181,7 +183,7 @@ def _clear(out: np.record, touch: np.record) -> None:
 
 @native
 def _finite(out: np.record, touch: np.record) -> bool:
-    """Whether all an effect added is finite: one NaN or infinity makes the sum of zeros NaN."""
+    """Return whether the output is finite: 0 times NaN or infinity makes the sum NaN."""
     check = 0.0 * out.f_W_N[0] + 0.0 * out.f_W_N[1] + 0.0 * out.f_W_N[2]
     for i in range(touch.block):
         check += 0.0 * out.a_m_s2[i]

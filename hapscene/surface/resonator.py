@@ -1,7 +1,7 @@
-"""A decaying sinusoid that effects ring with: a phasor in their state, struck and then read off sample by sample.
+"""A decaying sinusoid for effects that ring: a phasor in their state that is excited and read sample by sample.
 
-It turns by 2πf/rate and shrinks by e^(−λ/rate) each sample, and is heard as its imaginary part. A strike of amplitude A
-adds A to the real part, so that it starts without a step, on top of what still rings.
+The phasor rotates by 2πf/rate and shrinks by e^(−λ/rate) per sample; its imaginary part is the output. A strike of
+amplitude A adds A to the real part, so that the output starts without a step, on top of the present vibration.
 """
 
 import math
@@ -15,22 +15,22 @@ from hapscene.surface.effect import State
 __all__ = ["RESONATOR", "SILENCE_M_S2", "resonate", "strike"]
 
 SILENCE_M_S2: Final = 1e-6
-"""Level at which ringing is over [m/s²]: far below what is felt (about 1e-2), far above denormal numbers."""
+"""Level at which ringing ends [m/s²]: far below the detection threshold (about 1e-2), far above denormal numbers."""
 
 RESONATOR: Final = (State("real_m_s2"), State("imag_m_s2"), State("frequency_Hz"), State("decay_1_s"))
-"""The state of an effect that rings."""
+"""State variables of an effect that rings."""
 
 
 @native
 def strike(s: np.record, amplitude_m_s2: float, frequency_Hz: float, decay_1_s: float) -> None:
-    """Begin to ring, on top of what still does."""
+    """Start to ring, in addition to the present vibration."""
     s.real_m_s2 += amplitude_m_s2
     s.frequency_Hz, s.decay_1_s = frequency_Hz, decay_1_s
 
 
 @native
 def resonate(touch: np.record, s: np.record, out: np.record) -> None:
-    """Add the ringing of this tick to the acceleration [m/s²]."""
+    """Add the ringing in this tick to the acceleration [m/s²]."""
     if s.real_m_s2 == 0.0 and s.imag_m_s2 == 0.0:
         return
     if abs(s.real_m_s2) + abs(s.imag_m_s2) < SILENCE_M_S2:

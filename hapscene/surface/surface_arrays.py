@@ -1,4 +1,4 @@
-"""The memory of the compiled tick, filled in Python: swatches, effects, parameters and states in flat arrays."""
+"""Arrays of the compiled tick, filled in Python: swatches, effects, parameters and states, packed side by side."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -42,89 +42,91 @@ __all__ = [
 
 MEMORY: Final = np.dtype(
     [
-        ("p_WT_m", "f8", (3,)),  # the tool in the last tick
-        ("p_WP_m", "f8", (3,)),  # the reported proxy in the last tick
-        ("slip_m_s", "f8", (3,)),  # slip velocity, low-passed
+        ("p_WT_m", "f8", (3,)),  # device position in the last tick
+        ("p_WP_m", "f8", (3,)),  # reported proxy in the last tick
+        ("slip_m_s", "f8", (3,)),  # low-passed slip velocity
         ("f_W_N", "f8", (3,)),  # force sent in the last tick
-        ("nhat_W", "f8", (3,)),  # normal that the last tick saw
-        ("drag_m_s", "f8", (3,)),  # velocity of the touched body at the proxy, 0 in the air
-        ("smoothing", "f8"),  # share of what is new that a low-pass at SLIP_CUTOFF_HZ takes in a tick; stays
-        ("tool_W_m", "f8", (3,)),  # the tool as measured in the last tick: with a virtual coupling, not p_WT_m
-        ("made_J", "f8"),  # energy that the wall gave out and never took in
-        ("stored_J", "f8"),  # energy that its spring held in the last tick
-        ("f_body_W_N", "f8", (3,)),  # force on the touched body in this tick, 0 in the air
-        ("left_B_m", "f8", (3,)),  # where the tool left a body last, in the frame of `touch.left_body`
-        ("now_W_m", "f8", (3,)),  # the tool in this tick: as measured, then as coupled
-        ("jumped", "i8"),  # 1 where the touched body was put elsewhere or removed: it was not left
-        ("fresh", "i8"),  # 1 in the first tick after a reset: nothing has a velocity yet
-        # see `hapscene.surface.blending`
-        ("bank", "i8"),  # of `touch.swatch`; the other one is that of `touch.other`
-        ("other_crossed", "i8"),  # as `touch.crossed`
-        ("gain", "f8", (2,)),  # of each bank's acceleration at the end of the last tick, where two are felt
-        ("held_N", "f8", (DELAY_MAX + 1, 3)),  # normal part of the forces sent in the last ticks, by tick
+        ("nhat_W", "f8", (3,)),  # normal in the last tick
+        ("drag_m_s", "f8", (3,)),  # velocity of the touched body at the proxy, 0 without contact
+        ("smoothing", "f8"),  # weight of a new value in a low-pass at SLIP_CUTOFF_HZ; constant
+        # measured device position in the last tick; differs from p_WT_m with a virtual coupling
+        ("tool_W_m", "f8", (3,)),
+        ("made_J", "f8"),  # energy that the wall generated so far
+        ("stored_J", "f8"),  # energy stored in the spring of the wall in the last tick
+        ("f_body_W_N", "f8", (3,)),  # force on the touched body in this tick, 0 without contact
+        ("left_B_m", "f8", (3,)),  # where the tool last left a body, in the frame of `touch.left_body`
+        ("now_W_m", "f8", (3,)),  # device position in this tick: measured, then coupled
+        ("jumped", "i8"),  # 1 if the touched body teleported or was removed, so that the tool did not leave it
+        ("fresh", "i8"),  # 1 in the first tick after a reset, when no velocities exist yet
+        # two swatches at once, see `hapscene.surface.blending`
+        ("bank", "i8"),  # state bank of `touch.swatch`; the other bank belongs to `touch.other`
+        ("other_crossed", "i8"),  # `touch.crossed` of the other swatch
+        ("gain", "f8", (2,)),  # gain of each bank's acceleration at the end of the last tick
+        ("held_N", "f8", (DELAY_MAX + 1, 3)),  # normal part of the force sent in the last ticks
     ],
     align=True,
 )
 
 
 LEAF: Final = np.dtype([("path", "i8"), ("edge", "i8"), ("paint", "i8")])
-"""A leaf of `hapscene.scene.fine_paint.FinePaint`, which says what these are; in signed numbers for compiled code."""
+"""A leaf of `hapscene.scene.fine_paint.FinePaint`, which explains the fields, in signed integers for compiled code."""
 
 COPIED: Final = 1
-"""What becomes of an effect's memory where a second swatch is felt besides: it goes on from the first one's."""
+"""State of an effect when a second swatch is blended in: the second swatch starts with a copy."""
 
 CLEARED: Final = 2
-"""It begins anew, as after a reset."""
+"""State of an effect when a second swatch is blended in: the second swatch starts from zero."""
 
 COPIED_MAX_B: Final = 4096
-"""Largest memory of an effect that is copied then, in the midst of a tick [bytes]: larger ones are of filters of sound,
-which are faded in from nothing anyway."""
+"""Largest state of an effect that is copied within a tick [bytes]. Larger ones belong to audio filters, which fade in
+from silence anyway."""
 
 FAILED: Final = 1
-"""Why an effect is mute: it gave no number."""
+"""Reason for a muted effect: it returned a value that is not finite."""
 
 TICK, PLACE, COUPLE, GUARD, SHADE, FIELDS = range(6)
-"""Places in `Surface.entries`: the whole tick, and the phases that few scenes use, compiled for those alone."""
+"""Indices into `Surface.entries`: the whole tick, and phases that are compiled only for scenes that use them."""
 
 PHASE_COUNT: Final = 6
 
 SWITCHED_OFF: Final = 2
-"""Why an effect is mute: the user's will (`Renderer.mute`)."""
+"""Reason for a muted effect: the user disabled it (`Renderer.mute`)."""
 
 
 @by_pointer
 class Surface(NamedTuple):
-    """Everything that description, effects and mixer read and write. s swatches, e effects.
+    """All arrays that the describe phase, the effects and the mixer read and write: s swatches, e effects.
 
-    The effects of contact come first, those of the scene after them: their parameters and tables are those of one more
-    swatch, behind the last.
+    Effects of contact come first, then effects of the scene. Parameters and tables of effects of the scene are stored
+    as those of one more swatch after the last.
     """
 
     stiffness_N_m: NDArray[np.float64]  # (s,)
-    paint: NDArray[np.int32]  # swatch of each face, body after body; of one painted finer, −1 − its place in leaf_start
+    # swatch of each face, body after body; −1 − index into leaf_start for finely painted faces
+    paint: NDArray[np.int32]
     paint_start: NDArray[np.int64]  # (b,)
     leaf: Records  # (k,) LEAF
-    leaf_start: NDArray[np.int64]  # (f + 1,) where the leaves of each of the faces begin that are painted finer
-    effects: NDArray[np.int64]  # (e,) addresses
-    contact_count: NDArray[np.int64]  # (1,) how many of them are of contact
+    leaf_start: NDArray[np.int64]  # (f + 1,) first leaf of each finely painted face
+    effects: NDArray[np.int64]  # (e,) addresses of compiled effects
+    contact_count: NDArray[np.int64]  # (1,) number of effects of contact
     params: NDArray[np.uint8]
     param_start: NDArray[np.int64]  # (s + 1, e)
     tables: NDArray[np.float64]
     table_start: NDArray[np.int64]  # (s + 1, e + 1)
-    frame_body: NDArray[np.int64]  # (k,) bodies whose poses are put into tables
-    frame_at: NDArray[np.int64]  # (k,) and where
+    frame_body: NDArray[np.int64]  # (k,) bodies whose poses are written to tables
+    frame_at: NDArray[np.int64]  # (k,) and their offsets in `tables`
     states: NDArray[np.uint8]  # two banks, one after the other
-    state_start: NDArray[np.int64]  # (e + 1,) in a bank
-    passed_on: NDArray[np.int64]  # (k, 3) bytes of a bank, from and to, and what becomes of them: COPIED, CLEARED
-    muted: NDArray[np.int64]  # (e,) 0, or why: FAILED, SWITCHED_OFF
+    state_start: NDArray[np.int64]  # (e + 1,) offsets in a bank
+    passed_on: NDArray[np.int64]  # (k, 3) byte ranges of a bank, and COPIED or CLEARED
+    muted: NDArray[np.int64]  # (e,) 0, or the reason: FAILED, SWITCHED_OFF
     touch: Records  # (1,) TOUCH
     part: Records  # (1,) OUTPUT of one effect
-    total: Records  # (1,) OUTPUT of all
+    total: Records  # (1,) OUTPUT of all effects
     memory: Records  # (1,) MEMORY
     limits: Records  # (1,) LIMIT
-    fold_mass_kg: NDArray[np.float64]  # (s,) mass by which a swatch's acceleration is folded into the force
+    fold_mass_kg: NDArray[np.float64]  # (s,) effective mass that converts a swatch's acceleration to motor force
     clock: NDArray[np.int64]
-    entries: NDArray[np.int64]  # (PHASE_COUNT,) addresses of compiled phases of the tick, 0 for one that is not used
+    entries: NDArray[np.int64]  # (PHASE_COUNT,) addresses of compiled phases of the tick, 0 if not used
 
 
 HOT: Final = (
@@ -132,7 +134,7 @@ HOT: Final = (
     *("state_start", "param_start", "table_start", "params", "fold_mass_kg", "limits", "part", "total", "states"),
     "tables",
 )
-"""What a tick touches of a surface wherever the tool is."""
+"""Arrays that every tick touches; `build_surface` places them side by side in memory."""
 
 
 def build_surface(
@@ -143,16 +145,16 @@ def build_surface(
     limits: Limits,
     fields: Sequence[FieldSetting] = (),
 ) -> Surface:
-    """Compile the effects and pack the swatches of a scene, with the numbers they ask for.
+    """Compile the effects and pack the swatches of a scene with their parameters.
 
     Args:
-        scene: whose swatches and painting.
-        effects: those of contact, and then those of the scene.
-        tick_s, a_rate_Hz, limits: as `Renderer` has them.
-        fields: what the effects of the scene are set to.
+        scene: scene with swatches and painted faces.
+        effects: effects of contact, then effects of the scene.
+        tick_s, a_rate_Hz, limits: see `Renderer`.
+        fields: settings of the effects of the scene.
 
     Raises:
-        EffectError: an effect that does not compile.
+        EffectError: an effect does not compile.
     """
     swatches = scene.swatches
     paint, leaf, leaf_start = _leaves(scene)
@@ -169,7 +171,7 @@ def build_surface(
     )
     shape = len(swatches) + 1, len(effects)
     param_start, table_start = _starts(map(len, params)), _starts(map(len, tables))
-    last = table_start[len(effects) * np.arange(1, len(swatches) + 2)]  # where each swatch's tables end
+    last = table_start[len(effects) * np.arange(1, len(swatches) + 2)]  # end of the tables of each swatch
     state_start = _starts(effect.state_dtype.itemsize for effect in effects)
     frames = [
         (body, start + POSE_SIZE * i)
@@ -212,19 +214,19 @@ def build_surface(
 
 
 def _by_row(of_swatches: Sequence[list[Any]], of_fields: list[Any], kind: Any) -> list[Any]:
-    """Pieces one after another: a row for each swatch, of those of contact, and one of those of the scene."""
+    """Return arrays in storage order: a row of effects of contact for each swatch, then one of effects of the scene."""
     none = [np.zeros(0, kind)]
     contact_count = len(of_swatches[0])
     return [*chain(*(row + none * len(of_fields) for row in of_swatches)), *(none * contact_count), *of_fields]
 
 
 def _starts(sizes: Iterable[int]) -> NDArray[np.int64]:
-    """Where pieces of these sizes (n,) begin when they lie one after another, and where the last ends (n + 1,)."""
+    """Return the offsets (n + 1,) of consecutive arrays of these sizes (n,)."""
     return np.cumsum([0, *sizes], dtype=np.int64)
 
 
 def put_numbers(surface: Surface, effects: Sequence[Effect], swatch: int, numbers: Numbers) -> None:
-    """Set them, from the next tick on; behind the last swatch, those of the scene's effects."""
+    """Set parameters from the next tick on; the index after the last swatch selects effects of the scene."""
     for (e, name), value in numbers.items():
         if e == WALL:
             surface.stiffness_N_m[swatch] = value
@@ -233,13 +235,13 @@ def put_numbers(surface: Surface, effects: Sequence[Effect], swatch: int, number
 
 
 def _row(surface: Surface, effect: Effect, swatch: int, e: int) -> Any:
-    """Parameters of an effect on a swatch, (1,) of its `param_dtype`."""
+    """Return a view of the parameters of an effect on a swatch, (1,) of its `param_dtype`."""
     start = surface.param_start[swatch, e]
     return surface.params[start : start + effect.param_dtype.itemsize].view(effect.param_dtype)
 
 
 def clear_states(surface: Surface, effects: Sequence[Effect], seed: int) -> None:
-    """Zero the effects' memory, unmute those that failed, and seed their random numbers anew."""
+    """Clear the states of effects, unmute those that failed, and reset their random numbers to the seed."""
     surface.states[:] = 0
     surface.muted[surface.muted == FAILED] = 0
     for states, bank in zip(np.split(surface.states, 2), ("", ".2"), strict=True):
@@ -250,7 +252,7 @@ def clear_states(surface: Surface, effects: Sequence[Effect], seed: int) -> None
 def _random_states(
     states: NDArray[np.uint8], effects: Sequence[Effect], state_start: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.uint64], str]]:
-    """Views of the random numbers of a bank (4,), and their names."""
+    """Yield views of the random states (4,) in a bank, and their names."""
     for start, effect in zip(state_start, effects, strict=False):
         record = states[start : start + effect.state_dtype.itemsize].view(effect.state_dtype)
         for state in effect.state:
@@ -259,7 +261,7 @@ def _random_states(
 
 
 def _passed_on(contact: Sequence[Effect], state_start: NDArray[np.int64]) -> NDArray[np.int64]:
-    """`passed_on` of a `Surface`: all but random numbers; effects of the scene have one bank."""
+    """Return `Surface.passed_on`: byte ranges of all states of effects of contact, except random numbers."""
     sizes = np.array([effect.state_dtype.itemsize for effect in contact], np.int64)
     fate = np.repeat(np.where(sizes > COPIED_MAX_B, CLEARED, COPIED), sizes).astype(np.uint8)
     for numbers, _ in _random_states(fate, contact, state_start):
@@ -270,7 +272,7 @@ def _passed_on(contact: Sequence[Effect], state_start: NDArray[np.int64]) -> NDA
 
 
 def _leaves(scene: "Scene") -> tuple[NDArray[np.int32], Any, NDArray[np.int64]]:
-    """`paint`, `leaf` and `leaf_start` of a `Surface`."""
+    """Return `paint`, `leaf` and `leaf_start` of a `Surface`."""
     paint = np.concatenate([np.zeros(0, np.int32), *(body.face_swatch for body in scene.bodies)]).astype(np.int32)
     fine = [body.fine for body in scene.bodies if body.fine is not None]
     leaf = records(sum(map(len, fine)), LEAF)
@@ -304,5 +306,5 @@ def _table(effect: Effect, swatch: "Swatch", a_rate_Hz: float) -> NDArray[np.flo
         return np.zeros(0)
     table = np.ascontiguousarray(effect.table(swatch, a_rate_Hz), np.float64).ravel()
     if not np.isfinite(table).all():
-        raise EffectError(f"effect {effect.name!r}: its table for swatch {swatch.name!r} holds NaN or infinity")
+        raise EffectError(f"effect {effect.name!r}: its table for swatch {swatch.name!r} contains NaN or infinity")
     return table

@@ -1,4 +1,4 @@
-"""The haptographic swatch: all that is known of how one surface feels."""
+"""The haptographic swatch: parameters of how one surface feels."""
 
 import math
 import os
@@ -26,64 +26,64 @@ __all__ = [
 ]
 
 FRICTION_MAX: Final = 5.0
-"""Largest friction coefficient [1]. Rubber on rubber is about 2; more is a slip of the unit."""
+"""Largest friction coefficient [1]. Rubber on rubber is about 2; a larger value indicates a wrong unit."""
 
 NAME_MAX: Final = 200
 """Longest name [characters]."""
 
 BASIC_PARAMETERS: Final = ("stiffness_N_m", "damping_Ns_m", "friction_static", "friction_dynamic")
-"""The numbers that every surface has, and formats of other programs too."""
+"""Parameters that every surface has, also in formats of other programs."""
 
 OWN_PARAMETERS: Final = (
     *BASIC_PARAMETERS,
     *("hunt_crossley_Ns_m2", "friction_stribeck_m_s", "friction_viscous_s_m"),
     *("breakaway_1_kg", "breakaway_Hz", "breakaway_decay_1_s", "adhesion_N", "adhesion_range_m"),
 )
-"""The swatch's own numbers, which effects get where the swatch says nothing for them by name."""
+"""Parameters of a swatch that effects use if the swatch has none for the effect by name."""
 
 
 TOOL_FIELDS: Final = ("tool", "tip")
-"""What is known of what a surface was touched with: as large a difference as that between surfaces."""
+"""Fields about what a surface was recorded with. Its influence is as large as that of the surface."""
 
 
 def touched_with(known: Any) -> str:
-    """Tool and tip of a swatch, or of its entry in a library: "steel probe, 3.2 mm ball"; "" where neither is known."""
+    """Return tool and tip of a swatch or library entry, as "steel probe, 3.2 mm ball"; "" if neither is known."""
     return ", ".join(filter(None, (getattr(known, what) for what in TOOL_FIELDS)))
 
 
 @dataclass(frozen=True)
 class Swatch:
-    """How a surface feels.
+    """Parameters of how a surface feels.
 
     Attributes:
-        name: what the surface is called, as in "oak".
-        stiffness_N_m: force over depth, ≥ 0.
-        damping_Ns_m: force over speed into the surface, ≥ 0.
-        friction_static: Coulomb coefficient that holds the tool, friction_dynamic ≤ friction_static ≤ 5.
-        friction_dynamic: Coulomb coefficient while it slips, ≥ 0.
-        hunt_crossley_Ns_m2: damping that grows with the depth, over that depth, ≥ 0 (Hunt & Crossley 1975).
-        friction_stribeck_m_s: speed over which friction falls from static to dynamic, 0 at once.
-        friction_viscous_s_m: what friction's coefficient grows by with the speed, ≥ 0.
-        breakaway_1_kg, breakaway_Hz, breakaway_decay_1_s: vibration when friction breaks loose: its amplitude over the
-            force that is set free, its frequency and its decay; silent where one of them is 0.
-        adhesion_N, adhesion_range_m: largest pull on a tool that leaves, and the distance at which it pulls so; none
-            where one of them is 0.
+        name: name of the surface, such as "oak".
+        stiffness_N_m: normal force over penetration depth, ≥ 0.
+        damping_Ns_m: normal force over approach speed, ≥ 0.
+        friction_static: static Coulomb coefficient, friction_dynamic ≤ friction_static ≤ 5.
+        friction_dynamic: dynamic Coulomb coefficient, ≥ 0.
+        hunt_crossley_Ns_m2: damping proportional to depth, per depth, ≥ 0 (Hunt & Crossley 1975).
+        friction_stribeck_m_s: Stribeck speed, over which friction falls from static to dynamic; 0 for a step.
+        friction_viscous_s_m: growth of the friction coefficient with speed, ≥ 0.
+        breakaway_1_kg, breakaway_Hz, breakaway_decay_1_s: vibration when stiction breaks: amplitude per released
+            force, frequency and decay rate; disabled if one of them is 0.
+        adhesion_N, adhesion_range_m: largest adhesive force on a tool that leaves, and the distance at which it
+            occurs; disabled if one of them is 0.
         texture: vibration while sliding, or None.
-        taps: vibration when touched, or None.
-        leaving: vibration when the tool leaves, over the speed at which it does, or None.
-        albedo_rgb: colour to paint with, three numbers from 0 to 1.
-        provenance: where the numbers come from, for a reader.
-        licence: what may be done with them.
-        effects: parameters for effects by name, {"effect": {"param": number}}.
-        intervals: 95 % interval of a measured number by its name, {"friction_dynamic": (low, high)}.
-        look: pictures of it, or None for its colour alone.
-        tool: what held the tip that the surface was touched with, as in "steel probe"; "" where it is not known.
-        tip: what touched it, as in "3.2 mm ball".
-        absent: why a number was not measured by its name, {"stiffness_N_m": "the recording holds no depth"}; the
-            swatch then has a default, or none.
+        taps: vibration on contact, or None.
+        leaving: vibration when the tool leaves, over its speed, or None.
+        albedo_rgb: colour, three numbers from 0 to 1.
+        provenance: source of the parameters, as text.
+        licence: licence of the parameters.
+        effects: parameters of effects by name, {"effect": {"param": number}}.
+        intervals: 95 % confidence interval of a measured parameter by its name, {"friction_dynamic": (low, high)}.
+        look: pictures of the surface, or None for its colour alone.
+        tool: holder of the tip that the surface was recorded with, such as "steel probe"; "" if unknown.
+        tip: tip that the surface was recorded with, such as "3.2 mm ball".
+        absent: why a parameter was not measured, by its name, {"stiffness_N_m": "the recording has no depth"}; the
+            swatch then holds a default or no value.
 
     Raises:
-        SwatchError: a number that is not finite or out of range, a text that cannot be written.
+        SwatchError: a number is not finite or out of range, or a text is invalid.
     """
 
     name: str
@@ -114,7 +114,7 @@ class Swatch:
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.name) <= NAME_MAX or not self.name.isprintable():
-            raise SwatchError(f"a swatch's name must be 1 to {NAME_MAX} printable characters, is {self.name[:50]!r}")
+            raise SwatchError(f"swatch name must be 1 to {NAME_MAX} printable characters, is {self.name[:50]!r}")
         for part, kind in (("texture", Texture), ("taps", Taps), ("leaving", Taps), ("look", Look)):
             value = getattr(self, part)
             if not isinstance(value, kind | None):
@@ -149,7 +149,7 @@ class Swatch:
         return f"<Swatch {self.name!r}: {', '.join(parts)}>"
 
     def _check_measured(self) -> None:
-        """Intervals are pairs in order, reasons are texts."""
+        """Check intervals and reasons, and store copies."""
         intervals = {name: tuple(map(float, pair)) for name, pair in self.intervals.items()}
         for name, pair in intervals.items():
             if len(pair) != 2 or not (math.isfinite(pair[0]) and math.isfinite(pair[1]) and pair[0] <= pair[1]):
@@ -158,12 +158,12 @@ class Swatch:
         object.__setattr__(self, "absent", dict(self.absent))
 
     def _check_texts(self) -> None:
-        """Texts can be written: half a character (a lone surrogate), which JSON can escape, cannot."""
+        """Check that texts can be written as UTF-8: JSON can contain a lone surrogate, which UTF-8 cannot."""
         for what in TOOL_FIELDS:
-            said = getattr(self, what)
-            if not isinstance(said, str) or len(said) > NAME_MAX or not said.isprintable():
+            value = getattr(self, what)
+            if not isinstance(value, str) or len(value) > NAME_MAX or not value.isprintable():
                 raise SwatchError(
-                    f"swatch {self.name!r}: {what} must be at most {NAME_MAX} printable characters, is {short(said)}"
+                    f"swatch {self.name!r}: {what} must be at most {NAME_MAX} printable characters, is {short(value)}"
                 )
         texts = {
             "provenance": (self.provenance,),
@@ -178,20 +178,20 @@ class Swatch:
                     text.encode()
                 except UnicodeEncodeError as error:
                     raise SwatchError(
-                        f"swatch {self.name!r}: {what} has half a character, which UTF-8 cannot hold: "
-                        f"leave {text[error.start]!r} out"
+                        f"swatch {self.name!r}: {what} contains {text[error.start]!r}, which is not a valid character: "
+                        "remove it"
                     ) from None
 
     @property
     def own_numbers(self) -> dict[str, float]:
-        """Its own numbers by name: those that every surface has, and those beyond them that are not 0."""
+        """Parameters of the swatch by name: those of every surface, and others that are not 0."""
         found = {name: float(getattr(self, name)) for name in OWN_PARAMETERS}
         return {name: value for name, value in found.items() if value != 0.0 or name in BASIC_PARAMETERS}
 
     def parameter(self, effect: str, param: str, default: float) -> float:
-        """The number that the effect named `effect` gets for its parameter `param`.
+        """Return the value of parameter `param` for the effect named `effect`.
 
-        That of `effects[effect][param]`; else, for `OWN_PARAMETERS`, the swatch's own; else `default`.
+        It is `effects[effect][param]`; otherwise the swatch's own value for `OWN_PARAMETERS`; otherwise `default`.
         """
         numbers = self.effects.get(effect, {})
         if param in numbers:
@@ -208,8 +208,8 @@ class Swatch:
 
 
 PLAIN: Final = Swatch("plain")
-"""The surface of bodies that nothing was painted on: stiff, smooth, silent."""
+"""Swatch of bodies that are not painted: stiff, without friction, texture or taps."""
 
 
 SwatchLike = Swatch | str | os.PathLike[str]
-"""A swatch wherever one is taken: itself, by its name, or by the path of its file."""
+"""A swatch, its name, or the path of its file."""

@@ -1,9 +1,8 @@
-"""Swatches on disk: one JSON text per material, safe to open from anybody.
+"""Swatch files: one JSON text per material, safe to open from untrusted sources.
 
-The numbers are written so that they come back to the bit. Reading runs no code, reads no more than `BYTES_MAX`, and
-checks every key, type, shape and number; what it hands out is a valid `Swatch` or a `SwatchError` naming the file,
-the place in it and what was expected.
-"""
+Numbers are written so that they are read back exactly. Reading runs no code, reads at most `BYTES_MAX`, and checks
+every key, type, shape and number. The result is a valid `Swatch`, or a `SwatchError` with the file, the key and what
+was expected."""
 
 import base64
 import json
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from hapscene.errors import SwatchError, warn
 from hapscene.io.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.look import PICTURE_BYTES_MAX, Look
 from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, TOOL_FIELDS, Swatch
 from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
@@ -39,16 +38,16 @@ __all__ = [
 SUFFIX: Final = ".swatch"
 FORMAT: Final = "hapscene swatch"
 VERSION: Final = 4
-"""Version of the format. Raised when a reader of the old one would misread the new one: 3 has looks, 4 tools and tips;
-what has none of them is still written as 2 or 3."""
+"""Version of the format, raised when a reader of the old version would misread the new one. Version 3 adds looks, 4
+adds tools and tips; swatches without them are written as version 2 or 3."""
 
 BYTES_MAX: Final = 32 * 1024 * 1024
 """Largest file that is opened [bytes]. A swatch of 100 models of order 120 has 0.3 MB; the largest that is allowed,
-`NUMBER_MAX` frequencies, has 21 MB. What opening a file takes is bounded by this and by what
-`hapscene.io.files` counts: 175 MB for the largest that is allowed, 330 MB for the worst that was found."""
+with `NUMBER_MAX` frequencies, has 21 MB. Memory use is bounded by this limit and those of `hapscene.io.files`: 175 MB
+for the largest valid file, 330 MB for the worst file found."""
 
 NUMBER_MAX: Final = 256 * MODEL_MAX
-"""Most numbers of one of a texture's lists [count]: `MODEL_MAX` models of order 256, fewer of a higher one."""
+"""Most numbers in a list of a texture [count]: `MODEL_MAX` models of order 256, or fewer of a higher order."""
 
 TEXT_MAX: Final = 100_000
 """Longest provenance or licence [characters]: a long licence has 35,000."""
@@ -58,33 +57,33 @@ _TEXTURE_ROWS: Final = ("force_N", "speed_m_s", "variance_m2_s4", "triangles", "
 _REGIMES: Final = ("other", "dwell_s")
 _LAYERS: Final = ("layers", "layer_by", "layer_at_rad")
 _PICTURES: Final = ("albedo_png", "normal_png")
-_LIFE_ROWS: Final = ("spread", "decay_1_s", "decay_1_m")
+_MODULATION_ROWS: Final = ("spread", "decay_1_s", "decay_1_m")
 
 MEASURED_MAX: Final = 4 * TAP_MAX
-"""Most intervals, and most reasons, of a swatch [count]: three for each tap and one for each of its own numbers."""
+"""Most intervals, and most reasons, of a swatch [count]: three for each tap and one for each parameter."""
 
 
 class SwatchWarning(UserWarning):
-    """A swatch's file has parts that are not rendered any more."""
+    """A swatch file has parts that are no longer rendered."""
 
 
 def save_swatch(swatch: Swatch, path: str | os.PathLike[str]) -> None:
-    """Writes `swatch` to `path` (suffix .swatch), whole or not at all.
+    """Write a swatch to a file (suffix .swatch), atomically.
 
     Raises:
-        SwatchError: another suffix, or the file cannot be written.
+        SwatchError: the suffix differs, or the file cannot be written.
     """
     target = Path(path)
     if target.suffix != SUFFIX:
-        raise SwatchError(f"{target}: a swatch's file name must end in {SUFFIX}")
+        raise SwatchError(f"{target}: the name of a swatch file must end in {SUFFIX}")
     write_whole(target, swatch_to_bytes(swatch), SwatchError)
 
 
 def swatch_to_bytes(swatch: Swatch) -> bytes:
-    """The content of a swatch's file.
+    """Return the content of a swatch file.
 
     Raises:
-        SwatchError: a text in it that would not be read again.
+        SwatchError: a text could not be read back.
     """
     for key in _TEXTS:
         _text(key, getattr(swatch, key))
@@ -92,7 +91,7 @@ def swatch_to_bytes(swatch: Swatch) -> bytes:
 
 
 def swatch_to_json(swatch: Swatch) -> str:
-    """The text of a swatch's file: one key a line, one row of numbers a line."""
+    """Return the text of a swatch file: one key or one row of numbers per line."""
     tools = {key: getattr(swatch, key) for key in TOOL_FIELDS if getattr(swatch, key)}
     version = VERSION if tools else 2 if swatch.look is None else 3
     content: dict[str, Any] = {"format": FORMAT, "version": version}
@@ -110,7 +109,7 @@ def swatch_to_json(swatch: Swatch) -> str:
 
 
 def _look_content(look: Look) -> dict[str, Any]:
-    """A look's section, its pictures as base64."""
+    """Return the section of a look, with pictures as base64."""
     pictures = {key: base64.b64encode(getattr(look, key)).decode("ascii") for key in _PICTURES if getattr(look, key)}
     return {"roughness": look.roughness, "size_m": look.size_m} | pictures
 
@@ -123,16 +122,16 @@ def _taps_content(taps: Taps | None) -> dict[str, Any] | None:
 
 
 def _texture_content(texture: Texture) -> dict[str, Any]:
-    """A texture's section."""
+    """Return the section of a texture."""
     content = {key: getattr(texture, key) for key in ("rate_Hz", "interpolation", "warp", "exponents")}
-    life = texture.life
-    content["life"] = life if life is None else {key: getattr(life, key) for key in _LIFE_ROWS}
+    gain = texture.modulation
+    content["life"] = gain if gain is None else {key: getattr(gain, key) for key in _MODULATION_ROWS}
     content |= {key: getattr(texture, key) for key in _TEXTURE_ROWS}
     return content
 
 
 def _layout(value: Any, indent: str) -> str:
-    """JSON with every list of numbers on a line of its own; json.dumps writes one number a line, or all in one."""
+    """Format JSON with each list of numbers on one line, which json.dumps cannot do."""
     inner = indent + "  "
     if isinstance(value, np.ndarray):
         value = value.tolist()
@@ -149,13 +148,13 @@ def _layout(value: Any, indent: str) -> str:
 
 
 def read_swatch(path: Path) -> Swatch:
-    """The swatch of a file.
+    """Read a swatch file.
 
     Raises:
-        SwatchError: the file is missing, too large, damaged, of a later version or unstable.
+        SwatchError: the file is missing, too large, damaged, of a later version, or has an unstable texture.
 
     Warns:
-        SwatchWarning: an earlier version wrote parts of the texture that are not rendered any more.
+        SwatchWarning: the file has parts of a texture of an earlier version that are no longer rendered.
     """
     with refusing(SwatchError):
         data = read_bytes(path, BYTES_MAX, "swatch")
@@ -164,10 +163,11 @@ def read_swatch(path: Path) -> Swatch:
 
 
 def swatch_from_json(data: bytes | str) -> Swatch:
-    """The swatch of a file's content.
+    """Read the content of a swatch file.
 
     Raises:
-        SwatchError: not JSON, not a swatch, a later version, or a wrong key, type, shape or number.
+        SwatchError: the content is not JSON, not a swatch, of a later version, or has a wrong key, type, shape or
+            number.
     """
     with refusing(SwatchError):
         return _swatch(parse_format(data, "a swatch", FORMAT, VERSION))
@@ -184,7 +184,7 @@ def _swatch(content: dict[str, Any]) -> Swatch:
     if "albedo_rgb" in content:
         fields["albedo_rgb"] = tuple(_array("albedo_rgb", content["albedo_rgb"], 1))
     effects = _effects(content.get("effects", {}))
-    effects.get("lpc_texture", {}).pop("angle_deg", None)  # turned the layers that are not rendered any more
+    effects.get("lpc_texture", {}).pop("angle_deg", None)  # of layers, which are no longer rendered
     fields["effects"] = effects
     intervals, absent = (_measured(key, content.get(key, {})) for key in ("intervals", "absent"))
     fields["intervals"] = {name: tuple(_array(f"intervals.{name}", pair, 1)) for name, pair in intervals.items()}
@@ -194,8 +194,8 @@ def _swatch(content: dict[str, Any]) -> Swatch:
     fields["texture"] = _texture(content.get("texture"), content["version"])
     if any((content.get("texture") or {}).get(key) is not None for key in ("other", "layers")):
         warn(
-            f"swatch {fields['name']!r}: a second state or layers of its texture, as earlier versions wrote them, are "
-            "ignored: the texture is rendered without them",
+            f"swatch {fields['name']!r}: a second regime or layers of its texture, written by an earlier version, are "
+            "ignored; the texture is rendered without them",
             SwatchWarning,
         )
     return Swatch(**fields)
@@ -211,7 +211,7 @@ def _look(content: Any) -> Look | None:
     for key in _PICTURES:
         text = content.get(key, "")
         if not isinstance(text, str) or len(text) > 2 * PICTURE_BYTES_MAX:
-            raise SwatchError(f"look.{key} must be a PNG picture as base64, of {PICTURE_BYTES_MAX} bytes at most")
+            raise SwatchError(f"look.{key} must be a PNG picture as base64 of at most {PICTURE_BYTES_MAX:,} bytes")
         try:
             fields[key] = base64.b64decode(text, validate=True)
         except ValueError:
@@ -226,7 +226,7 @@ def _texture(content: Any, version: int) -> Texture | None:
     required = ("rate_Hz", *_TEXTURE_ROWS)
     known = [*required, "interpolation"]
     if version == 1:
-        known.append("excitation")  # a distribution of the noise, which nobody heard: passed over
+        known.append("excitation")  # distribution of the noise, which is inaudible: ignored
     else:
         known += ["warp", "exponents", "life", *_REGIMES]
     if version >= 4:
@@ -239,15 +239,15 @@ def _texture(content: Any, version: int) -> Texture | None:
     if "exponents" in content:
         fields["exponents"] = _array(f"{where}.exponents", content["exponents"], 1)
     fields |= {key: _number(f"{where}.{key}", content[key]) for key in ("rate_Hz", "warp") if key in content}
-    fields["life"] = _life(f"{where}.life", content.get("life"))
+    fields["modulation"] = _modulation(f"{where}.life", content.get("life"))
     return Texture(**fields, interpolation=_text(f"{where}.interpolation", content.get("interpolation", "lsf")))
 
 
-def _life(where: str, content: Any) -> Life | None:
+def _modulation(where: str, content: Any) -> GainModulation | None:
     if content is None:
         return None
-    check_keys(where, content, _LIFE_ROWS)
-    return Life(**{key: _array(f"{where}.{key}", content[key], 1) for key in _LIFE_ROWS})
+    check_keys(where, content, _MODULATION_ROWS)
+    return GainModulation(**{key: _array(f"{where}.{key}", content[key], 1) for key in _MODULATION_ROWS})
 
 
 def _taps(where: str, content: Any) -> Taps | None:
@@ -263,7 +263,7 @@ def _taps(where: str, content: Any) -> Taps | None:
 
 
 def _measured(where: str, content: Any) -> dict[str, Any]:
-    """What is said of measured numbers, by their names."""
+    """Check a mapping of names of measured parameters."""
     if not isinstance(content, dict) or len(content) > MEASURED_MAX:
         raise SwatchError(f"{where} must be an object of at most {MEASURED_MAX} entries")
     return {_text(f"a name in {where}", name): value for name, value in content.items()}
@@ -290,7 +290,7 @@ def _text(where: str, value: Any) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value of JSON is a finite number: true is none, and an int can be any size."""
+    """Return whether a JSON value is a finite number, excluding true and false; an int can have any size."""
     return type(value) in (int, float) and -1e300 < value < 1e300
 
 
@@ -301,7 +301,7 @@ def _number(where: str, value: Any) -> float:
 
 
 def _array(where: str, value: Any, dimensions: int, whole: bool = False) -> NDArray[np.float64]:
-    """Nested lists of numbers as an array of that many dimensions."""
+    """Convert nested lists of numbers to an array with this number of dimensions."""
     rows = value if dimensions == 2 else [value]
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
         raise SwatchError(f"{where} must be a list of {'lists of ' if dimensions == 2 else ''}numbers")

@@ -1,4 +1,4 @@
-"""A surface's answer to a tap over approach speed: decaying sinusoids, and transients as measured.
+"""Tap transients of a surface over approach speed: decaying sinusoids, and measured transients.
 
 a(t) = A exp(−β t) sin(2π f t) (Okamura, Cutkosky & Dennerlein 2001, "Reality-Based Models for Vibration Feedback in
 Virtual Environments", IEEE/ASME Trans. Mechatronics 6(3)).
@@ -21,16 +21,16 @@ TAP_MAX: Final = 1024
 """Most approach speeds of a swatch [count]."""
 
 WAVE_MAX: Final = 4096
-"""Most samples of a stored transient [count]: 0.4 s at 10 kHz."""
+"""Most samples of a measured transient [count]: 0.4 s at 10 kHz."""
 
 RING_TIMES: Final = 7.0
-"""Time constants after which a ringing tap is over [1]: it is below a thousandth."""
+"""Time constants after which a tap transient ends [1]: below a thousandth."""
 
 TAP_ROWS: Final = ("approach_m_s", "amplitude_m_s2", "frequency_Hz", "decay_1_s")
 
 
 def freeze(owner: Any, name: str, values: ArrayLike, dtype: DTypeLike = np.float64) -> None:
-    """Set a field of a frozen dataclass to a copy of an array, read-only."""
+    """Set a field of a frozen dataclass to a read-only copy of an array."""
     array = np.array(values, dtype)
     array.setflags(write=False)
     object.__setattr__(owner, name, array)
@@ -46,18 +46,18 @@ class Tap(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Taps:
-    """Decaying sinusoids over approach speed, and where they were measured the transients themselves.
+    """Decaying sinusoids over approach speed, and measured transients if there are any.
 
     Attributes:
         approach_m_s: (k,) approach speeds, ascending, > 0.
         amplitude_m_s2: (k,) amplitude A of the acceleration, ≥ 0.
         frequency_Hz: (k,) frequency f, > 0.
         decay_1_s: (k,) decay rate β, > 0.
-        wave_m_s2: (k, m) transient as measured at each speed, from its onset, or None.
+        wave_m_s2: (k, m) measured transient at each speed, from its onset, or None.
         wave_rate_Hz: sample rate of the transients; 0 without them.
 
     Raises:
-        SwatchError: shapes that do not fit, numbers out of range or not finite.
+        SwatchError: arrays have inconsistent shapes, or numbers are out of range or not finite.
     """
 
     approach_m_s: Array
@@ -93,7 +93,7 @@ class Taps:
         object.__setattr__(self, "wave_rate_Hz", float(self.wave_rate_Hz))
         if self.wave_m_s2 is None:
             if self.wave_rate_Hz != 0.0:
-                raise SwatchError("taps: wave_rate_Hz is given, but no wave_m_s2")
+                raise SwatchError("taps: wave_rate_Hz is given without wave_m_s2: give both or neither")
             return
         freeze(self, "wave_m_s2", self.wave_m_s2)
         waves, count = self.wave_m_s2, len(self.approach_m_s)
@@ -105,11 +105,11 @@ class Taps:
             raise SwatchError(f"taps: wave_rate_Hz must be finite and above 0, is {self.wave_rate_Hz}")
 
     def at(self, approach_m_s: float) -> Tap:
-        """The tap at an approach speed [m/s].
+        """Return the tap at an approach speed [m/s].
 
-        Between two speeds all three numbers are interpolated linearly. Below the lowest speed the amplitude falls
-        linearly to zero at rest, frequency and decay stay. Above the highest speed the tap of the highest is given:
-        nothing louder than what is in the swatch is ever played. A speed that is negative or NaN counts as zero.
+        Between two speeds the three parameters are interpolated linearly. Below the lowest speed, the amplitude falls
+        linearly to zero, and frequency and decay stay. Above the highest speed, its tap is returned, so that no tap
+        is louder than those in the swatch. A negative speed or NaN counts as zero.
         """
         speed = approach_m_s if approach_m_s > 0.0 else 0.0
         lowest = float(self.approach_m_s[0])
@@ -118,16 +118,16 @@ class Taps:
         return Tap(amplitude * min(1.0, speed / lowest), frequency, decay)
 
     def transient(self, approach_m_s: float, rate_Hz: float) -> Array:
-        """The acceleration (n,) of a tap at an approach speed [m/s], sampled at `rate_Hz`, from its onset.
+        """Return the acceleration (n,) of a tap at an approach speed [m/s], sampled at `rate_Hz` from its onset.
 
-        The measured transient, where there is one, else the decaying sinusoid, until it is below a thousandth. Between
-        two speeds the transients of both are cross-faded linearly; below the lowest and above the highest as in `at`.
+        It is the measured transient if there is one, otherwise the decaying sinusoid until it is below a thousandth.
+        Between two speeds, both transients are cross-faded linearly; outside the range of speeds see `at`.
         """
         if self.wave_m_s2 is None:
             tap = self.at(approach_m_s)
             t_s = np.arange(max(1, round(RING_TIMES * rate_Hz / tap.decay_1_s))) / rate_Hz
-            heard = tap.amplitude_m_s2 if tap.frequency_Hz < 0.5 * rate_Hz else 0.0
-            return heard * np.exp(-tap.decay_1_s * t_s) * np.sin(2.0 * np.pi * tap.frequency_Hz * t_s)
+            audible = tap.amplitude_m_s2 if tap.frequency_Hz < 0.5 * rate_Hz else 0.0
+            return audible * np.exp(-tap.decay_1_s * t_s) * np.sin(2.0 * np.pi * tap.frequency_Hz * t_s)
         speed = min(approach_m_s if approach_m_s > 0.0 else 0.0, float(self.approach_m_s[-1]))
         place = float(np.interp(speed, self.approach_m_s, np.arange(len(self.approach_m_s))))
         row = min(int(place), len(self.approach_m_s) - 1)
@@ -137,17 +137,16 @@ class Taps:
         return np.asarray(min(1.0, speed / float(self.approach_m_s[0])) * wave)
 
     def waves_at(self, rate_Hz: float) -> Array:
-        """The measured transients (k, n) at another rate; (k, 0) without them.
+        """Return the measured transients (k, n) at another sample rate; (k, 0) without them.
 
-        Resampled through their spectrum, so that what both rates can carry stays as it is; what only the old one can is
-        gone.
+        They are resampled in the frequency domain, so that frequencies that both rates can represent are preserved.
         """
         if self.wave_m_s2 is None:
             return np.zeros((len(self.approach_m_s), 0))
         if rate_Hz == self.wave_rate_Hz:
             return self.wave_m_s2
         length = self.wave_m_s2.shape[1]
-        padded = np.pad(self.wave_m_s2, ((0, 0), (0, length)))  # so that the end does not ring into the start
+        padded = np.pad(self.wave_m_s2, ((0, 0), (0, length)))  # keeps the end from wrapping into the start
         count = max(1, round(length * rate_Hz / self.wave_rate_Hz))
         return np.asarray(scipy.signal.resample(padded, 2 * count, axis=1))[:, :count]
 

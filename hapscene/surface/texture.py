@@ -1,8 +1,8 @@
-"""A surface's vibration under a sliding tool: AR models over normal force and slip speed.
+"""The texture of a surface: AR models of vibration over normal force and slip speed.
 
 After Culbertson, Unwin & Kuchenbecker 2014 ("Modeling and Rendering Realistic Textures from Unconstrained
-Tool-Surface Interactions", IEEE Trans. Haptics 7(3)): each model is a vertex of a triangulation of the plane of
-normal force and slip speed; what is asked for lies in a triangle, and its three models are blended.
+Tool-Surface Interactions", IEEE Trans. Haptics 7(3)): each model is a vertex of a triangulation of the plane of normal
+force and slip speed. At a given force and speed, the three models of the triangle there are blended.
 """
 
 import math
@@ -17,14 +17,14 @@ from hapscene.constants import LEVEL_BOUND_DB, ORDER_MAX
 from hapscene.dsp.ar_filter import (
     ar_from_lsf,
     ar_from_reflection,
-    lsf_from_ar,
+    lsf_from_ar,  # kHz) for epoxy, whose recording is noise above 1 kHz.
     power_gain,
     power_response,
     reflection_from_ar,
 )
 from hapscene.errors import SwatchError
 from hapscene.io.files import short
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.taps import freeze
 
 __all__ = [
@@ -39,22 +39,25 @@ __all__ = [
     "triangulate",
 ]
 
-# The plane of normal force and slip speed, closed and cut into triangles around a texture's models.
+# Triangulation of the plane of normal force and slip speed around the models of a texture.
 
 
 Array = NDArray[np.float64]
 
 NEAR: Final = 0.02
-"""Distance within which no second model is added along a side when the plane is closed, as a share of that side [1].
-Smaller makes slivers between models that stand almost above each other."""
+"""Distance within which no second model is added along a side of the rectangle, relative to that side [1]. A smaller
+distance would make sliver triangles."""
 
 
 def close(force_N: Array, speed_m_s: Array) -> tuple[Array, Array, NDArray[np.intp], Array]:
-    """Adds what closes the rectangle: force, speed, the model copied from, and 0 where it is silent, 1 elsewhere.
+    """Add models that close the rectangle of force and speed.
 
-    Each model throws a silent copy onto the two axes, so that its spectrum keeps its shape while the level falls.
-    Onto the two sides of largest force and speed it throws a copy of whatever model is nearest there: without it, a
-    place beyond the last model of its own speed would be blended from models of other speeds.
+    Each model is copied onto the two axes as a silent model, so that its spectrum keeps its shape while the level
+    falls. The nearest model is copied onto the two sides of largest force and speed. Without it, a point beyond the
+    last model of its speed would be blended from models of other speeds.
+
+    Returns:
+        Forces, speeds, the index of the model that each is a copy of, and 0 for silent models, 1 for others.
     """
     force_N, speed_m_s = np.asarray(force_N, dtype=np.float64), np.asarray(speed_m_s, dtype=np.float64)
     if force_N.shape != speed_m_s.shape or not np.all((force_N > 0.0) & (speed_m_s > 0.0)):
@@ -64,7 +67,7 @@ def close(force_N: Array, speed_m_s: Array) -> tuple[Array, Array, NDArray[np.in
     count = len(place)
     for axis in (0, 1):
         for side in (0.0, 1.0):
-            along = [1.0, 0.0]  # the corners first
+            along = [1.0, 0.0]  # corners first
             for at in (y, x)[axis]:
                 if np.abs(np.array(along) - at).min() > NEAR:
                     along.append(float(at))
@@ -73,16 +76,16 @@ def close(force_N: Array, speed_m_s: Array) -> tuple[Array, Array, NDArray[np.in
             place = np.vstack([place, thrown[~there]])
     away = np.linalg.norm(place[:, None] - place[None, :count], axis=2)
     sounding = (place.min(axis=1) > 0.0).astype(np.float64)
-    # A silent copy looks like the model that threw it: the one at its own speed or force, not the nearest.
+    # a silent copy has the spectrum of the model that was projected: the one at its speed or force, not the nearest
     beside = np.where(sounding[:, None] > 0.0, away, _beside(place, place[:count]))
     top = np.array([force_N.max(), speed_m_s.max()])
     force, speed = (place * top).T
-    force[:count], speed[:count] = force_N, speed_m_s  # to the bit
+    force[:count], speed[:count] = force_N, speed_m_s  # exactly, not scaled back and forth
     return force, speed, np.argmin(beside, axis=1), sounding
 
 
 def _beside(place: Array, model: Array) -> Array:
-    """How far (k, m) each model is along the axis that each place lies on, and a little how far off it."""
+    """Return the distance (k, m) of each model along the axis that a point lies on, plus a little of that across it."""
     off = np.abs(place[:, None] - model)
     on_force_axis = (place[:, 1] == 0.0)[:, None]
     along, across = np.where(on_force_axis, off[..., 0], off[..., 1]), np.where(on_force_axis, off[..., 1], off[..., 0])
@@ -90,10 +93,10 @@ def _beside(place: Array, model: Array) -> Array:
 
 
 def triangulate(force_N: Array, speed_m_s: Array) -> NDArray[np.int32]:
-    """Delaunay triangles (t, 3) over the plane scaled to 1 × 1, without flat ones."""
+    """Return Delaunay triangles (t, 3) over the plane scaled to 1 × 1, without degenerate ones."""
     x, y = force_N / force_N.max(), speed_m_s / speed_m_s.max()
-    # Four models on a rectangle can be cut along either diagonal. Stretched across the diagonal a little, Delaunay
-    # takes the one from silence to full level, along which the level does not sag.
+    # Four models on a rectangle can be split along either diagonal. A slight stretch selects the diagonal from silence
+    # to full level, along which the level does not sag.
     triangles = scipy.spatial.Delaunay(np.stack([x + y, 1.001 * (x - y)], axis=1)).simplices
     corner = np.stack([x, y], axis=1)[triangles]
     side = corner[:, 1:] - corner[:, :1]
@@ -102,7 +105,7 @@ def triangulate(force_N: Array, speed_m_s: Array) -> NDArray[np.int32]:
 
 
 def _opened(triangles: NDArray[np.int32], silent: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """No triangle has three silent corners: one at the origin is joined to what sounds beyond it instead."""
+    """Replace triangles with three silent corners: the one at the origin is joined to a model that is not silent."""
     opened = [list(map(int, corners)) for corners in triangles]
     for dead in [corners for corners in opened if silent[corners].all()]:
         for other in opened:
@@ -114,36 +117,36 @@ def _opened(triangles: NDArray[np.int32], silent: NDArray[np.bool_]) -> NDArray[
     return np.asarray(opened, dtype=np.int32)
 
 
-# How the models of a triangle become one filter, in four ways.
+# Interpolation: how the models of a triangle become one filter.
 #
-# | interpolation | blends | stable |
+# | interpolation | blended quantity | stable |
 # |---|---|---|
 # | `lsf` | line spectral frequencies | always |
 # | `reflection` | reflection coefficients | always |
-# | `direct` | the coefficients a_k, as in Culbertson, Unwin & Kuchenbecker 2014 | made so, see below |
-# | `hatt` | line spectral frequencies and the excitation's variance, as the Penn toolkit does | always |
+# | `direct` | coefficients a_k, as in Culbertson, Unwin & Kuchenbecker 2014 | after correction, see below |
+# | `hatt` | line spectral frequencies and variance of the excitation, as in the Penn toolkit | always |
 #
-# In the first three the power of the output is blended, and the excitation is what gives that power. In the last the
-# output has whatever power comes of it: that is what the toolkit's files were made for.
+# The first three blend the power of the output and choose the excitation to match. The last blends the excitation, as
+# the files of the toolkit require.
 #
-# A weighted mean of stable filters' coefficients need not be stable: between random pairs it is not, somewhere on the
-# way, in 13, 73 and 99 % of cases at order 3, 8 and 20. An unstable mean has its poles drawn towards the middle,
-# a_k ← γ^k a_k with the largest γ = 1 − 2^−n at which the filter is stable and its power gain bounded: the spectrum's
-# peaks stay where they are, and get wider.
+# A weighted mean of the coefficients of stable filters can be unstable: between random pairs, it is somewhere in 13, 73
+# and 99 % of cases at order 3, 8 and 20. The poles of an unstable mean are moved towards the origin, a_k ← γ^k a_k,
+# with the largest γ = 1 − 2^−n for which the filter is stable and its power gain bounded. The peaks of the spectrum
+# keep their frequencies and get wider.
 
 
 INTERPOLATIONS: Final = ("lsf", "reflection", "direct", "hatt")
-"""The names of the ways."""
+"""Names of the interpolations."""
 
 GAIN_MAX: Final = 1e8
-"""Largest power gain that a mean of coefficients may have [1]. Recordings' models have 1e1 to 1e5."""
+"""Largest power gain of a blended filter [1]. Models of recordings have 1e1 to 1e5."""
 
 SHRINK_BITS: Final = 12
-"""γ is 1 − 2^−n for n from this down to 1: poles of a tenth of a hertz at first, then broader and broader."""
+"""γ is 1 − 2^−n for n from this number down to 1: bandwidths from a tenth of a hertz upwards."""
 
 
 def form(interpolation: str, lsf_rad: Array) -> Array:
-    """The models (m, p) in the coordinates that the interpolation is linear in."""
+    """Return the models (m, p) in the coordinates that the interpolation blends."""
     if interpolation == "reflection":
         return reflection_from_ar(ar_from_lsf(lsf_rad))
     if interpolation == "direct":
@@ -152,7 +155,7 @@ def form(interpolation: str, lsf_rad: Array) -> Array:
 
 
 def filters(interpolation: str, blended: Array) -> Array:
-    """The filters (n, p+1), all stable, of blended coordinates (n, p)."""
+    """Return stable filters (n, p+1) of blended coordinates (n, p)."""
     if interpolation == "reflection":
         return ar_from_reflection(blended)
     if interpolation == "direct":
@@ -161,38 +164,38 @@ def filters(interpolation: str, blended: Array) -> Array:
 
 
 def stabilised(a: Array) -> Array:
-    """Filters (n, p+1) with the poles of those that are unstable drawn inward; the others to the bit as they are."""
+    """Move the poles of unstable filters (n, p+1) towards the origin; stable filters are returned unchanged."""
     a = a.copy()
-    wild = np.flatnonzero(~(power_gain(a) < GAIN_MAX))
+    unstable = np.flatnonzero(~(power_gain(a) < GAIN_MAX))
     k = np.arange(a.shape[1])
-    original = a[wild]
+    original = a[unstable]
     for n in range(SHRINK_BITS, 0, -1):
-        if len(wild) == 0:
+        if len(unstable) == 0:
             break
-        a[wild] = original * (1.0 - 0.5**n) ** k
-        still = ~(power_gain(a[wild]) < GAIN_MAX)
-        wild, original = wild[still], original[still]
-    # at γ = 1/2 nothing blended from stable filters is left; coefficients of a stranger's file may be
-    a[wild, 1:] = 0.0
+        a[unstable] = original * (1.0 - 0.5**n) ** k
+        remaining = ~(power_gain(a[unstable]) < GAIN_MAX)
+        unstable, original = unstable[remaining], original[remaining]
+    # at γ = 1/2 every mean of stable filters is stable; coefficients of an untrusted file may not be
+    a[unstable, 1:] = 0.0
     return a
 
 
 MODEL_MAX: Final = 4096
-"""Most models of a texture [count]. Swatches have 4 to 200; more only makes the search slow."""
+"""Most models of a texture [count]. Swatches have 4 to 200; more models slow down the search."""
 
 POWER_GAIN_MAX: Final = 1e10
-"""Largest power gain of a model [1]. Real recordings give 1e1 to 1e5; at 1e14 double precision no longer tells
-a stable filter from an unstable one."""
+"""Largest power gain of a model [1]. Recordings give 1e1 to 1e5; at 1e14 double precision cannot tell a stable filter
+from an unstable one."""
 
 LINE_NOISE: Final = 1e-9
-"""Power of the noise beside a line that no filter could hold alone, of the line's own [1]."""
+"""Power of the noise that is added to a spectral line to make a filter stable, relative to the line [1]."""
 
 
 POWER_MAX: Final = 1e12
-"""Largest variance of a model's output [(m/s²)²]. Real surfaces give 1e-2 to 1e3; beyond this it is no vibration."""
+"""Largest variance of the output of a model [(m/s²)²]. Surfaces give 1e-2 to 1e3."""
 
 WARP_MAX: Final = 0.99
-"""Largest |warp| [1]. 0.75 is in use at 10 kHz, and 0.94 follows of it at 48 kHz."""
+"""Largest |warp| [1]. 0.75 is used at 10 kHz, and corresponds to 0.94 at 48 kHz."""
 
 EXPONENT_MAX: Final = 8.0
 """Largest |exponent| of the power over force or speed [1]. Surfaces have 0 to 4."""
@@ -200,26 +203,26 @@ EXPONENT_MAX: Final = 8.0
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """AR models over (normal force, slip speed), triangulated.
+    """AR models over normal force and slip speed, triangulated.
+
+    Build a texture from filters with `Texture.from_models`, which adds silent models and triangles.
 
     Attributes:
-        rate_Hz: sample rate that the models are made for.
+        rate_Hz: sample rate of the models.
         force_N: (m,) normal force of each model, ≥ 0.
         speed_m_s: (m,) slip speed of each model, ≥ 0.
-        triangles: (t, 3) indices of the models at the corners; together they fill the rectangle up to the maxima.
+        triangles: (t, 3) indices of the models at the corners; together they cover the rectangle up to the maxima.
         lsf_rad: (m, p) line spectral frequencies of each model, ascending in (0, π).
-        variance_m2_s4: (m,) variance of the white excitation [(m/s²)²]; 0 is silence.
+        variance_m2_s4: (m,) variance of the white excitation [(m/s²)²]; 0 for silence.
         interpolation: how models are blended, one of `INTERPOLATIONS` (see `hapscene.surface.texture`).
-        warp: λ of the allpass D(z) = (z⁻¹ − λ)/(1 − λ z⁻¹) that stands in a model for each unit delay: 0 for plain AR
-            models; above it they see low frequencies finer, below it high ones. |λ| ≤ `WARP_MAX`.
-        exponents: (2,) the power goes on beyond the largest force F and speed V as (force/F)^exponents[0]
-            (speed/V)^exponents[1], by `LEVEL_BOUND_DB` at most; (0, 0) keeps it as it is there.
-        life: its random slow gain, or None: then the level is steady.
-
-    Build one from filters with `Texture.from_models`, which adds the silent models and the triangles.
+        warp: allpass coefficient λ of D(z) = (z⁻¹ − λ)/(1 − λ z⁻¹), which replaces each unit delay (frequency
+            warping). 0 for plain AR models; λ > 0 resolves low frequencies better, λ < 0 high ones. |λ| ≤ `WARP_MAX`.
+        exponents: (2,) beyond the largest force F and speed V, the power grows as (force/F)^exponents[0]
+            (speed/V)^exponents[1], by at most `LEVEL_BOUND_DB`; (0, 0) for constant power.
+        modulation: amplitude modulation, or None for a steady level.
 
     Raises:
-        SwatchError: shapes that do not fit, numbers that are not finite, an unstable model.
+        SwatchError: arrays have inconsistent shapes, numbers are not finite, or a model is unstable.
     """
 
     rate_Hz: float
@@ -231,8 +234,8 @@ class Texture:
     interpolation: str = "lsf"
     warp: float = 0.0
     exponents: Array = field(default_factory=lambda: np.zeros(2))
-    life: Life | None = None
-    _form: Array = field(init=False, repr=False)  # (m, p): what the interpolation blends
+    modulation: GainModulation | None = None
+    _form: Array = field(init=False, repr=False)  # (m, p) coordinates that the interpolation blends
     _power: Array = field(init=False, repr=False)  # (m,) variance of each model's output
     _inverse: Array = field(init=False, repr=False)  # (t, 3, 3): (force, speed, 1) to barycentric coordinates
 
@@ -263,13 +266,12 @@ class Texture:
         interpolation: str = "lsf",
         warp: float = 0.0,
         exponents: ArrayLike = (0.0, 0.0),
-        life: Life | None = None,
+        modulation: GainModulation | None = None,
     ) -> "Texture":
-        """A texture of filters `a` (m, p+1) at `force_N` (m,), `speed_m_s` (m,), all > 0, closed and triangulated.
+        """Make a texture from filters `a` (m, p+1) at `force_N` (m,), `speed_m_s` (m,), all > 0.
 
-        The rectangle from zero to the largest force and speed is closed with silent models on its two axes and,
-        where no model stands there, with a copy of the nearest model at its far corner. With a `warp`, `a` are
-        polynomials in D.
+        The rectangle from zero to the largest force and speed is closed with silent models on its two axes, and with
+        copies of the nearest models at its far sides. With a `warp`, `a` are polynomials in D.
         """
         models = np.atleast_2d(np.asarray(a, dtype=np.float64))
         lsf = np.stack([lsf_from_ar(one) for one in models])
@@ -277,7 +279,7 @@ class Texture:
         variance = np.ravel(np.asarray(variance_m2_s4, dtype=np.float64))[source] * sounding
         edges = np.asarray(exponents, dtype=np.float64)
         places = force, speed, triangulate(force, speed)
-        return cls(rate_Hz, *places, lsf[source], variance, interpolation, warp, edges, life)
+        return cls(rate_Hz, *places, lsf[source], variance, interpolation, warp, edges, modulation)
 
     @property
     def order(self) -> int:
@@ -286,31 +288,31 @@ class Texture:
 
     @property
     def force_max_N(self) -> float:
-        """Largest force there is a model for; beyond it the level alone follows, see `beyond`."""
+        """Largest force of a model; beyond it only the level changes, see `beyond`."""
         return float(self.force_N.max())
 
     @property
     def speed_max_m_s(self) -> float:
-        """Largest slip speed there is a model for; beyond it the level alone follows, see `beyond`."""
+        """Largest slip speed of a model; beyond it only the level changes, see `beyond`."""
         return float(self.speed_m_s.max())
 
     @property
     def model_power_m2_s4(self) -> Array:
-        """(m,) variance of each model's output [(m/s²)²]."""
+        """(m,) variance of the output of each model [(m/s²)²]."""
         return self._power
 
     def model(self, force_N: float, speed_m_s: float) -> tuple[Array, float]:
-        """The filter a (p+1,) and the excitation's variance [(m/s²)²] at a normal force [N] and slip speed [m/s].
+        """Return the filter a (p+1,) and its excitation variance [(m/s²)²] at a normal force [N] and slip speed [m/s].
 
-        y(t) = e(t) − Σ a_k y(t−k), a[0] = 1; with a `warp`, 1/A(D(z)): D^k stands for the k delays. Always stable.
-        Silent (variance 0) at no force or no speed; above the largest force or speed of the models, that of the
-        maximum, louder or softer by `beyond`.
+        The output is y(t) = e(t) − Σ a_k y(t−k), a[0] = 1; with a `warp`, 1/A(D(z)), where D^k replaces k delays. The
+        filter is always stable. It is silent (variance 0) at zero force or speed. Above the largest force or speed it
+        is that of the maximum, with the level of `beyond`.
         """
         a, variance = self.models(np.array([force_N]), np.array([speed_m_s]))
         return a[0], float(variance[0])
 
     def models(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> tuple[Array, Array]:
-        """The same at many places: a (n, p+1) and variance (n,) at forces (n,) and slip speeds (n,)."""
+        """Return filters a (n, p+1) and variances (n,) at forces (n,) and slip speeds (n,); see `model`."""
         corner, weight = self.locate(force_N, speed_m_s)
         if self.single:
             a = np.tile(filters(self.interpolation, self._form[:1]), (len(corner), 1))
@@ -325,9 +327,9 @@ class Texture:
         return a, np.where(sounding, variance, 0.0)
 
     def lattice(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> tuple[Array, Array]:
-        """The same for `hapscene.dsp.lattice`: reflection coefficients (n, p) and power of the output (n,).
+        """Return reflection coefficients (n, p) and power of the output (n,) [(m/s²)²] for `hapscene.dsp.lattice`.
 
-        The coefficients have one row where one filter holds everywhere. Power in (m/s²)².
+        The coefficients have one row if all models have the same filter.
         """
         force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(speed_m_s, dtype=np.float64)
         if self.interpolation == "hatt" and not self.single:
@@ -341,15 +343,15 @@ class Texture:
         return k, np.where((force > 0.0) & (slip > 0.0), self.power(force, slip), 0.0)
 
     def density(self, force_N: ArrayLike, speed_m_s: ArrayLike, *, frequency_Hz: ArrayLike) -> Array:
-        """One-sided power spectral density (n, k) [(m/s²)²/Hz] at forces (n,), slip speeds (n,), frequencies (k,)."""
+        """Return the one-sided power spectrum (n, k) [(m/s²)²/Hz] at forces (n,), speeds (n,) and frequencies (k,)."""
         a, variance = self.models(force_N, speed_m_s)
         omega_rad = 2.0 * np.pi / self.rate_Hz * np.asarray(frequency_Hz, dtype=np.float64)
         return np.asarray(2.0 / self.rate_Hz * variance[:, None] * power_response(a, omega_rad, self.warp))
 
     def beyond(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> Array:
-        """Factor (n,) on the power for forces (n,) and speeds (n,) beyond the largest recorded [1]; 1 within them.
+        """Return the factor (n,) on the power at forces (n,) and speeds (n,) beyond the models, 1 within them [1].
 
-        See `exponents`. At most `LEVEL_BOUND_DB` up or down.
+        See `exponents`. The factor is limited to `LEVEL_BOUND_DB` up or down.
         """
         log, most = np.zeros(np.shape(force_N)), 0.1 * LEVEL_BOUND_DB * math.log(10.0)
         edges = (force_N, self.force_max_N), (speed_m_s, self.speed_max_m_s)
@@ -360,48 +362,51 @@ class Texture:
 
     @property
     def log_spread(self) -> float:
-        """Standard deviation of the logarithm of its slow gain; 0 where it has none."""
-        return 0.0 if self.life is None else self.life.log_spread
+        """Standard deviation of the logarithm of the amplitude modulation; 0 without one."""
+        return 0.0 if self.modulation is None else self.modulation.log_spread
 
     @property
     def single(self) -> bool:
-        """Whether all models have one filter, and differ in their level alone."""
+        """Whether all models have the same filter and differ in level only."""
         return bool(np.all(self.lsf_rad == self.lsf_rad[0]))
 
     def locate(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> tuple[NDArray[np.int32], Array]:
-        """The models that are blended at forces (n,) and slip speeds (n,): indices (n, 3) and weights (n, 3).
+        """Return the models that are blended at forces (n,) and slip speeds (n,): indices (n, 3) and weights (n, 3).
 
-        Weights are barycentric, ≥ 0, sum 1. Inputs are clamped to the rectangle of the models; NaN counts as zero.
+        Weights are barycentric: ≥ 0 with sum 1. Inputs are clamped to the rectangle of the models; NaN counts as
+        zero.
         """
         force = np.clip(np.nan_to_num(np.asarray(force_N, dtype=np.float64)), 0.0, self.force_max_N)
         speed = np.clip(np.nan_to_num(np.asarray(speed_m_s, dtype=np.float64)), 0.0, self.speed_max_m_s)
         place = np.stack([force, speed, np.ones_like(force)])
         weight = self._inverse @ place  # (t, 3, n)
-        best = np.argmax(weight.min(axis=1), axis=0)  # the triangle that holds the place, or the nearest one
+        best = np.argmax(weight.min(axis=1), axis=0)  # the triangle that contains the point, or the nearest one
         inside = weight[best, :, np.arange(len(best))]
-        inside[inside < 1e-12] = 0.0  # rounding: on the axes the texture is silent to the bit
+        inside[inside < 1e-12] = 0.0  # rounding: on the axes the texture is exactly silent
         return self.triangles[best], inside / inside.sum(axis=1, keepdims=True)
 
     def power(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> Array:
-        """Variance (n,) of the acceleration [(m/s²)²] at forces (n,) and slip speeds (n,), blended from the models'.
+        """Return the variance (n,) of the acceleration [(m/s²)²] at forces (n,) and slip speeds (n,).
 
-        This is what `models` gives exactly; with the interpolation "hatt", what it should give.
+        It is blended from the models. `models` has exactly this power, except with the interpolation "hatt".
         """
         corner, weight = self.locate(force_N, speed_m_s)
         return np.asarray(np.einsum("nc,nc->n", weight, self._power[corner]) * self.beyond(force_N, speed_m_s))
 
     def resampled(self, rate_Hz: float) -> "Texture":
-        """The same texture for another sample rate, the power in the kept band the same.
+        """Return the texture for another sample rate, with the same power in the common band.
 
-        The order grows with the rate, and stays when the rate falls; a warp moves with it. How, and to what error,
-        stands in `hapscene.surface.texture`.
+        The order grows with the rate, and stays when the rate falls; a warp is adapted. See the comment on resampling
+        in `hapscene.surface.texture` for method and error.
 
         Raises:
-            SwatchError: the rate is not above 0, or beyond 1/64 to 64 times the texture's own.
+            SwatchError: the rate is not above 0, or not from 1/64 to 64 times that of the texture.
         """
         ratio = rate_Hz / self.rate_Hz
         if not 1 / 64 <= ratio <= 64:
-            raise SwatchError(f"a texture made for {self.rate_Hz:g} Hz cannot be resampled to {rate_Hz} Hz")
+            raise SwatchError(
+                f"a texture at {self.rate_Hz:g} Hz cannot be resampled to {rate_Hz} Hz (1/64 to 64 times)"
+            )
         if ratio == 1.0:
             return self
         if self.warp == 0.0:
@@ -410,7 +415,7 @@ class Texture:
         return self._refitted(rate_Hz, order, _warp_at(self.warp, ratio))
 
     def _refitted(self, rate_Hz: float, order: int, warp: float) -> "Texture":
-        """Models of the same spectra at another rate, order and warp."""
+        """Fit models of the same spectra at another rate, order and warp."""
         order, ratio = min(ORDER_MAX, order), rate_Hz / self.rate_Hz
         rows, row = np.unique(self.lsf_rad, axis=0, return_inverse=True)  # silent models are copies of others
         if warp == self.warp == 0.0:
@@ -422,16 +427,16 @@ class Texture:
         return replace(self, rate_Hz=float(rate_Hz), lsf_rad=lsf, variance_m2_s4=variance, warp=warp)
 
     def truncated(self, order: int) -> "Texture":
-        """The same texture with models of at most that order, each of the power that it has.
+        """Return the texture with models of at most this order, each with the same power.
 
-        The first reflection coefficients of a model are those of the best model of that order for the same signal: its
-        autocorrelation is kept to that lag (Makhoul 1975, "Linear prediction: a tutorial review", sec. III).
+        The first reflection coefficients of a model are those of the best model of that order for the same signal:
+        its autocorrelation is kept up to that lag (Makhoul 1975, "Linear prediction: a tutorial review", sec. III).
 
         Raises:
-            SwatchError: an order below 1.
+            SwatchError: the order is below 1.
         """
         if not order >= 1 or order % 1 != 0:
-            raise SwatchError(f"the order of a texture is a whole number, 1 or more, not {order}")
+            raise SwatchError(f"the order of a texture must be an integer of at least 1, is {order}")
         if order >= self.order:
             return self
         rows, row = np.unique(self.lsf_rad, axis=0, return_inverse=True)  # silent models are copies of others
@@ -443,7 +448,7 @@ class Texture:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Texture):
             return NotImplemented
-        single = ("rate_Hz", "interpolation", "warp", "life")
+        single = ("rate_Hz", "interpolation", "warp", "modulation")
         rows = ("force_N", "speed_m_s", "triangles", "lsf_rad", "variance_m2_s4", "exponents")
         same = all(getattr(self, name) == getattr(other, name) for name in single)
         return same and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in rows)
@@ -453,7 +458,7 @@ class Texture:
 
 
 def _check_shapes(texture: Texture) -> None:
-    """Everything that can be told without arithmetic on the filters."""
+    """Check shapes and ranges, before any computation with the filters."""
     count = len(texture.force_N) if texture.force_N.ndim == 1 else -1
     if not 3 <= count <= MODEL_MAX:
         raise SwatchError(f"texture: force_N must list 3 to {MODEL_MAX} models, its shape is {texture.force_N.shape}")
@@ -483,13 +488,13 @@ def _check_shapes(texture: Texture) -> None:
             f"texture: exponents must be two numbers from -{EXPONENT_MAX:g} to {EXPONENT_MAX:g}, of force and of "
             f"speed, not {exponents.ravel()[:3].tolist()}"
         )
-    if not isinstance(texture.life, Life | None):
-        raise SwatchError(f"texture: life must be a Life or None, is {short(texture.life)}")
+    if not isinstance(texture.modulation, GainModulation | None):
+        raise SwatchError(f"texture: modulation must be a GainModulation or None, is {short(texture.modulation)}")
 
 
 def _checked_power(variance_m2_s4: Array, lsf_rad: Array, warp: float) -> Array:
-    """Variance of the output (m,) of models (m, p); refuses what is unstable or absurdly loud."""
-    ascending = np.diff(lsf_rad, axis=1, prepend=0.0, append=np.pi) > 0.0  # False for NaN too
+    """Return the variance of the output (m,) of models (m, p); rejects unstable and excessively loud models."""
+    ascending = np.diff(lsf_rad, axis=1, prepend=0.0, append=np.pi) > 0.0  # also False for NaN
     bad = np.flatnonzero(~ascending.all(axis=1))
     if len(bad):
         raise SwatchError(f"texture: model {bad[0]} is unstable: lsf_rad must ascend strictly between 0 and π")
@@ -507,7 +512,7 @@ def _checked_power(variance_m2_s4: Array, lsf_rad: Array, warp: float) -> Array:
 
 
 def _checked_inverse(texture: Texture) -> Array:
-    """(t, 3, 3): takes (force, speed, 1) to barycentric coordinates in each triangle."""
+    """Return (t, 3, 3) matrices from (force, speed, 1) to barycentric coordinates in each triangle."""
     corner = np.stack([texture.force_N, texture.speed_m_s, np.ones_like(texture.force_N)], axis=1)
     matrix = corner[texture.triangles].transpose(0, 2, 1)
     scale = max(texture.force_max_N * texture.speed_max_m_s, 1e-300)
@@ -517,35 +522,30 @@ def _checked_inverse(texture: Texture) -> Array:
     return np.asarray(np.linalg.inv(matrix))
 
 
-# A texture for another sample rate: the same spectrum in the band that both rates have.
+# Resampling: a texture for another sample rate has the same spectrum in the common band.
 #
-# Each model's power spectral density is cut at the lower of the two Nyquist frequencies, turned into an
-# autocorrelation at the new rate, and fitted anew (Makhoul 1975, "Linear prediction: a tutorial review", sec. III).
-# Towards a higher rate nothing is known above the old Nyquist frequency: the density goes on there at the lowest value
-# that the model has, which keeps the filter well conditioned and adds the least power.
+# The power spectral density of each model is cut at the lower of the two Nyquist frequencies, transformed to an
+# autocorrelation at the new rate, and fitted (Makhoul 1975, "Linear prediction: a tutorial review", sec. III). At a
+# higher rate, nothing is known above the old Nyquist frequency: there the density is set to the smallest value of the
+# model, which keeps the filter well conditioned and adds the least power.
 #
-# Error, over 20–1000 Hz on the shipped swatches: 0.02 dB rms, 0.03 dB at most, from 4 to 48 kHz; where the order would
-# pass `ORDER_MAX`, as orders above 60 do at 96 kHz, 0.3 to 1.2 dB rms. The power in the kept band is exact to the same
-# error; what is filled in above it is at most 0.01 dB of the whole at 48 kHz on three of the four swatches, but 1.3 dB
-# (0.4 dB at 20 kHz) on epoxy, whose recording is noise above 1 kHz.
-#
-# Warped models are fitted over the phase of D, in which their spectrum is that of a plain model. The warp is changed so
-# that low frequencies have the phase that they had. Error over 20–1000 Hz, of warped models of the same swatches (order
-# 28, warp 0.75): 0.07 dB rms, 0.16 dB at most from 4 to 8 kHz; 0.09 and 0.19 dB from 16 to 48 kHz, where the order is
-# half as high again for the edge at the old Nyquist frequency (0.35 and 0.7 dB without).
+# Error in 20–1000 Hz for the shipped swatches: 0.02 dB rms, at most 0.03 dB, from 4 to 48 kHz; 0.3 to 1.2 dB rms where
+# the order would exceed `ORDER_MAX`, as orders above 60 do at 96 kHz. The power in the common band has the same error.
+# The power added above it is at most 0.01 dB of the total at 48 kHz for three of the four swatches, but 1.3 dB (0.4 dB
+# at
 
 
-_WARPED_BINS: Final = 1 << 13  # over the phase of D, half of the circle
+_WARPED_BINS: Final = 1 << 13  # over the phase of D, half the unit circle
 
 WARPED_ORDER: Final = 1.5
-"""Order of a warped model at a higher rate over its own [1]."""
+"""Ratio of the order of a warped model at a higher rate to its original order [1]."""
 
-_BINS: Final = 1 << 16  # of the spectrum at the old rate: 0.15 Hz at 10 kHz, less than any resonance that lasts
+_BINS: Final = 1 << 16  # bins of the spectrum at the old rate: 0.15 Hz at 10 kHz, narrower than any resonance
 
 
 def _refit(a: Array, ratio: float, order: int) -> tuple[Array, float]:
-    """The filter (order+1,) at `ratio` times the rate of `a`, and its excitation's variance when that of `a` is 1."""
-    # One-sided samples of the density at 2π j / _BINS rad, scaled so that their mean over the circle is the power.
+    """Return the filter (order+1,) at `ratio` times the rate of `a`, and its excitation variance for 1 of `a`."""
+    # one-sided samples of the density at 2π j / _BINS rad, scaled so that their mean over the circle is the power
     density = 1.0 / np.abs(np.fft.rfft(a, _BINS)) ** 2
     density *= power_gain(a) / np.fft.irfft(density)[0]
     kept = np.full(round(_BINS * ratio / 2) + 1, density.min())
@@ -556,9 +556,9 @@ def _refit(a: Array, ratio: float, order: int) -> tuple[Array, float]:
 
 
 def _predictor(r: Array) -> tuple[Array, float]:
-    """The filter (p+1,) that predicts a signal of autocovariances (p+1,), and its excitation's variance.
+    """Return the filter (p+1,) that predicts a signal of autocovariances (p+1,), and the variance of its excitation.
 
-    Of a line in silence, as of a grating, the filter would be next to unstable: it gets a noise 90 dB below it.
+    The filter of a spectral line without noise, as of a grating, would be almost unstable: noise of −90 dB is added.
     """
     for noise in (0.0, LINE_NOISE):
         made = np.concatenate(
@@ -571,9 +571,9 @@ def _predictor(r: Array) -> tuple[Array, float]:
 
 
 def _warp_at(warp: float, ratio: float) -> float:
-    """The warp at `ratio` times the rate whose map of low frequencies is the same; 0 stays 0.
+    """Return the warp at `ratio` times the rate that maps low frequencies to the same phase; 0 stays 0.
 
-    Near 0 Hz the phase of D runs (1 + λ)/(1 − λ) times as fast as that of a delay.
+    Near 0 Hz the phase of D grows (1 + λ)/(1 − λ) times as fast as that of a delay.
     """
     if warp == 0.0:
         return 0.0
@@ -583,9 +583,10 @@ def _warp_at(warp: float, ratio: float) -> float:
 
 
 def _refit_warped(a: Array, ratio: float, order: int, old: float, new: float) -> tuple[Array, float]:
-    """As `_refit`, of a filter warped by `old`, for one warped by `new`: in the phase of D its spectrum is an AR's."""
+    """Refit a filter from warp `old` to warp `new`: over the phase of D its spectrum is that of an AR model."""
     phase = np.exp(-1j * np.pi / _WARPED_BINS * np.arange(_WARPED_BINS + 1))
-    omega = -np.angle((phase + new) / (1.0 + new * phase)) * ratio  # what D has this phase at, in the old rate's terms
+    # frequency at which D has this phase, at the old rate
+    omega = -np.angle((phase + new) / (1.0 + new * phase)) * ratio
     density = np.full(len(omega), power_response(a, np.linspace(0.0, np.pi, 4096), old).min())
     within = omega <= np.pi
     density[within] = power_response(a, omega[within], old)

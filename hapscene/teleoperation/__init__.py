@@ -6,12 +6,12 @@ Both devices are simulated, in one process or in two that communicate over UDP.
 import numpy as np
 import hapscene
 from hapscene.teleoperation import Impairment, Operation
-from hapscene.loop import Intent
+from hapscene.loop import ReferenceTrajectory
 
 scene = hapscene.Scene()
 scene.add("assets/meshes/plate.obj", name="plate", unit="mm", swatch="wood")
 path = np.linspace([0.0, 0.0, 0.01], [0.01, 0.0, -0.01], 1000)  # reference trajectory of the leader's hand
-result = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(Intent.along(path, grip="medium"))
+result = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(ReferenceTrajectory.along(path, grip="medium"))
 ```
 
 | module | content |

@@ -12,7 +12,7 @@ from hapscene.device.model import DeviceLike
 from hapscene.device.sim.arm import find_tip, simulated_device
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.records import records
 from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.scene.scene import Scene
@@ -142,7 +142,7 @@ class Operation:
     def __repr__(self) -> str:
         return f"<Operation: {self.follower if isinstance(self.follower, BodyFollower) else self.renderer!r}>"
 
-    def run(self, intent: Intent) -> OperationResult:
+    def run(self, intent: ReferenceTrajectory) -> OperationResult:
         """Simulate a reference trajectory of the leader's hand, one tick per row, from the present state."""
         n = len(intent)
         rows = records(n, TICK_RECORD)

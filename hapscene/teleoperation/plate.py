@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hapscene.constants import TICK_S
 from hapscene.device.sim.hand import grip_named
 from hapscene.errors import HapsceneError
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.motion.hand_path import Hand
 from hapscene.motion.look_from_above import TopView
 from hapscene.scene.mesh import Mesh
@@ -42,7 +42,7 @@ REST_S: Final = 1.5
 class Gesture(NamedTuple):
     """A reference trajectory, and the first and last tick of each part by the part's name."""
 
-    intent: Intent
+    intent: ReferenceTrajectory
     parts: dict[str, list[tuple[int, int]]]
 
 
@@ -84,7 +84,7 @@ def explore(grip: str, give_N_m: float, taps: int = 3, strokes: int = 4) -> Gest
     parts["stroke"].append((start, start + len(way)))
     hand.move(START_M, 0.4)
     hand.rest(REST_S)
-    return Gesture(Intent.along(hand.p_WT_m, grip), parts)
+    return Gesture(ReferenceTrajectory.along(hand.p_WT_m, grip), parts)
 
 
 STROKES: Final = ((-SPAN_M, 0.06), (SPAN_M, 0.1), (-SPAN_M, 0.15), (SPAN_M, 0.2), (-SPAN_M, 0.1))

@@ -23,7 +23,7 @@ from hapscene.errors import HapsceneError
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.interrupt import interrupt_noted
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.records import records
 from hapscene.teleoperation.datagram import DATAGRAM, MESSAGE, DatagramFilter, pack
 from hapscene.teleoperation.endpoint import ROLES, SCHEMES, Coupling, new_endpoint, receive_message
@@ -104,7 +104,11 @@ class UdpSession:
     """
 
     def __init__(
-        self, side: Leader | Follower, sock: socket.socket, intent: Intent | None = None, allowed: str | None = None
+        self,
+        side: Leader | Follower,
+        sock: socket.socket,
+        intent: ReferenceTrajectory | None = None,
+        allowed: str | None = None,
     ) -> None:
         self._side, self._socket, self._allowed = side, sock, allowed
         self._hand = None if intent is None else (intent.target_W_m, intent.grip, intent.push_W_N)

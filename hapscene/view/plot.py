@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from hapscene.loop.result import Feel
+    from hapscene.loop.result import ClosedLoopResult
 
 
 COLUMN_COUNT: Final = 2000
@@ -230,7 +230,7 @@ def envelope(
 # hand.png: a touch in closed loop: what the hand meant, where the tool went, what motors and handle did.
 
 
-def write_hand_plot(feel: "Feel", path: str | Path, title: str = "", dark: bool = False) -> None:
+def write_hand_plot(feel: "ClosedLoopResult", path: str | Path, title: str = "", dark: bool = False) -> None:
     """Draw heights, forces, accelerations and the motors' work over time as PNG, on light or dark ground.
 
     Raises:
@@ -239,7 +239,7 @@ def write_hand_plot(feel: "Feel", path: str | Path, title: str = "", dark: bool 
     save_chart(draw_hand_plot(feel, title), path, DPI, dark)
 
 
-def draw_hand_plot(feel: "Feel", title: str = "") -> "Figure":
+def draw_hand_plot(feel: "ClosedLoopResult", title: str = "") -> "Figure":
     """The figure that `write_hand_plot` writes."""
     with new_chart(*SIZE_IN, title, STYLE, layout=None) as figure:
         axes = _rows(figure, (1, 1, 1, 1))
@@ -251,7 +251,7 @@ def draw_hand_plot(feel: "Feel", title: str = "") -> "Figure":
     return figure
 
 
-def _draw_height(ax: "Axes", feel: "Feel") -> None:
+def _draw_height(ax: "Axes", feel: "ClosedLoopResult") -> None:
     """Heights of what the hand means, the tool, and the proxy."""
     t_s = feel.recording.t_s
     ax.plot(t_s, feel.target_W_m[:, 2] * 1e3, color=OKABE_ITO["orange"], linewidth=1.2, label="meant by the hand")
@@ -261,7 +261,7 @@ def _draw_height(ax: "Axes", feel: "Feel") -> None:
     ax.set_ylabel("height [mm]")
 
 
-def _draw_hand_force(ax: "Axes", feel: "Feel") -> None:
+def _draw_hand_force(ax: "Axes", feel: "ClosedLoopResult") -> None:
     """Magnitudes of the motors' force and the hand's."""
     t_s = feel.recording.t_s
     ax.plot(t_s, np.linalg.norm(feel.f_hand_W_N, axis=1), color=OKABE_ITO["orange"], linewidth=1.2, label="hand")
@@ -269,7 +269,7 @@ def _draw_hand_force(ax: "Axes", feel: "Feel") -> None:
     ax.set_ylabel("force [N]")
 
 
-def _draw_hand_acceleration(ax: "Axes", feel: "Feel") -> None:
+def _draw_hand_acceleration(ax: "Axes", feel: "ClosedLoopResult") -> None:
     """What the textures ask for, and what the handle makes of it."""
     recording = feel.recording
     asked = ("asked for", recording.a_m_s2, recording.a_t_s, "sky")
@@ -277,7 +277,7 @@ def _draw_hand_acceleration(ax: "Axes", feel: "Feel") -> None:
     _fill_accelerations(ax, recording, asked, moved)
 
 
-def _draw_work(ax: "Axes", feel: "Feel") -> None:
+def _draw_work(ax: "Axes", feel: "ClosedLoopResult") -> None:
     """Energy that the motors gave the tool: what it ends at is dissipated where negative, made up where positive."""
     work_mJ = np.cumsum(feel.work_J) * 1e3
     ax.plot(feel.recording.t_s, work_mJ, color=OKABE_ITO["blue"], linewidth=1.2, label="given by the motors")

@@ -135,7 +135,7 @@ def table(swatch: Swatch, rate_Hz: float) -> NDArray[np.float64]:
     force_N, speed_m_s = (np.linspace(0.0, most, GRID) for most in (texture.force_max_N, texture.speed_max_m_s))
     k, power = texture.lattice(np.repeat(force_N, GRID), np.tile(speed_m_s, GRID))
     nodes = (k.ravel(), power) if texture.single else (np.column_stack((power, k)).ravel(),)
-    life = texture.life
+    life = texture.modulation
     rows = np.empty(0) if life is None else np.column_stack((life.spread, life.decay_1_s, life.decay_1_m)).ravel()
     numbers = np.concatenate((rows, *nodes))
     edge = texture.force_max_N, texture.speed_max_m_s, texture.order, texture.warp, *texture.exponents

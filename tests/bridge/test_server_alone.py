@@ -32,7 +32,7 @@ from hapscene.bridge.server import BATCH_MAX, BridgeServer
 from hapscene.device.sim.hand import grip_named
 from hapscene.errors import SceneError
 from hapscene.flags import Flag
-from hapscene.loop.servo import ServoState
+from hapscene.loop.servo_state import ServoState
 from hapscene.render.contact_info import Impulse
 
 from .client_packets import pack_frame, unpack_state

@@ -37,7 +37,7 @@ def test_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for text in (
         "of order",
         "0.4 dynamic (95 %: 0.4 to 0.4)",
-        "taps        none (assumed: no tap",
+        "taps        not measured: no tap",
         "oak.swatch",
     ):
         assert text in output

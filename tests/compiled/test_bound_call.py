@@ -1,4 +1,4 @@
-"""Compiled functions as C functions with their argument bound."""
+"""Compiled functions with a bound argument, as C functions."""
 
 import ctypes
 import threading
@@ -38,9 +38,9 @@ def make(weight: float) -> Bound:
     return Bound(tuple(Part(np.full(3, k + 1.0), records(1, ROW), weight) for k in range(2)), np.zeros(1, np.int64))
 
 
-def test_it_acts_on_what_it_was_bound_to() -> None:
+def test_call_acts_on_its_argument() -> None:
     first, second = make(0.5), make(2.0)
-    calls = BoundCall(add_at, first), BoundCall(add_at, second)  # of one type: compiled once
+    calls = BoundCall(add_at, first), BoundCall(add_at, second)  # one type: compiled once
     for _ in range(3):
         calls[0]()
     calls[1]()
@@ -49,8 +49,8 @@ def test_it_acts_on_what_it_was_bound_to() -> None:
     assert [part.row.depth_m[0] for part in second.parts] == [2.0, 4.0]
 
 
-@pytest.mark.skipif(INTERPRETED, reason="interpreted code needs Python's lock")
-def test_any_thread_may_call_its_address_as_one_of_c() -> None:
+@pytest.mark.skipif(INTERPRETED, reason="interpreted code needs the GIL")
+def test_any_thread_can_call_the_c_function() -> None:
     bound = make(1.0)
     call = BoundCall(add_at, bound)
     function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(call.address)

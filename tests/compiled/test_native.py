@@ -1,4 +1,4 @@
-"""Compiled functions: cached on disk where nobody else may write, by their code, and compiled anew when damaged."""
+"""Compiled functions: disk cache, its safety and keys, and progress."""
 
 import importlib
 import os
@@ -35,7 +35,7 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="no such permissions 
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cache of the test's own: the user's may hold these functions from an earlier run."""
+    """Use a separate cache: that of the user may contain these functions."""
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
     cache._folder.cache_clear()
 
@@ -46,7 +46,7 @@ def source(**changed: Any) -> str:
 
 @pytest.fixture
 def compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
-    """Compiles `twice` of a module, as a new process would, its cache in the folder `cache`."""
+    """Compile `twice` of a module as a new process would, with the cache in the folder `cache`."""
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
 
@@ -75,32 +75,32 @@ def hits(function: Any) -> int:
 
 def test_a_function_is_compiled_once(compiled: Callable[..., Any], tmp_path: Path) -> None:
     assert hits(compiled()) == 0 and hits(compiled()) == 1
-    assert len(files(tmp_path)) == 1  # of the whole; its part has none
+    assert len(files(tmp_path)) == 1  # of the whole only
 
 
 @pytest.mark.parametrize("change", [{"doc": "Other words."}, {"comment": "  # why"}, {"other": 2}])
-def test_what_is_not_compiled_may_change(compiled: Callable[..., Any], change: dict[str, Any]) -> None:
+def test_changes_outside_compiled_code_keep_the_cache(compiled: Callable[..., Any], change: dict[str, Any]) -> None:
     compiled()
     assert hits(compiled(**change)) == 1
 
 
-def test_a_constant_of_an_inner_function_may_not(compiled: Callable[..., Any]) -> None:
+def test_changed_constant_of_a_callee_recompiles(compiled: Callable[..., Any]) -> None:
     compiled()
     assert hits(compiled(factor=3.0)) == 0
 
 
-def test_what_is_inlined_does_the_same_by_itself_and_in_a_caller() -> None:
+def test_inlined_function_alone_and_in_a_caller() -> None:
     part = inlined(lambda x: 2.0 * x)
     assert part(21.0) == native(lambda x: part(x) + part(x))(10.5) == 42.0
 
 
-def test_compiled_code_of_others_calls_a_native_function() -> None:
+def test_numba_code_calls_a_native_function() -> None:
     inner = native(lambda x: x + 1.0)
     outer = native(lambda x: 2.0 * inner(x))
     assert njit(lambda x: outer(x) + inner(x))(1.0) == 6.0
 
 
-def test_a_constant_argument_compiles_no_function_of_its_own() -> None:
+def test_constant_arguments_share_one_function() -> None:
     part = native(lambda x, k: x + k)
     whole = native(lambda x: part(x, 1) + part(x, 2) + part(x, int(x)))
     assert whole(3.0) == 15.0 and len(part.part.signatures) == 1
@@ -133,7 +133,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_what_is_damaged_is_compiled_anew(compiled: Callable[..., Any], tmp_path: Path, damage: str) -> None:
+def test_damaged_file_is_recompiled(compiled: Callable[..., Any], tmp_path: Path, damage: str) -> None:
     compiled()
     (file,) = files(tmp_path)
     DAMAGE[damage](file)
@@ -143,7 +143,7 @@ def test_what_is_damaged_is_compiled_anew(compiled: Callable[..., Any], tmp_path
 
 @POSIX
 @pytest.mark.parametrize("place", ["", "hapscene"])
-def test_where_others_may_write_nothing_is_cached(compiled: Callable[..., Any], tmp_path: Path, place: str) -> None:
+def test_folder_writable_by_others_is_not_used(compiled: Callable[..., Any], tmp_path: Path, place: str) -> None:
     compiled()
     open_to_all = tmp_path / "cache" / place
     open_to_all.chmod(0o777)
@@ -156,7 +156,7 @@ def test_where_others_may_write_nothing_is_cached(compiled: Callable[..., Any], 
 
 @POSIX
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives files away")
-def test_another_users_folder_is_not_trusted(compiled: Callable[..., Any], tmp_path: Path) -> None:
+def test_folder_of_another_user_is_not_used(compiled: Callable[..., Any], tmp_path: Path) -> None:
     compiled()
     shutil.chown(tmp_path / "cache" / "hapscene", 65534)
     cache.warn_not_kept.cache_clear()
@@ -164,10 +164,8 @@ def test_another_users_folder_is_not_trusted(compiled: Callable[..., Any], tmp_p
         assert hits(compiled()) == 0
 
 
-def test_code_that_a_wheel_carries_is_used(
-    compiled: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Compiled for a processor that has no more than ours: found where the user's own cache has nothing."""
+def test_code_of_a_wheel_is_used(compiled: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Code for a processor with a subset of our features is used if the cache of the user is empty."""
     codegen = native(lambda x: x).whole.targetctx.codegen()
     triple = codegen.magic_tuple()[0]
     with monkeypatch.context() as built:  # as with NUMBA_CPU_NAME and an empty NUMBA_CPU_FEATURES
@@ -183,13 +181,13 @@ def test_code_that_a_wheel_carries_is_used(
 
 
 def test_code_of_another_build_is_not_used(compiled: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of another numba, llvmlite or Python, as in a wheel that was installed beside others than it was built with."""
+    """Code of a wheel that was built with another numba, llvmlite or Python is not used."""
     compiled()
     monkeypatch.setattr(cache, "_BUILD", "another")
     assert hits(compiled()) == 0 and hits(compiled()) == 1
 
 
-def test_who_asks_for_a_processor_gets_no_code_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_selected_processor_excludes_code_of_the_wheel(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(config, "CPU_NAME", "nehalem")
     assert not cache._runs_portable_code.__wrapped__()
 
@@ -202,23 +200,24 @@ def printed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return texts
 
 
-def test_a_long_compilation_is_announced_once(printed: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_compilation_is_reported_once(printed: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(progress, "FUNCTION_S", 10.0)
     with compiling():
         native(lambda x: x * 5.0)(1.0)
         native(lambda x: x * 7.0)(1.0)
     text = "".join(printed)
-    assert text.startswith("compiling (first run, about 10 s)") and text.count("compiling") == 1 and text[-1] == "\n"
+    assert text.startswith("compiling 1 function (first run, about 10 s)")
+    assert text.count("compiling") == 1 and text[-1] == "\n"
 
 
-def test_code_for_a_record_is_named_by_its_layout_whatever_was_compiled_before() -> None:
+def test_record_code_is_named_by_its_layout() -> None:
     long, short = (from_dtype(np.dtype([("k", np.float64, (n,)), ("gain", np.float64)])) for n in (45, 29))
     elsewhere = copy(short)
-    elsewhere._code = long._code  # as in a process that met the short one at that place
+    elsewhere._code = long._code  # as in a process that met the short one first
     assert mangle_type(elsewhere) == mangle_type(short) != mangle_type(long)
 
 
-def test_a_digest_is_that_of_the_code_below() -> None:
+def test_digest_includes_callees() -> None:
     def make(factor: float) -> Any:
         inner = native(lambda x: factor * x)
         return lambda x: inner(x)
@@ -226,7 +225,7 @@ def test_a_digest_is_that_of_the_code_below() -> None:
     assert digest.digest_of(make(2.0))[0] == digest.digest_of(make(2.0))[0] != digest.digest_of(make(3.0))[0]
 
 
-def test_a_digest_is_that_of_constants_inside_nested_functions_too() -> None:
+def test_digest_includes_nested_constants() -> None:
     def doubled(x: list[float]) -> list[float]:
         return [2.0 * y for y in x]
 
@@ -237,7 +236,7 @@ def test_a_digest_is_that_of_constants_inside_nested_functions_too() -> None:
     assert digest.digest_of(doubled)[0] != digest.digest_of(tripled)[0]
 
 
-def test_a_digest_tells_what_is_inlined_from_what_is_called() -> None:
+def test_digest_distinguishes_inlining() -> None:
     def calling(inner: Any) -> Any:
         return lambda x: inner(x)
 

@@ -1,4 +1,4 @@
-"""What the contact tests share: a world of meshes, and faces written down by hand."""
+"""Fixtures of the contact tests: a world of meshes, and a face with known corners."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.contact.proxy import put
+from hapscene.contact.proxy import place_proxy
 from hapscene.contact.world import World, build_world
 from hapscene.scene.scene import Scene
 
 
 @pytest.fixture
 def world() -> "Callable[..., World]":
-    """`world(mesh, …, two_sided=False)`: the meshes as bodies, the proxy put at `at`."""
+    """`world(mesh, …, two_sided=False)`: the meshes as bodies, with the proxy placed at `at`."""
 
     def build(*meshes: trimesh.Trimesh, two_sided: bool = False, at: Sequence[float] = (0.0, 0.0, 1.0)) -> World:
         scene = Scene()
         for mesh in meshes:
             scene.add(mesh, unit="m", two_sided=two_sided)
         built = build_world(scene.bodies)
-        put(built, tuple(map(float, at)))
-        built.near[:] = np.arange(len(built.near))  # a cast looks at all of them, wherever it begins
+        place_proxy(built, tuple(map(float, at)))
+        built.near[:] = np.arange(len(built.near))  # casts test all bodies
         built.proxy[0].near_count = len(built.near)
         return built
 
@@ -37,5 +37,5 @@ def triangle() -> trimesh.Trimesh:
 
 @pytest.fixture
 def turned() -> np.ndarray[Any, Any]:
-    """A rotation with no axis in common with the world's."""
+    """A rotation that maps no axis to an axis of the world."""
     return trimesh.transformations.euler_matrix(0.3, -0.7, 1.1)[:3, :3]

@@ -1,4 +1,4 @@
-"""Casting the proxy: where it has to stop, a skin off the face, from which side, and which of several bodies."""
+"""Sweeps of the proxy: position of the stop, side of the face, and choice among several bodies."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from hapscene.contact.cast import cast
 BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
 
 
-def test_stops_a_skin_off_the_face(world):
+def test_stop_is_one_skin_above_the_face(world):
     w = world(BOX)
     stop = cast(w, (0.01, 0.02, 0.03), (0.01, 0.02, -0.01))
     skin = w.bodies[0].skin_m
@@ -23,13 +23,13 @@ def test_stops_a_skin_off_the_face(world):
 @pytest.mark.parametrize(
     ("origin", "goal"),
     [
-        ((0.0, 0.0, 0.03), (0.0, 0.0, 0.01)),  # ends in the air
+        ((0.0, 0.0, 0.03), (0.0, 0.0, 0.01)),  # ends before the face
         ((0.2, 0.0, 0.01), (-0.2, 0.0, 0.01)),  # passes by
-        ((0.0, 0.0, -0.01), (0.0, 0.0, 0.03)),  # leaves from inside: an outward-only face lets it pass
-        ((0.0, 0.0, 0.03), (0.0, 0.0, 0.03)),  # stays
+        ((0.0, 0.0, -0.01), (0.0, 0.0, 0.03)),  # from inside through a one-sided face
+        ((0.0, 0.0, 0.03), (0.0, 0.0, 0.03)),  # no motion
     ],
 )
-def test_free_way(world, origin, goal):
+def test_no_stop_on_a_free_way(world, origin, goal):
     w = world(BOX)
     assert cast(w, origin, goal) == 2.0
     assert w.proxy[0].count == 0
@@ -42,7 +42,7 @@ def test_two_sided_face_stops_from_inside_and_faces_inwards(world):
     assert w.proxy[0].side[0] == -1.0
 
 
-def test_passes_a_face_from_behind_and_meets_the_next_from_outside(world):
+def test_back_face_is_passed_and_next_front_face_stops(world):
     other = BOX.copy()
     other.apply_translation((0, 0, 0.1))
     w = world(trimesh.util.concatenate([BOX, other]))
@@ -60,15 +60,15 @@ def test_nearest_of_several_bodies_wins_in_either_order(world):
         assert (w.proxy[0].count, w.proxy[0].body[0]) == (1, body)
 
 
-def test_a_face_met_at_a_grazing_angle_is_seen(world):
-    """At a slope of 1 in 100 the goal lies half a skin over the face: the way ends before the face is reached."""
+def test_face_at_a_grazing_angle_stops(world):
+    """At a slope of 1 in 100 the goal lies half a skin above the face, so the way itself does not reach the face."""
     w = world(BOX)
     skin = w.bodies[0].skin_m
     assert cast(w, (0.0, 0.0, 1.5 * skin), (100 * skin, 0.0, 0.5 * skin)) == pytest.approx(0.5)
 
 
 def cubes(cells, width_m: float = 0.02) -> trimesh.Trimesh:
-    """The skin of cubes in a grid: two faces for each side that has no neighbour."""
+    """Return the surface of cubes in a grid: two faces for each side without a neighbour."""
     corners, faces = [], []
     for cell in cells:
         for axis in range(3):
@@ -93,9 +93,9 @@ def cubes(cells, width_m: float = 0.02) -> trimesh.Trimesh:
     ],
 )
 def test_no_ray_leaks_where_convex_and_concave_edges_meet(world, cells):
-    """Faces reach a little over their edges: there they stand in front of others, with their backs out.
+    """Faces overlap their edges, where they can cover other faces with their backs.
 
-    Rays into the cubes from outside, past their common corner, the origin, within about a skin of it.
+    The rays enter the cubes from outside, within about a skin of their common corner at the origin.
     """
     mesh = cubes(cells)
     assert mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0

@@ -1,12 +1,12 @@
-"""Crossing edges by what the mesh says: as by rays alone, and what is met on the way, or not known."""
+"""Edge crossing by face adjacency: agrees with casts, stops at other faces, and reports missing adjacency."""
 
 import numpy as np
 import pytest
 import trimesh
 
-from hapscene.contact.crossing import MET, PAST, RESTS, UNKNOWN, cross_edges, lies_over_planes
+from hapscene.contact.crossing import BLOCKED, PAST, SETTLED, UNKNOWN, cross_edges, lies_over_planes
 from hapscene.contact.planes import nearest
-from hapscene.contact.proxy import move, put
+from hapscene.contact.proxy import move_proxy, place_proxy
 from hapscene.contact.world import build_world
 from hapscene.scene.scene import Scene
 
@@ -22,7 +22,7 @@ def world_of(*meshes: trimesh.Trimesh, known: bool = True, two_sided: bool = Fal
 
 
 def roof(angle_deg: float) -> trimesh.Trimesh:
-    """Two slopes, the second turned down by an angle (up where it is below 0), that meet at x = 0; 0.2 m long."""
+    """Return two slopes that meet at x = 0, the second turned down by an angle (up if negative); 0.2 m long."""
     slope = np.radians(angle_deg)
     ridge = [[0, -0.1, 0], [0, 0.1, 0]]
     far = [[0.1 * np.cos(slope), y, -0.1 * np.sin(slope)] for y in (-0.1, 0.1)]
@@ -31,14 +31,14 @@ def roof(angle_deg: float) -> trimesh.Trimesh:
 
 
 def glide(world, start, *tools):
-    """The proxies of a tool that goes from place to place, from `start` on."""
-    put(world, tuple(map(float, start)))
-    return np.array([(move(world, tuple(map(float, tool))), world.proxy[0].p_WP_m.copy())[1] for tool in tools])
+    """Return the proxy positions for a sequence of tool positions after `start`."""
+    place_proxy(world, tuple(map(float, start)))
+    return np.array([(move_proxy(world, tuple(map(float, tool))), world.proxy[0].p_WP_m.copy())[1] for tool in tools])
 
 
-@pytest.mark.parametrize("angle_deg", [0.01, 1.0, 20.0, 60.0, -0.01, -1.0, -20.0, -60.0])
+@pytest.mark.parametrize("angle_deg", [0.01, 20.0, -0.01, -60.0])
 @pytest.mark.parametrize("two_sided", [False, True])
-def test_over_an_edge_as_by_rays_alone(angle_deg, two_sided) -> None:
+def test_edge_crossing_agrees_with_casts(angle_deg, two_sided) -> None:
     x = np.linspace(-0.004, 0.004, 101)
     tools = np.c_[x, 0.3 * x, np.full(len(x), -0.003)]
     known, alone = (
@@ -48,8 +48,8 @@ def test_over_an_edge_as_by_rays_alone(angle_deg, two_sided) -> None:
     np.testing.assert_allclose(known, alone, rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_on_rough_ground_the_proxy_stays_outside_and_on_the_surface(seed) -> None:
+@pytest.mark.parametrize("seed", range(2))
+def test_proxy_stays_on_a_rough_surface(seed) -> None:
     rng = np.random.default_rng(seed)
     z = rng.normal(scale=0.0008, size=(40, 40))
     t = np.linspace(0.0, 6.0, 3000)
@@ -61,7 +61,7 @@ def test_on_rough_ground_the_proxy_stays_outside_and_on_the_surface(seed) -> Non
 
 
 def height_over(z, p):
-    """Height of points over the grid's triangles, each cell being cut from its first to its third corner."""
+    """Return the height of points above a grid whose cells are split from the first to the third corner."""
     n = len(z)
     u, v = (p[:, 0] + 0.05) / 0.1 * (n - 1), (p[:, 1] + 0.05) / 0.1 * (n - 1)
     i, j = np.minimum(u.astype(int), n - 2), np.minimum(v.astype(int), n - 2)
@@ -71,7 +71,7 @@ def height_over(z, p):
 
 
 def on_the_first_slope(world):
-    """The proxy rests near the ridge, and the tool goes on over it: what `cross_edges` is given."""
+    """Return the arguments of `cross_edges` for a proxy near the ridge and a tool beyond it."""
     glide(world, (-0.001, 0, 0.01), (-0.001, 0.0, -0.002))
     tool = (0.001, 0.0, -0.002)
     proxy = world.proxy[0]
@@ -83,27 +83,27 @@ def on_the_first_slope(world):
 
 
 @pytest.mark.parametrize("angle_deg", [0.01, 5.0, 40.0, -0.5])
-def test_it_rests_beyond(angle_deg) -> None:
+def test_proxy_settles_beyond_the_edge(angle_deg) -> None:
     world = world_of(roof(angle_deg))
     p, tool, goal = on_the_first_slope(world)
     outcome, place = cross_edges(world, p, tool, goal)
-    assert outcome == RESTS and world.proxy[0].count == 1 and world.proxy[0].face[0] in (0, 1)
+    assert outcome == SETTLED and world.proxy[0].count == 1 and world.proxy[0].face[0] in (0, 1)
     n = np.array([np.sin(np.radians(angle_deg)), 0.0, np.cos(np.radians(angle_deg))])
     assert n @ place == pytest.approx(world.bodies[0].skin_m, rel=1e-9)
 
 
-def test_what_stands_on_the_edge_is_met() -> None:
+def test_body_on_the_edge_blocks_the_proxy() -> None:
     wall = trimesh.creation.box(bounds=[[0.0002, -0.02, 0.0], [0.0004, 0.02, 0.02]])
     world = world_of(roof(0.0), wall)
     p, tool, goal = on_the_first_slope(world)
     outcome, place = cross_edges(world, p, tool, goal)
-    assert outcome == MET and world.proxy[0].body[0] == 1 and place[0] < 0.0002
-    assert move(world, tool)
+    assert outcome == BLOCKED and world.proxy[0].body[0] == 1 and place[0] < 0.0002
+    assert move_proxy(world, tool)
     assert world.proxy[0].p_WP_m[0] == pytest.approx(0.0002, abs=1e-9)
 
 
 def ground(z) -> trimesh.Trimesh:
-    """A grid of heights (n, n) over 0.1 m by 0.1 m, each cell cut from its first to its third corner."""
+    """Return a grid of heights (n, n) over 0.1 m by 0.1 m, with cells split from the first to the third corner."""
     n = len(z)
     x, y = np.meshgrid(np.linspace(-0.05, 0.05, n), np.linspace(-0.05, 0.05, n), indexing="ij")
     k = np.arange(n * n).reshape(n, n)
@@ -111,8 +111,8 @@ def ground(z) -> trimesh.Trimesh:
     return trimesh.Trimesh(np.c_[x.ravel(), y.ravel(), z.ravel()], np.r_[np.c_[a, b, c], np.c_[a, c, d]], process=False)
 
 
-def test_a_facet_that_was_met_lets_go_behind_its_edge() -> None:
-    """In one tick over a floor of small faces to a pillar and half round it."""
+def test_plane_of_a_facet_is_dropped_beyond_its_edge() -> None:
+    """In one tick across a floor of small faces to a pillar and halfway around it."""
     pillar = trimesh.creation.cylinder(radius=1e-3, segment=[[0, 0, -0.01], [0, 0, 0.01]], sections=64)
     goal = np.array([0.0005, -0.0009, -0.001])
     found = glide(
@@ -121,8 +121,8 @@ def test_a_facet_that_was_met_lets_go_behind_its_edge() -> None:
     np.testing.assert_allclose(found[-1], goal * [1, 1, 0], rtol=0.0, atol=1e-8)
 
 
-def test_a_jump_over_a_slot_does_not_end_in_it() -> None:
-    """In one tick along a block of 20 mm with a slot in the middle, 0.2 mm below its top."""
+def test_jump_over_a_slot_ends_on_the_far_side() -> None:
+    """In one tick along a 20 mm block with a slot in the middle, 0.2 mm below its top."""
     outline = [[-10, 0], [-1, 0], [-0.9, -5], [0.9, -5], [1, 0], [10, 0]]
     vertices = 1e-3 * np.array([[x, y, z] for x, z in outline for y in (-10, 10)])
     k = 2 * np.arange(len(outline) - 1)
@@ -131,7 +131,7 @@ def test_a_jump_over_a_slot_does_not_end_in_it() -> None:
     np.testing.assert_allclose(found, [[0.006, 0.001, 0.0], [-0.0088, 0.001, 0.0]], rtol=0.0, atol=1e-9)
 
 
-def test_what_the_mesh_does_not_say_changes_nothing() -> None:
+def test_without_adjacency_nothing_changes() -> None:
     world = world_of(roof(5.0), known=False)
     p, tool, goal = on_the_first_slope(world)
     before = world.proxy[0].copy()
@@ -141,8 +141,8 @@ def test_what_the_mesh_does_not_say_changes_nothing() -> None:
     np.testing.assert_array_equal(after.nhat_W[0], before.nhat_W[0])
 
 
-def test_needles_and_faces_of_no_area_are_none_to_rest_on() -> None:
-    """Between the slopes lies a strip that is narrower than the search can tell, and one of no width at all."""
+def test_degenerate_faces_do_not_hold_the_proxy() -> None:
+    """Between the slopes lies a strip below the resolution of the search, or one of width 0."""
     strip = 2e-7
     for width in (strip, 0.0):
         vertices = [[-0.1, -0.1, 0], [0, -0.1, 0], [0, 0.1, 0], [-0.1, 0.1, 0]]
@@ -155,8 +155,8 @@ def test_needles_and_faces_of_no_area_are_none_to_rest_on() -> None:
         assert world.proxy[0].face[0] in (4, 5)
 
 
-def test_many_planes_about_a_corner_stay_within_their_room() -> None:
-    """A funnel of many faces, into which the tool is pressed and moved about: no more than four planes at a time."""
+def test_many_faces_at_a_corner_use_at_most_four_planes() -> None:
+    """The tool is pressed and moved in a funnel of many faces."""
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     rim = np.c_[0.05 * np.cos(angle), 0.05 * np.sin(angle), 0.03 * np.ones(24)]
     vertices = np.r_[[[0.0, 0.0, 0.0]], rim]
@@ -164,9 +164,9 @@ def test_many_planes_about_a_corner_stay_within_their_room() -> None:
     faces = np.c_[np.zeros(24, int), 1 + k, 1 + (k + 1) % 24]
     world = world_of(trimesh.Trimesh(vertices, faces, process=False))
     rng = np.random.default_rng(0)
-    put(world, (0.0, 0.0, 0.02))
+    place_proxy(world, (0.0, 0.0, 0.02))
     for tool in rng.normal(scale=2e-4, size=(3000, 3)).cumsum(axis=0) * [1, 1, 0] - [0, 0, 0.004]:
-        move(world, tuple(tool))
+        move_proxy(world, tuple(tool))
         proxy = world.proxy[0]
         assert proxy.count <= 4 and np.isfinite(proxy.p_WP_m).all()
         r = np.hypot(*proxy.p_WP_m[:2])

@@ -1,4 +1,4 @@
-"""Bodies that change shape under the tool: felt as their new shape, without a step, and never passed through."""
+"""Deforming bodies in contact: correct final shape, no steps, no penetration."""
 
 import threading
 
@@ -20,7 +20,7 @@ def ball(crease_rad: float = 0.0, two_sided: bool = False) -> tuple[Renderer, np
 
 
 def bent(vertices: np.ndarray, phase: float) -> np.ndarray:
-    """Breathes by 4 %, shears and bends by some mm."""
+    """Scale by 4 %, shear and bend by some mm."""
     breath = 1.0 + 0.04 * np.sin(phase)
     moved = breath * vertices
     moved[:, 0] += 0.2 * np.sin(1.3 * phase) * vertices[:, 2]
@@ -29,7 +29,7 @@ def bent(vertices: np.ndarray, phase: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("crease_rad", [0.0, 0.6])
-def test_the_new_shape_is_felt_as_if_it_had_always_been_so(crease_rad: float) -> None:
+def test_deformed_body_equals_a_new_body_of_that_shape(crease_rad: float) -> None:
     renderer, vertices = ball(crease_rad)
     renderer.run(np.linspace([0.003, 0.002, 0.08], [0.003, 0.002, 0.042], 200))
     for phase in np.linspace(0.1, 2.0, 20):
@@ -47,26 +47,26 @@ def test_the_new_shape_is_felt_as_if_it_had_always_been_so(crease_rad: float) ->
 
 
 @pytest.mark.parametrize("two_sided", [False, True])
-def test_what_is_touched_goes_from_shape_to_shape_without_a_step(two_sided: bool) -> None:
+def test_contact_point_moves_between_shapes_without_a_step(two_sided: bool) -> None:
     renderer, vertices = ball(two_sided=two_sided)
     renderer.run(np.linspace([0.003, 0.002, 0.08], [0.003, 0.002, 0.04], 200))
     depth, changes = [], 0
-    for frame in range(120):  # two seconds at 60 Hz, the top at up to 30 mm/s
+    for frame in range(120):  # two seconds at 60 Hz; the top moves at up to 30 mm/s
         renderer.deform("liver", bent(vertices, 0.05 * frame))
         felt = renderer.run(np.tile([0.003, 0.002, 0.04], (TICKS_A_FRAME, 1)))
         depth.append(felt.depth_m)
         changes += int(np.count_nonzero(~felt.touching))
         assert not felt.flags.any()
     assert changes == 0
-    assert np.abs(np.diff(np.concatenate(depth))).max() < 2e-4  # 0.75 mm a frame at most; 0.13 where an edge is crossed
+    assert np.abs(np.diff(np.concatenate(depth))).max() < 2e-4  # at most 0.75 mm per frame; 0.13 mm at an edge
 
 
-def test_a_surface_that_rises_takes_along_what_it_meets() -> None:
+def test_rising_surface_pushes_the_proxy() -> None:
     for seed in range(20):
         random = np.random.default_rng(seed)
         renderer, vertices = ball()
         way = random.normal(size=3)
-        at = 0.052 * way / np.linalg.norm(way)  # 2 mm above, in the air
+        at = 0.052 * way / np.linalg.norm(way)  # 2 mm above the surface
         renderer.reset(at)
         for size in np.linspace(1.0, 1.2, 12):  # 1 cm in 0.2 s
             renderer.deform("liver", size * vertices)
@@ -76,9 +76,9 @@ def test_a_surface_that_rises_takes_along_what_it_meets() -> None:
         assert felt.touching.all() and 0.0592 < radius < 0.06 + 1e-9
 
 
-def test_a_moving_body_changes_shape_as_it_goes() -> None:
+def test_moving_body_deforms() -> None:
     renderer, vertices = ball()
-    bodies = renderer.moving(["liver"])
+    bodies = renderer.moving_bodies(["liver"])
     depth = []
     for tick in range(600):
         tool = np.array([0.0, 0.0, max(0.045, 0.054 - 0.5e-3 * tick)])
@@ -93,7 +93,7 @@ def test_a_moving_body_changes_shape_as_it_goes() -> None:
     assert np.abs(np.diff(depth)).max() < 6e-4 and np.abs(np.diff(depth[20:])).max() < 1e-4
 
 
-def test_a_face_that_becomes_a_line_lets_go() -> None:
+def test_face_that_degenerates_is_released() -> None:
     scene = Scene()
     mesh = Mesh(np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0.1, 0.1, 0]]), np.array([[0, 1, 2], [1, 3, 2]]))
     scene.add(mesh, name="sheet")
@@ -106,7 +106,7 @@ def test_a_face_that_becomes_a_line_lets_go() -> None:
     assert np.isfinite(felt.f_W_N).all() and not felt.touching[-1]
 
 
-def test_shapes_may_come_from_another_thread() -> None:
+def test_shapes_can_be_set_from_another_thread() -> None:
     renderer, vertices = ball()
     renderer.run(np.linspace([0.0, 0.0, 0.06], [0.0, 0.0, 0.04], 100))
     over = threading.Event()
@@ -127,7 +127,7 @@ def test_shapes_may_come_from_another_thread() -> None:
     assert all(part.touching.all() and np.isfinite(part.f_W_N).all() for part in felt)
 
 
-def test_a_body_that_shrinks_hides_no_other() -> None:
+def test_shrinking_body_does_not_hide_another() -> None:
     mesh = Mesh.from_trimesh(BALL, "m")
     scene = Scene()
     scene.add(mesh, name="heart")
@@ -141,8 +141,8 @@ def test_a_body_that_shrinks_hides_no_other() -> None:
 
 
 @pytest.mark.parametrize("two_sided", [False, True])
-@pytest.mark.parametrize("x_m", [0.003, 0.0003, -0.0005])  # before a wall, near it, leaning on it
-def test_in_a_fold_the_part_that_comes_near_holds_as_well(x_m: float, two_sided: bool) -> None:
+@pytest.mark.parametrize("x_m", [0.003, 0.0003, -0.0005])  # in front of a wall, near it, in contact with it
+def test_part_of_a_fold_that_passes_the_proxy_holds_it(x_m: float, two_sided: bool) -> None:
     vertices = np.array([[0, -1, 0], [1, -1, 0], [1, 1, 0], [0, 1, 0], [0, -1, 1], [0, 1, 1]]) * 0.05  # floor and wall
     scene = Scene()
     fold = Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3], [0, 3, 5], [0, 5, 4]]))
@@ -156,15 +156,15 @@ def test_in_a_fold_the_part_that_comes_near_holds_as_well(x_m: float, two_sided:
     assert felt.p_WP_m[-1] == pytest.approx((max(x_m, 0.0), 0.0, 0.015), abs=1e-6)
 
 
-def test_what_is_bound_while_it_is_led_stands_where_it_is() -> None:
+def test_pose_of_a_deforming_body_excludes_its_shift() -> None:
     renderer, vertices = ball()
     renderer.run(np.linspace([0.0, 0.0, 0.06], [0.0, 0.0, 0.048], 100))
     renderer.deform("liver", 1.1 * vertices)
     renderer.run(np.tile([0.0, 0.0, 0.048], (4, 1)))
-    assert not renderer.moving(["liver"]).X_WB[0, :3, 3].any()
+    assert not renderer.moving_bodies(["liver"]).X_WB[0, :3, 3].any()
 
 
-def test_an_instance_keeps_its_own_shape() -> None:
+def test_instances_deform_independently() -> None:
     mesh = Mesh.from_trimesh(BALL, "m")
     scene = Scene()
     scene.add(mesh, name="one")
@@ -179,7 +179,7 @@ def test_an_instance_keeps_its_own_shape() -> None:
     assert other.run(down).touching[-1]
 
 
-def test_what_is_no_shape_is_refused() -> None:
+def test_invalid_shape_is_rejected() -> None:
     renderer, vertices = ball()
     with pytest.raises(SceneError, match="liver"):
         renderer.deform("liver", vertices[:-1])

@@ -48,7 +48,7 @@ def test_a_ray_that_ends_before_the_face_meets_nothing(triangle):
     assert ray[8] == pytest.approx(0.1)
 
 
-def test_measures_of_the_mesh():
+def test_centre_and_radius_of_the_search():
     box = trimesh.creation.box(extents=(0.3, 0.4, 1.2))
     box.apply_translation((10, 0, 0))
     search = Search(np.asarray(box.vertices), np.asarray(box.faces, np.int32), SKIN_M)
@@ -66,7 +66,7 @@ def test_overlap_stays_below_the_skin():
     assert EDGE_OVERLAP * MITRE < 1.0
 
 
-def test_faces_reach_over_a_crack(triangle):
+def test_overlap_closes_a_crack(triangle):
     """Half a skin past its edge a face is still met; a skin past it is not."""
     skin = SKIN_M
     inside, beyond = [0.03, -0.4 * skin, 0.0], [0.03, -skin, 0.0]
@@ -81,7 +81,7 @@ def test_faces_without_area_are_left_out(triangle):
     assert shoot(mesh, [0.02, 0.02, 0.0], np.array([0.02, 0.02, 0.1])).tolist() == [2]
 
 
-def test_ray_buffer_is_aligned_as_embree_asks():
+def test_ray_buffer_is_aligned():
     assert all(new_ray().ctypes.data % 16 == 0 for _ in range(8))
 
 
@@ -102,7 +102,7 @@ def offset_by_numpy(vertices_m: np.ndarray, faces: np.ndarray, center_m: np.ndar
 
 
 @pytest.mark.parametrize("overlap_m", [0.0, 1e-6, 0.3])
-def test_faces_are_offset_to_the_bit_as_numpy_does(overlap_m):
+def test_overlap_equals_numpy_reference_exactly(overlap_m):
     random = np.random.default_rng(3)
     vertices = np.concatenate([random.normal(size=(60, 3)), random.integers(-2, 3, (40, 3)), np.zeros((2, 3))])
     faces = random.integers(0, len(vertices), (5000, 3)).astype(np.int32)  # some narrow, some without area

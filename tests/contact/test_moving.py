@@ -1,4 +1,4 @@
-"""Poses that programs give: taken, mended or refused; bodies that move, stop, jump."""
+"""Poses of moving bodies: accepted, corrected or rejected; motion, rest and teleport."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import hapscene
-from hapscene.contact.moving import MENDED
+from hapscene.contact.moving import ROTATION_TOLERANCE
 from hapscene.errors import SceneError
 from hapscene.flags import Flag
 from hapscene.scene.mesh import Mesh
@@ -33,11 +33,11 @@ def at(p, R=None) -> np.ndarray:
 
 
 def pressed(*places_m) -> tuple[hapscene.Renderer, hapscene.MovingBodies]:
-    """Boxes, and the tool 1 mm under the top of the first."""
+    """Return boxes with the tool 1 mm below the top of the first."""
     renderer = hapscene.Renderer(boxes(*places_m), ["wall"])
     for z in (0.051, 0.0495, 0.049):
         renderer.step((0.01, 0.02, z))
-    return renderer, renderer.moving([f"box {i}" for i in range(len(places_m))])
+    return renderer, renderer.moving_bodies([f"box {i}" for i in range(len(places_m))])
 
 
 def test_slots_and_poses_by_name_give_the_same_bits():
@@ -49,7 +49,7 @@ def test_slots_and_poses_by_name_give_the_same_bits():
     ]
     whole = hapscene.Renderer(boxes((0, 0, 0))).run(path, {"box 0": X})
     named, slotted = hapscene.Renderer(boxes((0, 0, 0))), hapscene.Renderer(boxes((0, 0, 0)))
-    slots = slotted.moving(["box 0"])
+    slots = slotted.moving_bodies(["box 0"])
     for k in range(200):
         slots.X_WB[0] = X[k]
         a, b = named.step(path[k], {"box 0": X[k]}), slotted.step(path[k], slots)
@@ -57,7 +57,7 @@ def test_slots_and_poses_by_name_give_the_same_bits():
     assert whole.touching[1:].all()
 
 
-def test_a_body_that_is_given_no_pose_any_more_stands_still():
+def test_body_without_a_new_pose_comes_to_rest():
     renderer, slots = pressed((0, 0, 0))
     slots.X_WB[0, 0, 3] = 1e-3
     moved = renderer.step(ON_TOP, slots)
@@ -80,7 +80,7 @@ def test_a_body_that_is_given_no_pose_any_more_stands_still():
     ],
     ids=["nan", "inf", "far", "scaled", "mirrored", "flat", "transposed"],
 )
-def test_a_pose_that_is_none_is_flagged_and_the_last_good_one_kept(spoil):
+def test_invalid_pose_is_flagged_and_last_valid_one_kept(spoil):
     renderer, slots = pressed((0, 0, 0))
     good = at((0.0, 0.0, 0.001), Rotation.from_rotvec([0, 0, 0.1]).as_matrix())
     slots.X_WB = good[None]
@@ -98,8 +98,8 @@ def test_a_pose_that_is_none_is_flagged_and_the_last_good_one_kept(spoil):
 
 
 @pytest.mark.nightly
-@given(st.integers(0, 2**32 - 1), st.floats(1e-12, MENDED / 4))
-def test_what_rounding_does_to_a_rotation_is_mended(seed, size):
+@given(st.integers(0, 2**32 - 1), st.floats(1e-12, ROTATION_TOLERANCE / 4))
+def test_rounding_errors_of_a_rotation_are_corrected(seed, size):
     rng = np.random.default_rng(seed)
     R = Rotation.random(random_state=seed).as_matrix()
     X = at(rng.normal(size=3), R + size * rng.uniform(-1.0, 1.0, (3, 3)))
@@ -114,7 +114,7 @@ def test_what_rounding_does_to_a_rotation_is_mended(seed, size):
 SCENE = boxes((0, 0, 0))
 
 
-def test_an_hour_of_float32_products_is_mended():
+def test_one_hour_of_float32_products_is_corrected():
     turn = Rotation.from_rotvec([0.003, 0.01, 0.02]).as_matrix().astype(np.float32)
     X, renderer = np.eye(4, dtype=np.float32), hapscene.Renderer(SCENE, [])
     for _ in range(3600 * 60):
@@ -123,8 +123,8 @@ def test_an_hour_of_float32_products_is_mended():
     assert renderer.step((0.0, 0.0, 9.0), {"box 0": X}).flags == Flag(0)
 
 
-def test_a_body_that_is_teleported_takes_nothing_along():
-    """Away from under the tool, and back about it: neither drags the tool nor hits it."""
+def test_teleport_does_not_move_the_proxy():
+    """A teleport away from the tool and back around it neither drags nor hits the tool."""
     renderer, slots = pressed((0, 0, 0))
     slots.X_WB = at((0.3, 0.0, 0.0))[None]
     slots.teleport("box 0")
@@ -133,26 +133,26 @@ def test_a_body_that_is_teleported_takes_nothing_along():
     assert renderer.surface.touch[0].p_WP_m.tolist() == list(ON_TOP)
     slots.X_WB = at((0.0, 0.0, 0.0))[None]
     slots.teleport("box 0")
-    assert renderer.step(ON_TOP, slots).contact is None  # the tool is in it now
+    assert renderer.step(ON_TOP, slots).contact is None  # the tool is inside the body
     assert renderer.step((0.01, 0.02, 0.06), slots).contact is None
     assert renderer.step(ON_TOP, slots).contact is not None
 
 
-def test_what_else_holds_the_tool_goes_on_when_a_body_jumps():
-    """In the corner of two boxes, one of which jumps away."""
+def test_contact_with_another_body_survives_a_teleport():
+    """In the corner of two boxes, one of which is teleported away."""
     renderer = hapscene.Renderer(boxes((0, 0, 0), (0.1, 0.0, 0.05)), ["wall"])
-    corner = (0.0505, 0.0, 0.0495)  # under the top of the first, inside the side of the second
+    corner = (0.0505, 0.0, 0.0495)  # below the top of the first, inside the side of the second
     for p in ((0.045, 0.0, 0.055), (0.0495, 0.0, 0.0495), corner):
         renderer.step(p)
     assert renderer.world.proxy[0].count == 2
-    slots = renderer.moving(["box 1"])
+    slots = renderer.moving_bodies(["box 1"])
     slots.X_WB = at((0.5, 0.0, 0.0))[None]
     slots.teleport("box 1")
     contact = renderer.step((0.045, 0.0, 0.0495), slots).contact
     assert contact.body == "box 0" and not contact.began and contact.depth_m == pytest.approx(0.0005)
 
 
-def test_a_body_jumps_into_a_running_scene_by_its_scene_too():
+def test_scene_pose_teleports_a_body():
     scene = boxes((0, 0, 0))
     renderer = hapscene.Renderer(scene, ["wall"])
     renderer.step((0.01, 0.02, 0.051))
@@ -165,37 +165,37 @@ def test_a_body_jumps_into_a_running_scene_by_its_scene_too():
     assert not renderer.run(np.tile((0.31, 0.02, 0.049), (3, 1))).touching.any()
 
 
-def test_slots_that_cannot_be_are_refused():
+def test_invalid_moving_bodies_are_rejected():
     renderer = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0)), [])
     for names in (["crate"], ["box 0", "box 0"]):
         with pytest.raises(SceneError, match=names[0]):
-            renderer.moving(names)
+            renderer.moving_bodies(names)
     with pytest.raises(SceneError, match="box 1"):
-        renderer.moving(["box 0"]).teleport("box 1")
+        renderer.moving_bodies(["box 0"]).teleport("box 1")
     for bad in (np.eye(3), "X", [["a"] * 4] * 4):
         with pytest.raises(SceneError, match="box 0"):
             renderer.step((0, 0, 1), {"box 0": bad})
 
 
-def test_bodies_bound_by_another_renderer_are_refused():
-    """Of another scene their numbers would lead anywhere; of the same one a jump would be felt once."""
-    slots = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0))).moving(["box 1"])
+def test_moving_bodies_of_another_renderer_are_rejected():
+    """Their indices would be invalid in another scene, and a teleport would apply to one renderer only."""
+    slots = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0))).moving_bodies(["box 1"])
     with pytest.raises(SceneError):
         hapscene.Renderer(SCENE, []).step((0.0, 0.0, 9.0), slots)
 
 
-def test_bodies_are_bound_where_the_scene_has_them():
+def test_moving_bodies_start_at_the_pose_of_the_scene():
     scene = boxes((0, 0, 0))
     renderer = hapscene.Renderer(scene, ["wall"])
     renderer.step((0.01, 0.02, 0.06))
     scene.pose("box 0", at((0.3, 0.0, 0.0)))
-    slots = renderer.moving(["box 0"])
+    slots = renderer.moving_bodies(["box 0"])
     assert slots.X_WB[0, 0, 3] == 0.3
     assert renderer.step((0.01, 0.02, 0.04), slots).contact is None
 
 
 @pytest.mark.parametrize("when", ["first", "before a reset"])
-def test_a_body_that_appears_is_in_no_motion(when):
+def test_first_pose_is_no_motion(when):
     renderer = hapscene.Renderer(boxes((0, 0, 0)), ["wall"])
     if when != "first":
         renderer.step((0.0, 0.0, 0.3))
@@ -204,4 +204,4 @@ def test_a_body_that_appears_is_in_no_motion(when):
         renderer.reset((0.0, 0.0, 0.3))
     renderer.step((0.0, 0.0, 0.3))
     body = renderer.world.bodies[0]
-    assert body.was_p_WB_m.tolist() == body.p_WB_m.tolist() == [0.1, 0.0, 0.0]
+    assert body.last_p_WB_m.tolist() == body.p_WB_m.tolist() == [0.1, 0.0, 0.0]

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hapscene.contact.planes import PARALLEL, nearest, take_back
-from hapscene.contact.world import ASIDE, PROXY
+from hapscene.contact.planes import PARALLEL, nearest, restore_plane
+from hapscene.contact.world import DROPPED, PROXY
 from hapscene.records import records
 
 
@@ -54,13 +54,13 @@ def test_wedge_of_two_planes_is_exact_however_flat(angle_deg):
     np.testing.assert_allclose(p, (0.0, 0.03, 0.0), atol=1e-6)
 
 
-def test_a_plane_named_twice_counts_once():
+def test_duplicate_plane_counts_once():
     found, p = nearest(held_by([[0, 0, 1.0], [0, 0, 1.0], [1.0, 0, 0]], [0.0, 0.0, 0.0]), (-1.0, 0.5, -1.0), 0.0)
     assert found
     assert p == (0.0, 0.5, 0.0)
 
 
-def test_planes_that_enclose_nothing_are_reported():
+def test_infeasible_planes_are_reported():
     found, p = nearest(held_by([[0, 0, 1.0], [0, 0, -1.0]], [0.1, 0.1]), (0.0, 0.0, 0.0), 0.0)
     assert not found
     assert p == (0.0, 0.0, 0.0)
@@ -84,11 +84,11 @@ DOWN = np.array([0.0, 0.0, -1.0])
 @given(st.lists(st.tuples(directions, st.floats(0, 0.1)), min_size=1, max_size=4), vectors)
 @example(planes=[(DOWN, 0.0), (np.array([5.96e-8, 0.0, 1.0]), 0.0)], tool=(-1.0, 0.0, 0.0))
 @example(planes=[(DOWN, 0.0), (np.array([np.sin(1e-5), 0.0, np.cos(1e-5)]), 0.0)], tool=(-1.0, 0.0, 0.0))
-def test_allowed_by_all_and_pushed_by_none_that_pulls(planes, tool):
-    """The conditions of Karush, Kuhn and Tucker: they hold for the closest point alone.
+def test_solution_satisfies_the_kkt_conditions(planes, tool):
+    """The Karush–Kuhn–Tucker conditions hold for the closest point only.
 
-    It gives up only where planes are dependent to within `PARALLEL`: two that face each other at a millionth of a
-    radian meet so far off that no mesh means it.
+    The solver fails only if planes are dependent to within `PARALLEL`, such as two that face each other at a millionth
+    of a radian.
     """
     normals = np.array([n for n, _ in planes])
     offsets = np.array([-d for _, d in planes])  # the origin is allowed, so a closest point exists
@@ -107,18 +107,18 @@ def test_allowed_by_all_and_pushed_by_none_that_pulls(planes, tool):
     np.testing.assert_allclose(np.array(tool) + push @ normals, p, atol=rounding)
 
 
-def test_only_what_was_dropped_in_this_tick_is_taken_back(world, triangle):
-    """Slots of earlier ticks still hold planes: those are not met again by being remembered."""
+def test_only_planes_dropped_in_this_tick_are_restored(world, triangle):
+    """Slots of earlier ticks still hold planes, which are not restored."""
     w = world(triangle)
     proxy = w.proxy[0]
-    for slot in (ASIDE, ASIDE + 1):
+    for slot in (DROPPED, DROPPED + 1):
         proxy.nhat_W[slot], proxy.skin_m[slot], proxy.face[slot], proxy.side[slot] = (0.0, 0.0, 1.0), 1e-6, 0, 1.0
-    proxy.face[ASIDE + 1] = 0
+    proxy.face[DROPPED + 1] = 0
     over, under = (0.02, 0.02, 1e-4), (0.02, 0.02, -1e-4)
-    proxy.aside, proxy.count = 0, 0
-    assert not take_back(w, over, under)
-    proxy.aside, proxy.offset_m[ASIDE] = 1, -1.0  # the one dropped now lies far below
-    assert not take_back(w, over, under)
-    proxy.aside = 2
-    assert take_back(w, over, under)
+    proxy.dropped_count, proxy.count = 0, 0
+    assert not restore_plane(w, over, under)
+    proxy.dropped_count, proxy.offset_m[DROPPED] = 1, -1.0  # dropped now, but far below
+    assert not restore_plane(w, over, under)
+    proxy.dropped_count = 2
+    assert restore_plane(w, over, under)
     assert (proxy.count, proxy.met[0], proxy.offset_m[0]) == (1, 2, 0.0)

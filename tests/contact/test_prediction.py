@@ -1,4 +1,4 @@
-"""Bodies between frames: where closed forms say that they are, and without a jump."""
+"""Prediction of moving bodies: agrees with closed forms, without jumps."""
 
 import numpy as np
 import pytest
@@ -16,25 +16,25 @@ START_NS = 10**12
 
 
 class Line:
-    """Frames of one body, 60 a second, and what is made of them tick by tick."""
+    """Frames of one body and their prediction in each tick."""
 
     def __init__(self, mass_kg: float = np.inf, inertia: float = 1e-4, com_B_m=(0.0, 0.0, 0.0)) -> None:
         self.frames, self.predicted = records(1, FRAME), records(1, PREDICTED)
         frame = self.frames[0]
-        frame.lightness, frame.com_B_m = 1.0 / mass_kg, com_B_m
-        frame.yields_B = np.eye(3) / inertia if np.isfinite(mass_kg) else 0.0
+        frame.inverse_mass, frame.com_B_m = 1.0 / mass_kg, com_B_m
+        frame.inverse_inertia_B = np.eye(3) / inertia if np.isfinite(mass_kg) else 0.0
         self.impulse, self.clock = np.zeros((1, 6)), new_clock()
         self.X, self.teleported = np.eye(4)[None, None].copy(), np.zeros(1, np.int64)
 
-    def say(self, tick: int, p=(0, 0, 0), R=None, v=(0, 0, 0), w=(0, 0, 0), seen=None) -> None:
+    def send(self, tick: int, p=(0, 0, 0), R=None, v=(0, 0, 0), w=(0, 0, 0), applied=None) -> None:
         frame = self.frames[0]
         frame.count += 1
         frame.X_WB = np.eye(4)
         frame.X_WB[:3, 3] = p
         if R is not None:
             frame.X_WB[:3, :3] = R
-        frame.v, frame.seen = np.r_[v, w], self.impulse[0] if seen is None else seen
-        frame.time_ns, frame.lasts_s = START_NS + round(tick * 1e6), HORIZON_S
+        frame.v, frame.applied = np.r_[v, w], self.impulse[0] if applied is None else applied
+        frame.time_ns, frame.lifetime_s = START_NS + round(tick * 1e6), HORIZON_S
         frame.count += 1
 
     def tick(self, tick: int) -> np.ndarray:
@@ -50,20 +50,20 @@ def frames_at(ticks: int) -> set[int]:
     return set(np.ceil(np.arange(0.0, ticks * TICK_S, FRAME_S) / TICK_S).astype(int).tolist())
 
 
-def test_without_velocities_it_goes_straight_from_frame_to_frame_and_stands_on_the_last() -> None:
+def test_without_velocities_poses_are_interpolated() -> None:
     line = Line()
-    line.say(0, (0, 0, 0))
+    line.send(0, (0, 0, 0))
     line.tick(0)
-    line.say(20, (0.02, 0, 0), Rotation.from_rotvec([0, 0, 0.4]).as_matrix())
+    line.send(20, (0.02, 0, 0), Rotation.from_rotvec([0, 0, 0.4]).as_matrix())
     seen = np.array([line.tick(20 + k) for k in range(30)])
     np.testing.assert_allclose(seen[:, 0, 3], np.minimum(np.arange(1, 31), 20) * 1e-3, atol=1e-12)
     turned = Rotation.from_matrix(seen[:, :3, :3]).as_rotvec()[:, 2]
     np.testing.assert_allclose(turned, np.minimum(np.arange(1, 31), 20) * 0.02, atol=1e-12)
 
 
-def test_with_velocities_it_goes_on_and_stops_when_no_frame_comes() -> None:
+def test_with_velocities_motion_continues_for_the_horizon() -> None:
     line = Line(com_B_m=(0.1, 0.0, 0.0))
-    line.say(0, (0.0, 0, 0), v=(0.3, 0, 0), w=(0, 0, 2.0))
+    line.send(0, (0.0, 0, 0), v=(0.3, 0, 0), w=(0, 0, 2.0))
     seen = np.array([line.tick(k) for k in range(200)])
     com = seen[:, :3, :3] @ [0.1, 0, 0] + seen[:, :3, 3]
     t = np.minimum(np.arange(200), HORIZON_S / TICK_S - 1) * TICK_S
@@ -71,11 +71,11 @@ def test_with_velocities_it_goes_on_and_stops_when_no_frame_comes() -> None:
     np.testing.assert_allclose(Rotation.from_matrix(seen[:, :3, :3]).as_rotvec()[:, 2], 2.0 * t, atol=1e-12)
 
 
-def test_a_body_that_goes_steadily_does_not_stand_still_when_a_frame_comes() -> None:
+def test_steady_motion_is_not_interrupted_by_a_frame() -> None:
     line, way = Line(), []
     for k in range(100):
         if k % 20 == 0:
-            line.say(k, (1e-4 * k, 0, 0), v=(0.1, 0, 0), w=(0, 0, 2.0))
+            line.send(k, (1e-4 * k, 0, 0), v=(0.1, 0, 0), w=(0, 0, 2.0))
             line.frames[0].X_WB[:3, :3] = Rotation.from_rotvec([0, 0, 2e-3 * k]).as_matrix()
         way.append(line.tick(k))
     np.testing.assert_allclose(np.diff([X[0, 3] for X in way]), 1e-4, atol=1e-12)
@@ -84,10 +84,10 @@ def test_a_body_that_goes_steadily_does_not_stand_still_when_a_frame_comes() -> 
 
 
 @pytest.mark.parametrize("late", [0, 5])
-def test_a_push_moves_it_as_its_mass_and_inertia_have_it(late: int) -> None:
-    """A steady force off the centre, which the program has not seen yet; also where the frame is old when it comes."""
+def test_push_accelerates_by_mass_and_inertia(late: int) -> None:
+    """A steady force off the centre that no frame contains yet; also with a delayed frame."""
     line, force, place = Line(0.2, 1e-3), np.array([1.0, 0, 0]), np.array([0.0, 0.01, 0.0])
-    line.say(-late)
+    line.send(-late)
     for k in range(60):
         line.impulse[0, :3] += TICK_S * force
         line.impulse[0, 3:] += TICK_S * np.cross(place, force)
@@ -98,68 +98,68 @@ def test_a_push_moves_it_as_its_mass_and_inertia_have_it(late: int) -> None:
     assert turn[2] == pytest.approx(-0.5 * 10.0 * t * t, rel=0.03 + 0.1 * late)
 
 
-def test_what_leans_against_the_push_is_learnt_from_the_frames() -> None:
-    """It rests against a wall, pushed with 1 N: the program says that it stands, and it does not wander off."""
+def test_support_force_is_estimated_from_frames() -> None:
+    """A body in contact with a wall is pushed with 1 N; its frames state that it is at rest."""
     line, away, frames = Line(0.2), [], frames_at(1000)
     for k in range(1000):
         if k in frames:
-            line.say(k)
+            line.send(k)
         line.impulse[0, 0] += TICK_S * 1.0
         away.append(line.tick(k)[0, 3])
-    assert max(np.abs(away[:50])) > 5e-4  # at first it gives way
+    assert max(np.abs(away[:50])) > 5e-4  # moves before the estimate converges
     assert max(np.abs(away[100:])) < 1e-4
 
 
-def test_frames_that_come_late_and_at_once_are_no_jump() -> None:
-    """60 a second on a steady way, of which some are held up and come with the next: no tick is much faster."""
+def test_delayed_frames_cause_no_jump() -> None:
+    """Steady motion at 60 Hz, where some frames are delayed and arrive with the next one."""
     line, way = Line(), []
     due = {round(k * 1000 / 60): k for k in range(60)}
     for k in list(due)[10:50:7]:
         due[k + 15] = due.pop(k)
     for k in range(1000):
         if k in due:
-            line.say(k, (0.1 * due[k] / 60, 0, 0))
+            line.send(k, (0.1 * due[k] / 60, 0, 0))
         way.append(line.tick(k)[0, 3])
     steps = np.abs(np.diff(way))[50:]
     assert steps.max() < 3 * 0.1 * TICK_S
 
 
-def test_a_frame_elsewhere_is_no_jump_and_a_teleport_is_one() -> None:
+def test_new_pose_is_smoothed_and_teleport_jumps() -> None:
     line = Line(0.2)
-    line.say(0)
+    line.send(0)
     line.tick(0)
-    line.say(17, (0.01, 0, 0))
+    line.send(17, (0.01, 0, 0))
     way = [line.tick(17 + k)[0, 3] for k in range(40)]
     assert max(np.diff([0.0, *way])) < 0.01 / 16 and way[-1] == pytest.approx(0.01, abs=1e-15)
-    line.frames[0].jumps += 1
-    line.say(70, (0.5, 0, 0))
+    line.frames[0].teleport_count += 1
+    line.send(70, (0.5, 0, 0))
     assert line.tick(70)[0, 3] == 0.5 and line.teleported[0] == 1
 
 
-def test_a_frame_that_is_no_pose_leaves_it_where_it_was_going() -> None:
+def test_invalid_frame_is_reported_and_prediction_continues() -> None:
     line = Line()
-    line.say(0, v=(0.1, 0, 0))
+    line.send(0, v=(0.1, 0, 0))
     assert line.tick(0)[0, 3] == 0.0
-    line.say(1, (np.nan, 0, 0))
-    assert np.isnan(line.tick(1)[0, 3])  # which the tick refuses, and flags
-    line.say(2, (0.0002, 0, 0), R=2.0 * np.eye(3))
+    line.send(1, (np.nan, 0, 0))
+    assert np.isnan(line.tick(1)[0, 3])  # the tick rejects and flags it
+    line.send(2, (0.0002, 0, 0), R=2.0 * np.eye(3))
     assert np.isnan(line.tick(2)[0, 3])
-    line.say(3, (0.0003, 0, 0), v=(0.1, 0, 0))
+    line.send(3, (0.0003, 0, 0), v=(0.1, 0, 0))
     assert [line.tick(k)[0, 3] for k in range(3, 40)] == pytest.approx([1e-4 * k for k in range(3, 40)], abs=3e-4)
 
 
-def test_a_body_that_spun_beyond_all_numbers_comes_back_with_its_next_frame() -> None:
+def test_overflow_is_recovered_by_the_next_frame() -> None:
     line = Line()
-    line.say(0, w=(1e300, 0, 0))
+    line.send(0, w=(1e300, 0, 0))
     assert not np.isfinite([line.tick(0), line.tick(1)]).all()
     for k in (17, 34):
-        line.say(k, (0.1, 0, 0))
+        line.send(k, (0.1, 0, 0))
         np.testing.assert_array_equal(line.tick(k)[:3, 3], (0.1, 0, 0))
 
 
-def test_a_frame_that_is_being_written_is_left_alone() -> None:
+def test_incomplete_frame_is_ignored() -> None:
     line = Line()
-    line.say(0, (0.1, 0, 0))
+    line.send(0, (0.1, 0, 0))
     line.tick(0)
     line.frames[0].X_WB[0, 3] = 9.0
     line.frames[0].count += 1
@@ -167,24 +167,24 @@ def test_a_frame_that_is_being_written_is_left_alone() -> None:
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_a_box_that_is_pushed_at_60_frames_a_second_feels_as_one_box(friction: float) -> None:
-    """0.2 kg at 650 N/m: held still between frames it is met again and again, at up to a newton; so it is not."""
+def test_prediction_keeps_contact_with_a_pushed_box(friction: float) -> None:
+    """0.2 kg at 650 N/m: without prediction, contact is lost and made again with force steps of up to 1 N."""
     scene, mass_kg = hapscene.Scene(), 0.2
     scene.add(trimesh.creation.box((0.05,) * 3), name="crate", unit="m", swatch=Swatch("s", stiffness_N_m=650.0))
     changes, steps = {}, {}
     for held in (True, False):
         renderer, line = hapscene.Renderer(scene, ["wall"]), Line(mass_kg)
-        slots, frames = renderer.moving(["crate"]), frames_at(3000)
+        slots, frames = renderer.moving_bodies(["crate"]), frames_at(3000)
         line.impulse = renderer.world.impulse
-        x = v = told = 0.0
+        x = v = last = 0.0
         forces, touching = [], []
         for k in range(3000):
             if k in frames:
-                given, told = renderer.world.impulse[0, 0] - told, renderer.world.impulse[0, 0]
+                given, last = renderer.world.impulse[0, 0] - last, renderer.world.impulse[0, 0]
                 v += given / mass_kg
                 v -= np.sign(v) * min(friction * 9.81 * FRAME_S, abs(v))
                 x += v * FRAME_S
-                line.say(k, (x, 0, 0), v=(v, 0, 0))
+                line.send(k, (x, 0, 0), v=(v, 0, 0))
             slots.X_WB[0] = line.tick(k)
             if held:
                 slots.X_WB[0, 0, 3] = x
@@ -196,28 +196,28 @@ def test_a_box_that_is_pushed_at_60_frames_a_second_feels_as_one_box(friction: f
     assert steps[False] < 0.1 < steps[True] and changes[False] <= 2 < changes[True]
 
 
-def test_another_centre_of_mass_does_not_move_the_body() -> None:
+def test_new_centre_of_mass_does_not_move_the_body() -> None:
     line = Line(0.2)
-    line.say(0, (0.3, 0, 0))
+    line.send(0, (0.3, 0, 0))
     line.tick(0)
     line.frames[0].com_B_m = (0.1, 0.2, 0.0)
     for tick in range(1, 40):
         if tick == 17:
-            line.say(tick, (0.3, 0, 0))
+            line.send(tick, (0.3, 0, 0))
         np.testing.assert_allclose(line.tick(tick)[:3, 3], (0.3, 0, 0), atol=1e-12)
 
 
-def test_a_body_jumps_with_the_whole_frame_that_says_so_and_not_before() -> None:
+def test_teleport_waits_for_a_complete_valid_frame() -> None:
     line = Line()
-    line.say(0)
+    line.send(0)
     line.tick(0)
     frame = line.frames[0]
-    frame.count += 1  # it is being written
-    frame.jumps += 1
+    frame.count += 1  # incomplete
+    frame.teleport_count += 1
     frame.X_WB[0, 3] = np.nan
     assert line.tick(1)[0, 3] == 0.0 and not line.teleported[0]
     frame.count += 1
     line.tick(2)
-    assert not line.teleported[0]  # a pose that is none: it is yet to jump
-    line.say(3, (0.5, 0, 0))
+    assert not line.teleported[0]  # invalid pose: the teleport is still pending
+    line.send(3, (0.5, 0, 0))
     assert line.tick(3)[0, 3] == 0.5 and line.teleported[0] == 1

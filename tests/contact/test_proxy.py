@@ -1,5 +1,5 @@
-"""The god-object against closed forms, and its three laws: it never crosses a face, it lies on the surface in contact,
-and after a closed tour it is where it was."""
+"""The proxy (god-object): agrees with closed forms, never crosses a face, lies on the surface in contact, and returns
+after a closed tour."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapscene.constants import CAST_MAX, NEAR_MAX
-from hapscene.contact.proxy import move, put
+from hapscene.contact.proxy import move_proxy, place_proxy
 from hapscene.contact.world import World, build_world
 from hapscene.flags import Flag
 from hapscene.render.renderer import Renderer
@@ -33,7 +33,7 @@ def play(meshes, path, poses=None, two_sided=False):
 
 
 def between(points, ticks: int = 200) -> np.ndarray:
-    """Straight from point to point, `ticks` each."""
+    """Return a path of straight lines between points, `ticks` each."""
     s = np.linspace(0, 1, ticks, endpoint=False)[:, None]
     legs = [a + (b - a) * s for a, b in zip(np.array(points)[:-1], np.array(points)[1:], strict=True)]
     return np.concatenate([*legs, np.array(points)[-1:]])
@@ -44,7 +44,7 @@ def placed(mesh, R, offset_m) -> trimesh.Trimesh:
 
 
 def prism(outline) -> trimesh.Trimesh:
-    """A prism along y, 0.1 m long, over an outline (n, 2) in x and z that every point of sees its first."""
+    """Return a prism along y, 0.1 m long, over a star-shaped outline (n, 2) in x and z."""
     outline = np.array(outline)
     n = len(outline)
     front, back = (np.insert(outline, 1, y, axis=1) for y in (-0.05, 0.05))
@@ -68,9 +68,9 @@ def test_plane(R, offset_m):
 
 
 @pytest.mark.parametrize(("R", "offset_m"), PLACES)
-@pytest.mark.parametrize("angle_deg", [5, 15, 90, 150])
+@pytest.mark.parametrize("angle_deg", [5, 90])
 def test_groove(R, offset_m, angle_deg):
-    """Pressed in, also exactly on its plane of symmetry, the proxy rests at the bottom, 10 mm down."""
+    """Pressed into the groove, the proxy settles at the bottom, 10 mm down; also exactly on the plane of symmetry."""
     h = 0.01 * np.tan(np.radians(angle_deg / 2))
     groove = prism([(0, -0.01), (-h, 0), (-0.05, 0), (-0.05, -0.03), (0.05, -0.03), (0.05, 0), (h, 0)])
     path = between([(0, 0, 0.005), (0, 0, -0.012), (0, 0.03, -0.012), (0.0004, -0.03, -0.012)])
@@ -99,7 +99,7 @@ def assert_at_the_foot(mesh, path, p, face):
 
 
 def orbit(tool) -> np.ndarray:
-    """From the air to the first point of a path around the origin, and along it."""
+    """Return a path with an approach from outside to its first point."""
     return np.concatenate([between([1.2 * tool[0], tool[0]], 50), tool])
 
 
@@ -117,7 +117,7 @@ def test_cylinder(R, offset_m):
 
 
 def work_of_a_tour(mesh, height_m) -> tuple[float, float]:
-    """∮ F · dx over a closed tour in contact, and ∮ |F · dx| [J]. Its start is its end, for the proxy too."""
+    """Return ∮ F · dx and ∮ |F · dx| over a closed tour in contact [J]."""
     t = np.linspace(0, 2 * np.pi, 20_001)
     tour = np.c_[0.01 * np.cos(t), 0.008 * np.sin(t), height_m - 0.003 + 0.001 * np.sin(3 * t)]
     r = play([mesh], np.concatenate([between([tour[0] + [0, 0, 0.01], tour[0]]), tour, tour]))
@@ -128,13 +128,13 @@ def work_of_a_tour(mesh, height_m) -> tuple[float, float]:
     return float(each.sum()), float(np.abs(each).sum())
 
 
-def test_a_closed_tour_over_facets_gives_no_work():
-    """Slipping over a convex edge lets go of a little of what was pressed in, and never gives any."""
+def test_closed_tour_over_facets_generates_no_work():
+    """Slipping over a convex edge dissipates a little of the stored energy, and never generates any."""
     work_J, effort_J = work_of_a_tour(trimesh.creation.icosphere(subdivisions=3, radius=0.05), 0.05)
     assert -0.02 * effort_J < work_J < 1e-6 * effort_J
 
 
-def test_fast_tool_is_held_at_the_first_side_of_a_thin_wall():
+def test_thin_wall_stops_a_fast_tool():
     for wall_m, speed_m_s in ((2e-4, 5.0), (1e-3, 2.0)):
         wall = trimesh.creation.box(bounds=[[-0.05, -0.05, -wall_m], [0.05, 0.05, 0.0]])
         z = np.arange(0.0303, -0.03, -1e-3 * speed_m_s)
@@ -142,8 +142,8 @@ def test_fast_tool_is_held_at_the_first_side_of_a_thin_wall():
         np.testing.assert_allclose(r.p_WP_m[:, 2], np.maximum(z, 0), atol=MICRON)
 
 
-@pytest.mark.parametrize(("width_a_m", "width_b_m"), [(0.1, 0.1), (0.01, 0.1), (0.1, 0.01), (0.05, 1.0)])
-def test_slides_from_one_body_to_the_next_over_the_seam(width_a_m, width_b_m):
+@pytest.mark.parametrize(("width_a_m", "width_b_m"), [(0.1, 0.01), (0.05, 1.0)])
+def test_proxy_slides_over_the_seam_between_bodies(width_a_m, width_b_m):
     a = trimesh.creation.box(bounds=[[-width_a_m, -width_a_m, -width_a_m], [0, width_a_m, 0]])
     b = trimesh.creation.box(bounds=[[0, -width_b_m, -width_b_m], [width_b_m, width_b_m, 0]])
     path = between([(-0.008, 0, 0.001), (-0.008, 0, -0.0005), (0.008, 0.001, -0.0005), (-0.008, 0, -0.0005)])
@@ -160,7 +160,7 @@ def moved(ticks, offsets_m) -> np.ndarray:
     return X
 
 
-def test_a_body_pushes_the_proxy_of_a_tool_that_stands_still():
+def test_moving_body_pushes_the_proxy():
     ticks = 300
     lift = np.linspace(-0.005, 0.01, ticks)
     tool = np.tile([0.01, 0.02, 0.0], (ticks, 1))
@@ -169,7 +169,7 @@ def test_a_body_pushes_the_proxy_of_a_tool_that_stands_still():
     np.testing.assert_allclose(r.f_W_N[-1], (0, 0, 5), rtol=1e-3, atol=1e-9)
 
 
-def test_a_plate_swings_over_a_tool_that_stands_still():
+def test_rotating_plate_pushes_the_proxy():
     plate = trimesh.creation.box(bounds=[[0, -0.05, -0.001], [0.1, 0.05, 0.001]])
     angle = np.linspace(-0.6, 0.6, 600)
     X = np.array([trimesh.transformations.rotation_matrix(-a, (0, 1, 0)) for a in angle])
@@ -182,8 +182,8 @@ def test_a_plate_swings_over_a_tool_that_stands_still():
 
 
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.5, 2.0])
-def test_a_floor_that_moves_does_not_carry_the_proxy_through_a_wall(speed_m_s):
-    """Pressed to a moving floor in front of a wall of 0.2 mm, the tool still: the proxy stays above the tool."""
+def test_moving_floor_does_not_carry_the_proxy_through_a_wall(speed_m_s):
+    """The tool rests and presses on a moving floor in front of a wall of 0.2 mm."""
     wall = trimesh.creation.box(bounds=[[0.03, -0.05, -0.05], [0.0302, 0.05, 0.05]])
     tool = between([(0.0295, 0, 0.005), (0.0295, 0, -0.005), (0.0295, 0, -0.005)], 100)
     slide = np.clip((np.arange(201) - 120) * 1e-3 * speed_m_s, 0, 0.03)
@@ -192,7 +192,7 @@ def test_a_floor_that_moves_does_not_carry_the_proxy_through_a_wall(speed_m_s):
     assert not r.flags.any()
 
 
-def test_two_bodies_that_squeeze_the_tool_let_it_go_again():
+def test_squeezed_tool_is_released():
     ticks = 400
     gap = np.abs(np.linspace(0.01, -0.01, ticks)) + 1e-4
     upper = trimesh.creation.box(bounds=[[-0.05, -0.05, 0], [0.05, 0.05, 0.02]])
@@ -205,9 +205,9 @@ def test_two_bodies_that_squeeze_the_tool_let_it_go_again():
     assert not r.touching[[0, -1]].any()
 
 
-@pytest.mark.parametrize("start", range(12))
-def test_tool_that_starts_on_the_surface_is_held(start):
-    """Exactly on a face, an edge or a corner, of a body that stands or is put where it is by its first pose."""
+@pytest.mark.parametrize("start", range(6))
+def test_contact_from_a_start_on_the_surface(start):
+    """The tool starts exactly on a face, an edge or a corner, of a body at rest or at its first pose."""
     rng = np.random.default_rng(start)
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
     X = trimesh.transformations.random_rotation_matrix(rng.random(3))
@@ -221,7 +221,7 @@ def test_tool_that_starts_on_the_surface_is_held(start):
     assert play([ball], path, {"body 0": np.tile(X, (30, 1, 1))}).touching[3:].all()
 
 
-# --- the three laws, for any path
+# --- properties for random paths
 
 SHAPES = {
     "box": BOX,
@@ -260,7 +260,7 @@ def distance(mesh, points_m) -> np.ndarray:
 @pytest.mark.parametrize("shape", SHAPES)
 @settings(max_examples=12, deadline=None)
 @given(tour=tours)
-def test_never_crosses_a_face_and_lies_on_the_surface_in_contact(shape, two_sided, tour):
+def test_proxy_stays_outside_and_on_the_surface(shape, two_sided, tour):
     mesh = SHAPES[shape]
     path = between([(0.09, 0.09, 0.09), *tour], 40)
     r = play([mesh], path, two_sided=two_sided)
@@ -268,14 +268,14 @@ def test_never_crosses_a_face_and_lies_on_the_surface_in_contact(shape, two_side
     off = distance(mesh, r.p_WP_m)
     inside = solid_angle(mesh, r.p_WP_m) > 0.5
     assert not (inside & (off > 2 * MICRON)).any()
-    assert off[r.touching].max(initial=0.0) < 2 * MICRON  # within a skin of an edge that it slips over
+    assert off[r.touching].max(initial=0.0) < 2 * MICRON  # within a skin at an edge
     np.testing.assert_array_equal(r.p_WP_m[~r.touching], path[~r.touching])
 
 
 @settings(max_examples=20, deadline=None)
 @given(tour=st.lists(st.tuples(*[st.floats(-0.03, 0.03)] * 2, st.floats(-0.015, -0.001)), min_size=2, max_size=5))
-def test_comes_back_after_a_closed_tour(tour):
-    """Over one plane and back to the start the proxy is where it was, whatever lies between."""
+def test_proxy_returns_after_a_closed_tour(tour):
+    """Over one plane, the proxy returns to its start."""
     path = between([(0, 0, 0.01), tour[0], *tour[1:], tour[0]], 30)
     r = play([BOX], path)
     np.testing.assert_allclose(r.p_WP_m[-1], r.p_WP_m[30], atol=1e-9)
@@ -283,11 +283,11 @@ def test_comes_back_after_a_closed_tour(tour):
 
 @settings(max_examples=20, deadline=None)
 @given(tour=tours)
-@example(tour=[(0.0, 0.0, 0.0), (0.0, 0.0, -0.0625)])  # comes to lie on a vertex, exactly
-def test_same_in_any_frame(tour):
-    """Moved 10 m away, mesh and path together: the same proxy to a micron.
+@example(tour=[(0.0, 0.0, 0.0), (0.0, 0.0, -0.0625)])  # exactly on a vertex
+def test_result_is_independent_of_the_frame(tour):
+    """With mesh and path 10 m away, the proxy is the same to a micron.
 
-    Exactly on the surface, rounding decides whether it is touched: the depth, and so the force, is nothing then.
+    Exactly on the surface, rounding decides whether there is contact; depth and force are then 0.
     """
     path = between([(0.09, 0.09, 0.09), *tour], 40)
     near = play([SHAPES["ball"]], path)
@@ -297,18 +297,18 @@ def test_same_in_any_frame(tour):
     np.testing.assert_allclose(near.p_WP_m, far.p_WP_m - 10.0, atol=MICRON)
 
 
-def test_put_leaves_a_free_tool_where_it_is():
+def test_placing_the_proxy_in_free_space():
     scene = Scene()
     scene.add(BOX, unit="m")
     world = build_world(scene.bodies)
-    put(world, (0.01, 0.02, 0.03))
+    place_proxy(world, (0.01, 0.02, 0.03))
     assert tuple(world.proxy[0].p_W_m) == (0.01, 0.02, 0.03)
-    assert move(world, (0.01, 0.02, 0.02))
-    assert (world.proxy[0].count, world.proxy[0].held) == (0, 0)
+    assert move_proxy(world, (0.01, 0.02, 0.02))
+    assert (world.proxy[0].count, world.proxy[0].touching) == (0, 0)
     assert tuple(world.proxy[0].p_WP_m) == (0.01, 0.02, 0.02)
 
 
-# --- more bodies than a tick can ask
+# --- more bodies than a tick can test
 
 ROUND = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
 BALL = Mesh.from_trimesh(ROUND, "m")
@@ -318,29 +318,29 @@ THROUGH = (0.001, 0.0005, -0.045)
 
 
 def pressed(*meshes: Mesh) -> World:
-    """Bodies about the origin, the tool 5 mm under the top of a ball of 0.05 m."""
+    """Return bodies at the origin, with the tool 5 mm below the top of a ball of 0.05 m."""
     scene = Scene()
     for mesh in meshes:
         scene.add(mesh)
     world = build_world(scene.bodies)
-    put(world, (0.0, 0.0, 0.06))
+    place_proxy(world, (0.0, 0.0, 0.06))
     for z in (0.0515, 0.0509, 0.0504, 0.049, 0.045):
-        assert move(world, (0.0, 0.0, z))
+        assert move_proxy(world, (0.0, 0.0, z))
     return world
 
 
-def test_coincident_bodies_feel_as_one_and_a_tick_asks_few_of_them():
+def test_coincident_bodies_equal_one_body():
     one, many = pressed(BALL), pressed(*[BALL] * (3 * NEAR_MAX))
     proxy = many.proxy[0]
     assert proxy.crowded == 1 and proxy.near_count == NEAR_MAX
     assert one.proxy[0].crowded == 0
     np.testing.assert_allclose(proxy.p_WP_m, one.proxy[0].p_WP_m, atol=MICRON)
-    for _ in range(2):  # the way out is among them
-        move(many, (0.0, 0.0, 0.2))
-    assert proxy.crowded == 0 and proxy.held == 0
+    for _ in range(2):  # leaves all bodies
+        move_proxy(many, (0.0, 0.0, 0.2))
+    assert proxy.crowded == 0 and proxy.touching == 0
 
 
-def test_what_holds_the_proxy_is_asked_however_many_come_before():
+def test_body_in_contact_is_listed_among_many():
     world = pressed(*[BALL] * (NEAR_MAX + 50), LARGER)
     proxy = world.proxy[0]
     assert proxy.crowded == 1 and proxy.near_count == NEAR_MAX + 1
@@ -348,24 +348,24 @@ def test_what_holds_the_proxy_is_asked_however_many_come_before():
     assert np.linalg.norm(proxy.p_WP_m) > 0.0509
 
 
-@pytest.mark.parametrize("moves", [8, 9])  # the last of them lets go of a plane, or meets one
-def test_a_tick_that_does_not_settle_leaves_the_proxy_outside_and_the_next_goes_on(moves):
-    """Cut straight through many bodies: each tick makes a few moves, holds the tool, and ends where one body's does."""
+@pytest.mark.parametrize("moves", [8, 9])  # the last move drops a plane, or adds one
+def test_unsettled_tick_leaves_the_proxy_outside(moves):
+    """The tool cuts straight through many bodies, which takes several ticks; the result equals that of one body."""
     one, many = pressed(BALL), pressed(*[BALL] * (CAST_MAX // moves))
-    assert move(one, THROUGH)
+    assert move_proxy(one, THROUGH)
     proxy, settled = many.proxy[0], []
     while not settled or not settled[-1]:
-        settled.append(move(many, THROUGH))
+        settled.append(move_proxy(many, THROUGH))
         off = distance(ROUND, proxy.p_WP_m[None])[0]
-        assert proxy.held == 1 and off < 2 * proxy.skin_m[0]
+        assert proxy.touching == 1 and off < 2 * proxy.skin_m[0]
         assert settled[-1] or np.array_equal(proxy.p_WP_m, proxy.p_W_m)
         assert len(settled) < 9
     assert len(settled) > 1
     np.testing.assert_allclose(proxy.p_WP_m, one.proxy[0].p_WP_m, atol=MICRON)
 
 
-def crowd_of(count: int) -> Scene:
-    """Cubes in one place, and one apart."""
+def overlapping(count: int) -> Scene:
+    """Return cubes at one position, and one elsewhere."""
     scene = Scene()
     for _ in range(count):
         scene.add(CUBE)
@@ -373,11 +373,11 @@ def crowd_of(count: int) -> Scene:
     return scene
 
 
-def test_a_crowd_is_told_and_flagged(recwarn):
-    Renderer(crowd_of(NEAR_MAX), effects=["wall"])
+def test_too_many_overlapping_bodies_are_reported(recwarn):
+    Renderer(overlapping(NEAR_MAX), effects=["wall"])
     assert not recwarn.list
     with pytest.warns(MeshWarning, match="300"):
-        renderer = Renderer(crowd_of(300), effects=["wall"])
+        renderer = Renderer(overlapping(300), effects=["wall"])
     path = between([(0.0, 0.0, 0.06), (0.01, 0.0, 0.045)], 40)
     recording = renderer.run(path)
     assert (recording.flags[recording.touching] == Flag.CROWDED).all()

@@ -1,4 +1,4 @@
-"""Force shading: smooth where the mesh is flat enough, sharp where it is not, and the energy that it leaks."""
+"""Force shading: smooth and sharp edges, and the energy that it generates."""
 
 import math
 
@@ -17,7 +17,7 @@ BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
 
 
 def turn_rad(recording: Recording, least_N: float = 0.05) -> float:
-    """Furthest that the force turns from one tick to the next, where it is over `least_N` in both [rad]."""
+    """Return the largest rotation of the force between ticks in which it exceeds `least_N` [rad]."""
     size = np.linalg.norm(recording.f_W_N, axis=1)
     felt = (size[1:] > least_N) & (size[:-1] > least_N)
     if not felt.any():
@@ -37,7 +37,7 @@ def angle(a, b) -> np.ndarray:
     return np.arccos(np.clip(np.sum(a * b, axis=-1), -1.0, 1.0))
 
 
-def test_corners_of_a_ball_are_round():
+def test_normals_of_a_ball():
     mesh = Mesh.from_trimesh(BALL, "m")
     shade = corner_normals(mesh, 0.5)
     outward = mesh.vertices_m[mesh.faces] / 0.05
@@ -47,13 +47,13 @@ def test_corners_of_a_ball_are_round():
     assert angle(shade, (flat / np.linalg.norm(flat, axis=1)[:, None])[:, None]).max() > 0.05
 
 
-def test_faces_that_share_no_vertices_are_one_surface():
+def test_coincident_vertices_are_one():
     soup = BALL.vertices[BALL.faces].reshape(-1, 3), np.arange(3 * len(BALL.faces), dtype=np.int32).reshape(-1, 3)
     whole = corner_normals(Mesh.from_trimesh(BALL, "m"), 0.5)
     np.testing.assert_allclose(corner_normals(Mesh(*soup), 0.5), whole, atol=1e-12)
 
 
-def test_a_box_stays_a_box():
+def test_sharp_edges_of_a_box():
     mesh = Mesh.from_trimesh(trimesh.creation.box((1, 2, 3)), "m")
     shade = corner_normals(mesh, math.radians(80.0))
     corner = mesh.vertices_m[mesh.faces]
@@ -78,7 +78,7 @@ def circle(radius_m: float, count: int = 4000) -> np.ndarray:
 
 
 @pytest.mark.parametrize("pose", [np.eye(4), trimesh.transformations.rotation_matrix(0.7, (1, 2, 3))])
-def test_force_turns_steadily_over_a_ball(pose):
+def test_force_direction_is_continuous_on_a_ball(pose):
     path = np.concatenate((circle(0.06, 2), circle(0.047)))[1:] @ pose[:3, :3].T
     built = scene(BALL, pose=pose)
     turns = []
@@ -88,13 +88,13 @@ def test_force_turns_steadily_over_a_ball(pose):
         turns.append(turn_rad(recording))
         off = angle(recording.nhat_W[5:], recording.p_WP_m[5:] / np.linalg.norm(recording.p_WP_m[5:], axis=1)[:, None])
         np.testing.assert_allclose(np.linalg.norm(recording.nhat_W, axis=1), 1.0, rtol=1e-12)
-    assert turns[0] > math.radians(6.0)  # from face to face
+    assert turns[0] > math.radians(6.0)  # at edges
     assert turns[1] < math.radians(0.7)
-    assert off.max() < math.radians(1.5)  # and points outward
+    assert off.max() < math.radians(1.5)  # points outwards
 
 
-def test_a_valley_is_round_too():
-    """Where two faces hold the proxy in a shallow groove, the force does not jump between theirs and the shaded one."""
+def test_concave_edge_is_smoothed():
+    """In a shallow groove with two faces in contact, the direction of the force is continuous."""
     h = 0.01 * math.tan(FACET_RAD / 2.0)
     corners = np.array([[x, y, z] for x, z in ((-0.01, h), (0.0, 0.0), (0.01, h)) for y in (-0.05, 0.05)])
     faces = np.array([(0, 2, 3), (0, 3, 1), (2, 4, 5), (2, 5, 3)], np.int32)
@@ -109,7 +109,7 @@ def test_a_valley_is_round_too():
     np.testing.assert_allclose(angle(round_.nhat_W[1500], np.array([0.0, 0.0, 1.0])), 0.0, atol=1e-3)
 
 
-def test_depth_stays():
+def test_shading_keeps_depth_and_force_magnitude():
     path = np.concatenate((circle(0.06, 2), circle(0.047)))[1:]
     flat, shaded = (hapscene.Renderer(scene(BALL), ["wall"], crease_rad=c).run(path) for c in (0.0, 0.5))
     np.testing.assert_array_equal(flat.depth_m, shaded.depth_m)
@@ -117,7 +117,7 @@ def test_depth_stays():
     np.testing.assert_allclose(np.linalg.norm(shaded.f_W_N, axis=1), size, rtol=1e-12)
 
 
-def test_two_sided_sheets_push_back_to_the_side_of_the_tool():
+def test_shaded_two_sided_sheet_pushes_towards_the_tool():
     sheet = ridge(Swatch("w"))
     mesh = sheet.bodies[0].mesh
     top = ridge_radius_m()
@@ -127,10 +127,10 @@ def test_two_sided_sheets_push_back_to_the_side_of_the_tool():
     assert recording.f_W_N[1, 2] < -0.2
 
 
-def leak_J(near_m: float, far_m: float, stiffness_N_m: float = 1000.0, steps: int = 2000) -> tuple[float, float]:
-    """Energy that force shading makes in one closed tour, and what theory says it makes [J].
+def generated_J(near_m: float, far_m: float, stiffness_N_m: float = 1000.0, steps: int = 2000) -> tuple[float, float]:
+    """Return the energy that force shading generates in a closed tour, and its theoretical value [J].
 
-    The tool goes from the middle of a face to its edge at depth `near_m`, there to `far_m`, and back.
+    The tool moves from the centre of a face to its edge at depth `near_m`, then to `far_m`, and back.
     """
     renderer = hapscene.Renderer(
         ridge(Swatch("wall", stiffness_N_m=stiffness_N_m), 3), ("wall",), crease_rad=1.5 * FACET_RAD
@@ -144,19 +144,19 @@ def leak_J(near_m: float, far_m: float, stiffness_N_m: float = 1000.0, steps: in
     renderer.reset((0.0, 0.003, top + 0.001))
     force = renderer.run(np.concatenate(([[0.0, 0.003, top + 0.0005]], path))).f_W_N[1:]
     made = float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(path, axis=0)))
-    said = (1.0 - math.cos(FACET_RAD / 2.0)) * ((near_m - far_m) * FACET_M / FACET_RAD - 0.5 * (near_m**2 - far_m**2))
-    return made, stiffness_N_m * said
+    theory = (1.0 - math.cos(FACET_RAD / 2.0)) * ((near_m - far_m) * FACET_M / FACET_RAD - 0.5 * (near_m**2 - far_m**2))
+    return made, stiffness_N_m * theory
 
 
 @pytest.mark.parametrize(("near_m", "far_m"), [(2e-3, 1e-3), (1e-3, 2e-3), (3e-3, 0.0)])
-def test_leak_of_a_closed_tour(near_m, far_m):
-    """To what linear interpolation of a normal differs from that of its angle: δ²/24, 0.3 % at 15°."""
-    made, said = leak_J(near_m, far_m)
+def test_energy_of_a_closed_tour(near_m, far_m):
+    """The tolerance is the difference between interpolating a normal and its angle: δ²/24, 0.3 % at 15°."""
+    made, theory = generated_J(near_m, far_m)
     assert abs(made) > 1e-4
-    assert made == pytest.approx(said, rel=1.05 * FACET_RAD**2 / 24.0)
+    assert made == pytest.approx(theory, rel=1.05 * FACET_RAD**2 / 24.0)
 
 
-def test_bad_crease():
+def test_invalid_crease_angle_is_rejected():
     for crease in (-0.1, 4.0, math.nan):
         with pytest.raises(hapscene.HapsceneError, match="crease_rad"):
             hapscene.Renderer(scene(BALL), crease_rad=crease)

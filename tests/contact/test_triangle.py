@@ -1,4 +1,4 @@
-"""Faces: their plane, what lies over them, barycentric coordinates, and bodies that are turned and moved."""
+"""Geometry of faces: plane, point-over-face test, barycentric coordinates, frames."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from hapscene.contact.triangle import (
     lies_over,
     plane,
     to_body,
-    to_body_before,
+    to_body_last,
     to_world,
 )
 
@@ -28,7 +28,7 @@ def test_a_narrow_triangle_is_lower_than_the_least_height_over_its_longest_edge(
     assert is_narrow(a, a, a, 0.0)
 
 
-def test_corners_are_the_meshs_own(world, triangle):
+def test_corners_equal_the_mesh(world, triangle):
     w = world(triangle)
     np.testing.assert_array_equal(corners(w, w.bodies[0], 0), triangle.vertices)
 
@@ -50,7 +50,7 @@ def test_lies_over(world, triangle, x, y, margin_m, over):
         assert bool(lies_over(w, w.bodies[0], 0, (x, y, height), margin_m)) is over
 
 
-def test_barycentric_weights_the_corners(world, triangle, turned):
+def test_barycentric_coordinates(world, triangle, turned):
     mesh = triangle.copy()
     mesh.vertices = triangle.vertices @ turned.T + 10.0
     w = world(mesh)
@@ -68,4 +68,4 @@ def test_frames_of_a_moved_body(world, triangle, turned):
     np.testing.assert_allclose(to_world(body, p), turned @ p + (1.0, 2.0, 3.0))
     np.testing.assert_allclose(to_body(body, to_world(body, p)), p)
     np.testing.assert_allclose(to_body(body, tuple(expected)), turned.T @ p)
-    assert to_body_before(body, p) == p  # the last tick's pose: where it was loaded
+    assert to_body_last(body, p) == p  # the last pose is the one at loading

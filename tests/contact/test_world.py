@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 from hapscene.constants import SKIN_RATIO, SKIN_RATIO_MIN
-from hapscene.contact.triangle import to_body, to_body_before, to_world
-from hapscene.contact.world import BODY, HALF_TURN, build_world, place_ball, shapes_of, skin_of
+from hapscene.contact.triangle import to_body, to_body_last, to_world
+from hapscene.contact.world import BODY, HALF_TURN_COS2_MIN, build_world, shapes_of, skin_of, update_ball
 from hapscene.records import records
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -34,16 +34,16 @@ def test_instances_share_mesh_and_search():
     assert [b.two_sided for b in bodies] == [0, 0, 1]
 
 
-def test_bodies_stand_still_where_the_scene_has_them():
+def test_bodies_start_at_rest():
     body = build_world(two_instances_and_a_ball().bodies).bodies[2]
     np.testing.assert_array_equal(body.R_WB, X[:3, :3])
-    np.testing.assert_array_equal(body.was_R_WB, X[:3, :3])
+    np.testing.assert_array_equal(body.last_R_WB, X[:3, :3])
     np.testing.assert_array_equal(body.p_WB_m, (1, 2, 3))
-    np.testing.assert_array_equal(body.was_p_WB_m, (1, 2, 3))
+    np.testing.assert_array_equal(body.last_p_WB_m, (1, 2, 3))
     assert body.moved == 0
 
 
-def test_balls_hold_their_bodies():
+def test_balls_contain_their_bodies():
     scene = two_instances_and_a_ball()
     world = build_world(scene.bodies)
     for body, ball in zip(scene.bodies, world.ball_W_m, strict=True):
@@ -53,7 +53,7 @@ def test_balls_hold_their_bodies():
 
 
 @pytest.mark.parametrize("angle_rad", [0.0, 1e-3, 0.5, 2.0, 2.9, 3.1])
-def test_the_ball_of_a_moving_body_holds_all_that_can_meet_it(angle_rad):
+def test_ball_of_a_moving_body_contains_its_sweep(angle_rad):
     """A point that stands still sweeps a chord in the body's frame: where that meets the body, it lies in the ball."""
     rng = np.random.default_rng(int(10 * angle_rad))
     body, ball = records(1, BODY)[0], np.zeros(4)
@@ -63,14 +63,14 @@ def test_the_ball_of_a_moving_body_holds_all_that_can_meet_it(angle_rad):
     now[:3, :3], now[:3, 3] = turn[:3, :3] @ was[:3, :3], rng.normal(size=3)
     before = rng.normal(size=3)
     body.R_WB, body.p_WB_m = was[:3, :3], before
-    place_ball(body, ball)
+    update_ball(body, ball)
     still = ball.copy()
     np.testing.assert_allclose(still, [*(was[:3, :3] @ body.center_B_m + before), 0.05 + 1e-6], rtol=1e-12)
-    body.was_R_WB, body.was_p_WB_m, body.moved = was[:3, :3], before, 1
+    body.last_R_WB, body.last_p_WB_m, body.moved = was[:3, :3], before, 1
     body.R_WB, body.p_WB_m = now[:3, :3], now[:3, 3]
-    nearer = place_ball(body, ball)
+    nearer = update_ball(body, ball)
     way = np.linalg.norm(ball[:3] - still[:3])
-    if np.cos(angle_rad / 2) ** 2 <= HALF_TURN:
+    if np.cos(angle_rad / 2) ** 2 <= HALF_TURN_COS2_MIN:
         assert ball[3] == np.inf
         return
     assert nearer == pytest.approx(way + ball[3] - still[3])
@@ -82,7 +82,7 @@ def test_the_ball_of_a_moving_body_holds_all_that_can_meet_it(angle_rad):
         blend = (1 - s) * was[:3, :3].T + s * now[:3, :3].T
         shift = (1 - s) * was[:3, :3].T @ before + s * now[:3, :3].T @ now[:3, 3]
         p_W = np.linalg.solve(blend, at_B + shift)
-        a, b = (np.array(to(body, tuple(p_W))) for to in (to_body_before, to_body))
+        a, b = (np.array(to(body, tuple(p_W))) for to in (to_body_last, to_body))
         np.testing.assert_allclose(a + s * (b - a), at_B, atol=1e-9)
         largest = max(largest, float(np.linalg.norm(p_W - ball[:3])))
     assert largest <= ball[3] * (1 + 1e-9)
@@ -91,7 +91,7 @@ def test_the_ball_of_a_moving_body_holds_all_that_can_meet_it(angle_rad):
     assert tuple(np.round(to_world(body, to_body(body, (1.0, 2.0, 3.0))), 9)) == (1.0, 2.0, 3.0)
 
 
-def test_corners_are_kept_in_full_precision():
+def test_corners_have_full_precision():
     mesh = Mesh.from_trimesh(trimesh.creation.icosphere(subdivisions=1, radius=0.05), "m")
     scene = Scene()
     scene.add(mesh)
@@ -105,28 +105,28 @@ def test_records_are_zero_and_have_their_fields_as_attributes():
     assert rows.p_WB_m[1, 2] == 3.0
 
 
-def test_a_body_that_pushes_never_overfills_the_planes(world):
+def test_pushing_body_respects_the_plane_limit(world):
     """Four planes may be left by a tick that did not settle: a pushing body makes room before it adds its own."""
     from hapscene.contact.planes import copy_plane
-    from hapscene.contact.proxy import _carry, move
+    from hapscene.contact.proxy import _carry, move_proxy
 
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.02)
     ball.apply_translation((0.1, 0.0, 0.02))
     w = world(trimesh.creation.box((0.1, 0.1, 0.02)), ball, at=(0.0, 0.0, 0.02))
-    move(w, (0.0, 0.0, 0.005))
+    move_proxy(w, (0.0, 0.0, 0.005))
     proxy, pusher = w.proxy[0], w.bodies[1]
     assert proxy.count == 1
     for slot in (1, 2, 3):
         copy_plane(proxy, 0, slot)
     proxy.count = 4
     pusher.moved, pusher.p_WB_m = 1, (-0.09, 0.0, 0.0)
-    place_ball(pusher, w.ball_W_m[1])
+    update_ball(pusher, w.ball_W_m[1])
     w.near[:2], proxy.near_count = (0, 1), 2
     _carry(w, tuple(map(float, proxy.p_W_m)))
     assert proxy.count == 4 and proxy.body[3] == 1
 
 
-def test_what_is_searched_lives_as_long_as_the_bodies():
+def test_search_structures_live_as_long_as_the_bodies():
     scene = two_instances_and_a_ball()
     bodies = build_world(scene.bodies).bodies
     alive = [weakref.ref(search) for search in shapes_of(scene.bodies, 0.0).searches.values()]
@@ -148,7 +148,7 @@ def test_a_second_world_of_the_same_meshes_shares_them():
 
 
 @pytest.mark.parametrize(("large_m", "skin_m"), [(0.2, SKIN_RATIO * 0.1), (10.0, SKIN_RATIO_MIN * 10.0)])
-def test_one_skin_is_as_fine_as_the_smallest_body_asks_and_the_largest_can_hold(large_m: float, skin_m: float) -> None:
+def test_skin_follows_smallest_body_and_float32_limit(large_m: float, skin_m: float) -> None:
     small, large = (Mesh([[0, 0, 0], [0.6 * size, 0, 0], [0, 0.8 * size, 0]], [[0, 1, 2]]) for size in (0.1, large_m))
     assert skin_of(small) == pytest.approx(SKIN_RATIO * 0.1)
     assert skin_of(small, large, small) == pytest.approx(skin_m)

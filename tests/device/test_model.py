@@ -29,7 +29,7 @@ from hapscene.device.model import (
 )
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.stability.rig import Rig
 from hapscene.surface.effect import Effect, Param
 from hapscene.surface.swatch import Swatch
@@ -164,7 +164,7 @@ def test_a_wall_far_beyond_the_limit_does_not_rest():
 def tap(point: PointMass, K: float, B: float, delay: int):
     twin = Rig(point, 1e-3, delay, stiffness_N_m=K, damping_Ns_m=B).twin
     twin.reset((0.031, -0.017, 0.0005), (0.0, 0.0, -0.5))
-    return twin.run(Intent.hold((0.031, -0.017, -0.003), 3000, "light"))
+    return twin.run(ReferenceTrajectory.hold((0.031, -0.017, -0.003), 3000, "light"))
 
 
 @pytest.mark.parametrize(("tick_s", "delay"), [(0.0, 0), (math.nan, 0), (1e-3, -1), (1e-3, 64), (1e-3, math.nan)])

@@ -11,7 +11,7 @@ from hapscene.device.model import IDEAL, Limits
 from hapscene.device.sim.point import PointMass
 from hapscene.device.stabilisers import FORGET_S
 from hapscene.flags import Flag
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.stability.rig import Rig
 from hapscene.surface.effect import Effect
 from hapscene.surface.swatch import Swatch
@@ -144,7 +144,7 @@ def test_a_wall_that_bounces_for_ever_comes_to_rest(delay, stiffness):
     for name, limits in (("none", None), ("guard", guard)):
         twin = Rig(point, 1e-3, delay, limits, stiffness).twin
         twin.reset((0.031, -0.017, 0.001), (0.0, 0.0, -0.15))
-        felt = twin.run(Intent.hold((0.031, -0.017, -0.005), 3000, "light"))
+        felt = twin.run(ReferenceTrajectory.hold((0.031, -0.017, -0.005), 3000, "light"))
         late = float(np.sqrt(np.mean(felt.v_W_m_s[-1500:, 2] ** 2)))
         results[name] = late, float(np.cumsum(felt.work_J).max())
     assert results["none"][0] > 10e-3

@@ -1,4 +1,4 @@
-"""A plate whose top is z = 0, in a scene of its own."""
+"""Fixtures of the loop tests: scenes with a plate whose top is z = 0."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,4 @@
-"""The servo as the application sees it, its loop at a virtual time; `test_servo_process.py` has the real process."""
+"""The interface of the servo, with its loop on a virtual clock; `test_servo_process.py` tests the real process."""
 
 from collections.abc import Callable, Iterator
 
@@ -36,7 +36,7 @@ def servo() -> Iterator[VirtualServo]:
         yield running
 
 
-def test_it_ticks_at_its_rate_and_follows_the_aim(servo: VirtualServo) -> None:
+def test_tick_rate_and_target(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.01))
     first, start_s = servo.state().tick, servo.clock.now_s()
     servo.aim((0.01, 0.0, -0.003), "medium")
@@ -47,31 +47,31 @@ def test_it_ticks_at_its_rate_and_follows_the_aim(servo: VirtualServo) -> None:
     assert state.p_WP_m == pytest.approx((0.01, 0.0, 0.0), abs=2e-3)
 
 
-def test_a_stroke_is_heard_and_the_ring_holds_it_without_gaps(servo: VirtualServo) -> None:
+def test_ring_buffer_holds_a_stroke_without_gaps(servo: VirtualServo) -> None:
     servo.start((-0.03, 0.0, 0.002))
     since = servo.state().tick + 1
     for x_m in np.linspace(-0.03, 0.03, 60):
         servo.aim((x_m, 0.0, -0.004), "medium")
         servo.advance(10)
-    felt = servo.read(since)
-    assert felt.first == since and len(felt.rows) == 600
-    assert np.abs(felt.a_m_s2).max() > 0.1
-    assert np.array_equal(felt.a_m_s2, felt.a_handle_m_s2)  # no handle: as asked for
-    later = servo.read(felt.first + len(felt.rows))
-    assert later.first == felt.first + len(felt.rows)
+    log = servo.read(since)
+    assert log.first == since and len(log.rows) == 600
+    assert np.abs(log.a_m_s2).max() > 0.1
+    assert np.array_equal(log.a_m_s2, log.a_handle_m_s2)  # as desired, without a handle
+    later = servo.read(log.first + len(log.rows))
+    assert later.first == log.first + len(log.rows)
 
 
-def test_a_change_is_felt_while_it_runs(servo: VirtualServo) -> None:
+def test_tune_while_running(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.0))
     servo.aim((0.0, 0.0, -0.006), "medium")
     servo.until(lambda: servo.state().touching)
-    servo.advance(500)  # it rests on the spring
+    servo.advance(500)  # equilibrium with the spring
     before = servo.state()
     servo.tune("wood", stiffness_N_m=100.0)
     servo.until(lambda: servo.state().depth_m > 1.2 * before.depth_m)
 
 
-def test_repainting_while_it_runs(servo: VirtualServo) -> None:
+def test_repaint_while_running(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.0))
     servo.aim((0.0, 0.0, -0.006), "medium")
     servo.until(lambda: servo.state().touching)
@@ -81,49 +81,51 @@ def test_repainting_while_it_runs(servo: VirtualServo) -> None:
     names = [swatch.name for swatch in scene.swatches]
     servo.until(lambda: servo.state().swatch == names.index("leather"))
     scene.paint("plate", hapscene.load_swatch("paper"), hapscene.scene.Sphere((0.0, 0.0, 0.01), 0.004))
-    assert "paper" not in [scene.swatches[i].name for i in scene.body("plate").face_swatch]  # it is within faces
+    assert "paper" not in [
+        scene.swatches[i].name for i in scene.body("plate").face_swatch
+    ]  # the region is smaller than a face
     servo.repaint(scene)
     servo.until(lambda: servo.state().swatch == len(names))
     servo.repaint(make_scene())
-    with pytest.raises(HapsceneError, match="give the bodies that the renderer was made with"):
+    with pytest.raises(HapsceneError, match="bodies"):
         servo.repaint(Scene())
 
 
-def test_a_body_is_pushed_by_the_hand_and_told_what_it_got(servo: VirtualServo) -> None:
-    """A plate on a slide, which an application steps 60 times a second: its momentum is the impulse it was told."""
+def test_pushed_body_receives_the_impulse(servo: VirtualServo) -> None:
+    """A plate on a slide, simulated at 60 Hz: its momentum equals the reported impulse."""
     servo.start((0.0, 0.0, 0.005))
-    servo.free("plate", 0.3, inertia_B_kg_m2=(1e-3, 1e-3, 1e-3))
-    z, v, told = -0.01, 0.0, np.zeros(3)
+    servo.set_mass("plate", 0.3, inertia_B_kg_m2=(1e-3, 1e-3, 1e-3))
+    z, v, last = -0.01, 0.0, np.zeros(3)
     servo.aim((0.0, 0.0, -0.02), "medium")
     since = servo.state().tick + 1
     for k in range(40):
         servo.advance(16 + (k % 3 > 0))
         given = servo.impulse("plate").linear_N_s
-        v += (given[2] - told[2]) / 0.3
-        z, told = z + v / 60, given
+        v += (given[2] - last[2]) / 0.3
+        z, last = z + v / 60, given
         X_WB = np.eye(4)
         X_WB[2, 3] = z
         servo.move("plate", X_WB, v_W_m_s=(0.0, 0.0, v))
     log = servo.read(since)
-    assert v < -0.01 and 0.3 * v == pytest.approx(told[2], rel=1e-12)
+    assert v < -0.01 and 0.3 * v == pytest.approx(last[2], rel=1e-12)
     assert np.abs(np.diff(log.rows["f_W_N"], axis=0)).max() < 0.5  # tests/contact/test_prediction.py has the figure
-    felt = 1e-3 * np.cumsum(log.rows["f_body_W_N"][:, 2])
-    assert felt[-1] == pytest.approx(servo.impulse("plate").linear_N_s[2], rel=0.1)
+    impulse = 1e-3 * np.cumsum(log.rows["f_body_W_N"][:, 2])
+    assert impulse[-1] == pytest.approx(servo.impulse("plate").linear_N_s[2], rel=0.1)
     events, after = servo.events(since)
     began = next(event for event in events if event.kind == "began")
     assert (began.body, began.swatch) == ("plate", "wood") and began.approach_m_s > 0.01
     assert after >= log.first + len(log.rows)
     servo.start((0.0, 0.0, 0.005))
     assert not np.any(servo.impulse("plate"))
-    servo.free("plate", np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
+    servo.set_mass("plate", np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
     X_WB[2, 3] = -0.01
     servo.move("plate", X_WB, teleport=True)
 
 
-def test_a_body_comes_and_goes_while_the_hand_touches_another(servo: VirtualServo) -> None:
+def test_add_and_remove_bodies_in_contact(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.005))
     servo.aim((0.0, 0.0, -0.006), "medium")
-    servo.advance(500)  # it has settled
+    servo.advance(500)  # equilibrium
     first = servo.state().tick
     count = len(servo.scene.bodies)
     cube, up = trimesh.creation.box((0.02, 0.02, 0.02)), np.eye(4)
@@ -131,7 +133,7 @@ def test_a_body_comes_and_goes_while_the_hand_touches_another(servo: VirtualServ
     servo.add(cube, name="cube", unit="m", swatch="epoxy", pose=up)
     servo.add(servo.scene.body("cube").mesh, name="twin", pose=np.eye(4))
     servo.advance(20)
-    assert servo.read(first).rows["touching"].all()  # contact went on
+    assert servo.read(first).rows["touching"].all()  # contact continued
     since = servo.state().tick
     servo.aim((0.03, 0.0, 0.03), "medium")
     servo.advance(400)
@@ -144,11 +146,11 @@ def test_a_body_comes_and_goes_while_the_hand_touches_another(servo: VirtualServ
     assert servo.impulse("cube").linear_N_s[2] < 0.0
     servo.remove("cube")
     servo.until(lambda: not servo.state().touching)
-    with pytest.raises(SceneError, match="no body 'cube'"):
+    with pytest.raises(SceneError, match="cube"):
         servo.move("cube", up)
-    servo.add(cube, name="cube", unit="m", pose=up)  # its name is free again, its number is not
+    servo.add(cube, name="cube", unit="m", pose=up)  # the name can be reused, the number cannot
     assert [body.name for body in servo.scene.bodies[count:]] == ["cube (removed)", "twin", "cube"]
-    with pytest.raises(SceneError, match="already"):
+    with pytest.raises(SceneError, match="plate"):
         servo.add(cube, name="plate", unit="m")
     swatches = len(servo.scene.swatches)
     servo.scene.paint("twin", "leather")
@@ -158,12 +160,12 @@ def test_a_body_comes_and_goes_while_the_hand_touches_another(servo: VirtualServ
         servo.remove(name)
 
 
-def test_a_body_that_is_pushed_may_be_added(servo: VirtualServo) -> None:
+def test_added_body_can_be_pushed(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.03))
     X_WB = np.eye(4)
     X_WB[2, 3] = 0.5
     servo.add(trimesh.creation.box((0.02, 0.02, 0.02)), name="thrown", unit="m", pose=X_WB)
-    servo.free("thrown", 0.1, inertia_B_kg_m2=(1e-5, 1e-5, 1e-5))
+    servo.set_mass("thrown", 0.1, inertia_B_kg_m2=(1e-5, 1e-5, 1e-5))
     X_WB[2, 3] = 0.01
     servo.move("thrown", X_WB, teleport=True)
     servo.aim((0.0, 0.0, 0.015), "medium")
@@ -171,7 +173,7 @@ def test_a_body_that_is_pushed_may_be_added(servo: VirtualServo) -> None:
     servo.remove("thrown")
 
 
-def test_a_shape_changes_under_the_hand(servo: VirtualServo) -> None:
+def test_deform_in_contact(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.005))
     servo.aim((0.0, 0.0, -0.006), "medium")
     servo.advance(500)
@@ -182,14 +184,14 @@ def test_a_shape_changes_under_the_hand(servo: VirtualServo) -> None:
         servo.advance(16)
     servo.advance(60)
     assert servo.read(since).rows["touching"].all()
-    assert servo.state().p_WP_m[2] == pytest.approx(-0.002, abs=1e-9)  # its top was 10 mm over its middle
-    with pytest.raises(SceneError, match="8 vertices"):
+    assert servo.state().p_WP_m[2] == pytest.approx(-0.002, abs=1e-9)  # its top was 10 mm above its centre
+    with pytest.raises(SceneError, match="plate"):
         servo.deform("plate", vertices[:5])
     servo.deform("plate", vertices)
 
 
 @pytest.mark.nightly
-def test_two_tools_touch_in_one_loop() -> None:
+def test_two_tools() -> None:
     with VirtualServo(make_scene(), [MASS, MASS]) as servo:
         servo.start([(-0.03, 0.0, 0.01), (0.03, 0.0, 0.01)])
         servo.aim((-0.03, 0.0, -0.003), "medium")
@@ -201,17 +203,17 @@ def test_two_tools_touch_in_one_loop() -> None:
         one, other = servo.state(), servo.state(tool=1)
         assert one.p_WP_m[0] == pytest.approx(-0.03, abs=2e-3) and other.p_WP_m[0] == pytest.approx(0.03, abs=2e-3)
         assert other.f_W_N[2] > 1.2 * one.f_W_N[2] > 0.0
-        servo.rest()
+        servo.pause()
         given = [servo.read(tool=tool).rows["f_body_W_N"].sum(axis=0) * servo.tick_s for tool in (0, 1)]
         assert servo.impulse("plate").linear_N_s == pytest.approx(given[0] + given[1], rel=1e-9)
         assert [len(servo.events(tool=tool)[0]) > 0 for tool in (0, 1)] == [True, True]
-        with pytest.raises(HapsceneError, match="no tool 2: this servo has 2"):
+        with pytest.raises(HapsceneError, match="tool 2"):
             servo.state(tool=2)
-        with pytest.raises(PathError, match="2 tools start at as many places"):
+        with pytest.raises(PathError, match="p_WT"):
             servo.start((0.0, 0.0, 0.05))
 
 
-def test_paused_it_stands_and_goes_on_in_contact(servo: VirtualServo) -> None:
+def test_pause_and_resume_in_contact(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.0))
     servo.aim((0.0, 0.0, -0.006), "medium")
     servo.advance(20)
@@ -224,7 +226,7 @@ def test_paused_it_stands_and_goes_on_in_contact(servo: VirtualServo) -> None:
     assert servo.read(before.tick + 1).rows["touching"].all() and not servo.read(before.tick + 1).rows["began"].any()
 
 
-def test_a_pose_that_is_none_is_flagged_and_the_body_stays(servo: VirtualServo) -> None:
+def test_invalid_pose_is_flagged(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.01))
     bad = np.eye(4)
     bad[0, 3] = np.nan
@@ -236,20 +238,25 @@ def test_a_pose_that_is_none_is_flagged_and_the_body_stays(servo: VirtualServo) 
     servo.until(lambda: Flag.POSE_REFUSED not in servo.state().flags)
 
 
-def test_wrong_orders_are_answered_and_it_goes_on(servo: VirtualServo) -> None:
+def test_invalid_orders_are_rejected(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.01))
-    with pytest.raises(HapsceneError, match="no swatch 'oka'"):
+    with pytest.raises(HapsceneError, match="oka"):
         servo.tune("oka", stiffness_N_m=1.0)
     with pytest.raises(PathError):
         servo.aim((0.0, np.nan, 0.0))
-    with pytest.raises(PathError, match="at most 10000 m"):
+    with pytest.raises(PathError, match="10000"):
         servo.aim((0.0, 0.0, 2e4))
-    with pytest.raises(SceneError, match="no body 'lid'; there are: plate"):
+    with pytest.raises(SceneError, match="lid"):
         servo.move("lid", np.eye(4))
-    with pytest.raises(SceneError, match="a pose is a matrix"):
+    with pytest.raises(SceneError, match="plate"):
         servo.move("plate", np.eye(3))
-    for wrong_motion in ({"v_W_m_s": (0.0, 1.0)}, {"w_W_rad_s": 1.0}, {"seen": [0.0] * 6}, {"v_W_m_s": [np.nan] * 3}):
-        with pytest.raises(SceneError, match="three finite numbers each"):
+    for wrong_motion in (
+        {"v_W_m_s": (0.0, 1.0)},
+        {"w_W_rad_s": 1.0},
+        {"applied": [0.0] * 6},
+        {"v_W_m_s": [np.nan] * 3},
+    ):
+        with pytest.raises(SceneError, match="plate"):
             servo.move("plate", np.eye(4), **wrong_motion)
     lopsided = [[1.0, 0.9, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     for wrong in (
@@ -261,28 +268,28 @@ def test_wrong_orders_are_answered_and_it_goes_on(servo: VirtualServo) -> None:
         (1e-320, (1.0, 1.0, 1.0)),
         (1.0, lopsided),
     ):
-        with pytest.raises(SceneError, match="mass and inertia"):
-            servo.free("plate", wrong[0], inertia_B_kg_m2=wrong[1])
+        with pytest.raises(SceneError, match="plate"):
+            servo.set_mass("plate", wrong[0], inertia_B_kg_m2=wrong[1])
     for com in ((0.0, 0.0), (0.0, np.nan, 0.0)):
-        with pytest.raises(SceneError, match="its centre of mass is three finite numbers"):
-            servo.free("plate", 1.0, inertia_B_kg_m2=(1.0, 1.0, 1.0), com_B_m=com)
-    with pytest.raises(HapsceneError, match="no grip 'fist'"):
+        with pytest.raises(SceneError, match="com_B_m"):
+            servo.set_mass("plate", 1.0, inertia_B_kg_m2=(1.0, 1.0, 1.0), com_B_m=com)
+    with pytest.raises(HapsceneError, match="fist"):
         servo.aim((0.0, 0.0, 0.0), "fist")
-    with pytest.raises(HapsceneError, match="a tick is a whole number, not 'now'"):
+    with pytest.raises(HapsceneError, match="now"):
         servo.events("now")
     for wrong in ("hard", None, [1.0], 10**400):
-        with pytest.raises(HapsceneError, match="stiffness_N_m must be a number"):
+        with pytest.raises(HapsceneError, match="stiffness_N_m"):
             servo.tune("wood", stiffness_N_m=wrong)
     more = servo.scene.copy()
     more.add(trimesh.creation.box((0.1, 0.1, 0.1)), name="more", unit="m")
-    with pytest.raises(SceneError, match="give the bodies that the renderer was made with"):
+    with pytest.raises(SceneError, match="bodies"):
         servo.repaint(more)
     tick = servo.state().tick
     servo.advance(1)
     assert servo.state().tick == tick + 1
 
 
-def test_a_start_out_of_reach_leaves_it_running_where_it_is() -> None:
+def test_start_out_of_reach_keeps_running() -> None:
     with VirtualServo(make_scene(), "omni", X_WD=stand((0.0, 0.0, 0.0))) as servo:
         servo.start((0.0, 0.0, 0.02))
         with pytest.raises(HapsceneError, match="reach"):
@@ -291,35 +298,35 @@ def test_a_start_out_of_reach_leaves_it_running_where_it_is() -> None:
         assert servo.state().p_WT_m == pytest.approx((0.0, 0.0, 0.02), abs=0.01)
 
 
-def test_lateness_is_counted(servo: VirtualServo) -> None:
+def test_delays_are_counted(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.01))
     servo.advance(100)
-    late = servo.timing()
-    assert 0.0 < late.busy_us() <= late.busy_us(0.99)
-    assert 0.0 < late.delay_us() <= late.delay_us(0.99)
-    servo.clock.sleep_s(0.005)  # somebody else had the processor: the tick that was due, and four more
+    before = servo.timing()
+    assert 0.0 < before.busy_us() <= before.busy_us(0.99)
+    assert 0.0 < before.delay_us() <= before.delay_us(0.99)
+    servo.clock.sleep_s(0.005)  # the processor was busy: five ticks are due
     servo.advance(100)
-    since = servo.timing().since(late)
+    since = servo.timing().since(before)
     assert since.delay.sum() == since.busy.sum() == 100 and since.missed == 0
     assert since.delay_us(1.0) == pytest.approx(4000.0, rel=0.1) and since.delay_us(0.94) < 2.0
     servo.clock.sleep_s(1e-3 * (LATE_MAX + 10))
     servo.advance(1)
-    assert servo.timing().since(late).missed > LATE_MAX
+    assert servo.timing().since(before).missed > LATE_MAX
 
 
-def test_the_time_to_bind_the_loop_delays_no_tick(servo: VirtualServo, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_binding_time_delays_no_tick(servo: VirtualServo, monkeypatch: pytest.MonkeyPatch) -> None:
     before, bind = servo.timing(), servo_process.bound
     monkeypatch.setattr(servo_process, "bound", lambda loop: (servo.clock.sleep_s(1.0), bind(loop))[1])
     servo.start((0.0, 0.0, 0.01))
     servo.advance(10)
-    servo.rest()
+    servo.pause()
     servo.resume()
     servo.advance(10)
     since = servo.timing().since(before)
     assert since.missed == 0 and since.delay_us(1.0) < 1000.0
 
 
-def test_the_state_ages_as_the_clock_goes_at_rest_too(servo: VirtualServo) -> None:
+def test_age_of_the_state_grows_while_paused(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.01))
     servo.advance(3)
     for _ in range(2):
@@ -327,12 +334,12 @@ def test_the_state_ages_as_the_clock_goes_at_rest_too(servo: VirtualServo) -> No
         servo.clock.sleep_s(0.05)
         after = servo.state()
         assert after.tick == before.tick and after.age_s == pytest.approx(before.age_s + 0.05)
-        assert after[:1] == (after.tick,) and after[11:13] == (after.flags, after.age_s)  # older places as they were
-        servo.rest()
+        assert after[:1] == (after.tick,) and after[11:13] == (after.flags, after.age_s)
+        servo.pause()
 
 
-def test_what_the_twin_refuses_is_said_at_the_start() -> None:
-    with pytest.raises(HapsceneError, match="the scene has no bodies"):
+def test_invalid_scene_is_rejected_at_the_start() -> None:
+    with pytest.raises(HapsceneError, match="bodies"):
         Servo(Scene(), MASS).__enter__()
 
 
@@ -340,28 +347,28 @@ ASKED: dict[str, Callable[[Servo], object]] = {
     "state": lambda servo: servo.state(),
     "read": lambda servo: servo.read(),
     "aim": lambda servo: servo.aim((0.0, 0.0, 0.0)),
-    "lateness": lambda servo: servo.timing(),
+    "timing": lambda servo: servo.timing(),
     "tune": lambda servo: servo.tune("wood", stiffness_N_m=100.0),
-    "rest": lambda servo: servo.rest(),
+    "pause": lambda servo: servo.pause(),
 }
 
 
 @pytest.mark.parametrize("name", ASKED)
-def test_whatever_is_asked_of_a_servo_that_was_not_entered_is_refused(name: str) -> None:
+def test_servo_not_entered_rejects_calls(name: str) -> None:
     servo = Servo(make_scene(), MASS)
-    with pytest.raises(HapsceneError, match="use it as a context"):
+    with pytest.raises(HapsceneError, match="context"):
         ASKED[name](servo)
 
 
-def test_before_the_first_tick_the_age_is_without_end() -> None:
+def test_age_before_the_first_tick_is_infinite() -> None:
     with VirtualServo(make_scene(), MASS) as servo:
         assert servo.state().tick == -1 and servo.state().age_s == np.inf
-        with pytest.raises(HapsceneError, match="entered once"):
+        with pytest.raises(HapsceneError, match="entered"):
             servo.__enter__()
         assert servo.alive
 
 
-def test_an_aim_that_is_none_does_not_spoil_the_next(servo: VirtualServo) -> None:
+def test_invalid_target_does_not_block_the_next(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.01))
     with pytest.raises(AttributeError):
         servo.aim((0.0, 0.0, 0.0), None)  # type: ignore[arg-type]
@@ -369,14 +376,14 @@ def test_an_aim_that_is_none_does_not_spoil_the_next(servo: VirtualServo) -> Non
     servo.until(lambda: servo.state().touching)
 
 
-def test_an_aim_that_was_interrupted_does_not_spoil_the_next(servo: VirtualServo) -> None:
+def test_interrupted_target_does_not_block_the_next(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.01))
-    servo._channel.aims["count"] += 1  # Ctrl-C while it was written
+    servo._channel.aims["count"] += 1  # Ctrl-C during a call
     servo.aim((0.0, 0.0, -0.004), "medium")
     servo.until(lambda: servo.state().touching)
 
 
 @pytest.mark.parametrize("tick_s", [0.0, -1.0, np.nan, np.inf])
-def test_a_period_that_is_none_is_refused(tick_s: float) -> None:
-    with pytest.raises(HapsceneError, match="must be finite and above 0"):
+def test_invalid_period_is_rejected(tick_s: float) -> None:
+    with pytest.raises(HapsceneError, match="tick_s"):
         Servo(make_scene(), MASS, tick_s=tick_s)

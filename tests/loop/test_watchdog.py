@@ -1,4 +1,4 @@
-"""What ends the force when the servo or the application is gone: the watchdog and the heartbeat, at a virtual time."""
+"""The watchdog and the heartbeat, which end the force when the servo or the application ends; on a virtual clock."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -10,7 +10,7 @@ import pytest
 from hapscene.device.driver import Driver
 from hapscene.device.driver_registry import DeviceChoice
 from hapscene.loop import heartbeat, watchdog
-from hapscene.loop.heartbeat import PULSE_NS
+from hapscene.loop.heartbeat import HEARTBEAT_NS
 from hapscene.loop.watchdog import BUSY_S, LOOK_S, RELEASE_S, STILL_S, WAITING_S, release, until_needed
 from tests.virtual_clock import VirtualClock
 
@@ -18,9 +18,9 @@ TICK_S = 1e-3
 
 
 class Life:
-    """The servo's end of the line: `lives` is asked with the time that has passed, and says how many ticks are done.
+    """Connection to a servo. `lives` maps the elapsed time to the number of complete ticks.
 
-    A text is what the servo sends at its end; an error ends the line.
+    If it returns a text, that is the last message of the servo; an exception class closes the connection.
     """
 
     def __init__(self, clock: VirtualClock, row: Any, lives: Callable[[float], Any]) -> None:
@@ -45,7 +45,7 @@ class Life:
 
 
 def watch(lives: Callable[[float], Any], **row: int) -> tuple[bool, float]:
-    """What the watchdog finds of a servo, and after how long [s]."""
+    """Return the result of the watchdog, and the time until it [s]."""
     clock, shared = VirtualClock(), SimpleNamespace(**({"done": 0, "pause": 0, "waiting": 0} | row))
     life = Life(clock, shared, lives)
     closed = until_needed(life, SimpleNamespace(channel=[shared]), 1, clock)  # type: ignore[arg-type]
@@ -57,32 +57,32 @@ def stands_after(moment_s: float) -> Callable[[float], int]:
 
 
 @pytest.mark.parametrize(("waiting", "patience_s"), [(0, BUSY_S), (1, WAITING_S)])
-def test_a_servo_that_stands_still_is_noticed(waiting: int, patience_s: float) -> None:
+def test_stopped_ticks_are_detected(waiting: int, patience_s: float) -> None:
     closed, after_s = watch(stands_after(1.0), waiting=waiting)
     assert not closed and patience_s < after_s - 1.0 <= patience_s + 2.5 * LOOK_S
 
 
-def test_one_that_was_stopped_by_a_signal_is_noticed_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stopped_process_is_detected_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(watchdog, "_is_stopped", lambda pid: True)
     closed, after_s = watch(stands_after(1.0))
     assert not closed and STILL_S < after_s - 1.0 <= STILL_S + 2.5 * LOOK_S
 
 
-def test_one_that_closes_its_devices_says_so() -> None:
+def test_normal_end_is_reported() -> None:
     assert watch(lambda age_s: "closed" if age_s > 3.0 else round(age_s / TICK_S))[0]
 
 
-def test_one_that_dies_does_not() -> None:
+def test_dead_process_is_detected() -> None:
     assert not watch(lambda age_s: EOFError if age_s > 3.0 else round(age_s / TICK_S))[0]
 
 
-def test_one_that_rests_may_stand_as_long_as_it_likes() -> None:
+def test_paused_servo_is_not_killed() -> None:
     closed, after_s = watch(lambda age_s: "closed" if age_s > 60.0 else 0, pause=1)
     assert closed and after_s > 60.0
 
 
-def test_a_watchdog_that_itself_had_no_time_has_seen_nothing() -> None:
-    """It is stopped with the servo for a minute: of that it counts two looks."""
+def test_time_in_which_the_watchdog_did_not_run_is_ignored() -> None:
+    """The watchdog is stopped together with the servo for a minute."""
     clock, row = VirtualClock(), SimpleNamespace(done=0, pause=0, waiting=0)
 
     def lives(age_s: float) -> int | str:
@@ -95,7 +95,7 @@ def test_a_watchdog_that_itself_had_no_time_has_seen_nothing() -> None:
 
 
 @pytest.mark.parametrize(("free_s", "released"), [(0.5, True), (2.0 * RELEASE_S, False)])
-def test_a_device_that_is_still_held_is_tried_again(free_s: float, released: bool) -> None:
+def test_release_is_retried(free_s: float, released: bool) -> None:
     clock, begin_s, zeros = VirtualClock(), VirtualClock().now_s(), []
 
     def write_zero() -> None:
@@ -107,8 +107,8 @@ def test_a_device_that_is_still_held_is_tried_again(free_s: float, released: boo
     assert bool(zeros) == released and clock.now_s() - begin_s <= min(free_s, RELEASE_S) + 0.01
 
 
-@pytest.mark.parametrize(("patience_ns", "beats"), [(10**18, 200), (50 * PULSE_NS, 50)])
-def test_the_heartbeat_stops_where_nothing_is_asked_for_too_long(patience_ns: int, beats: int) -> None:
+@pytest.mark.parametrize(("patience_ns", "beats"), [(10**18, 200), (50 * HEARTBEAT_NS, 50)])
+def test_heartbeat_stops_without_calls(patience_ns: int, beats: int) -> None:
     class Stop:
         looks = 0
 
@@ -116,7 +116,7 @@ def test_the_heartbeat_stops_where_nothing_is_asked_for_too_long(patience_ns: in
             self.looks += 1
             return int(self.looks > 200)
 
-    pulse, asked = np.zeros(1, np.int64), np.zeros(1, np.int64)
+    counter, asked = np.zeros(1, np.int64), np.zeros(1, np.int64)
     beat = getattr(heartbeat._beat, "py_func", heartbeat._beat)
-    beat(pulse, asked, Stop(), VirtualClock().buffer, patience_ns)
-    assert pulse[0] == pytest.approx(beats, abs=1)
+    beat(counter, asked, Stop(), VirtualClock().buffer, patience_ns)
+    assert counter[0] == pytest.approx(beats, abs=1)

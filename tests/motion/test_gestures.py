@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hapscene.device.sim.hand import GRIPS, Grip
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.motion.gestures import FREE_S, GESTURES, PRESS_N, RAMP_S, REACH, STROKE_N, TOOL_KG, act, calm_time_s
 from hapscene.motion.hand_path import HESITATION_S, HOVER_M
 from hapscene.scene.scene import Scene
@@ -21,11 +21,11 @@ def scene() -> Scene:
     return sheet(Swatch("plain"))
 
 
-def done(scene: Scene, name: str, grip: str = "light") -> Intent:
+def done(scene: Scene, name: str, grip: str = "light") -> ReferenceTrajectory:
     return act(name, scene, TICK_S, grip=grip)
 
 
-def dips(intent: Intent) -> list[tuple[int, int]]:
+def dips(intent: ReferenceTrajectory) -> list[tuple[int, int]]:
     """From when to when the hand aims below the surface."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], intent.target_W_m[:, 2] < -1e-6, [0])).astype(int)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

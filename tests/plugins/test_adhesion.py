@@ -108,7 +108,7 @@ def test_what_is_no_longer_there_does_not_hold(gone, held):
     """While it holds the tool that has left, or while it is touched; then nothing is left of it in a new contact."""
     scene = sheet(TAR)
     renderer = hapscene.Renderer(scene, ["wall", EFFECT], seed=0)
-    bound = renderer.moving(["sheet"])
+    bound = renderer.moving_bodies(["sheet"])
     for z in (5e-4, -1e-4, -1e-4, 1e-6, RANGE_M)[: 5 if held else 3]:
         command = renderer.step((*AT_M, z), bound)
     assert bool(command.f_W_N[2] < -0.9 * PULL_N) == held

@@ -6,7 +6,7 @@ import trimesh
 
 import hapscene
 from hapscene.device import PointMass
-from hapscene.loop import Intent, Twin
+from hapscene.loop import ReferenceTrajectory, Twin
 from hapscene_plugins.effects import guide, magnet, puncture, viscosity, weight
 
 HERE = (0.0, 0.0, 0.05)
@@ -33,7 +33,7 @@ def test_it_comes_to_rest(case, times, device):
     scene.add(trimesh.creation.box((0.1, 0.1, 0.02)), unit="m")
     settings = {effect.name: {**setting, name: times * default}}
     path = np.tile(HERE, (4000, 1)) + np.outer(np.clip(np.arange(4000) / 200.0, 0.0, 1.0), (0.008, 0.008, -0.004))
-    feel = Twin(scene, device, [effect], settings=settings).run(Intent.along(path, "light"))
+    feel = Twin(scene, device, [effect], settings=settings).run(ReferenceTrajectory.along(path, "light"))
     assert np.ptp(feel.p_W_m[-200:], axis=0).max() < 2e-6
     assert np.ptp(feel.recording.f_W_N[-200:], axis=0).max() < 1e-3
 
@@ -47,7 +47,7 @@ def test_a_needle_that_was_let_in_comes_to_rest(device):
     way = np.clip(np.arange(5000) / np.array([[500.0], [1000.0]]) - np.array([[0.0], [1.0]]), 0.0, 1.0)
     path = np.array(HERE) + np.outer(way[0], (0.0, 0.0, -0.02)) + np.outer(way[1], (0.003, 0.0, 0.0))
     twin = Twin(scene, device, ["wall", puncture.EFFECT])
-    feel = twin.run(Intent.along(path, "medium"))
+    feel = twin.run(ReferenceTrajectory.along(path, "medium"))
     assert twin.renderer.surface.touch[0].inside == 1
     assert np.ptp(feel.p_W_m[-200:], axis=0).max() < 2e-6
     assert 0.0 < feel.recording.f_W_N[-1, 2] <= 0.5 and feel.recording.f_W_N[-1, 0] < -0.05

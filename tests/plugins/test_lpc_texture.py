@@ -10,7 +10,7 @@ from scipy.signal import lfilter, welch
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain, reflection_from_ar
 from hapscene.dsp.lattice import advance
 from hapscene.surface.effect_registry import load_effect
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.swatch import PLAIN
 from hapscene.surface.texture import Texture
 from hapscene_plugins.effects.lpc_texture import GRID, HEADER, choose
@@ -220,12 +220,12 @@ def test_updated_seldom_it_follows_force_and_speed_in_steps_that_do_not_click(be
 
 # Alive: a slow gain, warped models, a level beyond what was recorded.
 
-LIFE = Life([0.4, 0.3], [30.0, 0.0], [0.0, 800.0])
+LIFE = GainModulation([0.4, 0.3], [30.0, 0.0], [0.0, 800.0])
 
 
 def living(swatch_of, life=LIFE, **fields):
     swatch = swatch_of()
-    return replace(swatch, texture=replace(swatch.texture, life=life, **fields))
+    return replace(swatch, texture=replace(swatch.texture, modulation=life, **fields))
 
 
 def test_a_slow_gain_keeps_the_mean_power_and_spreads_the_levels(bench, ticks, swatch_of):
@@ -246,7 +246,7 @@ def test_a_slow_gain_keeps_the_mean_power_and_spreads_the_levels(bench, ticks, s
 
 def test_life_that_is_left_out_under_the_same_touch_fades_away_and_comes_again(bench, ticks, swatch_of):
     """A gain that hardly moves of itself goes to 1 and back without a jump; in a new contact at once."""
-    effect = bench(LPC, living(swatch_of, Life([1.0], [1e-9], [0.0])))
+    effect = bench(LPC, living(swatch_of, GainModulation([1.0], [1e-9], [0.0])))
 
     def gains(count, life, began=0):
         effect.p["texture_life"] = life
@@ -265,7 +265,7 @@ def test_life_that_is_left_out_under_the_same_touch_fades_away_and_comes_again(b
 
 
 def test_a_gain_of_the_way_stands_still_where_the_tool_does(bench, ticks, swatch_of):
-    effect = bench(LPC, living(swatch_of, Life([0.5], [0.0], [300.0])))
+    effect = bench(LPC, living(swatch_of, GainModulation([0.5], [0.0], [300.0])))
     gains = []
     for i, slip in enumerate((0.1, 0.1, 0.0, 0.0, 0.1)):
         effect.run(ticks(1, force_N=1.0, slip_m_s=slip, began=i == 0))

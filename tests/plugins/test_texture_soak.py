@@ -96,7 +96,7 @@ def steady(name: str) -> Swatch:
     """A shipped swatch without its slow gain, which would scatter the levels."""
     swatch = load_swatch(name)
     assert swatch.texture is not None
-    return replace(swatch, texture=replace(swatch.texture, life=None))
+    return replace(swatch, texture=replace(swatch.texture, modulation=None))
 
 
 SHIPPED = shipped_swatches()

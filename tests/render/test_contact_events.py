@@ -1,4 +1,4 @@
-"""Events of a contact, found in rows."""
+"""Contact events in the rows of ticks."""
 
 import numpy as np
 import trimesh
@@ -10,10 +10,10 @@ from hapscene.render.contact_events import ContactEvent, events_of
 BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
 
 
-def rows_of(*told: tuple[int, int, int]) -> np.ndarray:
-    """Ticks of (body, swatch, began), each an approach of a tenth of its number."""
-    rows = records(len(told), ROW)
-    for k, (row, (body, swatch, began)) in enumerate(zip(rows, told, strict=True)):
+def rows_of(*ticks: tuple[int, int, int]) -> np.ndarray:
+    """Return rows of (body, swatch, began), with the approach speed 0.1 times the tick number."""
+    rows = records(len(ticks), ROW)
+    for k, (row, (body, swatch, began)) in enumerate(zip(rows, ticks, strict=True)):
         row.body, row.swatch, row.began, row.approach_m_s = body, swatch, began, 0.1 * k
     return rows
 
@@ -31,7 +31,7 @@ def test_a_contact_begins_crosses_and_ends() -> None:
     ]
 
 
-def test_what_went_on_before_the_first_row_is_no_event() -> None:
+def test_contact_that_continues_is_no_event() -> None:
     names = ("box", "lid"), ("plain", "wood")
     touching = rows_of((0, 1, 0), (0, 1, 0), (-1, -1, 0))
     assert [event.kind for event in events_of(touching, 9000, 20, *names)] == ["ended"]
@@ -39,7 +39,7 @@ def test_what_went_on_before_the_first_row_is_no_event() -> None:
     assert [event.kind for event in events_of(rows_of((0, 1, 1)), 9000, 20, *names)] == ["began"]
 
 
-def test_looked_at_in_pieces_nothing_is_told_twice_or_lost() -> None:
+def test_events_read_in_parts_are_complete() -> None:
     rng = np.random.default_rng(5)
     body = rng.integers(-1, 2, 300)
     rows = rows_of(*((int(b), int(b), 0) for b in body))
@@ -52,7 +52,7 @@ def test_looked_at_in_pieces_nothing_is_told_twice_or_lost() -> None:
     assert found == whole and len(whole) > 100
 
 
-def test_the_speed_of_a_tap_is_that_of_the_tool() -> None:
+def test_approach_speed_of_a_tap() -> None:
     scene = hapscene.Scene()
     scene.add(BOX, name="box", unit="m")
     renderer = hapscene.Renderer(scene, ["wall"])

@@ -1,4 +1,4 @@
-"""What effects are told of a contact: its beginning, speeds, slip over a body, the swatch, barycentric coordinates."""
+"""The contact record that effects read: start, speeds, slip, swatch, barycentric coordinates, shaded normal."""
 
 import math
 
@@ -22,8 +22,8 @@ def renderer():
     return hapscene.Renderer(scene, ["wall"])
 
 
-def told(renderer, path, poses=None) -> np.ndarray:
-    """What the effects were told, row per tick: the record of each tick, one step after another."""
+def touches_of(renderer, path, poses=None) -> np.ndarray:
+    """Return the contact record of each step along a path."""
     rows = []
     for k, p in enumerate(path):
         renderer.step(p, poses={name: X[k] for name, X in (poses or {}).items()})
@@ -38,7 +38,7 @@ def moved(offsets_m) -> np.ndarray:
 
 
 def test_beginning_and_end_of_a_contact(renderer):
-    rows = told(renderer, [[0, 0, z] for z in (0.001, -0.001, -0.003, -0.002, 0.001, 0.002, -0.001)])
+    rows = touches_of(renderer, [[0, 0, z] for z in (0.001, -0.001, -0.003, -0.002, 0.001, 0.002, -0.001)])
     assert rows["touching"].tolist() == [0, 1, 1, 1, 0, 0, 1]
     assert rows["began"].tolist() == [0, 1, 0, 0, 0, 0, 1]
     assert rows["ended"].tolist() == [0, 0, 0, 0, 1, 0, 0]
@@ -50,14 +50,14 @@ def test_beginning_and_end_of_a_contact(renderer):
 
 def test_first_tick_has_no_velocity(renderer):
     renderer.reset([0, 0, 0.5])
-    row = told(renderer, [[0, 0, -0.001]])[0]
+    row = touches_of(renderer, [[0, 0, -0.001]])[0]
     assert row["v_WT_m_s"].tolist() == [0, 0, 0]
     assert row["approach_m_s"] == 0.0
     assert row["tick"] == 0
 
 
-def test_in_the_air_normal_and_swatch_are_those_of_the_last_contact(renderer):
-    rows = told(renderer, [[0, 0, 0.001], [0, 0, -0.001], [0, 0, 0.001]])
+def test_without_contact_normal_and_swatch_persist(renderer):
+    rows = touches_of(renderer, [[0, 0, 0.001], [0, 0, -0.001], [0, 0, 0.001]])
     assert rows["swatch"].tolist() == [-1, 1, 1]
     assert rows["crossed"].tolist() == [0, 1, 0]
     assert (rows["body"].tolist(), rows["face"][[0, 2]].tolist()) == ([-1, 0, -1], [-1, -1])
@@ -67,64 +67,66 @@ def test_in_the_air_normal_and_swatch_are_those_of_the_last_contact(renderer):
 
 
 def test_normal_force_is_stiffness_times_depth_and_its_low_pass_follows(renderer):
-    rows = told(renderer, [[0, 0, 0.001], *[[0, 0, -0.002]] * 200])[1:]
+    rows = touches_of(renderer, [[0, 0, 0.001], *[[0, 0, -0.002]] * 200])[1:]
     np.testing.assert_allclose(rows["normal_force_N"], 0.4, rtol=1e-12)
     np.testing.assert_allclose(rows["force_N"], 0.4 * (1 - (1 - SHARE) ** np.arange(1, 201)), rtol=1e-9)
 
 
 def test_slip_of_a_stroke(renderer):
-    """From rest into a stroke of 0.1 m/s: each tick 0.1 mm of slip, its speed low-passed."""
+    """A stroke of 0.1 m/s from rest has a slip of 0.1 mm per tick, and its low-passed speed."""
     x = np.concatenate([np.zeros(3), 1e-4 * np.arange(1, 151)])
-    rows = told(renderer, np.c_[x, 0 * x, np.r_[0.001, np.full(152, -0.001)]])
+    rows = touches_of(renderer, np.c_[x, 0 * x, np.r_[0.001, np.full(152, -0.001)]])
     np.testing.assert_allclose(rows["slip_W_m"][3:], np.tile([1e-4, 0, 0], (150, 1)), atol=1e-12)
     np.testing.assert_allclose(rows["slip_m_s"][3:], 0.1 * (1 - (1 - SHARE) ** np.arange(1, 151)), rtol=1e-6)
 
 
-def test_a_contact_in_flight_starts_with_the_tools_own_speed(renderer):
+def test_slip_starts_with_the_speed_of_the_tool(renderer):
     x = 1e-4 * np.arange(4)
-    rows = told(renderer, np.c_[x, 0 * x, [0.001, -0.001, -0.001, -0.001]])
+    rows = touches_of(renderer, np.c_[x, 0 * x, [0.001, -0.001, -0.001, -0.001]])
     np.testing.assert_allclose(rows["slip_m_s"][1:], 0.1, rtol=1e-9)
 
 
 def test_slip_is_over_the_body(renderer):
-    """A tool that rides on a body slips nothing; one that stands on a body that slides by slips against it."""
+    """A tool that moves with the body has no slip; a tool at rest slips on a moving body."""
     x = 1e-4 * np.arange(100)
     poses = {"box": moved(np.c_[x, 0 * x, 0 * x])}
     z = np.r_[0.001, np.full(99, -0.001)]
-    riding = told(renderer, np.c_[x, 0 * x, z], poses)
+    riding = touches_of(renderer, np.c_[x, 0 * x, z], poses)
     np.testing.assert_allclose(riding["slip_W_m"][2:], 0, atol=1e-12)
     renderer.reset([0, 0, 0.001])
-    standing = told(renderer, np.c_[0 * x, 0 * x, z], poses)
+    standing = touches_of(renderer, np.c_[0 * x, 0 * x, z], poses)
     np.testing.assert_allclose(standing["slip_W_m"][2:], np.tile([-1e-4, 0, 0], (98, 1)), atol=1e-12)
 
 
-def test_a_tool_at_rest_on_a_body_that_rides_off_does_not_start_with_slip(renderer):
-    """Tool and body move together when the contact begins: nothing slips."""
+def test_contact_with_a_co_moving_body_starts_without_slip(renderer):
+    """Tool and body move together when the contact begins."""
     x = 1e-4 * np.arange(50)
-    rows = told(renderer, np.c_[x, 0 * x, np.r_[0.001, np.full(49, -0.001)]], {"box": moved(np.c_[x, 0 * x, 0 * x])})
+    rows = touches_of(
+        renderer, np.c_[x, 0 * x, np.r_[0.001, np.full(49, -0.001)]], {"box": moved(np.c_[x, 0 * x, 0 * x])}
+    )
     np.testing.assert_allclose(rows["slip_m_s"][1:], 0, atol=1e-9)
 
 
 def test_approach_is_against_the_body(renderer):
-    """A body that comes up to a tool at rest approaches it as the tool would."""
+    """The approach speed is relative to the body."""
     lift = np.array([-0.002, -0.002, 0.001])
-    rows = told(renderer, np.zeros((3, 3)), {"box": moved(lift[:, None] * [0, 0, 1])})
+    rows = touches_of(renderer, np.zeros((3, 3)), {"box": moved(lift[:, None] * [0, 0, 1])})
     assert rows["began"].tolist() == [0, 0, 1]
     assert rows["approach_m_s"][2] == pytest.approx(3.0)
 
 
-def test_what_was_left_is_a_place_on_its_body_as_that_moves(renderer):
-    """Left at 3 m/s: the place where it was goes on with the body and turns with it."""
+def test_left_position_moves_with_its_body(renderer):
+    """The position where the tool left the body translates and rotates with it."""
     lift = np.array([0.0, 0.0, 0.0, 0.001, 0.002])
     poses = moved(np.c_[0 * lift, 0 * lift, lift])
     poses[4, :2, :2] = [[0.0, -1.0], [1.0, 0.0]]
-    rows = told(renderer, [[0.01, 0, z] for z in (0.001, -0.001, -0.001, 0.002, 0.01)], {"box": poses})
+    rows = touches_of(renderer, [[0.01, 0, z] for z in (0.001, -0.001, -0.001, 0.002, 0.01)], {"box": poses})
     assert rows["left_body"].tolist() == [-1, -1, -1, 0, 0] and rows["leaving_m_s"][3] == pytest.approx(3.0)
     np.testing.assert_allclose(rows["left_W_m"][3:], [[0.01, 0.0, 0.001], [0.0, 0.01, 0.002]], atol=1e-12)
 
 
 def test_barycentric_coordinates_place_the_proxy_on_the_face(renderer):
-    rows = told(renderer, [[0, 0, 0.001], *([x, 0.3 * x, -0.001] for x in np.linspace(-0.04, 0.04, 20))])[1:]
+    rows = touches_of(renderer, [[0, 0, 0.001], *([x, 0.3 * x, -0.001] for x in np.linspace(-0.04, 0.04, 20))])[1:]
     for row in rows:
         np.testing.assert_allclose(row["bary"] @ BOX.triangles[row["face"]], row["p_WP_m"], atol=1e-12)
         assert row["bary"].min() > -1e-4
@@ -139,19 +141,19 @@ def test_crossing_from_swatch_to_swatch():
     a, b = BOX.triangles_center[faces]
     path = np.linspace(a, b, 21) - [0, 0, 0.001]
     path[0, 2] = 0.001
-    rows = told(hapscene.Renderer(scene, ["wall"]), path)
+    rows = touches_of(hapscene.Renderer(scene, ["wall"]), path)
     assert rows["swatch"][1:].tolist() == [1] * 10 + [2] * 10 or rows["swatch"][1:].tolist() == [1] * 9 + [2] * 11
-    assert rows["crossed"].sum() == 2  # out of the air, and at the border
+    assert rows["crossed"].sum() == 2  # at the start of the contact and at the border
     np.testing.assert_allclose(rows["normal_force_N"][[1, -1]], [0.1, 0.3], rtol=1e-9)
 
 
-def test_what_dies_away_is_nothing_in_the_end(renderer):
-    """Slip and force of a tool at rest go to 0, not on into denormal numbers."""
+def test_decaying_values_reach_zero(renderer):
+    """Slip and force of a tool at rest become 0 instead of denormal numbers."""
     path = np.tile((0.0, 0.0, -1e-3), (600, 1))
     path[:100, 0] = np.linspace(-0.01, 0.0, 100)
     path[0, 2] = 1e-3
     path[300:, 2] = 0.0  # on the surface, still touching
-    touches = told(renderer, path)
+    touches = touches_of(renderer, path)
     slips, forces = touches["slip_m_s"], touches["force_N"]
     assert slips[99] > 0.05 and slips[-1] == 0.0
     assert forces[250] == pytest.approx(0.2, rel=1e-6)
@@ -160,9 +162,27 @@ def test_what_dies_away_is_nothing_in_the_end(renderer):
 
 
 def test_the_axes_of_the_touched_body(renderer):
-    """They turn with it, for what a surface is by direction."""
+    """The axes rotate with the body, for effects that depend on the direction."""
     turned = moved(np.zeros((3, 3)))
     turned[:, :3, :3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    rows = told(renderer, [[0, 0, 0.001], [0, 0, -0.001], [0, 0, -0.001]], {"box": turned})
+    rows = touches_of(renderer, [[0, 0, 0.001], [0, 0, -0.001], [0, 0, -0.001]], {"box": turned})
     np.testing.assert_allclose(rows["x_WB"][1:], [[0, 1, 0]] * 2, atol=1e-12)
     np.testing.assert_allclose(rows["y_WB"][1:], [[-1, 0, 0]] * 2, atol=1e-12)
+
+
+def test_shaded_normal_on_a_slanted_face():
+    """The normal is the normalised blend of the corner normals, here shorter than 1 and along no axis of the world."""
+    tilt = trimesh.transformations.rotation_matrix(0.7, (0.2, 1.0, 0.3))
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=0.05)
+    scene = hapscene.Scene()
+    scene.add(ball, name="ball", unit="m", pose=tilt)
+    renderer = hapscene.Renderer(scene, ["wall"], crease_rad=1.0)
+    corners = ball.triangles[0] @ tilt[:3, :3].T
+    centre, outward = corners.mean(axis=0), np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    outward /= np.linalg.norm(outward)
+    touch = touches_of(renderer, [centre + 0.003 * outward, centre - 0.0007 * outward])[1]
+    blend = corners.sum(axis=0)  # the corner normals of a ball point away from its centre
+    assert np.linalg.norm(corners / 0.05, axis=1).mean() > np.linalg.norm(blend / 3.0 / 0.05) + 0.01
+    assert np.abs(blend / np.linalg.norm(blend)).min() > 0.05
+    np.testing.assert_allclose(touch["nhat_W"], blend / np.linalg.norm(blend), atol=1e-3)
+    assert np.linalg.norm(touch["nhat_W"]) == pytest.approx(1.0, abs=1e-12)

@@ -1,4 +1,4 @@
-"""The recording and its two files."""
+"""The recording and its file formats."""
 
 import csv
 import io
@@ -43,7 +43,7 @@ def make_recording(count: int = 7, block: int = 3) -> Recording:
     )
 
 
-def test_npz_round_trip_keeps_every_bit(tmp_path: Path) -> None:
+def test_npz_is_lossless(tmp_path: Path) -> None:
     recording = make_recording()
     recording.save(tmp_path / "touch.npz")
     loaded = Recording.load(tmp_path / "touch.npz")
@@ -57,7 +57,7 @@ def test_npz_round_trip_keeps_every_bit(tmp_path: Path) -> None:
 
 
 def test_a_file_of_version_1_is_read(tmp_path: Path) -> None:
-    """It lacks two columns: where contacts begin follows from the others, the force on the body does not."""
+    """Version 1 lacks two columns: the start of contacts is recomputed, the force on the body is unknown."""
     recording = make_recording()
     recording.save(tmp_path / "new.npz")
     with np.load(tmp_path / "new.npz") as held:
@@ -72,7 +72,7 @@ def test_a_file_of_version_1_is_read(tmp_path: Path) -> None:
         Recording.load(tmp_path / "lacking.npz")
 
 
-def test_csv_says_the_same(tmp_path: Path) -> None:
+def test_csv_round_trip(tmp_path: Path) -> None:
     recording = make_recording()
     recording.save_csv(tmp_path / "touch.csv")
     with (tmp_path / "touch.csv").open(encoding="utf-8", newline="") as file:
@@ -110,13 +110,13 @@ def test_acceleration_has_its_own_times() -> None:
         ({"body": np.full(7, -2)}, "body"),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(change: dict[str, np.ndarray], field: str) -> None:
+def test_inconsistent_arrays_are_rejected(change: dict[str, np.ndarray], field: str) -> None:
     with pytest.raises(RecordingError, match=field):
         replace(make_recording(), **change)
 
 
 def _rewrite(path: Path, name: str, array: np.ndarray | None) -> None:
-    """Replace one array of the archive, or take it out."""
+    """Replace or remove one array of the archive."""
     with np.load(path, allow_pickle=False) as archive:
         arrays = dict(archive)
     arrays.pop(name)
@@ -126,7 +126,7 @@ def _rewrite(path: Path, name: str, array: np.ndarray | None) -> None:
 
 
 def _forge_header(path: Path) -> None:
-    """Let t_s claim to hold 10^15 numbers."""
+    """Make t_s claim 10^15 numbers."""
     with np.load(path, allow_pickle=False) as archive:
         arrays = dict(archive)
     with zipfile.ZipFile(path, "w") as archive:
@@ -140,7 +140,7 @@ def _forge_header(path: Path) -> None:
 
 
 def _pack(path: Path) -> None:
-    """So that it unpacks to a thousand times its size."""
+    """Make a file that decompresses to a thousand times its size."""
     with np.load(path, allow_pickle=False) as archive:
         np.savez_compressed(path, **dict(archive) | {"t_s": np.zeros(10_000_000)})
 
@@ -182,8 +182,8 @@ def test_huge_archive_is_refused_unread(tmp_path: Path, monkeypatch: pytest.Monk
         Recording.load(tmp_path / "touch.npz")
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
-def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
+def test_named_pipe_is_rejected(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "touch.npz")
     with pytest.raises(RecordingError, match="touch"):
         Recording.load(tmp_path / "touch.npz")

@@ -1,4 +1,4 @@
-"""The renderer as programs use it: run and step, reset, poses, limits, what it refuses, and the interpreted mode."""
+"""The renderer: run and step, reset, poses, limits, and invalid arguments."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import hapscene
 from hapscene.device.model import Limits
 from hapscene.errors import HapsceneError, PathError, SceneError
 from hapscene.flags import Flag
-from hapscene.surface.device_clipping import Fit
+from hapscene.surface.device_clipping import ClippedSwatches
 from hapscene.surface.effect import Effect, Param
 from hapscene.surface.swatch import Swatch
 
@@ -24,7 +24,7 @@ def scene(swatch: str | Swatch = "wood") -> hapscene.Scene:
 
 
 def stroke(ticks: int = 400) -> np.ndarray:
-    """Down onto the box, along it with a wiggling depth, and off again."""
+    """Return a path onto the box, along it with varying depth, and off again."""
     t = np.arange(ticks) / ticks
     z = np.where((t > 0.1) & (t < 0.9), -0.001 + 0.0004 * np.sin(40 * t), 0.002)
     return np.c_[0.03 * np.sin(5 * t), 0.02 * t, z]
@@ -56,7 +56,7 @@ def test_step_with_poses_and_run_give_the_same_bits():
     np.testing.assert_array_equal(forces, recording.f_W_N)
 
 
-def test_a_path_in_pieces_is_the_path():
+def test_path_in_parts_equals_the_path():
     path = stroke()
     whole = hapscene.Renderer(scene(), ALL).run(path)
     renderer = hapscene.Renderer(scene(), ALL)
@@ -76,14 +76,14 @@ def test_reset_replays():
     np.testing.assert_array_equal(first.t_s, again.t_s)
 
 
-def test_seed_sets_what_is_drawn_at_random():
+def test_seed_determines_random_numbers():
     one, same, other = (hapscene.Renderer(scene(), ALL, seed=s).run(stroke()) for s in (1, 1, 2))
     np.testing.assert_array_equal(one.a_m_s2, same.a_m_s2)
     assert not np.array_equal(one.a_m_s2, other.a_m_s2)
     np.testing.assert_array_equal(one.f_W_N, other.f_W_N)
 
 
-# --- what it refuses
+# --- invalid arguments
 
 
 @pytest.mark.parametrize(
@@ -147,11 +147,11 @@ def test_other_rates():
     np.testing.assert_allclose(recording.t_s, np.arange(400) * 5e-4)
 
 
-# --- what goes wrong in a tick is a flag
+# --- errors in a tick set flags
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_position_that_is_not_finite_is_flagged_and_the_last_good_one_used(bad):
+def test_invalid_position_is_flagged_and_last_valid_one_used(bad):
     renderer = hapscene.Renderer(scene(), ["wall"])
     renderer.reset([0, 0, 0.001])
     good = renderer.step([0, 0, -0.001])
@@ -162,15 +162,15 @@ def test_a_position_that_is_not_finite_is_flagged_and_the_last_good_one_used(bad
     np.testing.assert_array_equal(after.f_W_N, good.f_W_N)
 
 
-def _sour(touch, p, table, s, out):
+def _faulty(touch, p, table, s, out):
     out.f_W_N[0] += 1.0 / (touch.p_WT_m[0] - p.at_m) - 1.0 / (touch.p_WT_m[0] - p.at_m)
 
 
-SOUR = Effect("sour", "NaN at one place.", _sour, params=(Param("at_m", 0.01, "m", "where"),))
+FAULTY = Effect("faulty", "NaN at one position.", _faulty, params=(Param("at_m", 0.01, "m", "where"),))
 
 
 def test_an_effect_that_returns_nan_is_mute_until_reset_and_the_others_go_on():
-    renderer = hapscene.Renderer(scene(Swatch("plain one", stiffness_N_m=500.0)), ["wall", SOUR])
+    renderer = hapscene.Renderer(scene(Swatch("plain one", stiffness_N_m=500.0)), ["wall", FAULTY])
     path = np.tile([0.0, 0.0, -0.001], (6, 1))
     path[0, 2] = 0.001
     path[3, 0] = 0.01
@@ -213,12 +213,12 @@ def test_acceleration_over_the_limit_is_cut():
 
 @pytest.mark.parametrize("name", ["force_N", "slew_N_s", "acceleration_m_s2", "fold_mass_kg"])
 @pytest.mark.parametrize("value", [-1.0, np.nan])
-def test_limits_that_make_no_sense(name, value):
+def test_invalid_limits_are_rejected(name, value):
     with pytest.raises(HapsceneError, match=name):
         Limits(**{name: value})
 
 
-def test_instances_are_touched_where_they_are():
+def test_instances_have_their_own_poses():
     mesh = hapscene.Mesh.from_trimesh(BOX, "m")
     built = hapscene.Scene()
     for i in range(5):
@@ -233,7 +233,7 @@ def test_instances_are_touched_where_they_are():
         np.testing.assert_allclose(recording.p_WP_m, [[0.2 * i, 0.001, 0.01 * i]], atol=1e-12)
 
 
-def test_a_first_position_that_is_not_finite_is_flagged_and_waited_out():
+def test_invalid_first_position_does_not_start():
     renderer = hapscene.Renderer(flat_scene())
     command = renderer.step([np.nan, 0.0, 0.0])
     assert command.flags == hapscene.Flag.TOOL_NOT_FINITE and not command.f_W_N.any()
@@ -249,22 +249,22 @@ def flat_scene() -> hapscene.Scene:
 
 
 @pytest.mark.parametrize("keys", [{"seed": -1}, {"seed": 1.5}, {"effects": "wall"}, {"a_rate_Hz": np.inf}])
-def test_bad_arguments_are_refused_in_words(keys):
+def test_invalid_arguments_are_rejected(keys):
     with pytest.raises(hapscene.HapsceneError):
         hapscene.Renderer(flat_scene(), **keys)
 
 
-def test_another_painting_is_felt_as_a_new_renderer_feels_it(monkeypatch):
-    """Its numbers are fitted to the device once, and can be tuned afterwards."""
+def test_repainting_equals_a_new_renderer(monkeypatch):
+    """Its parameters are clipped to the device once, and can be tuned afterwards."""
     fitted = []
 
     def counted(*arguments):
-        fitted.append(Fit(*arguments))
+        fitted.append(ClippedSwatches(*arguments))
         return fitted[-1]
 
     renderer = hapscene.Renderer(scene("wood"), device="omni")
     renderer.run(stroke())
-    monkeypatch.setattr("hapscene.render.renderer.Fit", counted)
+    monkeypatch.setattr("hapscene.render.renderer.ClippedSwatches", counted)
     other = scene(Swatch("oak", stiffness_N_m=333.0))
     renderer.repaint(other)
     assert len(fitted) == 1
@@ -277,7 +277,7 @@ def test_another_painting_is_felt_as_a_new_renderer_feels_it(monkeypatch):
     assert_same_bits(renderer.run(stroke()), fresh.run(stroke()))
 
 
-def test_a_second_renderer_of_a_scene_builds_and_holds_nothing_anew():
+def test_renderers_of_a_scene_share_meshes():
     built = hapscene.Scene()
     for name in ("one", "two"):
         built.add(hapscene.Mesh.from_trimesh(trimesh.creation.icosphere(2, radius=0.05), "m"), name=name)
@@ -286,19 +286,19 @@ def test_a_second_renderer_of_a_scene_builds_and_holds_nothing_anew():
     assert first.world.bodies["search"].tolist() == second.world.bodies["search"].tolist()
 
 
-def test_bodies_come_and_go_in_contact():
+def test_bodies_are_added_and_removed_in_contact():
     box = trimesh.creation.box((0.1, 0.1, 0.02))
     built = hapscene.Scene()
     built.add(box, name="plate", unit="m")
     renderer = hapscene.Renderer(built, ["wall"])
-    bound = renderer.moving(["plate"])
+    bound = renderer.moving_bodies(["plate"])
     renderer.run(np.linspace([0.0, 0.0, 0.02], [0.0, 0.0, 0.008], 50))
     renderer.deform("plate", built.body("plate").mesh.vertices_m)
     built.add(box, name="lid", unit="m", swatch="wood", pose=trimesh.transformations.translation_matrix([0, 0, 0.1]))
     renderer.repaint(built)
     felt = renderer.run(np.tile([0.0, 0.0, 0.008], (5, 1)))
     assert felt.touching.all() and not felt.began.any() and felt.depth_m[-1] == pytest.approx(0.002)
-    renderer.step((0.0, 0.0, 0.008), bound)  # slots stay good
+    renderer.step((0.0, 0.0, 0.008), bound)  # still valid
     renderer.deform("plate", built.body("plate").mesh.vertices_m * (1.0, 1.0, 0.9))
     assert renderer.run(np.tile([0.0, 0.0, 0.008], (60, 1))).depth_m[-1] == pytest.approx(0.001)
     up = np.linspace([0.0, 0.0, 0.008], [0.0, 0.0, 0.095], 100)
@@ -308,16 +308,16 @@ def test_bodies_come_and_go_in_contact():
     renderer.remove("lid")
     felt = renderer.run(up[-1:])
     assert not felt.touching.any()
-    for gone in (renderer.impulse, renderer.remove, lambda name: renderer.moving([name])):
+    for gone in (renderer.impulse, renderer.remove, lambda name: renderer.moving_bodies([name])):
         with pytest.raises(SceneError, match="lid"):
             gone("lid")
     with pytest.raises(SceneError):
         renderer.step((0.0, 0.0, 0.1), [np.eye(4)])
     with pytest.raises(SceneError):
-        renderer.moving("plate")
+        renderer.moving_bodies("plate")
 
 
-def test_an_added_body_is_searched_once_for_all_and_is_not_of_another_world():
+def test_added_bodies_share_search_structures():
     ball = hapscene.Mesh.from_trimesh(trimesh.creation.icosphere(2, radius=0.05), "m")
     built = hapscene.Scene()
     built.add(ball, name="one")
@@ -336,10 +336,10 @@ def test_an_added_body_is_searched_once_for_all_and_is_not_of_another_world():
     first.repaint(built)
 
 
-def test_a_removed_body_stays_away_whatever_an_older_binding_says():
+def test_removed_body_ignores_old_moving_bodies():
     built = scene()
     renderer = hapscene.Renderer(built, ["wall"])
-    bound = renderer.moving(["box"])
+    bound = renderer.moving_bodies(["box"])
     renderer.reset((0.0, 0.0, 0.01))
     renderer.step((0.0, 0.0, 0.01), {"box": np.eye(4)})
     renderer.remove("box")
@@ -351,7 +351,7 @@ def test_a_removed_body_stays_away_whatever_an_older_binding_says():
     assert renderer.run(stroke(10)).body_names == ("box",)
 
 
-def test_an_effect_is_switched_off_and_on() -> None:
+def test_mute_and_unmute() -> None:
     scene = hapscene.Scene()
     scene.add(hapscene.Mesh.from_trimesh(trimesh.creation.box((0.1, 0.1, 0.02)), "m"), name="plate", swatch="wood")
     renderer = hapscene.Renderer(scene)
@@ -360,7 +360,7 @@ def test_an_effect_is_switched_off_and_on() -> None:
     renderer.mute("wall")
     command = renderer.step((0.0, 0.0, 0.009))
     assert pressed > 0.1 and command.f_W_N[2] == pytest.approx(0.0, abs=1e-9) and command.flags == 0
-    renderer.reset((0.0, 0.0, 0.02))  # of whoever touches; what the user has switched off stays off
+    renderer.reset((0.0, 0.0, 0.02))  # muted effects stay muted
     renderer.step((0.0, 0.0, 0.02))
     assert renderer.step((0.0, 0.0, 0.009)).f_W_N[2] == pytest.approx(0.0, abs=1e-9)
     renderer.mute("wall", False)

@@ -1,4 +1,4 @@
-"""The tick: its order, its row, and that it allocates nothing."""
+"""The tick: order of its phases, its row, and no memory allocation."""
 
 import tracemalloc
 
@@ -23,7 +23,7 @@ def box() -> hapscene.Scene:
 
 
 def _watch(touch, p, table, s, out):
-    """Sends what it is shown as samples of acceleration."""
+    """Outputs fields of the contact record as acceleration samples."""
     out.a_m_s2[0] = touch.tick
     out.a_m_s2[1] = touch.touching
     out.a_m_s2[2] = touch.depth_m
@@ -31,7 +31,7 @@ def _watch(touch, p, table, s, out):
     out.a_m_s2[4] = touch.ended
 
 
-WATCH = Effect("watch", "Shows what it is shown.", _watch)
+WATCH = Effect("watch", "Outputs the contact record.", _watch)
 
 
 def test_effects_see_the_contact_of_the_same_tick(box):
@@ -41,7 +41,7 @@ def test_effects_see_the_contact_of_the_same_tick(box):
     assert recording.touching.tolist() == held
     seen = recording.a_m_s2
     first = int(np.flatnonzero(held)[0])
-    assert seen[first:, 0].tolist() == list(range(first, 5))  # not called before anything was touched
+    assert seen[first:, 0].tolist() == list(range(first, 5))  # not called before the first contact
     assert seen[:, 1].tolist() == [0, 1, 1, 0, 0]
     np.testing.assert_allclose(seen[:, 2], [0, 0.001, 0.002, 0, 0], atol=1e-12)
     assert seen[:, 3].tolist() == [0, 1, 0, 0, 0]
@@ -64,8 +64,8 @@ def test_row_of_a_tick(box):
     assert (recording.contact_ns <= recording.tick_ns).all()
 
 
-def test_times_of_a_tick_are_spans(box):
-    """Of one tick, not since some start: three looks at a clock that goes on with each."""
+def test_tick_times_are_durations(box):
+    """Three calls of a clock that advances by a fixed step per call."""
     renderer = hapscene.Renderer(box)
     path = np.tile([0.01, 0.0, -0.001], (500, 1))
     renderer.run(path)
@@ -75,7 +75,7 @@ def test_times_of_a_tick_are_spans(box):
 
 
 def test_bodies_appear_at_their_first_pose_without_moving_there(box):
-    """In the first tick nothing has a velocity: a body far from where the scene has it sweeps nothing along."""
+    """No body has a velocity in the first tick, so that a body at a distant first pose sweeps nothing along."""
     X = np.tile(np.eye(4), (3, 1, 1))
     X[:, 2, 3] = 0.5
     recording = hapscene.Renderer(box, ["wall"]).run(np.tile([0, 0, 0.3], (3, 1)), poses={"box": X})
@@ -83,8 +83,8 @@ def test_bodies_appear_at_their_first_pose_without_moving_there(box):
 
 
 @pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
-def test_compiled_code_that_would_allocate_is_refused():
-    """Every function of the tick is compiled by `native`: what it refuses, no tick does."""
+def test_native_code_cannot_allocate():
+    """All functions of the tick are compiled by `native`, which rejects allocation."""
 
     @native
     def makes_an_array(n):
@@ -95,7 +95,7 @@ def test_compiled_code_that_would_allocate_is_refused():
 
 
 def _grown_B(renderer, path):
-    """How much memory steps along a path keep, least of three [bytes]; not what other threads of this process take."""
+    """Return the memory that steps along a path keep, without that of other threads: the least of three runs [B]."""
     ours = [tracemalloc.Filter(True, __file__, all_frames=True)]
     for p in path[:100]:
         renderer.step(p)
@@ -111,13 +111,6 @@ def _grown_B(renderer, path):
     return min(grown)
 
 
-@pytest.mark.skipif(INTERPRETED, reason="interpreted code makes objects")
-def test_memory_does_not_grow_with_ticks(box):
-    renderer = hapscene.Renderer(box)
-    path = np.c_[0.02 * np.sin(np.arange(2000) / 50), np.zeros(2000), 0.001 * np.sin(np.arange(2000) / 30)]
-    assert _grown_B(renderer, path) < 10_000
-
-
 # --- stabilisers
 
 
@@ -125,7 +118,7 @@ STABILISED = Limits(guard_Ns_m=5.0, coupling_N_m=900.0, coupling_Ns_m=0.2, delay
 
 
 def test_row_holds_the_force_after_guard_and_limits(box):
-    """Order: the guard damps the sum, the limits cut what comes of it, and the next tick reckons with that."""
+    """The passivity guard damps the sum, and the limits clip the result, which the next tick uses."""
     z = 1e-3 * np.sin(np.arange(400) / 3.0)
     path = np.column_stack((0.01 + 0 * z, 0 * z, z))
     guarded = Limits(guard_Ns_m=50.0, force_N=0.3)
@@ -137,7 +130,8 @@ def test_row_holds_the_force_after_guard_and_limits(box):
 
 
 @pytest.mark.skipif(INTERPRETED, reason="interpreted code makes objects")
-def test_memory_does_not_grow_with_stabilised_ticks(box):
-    renderer = hapscene.Renderer(box, limits=STABILISED, crease_rad=0.5)
+@pytest.mark.parametrize("options", [{}, {"limits": STABILISED, "crease_rad": 0.5}], ids=["plain", "stabilised"])
+def test_memory_does_not_grow(box, options):
+    renderer = hapscene.Renderer(box, **options)
     path = np.c_[0.02 * np.sin(np.arange(2000) / 50), np.zeros(2000), 0.001 * np.sin(np.arange(2000) / 30)]
     assert _grown_B(renderer, path) < 10_000

@@ -1,4 +1,4 @@
-"""Paint finer than faces as it is felt: where its borders are, and two swatches at once: forces, spectra, memories."""
+"""Fine paint and blends of two swatches: borders, forces, spectra, states of effects."""
 
 from itertools import pairwise
 
@@ -27,7 +27,7 @@ CENTRE, RADIUS_M = np.array([0.003, 0.0, 0.0]), 0.02
 
 
 def resonance(frequency_Hz, level_m_s2, r=0.97):
-    """AR(2), and a texture of it at all forces and speeds."""
+    """Return an AR(2) model, and a texture with it at all forces and speeds."""
     a = np.array([1.0, -2 * r * np.cos(2 * np.pi * frequency_Hz / RATE_HZ), r * r])
     h = np.abs(freqz(1.0, a, 1 << 14, whole=True)[1]) ** 2
     variance = level_m_s2**2 / h.mean()
@@ -80,22 +80,22 @@ def test_the_spectrum_of_a_blend_is_the_sum_of_both_by_weight(weight):
     assert samples.var() == pytest.approx((1 - weight) * 1.0 + weight * 4.0, rel=0.04)
 
 
-def test_over_a_soft_border_forces_go_over_with_the_weight_and_lag_no_more_than_the_blend_s_time():
+def test_force_follows_the_weight_over_a_soft_border():
     soft_m = 0.008
     renderer = hapscene.Renderer(scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), soft_m)), ["wall"])
     path = stroke(1.0, 0.05)
     recording = renderer.run(path)
     weight = np.clip(0.5 + path[:, 0] / soft_m, 0, 1)
     stiffness = recording.f_W_N[5:, 2] / DEPTH_M
-    late = 0.05 * BLEND_S / soft_m + 1 / 16  # of the weight; the border's pieces are up to 1/16 of it
-    np.testing.assert_allclose(stiffness, 800.0 - 600.0 * weight[5:], atol=600.0 * late)
+    lag = 0.05 * BLEND_S / soft_m + 1 / 16  # relative to the weight, including border steps of 1/16
+    np.testing.assert_allclose(stiffness, 800.0 - 600.0 * weight[5:], atol=600.0 * lag)
     assert stiffness[0] == pytest.approx(800.0) and stiffness[-1] == pytest.approx(200.0)
     assert np.abs(np.diff(stiffness)).max() <= 600.0 * 1e-3 / BLEND_S * 1.001
     assert set(recording.swatch[5:]) == {1, 2}
 
 
-def test_over_a_soft_border_nothing_clicks():
-    """The largest change from sample to sample is no larger than within either texture alone, however fast it goes."""
+def test_soft_border_causes_no_click():
+    """The largest change between samples is no larger than in one texture alone, at any speed."""
     quiet, slow = resonance(60, 1.0, 0.999)[2], resonance(90, 1.0, 0.999)[2]
     one, two = Swatch("one", texture=quiet), Swatch("two", texture=slow)
     path = there_and_back(stroke(0.2, 0.4))
@@ -107,24 +107,24 @@ def test_over_a_soft_border_nothing_clicks():
         samples = [renderer.run(path).a_m_s2.ravel() for _ in range(10)]
         steps.append(np.abs(np.diff(np.concatenate(samples)[1000:])).max())
         assert np.concatenate(samples).std() > 0.3
-    assert steps[1] < 1.6 * steps[0]  # 90 Hz in the place of 60 changes 1.5 times as fast
+    assert steps[1] < 1.6 * steps[0]  # 90 Hz changes 1.5 times as fast as 60 Hz
 
 
-def told(renderer, path):
+def blend_of(renderer, path):
     rows = []
     for p in path:
         renderer.step(p)
         touch, memory = renderer.surface.touch[0], renderer.surface.memory[0]
         rows.append((touch.swatch, touch.other, touch.weight, touch.crossed, memory.other_crossed, memory.bank))
-    return np.array(rows[1:]).T  # the first is in the air
+    return np.array(rows[1:]).T  # the first tick has no contact
 
 
-def test_from_one_through_the_blend_to_the_other_and_back_each_keeps_its_memory():
+def test_effects_keep_their_state_across_a_blend():
     renderer = hapscene.Renderer(scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), 0.008)), ["wall"])
-    swatch, other, weight, crossed, other_crossed, bank = told(renderer, there_and_back(stroke(0.3))[:-1])
+    swatch, other, weight, crossed, other_crossed, bank = blend_of(renderer, there_and_back(stroke(0.3))[:-1])
     n = len(swatch)
-    assert crossed[0] == 1 and not crossed[1:].any()  # only the contact itself began
-    assert np.flatnonzero(other_crossed).size == 2  # each joined anew from the other's pure side
+    assert crossed[0] == 1 and not crossed[1:].any()  # at the start of the contact only
+    assert np.flatnonzero(other_crossed).size == 2  # each is added once, from the pure side of the other
     assert (swatch[0], swatch[n // 2], swatch[-1]) == (1, 2, 1)
     assert (bank[0], bank[n // 2], bank[-1]) == (0, 1, 0)
     assert (other[[0, n // 2, -1]] == -1).all() and weight.max() < 0.56
@@ -132,8 +132,8 @@ def test_from_one_through_the_blend_to_the_other_and_back_each_keeps_its_memory(
     assert np.abs(np.diff(share)).max() <= 1e-3 / BLEND_S + 1e-9
 
 
-def test_over_a_soft_border_effects_of_the_scene_go_on():
-    """They have one memory: what those of contact remember twice is none of theirs."""
+def test_effects_of_the_scene_ignore_soft_borders():
+    """Effects of the scene have one state, unlike effects of contact."""
     path = there_and_back(there_and_back(stroke(0.4)))
     scene = scene_of((SOFT, PlaneSide((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), 0.01))
     pull = {"weight": {"mass_kg": 0.05, "gravity_z_m_s2": -10.0, "ease_s": 0.005}}
@@ -142,18 +142,18 @@ def test_over_a_soft_border_effects_of_the_scene_go_on():
     np.testing.assert_allclose((loaded.f_W_N - bare.f_W_N)[200:, 2], -0.5, rtol=1e-9)
 
 
-def test_a_third_swatch_comes_in_and_hard_borders_change_at_once():
+def test_third_swatch_and_hard_borders():
     third = Swatch("third", stiffness_N_m=300.0)
     scene = scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), 0.02), (third, Box((-0.003, -1, -1), (0.004, 1, 1)), 0))
-    swatch, other, weight, crossed, _, _ = told(hapscene.Renderer(scene, ["wall"]), stroke(0.6))
+    swatch, other, weight, crossed, _, _ = blend_of(hapscene.Renderer(scene, ["wall"]), stroke(0.6))
     edge = np.flatnonzero(crossed)
     assert swatch[edge[1]] == 3 and 1 <= len(edge) <= 3
     middle = np.flatnonzero(swatch == 3)[-1]
-    assert other[middle] == -1 and weight[middle] == 0.0  # what was beside has faded out meanwhile
+    assert other[middle] == -1 and weight[middle] == 0.0  # the other swatch has faded out
     assert swatch[-1] == 2
 
 
-def test_an_effect_that_fails_on_one_of_the_two_is_mute_on_both():
+def test_failed_effect_is_muted_on_both_swatches():
     renderer = hapscene.Renderer(scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), 0.008)), ["wall", "lpc_texture"])
     put_numbers(renderer.surface, renderer._effects, 2, {(1, "texture_gain"): np.nan})
     recording = renderer.run(stroke(0.3))
@@ -172,7 +172,7 @@ def turned(angle_rad):
 
 
 @pytest.mark.parametrize("kind", ["still", "two_sided", "moving"])
-def test_a_border_inside_a_face_is_felt_where_it_was_painted(kind):
+def test_border_inside_a_face_is_rendered_where_painted(kind):
     scene = scene_of((SOFT, Sphere(CENTRE, RADIUS_M), 0.0), two_sided=kind == "two_sided")
     assert scene.bodies[0].fine is not None and len(PLATE.faces) == 12
     rng = np.random.default_rng(5)
@@ -190,7 +190,7 @@ def test_a_border_inside_a_face_is_felt_where_it_was_painted(kind):
     assert ((recording.swatch == 2) == (distance_m < 0))[sure].all()
 
 
-def test_it_stays_on_the_surface_of_a_body_that_takes_another_shape():
+def test_fine_paint_follows_deformation():
     scene = scene_of((SOFT, Sphere(CENTRE, RADIUS_M), 0.0))
     renderer = hapscene.Renderer(scene, ["wall"])
     renderer.deform("plate", scene.bodies[0].mesh.vertices_m * (1.2, 1.2, 1.0))
@@ -213,7 +213,7 @@ def test_a_fidelity_keeps_the_borders_and_a_coarser_mesh_is_refused():
         apply_level(scene, Level({"plate": BodyFidelity(mesh=coarse)}, {}))
 
 
-def test_repainting_while_it_is_touched_takes_the_finer_paint():
+def test_repainting_in_contact_uses_fine_paint():
     scene = scene_of()
     renderer = hapscene.Renderer(scene, ["wall"])
     path = stroke(0.4)

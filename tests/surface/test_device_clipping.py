@@ -1,4 +1,4 @@
-"""What a device takes of a swatch's numbers: springs that it holds, the dampers that let it hold more, its texture."""
+"""Limits of a device on swatch parameters: stiffness, damping, adhesion, texture."""
 
 import math
 from dataclasses import replace
@@ -9,7 +9,7 @@ import pytest
 from hapscene.device.model import Limits
 from hapscene.surface.device_clipping import WALL, Clip, _in_blocks, clip_to_device, clips, share_of
 from hapscene.surface.effect_registry import load_effect
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.texture import Texture
 from hapscene.swatches.library import load_swatch
 
@@ -41,34 +41,34 @@ NUMBERS = {
     ],
 )
 def test_each_spring_has_its_own_damper(spring, damper, asked_N_m, asked_Ns_m, given_N_m, given_Ns_m):
-    """Beyond what is held undamped it is damped, up to what the device holds; the other spring stays as it is."""
+    """Stiffness above the undamped limit gets damping up to the limit of the device; the other spring is unchanged."""
     taken = clip_to_device(LIMITS, EFFECTS, NUMBERS | {spring: asked_N_m, damper: asked_Ns_m})
     assert taken == NUMBERS | {spring: given_N_m, damper: pytest.approx(given_Ns_m)}
 
 
-def test_a_spring_that_nothing_damps_is_softer():
+def test_spring_without_damper_is_reduced():
     for spring in ((WALL, "stiffness_N_m"), (1, "tangential_stiffness_N_m")):
         assert clip_to_device(LIMITS, EFFECTS, {spring: 600.0}) == {spring: 400.0}
 
 
-def test_damping_with_depth_and_viscous_friction_stay_below_what_is_held():
+def test_depth_damping_and_viscous_friction_are_limited():
     limits = replace(LIMITS, force_N=2.0)
     numbers = NUMBERS | {(0, "hunt_crossley_Ns_m2"): 1e3, (1, "friction_viscous_s_m"): 1.0}
     taken = clip_to_device(limits, EFFECTS, numbers | {(0, "damping_Ns_m"): 0.1})
-    assert taken[0, "hunt_crossley_Ns_m2"] * 2.0 / 300.0 == pytest.approx(0.4 - 0.1)  # as deep as 2 N press
+    assert taken[0, "hunt_crossley_Ns_m2"] * 2.0 / 300.0 == pytest.approx(0.4 - 0.1)  # at the depth of 2 N
     assert taken[1, "friction_viscous_s_m"] * 2.0 == pytest.approx(0.4)
     assert clip_to_device(Limits(), EFFECTS, numbers) == numbers
     none = clip_to_device(Limits(force_N=0.0, damping_Ns_m=0.0), EFFECTS, numbers)
     assert none[0, "hunt_crossley_Ns_m2"] == none[1, "friction_viscous_s_m"] == 0.0
 
 
-def test_adhesion_is_spread_until_it_is_soft_at_the_same_work():
+def test_adhesion_is_widened_at_constant_work():
     numbers = {(0, "adhesion_N"): 1.0, (0, "adhesion_range_m"): 1e-4}
     taken = clip_to_device(LIMITS, EFFECTS, numbers)
     A, delta = taken.values()
     assert math.e * A / delta == pytest.approx(LIMITS.undamped_N_m) and A * delta == pytest.approx(1e-4)
-    said = [str(clip) for clip in clips("tar", numbers, taken, replace(LIMITS, device="omni"), 1e-3)]
-    assert "adhesion_N" in said[0] and "adhesion_range_m" in said[1]
+    messages = [str(clip) for clip in clips("tar", numbers, taken, replace(LIMITS, device="omni"), 1e-3)]
+    assert "adhesion_N" in messages[0] and "adhesion_range_m" in messages[1]
     wide = numbers | {(0, "adhesion_range_m"): 1e-2}
     off = numbers | {(0, "adhesion_range_m"): 0.0}
     assert clip_to_device(LIMITS, EFFECTS, wide) == wide and clip_to_device(LIMITS, EFFECTS, off) == off
@@ -85,25 +85,25 @@ def test_adhesion_is_spread_until_it_is_soft_at_the_same_work():
         ("adhesion_range_m", 700.0, True),
     ],
 )
-def test_a_change_that_is_felt_as_another_surface_is_reported(number, given, reported):
+def test_audible_changes_are_reported(number, given, reported):
     assert Clip("oak", number, 600.0, given, "omni", 1000.0).reported is reported
 
 
-# How much of a texture the motors have.
+# Share of a texture that motors render.
 
 
-def test_without_a_mass_or_a_known_damping_there_is_nothing_to_limit():
+def test_texture_is_not_limited_without_mass_or_damping():
     wood = load_swatch("wood").texture
     assert share_of(wood, 0.0, 0.1, 1e-3) == share_of(wood, 0.045, math.inf, 1e-3)
     assert share_of(wood, 0.0, 0.1, 1e-3).share == 1.0
 
 
 def steady_wood():
-    return replace(load_swatch("wood").texture, life=None, exponents=(0.0, 0.0))
+    return replace(load_swatch("wood").texture, modulation=None, exponents=(0.0, 0.0))
 
 
-def test_the_share_is_what_makes_the_worst_stroke_just_passive():
-    """A device twice as damped holds twice as much, and a texture twice as loud gets half of it."""
+def test_share_scales_with_damping_and_level():
+    """The share is proportional to the damping of the device and inverse to the level of the texture."""
     texture = steady_wood()
     found = share_of(texture, 0.045, 0.1, 1e-3)
     assert 0.0 < found.share < 0.5 and found.share == pytest.approx(found.limit / found.amplitude)
@@ -113,17 +113,17 @@ def test_the_share_is_what_makes_the_worst_stroke_just_passive():
     assert share_of(louder, 0.045, 0.1, 1e-3).share == pytest.approx(0.5 * found.share, rel=1e-6)
 
 
-def test_bursts_and_a_level_beyond_the_recorded_are_held_within_it():
+def test_share_includes_modulation_and_exponents():
     texture = steady_wood()
     found = share_of(texture, 0.045, 0.1, 1e-3).share
-    alive = replace(texture, life=Life([0.5], [20.0], [0.0]))
+    alive = replace(texture, modulation=GainModulation([0.5], [20.0], [0.0]))
     assert share_of(alive, 0.045, 0.1, 1e-3).share == pytest.approx(found / np.exp(0.25))
     farther = share_of(replace(texture, exponents=(2.0, 0.0)), 0.045, 0.1, 1e-3)
     assert farther.share < found / 1.9 and farther.force_N == 2.0 * texture.force_max_N
 
 
-def test_noise_in_blocks_has_the_power_of_its_means():
-    """White noise of variance 1 at 10 kHz, averaged by 10: a variance of a tenth, heard up to half the tick's rate."""
+def test_averaged_noise():
+    """White noise of variance 1 at 10 kHz, averaged over 10 samples, has variance 0.1 up to half the tick rate."""
     white = Texture.from_models(10_000.0, [1.0], [0.1], a=[[1.0, 0.0]], variance_m2_s4=[1.0])
     rms, frequency = _in_blocks(white, np.ones(1), np.full(1, 0.1), 1e-3)
     assert rms[0] == pytest.approx(math.sqrt(0.1), rel=0.02)

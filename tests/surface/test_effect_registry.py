@@ -1,4 +1,4 @@
-"""Effects are found through entry points; a broken plugin is named and harms no other."""
+"""Effects are found through entry points; a broken plugin is reported and does not affect others."""
 
 import sys
 
@@ -13,7 +13,7 @@ GOOD = "from hapscene.surface.effect import Effect\nEFFECT = Effect('{}', 'Does 
 
 @pytest.fixture
 def install(tmp_path, monkeypatch):
-    """Puts a package with one module and entry points of the group onto the path, as pip would."""
+    """Install a package with one module and entry points, as pip would."""
 
     def put(package: str, source: str, **points: str) -> None:
         site = tmp_path / package
@@ -29,7 +29,7 @@ def install(tmp_path, monkeypatch):
     return put
 
 
-def test_ours_are_listed():
+def test_shipped_effects_are_listed():
     entry = listed()["wall"]
     assert entry.plugin.name == "wall" and entry.error is None
     assert entry.distribution == "hapscene" and entry.version
@@ -37,7 +37,7 @@ def test_ours_are_listed():
     assert list(listed()) == sorted(listed())
 
 
-def test_somebody_else_s_is_listed(install):
+def test_third_party_effect_is_listed(install):
     install("others_hum", GOOD.format("hum"), hum="others_hum:EFFECT")
     entry = listed()["hum"]
     assert (entry.distribution, entry.version, entry.module) == ("others_hum", "2.5", "others_hum")
@@ -63,7 +63,7 @@ def test_a_broken_plugin_is_named_and_the_others_work(install, source):
         load_effect("broken")
 
 
-def test_a_name_that_two_packages_offer_is_refused(install):
+def test_name_of_two_packages_is_rejected(install):
     install("others_wall", GOOD.format("wall"), wall="others_wall:EFFECT")
     with pytest.raises(EffectError, match="others_wall"):
         load_effect("wall")

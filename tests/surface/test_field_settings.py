@@ -1,4 +1,4 @@
-"""Effects of the scene: called in every tick, with settings of their own, the poses of bodies before them."""
+"""Effects of the scene: called in every tick, with settings and poses of bodies."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ BOX = trimesh.creation.box((0.1, 0.1, 0.1))
 
 
 def _pull(touch, p, table, s, out):
-    """Towards points of the first body's frame, and how often it was asked."""
+    """Pull towards points in the frame of the first body, and count calls."""
     s.count += 1.0
     for k in range(12, len(table), 3):
         for i in range(3):
@@ -32,7 +32,7 @@ PULL = Effect(
     "pull",
     "Pulls to points.",
     _pull,
-    params=(Param("stiffness_N_m", 10.0, "N/m", "how hard", 0.0, 100.0),),
+    params=(Param("stiffness_N_m", 10.0, "N/m", "stiffness", 0.0, 100.0),),
     state=(State("count"),),
     table=_points,
     scope="scene",
@@ -51,21 +51,21 @@ def renderer(**setting) -> hapscene.Renderer:
     return hapscene.Renderer(scene(), ["wall", PULL], settings={"pull": setting})
 
 
-def test_it_acts_from_the_first_tick_on_before_anything_was_touched():
+def test_field_acts_from_the_first_tick():
     r = renderer(points_m=[[0.0, 0.0, 0.1]])
     np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, [0.0, -0.1, -2.0], atol=1e-12)
     r.tune_field("pull", stiffness_N_m=20.0)
     np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, [0.0, -0.2, -4.0], atol=1e-12)
 
 
-def test_it_is_the_same_whatever_swatch_was_touched_last():
+def test_field_is_independent_of_the_swatch():
     r = renderer(points_m=[[0.0, 0.0, 0.1]])
     for p in ((0, 0, 0.06), (0, 0, 0.049), (0, 0, 0.06)):
         r.step(p)
     np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, [0.0, -0.1, -2.0], atol=1e-12)
 
 
-def test_it_adds_to_contact_and_stays_out_of_the_reaction():
+def test_field_adds_to_contact_but_not_to_the_reaction():
     r, bare = renderer(points_m=[[0.0, 0.0, 0.1]]), hapscene.Renderer(scene(), ["wall"])
     for p in ((0, 0, 0.06), (0, 0, 0.049)):
         a, b = r.step(p), bare.step(p)
@@ -81,7 +81,7 @@ def test_the_poses_of_named_bodies_are_those_of_the_tick():
     np.testing.assert_allclose(r.step((0.0, 0.2, 0.3), {"crate": X}).f_W_N, [1.0, 0.0, -3.0], atol=1e-12)
 
 
-def test_a_new_painting_leaves_it_as_it_is():
+def test_repainting_keeps_the_field():
     r = renderer(points_m=[[0.0, 0.0, 0.1]])
     r.tune_field("pull", stiffness_N_m=20.0)
     other = scene()
@@ -90,7 +90,7 @@ def test_a_new_painting_leaves_it_as_it_is():
     np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, [0.0, -0.2, -4.0], atol=1e-12)
 
 
-def test_swatches_do_not_set_it_and_contact_effects_are_not_set_by_settings():
+def test_fields_and_contact_effects_are_tuned_separately():
     r = renderer(points_m=[[0.0, 0.0, 0.1]])
     with pytest.raises(EffectError, match="count"):
         hapscene.Renderer(scene(), [PULL], settings={"pull": {"points_m": [[0, 0, 0]]}}).tune("wood", count=1.0)
@@ -126,7 +126,7 @@ def test_settings_of_another_type_are_refused(effects, settings):
         hapscene.Renderer(scene(), effects, settings=settings)
 
 
-def test_a_device_takes_as_much_damping_as_it_holds():
+def test_field_damping_is_limited_to_the_device():
     viscous = {"viscosity": {"damping_Ns_m": 90.0, "center_m": (0.0, 0.0, 0.0)}}
     with pytest.warns(hapscene.device.DeviceWarning, match="viscosity"):
         r = hapscene.Renderer(scene(), ["viscosity"], device="omni", settings=viscous)
@@ -134,13 +134,13 @@ def test_a_device_takes_as_much_damping_as_it_holds():
     assert clip.given == r.limits.damping_Ns_m < 90.0
 
 
-def test_a_device_softens_its_springs_and_says_so():
+def test_field_stiffness_is_limited_with_a_warning():
     def on(device, **setting):
         return hapscene.Renderer(
             scene(), [PULL], device=device, settings={"pull": {"points_m": [[0, 0, 0.1]], **setting}}
         )
 
-    soft = hapscene.device.PointMass(0.05, 0.01)  # holds 2 b/T = 20 N/m, by a margin of 2
+    soft = hapscene.device.PointMass(0.05, 0.01)  # limit 2 b/T = 20 N/m, with a margin of 2
     with pytest.warns(hapscene.device.DeviceWarning, match="swatch"):
         r = on(soft)
     assert {clip.whose for clip in r.clips} == {"swatch"}
@@ -155,6 +155,6 @@ def test_a_device_softens_its_springs_and_says_so():
         on(soft, stiffness_N_m=60.0)
 
 
-def test_a_scope_is_one_of_two():
+def test_invalid_scope_is_rejected():
     with pytest.raises(EffectError, match="scope"):
         Effect("x", "", _pull, scope="world")  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""A swatch's look: comes back to the bit, and a stranger's picture costs nothing but itself."""
+"""Pictures of a swatch: lossless files, and invalid or damaged pictures."""
 
 import base64
 import io
@@ -30,7 +30,7 @@ def changed(**keys: object) -> str:
     return json.dumps(content)
 
 
-def test_a_look_comes_back() -> None:
+def test_look_round_trip() -> None:
     text = swatch_to_json(FELT)
     assert swatch_from_json(text) == FELT and json.loads(text)["version"] == 3
     look = swatch_from_json(text).look
@@ -39,7 +39,7 @@ def test_a_look_comes_back() -> None:
     np.testing.assert_allclose(look.normal(), np.full((3, 4, 3), [0.0, 0.0, 1.0]), atol=0.01)
 
 
-def test_what_has_no_look_is_written_as_ever() -> None:
+def test_swatch_without_look_has_version_2() -> None:
     content = json.loads(swatch_to_json(hapscene.load_swatch("wood")))
     assert content["version"] == 2 and "look" not in content
     with pytest.raises(SwatchError, match="look"):
@@ -66,7 +66,7 @@ def test_an_invalid_look_is_refused(keys: dict[str, object], field: str) -> None
         swatch_from_json(changed(**keys))
 
 
-def test_a_damaged_picture_costs_the_picture_alone() -> None:
+def test_damaged_picture_is_ignored() -> None:
     good = png(64, 64)
     for bad in (good[:-30], good[:40] + bytes(60), good[:16] + (2**31 - 1).to_bytes(4, "big") * 2 + good[24:]):
         if int.from_bytes(bad[16:20], "big") > 512:

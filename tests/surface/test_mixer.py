@@ -26,25 +26,25 @@ def limited(f_W_N, a_m_s2=(0.0, 0.0, 0.0), last_N=(0.0, 0.0, 0.0), swatch=0, **l
     return total.f_W_N.copy(), total.a_m_s2[:3].copy(), Flag(int(flags))
 
 
-def test_what_the_limits_allow_is_left_as_it_is():
+def test_values_within_limits_are_unchanged():
     f, a, flags = limited((3.0, 0.0, 4.0), (2.0, -2.0, 0.5), force_N=5.0, acceleration_m_s2=2.0, slew_N_s=5000.0)
     assert f.tolist() == [3.0, 0.0, 4.0] and a.tolist() == [2.0, -2.0, 0.5] and flags == 0
 
 
-def test_samples_are_cut_on_either_side():
+def test_samples_are_clipped():
     _, a, flags = limited((0.0, 0.0, 0.0), (3.0, -4.0, 0.5), acceleration_m_s2=2.0)
     assert a.tolist() == [2.0, -2.0, 0.5] and flags == Flag.ACCELERATION_LIMITED
 
 
 @pytest.mark.parametrize(("swatch", "folded_N"), [(0, 0.1 * 1.0 / 3.0), (-1, 0.0)])
-def test_what_no_actuator_plays_becomes_force_along_the_normal(swatch, folded_N):
+def test_acceleration_is_folded_into_the_force(swatch, folded_N):
     """The mean of the samples as they are cut, times the mass; nothing before anything was touched."""
     f, _, flags = limited((1.0, 0.0, 0.0), (3.0, -1.0, 0.0), swatch=swatch, fold_mass_kg=0.1, acceleration_m_s2=2.0)
     np.testing.assert_allclose(f, (1.0, 0.6 * folded_N, 0.8 * folded_N), rtol=1e-12)
     assert flags == Flag.ACCELERATION_LIMITED
 
 
-def test_force_keeps_its_direction_and_changes_no_faster_than_the_device_allows():
+def test_force_and_slew_limits():
     f, _, flags = limited((6.0, 0.0, 8.0), force_N=5.0)
     np.testing.assert_allclose(f, (3.0, 0.0, 4.0), rtol=1e-12)
     assert flags == Flag.FORCE_LIMITED

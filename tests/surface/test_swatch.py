@@ -10,12 +10,12 @@ from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.taps import Taps
 
 
-def test_plain_is_stiff_smooth_and_silent() -> None:
+def test_plain_swatch() -> None:
     assert PLAIN.stiffness_N_m > 0.0
     assert (PLAIN.friction_static, PLAIN.friction_dynamic, PLAIN.texture, PLAIN.taps) == (0.0, 0.0, None, None)
 
 
-def test_parameter_takes_the_nearest_that_is_said() -> None:
+def test_parameter_precedence() -> None:
     swatch = Swatch("oak", stiffness_N_m=600.0, effects={"wall": {"stiffness_N_m": 300.0}, "push": {"push_N": 2}})
     assert swatch.parameter("wall", "stiffness_N_m", 1.0) == 300.0
     assert swatch.parameter("friction", "stiffness_N_m", 1.0) == 600.0
@@ -23,7 +23,7 @@ def test_parameter_takes_the_nearest_that_is_said() -> None:
     assert swatch.parameter("push", "other", 0.1) == 0.1
 
 
-def test_equality_hash_and_pickle_go_by_content() -> None:
+def test_equality_hash_and_pickle() -> None:
     swatch = Swatch("oak", taps=Taps([0.1], [1.0], [100.0], [80.0]))
     same = Swatch("oak", taps=Taps([0.1], [1.0], [100.0], [80.0]))
     assert swatch == same and hash(swatch) == hash(same)
@@ -47,7 +47,7 @@ def test_equality_hash_and_pickle_go_by_content() -> None:
         ({"absent": {"taps": "\ud800"}}, "absent"),
     ],
 )
-def test_bad_numbers_are_refused(change: dict[str, object], field: str) -> None:
+def test_invalid_numbers_are_rejected(change: dict[str, object], field: str) -> None:
     with pytest.raises(SwatchError, match=field):
         Swatch(**({"name": "oak"} | change))
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.errors import SwatchError
 from hapscene.surface import swatch_file
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import SwatchWarning, save_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.taps import TAP_ROWS, Taps
@@ -25,7 +25,7 @@ def make_swatch(seed: int = 0) -> Swatch:
     a = ar_from_reflection(rng.uniform(-0.5, 0.5, (3, 12)))
     texture = Texture.from_models(
         1e4 / 3, rng.uniform(1, 2, 3), rng.uniform(0.1, 0.2, 3), a=a, variance_m2_s4=rng.uniform(0, 1, 3), warp=2 / 3,
-        exponents=rng.uniform(0, 2, 2), life=Life([0.3, 1 / 3], [7.0, 0.0], [0.0, 1e3 / 7]),
+        exponents=rng.uniform(0, 2, 2), modulation=GainModulation([0.3, 1 / 3], [7.0, 0.0], [0.0, 1e3 / 7]),
     )  # fmt: skip
     waves = rng.standard_normal((2, 5))
     taps = Taps([0.1, 1 / 3], rng.uniform(0, 9, 2), rng.uniform(50, 200, 2), rng.uniform(50, 200, 2), waves, 1e4 / 3)
@@ -37,14 +37,14 @@ def make_swatch(seed: int = 0) -> Swatch:
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_round_trip_is_exact_to_the_bit(seed: int) -> None:
+def test_files_are_lossless(seed: int) -> None:
     swatch = make_swatch(seed)
     again = swatch_from_json(swatch_to_json(swatch))
     assert again == swatch
     assert swatch_to_json(again) == swatch_to_json(swatch)
 
 
-def test_saved_whole_and_readable(tmp_path: Path) -> None:
+def test_saved_file_is_readable(tmp_path: Path) -> None:
     path = tmp_path / "oak.swatch"
     save_swatch(PLAIN, path)
     save_swatch(make_swatch(), path)
@@ -53,12 +53,12 @@ def test_saved_whole_and_readable(tmp_path: Path) -> None:
     assert '"stiffness_N_m": 333.3333333333333,\n' in path.read_text(encoding="utf-8")
 
 
-def test_a_file_of_the_first_version_is_read_and_its_noise_passed_over() -> None:
+def test_version_1_is_read() -> None:
     content = json.loads(swatch_to_json(make_swatch()))
     for key in ("warp", "exponents", "life"):
         del content["texture"][key]
     plain = swatch_from_json(json.dumps(content))
-    assert plain.texture is not None and plain.texture.life is None and plain.texture.warp == 0.0
+    assert plain.texture is not None and plain.texture.modulation is None and plain.texture.warp == 0.0
     content["version"], content["texture"]["excitation"] = 1, [-1.0, 0.0, 1.0]
     assert swatch_from_json(json.dumps(content)) == plain
     for key, value in {"warp": 0.5, "life": None}.items():
@@ -79,13 +79,13 @@ def test_a_file_that_cannot_be_read(tmp_path: Path, name: str) -> None:
         load_swatch(tmp_path / name)
 
 
-def test_a_text_that_would_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+def test_unreadable_text_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(SwatchError, match="provenance"):
         save_swatch(Swatch("long", provenance="a" * (swatch_file.TEXT_MAX + 1)), tmp_path / "long.swatch")
     assert not list(tmp_path.iterdir())
 
 
-def test_shipped_swatches_load_and_say_where_they_come_from() -> None:
+def test_shipped_swatches_have_provenance() -> None:
     assert {"wood", "paper", "leather", "epoxy"} <= set(shipped_swatches())
     for name in shipped_swatches():
         swatch = load_swatch(name)
@@ -161,7 +161,7 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, monkeypatch: pytes
         load_swatch(path)
 
 
-def test_tool_and_tip_are_of_version_4_and_what_has_none_stays_as_it_was() -> None:
+def test_tool_and_tip_need_version_4() -> None:
     swatch = replace(make_swatch(), tool="steel probe", tip="3.2 mm ball")
     text = swatch_to_json(swatch)
     assert '"version": 4' in text and swatch_from_json(text) == swatch
@@ -175,7 +175,7 @@ def test_tool_and_tip_are_of_version_4_and_what_has_none_stays_as_it_was() -> No
 
 
 @pytest.mark.parametrize("kind", ["state", "layers"])
-def test_a_second_state_and_layers_of_earlier_versions_are_ignored_with_a_warning(kind: str) -> None:
+def test_regimes_and_layers_are_ignored_with_a_warning(kind: str) -> None:
     swatch = replace(make_swatch(), tool="steel probe")
     content = json.loads(swatch_to_json(swatch))
     texture = json.loads(json.dumps(content["texture"]))

@@ -1,4 +1,4 @@
-"""Taps over approach speed: between, below and beyond what was recorded."""
+"""Tap transients over approach speed: between, below and above the recorded speeds."""
 
 from unittest.mock import ANY
 
@@ -11,19 +11,19 @@ from hapscene.surface.taps import Taps
 TAPS = Taps([0.1, 0.3], [5.0, 20.0], [100.0, 140.0], [80.0, 60.0])
 
 
-def test_at_the_speeds_and_between() -> None:
+def test_taps_are_interpolated() -> None:
     assert TAPS.at(0.1) == (5.0, 100.0, 80.0)
     assert TAPS.at(0.3) == (20.0, 140.0, 60.0)
     assert TAPS.at(0.2) == pytest.approx((12.5, 120.0, 70.0))
 
 
-def test_they_are_equal_by_their_numbers() -> None:
+def test_taps_are_equal_by_value() -> None:
     same = Taps([0.1, 0.3], [5.0, 20.0], [100.0, 140.0], [80.0, 60.0])
-    assert same == TAPS and hash(same) == hash(TAPS) and TAPS == ANY  # which says so itself
+    assert same == TAPS and hash(same) == hash(TAPS) and TAPS == ANY  # `ANY` decides
     assert Taps([0.1, 0.3], [5.0, 20.0], [100.0, 140.0], [80.0, 61.0]) != TAPS and TAPS != 5
 
 
-def test_below_the_lowest_it_fades_and_beyond_the_highest_it_stays() -> None:
+def test_taps_outside_the_recorded_speeds() -> None:
     assert TAPS.at(0.05) == pytest.approx((2.5, 100.0, 80.0))
     assert TAPS.at(0.0).amplitude_m_s2 == 0.0
     assert TAPS.at(-1.0).amplitude_m_s2 == 0.0
@@ -43,7 +43,7 @@ def test_below_the_lowest_it_fades_and_beyond_the_highest_it_stays() -> None:
         (([0.1], [1], [1], [1, 2]), "decay_1_s"),
     ],
 )
-def test_rows_that_do_not_fit_are_refused(rows: tuple[list[float], ...], field: str) -> None:
+def test_invalid_taps_are_rejected(rows: tuple[list[float], ...], field: str) -> None:
     with pytest.raises(SwatchError) as caught:
         Taps(*rows)
     assert field in str(caught.value)
@@ -63,12 +63,12 @@ def test_measured_transients_are_cross_faded_scaled_down_and_clamped() -> None:
         assert not MEASURED.transient(speed, 1000.0).any()
 
 
-def test_without_transients_the_sinusoid_is_given() -> None:
+def test_sinusoid_without_transients() -> None:
     wave = TAPS.transient(0.1, 2000.0)
     t_s = np.arange(len(wave)) / 2000.0
     np.testing.assert_allclose(wave, 5.0 * np.exp(-80.0 * t_s) * np.sin(2 * np.pi * 100.0 * t_s))
     assert np.exp(-80.0 * t_s[-1]) < 2e-3
-    assert not TAPS.transient(0.1, 150.0).any()  # that rate cannot carry it
+    assert not TAPS.transient(0.1, 150.0).any()  # above the Nyquist frequency
 
 
 def test_transients_at_another_rate_keep_their_shape() -> None:
@@ -91,6 +91,6 @@ def test_transients_at_another_rate_keep_their_shape() -> None:
         (None, 1000.0, "wave_m_s2"),
     ],
 )
-def test_transients_that_do_not_fit_are_refused(waves: np.ndarray | None, rate_Hz: float, field: str) -> None:
+def test_invalid_transients_are_rejected(waves: np.ndarray | None, rate_Hz: float, field: str) -> None:
     with pytest.raises(SwatchError, match=field):
         Taps([0.1, 0.3], [5.0, 20.0], [100.0, 140.0], [80.0, 60.0], waves, rate_Hz)

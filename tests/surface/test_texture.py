@@ -1,4 +1,4 @@
-"""The texture: what is asked for lies between the models, is stable, and has the power it should have."""
+"""The texture: interpolation between models is stable and has the right power; resampling; invalid textures."""
 
 from dataclasses import replace
 from unittest.mock import ANY
@@ -13,13 +13,13 @@ from scipy.signal import freqz, lfilter
 from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.errors import SwatchError
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.texture import GAIN_MAX, INTERPOLATIONS, Texture, filters, form, stabilised
 from hapscene.swatches.library import load_swatch
 
 
 def make_texture(order: int = 20, count: int = 5, seed: int = 0, interpolation: str = "lsf") -> Texture:
-    """Random models at random places up to 3 N and 0.3 m/s."""
+    """Return random models at random points up to 3 N and 0.3 m/s."""
     rng = np.random.default_rng(seed)
     k = rng.uniform(-0.4, 0.4, (count, order)) * np.exp(-np.arange(order) / 20)
     k[:, 0] = rng.uniform(-0.98, -0.8, count)
@@ -32,7 +32,7 @@ def make_texture(order: int = 20, count: int = 5, seed: int = 0, interpolation: 
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(1, 120), st.integers(1, 12), st.integers(0, 2**32 - 1))
-def test_between_models_all_is_stable_and_has_the_barycentric_power(order: int, count: int, seed: int) -> None:
+def test_blends_are_stable_with_interpolated_power(order: int, count: int, seed: int) -> None:
     texture = make_texture(order, count, seed)
     rng = np.random.default_rng(seed)
     force, slip = rng.uniform(0, 4, 200), rng.uniform(0, 0.4, 200)
@@ -45,7 +45,7 @@ def test_between_models_all_is_stable_and_has_the_barycentric_power(order: int, 
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(1, 12), st.integers(0, 2**32 - 1))
-def test_triangles_fill_the_rectangle(count: int, seed: int) -> None:
+def test_triangles_cover_the_rectangle(count: int, seed: int) -> None:
     texture = make_texture(4, count, seed)
     rng = np.random.default_rng(seed)
     force = rng.uniform(0, texture.force_max_N, 200)
@@ -55,7 +55,7 @@ def test_triangles_fill_the_rectangle(count: int, seed: int) -> None:
     assert np.allclose(np.sum(weight * texture.speed_m_s[corner], axis=1), slip, atol=1e-5 * texture.speed_max_m_s)
 
 
-def test_a_model_stands_where_it_was_put() -> None:
+def test_model_at_its_vertex() -> None:
     a = ar_from_reflection(np.array([[-0.9, 0.5], [-0.5, 0.2], [-0.8, 0.1]]))
     texture = Texture.from_models(5000.0, [1.0, 2.0, 2.0], [0.1, 0.1, 0.2], a=a, variance_m2_s4=[1.0, 2.0, 3.0])
     for i, (force, slip) in enumerate([(1.0, 0.1), (2.0, 0.1), (2.0, 0.2)]):
@@ -64,7 +64,7 @@ def test_a_model_stands_where_it_was_put() -> None:
         assert variance == pytest.approx(i + 1.0, rel=1e-12)
 
 
-def test_no_force_or_no_speed_is_silence_and_above_the_maxima_is_the_maximum() -> None:
+def test_silence_and_clamping() -> None:
     texture = make_texture()
     for force, slip in [(0.0, 0.1), (1.0, 0.0), (-1.0, 0.1), (1.0, -0.1), (np.nan, 0.1), (1.0, np.nan)]:
         assert texture.model(force, slip)[1] == 0.0
@@ -73,7 +73,7 @@ def test_no_force_or_no_speed_is_silence_and_above_the_maxima_is_the_maximum() -
     assert np.array_equal(a, b) and variance == same > 0.0
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_invalid_textures_are_rejected() -> None:
     good = make_texture(3, 2)
     fields = {n: getattr(good, n) for n in ("rate_Hz", "force_N", "speed_m_s", "triangles", "lsf_rad")}
     fields["variance_m2_s4"] = good.variance_m2_s4
@@ -93,7 +93,7 @@ def test_what_does_not_fit_is_refused() -> None:
         "warp": {"warp": 1.0},
         "exponents": {"exponents": [1.0]},
         "nan": {"exponents": [np.nan, 0.0]},
-        "life": {"life": {"spread": [0.3]}},
+        "modulation": {"modulation": {"spread": [0.3]}},
         "": {"variance_m2_s4": np.full_like(good.variance_m2_s4, 1e200)},
     }
     for field, change in cases.items():
@@ -102,7 +102,7 @@ def test_what_does_not_fit_is_refused() -> None:
 
 
 @pytest.mark.parametrize("rate_Hz", [5000.0, 44_100.0])
-def test_resampling_keeps_spectrum_and_power_of_the_kept_band(rate_Hz: float) -> None:
+def test_resampling_keeps_the_common_band(rate_Hz: float) -> None:
     texture = make_texture(order=20)
     other = texture.resampled(rate_Hz)
     assert other.rate_Hz == rate_Hz
@@ -120,8 +120,8 @@ def test_resampling_keeps_spectrum_and_power_of_the_kept_band(rate_Hz: float) ->
         assert abs(10 * np.log10(in_whole[0].sum() / in_whole[1].sum())) < 0.1
 
 
-@pytest.mark.parametrize("rate_Hz", [5000.0, 20_000.0, 48_000.0])
-@pytest.mark.parametrize("name", ["wood", "paper", "leather", "epoxy"])
+@pytest.mark.parametrize("rate_Hz", [5000.0, 48_000.0])
+@pytest.mark.parametrize("name", ["wood", "epoxy"])
 def test_resampling_shipped_swatches(name: str, rate_Hz: float) -> None:
     texture = load_swatch(name).texture
     assert texture is not None
@@ -130,15 +130,15 @@ def test_resampling_shipped_swatches(name: str, rate_Hz: float) -> None:
     place = [texture.force_max_N], [texture.speed_max_m_s]
     density = [t.density(*place, frequency_Hz=frequency)[0] for t in (texture, other)]
     off_dB = 10 * np.log10(density[0] / density[1])
-    assert np.sqrt(np.mean(off_dB**2)) < 0.1 and np.abs(off_dB).max() < 0.2  # warped, as below
+    assert np.sqrt(np.mean(off_dB**2)) < 0.1 and np.abs(off_dB).max() < 0.2  # of warped models, see texture.py
     assert other.resampled(rate_Hz) is other
 
 
-# Ways to blend models: stable in all of them, at the power that was asked for.
+# Interpolations: all are stable and have the right power.
 
 
 def wild_pairs(order: int, count: int = 1000) -> tuple[np.ndarray, np.ndarray]:
-    """Random stable filters (count, order+1), twice: any line spectral frequencies, hence any stable filter at all."""
+    """Return two sets of random stable filters (count, order+1), from random line spectral frequencies."""
     rng = np.random.default_rng(order)
     one, two = np.sort(rng.uniform(0.0, np.pi, (2, count, order)), axis=2)
     return ar_from_lsf(one), ar_from_lsf(two)
@@ -146,7 +146,7 @@ def wild_pairs(order: int, count: int = 1000) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(("order", "share"), [(3, 0.13), (8, 0.73), (20, 0.99)])
 def test_between_random_pairs_only_the_direct_form_is_unstable(order: int, share: float) -> None:
-    """L1 of the reference (25, 75, 98 %; which random pairs it took is not stated), somewhere on the way between."""
+    """Share of pairs that are unstable somewhere between; the reference has 25, 75, 98 % for unspecified pairs."""
     one, two = wild_pairs(order)
     unstable = np.zeros(len(one), bool)
     for weight in np.linspace(0.0, 1.0, 21):
@@ -156,7 +156,7 @@ def test_between_random_pairs_only_the_direct_form_is_unstable(order: int, share
         made = stabilised(mean)
         assert np.all(power_gain(made) < GAIN_MAX)
         calm = gain < GAIN_MAX
-        assert np.array_equal(made[calm], mean[calm])  # what is stable stays to the bit
+        assert np.array_equal(made[calm], mean[calm])  # stable filters are unchanged
         k = (1 - weight) * reflection_from_ar(one) + weight * reflection_from_ar(two)
         assert np.all(np.abs(k) < 1.0)
     assert unstable.mean() == pytest.approx(share, abs=0.04)
@@ -164,7 +164,7 @@ def test_between_random_pairs_only_the_direct_form_is_unstable(order: int, share
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 @pytest.mark.parametrize("order", [1, 2, 7, 20, 120])
-def test_each_way_gives_back_the_models_themselves(interpolation: str, order: int) -> None:
+def test_interpolations_reproduce_the_models(interpolation: str, order: int) -> None:
     rng = np.random.default_rng(order)
     a = ar_from_reflection(rng.uniform(-0.7, 0.7, (4, order)) / np.sqrt(1 + np.arange(order) / 4))
     lsf = np.stack([lsf_from_ar(one) for one in a])
@@ -172,8 +172,8 @@ def test_each_way_gives_back_the_models_themselves(interpolation: str, order: in
 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
-def test_between_unlike_models_all_is_stable_and_the_power_is_right(interpolation: str) -> None:
-    """Models of opposite spectra, the worst there is: asked for, synthesised, and compared."""
+def test_interpolation_between_opposite_spectra(interpolation: str) -> None:
+    """Models of opposite spectra, the worst case: the synthesised level is compared."""
     rng = np.random.default_rng(3)
     k = rng.uniform(-0.8, 0.8, (6, 12))
     k[::2, 0], k[1::2, 0] = -0.98, 0.98
@@ -196,7 +196,7 @@ def test_between_unlike_models_all_is_stable_and_the_power_is_right(interpolatio
         assert np.all(gain < GAIN_MAX)
 
 
-def test_coefficients_of_a_single_filter_are_told() -> None:
+def test_lattice_of_a_single_filter() -> None:
     a = ar_from_reflection([-0.9, 0.4])
     one = Texture.from_models(1000.0, [1.0, 2.0], [0.1, 0.2], a=[a, a], variance_m2_s4=[1.0, 3.0])
     assert one.single
@@ -211,15 +211,15 @@ def test_coefficients_of_a_single_filter_are_told() -> None:
     assert np.allclose(power, two.power([2.0, 0.5, 0.0], [0.2, 0.1, 0.1]))
 
 
-def test_textures_are_equal_by_all_that_they_hold() -> None:
+def test_equality_of_textures() -> None:
     texture = make_texture()
     assert texture == make_texture() and hash(texture) == hash(make_texture())
-    assert texture != 5 and texture == ANY  # which says so itself
+    assert texture != 5 and texture == ANY  # `ANY` decides
     assert texture != replace(texture, rate_Hz=9_000.0) and texture != replace(texture, interpolation="reflection")
     for name in ("force_N", "speed_m_s", "lsf_rad", "variance_m2_s4"):
         assert texture != replace(texture, **{name: 0.999 * getattr(texture, name)}), name
     assert texture != replace(texture, triangles=texture.triangles[::-1])
-    more = {"warp": 0.5, "exponents": (1.0, 0.0), "life": Life([0.3], [20.0], [0.0])}
+    more = {"warp": 0.5, "exponents": (1.0, 0.0), "modulation": GainModulation([0.3], [20.0], [0.0])}
     changed = replace(texture, **more)
     assert changed == replace(texture, **more)
     for name in more:
@@ -227,10 +227,12 @@ def test_textures_are_equal_by_all_that_they_hold() -> None:
         assert changed != replace(texture, **kept), name
 
 
-def test_a_life_that_cannot_be_is_refused() -> None:
+def test_invalid_modulation_is_rejected() -> None:
     good = {"spread": [0.3, 0.2], "decay_1_s": [20.0, 0.0], "decay_1_m": [0.0, 300.0]}
-    assert Life(**good) == Life(**good) and hash(Life(**good)) == hash(Life(**good))
-    assert Life(**good).log_spread == pytest.approx(np.sqrt(0.13))
+    assert GainModulation(**good) == GainModulation(**good) and hash(GainModulation(**good)) == hash(
+        GainModulation(**good)
+    )
+    assert GainModulation(**good).log_spread == pytest.approx(np.sqrt(0.13))
     for change in (
         {"spread": []},
         {"decay_1_m": [0.0]},
@@ -240,11 +242,11 @@ def test_a_life_that_cannot_be_is_refused() -> None:
         {"decay_1_m": [0.0, 0.0]},
     ):
         with pytest.raises(SwatchError):
-            Life(**(good | change))
+            GainModulation(**(good | change))
 
 
 @pytest.mark.parametrize("warp", [0.75, -0.4])
-def test_a_warped_model_has_the_power_and_the_spectrum_that_it_says(warp: float) -> None:
+def test_power_and_spectrum_of_a_warped_model(warp: float) -> None:
     """Against the rational filter of order 3 that A(D(z)) is, worked out by polynomials."""
     a = np.poly([0.6, 0.7 * np.exp(1j), 0.7 * np.exp(-1j)]).real
     texture = Texture.from_models(1000.0, [2.0], [0.2], a=a, variance_m2_s4=[3.0], warp=warp)
@@ -259,7 +261,7 @@ def test_a_warped_model_has_the_power_and_the_spectrum_that_it_says(warp: float)
     np.testing.assert_allclose(density, 2 * 3.0 * np.abs(response) ** 2 / 1000.0, rtol=1e-9)
 
 
-def test_beyond_the_largest_recorded_the_level_goes_on_and_is_bounded() -> None:
+def test_level_beyond_the_recorded_range() -> None:
     texture = replace(make_texture(), exponents=(0.5, 2.0))
     force, speed = texture.force_max_N, texture.speed_max_m_s
     most = 10 ** (0.1 * LEVEL_BOUND_DB)
@@ -274,12 +276,12 @@ def test_beyond_the_largest_recorded_the_level_goes_on_and_is_bounded() -> None:
     assert clamped.power([9 * force], [speed])[0] == power[0]
 
 
-def test_a_warped_texture_is_truncated_to_the_same_power_and_lags() -> None:
-    texture = replace(load_swatch("wood").texture, life=None)
+def test_truncated_warped_texture() -> None:
+    texture = replace(load_swatch("wood").texture, modulation=None)
     short = texture.truncated(5)
     assert short.order == 5 and short.warp == texture.warp > 0.0
     place = [texture.force_max_N], [texture.speed_max_m_s]
     assert short.power(*place) == pytest.approx(texture.power(*place))
-    living = replace(texture, life=Life([0.3], [20.0], [0.0]))
-    for made in (living.truncated(5), living.resampled(5000.0)):
-        assert made.life == living.life
+    modulated = replace(texture, modulation=GainModulation([0.3], [20.0], [0.0]))
+    for made in (modulated.truncated(5), modulated.resampled(5000.0)):
+        assert made.modulation == modulated.modulation

@@ -11,7 +11,7 @@ import pytest
 
 from hapscene import cli
 from hapscene.errors import SwatchError
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.swatch_summary import figures, lines, words
@@ -241,10 +241,10 @@ def test_a_library_of_its_own_folder(tmp_path: Path, home: Path, capsys: pytest.
 def test_what_lives_in_a_texture_is_told() -> None:
     wood = load_swatch("wood")
     assert wood.texture is not None
-    steady = replace(wood, texture=replace(wood.texture, life=None))
-    assert "alive" not in "\n".join(lines(steady))
-    life = Life(np.array([0.3, 0.4]), np.array([20.0, 0.0]), np.array([0.0, 300.0]))
-    texture = replace(wood.texture, warp=0.5, life=life, exponents=np.array([0.5, 2.0]))
+    steady = replace(wood, texture=replace(wood.texture, modulation=None))
+    assert "modulation" not in "\n".join(lines(steady))
+    life = GainModulation(np.array([0.3, 0.4]), np.array([20.0, 0.0]), np.array([0.0, 300.0]))
+    texture = replace(wood.texture, warp=0.5, modulation=life, exponents=np.array([0.5, 2.0]))
     told = "\n".join(lines(replace(wood, texture=texture)))
     assert all(word in told for word in ("0.5", "4.3 dB", "20/s", "300/m", "10 dB"))
 

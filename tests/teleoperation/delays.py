@@ -8,7 +8,7 @@ import numpy as np
 from hapscene.constants import TICK_S
 from hapscene.device.sim.hand import Grip
 from hapscene.device.sim.point import PointMass
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.link import Impairment
@@ -19,21 +19,21 @@ BAD: Final = {"jitter_s": 0.005, "loss": 0.05, "reorder": 0.05}
 """Impairments of the bad link, in addition to its delay."""
 
 
-def land(grip: str) -> Intent:
+def land(grip: str) -> ReferenceTrajectory:
     """Move down at 0.2 m/s to a target 2 cm below the surface, and stay: a hard contact."""
     t_s = np.arange(4.0 / TICK_S) * TICK_S
     z_m = np.maximum(0.03 - 0.2 * np.maximum(t_s - 0.2, 0.0), -0.02)
-    return Intent.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
+    return ReferenceTrajectory.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
 
 
-def swing(grip: str) -> Intent:
+def swing(grip: str) -> ReferenceTrajectory:
     """Swing 1 cm up and down at 3 Hz in the air for two seconds, then stop."""
     t_s = np.arange(4.0 / TICK_S) * TICK_S
     z_m = 0.03 + 0.01 * np.sin(6.0 * np.pi * t_s) * np.minimum(5.0 * t_s, 1.0) * (t_s < 2.0)
-    return Intent.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
+    return ReferenceTrajectory.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
 
 
-CASES: Final[dict[str, Callable[[str], Intent]]] = {"land": land, "swing": swing}
+CASES: Final[dict[str, Callable[[str], ReferenceTrajectory]]] = {"land": land, "swing": swing}
 
 REST_MAX_M_S: Final = 0.005
 """Largest speed of a tool at rest, root mean square over the last second [m/s]."""
@@ -70,7 +70,7 @@ def measure_stiffness(coupling: Coupling, delay_s: float) -> tuple[float, float]
     operation = Operation(scene, start, coupling=coupling, line=Impairment(delay_s), **bare)
     found = []
     for push_N in (-0.5, -1.0):
-        operated = operation.run(Intent.hold(start, 6000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)))
+        operated = operation.run(ReferenceTrajectory.hold(start, 6000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)))
         found.append((push_N, operated.leader_W_m[-1, 2]))
     queues = [end.queue[0] for end in (operation.leader.end, operation.follower.end)]
     lag_s = float(np.mean([int(queue.lag_ticks) for queue in queues])) * 1e-3

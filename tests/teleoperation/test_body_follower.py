@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from hapscene.device.sim.hand import Grip
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operation, OperationResult
@@ -47,7 +47,7 @@ class Wall:
         self.p_m = self.p_m + self.v_m_s * self.step_s
 
 
-def operated(scene: Any, intent: Intent, line: Impairment | None = None) -> OperationResult:
+def operated(scene: Any, intent: ReferenceTrajectory, line: Impairment | None = None) -> OperationResult:
     body = "tip" if isinstance(scene, Wall) else None
     bare: dict[str, Any] = {"device": PointMass(MASS_KG, DAMPING_NS_M), "compensator": "none", "effects": ("wall",)}
     operation = Operation(scene, START_M, line=line, body=body, **bare)
@@ -60,7 +60,7 @@ def operated(scene: Any, intent: Intent, line: Impairment | None = None) -> Oper
 def test_it_agrees_with_a_follower_on_a_scene() -> None:
     """The same mass at the same wall: down, press, along, up."""
     t = np.linspace(0.0, 1.0, 2000)[:, None]
-    intent = Intent.along(
+    intent = ReferenceTrajectory.along(
         np.array(START_M) + t * [0.01, 0.0, 0.0] - 0.008 * np.sin(np.pi * t) * [0.0, 0.0, 1.0], "firm"
     )
     swatch = Swatch("wall", stiffness_N_m=WALL_N_M)
@@ -78,7 +78,9 @@ def test_it_agrees_with_a_follower_on_a_scene() -> None:
 @pytest.mark.parametrize("step_s", [1e-4, 1e-3])
 def test_rendered_stiffness_is_that_of_springs_in_series(step_s: float) -> None:
     """1/K = 1/K_wall + 1/K_c, with the delay of one tick."""
-    rest = [Intent.hold(START_M, 4000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)) for push_N in (-0.5, -1.0)]
+    rest = [
+        ReferenceTrajectory.hold(START_M, 4000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)) for push_N in (-0.5, -1.0)
+    ]
     felt = operated(Wall(step_s), rest[0].then(rest[1]))
     light, firm = felt.leader_W_m[3999, 2], felt.leader_W_m[-1, 2]
     assert 0.5 / (light - firm) == pytest.approx(predict_stiffness(1e-3), rel=2e-3)
@@ -93,7 +95,7 @@ def test_unknown_contact_force_is_nan() -> None:
         def advance(self, wrench_W: Array) -> None:
             self.p_m = self.p_m + 1e-6
 
-    felt = operated(Mute(1e-3), Intent.hold(START_M, 5))
+    felt = operated(Mute(1e-3), ReferenceTrajectory.hold(START_M, 5))
     assert np.isnan(felt.f_contact_W_N).all() and not felt.touching.any()
 
 
@@ -103,7 +105,7 @@ def test_diverging_simulation_is_an_error() -> None:
             self.p_m = self.p_m * (np.nan if self.p_m[2] < 0.0019 else 0.999)
 
     with pytest.raises(HapsceneError, match="diverged"):
-        operated(Bursting(1e-3), Intent.hold(START_M, 500))
+        operated(Bursting(1e-3), ReferenceTrajectory.hold(START_M, 500))
 
 
 def test_invalid_steps_and_bodies() -> None:

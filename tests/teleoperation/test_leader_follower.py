@@ -11,7 +11,7 @@ from hapscene.device.sim.point import PointMass
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.records import records
 from hapscene.render.renderer import Renderer
 from hapscene.teleoperation.bilateral_loop import TICK_RECORD, Line, operate, receive
@@ -100,7 +100,7 @@ def test_hand_moves_linearly_between_rows_and_stops_after_the_last() -> None:
 def test_step_functions_of_the_loop_and_of_separate_ends_agree() -> None:
     """Two processes call the same step functions as the loop of the simulation; both give the same bits."""
     count, first = 30, 5
-    intent = Intent.hold((0.002, 0.0, -0.02), count, "medium", push_W_N=(0.0, 0.0, -0.5))
+    intent = ReferenceTrajectory.hold((0.002, 0.0, -0.02), count, "medium", push_W_N=(0.0, 0.0, -0.5))
     hand = (intent.target_W_m, intent.grip, intent.push_W_N)
     leader, follower, to_follower, to_leader, _renderer = make_ends()
     rows = records(count, TICK_RECORD)

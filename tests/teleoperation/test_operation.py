@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hapscene.device.sim.hand import Grip
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import ALLOWANCE_J, Coupling
 from hapscene.teleoperation.link import Impairment
@@ -68,7 +68,7 @@ def test_the_motors_are_passive(
     operation = Operation(
         scene, start, coupling=Coupling(), line=line, device=device, compensator="none", effects=("wall",), seed=1
     )
-    operated = operation.run(Intent.hold((0.0, 0.0, z_m), 1500, grip, push_W_N=(0.0, 0.0, -1.0)))
+    operated = operation.run(ReferenceTrajectory.hold((0.0, 0.0, z_m), 1500, grip, push_W_N=(0.0, 0.0, -1.0)))
     assert operated.energy_out_J <= 2.0 * ALLOWANCE_J
 
 

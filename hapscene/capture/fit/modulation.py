@@ -18,7 +18,7 @@ import scipy
 from hapscene.capture.fit.segment import runs
 from hapscene.capture.io.streams import Array, Streams, filtered, part_of
 from hapscene.constants import ACCELERATION_BAND_HZ
-from hapscene.surface.life import SPREAD_MAX, Life
+from hapscene.surface.gain_modulation import SPREAD_MAX, GainModulation
 from hapscene.surface.texture import Texture
 
 __all__ = ["fit_life"]
@@ -82,7 +82,7 @@ class LifeFit(NamedTuple):
         ahead: held-out log-likelihood of distance, and of both, over that of time [1]; NaN where it was not asked.
     """
 
-    life: Life | None
+    life: GainModulation | None
     intervals: tuple[tuple[float, float], ...] = ()
     reason: str = ""
     ahead: tuple[float, float] = (np.nan, np.nan)
@@ -140,7 +140,7 @@ def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
     decay_1_s, decay_1_m = np.hstack([rate_1_s, none]), np.hstack([none, rate_1_s / speed])
     kinds = _KINDS[kind]
     spread = spread * (min(whole, SPREAD_MAX) / float(np.sqrt(np.sum(spread[kept] ** 2))))
-    life = Life(spread[kept], decay_1_s[kinds][kept], decay_1_m[kinds][kept])
+    life = GainModulation(spread[kept], decay_1_s[kinds][kept], decay_1_m[kinds][kept])
     return LifeFit(life, tuple(zip(low.tolist(), high.tolist(), strict=True)), "", ahead)
 
 

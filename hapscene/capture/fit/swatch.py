@@ -225,7 +225,7 @@ def _texture(
         return texture, intervals, {"texture.life": found.reason}
     names = [*(f"texture.life.spread[{i}]" for i in range(len(found.life.spread))), "texture.life.log_spread"]
     intervals |= zip(names, found.intervals, strict=True)
-    return replace(texture, life=found.life), intervals, {}
+    return replace(texture, modulation=found.life), intervals, {}
 
 
 def _slid(parts: Sequence[Part]) -> Array:

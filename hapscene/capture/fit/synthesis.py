@@ -81,7 +81,7 @@ class _Player:
         self.step = max(1, round(STEP_S * texture.rate_Hz))
         self.hold = max(1, round(BLOCK_S * texture.rate_Hz / self.step))
         self.block, self.step_s = self.hold * self.step, self.step / texture.rate_Hz
-        self.rates, of = np.zeros(0), texture.life
+        self.rates, of = np.zeros(0), texture.modulation
         if of is not None:
             self.rates = np.column_stack((of.spread, of.decay_1_s, of.decay_1_m)).ravel()
         fields = [(name, np.float64, shape) for name, shape in voice_fields(texture.order)]

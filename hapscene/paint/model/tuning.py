@@ -13,7 +13,7 @@ from hapscene.device.model import DeviceLike, Limits, device_of, limits_of
 from hapscene.errors import EffectError, SceneError, SwatchError, no_such
 from hapscene.paint.model.history import SwatchDelta, SwatchState
 from hapscene.paint.model.painting import Painting
-from hapscene.surface.device_clipping import WALL, Fit
+from hapscene.surface.device_clipping import WALL, ClippedSwatches
 from hapscene.surface.effect import Effect
 from hapscene.surface.swatch import OWN_PARAMETERS, PLAIN, Swatch, SwatchLike
 from hapscene.surface.swatch_file import save_swatch
@@ -98,7 +98,7 @@ def parameters_of(
         tick_s: period of the force channel [s].
     """
     alone: Any = SimpleNamespace(swatches=[swatch])
-    fit = Fit(alone, effects, limits, tick_s)
+    fit = ClippedSwatches(alone, effects, limits, tick_s)
     notes = {clip.number: str(clip) for clip in fit.clips(0)}
     rows: list[tuple[int, str, str, str, float, float, float]] = [
         (WALL, STIFFNESS, "N/m", "force over depth: how hard it is to press in", 0.0, math.inf, 0.0)

@@ -19,7 +19,7 @@ from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError, no_such
 from hapscene.handle import Plant
 from hapscene.loop import Servo, ServoState
-from hapscene.loop.servo import TickLog
+from hapscene.loop.servo_state import TickLog
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
 
@@ -333,7 +333,7 @@ class TouchHand:
             self._correct_force(felt_N, len(felt.rows) * self.tick_s)
         if not self.touching and not self._starting and now_s - self._last_s > IDLE_S:
             self._running = False
-            self._start_task(self._in_thread(self._servo.rest))
+            self._start_task(self._in_thread(self._servo.pause))
         return state, np.linalg.norm(felt.rows["f_W_N"], axis=1), felt.a_handle_m_s2
 
     def _correct_force(self, felt_N: float, over_s: float) -> None:

@@ -11,7 +11,7 @@ from hapscene.capture.fit import distance as metric
 from hapscene.capture.fit.synthesis import _PART, BLOCK_S
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.errors import CaptureError
-from hapscene.surface.life import Life
+from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
 from hapscene.surface.texture import INTERPOLATIONS, Texture
@@ -157,7 +157,10 @@ def test_a_seed_that_is_none_is_told(seed: object) -> None:
 
 def living(**fields) -> Swatch:
     swatch = unlike("lsf")
-    return replace(swatch, texture=replace(swatch.texture, life=Life([0.3, 0.4], [40.0, 0.0], [0.0, 300.0]), **fields))
+    return replace(
+        swatch,
+        texture=replace(swatch.texture, modulation=GainModulation([0.3, 0.4], [40.0, 0.0], [0.0, 300.0]), **fields),
+    )
 
 
 def test_a_slow_gain_spreads_the_levels_and_keeps_the_power() -> None:

@@ -1,4 +1,4 @@
-"""The chart: every point of a question is measured once, told in the table, drawn, and read on the page."""
+"""The chart: each point is measured once, stored in the table, drawn and shown on the page."""
 
 import re
 from collections import Counter
@@ -30,7 +30,7 @@ def time(x: float) -> tuple[float, float]:
 QUICK = Question(
     name="powers",
     title="How large is <x>?",
-    measures=(Measure("off", "what is left", "°", 0.3, "Nobody 1900"),),
+    measures=(Measure("off", "error", "°", 0.3, "Source 1900"),),
     settings=lambda quick, scene: [Setting("a & b", f"{x:g}", {"x": x}) for x in ((1.0, 4.0) if quick else (1, 2, 4))],
     error=error,
     time=time,
@@ -48,7 +48,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures take seconds."""
+    """Replace the pictures, which take seconds."""
 
     def write_picture(question: Question, points: object, path: Path) -> list[Path]:
         made = [path, path.with_stem(f"{path.stem}-dark")]
@@ -59,7 +59,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "write_picture", write_picture)
 
 
-def test_every_point_is_told_drawn_and_read_again(tmp_path: Path) -> None:
+def test_points_are_measured_stored_and_read_again(tmp_path: Path) -> None:
     found = run.chart(tmp_path, jobs=1, say=lambda text: None)
     assert [(p.label, p.median_us, p.errors) for p in found.points["powers"]] == [
         ("1", 1.0, {"off": 1.0}),
@@ -67,14 +67,14 @@ def test_every_point_is_told_drawn_and_read_again(tmp_path: Path) -> None:
         ("4", 4.0, {"off": 0.25}),
     ]
     names = {"chart.csv", "chart.html", "powers.png", "powers-dark.png"}
-    assert {file.name for file in tmp_path.iterdir()} == names  # the journal is gone once all is told
+    assert {file.name for file in tmp_path.iterdir()} == names  # the journal is deleted at the end
     again = Table.read(tmp_path / "chart.csv")
     assert again == found
     assert {"processor", "numpy", "date"} <= again.machine.keys()
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_table_is_enough(tmp_path: Path) -> None:
+def test_table_is_used_instead_of_measuring(tmp_path: Path) -> None:
     found = run.chart(tmp_path, jobs=1, say=lambda text: None)
     CALLED.clear()
     page = (tmp_path / "chart.html").read_text(encoding="utf-8")
@@ -84,7 +84,7 @@ def test_a_table_is_enough(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_what_was_stopped_goes_on(tmp_path: Path) -> None:
+def test_interrupted_chart_is_resumed(tmp_path: Path) -> None:
     CALLED["stop"] = 1
     with pytest.raises(KeyboardInterrupt):
         run.chart(tmp_path, jobs=1, say=lambda text: None)
@@ -97,7 +97,7 @@ def test_what_was_stopped_goes_on(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_page_has_points_advice_and_machine_and_escapes_them(tmp_path: Path) -> None:
+def test_page_is_escaped_and_self_contained(tmp_path: Path) -> None:
     run.chart(tmp_path, jobs=1, say=lambda text: None)
     page = (tmp_path / "chart.html").read_text(encoding="utf-8")
     assert "How large is &lt;x&gt;?" in page and "<x>" not in page
@@ -105,7 +105,7 @@ def test_the_page_has_points_advice_and_machine_and_escapes_them(tmp_path: Path)
     assert not re.search(r'(?:src|href)="(?!#|data:)', page) and "url(" not in page and "<script" not in page
 
 
-def test_front_is_what_nothing_beats() -> None:
+def test_front_holds_the_points_that_no_other_beats() -> None:
     at = {"a": (1.0, 5.0), "b": (2.0, 6.0), "c": (3.0, 1.0), "d": (3.5, 1.0), "e": (4.0, 0.5)}
     points = [Point("m", k, t, t, {"off": v}) for k, (t, v) in at.items()]
     assert [p.label for p in front(points, QUICK.measures[0])] == ["a", "c", "e"]
@@ -118,7 +118,7 @@ def test_front_is_what_nothing_beats() -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_documents_are_kept_by_machine(tmp_path: Path) -> None:
+def test_result_page_names_the_machine(tmp_path: Path) -> None:
     docs = tmp_path / "docs"
     docs.mkdir()
     table = tmp_path / "chart.csv"
@@ -132,14 +132,14 @@ def test_documents_are_kept_by_machine(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "question,method\n", "a,b\n1,2\n"])
-def test_what_is_no_table_is_refused(tmp_path: Path, text: str) -> None:
+def test_invalid_table_is_rejected(tmp_path: Path, text: str) -> None:
     path = tmp_path / "chart.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(HapsceneError, match=r"chart\.csv"):
         Table.read(path)
 
 
-def test_a_table_that_lacks_measures_is_refused_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_table_without_measures_is_rejected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "question", lambda name: replace(QUICK, advice=lambda points: f"{points[0].errors['on']}"))
     table = tmp_path / "chart.csv"
     Table({}, {"powers": [Point("a", "1", 1.0, 2.0, {"off": 0.1})]}).write(table, [QUICK])

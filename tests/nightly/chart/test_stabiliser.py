@@ -1,4 +1,4 @@
-"""Every stabiliser on the closed-loop cases: what the reference says of each."""
+"""Every stabiliser in closed loop, against reference results."""
 
 import math
 
@@ -11,21 +11,21 @@ BOUNCING = [(BARE, gesture, 2000.0) for gesture in ("tap", "press")]
 
 
 @pytest.mark.parametrize(("device", "gesture", "stiffness"), BOUNCING)
-def test_what_stabilises_a_wall_that_bounces(device, gesture, stiffness):
+def test_stabilisers_of_an_unstable_wall(device, gesture, stiffness):
     found = {name: run_case(device, gesture, stiffness, name) for name in STABILISERS}
-    assert found["none"].late_m_s > 0.05 and found["none"].out_J > 5e-3
+    assert found["none"].rest_speed_m_s > 0.05 and found["none"].energy_J > 5e-3
     for name in ("limits", "virtual damping", "passivity", "coupling", "limits, passivity"):
-        assert found[name].late_m_s < REST_M_S and found[name].out_J < 0.1e-3, name
+        assert found[name].rest_speed_m_s < REST_M_S and found[name].energy_J < 0.1e-3, name
     for name in ("limits", "virtual damping", "passivity"):
         assert found[name].kept == pytest.approx(1.0, abs=1e-3), name
     assert found["coupling"].kept == pytest.approx(200.0 / 2200.0, rel=1e-3)
     worst = found["passivity, uncapped"]
-    assert worst.out_J > 10.0 * found["passivity"].out_J  # what the cap is for
-    assert found["shading"].late_m_s > REST_M_S and math.isnan(found["shading"].kept)
+    assert worst.energy_J > 10.0 * found["passivity"].energy_J  # the cap prevents this
+    assert found["shading"].rest_speed_m_s > REST_M_S and math.isnan(found["shading"].kept)
 
 
 @pytest.mark.parametrize("gesture", ["tap", "tour"])
-def test_the_default_of_a_real_device(gesture):
+def test_default_stabiliser_of_the_omni(gesture):
     row = run_case(DEVICES["omni"], gesture, 5000.0, "limits, passivity")
-    assert row.late_m_s < REST_M_S and row.out_J < 0.1e-3
+    assert row.rest_speed_m_s < REST_M_S and row.energy_J < 0.1e-3
     assert row.kept == pytest.approx(700.0 / 5000.0, rel=0.02)

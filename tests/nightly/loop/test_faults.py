@@ -1,5 +1,5 @@
-"""What breaks while a device is felt: real processes killed, stopped, torn out; the board's own clock says when no
-force was left. The board is an emulated 2DIY, which keeps its last torques for ever.
+"""Faults in operation: processes are killed and stopped, devices are unplugged. The clock of the board shows when the
+force ended. The board is an emulated 2DIY, which holds its last torques for ever.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ if INTERPRETED:
     pytest.skip("an interpreted tick takes longer than a period", allow_module_level=True)
 
 WITHIN_S = 0.02
-"""In which no force is left, where the application is gone or stopped: what `hapscene.device.safety` promises."""
+"""Time within which the force ends if the application ends or is stopped, see `hapscene.device.safety` [s]."""
 
 GUARDED_S = 0.1
 """And where the servo is: the guard sees it after 50 ms, and opens the port."""
@@ -67,7 +67,7 @@ if __name__ == "__main__":
 
 @pytest.fixture
 def emulated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    """The drivers' tests' way to start emulators."""
+    """Module of the driver tests that starts emulators."""
     place = Path(__file__).parents[1] / "plugins" / "devices" / "conftest.py"
     spec = importlib.util.spec_from_file_location("emulated_devices", place)
     assert spec is not None and spec.loader is not None
@@ -76,8 +76,8 @@ def emulated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Module
     yield module
 
 
-class Desk:
-    """A board, and an application that pulls at it."""
+class Rig:
+    """An emulated board, and an application that exerts a force with it."""
 
     def __init__(self, emulated: Any, folder: Path) -> None:
         self.board = emulated.Emulated("haply2diy", folder)
@@ -87,11 +87,11 @@ class Desk:
         self.application = subprocess.Popen(command, **pipes, process_group=0)
         said = self.application.stdout.readline().strip()  # type: ignore[union-attr]
         assert said, self.application.communicate()[1]
-        self.servo_pid, self.guard_pid = map(int, said.split())
+        self.servo_pid, self.watchdog_pid = map(int, said.split())
         self.await_torque(lambda now: now > 0.99 * self.full())
 
     def full(self) -> float:
-        """The largest torque so far, that of the whole force [N·m]; something, before any."""
+        """Return the largest torque so far, which is that of the full force; 1 before any [N·m]."""
         return max((abs(row[1]) for row in self.torques()), default=1.0) or 1.0
 
     def torques(self) -> list[list[float]]:
@@ -108,8 +108,8 @@ class Desk:
             steady = now
             time.sleep(0.1)
 
-    def none_left_after(self, since_ns: int) -> float:
-        """How long after that the last torque that is not 0 was sent [s]; from then on there is none."""
+    def force_ended_after(self, since_ns: int) -> float:
+        """Wait until the torque is 0; return the time from `since_ns` to the last other torque [s]."""
         self.await_torque(lambda now: now == 0.0)
         return max(max(row[0] - since_ns, 0) for row in self.torques() if row[1] != 0.0 or row[2] != 0.0) * 1e-9
 
@@ -122,87 +122,87 @@ class Desk:
 
 
 @pytest.fixture
-def desk(emulated: Any, tmp_path: Path) -> Iterator[Desk]:
-    made = Desk(emulated, tmp_path)
+def rig(emulated: Any, tmp_path: Path) -> Iterator[Rig]:
+    made = Rig(emulated, tmp_path)
     yield made
     made.end()
 
 
 def log_in(folder: Path) -> SessionLog:
-    """The session log that is written there, sooner or later."""
+    """Wait for the session log in a folder and load it."""
     return SessionLog.load(until(lambda: [place for place in folder.glob("*") if not place.name.startswith(".")])[0])
 
 
-def test_an_application_stopped_gone_on_and_killed(desk: Desk, tmp_path: Path) -> None:
+def test_application_is_stopped_continued_and_killed(rig: Rig, tmp_path: Path) -> None:
     at_ns = time.monotonic_ns()
-    os.kill(desk.application.pid, signal.SIGSTOP)
-    assert desk.none_left_after(at_ns) < WITHIN_S + slack_s()
-    os.kill(desk.application.pid, signal.SIGCONT)
-    desk.await_torque(lambda now: now > 0.99 * desk.full())
+    os.kill(rig.application.pid, signal.SIGSTOP)
+    assert rig.force_ended_after(at_ns) < WITHIN_S + slack_s()
+    os.kill(rig.application.pid, signal.SIGCONT)
+    rig.await_torque(lambda now: now > 0.99 * rig.full())
     at_ns = time.monotonic_ns()
-    os.kill(desk.application.pid, signal.SIGKILL)
-    assert desk.none_left_after(at_ns) < WITHIN_S + slack_s()
+    os.kill(rig.application.pid, signal.SIGKILL)
+    assert rig.force_ended_after(at_ns) < WITHIN_S + slack_s()
     log = log_in(tmp_path / "logs")
-    assert log.reason == "the application was gone" and log.rows.shape[1] > 1000
+    assert log.reason == "the application has ended" and log.rows.shape[1] > 1000
     assert len(log.replay().unlike) == 0
 
 
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
-def test_a_servo_that_dies_or_stands_still(desk: Desk, by: signal.Signals) -> None:
+def test_servo_is_killed_or_stopped(rig: Rig, by: signal.Signals) -> None:
     at_ns = time.monotonic_ns()
-    os.kill(desk.servo_pid, by)
-    desk.await_torque(lambda now: now == 0.0)
-    assert desk.none_left_after(at_ns) < GUARDED_S + slack_s()
-    _, errors = desk.application.communicate(timeout=PATIENCE_S)
-    assert "the servo's process has ended" in errors
+    os.kill(rig.servo_pid, by)
+    rig.await_torque(lambda now: now == 0.0)
+    assert rig.force_ended_after(at_ns) < GUARDED_S + slack_s()
+    _, errors = rig.application.communicate(timeout=PATIENCE_S)
+    assert "exit code" in errors
 
 
-def test_a_machine_that_sleeps_and_wakes_begins_anew(desk: Desk) -> None:
-    asleep = desk.application.pid, desk.servo_pid, desk.guard_pid
+def test_suspend_and_resume_of_the_machine(rig: Rig) -> None:
+    asleep = rig.application.pid, rig.servo_pid, rig.watchdog_pid
     for pid in asleep:
         os.kill(pid, signal.SIGSTOP)
     time.sleep(0.5)
     at_ns = time.monotonic_ns()
     for pid in asleep:
         os.kill(pid, signal.SIGCONT)
-    desk.await_torque(lambda now: now > 0.99 * desk.full())  # nobody was ended
-    after = [abs(row[1]) for row in desk.torques() if row[0] > at_ns + 5e7]
-    assert min(after) == 0.0 and max(np.diff(after)) < 0.05 * desk.full()  # it rises, and does not jump
+    rig.await_torque(lambda now: now > 0.99 * rig.full())  # no process was killed
+    after = [abs(row[1]) for row in rig.torques() if row[0] > at_ns + 5e7]
+    assert min(after) == 0.0 and max(np.diff(after)) < 0.05 * rig.full()  # ramps up without a jump
 
 
-def test_a_board_that_takes_nothing_more_is_told_of_and_left_without_force(desk: Desk) -> None:
-    os.kill(desk.board.process.pid, signal.SIGSTOP)  # its pipe fills
-    _, errors = desk.application.communicate(timeout=PATIENCE_S)
-    assert f"haply2diy: {desk.board.place}" in errors
-    os.kill(desk.board.process.pid, signal.SIGCONT)
-    desk.await_torque(lambda now: now == 0.0)
+def test_blocked_board_is_reported(rig: Rig) -> None:
+    os.kill(rig.board.process.pid, signal.SIGSTOP)  # its pipe fills
+    _, errors = rig.application.communicate(timeout=PATIENCE_S)
+    assert f"haply2diy: {rig.board.place}" in errors
+    os.kill(rig.board.process.pid, signal.SIGCONT)
+    rig.await_torque(lambda now: now == 0.0)
 
 
-def test_a_device_torn_out_is_named_and_its_last_minute_kept(desk: Desk, tmp_path: Path) -> None:
-    desk.board.tell(gone=1)
-    _, errors = desk.application.communicate(timeout=PATIENCE_S)
-    assert f"haply2diy: {desk.board.place}" in errors and "plug it in again" in errors
+def test_unplugged_device_is_reported_and_logged(rig: Rig, tmp_path: Path) -> None:
+    rig.board.tell(gone=1)
+    _, errors = rig.application.communicate(timeout=PATIENCE_S)
+    assert f"haply2diy: {rig.board.place}" in errors and "plug it in again" in errors
     log = log_in(tmp_path / "logs")
     assert "haply2diy" in log.reason and len(log.replay().unlike) == 0
 
 
-def test_ctrl_c_leaves_no_force(desk: Desk) -> None:
+def test_ctrl_c_removes_the_force(rig: Rig) -> None:
     at_ns = time.monotonic_ns()
-    os.kill(desk.application.pid, signal.SIGINT)
-    assert desk.none_left_after(at_ns) < WITHIN_S + slack_s()
+    os.kill(rig.application.pid, signal.SIGINT)
+    assert rig.force_ended_after(at_ns) < WITHIN_S + slack_s()
 
 
 @pytest.mark.parametrize("key", [signal.SIGTSTP, signal.SIGQUIT], ids=["ctrl-z", "ctrl-backslash"])
-def test_what_a_terminal_sends_to_all_processes_leaves_no_force(desk: Desk, key: signal.Signals) -> None:
+def test_terminal_signals_remove_the_force(rig: Rig, key: signal.Signals) -> None:
     at_ns = time.monotonic_ns()
-    os.killpg(desk.application.pid, key)
-    assert desk.none_left_after(at_ns) < WITHIN_S + slack_s()
+    os.killpg(rig.application.pid, key)
+    assert rig.force_ended_after(at_ns) < WITHIN_S + slack_s()
 
 
-def test_a_servo_without_its_device_lives_to_say_so(desk: Desk) -> None:
-    os.kill(desk.application.pid, signal.SIGSTOP)  # it looks late
-    desk.board.tell(gone=1)
-    time.sleep(2.0 * GUARDED_S)  # in which the guard would end what stands still
-    os.kill(desk.application.pid, signal.SIGCONT)
-    _, errors = desk.application.communicate(timeout=PATIENCE_S)
+def test_servo_reports_a_lost_device(rig: Rig) -> None:
+    os.kill(rig.application.pid, signal.SIGSTOP)  # its calls are delayed
+    rig.board.tell(gone=1)
+    time.sleep(2.0 * GUARDED_S)  # longer than the patience of the watchdog
+    os.kill(rig.application.pid, signal.SIGCONT)
+    _, errors = rig.application.communicate(timeout=PATIENCE_S)
     assert "plug it in again" in errors

@@ -1,4 +1,4 @@
-"""The servo as a real process: it answers, and whatever ends it or its application is told and leaves nothing."""
+"""The servo in a real process: orders, errors, and its end."""
 
 import os
 import re
@@ -22,10 +22,10 @@ from hapscene.device.sim.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.loop import Servo
 from hapscene.loop.driver import CHANNEL
-from hapscene.loop.servo_process import Desk
+from hapscene.loop.servo_process import OrderHandler
 from hapscene.loop.timing import LATE_MAX, TIMING, Timer, start_timer, wait_for_tick
 from hapscene.records import records
-from tests.loop.test_driver import TICK_NS, desk  # noqa: F401  # a fixture
+from tests.loop.test_driver import TICK_NS, handler  # noqa: F401  # a fixture
 from tests.loop.test_servo import ASKED, MASS, make_scene
 from tests.until import until
 
@@ -36,7 +36,7 @@ def servo() -> Iterator[Servo]:
         yield running
 
 
-def test_it_ticks_at_its_rate_and_follows_the_aim(servo: Servo) -> None:
+def test_tick_rate_and_target(servo: Servo) -> None:
     servo.start((0.0, 0.0, 0.01))
     first, start_s = servo.state().tick, time.monotonic()
     servo.aim((0.01, 0.0, -0.003), "medium")
@@ -47,30 +47,30 @@ def test_it_ticks_at_its_rate_and_follows_the_aim(servo: Servo) -> None:
     assert state.touching and state.f_W_N[2] > 0.2
 
 
-@pytest.mark.skipif(not hasattr(os, "waitid"), reason="no way to see a death without taking note of it")
-def test_whatever_is_asked_of_a_killed_process_is_refused_and_what_it_felt_can_be_read() -> None:
+@pytest.mark.skipif(not hasattr(os, "waitid"), reason="needs waitid")
+def test_killed_process_rejects_calls_and_keeps_its_ticks() -> None:
     with Servo(make_scene(), MASS) as servo:
         servo.start((0.0, 0.0, 0.01))
         until(lambda: servo.state().tick >= 50)
         os.kill(servo._process.pid, signal.SIGKILL)
-        os.waitid(os.P_PID, servo._process.pid, os.WEXITED | os.WNOWAIT)  # from here on its death can be known
+        os.waitid(os.P_PID, servo._process.pid, os.WEXITED | os.WNOWAIT)  # its end is now visible
         for asked in ASKED.values():
-            with pytest.raises(HapsceneError, match=r"the servo's process has ended \(exit code -9\)"):
+            with pytest.raises(HapsceneError, match="exit code -9"):
                 asked(servo)
         assert "ended" in repr(servo)
         felt = servo.read(10, after_end=True)
         assert felt.first == 10 and len(felt.rows) > 40 and np.ptp(felt.rows["p_WT_m"][:, 2]) < 1e-6
     for asked in ASKED.values():
-        with pytest.raises(HapsceneError, match="this servo is closed"):
+        with pytest.raises(HapsceneError, match="closed"):
             asked(servo)
-    with pytest.raises(HapsceneError, match="this servo is closed"):
+    with pytest.raises(HapsceneError, match="closed"):
         servo.read(after_end=True)
-    with pytest.raises(HapsceneError, match="entered once"):
+    with pytest.raises(HapsceneError, match="entered"):
         servo.__enter__()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGSTOP there")
-def test_a_process_that_hangs_is_seen_by_the_age_of_its_state(servo: Servo) -> None:
+def test_age_reveals_a_hanging_process(servo: Servo) -> None:
     servo.start((0.0, 0.0, 0.01))
     tick = servo.state().tick
     until(lambda: servo.state().tick > tick and servo.state().age_s < 0.01)
@@ -79,20 +79,20 @@ def test_a_process_that_hangs_is_seen_by_the_age_of_its_state(servo: Servo) -> N
         until(lambda: servo.state().age_s > 0.2)
         tick = servo.state().tick
         before_s, first, again = time.monotonic(), servo.state(), servo.state()
-        assert first.tick == again.tick == tick  # it stands, and ages as the clock goes
+        assert first.tick == again.tick == tick  # no ticks, but the age grows
         assert 0.0 < again.age_s - first.age_s <= time.monotonic() - before_s
     finally:
         os.kill(servo._process.pid, signal.SIGCONT)
     until(lambda: servo.state().tick > tick and servo.state().age_s < 0.01)
-    servo.rest()
+    servo.pause()
     rested = servo.state()
-    until(lambda: servo.state().age_s > rested.age_s + 0.05)  # at rest too
+    until(lambda: servo.state().age_s > rested.age_s + 0.05)  # also while paused
     assert servo.state().tick == rested.tick
-    assert rested[:1] == (rested.tick,) and rested[11:13] == (rested.flags, rested.age_s)  # older places as they were
+    assert rested[:1] == (rested.tick,) and rested[11:13] == (rested.flags, rested.age_s)
 
 
 def test_the_example_of_the_package_runs_as_a_script(tmp_path: Path) -> None:
-    """Its process reads the script anew, as everywhere where processes are spawned."""
+    """The spawned process imports the script again."""
     assert hapscene.loop.__doc__ is not None
     script = tmp_path / "example.py"
     script.write_text(re.split(r"```(?:python)?\n", hapscene.loop.__doc__)[1])
@@ -102,7 +102,7 @@ def test_the_example_of_the_package_runs_as_a_script(tmp_path: Path) -> None:
     assert re.fullmatch(r"\[[-0-9. e]+\]\n", done.stdout)
 
 
-def test_it_ends_with_an_application_that_is_killed(tmp_path: Path) -> None:
+def test_servo_ends_with_a_killed_application(tmp_path: Path) -> None:
     script = tmp_path / "application.py"
     script.write_text(
         "import os, sys\n"
@@ -135,7 +135,7 @@ def test_it_ends_with_an_application_that_is_killed(tmp_path: Path) -> None:
     until(gone)
 
 
-def test_what_the_process_refuses_is_told_in_a_line(capfd: pytest.CaptureFixture[str]) -> None:
+def test_error_of_the_process_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
     far = np.eye(4)
     far[0, 3] = 5.0
     with pytest.raises(HapsceneError, match="reach"), Servo(make_scene(), Omni(), X_WD=far):
@@ -143,7 +143,7 @@ def test_what_the_process_refuses_is_told_in_a_line(capfd: pytest.CaptureFixture
     assert "Traceback" not in capfd.readouterr().err
 
 
-def test_an_interrupted_order_is_done_to_its_end_and_the_next_gets_its_own_answer(servo: Servo) -> None:
+def test_interrupted_order_is_completed(servo: Servo) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -157,13 +157,13 @@ def test_an_interrupted_order_is_done_to_its_end_and_the_next_gets_its_own_answe
             time.sleep(1.0)
     finally:
         signal.signal(signal.SIGALRM, before)
-    with pytest.raises(HapsceneError, match="no swatch 'nothing'"):
+    with pytest.raises(HapsceneError, match="nothing"):
         servo.tune("nothing", stiffness_N_m=1.0)
     servo.remove("heavy")
     assert "heavy" in servo.body_names and servo.scene.bodies[-1].name == "heavy (removed)"
 
 
-def test_orders_of_several_threads_go_one_after_the_other(servo: Servo) -> None:
+def test_orders_of_threads_are_serialised(servo: Servo) -> None:
     servo.start((0.0, 0.0, 0.03))
     vertices, wrong = np.array(servo.scene.body("plate").mesh.vertices_m), []
 
@@ -184,11 +184,11 @@ def test_orders_of_several_threads_go_one_after_the_other(servo: Servo) -> None:
     assert not wrong
 
 
-# The loop keeps the time of a real clock, and leaves the processor to others.
+# The loop on a real clock.
 
 
-def test_it_sleeps_until_just_before_a_tick_is_due() -> None:
-    """The processor is left to others meanwhile: it costs some microseconds, and 50 of looking."""
+def test_wait_sleeps_until_shortly_before_the_tick() -> None:
+    """A tick costs some microseconds of processor time, of which 50 are polling."""
     period_ns, count = 20 * TICK_NS, 10
     timer = Timer(records(1, CHANNEL)[0], new_clock(), records(1, TIMING)[0], period_ns)
     wait_for_tick(timer)  # compiled
@@ -197,29 +197,29 @@ def test_it_sleeps_until_just_before_a_tick_is_due() -> None:
     for _ in range(count):
         wait_for_tick(timer)
     used_s = time.thread_time() - used_s
-    assert used_s < 0.05 * count * period_ns * 1e-9  # also where a spinning one would get a tenth of a core
+    assert used_s < 0.05 * count * period_ns * 1e-9  # also if a busy wait got only a tenth of a core
 
 
 @pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes all there is")
-@pytest.mark.parametrize("desk", [1e-3, 4e-3], indirect=True)
-def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) -> None:  # noqa: F811
-    channel, tick_s = desk._channel.channel[0], desk._twins[0].renderer.tick_s
+@pytest.mark.parametrize("handler", [1e-3, 4e-3], indirect=True)
+def test_loop_keeps_its_period_and_sleeps(handler: OrderHandler) -> None:  # noqa: F811
+    channel, tick_s = handler._channel.channel[0], handler._twins[0].renderer.tick_s
 
     def live() -> tuple[float, float]:
         wall_s, used_s = time.monotonic(), time.thread_time()
-        desk._bind()[0]()
+        handler._bind()[0]()
         return time.monotonic() - wall_s, time.thread_time() - used_s
 
     channel.pause = 0
     with ThreadPoolExecutor(1) as lane:
-        told = lane.submit(live)
+        times = lane.submit(live)
         end_s = time.monotonic() + 60.0
         while channel.done < 100 and time.monotonic() < end_s:
             time.sleep(0.001)
         channel.pause = 1
-        wall_s, used_s = told.result()
+        wall_s, used_s = times.result()
     ticks = channel.done + channel.missed
-    assert channel.done >= 100 and ticks * tick_s <= wall_s  # none before its time
-    assert wall_s < (ticks + LATE_MAX + 2) * tick_s  # and none forgotten: done, counted as missed, or being made up
+    assert channel.done >= 100 and ticks * tick_s <= wall_s  # no early ticks
+    assert wall_s < (ticks + LATE_MAX + 2) * tick_s  # each tick is done, missed or being made up
     assert channel.late.sum() == channel.busy.sum() == channel.done
     assert used_s < 3e-4 * ticks

@@ -1,4 +1,4 @@
-"""The last minute: kept, written, read from strangers, and flown again."""
+"""The session log: written, read from untrusted sources, and replayed."""
 
 import json
 import os
@@ -20,9 +20,9 @@ pytestmark = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes l
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A stroke, tuned on its way, in a ring that is smaller than it."""
-    folder = tmp_path_factory.mktemp("flights") / "stroke"
+def log_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the log of a stroke with a tuned parameter, longer than the ring buffer."""
+    folder = tmp_path_factory.mktemp("logs") / "stroke"
     with VirtualServo(make_scene(), MASS, ring_s=1.5) as servo:
         servo.start((-0.03, 0.0, 0.002))
         for k, x_m in enumerate(np.linspace(-0.03, 0.03, 40)):
@@ -35,56 +35,56 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_it_is_flown_again_to_the_bit(flown: Path) -> None:
-    log = SessionLog.load(flown)
+def test_replay_is_identical(log_folder: Path) -> None:
+    log = SessionLog.load(log_folder)
     replay = log.replay()
     assert replay.count > 500 and len(replay.unlike) == 0 and "the same to the bit" in str(replay)
-    assert log.first > 0  # the ring is shorter than the stroke
-    assert 400 < log.memory_tick < 1500  # from after the tuning on
+    assert log.first > 0  # the ring buffer is shorter than the stroke
+    assert 400 < log.memory_tick < 1500  # after the parameter was tuned
     assert log.rows["f_W_N"].any() and log.a_m_s2.any()
 
 
-def test_a_stranger_s_is_flown_in_a_process_of_its_own(flown: Path, tmp_path: Path) -> None:
-    again = replay_log(flown)
-    assert len(again.unlike) == 0 and again.reason == SessionLog.load(flown).reason != ""
+def test_untrusted_log_is_replayed_in_a_separate_process(log_folder: Path, tmp_path: Path) -> None:
+    again = replay_log(log_folder)
+    assert len(again.unlike) == 0 and again.reason == SessionLog.load(log_folder).reason != ""
     folder = tmp_path / "forged"
-    shutil.copytree(flown, folder)
+    shutil.copytree(log_folder, folder)
     story = json.loads((folder / STORY_FILE).read_text())
     (folder / STORY_FILE).write_text(json.dumps(story | {"made": {"tick_s": "x"}}))
-    with pytest.raises(HapsceneError, match="damaged"):
+    with pytest.raises(HapsceneError, match="flight"):
         replay_log(folder)
 
 
-def test_another_force_is_found_at_its_tick(flown: Path) -> None:
-    log = SessionLog.load(flown)
+def test_changed_force_is_detected_at_its_tick(log_folder: Path) -> None:
+    log = SessionLog.load(log_folder)
     at = log.rows.shape[1] - 50
     log.rows["f_W_N"][0, at, 2] = np.nextafter(log.rows["f_W_N"][0, at, 2], 9.0)
     assert log.replay().unlike.tolist() == [log.first + at]
 
 
-def test_after_shapes_have_changed_it_says_that_it_cannot(flown: Path, tmp_path: Path) -> None:
+def test_log_with_a_deformation_cannot_be_replayed(log_folder: Path, tmp_path: Path) -> None:
     scene = make_scene()
     with VirtualServo(scene, MASS) as servo:
         servo.start((0.0, 0.0, 0.01))
         servo.deform("plate", 1.1 * scene.bodies[0].mesh.vertices_m)
         servo.advance(20)
         servo.save_log(tmp_path / "deformed")
-    with pytest.raises(HapsceneError, match="cannot be replayed"):
+    with pytest.raises(HapsceneError, match="replayed"):
         SessionLog.load(tmp_path / "deformed").replay()
 
 
-def test_after_a_body_came_it_says_that_it_cannot(tmp_path: Path) -> None:
+def test_log_with_an_added_body_cannot_be_replayed(tmp_path: Path) -> None:
     scene = make_scene()
     with VirtualServo(scene, MASS) as servo:
         servo.start((0.0, 0.0, 0.01))
         servo.add(scene.bodies[0].mesh, name="other")
         servo.advance(20)
         log = servo.session_log()
-    with pytest.raises(HapsceneError, match="cannot be replayed"):
+    with pytest.raises(HapsceneError, match="replayed"):
         log.replay()
 
 
-def test_each_tool_is_flown_again_within_its_own_limits_and_settings_are_numbers_of_any_kind(tmp_path: Path) -> None:
+def test_replay_of_two_tools_with_numpy_settings(tmp_path: Path) -> None:
     pull = {"weight": {"mass_kg": np.float32(0.02)}}
     with VirtualServo(make_scene(), ["omni", "premium-1.5"], effects=["wall", "weight"], settings=pull) as servo:
         servo.start([(0.0, 0.0, 0.002)] * 2)
@@ -96,7 +96,7 @@ def test_each_tool_is_flown_again_within_its_own_limits_and_settings_are_numbers
     assert log.rows["touching"].any(axis=1).all() and len(log.replay().unlike) == 0
 
 
-def test_a_slider_that_moves_for_hours_is_one_line() -> None:
+def test_repeated_orders_are_merged() -> None:
     tuned: list[tuple[str, str, dict[str, float]]] = [("mute", "wall", {"muted": True})]
     for k in range(1000):
         note_order(tuned, "tune", "wood", {"stiffness_N_m": float(k)})
@@ -104,10 +104,10 @@ def test_a_slider_that_moves_for_hours_is_one_line() -> None:
 
 
 @pytest.mark.parametrize("damage", ["elsewhere", "gone", "no numbers", "later", "cut", "pickle"])
-def test_what_is_none_is_refused_in_one_line(flown: Path, damage: str, tmp_path: Path) -> None:
+def test_invalid_log_is_rejected_in_one_line(log_folder: Path, damage: str, tmp_path: Path) -> None:
     folder = tmp_path / "bad"
     folder.mkdir()
-    for file in flown.iterdir():
+    for file in log_folder.iterdir():
         if file.is_file():
             (folder / file.name).write_bytes(file.read_bytes())
     story = json.loads((folder / STORY_FILE).read_text())
@@ -131,21 +131,21 @@ def test_what_is_none_is_refused_in_one_line(flown: Path, damage: str, tmp_path:
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root mounts a full disk")
-def test_a_full_disk_is_told_and_nothing_else_happens(flown: Path, tmp_path: Path) -> None:
+def test_full_disk_is_reported(log_folder: Path, tmp_path: Path) -> None:
     full = tmp_path / "full"
     full.mkdir()
     if os.system(f"mount -t tmpfs -o size=64k tmpfs {full}") != 0:
-        pytest.skip("no disk may be mounted here")
+        pytest.skip("no permission to mount a disk")
     try:
-        assert "could not be written" in write_log(SessionLog.load(flown), full)
+        assert "could not be written" in write_log(SessionLog.load(log_folder), full)
         assert list(full.iterdir()) == []
     finally:
         os.system(f"umount {full}")
 
 
-def test_two_in_one_second_are_two(flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_logs_in_one_second(log_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(time, "strftime", lambda form: "now")
-    log = SessionLog.load(flown)
+    log = SessionLog.load(log_folder)
     write_log(log, tmp_path)
     write_log(log, tmp_path)
     assert len(list(tmp_path.iterdir())) == 2

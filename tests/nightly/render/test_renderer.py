@@ -28,7 +28,7 @@ np.savez(sys.argv[2], **{name: getattr(r, name) for name in names})
 
 @pytest.mark.parametrize("kind", ["plain", "stabilised"])
 def test_interpreted_mode_agrees_to_rounding(tmp_path, kind):
-    """Compiled code may fuse a product and a sum, and has a sine and an exponential of its own."""
+    """Compiled code may use fused multiply-add, and other implementations of sine and exponential."""
     results = []
     for name, environment in (("compiled", {}), ("interpreted", {"NUMBA_DISABLE_JIT": "1"})):
         command = [sys.executable, "-c", SCRIPT, kind, tmp_path / f"{name}.npz"]

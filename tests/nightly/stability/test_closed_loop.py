@@ -17,7 +17,7 @@ from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play
 from hapscene.handle.sensor import ACCELEROMETER_HZ, Sensor
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.loop.twin import Twin
 from hapscene.render.renderer import Renderer
 from hapscene.stability.critical import DEPTH_M, growth, limit_of_motion
@@ -43,7 +43,7 @@ def rough(device: PointMass | Omni, damping_Ns_m: float = 0.0) -> Twin:
     at: Any = stand((*AT_M, 0.0)) if isinstance(device, Omni) else None
     twin = Twin(sheet(swatch), device, ("wall", "friction"), a_rate_Hz=1.0 / TICK_S, X_WD=at)
     twin.reset((*AT_M, 1e-4))
-    twin.run(Intent.hold((*AT_M, -2e-3), 1000, LEAD, push_W_N=PRESS))
+    twin.run(ReferenceTrajectory.hold((*AT_M, -2e-3), 1000, LEAD, push_W_N=PRESS))
     return twin
 
 
@@ -57,10 +57,10 @@ def test_stopping_time_of_a_sliding_mass(speed_m_s: float) -> None:
     path[300] = 2.0 * path[299] - path[298]
     grip = np.tile(LEAD.row(), (301, 1))
     grip[-1] = 0.0
-    twin.run(Intent.hold(path[0], 500, LEAD, push_W_N=PRESS))
-    twin.run(Intent.along(path, grip, PRESS))
-    twin.body.arm.point.v_m_s[0, 0] = speed_m_s  # to the last digit
-    felt = twin.run(Intent.hold(path[-1], 800, "none", push_W_N=PRESS))
+    twin.run(ReferenceTrajectory.hold(path[0], 500, LEAD, push_W_N=PRESS))
+    twin.run(ReferenceTrajectory.along(path, grip, PRESS))
+    twin.tool.arm.point.v_m_s[0, 0] = speed_m_s  # to the last digit
+    felt = twin.run(ReferenceTrajectory.hold(path[-1], 800, "none", push_W_N=PRESS))
     v = felt.v_W_m_s[:, 0]
     limit_N = COULOMB * float(felt.recording.normal_force_N[0])
     assert np.argmax(v <= 0.0) == math.ceil(speed_m_s * 0.045 / (limit_N * TICK_S))
@@ -68,7 +68,9 @@ def test_stopping_time_of_a_sliding_mass(speed_m_s: float) -> None:
 
 
 def test_an_omni_at_half_its_friction_is_at_rest() -> None:
-    felt = rough(Omni()).run(Intent.hold((*AT_M, 0.0), 12_000, "none", push_W_N=(0.5 * COULOMB, 0.0, -1.0)))
+    felt = rough(Omni()).run(
+        ReferenceTrajectory.hold((*AT_M, 0.0), 12_000, "none", push_W_N=(0.5 * COULOMB, 0.0, -1.0))
+    )
     assert np.linalg.norm(felt.p_W_m[-1, :2] - felt.p_W_m[2000, :2]) < 1e-6
     assert np.sqrt((felt.v_W_m_s[-2000:] ** 2).sum(1).mean()) < 1e-4
 
@@ -115,8 +117,8 @@ def test_a_field_has_the_stability_limit_of_a_wall(field: str, delay: int) -> No
         twin.renderer.tune_field(field, **{name: scale * stiffness_N_m})
         start = (1e-5 * reach_m, *here[1:])
         twin.reset(start)
-        twin.run(Intent.hold(start, round(1.2 * EASE_S / TICK_S) + delay, Grip(1e7, 1e3)))
-        return growth(twin.run(Intent.hold(start, 240, "none")).p_W_m[:, 0], delay + 2)
+        twin.run(ReferenceTrajectory.hold(start, round(1.2 * EASE_S / TICK_S) + delay, Grip(1e7, 1e3)))
+        return growth(twin.run(ReferenceTrajectory.hold(start, 240, "none")).p_W_m[:, 0], delay + 2)
 
     known = (limit_without_delay, limit_with_one_delay)[delay](0.045, 0.1, TICK_S)
     assert brentq(grows, 0.5 * known, 2.0 * known, rtol=1e-9) == pytest.approx(known, rel=1e-6)

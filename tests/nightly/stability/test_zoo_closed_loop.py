@@ -11,8 +11,8 @@ import trimesh
 from hapscene.constants import TICK_S
 from hapscene.device.model import IDEAL, limits_of
 from hapscene.device.sim.point import PointMass
-from hapscene.loop.hand_intent import Intent
-from hapscene.loop.result import Feel
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
+from hapscene.loop.result import ClosedLoopResult
 from hapscene.loop.twin import Twin
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -36,7 +36,7 @@ STILL, RELEASE = 1000, 300
 
 def feel(
     folder: Path, name: str, device: PointMass = OMNI, stiffness_N_m: float = 500.0, grip: str = "firm", **setup: Any
-) -> Feel:
+) -> ClosedLoopResult:
     """A case of the zoo: its path, a hold where it is last well inside, and a way out along the surface's normal."""
     (case,) = (case for case in json.loads((folder / "cases.json").read_text()) if case["name"] == name)
     if case["mesh"] == "sph1k":
@@ -55,10 +55,10 @@ def feel(
     out_m = np.linspace(0.0, 0.02, RELEASE)[:, None] * seen.nhat_W[stop]
     path = np.concatenate((tool_m[: stop + 1], np.tile(tool_m[stop], (STILL, 1)), tool_m[stop] + out_m))
     twin.reset(path[0])
-    return twin.run(Intent.along(path, grip))
+    return twin.run(ReferenceTrajectory.along(path, grip))
 
 
-def lost(felt: Feel) -> np.ndarray:
+def lost(felt: ClosedLoopResult) -> np.ndarray:
     """Depths (n,) [m] at which contact ended, beside what the tool moved in that tick."""
     rows = felt.recording
     ended = np.flatnonzero(rows.touching[:-1] & ~rows.touching[1:])
@@ -66,7 +66,7 @@ def lost(felt: Feel) -> np.ndarray:
     return rows.depth_m[ended] - moved[ended]
 
 
-def jump_deg(felt: Feel) -> float:
+def jump_deg(felt: ClosedLoopResult) -> float:
     """Largest turn of the direction from tool to proxy in a tick, less what the tool's own way over its depth makes."""
     rows, depth = felt.recording, np.maximum(felt.recording.depth_m, 1e-12)
     held = rows.touching & (depth > LOST_M)
@@ -76,7 +76,7 @@ def jump_deg(felt: Feel) -> float:
     return float(np.degrees(turn[held[1:] & held[:-1]].max(initial=0.0)))
 
 
-def rest_m_s(felt: Feel) -> float:
+def rest_m_s(felt: ClosedLoopResult) -> float:
     v = felt.v_W_m_s[-RELEASE - STILL // 2 : -RELEASE]
     return float(np.sqrt((v**2).sum(axis=1).mean()))
 

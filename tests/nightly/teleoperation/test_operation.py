@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hapscene.device.sim.point import PointMass
-from hapscene.loop.hand_intent import Intent
+from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operation
 from hapscene.teleoperation.plate import plate
@@ -20,7 +20,7 @@ def run_briefly() -> list[float]:
     """Eight ticks with contact, waves, a link with loss, and the handle."""
     device, line = PointMass(0.05, 0.1, 0.1, 55e-6), Impairment(0.001, 0.001, 0.1)
     operation = Operation(plate("wood"), (0.0, 0.0, 1e-6), line=line, device=device)
-    operated = operation.run(Intent.hold((0.0, 0.0, -0.05), 8))
+    operated = operation.run(ReferenceTrajectory.hold((0.0, 0.0, -0.05), 8))
     sums = operated.a_handle_m_s2.sum(), operated.a_tip_m_s2.sum()
     return [*operated.leader_W_m[-1].tolist(), *operated.f_leader_W_N[-1].tolist(), *map(float, sums)]
 

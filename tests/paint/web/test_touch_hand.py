@@ -12,7 +12,7 @@ import pytest
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.device.sim.hand import GRIPS
 from hapscene.errors import HapsceneError
-from hapscene.loop.servo import ServoState, TickLog
+from hapscene.loop.servo_state import ServoState, TickLog
 from hapscene.paint.model.composing import Composing
 from hapscene.paint.model.painting import Painting
 from hapscene.paint.web.hand import (
