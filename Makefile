@@ -4,7 +4,7 @@
 # make wheel: dist/hapscene-*.whl with compiled code for this platform, so that a first use need not compile
 # make mutants: mutation testing; MUTANTS="--package contact --count 40" chooses the package and the number
 # Each makes or completes the environment .venv the first time; PYTHON=python3.12 chooses the interpreter. PYTEST="..."
-# adds options of pytest to `test` and `nightly`. On Windows without make, see README.md, "Two commands".
+# adds options of pytest to `test` and `nightly`. On Windows without make, see CONTRIBUTING.md.
 PYTHON ?= python3
 PYTEST ?=
 ENV := .venv

@@ -198,7 +198,7 @@ def make_scene(path: Path) -> None:
     scene.paint("bracket", "wood", "wall")
     scene.paint("bracket", "leather", "pocket")
     scene.add(MESHES / "toad.ply", unit="m", swatch="leather", pose=place(0.0))
-    scene.paint("toad", "paper", PlaneSide(point_m=(-0.004, 0, 0), normal=(-1, 0, 0)), finest_m=math.inf)
+    scene.paint("toad", "paper", PlaneSide(point_m=(-0.004, 0, 0), normal=(-1, 0, 0)), resolution_m=math.inf)
     scene.add(MESHES / "plate.obj", unit="mm", swatch="wood", pose=place(0.11))
     scene.paint("plate", "paper", "woven")
     scene.save(path)

@@ -1,4 +1,4 @@
-"""Teleoperation: an arm of MuJoCo follows a leader in a hand, and what its tip touches is felt there.
+"""Teleoperation: a MuJoCo arm follows a leader that a hand holds; the hand feels what the tip of the arm touches.
 
 Needs `pip install 'hapscene[mujoco]'`.
 """
@@ -45,9 +45,9 @@ ARM = """
 </mujoco>
 """
 
-STIFFNESS_N_M = 500.0  # of the spring between leader and follower
-FRICTION = 0.5  # of the crate on the table, as above
-OMNI_N_M = 2310.0  # of the leader's arm, up and down, between the tip and its encoders: by its data sheet
+STIFFNESS_N_M = 500.0  # coupling of leader and follower
+FRICTION = 0.5  # between crate and table, as in the model
+OMNI_N_M = 2310.0  # vertical stiffness of the leader's arm, from its data sheet
 
 ReferenceTrajectory = hapscene.loop.ReferenceTrajectory
 model = mujoco.MjModel.from_xml_string(ARM)
@@ -55,16 +55,16 @@ data = mujoco.MjData(model)
 data.qpos[:3] = (0.0, -0.6, 1.5)
 robot = hapscene.bridge.MuJoCo(model, data)
 tip = robot.names.index("tip")
-print(f"pushed from below, the arm's tip weighs {1e3 / robot.mobility(tip)[2, 2]:.0f} g")
+print(f"effective mass of the tip along z: {1e3 / robot.mobility(tip)[2, 2]:.0f} g")
 
 coupling = hapscene.teleoperation.Coupling("position", stiffness_N_m=STIFFNESS_N_M)
-leader_m = (0.0, 0.0, 0.0)  # an Omni on a desk elsewhere: the arm follows from where it is
+leader_m = (0.0, 0.0, 0.0)  # start of the leader, an Omni; the arm follows relative to its own start
 operation = hapscene.teleoperation.Operation(robot, leader_m, coupling=coupling, body="tip")
 offset_m = data.body("tip").xpos - leader_m
 
 
 def move(*points: tuple[float, float, float]) -> hapscene.teleoperation.OperationResult:
-    """The hand means to go through points: x and z from the leader's start [mm], and when [s]."""
+    """Move the hand along points (x, z, t): displacement from the leader's start [mm], time [s]."""
     x, z, t_s = np.transpose(points)
     now_s = np.arange(0.0, t_s[-1], 1e-3)
     target_m = 1e-3 * np.column_stack((np.interp(now_s, t_s, x), 0.0 * now_s, np.interp(now_s, t_s, z)))
@@ -72,26 +72,26 @@ def move(*points: tuple[float, float, float]) -> hapscene.teleoperation.Operatio
 
 
 pressed = move((0, 0, 0.2), (0, -55, 0.7), (0, -55, 1.5))  # the table is 48 mm below the tip's ball
-table_N, told_N = robot.contact(tip)[2], pressed.f_leader_W_N[-1, 2]
+table_N, hand_N = robot.contact(tip)[2], pressed.f_leader_W_N[-1, 2]
 gap_m = (pressed.follower_W_m[-1] - offset_m - pressed.leader_W_m[-1])[2]
 touched = int(np.argmax(pressed.touching))
 tap_m_s2 = np.abs(pressed.a_follower_m_s2[touched - 1 : touched + 4]).max()
 tapped_m_s2 = np.abs((pressed.a_tip_m_s2 + pressed.a_handle_m_s2)[touched : touched + 20]).max()
-print(f"the tap: {tap_m_s2:.1f} m/s² at the tip, {tapped_m_s2:.1f} m/s² in the hand")
-print(f"the table gives {table_N:.3f} N, as MuJoCo has it, and the leader {told_N:.3f} N to the hand,")
-print(f"from which the tip is {1e3 * gap_m:.2f} mm away")
+print(f"tap: {tap_m_s2:.1f} m/s² at the tip, {tapped_m_s2:.1f} m/s² in the hand")
+print(f"force of the table in MuJoCo: {table_N:.3f} N; force of the leader on the hand: {hand_N:.3f} N")
+print(f"distance between the tip and its target: {1e3 * gap_m:.2f} mm")
 
-# What MuJoCo says of the contact is what the hand gets, and the tip is as far behind as two springs in a row give: that
-# between leader and follower, and the Omni's own structure. Its encoders have steps of 55 µm.
-assert table_N > 0.5 and abs(told_N / table_N - 1.0) < 0.01
-assert abs(gap_m - told_N * (1.0 / STIFFNESS_N_M + 1.0 / OMNI_N_M)) < 2 * 55e-6
+# The hand receives the contact force of MuJoCo. The distance is that of two springs in series: the coupling and the
+# structure of the Omni, whose encoders have steps of 55 µm.
+assert table_N > 0.5 and abs(hand_N / table_N - 1.0) < 0.01
+assert abs(gap_m - hand_N * (1.0 / STIFFNESS_N_M + 1.0 / OMNI_N_M)) < 2 * 55e-6
 
 crate_m = data.body("crate").xpos[0]
 pushed = move((0, -55, 0.0), (0, -40, 0.3), (80, -40, 1.9))
 crate_m, drag_N = data.body("crate").xpos[0] - crate_m, FRICTION * 9.81 * model.body("crate").mass[0]
 in_air_N, sliding_N = (-pushed.f_leader_W_N[part, 0].mean() for part in (slice(600, 900), slice(-300, None)))
-print(f"a crate is pushed by {1e3 * crate_m:.1f} mm, with {sliding_N:.2f} N by the hand, {in_air_N:.2f} N in the air")
+print(f"the crate moved by {1e3 * crate_m:.1f} mm; force of the hand: {sliding_N:.2f} N, in the air {in_air_N:.2f} N")
 
-# It drags at the hand as its friction does at the table.
+# The hand feels the friction between crate and table.
 assert 0.01 < crate_m < 0.04
 assert abs(sliding_N - in_air_N - drag_N) < 0.1 * drag_N

@@ -1,4 +1,4 @@
-"""A crate of MuJoCo, pushed over the floor by the tool; needs `pip install 'hapscene[mujoco]'`."""
+"""The tool pushes a MuJoCo crate over the floor. Needs `pip install 'hapscene[mujoco]'`."""
 
 import sys
 
@@ -30,7 +30,7 @@ bridge = hapscene.bridge.MuJoCo(model, data, swatches={"crate": "wood", "floor":
 renderer = hapscene.Renderer(bridge.scene, device="omni")
 
 forces: list[np.ndarray] = []
-p_WT = np.array([-0.06, 0.0, 0.04])  # a centimetre before the crate
+p_WT = np.array([-0.06, 0.0, 0.04])  # 1 cm in front of the crate
 while data.time < 2.0 - 1e-9:
     p_WT[0] += 0.03 * model.opt.timestep  # 3 cm/s
     bridge.step(renderer, p_WT, lambda command: forces.append(command.f_W_N))
@@ -38,7 +38,7 @@ while data.time < 2.0 - 1e-9:
 f_N = np.array(forces)
 print(f"pushed by {1e3 * data.qpos[0]:.1f} mm, with {-f_N[-500:, 0].mean():.2f} N at the end")
 
-# The tool came 6 cm, of which 1 to the crate, which lags by as much as the swatch gives. Friction holds it back.
+# The tool moved 6 cm, 1 cm of it to reach the crate. The crate lags by the penetration depth that friction causes.
 assert 0.035 < data.qpos[0] < 0.05
 assert 0.5 * 0.2 * 9.81 < -f_N[-500:, 0].mean() < 1.05 * 0.2 * 9.81
 assert len(forces) == 2000

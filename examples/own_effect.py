@@ -1,4 +1,4 @@
-"""An effect of one's own: honey, which drags at the tool as it slides. `third_party_effect` makes one a package."""
+"""A custom effect: viscous drag on a sliding tool. `third_party_effect` shows an effect as a package."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ import hapscene
 
 
 def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
-    """Add a force against the way that the tool slides, by its speed and by how firmly it presses [N]."""
+    """Add a force against the direction of sliding, proportional to speed and normal force [N]."""
     if touch.touching:
         for i in range(3):
             out.f_W_N[i] -= p.drag_s_m * touch.normal_force_N * touch.slip_W_m[i] / touch.tick_s
@@ -17,9 +17,9 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
 
 honey = hapscene.Effect(
     "honey",
-    "Drags at a tool that slides.",
+    "Viscous drag on a sliding tool.",
     render,
-    params=(hapscene.Param("drag_s_m", 5.0, "s/m", "drag over normal force and speed", minimum=0.0),),
+    params=(hapscene.Param("drag_s_m", 5.0, "s/m", "drag coefficient over speed", minimum=0.0),),
 )
 
 scene = hapscene.Scene()

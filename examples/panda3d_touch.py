@@ -1,4 +1,4 @@
-"""A crate that floats in panda3d's Bullet world, pushed by the tool; needs `pip install panda3d`."""
+"""The tool pushes a floating crate in panda3d's Bullet world. Needs `pip install panda3d`."""
 
 import sys
 from typing import Any
@@ -20,13 +20,13 @@ Array = NDArray[np.float64]
 
 
 class Panda:
-    """Rigid bodies of a `BulletWorld`, as a bridge takes them: see `hapscene.bridge.Simulation`."""
+    """Rigid bodies of a `BulletWorld` as a `hapscene.bridge.Simulation`."""
 
     def __init__(self, world: Any, nodes: list[Any], step_s: float) -> None:
         self.names, self.step_s = tuple(node.name for node in nodes), step_s
         self._world, self._nodes = world, nodes
         for node in nodes:
-            node.setDeactivationEnabled(False)  # it would sleep under the tool
+            node.setDeactivationEnabled(False)  # a sleeping body would not move under the tool
 
     def read(self, X_WB: Array) -> None:
         for i, node in enumerate(self._nodes):
@@ -41,7 +41,7 @@ class Panda:
         for node, wrench in zip(self._nodes, wrench_W, strict=True):
             node.applyCentralForce(Vec3(*wrench[:3]))
             node.applyTorque(Vec3(*wrench[3:]))
-        self._world.doPhysics(self.step_s, 0)  # with sub-steps, its poses are those of the step before
+        self._world.doPhysics(self.step_s, 0)  # sub-steps would delay the poses by one step
 
 
 crate = BulletRigidBodyNode("crate")
@@ -55,16 +55,16 @@ scene.add(trimesh.creation.box((0.1, 0.1, 0.1)), name="crate", unit="m", swatch=
 renderer = hapscene.Renderer(scene, device="omni")
 bridge = hapscene.bridge.Bridge(Panda(world, [crate], 1 / 60))
 
-p_WT = np.array([-0.06, 0.02, 0.0])  # a centimetre before the crate
+p_WT = np.array([-0.06, 0.02, 0.0])  # 1 cm in front of the crate
 for _ in range(120):
     p_WT[0] += 0.03 / 60  # 3 cm/s
     bridge.step(renderer, p_WT)
 
 impulse = renderer.impulse("crate")
 v_m_s, w_rad_s = (np.array(v) for v in (crate.getLinearVelocity(), crate.getAngularVelocity()))
-print(f"flies off at {1e3 * v_m_s[0]:.0f} mm/s, turning at {w_rad_s[2]:.2f} rad/s")
+print(f"velocity {1e3 * v_m_s[0]:.0f} mm/s, angular velocity {w_rad_s[2]:.2f} rad/s")
 
-# What the tool gave the crate, it has; panda3d counts in float32.
+# The momentum of the crate equals the impulse of the tool, in single precision.
 assert v_m_s[0] > 0.02
 assert np.allclose(crate.getMass() * v_m_s, impulse.linear_N_s, rtol=1e-5, atol=1e-8)
 assert np.allclose(crate.getInertia()[2] * w_rad_s[2], impulse.angular_N_m_s[2], rtol=1e-5)

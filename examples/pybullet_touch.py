@@ -1,4 +1,4 @@
-"""A crate of PyBullet, pushed over the floor by the tool; needs `pip install pybullet`."""
+"""The tool pushes a PyBullet crate over the floor. Needs `pip install pybullet`."""
 
 import sys
 from typing import Any
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class PyBullet:
-    """Bodies of PyBullet by their names, as a bridge takes them: see `hapscene.bridge.Simulation`."""
+    """Bodies of PyBullet as a `hapscene.bridge.Simulation`."""
 
     def __init__(self, bodies: dict[str, int], step_s: float) -> None:
         self.names, self.step_s = tuple(bodies), step_s
@@ -27,7 +27,7 @@ class PyBullet:
         pybullet.setTimeStep(step_s)
 
     def _pose(self, body: int) -> tuple[Array, Array]:
-        """Rotation and place of a body's frame, which here is that of its inertia."""
+        """Return rotation and position of a body's frame, which is its inertial frame here."""
         p, quaternion = pybullet.getBasePositionAndOrientation(self._bodies[body])
         return np.reshape(pybullet.getMatrixFromQuaternion(quaternion), (3, 3)), np.array(p)
 
@@ -65,7 +65,7 @@ scene.add(trimesh.creation.box((0.1, 0.1, 0.1)), name="crate", unit="m", swatch=
 renderer = hapscene.Renderer(scene, device="omni")
 bridge = hapscene.bridge.Bridge(PyBullet({"crate": crate}, 1 / 240))
 
-p_WT = np.array([-0.06, 0.0, 0.04])  # a centimetre before the crate
+p_WT = np.array([-0.06, 0.0, 0.04])  # 1 cm in front of the crate
 for _ in range(480):
     p_WT[0] += 0.03 / 240  # 3 cm/s
     bridge.step(renderer, p_WT)
@@ -74,6 +74,6 @@ x_m = pybullet.getBasePositionAndOrientation(crate)[0][0]
 push_N = renderer.impulse("crate").linear_N_s[0] / (5 / 3)
 print(f"pushed by {1e3 * x_m:.1f} mm, with {push_N:.2f} N on average")
 
-# The tool came 6 cm, of which 1 to the crate, within the last 5/3 s. Friction, as strong as its weight, holds it back.
+# The tool moved 6 cm, 1 cm of it to reach the crate, and pushed for 5/3 s. Friction equals the weight of the crate.
 assert 0.035 < x_m < 0.051
 assert 0.9 * 0.2 * 9.81 < push_N < 1.1 * 0.2 * 9.81

@@ -168,7 +168,7 @@ def _paint(scene: Scene) -> None:
     from hapscene.paint.model.regions import Outline
 
     scene.add(trimesh.creation.icosphere(3, 0.05), name="ball", unit="m")
-    scene.paint("box", "leather", Sphere((0.0, 0.0, 0.05), 0.02), soft_m=0.01, finest_m=0.005)
+    scene.paint("box", "leather", Sphere((0.0, 0.0, 0.05), 0.02), falloff_m=0.01, resolution_m=0.005)
     painting = Painting(scene)
     painting.pick(ABOVE_M, (0.0, 0.0, -1.0))
     painting.begin_step("warm up", SWATCH)

@@ -123,8 +123,8 @@ def test_no_module_imports_itself_through_others() -> None:
 
 
 def test_the_documents_name_files_that_exist() -> None:
-    """Every file and folder that docs/architecture.md and CONTRIBUTING.md name is there."""
-    documents = (ROOT / "docs" / "architecture.md", ROOT / "CONTRIBUTING.md")
+    """Every file and folder that docs/explanation/architecture.md and CONTRIBUTING.md name is there."""
+    documents = (ROOT / "docs" / "explanation" / "architecture.md", ROOT / "CONTRIBUTING.md")
     text = "\n".join(document.read_text(encoding="utf-8") for document in documents)
     for name in sorted(set(re.findall(r"[\w./]+(?:\.py|\.js|/)(?=[\s`,:)])", text))):
         assert (ROOT / name).exists() or (PACKAGE / name).exists() or list(PACKAGE.rglob(name.strip("/"))), name

@@ -1,27 +1,28 @@
-// A haptography handle on a Teensy 4 with a current amplifier: docs/handle-protocol.md, version 2, over USB's own serial
-// port. Tools > USB Type: Serial. Tried on a computer against the project's simulated handle, byte by byte, and on no
-// board yet: check the force on a scale, and the watchdog by pulling the cable, before a hand is on it.
+// A haptography handle on a Teensy 4 with a current amplifier: docs/reference/handle-protocol.md, version 2, over the
+// USB serial port (Tools > USB Type: Serial). Tested on a computer against the simulated handle, byte by byte; not run
+// on a board yet. Before you hold it, check the force on a scale, and the watchdog by pulling the cable.
 //
-// Every sample a timer takes one force from the buffer, puts it out, and reads the accelerometer; the main loop talks.
+// For each sample, a timer interrupt takes one force from the buffer, outputs it, and reads the accelerometer. The main
+// loop reads and writes lines.
 
 #include <Arduino.h>
 
-// What differs from handle to handle.
+// Change these for your handle.
 const uint32_t RATE_HZ = 5000;
-const long LIMIT = 30000;       // largest force ever put out [1e-4 N]
+const long LIMIT = 30000;       // maximum force [1e-4 N]
 const long FULL_SCALE = 40000;  // force at the end of the amplifier's input range [1e-4 N]
 const long READING = 48;        // acceleration of one count of the converter [1e-3 m/s2]
-const int PIN_FORCE = 3;        // PWM through a low-pass: half of it is no current
-const int PIN_ENABLE = 4;       // the amplifier's own enable: without one, the coil is pulled while the board starts
+const int PIN_FORCE = 3;        // PWM through a low-pass filter: half duty is zero current
+const int PIN_ENABLE = 4;       // enables the amplifier: prevents a force while the board starts
 const int PIN_ACCELERATION = A0;
-const char HEADER[] =  // its scales are those of the constants above
+const char HEADER[] =  // its scales match the constants above
     "#hapscene-probe 1 rate=5000 columns=force:N:0.0001,acceleration:m/s2:0.001,played:1:1.0,state:1:1.0";
 
-const uint32_t BUFFER = 1024;  // samples of force: what the protocol says
-const uint32_t ROWS = 512;     // samples that the computer may be late to fetch
+const uint32_t BUFFER = 1024;  // force samples, required by the protocol
+const uint32_t ROWS = 512;     // samples that wait for the computer
 const long LINE_COUNT = 32;
 const size_t LINE_MAX_LENGTH = 300;
-const long LIVE = 1, EMPTY = 2, TRIPPED = 4, LIMITED = 8, RUN = 16;
+const long LIVE = 1, EMPTY = 2, STOPPED = 4, LIMITED = 8, RUN = 16;
 
 struct Row {
   uint32_t number;
@@ -30,9 +31,9 @@ struct Row {
 
 long force_buffer[BUFFER];
 uint32_t force_first = 0, waiting = 0;
-uint32_t expected = 0, played = 0, quiet = 0, watchdog = 0;  // watchdog [samples]; 0: a sweep, with none
+uint32_t expected = 0, played = 0, quiet = 0, watchdog = 0;  // watchdog [samples]; 0 disables it, for a sweep
 long run = 0;
-bool tripped = false, announce = true;
+bool stopped = false, announce = true;
 Row rows[ROWS];
 volatile uint32_t rows_made = 0, rows_sent = 0;
 uint32_t number = 0;
@@ -44,27 +45,27 @@ void put_out(long force) {
   analogWrite(PIN_FORCE, 2048 + force * 2047 / FULL_SCALE);
 }
 
-// One sample, in the timer's interrupt.
+// Process one sample, in the timer interrupt.
 void tick() {
   if (watchdog > 0 && quiet >= watchdog) {
-    tripped = true;
+    stopped = true;
     waiting = 0;
   }
   ++quiet;
   const bool empty = waiting == 0;
-  long asked = 0;
+  long command = 0;
   if (!empty) {
-    asked = force_buffer[force_first];
+    command = force_buffer[force_first];
     force_first = (force_first + 1) % BUFFER;
     --waiting;
     played = (played + 1) & 0xFFFF;
   }
-  const long force = asked > LIMIT ? LIMIT : asked < -LIMIT ? -LIMIT : asked;
+  const long force = command > LIMIT ? LIMIT : command < -LIMIT ? -LIMIT : command;
   put_out(force);
-  digitalWrite(PIN_ENABLE, tripped ? LOW : HIGH);
+  digitalWrite(PIN_ENABLE, stopped ? LOW : HIGH);
   const long reading = (analogRead(PIN_ACCELERATION) - 2048) * READING;
-  const long state = RUN * run + (watchdog ? LIVE : 0) + (empty ? EMPTY : 0) + (tripped ? TRIPPED : 0) +
-                     (force != asked ? LIMITED : 0);
+  const long state = RUN * run + (watchdog ? LIVE : 0) + (empty ? EMPTY : 0) + (stopped ? STOPPED : 0) +
+                     (force != command ? LIMITED : 0);
   if (rows_made - rows_sent < ROWS) rows[rows_made++ % ROWS] = {number, force, reading, (long)played, state};
   ++number;
 }
@@ -84,7 +85,7 @@ void send(char *text, int length) {
   Serial.write(text, length);
 }
 
-// A whole number of at most so many digits, as it is written in one way alone; moves `at` past it.
+// Read an integer in its canonical form with at most this many digits, and advance `at`.
 bool read_number(const char *&at, const char *end, int digits, bool sign, long &value) {
   const bool negative = sign && at < end && *at == '-';
   if (negative) ++at;
@@ -108,7 +109,7 @@ void begin_run(uint32_t watchdog_samples, long run_number) {
   waiting = expected = played = quiet = 0;
   watchdog = watchdog_samples;
   run = run_number;
-  tripped = false;
+  stopped = false;
   announce = true;
   interrupts();
 }
@@ -118,7 +119,7 @@ void fill(uint32_t first, const long *counts, uint32_t count) {
   uint32_t lost = (first - expected) & 0xFFFF;
   const bool fits = waiting + lost + count <= BUFFER;
   if (!watchdog && lost > BUFFER) lost = 0;
-  if (!watchdog || (first <= 0xFFFF && !tripped && fits)) {
+  if (!watchdog || (first <= 0xFFFF && !stopped && fits)) {
     for (uint32_t i = 0; i < lost + count && waiting < BUFFER; ++i)
       force_buffer[(force_first + waiting++) % BUFFER] = i < lost ? 0 : counts[i - lost];
     expected = (first + count) & 0xFFFF;
@@ -127,7 +128,7 @@ void fill(uint32_t first, const long *counts, uint32_t count) {
   interrupts();
 }
 
-// One line, without its end. Whatever is not to the letter what the protocol says is left out.
+// Process one line without its end. A line that does not follow the protocol exactly is ignored.
 void take_line() {
   if (line_length < 5 || line_length >= LINE_MAX_LENGTH || line[line_length - 5] != '*') return;
   const char *at = line, *end = line + line_length - 5;
@@ -170,7 +171,7 @@ void loop() {
       take_line();
       line_length = 0;
     } else if (line_length < LINE_MAX_LENGTH) {
-      line[line_length++] = (char)byte;  // where it is full, the line is none
+      line[line_length++] = (char)byte;  // a line that is too long is ignored
     }
   }
   while (rows_sent != rows_made && Serial.availableForWrite() > 200) {

@@ -1,7 +1,7 @@
-"""Makes surface.csv for order.toml: a tool over a weave that is none, from numbers alone.
+"""Write surface.csv for order.toml: a synthetic recording of a tool that slides over a weave.
 
-A weave of 1 mm slid over at 0.1 m/s sounds at 100 Hz and its multiples, each with a width: more peaks than 40
-coefficients hold, fewer than 120. What people say of it is true of it; for a real surface, record one.
+A weave with a pitch of 1 mm at 0.1 m/s vibrates at 100 Hz and its multiples. These are more spectral peaks than an AR
+model of order 40 can represent, and fewer than one of order 120 can. Results hold for this synthetic surface only.
 """
 
 import sys
@@ -13,7 +13,7 @@ RATE_HZ, SECONDS, PITCH_M = 10_000, 12.0, 1e-3
 
 
 def surface(seed: int = 0) -> np.ndarray:
-    """Rows (n, 3): acceleration [m/s²], normal force [N], speed [m/s]."""
+    """Return rows (n, 3): acceleration [m/s²], normal force [N], speed [m/s]."""
     rng, t_s = np.random.default_rng(seed), np.arange(round(RATE_HZ * SECONDS)) / RATE_HZ
     speed_m_s = 0.1 * (1.0 + 0.01 * np.sin(2.0 * np.pi * 0.4 * t_s))
     force_N = 1.0 + 0.1 * np.sin(2.0 * np.pi * 0.3 * t_s)
@@ -29,7 +29,7 @@ def surface(seed: int = 0) -> np.ndarray:
 def main() -> None:
     path = Path(sys.argv[1] if len(sys.argv) > 1 else "surface.csv")
     np.savetxt(path, surface(), fmt="%.6g", delimiter=",", header="acceleration,force,speed", comments="")
-    print(f"made {path}: a made surface; what is found about it is about it alone")
+    print(f"wrote {path}: a synthetic surface; results hold for this surface only")
 
 
 if __name__ == "__main__":

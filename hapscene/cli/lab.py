@@ -263,7 +263,7 @@ def tune(
     scene, mesh = find_asset(scene, mesh)
     check_scene(scene, mesh)
     from hapscene.device.model import device_named
-    from hapscene.fidelity.fidelity_file import check_place, fidelity_beside, save_fidelity
+    from hapscene.fidelity.fidelity_file import check_fidelity_path, fidelity_beside, save_fidelity
     from hapscene.fidelity.trial import without_scene_warnings
     from hapscene.fidelity.tune import reach_m_s2
     from hapscene.fidelity.tune import tune as run
@@ -272,7 +272,7 @@ def tune(
     if is_model(scene):
         raise HapsceneError(f"{scene}: a MuJoCo model cannot be tuned; expected a scene or a mesh")
     out = out or fidelity_beside(scene)
-    check_place(out)
+    check_fidelity_path(out)
     device_named(device)
     reach_m_s2(handle)
     with without_scene_warnings():

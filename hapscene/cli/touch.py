@@ -253,10 +253,10 @@ def _show(scene: "Scene", out: Path, dark: bool, by_hand: bool, title: str) -> N
     """Show a recorded touch in a window until the window is closed."""
     from hapscene.render.recording import Recording
     from hapscene.view.palette import DARK, LIGHT
-    from hapscene.view.window import felt, play_in_window
+    from hapscene.view.window import play_in_window, with_hand
 
     recording = Recording.load(out / "touch.npz")
     if by_hand:
-        recording = felt(recording, out / "hand.npz")
+        recording = with_hand(recording, out / "hand.npz")
     print("showing the touch in a window; close the window or press Ctrl-C to end", flush=True)
     play_in_window(scene, recording, title, theme=DARK if dark else LIGHT)

@@ -1,4 +1,4 @@
-"""Painted scenes for other programs, and back: what may be written and read.
+"""Export of painted scenes to GLB, glTF, PLY, OBJ and STL, and import from these files.
 
 ```python
 import hapscene
@@ -9,7 +9,7 @@ export_scene(scene, "painted.glb")
 scene = import_scene("painted.glb")
 ```
 
-What each format keeps and loses is in docs/exchange.md, as measured by round trip.
+docs/exchange.md has a table of what each format preserves.
 """
 
 import lazy_loader

@@ -1,10 +1,10 @@
-"""glTF 2.0: a node for each body, a mesh for each swatch on it, a material for each swatch; GLB or one text file.
+"""Export of scenes to glTF 2.0, as GLB or text: a node for each body, a mesh for each swatch on it.
 
-    W (turns z up into glTF's y up) → bodies, each at its pose → meshes, one for each swatch on the body
+    W (rotates z up to the y up of glTF) → bodies at their poses → meshes, one for each swatch of a body
 
-A material is called as its swatch; its base colour is the albedo. `extras`, which other programs show as custom
-properties and keep, hold what makes a scene of it again: on W the version, on bodies name, two-sidedness and what is
-painted finer than faces, on materials the swatch's numbers, the hash of its file, and its file as a text (see
+A material has the name of its swatch; its base colour is the albedo. The `extras`, which other programs preserve as
+custom properties, contain the data to restore the scene: on W the format version; on bodies the name, `two_sided` and
+the paint of subdivided faces; on materials the parameters of the swatch, the hash of its file, and the file itself (see
 `hapscene.exchange.swatch_payload`).
 
 glTF has no float64: positions are rounded to float32.
@@ -20,39 +20,40 @@ from numpy.typing import NDArray
 
 from hapscene import __version__
 from hapscene.errors import SceneError
-from hapscene.exchange.swatch_payload import VERSION, Piece, digest_of, fine_told, pieces_of, text_of
+from hapscene.exchange.swatch_payload import EMBEDDED_MAX, VERSION, Piece, digest_of, fine_to_json, pieces_of
 from hapscene.io.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import swatch_to_json
 from hapscene.view.palette import linear
 
 __all__ = ["Z_UP", "write_gltf"]
 
 GLB_MAX_B: Final = 2**32 - 1
-"""Largest GLB file [bytes]: its length is a uint32."""
+"""Maximum size of a GLB file [bytes]: the length field is a uint32."""
 
 Z_UP: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-"""Matrix of the node W, by columns: hapscene's z is up, glTF's y."""
+"""Matrix of the node W by columns: it rotates z up to the y up of glTF."""
 
 FLOAT, UINT32 = 5126, 5125  # component types of glTF
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of glTF
 
 
 def write_gltf(scene: Scene, path: Path) -> list[Path]:
-    """Write a scene as GLB or glTF, by the suffix of the path.
+    """Write a scene as GLB or glTF, depending on the suffix.
 
     Args:
-        scene: with a body at least.
+        scene: scene with at least one body.
         path: the file, .glb or .gltf.
 
     Raises:
-        SceneError: too large for GLB, or the file cannot be written.
+        SceneError: the scene is too large for GLB, or the file cannot be written.
     """
     writer = _Writer(scene)
     for body in scene.bodies:
         writer.add_body(body)
-    writer.add_unworn()
+    writer.add_unused()
     blob = b"".join(writer.chunks)
     if path.suffix.lower() == ".glb":
         content = _glb(writer.tree, blob, path)
@@ -65,7 +66,7 @@ def write_gltf(scene: Scene, path: Path) -> list[Path]:
 
 
 class _Writer:
-    """The JSON tree and the binary buffer, as they grow."""
+    """Builds the JSON tree and the binary buffer."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -87,15 +88,15 @@ class _Writer:
         return len(self.tree[kind]) - 1
 
     def add_body(self, body: Body) -> None:
-        key = (id(body.mesh), body.face_swatch.tobytes(), body.two_sided)  # bodies that may share meshes
+        key = (id(body.mesh), body.face_swatch.tobytes(), body.two_sided)  # bodies with equal keys share glTF meshes
         if key not in self.meshes:
             self.meshes[key] = [self.add_mesh(body, piece) for piece in pieces_of(body)]
-        worn = [{"name": f"{body.name}/{swatch}", "mesh": mesh} for mesh, swatch in self.meshes[key]]
-        children = [self.add("nodes", node) for node in worn]
+        pieces = [{"name": f"{body.name}/{swatch}", "mesh": mesh} for mesh, swatch in self.meshes[key]]
+        children = [self.add("nodes", node) for node in pieces]
         extras: dict[str, Any] = {"hapscene_body": body.name, "two_sided": body.two_sided}
         if body.parent is not None:
             extras["parent"] = body.parent
-        if (fine := fine_told(self.scene, body)) is not None:
+        if (fine := fine_to_json(self.scene, body)) is not None:
             extras["fine"] = fine
         matrix = body.X_WB.T.ravel().tolist()
         node = {"name": body.name, "matrix": matrix, "children": children, "extras": extras}
@@ -115,7 +116,7 @@ class _Writer:
         return {"attributes": attributes, "indices": self.add_indices(faces), "material": material}
 
     def add_coloured(self, body: Body, colour_rgb: NDArray[np.uint8]) -> dict[str, Any]:
-        """Faces without a swatch, in the colours of the mesh's own file: one vertex for each colour of its faces."""
+        """Add the faces without a swatch, coloured as in the mesh file, with a vertex for each colour of its faces."""
         plain = body.face_swatch == 0
         corners = body.mesh.faces[plain].astype(np.int64)
         packed = colour_rgb[plain].astype(np.int64) @ (1 << 16, 1 << 8, 1)
@@ -129,12 +130,12 @@ class _Writer:
         return primitive
 
     def add_material(self, index: int, swatch: Swatch, two_sided: bool, own_colours: bool = False) -> int:
-        """The material of a swatch; white where its faces have the colours of the mesh's file."""
+        """Return the material of a swatch; white if its faces have the colours of the mesh file."""
         key = (index, two_sided, own_colours)
         if key not in self.materials:
             extras = {"hapscene_swatch": swatch.name, **swatch.own_numbers, "albedo_rgb": list(swatch.albedo_rgb)}
             extras["sha256"] = digest_of(swatch)
-            if (text := text_of(swatch)) is not None:
+            if len(text := swatch_to_json(swatch)) <= EMBEDDED_MAX:
                 extras["swatch_file"] = text
             colour = [1.0] * 4 if own_colours else [*linear(swatch.albedo_rgb).tolist(), 1.0]
             look = {"baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.8}
@@ -142,11 +143,11 @@ class _Writer:
             self.materials[key] = self.add("materials", material)
         return self.materials[key]
 
-    def add_unworn(self) -> None:
-        """Materials of the swatches that no face wears. Number 0, plain, is in every scene."""
-        worn = {index for index, *_ in self.materials}
+    def add_unused(self) -> None:
+        """Add materials for unused swatches, except swatch 0, which every scene has."""
+        used = {index for index, *_ in self.materials}
         for index, swatch in enumerate(self.scene.swatches):
-            if index > 0 and index not in worn:
+            if index > 0 and index not in used:
                 self.add_material(index, swatch, two_sided=False)
 
     def add_positions(self, vertices_m: NDArray[np.float64]) -> int:
@@ -171,14 +172,14 @@ class _Writer:
 
 
 def _glb(tree: dict[str, Any], blob: bytes, path: Path) -> bytes:
-    """A binary glTF: header, a chunk of JSON, a chunk of the buffer."""
+    """Return a GLB file: header, JSON chunk, binary chunk."""
     tree["buffers"] = [{"byteLength": len(blob)}]
     text = json.dumps(tree, ensure_ascii=False, allow_nan=False).encode()
     text += b" " * (-len(text) % 4)
     size = 12 + 8 + len(text) + 8 + len(blob)
     if size > GLB_MAX_B:
         raise SceneError(
-            f"{path}: {size:,} bytes; a GLB file has at most {GLB_MAX_B:,}: reduce the meshes, or use .ply"
+            f"{path}: {size:,} bytes, at most {GLB_MAX_B:,} fit in a GLB file: simplify the meshes, or use .ply"
         )
     header = b"glTF" + np.array([2, size, len(text)], "<u4").tobytes() + b"JSON"
     return b"".join([header, text, np.array([len(blob)], "<u4").tobytes(), b"BIN\0", blob])

@@ -1,8 +1,9 @@
-"""A scene from glTF that `hapscene.exchange.gltf` wrote, or that another program wrote from it with its extras.
+"""Import of scenes from glTF files of `hapscene.exchange.gltf`, also after other programs have edited them.
 
-Files come from strangers: nothing is made before the file is known to hold it, nodes may not form a cycle, and the only
-other files that are opened lie beside it (`hapscene.scene.resource_resolver`). What another program added belongs to
-the scene: a node with a mesh that belongs to no body becomes a body.
+Files are untrusted: sizes are checked before memory is allocated, nodes may not form a cycle, and only files in the
+    same
+folder are opened (`hapscene.scene.resource_resolver`). Meshes that another program added without a hapscene body become
+bodies.
 """
 
 import base64
@@ -20,13 +21,12 @@ from hapscene.errors import SceneError
 from hapscene.exchange.swatch_payload import (
     Piece,
     check_version,
-    hang_again,
     is_digest,
     join,
     known_swatch,
-    lose,
     restore,
     restore_fine,
+    warn_of_loss,
 )
 from hapscene.geometry import RIGID_TOLERANCE, rotation_of
 from hapscene.io.files import read_bytes, refusing
@@ -47,15 +47,15 @@ _TRIANGLES: Final = 4
 
 
 def read_gltf(path: Path) -> Scene | None:
-    """The scene of a glTF file; None where it bears no mark of hapscene, and is a mesh like any other.
+    """Read a scene from a glTF file; return None if hapscene did not write the file.
 
     Raises:
         SceneError: damaged, too large, compressed, or of a later version.
-        MeshError, SwatchError: a mesh or a swatch in it is broken.
+        MeshError, SwatchError: a mesh or a swatch in the file is invalid.
     """
     content = read_bounded(path)
     if b'"hapscene_body"' not in content:
-        return None  # not looked into further: what another program wrote need not please us
+        return None  # files of other programs need not pass our checks
     tree, blobs = parts_of(path, content)
     reader = _Reader(path, tree, blobs)
     bodies = reader.bodies()
@@ -67,36 +67,39 @@ def read_gltf(path: Path) -> Scene | None:
     for swatch in reader.swatches_named():
         scene.swatch_index(swatch)
     for made, body in zip(scene.bodies, bodies, strict=True):
-        hang_again(path, scene, made, body.parent)
+        try:
+            scene.attach(made.name, None if body.parent is None else str(body.parent))
+        except SceneError:
+            warn_of_loss(f"{path}: body {made.name[:60]!r} is detached: parent {str(body.parent)[:60]!r} is invalid")
         if body.fine is not None:
             restore_fine(path, scene, made, body.fine)
     return scene
 
 
 def read_bounded(path: Path) -> bytes:
-    """The content of a file that is no larger than `FILE_MAX_B`.
+    """Read a file of at most `FILE_MAX_B`.
 
     Raises:
-        SceneError: there is no such file, it is empty, too large, or cannot be read.
+        SceneError: the file is missing, empty, too large, or cannot be read.
     """
     with refusing(SceneError):
-        content = read_bytes(path, FILE_MAX_B, "mesh file that is read")
+        content = read_bytes(path, FILE_MAX_B, "mesh file")
     if not content:
         raise SceneError(f"{path}: the file is empty")
     return content
 
 
 def parts_of(path: Path, content: bytes) -> tuple[dict[str, Any], list[bytes]]:
-    """JSON tree and the content of each buffer; empty for one without a URI that is not the chunk of a GLB.
+    """Return the JSON tree and the content of each buffer; a buffer without URI is the chunk of a GLB, or empty.
 
     Raises:
-        SceneError: damaged, truncated, more than is read, or without a file that it needs.
+        SceneError: damaged, truncated, too large, or a file that it refers to is missing.
     """
     with refusing(SceneError):
         tree, chunk = parse_gltf(content, path.suffix.lower() == ".glb", str(path))
         found = items_of(tree, "buffers", str(path))
     files = FolderResources(path, FILE_MAX_B, SceneError)
-    read: dict[Any, bytes] = {}  # by its name: a small file can name a large one over and over
+    read: dict[Any, bytes] = {}  # by URI, since a small file can refer to a large one many times
     blobs = []
     for index, buffer in enumerate(found):
         uri = buffer.get("uri")
@@ -104,7 +107,7 @@ def parts_of(path: Path, content: bytes) -> tuple[dict[str, Any], list[bytes]]:
             blobs.append(chunk if index == 0 else b"")
             continue
         if not isinstance(uri, str):
-            raise SceneError(f"{path}: buffers[{index}].uri must be a text")
+            raise SceneError(f"{path}: buffers[{index}].uri must be a string")
         if uri not in read:
             read[uri] = _embedded(path, uri) if uri.startswith("data:") else files.get(uri)
         blobs.append(read[uri])
@@ -118,14 +121,15 @@ def _embedded(path: Path, uri: str) -> bytes:
             raise ValueError
         return base64.b64decode(data, validate=True)
     except (binascii.Error, ValueError):
-        raise SceneError(f"{path}: the buffer in the file is damaged: not base64") from None
+        raise SceneError(f"{path}: an embedded buffer is damaged: not base64") from None
 
 
 @dataclass
 class _Node:
-    """A body as it was found: its pose, relative to W where it hangs in it, and its meshes by index.
+    """A body in the file: its name, pose, and meshes by index.
 
-    `marked` is whether hapscene made it; else another program did, and it may be scaled.
+    `X` is relative to the node W if `in_W` is true, else to the file. `marked` is true for bodies that hapscene wrote;
+    nodes of other programs may be scaled.
     """
 
     name: str
@@ -139,11 +143,11 @@ class _Node:
 
 
 class _Reader:
-    """A glTF file's parts, and what was made of them so far. What cannot be had of them is a `SceneError`."""
+    """Reads bodies and swatches from a parsed glTF file; invalid data raises `SceneError`."""
 
     def __init__(self, path: Path, tree: dict[str, Any], blobs: list[bytes]) -> None:
         self.path, self.tree, self.blobs = path, tree, blobs
-        self.made = 0  # faces and vertices so far
+        self.made = 0  # number of faces and vertices so far
         self.shapes: dict[tuple[int, ...], tuple[Mesh, NDArray[np.int64]]] = {}
         self.swatches: dict[int, Swatch | str] = {}
         self.names: set[str] = set()
@@ -152,7 +156,7 @@ class _Reader:
         return SceneError(f"{self.path}: {problem}")
 
     def count(self, more: int) -> None:
-        """A small file can use the same numbers over and over."""
+        """Add to the number of faces and vertices, which is limited: a small file can refer to the same data often."""
         self.made += more
         if self.made > 2 * FACE_MAX:
             raise self.fail(f"more than {2 * FACE_MAX:,} faces and vertices")
@@ -160,7 +164,7 @@ class _Reader:
     def item(self, kind: str, index: Any) -> dict[str, Any]:
         items = self.tree.get(kind, [])
         if type(index) is not int or not isinstance(items, list) or not 0 <= index < len(items):
-            raise self.fail(f"no {kind}[{str(index)[:20]}]")
+            raise self.fail(f"{kind}[{str(index)[:20]}] does not exist")
         if not isinstance(items[index], dict):
             raise self.fail(f"{kind}[{index}] must be an object")
         return dict(items[index])
@@ -172,44 +176,44 @@ class _Reader:
         return np.array(value, np.float64)
 
     def check_packing(self, where: str, extensions: Any) -> None:
-        """Refuse what cannot be read without a decoder; other extensions change no shape."""
+        """Reject compressed data. Other extensions do not change the geometry."""
         if not isinstance(extensions, dict):
-            raise self.fail(f"{where}: extensions must be an object, each by its name")
+            raise self.fail(f"{where}: extensions must be an object")
         if packed := [name for name in _PACKED if name in extensions]:
-            raise self.fail(f"{where} is compressed ({packed[0]}); export it without compression")
+            raise self.fail(
+                f"{where} is compressed ({packed[0]}), which is not supported; export it without compression"
+            )
 
     def accessor(self, index: Any, kind: str, sort: str) -> NDArray[Any]:
-        """Numbers (n,) or (n, 3) of a buffer, which must hold them."""
+        """Return the numbers (n,) or (n, 3) of an accessor, which must lie within its buffer."""
         accessor = self.item("accessors", index)
         where = f"accessors[{index}]"
-        dtype = _TYPES.get(accessor.get("componentType", 0)) if _whole(accessor.get("componentType", 0)) else None
+        dtype = _TYPES.get(accessor.get("componentType", 0)) if _is_size(accessor.get("componentType", 0)) else None
         if accessor.get("type") != kind or dtype is None or np.dtype(dtype).kind != sort or "sparse" in accessor:
-            raise self.fail(
-                f"{where} must be {kind} of {'float32' if sort == 'f' else 'unsigned whole numbers'}, dense"
-            )
+            raise self.fail(f"{where} must be dense {kind} of {'float32' if sort == 'f' else 'unsigned integers'}")
         view = self.item("bufferViews", accessor.get("bufferView"))
         self.check_packing(where, view.get("extensions", {}))
         width = _WIDTHS[kind] * np.dtype(dtype).itemsize
         layout: list[Any] = [accessor.get("count"), view.get("byteStride", width)]
         layout += [view.get("byteOffset", 0), accessor.get("byteOffset", 0)]
-        if not all(_whole(n) for n in layout) or layout[0] == 0 or layout[1] < width:
-            raise self.fail(f"{where} has a count or offset that is no whole number")
+        if not all(_is_size(n) for n in layout) or layout[0] == 0 or layout[1] < width:
+            raise self.fail(f"{where} has an invalid count, stride or offset")
         count, stride, *start = (int(n) for n in layout)
         first = sum(start)
         end = first + (count - 1) * stride + width
         buffer = view.get("buffer", 0)
-        if not _whole(buffer) or buffer >= len(self.blobs):
-            raise self.fail(f"{where} is of a buffer that is not among the {len(self.blobs)} of the file")
+        if not _is_size(buffer) or buffer >= len(self.blobs):
+            raise self.fail(f"{where} refers to a missing buffer; the file has {len(self.blobs)}")
         blob = self.blobs[buffer]
         if end > len(blob):
-            raise self.fail(f"{where} reaches past the file's buffer of {len(blob):,} bytes: truncated?")
+            raise self.fail(f"{where} exceeds its buffer of {len(blob):,} bytes: the file is truncated or damaged")
         rows = np.ndarray((count, _WIDTHS[kind]), dtype, blob, first, (stride, np.dtype(dtype).itemsize))
         return rows if kind == "VEC3" else rows.ravel()
 
     def bodies(self) -> list[_Node]:
-        """Every node that is marked as a body, with all meshes below it, and every other that has a mesh.
+        """Return the nodes that are marked as bodies, with all meshes below them, and all other nodes with meshes.
 
-        Poses are in the scene's own frame, whatever the file's axes. None at all where no node is marked.
+        Poses are in the frame of the scene, whatever the axes of the file. Empty if no node is marked as a body.
         """
         start = self.tree.get("scene", 0)
         roots = self.item("scenes", start).get("nodes", []) if self.tree.get("scenes") else []
@@ -217,12 +221,12 @@ class _Reader:
         stack = [(node, np.eye(4), False, None) for node in _indices(roots)[::-1]]
         seen: set[int] = set()
         found: list[_Node] = []
-        X_W = np.eye(4)  # of W in the file
+        X_W = np.eye(4)  # pose of W in the file
         while stack:
             index, X, in_W, body = stack.pop()
             node = self.item("nodes", index)
             if index in seen:
-                raise self.fail(f"nodes[{index}] hangs in two places, or within itself")
+                raise self.fail(f"nodes[{index}] has two parents or is its own ancestor")
             seen.add(index)
             extras, own = extras_of(node), self.pose(node, index)
             X = X @ own
@@ -232,10 +236,10 @@ class _Reader:
             if "hapscene_body" in extras:
                 found.append(body := self.body(extras, X, in_W))
             elif body is not None and not np.array_equal(own, np.eye(4)):
-                raise self.fail(f"nodes[{index}] has been moved within its body, {body.name[:60]!r}; move that instead")
+                raise self.fail(f"nodes[{index}] was moved within its body {body.name[:60]!r}; move the body instead")
             if "mesh" in node:
                 if type(node["mesh"]) is not int:
-                    raise self.fail(f"nodes[{index}]: a mesh is named by its index")
+                    raise self.fail(f"nodes[{index}]: mesh must be an index")
                 if body is None:
                     found.append(_Node(_printable(node.get("name")), X, in_W, meshes=[node["mesh"]]))
                 else:
@@ -250,18 +254,18 @@ class _Reader:
         return found
 
     def body(self, extras: dict[str, Any], X: NDArray[np.float64], in_W: bool) -> _Node:
-        """A body of ours, by its extras."""
+        """Return a body from the extras that hapscene wrote."""
         name, two_sided = extras["hapscene_body"], extras.get("two_sided", False)
-        if not isinstance(name, str) or two_sided not in (False, True):  # 0 and 1 too: some programs know no bool
-            raise self.fail("a body needs its name and two_sided, true or false, in its extras")
+        if not isinstance(name, str) or two_sided not in (False, True):  # 0 and 1 too: some programs have no bool
+            raise self.fail("the extras of a body need hapscene_body, a string, and two_sided, true or false")
         return _Node(name, X, in_W, bool(two_sided), True, fine=extras.get("fine"), parent=extras.get("parent"))
 
     def solved(self, X_FW: NDArray[np.float64], X_FB: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A pose in the file as one in W."""
+        """Convert a pose in the file to a pose in W."""
         try:
             return np.asarray(np.linalg.solve(X_FW, X_FB))
         except np.linalg.LinAlgError:
-            raise self.fail("the node with hapscene_version is scaled to nothing") from None
+            raise self.fail("the node with hapscene_version has a singular matrix") from None
 
     def pose(self, node: dict[str, Any], index: int) -> NDArray[np.float64]:
         where = f"nodes[{index}]"
@@ -283,7 +287,7 @@ class _Reader:
             mesh, X_WB = self.unscaled(mesh, found)
         self.count(len(material))
         names = itertools.chain([found.name], (f"{found.name}_{i}" for i in itertools.count(2)))
-        name = next(name for name in names if name not in self.names)  # copies made elsewhere have one name
+        name = next(name for name in names if name not in self.names)  # copies made in other programs have equal names
         self.names.add(name)
         body = scene.add(mesh, name=name, pose=X_WB, two_sided=found.two_sided)
         for index in np.unique(material):
@@ -291,7 +295,7 @@ class _Reader:
                 body.face_swatch[material == index] = scene.swatch_index(self.swatch(int(index)))
 
     def shape(self, found: _Node) -> tuple[Mesh, NDArray[np.int64]]:
-        """The mesh of a body, and the material of each face; the same for bodies of the same meshes."""
+        """Return the mesh of a body and the material of each face; shared by bodies with the same meshes."""
         meshes = tuple(found.meshes)
         if meshes not in self.shapes:
             pieces = [piece for mesh in meshes for piece in self.pieces(mesh)]
@@ -302,9 +306,9 @@ class _Reader:
         return self.shapes[meshes]
 
     def unscaled(self, mesh: Mesh, found: _Node) -> tuple[Mesh, NDArray[np.float64]]:
-        """A mesh that has taken up what its pose scales, shears or mirrors, and the rigid pose that is left."""
+        """Apply scale, shear and reflection of a pose to the mesh; return it with the remaining rigid pose."""
         if not np.isfinite(found.X).all():
-            raise self.fail(f"object {found.name[:60]!r} is at a place that is not finite")
+            raise self.fail(f"object {found.name[:60]!r} has a pose that is not finite")
         R, S = scipy.linalg.polar(found.X[:3, :3])
         mirrors = np.linalg.det(R) < 0.0
         R, S = (-R, -S) if mirrors else (R, S)
@@ -315,12 +319,12 @@ class _Reader:
         return Mesh(mesh.vertices_m @ S.T, mesh.faces[:, ::-1] if mirrors else mesh.faces), X_WB
 
     def pieces(self, mesh: int) -> list[Piece]:
-        """One for each primitive; its `swatch` is the index of its material, −1 without."""
+        """Return a piece for each primitive; its `swatch` is the material index, or −1 without a material."""
         pieces = []
         primitives = self.item("meshes", mesh).get("primitives", [])
         for primitive in primitives if isinstance(primitives, list) else []:
             if not isinstance(primitive, dict) or primitive.get("mode", _TRIANGLES) != _TRIANGLES:
-                raise self.fail(f"meshes[{mesh}]: only triangles can be touched")
+                raise self.fail(f"meshes[{mesh}]: only triangles are supported")
             self.check_packing(f"meshes[{mesh}]", primitive.get("extensions", {}))
             attributes = primitive.get("attributes")
             corners = self.accessor(attributes.get("POSITION") if isinstance(attributes, dict) else None, "VEC3", "f")
@@ -329,22 +333,22 @@ class _Reader:
             else:
                 flat = np.arange(len(corners))
             if flat.size % 3 or not flat.size or flat.max() >= len(corners):
-                raise self.fail(f"meshes[{mesh}]: its indices do not make triangles of its {len(corners):,} vertices")
+                raise self.fail(f"meshes[{mesh}]: its indices are not triangles of its {len(corners):,} vertices")
             material = primitive.get("material", -1)
             if type(material) is not int or material < -1:
-                raise self.fail(f"meshes[{mesh}]: a material is named by its index")
+                raise self.fail(f"meshes[{mesh}]: material must be an index")
             self.count(len(flat) // 3 + len(corners))
             pieces.append(Piece(material, corners.astype(np.float64), flat.reshape(-1, 3)))
         return pieces
 
     def swatches_named(self) -> list[Swatch | str]:
-        """The swatches that hapscene wrote, those that no face wears among them."""
+        """Return all swatches that hapscene wrote, including unused ones."""
         materials = self.tree.get("materials", [])
         named = [i for i, m in enumerate(materials) if isinstance(m, dict) and "hapscene_swatch" in extras_of(m)]
         return [self.swatch(index) for index in named]
 
     def swatch(self, index: int) -> Swatch | str:
-        """The swatch of a material by its extras; where they are gone, the library's of its name; else plain."""
+        """Return the swatch of a material from its extras, else the library swatch with its name, else plain."""
         if index not in self.swatches:
             self.swatches[index] = self.restored(self.item("materials", index))
         return self.swatches[index]
@@ -358,22 +362,22 @@ class _Reader:
         name = str(material.get("name", ""))
         if known_swatch(name) is not None:
             return name
-        lose(f"{self.path}: material {name[:60]!r} is no swatch, in its extras or the library: its faces stay plain")
+        warn_of_loss(f"{self.path}: material {name[:60]!r} is not a swatch of the library; its faces stay plain")
         return PLAIN
 
 
 def extras_of(item: dict[str, Any]) -> dict[str, Any]:
-    """What hapscene wrote, or another program; nothing where that is no object."""
+    """Return the extras of an item; empty if they are missing or not an object."""
     extras = item.get("extras")
     return extras if isinstance(extras, dict) else {}
 
 
-def _whole(value: Any) -> bool:
+def _is_size(value: Any) -> bool:
     return type(value) is int and 0 <= value < 1 << 40
 
 
 def _printable(name: Any) -> str:
-    """A name that a body may have, of any."""
+    """Return a valid name of a body for any name."""
     return "".join(c for c in str(name or "") if c.isprintable()).strip() or "object"
 
 

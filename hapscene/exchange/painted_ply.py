@@ -1,12 +1,12 @@
-"""A format of its own: a painted scene as one binary PLY in the world frame, body and swatch on each face.
+"""Painted scenes as one binary PLY file in the world frame, with body and swatch indices on each face.
 
     comment hapscene scene 1
     comment unit m
-    comment hapscene body INDEX TWO_SIDED POSE NAME            POSE: the 12 numbers of X_WB's upper rows
+    comment hapscene body INDEX TWO_SIDED POSE NAME            POSE: the 12 numbers of the upper rows of X_WB
     comment hapscene swatch INDEX NUMBERS RED GREEN BLUE SHA256 NAME
 
-NUMBERS are stiffness [N/m], damping [N s/m], static and dynamic friction. Positions are float64, colours those of the
-swatches. A comment is too short for a texture: it comes back from the library, by name and hash.
+NUMBERS are stiffness [N/m], damping [N s/m], static and dynamic friction. Positions are float64; colours are those of
+the swatches. Textures do not fit in comments; they are restored from the library by name and hash.
 """
 
 import io
@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from hapscene.errors import MeshError, SceneError
 from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.gltf_read import read_bounded
-from hapscene.exchange.swatch_payload import VERSION, check_version, digest_of, finite, is_digest, restore
+from hapscene.exchange.swatch_payload import VERSION, check_version, digest_of, is_digest, restore
 from hapscene.io.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.ply import HEADER_MAX_B, declared
+from hapscene.scene.ply import HEADER_MAX_B, declared_counts
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import BODY_MAX
 from hapscene.surface.swatch import BASIC_PARAMETERS, Swatch
@@ -33,21 +33,24 @@ __all__ = ["read_ply", "write_ply"]
 _MARK: Final = "comment hapscene"
 _END: Final = "end_header"
 SWATCH_MAX: Final = 4096
-"""Most swatches of a file [count]: each is looked up in the library and held against those before."""
+"""Maximum number of swatches in a file [count]: each is looked up in the library."""
 
 
 def write_ply(scene: Scene, path: Path) -> list[Path]:
     """Write a scene as one binary PLY.
 
     Raises:
-        SceneError: more than `SWATCH_MAX` swatches, a name that ends the header, or the
-            file cannot be written.
+        SceneError: more than `SWATCH_MAX` swatches, a name with the end mark of the header, or the file cannot be
+            written.
     """
     for what, named in (("body", scene.bodies), ("swatch", scene.swatches)):
         for name in (one.name for one in named if _END in one.name):
-            raise SceneError(f"{path}: the {what} {name!r} would end a PLY file's header: rename it, or export to .glb")
+            raise SceneError(
+                f"{path}: the name of {what} {name!r} contains {_END}, the end mark of a PLY header: rename it, or "
+                "export to .glb"
+            )
     if len(scene.swatches) > SWATCH_MAX:
-        raise SceneError(f"{path}: {len(scene.swatches):,} swatches; a PLY file of ours holds {SWATCH_MAX:,}")
+        raise SceneError(f"{path}: {len(scene.swatches):,} swatches, at most {SWATCH_MAX:,} fit in a PLY file")
     cut = [cut_faces(body) for body in scene.bodies]
     counts = [len(vertices_m) for vertices_m, *_ in cut]
     start = np.cumsum([0, *counts])
@@ -83,11 +86,11 @@ def _swatch_line(index: int, swatch: Swatch) -> str:
 
 
 def read_ply(path: Path) -> Scene | None:
-    """The scene of a PLY file; None where it bears no mark of hapscene, and is a mesh like any other.
+    """Read a scene from a PLY file; return None if hapscene did not write the file.
 
     Raises:
         SceneError: damaged, or of a later version.
-        MeshError, SwatchError: a mesh or a swatch in it is broken.
+        MeshError, SwatchError: a mesh or a swatch in the file is invalid.
     """
     content = read_bounded(path)
     header = content[: max(content.find(_END.encode(), 0, HEADER_MAX_B), 0)].decode("utf-8", errors="replace")
@@ -99,12 +102,12 @@ def read_ply(path: Path) -> Scene | None:
     check_version(path, int(number) if number.isdecimal() and len(number) < 10 else number)
     of_body = [line for line in lines if line.startswith(f"{_MARK} body ")]
     of_swatch = [line for line in lines if line.startswith(f"{_MARK} swatch ")]
-    if len(of_body) > BODY_MAX or len(of_swatch) > SWATCH_MAX:  # before they are looked up
-        raise SceneError(f"{path}: more than {BODY_MAX:,} bodies or {SWATCH_MAX:,} swatches")
+    if len(of_body) > BODY_MAX or len(of_swatch) > SWATCH_MAX:  # before the lookup
+        raise SceneError(f"{path}: too many bodies or swatches; at most {BODY_MAX:,} and {SWATCH_MAX:,} are allowed")
     vertices, faces, body_of, swatch_of = _arrays(path, content)
     for what, values, count in (("body", body_of, len(of_body)), ("swatch", swatch_of, len(of_swatch))):
         if values.min() < 0 or values.max() >= count:
-            raise SceneError(f"{path}: a face names a {what} that is not among the {count} in the header")
+            raise SceneError(f"{path}: {what} index of a face out of range; expected 0 to {count - 1}")
     poses = [_rows(path, line, 13) for line in of_body]
     scene = Scene()
     index_of = [scene.swatch_index(_swatch(path, line)) for line in of_swatch]
@@ -113,7 +116,7 @@ def read_ply(path: Path) -> Scene | None:
     for i, (numbers, name) in enumerate(poses):
         chosen = order[cut[i] : cut[i + 1]]
         if not len(chosen):
-            raise SceneError(f"{path}: body {name[:60]!r} has no face")
+            raise SceneError(f"{path}: body {name[:60]!r} has no faces")
         X_WB = np.vstack([np.reshape(numbers[1:], (3, 4)), [0.0, 0.0, 0.0, 1.0]])
         used, corners = np.unique(faces[chosen], return_inverse=True)
         p_B = (vertices[used] - X_WB[:3, 3]) @ X_WB[:3, :3]
@@ -126,12 +129,13 @@ def read_ply(path: Path) -> Scene | None:
 
 
 def _rows(path: Path, line: str, count: int) -> tuple[list[float], str]:
-    """Numbers and the text after them of a comment's line."""
-    words = line.split(" ", 4 + count)[4:]
+    """Parse the numbers and the name in a comment line."""
+    tokens = line.split(" ", 4 + count)[4:]
     try:
-        if len(words) != count + 1:
+        numbers = [float(token) for token in tokens[:count]]
+        if len(tokens) != count + 1 or not np.isfinite(numbers).all():
             raise ValueError
-        return [finite(word) for word in words[:count]], words[count]
+        return numbers, tokens[count]
     except ValueError:
         raise SceneError(f"{path}: {line[:60]!r}: expected {count} numbers and a name") from None
 
@@ -140,24 +144,24 @@ def _swatch(path: Path, line: str) -> Swatch | str:
     numbers, rest = _rows(path, line, 7)
     sha256, _, name = rest.partition(" ")
     if not is_digest(sha256):
-        raise SceneError(f"{path}: {line[:60]!r}: expected the hash of the swatch")
+        raise SceneError(f"{path}: {line[:60]!r}: expected the SHA-256 of the swatch")
     return restore(path, name, dict(zip(BASIC_PARAMETERS, numbers, strict=False)), numbers[4:], sha256)
 
 
 def _arrays(path: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Vertices (n, 3), faces (m, 3), and body and swatch of each face (m,)."""
+    """Return vertices (n, 3), faces (m, 3), and the body and swatch of each face (m,)."""
     import trimesh
 
-    declared(content, str(path))  # refuses counts that the file cannot hold
+    declared_counts(content, str(path))  # rejects counts that do not fit in the file
     try:
         loaded: Any = trimesh.load(io.BytesIO(content), file_type="ply", process=False)
         rows = loaded.metadata["_ply_raw"]["face"]["data"]
         body, swatch = (np.asarray(rows[key]).ravel().astype(np.int64) for key in ("body", "swatch"))
         vertices, faces = np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int64)
-    except Exception as error:  # its loader raises anything at all on a damaged file
-        raise SceneError(f"{path}: not a readable PLY file with body and swatch on its faces: {error!s:.200}") from None
+    except Exception as error:  # trimesh raises many classes for damaged files
+        raise SceneError(f"{path}: not a valid PLY file with body and swatch on its faces: {error!s:.200}") from None
     if not len(faces) == len(body) == len(swatch) or not len(faces):
-        raise SceneError(f"{path}: the file is truncated: {len(faces):,} faces, {len(swatch):,} of them with a swatch")
+        raise SceneError(f"{path}: truncated: {len(faces):,} faces, but {len(swatch):,} swatches of faces")
     if faces.min() < 0 or faces.max() >= len(vertices) or faces.ndim != 2 or faces.shape[1] != 3:
-        raise MeshError(f"{path}: a face names a vertex that is not among the {len(vertices):,}")
+        raise MeshError(f"{path}: vertex index of a face out of range; expected 0 to {len(vertices) - 1}")
     return vertices, faces, body, swatch

@@ -1,4 +1,4 @@
-"""Formats of their own, which know no scene: OBJ keeps the swatches' names, STL the shape. World frame, metres."""
+"""Export to formats without scenes: OBJ, which keeps swatch names, and STL. World frame, metres."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +17,7 @@ __all__ = ["read_named", "write_obj", "write_stl"]
 
 
 def write_obj(scene: Scene, path: Path) -> list[Path]:
-    """Write a scene as OBJ, an object for each body and a material for each swatch, with its MTL file beside it.
+    """Write a scene as OBJ with an object for each body and a material for each swatch, and its MTL file.
 
     Raises:
         SceneError: a file cannot be written.
@@ -51,12 +51,12 @@ def _obj_lines(scene: Scene) -> Iterator[str]:
 
 
 def _line(name: str) -> str:
-    """A name at the end of a line of OBJ, where a backslash would join the next one to it."""
+    """Return a name for an OBJ line, in which a backslash would continue the line."""
     return name.replace("\\", "_")
 
 
 def write_stl(scene: Scene, path: Path) -> list[Path]:
-    """Write the shape of a scene as binary STL, float32.
+    """Write the geometry of a scene as binary STL in float32.
 
     Raises:
         SceneError: the file cannot be written.
@@ -71,23 +71,23 @@ def write_stl(scene: Scene, path: Path) -> list[Path]:
 
 
 def _world(body: Body, vertices_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Vertices (n, 3) of a body in W [m]."""
+    """Return vertices (n, 3) of a body in the world frame [m]."""
     return np.asarray(vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3])
 
 
 def read_named(
     path: Path, unit: str | None, accept_damaged: bool = False, up: str | None = None, scale: float = 1.0
 ) -> Scene:
-    """A scene of any mesh file, painted by the names in it that are names of swatches in the library.
+    """Read a scene from any mesh file; faces with the name of a library swatch are painted.
 
     Raises:
         MeshError: the mesh cannot be loaded.
-        SwatchError: a swatch of the library is broken.
+        SwatchError: a swatch of the library is invalid.
     """
     scene = Scene()
     body = scene.add(scene.mesh_of(path, unit, accept_damaged, up=up, scale=scale))
     for index, full in enumerate(body.mesh.group_names):
-        # The last part is the material's name, which wins over the object's.
+        # The last part is the material name, which takes precedence over the object name.
         known = next((name for name in full.split("/")[::-1] if known_swatch(name) is not None), None)
         if known is not None:
             body.face_swatch[body.mesh.group == index] = scene.swatch_index(known)

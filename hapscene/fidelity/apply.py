@@ -57,7 +57,7 @@ def _put_mesh(body: Body, mesh: Mesh, swatch_names: tuple[str, ...]) -> None:
     if body.fine is not None:
         raise SceneError(
             f"body {body.name!r} is painted finer than its faces and cannot have a coarser mesh: remove its mesh from "
-            "the level, or paint it with finest_m=math.inf"
+            "the level, or paint it with resolution_m=math.inf"
         )
     if mesh.group is not None and mesh.group_names == swatch_names:
         body.face_swatch = mesh.group.copy()

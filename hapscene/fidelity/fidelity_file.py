@@ -37,7 +37,7 @@ from hapscene.scene.scene import Scene
 if TYPE_CHECKING:
     from hapscene.scene.scene_file import SidecarFiles
 
-__all__ = ["FidelityError", "check_place", "fidelity_beside", "load_fidelity", "save_fidelity"]
+__all__ = ["FidelityError", "check_fidelity_path", "fidelity_beside", "load_fidelity", "save_fidelity"]
 
 FORMAT: Final = "hapscene fidelity"
 VERSION: Final = 1
@@ -89,7 +89,7 @@ def save_fidelity(fidelity: Fidelity, path: str | os.PathLike[str], scene: Scene
     from hapscene.scene.scene_file import sidecar_files
 
     path = Path(path)
-    check_place(path)
+    check_fidelity_path(path)
     with sidecar_files(path, SUFFIX) as files:
         content = {
             "format": FORMAT,
@@ -102,7 +102,7 @@ def save_fidelity(fidelity: Fidelity, path: str | os.PathLike[str], scene: Scene
         write_whole(path, text.encode(errors="backslashreplace"), FidelityError)
 
 
-def check_place(path: Path) -> None:
+def check_fidelity_path(path: Path) -> None:
     """Check a path for a fidelity file before the scene is measured.
 
     Raises:

@@ -1,1 +1,1 @@
-"""Files, written whole and read within bounds; readers in a process of their own; serial lines."""
+"""File access with limits and atomic writes; isolated readers; serial ports."""

@@ -1,13 +1,12 @@
-"""Other people's native code, in a process of its own: whatever it does there is one readable error here.
+"""Execution of unsafe file readers in a separate process with limits on memory and time.
 
-A reader of damaged files that is not memory-safe may crash, run away or fill the memory. `confined` runs a function of
-this package in a new process under limits, and takes nothing from it but arrays, which are never unpickled.
+A native reader may crash, hang or exhaust the memory on a damaged file. `confined` runs a function of this package in a
+new process and receives only arrays from it, which are never unpickled.
 
-STEP (Open CASCADE, which crashes on one damaged file in five), MATLAB files (SciPy, which crashes on a wrong tag) and
-models of MuJoCo (which crashes on a number too large) are read there. In our own process stay, bounded before they
-begin: zlib and Python's zipfile, what they unpack counted first; libxml2 for the Penn toolkit's files, its tags counted
-first, without entities or network; Pillow for the textures of glTF and OBJ, whose pictures it holds to a size of its
-own, and of which an error costs the colours alone; NumPy for the numbers of STL, PLY, OFF, glTF and recordings.
+Readers that run there: STEP (Open CASCADE, which crashes on one of five damaged files), MATLAB (SciPy, which crashes on
+a wrong tag), MuJoCo models (which crash on numbers that are too large). Readers that run in the main process with prior
+checks: zlib and zipfile (unpacked size), libxml2 for files of the Penn toolkit (number of tags; no entities, no
+network), Pillow for textures (its own limit on pixels), NumPy for STL, PLY, OFF, glTF and recordings.
 """
 
 import contextlib
@@ -34,36 +33,36 @@ from hapscene.errors import FormatError, printable
 __all__ = ["confined", "import_path"]
 
 Reader = Callable[..., Mapping[str, NDArray[Any]]]
-"""What can be run: takes the open file (binary, seekable) and texts or numbers; gives arrays by name, none of objects.
-What it refuses it raises as `FormatError`, whose text arrives here as it is."""
+"""A reader: takes the open file (binary, seekable) and further arguments, returns arrays without object types by name.
+It raises `FormatError` for invalid files; the message is passed on."""
 
 TIME_MAX_S: Final = 120.0
-"""Longest time that a file may take [s]; a STEP file of 8,000 faces takes two."""
+"""Maximum time for a file [s]; a STEP file with 8,000 faces takes two."""
 
 CLOCK_RATIO: Final = 4.0
-"""How much longer it may take by the clock than by the processor [1]: others work on this machine too."""
+"""Ratio of the limits on wall-clock time and processor time [1], since other processes share the machine."""
 
 SAID_MAX_B: Final = 16_384
-"""How much of what the native code prints is kept [bytes]."""
+"""Maximum length of the output that is kept [bytes]."""
 
 _PR_SET_PDEATHSIG: Final = 1
 _SIGXCPU: Final = 24
 
 
 def import_path() -> dict[str, str]:
-    """Environment of a Python process that is started with -P: it imports what this one does.
+    """Return the environment of a Python process that is started with -P, such that it has the same import path.
 
-    With -P a file of the working folder, which may be a stranger's, is not taken for a module.
+    With -P, Python does not import from the working folder, which may contain untrusted files.
     """
     places = [str(Path(__file__).parents[2]), *(place for place in sys.path if place)]
     return {"PYTHONPATH": os.pathsep.join(places)}
 
 
 class Answer(NamedTuple):
-    """What a confined reader gave: arrays by name, and what the native code printed meanwhile."""
+    """Result of a reader: arrays by name, and what the native code printed."""
 
     arrays: Mapping[str, NDArray[Any]]
-    said: str
+    output: str
 
 
 def confined(
@@ -76,26 +75,25 @@ def confined(
     time_s: float = TIME_MAX_S,
     imports: Sequence[str] = (),
 ) -> Answer:
-    """Run a reader in a process of its own, and give what it found.
+    """Run a reader in a separate process and return its result.
 
     Args:
-        reader: a function at the top of a module; the module is imported anew in the process.
-        file: the open file, a real one (with a descriptor), at its start.
-        arguments: what else it takes.
-        by: whose code it is, for messages: "SciPy's reader of MATLAB files".
-        memory_B: most memory that it may take, beside what importing it takes [bytes]; held on Linux only.
-        output_B: most that it may give [bytes].
-        time_s: most of the processor's time that it may take, counted on Linux only; by the clock `CLOCK_RATIO` times
-            as much [s].
-        imports: modules that it imports itself, whose memory is not counted either.
+        reader: a function at the top level of a module, which is imported in the process.
+        file: the open file, with a descriptor, at its start.
+        arguments: further arguments of the reader.
+        by: name of the native code for messages, such as "SciPy's reader of MATLAB files".
+        memory_B: maximum memory in addition to that of imports [bytes]; Linux only.
+        output_B: maximum size of the arrays [bytes].
+        time_s: maximum processor time, Linux only; the wall-clock limit is `CLOCK_RATIO` times as long [s].
+        imports: modules that are imported before memory is limited.
 
     Raises:
-        FormatError: what the reader refuses; or it crashed, took too long or too much, and then what it printed last.
+        FormatError: the reader rejected the file, crashed, or exceeded a limit.
     """
     name = f"{reader.__module__}:{reader.__qualname__}"
     order = json.dumps([name, arguments, memory_B, math.ceil(time_s), list(imports)])
     alone = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    # Arrow's own allocator takes 128 MB at once, and with what is left nothing may be read
+    # Arrow's default allocator reserves 128 MB at once, which would exceed the limit
     environment = os.environ | import_path() | alone | {"ARROW_DEFAULT_MEMORY_POOL": "system"}
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "hapscene.io.confined", order],
@@ -108,7 +106,7 @@ def confined(
     assert process.stdout is not None and process.stderr is not None
     start_s, most_s = time.monotonic(), CLOCK_RATIO * time_s
     watch = threading.Timer(most_s, process.kill)
-    said = _Tail(process.stderr)
+    tail = _Tail(process.stderr)
     try:
         watch.start()
         refused, arrays = _answer(process.stdout, output_B)
@@ -117,22 +115,22 @@ def confined(
         watch.cancel()
         process.kill()
         process.wait()
-        said.end()
+        tail.end()
         process.stdout.close()
         process.stderr.close()
-    text = said.text()
+    text = tail.text()
     if refused is not None:
         raise FormatError(refused)
     if code == -_SIGXCPU or (code != 0 and time.monotonic() - start_s >= most_s):
-        raise FormatError(f"{by} had not read it after {time_s:.3g} s, and was ended")
+        raise FormatError(f"{by} did not finish within {time_s:.3g} s")
     if code != 0 or arrays is None:
-        last = f"; it said: {text.splitlines()[-1][:200]}" if text else ""
+        last = f"; its last output: {text.splitlines()[-1][:200]}" if text else ""
         raise FormatError(f"{by} failed on it ({_ending(code)}): the file is damaged{last}")
     return Answer(arrays, text)
 
 
 class _Tail:
-    """Reads what the process says, in a thread, so that it never waits for us; keeps the end of it."""
+    """Reads the output of the process in a thread, so that the process never blocks, and keeps its end."""
 
     def __init__(self, pipe: Any) -> None:
         self._kept = b""
@@ -148,15 +146,15 @@ class _Tail:
         self._thread.join()
 
     def text(self) -> str:
-        plain = re.sub(rb"\x1b\[[0-9;]*m", b"", self._kept)  # colours, which it takes us for a terminal to show
+        plain = re.sub(rb"\x1b\[[0-9;]*m", b"", self._kept)  # without colour codes
         return printable(plain.decode("utf-8", errors="replace").strip(), lines=True)
 
 
 def _answer(pipe: Any, most_B: int) -> tuple[str | None, dict[str, NDArray[Any]] | None]:
-    """What was refused, or the arrays; neither where the process ended before it had answered.
+    """Return the reader's error message or the arrays; neither if the process ended early.
 
     Raises:
-        FormatError: it gives more than it may.
+        FormatError: the arrays exceed the limit.
     """
     try:
         head = json.loads(pipe.readline(1 << 20))
@@ -166,7 +164,7 @@ def _answer(pipe: Any, most_B: int) -> tuple[str | None, dict[str, NDArray[Any]]
             size_B = array.itemsize * math.prod(shape)
             most_B -= size_B
             if most_B < 0 or array.hasobject:
-                raise FormatError("it holds more than is read of such a file")
+                raise FormatError("its content exceeds the limit for this kind of file")
             arrays[name] = np.empty(shape, array)
             _fill(arrays[name].reshape(-1).view(np.uint8).data, pipe)
         return head["refused"], arrays
@@ -175,10 +173,10 @@ def _answer(pipe: Any, most_B: int) -> tuple[str | None, dict[str, NDArray[Any]]
 
 
 def _fill(place: memoryview, pipe: Any) -> None:
-    """Read as much as fits into the place.
+    """Fill a buffer from a pipe.
 
     Raises:
-        EOFError: there is less.
+        EOFError: the pipe ended early.
     """
     while place:
         count = pipe.readinto(place)
@@ -194,14 +192,14 @@ def _ending(code: int) -> str:
         return f"signal {-code}"
 
 
-# In the process.
+# Code that runs in the separate process.
 
 
 def _main(order: str) -> None:
     name, arguments, memory_B, time_s, imports = json.loads(order)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever waits for us hears it, and ends us
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process handles it and ends this process
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what native code prints is no answer
+    os.dup2(2, 1)  # separates the output of native code from the answer
     module, _, function = name.partition(":")
     reader: Reader = getattr(importlib.import_module(module), function)
     for other in imports:
@@ -215,7 +213,7 @@ def _main(order: str) -> None:
     except FormatError as error:
         refused = str(error)
     except MemoryError:
-        refused = f"to read it takes more than {memory_B >> 20} MiB of memory: the file is damaged, or too large"
+        refused = f"reading it needs more than {memory_B >> 20} MiB of memory: the file is damaged or too large"
     whole = {key: np.ascontiguousarray(array) for key, array in arrays.items()}
     head = [[key, array.dtype.str, array.shape] for key, array in whole.items()]
     answers.write(json.dumps({"refused": refused, "arrays": head}).encode() + b"\n")
@@ -223,11 +221,11 @@ def _main(order: str) -> None:
         answers.write(array.reshape(-1).view(np.uint8).data)
     answers.flush()
     sys.stdout.flush()
-    os._exit(0)  # what native code has left behind is not put in order
+    os._exit(0)  # skip the cleanup of native code, which may crash
 
 
 def _limit(memory_B: int, time_s: int) -> None:
-    """Bound this process's memory and time, and end it with the one that waits for it; where the system can."""
+    """Limit memory and time of this process, and end it along with its parent; Linux only."""
     if sys.platform == "linux":
         import resource
 
@@ -240,8 +238,8 @@ def _limit(memory_B: int, time_s: int) -> None:
             (resource.RLIMIT_CORE, 0),
         )
         for what, most in limits:
-            with contextlib.suppress(ValueError, OSError):  # less is allowed already
-                # the second limit kills, as others do; the first, a second earlier, says why
+            with contextlib.suppress(ValueError, OSError):  # a lower limit is already set
+                # the soft limit sends SIGXCPU, which identifies the reason; the hard limit kills a second later
                 resource.setrlimit(what, (most, most + (what == resource.RLIMIT_CPU)))
 
 

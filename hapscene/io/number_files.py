@@ -1,6 +1,6 @@
-"""Files of numbers from strangers: tables as text, and NumPy's archives, never larger in memory than was asked before.
+"""Readers of untrusted tables and NumPy archives with a limit on memory.
 
-What they raise is `FormatError`; `hapscene.io.files` has the rule.
+They raise `FormatError`, see `hapscene.io.files`.
 """
 
 import math
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 __all__ = ["TOO_MUCH", "Npz", "lines_of", "open_npz"]
 
 LINE_MAX: Final = 65_536
-"""Longest line of a table [characters]: a thousand columns and more."""
+"""Maximum length of a line in a table [characters]: more than a thousand columns."""
 
-TOO_MUCH: Final = "cut it into shorter ones"
-"""What is to be done with a file that would take too much memory."""
+TOO_MUCH: Final = "divide it into shorter files"
+"""Advice for files that need too much memory."""
 
 
 def lines_of(path: Path, file: IO[str], line_B: int) -> Iterator[str]:
-    """The lines of a table, of which each becomes `line_B` bytes of numbers.
+    """Yield the lines of a table; each becomes `line_B` bytes of numbers.
 
     Raises:
-        FormatError: a line that is longer than `LINE_MAX`; so many that the numbers would take too much memory.
+        FormatError: a line is longer than `LINE_MAX`, or the numbers need too much memory.
     """
     own_B = path.stat().st_size
     most = memory_most_B(own_B) // line_B
@@ -42,20 +42,20 @@ def lines_of(path: Path, file: IO[str], line_B: int) -> Iterator[str]:
         if len(line) > LINE_MAX:
             raise FormatError(f"line {number} is longer than {LINE_MAX:,} characters")
         yield line
-    check_memory((most + 1) * line_B, own_B, "its numbers", TOO_MUCH)
+    check_memory((most + 1) * line_B, own_B, "the table", TOO_MUCH)
 
 
 @contextmanager
 def open_npz(path: Path, most_B: int, advice: str) -> "Iterator[Npz]":
-    """An archive of arrays, as `numpy.savez` writes them, to be read within.
+    """Open an archive of arrays from `numpy.savez`; a context manager.
 
     Args:
         path: the file.
-        most_B: most that it may unpack to [bytes].
-        advice: what to do where it is more.
+        most_B: maximum unpacked size [bytes].
+        advice: what to do if it is larger.
 
     Raises:
-        FormatError: no such archive, or whatever else goes wrong within.
+        FormatError: the archive is missing or damaged; also for errors in the body of the context.
     """
     try:
         with path.open("rb") as file, open_zip(file, most_B, advice) as archive:
@@ -64,22 +64,22 @@ def open_npz(path: Path, most_B: int, advice: str) -> "Iterator[Npz]":
         raise
     except OSError as error:
         raise FormatError(error.strerror or str(error)) from None
-    except Exception as error:  # zipfile, what unpacks for it, and NumPy have no common class
+    except Exception as error:  # zipfile, decompressors and NumPy have no common exception class
         raise FormatError(f"damaged: {error}"[:200]) from None
 
 
 class Npz:
-    """The arrays of an archive, each array's header checked before its numbers are read."""
+    """Arrays of an archive; the header of an array is checked before its numbers are read."""
 
     def __init__(self, archive: "zipfile.ZipFile") -> None:
         self._archive = archive
         self.names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
 
     def header(self, name: str) -> "tuple[tuple[int, ...], np.dtype[Any]]":
-        """Shape and type of an array.
+        """Return shape and type of an array.
 
         Raises:
-            FormatError: no such array; packed as NumPy does not; it is said to be longer than the archive has.
+            FormatError: no such array, an unsupported compression, or a size that exceeds the file.
         """
         import zipfile
 
@@ -88,23 +88,23 @@ class Npz:
         try:
             member = self._archive.getinfo(f"{name}.npy")
         except KeyError:
-            raise FormatError(f"there is no array {name!r}") from None
+            raise FormatError(f"array {name!r} is missing") from None
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or member.flag_bits & 1:
-            raise FormatError(f"array {name!r} is packed in a way that NumPy does not write")
+            raise FormatError(f"array {name!r} has a compression or encryption that NumPy does not write")
         with self._archive.open(member) as file:
             try:
                 version = np.lib.format.read_magic(file)
                 one = version == (1, 0)
                 read = np.lib.format.read_array_header_1_0 if one else np.lib.format.read_array_header_2_0
                 shape, _, dtype = read(file)
-            except Exception:  # it is parsed as Python's source is: a deep one exhausts the parser
-                raise FormatError(f"array {name!r} has no header that can be read") from None
+            except Exception:  # NumPy parses it as Python, and deep nesting exhausts the parser
+                raise FormatError(f"array {name!r} has an invalid header") from None
         if min(shape, default=0) < 0 or dtype.itemsize * math.prod(shape) > member.file_size:
-            raise FormatError(f"array {name} of shape {shape} is longer than the file: it is cut off or forged")
+            raise FormatError(f"array {name!r} of shape {shape} exceeds the file, which is truncated or forged")
         return shape, dtype
 
     def read(self, name: str) -> "NDArray[Any]":
-        """An array whose header was looked at."""
+        """Return an array; call `header` first."""
         import numpy as np
 
         with self._archive.open(f"{name}.npy") as file:

@@ -7,7 +7,7 @@ import numpy as np
 
 from hapscene.motion.look_from_above import bounds_of, look_from_above
 from hapscene.view.body_triangles import scene_solid
-from hapscene.view.camera import MARGIN, place
+from hapscene.view.camera import MARGIN, fit_cameras
 from hapscene.view.offscreen import draw
 from hapscene.view.palette import Theme
 from hapscene.view.triangles import Drawing, Frame
@@ -84,7 +84,7 @@ class TopFrame:
 
         solid = scene_solid(self._scene)
         solid = solid._replace(corner_m=solid.corner_m - self._middle_m)
-        poses, extent_m, _ = place(self._corners_m - self._middle_m, [np.eye(3)], self.size)
+        poses, extent_m, _ = fit_cameras(self._corners_m - self._middle_m, [np.eye(3)], self.size)
         parts = [(0, np.eye(4))]
         drawing = Drawing([solid], [Frame(poses[0], parts)], extent_m, self.size, theme.background, OVERSAMPLING)
         (pixels,) = draw(drawing)

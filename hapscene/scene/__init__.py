@@ -1,4 +1,4 @@
-"""What is there: bodies at their poses, their meshes, what is painted on them."""
+"""Scenes: bodies with meshes, poses and paint; mesh and scene files."""
 
 import lazy_loader
 

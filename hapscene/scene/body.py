@@ -1,4 +1,4 @@
-"""A body: a mesh at a pose, with a swatch on every face, or finer."""
+"""A body: a mesh with a pose, and a swatch for each face or part of a face."""
 
 from dataclasses import dataclass
 
@@ -13,17 +13,18 @@ __all__ = ["Body"]
 
 @dataclass(eq=False)
 class Body:
-    """A mesh at its place in the scene. Several bodies may share one mesh.
+    """A mesh with a pose and paint. Several bodies may share a mesh.
 
     Attributes:
-        name: unique in its scene.
-        mesh: its shape, in the body's frame B.
-        X_WB: (4, 4) float64, pose of B in W.
-        two_sided: True where the inside of a face is felt as well as its outside.
-        face_swatch: (M,) int16, index into the scene's `swatches`; of a face painted finer, that of most of its area.
-        made_of: the swatch that all its faces had before it was painted, which an eraser brings back; None: unknown.
-        fine: what is painted finer than the faces; None: nothing. `paint_faces` and `paint_region` keep it.
-        parent: name of the body that it hangs on, and moves with in `Scene.pose`; None: on none.
+        name: unique in the scene.
+        mesh: the shape, in the body frame B.
+        X_WB: pose of B in the world frame W (4, 4).
+        two_sided: whether faces can be touched from both sides.
+        face_swatch: index into `Scene.swatches` for each face (M,); for a subdivided face, the swatch with the largest
+            area.
+        made_of: the swatch of the whole body before painting, which an eraser restores; None if unknown.
+        fine: paint of the subdivided faces; None if no face is subdivided. `paint_faces` and `paint_region` update it.
+        parent: name of the body that this one is attached to and moves with; None if it is not attached.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What a glTF file says it holds, held against its data: trimesh believes it, so a small file could take all memory."""
+"""Check of the sizes that a glTF file declares: trimesh trusts them, so a small file could fill the memory."""
 
 import json
 import struct
@@ -13,143 +13,146 @@ from hapscene.io.files import memory_most_B, refusing
 __all__ = ["check_gltf", "items_of", "parse_gltf"]
 
 WIDTH_B: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
-"""Bytes of each type of number: glTF 2.0, 3.6.2.2."""
+"""Size of each component type [bytes]: glTF 2.0, section 3.6.2.2."""
 
 COLUMN_COUNT: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 PACKED_MAX: Final = 8
-"""Most elements of an accessor without data of its own, for each byte of data in the file [count]. They are all zero,
-but for the sparse ones, or come from a compressed mesh, of which the smallest have a few bits each."""
+"""Maximum number of elements of an accessor without a buffer view, for each byte of data in the file [count]. Such
+elements are all zero, sparse, or decoded from a compressed mesh, which has at least a few bits for each."""
 
 JSON_MAX_B: Final = 256 * 1024 * 1024
-"""Longest JSON of a GLB file that is read [bytes]: 10,000 bodies of 8 swatches have 40 MB."""
+"""Maximum size of the JSON in a GLB file [bytes]: 10,000 bodies with 8 swatches need 40 MB."""
 
 CONTAINER_MAX: Final = 2_000_000
-"""Most lists and objects of a file's JSON [count], at some 60 bytes each: 10,000 bodies of 8 swatches have 700,000."""
+"""Maximum number of lists and objects in the JSON [count], about 60 bytes each: 10,000 bodies with 8 swatches need
+700,000."""
 
 CONTAINER_B: Final = 100
-"""Memory that a list or object takes [bytes]."""
+"""Memory of a parsed list or object [bytes]."""
 
 
 def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
-    """Refuse a .gltf, or a (`binary`) .glb, whose accessors name more than the file can hold, or unpack to too much.
+    """Check a .gltf or (`binary`) .glb file: its accessors must fit in its data and unpack to at most `most_B` bytes.
 
     Raises:
-        MeshError: with the first of them; or it is no such file.
+        MeshError: the check fails, or this is not a glTF file.
     """
     with refusing(MeshError):
         tree, _ = parse_gltf(content, binary, where, strict=False)
     _check_tree(items_of(tree, "nodes", where), where)
     views = [_view(view, i, where) for i, view in enumerate(items_of(tree, "bufferViews", where))]
-    ends: dict[int, int] = {}  # of each buffer as far as views reach; that they lie within it, trimesh checks first
+    ends: dict[int, int] = {}  # used size of each buffer; trimesh checks that views lie within
     for view in views:
         ends[view["buffer"]] = max(ends.get(view["buffer"], 0), view["byteOffset"] + view["byteLength"])
     accessors = items_of(tree, "accessors", where)
     sizes_B = [_size_B(accessor, i, views, sum(ends.values()), where) for i, accessor in enumerate(accessors)]
     used_B = sum(sizes_B[i] for i in _used(tree, where) if type(i) is int and 0 <= i < len(sizes_B))
-    # trimesh makes what is named over and over anew each time
+    # trimesh creates an accessor again for each reference to it
     most_B = min(most_B, memory_most_B(sum(ends.values())))
     for total_B in (sum(view["byteLength"] for view in views), sum(sizes_B), used_B):
         if total_B > most_B:
-            raise MeshError(f"{where}: unpacks to {total_B:,} bytes; at most {most_B:,} are read")
+            raise MeshError(f"{where}: unpacks to {total_B:,} bytes, at most {most_B:,} are allowed")
 
 
 def _check_tree(nodes: list[dict[str, Any]], where: str) -> None:
-    """Refuse nodes that hang in two places, of which trimesh would take one, or within themselves."""
+    """Check that the nodes form a tree: trimesh reads only one of several parents, and does not detect cycles."""
     named = [node.get("children", []) for node in nodes]
     children = [[child for child in own if type(child) is int] if isinstance(own, list) else [] for own in named]
     held = {child for own in children for child in own}
     if len(held) < sum(map(len, children)):
         twice = next(child for child, count in Counter(chain.from_iterable(children)).items() if count > 1)
-        raise MeshError(f"{where}: nodes[{twice}] hangs in two places; expected a tree of nodes")
+        raise MeshError(f"{where}: nodes[{twice}] has two parents; expected a tree")
     reached = [i for i in range(len(nodes)) if i not in held]
-    for i in reached:  # which grows meanwhile
+    for i in reached:  # the list grows during the loop
         reached += [child for child in children[i] if 0 <= child < len(nodes)]
     if len(reached) < len(nodes):
         within = min(set(range(len(nodes))) - set(reached))
-        raise MeshError(f"{where}: nodes[{within}] hangs within itself; expected a tree of nodes")
+        raise MeshError(f"{where}: nodes[{within}] is its own ancestor; expected a tree")
 
 
 def parse_gltf(content: bytes, binary: bool, where: str, strict: bool = True) -> tuple[dict[str, Any], bytes]:
-    """The JSON tree of a .gltf or a (`binary`) .glb, bounded before it is made, and the latter's chunk of data.
+    """Parse a .gltf or (`binary`) .glb file, with a limit on its size; return the JSON tree and the binary chunk.
 
-    What is not to be `strict` may have texts that are not UTF-8, and more lists: trimesh reads it itself.
+    Without `strict`, invalid UTF-8 and more lists are accepted, since trimesh reads the file itself.
 
     Raises:
-        FormatError: no such file, truncated, or with more JSON than is read.
+        FormatError: not a glTF file, truncated, or its JSON is too large.
     """
     kind, text, chunk = "GLTF", content, b""
     if binary:
         kind = "GLB"
         if content[:4] != b"glTF" or content[16:20] != b"JSON":
-            raise FormatError(f"{where}: not a readable GLB file: it must begin with glTF, version 2, and JSON")
+            raise FormatError(f"{where}: not a valid GLB file: expected the header glTF and a JSON chunk")
         version, size_B, length_B = struct.unpack_from("<3I", content, 4)
         if version != 2 or size_B > len(content) or 20 + length_B > len(content):
-            raise FormatError(f"{where}: the file is truncated, or not of version 2: it says {size_B:,} bytes")
+            raise FormatError(f"{where}: not of version 2, or truncated: the header declares {size_B:,} bytes")
         text, rest = content[20 : 20 + length_B], content[20 + length_B :]
         if rest[4:8] == b"BIN\0":
             chunk = rest[8 : 8 + int.from_bytes(rest[:4], "little")]
         if len(text) > JSON_MAX_B:
-            raise FormatError(f"{where}: {len(text):,} bytes of JSON; at most {JSON_MAX_B:,} are read")
+            raise FormatError(f"{where}: {len(text):,} bytes of JSON, at most {JSON_MAX_B:,} are allowed")
     found = text.count(b"[") + text.count(b"{")
     most = CONTAINER_MAX if strict else max(CONTAINER_MAX, memory_most_B(len(content)) // CONTAINER_B)
     if found > most:
-        raise FormatError(f"{where}: {found:,} lists and objects; at most {most:,} are read")
+        raise FormatError(f"{where}: {found:,} lists and objects, at most {most:,} are allowed")
     try:
         tree = json.loads(text if strict or not binary else text.decode("utf-8-sig", errors="replace"))
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"{where}: not a readable {kind} file, or truncated: {str(error)[:200]}") from None
+        raise FormatError(f"{where}: not a valid {kind} file, or truncated: {str(error)[:200]}") from None
     if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
-        raise FormatError(f"{where}: not a readable {kind} file: expected a JSON object with 'asset'")
+        raise FormatError(f"{where}: not a valid {kind} file: expected a JSON object with 'asset'")
     return tree, chunk
 
 
 def _size_B(accessor: dict[str, Any], index: int, views: list[dict[str, int]], held_B: int, where: str) -> int:
-    """Bytes of an accessor's elements."""
+    """Return the size of an accessor [bytes]."""
     name = f"accessors[{index}]"
-    count = _whole(accessor, "count", name, where)
+    count = _non_negative_int(accessor, "count", name, where)
     kind, number = accessor.get("type"), accessor.get("componentType")
     if not isinstance(kind, str) or kind not in COLUMN_COUNT or type(number) is not int or number not in WIDTH_B:
-        raise MeshError(f"{where}: {name} is of a type that glTF does not know")
+        raise MeshError(f"{where}: {name} has a type that glTF 2.0 does not define")
     width_B = COLUMN_COUNT[kind] * WIDTH_B[number]
     if "bufferView" in accessor:
-        at = _whole(accessor, "bufferView", name, where)
+        at = _non_negative_int(accessor, "bufferView", name, where)
         if at >= len(views):
-            raise MeshError(f"{where}: {name} names bufferViews[{at}]; there are {len(views)}")
+            raise MeshError(f"{where}: {name} refers to bufferViews[{at}], but there are only {len(views)}")
         stride_B = views[at]["byteStride"] or width_B
-        end = _whole(accessor, "byteOffset", name, where, 0) + (count - 1) * stride_B + width_B
+        end = _non_negative_int(accessor, "byteOffset", name, where, 0) + (count - 1) * stride_B + width_B
         if count and end > views[at]["byteLength"]:
             length_B = views[at]["byteLength"]
-            raise MeshError(f"{where}: {name} has {count:,} elements, more than its {length_B:,} bytes can hold")
+            raise MeshError(f"{where}: {name} has {count:,} elements, which do not fit in its {length_B:,} bytes")
     elif count > PACKED_MAX * held_B:
         raise MeshError(
-            f"{where}: {name} has {count:,} elements without data of their own; with {held_B:,} bytes of data in the "
-            f"file, at most {PACKED_MAX * held_B:,} are taken"
+            f"{where}: {name} has {count:,} elements without data; a file with {held_B:,} bytes of data may have "
+            f"at most {PACKED_MAX * held_B:,}"
         )
     return count * width_B
 
 
 def _view(view: dict[str, Any], index: int, where: str) -> dict[str, int]:
     absent = {"buffer": None, "byteLength": None, "byteOffset": 0, "byteStride": 0}
-    return {key: _whole(view, key, f"bufferViews[{index}]", where, default) for key, default in absent.items()}
+    return {
+        key: _non_negative_int(view, key, f"bufferViews[{index}]", where, default) for key, default in absent.items()
+    }
 
 
 def _used(tree: dict[str, Any], where: str) -> Iterator[Any]:
-    """The accessors that the meshes name, as often as they do: trimesh makes each anew."""
+    """Yield the accessors that meshes use, once for each use."""
     for mesh in items_of(tree, "meshes", where):
         for primitive in items_of(mesh, "primitives", where):
             attributes = primitive.get("attributes", {})
             if not isinstance(attributes, dict):
-                raise MeshError(f"{where}: the attributes of a mesh must be an object")
+                raise MeshError(f"{where}: attributes of a mesh primitive must be an object")
             yield from attributes.values()
             yield primitive.get("indices")
 
 
 def items_of(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
-    """The objects in a list of a glTF file; none where it is not there.
+    """Return a list of objects in a glTF file; an empty list if the key is missing.
 
     Raises:
-        MeshError: it is no list of objects.
+        MeshError: the value is not a list of objects.
     """
     items = parent.get(key, [])
     if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
@@ -157,8 +160,8 @@ def items_of(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any
     return items
 
 
-def _whole(item: dict[str, Any], key: str, name: str, where: str, default: int | None = None) -> int:
+def _non_negative_int(item: dict[str, Any], key: str, name: str, where: str, default: int | None = None) -> int:
     value = item.get(key, default)
     if type(value) is not int or value < 0:
-        raise MeshError(f"{where}: {name}.{key} must be a whole number, 0 or more, is {str(value)[:40]}")
+        raise MeshError(f"{where}: {name}.{key} must be an integer, 0 or more, not {str(value)[:40]}")
     return value

@@ -1,4 +1,4 @@
-"""A mesh: triangles in metres, with the names and colours its file gave them."""
+"""Triangle meshes in metres, with the group names, colours and texture coordinates of their files."""
 
 import hashlib
 from dataclasses import dataclass, field
@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from hapscene.constants import REACH_MAX_M
 from hapscene.errors import MeshError, no_such
 from hapscene.geometry import columns_of, used_by
-from hapscene.scene.topology import normals_of
+from hapscene.scene.topology import Neighbours, neighbours_of, normals_of
 
 if TYPE_CHECKING:
     import trimesh
 
-    from hapscene.scene.neighbours import Neighbours
 
 __all__ = [
     "FACE_MAX",
@@ -37,7 +36,7 @@ __all__ = [
 
 
 UNIT_M: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-"""Length of each known unit [m]."""
+"""Length of each supported unit [m]."""
 
 UNIT_ALIAS: Final = {
     **{"meter": "m", "meters": "m", "metre": "m", "metres": "m"},
@@ -46,50 +45,50 @@ UNIT_ALIAS: Final = {
     **{"micron": "um", "microns": "um", "micrometer": "um", "micrometers": "um", "µm": "um", "μm": "um"},
     **{"inch": "in", "inches": "in", "foot": "ft", "feet": "ft"},
 }
-"""Longer spellings, as trimesh uses them."""
+"""Other spellings of units, as trimesh uses them."""
 
 FACE_MAX: Final = 50_000_000
-"""Most faces of one mesh [count]: with more, an ordinary computer runs out of memory."""
+"""Maximum number of faces of a mesh [count]: larger meshes exceed the memory of an ordinary computer."""
 
 SIZE_M: Final = (1e-6, 1e5)
-"""Smallest and largest diagonal of a mesh [m]. Outside it the unit is wrong, or the file is damaged."""
+"""Minimum and maximum diagonal of a mesh [m]. Outside this range the unit is wrong or the file is damaged."""
 
 SCALE: Final = (1e-9, 1e9)
-"""Smallest and largest factor by which a mesh is scaled [1]."""
+"""Minimum and maximum scale factor of a mesh [1]."""
 
 UPS: Final = ("y", "z")
-"""Axes that may point up in a file. In a scene z does."""
+"""Possible vertical axes of a mesh file. In a scene z is up."""
 
 UNNAMED: Final = "default"
-"""Group of the faces that the file gives no name."""
+"""Group name of faces that have no group in the file."""
 
 
 class MeshWarning(UserWarning):
-    """A mesh that can be touched, but will not feel as its file suggests."""
+    """The mesh is usable, but some of its faces will not behave as expected."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles in the body's frame B, counter-clockwise seen from outside. Faces stay in the file's order.
+    """A triangle mesh in the body frame B. Triangles are counter-clockwise seen from outside, in the order of the file.
 
-    The arrays are read-only: bodies share one mesh.
+    The arrays are read-only, since bodies share meshes.
 
     Attributes:
-        vertices_m: (N, 3) float64 [m].
-        faces: (M, 3) int32, indices into `vertices_m`.
-        group: (M,) int16, index into `group_names`.
-        group_names: material, object and group names in the file, joined by "/" where a face has several.
-        colour_rgb: (M, 3) uint8, colour of each face in the file, or None; for pictures alone.
-        path: the file it was loaded from, or None.
-        unit: of the numbers in that file, a key of `UNIT_M`.
-        up: the axis that is up in that file, "y" or "z". Here it is z: a file with y up has been turned.
-        scale: how much larger than in that file [1].
-        uv: (M, 3, 2) float32, texture coordinates of each face's corners, v upward; NaN where a face has none. None
-            where no face has.
+        vertices_m: vertex positions (N, 3) float64 [m].
+        faces: indices into `vertices_m` (M, 3) int32.
+        group: index into `group_names` for each face (M,) int16.
+        group_names: object, group and material names from the file, joined by "/" if a face has several.
+        colour_rgb: colour of each face in the file (M, 3) uint8, for display only; or None.
+        path: the file that the mesh was loaded from, or None.
+        unit: unit of length of that file, a key of `UNIT_M`.
+        up: vertical axis in that file, "y" or "z". The mesh itself has z up: files with y up are rotated.
+        scale: factor by which the mesh is larger than in that file [1].
+        uv: texture coordinates of the corners of each face (M, 3, 2) float32, v upward; NaN for faces without. None if
+            no face has any.
 
     Raises:
-        MeshError: an array has the wrong shape, a vertex is not finite or farther than `REACH_MAX_M`, an index is out
-            of range, there is no face.
+        MeshError: an array has the wrong shape, a vertex is not finite or farther than `REACH_MAX_M` from the origin,
+            an index is out of range, or there are no faces.
     """
 
     vertices_m: NDArray[np.float64]
@@ -113,7 +112,9 @@ class Mesh:
             raise MeshError(f"{where}vertex {vertex} is not finite: {vertices[vertex].tolist()}")
         group = np.asarray(self.group) if len(self.group) else np.zeros(len(faces), np.int16)
         if group.shape != (len(faces),) or group.min() < 0 or group.max() >= len(self.group_names):
-            raise MeshError(f"{where}group must give every face an index into its {len(self.group_names)} names")
+            raise MeshError(
+                f"{where}group must have shape ({len(faces)},) with indices 0 to {len(self.group_names) - 1}"
+            )
         _freeze(self, "vertices_m", vertices, np.float64)
         _freeze(self, "faces", faces, np.int32)
         _freeze(self, "group", group, np.int16)
@@ -133,7 +134,7 @@ class Mesh:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the content, in hex: vertices [m] and faces, not names, colours or place."""
+        """SHA-256 of vertices [m] and faces in hex. Names, colours and the path do not count."""
         content = hashlib.sha256(f"{len(self.vertices_m)} {len(self.faces)} ".encode())
         content.update(self.vertices_m.astype("<f8", copy=False).data)
         content.update(self.faces.astype("<i4", copy=False).data)
@@ -141,15 +142,13 @@ class Mesh:
 
     @cached_property
     def bounds_m(self) -> NDArray[np.float64]:
-        """Lowest and highest corner of the faces' bounding box (2, 3) [m]."""
+        """Lowest and highest corner of the bounding box of the faces (2, 3) [m]."""
         columns = columns_of(self.vertices_m, used_by(self.faces))
         return np.array([[column.min() for column in columns], [column.max() for column in columns]])
 
     @cached_property
-    def neighbours(self) -> "Neighbours":
-        """The faces across each face's edges."""
-        from hapscene.scene.neighbours import neighbours_of
-
+    def neighbours(self) -> Neighbours:
+        """Adjacency of the faces."""
         return neighbours_of(self.vertices_m, self.faces)
 
     @property
@@ -159,21 +158,21 @@ class Mesh:
 
     @property
     def triangles_m(self) -> NDArray[np.float64]:
-        """Corners of every face (M, 3, 3) [m]."""
+        """Corner positions of every face (M, 3, 3) [m]."""
         return np.take(self.vertices_m, self.faces, axis=0)
 
     @property
     def normals(self) -> NDArray[np.float64]:
-        """Unit normal of every face (M, 3), outward by winding; zero where a face has no area."""
+        """Outward unit normal of every face by its winding (M, 3); zero for faces without area."""
         return normals_of(self.triangles_m)
 
     def faces_of(self, name: str) -> NDArray[np.bool_]:
-        """Faces of a group, material or object (M,) bool.
+        """Return the mask (M,) of the faces with this object, group or material name.
 
         Raises:
             MeshError: no face has that name.
         """
-        # A group is named "object/group/material": any of its parts finds it.
+        # A full name is "object/group/material"; any of its parts matches.
         found = [i for i, full in enumerate(self.group_names) if name == full or name in full.split("/")]
         if not found:
             known = {part for full in self.group_names for part in (full, *full.split("/"))}
@@ -189,31 +188,31 @@ class Mesh:
         up: str | None = None,
         scale: float = 1.0,
     ) -> "Mesh":
-        """A mesh from a `trimesh.Trimesh` or `trimesh.Scene` in memory. Nothing is merged or reordered.
+        """Convert a `trimesh.Trimesh` or `trimesh.Scene`. Vertices and faces are not merged or reordered.
 
         Args:
-            mesh: what to take; a scene becomes one mesh, its nodes in place.
-            unit: of its numbers, a key of `UNIT_M`; without one, what `mesh.units` says.
-            up: the axis of its numbers that is up, "y" or "z" (the default).
-            scale: how much larger to make it [1].
+            mesh: the trimesh object. A scene becomes one mesh with all nodes at their poses.
+            unit: unit of length of the coordinates, a key of `UNIT_M`. Default: `mesh.units`.
+            up: vertical axis of the coordinates, "y" or "z" (the default).
+            scale: scale factor [1].
 
         Raises:
-            MeshError: no unit, an unknown unit, axis or scale, or a mesh that cannot be touched.
+            MeshError: the unit is missing, the unit, axis or scale is invalid, or the mesh is.
         """
         parts = parts_of(mesh, "trimesh object")
         known = unit if unit is not None else getattr(mesh, "units", None)
         if known is None:
             raise MeshError(
-                f"a trimesh object without units: give unit=, one of {', '.join(UNIT_M)}, or set its .units"
+                f"the trimesh object has no units: pass unit=, one of {', '.join(UNIT_M)}, or set its .units"
             )
         return join(parts, unit_name(known), None, up or "z", scale)
 
 
 def unit_name(unit: str) -> str:
-    """The key of `UNIT_M` for any spelling of a unit.
+    """Return the key of `UNIT_M` for any spelling of a unit.
 
     Raises:
-        MeshError: the unit is not known.
+        MeshError: the unit is unknown.
     """
     name = UNIT_ALIAS.get(str(unit).strip().lower(), str(unit).strip().lower())
     if name not in UNIT_M:
@@ -225,39 +224,40 @@ def _check_shape(vertices: NDArray[Any], faces: NDArray[Any], where: str) -> Non
     if vertices.ndim != 2 or vertices.shape[1:] != (3,):
         raise MeshError(f"{where}vertices must have shape (N, 3), not {vertices.shape}")
     if not len(faces):
-        raise MeshError(f"{where}no faces: a mesh needs at least one triangle to be touched")
+        raise MeshError(f"{where}no faces: a mesh needs at least one triangle")
     if faces.ndim != 2 or faces.shape[1:] != (3,):
         raise MeshError(f"{where}faces must have shape (M, 3), not {faces.shape}")
     if faces.dtype.kind not in "iu":
-        raise MeshError(f"{where}faces must be whole numbers, not {faces.dtype}")
+        raise MeshError(f"{where}faces must have an integer type, not {faces.dtype}")
     if len(faces) > FACE_MAX:
-        raise MeshError(f"{where}{len(faces):,} faces; at most {FACE_MAX:,} are taken: reduce the mesh first")
+        raise MeshError(f"{where}{len(faces):,} faces, at most {FACE_MAX:,} are supported: simplify the mesh")
 
 
 def _check_indices(faces: NDArray[Any], vertex_count: int, where: str, of: str = "") -> None:
     if len(faces) and (faces.min() < 0 or faces.max() >= vertex_count):
         face, corner = np.argwhere((faces < 0) | (faces >= vertex_count))[0]
         raise MeshError(
-            f"{where}face {face}{of} names vertex {faces[face, corner]}, but there are only vertices "
-            f"0 to {vertex_count - 1}"
+            f"{where}face {face}{of} refers to vertex {faces[face, corner]}, expected 0 to {vertex_count - 1}"
         )
 
 
 def _check_extent(mesh: Mesh, where: str) -> None:
     size_m = mesh.diagonal_m
     if not SIZE_M[0] <= size_m <= SIZE_M[1]:
-        raise MeshError(f"{where}{size_m:.3g} m across; expected {SIZE_M[0]:g} to {SIZE_M[1]:g} m: is the unit right?")
+        raise MeshError(
+            f"{where}the diagonal is {size_m:.3g} m, expected {SIZE_M[0]:g} to {SIZE_M[1]:g} m: check the unit"
+        )
     if np.abs(mesh.bounds_m).max() > REACH_MAX_M:
         corners = mesh.faces.ravel()
         at, axis = np.argwhere(np.abs(mesh.vertices_m[corners]) > REACH_MAX_M)[0]
         raise MeshError(
             f"{where}vertex {corners[at]} is at {'xyz'[axis]} = {mesh.vertices_m[corners[at], axis]:g} m; expected at "
-            f"most {REACH_MAX_M:g} m: is the unit right? If it is, move the mesh nearer to its origin"
+            f"most {REACH_MAX_M:g} m from the origin: check the unit, or move the mesh closer to its origin"
         )
 
 
 def _freeze(mesh: Mesh, name: str, values: Any, dtype: Any) -> None:
-    # A copy unless nobody can write to it: the caller's array may still change.
+    # Copy the array unless it is immutable: the caller could still change it.
     array = np.asarray(values, dtype, order="C")
     if array.base is not None or array.flags.writeable:
         array = np.array(values, dtype, order="C")
@@ -265,12 +265,12 @@ def _freeze(mesh: Mesh, name: str, values: Any, dtype: Any) -> None:
     object.__setattr__(mesh, name, array)
 
 
-# Parts of a file, each with its own names and colours, from trimesh, and joined into one `Mesh`.
+# Conversion of trimesh objects: a file has parts with separate names and colours, which are joined into one `Mesh`.
 
 
 @dataclass
 class Part:
-    """Triangles in the file's own unit."""
+    """Triangles with names and colours, in the unit of the file."""
 
     vertices: NDArray[Any]  # (n, 3)
     faces: NDArray[Any]  # (m, 3)
@@ -281,52 +281,54 @@ class Part:
 
 
 def check_reading(up: str | None, scale: float) -> None:
-    """Refuse, before a file is read, an unknown axis, or a scale that is not above 0.
+    """Check the vertical axis and the scale factor before a file is read.
 
     Raises:
-        MeshError: with what would have worked.
+        MeshError: the axis or the scale is invalid.
     """
     if up is not None and up not in UPS:
-        raise MeshError(f'no axis {up!r} is up in a mesh file; expected "y" or "z"')
+        raise MeshError(f'invalid vertical axis {up!r}; expected "y" or "z"')
     if isinstance(scale, bool) or not isinstance(scale, int | float) or not SCALE[0] <= scale <= SCALE[1]:
-        raise MeshError(f"a mesh is scaled by a number from {SCALE[0]:g} to {SCALE[1]:g}, as 0.001, not {scale!s:.20}")
+        raise MeshError(
+            f"invalid scale {scale!s:.20}; expected a number from {SCALE[0]:g} to {SCALE[1]:g}, such as 0.001"
+        )
 
 
 def join(parts: list[Part], unit: str, path: Path | None, up: str = "z", scale: float = 1.0) -> Mesh:
-    """One mesh of all parts, in their order, in metres, z up; parts of the same name share a group.
+    """Join parts into one mesh in metres with z up. Parts with the same name share a group.
 
     Raises:
-        MeshError: what `Mesh` and `check_reading` refuse.
+        MeshError: `Mesh` or `check_reading` rejects the result.
     """
     check_reading(up, scale)
     whole = merged(parts, path)
-    parts.clear()  # their arrays are as large
+    parts.clear()  # frees memory: their arrays are as large as those of the result
     whole.vertices *= UNIT_M[unit]
     if scale != 1.0:
         whole.vertices *= scale
-    if up == "y":  # a quarter turn about x
-        whole.vertices[:, 1:] = whole.vertices[:, :0:-1] * (-1.0, 1.0) + 0.0  # no −0
+    if up == "y":  # rotate by 90° about x; + 0.0 turns −0.0 into 0.0
+        whole.vertices[:, 1:] = whole.vertices[:, :0:-1] * (-1.0, 1.0) + 0.0
     for array in (whole.vertices, whole.faces):
         array.setflags(write=False)
-    words = path, unit, up, float(scale)
-    return Mesh(whole.vertices, whole.faces, whole.group, tuple(whole.names), whole.colour_rgb, *words, uv=whole.uv)
+    source = path, unit, up, float(scale)
+    return Mesh(whole.vertices, whole.faces, whole.group, tuple(whole.names), whole.colour_rgb, *source, uv=whole.uv)
 
 
 def merged(parts: list[Part], path: Path | None) -> Part:
-    """All parts as one, in their own unit, with arrays of its own.
+    """Join parts into one part with new arrays, in the unit of the file.
 
     Raises:
-        MeshError: there are none, too many groups, or an index out of range.
+        MeshError: there are no parts or too many groups, or an index is out of range.
     """
     where = f"{path}: " if path else "mesh: "
     if not parts:
-        raise MeshError(f"{where}no faces: a mesh needs at least one triangle to be touched")
+        raise MeshError(f"{where}no faces: a mesh needs at least one triangle")
     names = list(dict.fromkeys(name for part in parts for name in part.names))
     if len(names) > np.iinfo(np.int16).max:
-        raise MeshError(f"{where}{len(names):,} groups; at most {np.iinfo(np.int16).max:,} are kept apart")
+        raise MeshError(f"{where}{len(names):,} groups; at most {np.iinfo(np.int16).max:,} are supported")
     place = {name: i for i, name in enumerate(names)}
     start = np.cumsum([0] + [len(part.vertices) for part in parts])
-    for part in parts:  # checked here too, since an index past its own part would name a vertex of the next
+    for part in parts:  # checked per part: after joining, an invalid index may refer to a vertex of another part
         _check_indices(part.faces, len(part.vertices), where, f" of {part.names[0]!r}" if len(parts) > 1 else "")
     faces = np.empty((sum(len(part.faces) for part in parts), 3), np.int32 if start[-1] < 2**31 else np.int64)
     ends = np.cumsum([len(part.faces) for part in parts])
@@ -344,29 +346,27 @@ def merged(parts: list[Part], path: Path | None) -> Part:
 
 
 def parts_of(loaded: "trimesh.Trimesh | trimesh.Scene", where: str) -> list[Part]:
-    """The triangles of a trimesh object, every node in its place.
+    """Return the triangles of a trimesh object, one part for each node at its pose.
 
     Raises:
-        MeshError: it is neither a mesh nor a scene of meshes.
+        MeshError: the object is not a mesh or a scene of meshes, or it is too large.
     """
     import trimesh
 
     if isinstance(loaded, trimesh.Trimesh):
         return [_part(loaded, [UNNAMED], None)]
     if not isinstance(loaded, trimesh.Scene):
-        raise MeshError(
-            f"{where}: a {type(loaded).__name__} cannot be touched; expected a file, or a mesh of triangles"
-        )
+        raise MeshError(f"{where}: expected a file or a triangle mesh, not a {type(loaded).__name__}")
     parts = []
-    made = 0  # a small file can name the same geometry over and over
+    made = 0  # limits instances: a small file can refer to the same geometry many times
     for node in loaded.graph.nodes_geometry:
         pose, geometry = loaded.graph[node]
         mesh = loaded.geometry[geometry]
         if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
             made += max(len(mesh.faces), len(mesh.vertices))
             if made > FACE_MAX:
-                raise MeshError(f"{where}: more than {FACE_MAX:,} faces or vertices: reduce the mesh first")
-            # A node without a name is called by its number: then the name of its geometry says more.
+                raise MeshError(f"{where}: more than {FACE_MAX:,} faces or vertices: simplify the mesh")
+            # trimesh names an unnamed node by its number; the name of the geometry is then more useful
             parts.append(_part(mesh, [str(geometry if node.isdigit() else node)], pose))
     return parts
 
@@ -375,7 +375,7 @@ def _part(mesh: "trimesh.Trimesh", names: list[str], pose: NDArray[np.float64] |
     vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     if pose is not None and not np.array_equal(pose, np.eye(4)):
         vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
-        if np.linalg.det(pose[:3, :3]) < 0:  # a mirrored node: without this its outside would be its inside
+        if np.linalg.det(pose[:3, :3]) < 0:  # a mirrored node would otherwise be inside out
             faces = faces[:, ::-1]
     material = getattr(getattr(mesh.visual, "material", None), "name", None)
     if material and material not in names:
@@ -388,12 +388,12 @@ def _part(mesh: "trimesh.Trimesh", names: list[str], pose: NDArray[np.float64] |
 
 
 def face_colours(mesh: "trimesh.Trimesh") -> NDArray[np.uint8] | None:
-    """Colour of every face of a trimesh (M, 3), from texture, material, face or vertex colours; else None."""
-    visual: Any = mesh.visual  # one of two classes, by what `kind` says
+    """Return the colour of every face of a trimesh (M, 3), from texture, material, faces or vertices; else None."""
+    visual: Any = mesh.visual  # ColorVisuals or TextureVisuals; `kind` tells which
     try:
         if visual.kind == "texture":
             uv = None if visual.uv is None else np.asarray(visual.uv)[mesh.faces].mean(axis=1)
-            shade = visual.vertex_attributes.get("color")  # of glTF, beside a material
+            shade = visual.vertex_attributes.get("color")  # glTF files may have vertex colours beside a material
             if shade is not None and getattr(visual.material, "baseColorTexture", None) is None:
                 return _shaded(visual.material, np.asarray(shade)[mesh.faces][:, :, :3])
             return sample(visual.material, uv, len(mesh.faces))
@@ -402,22 +402,22 @@ def face_colours(mesh: "trimesh.Trimesh") -> NDArray[np.uint8] | None:
         if visual.kind == "vertex":
             corners = np.asarray(visual.vertex_colors)[mesh.faces][:, :, :3]
             return np.asarray(corners.mean(axis=1).round().astype(np.uint8))
-    except Exception:  # a broken picture spoils the colours, which are for the eye alone, not the mesh
+    except Exception:  # colours are for display only, so an invalid image must not make the mesh unusable
         return None
     return None
 
 
 def _shaded(material: Any, corners: NDArray[Any]) -> NDArray[np.uint8]:
-    """Colours (m, 3) of a glTF material and the colours of faces' corners (m, 3, 3), which are both linear."""
+    """Return the product (m, 3) of a glTF base colour and the mean corner colours (m, 3, 3), both linear, in sRGB."""
     share = corners.mean(axis=1) / (np.iinfo(corners.dtype).max if corners.dtype.kind == "u" else 1.0)
-    factor = getattr(material, "baseColorFactor", None)  # which trimesh keeps as bytes
+    factor = getattr(material, "baseColorFactor", None)  # trimesh stores it as uint8
     light = np.clip(share * (1.0 if factor is None else np.asarray(factor)[:3] / 255), 0.0, 1.0)
     srgb = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
     return np.asarray(np.round(255 * srgb).astype(np.uint8))
 
 
 def sample(material: Any, uv: NDArray[Any] | None, count: int) -> NDArray[np.uint8]:
-    """Colours (count, 3) of a trimesh material, at texture coordinates uv (count, 2) if there are any."""
+    """Sample the colours (count, 3) of a trimesh material, at texture coordinates uv (count, 2) if available."""
     from trimesh.visual.color import uv_to_color
 
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)

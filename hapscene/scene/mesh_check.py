@@ -1,4 +1,4 @@
-"""Examining many meshes: a verdict on each, in one word and as JSON."""
+"""Checks of many meshes: a verdict and a report for each."""
 
 import json
 import warnings
@@ -11,20 +11,21 @@ from hapscene.scene.mesh_doctor import examine
 from hapscene.scene.mesh_file import FORMATS, load_mesh
 from hapscene.scene.mesh_report import Report
 from hapscene.scene.scene import load_scene
+from hapscene.scene.size_advice import size_advice
 
 __all__ = ["CODES", "examined", "mesh_sources", "verdict_of"]
 
-VERDICTS: Final = ("felt", "felt with notes", "felt with faults", "not felt", "not readable")
-"""The verdicts about a mesh, from good to bad."""
+VERDICTS: Final = ("ok", "ok, with notes", "has faults", "cannot be touched", "cannot be loaded")
+"""Verdicts on a mesh, from best to worst."""
 
-FELT, NOTES, FAULTS, NOT_FELT, UNREADABLE = VERDICTS
+OK, NOTES, FAULTS, UNTOUCHABLE, UNREADABLE = VERDICTS
 
-CODES: Final = {FELT: 0, NOTES: 0, FAULTS: 1, NOT_FELT: 1, UNREADABLE: 2}
-"""How bad a verdict is: 0 felt, 1 with faults or not felt, 2 not readable."""
+CODES: Final = {OK: 0, NOTES: 0, FAULTS: 1, UNTOUCHABLE: 1, UNREADABLE: 2}
+"""Exit code for each verdict."""
 
 
 def mesh_sources(name: str) -> list[tuple[Path, Mesh | None]]:
-    """The mesh files of a folder, by their suffixes; a scene's meshes, by the names of their bodies; or the file."""
+    """Return the mesh files of a folder; the meshes of a scene, with body names as paths; or the file itself."""
     path = Path(name)
     if name.endswith((".scene.json", ".scene.zip")):
         return [(Path(body.name), body.mesh) for body in load_scene(path).bodies]
@@ -35,31 +36,36 @@ def mesh_sources(name: str) -> list[tuple[Path, Mesh | None]]:
 
 
 def examined(file: Path, mesh: Mesh | None, unit: str | None, **reading: Any) -> dict[str, Any]:
-    """The report on a mesh, loaded from its file unless it is given: as JSON, with its `verdict`, and `words`."""
-    prefix = printable(f"{file}: ")  # as errors have it
+    """Check a mesh (loaded from `file` if None); return a JSON report with `verdict`, `warnings` and `words`."""
+    prefix = printable(f"{file}: ")  # errors start with it
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             if mesh is None:
-                own = file.suffix.lower().lstrip(".") not in ("stl", "obj", "ply", "off", "zip")
-                mesh = load_mesh(file, None if own else unit, **reading)
+                has_unit = file.suffix.lower().lstrip(".") not in ("stl", "obj", "ply", "off", "zip")
+                mesh = load_mesh(file, None if has_unit else unit, **reading)
             report = examine(mesh)
         except (HapsceneError, OSError, MemoryError) as error:
             reason = " ".join(str(error).removeprefix(prefix).split()) or "not enough memory"
             return {"path": str(file), "verdict": UNREADABLE, "error": reason, "words": f": {reason}"}
     verdict = verdict_of(report)
     warned = [printable(str(warning.message)).removeprefix(prefix) for warning in caught]
-    words = [*warned, *(finding.what for finding in sorted(report.findings, key=lambda f: f.level != "fault"))]
+    words = [
+        *warned,
+        *filter(None, [size_advice(mesh).words]),
+        *(finding.what for finding in sorted(report.findings, key=lambda f: f.level != "fault")),
+    ]
     return {
         **json.loads(report.to_json()),
-        "verdict": NOTES if warned and verdict == FELT else verdict,
+        "verdict": NOTES if warned and verdict == OK else verdict,
         "warnings": warned,
         "words": ": " + "; ".join(words) if words else "",
     }
 
 
 def verdict_of(report: Report) -> str:
+    """Return the verdict of a report."""
     flat = sum(finding.count for finding in report.findings if finding.kind in ("zero_area", "needles"))
     if flat >= report.face_count:
-        return NOT_FELT
-    return FAULTS if report.fault_count else NOTES if report.findings else FELT
+        return UNTOUCHABLE
+    return FAULTS if report.fault_count else NOTES if report.findings else OK

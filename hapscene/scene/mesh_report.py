@@ -1,4 +1,4 @@
-"""What the mesh doctor says: findings, and the report that gathers them."""
+"""Reports of the mesh check: findings, and their presentation as text and JSON."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -9,24 +9,24 @@ from hapscene.errors import printable
 __all__ = ["Finding", "Report", "length", "number"]
 
 VERSION: Final = 1
-"""Version of the report's JSON."""
+"""Version of the JSON format."""
 
 NAME_SHOWN: Final = 60
-"""Most of a group's name that is told [characters]."""
+"""Maximum length of a group name in the report [characters]."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is odd about a mesh.
+    """A defect of a mesh.
 
     Attributes:
-        kind: a short name that does not change, for programs.
-        level: "fault" where it will be felt, "note" where it need not.
-        count: how many.
-        what: what was found.
-        touch: what that means for touching the mesh.
-        advice: what to do.
-        fixable: whether `hapscene.scene.mesh_doctor.repair` does it.
+        kind: stable identifier for programs.
+        level: "fault" if the defect affects contact, "note" if it may not.
+        count: number of faces, edges or vertices concerned.
+        what: description of the defect.
+        touch: effect on contact.
+        advice: how to correct the defect.
+        fixable: whether `hapscene.scene.mesh_doctor.repair` corrects it.
         examples: indices of the first faces or vertices concerned.
     """
 
@@ -42,17 +42,16 @@ class Finding:
 
 @dataclass(frozen=True)
 class Report:
-    """What the doctor says of a mesh.
+    """Result of a mesh check.
 
     Attributes:
-        path: the mesh's file, or None.
-        unit: of the numbers in that file.
-        low_m: lowest corner of the bounding box (3,) [m]; high_m the highest, size_m its edges.
-        skin_m: the skin of contact on this mesh [m]: what is narrower is not felt.
-        shell_count: connected sets of faces.
-        closed: whether every edge has just two faces.
-        volume_m3: what a closed mesh encloses, without its cavities; None for an open one.
-        examined_crossing: whether it was examined for faces that cross each other.
+        path: the mesh file, or None.
+        unit: unit of length in that file.
+        low_m: lowest corner of the bounding box (3,) [m]; `high_m` is the highest corner and `size_m` their difference.
+        skin_m: skin of contact on this mesh [m]; contact ignores narrower details.
+        shell_count: number of connected sets of faces.
+        closed: whether every edge has exactly two faces.
+        volume_m3: enclosed volume of a closed mesh without its cavities [m³]; None for an open mesh.
     """
 
     path: str | None
@@ -67,58 +66,55 @@ class Report:
     shell_count: int
     closed: bool
     volume_m3: float | None
-    examined_crossing: bool
     findings: tuple[Finding, ...] = ()
 
     def __repr__(self) -> str:
-        words = f"{len(self.findings)} findings" if self.findings else "nothing odd"
-        return f"<Report of {self.path or 'a mesh'}: {self.face_count:,} faces; {words}>"
+        words = f"{len(self.findings)} findings" if self.findings else "no findings"
+        return f"<Report on {self.path or 'a mesh'}: {self.face_count:,} faces; {words}>"
 
     @property
     def fault_count(self) -> int:
-        """How many findings will be felt."""
+        """Number of findings that affect contact."""
         return sum(finding.level == "fault" for finding in self.findings)
 
     def to_json(self) -> str:
-        """The report as JSON, with its version."""
+        """Return the report as JSON."""
         return json.dumps({"format": "hapscene mesh report", "version": VERSION, **asdict(self)}, indent=2)
 
     def text(self) -> str:
-        """The report to read: faults first."""
+        """Return the report as text, faults first."""
         x, y, z = map(length, self.size_m)
-        held = "open" if self.volume_m3 is None else f"closed, {_volume(self.volume_m3)}"
+        shape = "open" if self.volume_m3 is None else f"closed, {_volume(self.volume_m3)}"
         is_step = (self.path or "").lower().endswith((".step", ".stp"))
-        unit = "in m, from the unit that its file says" if is_step else f"unit of the file: {self.unit}"
+        unit = "in m, converted from the unit of the file" if is_step else f"unit of the file: {self.unit}"
         lines = [
             f"{printable(self.path or 'mesh')}: "
             f"{number(self.face_count, 'face')}, {number(self.vertex_count, 'vertex')}, "
-            f"{number(self.shell_count, 'shell')}, {held}",
+            f"{number(self.shell_count, 'shell')}, {shape}",
             f"size {x} × {y} × {z} ({unit})",
         ]
         if len(self.group_names) > 1:
             more = ", …" if len(self.group_names) > 8 else ""
             first = ", ".join(printable(name, NAME_SHOWN) for name in self.group_names[:8])
             lines.append(f"{len(self.group_names)} groups: {first}{more}")
-        if not self.examined_crossing:
-            lines.append("not examined for faces that cross each other: too many faces")
         if not self.findings:
-            lines.append("nothing odd was found")
+            lines.append("no defects found")
         for finding in sorted(self.findings, key=lambda f: f.level != "fault"):
-            fix = " (--fix does it)" if finding.fixable else ""
-            lines += ["", f"{finding.level.upper()}: {finding.what}", f"  felt: {finding.touch}"]
-            lines += [f"  do:   {finding.advice}{fix}"]
+            fix = " (--fix does this)" if finding.fixable else ""
+            lines += ["", f"{finding.level.upper()}: {finding.what}", f"  effect: {finding.touch}"]
+            lines += [f"  action: {finding.advice}{fix}"]
         return "\n".join(printable(line) for line in lines)
 
 
 def number(count: int, noun: str) -> str:
-    """A count with its noun: "1 face", "2,000 vertices"."""
+    """Format a count with its noun: "1 face", "2,000 vertices"."""
     return f"{count:,} {noun if count == 1 else {'vertex': 'vertices'}.get(noun, noun + 's')}"
 
 
 def length(length_m: float) -> str:
-    """A length [m] in the unit that reads best."""
+    """Format a length [m] with a suitable unit."""
     for unit, metres in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9)):
-        rounded = float(f"{length_m / metres:.4g}")  # first of all: 999.99 nm are 1 µm
+        rounded = float(f"{length_m / metres:.4g}")  # round first: 999.99 nm is 1 µm
         if rounded >= 1.0:
             return f"{rounded:.10g} {unit}"
     return f"{length_m * 1e9:.2g} nm" if length_m >= 1e-11 else "0 mm"

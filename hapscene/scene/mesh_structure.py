@@ -1,4 +1,4 @@
-"""How a mesh is put together, for the doctor and the mender: spare faces, edges, winding, shells."""
+"""Structure of a mesh for the mesh check: duplicate and degenerate faces, edges, winding, shells."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,27 +15,25 @@ __all__ = ["FLAT_RATIO", "MeshStructure", "height_of", "mesh_structure"]
 Mask = NDArray[np.bool_]
 
 FLAT_RATIO: Final = 1e-12
-"""Height, as a fraction of the mesh's diagonal [1], under which a face has no area but for rounding."""
+"""Height of a face relative to the diagonal of the mesh [1] below which the face has no area apart from rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshStructure:
-    """How a mesh is put together.
+    """Structure of a mesh with N vertices and M faces.
 
     Attributes:
-        welded: (N,) for every vertex the lowest at exactly its place.
-        height_m: (M,) least height of each face.
-        flat: (M,) faces without area.
-        spare: (M,) flat faces that hold nothing together: without them no edge opens.
-        doubled: (M,) faces that are there already, with the same winding.
-        opposed: (M,) faces that are there already, with the other winding.
-        edges: between the faces that are left.
-        winding: of those.
+        welded: lowest index of a vertex at the same position, for each vertex (N,).
+        flat: faces without area (M,).
+        spare: flat faces that can be deleted without opening an edge (M,).
+        doubled: duplicates of an earlier face with the same winding (M,).
+        opposed: duplicates of an earlier face with the opposite winding (M,).
+        edges: edges between the other faces.
+        winding: winding of the other faces.
     """
 
     mesh: Mesh
     welded: Index
-    height_m: NDArray[np.float64]
     flat: Mask
     spare: Mask
     doubled: Mask
@@ -45,23 +43,23 @@ class MeshStructure:
 
     @property
     def kept(self) -> Mask:
-        """Faces (M,) that the edges are between."""
+        """Mask (M,) of the faces in `edges`."""
         return ~(self.spare | self.doubled | self.opposed)
 
     @cached_property
     def shells(self) -> "Shells":
-        """The closed shells."""
+        """Closed shells of the mesh."""
         return _shells(self.mesh.triangles_m, self.edges, self.winding, self.kept)
 
 
 @dataclass(frozen=True, eq=False)
 class Shells:
-    """The closed part of a mesh.
+    """Closed shells of a mesh.
 
     Attributes:
-        closed: (M,) faces of shells in which every edge has just two faces.
-        inside_out: (M,) faces of closed shells whose outside is wound inward.
-        volume_m3: enclosed by the closed shells, cavities taken off.
+        closed: faces of shells in which every edge has exactly two faces (M,).
+        inside_out: faces of closed shells that are wound inward (M,).
+        volume_m3: volume enclosed by the closed shells without their cavities [m³].
     """
 
     closed: Mask
@@ -70,7 +68,7 @@ class Shells:
 
 
 def mesh_structure(mesh: Mesh) -> MeshStructure:
-    """Take a mesh apart."""
+    """Analyse the structure of a mesh."""
     triangles = mesh.triangles_m
     welded = weld(mesh.vertices_m)
     height = height_of(triangles)
@@ -80,53 +78,53 @@ def mesh_structure(mesh: Mesh) -> MeshStructure:
     copy = doubled | opposed
     spare = np.zeros(len(corners), np.bool_)
     if flat.any():
-        # It may fill a T-junction: then one of its edges has just one other face, and opens without it.
+        # A flat face may fill a T-junction: then one of its edges has one other face and would be open without it.
         spare = flat & ~(edges_of(mesh.faces, welded, ~copy).count_by_face() == 2).any(axis=1)
     edges = edges_of(mesh.faces, welded, ~(spare | copy))
     winding = winding_of(edges, area_of(triangles))
-    return MeshStructure(mesh, welded, height, flat, spare, doubled, opposed, edges, winding)
+    return MeshStructure(mesh, welded, flat, spare, doubled, opposed, edges, winding)
 
 
 def height_of(triangles_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least height of triangles (M, 3, 3) → (M,) [m]."""
+    """Return the smallest height (M,) of triangles (M, 3, 3) [m]."""
     longest = np.linalg.norm(triangles_m - triangles_m[:, (1, 2, 0)], axis=2).max(axis=1)
     height = np.divide(2 * area_of(triangles_m), longest, out=np.zeros(len(longest)), where=longest > 0)
     return np.asarray(height)
 
 
 def _copies(corners: Index) -> tuple[Mask, Mask]:
-    """Faces (M,) with the corners of an earlier one: wound the same, wound the other way."""
+    """Return the duplicates (M,) of earlier faces: those with the same winding, and those with the opposite winding."""
     low = np.argmin(corners, axis=1)
     row = np.arange(len(corners))
     first = corners[row, low]
     second, third = corners[row, (low + 1) % 3], corners[row, (low + 2) % 3]
-    up = second < third  # one winding or the other, once turned to begin at the lowest corner
+    up = second < third  # the winding, when listed from the lowest corner
     key = np.stack([first, np.minimum(second, third), np.maximum(second, third)], axis=1)
     original = first_of(key.astype(np.uint64))
-    copy, alike = original != row, up == up[original]
-    return copy & alike, copy & ~alike
+    copy, agree = original != row, up == up[original]
+    return copy & agree, copy & ~agree
 
 
 def _shells(triangles_m: NDArray[np.float64], edges: Edges, winding: Winding, kept: Mask) -> Shells:
-    """Find the closed shells, and those of them that are inside out."""
+    """Find the closed shells and which of them are inside out."""
     shell, count = winding.shell, int(winding.shell.max()) + 1
     open_side = (edges.count_by_face() != 2).any(axis=1) | winding.one_sided
     is_open = np.bincount(shell, open_side, minlength=count) > 0
     closed = ~is_open[shell] & kept
     middle = triangles_m[closed].reshape(-1, 3).mean(axis=0) if closed.any() else np.zeros(3)
-    a, b, c = np.moveaxis(triangles_m - middle, 1, 0)  # about the middle: far from the origin digits are lost
+    a, b, c = np.moveaxis(triangles_m - middle, 1, 0)  # relative to the centre, to avoid cancellation
     sign = np.where(winding.turned, -1.0, 1.0)
     volume = np.bincount(shell, sign * closed * np.einsum("ij,ij->i", a, np.cross(b, c)) / 6, minlength=count)
     inside_out = np.zeros(count, np.bool_)
     for inward in np.flatnonzero(volume < 0):
-        # A cavity is wound inward and right: a shell is inside out where an even number of others hold it.
+        # A cavity is correctly wound inward. A shell is inside out if an even number of other shells encloses it.
         inside_out[inward] = _depth(triangles_m, shell, closed, int(inward)) % 2 == 0
     volume = np.where(inside_out, -volume, volume)
     return Shells(closed, inside_out[shell] & closed, float(volume.sum()))
 
 
 def _depth(triangles_m: NDArray[np.float64], shell: Index, closed: Mask, one: int) -> int:
-    """How many other closed shells a closed shell lies in, by their winding number about a point of it.
+    """Count the closed shells that enclose a shell, by their winding numbers about one of its points.
 
     Solid angles after Van Oosterom & Strackee 1983, eq. 8.
     """

@@ -1,8 +1,8 @@
-"""A format of its own: Wavefront OBJ, read line by line.
+"""Reader of Wavefront OBJ files.
 
-trimesh reads OBJ too, but splits vertices at texture seams, sorts faces by material, and takes an index past
-the end for one counted from the back. Here positions stay shared, faces stay in order, and errors name their
-line. Its materials are read by trimesh.
+The reader of trimesh splits vertices at texture seams, sorts faces by material, and accepts indices past the end. This
+one keeps shared positions and the order of the faces, and names the line of an error. Material files are read by
+trimesh.
 """
 
 import io
@@ -21,46 +21,46 @@ __all__ = ["LINE_MAX", "read_obj"]
 
 
 def read_obj(content: bytes, where: str, resolver: Any) -> Part:
-    """Triangles of an OBJ file. Polygons are cut into a fan from their first corner, as trimesh does.
+    """Read the triangles of an OBJ file. Polygons are divided into fans from their first corner, as in trimesh.
 
     Args:
-        content: the file's.
-        where: its name, for errors.
-        resolver: gives the bytes of a file beside it by name, as `trimesh.resolvers` do.
+        content: content of the file.
+        where: name of the file for messages.
+        resolver: returns the content of files beside it by name, as `trimesh.resolvers` do.
 
     Raises:
-        MeshError: a line that cannot be read, or an index out of range.
+        MeshError: an invalid line, or an index out of range.
     """
     reader = _Reader(where)
     unknown: list[str] = []
-    for reader.line, words in _lines(content, where):
-        if words and (read := _READ.get(words[0])):
-            read(reader, words[1:])
-        elif words and words[0] not in _LEFT and words[0][0] != "#":
-            unknown.append(f"line {reader.line}, {printable(words[0], 40)!r}")
+    for reader.line, tokens in _lines(content, where):
+        if tokens and (read := _READ.get(tokens[0])):
+            read(reader, tokens[1:])
+        elif tokens and tokens[0] not in _IGNORED and tokens[0][0] != "#":
+            unknown.append(f"line {reader.line}, {printable(tokens[0], 40)!r}")
     if unknown:
-        warn(f"{where}: left out what is no statement of OBJ, {unknown[0]} the first of {len(unknown):,}", MeshWarning)
+        warn(f"{where}: skipped {len(unknown):,} unknown OBJ statements, the first in {unknown[0]}", MeshWarning)
     group = np.asarray(reader.group)
     uv = _uv(reader)
     return Part(_rows(reader.v), _rows(reader.f), group, list(reader.names), _colours(reader, resolver, uv), uv)
 
 
 LINE_MAX: Final = 1_000_000
-"""Longest line that is read [characters]: a face of 100,000 corners."""
+"""Maximum length of a line [characters]: a face with 100,000 corners."""
 
 
 def _lines(content: bytes, where: str) -> Iterator[tuple[int, list[str]]]:
-    """The words of every line, and the number of its last; a backslash joins two.
+    """Yield the line number and the tokens of each line; a backslash at the end joins lines.
 
     Raises:
-        MeshError: one is longer than `LINE_MAX`.
+        MeshError: a line is longer than `LINE_MAX`.
     """
-    held: list[str] = []  # lines that go on
+    held: list[str] = []  # lines that end with a backslash
     number = length = 0
     for number, line in enumerate(io.TextIOWrapper(io.BytesIO(content), "utf-8", "replace"), 1):
         length += len(line)
         if length > LINE_MAX:
-            raise MeshError(f"{where}, line {number}: longer than {LINE_MAX:,} characters, which is not read")
+            raise MeshError(f"{where}, line {number}: longer than {LINE_MAX:,} characters")
         if line.endswith("\\\n"):
             held.append(line[:-2])
             continue
@@ -74,13 +74,13 @@ def _rows(numbers: "array[Any]", width: int = 3) -> NDArray[Any]:
 
 
 class _Reader:
-    """What was read so far, and under which names."""
+    """State of the reader: the data read so far and the current names."""
 
     def __init__(self, where: str) -> None:
         self.where, self.line = where, 0
-        # numbers, one after the other: 3 of a vertex, of its colour, of a face; 2 of a texture coordinate
+        # flat arrays: 3 numbers per vertex, vertex colour and face, 2 per texture coordinate
         self.v, self.rgb, self.vt = array("d"), array("d"), array("d")
-        self.f, self.f_vt = array("i"), array("i")  # −1 where a face has no texture coordinates
+        self.f, self.f_vt = array("i"), array("i")  # −1 for faces without texture coordinates
         self.group = array("i")
         self.names: dict[str, int] = {}
         self.material_of: list[str | None] = []  # of each name in names
@@ -89,7 +89,7 @@ class _Reader:
         self.current: int | None = None
 
     def name(self) -> int:
-        """Index of the group that the next face falls in."""
+        """Return the index of the group of the next face."""
         if self.current is None:
             parts = dict.fromkeys(part for part in (self.object, self.part, self.material) if part)
             full = "/".join(parts) or UNNAMED
@@ -98,18 +98,18 @@ class _Reader:
                 self.material_of.append(self.material or None)
         return self.current
 
-    def numbers(self, words: list[str], start: int, end: int, expected: str) -> list[float]:
-        """The numbers in some words of a line."""
+    def numbers(self, tokens: list[str], start: int, end: int, expected: str) -> list[float]:
+        """Parse the tokens from `start` to `end` of a line as numbers."""
         try:
-            found = [float(word) for word in words[start:end]]
+            found = [float(word) for word in tokens[start:end]]
             if len(found) == end - start:
                 return found
         except ValueError:
             pass
-        raise self.fail(f"expected {expected}, found {' '.join(words)[:60]!r}")
+        raise self.fail(f"expected {expected}, not {' '.join(tokens)[:60]!r}")
 
     def pad(self) -> None:
-        """Give the faces before the first texture coordinate none."""
+        """Mark faces before the first texture coordinate as having none."""
         if len(self.f_vt) < len(self.f):
             self.f_vt.extend(array("i", [-1]) * (len(self.f) - len(self.f_vt)))
 
@@ -117,64 +117,64 @@ class _Reader:
         return MeshError(f"{self.where}, line {self.line}: {problem}")
 
 
-def _vertex(reader: _Reader, words: list[str]) -> None:
-    reader.v.extend(reader.numbers(words, 0, 3, "three numbers after 'v'"))
-    if len(words) >= 6:
-        reader.rgb.extend(reader.numbers(words, 3, 6, "a colour after the position"))
+def _vertex(reader: _Reader, tokens: list[str]) -> None:
+    reader.v.extend(reader.numbers(tokens, 0, 3, "three numbers after 'v'"))
+    if len(tokens) >= 6:
+        reader.rgb.extend(reader.numbers(tokens, 3, 6, "a colour after the position"))
 
 
-def _texture(reader: _Reader, words: list[str]) -> None:
-    u, *v = reader.numbers(words, 0, 2 if len(words) > 1 else 1, "two numbers after 'vt'")
+def _texture(reader: _Reader, tokens: list[str]) -> None:
+    u, *v = reader.numbers(tokens, 0, 2 if len(tokens) > 1 else 1, "two numbers after 'vt'")
     reader.vt.extend([u, *v] if v else [u, 0.0])
 
 
-def _normal(reader: _Reader, words: list[str]) -> None:
-    """Checked, not kept: the faces' own normals are felt. A file that was cut may end inside such a line."""
-    reader.numbers(words, 0, 3, "three numbers after 'vn'")
+def _normal(reader: _Reader, tokens: list[str]) -> None:
+    """Check a vertex normal, which is not used: the end of a truncated file may be in such a line."""
+    reader.numbers(tokens, 0, 3, "three numbers after 'vn'")
 
 
-def _face(reader: _Reader, words: list[str]) -> None:
-    if len(words) < 3:
-        raise reader.fail(f"a face needs three corners or more, found {' '.join(words)[:60]!r}")
+def _face(reader: _Reader, tokens: list[str]) -> None:
+    if len(tokens) < 3:
+        raise reader.fail(f"expected a face with at least three corners, not {' '.join(tokens)[:60]!r}")
     corners, textures = [], []
     vertex_count, texture_count = len(reader.v) // 3, len(reader.vt) // 2
-    for word in words:
+    for word in tokens:
         fields = word.split("/")
         corners.append(_index(reader, fields[0], vertex_count, "vertex"))
         has_texture = len(fields) > 1 and fields[1] and reader.vt
         textures.append(_index(reader, fields[1], texture_count, "texture coordinate") if has_texture else -1)
     group = reader.name()
-    if reader.vt:  # else there is nothing to be kept
+    if reader.vt:  # the file has texture coordinates
         reader.pad()
-        for i in range(1, len(words) - 1):
+        for i in range(1, len(tokens) - 1):
             reader.f_vt.extend((textures[0], textures[i], textures[i + 1]))
-    for i in range(1, len(words) - 1):
+    for i in range(1, len(tokens) - 1):
         reader.f.extend((corners[0], corners[i], corners[i + 1]))
         reader.group.append(group)
 
 
 def _index(reader: _Reader, word: str, count: int, what: str) -> int:
-    """Zero-based index of what a file counts from 1, or from −1 back."""
+    """Convert an OBJ index, which counts from 1, or backwards from −1, to a zero-based index."""
     try:
         number = int(word)
     except ValueError:
-        raise reader.fail(f"expected the number of a {what}, found {word[:60]!r}") from None
+        raise reader.fail(f"expected the index of a {what}, not {word[:60]!r}") from None
     index = number - 1 if number > 0 else count + number
     if number == 0 or not 0 <= index < count:
-        raise reader.fail(f"no {what} {number}; so far there are {count}")
+        raise reader.fail(f"{what} index {number} out of range; {count} are defined so far")
     return index
 
 
 def _named(attribute: str) -> Any:
-    def read(reader: _Reader, words: list[str]) -> None:
-        setattr(reader, attribute, " ".join(words))
+    def read(reader: _Reader, tokens: list[str]) -> None:
+        setattr(reader, attribute, " ".join(tokens))
         reader.current = None
 
     return read
 
 
-def _library(reader: _Reader, words: list[str]) -> None:
-    reader.mtllib.append(" ".join(words))
+def _library(reader: _Reader, tokens: list[str]) -> None:
+    reader.mtllib.append(" ".join(tokens))
 
 
 _READ = {
@@ -189,17 +189,17 @@ _READ = {
 }
 
 # fmt: off
-_LEFT: Final = frozenset((
+_IGNORED: Final = frozenset((
     "s", "l", "p", "vp", "fo", "mg", "lod", "bevel", "c_interp", "d_interp", "shadow_obj", "trace_obj", "usemap",
     "maplib", "ctech", "stech", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole",
     "scrv", "sp", "end", "con", "call", "csh",
 ))
 # fmt: on
-"""Statements of OBJ that are no triangles, or free forms, which are not read."""
+"""OBJ statements that are ignored: lines, points, smoothing and free-form geometry."""
 
 
 def _uv(reader: _Reader) -> NDArray[np.float32] | None:
-    """Texture coordinates of every face's corners (m, 3, 2), NaN where it has none; None where no face has."""
+    """Return texture coordinates of the corners of every face (m, 3, 2), NaN for faces without, or None."""
     if not reader.vt or not reader.f:
         return None
     reader.pad()
@@ -210,7 +210,7 @@ def _uv(reader: _Reader) -> NDArray[np.float32] | None:
 
 
 def _colours(reader: _Reader, resolver: Any, corners: NDArray[np.float32] | None) -> NDArray[np.uint8] | None:
-    """Colour of every face (m, 3) by its material, else by its vertices, else None."""
+    """Return the colour of every face (m, 3) from its material, else from its vertices, else None."""
     materials = _materials(reader, resolver)
     if not reader.f:
         return None
@@ -238,7 +238,7 @@ def _materials(reader: _Reader, resolver: Any) -> dict[str | None, Any]:
     make: Any = material.SimpleMaterial
     materials: dict[str | None, Any] = {}
     for library in reader.mtllib:
-        with suppress(Exception):  # a missing or broken library costs the colours, which are for the eye alone
+        with suppress(Exception):  # colours are for display only
             parsed = read(resolver[library], resolver=resolver)
             materials.update({name: make(**values) for name, values in parsed.items()})
     return materials

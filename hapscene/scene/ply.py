@@ -1,4 +1,4 @@
-"""PLY, the one format that hapscene writes: exact positions, groups and colours."""
+"""PLY files: export of meshes with exact positions, groups and colours; check of headers."""
 
 import re
 from pathlib import Path
@@ -11,30 +11,30 @@ from hapscene.errors import MeshError
 from hapscene.io.files import write_whole
 from hapscene.scene.mesh import Mesh
 
-__all__ = ["HEADER_MAX_B", "declared", "mesh_to_ply", "ply_groups", "save_mesh"]
+__all__ = ["HEADER_MAX_B", "declared_counts", "mesh_to_ply", "ply_groups", "save_mesh"]
 
 _COMMENT: Final = "hapscene group"
 
 HEADER_MAX_B: Final = 16_000_000
-"""Longest header that is read [bytes]: room for 10,000 bodies, 32,767 groups or swatches with long names."""
+"""Maximum size of a header [bytes]: enough for 10,000 bodies, or 32,767 groups or swatches with long names."""
 
 
 def save_mesh(mesh: Mesh, path: str | Path) -> None:
-    """Write a mesh as binary PLY in metres: float64, so that it loads back to the bit with unit="m".
+    """Write a mesh as binary PLY in metres. Positions are float64: the mesh loads without loss with unit="m".
 
-    Groups are written as a face property `group` with their names in comments, colours as on the faces.
+    Groups are written as a face property `group` with their names in comments, colours as face properties.
 
     Raises:
         MeshError: the suffix is not .ply, or the file cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() != ".ply":
-        raise MeshError(f"{path}: meshes are written as .ply, the one format that keeps their exact positions")
+        raise MeshError(f"{path}: meshes are written as .ply only, which keeps exact positions")
     write_whole(path, mesh_to_ply(mesh), MeshError)
 
 
 def mesh_to_ply(mesh: Mesh) -> bytes:
-    """The content of a mesh's file."""
+    """Return the content of a binary PLY file."""
     lines = ["ply", "format binary_little_endian 1.0", "comment unit m"]
     lines += [f"comment {_COMMENT} {_in_a_line(name)}" for name in mesh.group_names]
     lines += [f"element vertex {len(mesh.vertices_m)}", *(f"property double {axis}" for axis in "xyz")]
@@ -53,7 +53,7 @@ def mesh_to_ply(mesh: Mesh) -> bytes:
 
 
 def _in_a_line(name: str) -> str:
-    """A name that ends neither its line nor the header."""
+    """Return a name without line breaks and without the end mark of the header."""
     return " ".join(name.split()).replace("end_header", "end-header")
 
 
@@ -62,29 +62,28 @@ def _header(content: bytes) -> list[str]:
     return content[: max(end, 0)].decode("utf-8", errors="replace").splitlines()
 
 
-def declared(content: bytes, where: str) -> dict[str, int]:
-    """How many of each element the header of a PLY file promises.
+def declared_counts(content: bytes, where: str) -> dict[str, int]:
+    """Return the number of elements of each kind that the header of a PLY file declares.
 
     Raises:
-        MeshError: there is no header, or it counts more elements than the file has bytes: refused before anything
-            of that size is made.
+        MeshError: there is no header, or a number exceeds the size of the file, so that it must not be allocated.
     """
     header = _header(content)
     if not content.startswith(b"ply") or not header:
-        raise MeshError(f"{where}: not a readable PLY file: no header from 'ply' to 'end_header'")
+        raise MeshError(f"{where}: not a valid PLY file: no header from 'ply' to 'end_header'")
     elements = [re.fullmatch(r"\s*element\s+(\S+)\s+(\d{1,18})\s*", line) for line in header]
     counts = {element[1]: int(element[2]) for element in elements if element}
     for element, count in counts.items():
         if count > len(content):
             raise MeshError(
-                f"{where}: not a readable PLY file, or truncated: its header says {count:,} of element "
-                f"{element!r}, its size is {len(content):,} bytes"
+                f"{where}: not a valid PLY file, or truncated: the header declares {count:,} of element {element!r}, "
+                f"but the size of the file is {len(content):,} bytes"
             )
     return counts
 
 
 def ply_groups(content: bytes, loaded: Any) -> tuple[NDArray[Any], list[str]] | None:
-    """Groups (m,) and their names as `save_mesh` wrote them, or None."""
+    """Return groups (m,) and group names of a file from `save_mesh`; None for other files."""
     try:
         (mesh,) = loaded.geometry.values()
         group = np.asarray(mesh.metadata["_ply_raw"]["face"]["data"]["group"]).ravel().astype(np.int64)
@@ -94,7 +93,7 @@ def ply_groups(content: bytes, loaded: Any) -> tuple[NDArray[Any], list[str]] | 
 
 
 def _groups(content: bytes, group: NDArray[np.int64]) -> tuple[NDArray[Any], list[str]] | None:
-    """Groups (m,) and their names, where the header names them all."""
+    """Return groups (m,) and their names; None if the header does not name all groups."""
     start = f"comment {_COMMENT} "
     names = [line[len(start) :] for line in _header(content) if line.startswith(start)]
     return (group, names) if names and group.min() >= 0 and group.max() < len(names) else None

@@ -1,7 +1,7 @@
-"""Regions: what of a mesh to paint. Frame: the body's.
+"""Regions select the part of a mesh to paint. All coordinates are in the frame of the body.
 
-A `Volume` cuts through faces: see `hapscene.scene.fine_paint`. Where whole faces are asked for, by `pick`, a face is in
-a region when its centroid is.
+A `Volume` subdivides the faces that it cuts (see `hapscene.scene.fine_paint`). `Region.pick` selects whole faces: those
+whose centroid is in the region.
 """
 
 import math
@@ -20,28 +20,31 @@ __all__ = ["Box", "Facet", "PlaneSide", "Region", "Sphere", "Tube", "Volume"]
 
 
 class Region(ABC):
-    """Picks faces of a mesh."""
+    """Base class of regions: selects faces of a mesh."""
 
     @abstractmethod
     def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
-        """Faces of the mesh in this region (M,) bool."""
+        """Return the mask (M,) of the faces in this region."""
 
 
 class Volume(Region):
-    """A region of space, which knows how far from its border a point is.
+    """A region of space that is defined by a signed distance function.
 
     Attributes:
-        is_convex: True where a triangle lies within as soon as its corners do, and as deep as they.
+        is_convex: whether the region is convex; then a triangle is inside if its corners are.
     """
 
     is_convex: ClassVar[bool] = True
 
     @abstractmethod
     def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Signed distance (n,) [m] of points (n, 3) from the border, negative within; never more than it is."""
+        """Return the signed distance (n,) of points (n, 3) from the border [m].
+
+        It is negative inside. Its magnitude must not exceed the true distance.
+        """
 
     def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
-        """Faces of the mesh in this region (M,) bool."""
+        """Return the mask (M,) of the faces in this region."""
         return self.distance_m(np.asarray(mesh.triangles_m.mean(axis=1))) <= 0
 
 
@@ -51,13 +54,13 @@ def _point(value: ArrayLike, what: str) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         point = np.zeros(0)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise SceneError(f"{what} must be three finite numbers, is {value!r}")
+        raise SceneError(f"{what} must be three finite numbers, not {value!r}")
     return point
 
 
 @dataclass(frozen=True)
 class Box(Volume):
-    """Between two corners, along the axes of B [m].
+    """A box that is aligned with the axes of the body frame, given by two corners [m].
 
     Raises:
         SceneError: a corner is not three finite numbers, or `low_m` is above `high_m`.
@@ -68,20 +71,20 @@ class Box(Volume):
 
     def __post_init__(self) -> None:
         if (_point(self.low_m, "low_m") > _point(self.high_m, "high_m")).any():
-            raise SceneError(f"a box's low_m must not be above its high_m: {self.low_m!r} and {self.high_m!r}")
+            raise SceneError(f"box: low_m must not exceed high_m, got {self.low_m!r} and {self.high_m!r}")
 
     def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Signed distance (n,) [m] of points (n, 3) from the sides, negative within."""
+        """Return the signed distance (n,) of points (n, 3) from the sides [m], negative inside."""
         past = np.maximum(np.asarray(self.low_m) - points_m, points_m - np.asarray(self.high_m))
         return np.asarray(np.linalg.norm(np.maximum(past, 0), axis=1) + np.minimum(past.max(axis=1), 0))
 
 
 @dataclass(frozen=True)
 class Sphere(Volume):
-    """Within a distance of a point [m].
+    """A sphere, given by centre and radius [m].
 
     Raises:
-        SceneError: the centre is not three finite numbers, or the radius not positive.
+        SceneError: the centre is not three finite numbers, or the radius is not positive.
     """
 
     centre_m: ArrayLike
@@ -90,19 +93,19 @@ class Sphere(Volume):
     def __post_init__(self) -> None:
         _point(self.centre_m, "centre_m")
         if not (math.isfinite(self.radius_m) and self.radius_m > 0):
-            raise SceneError(f"a sphere's radius_m must be positive, is {self.radius_m}")
+            raise SceneError(f"sphere: radius_m must be a positive number, not {self.radius_m}")
 
     def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Signed distance (n,) [m] of points (n, 3) from the surface, negative within."""
+        """Return the signed distance (n,) of points (n, 3) from the surface [m], negative inside."""
         return np.asarray(np.linalg.norm(points_m - np.asarray(self.centre_m), axis=1) - self.radius_m)
 
 
 @dataclass(frozen=True)
 class PlaneSide(Volume):
-    """On the side of a plane that its normal points to, through a point [m]. The normal may have any length.
+    """A half-space, given by a point of its plane [m] and the normal that points into it, of any length.
 
     Raises:
-        SceneError: point or normal is not three finite numbers, or the normal is zero.
+        SceneError: the point or the normal is not three finite numbers, or the normal is zero.
     """
 
     point_m: ArrayLike
@@ -111,20 +114,20 @@ class PlaneSide(Volume):
     def __post_init__(self) -> None:
         _point(self.point_m, "point_m")
         if not _point(self.normal, "normal").any():
-            raise SceneError("a plane's normal must not be zero")
+            raise SceneError("plane: normal must not be zero")
 
     def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Signed distance (n,) [m] of points (n, 3) from the plane, negative on the side the normal points to."""
+        """Return the signed distance (n,) of points (n, 3) from the plane [m], negative where the normal points to."""
         normal = np.asarray(self.normal, float)
         return np.asarray((np.asarray(self.point_m) - points_m) @ (normal / np.linalg.norm(normal)))
 
 
 @dataclass(frozen=True)
 class Tube(Volume):
-    """Within a distance of a line through points, as a brush leaves it [m].
+    """A tube around a polyline, as a brush stroke covers it: points (n, 3) and radius [m].
 
     Raises:
-        SceneError: the points are not one or more of three finite numbers, or the radius is not positive.
+        SceneError: `points_m` is empty or not (n, 3) finite numbers, or the radius is not positive.
     """
 
     points_m: ArrayLike
@@ -137,12 +140,12 @@ class Tube(Volume):
         except (TypeError, ValueError):
             points = np.zeros(0)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
-            raise SceneError(f"a tube's points_m must be (n, 3) finite numbers, are {self.points_m!r}"[:200])
+            raise SceneError(f"tube: points_m must be one or more points (n, 3), finite, not {self.points_m!r}"[:200])
         if not (math.isfinite(self.radius_m) and self.radius_m > 0):
-            raise SceneError(f"a tube's radius_m must be positive, is {self.radius_m}")
+            raise SceneError(f"tube: radius_m must be a positive number, not {self.radius_m}")
 
     def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Signed distance (n,) [m] of points (n, 3) from the surface, negative within."""
+        """Return the signed distance (n,) of points (n, 3) from the surface [m], negative inside."""
         line = np.asarray(self.points_m, np.float64)
         away = np.full(len(points_m), np.inf)
         for a, b in zip(line[: max(1, len(line) - 1)], line[-max(1, len(line) - 1) :], strict=True):
@@ -154,14 +157,13 @@ class Tube(Volume):
 
 @dataclass(frozen=True)
 class Facet(Region):
-    """All faces connected with one face over edges that bend by at most an angle.
+    """All faces that are connected with a start face over edges that bend by at most an angle.
 
-    So a flat side of a CAD part is one facet at 1°, and the barrel of a cylinder of 36 sides at 11°. Faces
-    that meet only at a corner, and edges with more than two faces, do not connect.
+    For example, a flat side of a CAD part is one facet at 1°, and the barrel of a cylinder with 36 sides at 11°. Faces
 
     Attributes:
-        face: index of the face to start from.
-        angle_rad: largest angle between the normals of two neighbours [rad].
+        face: index of the start face.
+        angle_rad: maximum angle between the normals of neighbouring faces [rad].
 
     Raises:
         SceneError: the angle is not between 0 and π.
@@ -172,23 +174,23 @@ class Facet(Region):
 
     def __post_init__(self) -> None:
         if not 0 <= self.angle_rad <= math.pi:
-            raise SceneError(f"a facet's angle_rad must be between 0 and π, is {self.angle_rad}")
+            raise SceneError(f"facet: angle_rad must be from 0 to π, not {self.angle_rad}")
 
     def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
-        """Faces of the mesh in this region (M,) bool.
+        """Return the mask (M,) of the faces in this region.
 
         Raises:
-            SceneError: the mesh has no such face.
+            SceneError: the start face is not in the mesh.
         """
         if not 0 <= self.face < len(mesh.faces):
             raise SceneError(
-                f"no face {self.face} to start a facet from; the mesh's faces are 0 to {len(mesh.faces) - 1}"
+                f"facet: start face {self.face} out of range; the mesh has faces 0 to {len(mesh.faces) - 1}"
             )
-        pairs, alike = edges_of(mesh.faces, weld(mesh.vertices_m)).pairs()
+        pairs, agree = edges_of(mesh.faces, weld(mesh.vertices_m)).pairs()
         normal = mesh.normals
-        # The angle between unit vectors by the chord: arccos of a product near 1 loses half its digits. A
-        # neighbour that is wound the other way has its normal turned.
-        chord = np.linalg.norm(normal[pairs[:, 0]] - np.where(alike, 1.0, -1.0)[:, None] * normal[pairs[:, 1]], axis=1)
+        # The angle between unit vectors from their chord: arccos of a product near 1 loses half the digits. The normal
+        # of a neighbour with opposite winding is reversed.
+        chord = np.linalg.norm(normal[pairs[:, 0]] - np.where(agree, 1.0, -1.0)[:, None] * normal[pairs[:, 1]], axis=1)
         bend_rad = 2 * np.arcsin(np.minimum(chord / 2, 1.0))
         label = connected(pairs[bend_rad <= self.angle_rad + 1e-9], len(mesh.faces))
         return np.asarray(label == label[self.face])

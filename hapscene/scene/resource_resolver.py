@@ -1,7 +1,7 @@
-"""The files that a mesh file names, such as the data of a glTF or the colours of an OBJ.
+"""Access to the files that a mesh file refers to, such as the buffers of a glTF file or the materials of an OBJ file.
 
-They are looked for beside it and below, and nowhere else: a file from a stranger may name any file. The class is what
-trimesh calls a resolver, as far as its loaders use one.
+Only files in the folder of the mesh file and below are opened, since an untrusted file may name any path. The class
+implements the resolver interface of trimesh.
 """
 
 from collections.abc import Iterator
@@ -14,16 +14,16 @@ __all__ = ["FolderResources"]
 
 
 class FolderResources:
-    """Those in a folder.
+    """Reads files from the folder of a mesh file.
 
     Args:
-        path: the file that names them; through links to it, its own folder comes first, then that of the link.
-        most_B: how much is read, all together [bytes].
-        error: what is raised.
+        path: the mesh file. If it is a symbolic link, the folder of its target is searched before that of the link.
+        most_B: maximum total size of the files [bytes].
+        error: exception class to raise.
 
     Attributes:
-        folders: where the files are looked for.
-        found: the files that were asked for, and read.
+        folders: folders that are searched.
+        found: files that were read.
     """
 
     def __init__(self, path: Path, most_B: int, error: type[HapsceneError] = MeshError) -> None:
@@ -32,10 +32,10 @@ class FolderResources:
         self.found: list[Path] = []
 
     def get(self, name: str) -> bytes:
-        """The content of a file by its name, a relative path or a relative URI.
+        """Read a file by its name, a relative path or URI.
 
         Raises:
-            `error`: it is not there, too large, or cannot be read.
+            `error`: the file is not found, too large, or cannot be read.
         """
         file = self._find(name)
         if file is None:
@@ -43,7 +43,7 @@ class FolderResources:
         try:
             self._left_B -= file.stat().st_size
             if self._left_B < 0:
-                raise self._error(f"{self._path}: {file.name}, which it needs, makes it too large to be read")
+                raise self._error(f"{self._path}: too large: its file {file.name} exceeds the limit")
             self.found.append(file)
             return file.read_bytes()
         except OSError as error:
@@ -58,19 +58,19 @@ class FolderResources:
                     file = (folder / spelling).resolve()
                     if file.is_relative_to(folder) and file.is_file():
                         return file
-                except (OSError, ValueError):  # no name that a file can have
+                except (OSError, ValueError):  # not a valid file name
                     continue
         return None
 
 
 def _spellings(name: str) -> Iterator[str]:
-    """How a file may be called; also one that is named where it lay once, on another computer."""
+    """Yield possible names of a file; absolute paths from another computer are reduced to the file name."""
     last = name.strip().replace("\\", "/").rpartition("/")[2]
     yield from dict.fromkeys((name.strip(), unquote(name.strip()), last, unquote(last)))
 
 
 def _missing(path: Path, name: str) -> str:
     return (
-        f"{path}: needs the file {name[:100]!r}, which is not beside it: put it there, or export everything into one "
-        "file (what lies elsewhere, or on the web, is not opened)"
+        f"{path}: the file {name[:100]!r}, which it refers to, is not found: put it in the same folder, or export "
+        "everything into one file (other folders and web addresses are not opened)"
     )

@@ -1,4 +1,4 @@
-"""The scene: bodies at their poses, and the swatches painted on them."""
+"""The scene: bodies with their poses, and the swatches that are painted on them."""
 
 import os
 from collections.abc import Sequence
@@ -26,23 +26,23 @@ if TYPE_CHECKING:
 __all__ = ["SWATCH_MAX", "Scene", "load_scene"]
 
 SWATCH_MAX: Final = np.iinfo(np.int16).max
-"""Most swatches of one scene [count], by the type of `Body.face_swatch`."""
+"""Maximum number of swatches in a scene [count]: the range of `Body.face_swatch`."""
 
 
 class Scene:
-    """Bodies and their swatches.
+    """Bodies and the swatches that are painted on them.
 
     Attributes:
-        bodies: in the order they were added; a recording's `body` counts through them.
-        swatches: those in use; number 0 is `PLAIN`, which every face has until it is painted.
-        pose_count: how often a body was put at another pose.
+        bodies: in the order in which they were added; `body` in a recording is an index into this list.
+        swatches: the swatches in use; index 0 is `PLAIN`, the swatch of all faces that are not painted.
+        pose_count: number of calls of `pose`; renderers use it to detect that a body was moved.
     """
 
     def __init__(self) -> None:
         self.bodies: list[Body] = []
         self.swatches: list[Swatch] = [PLAIN]
         self.pose_count = 0
-        # Where each swatch was loaded from: a shipped name, a file, or None where it was handed over.
+        # Source of each swatch: a library name, a file, or None for a `Swatch` object.
         self.swatch_source: list[str | Path | None] = [PLAIN.name]
         self._loaded: dict[tuple[Any, ...], Mesh] = {}
         self._names: set[str] = set()
@@ -68,25 +68,23 @@ class Scene:
         """Add a body.
 
         Args:
-            mesh: a file, a `Mesh`, or a `trimesh.Trimesh`. The same file and unit, or the same `Mesh`, added
-                again makes an instance: the bodies share the mesh.
-            name: unique in the scene; without one, that of the file, made unique.
-            unit: of the mesh's numbers, for files and trimesh objects: see `hapscene.load_mesh`.
-            swatch: what all its faces are painted with: a shipped swatch's name, a .swatch file, or a
-                `Swatch`.
-            pose: X_WB (4, 4), rigid; the identity without one.
-            two_sided: feel the inside of faces too; for open sheets, and meshes of mixed winding.
-            up, scale: the axis that is up in a file or trimesh object, and how much larger to make it: see
-                `hapscene.load_mesh`.
+            mesh: a file, a `Mesh`, or a `trimesh.Trimesh`. If the same file (with the same unit) or the same `Mesh` is
+                added again, the bodies share the mesh.
+            name: unique in the scene. Default: a unique name made from the file name.
+            unit: unit of length of the mesh coordinates, for files and trimesh objects; see `hapscene.load_mesh`.
+            swatch: initial swatch of all faces: a name from the swatch library, a .swatch file, or a `Swatch`.
+            pose: X_WB, the rigid pose of the body in the world frame (4, 4). Default: the identity.
+            two_sided: whether faces can be touched from both sides; for open sheets and meshes with mixed winding.
+            up, scale: vertical axis and scale factor for files and trimesh objects; see `hapscene.load_mesh`.
 
         Raises:
             MeshError: the mesh cannot be loaded.
-            SceneError: the name is taken, the pose not rigid.
-            SwatchError: the swatch is unknown or broken.
+            SceneError: the name is already used, or the pose is not rigid.
+            SwatchError: the swatch is unknown or invalid.
 
         Warns:
-            MeshWarning: no face has an area; or, with `two_sided` off, some are wound against their neighbours, or all
-                of a closed mesh inward.
+            MeshWarning: all faces have zero area; or, without `two_sided`, the winding of some faces differs from that
+                of their neighbours, or a closed mesh is wound inward.
         """
         shape = self.mesh_of(mesh, unit, up=up, scale=scale)
         name = self._name(name, shape)
@@ -97,8 +95,8 @@ class Scene:
             body.face_swatch[:] = body.made_of
         if _is_flat(shape):
             warn(
-                f"body {name!r}: none of its {len(shape.faces):,} faces has an area, so it can never be touched: is "
-                "its file complete, and not scaled flat?",
+                f"body {name!r}: all {len(shape.faces):,} faces have zero area, so it cannot be touched; check that "
+                "the file is complete and that the mesh is not scaled to zero along an axis",
                 MeshWarning,
             )
         elif not body.two_sided and not any(b.mesh is shape and not b.two_sided for b in self.bodies):
@@ -107,10 +105,10 @@ class Scene:
         return body
 
     def body(self, name: str) -> Body:
-        """The body of that name.
+        """Return the body with this name.
 
         Raises:
-            SceneError: there is none.
+            SceneError: there is no such body.
         """
         found = next((body for body in self.bodies if body.name == name), None)
         if found is None:
@@ -118,39 +116,44 @@ class Scene:
         return found
 
     def pose(self, body: str, X_WB: ArrayLike) -> None:
-        """Put a body at a pose X_WB (4, 4); those that hang on it go with it.
+        """Set the pose X_WB (4, 4) of a body. Bodies that are attached to it move with it.
 
-        A renderer of this scene has it appear there in its next tick, moving nothing on its way; a servo, which has a
-        copy, does not see it: give poses to `Renderer.step` for bodies that move.
+        A renderer of this scene uses the new pose from its next tick on; the body does not push the proxy on its way.
+        A servo renders a copy of the scene and does not see the change: pass poses to `Renderer.step` for bodies that
+        move during rendering.
 
         Raises:
-            SceneError: no such body, or the pose is not rigid.
+            SceneError: there is no such body, or the pose is not rigid.
         """
         moved = self.body(body)
         X_WB = rigid(X_WB, f"body {body!r}")
         step = X_WB @ np.linalg.inv(moved.X_WB)
-        for child in self.hanging_on(body):
+        for child in self.descendants(body):
             child.X_WB = rigid(step @ child.X_WB, f"body {child.name!r}")
         moved.X_WB = X_WB
         self.pose_count += 1
 
-    def hang(self, body: str, parent: str | None) -> None:
-        """Hang a body on another, with which it moves from now on in `pose`; None takes it off. It stays where it is.
+    def attach(self, body: str, parent: str | None) -> None:
+        """Attach a body to a parent body, so that `pose` moves them together; `parent` None detaches it.
+
+        The pose of the body does not change.
 
         Raises:
-            SceneError: no such body; or the parent is that body, or hangs on it.
+            SceneError: there is no such body; or `parent` is the body itself or one of its descendants.
         """
         child = self.body(body)
         above = None if parent is None else self.body(parent).name
-        held = {known.name: known.parent for known in self.bodies}  # looked up: a file may have a long chain of them
+        held = {known.name: known.parent for known in self.bodies}  # a dict, since chains in files may be long
         while above is not None:
             if above == body:
-                raise SceneError(f"body {body!r} cannot hang on {parent!r}, which is itself or hangs on it")
+                raise SceneError(
+                    f"body {body!r} cannot be attached to {parent!r}: that is the same body or attached to it"
+                )
             above = held[above]
         child.parent = parent
 
-    def hanging_on(self, body: str) -> list[Body]:
-        """The bodies that hang on a body, and those that hang on these."""
+    def descendants(self, body: str) -> list[Body]:
+        """Return all bodies that are attached to a body, directly or indirectly."""
         found: list[Body] = []
         names = {body}
         while more := [b for b in self.bodies if b.parent in names and b.name not in names]:
@@ -164,42 +167,46 @@ class Scene:
         swatch: SwatchLike,
         where: "str | Region | Sequence[int] | NDArray[Any] | None" = None,
         *,
-        soft_m: float = 0.0,
-        finest_m: float | None = None,
+        falloff_m: float = 0.0,
+        resolution_m: float | None = None,
     ) -> int:
-        """Paint a swatch onto a body; returns how many faces it reaches.
+        """Paint a swatch on a body.
 
-        `Box`, `Sphere`, `PlaneSide` and `Tube` cut through faces: their border lies where they end, however large
-        the mesh's triangles are. All else paints whole faces.
+        `Box`, `Sphere`, `PlaneSide` and `Tube` subdivide faces, so the border follows the region even on large
+        triangles. All other values of `where` select whole faces.
 
         Args:
-            body: its name.
-            swatch: a shipped swatch's name, a .swatch file, or a `Swatch`.
-            where: None for all faces; the name of a group, material or object in the mesh's file; indices of
-                faces, or a bool for each; or a region of `hapscene.scene.region`, in the body's frame.
-            soft_m: width of a border that goes over from what was there to the swatch [m], half on either side of
-                where the region ends; 0 is a sharp one. For regions that cut through faces.
-            finest_m: how far from its place the border may lie [m]; infinity paints whole faces, by their centroids.
-                None: 0.1 mm, or the body's diagonal / 4096 where that is more.
+            body: name of the body.
+            swatch: a name from the swatch library, a .swatch file, or a `Swatch`.
+            where: None for all faces; the name of a group, material or object in the mesh file; face indices or a
+                bool mask; or a region from `hapscene.scene.region`, in the frame of the body.
+            falloff_m: width of the transition to the swatch, centred on the border of the region [m]; 0 is a sharp
+                border. Only for regions that subdivide faces.
+            resolution_m: maximum error of the border [m]; infinity selects whole faces by their centroids. Default:
+                0.1 mm, or 1/4096 of the diagonal of the body if that is larger.
+
+        Returns:
+            Number of faces that are painted wholly or partly.
 
         Raises:
-            SceneError: no such body, a face index out of range, an invalid width, or a soft border of whole faces.
+            SceneError: no such body, a face index out of range, an invalid width, or a falloff with whole faces.
             MeshError: no such group.
-            SwatchError: the swatch is unknown or broken.
+            SwatchError: the swatch is unknown or invalid.
         """
         painted = self.body(body)
         if isinstance(where, Volume):
-            return len(paint_region(painted, where, self.swatch_index(swatch), finest_m=finest_m, soft_m=soft_m))
-        if soft_m != 0:
+            index = self.swatch_index(swatch)
+            return len(paint_region(painted, where, index, resolution_m=resolution_m, falloff_m=falloff_m))
+        if falloff_m != 0:
             raise SceneError(
-                f"soft_m needs a region that cuts through faces (Box, Sphere, PlaneSide, Tube), not {where!r}"
+                f"falloff_m needs a region that subdivides faces (Box, Sphere, PlaneSide, Tube), not {where!r}"
             )
         chosen = _faces(painted, where)
         paint_faces(painted, chosen, self.swatch_index(swatch))
         return int(np.count_nonzero(chosen))
 
     def copy(self) -> "Scene":
-        """The scene as it is now; meshes and swatches, which nobody changes, are shared."""
+        """Return a copy of the scene. Meshes and swatches are immutable and shared."""
         copy = Scene()
         copy.bodies = [replace(body, face_swatch=body.face_swatch.copy()) for body in self.bodies]
         copy.swatches[:] = self.swatches
@@ -207,16 +214,16 @@ class Scene:
         return copy
 
     def rename(self, index: int, name: str) -> None:
-        """Give a body another name, which the caller knows to be free."""
+        """Rename a body. The caller guarantees that the name is unused."""
         self._names.discard(self.bodies[index].name)
         self.bodies[index].name = name
 
     def swatch_index(self, swatch: SwatchLike) -> int:
-        """Index of a swatch in `swatches`, where it is put if new.
+        """Return the index of a swatch in `swatches`; append it if it is new.
 
         Raises:
-            SwatchError: the swatch is unknown or broken.
-            SceneError: another swatch of its name is in the scene.
+            SwatchError: the swatch is unknown or invalid.
+            SceneError: the scene has a different swatch with the same name, or too many swatches.
         """
         source = None
         if not isinstance(swatch, Swatch):
@@ -231,20 +238,20 @@ class Scene:
                 return index
             if known.name == swatch.name:
                 raise SceneError(
-                    f"another swatch named {swatch.name!r} is in the scene; recordings tell them by name: "
-                    "rename one of them"
+                    f"the scene has a different swatch named {swatch.name!r}; recordings refer to swatches by name: "
+                    "rename one of the two"
                 )
         if len(self.swatches) >= SWATCH_MAX:
-            raise SceneError(f"a scene has at most {SWATCH_MAX:,} swatches")
+            raise SceneError(f"too many swatches: a scene has at most {SWATCH_MAX:,}")
         self.swatches.append(swatch)
         self.swatch_source.append(source)
         return len(self.swatches) - 1
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Save as one readable file, NAME.scene.json, next to its meshes: see `hapscene.scene.scene_file`.
+        """Save the scene as NAME.scene.json beside its mesh files; `hapscene.scene.scene_file` has the format.
 
         Raises:
-            SceneError: the suffix is another, or the file cannot be written.
+            SceneError: the suffix is not .scene.json, or the file cannot be written.
         """
         from hapscene.scene.scene_file import save_scene
 
@@ -259,14 +266,14 @@ class Scene:
         up: str | None = None,
         scale: float = 1.0,
     ) -> Mesh:
-        """The mesh of what `add` takes, with no body made of it yet; a file is loaded once.
+        """Load a mesh as `add` does, without adding a body. A file is loaded once per scene.
 
         Raises:
             MeshError: the mesh cannot be loaded.
         """
         if isinstance(mesh, Mesh):
             if up is not None or scale != 1.0:
-                raise MeshError("a Mesh has z up and its size: give up= and scale= to load_mesh or Mesh.from_trimesh")
+                raise MeshError("a Mesh has z up and a fixed size: pass up= and scale= to load_mesh or from_trimesh")
             return mesh
         if not isinstance(mesh, str | os.PathLike):
             return Mesh.from_trimesh(mesh, unit, up=up, scale=scale)
@@ -281,26 +288,26 @@ class Scene:
         taken = self._names
         if name is not None:
             if not isinstance(name, str) or not name.strip() or not name.isprintable():
-                raise SceneError(f"a body's name is a printable text, not {name!r}")
+                raise SceneError(f"invalid body name {name!r}: expected printable text")
             if name in taken:
-                raise SceneError(f"a body {name!r} is in the scene already; names are unique")
+                raise SceneError(f"the scene already has a body {name!r}: choose another name")
             return name
         stem = (printable(mesh.path.stem).strip() if mesh.path else "") or "body"
         return next(n for n in (stem, *(f"{stem}_{i}" for i in range(2, len(taken) + 3))) if n not in taken)
 
 
 def load_scene(path: str | os.PathLike[str], accept_changed: bool = False) -> Scene:
-    """Load a scene as `Scene.save` wrote it.
+    """Load a scene file.
 
     Args:
-        path: the file, NAME.scene.json; or all in one, NAME.scene.zip (`hapscene.scene.scene_bundle`).
-        accept_changed: take a mesh that has changed since, if it still has as many faces; the painting stays
-            on faces of the same number.
+        path: NAME.scene.json, or a bundle NAME.scene.zip (see `hapscene.scene.scene_bundle`).
+        accept_changed: accept mesh files whose vertices changed since the scene was saved, if the number of faces is
+            the same; paint is assigned by face index.
 
     Raises:
         SceneError: the file is missing, damaged or of a later version, or a mesh has changed.
         MeshError: a mesh cannot be loaded.
-        SwatchError: a swatch is unknown or broken.
+        SwatchError: a swatch is unknown or invalid.
     """
     from hapscene.scene.scene_file import read_scene
 
@@ -314,7 +321,7 @@ def load_scene(path: str | os.PathLike[str], accept_changed: bool = False) -> Sc
 
 
 def _source(swatch: str | os.PathLike[str]) -> str | Path:
-    """What tells two swatches apart before they are loaded: a shipped one's name, or a file's whole path."""
+    """Return the key of a swatch source: the name of a library swatch, or the absolute path of a file."""
     text = os.fspath(swatch)
     named = isinstance(swatch, str) and not text.endswith(".swatch") and "/" not in text and os.sep not in text
     return text if named else Path(text).resolve()
@@ -327,7 +334,7 @@ def _same(a: Swatch, b: Swatch) -> bool:
 
 
 def _faces(body: Body, where: Any) -> NDArray[np.bool_]:
-    """Chosen faces (M,) bool."""
+    """Return the mask (M,) of the faces that `where` selects."""
     count = len(body.mesh.faces)
     if where is None:
         return np.ones(count, np.bool_)
@@ -340,20 +347,20 @@ def _faces(body: Body, where: Any) -> NDArray[np.bool_]:
         return chosen
     if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "iu"):
         raise SceneError(
-            f"body {body.name!r}: faces are given as indices (n,), bool ({count},), a group's name or region"
+            f"body {body.name!r}: expected face indices (n,), a bool mask ({count},), a group name or a region"
         )
     mask = np.zeros(count, np.bool_)
     if chosen.size:
         if chosen.min() < 0 or chosen.max() >= count:
             bad = int(chosen[(chosen < 0) | (chosen >= count)][0])
-            raise SceneError(f"body {body.name!r}: no face {bad}; its faces are 0 to {count - 1}")
+            raise SceneError(f"body {body.name!r}: face index {bad} out of range; expected 0 to {count - 1}")
         mask[chosen] = True
     return mask
 
 
 def _is_flat(mesh: Mesh) -> bool:
-    """Whether no face has an area."""
-    # most often one of the first has, and the others need no look
+    """Return whether all faces have zero area."""
+    # usually one of the first faces has an area, and the others need not be computed
     parts = (mesh.faces[:1000], mesh.faces)
     return not any((height_of(mesh.vertices_m[part]) > FLAT_RATIO * mesh.diagonal_m).any() for part in parts)
 
@@ -363,15 +370,15 @@ def _warn_of_winding(body: Body) -> None:
     _, mixed, closed = mesh.neighbours
     turned, what = 0, ""
     if mixed:
-        # none, where they are copies, or have no area
+        # may be 0: doubled faces and faces without area also count as mixed
         turned = int(np.count_nonzero(mesh_structure(mesh).winding.turned))
-        what = "wound against their neighbours, so they are felt from inside alone"
+        what = "wound opposite to their neighbours, so they can be touched only from behind"
     elif closed and volume_of(mesh.vertices_m, mesh.faces) < 0:
         turned = len(mesh.faces)
-        what = "wound inward, so the tool goes in from outside unfelt, and is held inside"
+        what = "wound inward, so the proxy enters the body from outside and is held inside"
     if turned:
         warn(
-            f"body {body.name!r}: {turned:,} of {len(mesh.faces):,} faces are {what}; two_sided=True (--two-sided) "
-            f"feels both sides, `hapscene check {mesh.path or 'MESH'} --fix FIXED.ply` turns them",
+            f"body {body.name!r}: {turned:,} of {len(mesh.faces):,} faces are {what}; pass two_sided=True "
+            f"(--two-sided) or repair the mesh with `hapscene check {mesh.path or 'MESH'} --fix FIXED.ply`",
             MeshWarning,
         )

@@ -1,7 +1,7 @@
-"""A scene in one file, NAME.scene.zip: the scene file, its meshes with what they need, and its own swatches.
+"""Scene bundles, NAME.scene.zip: a scene file with its meshes, their materials, and its swatches in one archive.
 
-It is opened from anybody: what it unpacks to is bounded, every member stays in the folder that it is unpacked into, and
-the scene in it names nothing outside.
+Bundles are untrusted: their unpacked size is limited, all members must stay in the target folder, and the scene may not
+refer to files outside.
 """
 
 import json
@@ -29,25 +29,25 @@ __all__ = ["ZIP_SUFFIX", "read_bundle", "save_bundle", "unpack_bundle", "unpacke
 ZIP_SUFFIX: Final = ".scene.zip"
 
 UNPACKED_MAX_B: Final = 2_000_000_000
-"""Most that a bundle may unpack to [bytes]."""
+"""Maximum unpacked size of a bundle [bytes]."""
 
 MEMBER_MAX: Final = 5_000
-"""Most files of a bundle [count]."""
+"""Maximum number of files in a bundle [count]."""
 
 LIST_B: Final = 64
-"""Most memory that a number, or an empty list, of JSON takes [bytes]: twenty times its text."""
+"""Maximum memory of a number or an empty list of JSON [bytes]: twenty times its text."""
 
-_NAME: Final = re.compile(r"[^/\\:\0-\x1f.][^/\\:\0-\x1f]{0,199}")  # of a folder or file; none that is hidden
+_NAME: Final = re.compile(r"[^/\\:\0-\x1f.][^/\\:\0-\x1f]{0,199}")  # a folder or file name that is not hidden
 
 
 def save_bundle(scene: "Scene", path: Path) -> None:
-    """Write a scene with all that it needs as one file, whole or not at all.
+    """Write a scene with all files that it needs as one archive, completely or not at all.
 
     Raises:
-        SceneError: the suffix is another, or a file cannot be read or written.
+        SceneError: the suffix is not .scene.zip, or a file cannot be read or written.
     """
     if not path.name.endswith(ZIP_SUFFIX) or path.name == ZIP_SUFFIX:
-        raise SceneError(f"{path}: a scene in one file has a name that ends in {ZIP_SUFFIX}")
+        raise SceneError(f"{path}: the name of a scene bundle must end in {ZIP_SUFFIX}")
     from hapscene.swatches.library import shipped_swatches
 
     packed = scene.copy()
@@ -71,7 +71,7 @@ def save_bundle(scene: "Scene", path: Path) -> None:
 
 
 def _copied(mesh: Path, folder: Path) -> Path:
-    """A mesh file in a new folder, with the files that it needs; where it is there."""
+    """Copy a mesh file and the files it refers to into a new folder; return the copy."""
     home = mesh.resolve().parent
     for file in (mesh.resolve(), *files_of(mesh)):
         target = folder / file.relative_to(home)
@@ -81,14 +81,14 @@ def _copied(mesh: Path, folder: Path) -> Path:
 
 
 def unpack_bundle(path: Path, folder: Path) -> Path:
-    """Unpack a bundle, from anybody, into a folder that is not there yet; the scene file in it.
+    """Unpack an untrusted bundle into a new folder; return the scene file in it.
 
     Raises:
-        SceneError: it is no bundle, damaged or too large, a member would lie elsewhere, or the folder is there.
+        SceneError: not a bundle, damaged or too large, a member would be outside the folder, or the folder exists.
     """
     with refusing(SceneError, path):
         try:
-            with path.open("rb") as file, open_zip(file, UNPACKED_MAX_B, "send its meshes as files") as archive:
+            with path.open("rb") as file, open_zip(file, UNPACKED_MAX_B, "use separate mesh files") as archive:
                 members = _checked(archive)
                 scene = _scene_of(archive, members)
                 folder.mkdir(parents=True)
@@ -101,64 +101,64 @@ def unpack_bundle(path: Path, folder: Path) -> Path:
             raise
         except OSError as error:
             raise SceneError(f"cannot be unpacked: {error.strerror or error}") from None
-        except Exception as error:  # damaged, encrypted or packed in an odd way: zipfile raises anything at all
-            raise SceneError(f"not a readable zip archive: {error}") from None
+        except Exception as error:  # zipfile raises many classes for damaged or encrypted archives
+            raise SceneError(f"not a valid zip archive: {error}") from None
     return folder / scene
 
 
 def _checked(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
-    """Its files by their paths."""
+    """Return the files of a bundle by path, after checking their names."""
     members: dict[str, zipfile.ZipInfo] = {}
     seen: set[str] = set()
     for member in archive.infolist():
         name = member.filename
         kind = stat.S_IFMT(member.external_attr >> 16)
         if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
-            raise SceneError(f"{name[:60]!r} in it is a link or a device; expected files alone")
+            raise SceneError(f"member {name[:60]!r} is a link or a device; expected only files")
         if not all(_NAME.fullmatch(step) for step in name.removesuffix("/").split("/")):
-            raise SceneError(f"{name[:60]!r} in it would lie outside, or is hidden; expected files in plain folders")
+            raise SceneError(f"member {name[:60]!r} would be outside the folder or hidden; expected a relative path")
         if member.is_dir():
             continue
         if name.lower() in seen:
-            raise SceneError(f"{name[:60]!r} is in it twice")
+            raise SceneError(f"member {name[:60]!r} occurs twice")
         seen.add(name.lower())
         members[name] = member
     if len(members) > MEMBER_MAX:
-        raise SceneError(f"{len(members):,} files; at most {MEMBER_MAX:,} are unpacked")
+        raise SceneError(f"{len(members):,} files, at most {MEMBER_MAX:,} are allowed")
     return members
 
 
 def _scene_of(archive: zipfile.ZipFile, members: dict[str, zipfile.ZipInfo]) -> str:
-    """The scene file, which names nothing that is not in the archive."""
+    """Return the name of the scene file, which may refer only to files in the archive."""
     found = [name for name in members if name.endswith(SUFFIX) and "/" not in name]
     if len(found) != 1:
-        raise SceneError(f"expected one scene file, NAME{SUFFIX}, at its top, found {len(found)}")
+        raise SceneError(f"expected one scene file NAME{SUFFIX} at the top level, found {len(found)}")
     if members[found[0]].file_size > BYTES_MAX:
-        raise SceneError(f"{found[0]} in it is larger than {BYTES_MAX:,} bytes")
+        raise SceneError(f"member {found[0]} is larger than {BYTES_MAX:,} bytes")
     try:
         data = archive.read(members[found[0]])
         needed_B = LIST_B * sum(data.count(sign) for sign in (b"[", b"{", b","))
-        check_memory(needed_B, len(data), found[0], "send it as a scene file beside its meshes")
+        check_memory(needed_B, len(data), found[0], "use a scene file with separate mesh files")
         content = json.loads(data)
         named: list[Any] = [mesh["path"] for mesh in content["meshes"]]
         named += [swatch for swatch in content["swatches"] if swatch.endswith(".swatch")]
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise SceneError(f"{found[0]} in it is not a scene file, or damaged") from None
+        raise SceneError(f"member {found[0]} is not a scene file, or damaged") from None
     for name in named:
         if not isinstance(name, str) or PurePosixPath(name).as_posix() not in members:
-            raise SceneError(f"{found[0]} in it names the file {str(name)[:60]!r}, which is not in it")
+            raise SceneError(f"member {found[0]} refers to {str(name)[:60]!r}, which is not in the bundle")
     return found[0]
 
 
 def read_bundle(path: Path, load: Callable[[Path], "Scene"]) -> "Scene":
-    """The scene of a bundle, in memory: its meshes and swatches have no files.
+    """Load the scene of a bundle into memory; its meshes and swatches have no files.
 
     Args:
-        path: the bundle, from anybody.
-        load: loads a scene file.
+        path: the bundle.
+        load: function that loads a scene file.
 
     Raises:
-        SceneError: as `unpack_bundle`.
+        SceneError: as in `unpack_bundle`.
     """
     with tempfile.TemporaryDirectory() as name:
         scene = load(unpack_bundle(path, Path(name) / "scene"))
@@ -170,10 +170,10 @@ def read_bundle(path: Path, load: Callable[[Path], "Scene"]) -> "Scene":
 
 
 def unpacked_beside(path: Path) -> Path:
-    """Unpack a bundle into a folder of its name in the working folder, over no other; the scene file in it.
+    """Unpack a bundle into a new folder with its name in the working folder; return the scene file in it.
 
     Raises:
-        SceneError: as `unpack_bundle`.
+        SceneError: as in `unpack_bundle`.
     """
     stem = path.name.removesuffix(ZIP_SUFFIX)
     names = (stem, *(f"{stem}_{i}" for i in range(2, 10_000)))

@@ -1,8 +1,8 @@
-"""Painting by picture: an image over a body's texture coordinates says which swatch is where, to a texel; in and out.
+"""Paint from an image over the texture coordinates of a body, and export of paint as an image.
 
-A *legend* says what its colours mean: a swatch each. A colour between two of them is a blend of the two by weight: so a
-grey map from black to white goes from one swatch to another, which may be one swatch with a number scaled. Where a
-picture is transparent, the painting stays. The legend of `map.png` is `map.json` beside it:
+A *legend* assigns a swatch to each colour. A colour between two colours of the legend is a blend of their swatches, so
+a grey map can blend two swatches, or two variants of one swatch with scaled parameters. Transparent texels are not
+painted. The legend of `map.png` is the file `map.json` beside it:
 
     {"#b5651d": "wood", "#000000": {"swatch": "rubber", "stiffness": 0.5}, "#ffffff": {"swatch": "rubber"}}
 """
@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from hapscene.errors import SceneError, no_such
 from hapscene.io.files import check_keys, parse_json, read_bytes, refusing, write_whole
 from hapscene.scene.fine_paint import (
-    LEAF_MAX,
     LEVEL_MAX,
     NOTHING,
+    SUBFACE_MAX,
     FinePaint,
     blend,
     halves,
     parts,
-    put_leaves,
+    set_subfaces,
     whole_faces,
 )
 from hapscene.surface.swatch import FRICTION_MAX, Swatch, SwatchLike
@@ -50,75 +50,79 @@ __all__ = [
 ]
 
 Legend = Mapping[tuple[int, int, int], int]
-"""The scene's swatch of each colour, 0 to 255."""
+"""Index of the swatch for each colour (red, green, blue from 0 to 255)."""
 
 Meanings = Mapping[tuple[int, int, int], SwatchLike]
-"""What each colour means, 0 to 255."""
+"""Swatch for each colour (red, green, blue from 0 to 255)."""
 
 FILE_MAX_B: Final = 64_000_000
-"""Largest picture file that is read [bytes]."""
+"""Maximum size of an image file [bytes]."""
 
 TEXEL_MAX: Final = 4096 * 4096
-"""Most texels of a picture [count]."""
+"""Maximum number of texels of an image [count]."""
 
 NEAR: Final = 20.0
-"""How far a colour may be from one of the legend's and still be it, of 255 a channel: what JPEG makes of a surface."""
+"""Distance in RGB, of 255 per channel, within which a colour counts as a colour of the legend: JPEG noise on a
+surface."""
 
 FAR: Final = 80.0
-"""How far a colour may be from all that the legend means, blends too, of 255 a channel, before it is refused; a few
-texels may, where a JPEG has an edge."""
+"""Maximum distance in RGB, of 255 per channel, from all colours of the legend and their blends; a few texels may exceed
+it, since JPEG distorts edges."""
 
 FAR_SHARE: Final = 0.005
-"""Most texels that may be so far, of all [1]."""
+"""Maximum share of texels that exceed `FAR` [1]."""
 
 BLEND_STEPS: Final = 32
-"""Weights of a blend are whole parts of this [count]: 3 %, where 8 % of a stiffness is felt (Jones and Hunter 1990)."""
+"""Number of steps of the weight of a blend [count]: steps of 3 %. The just noticeable difference of stiffness is 8 %
+(Jones and Hunter 1990)."""
 
 SPAN_MAX: Final = 4_000_000
-"""Most texels that are written at once [count]."""
+"""Maximum number of texels that are written at once [count]."""
 
 COLOUR_MAX: Final = 65_536
-"""Most colours of a picture that are told apart [count]: in a photograph those that differ by less than 8 of 255 are
-one."""
+"""Maximum number of distinct colours of an image [count]; beyond it, as in photographs, colours are quantized to steps
+of 8."""
 
 LEGEND_MAX: Final = 200
-"""Most colours of a legend [count]: any two of them may blend."""
+"""Maximum number of colours of a legend [count]: any two of them may be blended."""
 
 REPEAT_MAX: Final = 64
-"""How often a picture may be covered that is written [count]: texture coordinates that repeat it have no one colour."""
+"""Maximum coverage of an exported image [count]: where texture coordinates repeat the image, texels are ambiguous."""
 
 SCALED: Final = ("stiffness", "friction", "texture")
-"""Numbers of a swatch that a legend may scale."""
+"""Parameters of a swatch that a legend may scale."""
 
 
 def read_picture(source: Path | bytes, name: str = "picture") -> NDArray[np.uint8]:
-    """A picture (h, w, 4) of a file, or of its content, from anybody.
+    """Load an untrusted image (h, w, 4) from a file or from bytes.
 
     Raises:
-        SceneError: it is missing, no PNG, JPEG, WebP, BMP or TIFF, damaged, or too large.
+        SceneError: the file is missing, too large, damaged, or not PNG, JPEG, WebP, BMP or TIFF.
     """
     from PIL import Image
 
     where = str(source) if isinstance(source, Path) else name
     with refusing(SceneError):
-        content = read_bytes(source, FILE_MAX_B, "picture") if isinstance(source, Path) else source
+        content = read_bytes(source, FILE_MAX_B, "image") if isinstance(source, Path) else source
     try:
         with Image.open(io.BytesIO(content), formats=("PNG", "JPEG", "WEBP", "BMP", "TIFF")) as image:
             if image.width * image.height > TEXEL_MAX:
-                raise SceneError(f"{where}: {image.width} × {image.height} pixels; at most {TEXEL_MAX:,} are read")
+                raise SceneError(
+                    f"{where}: {image.width} × {image.height} pixels; at most {TEXEL_MAX:,} pixels are allowed"
+                )
             return np.asarray(image.convert("RGBA"))
     except SceneError:
         raise
-    except Exception:  # its readers raise anything at all on a damaged file
-        raise SceneError(f"{where}: not a picture that can be read; expected PNG, JPEG, WebP, BMP or TIFF") from None
+    except Exception:  # Pillow raises many classes for damaged files
+        raise SceneError(f"{where}: not a valid image; expected PNG, JPEG, WebP, BMP or TIFF") from None
 
 
 def read_legend(picture: Path, scene: "Scene") -> Legend:
-    """The legend beside a picture; without one, the scene's own swatches by their colours.
+    """Read the legend beside an image; without a legend file, use the colours of the swatches in the scene.
 
     Raises:
-        SceneError: it is damaged, or says no swatch.
-        SwatchError: a swatch is unknown or broken.
+        SceneError: the legend is damaged or has an invalid entry.
+        SwatchError: a swatch is unknown or invalid.
     """
     file = picture.with_suffix(".json")
     if not file.is_file():
@@ -127,26 +131,26 @@ def read_legend(picture: Path, scene: "Scene") -> Legend:
         content = parse_json(read_bytes(file, 1_000_000, "legend"), "a legend")
         if not isinstance(content, dict) or not 0 < len(content) <= LEGEND_MAX:
             raise SceneError(f'expected an object of at most {LEGEND_MAX} colours, as in {{"#b5651d": "wood"}}')
-        return {_rgb(colour): _meant(told, file, scene) for colour, told in content.items()}
+        return {_rgb(colour): _legend_swatch(entry, file, scene) for colour, entry in content.items()}
 
 
 def _rgb(text: str) -> tuple[int, int, int]:
     if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
-        raise SceneError(f"{text[:40]!r} is no colour; expected one as #b5651d")
+        raise SceneError(f"{text[:40]!r} is not a colour; expected #rrggbb, such as #b5651d")
     red, green, blue = bytes.fromhex(text[1:])
     return red, green, blue
 
 
-def _meant(told: Any, file: Path, scene: "Scene") -> int:
-    """The scene's index of what a legend says: one of its swatches or of the library's by name, a file beside the
-    legend, or one of them with numbers scaled."""
-    if not isinstance(told, dict):
-        told = {"swatch": told}
-    check_keys("", told, ("swatch", "file", *SCALED), ("swatch",))
-    factors = {what: value for what, value in told.items() if what in SCALED}
-    name, beside = told["swatch"], told.get("file", "")
+def _legend_swatch(entry: Any, file: Path, scene: "Scene") -> int:
+    """Return the index of the swatch in a legend entry: a swatch of the scene or the library by name, or a file beside
+    the legend; optionally with scaled parameters."""
+    if not isinstance(entry, dict):
+        entry = {"swatch": entry}
+    check_keys("", entry, ("swatch", "file", *SCALED), ("swatch",))
+    factors = {what: value for what, value in entry.items() if what in SCALED}
+    name, beside = entry["swatch"], entry.get("file", "")
     if not isinstance(name, str) or not isinstance(beside, str):
-        raise SceneError(f"expected the name of a swatch, found {str(name)[:40]!r}")
+        raise SceneError(f"expected the name of a swatch, not {str(name)[:40]!r}")
     own = next((swatch for swatch in scene.swatches if swatch.name == name), None)
     beside = beside or (name if name.endswith(".swatch") else "")
     found: SwatchLike = own or (file.parent / beside if beside else name)
@@ -154,7 +158,7 @@ def _meant(told: Any, file: Path, scene: "Scene") -> int:
 
 
 def legend_of(scene: "Scene") -> Legend:
-    """The swatches of a scene by their colours, made distinct."""
+    """Return the swatches of a scene by their colours, which are made distinct."""
     legend: dict[tuple[int, int, int], int] = {}
     for index, swatch in enumerate(scene.swatches):
         red, green, blue = (round(255 * c) for c in swatch.albedo_rgb)
@@ -165,20 +169,20 @@ def legend_of(scene: "Scene") -> Legend:
 
 
 def scaled(swatch: SwatchLike, factors: Mapping[str, float]) -> Swatch:
-    """A swatch with stiffness, friction or the gain of its texture times a factor, and a name that says so.
+    """Return a swatch with scaled stiffness, friction or texture gain, and a name that states the factors.
 
     Raises:
-        SceneError: another number, or an invalid factor.
-        SwatchError: the swatch is unknown or broken.
+        SceneError: an unknown parameter or an invalid factor.
+        SwatchError: the swatch is unknown or invalid.
     """
     from hapscene.swatches.library import load_swatch
 
     found = swatch if isinstance(swatch, Swatch) else load_swatch(swatch)
     for what, factor in factors.items():
         if what not in SCALED:
-            raise SceneError(no_such("number to scale", what, SCALED))
+            raise SceneError(no_such("parameter to scale", what, SCALED))
         if isinstance(factor, bool) or not isinstance(factor, int | float) or not 0.0 <= factor <= 100.0:
-            raise SceneError(f"{what} is scaled by a number from 0 to 100, not {str(factor)[:40]}")
+            raise SceneError(f"invalid factor of {what}: expected a number from 0 to 100, not {str(factor)[:40]}")
         if what == "stiffness":
             found = replace(found, stiffness_N_m=factor * found.stiffness_N_m)
         elif what == "friction":
@@ -193,10 +197,10 @@ def scaled(swatch: SwatchLike, factors: Mapping[str, float]) -> Swatch:
 
 
 def paint_of(picture: NDArray[np.uint8], legend: Legend) -> NDArray[np.int64]:
-    """The paint (h, w) that a picture (h, w, 4) means, see `hapscene.scene.fine_paint.parts`; −1 where transparent.
+    """Convert an image (h, w, 4) to paint (h, w), see `hapscene.scene.fine_paint.blend`; −1 where transparent.
 
     Raises:
-        SceneError: a colour of it is far from all that the legend means.
+        SceneError: colours are too far from all colours of the legend and their blends.
     """
     known, swatches = np.array(list(legend), np.float64), np.array(list(legend.values()))
     packed = picture[..., :3].astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)
@@ -205,7 +209,7 @@ def paint_of(picture: NDArray[np.uint8], legend: Legend) -> NDArray[np.int64]:
         values, place = np.unique(packed & 0xF8F8F8 | 0x040404, return_inverse=True)
     colours = np.stack([values >> 16, values >> 8 & 255, values & 255], axis=1).astype(np.float64)
     away_least, nearest = np.full(len(colours), np.inf), np.zeros(len(colours), np.intp)
-    for i, colour in enumerate(known):  # one by one: a photograph has millions of colours
+    for i, colour in enumerate(known):  # one at a time to save memory: a photograph has millions of colours
         off = np.linalg.norm(colours - colour, axis=1)
         nearest[off < away_least] = i
         np.minimum(away_least, off, out=away_least)
@@ -224,20 +228,20 @@ def paint_of(picture: NDArray[np.uint8], legend: Legend) -> NDArray[np.int64]:
     clear = picture[..., 3] < 128
     count = np.bincount(place.ravel(), ~clear.ravel()) * (away_least > FAR)
     if count.sum() > FAR_SHARE * clear.size:
-        odd = "#{:02x}{:02x}{:02x}".format(*colours[count.argmax()].astype(int))
-        meant = ", ".join("#{:02x}{:02x}{:02x}".format(*colour) for colour in list(legend)[:8])
+        outlier = "#{:02x}{:02x}{:02x}".format(*colours[count.argmax()].astype(int))
+        known_colours = ", ".join("#{:02x}{:02x}{:02x}".format(*colour) for colour in list(legend)[:8])
         raise SceneError(
-            f"its colour {odd} is far from all that mean a swatch ({meant}): paint it in those, or give a legend "
-            f'beside it, as {{"{odd}": "wood"}}'
+            f"colour {outlier} is far from all colours of the legend ({known_colours}): use those colours, or add "
+            f'it to the legend file beside the image, as {{"{outlier}": "wood"}}'
         )
     return np.where(clear, -1, paint[place].reshape(packed.shape))
 
 
 def paint_picture(body: "Body", paint: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Paint a body as the paints (h, w) of a picture over its texture coordinates say; the faces that have any.
+    """Paint a body with paint (h, w) over its texture coordinates; return the faces that have texture coordinates.
 
     Raises:
-        SceneError: its mesh has no texture coordinates, or the picture needs more than `LEAF_MAX` leaves.
+        SceneError: the mesh has no texture coordinates, or the image needs more than `SUBFACE_MAX` subfaces.
     """
     corners_px = _corners_px(body, paint.shape)
     faces = np.flatnonzero(np.isfinite(corners_px).all(axis=(1, 2)))
@@ -252,22 +256,22 @@ def paint_picture(body: "Body", paint: NDArray[np.int64]) -> NDArray[np.int64]:
         cut = (side_px > 1.0) & (front.level < LEVEL_MAX) & ~uniform.within(where_px)
         x, y = np.floor(where_px[~cut].mean(axis=1)).astype(np.int64).T
         found = paint[y % paint.shape[0], x % paint.shape[1]]
-        leaves = front[~cut]
-        done.append(replace(leaves, paint=np.where(found < 0, leaves.paint, found)))
+        subfaces = front[~cut]
+        done.append(replace(subfaces, paint=np.where(found < 0, subfaces.paint, found)))
         front, where_px = halves(front[cut], where_px[cut])
-        if sum(map(len, done)) + len(front) > LEAF_MAX:
+        if sum(map(len, done)) + len(front) > SUBFACE_MAX:
             raise SceneError(
-                f"body {body.name!r}: this picture needs more than {LEAF_MAX:,} pieces; a smaller one, or one of fewer "
-                "colours, needs fewer"
+                f"body {body.name!r}: the image needs more than {SUBFACE_MAX:,} subfaces; use a smaller image or fewer "
+                "colours"
             )
     columns = zip(*((d.face, d.path, d.edge, d.level, d.paint) for d in (NOTHING, *done)), strict=True)
-    leaves = FinePaint(*(np.concatenate(values) for values in columns))
-    put_leaves(body, leaves[np.lexsort((leaves.path, leaves.face))])
+    subfaces = FinePaint(*(np.concatenate(values) for values in columns))
+    set_subfaces(body, subfaces[np.lexsort((subfaces.path, subfaces.face))])
     return faces
 
 
 class _Uniform:
-    """Tells where a picture has one paint: sums of its changes over rectangles, one look-up each."""
+    """Tests whether rectangles of an image have uniform paint, by summed-area tables of its changes."""
 
     def __init__(self, paint: NDArray[np.int64]) -> None:
         self._shape = paint.shape
@@ -276,7 +280,7 @@ class _Uniform:
         self._across, self._down = (np.pad(_summed(change), ((1, 0), (1, 0))) for change in (across, down))
 
     def within(self, where_px: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether the boxes around triangles (n, 3, 2) have one paint each; over the picture's edge they have not."""
+        """Return whether the bounding boxes of triangles (n, 3, 2) are uniform; False across the edge of the image."""
         low = np.floor(where_px.min(axis=1)).astype(np.int64)
         high = np.maximum(np.ceil(where_px.max(axis=1)).astype(np.int64) - 1, low)
         size = np.array(self._shape[::-1])
@@ -293,35 +297,35 @@ def _summed(change: NDArray[np.bool_]) -> NDArray[np.int32]:
 
 
 def _sum(table: NDArray[np.int32], x0: Any, y0: Any, x1: Any, y1: Any) -> NDArray[np.int32]:
-    """Sums over texels x0 … x1, y0 … y1, both counted; 0 where there are none."""
+    """Return sums over the texels x0 … x1, y0 … y1, inclusive; 0 for empty ranges."""
     x1, y1 = np.maximum(x1 + 1, x0), np.maximum(y1 + 1, y0)
     return np.asarray(table[y1, x1] - table[y0, x1] - table[y1, x0] + table[y0, x0])
 
 
 def _corners_px(body: "Body", shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Where the corners of the faces are in a picture (h, w), x and y downward (m, 3, 2) [texels]."""
+    """Return the corners of the faces in an image (h, w): x and y, downward (m, 3, 2) [texels]."""
     uv = body.mesh.uv
     if uv is None:
         raise SceneError(
-            f"body {body.name!r}: its mesh has no texture coordinates to lay a picture on; unwrap it in a modeller, "
-            "and export it as GLB or OBJ"
+            f"body {body.name!r}: the mesh has no texture coordinates: unwrap it in a mesh editor and export it as GLB "
+            "or OBJ"
         )
     return np.asarray((uv * np.array([1.0, -1.0]) + np.array([0.0, 1.0])) * np.array(shape[1::-1]), np.float64)
 
 
 def picture_of(scene: "Scene", body: "Body", legend: Legend, size: tuple[int, int] = (1024, 1024)) -> NDArray[np.uint8]:
-    """The painting of a body as a picture (h, w, 4): at each texel's middle the colour of what is painted there.
+    """Render the paint of a body as an image (h, w, 4): the colour of the paint at the centre of each texel.
 
-    Blends have the mean of their two colours by weight; where no face is, it is transparent.
+    Blends have the weighted mean of both colours. Texels outside of all faces are transparent.
 
     Args:
-        scene: that has the body.
-        body: with texture coordinates.
-        legend: colours of the scene's swatches.
-        size: (h, w) [texels].
+        scene: the scene of the body.
+        body: a body with texture coordinates.
+        legend: colours of the swatches.
+        size: height and width of the image [texels].
 
     Raises:
-        SceneError: its mesh has no texture coordinates, or they repeat the picture more than `REPEAT_MAX` times.
+        SceneError: the mesh has no texture coordinates, or they cover the image more than `REPEAT_MAX` times.
     """
     corners_px = _corners_px(body, size)
     fine = body.fine or NOTHING
@@ -330,8 +334,8 @@ def picture_of(scene: "Scene", body: "Body", legend: Legend, size: tuple[int, in
     where_px = np.concatenate([corners_px[whole], fine.corners() @ corners_px[fine.face]])
     if (np.ptp(where_px, axis=1) + 1.0).prod(axis=1).sum() > REPEAT_MAX * size[0] * size[1]:
         raise SceneError(
-            f"body {body.name!r}: its texture coordinates cover a picture more than {REPEAT_MAX} times, as tiles do; "
-            "unwrap it in a modeller"
+            f"body {body.name!r}: the texture coordinates cover the image more than {REPEAT_MAX} times: unwrap the "
+            "mesh without repetition in a mesh editor"
         )
     colour = np.zeros((len(scene.swatches), 3))
     colour[list(legend.values())] = list(legend)
@@ -345,7 +349,7 @@ def picture_of(scene: "Scene", body: "Body", legend: Legend, size: tuple[int, in
 
 
 def _texels(where_px: NDArray[np.float64]) -> Iterator[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]:
-    """Triangles (n, 3, 2), and y and x of the texels whose middles are in them, some at a time."""
+    """Yield the texels whose centres are in triangles (n, 3, 2), in chunks: triangle, y and x of each texel."""
     low = np.ceil(where_px[..., 1].min(axis=1) - 0.5).astype(np.int64)
     rows = np.maximum(np.floor(where_px[..., 1].max(axis=1) - 0.5).astype(np.int64) + 1 - low, 0)
     wide = np.ceil(np.ptp(where_px[..., 0], axis=1)).astype(np.int64) + 1
@@ -367,22 +371,22 @@ def _texels(where_px: NDArray[np.float64]) -> Iterator[tuple[NDArray[Any], NDArr
 
 
 def _counted(counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """0, 1, … of each count, one after the other."""
+    """Return 0, 1, … for each count, concatenated."""
     return np.asarray(np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts))
 
 
 def paint_by_picture(scene: "Scene", body: str | None, picture: Path, legend: Meanings | None = None) -> int:
-    """Paint a body of a scene as a picture says; how many faces it covers.
+    """Paint a body from an image file; return the number of faces that the image covers.
 
     Args:
-        scene: painted in place; swatches of the legend are put into it.
-        body: its name; None for the only one with texture coordinates.
-        picture: its file.
-        legend: what its colours mean; None: see `read_legend`.
+        scene: modified in place; swatches of the legend are added.
+        body: name of the body; None for the only one with texture coordinates.
+        picture: the image file.
+        legend: swatch of each colour. Default: see `read_legend`.
 
     Raises:
-        SceneError: no such body, none with texture coordinates, or a picture or legend that cannot be read.
-        SwatchError: a swatch is unknown or broken.
+        SceneError: no such body, no texture coordinates, or an invalid image or legend.
+        SwatchError: a swatch is unknown or invalid.
     """
     painted, colours = body_with_uv(scene, body), read_picture(picture)
     if legend is None:
@@ -395,43 +399,46 @@ def paint_by_picture(scene: "Scene", body: str | None, picture: Path, legend: Me
 
 
 def body_with_uv(scene: "Scene", name: str | None) -> "Body":
-    """The body of that name; None for the only one with texture coordinates.
+    """Return the body with this name, or the only body with texture coordinates if `name` is None.
 
     Raises:
-        SceneError: there is none, or more than one.
+        SceneError: there is no such body, or several.
     """
     if name is not None:
         return scene.body(name)
     found = [body for body in scene.bodies if body.mesh.uv is not None] or scene.bodies[:1]
     if len(found) != 1:
         names = ", ".join(body.name for body in found)
-        raise SceneError(f"a picture is of one body; say which has it: {names}" if names else "the scene has no body")
+        raise SceneError(f"several bodies, specify one: {names}" if names else "the scene has no bodies")
     return found[0]
 
 
 def save_picture(scene: "Scene", body: "Body", path: Path, size: tuple[int, int] = (1024, 1024)) -> list[Path]:
-    """Write the painting of a body as a picture, PNG, and beside it its legend and its own swatches; the files.
+    """Export the paint of a body as a PNG image, with its legend and the swatches of the scene beside it.
+
+    Returns:
+        The files that were written.
 
     Raises:
-        SceneError: its mesh has no texture coordinates, or a file cannot be written.
+        SceneError: the mesh has no texture coordinates, or a file cannot be written.
     """
     from PIL import Image
 
     from hapscene.surface.swatch_file import swatch_to_bytes
 
     legend, content = legend_of(scene), io.BytesIO()
-    told: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     Image.fromarray(picture_of(scene, body, legend, size)).save(content, "PNG")
     files = {path: content.getvalue()}
     for colour, index in legend.items():
         swatch, source = scene.swatches[index], scene.swatch_source[index]
-        meant: Any = swatch.name
-        if not isinstance(source, str):  # no other scene knows it
+        entry: Any = swatch.name
+        if not isinstance(source, str):  # not in the library, so the file goes beside the image
             plain = re.sub(r"[^\w.-]+", "_", swatch.name)[:40]
-            meant = {"swatch": swatch.name, "file": f"{path.stem}.{plain}.swatch"}
-            files[path.with_name(meant["file"])] = swatch_to_bytes(swatch)
-        told["#{:02x}{:02x}{:02x}".format(*colour)] = meant
-    files[path.with_suffix(".json")] = (json.dumps(told, indent=2, ensure_ascii=False) + "\n").encode()
+            entry = {"swatch": swatch.name, "file": f"{path.stem}.{plain}.swatch"}
+            files[path.with_name(entry["file"])] = swatch_to_bytes(swatch)
+        entries["#{:02x}{:02x}{:02x}".format(*colour)] = entry
+    files[path.with_suffix(".json")] = (json.dumps(entries, indent=2, ensure_ascii=False) + "\n").encode()
     for file, data in files.items():
         write_whole(file, data, SceneError)
     return list(files)

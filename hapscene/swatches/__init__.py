@@ -1,4 +1,4 @@
-"""Swatch libraries: search, add, fetch and publish swatches; their words, sounds and pictures."""
+"""Swatch libraries: search, add, download and publish swatches; descriptions, sounds and pictures of swatches."""
 
 import lazy_loader
 

@@ -1,9 +1,9 @@
-"""A library of swatches: a folder of .swatch files with an index, beside the shipped ones, which are read-only.
+"""Swatch libraries: folders of .swatch files with an index, beside the shipped swatches, which are read-only.
 
-The index is a JSON text, `index.json`: name, file, sha256, size, figures, provenance, licence and tags of each swatch.
-A library folder behind any web server is what `get` fetches swatches from. The user's own library may have folders in
-it, each a library folder itself; a name stands once in all of them. Shipped are the measured swatches, by their names,
-and the folder of the computed ones.
+The index `index.json` lists name, file, hash, size, figures, provenance, licence and tags of each swatch. `get`
+downloads swatches from a library folder on any web server. The user's library may contain folders, each of which is a
+library folder; names are unique across the folders. The shipped swatches are the measured ones and the folder of
+computed ones.
 """
 
 import hashlib
@@ -55,16 +55,16 @@ FORMAT: Final = "hapscene library"
 VERSION: Final = 1
 
 COMPUTED: Final = "computed"
-"""Folder of the shipped swatches that were computed, not measured."""
+"""Folder of shipped swatches that were computed, not measured."""
 
 TAG_MAX: Final = 20
-"""Most tags of a swatch [count]."""
+"""Maximum number of tags of a swatch [count]."""
 
 TAG_LENGTH_MAX: Final = 40
-"""Longest tag [characters]."""
+"""Maximum length of a tag [characters]."""
 
 INDEX_BYTES_MAX: Final = 8 * 1024 * 1024
-"""Largest index that is read [bytes]: some ten thousand swatches."""
+"""Maximum size of an index [bytes]: about ten thousand swatches."""
 
 ENVIRONMENT: Final = "HAPSCENE_LIBRARY"
 """Environment variable that names the folder of the library."""
@@ -76,7 +76,7 @@ _RESERVED: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\b.*", re.IGNORECAS
 
 @dataclass(frozen=True)
 class LibraryEntry:
-    """What an index says of one swatch."""
+    """Entry of a swatch in an index."""
 
     name: str
     file: str
@@ -89,17 +89,14 @@ class LibraryEntry:
     tool: str = ""
     tip: str = ""
 
-    def __repr__(self) -> str:
-        return f"<LibraryEntry {self.name!r}: {', '.join(self.words)}; {self.bytes:,} bytes>"
-
     @property
     def words(self) -> list[str]:
-        """How it feels, in words."""
+        """Description of the surface, such as ["firm", "rough"]."""
         return words(self.figures)
 
 
 def library_folder(folder: str | os.PathLike[str] | None = None) -> Path:
-    """The folder of the library: the one given, else that of `HAPSCENE_LIBRARY`, else the user's data folder."""
+    """Return the folder of the library: `folder`, else the value of `HAPSCENE_LIBRARY`, else the user data folder."""
     if folder is not None:
         return Path(folder)
     if os.environ.get(ENVIRONMENT):
@@ -110,28 +107,28 @@ def library_folder(folder: str | os.PathLike[str] | None = None) -> Path:
 
 
 def shipped_swatches() -> list[str]:
-    """Names of the swatches that come with hapscene, sorted."""
+    """Return the names of the shipped measured swatches, sorted."""
     folder = resources.files("hapscene_swatches")
     return sorted(f.name.removesuffix(SUFFIX) for f in folder.iterdir() if f.name.endswith(SUFFIX))
 
 
 def load_swatch(name_or_path: str | os.PathLike[str]) -> Swatch:
-    """The swatch of that file, or the one of that name in the user's library or among the shipped ones.
+    """Load a swatch from a file, or by name from the user's library or the shipped swatches.
 
-    A `Path`, a text that ends in ".swatch" or one with a folder separator is a file; any other text is a name.
+    A `Path`, and a string that ends in ".swatch" or contains a folder separator, is a file; other strings are names.
 
     Raises:
-        SwatchError: unknown name; a file that is missing, too large, damaged, of a later version or unstable.
+        SwatchError: the name is unknown; or the file is missing, too large, damaged, of a later version or unstable.
     """
     with resources.as_file(swatch_place(name_or_path)) as path:
         return read_swatch(path)
 
 
 def swatch_place(name_or_path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None) -> Traversable:
-    """The file that `load_swatch` reads, where `folder` is that of the library.
+    """Return the file that `load_swatch` reads; `folder` is that of the library.
 
     Raises:
-        SwatchError: unknown name.
+        SwatchError: the name is unknown.
     """
     text = os.fspath(name_or_path)
     if not isinstance(name_or_path, str) or text.endswith(SUFFIX) or "/" in text or os.sep in text:
@@ -151,27 +148,27 @@ def swatch_place(name_or_path: str | os.PathLike[str], folder: str | os.PathLike
 
 
 def shipped_entries() -> list[LibraryEntry]:
-    """The swatches that come with hapscene."""
+    """Return the index entries of the shipped measured swatches."""
     folder = resources.files("hapscene_swatches")
     return [entry_of(load_swatch(name), (folder / (name + SUFFIX)).read_bytes()) for name in shipped_swatches()]
 
 
 @cache
 def computed_entries() -> list[LibraryEntry]:
-    """The swatches that come with hapscene and were computed, not measured."""
+    """Return the index entries of the shipped computed swatches."""
     index = resources.files("hapscene_swatches") / COMPUTED / INDEX
     return parse_index(index.read_bytes(), "the computed swatches") if index.is_file() else []
 
 
 def own_folders(folder: str | os.PathLike[str] | None = None) -> list[Path]:
-    """The folder of the library, and those in it that are library folders themselves, by name."""
+    """Return the folder of the library and the library folders in it, by name."""
     home = library_folder(folder)
     inside = home.iterdir() if home.is_dir() else ()
     return [home, *sorted(path for path in inside if _FOLDER.fullmatch(path.name) and (path / INDEX).is_file())]
 
 
 def own_entries(folder: str | os.PathLike[str] | None = None) -> list[LibraryEntry]:
-    """The swatches of the library, by name; none where there is no library yet.
+    """Return the index entries of a library folder; empty if it does not exist.
 
     Raises:
         SwatchError: the index is damaged.
@@ -185,13 +182,13 @@ def own_entries(folder: str | os.PathLike[str] | None = None) -> list[LibraryEnt
 
 
 def find(name: str, folder: str | os.PathLike[str] | None = None) -> Path | None:
-    """The file of the library's swatch of that name, in whichever of its folders; or None."""
+    """Return the file of a swatch in any folder of the library; None if it is not found."""
     found = _found(name, folder)
     return None if found is None else found[0] / found[1].file
 
 
 def _found(name: str, folder: str | os.PathLike[str] | None) -> tuple[Path, LibraryEntry] | None:
-    """The library folder that holds a swatch, and its entry."""
+    """Return the library folder and the entry of a swatch."""
     each = ((home, entry) for home in own_folders(folder) for entry in own_entries(home))
     return next(((home, entry) for home, entry in each if entry.name == name), None)
 
@@ -204,17 +201,17 @@ def add(
     inside: str = "",
     tags: Iterable[str] = (),
 ) -> LibraryEntry:
-    """Puts a swatch into the library, under its own name.
+    """Add a swatch to the library under its name.
 
     Args:
-        swatch: what to put there.
-        folder: the library's, None for the user's own.
-        replace: put it in the place of the one that has its name, whose tags it keeps.
-        inside: the folder in the library, made where there is none; "" for none.
-        tags: words to find it by.
+        swatch: the swatch.
+        folder: folder of the library; None for the user's library.
+        replace: replace a swatch with the same name and keep its tags.
+        inside: folder in the library, created if missing; "" for the library itself.
+        tags: search words.
 
     Raises:
-        SwatchError: the name is a shipped one's, or taken and not to be replaced; the folder cannot be written.
+        SwatchError: the name is that of a shipped swatch or exists, or the folder cannot be written.
     """
     root = library_folder(folder)
     old = _found(swatch.name, root)
@@ -231,10 +228,10 @@ def edit(
     tags: Iterable[str] | None = None,
     inside: str | None = None,
 ) -> LibraryEntry:
-    """Renames, tags or moves a swatch of the library; what is None stays. Its entry as it is now.
+    """Rename, tag or move a swatch of the library; arguments that are None change nothing. Return its new entry.
 
     Raises:
-        SwatchError: no such swatch, a name that is taken, an invalid tag or folder name; it cannot be written.
+        SwatchError: no such swatch, the name exists, a tag or folder name is invalid, or a file cannot be written.
     """
     old = _found(name, folder)
     if old is None:
@@ -248,10 +245,10 @@ def edit(
 
 
 def remove(name: str, folder: str | os.PathLike[str] | None = None) -> Path:
-    """Takes a swatch out of the library, its file too; the file that is gone.
+    """Remove a swatch from the library and delete its file; return the deleted file.
 
     Raises:
-        SwatchError: no such swatch in the library, or it cannot be removed.
+        SwatchError: no such swatch in the library, or it cannot be deleted.
     """
     old = _found(name, folder)
     if old is None:
@@ -260,9 +257,9 @@ def remove(name: str, folder: str | os.PathLike[str] | None = None) -> Path:
 
 
 def _no_own(name: str, folder: str | os.PathLike[str] | None) -> str:
-    """Why a swatch is not the user's own."""
+    """Return the error message for a swatch that is not in the user's library."""
     if name in (*shipped_swatches(), *(entry.name for entry in computed_entries())):
-        return f"{name!r} is a shipped swatch: it stays"
+        return f"{name!r} is a shipped swatch, which cannot be changed"
     known = [entry.name for home in own_folders(folder) for entry in own_entries(home)]
     return no_such("swatch", name, known) + f" in {library_folder(folder)}"
 
@@ -270,7 +267,7 @@ def _no_own(name: str, folder: str | os.PathLike[str] | None) -> str:
 def _put(
     swatch: Swatch, home: Path, tags: tuple[str, ...], old: tuple[Path, LibraryEntry] | None = None
 ) -> LibraryEntry:
-    """Writes a swatch into a library folder, in the place of an old one, wherever that was."""
+    """Write a swatch to a library folder, replacing an old entry in any folder."""
     entries = {entry.name: entry for entry in own_entries(home)}
     here = None
     if old is not None and old[0] == home:
@@ -292,7 +289,7 @@ def _put(
 
 
 def _take(home: Path, gone: LibraryEntry) -> Path:
-    """Takes a swatch out of a library folder."""
+    """Remove a swatch from a library folder."""
     write_index(home, (entry for entry in own_entries(home) if entry.name != gone.name))
     try:
         (home / gone.file).unlink(missing_ok=True)
@@ -302,30 +299,32 @@ def _take(home: Path, gone: LibraryEntry) -> Path:
 
 
 def _check_name(name: str, *, taken: bool, known: bool) -> None:
-    """Refuses a name that the library cannot give to a swatch."""
+    """Check the name of a swatch that is added."""
     if name in shipped_swatches() or (not known and name in {entry.name for entry in computed_entries()}):
-        raise SwatchError(f"{name!r} is a shipped swatch: add it under another name (--name)")
+        raise SwatchError(f"{name!r} is the name of a shipped swatch: choose another name (--name)")
     if "/" in name or "\\" in name or name.endswith(SUFFIX):
-        raise SwatchError(f"{name!r} reads like a file: add it under another name (--name)")
+        raise SwatchError(f"{name!r} looks like a file name: choose another name (--name)")
     if taken:
-        raise SwatchError(f"{name!r} is in the library already: replace it (--replace) or name it (--name)")
+        raise SwatchError(f"{name!r} is already in the library: replace it (--replace) or choose another name (--name)")
 
 
 def _checked_folder(inside: str) -> str:
     if inside and (not _FOLDER.fullmatch(inside) or _RESERVED.fullmatch(inside)):
-        raise SwatchError(f"a library's folder has a plain name, as metals, not {short(inside)}")
+        raise SwatchError(f"invalid folder name {short(inside)}; expected a simple name such as metals")
     return inside
 
 
 def _checked_tags(tags: Iterable[str]) -> tuple[str, ...]:
     found = tuple(dict.fromkeys(tag.strip() for tag in tags if tag.strip()))
     if len(found) > TAG_MAX or any(len(tag) > TAG_LENGTH_MAX or not tag.isprintable() for tag in found):
-        raise SwatchError(f"a swatch has {TAG_MAX} tags at most, each of 1 to {TAG_LENGTH_MAX} printable characters")
+        raise SwatchError(
+            f"invalid tags: expected at most {TAG_MAX} tags of 1 to {TAG_LENGTH_MAX} printable characters"
+        )
     return found
 
 
 def write_index(folder: Path, entries: Iterable[LibraryEntry]) -> None:
-    """Writes a library's index, whole or not at all."""
+    """Write the index of a library folder atomically."""
     rows = [asdict(entry) for entry in sorted(entries, key=lambda entry: entry.name)]
     rows = [{key: value for key, value in row.items() if value or key not in TOOL_FIELDS} for row in rows]
     text = json.dumps({"format": FORMAT, "version": VERSION, "swatches": rows}, indent=1, ensure_ascii=False)
@@ -333,7 +332,7 @@ def write_index(folder: Path, entries: Iterable[LibraryEntry]) -> None:
 
 
 def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = (), tags: tuple[str, ...] = ()) -> LibraryEntry:
-    """The index's entry of a swatch whose file holds `data`, with a file name that is not among `taken`."""
+    """Return the index entry of a swatch with file content `data`, and a file name that is not in `taken`."""
     stem = re.sub(r"[^A-Za-z0-9_+-]+", "_", swatch.name).strip("_+-")[:80] or "swatch"
     stem = f"_{stem}" if _RESERVED.fullmatch(stem) else stem
     names = (stem + tail + SUFFIX for tail in chain(("",), (f"_{i}" for i in count(2))))
@@ -345,28 +344,28 @@ def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = (), tags: tuple
 
 
 def verified(entry: LibraryEntry, data: bytes, where: str) -> Swatch:
-    """The swatch of a file's content, which must be what the entry says.
+    """Parse the content of a swatch file, which must match its index entry.
 
     Raises:
-        SwatchError: another content, another name, or no valid swatch.
+        SwatchError: the hash or the name differs, or the swatch is invalid.
     """
     if hashlib.sha256(data).hexdigest() != entry.sha256:
-        raise SwatchError(f"{where}: its content is not what the index says (sha256): not opened")
+        raise SwatchError(f"{where}: its SHA-256 differs from the index")
     with refusing(SwatchError, where):
         swatch = swatch_from_json(data)
     if swatch.name != entry.name:
-        raise SwatchError(f"{where}: calls itself {swatch.name!r}, the index says {entry.name!r}: not taken")
+        raise SwatchError(f"{where}: its name is {swatch.name!r}, but {entry.name!r} in the index")
     return swatch
 
 
 def parse_index(data: bytes, where: str) -> list[LibraryEntry]:
-    """The entries of an index from anybody; nothing in it can name a file outside of its folder.
+    """Parse an untrusted index; its file names cannot refer to other folders.
 
     Raises:
-        SwatchError: not an index, of a later version, or an entry that is wrong.
+        SwatchError: not an index, of a later version, or with an invalid entry.
     """
     if len(data) > INDEX_BYTES_MAX:
-        raise SwatchError(f"{where}: larger than {INDEX_BYTES_MAX >> 20} MiB, which no index is")
+        raise SwatchError(f"{where}: larger than {INDEX_BYTES_MAX >> 20} MiB, the maximum for an index")
     with refusing(SwatchError, where):
         rows = parse_format(data, "an index of swatches", FORMAT, VERSION).get("swatches")
         if not isinstance(rows, list):
@@ -374,36 +373,36 @@ def parse_index(data: bytes, where: str) -> list[LibraryEntry]:
         entries = [_entry(row, f"swatches[{i}]") for i, row in enumerate(rows)]
         for key, values in (("name", {e.name for e in entries}), ("file", {e.file.casefold() for e in entries})):
             if len(values) < len(entries):
-                raise SwatchError(f"two swatches have one {key}")
+                raise SwatchError(f"two swatches have the same {key}")
     return entries
 
 
 def _entry(row: Any, place: str) -> LibraryEntry:
-    """One entry, checked."""
+    """Check and convert one entry."""
     if not isinstance(row, dict):
         raise SwatchError(f"{place} must be an object")
     texts = {key: row.get(key, "") for key in ("name", "file", "sha256", "provenance", "licence", *TOOL_FIELDS)}
     for key, value in texts.items():
         if not isinstance(value, str) or any("\ud800" <= c <= "\udfff" for c in value):
-            raise SwatchError(f"{place}.{key} must be a text")
+            raise SwatchError(f"{place}.{key} must be a string")
     if not 1 <= len(texts["name"]) <= NAME_MAX or not texts["name"].isprintable():
         raise SwatchError(f"{place}.name must be 1 to {NAME_MAX} printable characters")
     for key in TOOL_FIELDS:
         if len(texts[key]) > NAME_MAX or not texts[key].isprintable():
             raise SwatchError(f"{place}.{key} must be at most {NAME_MAX} printable characters")
     if not _FILE_NAME.fullmatch(texts["file"]) or _RESERVED.fullmatch(texts["file"]):
-        raise SwatchError(f"{place}.file must be a plain file name ending in {SUFFIX}, is {texts['file'][:60]!r}")
+        raise SwatchError(f"{place}.file must be a simple file name that ends in {SUFFIX}, not {texts['file'][:60]!r}")
     if not re.fullmatch(r"[0-9a-f]{64}", texts["sha256"]):
         raise SwatchError(f"{place}.sha256 must be 64 hexadecimal digits")
     size = row.get("bytes")
     if type(size) is not int or not 0 < size <= BYTES_MAX:
-        raise SwatchError(f"{place}.bytes must be a whole number from 1 to {BYTES_MAX}")
+        raise SwatchError(f"{place}.bytes must be an integer from 1 to {BYTES_MAX}")
     numbers = row.get("figures", {})
     if not isinstance(numbers, dict) or not all(map(is_number, numbers.values())):
         raise SwatchError(f"{place}.figures must be an object of numbers")
     tags = row.get("tags", [])
     if not isinstance(tags, list) or not all(isinstance(tag, str) for tag in tags):
-        raise SwatchError(f"{place}.tags must be a list of texts")
+        raise SwatchError(f"{place}.tags must be a list of strings")
     with refusing(SwatchError, f"{place}.tags"):
         checked = _checked_tags(tags)
     return LibraryEntry(
@@ -411,7 +410,7 @@ def _entry(row: Any, place: str) -> LibraryEntry:
     )
 
 
-# Search in a library: words and bounds.
+# Search: words and bounds.
 
 
 _BOUND: Final = re.compile(r"([A-Za-z][A-Za-z0-9_]*)\s*(<=|>=|<|>)\s*(\S+)")
@@ -420,14 +419,13 @@ _SHORT: Final = {"stiffness": "stiffness_N_m", "roughness": "roughness_m_s2", "f
 
 
 def search(entries: Iterable[LibraryEntry], terms: Iterable[str]) -> list[LibraryEntry]:
-    """The entries that meet every term.
+    """Return the entries that match all terms.
 
-    A term is a word found in name, feel, tool, tip, provenance or licence, without regard to case ("wood", "grippy"); a
-    word of the tool or of the tip ("tool:probe", "tip:ball"); or a bound on a figure ("friction<0.3", "stiffness>=500",
-    "tap_Hz>80").
+    A term is a word in name, description, tool, tip, provenance or licence, ignoring case ("wood", "grippy"); a word of
+    the tool or tip ("tool:probe", "tip:ball"); or a bound on a figure ("friction<0.3", "stiffness>=500", "tap_Hz>80").
 
     Raises:
-        SwatchError: a malformed bound, one on an unknown figure, or one that is no number.
+        SwatchError: an invalid bound, or one on an unknown figure.
     """
     found = list(entries)
     known = {key for entry in found for key in entry.figures} | set(_SHORT)
@@ -438,17 +436,17 @@ def search(entries: Iterable[LibraryEntry], terms: Iterable[str]) -> list[Librar
             continue
         bound = _BOUND.fullmatch(term.strip())
         if bound is None and re.search("[<>]", term):
-            raise SwatchError(f"{term!r}: a malformed bound: expected a figure, a sign and a number, as friction<0.4")
+            raise SwatchError(f"{term!r}: invalid bound; expected a figure, <, <=, > or >=, and a number: friction<0.4")
         if bound is None:
             found = [entry for entry in found if term.casefold() in _text(entry)]
             continue
         name, sign, limit = bound.groups()
         if name not in known:
-            raise SwatchError(f"no figure {name!r} to search by; there are: {', '.join(sorted(known))}")
+            raise SwatchError(f"unknown figure {name!r}; expected one of: {', '.join(sorted(known))}")
         try:
             value = float(limit)
         except ValueError:
-            raise SwatchError(f"{term!r}: expected a number after {sign}, found {limit!r}") from None
+            raise SwatchError(f"{term!r}: expected a number after {sign}, not {limit!r}") from None
         key = _SHORT.get(name, name)
         found = [e for e in found if key in e.figures and _COMPARE[sign](e.figures[key], value)]
     return found
@@ -459,47 +457,47 @@ def _text(entry: LibraryEntry) -> str:
     return " ".join(texts).casefold()
 
 
-# Swatches from a library on the web: any folder of swatches with its index behind a plain web server.
+# Download of swatches from a library folder on a web server.
 #
-# Nothing is believed: names and sizes of the index are checked, what arrives is never more than the index says, its
-# hash must match, and it is opened as any stranger's swatch is before it enters the library. A transfer that
-# breaks off is taken up where it stopped, if the server can, also by a later call; else it is begun again.
+# Servers are untrusted: names and sizes in the index are checked, at most the declared size is read, hashes must match,
+# and swatches are parsed as untrusted files. Interrupted transfers are resumed, also by later calls, if the server
+# supports it, else restarted.
 
 
 TIMEOUT_S: Final = 20.0
-"""Longest silence of a server [s]."""
+"""Timeout of a server [s]."""
 
 PATIENCE_S: Final = 60.0
-"""Time that a transfer may take beside that of its bytes [s]: for names, connections, redirections, further tries."""
+"""Time for a transfer in addition to that of its bytes [s]: name resolution, connections, redirections, retries."""
 
 RATE_MIN_B_S: Final = 16_384
-"""Least rate of a transfer [bytes/s]: with less, beyond `PATIENCE_S`, it is given up. A slow telephone line has it; at
-one byte before each silence ends, a server would keep us for ever."""
+"""Minimum rate of a transfer after `PATIENCE_S` [bytes/s]; else a server that sends one byte per timeout would
+block."""
 
 TRIES: Final = 4
-"""Times a transfer is begun or taken up [count]."""
+"""Maximum number of attempts [count]."""
 
 REDIRECTIONS_MAX: Final = 5
-"""Most times that a server sends us elsewhere in one of them [count]; two or three are usual."""
+"""Maximum number of redirections per attempt [count]; two or three are common."""
 
 REASON_SHOWN: Final = 120
-"""Most of a server's words that is told [characters]."""
+"""Maximum length of text from a server in a message [characters]."""
 
 WAIT_S: Final = 0.25
-"""Longest wait in which Ctrl-C is not heard, where the system does not break into it [s]."""
+"""Maximum time until Ctrl-C takes effect on systems where it does not interrupt waiting [s]."""
 
 _CHUNK: Final = 1 << 16  # bytes
 
 
 def read_index(url: str) -> tuple[str, list[LibraryEntry]]:
-    """The address of an index and its entries; `url` names the index or the folder that it is in.
+    """Download an index; return its address and entries. `url` is the address of the index or its folder.
 
     Raises:
-        SwatchError: no http or https address, no answer, or no valid index.
+        SwatchError: not an http or https address, no answer, or an invalid index.
     """
     if urlsplit(url).scheme not in ("http", "https") or not urlsplit(url).netloc:
-        raise SwatchError(f"{url!r} is not an address: expected http://… or https://…")
-    url = url.removesuffix("index.html")  # of a published site, as it stands in a browser
+        raise SwatchError(f"{url!r} is not a valid address; expected http://… or https://…")
+    url = url.removesuffix("index.html")  # the address of a published site in a browser
     address = url if url.endswith(".json") else urljoin(url.rstrip("/") + "/", INDEX)
     data = bytearray()
     _retried(address, INDEX_BYTES_MAX, data.__len__, data.extend, data.clear)
@@ -515,19 +513,18 @@ def get(
     replace: bool = False,
     new_name: str | None = None,
 ) -> LibraryEntry:
-    """Fetches a swatch that an index lists, into the library, with its tags.
+    """Download a swatch into the library, with its tags.
 
     Args:
-        name: of the swatch.
-        address: of the index, as `read_index` gives it; the file lies beside it.
-        entries: of the index.
-        folder: the library's, None for the user's own.
-        replace: take it though the library has one of that name.
-        new_name: what it is called there; None for its own name.
+        name: name of the swatch.
+        address: address of the index from `read_index`; the file is in the same folder.
+        entries: entries of the index.
+        folder: folder of the library; None for the user's library.
+        replace: replace a swatch with the same name.
+        new_name: name in the library; None for its name in the index.
 
     Raises:
-        SwatchError: no such swatch, no answer, another content than the index says, no valid swatch, or a name that
-            is taken. The library is then as it was.
+        SwatchError: no such swatch, no answer, invalid content, or an existing name. The library is then unchanged.
     """
     entry = next((e for e in entries if e.name == name), None)
     if entry is None:
@@ -538,15 +535,15 @@ def get(
         home.mkdir(parents=True, exist_ok=True)
         data = _fetched(url, entry, home)
     except OSError as error:
-        raise SwatchError(f"{url}: cannot be fetched into {home}: {error.strerror or error}") from None
+        raise SwatchError(f"{url}: cannot be downloaded to {home}: {error.strerror or error}") from None
     swatch = verified(entry, data, url)
     named = swatch if new_name is None else with_changes(swatch, name=new_name)
     return add(named, home, replace, tags=entry.tags)
 
 
 def _fetched(url: str, entry: LibraryEntry, home: Path) -> bytes:
-    """The content at `url`, of the size that the entry says."""
-    part = home / f".{entry.sha256}.part"  # kept when a transfer breaks off, for the next try
+    """Download the file of an entry."""
+    part = home / f".{entry.sha256}.part"  # kept after an interrupted transfer, to resume it
     if part.is_symlink() or (part.exists() and (not part.is_file() or part.stat().st_size > entry.bytes)):
         part.unlink()
     with part.open("ab") as file:
@@ -562,7 +559,7 @@ def _fetched(url: str, entry: LibraryEntry, home: Path) -> bytes:
         _retried(url, entry.bytes, file.tell, write, clear)
         if file.tell() != entry.bytes:
             clear()
-            raise SwatchError(f"{url}: is shorter than the {entry.bytes} bytes that the index says: not taken")
+            raise SwatchError(f"{url}: is shorter than the {entry.bytes} bytes in the index")
     data = part.read_bytes()
     part.unlink()
     return data
@@ -571,7 +568,7 @@ def _fetched(url: str, entry: LibraryEntry, home: Path) -> bytes:
 def _retried(
     url: str, most: int, held: Callable[[], int], write: Callable[[bytes], object], clear: Callable[[], object]
 ) -> None:
-    """Transfers `url` into a sink, taking it up again when it breaks off; never writes more than `most` bytes."""
+    """Download `url` into a sink with retries; at most `most` bytes are written."""
     from requests import RequestException
     from urllib3.exceptions import HTTPError
 
@@ -581,7 +578,7 @@ def _retried(
         arrived_B = max(held() - first, 0)
         took_s = time.monotonic() - start_s
         if took_s > PATIENCE_S + arrived_B / RATE_MIN_B_S:
-            raise SwatchError(f"{url}: too slow: {arrived_B} bytes in {took_s:.0f} s: given up")
+            raise SwatchError(f"{url}: too slow: {arrived_B} bytes in {took_s:.0f} s; try again later")
         return PATIENCE_S + arrived_B / RATE_MIN_B_S - took_s
 
     for _ in range(TRIES):
@@ -592,34 +589,34 @@ def _retried(
                 answer = next(arriving)
                 if answer.status_code == 416 or (answer.status_code == 206 and not _continues(answer, start)):
                     clear()
-                    problem = "cannot be taken up where it broke off"
+                    problem = "the interrupted download cannot be resumed"
                     continue
                 if answer.status_code not in (200, 206):
                     raise SwatchError(
-                        f"{url}: the server says {answer.status_code} {printable(str(answer.reason), REASON_SHOWN)}"
+                        f"{url}: the server returns {answer.status_code} {printable(str(answer.reason), REASON_SHOWN)}"
                     )
                 if answer.headers.get("Content-Encoding", "identity").lower() != "identity":
-                    raise SwatchError(f"{url}: the server sends it compressed, which was not asked for: not taken")
+                    raise SwatchError(f"{url}: the server sends compressed data, which was not requested")
                 if answer.status_code == 200 and start:
                     clear()
                 for data in arriving:
                     if held() + len(data) > most:
                         clear()
-                        raise SwatchError(f"{url}: is longer than {most} bytes: not taken")
+                        raise SwatchError(f"{url}: is longer than {most} bytes")
                     write(data)
                 return
         except (RequestException, HTTPError) as error:
             problem = _reason(error)
-            if isinstance(error, ValueError):  # no address, among others
+            if isinstance(error, ValueError):  # such as an invalid address
                 break
-    raise SwatchError(f"{url}: cannot be fetched: {printable(problem)}")
+    raise SwatchError(f"{url}: cannot be downloaded: {printable(problem)}")
 
 
 def _arriving(url: str, headers: dict[str, str], most: int, left_s: Callable[[], float]) -> Generator[Any, None, None]:
-    """The answer, then what arrives of its content, up to a little more than `most` bytes.
+    """Yield the response, then its content in chunks, up to slightly more than `most` bytes.
 
-    A thread waits for the server, since what is asked of sockets bounds each wait, and not their sum; it is left alone
-    when `left_s`, or Ctrl-C, says so.
+    A thread waits for the server, since socket timeouts limit each wait but not their sum. It is abandoned when
+    `left_s` raises, or on Ctrl-C.
     """
     found: SimpleQueue[Any] = SimpleQueue()
     left = Event()
@@ -640,12 +637,12 @@ def _arriving(url: str, headers: dict[str, str], most: int, left_s: Callable[[],
 
 
 def _ask(url: str, headers: dict[str, str], most: int, put: Callable[[Any], None], left: Callable[[], bool]) -> None:
-    """Puts the answer, what arrives of its content, and None; or what went wrong."""
+    """Pass the response, its content in chunks, and None to `put`; or the exception."""
     import requests
 
     try:
         with requests.Session() as session:
-            # it would follow them itself, and read what comes with each, however much
+            # requests would follow redirections itself and read their content without a limit
             session.get_redirect_target = lambda resp: None  # type: ignore[method-assign]
             place = url
             for _ in range(REDIRECTIONS_MAX + 1):
@@ -660,30 +657,32 @@ def _ask(url: str, headers: dict[str, str], most: int, put: Callable[[Any], None
                         put(data)
                     put(None)
                     return
-            raise SwatchError(f"{url}: is redirected more than {REDIRECTIONS_MAX} times")
+            raise SwatchError(f"{url}: more than {REDIRECTIONS_MAX} redirections")
     except BaseException as error:
         put(error)
 
 
 def _redirected(place: str, target: str) -> str:
-    """Where a redirection leads: to the web, and from https to https."""
+    """Return the target of a redirection: http or https, and only https from https."""
     try:
         found = urljoin(place, target)
     except ValueError:
-        raise SwatchError(f"{place}: is redirected to {printable(target, REASON_SHOWN)}: not an address") from None
+        raise SwatchError(f"{place}: is redirected to the invalid address {printable(target, REASON_SHOWN)}") from None
     schemes = ("https",) if urlsplit(place).scheme == "https" else ("http", "https")
     if urlsplit(found).scheme not in schemes:
-        raise SwatchError(f"{place}: is redirected to {printable(found, REASON_SHOWN)}, not to {' or '.join(schemes)}")
+        raise SwatchError(
+            f"{place}: is redirected to {printable(found, REASON_SHOWN)}; expected {' or '.join(schemes)}"
+        )
     return found
 
 
 def _continues(answer: Any, start: int) -> bool:
-    """Whether a partial answer begins where it was asked to."""
+    """Return whether a partial response starts at the requested position."""
     return str(answer.headers.get("Content-Range", "")).startswith(f"bytes {start}-")
 
 
 def _reason(error: BaseException) -> str:
-    """The innermost cause of a failed transfer, in a few words."""
+    """Return the innermost cause of a failed transfer."""
     cause = error
     while cause.__context__ is not None:
         cause = cause.__context__

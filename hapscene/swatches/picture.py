@@ -1,4 +1,4 @@
-"""Picture of a swatch: a ball with its own look, or with a relief made from its spectrum."""
+"""Picture of a swatch: a ball with its appearance, or with a relief computed from the spectrum of its texture."""
 
 import io
 import math
@@ -19,27 +19,28 @@ __all__ = ["BALL_PX", "ball_png", "plain_look"]
 Array = NDArray[np.float64]
 
 BALL_PX: Final = 72
-"""Width of a ball [pixels]."""
+"""Default width of a picture [pixels]."""
 
 BALL_M: Final = 0.012
-"""Width of the piece of surface that it shows [m]: periods of .3 to 6 mm, which a stroke makes audible, are seen."""
+"""Width of the surface on the ball [m]: it shows periods from 0.3 to 6 mm, which cause audible vibration in a
+stroke."""
 
 FINER: Final = 2
-"""Each pixel is the mean of so many squared [1]."""
+"""Rendered pixels per pixel along each side [1]."""
 
 TILE_PX: Final = 256
-"""Side of a relief made from a spectrum [pixels]; it shows `BALL_M`."""
+"""Size of a computed relief [pixels]; it shows `BALL_M`."""
 
 SLOPE: Final = 0.3
-"""Rms slope of the relief of a surface of `ROUGH_M_S2` [1]; others by the square root of their roughness."""
+"""RMS slope of the relief of a surface with `ROUGH_M_S2` [1]; it grows with the square root of the roughness."""
 
 ROUGH_M_S2: Final = 2.0
 
 LINE_DB: Final = 6.0
-"""How far a line stands out of a spectrum at least [dB]."""
+"""Minimum prominence of a spectral line [dB]."""
 
 PERIOD_M: Final = (1.5e-4, 8e-3)
-"""Least and largest period that is looked for [m]."""
+"""Range of detected periods [m]."""
 
 LIGHT: Final = np.array([-0.45, 0.6, 0.66])
 
@@ -48,7 +49,7 @@ Rgb = tuple[float, float, float]
 
 @lru_cache(maxsize=256)
 def ball_png(swatch: Swatch, colour: Rgb | None = None, px: int = BALL_PX) -> bytes:
-    """The ball on clear ground, as a PNG file's content; in another colour than the swatch's where one is given."""
+    """Return a PNG file of the ball on a transparent background; `colour` overrides the colour of the swatch."""
     from PIL import Image
 
     n = FINER * px
@@ -57,19 +58,19 @@ def ball_png(swatch: Swatch, colour: Rgb | None = None, px: int = BALL_PX) -> by
     x, y = np.where(inside, x, 0.0) / 0.97, np.where(inside, y, 0.0) / 0.97
     z = np.sqrt(1.0 - x**2 - y**2)
     look = swatch.look or plain_look(swatch)
-    u, v = np.arcsin(x) / math.pi * 2, np.arcsin(y) / math.pi * 2  # from −1 to 1 over what is seen
+    u, v = np.arcsin(x) / math.pi * 2, np.arcsin(y) / math.pi * 2  # from −1 to 1 over the visible part
     normal = _bent(np.stack([x, y, z], axis=2), _relief(swatch, look, u, v))
     albedo = look.albedo()
     flat = np.array(colour or swatch.albedo_rgb)
     base = np.broadcast_to(flat, (*x.shape, 3)) if albedo is None else _sampled(albedo, u, v, look.size_m)
     light = LIGHT / np.linalg.norm(LIGHT)
-    half = light + np.array([0.0, 0.0, 1.0])  # between the light and the eye
+    half = light + np.array([0.0, 0.0, 1.0])  # half vector between light and viewer
     half /= np.linalg.norm(half)
     diffuse = np.clip(normal @ light, 0.0, 1.0)
     width = 2.0 / max(look.roughness, 0.1) ** 4
     shine = np.clip(normal @ half, 0.0, 1.0) ** width * (1.0 - look.roughness) * 0.9
     shaded = base * (0.28 + 0.8 * diffuse)[..., None] + shine[..., None]
-    rim = np.hypot(x, y) > 0.94  # seen on light as on dark ground
+    rim = np.hypot(x, y) > 0.94  # visible on light and dark backgrounds
     shaded[rim] = 0.5
     pixels = np.dstack([np.clip(shaded, 0.0, 1.0), inside])
     pixels[..., :3] *= pixels[..., 3:]
@@ -81,13 +82,13 @@ def ball_png(swatch: Swatch, colour: Rgb | None = None, px: int = BALL_PX) -> by
 
 
 def plain_look(swatch: Swatch) -> Look:
-    """Of a swatch that says nothing of it: rough to the hand is matt to the eye."""
-    felt = figures(swatch).get("roughness_m_s2", 0.0)
-    return Look(roughness=float(np.clip(0.25 + 0.3 * math.log10(1.0 + 10.0 * felt), 0.25, 0.9)))
+    """Return the default appearance of a swatch: rough textures look matt."""
+    roughness = figures(swatch).get("roughness_m_s2", 0.0)
+    return Look(roughness=float(np.clip(0.25 + 0.3 * math.log10(1.0 + 10.0 * roughness), 0.25, 0.9)))
 
 
 def _sampled(picture: Array, u: Array, v: Array, size_m: float) -> Array:
-    """A picture that repeats, at places of the ball."""
+    """Sample a periodic picture at positions on the ball."""
     h, w = picture.shape[:2]
     column = np.floor(u * BALL_M / 2 / size_m * w).astype(int) % w
     row = np.floor(-v * BALL_M / 2 / size_m * h).astype(int) % h
@@ -95,7 +96,7 @@ def _sampled(picture: Array, u: Array, v: Array, size_m: float) -> Array:
 
 
 def _relief(swatch: Swatch, look: Look, u: Array, v: Array) -> Array:
-    """Slopes (…, 2) of the surface over its tangents."""
+    """Return the slopes (…, 2) of the surface along its tangents."""
     normal = look.normal()
     if normal is not None:
         n = _sampled(normal, u, v, look.size_m)
@@ -103,38 +104,38 @@ def _relief(swatch: Swatch, look: Look, u: Array, v: Array) -> Array:
     texture = swatch.texture
     if texture is None:
         return np.zeros((*u.shape, 2))
-    felt = swatch.parameter("lpc_texture", "texture_gain", 1.0) * figures(swatch)["roughness_m_s2"]
-    slope = SLOPE * min(math.sqrt(felt / ROUGH_M_S2), 1.7)
+    roughness = swatch.parameter("lpc_texture", "texture_gain", 1.0) * figures(swatch)["roughness_m_s2"]
+    slope = SLOPE * min(math.sqrt(roughness / ROUGH_M_S2), 1.7)
     return _sampled(slope * _slopes(texture), u, v, BALL_M)
 
 
 @lru_cache(maxsize=256)
 def _slopes(texture: Texture) -> Array:
-    """Slopes (n, n, 2) of rms 1 of a height field that has the texture's spectrum at a stroke's force and speed.
+    """Return slopes (n, n, 2) with rms 1 of a height field with the spectrum of a texture at a stroke.
 
-    What vibrates at f under a speed v repeats every v/f, and is (2π f)² lower in height than in acceleration.
+    A vibration at frequency f and speed v has the period v/f; its height is its acceleration divided by (2π f)².
     """
     force, speed = min(FORCE_N, texture.force_max_N), min(SPEED_M_S, texture.speed_max_m_s)
     period = _period_m(texture, force)
-    if period is not None:  # grooves, side by side
+    if period is not None:  # parallel grooves
         count = max(round(BALL_M / period), 1)
         across = math.sqrt(2) * np.sin(2 * np.pi * count * np.arange(TILE_PX) / TILE_PX)
         return np.asarray(np.stack([np.tile(across, (TILE_PX, 1)), np.zeros((TILE_PX, TILE_PX))], axis=2))
     f = np.geomspace(20.0, 1000.0, 500)
-    power = texture.density([force], [speed], frequency_Hz=f)[0] * f  # over equal steps of the logarithm
+    power = texture.density([force], [speed], frequency_Hz=f)[0] * f  # power per logarithmic frequency interval
     wave = np.fft.fftfreq(TILE_PX, BALL_M / TILE_PX)
     qx, qy = np.meshgrid(wave, wave)
     q = np.hypot(qx, qy)
     q[0, 0] = np.inf
     level = np.interp(np.log(q * speed), np.log(f), np.log(power), left=-np.inf, right=-np.inf)
-    height = np.sqrt(np.exp(level)) / (q * speed) ** 3  # of density over the plane: power/(f f⁴) over q
+    height = np.sqrt(np.exp(level)) / (q * speed) ** 3  # density over the plane: power/(f f⁴) divided by q
     phase = np.fft.fft2(np.random.default_rng(7).standard_normal((TILE_PX, TILE_PX)))
     made = np.stack([np.fft.ifft2(2j * np.pi * k * height * phase).real for k in (qx, qy)], axis=2)
     return np.asarray(made / max(float(np.sqrt(np.mean(made**2) * 2)), 1e-300))
 
 
 def _period_m(texture: Texture, force_N: float) -> float | None:
-    """Period [m] of a profile that repeats: its line moves in proportion to the speed, as no tool's resonance does."""
+    """Return the period of a periodic profile [m] or None; unlike resonances, its frequency grows with the speed."""
     q = np.geomspace(1.0 / PERIOD_M[1], 1.0 / PERIOD_M[0], 800)
     lines = []
     for v in (texture.speed_max_m_s, texture.speed_max_m_s / 2):
@@ -145,7 +146,7 @@ def _period_m(texture: Texture, force_N: float) -> float | None:
 
 
 def _bent(normal: Array, slope: Array) -> Array:
-    """Unit normals (…, 3) of a ball, bent by slopes (…, 2) along its tangents to the right and up."""
+    """Return the unit normals (…, 3) of a ball, tilted by slopes (…, 2) along its tangents to the right and up."""
     right = np.stack([normal[..., 2], np.zeros(normal.shape[:2]), -normal[..., 0]], axis=2)
     right /= np.maximum(np.linalg.norm(right, axis=2, keepdims=True), 1e-9)
     up = np.cross(normal, right)

@@ -1,4 +1,4 @@
-// Finds swatches of the page by words, each anywhere in what is told of them; without it, all are there.
+// Search: shows the swatches whose text contains all words. Without this script all swatches are visible.
 const find = document.querySelector(".find");
 const [input, count] = [find.querySelector("input"), find.querySelector("output")];
 const tiles = [...document.querySelectorAll(".tile")].map(tile => [tile, tile.textContent.toLowerCase()]);
@@ -11,6 +11,6 @@ function show() {
 
 input.addEventListener("input", show);
 find.hidden = false;
-show();  // what was typed before is there again when one comes back
+show();  // browsers restore the input when the user navigates back
 if (location.protocol.startsWith("http"))
   document.querySelector(".here").textContent = new URL(".", location.href).href;

@@ -1,7 +1,7 @@
-"""Static site of a library: one page of all swatches, one page for each, with pictures, sounds, files and the index.
+"""Static web site of a swatch library: a page of all swatches and a page for each, with pictures, sounds and files.
 
-`hapscene swatch publish` writes it. Any web server can host the folder, and the pages open as files too; they load
-nothing from elsewhere. `hapscene swatch get` reads the index. Names and texts come from strangers: all are escaped.
+`hapscene swatch publish` writes it. Any web server can host it, and the pages can be opened as files. They load no
+external resources. `hapscene swatch get` reads the index. All names and texts are untrusted and escaped.
 """
 
 import base64
@@ -56,36 +56,36 @@ PAGE: Final = "index.html"
 TITLE: Final = "Haptic swatches"
 
 TITLE_MAX: Final = 70
-"""Longest title of a page in a browser's tab [characters]: search engines show no more either."""
+"""Maximum length of a page title [characters], which is also what search engines show."""
 
 MARK: Final = "<!-- made by hapscene swatch publish -->"
-"""Mark of the first page, by which a folder that was published before is recognised: its files may be replaced."""
+"""Mark of the first page, which identifies a folder that was published before: its files may be replaced."""
 
 MADE: Final = (SUFFIX, ".html", ".wav", "-body.png", "-ball.png")
-"""Endings of the files that are written for each swatch."""
+"""Suffixes of the files of each swatch."""
 
-NO_LICENCE: Final = "no licence stated: ask before you use it"
+NO_LICENCE: Final = "no licence stated: ask for permission before use"
 
 BALL_LARGE_PX: Final = 300
-"""Width of the ball that replaces the painted body where OpenGL is not available [pixels]."""
+"""Width of the ball that replaces the painted body if OpenGL is not available [pixels]."""
 
 PAGE_BYTES_MAX: Final = 64 * 1024 * 1024
-"""Largest page of an earlier publication that is read [bytes]."""
+"""Maximum size of a page from an earlier publication [bytes]."""
 
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src 'self'; media-src 'self'"
-"""Content security policy: even if a text were not escaped, nothing could run or be fetched."""
+"""Content security policy: a second protection, in case a text is not escaped."""
 
 ASSUMED: Final = {"hardness": "stiffness_N_m", "texture": "texture", "friction": "friction_dynamic", "taps": "taps"}
-"""Key in `Swatch.absent` of the reason why a quality was not measured."""
+"""Key in `Swatch.absent` for each quality."""
 
-HEARD: Final = (
-    f"Each sound is a tap at {1e3 * TAP_M_S:g} mm/s, and from {START_S:g} s on a stroke at {FORCE_N:g} N and "
-    f"{1e3 * SPEED_M_S:g} mm/s: the acceleration of the tool’s handle. All have one scale."
+SOUND_NOTE: Final = (
+    f"Each sound is the acceleration of the handle during a tap at {1e3 * TAP_M_S:g} mm/s and, after {START_S:g} s, a "
+    f"stroke with {FORCE_N:g} N at {1e3 * SPEED_M_S:g} mm/s. All sounds have the same scale."
 )
 
 
 class Source(NamedTuple):
-    """A swatch to be published, the content of its file, and its tags."""
+    """A swatch to publish: the swatch, the content of its file, and its tags."""
 
     swatch: Swatch
     data: bytes
@@ -98,9 +98,9 @@ def gather(
     """Read the swatches to publish, with their tags.
 
     Args:
-        names: names or .swatch files; none for the whole library with its folders, whose names become tags.
-        library: the library's folder, None for the user's own.
-        shipped: include the swatches that come with hapscene.
+        names: names or .swatch files. Default: the whole library including its folders, whose names become tags.
+        library: folder of the library; None for the user's library.
+        shipped: include the shipped swatches.
 
     Raises:
         SwatchError: an unknown name, a file that cannot be read, a name that occurs twice, or nothing to publish.
@@ -114,15 +114,15 @@ def gather(
     tags |= own
     found = [_read(swatch_place(name, library), tags.get(name, ())) for name in wanted]
     if not found:
-        raise SwatchError(f"the library in {homes[0]} is empty: name swatches to publish, or --shipped")
+        raise SwatchError(f"the library in {homes[0]} is empty: name swatches to publish, or use --shipped")
     called = [source.swatch.name for source in found]
     if double := next((name for name in called if called.count(name) > 1), None):
-        raise SwatchError(f"two swatches are called {double!r}: a library has each name once")
+        raise SwatchError(f"two swatches have the name {double!r}; names must be unique")
     return sorted(found, key=lambda source: source.swatch.name.casefold())
 
 
 def _read(place: Traversable, tags: tuple[str, ...]) -> Source:
-    """Read a swatch with the exact bytes of its file."""
+    """Read a swatch and the bytes of its file."""
     with as_file(place) as path, refusing(SwatchError):
         data = read_bytes(path, BYTES_MAX, "swatch")
     with refusing(SwatchError, place):
@@ -135,13 +135,13 @@ def publish(
     title: str = TITLE,
     say: Callable[[str], None] = lambda text: None,
 ) -> list[LibraryEntry]:
-    """Write the site of a library: all of it or nothing.
+    """Write the web site of a library, completely or not at all.
 
-    An existing folder keeps the files of others; the files of an earlier publication are replaced or removed.
+    Other files in an existing folder are kept; files of an earlier publication are replaced or removed.
 
     Args:
-        sources: what to publish, from `gather`.
-        folder: created if it does not exist.
+        sources: swatches from `gather`.
+        folder: target folder; created if missing.
         title: title of the first page.
         say: receives progress messages.
 
@@ -149,10 +149,10 @@ def publish(
         The entries of the index.
 
     Raises:
-        SwatchError: the folder has files of others under these names, or it cannot be written.
+        SwatchError: the folder contains other files with the same names, or cannot be written.
     """
     folder = Path(folder)
-    before = _made_before(folder)
+    before = _published_files(folder)
     entries: list[LibraryEntry] = []
     taken = {f"index{SUFFIX}"}
     for source in sources:
@@ -160,7 +160,9 @@ def publish(
         taken.add(entries[-1].file.casefold())
     made = _files_of(entries)
     if foreign := sorted(name for name in made - before if os.path.lexists(folder / name)):
-        raise SwatchError(f"{folder / foreign[0]}: is there and was not published: give a folder without it")
+        raise SwatchError(
+            f"{folder / foreign[0]}: exists, but is not part of an earlier publication: choose another folder"
+        )
     swatches = [source.swatch for source in sources]
     scale = scale_of(swatches)
     try:
@@ -177,12 +179,12 @@ def publish(
 
 
 def _files_of(entries: Iterable[LibraryEntry]) -> set[str]:
-    """Names of all files of a site."""
+    """Return the names of all files of a site."""
     return {PAGE, INDEX, *(entry.file.removesuffix(SUFFIX) + end for entry in entries for end in MADE)}
 
 
-def _made_before(folder: Path) -> set[str]:
-    """Names of the files that an earlier publication wrote there."""
+def _published_files(folder: Path) -> set[str]:
+    """Return the names of the files of an earlier publication."""
     if not (folder / PAGE).is_file() or not (folder / INDEX).is_file():
         return set()
     with refusing(SwatchError):
@@ -215,15 +217,15 @@ def _write_swatch(source: Source, entry: LibraryEntry, scale: "Scale", part: Pat
 
 
 def first_page(swatches: Sequence[Swatch], entries: Sequence[LibraryEntry], title: str = TITLE) -> str:
-    """HTML of the page of all swatches."""
+    """Return the HTML of the first page."""
     script = _resource("js")
     tiles = "\n".join(_tile(swatch, entry) for swatch, entry in zip(swatches, entries, strict=True))
     address = '<span class="here">ADDRESS-OF-THIS-PAGE</span>'
     body = [
         MARK,
         f"<main><h1>{_text(title)}</h1>",
-        f'<p class="lead">{len(entries)} surface{"s" * (len(entries) != 1)} to feel. {HEARD}</p>',
-        f"<p>Copy one into your own library: <code>hapscene swatch get NAME --from {address}</code></p>",
+        f'<p class="lead">{len(entries)} swatch{"es" * (len(entries) != 1)}. {SOUND_NOTE}</p>',
+        f"<p>Copy a swatch to your library: <code>hapscene swatch get NAME --from {address}</code></p>",
         '<search class="find" hidden><label for="words">Find</label><input id="words" type="search" '
         'placeholder="rough wood CC0"><output for="words"></output></search>',
         f'<ul class="tiles">\n{tiles}\n</ul></main>',
@@ -236,7 +238,7 @@ def first_page(swatches: Sequence[Swatch], entries: Sequence[LibraryEntry], titl
 def swatch_page(
     swatch: Swatch, entry: LibraryEntry, plots: Sequence[str], size: tuple[int, int], title: str = TITLE
 ) -> str:
-    """HTML of the page of one swatch; `size` is that of its picture [pixels]."""
+    """Return the HTML of the page of a swatch; `size` is that of its picture [pixels]."""
     stem = quote(entry.file.removesuffix(SUFFIX))
     body_alt = escape(printable(f"A body painted with {swatch.name}"))
     rows = "".join(_row(swatch, phrase) for phrase in phrases(swatch))
@@ -244,7 +246,7 @@ def swatch_page(
         ("provenance", _text(swatch.provenance) or "not stated"),
         ("licence", _licence(swatch)),
         ("touched with", _text(touched_with(swatch)) or "not stated"),
-        ("words", _tags(entry) or "none"),
+        ("tags", _tags(entry) or "no tags"),
         ("file", f'<a href="{stem}{SUFFIX}" download>{escape(entry.file)}</a>, {entry.bytes:,} bytes'),
         ("sha256", f"<code>{entry.sha256}</code>"),
     ]
@@ -253,16 +255,16 @@ def swatch_page(
         f'<main><h1>{_text(swatch.name)}</h1><p class="lead">{", ".join(p.word for p in phrases(swatch))}</p>',
         f'<h2>Pictures</h2><div class="plots"><figure class="body"><img src="{stem}-body.png" alt="{body_alt}" '
         f'width="{size[0]}" height="{size[1]}"></figure>{"".join(plots)}</div>',
-        f"<h2>Sound</h2><p>{HEARD}</p>{_audio(stem, swatch)}",
-        f'<h2>In words</h2><div class="table"><table><tbody>{rows}</tbody></table></div>',
+        f"<h2>Sound</h2><p>{SOUND_NOTE}</p>{_audio(stem, swatch)}",
+        f'<h2>Description</h2><div class="table"><table><tbody>{rows}</tbody></table></div>',
         f"<h2>Source</h2><dl>{''.join(f'<dt>{a}</dt><dd>{b}</dd>' for a, b in where)}</dl>",
-        f"<h2>All numbers</h2><pre>{_numbers(swatch)}</pre></main>",
+        f"<h2>All parameters</h2><pre>{_numbers(swatch)}</pre></main>",
     ]
     return _document(f"{swatch.name}: {title}", body, POLICY)
 
 
 def _document(title: str, body: Iterable[str], policy: str) -> str:
-    """A page of its title, escaped here, and its parts, taken as they are."""
+    """Return a page; the title is escaped here, the parts of the body must be HTML."""
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
@@ -298,20 +300,20 @@ def _tags(entry: LibraryEntry) -> str:
 
 def _row(swatch: Swatch, phrase: Phrase) -> str:
     reason = swatch.absent.get(ASSUMED[phrase.quality], "")
-    figure = _text(phrase.figure + (f" (assumed, not measured: {reason})" if reason else ""))
+    figure = _text(f"{phrase.figure} (assumed: {reason})" if phrase.figure and reason else phrase.figure or reason)
     head = f'<tr><th scope="row">{phrase.quality}</th><td class="value">{phrase.word}</td>'
     return f'{head}<td class="figure">{figure}</td></tr>'
 
 
 def _numbers(swatch: Swatch) -> str:
-    """The summary of a swatch in lines, without what stands above it on the page."""
+    """Return the summary of a swatch without the lines that the page shows elsewhere."""
     above = tuple(f"  {what} " for what in ("provenance", "licence", *TOOL_FIELDS))
     kept = (line for line in lines(swatch)[2:] if not line.startswith(above))
     return escape("\n".join(printable(line).rstrip() for line in kept))
 
 
 def _text(text: str) -> str:
-    """A text from a file, escaped, and isolated from the writing direction of its surroundings."""
+    """Escape a text from a file and isolate its writing direction."""
     line = printable(" ".join(text.split()))
     return f"<bdi>{escape(line)}</bdi>" if line else ""
 
@@ -324,34 +326,34 @@ def _resource(kind: str) -> str:
 
 
 STROKES: Final = ((0.5, 0.05, (0, (1, 1.2))), (1.0, 0.1, "-"), (2.0, 0.2, (0, (6, 2))))
-"""Strokes whose spectra are drawn: normal force [N], slip speed [m/s], dash. Colours are left to the swatches."""
+"""Strokes of the plotted spectra: normal force [N], slip speed [m/s], line style."""
 
 STYLE: Final = {"axes.titlesize": 10, "legend.fontsize": 8.5, "lines.linewidth": 1.4}
-"""Differences from the style of other charts."""
+"""Differences from the common chart style."""
 
 RANGE_DB: Final = 70.0
-"""Range of the spectra below the highest of the site [dB]."""
+"""Dynamic range of the plotted spectra [dB]."""
 
 TAP_MS: Final = 60.0
-"""Length of a tap in its plot [ms]."""
+"""Plotted length of a tap [ms]."""
 
 BODY_PX: Final = 400
 """Width of the painted body [pixels]."""
 
 DRAWN_PX: Final = (800, 720)
-"""Size that it is rendered at, for smooth edges [pixels]."""
+"""Size of the rendering before reduction, for smooth edges [pixels]."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Axes that all swatches of a site share, for comparison: highest level [dB], tap [m/s²]."""
+    """Common axis limits of all swatches of a site: maximum level [dB] and acceleration of taps [m/s²]."""
 
     top_dB: float
     tap_m_s2: float
 
 
 def scale_of(swatches: Sequence[Swatch]) -> Scale:
-    """Axes that hold all of these swatches."""
+    """Return axis limits for these swatches."""
     levels = [level_dB.max() for swatch in swatches for level_dB, _ in _spectra(swatch).values()]
     taps = [float(np.abs(s.taps.transient(TAP_M_S, ACCELERATION_RATE_HZ)).max()) for s in swatches if s.taps]
     top = 10.0 * np.ceil(max(levels, default=0.0) / 10.0)
@@ -359,7 +361,7 @@ def scale_of(swatches: Sequence[Swatch]) -> Scale:
 
 
 def painted_body(swatch: Swatch) -> NDArray[np.uint8] | None:
-    """The shipped toad, painted with the swatch: RGBA pixels on transparent ground; None where OpenGL is missing."""
+    """Render the shipped toad with the swatch: RGBA pixels; None if OpenGL is not available."""
     from PIL import Image
     from scipy.ndimage import binary_erosion
 
@@ -376,8 +378,8 @@ def painted_body(swatch: Swatch) -> NDArray[np.uint8] | None:
         with Image.open(Path(folder) / "body.png") as picture:
             pixels = np.asarray(picture.convert("RGB"))
     ground = (pixels == pixels[0, 0]).all(axis=2)
-    height = len(pixels) if ground[:, 0].all() else int(np.argmin(ground[:, 0]))  # below it is the legend
-    body = binary_erosion(~ground[:height])  # without the rim, which is mixed with the ground
+    height = len(pixels) if ground[:, 0].all() else int(np.argmin(ground[:, 0]))  # the legend is below
+    body = binary_erosion(~ground[:height])  # removes edge pixels, which contain background
     rows, columns = np.flatnonzero(body.any(axis=1)), np.flatnonzero(body.any(axis=0))
     cut = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     whole = np.dstack((pixels[:height], 255 * body.astype(np.uint8)))[cut]
@@ -386,8 +388,8 @@ def painted_body(swatch: Swatch) -> NDArray[np.uint8] | None:
 
 
 def _plots(swatch: Swatch, scale: Scale) -> list[str]:
-    """Figures of spectra and tap, as HTML with inline SVG."""
-    spectra = "Spectra of the texture for a light, a plain and a brisk stroke."
+    """Return the figures of spectra and tap as HTML with inline SVG."""
+    spectra = "Spectra of the texture for a light, a medium and a fast stroke."
     tap = f"Acceleration of the handle during a tap at {1e3 * TAP_M_S:g} mm/s."
     return [_figure("Spectra", spectra, _draw_spectra, swatch, scale), _figure("Tap", tap, _draw_tap, swatch, scale)]
 
@@ -403,7 +405,7 @@ def _figure(
 
 
 def _draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
-    """Spectra of the texture at `STROKES`."""
+    """Draw the spectra of the texture at `STROKES`."""
     for label, (level_dB, dash) in _spectra(swatch).items():
         axes.semilogx(_frequencies(), level_dB, color=INK, linestyle=dash, label=label)
     axes.set(xlim=ACCELERATION_BAND_HZ, ylim=(scale.top_dB - RANGE_DB, scale.top_dB))
@@ -417,7 +419,7 @@ def _draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
 
 
 def _draw_tap(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
-    """Acceleration of a tap over time."""
+    """Draw the acceleration of a tap over time."""
     count = round(1e-3 * TAP_MS * ACCELERATION_RATE_HZ)
     wave = np.zeros(count)
     if swatch.taps is not None:
@@ -428,7 +430,7 @@ def _draw_tap(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
 
 
 def _spectra(swatch: Swatch) -> dict[str, tuple[NDArray[np.float64], object]]:
-    """Level [dB] and dash of each stroke by its label; strokes that the texture clamps to the same are one."""
+    """Return level [dB] and line style of each stroke by label; strokes beyond the range of the texture are merged."""
     texture, found = swatch.texture, dict[str, tuple[NDArray[np.float64], object]]()
     if texture is None:
         return found

@@ -1,4 +1,4 @@
-"""Sound of a swatch: one tap, then a stroke at a given force and speed, as WAV."""
+"""Sound of a swatch as WAV: a tap, then a stroke at constant force and speed."""
 
 import io
 from dataclasses import dataclass
@@ -17,17 +17,17 @@ from hapscene.view.sound import FADE_S, PEAK_DBFS
 __all__ = ["START_S", "Sound", "swatch_sound", "wav_bytes"]
 
 STROKE_S: Final = 1.5
-"""Length of a stroke unless told otherwise [s]: long enough to tell two textures apart."""
+"""Default length of the stroke [s]: long enough to distinguish two textures."""
 
 START_S: Final = 0.25
-"""From the tap to where the stroke begins [s]: the tap is heard by itself."""
+"""Start of the stroke after the tap [s], so that the tap is audible separately."""
 
 EASE_S: Final = 0.15
-"""How long the stroke takes to reach its speed, and to end [s]."""
+"""Duration of acceleration and deceleration of the stroke [s]."""
 
 FULL_SCALE_M_S2: Final = 20.0
-"""Acceleration at full scale [m/s²]: a rough texture (2 m/s² rms) sounds at −20 dBFS, the usual level of speech. The
-same for all swatches, so that a smooth one is heard to be quieter; what is louder than full scale is turned down."""
+"""Acceleration at full scale [m/s²]: a rough texture (2 m/s² rms) has −20 dBFS, the usual level of speech. The scale is
+the same for all swatches, so that their levels can be compared; sounds above full scale are attenuated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +36,6 @@ class Sound:
 
     a_m_s2: NDArray[np.float64]
     rate_Hz: float
-
-    def __repr__(self) -> str:
-        return f"<Sound: {len(self.a_m_s2) / self.rate_Hz:.3g} s at {self.rate_Hz:g} Hz>"
 
 
 def swatch_sound(
@@ -49,15 +46,15 @@ def swatch_sound(
     approach_m_s: float = TAP_M_S,
     rate_Hz: float = ACCELERATION_RATE_HZ,
 ) -> Sound:
-    """What a tool's handle does that taps a swatch, then strokes it; with the swatch's own gains.
+    """Synthesise the acceleration of a handle that taps on a swatch and then strokes it, with the gains of the swatch.
 
     Args:
-        swatch: as it is tuned.
-        force_N: pressed with while it is stroked; clamped to what its texture was made for.
-        speed_m_s: stroked at, likewise.
-        seconds: how long.
-        approach_m_s: tapped at; 0 for no tap.
-        rate_Hz: of the samples.
+        swatch: the swatch.
+        force_N: normal force of the stroke [N], limited to the range of the texture.
+        speed_m_s: speed of the stroke [m/s], limited to the range of the texture.
+        seconds: length of the stroke [s].
+        approach_m_s: speed of the tap [m/s]; 0 for no tap.
+        rate_Hz: sample rate [Hz].
     """
     start, count = round(START_S * rate_Hz), round(seconds * rate_Hz)
     a = np.zeros(start + count)
@@ -77,7 +74,7 @@ def swatch_sound(
 
 
 def wav_bytes(sound: Sound) -> bytes:
-    """A sound as WAV, mono, 16 bit, its end faded. Silence stays silent."""
+    """Convert a sound to WAV: mono, 16 bit, with a fade at the end."""
     a_m_s2 = sound.a_m_s2.copy()
     ramp = np.linspace(0.0, 1.0, round(FADE_S * sound.rate_Hz), endpoint=False)
     a_m_s2[len(a_m_s2) - len(ramp) :] *= ramp[::-1]

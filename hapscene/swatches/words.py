@@ -1,4 +1,4 @@
-"""A swatch in words, each with the figure that it stands for: hardness, texture, friction and taps."""
+"""Verbal description of a swatch: hardness, texture, friction and taps, each with its figure."""
 
 from typing import Final, NamedTuple
 
@@ -10,22 +10,16 @@ from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S, figures
 __all__ = ["Phrase", "phrases"]
 
 LOUDNESS: Final = ((1.5, "faint"), (4.0, "soft"), (12.0, "clear"), (np.inf, "loud"))
-"""Taps by their amplitude at 0.1 m/s [m/s²]: steps of 9 dB, three to four of those that are surely told apart (2 to 3
-dB, Israr et al. 2006); under the first a tap is hardly more than ten times what can be felt (about 0.1 m/s²)."""
+"""Loudness of taps by their amplitude at 0.1 m/s [m/s²], in steps of 9 dB: three to four just noticeable differences
+(2 to 3 dB, Israr et al. 2006). "faint" is less than about fifteen times the detection threshold (0.1 m/s²)."""
 
 PITCH: Final = ((42.0, "dull"), (173.0, "knocking"), (np.inf, "ringing"))
-"""Taps by their frequency [Hz]: the bounds lie half way, in octaves, between the rubber (18 Hz), wood (100 Hz) and
+"""Pitch of taps by their frequency [Hz]. The bounds are geometric means between rubber (18 Hz), wood (100 Hz) and
 aluminium (300 Hz) of Okamura, Cutkosky & Dennerlein 2001."""
 
 
 class Phrase(NamedTuple):
-    """One thing that is said of a swatch.
-
-    Attributes:
-        quality: what it is about: "hardness", "texture", "friction", "taps".
-        word: "firm".
-        figure: with its unit: "650 N/m".
-    """
+    """Description of one quality of a swatch: a word such as "firm", and a figure such as "650 N/m" or ""."""
 
     quality: str
     word: str
@@ -33,24 +27,27 @@ class Phrase(NamedTuple):
 
 
 def phrases(swatch: Swatch) -> tuple[Phrase, ...]:
-    """Hardness, texture, friction and taps of a swatch, as it is tuned."""
+    """Describe hardness, texture, friction and taps of a swatch with its current settings."""
     found = figures(swatch)
     (hard,) = words({"stiffness_N_m": swatch.stiffness_N_m})
     (slick,) = words({"friction_dynamic": swatch.friction_dynamic})
-    said = [
+    # an assumed friction must not be described as if it were measured: the default 0 would be "slippery"
+    slick = "friction not measured" if "friction_dynamic" in swatch.absent else slick
+    return (
         Phrase("hardness", hard, f"{swatch.stiffness_N_m:.3g} N/m"),
         _texture(swatch, found),
         Phrase("friction", slick, f"µ {swatch.friction_dynamic:.2g}, {swatch.friction_static:.2g} at rest"),
         _taps(swatch, found),
-    ]
-    return tuple(said)
+    )
 
 
 def _texture(swatch: Swatch, found: dict[str, float]) -> Phrase:
     texture = swatch.texture
     gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)
-    if texture is None or gain == 0.0:
-        return Phrase("texture", "silent", "no texture" if texture is None else "texture gain 0")
+    if texture is None:
+        return Phrase("texture", "texture not measured" if "texture" in swatch.absent else "no texture", "")
+    if gain == 0.0:
+        return Phrase("texture", "no texture", "texture gain 0")
     roughness = gain * found["roughness_m_s2"]
     (word,) = words({"roughness_m_s2": roughness})
     force_N, speed_m_s = min(FORCE_N, texture.force_max_N), min(SPEED_M_S, texture.speed_max_m_s)
@@ -59,8 +56,10 @@ def _texture(swatch: Swatch, found: dict[str, float]) -> Phrase:
 
 def _taps(swatch: Swatch, found: dict[str, float]) -> Phrase:
     gain = swatch.parameter("tap", "tap_gain", 1.0)
-    if swatch.taps is None or gain == 0.0:
-        return Phrase("taps", "no taps", "none" if swatch.taps is None else "tap gain 0")
+    if swatch.taps is None:
+        return Phrase("taps", "taps not measured" if "taps" in swatch.absent else "no taps", "")
+    if gain == 0.0:
+        return Phrase("taps", "no taps", "tap gain 0")
     amplitude, frequency = gain * found["tap_m_s2"], found["tap_Hz"]
     word = f"{_step(LOUDNESS, amplitude)} {_step(PITCH, frequency)} taps"
     return Phrase("taps", word, f"{amplitude:.2g} m/s², {frequency:.3g} Hz at {TAP_M_S:g} m/s")

@@ -1,4 +1,4 @@
-"""What was felt, for the eye and the ear: plots, pictures, films, sound. Knows the core; the core knows none of it."""
+"""Plots, pictures, films, sound and a window for recorded touches."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Where a picture is taken from: an orthographic camera that goes around the scene, and holds all of it."""
+"""Placement of an orthographic camera that shows the whole scene and can move around it."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -6,37 +6,37 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["MARGIN", "facing", "looks", "place", "pose_of", "seen_size"]
+__all__ = ["MARGIN", "facing", "fit_cameras", "orbit", "pose_of", "visible_size"]
 
 VIEW_FROM: Final = (0.35, -1.0, 0.75)
-"""Direction from the scene to the camera: from the front, above, a little from the right."""
+"""Direction from the scene to the camera: in front, above, slightly to the right."""
 
 MARGIN: Final = 1.08
-"""How much wider than the scene the picture is [1]."""
+"""Ratio of the width of the picture to that of the scene [1]."""
 
 Extent = tuple[float, float, float]
 
 
-def looks(turns_rad: Sequence[float]) -> list[NDArray[np.float64]]:
-    """Rotations R_SC (3, 3) of a camera that has gone around z by each of these angles."""
+def orbit(turns_rad: Sequence[float]) -> list[NDArray[np.float64]]:
+    """Return the rotations R_SC (3, 3) of a camera that is turned about z by each of these angles."""
     R = facing(np.array(VIEW_FROM), (0.0, 0.0, 1.0))
     return [_about_z(angle) @ R for angle in turns_rad]
 
 
-def seen_size(points_m: NDArray[np.float64], R_SC: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
-    """Width and height of what all these looks see of the points (k, 3) [m]."""
+def visible_size(points_m: NDArray[np.float64], R_SC: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
+    """Return width and height of the points (k, 3) [m], seen by all these cameras."""
     low_m, high_m = _seen(points_m, R_SC)
     width_m, height_m, _ = np.maximum(high_m - low_m, 1e-9)
     return float(width_m), float(height_m)
 
 
-def place(
+def fit_cameras(
     points_m: NDArray[np.float64], R_SC: Sequence[NDArray[np.float64]], size: tuple[int, int]
 ) -> tuple[list[NDArray[np.float64]], Extent, float]:
-    """Cameras that just hold the points (k, 3) in a picture of `size` pixels.
+    """Place cameras so that the points (k, 3) fill a picture of `size` pixels.
 
     Returns:
-        A pose X_SC for each look; half width, half height and range of their view [m]; the size of a pixel [m].
+        The pose X_SC of each camera; half width, half height and depth of the view [m]; the size of a pixel [m].
     """
     low_m, high_m = _seen(points_m, R_SC)
     span_m = np.maximum(high_m - low_m, 1e-9)
@@ -50,13 +50,13 @@ def place(
 def _seen(
     points_m: NDArray[np.float64], R_SC: Sequence[NDArray[np.float64]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest and highest of the points in the cameras' axes (3,), over all looks."""
-    seen_m = [R.T @ points_m.T for R in R_SC]  # a row per axis: along it least and greatest are found ten times as fast
+    """Return the lowest and highest coordinates (3,) of the points in the frames of all cameras."""
+    seen_m = [R.T @ points_m.T for R in R_SC]  # one row per axis: minima along rows are ten times as fast
     return np.min([s.min(axis=1) for s in seen_m], axis=0), np.max([s.max(axis=1) for s in seen_m], axis=0)
 
 
 def facing(direction: NDArray[np.float64], up: tuple[float, float, float] | None = None) -> NDArray[np.float64]:
-    """A rotation (3, 3) that turns z to `direction` (3,), and y as near as it gets to `up`: else to the axis across."""
+    """Return a rotation (3, 3) whose z axis is `direction` (3,) and whose y axis is close to `up`, if given."""
     z = direction / np.linalg.norm(direction)
     x = np.cross(np.eye(3)[np.argmin(np.abs(z))] if up is None else np.array(up), z)
     x /= np.linalg.norm(x)
@@ -64,7 +64,7 @@ def facing(direction: NDArray[np.float64], up: tuple[float, float, float] | None
 
 
 def pose_of(R: NDArray[np.float64], p_m: ArrayLike = 0.0) -> NDArray[np.float64]:
-    """The pose (4, 4) of a rotation (3, 3), which may stretch too, and a place (3,) [m]."""
+    """Return the pose (4, 4) of a rotation (3, 3), which may also scale, and a position (3,) [m]."""
     X = np.eye(4)
     X[:3, :3], X[:3, 3] = R, p_m
     return X

@@ -1,4 +1,4 @@
-"""Charts in one style, each on light and on dark ground: as PNG, or as a drawing inside an HTML page."""
+"""Charts in a common style for light and dark backgrounds, as PNG or as SVG in HTML pages."""
 
 import html
 import io
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 __all__ = ["dark_twin", "inline_svg", "new_chart", "picture", "save_both", "save_chart", "turn_dark"]
 
 GREY_SPREAD: Final = 0.06
-"""Colours whose red, green and blue differ by less are greys: page, ink, grid. What is more colourful tells
-categories apart, and can be seen on both grounds."""
+"""Maximum difference of the channels of a grey [1]. Greys are background, text and grid; more saturated colours mark
+categories and are visible on both backgrounds."""
 
 _PARTS: Final = ("color", "facecolor", "edgecolor", "markerfacecolor", "markeredgecolor")
-"""What of an artist may have a colour."""
+"""Colour properties of matplotlib artists."""
 
 
 @contextmanager
@@ -36,18 +36,18 @@ def new_chart(
     *,
     layout: Literal["constrained"] | None = "constrained",
 ) -> Iterator["Figure"]:
-    """A figure to be drawn on in the style of all charts, without a window.
+    """Context manager: create a figure in the common style, without a window.
 
     Args:
-        width_in, height_in: its size [in].
-        title: stands over it.
-        style: what differs from `CHART_STYLE`, as matplotlib's rc parameters.
-        layout: matplotlib's, which fits axes to their labels; None leaves them where they are put.
+        width_in, height_in: size [in].
+        title: title of the figure.
+        style: matplotlib rc parameters that override `CHART_STYLE`.
+        layout: layout engine of matplotlib; None for fixed positions.
     """
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context(cast(Any, {**CHART_STYLE, **(style or {})})):  # its type lists every key by name
+    with rc_context(cast(Any, {**CHART_STYLE, **(style or {})})):  # the stub lists every key as a literal
         figure = Figure(figsize=(width_in, height_in), layout=layout)
         if title:
             figure.suptitle(printable(title), x=0.01, ha="left")
@@ -55,7 +55,7 @@ def new_chart(
 
 
 def save_chart(figure: "Figure", path: str | Path, dpi: int = 110, dark: bool = False) -> Path:
-    """Write a figure that was drawn for light ground as PNG; with `dark` it is turned dark, and stays it.
+    """Write a figure as PNG. With `dark`, convert it to a dark background first; the conversion modifies the figure.
 
     Raises:
         OSError: the folder is missing or cannot be written.
@@ -68,38 +68,38 @@ def save_chart(figure: "Figure", path: str | Path, dpi: int = 110, dark: bool = 
 
 
 def save_both(figure: "Figure", path: Path, dpi: int = 120) -> list[Path]:
-    """Write a figure as `path` and, on dark ground, as `dark_twin(path)`."""
+    """Write a figure as `path`, and with a dark background as `dark_twin(path)`."""
     return [save_chart(figure, path, dpi), save_chart(figure, dark_twin(path), dpi, dark=True)]
 
 
 def dark_twin(path: Path) -> Path:
-    """Where the same chart is on dark ground: speed.png has speed-dark.png beside it."""
+    """Return the path of the dark version of a chart: speed-dark.png for speed.png."""
     return path.with_stem(f"{path.stem}-dark")
 
 
-def picture(path: str, told: str) -> str:
-    """HTML, for a Markdown page, of a chart that `save_both` wrote: light or dark as the reader has it.
+def picture(path: str, alt: str) -> str:
+    """Return HTML for a chart from `save_both`, which shows its light or dark version.
 
     Args:
-        path: of the light one, as seen from the page.
-        told: what is to be seen, for those who cannot.
+        path: path of the light version, relative to the page.
+        alt: description of the chart for screen readers.
     """
     stem, dot, suffix = path.rpartition(".")
     return f"""<picture>
   <source media="(prefers-color-scheme: dark)" srcset="{stem}-dark{dot}{suffix}">
-  <img src="{path}" alt="{html.escape(told)}">
+  <img src="{path}" alt="{html.escape(alt)}">
 </picture>"""
 
 
 def inline_svg(figure: "Figure", name: str) -> str:
-    """A figure that was drawn for light ground as an SVG element of an HTML page: light or dark as the reader has it.
+    """Return a figure as an SVG element for an HTML page, for light and dark backgrounds.
 
-    Its greys are CSS's `light-dark()`, so the page must say `color-scheme: light dark`. Text stays text: small, and
-    searched, read aloud and copied. The same content makes the same drawing.
+    Greys use the CSS function `light-dark()`, so the page must declare `color-scheme: light dark`. Text remains text.
+    The result is deterministic.
 
     Args:
-        figure: what is drawn.
-        name: one of its own on the page, so that no drawing refers to another's parts.
+        figure: the figure, drawn for a light background.
+        name: unique name on the page, which makes the ids in the SVG unique.
     """
     from matplotlib import rc_context
 
@@ -108,7 +108,7 @@ def inline_svg(figure: "Figure", name: str) -> str:
         figure.savefig(text, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     drawing = text.getvalue()
     drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing[drawing.index("<svg") :], flags=re.DOTALL)
-    drawing = re.sub(r' (?:width|height)="[\d.]+pt"', "", drawing, count=2)  # the page sets them
+    drawing = re.sub(r' (?:width|height)="[\d.]+pt"', "", drawing, count=2)  # the page sets the size
     return re.sub(r"(?<=: )#[0-9a-f]{6}\b", _light_or_dark, drawing).strip()
 
 
@@ -120,8 +120,8 @@ def _light_or_dark(colour: re.Match[str]) -> str:
 
 
 def turn_dark(figure: "Figure") -> None:
-    """Have a figure's greys on the dark page as they were on white: the darkest are the lightest. Colours stay."""
-    figure.draw_without_rendering()  # all ticks are there from now on
+    """Convert a figure for a dark background: invert the brightness of greys; other colours do not change."""
+    figure.draw_without_rendering()  # creates all ticks
     turned = []
     for artist in _artists(figure):
         for part in _PARTS:
@@ -129,12 +129,12 @@ def turn_dark(figure: "Figure") -> None:
             other = None if colour is None else _turned(colour)
             if other is not None:
                 turned.append((getattr(artist, f"set_{part}"), other))
-    for put, other in turned:  # all at last: some parts take their colour from others
+    for put, other in turned:  # set afterwards, since some artists inherit colours
         put(other)
 
 
 def _artists(figure: "Figure") -> Iterator[Any]:
-    """All that is drawn, also what matplotlib does not count as parts of a text: its arrow and its box."""
+    """Yield all artists, including arrows and boxes of texts, which `findobj` omits."""
     for artist in figure.findobj():
         yield artist
         if hasattr(artist, "get_bbox_patch"):
@@ -142,12 +142,12 @@ def _artists(figure: "Figure") -> Iterator[Any]:
 
 
 def _turned(colour: Any) -> Any:
-    """The colour, or colours (n, 4), for dark ground; None where they stay."""
+    """Convert a colour, or colours (n, 4), for a dark background; None if unchanged."""
     from matplotlib.colors import to_rgba_array
 
     try:
         rgba = to_rgba_array(colour)
-    except ValueError:  # "auto", or one that stands for another
+    except ValueError:  # "auto" or "inherit"
         return None
     grey = np.ptp(rgba[:, :3], axis=1) < GREY_SPREAD
     if not grey.any():

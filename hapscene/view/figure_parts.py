@@ -1,4 +1,4 @@
-"""The parts of a picture: bodies, the path up to a tick, tool, proxy and force."""
+"""Parts of a picture: bodies, path, tool, proxy and force."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -18,49 +18,49 @@ if TYPE_CHECKING:
 __all__ = ["ARROW_SPACING", "PROXY_COLOUR", "FigureParts", "arrow_ticks", "make_figure_parts"]
 
 PATH_RADIUS: Final = 2.2e-3
-"""Radius of the path on the surface, as a fraction of the scene's diagonal [1]."""
+"""Radius of the path on the surface, relative to the diagonal of the scene [1]."""
 
 ARROW_LENGTH: Final = 0.12
-"""Length of the arrow of the largest force, likewise [1]."""
+"""Length of the arrow for the maximum force, relative to the diagonal [1]."""
 
 ARROW_HEAD: Final = 0.2
-"""How much of the longest arrow is head [1]; of shorter ones more, so that it stays as large."""
+"""Length of the arrow head, relative to the longest arrow [1]; it is the same for shorter arrows."""
 
 ARROW_SPACING: Final = 0.035
-"""Distance along the path between arrows that are shown together, likewise [1]."""
+"""Distance between arrows along the path, relative to the diagonal [1]."""
 
 TOOL_LENGTH: Final = 0.22
-"""Length of the tool, likewise [1]."""
+"""Length of the tool, relative to the diagonal [1]."""
 
 TOOL_ALONG: Final = (0.8, 0.4, 1.0)
-"""Direction of the tool from its tip, as a right hand holds a pen, in W."""
+"""Direction of the tool from its tip in W, as a right hand holds a pen."""
 
 TOOL, PROXY, SHAFT, HEAD, BODIES = range(5)
-"""Numbers of the first parts; pieces of the path follow."""
+"""Indices of the first parts; segments of the path follow."""
 
 PROXY_COLOUR: Final = OKABE_ITO["black"]
 
 
 @dataclass(frozen=True, eq=False)
 class FigureParts:
-    """A scene, and a touch of it, as parts. Frame S is W moved by `p_WS_m`."""
+    """A scene and a touch as parts. Frame S is the world frame W moved by `p_WS_m`."""
 
     parts: list[Triangles]
     piece_tick: NDArray[np.int64]
-    """(p,) tick from which each piece of the path, the last p parts, is there."""
+    """Tick from which each segment of the path is visible (p,); the segments are the last p parts."""
     p_ST_m: NDArray[np.float64]
-    """(n, 3) tool; n is 0 where nothing touches."""
+    """Device position (n, 3) [m]; n is 0 without a touch."""
     p_SP_m: NDArray[np.float64]
-    """(n, 3) proxy."""
+    """Proxy position (n, 3) [m]."""
     f_N: NDArray[np.float64]
-    """(n, 3) force on the hand."""
+    """Force on the hand (n, 3) [N]."""
     size_m: float
-    """Diagonal of the scene."""
+    """Diagonal of the scene [m]."""
     arrow_m_N: float
-    """Length of an arrow for each newton [m/N]."""
+    """Arrow length per newton [m/N]."""
 
     def shown(self, tick: int | None = None) -> Shown:
-        """The bodies; and, at a tick, the path up to it, the tool, the proxy and the force."""
+        """Return the visible parts: bodies; at a tick also the path up to it, tool, proxy and force."""
         here = np.eye(4)
         shown = [(BODIES, here)]
         if tick is None:
@@ -72,22 +72,22 @@ class FigureParts:
 
     @property
     def f_max_N(self) -> float:
-        """The largest force."""
+        """Maximum force [N]."""
         return float(np.linalg.norm(self.f_N, axis=1).max(initial=0.0))
 
     def arrows(self, ticks: NDArray[np.int64]) -> Triangles:
-        """The forces of some ticks, as one."""
+        """Return the force arrows of some ticks as one part."""
         return joined([moved(self.parts[part], X_SP) for k in ticks for part, X_SP in self._arrow(int(k))])
 
     def points_m(self, tool: bool) -> NDArray[np.float64]:
-        """What the camera must hold (k, 3): bodies, path, arrows; and the tool, if it is shown."""
+        """Return points (k, 3) that the camera must show: bodies, path, arrows and optionally the tool."""
         ends = [self.parts[BODIES].corner_m, self.p_SP_m, self.p_SP_m + self.f_N * self.arrow_m_N]
         if tool:
             ends += [self.p_ST_m, self.p_ST_m + TOOL_LENGTH * self.size_m * _unit(np.array(TOOL_ALONG))]
         return np.concatenate(ends)
 
     def _arrow(self, tick: int) -> Shown:
-        """The force at a tick: a shaft from the proxy, and a head."""
+        """Return the arrow of the force at a tick: a shaft and a head, starting at the proxy."""
         f_N = self.f_N[tick]
         length_m = float(np.linalg.norm(f_N)) * self.arrow_m_N
         if length_m < 0.02 * ARROW_LENGTH * self.size_m:
@@ -103,13 +103,13 @@ class FigureParts:
 def make_figure_parts(
     scene: "Scene", recording: Recording | None, theme: Theme, piece_ticks: NDArray[np.int64]
 ) -> FigureParts:
-    """The parts of a picture of a scene.
+    """Create the parts of a picture.
 
     Args:
-        scene: its bodies stand at their poses.
+        scene: scene with bodies at their poses.
         recording: the touch, or None.
-        theme: colours around the scene.
-        piece_ticks: (p,) ticks at which a new piece of the path is seen, ascending.
+        theme: colours of background and text.
+        piece_ticks: ticks at which path segments end, ascending (p,).
     """
     solid = scene_solid(scene)
     low_m, high_m = solid.corner_m.min(axis=0), solid.corner_m.max(axis=0)
@@ -133,7 +133,7 @@ def make_figure_parts(
 
 
 def arrow_ticks(recording: Recording, spacing_m: float) -> NDArray[np.int64]:
-    """Ticks whose forces are shown together: along each contact one every `spacing_m`, its largest of a short one."""
+    """Select ticks for force arrows: one every `spacing_m` of each contact, or the maximum of a short contact."""
     force_N = np.linalg.norm(recording.f_W_N, axis=1)
     edges = np.flatnonzero(np.diff(recording.touching.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     ticks: list[int] = []
@@ -150,9 +150,9 @@ def arrow_ticks(recording: Recording, spacing_m: float) -> NDArray[np.int64]:
 def _path(
     recording: Recording, p_WS_m: NDArray[np.float64], radius_m: float, piece_ticks: NDArray[np.int64]
 ) -> list[Triangles]:
-    """The path in pieces that end at `piece_ticks`, as tubes: strong on the surface, thin in the air."""
+    """Return the segments of the path, which end at `piece_ticks`, as tubes: thick on the surface, thin in the air."""
     touching = recording.touching
-    # the proxy lies on the surface; half a tube is then seen above it
+    # raise the path, since the proxy lies on the surface and would hide half of the tube
     line_m = recording.p_WP_m - p_WS_m + np.where(touching[:, None], recording.nhat_W, 0.0) * radius_m * 0.5
     pieces = []
     for first, last in zip([0, *piece_ticks], piece_ticks, strict=False):
@@ -169,7 +169,7 @@ def _path(
 
 
 def _props(size_m: float, theme: Theme) -> list[Triangles]:
-    """Tool, proxy, an arrow's shaft and head of length 1 m: each at the origin, along z."""
+    """Return tool, proxy, and shaft and head of an arrow of length 1 m, each at the origin along z."""
     tool_m, arrow_m, ball_m = TOOL_LENGTH * size_m, ARROW_LENGTH * size_m, 3 * PATH_RADIUS * size_m
     pen = [(0.0, 0.0), (0.03, 0.2), (0.037, 0.3), (0.037, 0.97), (0.025, 1.0), (0.0, 1.0001)]
     angle = np.linspace(-np.pi / 2, np.pi / 2, 13)

@@ -1,4 +1,4 @@
-"""Frames and the window, drawn with pyrender. No other module imports pyrender."""
+"""Rendering of frames and of the window with pyrender. No other module imports pyrender."""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -8,30 +8,30 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.view.camera import facing, looks, pose_of
-from hapscene.view.palette import EDGE, Theme, rgb
+from hapscene.view.camera import facing, orbit, pose_of
+from hapscene.view.palette import Theme, rgb
 from hapscene.view.triangles import Drawing, Shown, Triangles, joined, moved, same
 
 __all__ = ["render", "watch", "without_viewer"]
 
 AMBIENT: Final = (0.32, 0.32, 0.32)
-"""Light from everywhere."""
+"""Ambient light."""
 
 LIGHTS: Final = (((-0.5, 0.8, 1.0), 2.2), ((1.0, 0.1, 0.6), 0.9))
-"""Lights that stand beside the camera: where, in its axes, and how strong."""
+"""Directional lights that are fixed to the camera: direction to the light in the camera frame, and intensity."""
 
 CAPTION_PT: Final = 18
-"""Height of the window's text [pixels]."""
+"""Text size of the window [pixels]."""
 
 WINDOW_PX: Final = (1000, 750)
 """Size of the window [pixels]."""
 
 VIEW_RAD: Final = np.radians(30.0)
-"""Height of the window camera's view [rad]: little distortion, and still depth."""
+"""Vertical field of view of the window [rad]: little distortion, but still perspective."""
 
 
 def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
-    """Draw on the platform of GL that PYOPENGL_PLATFORM names, without a screen.
+    """Render a drawing without a screen, on the GL platform in PYOPENGL_PLATFORM.
 
     Yields:
         RGB pixels (height, width, 3) of each frame.
@@ -43,14 +43,14 @@ def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
     x_m, y_m, far_m = drawing.extent_m
     camera = scene.add(pyrender.OrthographicCamera(x_m, y_m, znear=far_m * 1e-4, zfar=far_m))
     lights = []
-    for direction_C, strength in LIGHTS:  # one shines from +z to the origin
+    for direction_C, strength in LIGHTS:  # a pyrender light shines along its −z axis
         light = scene.add(pyrender.DirectionalLight(color=np.ones(3), intensity=strength))
         lights.append((light, pose_of(facing(np.array(direction_C), (0.0, 1.0, 0.0)))))
     renderer = pyrender.OffscreenRenderer(*(n * drawing.oversampling for n in drawing.size))
     seen, node = None, None
     for frame in drawing.frames:
         if seen is None or not same(seen, frame.shown):
-            # as one, since in software GL a call costs more than its triangles
+            # one mesh: in software GL a draw call costs more than its triangles
             whole = joined([moved(drawing.parts[part], X_SP) for part, X_SP in frame.shown])
             if node is not None:
                 scene.remove_node(node)
@@ -62,7 +62,7 @@ def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
 
 
 def without_viewer() -> Any:
-    """Import pyrender without its viewer, which would load pyglet, and that libGL, libEGL or X11: OSMesa needs none."""
+    """Import pyrender without its viewer, which would load pyglet and with it libGL, libEGL or X11."""
     stub = ModuleType("pyrender.viewer")
     stub.Viewer = None  # type: ignore[attr-defined]
     sys.modules.setdefault("pyrender.viewer", stub)
@@ -74,27 +74,24 @@ def without_viewer() -> Any:
 def watch(
     parts: Sequence[Triangles],
     points_m: NDArray[np.float64],
-    legend: Sequence[tuple[str, str]],
     title: str,
     theme: Theme,
     now: Callable[[], tuple[Shown, str]],
 ) -> None:
-    """Open a window, and return when it is closed.
+    """Open a window and return when it is closed.
 
     Args:
-        parts: what can be seen.
-        points_m: what the camera must hold (k, 3).
-        legend: texts, each with the colour that it explains.
-        title: of the window.
-        theme: colours around the scene.
-        now: returns what is shown in the next frame, and its caption.
+        parts: parts that can be shown.
+        points_m: points that must be visible (k, 3) [m].
+        title: title of the window.
+        theme: colours of background and text.
+        now: returns the visible parts of the next frame and its caption.
     """
     import pyrender
-    from OpenGL import GL
 
     scene = _empty(pyrender, theme.background)
     nodes = [scene.add(_mesh(pyrender, part)) if len(part.corner_m) else None for part in parts]
-    (R_SC,) = looks([0.0])
+    (R_SC,) = orbit([0.0])
     distance_m = 0.85 * float(np.linalg.norm(points_m, axis=1).max()) / np.sin(VIEW_RAD / 2)
     camera = pyrender.PerspectiveCamera(VIEW_RAD, znear=distance_m * 1e-2, zfar=10.0 * distance_m)
     scene.add(camera, pose=pose_of(R_SC, R_SC[:, 2] * distance_m))
@@ -103,36 +100,22 @@ def watch(
         due = False
 
         def draw(self, dt: float) -> None:
-            """Called by pyglet's loop for a frame, which it then shows."""
+            """Called by the event loop of pyglet for each frame that is shown."""
             self.due = True
             super().draw(dt)
 
         def on_draw(self) -> None:
             if not self.due or self._renderer is None:
-                return  # pyrender's own clock asks as well, for frames that would not be shown
+                return  # pyrender's timer also requests frames, which would not be shown
             self.due = False
             shown, line = now()
             _arrange(scene, nodes, shown)
+            text = line.encode("ascii", "replace").decode()  # pyrender has only ASCII glyphs
+            ink = np.append(rgb(theme.ink), 1.0)
+            style = {"font_name": "OpenSans-Regular", "font_pt": CAPTION_PT, "color": ink, "scale": 1.0}
+            where = pyrender.constants.TextAlign.BOTTOM_LEFT
+            self.viewer_flags["caption"] = [{"text": text, "location": where, **style}]
             super().on_draw()
-            step = round(CAPTION_PT * 1.6)
-            y = self.viewport_size[1] - step
-            for text, colour in legend:
-                self._fill(12, y, CAPTION_PT, CAPTION_PT, EDGE)  # or paper were lost on a light ground
-                self._fill(13, y + 1, CAPTION_PT - 2, CAPTION_PT - 2, colour)
-                self._write(text, 12 + CAPTION_PT + 10, y + 2)
-                y -= step
-            self._write(line, 12, 14)
-
-        def _fill(self, x: int, y: int, width: int, height: int, colour: str) -> None:
-            GL.glEnable(GL.GL_SCISSOR_TEST)
-            GL.glScissor(x, y, width, height)
-            GL.glClearColor(*rgb(colour), 1.0)
-            GL.glClear(GL.GL_COLOR_BUFFER_BIT)
-            GL.glDisable(GL.GL_SCISSOR_TEST)
-
-        def _write(self, text: str, x: int, y: int) -> None:
-            safe = text.encode("ascii", "replace").decode()  # pyrender has glyphs for no more
-            self._renderer.render_text(safe, x, y, font_pt=CAPTION_PT, color=np.append(rgb(theme.ink), 1.0))
 
     window = Window(
         scene,
@@ -150,12 +133,12 @@ def watch(
 
 
 def _empty(pyrender: Any, background: str) -> Any:
-    """A scene with nothing in it."""
+    """Return an empty scene."""
     return pyrender.Scene(bg_color=(*rgb(background), 1.0), ambient_light=AMBIENT)
 
 
 def _mesh(pyrender: Any, solid: Triangles) -> Any:
-    """The triangles as pyrender takes them."""
+    """Convert triangles to a pyrender mesh."""
     primitive = pyrender.Primitive(
         positions=solid.corner_m.astype(np.float32),
         normals=solid.normal.astype(np.float32),
@@ -167,7 +150,7 @@ def _mesh(pyrender: Any, solid: Triangles) -> Any:
 
 
 def _arrange(scene: Any, nodes: Sequence[Any], shown: Shown) -> None:
-    """Show these parts, at these poses, and no others."""
+    """Show exactly these parts at their poses."""
     poses = dict(shown)
     for index, node in enumerate(nodes):
         if node is None:

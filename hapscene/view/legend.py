@@ -1,4 +1,4 @@
-"""The legend below a picture: what the colours mean, a scale bar, and an arrow of a round force."""
+"""Legend of a picture: meaning of the colours, a scale bar, and a force arrow of round length."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 __all__ = ["Legend", "LegendEntry", "entries_of", "measures_of"]
 
 NAME_MAX: Final = 28
-"""Longest name that is written in full [characters]."""
+"""Maximum length of a name [characters]."""
 
 MEASURE_MAX: Final = 0.2
-"""Longest scale bar or arrow, as a fraction of the picture's width [1]."""
+"""Maximum length of the scale bar and the arrow, relative to the width of the picture [1]."""
 
 
 class LegendEntry(NamedTuple):
-    """A sign and its text. `kind` is patch, line, thread, ball, bar or arrow; bars and arrows have a length."""
+    """A symbol and its text. `kind` is patch, line, thread, ball, bar or arrow; bars and arrows have a length."""
 
     text: str
     colour: str
@@ -36,12 +36,12 @@ class LegendEntry(NamedTuple):
 
 
 def entries_of(scene: "Scene", theme: Theme, path: bool = False, tool: bool = False) -> list[LegendEntry]:
-    """What the colours of a picture mean: the swatches that some face has, the path, the tool."""
+    """Return the entries of a legend: used swatches, path, tool."""
     used = used_swatches(scene)
     colours = distinct_colours(scene.swatches, used)
     names = [swatch.name for swatch in scene.swatches]
     if any(body.mesh.colour_rgb is not None for body in scene.bodies):
-        names[0] += " (colours of the file)"
+        names[0] += " (colours of the mesh file)"
     names = [name if len(name) <= NAME_MAX else name[: NAME_MAX - 1] + "…" for name in names]
     entries = [LegendEntry(names[i], colours[i]) for i in used]
     if tool:
@@ -52,7 +52,7 @@ def entries_of(scene: "Scene", theme: Theme, path: bool = False, tool: bool = Fa
 
 
 def measures_of(pixel_m: float, width: int, theme: Theme, arrow_m_N: float, f_max_N: float) -> list[LegendEntry]:
-    """A scale bar of a round length; before it an arrow of a round force, where there are arrows."""
+    """Return a scale bar and, if there are arrows, a force arrow, both of round length."""
     longest_m = MEASURE_MAX * width * pixel_m
     bar_m = round_down(longest_m)
     measures = [LegendEntry(length_text(bar_m), theme.ink, "bar", round(bar_m / pixel_m))]
@@ -64,15 +64,15 @@ def measures_of(pixel_m: float, width: int, theme: Theme, arrow_m_N: float, f_ma
 
 
 class Legend:
-    """Entries in rows from the left, and a last row of measures at the right.
+    """Draws entries in rows, and a last row of right-aligned measures.
 
     Attributes:
-        height: of all rows [pixels].
+        height: total height [pixels].
     """
 
     def __init__(self, entries: Sequence[LegendEntry], width: int, theme: Theme) -> None:
         self._width, self._theme = width, theme
-        self._size = max(11, round(width * 0.015))  # of the text
+        self._size = max(11, round(width * 0.015))  # height of the text
         self._font = _font(self._size)
         self._rows: list[list[tuple[int, LegendEntry]]] = [[]]
         x = self._size
@@ -86,7 +86,7 @@ class Legend:
         self.height = self._middle(len(self._rows)) + round(1.5 * self._size)
 
     def draw(self, measures: Sequence[LegendEntry]) -> Image.Image:
-        """The legend with these measures."""
+        """Draw the legend with these measures."""
         strip = Image.new("RGB", (self._width, self.height), self._theme.page)
         pen = ImageDraw.Draw(strip)
         last: list[tuple[int, LegendEntry]] = []
@@ -115,7 +115,7 @@ class Legend:
         pen.rectangle((x, y - half, right - head // 2, y + half), fill=colour, outline=edge)
         if entry.kind == "arrow":
             pen.polygon(((right, y), (right - head, y - head // 2), (right - head, y + head // 2)), fill=colour)
-        elif entry.kind == "bar":  # with ends, as a dimension line
+        elif entry.kind == "bar":  # with end marks
             for end in (x, right):
                 pen.line((end, y - size // 2, end, y + size // 2), fill=colour, width=max(size // 10, 1))
 
@@ -131,13 +131,13 @@ class Legend:
 
 @cache
 def _font(size: int) -> ImageFont.FreeTypeFont:
-    """The sans serif of matplotlib: the same on every machine."""
-    package = find_spec("matplotlib")  # not imported: the import takes longer than drawing a picture
+    """Return the sans-serif font of matplotlib, which is the same on every machine."""
+    package = find_spec("matplotlib")  # importing matplotlib takes longer than drawing a picture
     assert package is not None and package.origin is not None
     return ImageFont.truetype(Path(package.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf", size)
 
 
 def round_down(value: float) -> float:
-    """The greatest 1, 2 or 5 times a power of ten that is not over `value` > 0."""
+    """Round `value` > 0 down to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * max(step for step in (1, 2, 5) if step * power <= value * (1 + 1e-9)))

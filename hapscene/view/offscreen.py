@@ -1,7 +1,7 @@
-"""Frames drawn without a screen, in a child process: `python -m hapscene.view.offscreen`.
+"""Rendering without a screen in a child process: `python -m hapscene.view.offscreen`.
 
-A process can load only one GL platform, so a second one is tried in a second process; and a driver that crashes ends
-only the child. The child reads a pickled `Drawing` from standard input and writes pixels to standard output.
+A process can load only one GL platform, so each platform needs a separate process, and a crash of a driver does not end
+the main process. The child reads a pickled `Drawing` from standard input and writes pixels to standard output.
 """
 
 import os
@@ -27,40 +27,40 @@ if TYPE_CHECKING:
 __all__ = ["draw", "last_line", "platforms", "started_ahead"]
 
 LINE_MAX: Final = 160
-"""Longest reason in an error [characters]."""
+"""Maximum length of a reason in an error [characters]."""
 
 PLATFORMS: Final = {"osmesa": "libosmesa6", "egl": "libegl1 libgl1"}
-"""GL platforms without a screen, and the system packages that each needs."""
+"""GL platforms without a screen, and the system packages that they need."""
 
 LIBRARIES: Final = {"osmesa": ("OSMesa",), "egl": ("EGL", "GL")}
-"""The libraries in those packages."""
+"""Libraries in these packages."""
 
 TIMEOUT_S: Final = 120.0
-"""Longest time for one frame [s]. The first frame takes longest: 6 s for a million triangles."""
+"""Maximum time for one frame [s]. The first frame takes longest: 6 s for a million triangles."""
 
 UNUSED: Final = ("scipy", "cascadio")
-"""Optional imports of trimesh that drawing does not need: they take half of the child's start."""
+"""Optional imports of trimesh that rendering does not need; they take half of the start time of the child."""
 
 BATCH: Final = 60
-"""Frames that one process draws [count]: OSMesa keeps some MB for each frame until its process ends."""
+"""Maximum number of frames per process [count]: OSMesa leaks some MB for each frame."""
 
 BATCH_B: Final = 400_000_000
-"""Most pixels that one process sends [bytes]."""
+"""Maximum size of the pixels that a process returns [bytes]."""
 
 _ahead: "dict[str, subprocess.Popen[bytes]]" = {}
-"""Processes by platform that `started_ahead` started and that have no drawing yet."""
+"""Processes that `started_ahead` started and `draw` has not used yet, by platform."""
 
 
 class _DrawingFailed(Exception):
-    """The child drew nothing; the message is the reason."""
+    """The child process failed; the message is the reason."""
 
 
 @contextmanager
 def started_ahead(wanted: bool = True) -> Iterator[None]:
-    """Start the process of the next `draw` now: it imports GL while the caller does other work.
+    """Context manager: start the process of the next `draw` early, so that it imports GL while other work is done.
 
     Args:
-        wanted: False starts nothing.
+        wanted: if False, nothing is started.
     """
     if not wanted:
         yield
@@ -76,7 +76,7 @@ def started_ahead(wanted: bool = True) -> Iterator[None]:
 
 @contextmanager
 def _started(platform: str) -> "Iterator[subprocess.Popen[bytes]]":
-    """A drawing process on the platform: the one that was started ahead, if any. It ends with the context."""
+    """Context manager: the process that was started ahead for this platform, else a new one; ended on exit."""
     if platform in _ahead:
         yield _ahead.pop(platform)
         return
@@ -95,13 +95,13 @@ def _started(platform: str) -> "Iterator[subprocess.Popen[bytes]]":
 
 
 def draw(drawing: "Drawing") -> Iterator[NDArray[np.uint8]]:
-    """Draw with the first platform that works.
+    """Render frames on the first platform that works.
 
     Yields:
-        RGB pixels (height, width, 3) of each frame; the same for the same drawing and platform.
+        RGB pixels (height, width, 3) of each frame; equal for equal drawings and platforms.
 
     Raises:
-        ViewError: no platform can draw here; the message names the reasons and the missing packages.
+        ViewError: no platform works; the message has the reasons and the missing packages.
     """
     failures = []
     count = int(np.clip(BATCH_B // (3 * drawing.size[0] * drawing.size[1]), 1, BATCH))
@@ -116,15 +116,15 @@ def draw(drawing: "Drawing") -> Iterator[NDArray[np.uint8]]:
             return
         except _DrawingFailed as reason:
             if drawn:
-                raise ViewError(f"{platform} stopped drawing midway: {reason}") from None
+                raise ViewError(f"rendering with {platform} failed after the first frame: {reason}") from None
             failures.append(f"{platform} ({reason}) needs {PLATFORMS[platform]}")
-    raise ViewError("no GL can draw here; install one of these system packages: " + "; ".join(failures))
+    raise ViewError("no OpenGL platform works; install one of these system packages: " + "; ".join(failures))
 
 
 def platforms() -> list[str]:
-    """GL platforms in the order in which they are tried.
+    """Return the GL platforms in the order in which they are tried.
 
-    PYOPENGL_PLATFORM comes first, then EGL on a machine with a GPU. On a CPU OSMesa draws 2 to 5 frames a second more.
+    PYOPENGL_PLATFORM comes first, then EGL if there is a GPU. Without a GPU, OSMesa is faster.
     """
     order = ["egl", "osmesa"] if _has_gpu() else ["osmesa", "egl"]
     preferred = os.environ.get("PYOPENGL_PLATFORM", "")
@@ -132,7 +132,7 @@ def platforms() -> list[str]:
 
 
 def _has_gpu() -> bool:
-    """Whether the device file of a GPU exists, of NVIDIA's driver or of the kernel."""
+    """Return whether a device file of a GPU exists, of the NVIDIA driver or of the kernel."""
     return any(Path("/dev").glob("nvidia[0-9]*")) or any(Path("/dev/dri").glob("renderD*"))
 
 
@@ -157,18 +157,18 @@ def _draw_batch(platform: str, drawing: "Drawing") -> NDArray[np.uint8]:
 
 
 def last_line(complaint: bytes, code: int) -> str:
-    """The last line that a process wrote to its standard error, else its exit code."""
+    """Return the last line of the error output of a process, else its exit code."""
     lines = [line.strip() for line in complaint.decode(errors="replace").splitlines() if line.strip()]
     return lines[-1][:LINE_MAX] if lines else f"ended with code {code}"
 
 
 def _main() -> None:
-    """Import GL, wait for the drawing, draw: what the child process does."""
+    """Main function of the child process: import GL, read the drawing, render it."""
     from hapscene.view.gl import render, without_viewer
 
     with os.fdopen(os.dup(1), "wb") as out:
-        os.dup2(2, 1)  # output of a driver must not come between the pixels
-        sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]  # None refuses an import
+        os.dup2(2, 1)  # keeps output of a driver out of the pixels
+        sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]  # None blocks the import
         without_viewer()
         for pixels in render(pickle.load(sys.stdin.buffer)):
             out.write(pixels.tobytes())

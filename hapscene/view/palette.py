@@ -1,4 +1,4 @@
-"""Colours that the colour-blind can tell apart, the same in every plot and picture."""
+"""Colours for plots and pictures, distinguishable with colour vision deficiency."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -43,16 +43,16 @@ OKABE_ITO: Final = {
 """The palette of Okabe & Ito 2008, "Color Universal Design"."""
 
 PATH: Final = OKABE_ITO["purple"]
-"""Where the tool touches; seen on every swatch that is shipped."""
+"""Colour of the path in contact; visible on every shipped swatch."""
 
 AIR: Final = "#8A93A0"
-"""Where the tool is in the air."""
+"""Colour of the path in the air."""
 
 INK: Final = "#222222"
-"""Text, and lines that carry no category."""
+"""Colour of text and of lines without a category."""
 
 EDGE: Final = "#808080"
-"""Around a swatch's own colour, which may be that of the ground; seen on light and on dark."""
+"""Colour of outlines of swatch colours; visible on light and dark backgrounds."""
 
 CHART_STYLE: Final[dict[str, Any]] = {
     **dict.fromkeys(("axes.edgecolor", "axes.labelcolor", "text.color", "xtick.color", "ytick.color"), INK),
@@ -65,30 +65,30 @@ CHART_STYLE: Final[dict[str, Any]] = {
     "grid.color": "#E2E2E2",
     "grid.linewidth": 0.6,
 }
-"""How every chart is drawn, as matplotlib's rc parameters."""
+"""Common style of charts, as matplotlib rc parameters."""
 
 SHADE: Final = "#ECEFF3"
-"""Behind a plot while the tool touches."""
+"""Background of plots during contact."""
 
 FORCE: Final = OKABE_ITO["green"]
-"""Arrows of force; no swatch that is shipped has it."""
+"""Colour of force arrows; no shipped swatch has it."""
 
 DISTANCE_MIN: Final = 0.1
-"""Least distance of two swatches' colours in Oklab [1]: what is nearer looks like the same paint once it is shaded."""
+"""Minimum distance of two swatch colours in Oklab [1]; closer colours look equal under shading."""
 
 _SPARE: Final = (
     *(OKABE_ITO[name] for name in ("orange", "sky", "vermilion", "yellow", "blue")),
-    *("#6B4200", "#A8E6CF", "#332288", "#F7B9A8", "#5C6B00"),  # beside what paths and arrows have
+    *("#6B4200", "#A8E6CF", "#332288", "#F7B9A8", "#5C6B00"),  # not used for paths and arrows
 )
 
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours around a scene, "#rrggbb"."""
+    """Colours of a picture apart from the scene, "#rrggbb"."""
 
     background: str
     page: str
-    """That of pages that show Markdown; behind legends, and dark charts."""
+    """Background of legends and dark charts; that of pages that show Markdown."""
     ink: str
     tool: str
 
@@ -98,20 +98,20 @@ DARK: Final = Theme(background="#1D2127", page="#0D1117", ink="#E6E9ED", tool="#
 
 
 def swatch_colours(count: int) -> list[str]:
-    """A colour for each of `count` swatches: grey for the first, which is plain, then the palette in turn."""
+    """Return a colour for each of `count` swatches: grey for the first, which is plain, then a palette."""
     names = ("orange", "sky", "green", "vermilion", "yellow", "blue")
     return ["#BBBBBB", *(OKABE_ITO[names[i % len(names)]] for i in range(count - 1))][:count]
 
 
 def albedo_colours(swatches: Sequence["Swatch"]) -> list[str]:
-    """The swatches' own colours, as "#rrggbb"."""
+    """Return the albedo of swatches as "#rrggbb"."""
     return ["#" + "".join(f"{round(channel * 255):02x}" for channel in swatch.albedo_rgb) for swatch in swatches]
 
 
 def distinct_colours(swatches: Sequence["Swatch"], used: Sequence[int]) -> list[str]:
-    """The swatches' own colours; but one that looks like an earlier one's of those `used` gets another.
+    """Return the albedo of swatches as "#rrggbb", with replacements for colours that resemble an earlier one in `used`.
 
-    Fitted swatches have the colour of the plain one until they are given their own.
+    Fitted swatches have the default colour until one is assigned.
     """
     colours = albedo_colours(swatches)
     taken: list[str] = []
@@ -125,17 +125,17 @@ def distinct_colours(swatches: Sequence["Swatch"], used: Sequence[int]) -> list[
 
 
 def rgb(colour: str) -> NDArray[np.float64]:
-    """ "#rrggbb" as three numbers from 0 to 1."""
+    """Convert "#rrggbb" to three numbers from 0 to 1."""
     return np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
 
 
 def _distance(a: str, b: str) -> float:
-    """Distance in Oklab: Ottosson 2020, "A perceptual color space for image processing"."""
+    """Return the distance in Oklab (Ottosson 2020, "A perceptual color space for image processing")."""
     return float(np.linalg.norm(_oklab(rgb(a)) - _oklab(rgb(b))))
 
 
 def linear(srgb: ArrayLike) -> NDArray[np.float64]:
-    """What is given as on a screen, 0 … 1, in linear light: IEC 61966-2-1."""
+    """Convert sRGB from 0 to 1 to linear values (IEC 61966-2-1)."""
     c = np.asarray(srgb, np.float64)
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 

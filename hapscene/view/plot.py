@@ -1,4 +1,4 @@
-"""Plots of a touch over time: plots.png, and hand.png of a touch in closed loop."""
+"""Plots of a recorded touch over time (plots.png), and of a closed-loop touch (hand.png)."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,35 +21,36 @@ if TYPE_CHECKING:
 
 
 COLUMN_COUNT: Final = 2000
-"""Columns that a long signal is reduced to, each drawn from its least to its greatest value: peaks stay."""
+"""Number of columns of a plotted signal [count]; each shows the range of its samples, so peaks remain visible."""
 
 DPI: Final = 110
-"""Of plots of a touch [1/in]: 1430 pixels wide."""
+"""Resolution [1/in]: 1430 pixels wide."""
 
 WINDOW_S: Final = 0.05
-"""Window of the spectrogram [s]: lines 20 Hz apart, and a tap still looks short."""
+"""Window length of the spectrogram [s]: a frequency resolution of 20 Hz, and taps still appear short."""
 
 WINDOWS: Final = 1200
-"""Windows of the spectrogram [count], about the plot's columns; more where they would not overlap by half."""
+"""Number of windows of the spectrogram [count], about one per pixel column; more if they would overlap less than
+half."""
 
 RANGE_DB: Final = 60.0
-"""Range of the spectrogram below its maximum [dB]."""
+"""Dynamic range of the spectrogram [dB]."""
 
 FREQUENCY_MAX_HZ: Final = 1000.0
-"""Highest frequency drawn [Hz]: above it no one feels."""
+"""Maximum plotted frequency [Hz], above which vibration is not perceived."""
 
 
 def write_plot(
     recording: Recording, path: str | Path, title: str = "", *, colours: Sequence[str] | None = None, dark: bool = False
 ) -> None:
-    """Draw swatch, force, depth, acceleration and its spectrogram over time as PNG.
+    """Write a PNG plot of swatch, force, penetration depth, acceleration and its spectrogram over time.
 
     Args:
-        recording: the run to draw, of one tick or more.
-        path: where the file shall be.
-        title: stands over the plots.
-        colours: of the swatches, "#rrggbb" for each of `recording.swatch_names`; else a palette.
-        dark: on dark ground.
+        recording: recording of at least one tick.
+        path: file to write.
+        title: title of the figure.
+        colours: colour "#rrggbb" of each swatch in `recording.swatch_names`. Default: a palette.
+        dark: whether the background is dark.
 
     Raises:
         OSError: the folder is missing or cannot be written.
@@ -58,7 +59,7 @@ def write_plot(
 
 
 def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | None = None) -> "Figure":
-    """The figure that `write_plot` writes."""
+    """Return the figure of `write_plot`."""
     with new_chart(*SIZE_IN, title, STYLE, layout=None) as figure:
         swatch_count = len(np.unique(recording.swatch[recording.swatch >= 0]))
         axes = _rows(figure, (0.4, 3, 2, 2, 2.6), legend_rows=-(-swatch_count // LEGEND_COLUMNS))
@@ -67,7 +68,7 @@ def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | No
         _draw_depth(axes[2], recording)
         _draw_acceleration(axes[3], recording)
         _, bottom, _, height = axes[4].get_position().bounds
-        bar = figure.add_axes((RIGHT + 0.01, bottom, 0.01, height))  # beside the plots, so that it hides no data
+        bar = figure.add_axes((RIGHT + 0.01, bottom, 0.01, height))  # beside the plots, to hide no data
         _draw_spectrogram(axes[4], bar, recording)
         for ax in axes[1:4]:
             shade(ax, recording)
@@ -77,9 +78,9 @@ def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | No
 
 
 def _rows(figure: "Figure", heights: Sequence[float], legend_rows: int = 1) -> list["Axes"]:
-    """Axes below each other over one time, with room for a legend over each, for more rows of it over the first.
+    """Create axes with a common time axis and space for legends above each; more rows of legend above the first.
 
-    Their places are fixed: to fit them to their labels, matplotlib would lay out all text twice.
+    Their positions are fixed, since fitting them to labels would double the time for text layout.
     """
     top = 1.0 - TITLE - LEGEND_ROW * max(legend_rows, 1)
     gap = LEGEND_ROW * len(heights) / (top - BOTTOM - LEGEND_ROW * (len(heights) - 1))
@@ -97,20 +98,20 @@ def _rows(figure: "Figure", heights: Sequence[float], legend_rows: int = 1) -> l
 
 
 SIZE_IN: Final = (13.0, 9.5)
-"""Width and height of plots over time [in]."""
+"""Size of the figures [in]."""
 
 LEFT, RIGHT, BOTTOM, TITLE, LEGEND_ROW = 0.076, 0.93, 0.055, 0.044, 0.034
-"""Where its axes begin and end, and heights of its title and of a row of a legend, over the figure's own [1]."""
+"""Limits of the axes, and heights of the title and of a legend row, relative to the figure [1]."""
 
 LEGEND_COLUMNS: Final = 8
-"""Entries in a row of a legend [count]."""
+"""Number of entries in a legend row [count]."""
 
 STYLE: Final[dict[str, Any]] = {"axes.grid.axis": "y", "font.size": 11}
-"""How plots over time differ from other charts."""
+"""Differences from the common chart style."""
 
 
 def _draw_swatches(ax: "Axes", recording: Recording, colours: Sequence[str]) -> None:
-    """A strip that is coloured by the touched swatch."""
+    """Draw a bar that shows the touched swatch."""
     for index in np.unique(recording.swatch[recording.swatch >= 0]):
         spans = _spans(recording.swatch == index, recording)
         name, colour = recording.swatch_names[index], colours[index]
@@ -125,7 +126,7 @@ def _draw_swatches(ax: "Axes", recording: Recording, colours: Sequence[str]) -> 
 
 
 def _draw_force(ax: "Axes", recording: Recording) -> None:
-    """Magnitude and components of the force."""
+    """Draw magnitude and components of the force."""
     t_s, f_W_N = recording.t_s, recording.f_W_N
     ax.plot(t_s, np.linalg.norm(f_W_N, axis=1), color="#A9AFB8", linewidth=4.0, label="magnitude")
     for axis, colour in enumerate(("vermilion", "green", "blue")):
@@ -135,19 +136,19 @@ def _draw_force(ax: "Axes", recording: Recording) -> None:
 
 
 def _draw_depth(ax: "Axes", recording: Recording) -> None:
-    """How far the tool is below the surface."""
+    """Draw the penetration depth."""
     ax.plot(recording.t_s, recording.depth_m * 1e3, color=OKABE_ITO["blue"], linewidth=1.2)
     ax.set_ylim(bottom=0)
     ax.set_ylabel("depth [mm]")
 
 
 def _draw_acceleration(ax: "Axes", recording: Recording) -> None:
-    """The acceleration samples, every peak kept."""
+    """Draw the acceleration with all peaks."""
     _fill_accelerations(ax, recording, (None, recording.a_m_s2, recording.a_t_s, "vermilion"))
 
 
 def _fill_accelerations(ax: "Axes", recording: Recording, *parts: tuple[str | None, Any, Any, str]) -> None:
-    """Accelerations (n, block), each with its label, times (n block,) and colour; every peak kept."""
+    """Draw accelerations (n, block) with label, times (n block,) and colour, with all peaks."""
     for label, a_m_s2, at_s, colour in parts:
         t_s, low, high = envelope(at_s, a_m_s2.ravel())
         rgb = OKABE_ITO[colour]
@@ -158,7 +159,7 @@ def _fill_accelerations(ax: "Axes", recording: Recording, *parts: tuple[str | No
 
 
 def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
-    """Power spectral density of the acceleration over time, in dB."""
+    """Draw the power spectral density of the acceleration over time [dB]."""
     from matplotlib import mlab
 
     a_m_s2, rate_Hz = recording.a_m_s2.ravel(), recording.a_rate_Hz
@@ -185,7 +186,7 @@ def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
 
 
 def legend_above(ax: "Axes") -> None:
-    """The legend in one line over the plot."""
+    """Draw the legend above the axes."""
     handles, names = ax.get_legend_handles_labels()
     if handles:
         ax.legend(
@@ -200,86 +201,86 @@ def legend_above(ax: "Axes") -> None:
 
 
 def shade(ax: "Axes", recording: Recording) -> None:
-    """Grey behind the plot while the tool touches."""
+    """Shade the times of contact."""
     spans = _spans(recording.touching, recording)
     if spans:
         ax.broken_barh(spans, (0, 1), transform=ax.get_xaxis_transform(), facecolor=SHADE, linewidth=0, zorder=0)
 
 
 def _spans(mask: NDArray[np.bool_], recording: Recording) -> list[tuple[float, float]]:
-    """Start and length [s] of every unbroken run of True in `mask` (n,)."""
+    """Return start and duration [s] of each run of True in `mask` (n,)."""
     edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0))
     times_s = np.append(recording.t_s, recording.t_s[-1] + _tick_s(recording))[edges]
     return [(float(a), float(b - a)) for a, b in times_s.reshape(-1, 2)]
 
 
 def _tick_s(recording: Recording) -> float:
-    """Period of a tick [s], from the acceleration block, which fills it."""
+    """Return the tick period [s], which is the length of an acceleration block."""
     return float(recording.a_m_s2.shape[1] / recording.a_rate_Hz)
 
 
 def envelope(
     t_s: NDArray[np.float64], values: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Reduce a signal to `COLUMN_COUNT` columns: their times, least and greatest values."""
+    """Reduce a signal to `COLUMN_COUNT` columns; return their times, minima and maxima."""
     stride = max(len(values) // COLUMN_COUNT, 1)
     start = np.arange(0, len(values), stride)
     return t_s[start], np.minimum.reduceat(values, start), np.maximum.reduceat(values, start)
 
 
-# hand.png: a touch in closed loop: what the hand meant, where the tool went, what motors and handle did.
+# hand.png: a closed-loop touch with simulated hand: target and device position, forces, accelerations, energy.
 
 
-def write_hand_plot(feel: "ClosedLoopResult", path: str | Path, title: str = "", dark: bool = False) -> None:
-    """Draw heights, forces, accelerations and the motors' work over time as PNG, on light or dark ground.
+def write_hand_plot(result: "ClosedLoopResult", path: str | Path, title: str = "", dark: bool = False) -> None:
+    """Write a PNG plot of heights, forces, accelerations and motor work over time.
 
     Raises:
         OSError: the folder is missing or cannot be written.
     """
-    save_chart(draw_hand_plot(feel, title), path, DPI, dark)
+    save_chart(draw_hand_plot(result, title), path, DPI, dark)
 
 
-def draw_hand_plot(feel: "ClosedLoopResult", title: str = "") -> "Figure":
-    """The figure that `write_hand_plot` writes."""
+def draw_hand_plot(result: "ClosedLoopResult", title: str = "") -> "Figure":
+    """Return the figure of `write_hand_plot`."""
     with new_chart(*SIZE_IN, title, STYLE, layout=None) as figure:
         axes = _rows(figure, (1, 1, 1, 1))
         for ax, draw in zip(axes, (_draw_height, _draw_hand_force, _draw_hand_acceleration, _draw_work), strict=True):
-            draw(ax, feel)
-            shade(ax, feel.recording)
+            draw(ax, result)
+            shade(ax, result.recording)
             legend_above(ax)
-        axes[0].set_xlim(feel.recording.t_s[0], feel.recording.t_s[-1])
+        axes[0].set_xlim(result.recording.t_s[0], result.recording.t_s[-1])
     return figure
 
 
-def _draw_height(ax: "Axes", feel: "ClosedLoopResult") -> None:
-    """Heights of what the hand means, the tool, and the proxy."""
-    t_s = feel.recording.t_s
-    ax.plot(t_s, feel.target_W_m[:, 2] * 1e3, color=OKABE_ITO["orange"], linewidth=1.2, label="meant by the hand")
-    ax.plot(t_s, feel.p_W_m[:, 2] * 1e3, color=OKABE_ITO["blue"], linewidth=1.2, label="tool")
-    surface_m = np.where(feel.recording.touching, feel.recording.p_WP_m[:, 2], np.nan)
+def _draw_height(ax: "Axes", result: "ClosedLoopResult") -> None:
+    """Draw the heights of the target of the hand, the device and the proxy."""
+    t_s = result.recording.t_s
+    ax.plot(t_s, result.target_W_m[:, 2] * 1e3, color=OKABE_ITO["orange"], linewidth=1.2, label="target of the hand")
+    ax.plot(t_s, result.p_W_m[:, 2] * 1e3, color=OKABE_ITO["blue"], linewidth=1.2, label="device")
+    surface_m = np.where(result.recording.touching, result.recording.p_WP_m[:, 2], np.nan)
     ax.plot(t_s, surface_m * 1e3, color=INK, linewidth=1.2, linestyle=":", label="proxy on the surface")
     ax.set_ylabel("height [mm]")
 
 
-def _draw_hand_force(ax: "Axes", feel: "ClosedLoopResult") -> None:
-    """Magnitudes of the motors' force and the hand's."""
-    t_s = feel.recording.t_s
-    ax.plot(t_s, np.linalg.norm(feel.f_hand_W_N, axis=1), color=OKABE_ITO["orange"], linewidth=1.2, label="hand")
-    ax.plot(t_s, np.linalg.norm(feel.f_motor_W_N, axis=1), color=OKABE_ITO["blue"], linewidth=1.2, label="motors")
+def _draw_hand_force(ax: "Axes", result: "ClosedLoopResult") -> None:
+    """Draw the magnitudes of the forces of motors and hand."""
+    t_s = result.recording.t_s
+    ax.plot(t_s, np.linalg.norm(result.f_hand_W_N, axis=1), color=OKABE_ITO["orange"], linewidth=1.2, label="hand")
+    ax.plot(t_s, np.linalg.norm(result.f_motor_W_N, axis=1), color=OKABE_ITO["blue"], linewidth=1.2, label="motors")
     ax.set_ylabel("force [N]")
 
 
-def _draw_hand_acceleration(ax: "Axes", feel: "ClosedLoopResult") -> None:
-    """What the textures ask for, and what the handle makes of it."""
-    recording = feel.recording
-    asked = ("asked for", recording.a_m_s2, recording.a_t_s, "sky")
-    moved = ("of the handle", feel.a_handle_m_s2, recording.a_t_s - feel.latency_s, "vermilion")
-    _fill_accelerations(ax, recording, asked, moved)
+def _draw_hand_acceleration(ax: "Axes", result: "ClosedLoopResult") -> None:
+    """Draw the requested acceleration and that of the handle."""
+    recording = result.recording
+    requested = ("requested", recording.a_m_s2, recording.a_t_s, "sky")
+    measured = ("handle", result.a_handle_m_s2, recording.a_t_s - result.latency_s, "vermilion")
+    _fill_accelerations(ax, recording, requested, measured)
 
 
-def _draw_work(ax: "Axes", feel: "ClosedLoopResult") -> None:
-    """Energy that the motors gave the tool: what it ends at is dissipated where negative, made up where positive."""
-    work_mJ = np.cumsum(feel.work_J) * 1e3
-    ax.plot(feel.recording.t_s, work_mJ, color=OKABE_ITO["blue"], linewidth=1.2, label="given by the motors")
+def _draw_work(ax: "Axes", result: "ClosedLoopResult") -> None:
+    """Draw the energy from the motors; its final value is negative if energy is dissipated, positive if generated."""
+    work_mJ = np.cumsum(result.work_J) * 1e3
+    ax.plot(result.recording.t_s, work_mJ, color=OKABE_ITO["blue"], linewidth=1.2, label="work of the motors")
     ax.axhline(0.0, color=INK, linewidth=0.8)
     ax.set_ylabel("energy [mJ]")

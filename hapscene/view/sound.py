@@ -1,4 +1,4 @@
-"""The acceleration channel as sound: what a voice coil would do to the hand, for the ear."""
+"""Export of the recorded acceleration as sound: the signal that a vibration actuator would play."""
 
 import wave
 from pathlib import Path
@@ -12,21 +12,21 @@ from hapscene.render.recording import Recording
 __all__ = ["FADE_S", "PEAK_DBFS", "write_sound"]
 
 PEAK_DBFS: Final = -1.0
-"""Level of the loudest sample [dB of full scale]: loud, and clear of clipping when a player resamples."""
+"""Level of the loudest sample [dBFS], with headroom for resampling."""
 
 FADE_S: Final = 0.005
-"""Fade at both ends [s], so that a cut is not heard as a click."""
+"""Length of the fade at both ends [s], which avoids clicks."""
 
 
 def write_sound(recording: Recording, path: str | Path) -> float:
-    """Write the acceleration as WAV: mono, 16 bit, at the channel's own rate. Silence stays silent.
+    """Write the acceleration of a recording as WAV: mono, 16 bit, with its sample rate.
 
     Args:
-        recording: the run to hear.
-        path: where the file shall be.
+        recording: the recording.
+        path: file to write.
 
     Returns:
-        The acceleration that full scale stands for [m/s²]; 0 for silence.
+        Acceleration at full scale [m/s²]; 0 if the recording is silent.
 
     Raises:
         OSError: the folder is missing or cannot be written.

@@ -1,6 +1,6 @@
-"""Triangles to draw, lines as tubes among them, and the drawing that a child process gets.
+"""Triangles for rendering, tubes along lines, and the drawing that is sent to a child process.
 
-Imports NumPy alone, since that process starts with this module.
+Imports only NumPy, to keep the start of that process short.
 """
 
 from collections.abc import Sequence
@@ -31,18 +31,18 @@ TUBE_SIDES: Final = 8
 TUBE_RINGS_MAX: Final = 3000
 
 LATHE_SIDES: Final = 24
-"""Sides of what is turned on a lathe: tool, proxy, arrows."""
+"""Number of sides of surfaces of revolution [count]: tool, proxy, arrows."""
 
 
 class Triangles(NamedTuple):
-    """k triangles in W, corner by corner: position [m], unit normal, linear RGB; each (3 k, 3) float64."""
+    """k triangles in the world frame, by corner: position [m], unit normal, linear RGB; each (3 k, 3) float64."""
 
     corner_m: NDArray[np.float64]
     normal: NDArray[np.float64]
     colour: NDArray[np.float64]
 
     def in_float32(self) -> "Triangles":
-        """The same in the precision of GL: half as large to send to another process."""
+        """Return the triangles in float32, the precision of GL, which halves the data for the child process."""
         return Triangles(*(values.astype(np.float32) for values in self))  # type: ignore[arg-type]
 
 
@@ -50,14 +50,14 @@ NOTHING: Final = Triangles(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 def joined(solids: list[Triangles]) -> Triangles:
-    """All the triangles as one."""
+    """Concatenate triangles."""
     if not solids:
         return NOTHING
     return Triangles(*map(np.concatenate, zip(*solids, strict=True)))
 
 
 def moved(solid: Triangles, X: NDArray[np.float64]) -> Triangles:
-    """The triangles at a pose (4, 4), which may stretch them along the axes that they are symmetric about."""
+    """Transform triangles by a pose (4, 4), which may scale along their axes of symmetry."""
     if np.array_equal(X, np.eye(4)):
         return solid
     normal = solid.normal @ np.linalg.inv(X[:3, :3])
@@ -66,7 +66,7 @@ def moved(solid: Triangles, X: NDArray[np.float64]) -> Triangles:
 
 
 def lathe(profile_m: list[tuple[float, float]], colour: str) -> Triangles:
-    """What a profile of (radius, height) [m] encloses when it is turned about z; heights ascend."""
+    """Return the surface of revolution of a profile of (radius, height) [m] about z; heights are ascending."""
     angle = np.linspace(0, 2 * np.pi, LATHE_SIDES + 1)
     around = np.column_stack((np.cos(angle), np.sin(angle)))
     corner_m, normal = [], []
@@ -83,7 +83,7 @@ def lathe(profile_m: list[tuple[float, float]], colour: str) -> Triangles:
 
 
 def tube(line_m: NDArray[np.float64], radius_m: float, colour: str) -> Triangles:
-    """A tube around a polyline (n, 3), with rings a diameter apart, or wider where it is long."""
+    """Return a tube around a polyline (n, 3). Its rings are a diameter apart, or farther on long lines."""
     line_m = _spaced(line_m, 2 * radius_m)
     if len(line_m) < 2:
         return NOTHING
@@ -102,7 +102,7 @@ def tube(line_m: NDArray[np.float64], radius_m: float, colour: str) -> Triangles
 
 
 def _spaced(line_m: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
-    """Points of the polyline at equal distances along it, about `step_m`; its end stays."""
+    """Resample a polyline to equal distances of about `step_m`; its end is preserved."""
     distance_m = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(line_m, axis=0), axis=1))))
     count = int(np.clip(distance_m[-1] / step_m, 1, TUBE_RINGS_MAX)) + 1
     at_m = np.linspace(0.0, distance_m[-1], count)
@@ -112,13 +112,13 @@ def _spaced(line_m: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
 
 
 def _sides(along: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A unit vector across each tangent (n, 3), carried from one to the next: the tube does not twist."""
+    """Return a unit vector perpendicular to each tangent (n, 3), transported along the line without twist."""
     side = np.empty_like(along)
     last = np.eye(3)[np.argmin(np.abs(along[0]))]
     for i, tangent in enumerate(along):
         last = last - tangent * (last @ tangent)
         length = np.linalg.norm(last)
-        if length < 1e-6:  # the line turned straight back
+        if length < 1e-6:  # the line reverses its direction
             last = np.cross(tangent, np.eye(3)[np.argmin(np.abs(tangent))])
             length = np.linalg.norm(last)
         last = side[i] = last / length
@@ -126,40 +126,40 @@ def _sides(along: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def linear_rgb(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    """sRGB, 0 … 1, to the linear values that light is summed in (pyrender's own exponent)."""
+    """Convert sRGB from 0 to 1 to linear values with the exponent of pyrender."""
     return np.asarray(srgb**2.2)
 
 
 Shown = list[tuple[int, NDArray[np.float64]]]
-"""Indices of the parts that are seen, each with its pose X_SP (4, 4)."""
+"""Indices of the visible parts with their poses X_SP (4, 4)."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame."""
+    """A frame of a drawing."""
 
     X_SC: NDArray[np.float64]
-    """(4, 4) pose of the camera, which looks along its own −z."""
+    """Pose of the camera (4, 4), which looks along its −z axis."""
     shown: Shown
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """Parts and frames. Frame S is W moved to the scene's middle, since GL counts in float32."""
+    """Parts and frames to render. Frame S is the world frame moved to the scene's centre, since GL uses float32."""
 
     parts: Sequence[Triangles]
-    """Each in a frame P of its own."""
+    """Triangles of each part in its frame P."""
     frames: Sequence[Frame]
     extent_m: tuple[float, float, float]
-    """Half width and half height of what the orthographic camera sees, and how far it sees."""
+    """Half width and half height of the view of the orthographic camera, and its depth [m]."""
     size: tuple[int, int]
     """Width and height [pixels]."""
     background: str
-    """Colour, "#rrggbb"."""
+    """Background colour, "#rrggbb"."""
     oversampling: int
-    """Pixels drawn for each pixel of `size`, along each side."""
+    """Rendered pixels per pixel of `size`, along each side."""
 
 
 def same(a: Shown, b: Shown) -> bool:
-    """Whether the same parts are seen at the same places."""
+    """Return whether two frames show the same parts at the same poses."""
     return len(a) == len(b) and all(i == j and np.array_equal(X, Y) for (i, X), (j, Y) in zip(a, b, strict=True))

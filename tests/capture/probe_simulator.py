@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.io.wire.port import simulated_port, simulator_parser
 from hapscene.io.wire.protocol import Column, Header, header_line, sample_line
 from hapscene.wall_clock import CLOCK, Clock
+from tests.simulated_port import simulated_port, simulator_parser
 
 COLUMNS: Final = (
     Column("acceleration", "m/s2", 1e-3),

@@ -41,7 +41,7 @@ NOISE = np.random.default_rng(0)
 
 def test_a_record_of_a_gap_is_refused_by_itself(tmp_path: Path) -> None:
     record(0, 100_000_000)(tmp_path / "gap.hsrec")
-    with pytest.raises(CaptureError, match=r"gap\.hsrec: 100,000,100 samples, .* would take 800 MB"):
+    with pytest.raises(CaptureError, match=r"gap\.hsrec: 100,000,100 samples, .* needs 800 MB"):
         load_record(tmp_path / "gap.hsrec")
 
 

@@ -42,9 +42,9 @@ def unhung() -> Iterator[None]:
 def test_a_folder_has_a_line_for_each_mesh(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "meshes", "--unit", "mm"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "meshes/a.ply: felt"
-    assert lines[1] == "meshes/b.glb: felt"
-    assert lines[2:] == ["2 meshes: 2 felt"]
+    assert lines[0] == "meshes/a.ply: ok"
+    assert lines[1] == "meshes/b.glb: ok"
+    assert lines[2:] == ["2 meshes: 2 ok"]
 
 
 def test_exit_code(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -52,21 +52,22 @@ def test_exit_code(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     turned.invert()
     turned.export("meshes/c.ply")
     assert main(["check", "meshes/a.ply", "meshes/c.ply", "--unit", "mm"]) == 1
-    assert "c.ply: felt with faults: 12 faces in closed shells" in capsys.readouterr().out
+    assert "c.ply: has faults: 12 faces in closed shells" in capsys.readouterr().out
     assert main(["check", "meshes/c.ply", "--unit", "mm"]) == 1
     (folder / "meshes" / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
     (folder / "meshes" / "d\x1b[31m.stl").write_bytes(b"solid")
     assert main(["check", "meshes", "--unit", "mm"]) == 2
     output = capsys.readouterr().out
-    assert "flat.obj: not felt: " in output and "d\\x1b[31m.stl: not readable: the file is truncated" in output
-    assert "\x1b" not in output and output.splitlines()[-1].endswith("1 felt with faults, 1 not felt, 1 not readable")
+    assert "flat.obj: cannot be touched: " in output and "d\\x1b[31m.stl: cannot be loaded: truncated" in output
+    assert "\x1b" not in output
+    assert output.splitlines()[-1].endswith("1 has faults, 1 cannot be touched, 1 cannot be loaded")
 
 
 def test_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "meshes", "--json"]) == 2
     ply, glb = json.loads(capsys.readouterr().out)
-    assert ply["verdict"] == "not readable" and "unit" in ply["error"]
-    assert glb["verdict"] == "felt" and glb["face_count"] == 12
+    assert ply["verdict"] == "cannot be loaded" and "unit" in ply["error"]
+    assert glb["verdict"] == "ok" and glb["face_count"] == 12
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
@@ -105,11 +106,11 @@ def test_a_missing_file_among_others(folder: Path, capsys: pytest.CaptureFixture
     words = ["meshes/b.glb", "meshes/none.glb", "nowhere/none.stl", "meshes/a.ply"]
     assert main(["check", *words, "--unit", "mm"]) == 2
     assert capsys.readouterr().out.splitlines() == [
-        "meshes/b.glb: felt",
-        "meshes/none.glb: not readable: no such file",
-        "nowhere/none.stl: not readable: no such file",
-        "meshes/a.ply: felt",
-        "4 meshes: 2 felt, 2 not readable",
+        "meshes/b.glb: ok",
+        "meshes/none.glb: cannot be loaded: no such file",
+        "nowhere/none.stl: cannot be loaded: no such file",
+        "meshes/a.ply: ok",
+        "4 meshes: 2 ok, 2 cannot be loaded",
     ]
 
 

@@ -38,7 +38,7 @@ def test_round_trip(suffix: str, desk: Path, capsys: pytest.CaptureFixture[str])
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["SCENE", "desk.fbx"], "no format '.fbx'"),
+        (["SCENE", "desk.fbx"], "'.fbx'"),
         (["SCENE", "desk.glb", "--unit", "mm"], "leave --unit out"),
         (["none.scene.json", "desk.glb"], "none.scene.json"),
         (["none.glb", "desk.scene.json"], "no such file"),

@@ -83,7 +83,7 @@ def test_play_file_of_a_touch(tmp_path: Path) -> None:
         (["identify", "--simulated", "--force", "-1", "-o", "a.handle"], "--force"),
         (["identify", "--simulated", "--port", "COM1"], "source"),
         (["identify", "--from", "none.csv", "-o", "a.handle"], "none.csv: no such file"),
-        (["identify", "--port", "/dev/none", "-o", "a.handle"], "cannot be opened"),
+        (["identify", "--port", "/dev/none", "-o", "a.handle"], "cannot open the port"),
         (["play-file", "none.csv", "--out", "o"], "none.csv: no such file"),
         (["play-file", __file__, "--out", "o", "--compensator", "flot"], "no compensator 'flot'"),
         (["try", "flacon"], "did you mean 'falcon'?"),

@@ -98,7 +98,7 @@ def test_accept_changed(folder: Path) -> None:
     trimesh.creation.box((0.02, 0.02, 0.03)).export("cube.ply")
     with pytest.raises(SceneError, match="--accept-changed"):
         open_session("cube.scene.json")
-    with pytest.warns(MeshWarning, match="its paint stays"):
+    with pytest.warns(MeshWarning, match="the paint is kept"):
         session = open_session("cube.scene.json", accept_changed=True)
     assert (session.scene.bodies[0].face_swatch == 1).all()
 

@@ -1,4 +1,4 @@
-"""A painted scene that has all that a format can lose."""
+"""A painted scene with all properties that a format can lose."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +13,7 @@ from hapscene.swatches.library import load_swatch
 
 
 def rotation(axis: tuple[float, float, float], angle_rad: float) -> np.ndarray:
-    """Pose (4, 4) turned about an axis, by scipy."""
+    """Pose (4, 4) rotated about an axis."""
     from scipy.spatial.transform import Rotation
 
     X = np.eye(4)
@@ -67,7 +67,7 @@ def scene(make_scene: Callable[[int], Scene]) -> Scene:
 
 @pytest.fixture(autouse=True)
 def own_library(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty library, so that the user's own has no say in the tests."""
+    """An empty library, so that the user's library has no influence."""
     folder = tmp_path_factory.mktemp("library")
     monkeypatch.setenv("HAPSCENE_LIBRARY", str(folder))
     return folder

@@ -1,4 +1,4 @@
-"""Which files are opened as the painted scenes that they hold, by every command that opens a mesh."""
+"""Detection of exported scenes by commands that open meshes."""
 
 import warnings
 from collections.abc import Callable
@@ -17,26 +17,26 @@ from hapscene.scene.scene import Scene, load_scene
 from hapscene.touch import open_scene
 
 
-def worn(scene: Scene) -> dict[str, dict[str, int]]:
-    """How many faces of each body wear each swatch."""
+def face_counts(scene: Scene) -> dict[str, dict[str, int]]:
+    """Number of faces for each body and swatch."""
     names = [swatch.name for swatch in scene.swatches]
     return {b.name: {names[i]: int((b.face_swatch == i).sum()) for i in np.unique(b.face_swatch)} for b in scene.bodies}
 
 
-@pytest.mark.filterwarnings("ignore:.*comes with its numbers alone")
+@pytest.mark.filterwarnings("ignore:.*is restored without texture")
 @pytest.mark.parametrize("suffix", ["glb", "gltf", "ply", "GLB"])
-def test_a_file_of_ours_is_opened_as_the_scene_it_holds(scene: Scene, tmp_path: Path, suffix: str) -> None:
+def test_exported_file_is_opened_as_a_scene(scene: Scene, tmp_path: Path, suffix: str) -> None:
     file = export_scene(scene, tmp_path / f"desk.{suffix}")[0]
     with pytest.warns(ExchangeWarning, match=f"desk.{suffix}"):
         opened = open_scene(file)
-    assert worn(opened) == worn(scene)
+    assert face_counts(opened) == face_counts(scene)
     for was, now in zip(scene.bodies, opened.bodies, strict=True):
         np.testing.assert_allclose(now.X_WB, was.X_WB, rtol=0, atol=1e-12)
         np.testing.assert_allclose(now.mesh.bounds_m, was.mesh.bounds_m, rtol=0, atol=1e-7)  # in metres, as it was
 
 
 @pytest.mark.parametrize("suffix", ["glb", "ply"])
-def test_its_unit_is_known(scene: Scene, tmp_path: Path, suffix: str) -> None:
+def test_other_unit_raises(scene: Scene, tmp_path: Path, suffix: str) -> None:
     file = export_scene(scene, tmp_path / f"desk.{suffix}")[0]
     with pytest.raises(SceneError, match="mm"):
         open_scene(file, "mm")
@@ -44,7 +44,7 @@ def test_its_unit_is_known(scene: Scene, tmp_path: Path, suffix: str) -> None:
         assert len(open_scene(file, "metres").bodies) == len(scene.bodies)
 
 
-def test_a_swatch_for_all_of_it_wins_over_what_it_holds(scene: Scene, tmp_path: Path) -> None:
+def test_swatch_overrides_the_scene(scene: Scene, tmp_path: Path) -> None:
     file = export_scene(scene, tmp_path / "desk.glb")[0]
     with warnings.catch_warnings():
         warnings.simplefilter("error", ExchangeWarning)
@@ -55,7 +55,7 @@ def test_a_swatch_for_all_of_it_wins_over_what_it_holds(scene: Scene, tmp_path: 
 
 
 def foreign(folder: Path) -> Path:
-    """A box in millimetres of another program, whose material is called as a swatch."""
+    """A box of another program, with a material that has the name of a swatch."""
     box = trimesh.creation.box((0.1, 0.2, 0.3))
     box.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial(name="wood"))
     box.export(folder / "box.glb")
@@ -65,25 +65,25 @@ def foreign(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
-def test_a_foreign_file_stays_a_mesh(tmp_path: Path, suffix: str) -> None:
+def test_file_of_another_program_is_a_mesh(tmp_path: Path, suffix: str) -> None:
     file = foreign(tmp_path).with_suffix(f".{suffix}")
     assert painted_scene(file) is None
     with warnings.catch_warnings():
         warnings.simplefilter("error", ExchangeWarning)
         opened = open_scene(file)
-    assert worn(opened) == {"box": {"plain": 12}}
+    assert face_counts(opened) == {"box": {"plain": 12}}
     assert opened.bodies[0].mesh.diagonal_m == pytest.approx(np.linalg.norm((0.1, 0.2, 0.3)))
-    assert worn(import_scene(file)) == {"box": {"wood": 12}}  # which import is asked to do
+    assert face_counts(import_scene(file)) == {"box": {"wood": 12}}  # importing uses material names
 
 
 @pytest.mark.parametrize("name", ["none.glb", "empty.glb", "none.stl"])
-def test_files_that_cannot_be_read(tmp_path: Path, name: str) -> None:
+def test_missing_and_empty_files_raise(tmp_path: Path, name: str) -> None:
     (tmp_path / "empty.glb").touch()
     with pytest.raises(HapsceneError, match=name):
         open_scene(tmp_path / name, "mm")
 
 
-def test_commands_open_it_and_say_what_is_lost(
+def test_commands_open_scenes_and_print_losses(
     make_scene: Callable[[int], Scene], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     from hapscene.paint.opening import open_session
@@ -92,12 +92,12 @@ def test_commands_open_it_and_say_what_is_lost(
     scene = make_scene(0)
     export_scene(scene, "desk.glb")
     assert main(["touch", "desk.glb", "--out", "out", "--no-picture"]) == 0
-    told = capsys.readouterr().err
-    assert told.count("desk.glb") == 1
-    felt = Recording.load(tmp_path / "out" / "touch.npz")
-    assert set(felt.body_names) == {body.name for body in scene.bodies}
-    assert {"wood", *felt.swatch_names} == {swatch.name for swatch in scene.swatches}
+    printed = capsys.readouterr().err
+    assert printed.count("desk.glb") == 1
+    recording = Recording.load(tmp_path / "out" / "touch.npz")
+    assert set(recording.body_names) == {body.name for body in scene.bodies}
+    assert {"wood", *recording.swatch_names} == {swatch.name for swatch in scene.swatches}
     with pytest.warns(ExchangeWarning):
         session = open_session("desk.glb")
     session.save()
-    assert worn(load_scene(tmp_path / "desk.scene.json")) == worn(scene)
+    assert face_counts(load_scene(tmp_path / "desk.scene.json")) == face_counts(scene)

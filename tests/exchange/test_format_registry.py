@@ -1,4 +1,4 @@
-"""The formats by name and suffix; what is refused before anything is written."""
+"""Export formats by name and suffix, and invalid targets."""
 
 from pathlib import Path
 
@@ -27,13 +27,13 @@ def test_suffix_chooses_the_format(name: str, scene: Scene, tmp_path: Path) -> N
     ("path", "name"),
     [("desk.fbx", None), ("desk", None), ("desk.glb", "fbx"), ("desk.ply", "glb"), ("nowhere/desk.glb", None)],
 )
-def test_where_a_scene_cannot_be_exported(path: str, name: str | None, scene: Scene, tmp_path: Path) -> None:
+def test_invalid_path_or_format_raises(path: str, name: str | None, scene: Scene, tmp_path: Path) -> None:
     with pytest.raises(SceneError):
         export_scene(scene, tmp_path / path, name)
     assert not list(tmp_path.iterdir())
 
 
-def test_empty_scene_is_refused(tmp_path: Path) -> None:
+def test_empty_scene_raises(tmp_path: Path) -> None:
     with pytest.raises(SceneError):
         export_scene(Scene(), tmp_path / "desk.glb")
 
@@ -41,7 +41,7 @@ def test_empty_scene_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "there"), [(name, "desk" + EXPORTS[name].suffix) for name in EXPORTS] + [("obj", "desk.mtl")]
 )
-def test_what_is_there_is_replaced_when_asked_for(name: str, there: str, scene: Scene, tmp_path: Path) -> None:
+def test_existing_file_is_replaced_on_request(name: str, there: str, scene: Scene, tmp_path: Path) -> None:
     file = tmp_path / f"desk{EXPORTS[name].suffix}"
     (tmp_path / there).write_text("theirs")
     with pytest.raises(SaveConflict, match=there):
@@ -51,7 +51,7 @@ def test_what_is_there_is_replaced_when_asked_for(name: str, there: str, scene: 
     assert (tmp_path / there).read_bytes() != b"theirs"
 
 
-def test_what_the_scene_is_made_of_stays(scene: Scene, tmp_path: Path) -> None:
+def test_mesh_of_the_scene_is_not_replaced(scene: Scene, tmp_path: Path) -> None:
     mesh, same = tmp_path / "ball.ply", tmp_path / "link.ply"
     save_mesh(scene.bodies[0].mesh, mesh)
     same.symlink_to(mesh)
@@ -70,7 +70,7 @@ def test_what_the_scene_is_made_of_stays(scene: Scene, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", ["glb", "ply"])
 @pytest.mark.parametrize("content", [None, b""])
-def test_missing_and_empty_files(suffix: str, content: bytes | None, tmp_path: Path) -> None:
+def test_missing_and_empty_files_raise(suffix: str, content: bytes | None, tmp_path: Path) -> None:
     file = tmp_path / f"desk.{suffix}"
     if content is not None:
         file.write_bytes(content)

@@ -1,4 +1,4 @@
-"""glTF as other programs see it: trimesh reads it, the published schema holds it."""
+"""Exported glTF files, read by trimesh and checked by the schema."""
 
 import json
 from pathlib import Path
@@ -24,7 +24,7 @@ def tree_of(file: Path) -> dict:
 
 
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
-def test_the_published_schema_holds(suffix: str, scene: Scene, tmp_path: Path) -> None:
+def test_schema(suffix: str, scene: Scene, tmp_path: Path) -> None:
     from trimesh.exchange import gltf
 
     tree = tree_of(export_scene(scene, tmp_path / f"desk.{suffix}")[0])
@@ -35,7 +35,7 @@ def test_the_published_schema_holds(suffix: str, scene: Scene, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
-def test_trimesh_sees_every_piece_in_its_place(suffix: str, scene: Scene, tmp_path: Path) -> None:
+def test_trimesh_reads_all_pieces(suffix: str, scene: Scene, tmp_path: Path) -> None:
     import trimesh
 
     loaded = trimesh.load_scene(export_scene(scene, tmp_path / f"desk.{suffix}")[0], process=False)
@@ -57,7 +57,7 @@ def test_trimesh_sees_every_piece_in_its_place(suffix: str, scene: Scene, tmp_pa
             np.testing.assert_allclose(srgb, swatch.albedo_rgb, atol=0.02)
 
 
-def test_other_programs_find_the_numbers_in_extras(scene: Scene, tmp_path: Path) -> None:
+def test_extras_have_the_parameters(scene: Scene, tmp_path: Path) -> None:
     tree = tree_of(export_scene(scene, tmp_path / "desk.glb")[0])
     assert tree["nodes"][0]["extras"] == {"hapscene_version": 1}
     extras = next(m["extras"] for m in tree["materials"] if m["name"] == "wood")
@@ -65,20 +65,20 @@ def test_other_programs_find_the_numbers_in_extras(scene: Scene, tmp_path: Path)
     assert swatch_to_json(swatch_from_json(extras["swatch_file"])) == swatch_to_json(scene.swatches[1])
 
 
-def test_every_swatch_has_one_material_and_the_plain_one_only_where_it_is_worn(scene: Scene, tmp_path: Path) -> None:
-    """One more where both one- and two-sided bodies wear it; those that nobody wears are there to be painted with."""
+def test_materials(scene: Scene, tmp_path: Path) -> None:
+    """Check one material per swatch and sidedness; unused swatches have a material too."""
     tree = tree_of(export_scene(scene, tmp_path / "desk.glb")[0])
     found = sorted((m["name"], m["doubleSided"]) for m in tree["materials"])
-    worn = {(scene.swatches[i].name, b.two_sided) for b in scene.bodies for i in np.unique(b.face_swatch)}
-    unworn = {(s.name, False) for s in scene.swatches[1:] if s.name not in {name for name, _ in worn}}
-    assert found == sorted(worn | unworn)
+    used = {(scene.swatches[i].name, b.two_sided) for b in scene.bodies for i in np.unique(b.face_swatch)}
+    unused = {(s.name, False) for s in scene.swatches[1:] if s.name not in {name for name, _ in used}}
+    assert found == sorted(used | unused)
     bare = Scene()
     bare.add(scene.bodies[0].mesh, name="all", swatch=scene.swatches[1])
     names = [m["name"] for m in tree_of(export_scene(bare, tmp_path / "bare.glb")[0])["materials"]]
     assert names == [scene.swatches[1].name]
 
 
-def test_plain_faces_keep_the_colours_of_the_meshs_file(scene: Scene, tmp_path: Path) -> None:
+def test_plain_faces_have_the_colours_of_the_mesh_file(scene: Scene, tmp_path: Path) -> None:
     import trimesh
 
     body = scene.bodies[0]

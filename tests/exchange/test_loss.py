@@ -1,4 +1,4 @@
-"""What each format keeps, measured by round trip, against what docs/exchange.md and the registry say."""
+"""Losses of each format, measured by roundtrip, in the registry and in docs/reference/file-formats.md."""
 
 import warnings
 from collections.abc import Callable
@@ -18,12 +18,12 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
 
 UNIT = {"obj": "m", "stl": "m"}
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "exchange.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference" / "file-formats.md"
 KEPT, ROUNDED, FLOAT32, CUT, LOST = "kept", "to 1e-15", "to 1e-7", "as cut faces", "lost"
 
 
 def measured(before: Scene, after: Scene) -> dict[str, str]:
-    """For every aspect of a scene what came back of it."""
+    """Return the result of a roundtrip for every property of a scene."""
     place, error = matched(before, after)
     bodies = [b.name for b in before.bodies] == [b.name for b in after.bodies]
     poses = max((np.abs(a.X_WB - b.X_WB).max() for a, b in pairs(before, after)), default=np.inf) if bodies else np.inf
@@ -33,24 +33,28 @@ def measured(before: Scene, after: Scene) -> dict[str, str]:
     return {
         "shape": graded(error, np.inf),
         "exact positions": graded(error),
-        "bodies and their names": said(bodies),
+        "bodies and their names": kept_or_lost(bodies),
         "poses": graded(poses),
-        "two-sided": said(bodies and all(a.two_sided == b.two_sided for a, b in pairs(before, after))),
-        "shared meshes": said(bodies and after.bodies[0].mesh is after.bodies[2].mesh),
-        "order of vertices": said(corners[0].shape == corners[1].shape and np.allclose(*corners, rtol=0, atol=1e-7)),
-        "order of faces": said(bool((place == np.arange(len(place))).all())),
-        "painting with a swatch in the library": said(bool((painted[1][known] == painted[0][known]).all())),
-        "painting with a swatch not in the library": said(bool((painted[1][own] == painted[0][own]).all())),
+        "two-sided": kept_or_lost(bodies and all(a.two_sided == b.two_sided for a, b in pairs(before, after))),
+        "shared meshes": kept_or_lost(bodies and after.bodies[0].mesh is after.bodies[2].mesh),
+        "order of vertices": kept_or_lost(
+            corners[0].shape == corners[1].shape and np.allclose(*corners, rtol=0, atol=1e-7)
+        ),
+        "order of faces": kept_or_lost(bool((place == np.arange(len(place))).all())),
+        "paint with a swatch in the library": kept_or_lost(bool((painted[1][known] == painted[0][known]).all())),
+        "paint with a swatch not in the library": kept_or_lost(bool((painted[1][own] == painted[0][own]).all())),
         **of_swatch(before.swatches[1], after, "in the library"),
         **of_swatch(before.swatches[2], after, "not in the library"),
-        "swatches that no face wears": said(
-            all(of_swatch(s, after, "")["numbers of a swatch "] == KEPT for s in before.swatches[3:])
+        "unused swatches": kept_or_lost(
+            all(of_swatch(s, after, "")["parameters of a swatch "] == KEPT for s in before.swatches[3:])
         ),
-        "names, colours and pictures of the mesh's file": said(
+        "group names, colours and textures of the mesh file": kept_or_lost(
             bodies and all(a.mesh.group_names == b.mesh.group_names for a, b in pairs(before, after))
         ),
-        "what bodies hang on": said(bodies and [b.parent for b in before.bodies] == [b.parent for b in after.bodies]),
-        "what bodies were made of before they were painted": said(
+        "attached bodies": kept_or_lost(
+            bodies and [b.parent for b in before.bodies] == [b.parent for b in after.bodies]
+        ),
+        "swatches of bodies before painting": kept_or_lost(
             bodies and all(a.made_of == b.made_of for a, b in pairs(before, after))
         ),
     }
@@ -60,7 +64,7 @@ def of_swatch(swatch: Swatch, after: Scene, where: str) -> dict[str, str]:
     back = next((s for s in after.swatches if s.name == swatch.name), None)
     same = back is not None and back.own_numbers == swatch.own_numbers and back.albedo_rgb == swatch.albedo_rgb
     whole = back is not None and swatch_to_json(back) == swatch_to_json(swatch)
-    return {f"numbers of a swatch {where}": said(same), f"texture of a swatch {where}": said(whole)}
+    return {f"parameters of a swatch {where}": kept_or_lost(same), f"texture of a swatch {where}": kept_or_lost(whole)}
 
 
 def pairs(before: Scene, after: Scene) -> list[tuple]:
@@ -93,21 +97,21 @@ def matched(before: Scene, after: Scene) -> tuple[np.ndarray, float]:
 
 
 def graded(error: float, *allowed: float) -> str:
-    """In words. The scene is 0.4 m across, so an error [m] is about a relative one."""
+    """Classify an error [m]; the scene has a size of 0.4 m, so it is about a relative error."""
     if error == 0.0 or (allowed and error < 1e-7):
         return KEPT
     return ROUNDED if error < 1e-15 else FLOAT32 if error < 1e-7 else LOST
 
 
-def said(kept: bool) -> str:
+def kept_or_lost(kept: bool) -> str:
     return KEPT if kept else LOST
 
 
-def finely(name: str, folder: Path) -> dict[str, str]:
-    """What comes back of a spot with a soft border on a box of 12 faces."""
+def measured_fine_paint(name: str, folder: Path) -> dict[str, str]:
+    """Return the result for a spot with falloff on a box of 12 faces."""
     before = Scene()
     box = before.add(trimesh.creation.box((0.04, 0.03, 0.02)), unit="m")
-    before.paint("body", "wood", Sphere((0.0, 0.0, 0.01), 0.005), finest_m=1e-3, soft_m=0.004)
+    before.paint("body", "wood", Sphere((0.0, 0.0, 0.01), 0.005), resolution_m=1e-3, falloff_m=0.004)
     file = folder / f"fine_{name}{EXPORTS[name].suffix}"
     export_scene(before, file, name)
     back = import_scene(file, UNIT.get(name)).bodies[0]
@@ -116,8 +120,8 @@ def finely(name: str, folder: Path) -> dict[str, str]:
     wood_m2 = float(area_of(back.mesh)[back.face_swatch == 1].sum())
     cut = len(back.mesh.faces) > 12 and abs(wood_m2 - np.pi * 0.005**2) < 1e-6
     soft = back.fine is not None and bool(parts(back.fine.paint)[2].any())
-    fine = {"painting finer than faces": KEPT if kept else CUT if cut else LOST}
-    return fine | {"soft borders, where two swatches blend": said(soft)}
+    fine = {"paint of subdivided faces": KEPT if kept else CUT if cut else LOST}
+    return fine | {"blends of two swatches": kept_or_lost(soft)}
 
 
 def area_of(mesh: Mesh) -> np.ndarray:
@@ -132,24 +136,24 @@ def results(make_scene: Callable[[int], Scene], tmp_path_factory: pytest.TempPat
         before.swatch_index(spare)
     for body in before.bodies:
         body.made_of = 1
-    before.hang(before.bodies[0].name, "nut")
+    before.attach(before.bodies[0].name, "nut")
     found = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for name, export in EXPORTS.items():
             file = folder / f"{name}{export.suffix}"
             export_scene(before, file, name)
-            found[name] = measured(before, import_scene(file, UNIT.get(name))) | finely(name, folder)
+            found[name] = measured(before, import_scene(file, UNIT.get(name))) | measured_fine_paint(name, folder)
     return found
 
 
 @pytest.mark.parametrize("name", EXPORTS)
-def test_registry_says_what_is_lost(name: str, results: dict[str, dict[str, str]]) -> None:
+def test_registry_lists_losses(name: str, results: dict[str, dict[str, str]]) -> None:
     lost = [aspect for aspect, what in results[name].items() if what in (LOST, FLOAT32)]
     assert sorted(EXPORTS[name].loses) == sorted(lost)
 
 
-def test_table_of_the_docs_is_what_was_measured(results: dict[str, dict[str, str]]) -> None:
+def test_table_in_the_docs(results: dict[str, dict[str, str]]) -> None:
     assert results["glb"] == results["gltf"]
     columns = {"GLB, glTF": "glb", "PLY": "ply", "OBJ": "obj", "STL": "stl"}
     rows = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
@@ -157,21 +161,21 @@ def test_table_of_the_docs_is_what_was_measured(results: dict[str, dict[str, str
         cells = [results[name][aspect] for name in columns.values()]
         rows.append(f"| {aspect} | " + " | ".join("**lost**" if c == LOST else c for c in cells) + " |")
     table = "\n".join(rows)
-    assert table in DOCS.read_text(encoding="utf-8"), f"docs/exchange.md should hold:\n{table}"
+    assert table in DOCS.read_text(encoding="utf-8"), f"docs/reference/file-formats.md should hold:\n{table}"
 
 
-def test_what_a_scene_has_not_is_not_said_to_be_lost(scene: Scene) -> None:
+def test_losses_depend_on_the_scene(scene: Scene) -> None:
     plain = Scene()
     plain.add(trimesh.creation.box((0.04, 0.03, 0.02)), unit="m", swatch="wood").made_of = None
     assert set(losses(plain, "glb")) == {"exact positions", "order of vertices", "order of faces"}
     assert losses(plain, "ply") == ()
     assert {"bodies and their names", "order of faces"} == set(losses(plain, "obj"))
-    assert "painting with a swatch in the library" in losses(plain, "stl")
-    plain.paint("body", "paper", Sphere((0.0, 0.0, 0.01), 0.005), finest_m=1e-3, soft_m=0.004)
-    assert losses(plain, "ply") == ("soft borders, where two swatches blend",)
-    assert "painting finer than faces" in losses(plain, "stl")
+    assert "paint with a swatch in the library" in losses(plain, "stl")
+    plain.paint("body", "paper", Sphere((0.0, 0.0, 0.01), 0.005), resolution_m=1e-3, falloff_m=0.004)
+    assert losses(plain, "ply") == ("blends of two swatches",)
+    assert "paint of subdivided faces" in losses(plain, "stl")
     for name, export in EXPORTS.items():
-        here = set(export.loses) - {"swatches that no face wears", "soft borders, where two swatches blend"}
-        here -= {"what bodies hang on"}
-        here -= {"painting finer than faces", "what bodies were made of before they were painted"}
-        assert set(losses(scene, name)) == here  # which has all the rest that a format can lose
+        here = set(export.loses) - {"unused swatches", "blends of two swatches"}
+        here -= {"attached bodies"}
+        here -= {"paint of subdivided faces", "swatches of bodies before painting"}
+        assert set(losses(scene, name)) == here  # the scene has all other properties

@@ -1,4 +1,4 @@
-"""A swatch on its way through a file."""
+"""Swatches in files of other formats."""
 
 import warnings
 from dataclasses import replace
@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapscene.errors import SceneError, SwatchError
-from hapscene.exchange import swatch_payload
 from hapscene.exchange.swatch_payload import (
     ExchangeWarning,
     check_version,
@@ -30,47 +29,40 @@ from hapscene.swatches.library import load_swatch
 FILE = Path("desk.ply")
 
 
-def carry(swatch: Swatch, text: str | None = None) -> Swatch | str:
+def restored(swatch: Swatch, text: str | None = None) -> Swatch | str:
     return restore(FILE, swatch.name, swatch.own_numbers, list(swatch.albedo_rgb), digest_of(swatch), text)
 
 
-def test_the_very_same_comes_from_the_library_by_name() -> None:
-    assert carry(load_swatch("wood")) == "wood"
-    assert carry(PLAIN) is PLAIN
+def test_identical_swatch_of_the_library_is_used() -> None:
+    assert restored(load_swatch("wood")) == "wood"
+    assert restored(PLAIN) is PLAIN
 
 
-def test_one_put_into_the_library_later_is_found(own_library: Path) -> None:
+def test_swatch_added_later_is_found(own_library: Path) -> None:
     mine = replace(load_swatch("wood"), name="mine", stiffness_N_m=321.0)
     with pytest.warns(ExchangeWarning):
-        bare = carry(mine)
+        bare = restored(mine)
     assert isinstance(bare, Swatch) and bare.texture is None and bare.own_numbers == mine.own_numbers
     library.add(mine)
-    assert carry(mine) == "mine"
+    assert restored(mine) == "mine"
 
 
-def test_the_text_wins_over_another_of_its_name() -> None:
+def test_embedded_swatch_takes_precedence() -> None:
     other = replace(load_swatch("wood"), stiffness_N_m=321.0)
-    back = carry(other, swatch_to_json(other))
+    back = restored(other, swatch_to_json(other))
     assert isinstance(back, Swatch) and swatch_to_json(back) == swatch_to_json(other)
     with pytest.warns(ExchangeWarning):
-        assert carry(other).stiffness_N_m == 321.0  # type: ignore[union-attr]
+        assert restored(other).stiffness_N_m == 321.0  # type: ignore[union-attr]
 
 
-def test_numbers_alone_are_the_whole_of_a_bare_swatch() -> None:
+def test_swatch_without_texture_is_restored_without_warning() -> None:
     bare = Swatch("bare", 100.0, 0.1, 0.3, 0.2, albedo_rgb=(0.1, 0.2, 0.3))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert swatch_to_json(carry(bare)) == swatch_to_json(bare)  # type: ignore[arg-type]
+        assert swatch_to_json(restored(bare)) == swatch_to_json(bare)  # type: ignore[arg-type]
 
 
-def test_a_long_swatch_is_left_to_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    wood = load_swatch("wood")
-    assert swatch_payload.text_of(wood) == swatch_to_json(wood)
-    monkeypatch.setattr(swatch_payload, "EMBEDDED_MAX", 100)
-    assert swatch_payload.text_of(wood) is None
-
-
-def test_no_name_opens_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_name_never_opens_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     mine = replace(load_swatch("wood"), name="x")
     save_swatch(mine, tmp_path / "x.swatch")
@@ -84,21 +76,18 @@ def test_no_name_opens_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         ({}, [0, 0, 0], None),
         (PLAIN.own_numbers | {"stiffness_N_m": "500"}, [0, 0, 0], None),
         (PLAIN.own_numbers | {"stiffness_N_m": float("nan")}, [0, 0, 0], None),
-        (PLAIN.own_numbers | {"stiffness_N_m": 10**400}, [0, 0, 0], None),
-        (PLAIN.own_numbers | {"stiffness_N_m": -1}, [0, 0, 0], None),
-        (PLAIN.own_numbers, None, None),
         (PLAIN.own_numbers, [0, 0], None),
         ({}, None, "{}"),
         ({}, None, swatch_to_json(PLAIN)),
     ],
 )
-def test_an_invalid_swatch_is_refused(numbers: dict, albedo: list | None, text: str | None) -> None:
+def test_invalid_swatch_raises(numbers: dict, albedo: list | None, text: str | None) -> None:
     with pytest.raises((SwatchError, SceneError), match="odd"):
         restore(FILE, "odd", numbers, albedo, "0" * 64, text)
 
 
 @pytest.mark.parametrize("version", [0, "1", None, 1.5, True, 2, 10**30])
-def test_an_unknown_version_is_refused(version: object) -> None:
+def test_invalid_version_raises(version: object) -> None:
     with pytest.raises(SceneError):
         check_version(FILE, version)
     check_version(FILE, 1.0)
@@ -109,7 +98,7 @@ def test_an_unknown_version_is_refused(version: object) -> None:
 
 @settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
-def test_joined_pieces_are_the_body_again(seed: int, swatches: int) -> None:
+def test_pieces_roundtrip(seed: int, swatches: int) -> None:
     rng = np.random.default_rng(seed)
     vertices = np.concatenate([np.eye(3), rng.normal(size=(9, 3))])
     faces = np.concatenate([[[0, 1, 2]], [rng.choice(12, 3, replace=False) for _ in range(29)]]).astype(np.int32)

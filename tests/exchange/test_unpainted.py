@@ -1,4 +1,4 @@
-"""OBJ and STL, and meshes whose materials are called as swatches."""
+"""OBJ, and meshes whose materials have names of swatches."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from hapscene.exchange import export_scene, import_scene
 from hapscene.scene.scene import Scene
 
 
-def test_others_read_the_materials_of_obj(scene: Scene, tmp_path: Path) -> None:
+def test_trimesh_reads_obj_materials(scene: Scene, tmp_path: Path) -> None:
     import trimesh
 
     obj, mtl = export_scene(scene, tmp_path / "desk.obj")
@@ -22,8 +22,8 @@ def test_others_read_the_materials_of_obj(scene: Scene, tmp_path: Path) -> None:
         np.testing.assert_allclose(colour, swatch.albedo_rgb, atol=1 / 255)
 
 
-def test_names_of_swatches_in_any_mesh_paint_it(tmp_path: Path) -> None:
-    """As made in another program: the material's name wins over the object's, unknown ones stay plain."""
+def test_import_by_material_name(tmp_path: Path) -> None:
+    """Material names take precedence over object names; unknown names stay plain."""
     (tmp_path / "part.obj").write_text(
         "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\n"
         "o wood\nusemtl steel\nf 1 3 2\nusemtl paper\nf 1 2 4\no table\nusemtl leather\nf 1 4 3\nusemtl tin\nf 2 3 4\n"

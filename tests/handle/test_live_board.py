@@ -132,7 +132,7 @@ def peer_force(peer: Peer) -> bool:
 
 
 def test_bytes_on_the_wire_are_those_of_the_document() -> None:
-    text = (ROOT / "docs" / "handle-protocol.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "reference" / "handle-protocol.md").read_text(encoding="utf-8")
     lines = re.findall(r"^    [<>] (.*)\*[0-9A-F]{4}$", text, re.MULTILINE)
     assert len(lines) == 11 and all(sealed(line.encode()).decode().strip() in text for line in lines)
     assert sealed(live_start(0.02, 1)) == b"#hapscene-handle 2 start watchdog=20 run=1*53EC\n"

@@ -30,7 +30,7 @@ def where(channel: Channel) -> dict[str, object]:
 
 
 def test_what_the_handle_refuses_is_said_by_the_application(channel: Channel) -> None:
-    with pytest.raises(HandleError, match="/dev/none: the port cannot be opened"):
+    with pytest.raises(HandleError, match="/dev/none: cannot open the port"):
         LiveHandle(where(channel), 1e4, 0, "serial", {"port": "/dev/none"})
 
 

@@ -193,7 +193,7 @@ def header(*columns: Column) -> bytes:
         (header(*COLUMNS[:2]), "announces no column 'played'"),
         (header(COLUMNS[0], Column("acceleration", "furlong", 1.0), COLUMNS[2]), "no unit 'furlong' of acceleration"),
         (header(*COLUMNS).replace(b" 1 ", b" 9 ").split(b"*")[0], "no line"),
-        (sealed(b"#hapscene-probe 9 rate=1"), "speaks version 9"),
+        (sealed(b"#hapscene-probe 9 rate=1"), "version 9"),
         (header(*COLUMNS), "does not begin anew"),
         (header(*COLUMNS) + sample_line(0, (0, 0, 5)), "does not begin anew"),
         (header(*COLUMNS) + sample_line(0, (0, 0, 0)), "plays nothing"),
@@ -207,5 +207,5 @@ def test_what_is_no_handle_is_told_from_one(wire: Wire, text: bytes, words: str)
 
 
 def test_no_such_port() -> None:
-    with pytest.raises(HandleError, match="cannot be opened"):
+    with pytest.raises(HandleError, match="cannot open the port"):
         SerialSource("/dev/none")

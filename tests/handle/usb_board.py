@@ -8,13 +8,13 @@ from typing import Any, Final
 
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.plant import Plant
-from hapscene.io.wire.usb_board import UsbBoard
 from tests.handle.serial_board import Peer
+from tests.nightly.plugins.devices.emulators.usb_device import UsbDevice
 
 RATE_HZ: Final = 5000.0
 
 
-class Backend(UsbBoard):
+class Backend(UsbDevice):
     """One board, plugged in."""
 
     ids = (0x16C0, 0x05DC)

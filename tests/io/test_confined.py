@@ -1,4 +1,4 @@
-"""A confined reader's crash, runaway, flood, chatter and refusal are each one error, and nothing else passes."""
+"""Readers in a separate process: results, failures, limits."""
 
 import ctypes
 import os
@@ -18,16 +18,16 @@ from hapscene.io.confined import confined, import_path
 
 
 def give(file: BinaryIO, scale: float) -> dict[str, Any]:
-    """What a reader does that all goes well for."""
+    """A reader that succeeds."""
     os.write(1, b"native words\n")
     return {"numbers": scale * np.frombuffer(file.read(), np.uint8), "none": np.zeros((0, 3)), "word": np.array("mm")}
 
 
 def misbehave(file: BinaryIO, how: str) -> dict[str, Any]:
     if how == "crash":
-        os.write(2, b"about to fall\n")
+        os.write(2, b"about to crash\n")
         ctypes.string_at(0)
-    elif how == "run away":
+    elif how == "loop":
         while True:
             pass
     elif how == "sleep":
@@ -58,31 +58,31 @@ def _run(reader: Any, *arguments: Any, **limits: Any) -> Any:
 
 @pytest.fixture(autouse=True)
 def importable(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The process finds this file by its name."""
+    """Make this file importable in the process."""
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     for reader in (give, misbehave):
         monkeypatch.setattr(reader, "__module__", Path(__file__).stem)
 
 
-def test_the_process_finds_the_package_and_none_of_its_modules_alone() -> None:
+def test_import_path() -> None:
     places = [Path(place) for place in import_path()["PYTHONPATH"].split(os.pathsep)]
     package = Path(hapscene.__file__).resolve().parent
     assert places[0] == package.parent and package not in places
 
 
-def test_gives_arrays_and_what_was_printed() -> None:
+def test_arrays_and_output() -> None:
     answer = _run(give, 0.5)
     assert answer.arrays["numbers"].tolist() == [0.5, 1.0, 1.5]
     assert answer.arrays["none"].shape == (0, 3)
     assert answer.arrays["word"] == "mm"
-    assert answer.said == "native words"
+    assert answer.output == "native words"
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize(
     ("how", "reason"),
     [
-        ("crash", "SIGSEGV.*about to fall"),
+        ("crash", "SIGSEGV.*about to crash"),
         ("refuse", r"^line 3 is no good$"),
         ("flood", ""),
         ("objects", ""),
@@ -91,20 +91,20 @@ def test_gives_arrays_and_what_was_printed() -> None:
         pytest.param("fill", "190 MiB", marks=pytest.mark.skipif(sys.platform != "linux", reason="Linux")),
     ],
 )
-def test_whatever_goes_wrong_is_one_error(how: str, reason: str) -> None:
+def test_failures_raise_format_error(how: str, reason: str) -> None:
     with pytest.raises(FormatError) as caught:
         _run(misbehave, how)
     assert re.search(reason, str(caught.value))
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("how", ["run away", "sleep"])
-def test_a_reader_that_does_not_end_is_stopped(how: str) -> None:
+@pytest.mark.parametrize("how", ["loop", "sleep"])
+def test_time_limit(how: str) -> None:
     with pytest.raises(FormatError):
         _run(misbehave, how, time_s=0.5)
 
 
-def test_what_it_prints_is_shown_without_escapes() -> None:
-    assert _run(give, 1.0).said == "native words"
+def test_output_is_escaped() -> None:
+    assert _run(give, 1.0).output == "native words"
     with pytest.raises(FormatError, match=r"red \\x07$"):
         _run(misbehave, "colour")

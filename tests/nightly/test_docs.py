@@ -1,4 +1,4 @@
-"""The web site: built without a warning, every link leads somewhere, every public name stands on it, examples run."""
+"""The web site is built without a warning; links, search, examples and command lines on it work."""
 
 import ast
 import contextlib
@@ -26,21 +26,24 @@ pytest.importorskip("mkdocs", reason="mkdocs is not installed: pip install 'haps
 
 import hapscene
 import hapscene.errors
-from tests.cli.command_lines import parse
+from tests.cli.command_lines import all_commands, parse
 
 ROOT = Path(__file__).resolve().parents[2]
 
-RUN_ELSEWHERE = "tutorial.html"
-"""tests/nightly/test_tutorial.py runs its programs, with the commands between them."""
+RUN_ELSEWHERE = "tutorials/"
+"""tests/nightly/test_tutorials.py runs the programs of these pages, with the commands between them."""
+
+GLOSSARY = re.compile(r"(?m)^\*\*(.+?)\*\*")
+"""A term of the glossary."""
 
 
 class Document(HTMLParser):
-    """What a page of the site holds."""
+    """Anchors, links and blocks of code of a page."""
 
     def __init__(self, file: Path) -> None:
         super().__init__()
         self.anchors: set[str] = set()
-        self.links: list[tuple[str, str]] = []  # of which tag, where to
+        self.links: list[tuple[str, str]] = []  # tag, address
         self.blocks: list[tuple[str, str]] = []  # classes, text
         self._classes = ""
         self._text: list[str] | None = None
@@ -68,7 +71,7 @@ class Document(HTMLParser):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site, built; mkdocs.yml has it fail at any warning."""
+    """Build the site; mkdocs.yml turns a warning into an error."""
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--site-dir", str(folder)]
     environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
@@ -79,19 +82,19 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def documents(site: Path) -> dict[str, Document]:
-    """Its pages by their path from its root."""
+    """The pages of the site by their path."""
     return {file.relative_to(site).as_posix(): Document(file) for file in sorted(site.rglob("*.html"))}
 
 
 def public_names() -> list[str]:
-    """All that hapscene and the modules named in its stub call public, by the path that it is imported from."""
+    """Public names of hapscene and of its public modules, by the path of their import."""
     names = [f"hapscene.{name}" for name in ("errors", *hapscene.__all__)]
-    rooms = [hapscene, *(import_module(name) for name in names if find_spec(name))]
-    return [f"{room.__name__}.{name}" for room in rooms for name in getattr(room, "__all__", ())]
+    modules = [hapscene, *(import_module(name) for name in names if find_spec(name))]
+    return [f"{module.__name__}.{name}" for module in modules for name in getattr(module, "__all__", ())]
 
 
 def is_python(classes: str, text: str) -> bool:
-    """Whether a block of code is an example in Python: it says so, or it reads as one that does something."""
+    """Whether a block of code is an example in Python: marked as such, or Python code that imports or calls."""
     if "language-python" in classes.split():
         return True
     with contextlib.suppress(SyntaxError):
@@ -100,9 +103,15 @@ def is_python(classes: str, text: str) -> bool:
 
 
 def test_readme_is_the_first_page_and_every_document_has_one(documents: dict[str, Document]) -> None:
-    assert {f"{file.stem}.html" for file in (ROOT / "docs").glob("*.md")} <= documents.keys()
-    assert {"index.html", "contributing.html", "changelog.html"} <= documents.keys()
-    assert "ten-lines-of-python" in documents["index.html"].anchors
+    folder = ROOT / "docs"
+    pages = {file.relative_to(folder).with_suffix(".html").as_posix() for file in folder.rglob("*.md")}
+    assert pages | {"index.html", "contributing.html", "changelog.html"} <= documents.keys()
+    assert "touch-a-mesh-in-python" in documents["index.html"].anchors
+
+
+def test_the_reference_has_every_command(documents: dict[str, Document]) -> None:
+    commands = {"-".join(("hapscene", *words)) for words in all_commands()}
+    assert commands - documents["reference/cli.html"].anchors == set()
 
 
 def test_every_link_leads_somewhere(site: Path, documents: dict[str, Document]) -> None:
@@ -145,7 +154,11 @@ def test_every_public_name_stands_on_it(documents: dict[str, Document]) -> None:
 
 def test_search_finds_words_and_names(site: Path, documents: dict[str, Document]) -> None:
     entries = json.loads((site / "search" / "search_index.json").read_text(encoding="utf-8"))["docs"]
-    assert any("proxy" in entry["text"] and entry["location"].startswith("architecture") for entry in entries)
+    texts = [f"{entry['title']} {entry['text']}".lower() for entry in entries]
+    glossary = (ROOT / "docs" / "reference" / "glossary.md").read_text(encoding="utf-8")
+    terms = [term for line in GLOSSARY.findall(glossary) for term in re.split(r", | \(|\)", line) if term]
+    assert len(terms) > 60
+    assert [term for term in terms if not any(term.lower() in text for text in texts)] == []
     titles = {entry["title"] for entry in entries}
     assert [name for name in public_names() if not {name, name.rsplit(".", 1)[1]} & titles] == []
     for entry in entries:
@@ -154,9 +167,9 @@ def test_search_finds_words_and_names(site: Path, documents: dict[str, Document]
 
 
 def test_every_example_runs(documents: dict[str, Document], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a folder that has the checkout's meshes and swatches; those of a page one after the other."""
+    """The examples of a page run in their order, in a folder with the meshes and swatches of the checkout."""
     count = 0
-    for page in sorted(documents.keys() - {RUN_ELSEWHERE}):
+    for page in sorted(page for page in documents if not page.startswith(RUN_ELSEWHERE)):
         folder = tmp_path / page.replace("/", "_")
         folder.mkdir()
         for name in ("assets", "swatches"):
@@ -184,7 +197,7 @@ def test_every_command_line_is_understood(documents: dict[str, Document]) -> Non
 
 @pytest.fixture(scope="module")
 def address(site: Path) -> Iterator[str]:
-    """Where the site is served."""
+    """Serve the site; the address."""
 
     class Quiet(SimpleHTTPRequestHandler):
         def log_message(self, format: str, *args: object) -> None:
@@ -205,7 +218,7 @@ def test_in_a_browser_it_searches_and_its_pictures_follow_the_palette(address: s
     tab.goto(address)
     shown = "[...document.images].filter(i => i.offsetParent).map(i => /-dark/.test(i.src))"
     assert set(tab.evaluate(shown)) == {True}
-    tab.click("label[title='To light']:visible")
+    tab.click("label[title='Use the light palette']:visible")
     assert set(tab.evaluate(shown)) == {False}
     tab.click("input[data-md-component=search-query]")
     tab.keyboard.type("renderer")

@@ -39,7 +39,7 @@ def area_m2(session: Session, swatch: str) -> float:
     whole[fine.faces] = False
     a, b, c = np.moveaxis(body.mesh.triangles_m, 1, 0)
     faces_m2: NDArray[np.float64] = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    return float(faces_m2[whole].sum() + fine.leaf_areas_m2(body.mesh)[parts(fine.paint)[0] == index].sum())
+    return float(faces_m2[whole].sum() + fine.areas_m2(body.mesh)[parts(fine.paint)[0] == index].sum())
 
 
 @pytest.mark.parametrize(("by_mm", "radius_mm"), [(2.0, 8.0), (0.3, 6.3), (-2.0, 4.0), (-0.3, 5.7), (-7.0, 0.0)])

@@ -189,7 +189,7 @@ def test_a_scene_taken_with_other_meshes_is_to_be_saved(scene, tmp_path) -> None
     scene.save(tmp_path / "a.scene.json")
     text = (tmp_path / "ball.obj").read_text()
     (tmp_path / "ball.obj").write_text(text.replace("v 0", "v 0.001", 1))
-    with pytest.warns(MeshWarning, match="its paint stays"):
+    with pytest.warns(MeshWarning, match="the paint is kept"):
         session = Session.open(tmp_path / "a.scene.json", accept_changed=True)
     assert session.dirty
     session.save()

@@ -78,7 +78,7 @@ def test_soft_and_thin_paint_is_a_blend_that_ends_at_the_ring(session: Session) 
         session.drag_to(p_W + 0.2 * POSE[:3, 2], -POSE[:3, 2])
         session.end_stroke()
         body = session.scene.bodies[0]
-        middle_m = body.fine.leaf_corners_m(body.mesh).mean(axis=1) - [0.1, 0.0, 0.02]
+        middle_m = body.fine.corners_m(body.mesh).mean(axis=1) - [0.1, 0.0, 0.02]
         weight, away_m = parts(body.fine.paint)[2], np.linalg.norm(middle_m, axis=1)
         assert weight.max() == pytest.approx(opacity, abs=0.02)
         assert (weight[away_m > 0.0082] == 0.0).all() and (weight[away_m < 0.006] > 0.0).all()

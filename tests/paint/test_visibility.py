@@ -122,6 +122,6 @@ def test_what_hides_a_face_narrowly_is_not_missed() -> None:
     assert body.fine is not None
     bare = parts(body.fine.paint)[0] != wood
     up = body.mesh.normals[body.fine.face][:, 2] > 0.9
-    area_m2 = body.fine.leaf_areas_m2(body.mesh)[bare & up].sum()
+    area_m2 = body.fine.areas_m2(body.mesh)[bare & up].sum()
     wide_m = 0.0015 * (0.3 - 0.005) / (0.3 - 0.0605)  # of the shadow of its upper side
     assert area_m2 == pytest.approx(0.2 * wide_m, rel=0.15)

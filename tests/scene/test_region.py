@@ -1,4 +1,4 @@
-"""Regions against closed forms."""
+"""Regions, compared with closed forms."""
 
 import math
 
@@ -8,7 +8,7 @@ import trimesh
 
 from hapscene.errors import SceneError
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.region import Box, Facet, PlaneSide, Sphere
+from hapscene.scene.region import Box, Facet, PlaneSide, Sphere, Tube
 
 
 def of(mesh: trimesh.Trimesh) -> Mesh:
@@ -24,24 +24,24 @@ def share(mask):
     return area.sum() / (4 * math.pi)
 
 
-def test_plane_side_cuts_off_a_cap():
+def test_plane_side():
     for height in (-0.5, 0.0, 0.6):  # Archimedes: the share of a sphere's area is that of its height
         mask = PlaneSide((0, 0, height), (0, 0, 7)).pick(BALL)
         assert share(mask) == pytest.approx((1 - height) / 2, abs=0.01)
 
 
-def test_sphere_about_a_point_of_the_ball_picks_a_cap():
+def test_sphere():
     # A sphere of radius r about a point of the unit sphere cuts off a cap of area π r².
     mask = Sphere(centre_m=(1, 0, 0), radius_m=0.5).pick(BALL)
     assert share(mask) == pytest.approx(0.25 / 4, abs=0.005)
 
 
-def test_box_picks_a_zone():
+def test_box():
     assert share(Box((-2, -2, -0.25), (2, 2, 0.5)).pick(BALL)) == pytest.approx(0.375, abs=0.01)
     assert not Box((2, 2, 2), (3, 3, 3)).pick(BALL).any()
 
 
-def test_facet_is_a_side_of_a_cube_and_the_cube_at_a_right_angle():
+def test_facet_of_a_cube():
     for face in range(12):
         side = Facet(face, math.radians(1)).pick(CUBE)
         assert side.sum() == 2
@@ -49,7 +49,7 @@ def test_facet_is_a_side_of_a_cube_and_the_cube_at_a_right_angle():
         assert Facet(face, math.pi / 2).pick(CUBE).all()
 
 
-def test_facet_is_the_barrel_of_a_cylinder():
+def test_facet_of_a_cylinder():
     cylinder = of(trimesh.creation.cylinder(radius=1, height=3, sections=36))
     barrel = np.abs(cylinder.normals[:, 2]) < 0.5
     start = int(np.flatnonzero(barrel)[0])
@@ -57,7 +57,7 @@ def test_facet_is_the_barrel_of_a_cylinder():
     assert Facet(start, math.radians(9)).pick(cylinder).sum() == 2
 
 
-def test_facet_crosses_seams_and_turned_faces():
+def test_facet_crosses_seams_and_reversed_faces():
     soup = Mesh(CUBE.triangles_m.reshape(-1, 3), np.arange(36).reshape(-1, 3))
     assert Facet(0, 0.01).pick(soup).sum() == 2
     faces = CUBE.faces.copy()
@@ -75,10 +75,12 @@ def test_facet_crosses_seams_and_turned_faces():
         (lambda: Sphere((0, 0, math.nan), 1), "centre_m"),
         (lambda: PlaneSide((0, 0, 0), (0, 0, 0)), "normal"),
         (lambda: PlaneSide((0, 0, math.nan), (0, 0, 1)), "point_m"),
+        (lambda: Tube((), 0.01), "points_m"),
+        (lambda: Tube(np.zeros((0, 3)), 0.01), "points_m"),
         (lambda: Facet(0, -1), "angle"),
         (lambda: Facet(12).pick(CUBE), "12"),
     ],
 )
-def test_bad_regions(make, field):
+def test_invalid_region_raises(make, field):
     with pytest.raises(SceneError, match=field):
         make()

@@ -1,4 +1,4 @@
-"""Files that a mesh file names: found beside it, and nowhere else."""
+"""Access to files that a mesh file refers to."""
 
 import os
 import tempfile
@@ -16,7 +16,7 @@ BESIDE = ("data.bin", "my%20data.bin", "my data.bin", "deep/more.bin", "./data.b
 
 @pytest.fixture
 def part(tmp_path: Path) -> Path:
-    """A mesh file's place, with files in its folder and out of it."""
+    """The path of a mesh file, with other files inside and outside of its folder."""
     folder = tmp_path / "in"
     (folder / "deep").mkdir(parents=True)
     for name in ("data.bin", "my data.bin", "deep/more.bin"):
@@ -26,14 +26,14 @@ def part(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", [*BESIDE, "C:\\Users\\me\\data.bin"])
-def test_what_lies_beside_is_found(part: Path, name: str) -> None:
+def test_file_in_the_folder_is_found(part: Path, name: str) -> None:
     assert FolderResources(part, 100)[name] == b"beside"
 
 
 @pytest.mark.parametrize(
     "name", ["../secret.bin", "https://example.org/secret.bin", "gone.bin", "", ".", "a\0b", "x" * 5000, "link.bin"]
 )
-def test_what_does_not_is_named(part: Path, name: str) -> None:
+def test_file_elsewhere_raises(part: Path, name: str) -> None:
     if hasattr(os, "symlink"):
         (part.parent / "link.bin").symlink_to("../secret.bin")
     with pytest.raises(SceneError, match="part") as error:
@@ -43,14 +43,14 @@ def test_what_does_not_is_named(part: Path, name: str) -> None:
         FolderResources(part, 100).get(str(part.parent.parent / "secret.bin"))
 
 
-def test_all_together_are_no_larger_than_is_read(part: Path) -> None:
+def test_total_size_is_limited(part: Path) -> None:
     files = FolderResources(part, 17)
     assert files["data.bin"] == files["data.bin"] == b"beside"
     with pytest.raises(MeshError):
         files.get("deep/more.bin")
 
 
-def test_beside_a_link_and_beside_the_file_itself(part: Path, tmp_path: Path) -> None:
+def test_symbolic_link(part: Path, tmp_path: Path) -> None:
     part.touch()
     (tmp_path / "data.bin").write_bytes(b"beside the link")
     (tmp_path / "own.bin").write_bytes(b"own")
@@ -59,7 +59,7 @@ def test_beside_a_link_and_beside_the_file_itself(part: Path, tmp_path: Path) ->
     assert (files["data.bin"], files["own.bin"]) == (b"beside", b"own")
 
 
-def test_in_an_archive(tmp_path: Path) -> None:
+def test_file_in_an_archive(tmp_path: Path) -> None:
     """A mesh of an archive has its colours from the folder of the mesh, and leaves no file behind."""
     obj = "mtllib my%20colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n"
     with zipfile.ZipFile(tmp_path / "part.zip", "w") as archive:

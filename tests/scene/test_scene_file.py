@@ -1,4 +1,4 @@
-"""A scene comes back as it was; a changed mesh is noticed; hostile files are refused in a sentence."""
+"""Scene files: roundtrips, changed meshes, untrusted files, sidecar files."""
 
 import base64
 import json
@@ -26,7 +26,7 @@ OAK = Swatch("oak tree/2", stiffness_N_m=400)
 
 
 def build(folder) -> hapscene.Scene:
-    """A mesh from a file, twice; one from memory; a swatch from a file and one from memory."""
+    """Two instances of a mesh file, a mesh without a file, a swatch file, and a swatch without a file."""
     (folder / "meshes").mkdir()
     BALL.export(folder / "meshes" / "ball.stl")
     hapscene.save_swatch(Swatch("slate"), folder / "slate.swatch")
@@ -51,7 +51,7 @@ def same(a: hapscene.Scene, b: hapscene.Scene) -> None:
         np.testing.assert_array_equal(x.face_swatch, y.face_swatch)
 
 
-def test_round_trip_is_exact(tmp_path):
+def test_roundtrip_is_exact(tmp_path):
     scene = build(tmp_path)
     scene.save(tmp_path / "my.scene.json")
     back = hapscene.load_scene(tmp_path / "my.scene.json")
@@ -63,7 +63,7 @@ def test_round_trip_is_exact(tmp_path):
     assert first == again
 
 
-def test_the_file_is_readable_and_moves_with_its_folder(tmp_path):
+def test_file_is_readable_and_has_relative_paths(tmp_path):
     (tmp_path / "old").mkdir()
     build(tmp_path / "old").save(tmp_path / "old" / "my.scene.json")
     text = (tmp_path / "old" / "my.scene.json").read_text()
@@ -76,7 +76,7 @@ def test_the_file_is_readable_and_moves_with_its_folder(tmp_path):
     assert len(hapscene.load_scene(tmp_path / "new" / "my.scene.json").bodies) == 3
 
 
-def test_a_scene_is_opened_and_saved_through_a_link(tmp_path):
+def test_symbolic_link(tmp_path):
     (tmp_path / "old").mkdir()
     scene = build(tmp_path / "old")
     scene.save(tmp_path / "old" / "my.scene.json")
@@ -91,7 +91,7 @@ def test_a_scene_is_opened_and_saved_through_a_link(tmp_path):
     same(through, hapscene.load_scene(tmp_path / "old" / "my.scene.json"))
 
 
-def test_meshes_in_memory_do_not_overwrite_those_in_files(tmp_path):
+def test_sidecar_meshes_have_unique_names(tmp_path):
     scene = hapscene.Scene()
     scene.add(trimesh.creation.box((1, 1, 1)), name="a b", unit="m")
     scene.add(trimesh.creation.box((2, 2, 2)), name="a_b", unit="m")
@@ -103,7 +103,7 @@ def test_meshes_in_memory_do_not_overwrite_those_in_files(tmp_path):
     same(back, hapscene.load_scene(tmp_path / "s.scene.json"))
 
 
-def test_a_changed_mesh_is_noticed(tmp_path):
+def test_changed_mesh_raises_unless_accepted(tmp_path):
     build(tmp_path).save(tmp_path / "my.scene.json")
     moved = BALL.copy()
     moved.vertices[0] += 0.5
@@ -121,7 +121,7 @@ def test_a_changed_mesh_is_noticed(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["my.json", "gone/my.scene.json"])
-def test_where_a_scene_cannot_be_saved(tmp_path, name):
+def test_invalid_path_raises(tmp_path, name):
     with pytest.raises(SceneError, match="my"):
         hapscene.Scene().save(tmp_path / name)
 
@@ -142,33 +142,24 @@ def edit(*keys_and_value):
 
 HOSTILE = [
     (edit("format", "other"), "format"),
-    (edit("format", KeyError), "format"),
     (edit("version", 4), "version"),
-    (edit("version", True), "version"),
     (edit("swatches", {}), "swatches"),
     (edit("swatches", 0, 7), "swatches[0]"),
     (edit("swatches", 1, "oka"), "oka"),
-    (edit("swatches", 1, "gone.swatch"), "gone.swatch"),
     (edit("meshes", 0, []), "meshes[0]"),
     (edit("meshes", 0, "path", "gone.stl"), "gone.stl"),
-    (edit("meshes", 0, "path", "my.scene.json"), "my.scene.json"),
     (edit("meshes", 0, "path", None), "path"),
     (edit("meshes", 0, "unit", "furlong"), "meshes[0]"),
     (edit("meshes", 0, "sha256", "00"), "ball.stl"),
     (edit("bodies", 0, "mesh", 2), "bodies[0]: 'mesh'"),
-    (edit("bodies", 0, "mesh", -1), "bodies[0]: 'mesh'"),
-    (edit("bodies", 0, "mesh", 0.0), "bodies[0]: 'mesh'"),
     (edit("bodies", 0, "name", ""), "name"),
     (edit("bodies", 1, "name", "ball"), "'ball'"),
     (edit("bodies", 0, "parent", 1), "bodies[0]: 'parent'"),
-    (edit("bodies", 0, "parent", "bal"), "bodies[0]: 'parent'"),
     (edit("bodies", 0, "parent", "ball"), "'ball'"),
     (edit("bodies", 0, "two_sided", 1), "'two_sided'"),
-    (edit("bodies", 0, "pose", [["1", 0, 0, 0]] * 4), "pose"),
     (edit("bodies", 0, "pose", [[10**400, 0, 0, 0]] * 4), "pose"),
     (edit("bodies", 0, "paint", [[0, 319]]), "319"),
-    (edit("bodies", 0, "paint", [[0, 640], [0, -320]]), "paint"),
-    (edit("bodies", 0, "paint", [[9, 320]]), "swatch 9"),
+    (edit("bodies", 0, "paint", [[9, 320]]), "swatch index 9"),
     (edit("bodies", 0, "paint", [[True, 320]]), "'paint'"),
     (edit("bodies", 0, "paint", "all"), "'paint'"),
     (edit("bodies", 0, "made_of", 9), "'made_of'"),
@@ -177,7 +168,7 @@ HOSTILE = [
 
 
 @pytest.mark.parametrize(("change", "field"), HOSTILE)
-def test_an_invalid_file_is_one_line_that_names_the_field(tmp_path, change, field):
+def test_invalid_field_is_named(tmp_path, change, field):
     build(tmp_path).save(tmp_path / "my.scene.json")
     content = json.loads((tmp_path / "my.scene.json").read_text())
     change(content)
@@ -188,24 +179,24 @@ def test_an_invalid_file_is_one_line_that_names_the_field(tmp_path, change, fiel
 
 
 @pytest.mark.parametrize("content", [None, b"", b"[" * 100_000, b"\xff\xfe\x00", b"[]", b"7" * 5000])
-def test_files_that_are_no_scene(tmp_path, content):
+def test_file_that_is_not_a_scene_raises(tmp_path, content):
     if content is not None:
         (tmp_path / "bad.scene.json").write_bytes(content)
     with pytest.raises(SceneError, match="bad"):
         hapscene.load_scene(tmp_path / "bad.scene.json")
 
 
-# What lies beside a scene file: never written over, removed when no scene names it.
+# Sidecar files.
 
 
 def make(stiffness_N_m: float = 300.0, edge_m: float = 0.1) -> hapscene.Scene:
-    """A box and a swatch, both in memory alone."""
+    """A box and a swatch without files."""
     scene = hapscene.Scene()
     scene.add(trimesh.creation.box((edge_m, 0.1, 0.1)), name="box", unit="m", swatch=Swatch("slate", stiffness_N_m))
     return scene
 
 
-def own(folder: Path) -> set[str]:
+def sidecars(folder: Path) -> set[str]:
     return {file.name for file in folder.iterdir() if file.suffix in (".ply", ".swatch")}
 
 
@@ -213,51 +204,51 @@ def stiffness(file: Path) -> float:
     return hapscene.load_scene(file).swatches[1].stiffness_N_m
 
 
-def test_the_same_content_is_the_same_file_and_other_content_another(tmp_path: Path) -> None:
+def test_sidecar_files_are_reused_and_replaced(tmp_path: Path) -> None:
     file = tmp_path / "cup.scene.json"
     make().save(file)
-    first = own(tmp_path)
+    first = sidecars(tmp_path)
     assert len(first) == 2 and all(is_own(tmp_path / name) for name in first)
     made = {name: (tmp_path / name).stat().st_mtime_ns for name in first}
     make().save(file)
-    assert {name: (tmp_path / name).stat().st_mtime_ns for name in own(tmp_path)} == made
+    assert {name: (tmp_path / name).stat().st_mtime_ns for name in sidecars(tmp_path)} == made
     make(100.0, 0.2).save(file)
-    assert len(own(tmp_path)) == 2 and not own(tmp_path) & first  # what nobody names any more is gone
+    assert len(sidecars(tmp_path)) == 2 and not sidecars(tmp_path) & first  # unused files are removed
     assert stiffness(file) == 100.0
 
 
-def test_a_failed_save_leaves_the_old_scene_with_its_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_save_preserves_the_old_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "cup.scene.json"
     make().save(file)
-    before = own(tmp_path)
+    before = sidecars(tmp_path)
 
     def full(path: Path, content: bytes, error: type[Exception]) -> None:
         raise error(f"{path}: cannot be written: No space left on device")
 
-    monkeypatch.setattr("hapscene.scene.scene_file.write_whole", full)  # of the scene file, the last
+    monkeypatch.setattr("hapscene.scene.scene_file.write_whole", full)  # the scene file is written last
     with pytest.raises(HapsceneError):
         make(7.0, 0.2).save(file)
     monkeypatch.setattr("hapscene.scene.scene_file.write_whole", write_whole)
-    assert stiffness(file) == 300.0 and own(tmp_path) == before
+    assert stiffness(file) == 300.0 and sidecars(tmp_path) == before
 
 
-def test_files_of_others_stay(tmp_path: Path) -> None:
+def test_other_files_are_not_overwritten(tmp_path: Path) -> None:
     file = tmp_path / "cup.scene.json"
-    theirs = {"cup.box.ply": b"a", "cup.slate.swatch": b"b", "cup.slate.0123abcd.swatch": b"c"}
-    for name, content in theirs.items():
+    foreign = {"cup.box.ply": b"a", "cup.slate.swatch": b"b", "cup.slate.0123abcd.swatch": b"c"}
+    for name, content in foreign.items():
         (tmp_path / name).write_bytes(content)
     make().save(file)
-    mine = own(tmp_path) - set(theirs)
+    mine = sidecars(tmp_path) - set(foreign)
     for name in mine:
         (tmp_path / name).write_bytes(b"changed by hand")
     make().save(file)
-    assert len(own(tmp_path)) == len(theirs) + 4 and stiffness(file) == 300.0  # beside it, under longer names
+    assert len(sidecars(tmp_path)) == len(foreign) + 4 and stiffness(file) == 300.0  # under longer names
     make(100.0, 0.2).save(file)
-    kept = {name: (tmp_path / name).read_bytes() for name in (*theirs, *mine)}
-    assert kept == theirs | dict.fromkeys(mine, b"changed by hand")
+    kept = {name: (tmp_path / name).read_bytes() for name in (*foreign, *mine)}
+    assert kept == foreign | dict.fromkeys(mine, b"changed by hand")
 
 
-def test_a_copy_of_the_scene_file_keeps_what_it_names(tmp_path: Path) -> None:
+def test_copied_scene_file_keeps_its_sidecar_files(tmp_path: Path) -> None:
     file, copy = tmp_path / "cup.scene.json", tmp_path / "cup_before.scene.json"
     make().save(file)
     shutil.copyfile(file, copy)
@@ -267,22 +258,22 @@ def test_a_copy_of_the_scene_file_keeps_what_it_names(tmp_path: Path) -> None:
     assert (stiffness(file), stiffness(copy)) == (100.0, 50.0)
 
 
-def test_what_was_removed_meanwhile_is_written_anew(tmp_path: Path) -> None:
+def test_removed_sidecar_file_is_written_again(tmp_path: Path) -> None:
     file = tmp_path / "cup.scene.json"
     make().save(file)
     opened = hapscene.load_scene(file)
     make(100.0, 0.2).save(file)  # by another program
     opened.save(file)
-    assert stiffness(file) == 300.0 and len(own(tmp_path)) == 2
+    assert stiffness(file) == 300.0 and len(sidecars(tmp_path)) == 2
 
 
-def test_nothing_but_its_own_files_is_ever_removed(tmp_path: Path) -> None:
+def test_only_sidecar_files_are_removed(tmp_path: Path) -> None:
     (tmp_path / "scans").mkdir()
     names = ("cup.scan.ply", "cup.20240115.ply", "cup.abcdef01.ply", "mug.abcdef01.ply", "scans/cup.abcdef01.ply")
     for name in names:
         trimesh.creation.icosphere(1).export(tmp_path / name)
     content = {"swatches": ["plain"], "meshes": [{"path": name} for name in (*names, "../cup.abcdef01.ply")]}
-    (tmp_path / "cup.scene.json").write_text(json.dumps(content))  # from a stranger
+    (tmp_path / "cup.scene.json").write_text(json.dumps(content))  # untrusted
     make().save(tmp_path / "cup.scene.json")
     assert all((tmp_path / name).is_file() for name in names)
 
@@ -296,29 +287,22 @@ def test_nothing_but_its_own_files_is_ever_removed(tmp_path: Path) -> None:
         ("0123abcd.ply", False),
     ],
 )
-def test_own_files_are_known_by_name(name: str, answer: bool) -> None:
+def test_is_own(name: str, answer: bool) -> None:
     assert is_own(Path("somewhere") / name) is answer
 
 
-# A painting as it stands in a scene file: exact both ways, compact, and safe to read from anybody.
+# Encoding of paint.
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 300), st.integers(1, 40)), min_size=1, max_size=60), st.booleans())
-def test_every_painting_comes_back(runs: list[tuple[int, int]], packed: bool) -> None:
+def test_paint_roundtrip(runs: list[tuple[int, int]], packed: bool) -> None:
     paint = np.repeat([r[0] for r in runs], [r[1] for r in runs]).astype(np.int16)
     if packed:  # many short runs over the same swatches
         paint = np.resize(np.concatenate([paint, paint[::-1]]), 3 * RUN_MAX)
         paint[::2] = (paint[::2] + 1) % 301
     value = json.loads(json.dumps(encode_paint(paint)))
     np.testing.assert_array_equal(decode_paint(value, len(paint), 301), paint)
-
-
-def test_few_runs_are_for_reading_and_many_are_packed() -> None:
-    paint = np.repeat(np.arange(RUN_MAX, dtype=np.int16), 2)
-    assert encode_paint(paint) == [[i, 2] for i in range(RUN_MAX)]
-    more = np.repeat(np.arange(RUN_MAX + 1, dtype=np.int16), 2)
-    assert isinstance(encode_paint(more), str)
 
 
 def packed(content: bytes) -> str:
@@ -329,22 +313,20 @@ def packed(content: bytes) -> str:
     "value",
     [
         "no base64!",
-        base64.b64encode(b"no zlib").decode(),
         packed(bytes(6)),
-        packed(bytes(10)),
-        packed(bytes(100_000_000)),  # 100 kB that would grow to 100 MB
+        packed(bytes(100_000_000)),  # 100 kB that unpack to 100 MB
         base64.b64encode(zlib.compress(bytes(8))[:-2]).decode(),
         packed(np.array([0, 1, 2, 3], "<i2").tobytes()),
         packed(np.array([0, 1, -1, 2], "<i2").tobytes()),
         {},
     ],
 )
-def test_an_invalid_painting_is_refused(value: object) -> None:
+def test_invalid_paint_raises(value: object) -> None:
     with pytest.raises(ValueError):
         decode_paint(value, 4, 3)
 
 
-def test_a_scene_with_a_packed_painting(tmp_path) -> None:
+def test_scene_with_packed_paint(tmp_path) -> None:
     scene = hapscene.Scene()
     icosphere(subdivisions=4).export(tmp_path / "ball.ply")
     scene.add(tmp_path / "ball.ply", unit="mm")

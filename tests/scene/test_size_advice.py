@@ -1,4 +1,4 @@
-"""What is said of a size that is none for a hand, and that nothing is said of one that is."""
+"""Advice on the size of meshes and scenes."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def wide(tmp_path: Path) -> Path:
     ("unit", "scale", "option"),
     [("mm", 1000.0, "--unit m"), ("ft", None, ""), ("m", None, ""), ("cm", 100.0, "--unit m")],
 )
-def test_unit_that_is_wrong(wide: Path, unit: str, scale: float | None, option: str) -> None:
+def test_wrong_unit(wide: Path, unit: str, scale: float | None, option: str) -> None:
     found = size_advice(load_mesh(wide, unit))
     assert (found.scale, found.option) == (pytest.approx(scale), option) and option in found.words
     if found.unit is not None:
@@ -34,7 +34,7 @@ def test_unit_that_is_wrong(wide: Path, unit: str, scale: float | None, option: 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", ["bunny.ply", "Duck.glb", "teapot.stl", "base_interface_AP214.STEP"])
-def test_real_files_are_mended_by_what_is_said(shared: Path, name: str) -> None:
+def test_advice_corrects_real_files(shared: Path, name: str) -> None:
     path = shared / "data" / "meshes" / name
     if not path.exists():
         pytest.skip(f"no {path}")
@@ -43,12 +43,12 @@ def test_real_files_are_mended_by_what_is_said(shared: Path, name: str) -> None:
     mesh = load_mesh(path, {"bunny.ply": "mm", "teapot.stl": "m"}.get(name))
     found = size_advice(mesh)
     assert found.scale is not None and found.option in found.words
-    mended = load_mesh(path, found.unit or mesh.unit, scale=1.0 if found.unit else found.scale)
-    assert size_advice(mended).words == ""
-    assert mended.diagonal_m == pytest.approx(mesh.diagonal_m * found.scale)
+    corrected = load_mesh(path, found.unit or mesh.unit, scale=1.0 if found.unit else found.scale)
+    assert size_advice(corrected).words == ""
+    assert corrected.diagonal_m == pytest.approx(mesh.diagonal_m * found.scale)
 
 
-def test_scale_is_on_top_of_the_one_given(wide: Path) -> None:
+def test_advice_includes_the_given_scale(wide: Path) -> None:
     mesh = load_mesh(wide, "m", scale=20.0)
     found = size_advice(mesh)
     assert found.unit is None
@@ -57,7 +57,7 @@ def test_scale_is_on_top_of_the_one_given(wide: Path) -> None:
     assert (size_m <= REACH_M["omni"]).all() and (2.5 * size_m >= REACH_M["omni"]).any()
 
 
-def test_scene_as_it_stands_by_what_the_device_reaches() -> None:
+def test_scene_larger_than_the_workspace() -> None:
     scene = Scene()
     assert size_advice(scene).words == ""
     for x in (0.0, 0.7):
@@ -65,20 +65,18 @@ def test_scene_as_it_stands_by_what_the_device_reaches() -> None:
     found = size_advice(scene)
     assert "860 × 150 × 120 mm" in found.words and "omni" in found.words
     assert found.scale == 0.1 and found.option == ""
-    assert size_advice(scene, "premium-1.5").words == size_advice(scene, "a device of its own").words == ""
+    assert size_advice(scene, "premium-1.5").words == size_advice(scene, "another device").words == ""
 
 
-def test_commands_say_it_once_and_nothing_of_a_size_for_a_hand(
-    wide: Path, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_commands_print_advice_once(wide: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     load_input(str(wide), MeshOptions(unit="m"))
-    assert len(capsys.readouterr().out.splitlines()) == 1  # that it is loaded
+    assert len(capsys.readouterr().out.splitlines()) == 1  # the progress message
     scene = load_input(str(wide), MeshOptions(unit="mm"))
-    assert capsys.readouterr().out.count("--unit m makes it") == 1
+    assert capsys.readouterr().out.count("with --unit m it is") == 1
     scene.save(tmp_path / "wide.scene.json")
     load_input(str(tmp_path / "wide.scene.json"), MeshOptions())
-    told = capsys.readouterr().out
-    assert "the scene is 160 × 150 × 120 µm" in told and "--" not in told  # which a scene file would refuse
+    printed = capsys.readouterr().out
+    assert "the scene is 160 × 150 × 120 µm" in printed and "--" not in printed  # options that scene files do not have
     (tmp_path / "speck.stl").write_bytes(wide.read_bytes())
     both = Scene()
     both.add(wide, unit="m")

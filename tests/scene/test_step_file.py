@@ -1,10 +1,10 @@
-"""What the text of a STEP file promises; `tests/nightly/scene` reads whole files by Open CASCADE."""
+"""Declarations in STEP files; `tests/nightly/scene` reads files with Open CASCADE."""
 
 import numpy as np
 import pytest
 
 from hapscene.errors import MeshError
-from hapscene.scene.step_file import faces_in, promised_by
+from hapscene.scene.step_file import declared_by, faces_in
 
 STATEMENTS = """#1=CARTESIAN_POINT('a; #99 /* no comment */',(0.,0.,0.));
 #2=VERTEX_POINT('',#1);
@@ -15,12 +15,12 @@ STATEMENTS = """#1=CARTESIAN_POINT('a; #99 /* no comment */',(0.,0.,0.));
 
 
 def promised(statements: str):
-    return promised_by(
+    return declared_by(
         f"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n{statements}ENDSEC;\nEND-ISO-10303-21;\n".encode(), "x"
     )
 
 
-def test_an_intact_file_promises_its_faces_and_a_closed_body() -> None:
+def test_intact_file() -> None:
     assert promised(STATEMENTS) == (2, True, [], [])
     assert not promised(STATEMENTS.replace("CLOSED_SHELL", "OPEN_SHELL")).is_closed
     assert not promised("").is_closed
@@ -42,16 +42,16 @@ def test_damage_is_found(old: str, new: str) -> None:
     assert promised(STATEMENTS.replace(old, new)).damage
 
 
-def test_a_statement_that_no_other_names_is_doubtful() -> None:
+def test_unused_statement_is_a_doubt() -> None:
     assert promised(STATEMENTS + "#6=CARTESIAN_POINT('',(1.,0.,0.));\n").doubts
 
 
 @pytest.mark.parametrize("content", [b"solid x", b"ISO-10303-21;\nHEADER;\n"])
-def test_other_and_truncated_files_are_refused(content: bytes) -> None:
+def test_other_and_truncated_files_raise(content: bytes) -> None:
     with pytest.raises(MeshError, match="part"):
-        promised_by(content, "part.step")
+        declared_by(content, "part.step")
 
 
-def test_faces_are_counted_by_their_own_vertices() -> None:
+def test_faces_are_counted_by_their_vertices() -> None:
     one, two, three = [[0, 1, 2], [0, 2, 3]], [[4, 5, 6]], [[7, 8, 9], [9, 8, 10]]
     assert [faces_in(np.array(part)) for part in (one, one + two, one + two + three)] == [1, 2, 3]

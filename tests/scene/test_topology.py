@@ -1,4 +1,4 @@
-"""Welding, edges and winding against what is known of simple bodies."""
+"""Welding, edges and winding of simple bodies."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def soup(mesh):
     return mesh.triangles.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3)
 
 
-def test_weld_finds_exactly_equal_places():
+def test_weld_merges_exactly_equal_positions():
     vertices = np.array([[0.0, 1, 2], [-0.0, 1, 2], [0, 1, 2 + 1e-15], [5, 5, 5], [0, 1, 2]])
     assert weld(vertices).tolist() == [0, 0, 2, 3, 0]
     rng = np.random.default_rng(0)
@@ -23,24 +23,24 @@ def test_weld_finds_exactly_equal_places():
     np.testing.assert_array_equal(weld(points), first[inverse.ravel()])
 
 
-def test_first_of_survives_rows_that_mix_to_one_number(monkeypatch):
+def test_first_of_handles_hash_collisions(monkeypatch):
     rows = np.array([[1, 2, 3], [3, 2, 1], [1, 2, 3], [3, 2, 1]], np.uint64)
     monkeypatch.setattr(topology, "_mix", lambda rows: np.zeros(len(rows), np.uint64))
     assert first_of(rows).tolist() == [0, 1, 0, 1]
 
 
 @pytest.mark.parametrize("make", [lambda m: (np.array(m.vertices), np.array(m.faces)), soup])
-def test_a_ball_has_the_edges_of_euler(make):
+def test_edges_of_a_closed_mesh(make):
     vertices, faces = make(BALL)
     edges = edges_of(faces, weld(vertices))
     assert len(edges.count) == 3 * len(faces) // 2 and (edges.count == 2).all()
-    pairs, alike = edges.pairs()
-    assert alike.all()
+    pairs, agree = edges.pairs()
+    assert agree.all()
     expected = {tuple(sorted(pair)) for pair in BALL.face_adjacency.tolist()}
     assert {tuple(sorted(pair)) for pair in pairs.tolist()} == expected
 
 
-def test_collapsed_faces_have_no_edges():
+def test_degenerate_faces_have_no_edges():
     faces = np.array([[0, 1, 2], [0, 0, 2], [1, 1, 1]])
     edges = edges_of(faces, np.arange(3))
     assert len(edges.count) == 3
@@ -51,7 +51,7 @@ def test_collapsed_faces_have_no_edges():
 
 
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.45])
-def test_turned_faces_are_found_one_by_one(share):
+def test_reversed_faces_are_found(share):
     vertices, faces = np.array(BALL.vertices), np.array(BALL.faces)
     chosen = np.random.default_rng(1).random(len(faces)) < share
     faces[chosen] = faces[chosen][:, ::-1]
@@ -61,7 +61,7 @@ def test_turned_faces_are_found_one_by_one(share):
     assert not winding.one_sided.any()
 
 
-def test_each_shell_is_judged_for_itself():
+def test_winding_is_checked_per_shell():
     vertices = np.concatenate([BALL.vertices, np.asarray(BALL.vertices) + 5])
     faces = np.concatenate([BALL.faces, np.asarray(BALL.faces)[:, ::-1] + len(BALL.vertices)])
     winding = winding_of(edges_of(faces, weld(vertices)), area_of(vertices[faces]))
@@ -69,7 +69,7 @@ def test_each_shell_is_judged_for_itself():
     assert len(np.unique(winding.shell)) == 2
 
 
-def test_a_moebius_strip_has_one_side():
+def test_moebius_strip_is_one_sided():
     n = 30
     angle = np.linspace(0, 2 * np.pi, n, endpoint=False)
     rim = []
@@ -87,7 +87,7 @@ def test_a_moebius_strip_has_one_side():
     assert winding.one_sided.all() and not winding.turned.any()
 
 
-def test_volume_and_closure():
+def test_volume_and_closed():
     far = np.asarray(BALL.vertices) + np.array([100.0, 0.0, 0.0])
     faces = np.asarray(BALL.faces)
     assert volume_of(far, faces) == pytest.approx(BALL.volume, rel=1e-9)

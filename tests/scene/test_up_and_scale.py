@@ -1,4 +1,4 @@
-"""Which axis of a mesh's file is up, and how much larger it is made: in a scene z is up, and sizes are in metres."""
+"""Vertical axis and scale of mesh files."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.scene import Scene, load_scene
 
-TALL = trimesh.creation.box((0.02, 0.05, 0.03))  # as its file has it: its height is along y
+TALL = trimesh.creation.box((0.02, 0.05, 0.03))  # its height is along y in the file
 STANDING = [0.02, 0.03, 0.05]
 
 
@@ -25,7 +25,7 @@ def size_of(mesh: Mesh) -> list[float]:
 
 
 @pytest.mark.parametrize("suffix", ["glb", "stl"])
-def test_y_up_is_turned_by_the_convention_of_the_format_or_as_told(suffix: str, tmp_path: Path) -> None:
+def test_y_up_is_rotated(suffix: str, tmp_path: Path) -> None:
     file = tmp_path / f"tall.{suffix}"
     marked = TALL.copy()
     marked.apply_translation((0.0, 0.1, 0.0))  # above the origin
@@ -44,13 +44,13 @@ def edges_outward(mesh: Mesh) -> bool:
     return bool((np.einsum("ij,ij->i", mesh.normals, mesh.triangles_m.mean(axis=1) - middle) > 0.0).all())
 
 
-def test_scale_makes_it_larger_after_its_unit(tmp_path: Path) -> None:
+def test_scale_is_applied_after_the_unit(tmp_path: Path) -> None:
     TALL.export(tmp_path / "tall.stl")
     assert size_of(load_mesh(tmp_path / "tall.stl", "cm", scale=50.0)) == [0.01, 0.025, 0.015]
     assert size_of(Mesh.from_trimesh(TALL, "m", up="y", scale=2.0)) == [0.04, 0.06, 0.1]
 
 
-def test_scene_file_keeps_both(tmp_path: Path) -> None:
+def test_scene_file_stores_up_and_scale(tmp_path: Path) -> None:
     TALL.export(tmp_path / "tall.glb")
     scene = Scene()
     scene.add(tmp_path / "tall.glb", name="as it is")
@@ -62,10 +62,10 @@ def test_scene_file_keeps_both(tmp_path: Path) -> None:
     assert [size_of(body.mesh) for body in back.bodies] == [STANDING, [0.01, 0.025, 0.015]]
 
 
-def test_files_of_before_load_gltf_as_it_lay(tmp_path: Path) -> None:
+def test_old_scene_files_do_not_rotate_gltf(tmp_path: Path) -> None:
     TALL.export(tmp_path / "tall.glb")
     scene = Scene()
-    scene.add(tmp_path / "tall.glb", up="z")  # as every glTF was
+    scene.add(tmp_path / "tall.glb", up="z")  # as before version 3
     scene.save(tmp_path / "old.scene.json")
     content = json.loads((tmp_path / "old.scene.json").read_text())
     assert content["version"] == 1 and set(content["meshes"][0]) == {"path", "unit", "sha256", "face_count"}
@@ -73,7 +73,7 @@ def test_files_of_before_load_gltf_as_it_lay(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("given", [{"up": "x"}, *({"scale": bad} for bad in (0.0, np.nan, np.inf, True, 10**400, "2"))])
-def test_an_invalid_axis_or_scale_is_refused(given: dict, tmp_path: Path) -> None:
+def test_invalid_up_or_scale_raises(given: dict, tmp_path: Path) -> None:
     TALL.export(tmp_path / "tall.stl")
     with pytest.raises(MeshError):
         load_mesh(tmp_path / "tall.stl", "m", **given)
@@ -87,8 +87,8 @@ def test_an_invalid_axis_or_scale_is_refused(given: dict, tmp_path: Path) -> Non
         load_scene(tmp_path / "a.scene.json")
 
 
-@pytest.mark.filterwarnings("ignore:.*holds a painted scene")
-def test_what_says_this_itself_takes_neither(tmp_path: Path) -> None:
+@pytest.mark.filterwarnings("ignore:.*contains a painted scene")
+def test_up_and_scale_are_rejected_for_scenes(tmp_path: Path) -> None:
     scene = Scene()
     scene.add(TALL, unit="m")
     scene.save(tmp_path / "a.scene.json")
@@ -102,7 +102,7 @@ def test_what_says_this_itself_takes_neither(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", EXPORTS)
-def test_foreign_mesh_stands_as_it_stood_after_a_round_trip(name: str, tmp_path: Path) -> None:
+def test_export_preserves_the_orientation(name: str, tmp_path: Path) -> None:
     corners = [[0, 0, 0], [0.02, 0, 0], [0, 0.05, 0], [0, 0, 0.03]]
     ramp = trimesh.Trimesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
     ramp.export(tmp_path / "ramp.glb")
@@ -112,7 +112,7 @@ def test_foreign_mesh_stands_as_it_stood_after_a_round_trip(name: str, tmp_path:
     export_scene(scene, file, name)
     unit = "m" if file.suffix in (".obj", ".stl", ".ply") else None
     opened = [import_scene(file, unit), Scene()]
-    opened[1].add(file, unit=unit)  # as a mesh of anybody's, too
+    opened[1].add(file, unit=unit)  # also as an ordinary mesh file
     for back in opened:
         np.testing.assert_allclose(corners_of(back), corners_of(scene), atol=1e-8)
 

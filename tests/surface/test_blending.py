@@ -43,8 +43,8 @@ SOFT = Swatch("soft", stiffness_N_m=200.0, texture=B[2], friction_dynamic=0.4, f
 def scene_of(*painted, base=HARD, **more):
     scene = hapscene.Scene()
     scene.add(PLATE, name="plate", unit="m", swatch=base, **more)
-    for swatch, region, soft_m in painted:
-        scene.paint("plate", swatch, region, soft_m=soft_m)
+    for swatch, region, falloff_m in painted:
+        scene.paint("plate", swatch, region, falloff_m=falloff_m)
     return scene
 
 
@@ -81,13 +81,13 @@ def test_the_spectrum_of_a_blend_is_the_sum_of_both_by_weight(weight):
 
 
 def test_force_follows_the_weight_over_a_soft_border():
-    soft_m = 0.008
-    renderer = hapscene.Renderer(scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), soft_m)), ["wall"])
+    falloff_m = 0.008
+    renderer = hapscene.Renderer(scene_of((SOFT, PlaneSide((0, 0, 0), (1, 0, 0)), falloff_m)), ["wall"])
     path = stroke(1.0, 0.05)
     recording = renderer.run(path)
-    weight = np.clip(0.5 + path[:, 0] / soft_m, 0, 1)
+    weight = np.clip(0.5 + path[:, 0] / falloff_m, 0, 1)
     stiffness = recording.f_W_N[5:, 2] / DEPTH_M
-    lag = 0.05 * BLEND_S / soft_m + 1 / 16  # relative to the weight, including border steps of 1/16
+    lag = 0.05 * BLEND_S / falloff_m + 1 / 16  # relative to the weight, including border steps of 1/16
     np.testing.assert_allclose(stiffness, 800.0 - 600.0 * weight[5:], atol=600.0 * lag)
     assert stiffness[0] == pytest.approx(800.0) and stiffness[-1] == pytest.approx(200.0)
     assert np.abs(np.diff(stiffness)).max() <= 600.0 * 1e-3 / BLEND_S * 1.001
@@ -100,8 +100,8 @@ def test_soft_border_causes_no_click():
     one, two = Swatch("one", texture=quiet), Swatch("two", texture=slow)
     path = there_and_back(stroke(0.2, 0.4))
     steps = []
-    for soft_m in (None, 0.004):
-        scene = scene_of(*([] if soft_m is None else [(two, PlaneSide((0, 0, 0), (1, 0, 0)), soft_m)]), base=one)
+    for falloff_m in (None, 0.004):
+        scene = scene_of(*([] if falloff_m is None else [(two, PlaneSide((0, 0, 0), (1, 0, 0)), falloff_m)]), base=one)
         renderer = hapscene.Renderer(scene, ["lpc_texture"])
         renderer.reset(path[0])
         samples = [renderer.run(path).a_m_s2.ravel() for _ in range(10)]

@@ -1,4 +1,4 @@
-"""The computed swatches against the closed form, written down here anew: lines, corners and levels."""
+"""The computed swatches, compared with closed forms of their lines, corners and levels."""
 
 import math
 import re
@@ -31,7 +31,7 @@ def texture(name: str) -> Texture:
 def tool(
     f: NDArray[np.float64], force_N: float, contact_Pa: float, radius_m: float, loss: float
 ) -> NDArray[np.float64]:
-    """Power that a mass on Hertz's contact and the tool's own 300 Hz passes on."""
+    """Power transfer of a mass on a Hertzian contact and the 300 Hz resonance of the tool."""
     k = 1 / (1 / (6 * contact_Pa**2 * radius_m * force_N) ** (1 / 3) + 1 / (MASS_KG * (600 * math.pi) ** 2))
     r, z = 2 * np.pi * f / math.sqrt(k / MASS_KG), 0.05 + loss / 2
     return np.asarray((1 + (2 * z * r) ** 2) / ((1 - r**2) ** 2 + (2 * z * r) ** 2))
@@ -44,7 +44,7 @@ def period_m(name: str) -> float:
 
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n.startswith(("grating", "mesh", "ribs"))])
-def test_a_profile_that_repeats_has_its_line_at_speed_over_period(name: str) -> None:
+def test_periodic_profile_has_a_line_at_speed_over_period(name: str) -> None:
     """At the speeds of its models and between them, from 20 to 800 Hz."""
     for speed in np.geomspace(max(0.011, 20.0 * period_m(name)), 0.4, 25):
         line_Hz = speed / period_m(name)
@@ -54,8 +54,8 @@ def test_a_profile_that_repeats_has_its_line_at_speed_over_period(name: str) -> 
 
 
 @pytest.mark.parametrize("name", GRAIN_UM)
-def test_a_sandpapers_corner_is_at_speed_over_grain(name: str) -> None:
-    """(2π f)⁴ over (1 + (f/fc)²)², as the tool passes it on: of all corners, v/d agrees best with what is felt."""
+def test_corner_of_sandpaper_is_at_speed_over_grain(name: str) -> None:
+    """(2π f)⁴ over (1 + (f/fc)²)², filtered by the tool: the corner v/d fits best."""
     grain = 1e-6 * GRAIN_UM[name]
     contact = 1 / ((1 - 0.25**2) / 20e9 + 1 / STEEL_PA)
     radius = 1 / (1 / TIP_M + 2 / grain)
@@ -65,11 +65,11 @@ def test_a_sandpapers_corner_is_at_speed_over_grain(name: str) -> None:
         patch = (0.75 * force * radius / contact) ** (1 / 3)
         passed = tool(f, force, contact, radius, 0.03) / (1 + math.pi / 4 * (2 * np.pi * f / speed * patch) ** 3)
         seen = 10 * np.log10(texture(name).density([force], [speed], frequency_Hz=f)[0])
-        heard = seen > seen.max() - 25.0
+        audible = seen > seen.max() - 25.0
 
-        def off_dB(corner_Hz: float, f=f, passed=passed, seen=seen, heard=heard) -> float:
+        def off_dB(corner_Hz: float, f=f, passed=passed, seen=seen, audible=audible) -> float:
             form = 10 * np.log10(f**4 / (1 + (f / corner_Hz) ** 2) ** 2 * passed)
-            return float(np.std((seen - form)[heard]))
+            return float(np.std((seen - form)[audible]))
 
         corners = speed / grain * np.geomspace(0.3, 3.0, 60)
         best = corners[np.argmin([off_dB(corner) for corner in corners])]
@@ -79,7 +79,7 @@ def test_a_sandpapers_corner_is_at_speed_over_grain(name: str) -> None:
 
 
 @pytest.mark.parametrize("force_N", [0.25, 1.0, 3.0])
-def test_a_gratings_level_follows_the_stated_law(force_N: float) -> None:
+def test_level_of_gratings(force_N: float) -> None:
     """Shallow enough for the ball to reach its bottom: h (2π v/λ)²/√2, the tool's resonance, the force's bound."""
     swatch, period, height = texture("grating-1mm-10um"), 1e-3, 5e-6
     acrylic = 1 / ((1 - 0.35**2) / 2.7e9 + 1 / STEEL_PA)
@@ -95,14 +95,14 @@ def test_a_gratings_level_follows_the_stated_law(force_N: float) -> None:
         assert swatch.power([force_N], [speed])[0] == pytest.approx(want, rel=0.15)
 
 
-def test_coarser_and_deeper_is_rougher() -> None:
+def test_roughness_grows_with_grain_and_depth() -> None:
     rough = {entry.name: entry.figures["roughness_m_s2"] for entry in computed_entries()}
     grits = [rough[f"sandpaper-p{grit}"] for grit in (60, 120, 180, 240, 400, 800)]
     assert grits == sorted(grits, reverse=True)
     assert rough["grating-1mm-50um"] > rough["grating-1mm-10um"] and rough["glass"] < 0.05 < rough["glass-frosted"]
 
 
-def test_what_is_shipped_is_what_the_code_computes() -> None:
+def test_shipped_swatches_are_up_to_date() -> None:
     assert set(NAMES) == set(compute.SURFACES) and len(NAMES) >= 24
     for name in ("grating-2mm-50um", "sandpaper-p120", "mesh-1mm", "rubber-soft"):
         made, known = compute.compute(name), load_swatch(name)
@@ -112,22 +112,22 @@ def test_what_is_shipped_is_what_the_code_computes() -> None:
         assert_allclose(made.texture.variance_m2_s4, known.texture.variance_m2_s4, rtol=1e-5)
 
 
-def test_they_say_that_they_were_computed_and_stand_apart() -> None:
+def test_provenance() -> None:
     assert not set(NAMES) & set(shipped_swatches())
     for entry in computed_entries():
         assert entry.provenance.startswith("Computed, not measured: ") and entry.tags[0] == "computed"
         looked_up, _, assumed = entry.provenance.partition("Assumed, from no source: ")
         for number in ("elasticity", "loss", "friction"):
-            told = f": {number} " in looked_up or f"; {number} " in looked_up, number in assumed.split(".")[0]
-            assert sum(told) == 1, (entry.name, number)
+            listed = f": {number} " in looked_up or f"; {number} " in looked_up, number in assumed.split(".")[0]
+            assert sum(listed) == 1, (entry.name, number)
         swatch = load_swatch(entry.name)
         assert swatch.name == entry.name and swatch.provenance == entry.provenance and swatch.licence
         assert len(texture(entry.name).force_N) <= 64 and entry.bytes < 12_000
     assert {e.name for e in search(computed_entries(), ["sandpaper"])} == {n for n in NAMES if "sandpaper" in n}
 
 
-def test_a_swatch_of_the_users_own_keeps_its_name(monkeypatch, tmp_path) -> None:
-    """Who had one called glass before there was a computed one still gets it by that name; a new one must not be."""
+def test_user_swatch_takes_precedence(monkeypatch, tmp_path) -> None:
+    """A user swatch that is older than a computed one with the same name is used; new ones are rejected."""
     monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path))
     with pytest.raises(SwatchError, match="glass"):
         add(Swatch("glass"))

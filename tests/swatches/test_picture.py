@@ -1,4 +1,4 @@
-"""The ball of a card looks like its swatch: its colour, its pictures, its relief; on any ground."""
+"""Pictures of swatches."""
 
 import io
 from dataclasses import replace
@@ -26,7 +26,7 @@ def grain(swatch: Swatch, axis: int) -> float:
     return float(np.abs(np.diff(middle, axis=axis)).mean())
 
 
-def test_it_is_a_ball_in_the_swatchs_colour() -> None:
+def test_colour() -> None:
     seen = pixels(Swatch("red", albedo_rgb=(0.8, 0.1, 0.1)))
     assert seen.shape == (BALL_PX, BALL_PX, 4) and seen[0, 0, 3] == 0.0 and seen[36, 36, 3] == 1.0
     assert seen[36, 36, 0] > 3 * seen[36, 36, 2]
@@ -36,19 +36,19 @@ def test_it_is_a_ball_in_the_swatchs_colour() -> None:
 
 
 @pytest.mark.parametrize("colour", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)])
-def test_its_rim_is_seen_on_light_and_dark(colour: tuple[float, float, float]) -> None:
+def test_rim(colour: tuple[float, float, float]) -> None:
     edge = pixels(Swatch("x", albedo_rgb=colour))[36, :5]
     assert np.any((np.abs(edge[:, :3] - 0.5).max(axis=1) < 0.2) & (edge[:, 3] > 0.9))
 
 
-def test_a_gratings_grooves_lie_side_by_side_and_a_sandpapers_grain_does_not() -> None:
+def test_relief() -> None:
     grating, paper = load_swatch("grating-1mm-50um"), load_swatch("sandpaper-p60")
     assert grain(grating, 1) > 4 * grain(grating, 0)
     assert 0.5 < grain(paper, 1) / grain(paper, 0) < 2.0
     assert grain(paper, 1) > 2 * grain(load_swatch("sandpaper-p800"), 1)
 
 
-def test_a_period_is_told_from_a_resonance_by_the_speed() -> None:
+def test_period() -> None:
     for name, period_m in (("grating-0.5mm-10um", 5e-4), ("grating-2mm-200um", 2e-3), ("ribs-6mm", 6e-3)):
         found = _period_m(load_swatch(name).texture, 1.0)
         assert found == pytest.approx(period_m, rel=0.03)

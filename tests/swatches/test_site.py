@@ -1,4 +1,4 @@
-"""A published library: what stands in its pages, whatever strangers call things; what `get` reads; what it replaces."""
+"""The static site of a library: content, replacement of files, escaping."""
 
 import json
 import threading
@@ -30,7 +30,7 @@ HOSTILE = "</h1><b onload='x'>\"&amp;<!-- "
 
 @pytest.fixture(scope="module")
 def sources(tmp_path_factory: pytest.TempPathFactory) -> list[static_site.Source]:
-    """A library with a folder, tags, a swatch without licence and texture, and one of a hostile name."""
+    """A library with a folder, tags, a swatch without licence and texture, and one with a malicious name."""
     home = tmp_path_factory.mktemp("library")
     wood = load_swatch("wood")
     add(replace(wood, name="oak, planed"), home, inside="woods", tags=["hard wood", "planed"])
@@ -44,7 +44,7 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> list[static_site.Source
 def site(sources: list[static_site.Source], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("published") / "site"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(static_site, "painted_body", lambda swatch: None)  # which takes seconds to draw
+        patch.setattr(static_site, "painted_body", lambda swatch: None)  # rendering takes seconds
         publish(sources, folder, "Ours & <others>")
     return folder
 
@@ -73,7 +73,7 @@ def address(site: Path) -> Iterator[str]:
     server.server_close()
 
 
-def test_get_reads_it_from_a_plain_server(
+def test_get_from_a_web_server(
     address: str, sources: list[static_site.Source], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     home = str(tmp_path / "mine")
@@ -91,7 +91,7 @@ def test_get_reads_it_from_a_plain_server(
     assert main(["swatch", "get", "--all", "--name", "soft", "--from", address, "--library", home]) == 2
 
 
-def test_shipped_swatches_are_published_with_their_very_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shipped_swatches_are_published_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path))
     every = {source.swatch.name: source for source in gather(shipped=True)}
     folder = resources.files("hapscene_swatches")
@@ -100,7 +100,7 @@ def test_shipped_swatches_are_published_with_their_very_bytes(tmp_path: Path, mo
     assert "glass" in every["glass"].tags and len(every) > 30
 
 
-def test_a_swatch_has_picture_spectra_sound_and_weighs_little(site: Path) -> None:
+def test_files_of_a_swatch(site: Path) -> None:
     assert not (site / "index.swatch").exists() and (site / "index_2.html").is_file()
     for page in sorted(site.glob("*.html")):
         stem = page.stem
@@ -115,7 +115,7 @@ def test_a_swatch_has_picture_spectra_sound_and_weighs_little(site: Path) -> Non
     assert (site / "index.html").read_text(encoding="utf-8").count(NO_LICENCE) == 1
 
 
-def test_the_picture_is_of_the_painted_body(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_picture_of_the_body(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wood = load_swatch("wood")
     body = painted_body(wood)
     if body is None:
@@ -127,15 +127,15 @@ def test_the_picture_is_of_the_painted_body(tmp_path: Path, monkeypatch: pytest.
         assert picture.convert("RGBA").getpixel((0, 0))[3] == 0  # type: ignore[index]
 
 
-# What is ours, and what is not.
+# Replacement of files.
 
 
 @pytest.mark.usefixtures("quick")
-def test_published_again_only_what_was_made_is_replaced(tmp_path: Path) -> None:
+def test_publish_again(tmp_path: Path) -> None:
     site = tmp_path / "site"
     publish(gather(["wood", "paper"]), site)
     (site / "CNAME").write_text("swatches.example.org")
-    (site / "notes.html").write_text("ours")
+    (site / "notes.html").write_text("other")
     publish(gather(["wood"]), site, "Again")
     names = {file.name for file in site.iterdir()}
     wood = {f"wood{end}" for end in (".swatch", ".html", ".wav", "-body.png", "-ball.png")}
@@ -145,23 +145,23 @@ def test_published_again_only_what_was_made_is_replaced(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("name", ["index.html", "index.json", "wood.html", "wood.swatch"])
-def test_others_files_are_not_replaced(name: str, tmp_path: Path) -> None:
+def test_other_files_are_not_replaced(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text("mine")
-    with pytest.raises(SwatchError, match=f"{name}: is there and was not published"):
+    with pytest.raises(SwatchError, match=f"{name}: exists, but"):
         publish(gather(["wood"]), tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == [name]
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_library_itself_is_not_published_over(tmp_path: Path) -> None:
+def test_library_folder_is_not_replaced(tmp_path: Path) -> None:
     add(Swatch("oak"), tmp_path)
-    with pytest.raises(SwatchError, match="was not published"):
+    with pytest.raises(SwatchError, match="not part of an earlier publication"):
         publish(gather(library=tmp_path), tmp_path)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["index.json", "oak.swatch"]
 
 
 @pytest.mark.usefixtures("quick")
-def test_interrupted_nothing_is_left(tmp_path: Path) -> None:
+def test_interrupt_changes_nothing(tmp_path: Path) -> None:
     def say(text: str) -> None:
         if text.startswith("2/"):
             raise KeyboardInterrupt
@@ -174,7 +174,7 @@ def test_interrupted_nothing_is_left(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["site"]
 
 
-def test_errors_are_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     twin = tmp_path / "twin.swatch"
     save_swatch(load_swatch("wood"), twin)
     (tmp_path / "file").write_text("")
@@ -182,36 +182,34 @@ def test_errors_are_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[s
     broken.write_text("{}")
     site, none = str(tmp_path / "site"), str(tmp_path / "none")
     for words, message in {
-        (site, "--library", none): "is empty: name swatches to publish, or --shipped",
-        (site, "wood", str(twin)): "two swatches are called 'wood'",
+        (site, "--library", none): "is empty: name swatches to publish, or use --shipped",
+        (site, "wood", str(twin)): "two swatches have the name 'wood'",
         (site, "oka"): "no swatch 'oka'",
         (site, str(broken)): "broken.swatch: not a swatch",
-        (str(tmp_path / "file"), "wood"): "is a file; expected a folder",
+        (str(tmp_path / "file"), "wood"): "it is a file; expected a folder",
     }.items():
         assert main(["swatch", "publish", *words]) == 2
-        told = capsys.readouterr()
-        assert message in told.err and told.err.count("\n") == 1, told.err
+        printed = capsys.readouterr()
+        assert message in printed.err and printed.err.count("\n") == 1, printed.err
     assert not Path(site).exists()
 
 
 @pytest.mark.usefixtures("quick")
-def test_command_tells_what_was_made_and_what_has_no_licence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     add(Swatch("bare"), tmp_path / "home")
     words = ["publish", str(tmp_path / "site"), "--library", str(tmp_path / "home"), "--title", "Woods"]
     assert main(["swatch", *words]) == 0
-    told = capsys.readouterr()
-    assert "1/1  bare" in told.out and "index.html  (1 swatches," not in told.out and "1 swatch, " in told.out
-    assert "no licence is stated for bare" in told.err
+    printed = capsys.readouterr()
+    assert "1/1  bare" in printed.out and "index.html  (1 swatches," not in printed.out and "1 swatch, " in printed.out
+    assert "no licence is stated for bare" in printed.err
     assert "<title>Woods</title>" in (tmp_path / "site" / "index.html").read_text()
 
 
-# Names and texts of strangers.
+# Untrusted names and texts.
 
 
 class Skeleton(HTMLParser):
-    """Which elements there are, with which attributes, and what is text."""
+    """Elements with their attributes, and the texts of a page."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
@@ -245,7 +243,7 @@ NAME = TEXT.map(lambda text: "".join(filter(str.isprintable, text))[:80]).filter
 
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(NAME, TEXT, TEXT, NAME, TEXT)
-def test_nothing_of_strangers_is_markup(name: str, provenance: str, licence: str, tag: str, title: str) -> None:
+def test_texts_are_escaped(name: str, provenance: str, licence: str, tag: str, title: str) -> None:
     plain = [Skeleton(page).tags for page in pages("a", "b", "c", "d", "e")]
     for page, tags in zip(pages(name, provenance, licence, tag, title), plain, strict=True):
         found = Skeleton(page)
@@ -257,10 +255,7 @@ def test_nothing_of_strangers_is_markup(name: str, provenance: str, licence: str
     assert printable(" ".join(provenance.split())) in Skeleton(page).texts
 
 
-# In a validator and in a browser.
-
-
-def test_entries_say_nothing_else_than_the_swatches(site: Path, sources: list[static_site.Source]) -> None:
+def test_index(site: Path, sources: list[static_site.Source]) -> None:
     listed = json.loads((site / "index.json").read_text())["swatches"]
     assert [LibraryEntry(**{**row, "tags": tuple(row["tags"])}).name for row in listed] == sorted(
         source.swatch.name for source in sources

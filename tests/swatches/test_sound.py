@@ -1,4 +1,4 @@
-"""Sound of a swatch: as loud as its texture, on one scale with what it is compared with."""
+"""Sounds of swatches."""
 
 import io
 from dataclasses import replace
@@ -21,12 +21,12 @@ WOOD = hapscene.load_swatch("wood")
 
 
 def steady(sound, seconds: float) -> np.ndarray:
-    """What is heard while the stroke has its full speed."""
+    """Part of the sound in which the stroke has its full speed."""
     start, stop = START_S + EASE_S + 0.05, START_S + seconds - EASE_S - 0.05
     return sound.a_m_s2[round(start * sound.rate_Hz) : round(stop * sound.rate_Hz)]
 
 
-def test_it_is_as_loud_as_the_texture() -> None:
+def test_level_of_the_stroke() -> None:
     for force_N, speed_m_s, gain in ((1.0, 0.1, 1.0), (0.5, 0.2, 1.0), (1.0, 0.1, 3.0)):
         swatch = replace(WOOD, taps=None, effects={"lpc_texture": {"texture_gain": gain}})
         level = steady(swatch_sound(swatch, force_N, speed_m_s, 20.0), 20.0).std()
@@ -34,7 +34,7 @@ def test_it_is_as_loud_as_the_texture() -> None:
         assert level == pytest.approx(known, rel=0.1)
 
 
-def test_the_tap_is_first_and_the_swatchs_own() -> None:
+def test_tap() -> None:
     quiet = replace(WOOD, texture=None)
     sound = swatch_sound(quiet)
     tap = WOOD.taps.transient(0.1, sound.rate_Hz)  # type: ignore[union-attr]
@@ -49,13 +49,13 @@ def samples(data: bytes) -> tuple[int, np.ndarray]:
     return rate, found
 
 
-def test_all_swatches_have_one_scale() -> None:
+def test_common_scale() -> None:
     soft = replace(WOOD, effects={"lpc_texture": {"texture_gain": 0.25}, "tap": {"tap_gain": 0.25}})
     first, second = (samples(wav_bytes(swatch_sound(swatch)))[1] for swatch in (WOOD, soft))
     assert second.std() == pytest.approx(0.25 * first.std(), rel=0.01)
 
 
-def test_what_is_too_loud_is_turned_down_and_silence_stays() -> None:
+def test_clipping_and_silence() -> None:
     loud = replace(WOOD, effects={"lpc_texture": {"texture_gain": 10.0}, "tap": {"tap_gain": 10.0}})
     _, found = samples(wav_bytes(swatch_sound(loud)))
     assert np.abs(swatch_sound(loud).a_m_s2).max() > FULL_SCALE_M_S2

@@ -1,4 +1,4 @@
-"""A recording made by hand: taps and strokes over four swatches, with a known acceleration."""
+"""A synthetic recording: taps and strokes over four swatches with a known acceleration."""
 
 import numpy as np
 import pytest

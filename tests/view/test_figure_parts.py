@@ -1,4 +1,4 @@
-"""What stands in a picture."""
+"""Parts of a picture."""
 
 from dataclasses import replace
 
@@ -30,28 +30,28 @@ def scene() -> Scene:
     return scene
 
 
-def test_path_grows_and_tool_and_force_are_where_they_were(scene: Scene, recording: Recording) -> None:
-    stage = make_figure_parts(scene, recording, LIGHT, np.array([500, 1000, 1999]))
-    counts = [len(stage.shown(tick)) - len(stage.shown()) for tick in (100, 600, 1999)]
-    assert counts == [2, 3, 5]  # tool and proxy; a piece; three pieces, all in the air
-    poses = dict(stage.shown(900))  # within a stroke: 0.5 N along z
+def test_path_tool_and_force(scene: Scene, recording: Recording) -> None:
+    figure = make_figure_parts(scene, recording, LIGHT, np.array([500, 1000, 1999]))
+    counts = [len(figure.shown(tick)) - len(figure.shown()) for tick in (100, 600, 1999)]
+    assert counts == [2, 3, 5]  # tool and proxy; one segment; three segments
+    poses = dict(figure.shown(900))  # within a stroke: 0.5 N along z
     assert poses[TOOL][:3, 3] == pytest.approx(recording.p_WT_m[900])
-    tip = moved(stage.parts[HEAD], poses[HEAD]).corner_m
+    tip = moved(figure.parts[HEAD], poses[HEAD]).corner_m
     top = tip[tip[:, 2].argmax()]
-    assert top == pytest.approx(recording.p_WP_m[900] + (0, 0, ARROW_LENGTH * stage.size_m), abs=1e-9)
-    foot = moved(stage.parts[SHAFT], poses[SHAFT]).corner_m
+    assert top == pytest.approx(recording.p_WP_m[900] + (0, 0, ARROW_LENGTH * figure.size_m), abs=1e-9)
+    foot = moved(figure.parts[SHAFT], poses[SHAFT]).corner_m
     assert foot[:, 2].min() == pytest.approx(recording.p_WP_m[900, 2], abs=1e-9)
 
 
-def test_arrow_is_as_long_as_the_force_is_large(scene: Scene, recording: Recording) -> None:
+def test_arrow_length(scene: Scene, recording: Recording) -> None:
     half = recording.f_W_N.copy()
     half[900:] *= 0.5
-    stage = make_figure_parts(scene, replace(recording, f_W_N=half), LIGHT, np.array([1999]))
-    ends = [moved(stage.parts[HEAD], dict(stage.shown(tick))[HEAD]).corner_m[:, 2].max() for tick in (850, 950)]
+    figure = make_figure_parts(scene, replace(recording, f_W_N=half), LIGHT, np.array([1999]))
+    ends = [moved(figure.parts[HEAD], dict(figure.shown(tick))[HEAD]).corner_m[:, 2].max() for tick in (850, 950)]
     assert ends[1] == pytest.approx(0.5 * ends[0])
 
 
-def test_arrows_stand_at_even_distances_and_once_in_a_tap(recording: Recording) -> None:
+def test_arrow_spacing(recording: Recording) -> None:
     ticks = arrow_ticks(recording, 0.005)
     assert all(recording.touching[ticks])
     held = [np.count_nonzero((ticks >= a * 1e3) & (ticks < b * 1e3)) for a, b in ((0.2, 0.25), (0.8, 1.4))]

@@ -1,4 +1,4 @@
-"""The strip under a picture."""
+"""The legend of a picture."""
 
 import numpy as np
 import pytest
@@ -12,12 +12,12 @@ from hapscene.view.palette import LIGHT, rgb
 
 
 def inked(legend: Legend, measures: list[LegendEntry]) -> np.ndarray:
-    """Where (rows, columns) a legend is not of the page."""
+    """Mask of the pixels of a legend that differ from the background."""
     return np.any(np.asarray(legend.draw(measures)) != np.round(rgb(LIGHT.page) * 255), axis=2)
 
 
 @pytest.mark.parametrize("count", [1, 40])
-def test_entries_leave_a_margin_and_the_last_row_to_the_measures(count: int) -> None:
+def test_layout(count: int) -> None:
     width = 800
     legend = Legend([LegendEntry("w" * (3 + 7 * k % 20), "#000000") for k in range(count)], width, LIGHT)
     measures = measures_of(0.3 / width, width, LIGHT, 0.05, 1.3)
@@ -28,7 +28,7 @@ def test_entries_leave_a_margin_and_the_last_row_to_the_measures(count: int) -> 
     assert not entries[rows.min() :].any() and not (both & ~entries)[:, : width // 3].any()
 
 
-def test_only_swatches_that_are_worn_are_named() -> None:
+def test_only_used_swatches_are_listed() -> None:
     scene = Scene()
     scene.add(Mesh.from_trimesh(trimesh.creation.box((1, 1, 1)), "m"), name="box", swatch=Swatch("under"))
     scene.paint("box", Swatch("over"))
@@ -37,7 +37,7 @@ def test_only_swatches_that_are_worn_are_named() -> None:
     assert [entry.text for entry in entries_of(scene, LIGHT)] == ["plain", "over"]
 
 
-def test_measures_are_round_and_true() -> None:
+def test_measures() -> None:
     arrow, bar = measures_of(1e-3, 800, LIGHT, arrow_m_N=0.06, f_max_N=1.7)
     assert (bar.text, bar.length_px) == ("100 mm", 100)
     assert (arrow.text, arrow.length_px) == ("force, 1 N", 60)
@@ -46,14 +46,14 @@ def test_measures_are_round_and_true() -> None:
     assert measures_of(1e-5, 800, LIGHT, arrow_m_N=0.06, f_max_N=0.002)[0].text == "force, 2 mN"
 
 
-def test_long_names_are_cut() -> None:
+def test_long_names_are_shortened() -> None:
     scene = Scene()
     scene.add(Mesh.from_trimesh(trimesh.creation.box((1, 1, 1)), "m"), name="box", swatch=Swatch("w" * (NAME_MAX + 1)))
     assert entries_of(scene, LIGHT)[0].text == "w" * (NAME_MAX - 1) + "…"
 
 
 @pytest.mark.parametrize("kind", ["patch", "line", "thread", "ball", "bar", "arrow"])
-def test_a_sign_is_as_long_as_it_says_and_stands_apart_from_its_text(kind: str) -> None:
+def test_symbols(kind: str) -> None:
     size = 12  # of the text in a picture of 800 pixels
     ink = inked(Legend([LegendEntry("wood", "#123456", kind, 100 if kind in ("bar", "arrow") else 0)], 800, LIGHT), [])
     long = {"bar": 100, "arrow": 100, "ball": 2 * round(0.4 * size)}.get(kind, round(1.4 * size))

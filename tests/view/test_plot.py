@@ -1,4 +1,4 @@
-"""plots.png: what it shows, and that nothing in it overlaps."""
+"""Plots of a touch."""
 
 import re
 from dataclasses import fields, replace
@@ -15,7 +15,7 @@ from hapscene.render.recording import Recording
 from hapscene.view.plot import draw_hand_plot, draw_plot, envelope, write_plot
 
 
-def test_every_plot_names_its_quantity_and_unit(recording: Recording) -> None:
+def test_labels(recording: Recording) -> None:
     axes = draw_plot(recording, "a title").axes
     units = [re.findall(r"\[(.*?)\]|$", ax.get_ylabel())[0] for ax in axes]
     assert units == ["", "N", "mm", "m/s²", "Hz", ""] and "[s]" in axes[4].get_xlabel()
@@ -25,7 +25,7 @@ def test_every_plot_names_its_quantity_and_unit(recording: Recording) -> None:
 
 
 @pytest.mark.parametrize("swatch_count", [5, 12])
-def test_no_two_texts_overlap(recording: Recording, swatch_count: int) -> None:
+def test_texts_do_not_overlap(recording: Recording, swatch_count: int) -> None:
     names = tuple(f"swatch {k}" for k in range(swatch_count))
     swatch = np.where(recording.touching, np.arange(len(recording)) // 20 % swatch_count, -1).astype(np.int32)
     figure = draw_plot(replace(recording, swatch=swatch, swatch_names=names), "a title of a common length")
@@ -43,7 +43,7 @@ def test_no_two_texts_overlap(recording: Recording, swatch_count: int) -> None:
         assert not (inside and a.shrunk(0.98, 0.9).overlaps(b.shrunk(0.98, 0.9))), f"{name_a!r} over {name_b!r}"
 
 
-def test_spectrogram_is_brightest_where_the_sine_is(recording: Recording) -> None:
+def test_spectrogram_of_a_sine(recording: Recording) -> None:
     silent = replace(recording, a_m_s2=np.zeros_like(recording.a_m_s2))
     axes, quiet = (draw_plot(one).axes[4] for one in (recording, silent))
     assert axes.get_ylim() == quiet.get_ylim() == (0.0, 1000.0) and quiet.texts[0].get_text() == "silence"
@@ -53,7 +53,7 @@ def test_spectrogram_is_brightest_where_the_sine_is(recording: Recording) -> Non
     assert abs(frequency_Hz[level_dB.max(axis=1).argmax()] - 250.0) <= 10.0
 
 
-def test_no_peak_is_lost() -> None:
+def test_envelope_keeps_peaks() -> None:
     values = np.zeros(100_000)
     values[12_345], values[77_777] = 9.0, -7.0
     _, low, high = envelope(np.arange(100_000.0), values)
@@ -62,7 +62,7 @@ def test_no_peak_is_lost() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 90])
-def test_short_and_silent_recordings_are_drawn(tmp_path: Path, recording: Recording, count: int) -> None:
+def test_short_recordings(tmp_path: Path, recording: Recording, count: int) -> None:
     arrays = {f.name: getattr(recording, f.name) for f in fields(recording)}
     cut = {name: a[:count] for name, a in arrays.items() if isinstance(a, np.ndarray)}
     write_plot(replace(recording, **cut), tmp_path / "plots.png")
@@ -76,11 +76,11 @@ def drawn(ax) -> dict[str, np.ndarray]:
 
 
 def spans(collection) -> list[tuple[float, float]]:
-    """From when to when each bar of a strip goes."""
+    """Start and end of each bar."""
     return [(float(p.vertices[:, 0].min()), float(p.vertices[:, 0].max())) for p in collection.get_paths()]
 
 
-def test_lines_are_what_they_are_called(recording: Recording) -> None:
+def test_lines(recording: Recording) -> None:
     force, depth, acceleration = draw_plot(recording).axes[1:4]
     lines = drawn(force)
     np.testing.assert_allclose(lines["magnitude"], np.linalg.norm(recording.f_W_N, axis=1))
@@ -91,7 +91,7 @@ def test_lines_are_what_they_are_called(recording: Recording) -> None:
     assert (low, high) == pytest.approx((-3.0, 3.0), rel=0.01)
 
 
-def test_the_strip_and_the_ground_show_when_what_was_touched(recording: Recording) -> None:
+def test_swatch_bar_and_shading(recording: Recording) -> None:
     axes = draw_plot(recording).axes
     shown = {bar.get_label(): spans(bar) for bar in axes[0].collections}
     assert shown["wood"] == [pytest.approx(span) for span in ((0.2, 0.25), (1.2, 1.4))]
@@ -101,7 +101,7 @@ def test_the_strip_and_the_ground_show_when_what_was_touched(recording: Recordin
     assert axes[0].get_xlim() == pytest.approx((0.0, 2.0))
 
 
-def test_a_closed_loop_s_lines_are_hand_tool_motors_and_work(recording: Recording) -> None:
+def test_closed_loop_plot(recording: Recording) -> None:
     rng, n = np.random.default_rng(0), len(recording.t_s)
     feel = SimpleNamespace(
         recording=recording,
@@ -115,19 +115,19 @@ def test_a_closed_loop_s_lines_are_hand_tool_motors_and_work(recording: Recordin
     )
     height, force, acceleration, work = (ax for ax in draw_hand_plot(feel, "a title").axes)
     lines = drawn(height)
-    np.testing.assert_allclose(lines["meant by the hand"], 1e3 * feel.target_W_m[:, 2])
-    np.testing.assert_allclose(lines["tool"], 1e3 * feel.p_W_m[:, 2])
+    np.testing.assert_allclose(lines["target of the hand"], 1e3 * feel.target_W_m[:, 2])
+    np.testing.assert_allclose(lines["device"], 1e3 * feel.p_W_m[:, 2])
     on = np.where(recording.touching, 1e3 * recording.p_WP_m[:, 2], np.nan)
     np.testing.assert_allclose(lines["proxy on the surface"], on)
     lines = drawn(force)
     np.testing.assert_allclose(lines["hand"] ** 2, np.sum(feel.f_hand_W_N**2, axis=1))
     np.testing.assert_allclose(lines["motors"] ** 2, np.sum(feel.f_motor_W_N**2, axis=1))
-    np.testing.assert_allclose(drawn(work)["given by the motors"], 1e3 * np.cumsum(feel.work_J))
+    np.testing.assert_allclose(drawn(work)["work of the motors"], 1e3 * np.cumsum(feel.work_J))
     areas = {
         area.get_label(): area.get_paths()[0].vertices
         for area in acceleration.collections
         if area.get_label()[0] != "_"
     }
-    assert np.abs(areas["asked for"][:, 1]).max() == pytest.approx(3.0, rel=0.01)
-    assert np.abs(areas["of the handle"][:, 1]).max() == pytest.approx(1.5, rel=0.01)
-    assert areas["of the handle"][:, 0].min() == pytest.approx(-0.004)  # it comes later, and is shown in step
+    assert np.abs(areas["requested"][:, 1]).max() == pytest.approx(3.0, rel=0.01)
+    assert np.abs(areas["handle"][:, 1]).max() == pytest.approx(1.5, rel=0.01)
+    assert areas["handle"][:, 0].min() == pytest.approx(-0.004)  # shifted by the latency

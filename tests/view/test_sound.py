@@ -1,4 +1,4 @@
-"""feel.wav: what is heard is what was rendered."""
+"""Recorded acceleration as WAV."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,25 +12,25 @@ from hapscene.render.recording import Recording
 from hapscene.view.sound import write_sound
 
 
-def test_spectrum_is_that_of_the_recording(tmp_path: Path, recording: Recording) -> None:
+def test_spectrum(tmp_path: Path, recording: Recording) -> None:
     noise = np.random.default_rng(4).normal(size=recording.a_m_s2.shape)
     recording = replace(recording, a_m_s2=recording.a_m_s2 + noise)
     full_scale_m_s2 = write_sound(recording, tmp_path / "feel.wav")
     rate_Hz, wave = wavfile.read(tmp_path / "feel.wav")
     assert rate_Hz == recording.a_rate_Hz and wave.dtype == np.int16 and wave.shape == (20_000,)
-    _, heard = welch(wave / 32767 * full_scale_m_s2, rate_Hz, nperseg=1000)
-    _, felt = welch(recording.a_m_s2.ravel(), recording.a_rate_Hz, nperseg=1000)
-    np.testing.assert_allclose(10 * np.log10(heard / felt)[1:], 0.0, atol=0.1)
+    _, wave_density = welch(wave / 32767 * full_scale_m_s2, rate_Hz, nperseg=1000)
+    _, recorded_density = welch(recording.a_m_s2.ravel(), recording.a_rate_Hz, nperseg=1000)
+    np.testing.assert_allclose(10 * np.log10(wave_density / recorded_density)[1:], 0.0, atol=0.1)
 
 
-def test_loudest_sample_is_at_the_stated_level(tmp_path: Path, recording: Recording) -> None:
+def test_level(tmp_path: Path, recording: Recording) -> None:
     assert write_sound(recording, tmp_path / "feel.wav") == pytest.approx(3.0 * 10 ** (1 / 20), rel=1e-3)
     _, wave = wavfile.read(tmp_path / "feel.wav")
     assert 20 * np.log10(np.abs(wave).max() / 32767) == pytest.approx(-1.0, abs=0.01)
     assert wave[0] == 0 and abs(int(wave[-1])) < 700
 
 
-def test_silence_stays_silent(tmp_path: Path, recording: Recording) -> None:
+def test_silence(tmp_path: Path, recording: Recording) -> None:
     silent = replace(recording, a_m_s2=np.zeros_like(recording.a_m_s2))
     assert write_sound(silent, tmp_path / "feel.wav") == 0.0
     _, wave = wavfile.read(tmp_path / "feel.wav")

@@ -1,4 +1,4 @@
-"""Triangles to draw."""
+"""Triangles for rendering."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from hapscene.view.body_triangles import scene_solid
 from hapscene.view.triangles import LATHE_SIDES, Triangles, lathe, moved, same, tube
 
 
-def test_tube_lies_at_its_radius_and_ends_where_the_line_ends() -> None:
+def test_tube() -> None:
     t = np.linspace(0, 1, 400)
     line_m = np.column_stack((np.cos(6 * t), np.sin(6 * t), t))
     solid = tube(line_m, 0.01, "#0072B2")
@@ -23,13 +23,13 @@ def test_tube_lies_at_its_radius_and_ends_where_the_line_ends() -> None:
     assert np.linalg.norm(solid.corner_m - line_m[-1], axis=1).min() < 0.0101
 
 
-def test_tube_of_a_point_and_of_a_turning_line() -> None:
+def test_tube_of_degenerate_lines() -> None:
     assert len(tube(np.zeros((5, 3)), 0.01, "#000000").corner_m) == 0
     there_and_back = np.array([[0.0, 0, 0], [0, 0, 1], [0, 0, 0]])
     assert np.isfinite(tube(there_and_back, 0.01, "#000000").corner_m).all()
 
 
-def test_edges_stay_sharp_and_curves_look_smooth() -> None:
+def test_normals_at_creases() -> None:
     scene = Scene()
     scene.add(Mesh.from_trimesh(trimesh.creation.box((1, 1, 1)), "m"), name="box")
     normal = scene_solid(scene).normal
@@ -40,7 +40,7 @@ def test_edges_stay_sharp_and_curves_look_smooth() -> None:
     np.testing.assert_allclose(solid.normal, solid.corner_m / 0.5, atol=0.02)
 
 
-def test_bodies_stand_at_their_poses() -> None:
+def test_poses() -> None:
     X_WB = np.eye(4)
     X_WB[:3, 3] = 1.0, 2.0, 3.0
     scene = Scene()
@@ -50,7 +50,7 @@ def test_bodies_stand_at_their_poses() -> None:
 
 
 def volume_and_flux(solid: Triangles) -> tuple[float, np.ndarray]:
-    """What the triangles enclose, and how nearly the shading normals are those of the faces (k,)."""
+    """Enclosed volume, and cosine between shading normals and face normals (k,)."""
     a, b, c = (solid.corner_m[k::3] for k in range(3))
     across = np.cross(b - a, c - a)
     size = np.linalg.norm(across, axis=1)
@@ -59,7 +59,7 @@ def volume_and_flux(solid: Triangles) -> tuple[float, np.ndarray]:
     return float(np.einsum("kx,kx->", a, across) / 6.0), away
 
 
-def test_what_is_turned_on_a_lathe_encloses_its_volume_and_looks_outwards() -> None:
+def test_lathe() -> None:
     """A cone on a cylinder on a cone: prisms and pyramids over a regular polygon."""
     solid = lathe([(0.0, 0.0), (0.02, 0.03), (0.02, 0.05), (0.0, 0.06)], "#FF0000")
     area = 0.5 * LATHE_SIDES * np.sin(2 * np.pi / LATHE_SIDES) * 0.02**2
@@ -69,7 +69,7 @@ def test_what_is_turned_on_a_lathe_encloses_its_volume_and_looks_outwards() -> N
     assert np.all(solid.colour == [1.0, 0.0, 0.0])
 
 
-def test_what_is_stretched_and_moved_keeps_its_normals_square_to_it() -> None:
+def test_moved_and_scaled() -> None:
     ball = lathe([(0.01 * np.sin(a), -0.01 * np.cos(a)) for a in np.linspace(0.0, np.pi, 13)], "#00FF00")
     X = np.diag([1.0, 1.0, 5.0, 1.0])
     X[:3, 3] = 1.0, 2.0, 3.0
@@ -79,19 +79,19 @@ def test_what_is_stretched_and_moved_keeps_its_normals_square_to_it() -> None:
     assert moved(ball, np.eye(4)) is ball
 
 
-def test_frames_are_the_same_where_the_same_parts_stand_at_the_same_places() -> None:
+def test_same() -> None:
     one, other = np.eye(4), 2.0 * np.eye(4)
     assert same([], []) and same([(0, one), (1, other)], [(0, one.copy()), (1, other)])
     assert not same([(0, one)], [(0, other)]) and not same([(0, one)], [(1, one)])
     assert not same([(0, one), (1, other)], [(0, one)]) and not same([(0, one), (1, one)], [(0, one), (1, other)])
 
 
-def test_paint_finer_than_faces_is_drawn_where_it_is() -> None:
-    """Of a cube of twelve faces, a ball's share of each side, and a soft border in colours between."""
+def test_subdivided_faces() -> None:
+    """A disc with falloff on a cube with twelve faces has its area and intermediate colours."""
     scene = Scene()
     scene.add(trimesh.creation.box((0.04, 0.04, 0.04)), name="cube", unit="m", swatch="wood")
     whole = scene_solid(scene)
-    scene.paint("cube", "leather", Sphere((0.0, 0.0, 0.02), 0.01), soft_m=0.002)
+    scene.paint("cube", "leather", Sphere((0.0, 0.0, 0.02), 0.01), falloff_m=0.002)
     solid = scene_solid(scene)
     assert surface_of(solid) == pytest.approx(surface_of(whole), rel=1e-12)
     colours = np.unique(solid.colour.round(9), axis=0)

@@ -1,4 +1,4 @@
-"""The window, on a screen that is none."""
+"""The window, without a display."""
 
 import sys
 from pathlib import Path
@@ -13,7 +13,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.view.figure_parts import TOOL, make_figure_parts
 from hapscene.view.palette import LIGHT
-from hapscene.view.window import Player, check_display, felt, play_in_window
+from hapscene.view.window import Player, check_display, play_in_window, with_hand
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def scene() -> Scene:
     return scene
 
 
-def test_without_a_display_one_line_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_display_raises(monkeypatch: pytest.MonkeyPatch) -> None:
     if not sys.platform.startswith("linux"):
         pytest.skip("only X11 has a DISPLAY")
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -31,9 +31,7 @@ def test_without_a_display_one_line_says_what_to_do(monkeypatch: pytest.MonkeyPa
         check_display()
 
 
-def test_display_that_is_not_there_is_told_in_one_line(
-    scene: Scene, recording: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_invalid_display_raises(scene: Scene, recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     if not sys.platform.startswith("linux"):
         pytest.skip("only X11 has a DISPLAY")
     monkeypatch.setenv("DISPLAY", ":4242")
@@ -42,7 +40,7 @@ def test_display_that_is_not_there_is_told_in_one_line(
     assert "\n" not in str(caught.value) and ("libgl1" in str(caught.value))
 
 
-def test_player_keeps_the_touch_s_own_time(scene: Scene, recording: Recording) -> None:
+def test_player_is_in_real_time(scene: Scene, recording: Recording) -> None:
     player = Player(make_figure_parts(scene, recording, LIGHT, np.array([1999])), recording)
     for t_s in (0.0, 0.9004, 1.7, 5.0):
         shown, line = player.at(t_s)
@@ -53,9 +51,9 @@ def test_player_keeps_the_touch_s_own_time(scene: Scene, recording: Recording) -
     assert player.at(0.0)[1].endswith("in the air")
 
 
-def test_closed_loop_is_shown_as_it_truly_went(tmp_path: Path, recording: Recording) -> None:
+def test_with_hand(tmp_path: Path, recording: Recording) -> None:
     p_W_m, f_motor_W_N = recording.p_WT_m + 1e-4, recording.f_W_N * 0.9
     np.savez(tmp_path / "hand.npz", p_W_m=p_W_m, f_motor_W_N=f_motor_W_N)
-    true = felt(recording, tmp_path / "hand.npz")
+    true = with_hand(recording, tmp_path / "hand.npz")
     assert np.array_equal(true.p_WT_m, p_W_m) and np.array_equal(true.f_W_N, f_motor_W_N)
     assert np.array_equal(true.p_WP_m, recording.p_WP_m)

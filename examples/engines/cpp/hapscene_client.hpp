@@ -1,5 +1,5 @@
-// A client of hapscene's bridge in one header, C++17 and sockets alone: docs/bridge-protocol.md, version 1.
-// In each step of your physics: move, frame, poll, take. push.cpp shows it.
+// Client of hapscene's bridge in one header, C++17 without libraries. See docs/reference/bridge-protocol.md, version 1.
+// In each step of your physics call frame, poll, take, as push.cpp does.
 #pragma once
 #include <array>
 #include <chrono>
@@ -36,7 +36,7 @@ struct Body {
     std::string name;
     Vector place{};
     Quaternion turn{0, 0, 0, 1};
-    std::optional<std::array<double, 6>> velocity = std::nullopt;  // of the centre of mass, and of turning
+    std::optional<std::array<double, 6>> velocity = std::nullopt;  // of the centre of mass, and angular
     bool jumps = false;
 };
 
@@ -60,10 +60,10 @@ class Client {
 public:
     std::vector<std::string> bodies, swatches;
     std::optional<State> state;
-    std::vector<Event> events;  // since you emptied it
-    bool lost = false;          // the server began anew, or has another client: make a new one
+    std::vector<Event> events;  // since you last emptied the list
+    bool lost = false;          // the server was restarted, or has another client: make a new client
 
-    // Unreal: up "z", handed "left", metres 0.01. Waits up to `patience_s`, then throws what was wrong.
+    // Unreal: up "z", handed "left", metres 0.01. Waits up to `patience_s`, then throws.
     Client(const std::string& host, int port, const std::string& up = "z", const std::string& handed = "right",
            double metres = 1.0, double patience_s = 10.0)
         : patience_s_(patience_s) {
@@ -83,18 +83,18 @@ public:
             table_[n] = c;
         }
         std::ostringstream hello;
-        hello.imbue(std::locale::classic());  // a point in numbers, whatever the program's language
+        hello.imbue(std::locale::classic());  // a decimal point in numbers, whatever the locale
         hello << "{\"version\":1,\"nonce\":" << std::random_device{}() << ",\"up\":\"" << up << "\",\"handed\":\""
               << handed << "\",\"metres\":" << metres << "}";
-        std::string told;
+        std::string answer;
         try {
-            told = ask(HELLO, 1, hello.str());
+            answer = ask(HELLO, 1, hello.str());
         } catch (...) {
             shut();
             throw;
         }
-        bodies = names(told, "bodies");
-        swatches = names(told, "swatches");
+        bodies = names(answer, "bodies");
+        swatches = names(answer, "swatches");
         for (const auto& name : bodies) totals_[name] = seen_[name] = Total{};
     }
 
@@ -106,10 +106,10 @@ public:
     Client(const Client&) = delete;
     Client& operator=(const Client&) = delete;
 
-    // Have something done once: JSON as the protocol has it. Throws what went wrong.
+    // Send an order (JSON), executed once, and return its answer; throws if the server refuses it.
     std::string order(const std::string& json) { return ask(ORDER, ++orders_, json); }
 
-    // Say where bodies are and where the hand aims (nothing: as before), before you `take` what comes next.
+    // Send poses of bodies and the target of the hand (nothing: unchanged); call it before `take`.
     void frame(const std::optional<Vector>& aim, const std::vector<Body>& moved) {
         Bytes out;
         put<std::uint8_t>(out, aim.has_value());
@@ -129,7 +129,7 @@ public:
         send(FRAME, ++sequence_, out);
     }
 
-    // Take what was told; whether a state came.
+    // Read the packets that have arrived; return whether a new state is among them.
     bool poll() {
         bool came = false;
         while (auto packet = receive(0)) {
@@ -138,7 +138,7 @@ public:
         return came;
     }
 
-    // What a body's total has grown by since the last time it was asked: apply it in this step.
+    // Return the increase of a body's total impulse since the last call: apply it in this step.
     Total take(const std::string& name) {
         Total grown;
         for (int i = 0; i < 6; ++i) grown[i] = totals_[name][i] - seen_[name][i];
@@ -208,16 +208,16 @@ private:
             Packet packet{};
             packet.kind = get<std::uint8_t>(data, at);
             get<std::uint8_t>(data, at);
-            const auto said = get<std::uint16_t>(data, at);
+            const auto length = get<std::uint16_t>(data, at);
             packet.key = get<std::uint64_t>(data, at);
             packet.sequence = get<std::uint32_t>(data, at);
             const auto check = get<std::uint32_t>(data, at);
             packet.payload.assign(data.begin() + 24, data.end());
             const auto& payload = packet.payload;
-            if (said != data.size() || check != checksum(payload.data(), payload.size(), checksum(data.data(), 20)))
+            if (length != data.size() || check != checksum(payload.data(), payload.size(), checksum(data.data(), 20)))
                 continue;
-            const std::string told(payload.begin(), payload.end());
-            lost = lost || (packet.kind == REFUSED && told.find("no such session") != std::string::npos);
+            const std::string answer(payload.begin(), payload.end());
+            lost = lost || (packet.kind == REFUSED && answer.find("no such session") != std::string::npos);
             return packet;
         }
     }
@@ -235,14 +235,14 @@ private:
         last_ = packet.sequence;
         const Bytes& from = packet.payload;
         std::size_t at = 0;
-        State told;
-        told.tick = get<std::uint64_t>(from, at);
-        told.age_s = get<double>(from, at);
-        for (Vector* vector : {&told.tool, &told.proxy, &told.normal, &told.force}) *vector = get<Vector>(from, at);
-        told.depth = get<double>(from, at);
-        told.slip = get<double>(from, at);
-        for (std::int32_t* number : {&told.body, &told.face, &told.swatch}) *number = get<std::int32_t>(from, at);
-        told.flags = get<std::uint32_t>(from, at);
+        State received;
+        received.tick = get<std::uint64_t>(from, at);
+        received.age_s = get<double>(from, at);
+        for (Vector* vector : {&received.tool, &received.proxy, &received.normal, &received.force}) *vector = get<Vector>(from, at);
+        received.depth = get<double>(from, at);
+        received.slip = get<double>(from, at);
+        for (std::int32_t* number : {&received.body, &received.face, &received.swatch}) *number = get<std::int32_t>(from, at);
+        received.flags = get<std::uint32_t>(from, at);
         auto number = get<std::uint32_t>(from, at);
         const auto event_count = get<std::uint16_t>(from, at);
         const auto body_count = get<std::uint16_t>(from, at);
@@ -262,12 +262,12 @@ private:
             events.push_back({tick, kind, bodies.at(body), swatches.at(swatch), speed});
             event_count_ = number + 1;
         }
-        state = told;
+        state = received;
         return true;
     }
 
     std::string ask(Kind kind, std::uint32_t sequence, const std::string& what) {
-        std::string why = "nobody answers: does `hapscene serve` run?";
+        std::string why = "no answer: is `hapscene serve` running?";
         const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(patience_s_);
         while (std::chrono::steady_clock::now() < end) {
             send(kind, sequence, Bytes(what.begin(), what.end()));
@@ -275,11 +275,11 @@ private:
                 if (packet->kind == STATE && packet->key == key_) take_state(*packet);
                 if (lost) throw std::runtime_error("the session is lost: make a new client");
                 if ((packet->kind != kind + 1 && packet->kind != REFUSED) || packet->sequence != sequence) continue;
-                const std::string told(packet->payload.begin(), packet->payload.end());
+                const std::string answer(packet->payload.begin(), packet->payload.end());
                 if (packet->kind == WELCOME) key_ = packet->key;
-                if (told.rfind("{\"error\"", 0) != 0) return told;
-                why = told;
-                if (told.find("another client is here") == std::string::npos) throw std::runtime_error(why);
+                if (answer.rfind("{\"error\"", 0) != 0) return answer;
+                why = answer;
+                if (answer.find("another client is here") == std::string::npos) throw std::runtime_error(why);
             }
         }
         throw std::runtime_error(why);

@@ -1,4 +1,4 @@
-// A crate without weight, pushed by a tool for two seconds; then its momentum and what the tool gave it are printed.
+// A tool pushes a weightless crate for two seconds; prints the momentum of the crate and the impulse that it received.
 //     hapscene serve crate.stl --unit m --swatch wood
 //     g++ -std=c++17 -o push push.cpp && ./push
 #include <cstdio>
@@ -16,7 +16,7 @@ int main(int count, char** words) {
     client.poll();
     client.take("crate");
 
-    double x = 0, v = 0, told = 0;
+    double x = 0, v = 0, received = 0;
     auto next = std::chrono::steady_clock::now();
     for (int k = 0; k < 120; ++k) {
         std::this_thread::sleep_until(next += std::chrono::microseconds(16667));
@@ -25,11 +25,11 @@ int main(int count, char** words) {
         client.frame(hapscene::Vector{-0.03 + 0.05 * k * step_s, 0, 0}, {crate});
         client.poll();
         const double grown = client.take("crate")[0];
-        told += grown;
+        received += grown;
         v += grown / mass;
         x += v * step_s;
     }
-    std::printf("momentum %.9g told %.9g\n", mass * v, told);
+    std::printf("momentum %.9g received %.9g\n", mass * v, received);
     const char* kinds[] = {"", "began", "crossed", "ended"};
     for (const auto& e : client.events)
         std::printf("%llu, %s, %s, %s, %.3g\n", (unsigned long long)e.tick, kinds[e.kind], e.body.c_str(), e.swatch.c_str(), e.speed);

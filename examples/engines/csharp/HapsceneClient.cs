@@ -1,5 +1,5 @@
-// A client of hapscene's bridge in one file, of .NET alone (C# 7: Unity, Mono): docs/bridge-protocol.md, version 1.
-// In each step of your physics: Frame, Poll, Take. Push.cs shows it. Not for several threads at once.
+// Client of hapscene's bridge in one file of C# 7 (Unity, Mono). See docs/reference/bridge-protocol.md, version 1.
+// In each step of your physics call Frame, Poll, Take, as Push.cs does. Not thread-safe.
 using System;
 using System.Collections;
 using System.Collections.Generic;
@@ -18,7 +18,7 @@ namespace Hapscene
         public string Name;
         public double[] Place = { 0, 0, 0 };
         public double[] Turn = { 0, 0, 0, 1 };  // quaternion x y z w
-        public double[] Velocity;               // 6: of the centre of mass, of turning; null: from frame to frame
+        public double[] Velocity;               // 6: of the centre of mass, angular; null: straight from frame to frame
         public bool Jumps;
     }
 
@@ -27,7 +27,7 @@ namespace Hapscene
         public ulong Tick;
         public double AgeS, Depth, Slip;
         public double[] Tool, Proxy, Normal, Force;
-        public int Body, Face, Swatch;  // by place in Bodies and Swatches; -1 in the air
+        public int Body, Face, Swatch;  // indices into Bodies and Swatches; -1 without contact
         public uint Flags;
     }
 
@@ -41,9 +41,9 @@ namespace Hapscene
     public sealed class Client : IDisposable
     {
         public readonly string[] Bodies, Swatches;
-        public readonly List<Event> Events = new List<Event>();  // since you emptied it
+        public readonly List<Event> Events = new List<Event>();  // since you last emptied the list
         public State State { get; private set; }                 // the newest; null before the first
-        public bool Lost { get; private set; }                   // the server began anew, or has another client
+        public bool Lost { get; private set; }                   // the server was restarted, or has another client
 
         enum Kind : byte { Hello = 1, Welcome, Frame, State, Order, Answer, Bye, Refused }
 
@@ -77,10 +77,10 @@ namespace Hapscene
             {
                 socket.Connect(host, port);
                 uint nonce = BitConverter.ToUInt32(Guid.NewGuid().ToByteArray(), 0);
-                string told = Ask(Kind.Hello, 1, Json(new Dictionary<string, object> {
+                string answer = Ask(Kind.Hello, 1, Json(new Dictionary<string, object> {
                     ["version"] = 1, ["nonce"] = nonce, ["up"] = up, ["handed"] = handed, ["metres"] = metres }));
-                Bodies = Texts(told, "bodies");
-                Swatches = Texts(told, "swatches");
+                Bodies = Texts(answer, "bodies");
+                Swatches = Texts(answer, "swatches");
             }
             catch
             {
@@ -97,7 +97,7 @@ namespace Hapscene
             socket.Dispose();
         }
 
-        /// Have something done once: Order("start", ("p", new[] { 0, 0.1, 0 })). Throws what went wrong.
+        /// Send an order, executed once: Order("start", ("p", new[] { 0, 0.1, 0 })). Throws if the server refuses it.
         public string Order(string order, params (string, object)[] with)
         {
             var what = new Dictionary<string, object> { ["order"] = order };
@@ -105,7 +105,7 @@ namespace Hapscene
             return Ask(Kind.Order, ++orders, Json(what));
         }
 
-        /// Say where the hand aims (null: as before) and where bodies are, before you `Take` what comes next.
+        /// Send the target of the hand (null: unchanged) and poses of bodies; call it before `Take`.
         public void Frame(double[] aim, params Body[] moved)
         {
             var bytes = new MemoryStream();
@@ -130,7 +130,7 @@ namespace Hapscene
             Send(Kind.Frame, ++sequence, bytes.ToArray());
         }
 
-        /// Take what was told; whether a state came.
+        /// Read the packets that have arrived; return whether a new state is among them.
         public bool Poll()
         {
             bool came = false;
@@ -139,7 +139,7 @@ namespace Hapscene
             return came;
         }
 
-        /// What a body's total has grown by since the last time it was asked (N s, and N m s about its origin).
+        /// Return the increase of a body's total impulse since the last call (N s, and N m s about its origin).
         public double[] Take(string name)
         {
             double[] before = seen[name];
@@ -181,7 +181,7 @@ namespace Hapscene
 
         string Ask(Kind kind, uint asked, string what)
         {
-            string why = "nobody answers: does `hapscene serve` run?";
+            string why = "no answer: is `hapscene serve` running?";
             for (var time = Stopwatch.StartNew(); time.Elapsed.TotalSeconds < patience;)
             {
                 Send(kind, asked, Encoding.UTF8.GetBytes(what));
@@ -191,10 +191,10 @@ namespace Hapscene
                     if (Lost) throw new InvalidOperationException("the session is lost: make a new Client");
                     bool mine = packet.Kind == kind + 1 || packet.Kind == Kind.Refused;
                     if (!mine || packet.Sequence != asked) continue;
-                    string told = Encoding.UTF8.GetString(packet.Payload);
+                    string answer = Encoding.UTF8.GetString(packet.Payload);
                     if (packet.Kind == Kind.Welcome) key = packet.Key;
-                    if (!told.StartsWith("{\"error\"", StringComparison.Ordinal)) return told;
-                    why = Text(told);
+                    if (!answer.StartsWith("{\"error\"", StringComparison.Ordinal)) return answer;
+                    why = Text(answer);
                     if (why != "another client is here") throw new InvalidOperationException(why);
                 }
             }
@@ -214,7 +214,7 @@ namespace Hapscene
             to.Write(Checksum(payload, Checksum(bytes.ToArray())));
             to.Write(payload);
             try { socket.Send(bytes.ToArray()); }
-            catch (SocketException) { }  // told of an earlier one that nobody took
+            catch (SocketException) { }  // an earlier packet was refused by the port
         }
 
         Packet? Receive(int wait_ms)

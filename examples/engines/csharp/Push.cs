@@ -1,4 +1,4 @@
-// A crate without weight, pushed by a tool for two seconds; then its momentum and what the tool gave it are printed.
+// A tool pushes a weightless crate for two seconds; prints the momentum of the crate and the impulse that it received.
 //     hapscene serve crate.stl --unit m --swatch wood
 //     mcs Push.cs HapsceneClient.cs && mono Push.exe        (or in a project of `dotnet new console`: dotnet run)
 using System;
@@ -21,7 +21,7 @@ static class Push
             client.Poll();
             client.Take("crate");
 
-            double x = 0, v = 0, told = 0;
+            double x = 0, v = 0, received = 0;
             var time = Stopwatch.StartNew();
             for (int k = 0; k < 120; ++k)
             {
@@ -30,11 +30,11 @@ static class Push
                 client.Frame(aim, new Body { Name = "crate", Place = place, Velocity = velocity });
                 client.Poll();
                 double grown = client.Take("crate")[0];
-                told += grown;
+                received += grown;
                 v += grown / mass;
                 x += v * step;
             }
-            Console.WriteLine($"momentum {mass * v:R} told {told:R}");
+            Console.WriteLine($"momentum {mass * v:R} received {received:R}");
             foreach (Event e in client.Events)
                 Console.WriteLine($"{e.Tick}, {e.Kind}, {e.Body}, {e.Swatch}, {e.Speed:g3}");
         }

@@ -1,17 +1,17 @@
-# A client of hapscene's bridge in one file, for Godot 3 (GDScript): docs/bridge-protocol.md, version 1.
-# Say HELLO, free and start once; then, in each _physics_process: move, frame, poll, push. See main.gd.
+# Client of hapscene's bridge in one file, for Godot 3 (GDScript). See docs/reference/bridge-protocol.md, version 1.
+# Call open, and the orders free and start, once; then in each _physics_process move, frame, poll, take. See main.gd.
 extends Reference
 
 enum {HELLO = 1, WELCOME, FRAME, STATE, ORDER, ANSWER, BYE, REFUSED}
 const KINDS = {1: "began", 2: "crossed", 3: "ended"}
 
-var bodies = []  # names; a body is said by its place here
+var bodies = []  # names; packets refer to a body by its index here
 var swatches = []
-var totals = {}  # what the tool has given each body so far, by name: [linear Vector3, angular Vector3]
+var totals = {}  # total impulse of the tool on each body, by name: [linear Vector3, angular Vector3]
 var state = {}  # tick, age_s, tool, proxy, normal, force, depth, slip, body, face, swatch, flags
-var events = []  # [tick, kind, body, swatch, speed], since you emptied it
+var events = []  # [tick, kind, body, swatch, speed], since you last emptied the list
 var error = ""
-var lost = false  # the server began anew, or has another client: open a new one
+var lost = false  # the server was restarted, or has another client: open a new client
 
 var _udp = PacketPeerUDP.new()
 var _key = 0
@@ -32,37 +32,37 @@ func open(host, port, patience_s = 10.0):
 	_udp.connect_to_host(host, port)
 	randomize()
 	var hello = {"version": 1, "nonce": randi(), "up": "y", "handed": "right", "metres": 1.0}
-	var told = _ask(HELLO, 1, hello, patience_s)
-	if told.has("error"):
-		error = told["error"]
+	var answer = _ask(HELLO, 1, hello, patience_s)
+	if answer.has("error"):
+		error = answer["error"]
 		return false
-	bodies = told["bodies"]
-	swatches = told["swatches"]
+	bodies = answer["bodies"]
+	swatches = answer["swatches"]
 	for name in bodies:
 		totals[name] = [Vector3(), Vector3()]
 		_seen[name] = [Vector3(), Vector3()]
 	return true
 
 
-# Have something done once; a Dictionary with "done", or "error".
+# Send an order, executed once; returns a Dictionary with "done" or "error".
 func order(what, patience_s = 10.0):
 	_orders += 1
 	return _ask(ORDER, _orders, what, patience_s)
 
 
-# What a body's total has grown by since the last time it was asked: apply it in this physics step.
+# Return the increase of a body's total impulse since the last call: apply it in this physics step.
 func take(name):
 	var grown = [totals[name][0] - _seen[name][0], totals[name][1] - _seen[name][1]]
 	_seen[name] = totals[name].duplicate()
 	return grown
 
 
-# Say where a body is, before you `take` what comes next.
+# Add the pose of a body to the next frame; call it before `take`.
 func move(name, transform, velocity, turning, jumps = false):
 	_moving.append([name, transform, velocity, turning, jumps, _seen[name].duplicate()])
 
 
-# Send what was moved, and where the hand aims (null: as before).
+# Send the poses, and the target of the hand (null: unchanged).
 func frame(aim = null):
 	var out = StreamPeerBuffer.new()
 	out.put_u8(0 if aim == null else 1)
@@ -85,7 +85,7 @@ func frame(aim = null):
 	_send(FRAME, _sequence, out.data_array)
 
 
-# Take what was told; whether a state came.
+# Read the packets that have arrived; return whether a new state is among them.
 func poll():
 	var came = false
 	while _udp.get_available_packet_count() > 0:
@@ -132,7 +132,7 @@ func _take_state(sequence, from):
 
 
 func _ask(kind, sequence, what, patience_s):
-	var told = {"error": "nobody answers: does `hapscene serve` run?"}
+	var answer = {"error": "no answer: is `hapscene serve` running?"}
 	var end = OS.get_ticks_msec() + 1000.0 * patience_s
 	while OS.get_ticks_msec() < end:
 		_send(kind, sequence, JSON.print(what).to_utf8())
@@ -147,12 +147,12 @@ func _ask(kind, sequence, what, patience_s):
 				var mine = packet[0] == REFUSED or packet[0] == kind + 1
 				if mine and packet[2] == sequence:
 					_key = packet[1] if packet[0] == WELCOME else _key
-					told = JSON.parse(packet[3].get_utf8_string(packet[3].get_available_bytes())).result
-					if told.get("error") != "another client is here":
-						return told
+					answer = JSON.parse(packet[3].get_utf8_string(packet[3].get_available_bytes())).result
+					if answer.get("error") != "another client is here":
+						return answer
 				if packet[0] == STATE and packet[1] == _key:
 					_take_state(packet[2], packet[3])
-	return told
+	return answer
 
 
 func _send(kind, sequence, payload):
@@ -168,7 +168,7 @@ func _send(kind, sequence, payload):
 	_udp.put_packet(out.data_array)
 
 
-# [kind, key, sequence, payload to read from]; null where it is no packet.
+# Return [kind, key, sequence, payload]; null if the data is not a valid packet.
 func _unpack(data):
 	if data.size() < 24 or data.subarray(0, 3).get_string_from_ascii() != "HSB1":
 		return null

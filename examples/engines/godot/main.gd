@@ -42,7 +42,7 @@ func _physics_process(delta):
 	crate.apply_torque_impulse(grown[1])
 	if time > SECONDS:
 		var got = client.totals["crate"][0] - grown[0]  # what the last step has not moved yet
-		print("momentum ", crate.mass * crate.linear_velocity.x, " told ", got.x, " force ", client.state["force"].x)
+		print("momentum ", crate.mass * crate.linear_velocity.x, " received ", got.x, " force ", client.state["force"].x)
 		print("events ", client.events)
 		client.close()
 		get_tree().quit(0)

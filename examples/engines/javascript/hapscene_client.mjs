@@ -1,5 +1,5 @@
-// A client of hapscene's bridge in one file, for Node.js without packages: docs/bridge-protocol.md, version 1.
-// In each step of your physics: frame, then take. push.mjs shows it. A browser sends the same packets over --ws.
+// Client of hapscene's bridge in one file, for Node.js without packages. See docs/reference/bridge-protocol.md, version 1.
+// In each step of your physics call frame, then take, as push.mjs does. A browser sends the same packets over --ws.
 import dgram from "node:dgram";
 import zlib from "node:zlib";
 
@@ -22,8 +22,8 @@ export class Client {
   bodies = [];
   swatches = [];
   state = null; // tick, age_s, tool, proxy, normal, force, depth, slip, body, face, swatch, flags
-  events = []; // since you emptied it
-  lost = false; // the server began anew, or has another client: open a new one
+  events = []; // since you last emptied the list
+  lost = false; // the server was restarted, or has another client: open a new client
   #socket = dgram.createSocket("udp4");
   #key = 0n;
   #sequence = 0;
@@ -39,24 +39,24 @@ export class Client {
     const client = new Client();
     client.#patience_s = patience_s;
     await new Promise((done) => client.#socket.connect(port, host, done));
-    client.#socket.on("message", (data) => client.#hear(data));
-    client.#socket.on("error", () => {}); // told of a packet that nobody took
+    client.#socket.on("message", (data) => client.#receive(data));
+    client.#socket.on("error", () => {}); // a packet was refused by the port
     const nonce = Math.floor(Math.random() * 2 ** 53);
-    const told = await client.#ask(HELLO, 1, { version: 1, nonce, up, handed, metres }).catch((error) => {
+    const answer = await client.#ask(HELLO, 1, { version: 1, nonce, up, handed, metres }).catch((error) => {
       client.#socket.close();
       throw error;
     });
-    Object.assign(client, { bodies: told.bodies, swatches: told.swatches });
-    for (const name of told.bodies) [client.#totals[name], client.#seen[name]] = [Array(6).fill(0), Array(6).fill(0)];
+    Object.assign(client, { bodies: answer.bodies, swatches: answer.swatches });
+    for (const name of answer.bodies) [client.#totals[name], client.#seen[name]] = [Array(6).fill(0), Array(6).fill(0)];
     return client;
   }
 
-  /** Have something done once; throws what went wrong. */
+  /** Send an order, executed once, and return its answer; throws an error that states the reason. */
   order(order, what = {}) {
     return this.#ask(ORDER, ++this.#orders, { order, ...what });
   }
 
-  /** Where bodies are: {name, p, q: [x, y, z, w], v, w, jumps}, and where the hand aims (nothing: as before). */
+  /** Send poses of bodies, {name, p, q: [x, y, z, w], v, w, jumps}, and the target of the hand (null: unchanged). */
   frame(aim = null, moved = []) {
     const out = Buffer.alloc(32 + 160 * moved.length);
     out.writeUInt8(aim ? 1 : 0, 0);
@@ -73,7 +73,7 @@ export class Client {
     this.#send(FRAME, ++this.#sequence, out);
   }
 
-  /** What a body's total has grown by since the last time it was asked: apply it in this step. */
+  /** Return the increase of a body's total impulse since the last call: apply it in this step. */
   take(name) {
     const grown = this.#totals[name].map((total, i) => total - this.#seen[name][i]);
     this.#seen[name] = [...this.#totals[name]];
@@ -95,7 +95,7 @@ export class Client {
     this.#socket.send(Buffer.concat([head, payload]), done);
   }
 
-  #hear(data) {
+  #receive(data) {
     if (data.length < 24 || data.toString("latin1", 0, 4) !== "HSB1" || data.readUInt16LE(6) !== data.length) return;
     const payload = data.subarray(24);
     if (crc(data.subarray(0, 20), payload) !== data.readUInt32LE(20)) return;
@@ -104,11 +104,11 @@ export class Client {
     const asked = kind === WELCOME ? HELLO : kind === ANSWER ? ORDER : kind === REFUSED ? HELLO : 0;
     if (!asked) return;
     if (kind === WELCOME && this.#key === 0n) this.#key = key;
-    const told = JSON.parse(payload.toString());
-    if (kind === REFUSED && told.error === "no such session") {
+    const answer = JSON.parse(payload.toString());
+    if (kind === REFUSED && answer.error === "no such session") {
       this.lost = true;
-      for (const answer of this.#waiting.values()) answer({ error: "the session is lost: open a new client" });
-    } else this.#waiting.get(`${asked} ${sequence}`)?.(told);
+      for (const settle of this.#waiting.values()) settle({ error: "the session is lost: open a new client" });
+    } else this.#waiting.get(`${asked} ${sequence}`)?.(answer);
   }
 
   #takeState(sequence, data) {
@@ -135,23 +135,23 @@ export class Client {
 
   async #ask(kind, sequence, what) {
     const payload = Buffer.from(JSON.stringify(what));
-    const told = await new Promise((done, fail) => {
-      let [left, why] = [10 * this.#patience_s, "nobody answers: does `hapscene serve` run?"];
+    const answer = await new Promise((done, fail) => {
+      let [left, why] = [10 * this.#patience_s, "no answer: is `hapscene serve` running?"];
       const again = () => {
         if (left-- > 0) return this.#send(kind, sequence, payload);
         clearInterval(timer);
         fail(new Error(why));
       };
       const timer = setInterval(again, 100);
-      this.#waiting.set(`${kind} ${sequence}`, (answer) => {
-        if (answer.error === "another client is here") return (why = answer.error);
+      this.#waiting.set(`${kind} ${sequence}`, (reply) => {
+        if (reply.error === "another client is here") return (why = reply.error);
         clearInterval(timer);
-        done(answer);
+        done(reply);
       });
       again();
     });
     this.#waiting.delete(`${kind} ${sequence}`);
-    if (told.error) throw new Error(told.error);
-    return told;
+    if (answer.error) throw new Error(answer.error);
+    return answer;
   }
 }

@@ -1,4 +1,4 @@
-// A crate without weight, pushed by a tool for two seconds; then its momentum and what the tool gave it are printed.
+// A tool pushes a weightless crate for two seconds; prints the momentum of the crate and the impulse that it received.
 //     hapscene serve crate.stl --unit m --swatch wood
 //     node push.mjs
 import { Client } from "./hapscene_client.mjs";
@@ -11,15 +11,15 @@ await client.order("start", { p: [-0.03, 0, 0] });
 await sleep(50);
 client.take("crate");
 
-let [x, v, told] = [0, 0, 0];
+let [x, v, received] = [0, 0, 0];
 for (let k = 0; k < 120; k++) {
   client.frame([-0.03 + 0.05 * k * step, 0, 0], [{ name: "crate", p: [x, 0, 0], v: [v, 0, 0], w: [0, 0, 0] }]);
   await sleep(1000 * step);
   const grown = client.take("crate")[0];
-  told += grown;
+  received += grown;
   v += grown / mass;
   x += v * step;
 }
-console.log(`momentum ${mass * v} told ${told}`);
+console.log(`momentum ${mass * v} received ${received}`);
 for (const { tick, kind, body, swatch, speed } of client.events) console.log(`${tick}, ${kind}, ${body}, ${swatch}, ${speed}`);
 client.close();

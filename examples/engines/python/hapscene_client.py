@@ -1,12 +1,12 @@
-"""A client of hapscene's bridge in one file, of Python's own library alone: `docs/bridge-protocol.md`, version 1.
+"""Client of hapscene's bridge in one file; needs only Python's standard library. See docs/reference/bridge-protocol.md.
 
 client = Client(up="y", handed="right")
 client.order("free", body="crate", mass=0.2, inertia=[1e-4] * 3)
 client.order("start", p=[0.0, 0.1, 0.0])
 while running:
     client.poll()
-    total = client.impulse("crate")  # what it grew by since the last time is for the crate: v += ΔJ / 0.2, …
-    client.frame(aim=mouse, bodies=[("crate", p, q, v, w)])  # moved by all of it
+    total = client.impulse("crate")  # apply its increase since the last frame: v += ΔJ / 0.2, …
+    client.frame(aim=mouse, bodies=[("crate", p, q, v, w)])  # the pose after that
 """
 
 import contextlib
@@ -33,7 +33,7 @@ def pack(kind: int, key: int, sequence: int, payload: bytes) -> bytes:
 
 
 def unpack(data: bytes) -> tuple[int, int, int, bytes] | None:
-    """Kind, key, sequence and payload; None where it is no packet."""
+    """Return kind, key, sequence and payload; None if the data is not a valid packet."""
     start = HEAD.size + CHECK.size
     if len(data) < start:
         return None
@@ -45,9 +45,9 @@ def unpack(data: bytes) -> tuple[int, int, int, bytes] | None:
 
 
 class Client:
-    """A session. `state` is the newest that was told, `events` all that happened since they were last taken.
+    """A session. `state` is the newest state, `events` are the contact events since the list was last emptied.
 
-    `poll` and `order` raise ConnectionError where the server began anew, or has another client: make a new one.
+    `poll` and `order` raise ConnectionError if the server was restarted or has another client: create a new client.
     """
 
     def __init__(
@@ -66,22 +66,24 @@ class Client:
         self.events: list[tuple[int, str, str, str, float]] = []
         self.totals: dict[str, tuple[float, ...]] = {}
         hello = {"version": 1, "nonce": random.getrandbits(53), "up": up, "handed": handed, "metres": metres}
-        kind, self.key, told = self._ask(HELLO, 1, hello, (WELCOME, REFUSED))
+        kind, self.key, answer = self._ask(HELLO, 1, hello, (WELCOME, REFUSED))
         if kind == REFUSED:
-            raise ConnectionError(told["error"])
-        self.bodies, self.swatches, self.tick_s = told["bodies"], told["swatches"], told["tick_s"]
+            raise ConnectionError(answer["error"])
+        self.bodies, self.swatches, self.tick_s = answer["bodies"], answer["swatches"], answer["tick_s"]
 
     def order(self, order: str, **what: Any) -> dict[str, Any]:
-        """Have something done once; raises ValueError with the reason where it was not."""
+        """Send an order, executed once, and return its answer; raise ValueError if the server refuses it."""
         self.orders += 1
-        _, _, told = self._ask(ORDER, self.orders, {"order": order, **what}, (ANSWER,))
-        if "error" in told:
-            raise ValueError(told["error"])
-        return told
+        _, _, answer = self._ask(ORDER, self.orders, {"order": order, **what}, (ANSWER,))
+        if "error" in answer:
+            raise ValueError(answer["error"])
+        return answer
 
     def frame(self, aim: Sequence[float] | None = None, bodies: Sequence[Any] = ()) -> None:
-        """Say where the hand aims and where bodies are: (name, p, q) or (name, p, q, v, w), q as x y z w, each with
-        `teleport=True` as a last member if it jumps. Waits for nothing; `poll` takes what was told."""
+        """Send the target of the hand and the poses of bodies, without waiting for the answer.
+
+        A body is (name, p, q) or (name, p, q, v, w), q as x y z w; a last member True teleports it.
+        """
         parts = [AIM.pack(aim is not None, len(bodies), 0, self.event_count, *(aim if aim is not None else (0, 0, 0)))]
         for body in bodies:
             body, jumps = (body[:-1], body[-1]) if isinstance(body[-1], bool) else (body, False)
@@ -93,7 +95,7 @@ class Client:
         self._send(pack(FRAME, self.key, self.sequence, b"".join(parts)))
 
     def poll(self, wait_s: float = 0.0) -> bool:
-        """Take what was told; whether a state came."""
+        """Read the packets that have arrived; return whether a new state is among them."""
         came, end_s = False, time.monotonic() + wait_s
         while True:
             self.socket.settimeout(max(end_s - time.monotonic(), 0.0) if not came else 0.0)
@@ -108,7 +110,7 @@ class Client:
                 came = self._take(packet[2], packet[3]) or came
 
     def impulse(self, name: str) -> tuple[float, ...]:
-        """What the tool has given a body so far, as last told: six numbers, N·s and N·m·s."""
+        """Return the total impulse of the tool on a body: six numbers, in N·s and N·m·s."""
         return self.totals.get(name, (0.0,) * 6)
 
     def close(self) -> None:
@@ -148,31 +150,31 @@ class Client:
     ) -> tuple[int, int, dict[str, Any]]:
         packet, end_s = pack(kind, self.key, sequence, json.dumps(what).encode()), time.monotonic() + self.patience_s
         self.socket.settimeout(0.1)
-        why: OSError = TimeoutError("nobody answers: does `hapscene serve` run?")
+        why: OSError = TimeoutError("no answer: is `hapscene serve` running?")
         while time.monotonic() < end_s:
             self._send(packet)
             try:
                 data = self.socket.recv(65536)
             except (TimeoutError, ConnectionError):
                 continue
-            told = self._unpack(data)
-            if told and told[0] in answers and told[2] == sequence:
-                answer = json.loads(told[3])
+            packet_in = self._unpack(data)
+            if packet_in and packet_in[0] in answers and packet_in[2] == sequence:
+                answer = json.loads(packet_in[3])
                 if answer.get("error") != BUSY:
-                    return told[0], told[1], answer
+                    return packet_in[0], packet_in[1], answer
                 why = ConnectionError(BUSY)
                 time.sleep(0.1)
-            elif told and told[:2] == (STATE, self.key):
-                self._take(told[2], told[3])
+            elif packet_in and packet_in[:2] == (STATE, self.key):
+                self._take(packet_in[2], packet_in[3])
         raise why
 
     def _unpack(self, data: bytes) -> tuple[int, int, int, bytes] | None:
         packet = unpack(data)
         sent = max(self.sequence, self.orders)
         if packet and packet[0] == REFUSED and packet[2] <= sent and LOST in packet[3]:
-            raise ConnectionError("the session is lost: the server began anew, or has another client; greet it again")
+            raise ConnectionError("the session is lost: the server was restarted or has another client; make a new one")
         return packet
 
     def _send(self, packet: bytes) -> None:
-        with contextlib.suppress(ConnectionError):  # told of an earlier one that nobody took
+        with contextlib.suppress(ConnectionError):  # an earlier packet was refused by the port
             self.socket.send(packet)

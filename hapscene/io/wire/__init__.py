@@ -1,8 +1,8 @@
-"""The serial line between a computer and a board: a probe that is recorded, or a handle that is driven.
+"""Serial communication with boards: probes for recordings, and actuated handles.
 
-| module | does |
+| module | content |
 |---|---|
-| `port` | drains a serial port by a thread of its own |
-| `protocol` | the lines of docs/probe-protocol.md, which docs/handle-protocol.md adds to |
-| `unit` | units of what is recorded |
+| `port` | serial port that is read by a thread |
+| `protocol` | line protocol of docs/probe-protocol.md, which docs/handle-protocol.md extends |
+| `unit` | units of recorded quantities |
 """

@@ -1,8 +1,6 @@
-"""A serial port, drained by a thread that does nothing else: a slow disk or terminal costs no samples."""
+"""A serial port that is read by a dedicated thread, so that a slow disk or terminal causes no lost samples."""
 
-import argparse
 import errno
-import math
 import os
 import queue
 import threading
@@ -12,24 +10,24 @@ from typing import Any, Final
 from hapscene.errors import CaptureError
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["BAUD", "LUMP_S", "POLL_S", "DrainedPort", "Port", "simulated_port", "simulator_parser"]
+__all__ = ["BAUD", "LUMP_S", "POLL_S", "DrainedPort", "Port"]
 
 BAUD: Final = 921_600
-"""Default speed of a port [bit/s]: the highest that all common USB bridges do; 5 kHz of one column fit through."""
+"""Default baud rate [bit/s]: the highest that all common USB bridges support; enough for one column at 5 kHz."""
 
 POLL_S: Final = 0.05
-"""Longest wait for bytes [s]: half the period of the level meter."""
+"""Maximum time for a read [s]: half the period of the level meter."""
 
 LUMP_S: Final = 2e-3
-"""How long bytes are let gather once the first is there [s]. Without it every byte wakes the thread; the 4 kB that
-Linux holds in front of a reader last for 2 MB/s."""
+"""Time to collect bytes after the first one [s]. Without it every byte would wake the thread; the 4 kB buffer of Linux
+suffices up to 2 MB/s."""
 
 
 class DrainedPort:
-    """What a thread of its own drains into a queue."""
+    """Base class: a thread that reads data into a queue."""
 
     def __init__(self, clock: Clock = CLOCK) -> None:
-        """Begins to drain; `clock` says when something came."""
+        """Start the thread; `clock` provides the time stamps."""
         self._clock = clock
         self._pieces: queue.SimpleQueue[tuple[bytes, float] | str] = queue.SimpleQueue()
         self._closing = threading.Event()
@@ -37,37 +35,37 @@ class DrainedPort:
         self._thread.start()
 
     def _drain(self) -> None:
-        """Puts what comes, and when, into the queue until it shall close; as its last the reason why it is gone."""
+        """Read data with time stamps into the queue until closing; finally the reason if the port is lost."""
         raise NotImplementedError
 
     def next(self) -> tuple[bytes, float] | str | None:
-        """What the port gave; None where it gave nothing for a while; a text, why, when it is gone."""
+        """Return data and arrival time; None if nothing arrived within `POLL_S`; a reason if the port is lost."""
         with suppress(queue.Empty):
             return self._pieces.get(timeout=POLL_S)
         return None
 
     def close(self) -> None:
-        """Stops the thread."""
+        """Stop the thread."""
         self._closing.set()
         self._thread.join()
 
 
 class Port(DrainedPort):
-    """A serial port that a thread of its own drains into a queue."""
+    """A serial port that a thread reads into a queue."""
 
     def __init__(self, name: str, baud: int, clock: Clock = CLOCK) -> None:
-        """Opens the port.
+        """Open the port.
 
         Raises:
-            CaptureError: no such port, no permission, in use.
+            CaptureError: no such port, no permission, or the port is in use.
         """
         import serial
 
-        alone = True if os.name == "posix" else None
+        exclusive = True if os.name == "posix" else None
         try:
-            self._serial: Any = serial.Serial(name, baud, timeout=POLL_S, exclusive=alone)
+            self._serial: Any = serial.Serial(name, baud, timeout=POLL_S, exclusive=exclusive)
         except (OSError, ValueError) as error:  # SerialException is an OSError
-            raise CaptureError(f"{name}: the port cannot be opened: {_reason(error)}{_ports()}") from None
+            raise CaptureError(f"{name}: cannot open the port: {_reason(error)}{_ports()}") from None
         super().__init__(clock)
 
     def _drain(self) -> None:
@@ -82,48 +80,23 @@ class Port(DrainedPort):
             self._pieces.put(_reason(error))
 
     def close(self) -> None:
-        """Stops the thread, then closes the port."""
+        """Stop the thread and close the port."""
         super().close()
         self._serial.close()
 
 
 def _reason(error: BaseException) -> str:
-    """pyserial's reason without its wrapping."""
+    """Return the reason of a pyserial error."""
     if isinstance(error, OSError) and error.errno in (errno.EAGAIN, errno.EBUSY):
-        return "another program has it open"
+        return "another program uses it"
     if isinstance(error, OSError) and error.errno and error.strerror:
         return os.strerror(error.errno).lower()
     return " ".join(str(error).split())
 
 
 def _ports() -> str:
-    """The ports that are there, for a message."""
+    """Return a list of the available ports for messages."""
     from serial.tools.list_ports import comports
 
     names = sorted(port.device for port in comports())
-    return f"; there are: {', '.join(names)}" if names else "; no serial port is there"
-
-
-# A port without hardware: the two simulators' own, a pseudo-terminal.
-
-
-def simulator_parser(module: str, description: str | None, rate_Hz: float) -> argparse.ArgumentParser:
-    """The options of a simulated board, `python -m module`: --rate, --seconds, --seed."""
-    parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
-    parser.add_argument("--rate", type=float, default=rate_Hz, metavar="HZ", help="samples a second (%(default)g)")
-    parser.add_argument("--seconds", type=float, default=math.inf, help="how long it runs (default: until Ctrl-C)")
-    parser.add_argument("--seed", type=int, default=0, help="of what is random (default 0)")
-    return parser
-
-
-def simulated_port(parser: argparse.ArgumentParser) -> int:
-    """A board's end of a new port, not blocking; the name of the other end is printed."""
-    if not hasattr(os, "openpty"):
-        parser.error("a simulated port needs pseudo-terminals: Linux or macOS")
-    import tty
-
-    ours, theirs = os.openpty()
-    tty.setraw(theirs)
-    os.set_blocking(ours, False)
-    print(os.ttyname(theirs), flush=True)
-    return ours
+    return f"; available ports: {', '.join(names)}" if names else "; there is no serial port"

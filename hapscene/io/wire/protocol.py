@@ -1,7 +1,7 @@
-"""The line protocol of probes, version 1: what docs/probe-protocol.md says, read and written.
+"""Line protocol of probes, version 1, as specified in docs/probe-protocol.md.
 
-A header names the rate and the columns; then comes a line a sample: its number, which wraps at 65,536, and whole
-numbers that the header's scales turn into units. Every line ends with a checksum.
+A header line declares the rate and the columns. Each sample is a line: its number modulo 65,536 and integers, which the
+scales in the header convert to units. Every line ends with a checksum.
 """
 
 import binascii
@@ -38,17 +38,17 @@ VERSION: Final = 1
 MAGIC: Final = b"#hapscene-probe"
 
 WRAP: Final = 1 << 16
-"""Sample numbers count modulo this: a probe's uint16_t, which overflows by itself."""
+"""Modulus of the sample numbers: the range of a uint16_t."""
 
 LINE_MAX: Final = 512
-"""Longest line [bytes]: a header of 12 columns. More without an end of line is garbage."""
+"""Maximum length of a line [bytes]: a header with 12 columns. Longer data without a line end is invalid."""
 
 COLUMN_MAX: Final = 16
-"""Most columns of a probe [count]."""
+"""Maximum number of columns [count]."""
 
 JUMP_S: Final = 1.0
-"""How far the sample numbers may disagree with the clock before they are taken to start anew [s]. Must exceed what
-the system buffers of a port (64 kB, 0.7 s at 921,600 baud), or a busy computer looks like a probe that restarts."""
+"""Maximum difference between sample numbers and clock before a restart of the probe is assumed [s]. It must exceed the
+system buffer of a port (64 kB, 0.7 s at 921,600 baud), or a busy computer looks like a restart."""
 
 _COLUMN: Final = re.compile(r"([A-Za-z_][A-Za-z0-9_]{0,31}):([!-)+.-9;-~°²µ·]{1,16}):([0-9.eE+-]{1,16})")
 _TORN: Final = re.compile(rb"[0-9,*A-Fa-f-]*")
@@ -56,7 +56,7 @@ _TORN: Final = re.compile(rb"[0-9,*A-Fa-f-]*")
 
 @dataclass(frozen=True)
 class Column:
-    """A stream of the probe: value in `unit` = the whole number in the line × `scale`."""
+    """A column of the probe; the value in `unit` is the integer in the line × `scale`."""
 
     name: str
     unit: str
@@ -65,7 +65,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Header:
-    """What a probe announces."""
+    """Header of a probe."""
 
     rate_Hz: float
     columns: tuple[Column, ...]
@@ -73,73 +73,73 @@ class Header:
 
 @dataclass
 class Count:
-    """What became of the lines."""
+    """Statistics of the received lines."""
 
     received: int = 0
-    """samples taken"""
+    """received samples"""
     dropped: int = 0
-    """samples that never came whole: the gaps in the numbers, torn lines among them"""
+    """lost samples: gaps in the numbers, including damaged lines"""
     torn: int = 0
-    """lines of a sample that were cut, joined or changed"""
+    """damaged lines of samples"""
     garbage: int = 0
-    """lines that are none of the protocol"""
+    """lines that do not follow the protocol"""
     restarts: int = 0
-    """times that the probe began to count anew"""
+    """restarts of the sample numbers"""
 
 
 @dataclass(frozen=True)
 class Run:
-    """Samples without a gap: `counts` (k, c) int64 in the columns' scales, the first of them sample `first`."""
+    """Consecutive samples: `counts` (k, c) int64 in the scales of the columns; the first is sample `first`."""
 
     first: int
     counts: NDArray[np.int64]
 
 
 def checksum(body: bytes) -> int:
-    """CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected; of b"123456789" it is 0x29B1."""
+    """Return the CRC-16/CCITT-FALSE: polynomial 0x1021, initial value 0xFFFF; for b"123456789" it is 0x29B1."""
     return binascii.crc_hqx(body, 0xFFFF)
 
 
 def sealed(body: bytes) -> bytes:
-    """The line: `body`, a star, its checksum in four hexadecimal digits, end of line."""
+    """Return the line for a body: the body, an asterisk, its checksum in four hexadecimal digits, a line feed."""
     return b"%s*%04X\n" % (body, checksum(body))
 
 
 def header_line(header: Header) -> bytes:
-    """The header's line."""
+    """Return the header line."""
     columns = ",".join(f"{c.name}:{c.unit}:{c.scale!r}" for c in header.columns)
     return sealed(f"{MAGIC.decode()} {VERSION} rate={header.rate_Hz:.12g} columns={columns}".encode())
 
 
 def sample_line(number: int, counts: Iterable[int]) -> bytes:
-    """The line of sample `number`."""
+    """Return the line of a sample."""
     return sealed(",".join(map(str, (number % WRAP, *counts))).encode())
 
 
 def read_header(line: bytes) -> Header | None:
-    """The header in a line without its end; None where the line is none, or damaged.
+    """Parse a header line without its line end; return None if it is not a header, or damaged.
 
     Raises:
-        CaptureError: a whole header, of another version or against the protocol.
+        CaptureError: an intact header of another version, or an invalid one.
     """
     body, _, crc = line.rpartition(b"*")
     if not body.startswith(MAGIC + b" ") or not _matches(body, crc):
         return None
-    words = body.decode("utf-8", "replace").split()
-    if words[1] != str(VERSION):
+    tokens = body.decode("utf-8", "replace").split()
+    if tokens[1] != str(VERSION):
         raise CaptureError(
-            f"the probe speaks version {words[1][:20]} of the protocol, read here is {VERSION}: "
-            "use firmware and hapscene that fit"
+            f"the probe uses protocol version {tokens[1][:20]}, expected version {VERSION}: update its firmware or "
+            "hapscene"
         )
-    fields = dict(word.partition("=")[::2] for word in words[2:])
+    fields = dict(word.partition("=")[::2] for word in tokens[2:])
     rate_Hz = _number(fields.get("rate", ""))
     if not 1.0 <= rate_Hz <= 1e6:
-        raise CaptureError(f"the probe's header must say rate=HZ, 1 to 1e6; it is {words[2:]}")
+        raise CaptureError(f"invalid header of the probe: expected rate=HZ from 1 to 1e6, found {tokens[2:]}")
     return Header(rate_Hz, _columns(fields.get("columns", "")))
 
 
 def _number(text: str) -> float:
-    """The number that a text says, NaN where it says none."""
+    """Parse a number; NaN if invalid."""
     try:
         return float(text)
     except ValueError:
@@ -153,11 +153,11 @@ def _columns(text: str) -> tuple[Column, ...]:
         scale = _number(match[3]) if match else math.nan
         if match is None or not math.isfinite(scale) or scale == 0.0:
             raise CaptureError(
-                f"the probe's header must say columns=NAME:UNIT:SCALE,…, as acceleration:m/s2:0.001; it has {part!r}"
+                f"invalid header of the probe: expected NAME:UNIT:SCALE, such as force:N:0.001, found {part!r}"
             )
         columns.append(Column(match[1], match[2], scale))
     if len({c.name for c in columns}) < len(columns) or len(columns) > COLUMN_MAX:
-        raise CaptureError(f"the probe's header must name at most {COLUMN_MAX} columns, each once: {text!r}")
+        raise CaptureError(f"invalid header of the probe: expected up to {COLUMN_MAX} distinct columns, found {text!r}")
     return tuple(columns)
 
 
@@ -167,30 +167,30 @@ def _matches(body: bytes, crc: bytes) -> bool:
 
 @dataclass
 class Decoder:
-    """Turns what a port gives, in pieces of any size, into runs of samples at their place in time."""
+    """Converts received data, in chunks of any size, to runs of samples with their position in time."""
 
     header: Header | None = None
     count: Count = field(default_factory=Count)
     position: int = 0
-    """the sample after the last one, counted from the first that was taken; gaps count"""
+    """index of the next sample, counted from the first received one, including lost samples"""
     byte_count: int = 0
-    """bytes taken in, of whatever kind"""
+    """number of received bytes"""
 
     _rest: bytes = b""
     _number: int = -1
     _t_s: float = 0.0
 
     def feed(self, data: bytes, t_s: float) -> list[Run]:
-        """Takes in what came at time `t_s` [s] of any steady clock; gives the samples that are whole now.
+        """Process data that arrived at time `t_s` of a monotonic clock [s]; return the complete samples.
 
         Raises:
-            CaptureError: a header of another version, against the protocol, or unlike the first one.
+            CaptureError: an invalid header, or one that differs from the first.
         """
         self.byte_count += len(data)
         *lines, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > LINE_MAX:
             self._rest = b""
-            self._spoilt(b"?")
+            self._count_invalid(b"?")
         runs: list[tuple[int, list[list[int]]]] = []
         for line in lines:
             line = line.removesuffix(b"\r")
@@ -209,30 +209,30 @@ class Decoder:
         return [Run(first, np.array(rows, dtype=np.int64)) for first, rows in runs]
 
     def _head(self, line: bytes) -> None:
-        """The first header is taken; later ones, which a probe repeats, must say the same."""
+        """Store the first header; a probe repeats it, and repetitions must be equal."""
         header = read_header(line)
         if header is None:
-            self._spoilt(line)
+            self._count_invalid(line)
         elif self.header is None:
             self.header = header
         elif header != self.header:
-            raise CaptureError("the probe announced another rate or other columns than at the start")
+            raise CaptureError("the header of the probe changed during the recording: another rate or other columns")
 
     def _sample(self, line: bytes) -> list[int] | None:
-        """Number and counts of a sample's line; None for any other line, which is counted."""
+        """Parse the line of a sample: its number and counts. None for other lines, which are counted."""
         if self.header is None or not line:
-            return None  # what comes before the header cannot be understood: the tail of a line, a boot message
+            return None  # before the header: the end of a line, or boot messages
         body, _, crc = line.rpartition(b"*")
         with suppress(ValueError):
             row = [int(part) for part in body.split(b",")] if _matches(body, crc) else []
             fits = len(row) == 1 + len(self.header.columns) and 0 <= row[0] < WRAP
             if fits and all(-(1 << 31) < value < 1 << 31 for value in row):
                 return row
-        self._spoilt(line)
+        self._count_invalid(line)
         return None
 
     def _step(self, number: int, t_s: float) -> int:
-        """How many samples this one is after the last: by its number, and by the clock where that is ambiguous."""
+        """Return the distance from the previous sample by its number, and by the clock if the number is ambiguous."""
         assert self.header is not None
         self.count.received += 1
         if self._number < 0:
@@ -247,7 +247,7 @@ class Decoder:
         self.count.dropped += step - 1
         return step
 
-    def _spoilt(self, line: bytes) -> None:
+    def _count_invalid(self, line: bytes) -> None:
         if self.header is None:
             return
         torn = bool(_TORN.fullmatch(line)) or line.startswith(b"#")

@@ -1,4 +1,4 @@
-"""Units that recordings and probes may have, of each quantity that is recorded."""
+"""Units of the quantities in recordings and from probes."""
 
 import math
 from collections.abc import Mapping
@@ -25,7 +25,8 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "orientation": {"1": 1.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6},
 }
-"""What one of each unit is in SI, for each quantity that a column may hold. "friction" is tangential over normal force,
-"depth" grows into the surface, "position" is along it; of it the speed is made, and of its first two axes the direction
-of sliding. "contact_angle" is between the tool's axis and the surface's normal, 0 upright; where there is none,
-"orientation" gives it, the tool's quaternion w, x, y, z over the surface: the axis and the normal are z."""
+"""Factor to SI units for each unit of each quantity. "friction" is the ratio of tangential to normal force. "depth"
+increases into the surface. "position" is along the surface; speed is its derivative, and the sliding direction follows
+from its first two axes. "contact_angle" is the angle between the axis of the tool and the surface normal, 0 if upright.
+Without it, the angle is computed from "orientation", the quaternion w, x, y, z of the tool relative to the surface,
+whose z axes are the axis of the tool and the normal."""

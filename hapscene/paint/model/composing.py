@@ -138,7 +138,7 @@ class Composing:
             one = scene.body(body)
             copies = Scene()
             copies.swatches[:], copies.swatch_source[:] = scene.swatches, scene.swatch_source
-            copies.bodies = [replace(b, face_swatch=b.face_swatch.copy()) for b in (one, *scene.hanging_on(body))]
+            copies.bodies = [replace(b, face_swatch=b.face_swatch.copy()) for b in (one, *scene.descendants(body))]
             return self.add(copies, what=f"copy {body!r}")[0]
 
     def delete(self, body: str) -> None:
@@ -182,7 +182,7 @@ class Composing:
             one = self._free(body)
             trial = Scene()
             trial.bodies = [replace(other) for other in self._painting.scene.bodies]
-            trial.hang(body, parent)  # refuses
+            trial.attach(body, parent)  # refuses
             if parent != one.parent:
                 what = f"take {body!r} off" if parent is None else f"hang {body!r} on {parent!r}"
                 self._painting.change(what, (), [self._other(one, parent=parent)])
@@ -210,7 +210,7 @@ class Composing:
             if np.array_equal(X_WB, one.X_WB):
                 return
             step = X_WB @ np.linalg.inv(one.X_WB)
-            hanging = self._painting.scene.hanging_on(body)
+            hanging = self._painting.scene.descendants(body)
             deltas = [self._other(b, X_WB=rigid(step @ b.X_WB, f"body {b.name!r}")) for b in hanging]
             now_s, first = self.clock(), self._moved_s == -math.inf
             join, self._moved_s = not first and (goes_on or now_s - self._moved_s <= JOIN_S), now_s
@@ -286,7 +286,7 @@ class Composing:
         """See one body alone, with those that hang on it; None shows all."""
         with self._painting.lock:
             scene, hidden = self._painting.scene, self._painting.hidden
-            shown = scene.bodies if body is None else [scene.body(body), *scene.hanging_on(body)]
+            shown = scene.bodies if body is None else [scene.body(body), *scene.descendants(body)]
             names = {other.name for other in shown}
             hidden.clear()
             self._mark(hidden, [b.name for b in scene.bodies if b.name not in names], True)

@@ -26,7 +26,7 @@ from hapscene.paint.model.painting import Painting
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.ply import save_mesh
 from hapscene.scene.scene import Scene, load_scene
-from hapscene.scene.scene_file import SUFFIX, check_place, is_own
+from hapscene.scene.scene_file import SUFFIX, check_scene_path, is_own
 
 __all__ = ["Autosave", "Document", "Recovery", "autosave_folder", "earlier_words", "find_recovery", "stamp_of"]
 
@@ -340,7 +340,7 @@ class Document:
             if target.name and not target.suffix:
                 target = target.with_name(target.name + SUFFIX)
             same = self.path is not None and target.resolve() == self.path.resolve()
-            check_place(target)
+            check_scene_path(target)
             old = autosave = self.autosave
             if self._interval_s is not None and (old is None or not same):
                 autosave = Autosave(target, self._take_snapshot, self._interval_s)  # its lock first

@@ -23,7 +23,7 @@ from hapscene.paint.model.history import (
 from hapscene.paint.model.mesh import Hit, PaintableMesh, pick
 from hapscene.paint.model.visibility import Sight
 from hapscene.scene.body import Body
-from hapscene.scene.fine_paint import NOTHING, blend, paint_faces, paint_region, parts, put_leaves
+from hapscene.scene.fine_paint import NOTHING, blend, paint_faces, paint_region, parts, set_subfaces
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Volume
 from hapscene.scene.scene import Scene
@@ -314,7 +314,7 @@ class Painting:
         body: int,
         region: Volume,
         faces: NDArray[np.integer] | None = None,
-        soft_m: float = 0.0,
+        falloff_m: float = 0.0,
         opacity: float = 1.0,
         *,
         swatch: int | None = None,
@@ -343,7 +343,7 @@ class Painting:
             sight = None if eye_W_m is None else self.sight(body, eye_W_m)
             if sight is not None:
                 faces = sight.facing(np.arange(len(painted.face_swatch)) if faces is None else faces)
-            more: dict[str, Any] = {"soft_m": soft_m, "opacity": opacity, "over": over, "sight": sight}
+            more: dict[str, Any] = {"falloff_m": falloff_m, "opacity": opacity, "over": over, "sight": sight}
             faces = paint_region(painted, region, swatch, faces=faces, **more)
             if len(faces):
                 self._note_faces(body, faces)
@@ -373,7 +373,7 @@ class Painting:
                 new, found = self.swatch_index(self._open.swatch, body), leaves.of_faces(np.unique(leaves.face[worn]))
                 heavier, lighter, weight = parts(found.paint)
                 paint = blend(np.where(heavier == old, new, heavier), np.where(lighter == old, new, lighter), weight)
-                put_leaves(painted, replace(found, paint=paint))
+                set_subfaces(painted, replace(found, paint=paint))
                 self._note_faces(body, found.faces)
                 count += len(found.faces)
             return count

@@ -10,7 +10,7 @@ from hapscene.compiled.native import native
 from hapscene.errors import SceneError
 from hapscene.paint.model.mesh import PaintableMesh
 from hapscene.scene.body import Body
-from hapscene.scene.fine_paint import LEAF_MAX, NOTHING, finest_of, parts, whole_faces
+from hapscene.scene.fine_paint import NOTHING, SUBFACE_MAX, finest_of, parts, whole_faces
 from hapscene.scene.region import Volume
 from hapscene.scene.topology import connected
 
@@ -121,7 +121,7 @@ def near_border(
     meet = shape.pairs[(has[0][a] & has[1][b]) | (has[1][a] & has[0][b])]
     faces = np.union1d(np.flatnonzero(has[0] & has[1]), meet)
     pieces = [fine.of_faces(faces), whole_faces(faces[plain[faces]], body.face_swatch[faces[plain[faces]]])]
-    corners_m = np.concatenate([leaves.leaf_corners_m(mesh) for leaves in pieces])
+    corners_m = np.concatenate([leaves.corners_m(mesh) for leaves in pieces])
     face, worn = (np.concatenate(v) for v in zip(*((p.face, parts(p.paint)[0]) for p in pieces), strict=True))
     step_m = finest_of(mesh)
     mine, theirs = _is(swatch)(worn), _is(other, swatch)(worn)
@@ -157,7 +157,7 @@ def _dots(corners_m: NDArray[np.float64], step_m: float) -> tuple[NDArray[np.flo
     a, b = corners_m.reshape(-1, 3), np.roll(corners_m, -1, axis=1).reshape(-1, 3)
     long = np.linalg.norm(b - a, axis=1)
     count = 2 ** np.ceil(np.log2(np.maximum(long / step_m, 1.0))).astype(np.int64)
-    if count.sum() > 4 * LEAF_MAX:
+    if count.sum() > 4 * SUBFACE_MAX:
         raise SceneError("this border is too long to be followed: paint, or fill, by another tool")
     side = np.repeat(np.arange(len(a)), count)
     share = (np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count)) / count[side]

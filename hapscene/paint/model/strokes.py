@@ -203,16 +203,16 @@ class Stroke:
     def _paint(self, line: list[Hit], eye_W_m: NDArray[np.float64] | None) -> int:
         """Paint along places on one body; how many faces it reached."""
         brush, body, shape = self._brush, line[0].body, self._painting.shapes[line[0].body]
-        soft_m = brush.softness * brush.radius_m  # inwards: nothing outside of the ring
+        falloff_m = brush.softness * brush.radius_m  # inwards: nothing outside of the ring
         points_m = np.array([hit.p_B_m for hit in line])
-        region = Tube(points_m, brush.radius_m - soft_m / 2)
+        region = Tube(points_m, brush.radius_m - falloff_m / 2)
         if brush.through:
             faces: NDArray[np.integer] = shape.near(Tube(points_m, brush.radius_m))
-            return self._painting.paint_region(body, region, faces, soft_m, brush.opacity)
+            return self._painting.paint_region(body, region, faces, falloff_m, brush.opacity)
         ends = pairwise(line) if len(line) > 1 else [(line[0], line[0])]
         touched = [shape.brush((a.face, b.face), (a.p_B_m, b.p_B_m), brush.radius_m) for a, b in ends]
         faces = np.unique(np.concatenate(touched))
-        return self._painting.paint_region(body, region, faces, soft_m, brush.opacity, eye_W_m=eye_W_m)
+        return self._painting.paint_region(body, region, faces, falloff_m, brush.opacity, eye_W_m=eye_W_m)
 
     def _pieces(self, tip: _Tip, now: Ray, hit: Hit | None) -> int:
         """How many pieces a move is split into."""

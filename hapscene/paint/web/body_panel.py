@@ -301,7 +301,7 @@ class BodyPanel:
     def _fields_html(self, body: Body) -> str:
         name, bodies = escape_html(body.name), self._context.session.scene.bodies
         parent = body.parent and escape_html(body.parent)
-        below = {child.name for child in self._context.session.scene.hanging_on(body.name)} | {body.name}
+        below = {child.name for child in self._context.session.scene.descendants(body.name)} | {body.name}
         parents = "".join(
             f'<option value="{other}"{" selected" * (other == parent)}>{other}</option>'
             for other in (escape_html(other.name) for other in bodies[:ROW_MAX] if other.name not in below)

@@ -317,8 +317,8 @@ class SwatchPanel:
 
 
 def _figure_html(phrase: Phrase) -> str:
-    """The figure of a phrase, a line broken only between two of its numbers; nothing where the word says it all."""
-    if phrase.figure in ("none", "no texture"):
+    """Return the figure of a phrase as HTML, with line breaks only between numbers; empty if there is none."""
+    if not phrase.figure:
         return ""
     kept = escape_html(phrase.figure).replace(" ", "&nbsp;").replace(",&nbsp;", ", ")
     return f"<span class='dim'>{kept}</span>"

@@ -1,4 +1,4 @@
-"""A port drained by a thread, over a pseudo-terminal."""
+"""Serial ports, tested with pseudo-terminals."""
 
 import os
 from collections.abc import Iterator
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from hapscene.errors import CaptureError
-from hapscene.io.wire.port import BAUD, Port, simulated_port, simulator_parser
+from hapscene.io.wire.port import BAUD, Port
 from tests.virtual_clock import PATIENCE_S, VirtualClock
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-te
 
 @pytest.fixture
 def wire() -> Iterator[tuple[int, Port]]:
-    """Our end, and the port at the other one."""
+    """One end of a pseudo-terminal, and a port on the other end."""
     import tty
 
     ours, theirs = os.openpty()
@@ -25,8 +25,8 @@ def wire() -> Iterator[tuple[int, Port]]:
     os.close(theirs)
 
 
-def drained(port: Port, count: int) -> list[tuple[bytes, float]]:
-    """Pieces until they hold so many bytes."""
+def read_all(port: Port, count: int) -> list[tuple[bytes, float]]:
+    """Read until there are `count` bytes."""
     pieces: list[tuple[bytes, float]] = []
     while sum(len(data) for data, _ in pieces) < count:
         piece = port._pieces.get(timeout=PATIENCE_S)
@@ -35,43 +35,26 @@ def drained(port: Port, count: int) -> list[tuple[bytes, float]]:
     return pieces
 
 
-def test_every_byte_comes_in_order_with_the_time_at_which_it_came(wire: tuple[int, Port]) -> None:
+def test_data_has_order_and_time(wire: tuple[int, Port]) -> None:
     ours, port = wire
     sent = bytes(range(256)) * 8
     for _ in range(2):
         os.write(ours, sent)
-        pieces = drained(port, len(sent))
+        pieces = read_all(port, len(sent))
         assert b"".join(data for data, _ in pieces) == sent
         assert {at for _, at in pieces} == {port._clock.now_s()}
-        assert len(pieces) < len(sent) / 16  # lumps, not byte by byte
+        assert len(pieces) < len(sent) / 16  # collected, not byte by byte
         port._clock.sleep_s(1.0)
 
 
-def test_silence_is_nothing_and_a_port_that_is_gone_is_a_reason(wire: tuple[int, Port]) -> None:
+def test_silence_and_lost_port(wire: tuple[int, Port]) -> None:
     ours, port = wire
     assert port.next() is None
     os.close(ours)
-    said = port._pieces.get(timeout=PATIENCE_S)
-    assert said == "input/output error" or "disconnected" in said
+    reason = port._pieces.get(timeout=PATIENCE_S)
+    assert reason == "input/output error" or "disconnected" in reason
 
 
-def test_a_port_belongs_to_one(wire: tuple[int, Port]) -> None:
-    with pytest.raises(CaptureError, match="the port cannot be opened"):
+def test_port_in_use_raises(wire: tuple[int, Port]) -> None:
+    with pytest.raises(CaptureError, match="cannot open the port"):
         Port(wire[1]._serial.port, BAUD)
-
-
-def test_a_simulated_board_has_a_port_that_does_not_block(capsys: pytest.CaptureFixture[str]) -> None:
-    parser = simulator_parser("hapscene.a_board", None, 1234.0)
-    options = parser.parse_args(["--seed", "3"])
-    assert (options.rate, options.seconds, options.seed) == (1234.0, float("inf"), 3)
-    ours = simulated_port(parser)
-    name = capsys.readouterr().out.strip()
-    port = Port(name, BAUD)
-    try:
-        with pytest.raises(BlockingIOError):
-            os.read(ours, 1)
-        os.write(ours, b"\n\r\x03\xff")  # raw: nothing is read into them
-        assert b"".join(data for data, _ in drained(port, 4)) == b"\n\r\x03\xff"
-    finally:
-        port.close()
-        os.close(ours)

@@ -1,4 +1,4 @@
-"""The line protocol: what is whole is taken, what is not is counted, and every sample stands at its place in time."""
+"""The line protocol of probes."""
 
 import re
 from pathlib import Path
@@ -21,7 +21,7 @@ from hapscene.io.wire.protocol import (
 )
 
 HEADER = Header(1000.0, (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.01)))
-DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "probe-protocol.md"
+DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "reference" / "probe-protocol.md"
 
 
 def row(n: int) -> tuple[int, int]:
@@ -33,7 +33,7 @@ def lines(numbers: range) -> list[bytes]:
 
 
 def decode(parts: list[bytes], rate_Hz: float = 1000.0) -> tuple[Decoder, dict[int, list[int]]]:
-    """Feeds the header and then a part every 1/rate; gives what came, by position."""
+    """Feed the header, then a part every 1/rate; return the samples by position."""
     decoder = Decoder()
     came: dict[int, list[int]] = {}
     for k, part in enumerate([header_line(HEADER), *parts]):
@@ -44,11 +44,11 @@ def decode(parts: list[bytes], rate_Hz: float = 1000.0) -> tuple[Decoder, dict[i
     return decoder, came
 
 
-def test_checksum_is_the_documented_one() -> None:
+def test_checksum() -> None:
     assert checksum(b"123456789") == 0x29B1
 
 
-def test_the_document_shows_what_is_read() -> None:
+def test_example_in_the_docs() -> None:
     example = re.search(r"(    #hapscene-probe.*\n(?:    \d.*\n)+)", DOCUMENT.read_text(encoding="utf-8"))
     assert example is not None
     text = b"".join(line.strip().encode() + b"\n" for line in example[1].splitlines())
@@ -59,20 +59,20 @@ def test_the_document_shows_what_is_read() -> None:
     assert decoder.count.torn == decoder.count.garbage == decoder.count.dropped == 0
 
 
-def test_header_comes_back() -> None:
+def test_header() -> None:
     header = Header(3333.25, (Column("ax", "m/s2", 0.001), Column("F_t", "N", -1e-5), Column("T", "°C", 2.0)))
     assert read_header(header_line(header).strip()) == header
 
 
 @pytest.mark.parametrize("size", [1, 17, 5000])
-def test_pieces_of_any_size(size: int) -> None:
+def test_chunks_of_any_size(size: int) -> None:
     text = b"".join(lines(range(300)))
     decoder, came = decode([text[i : i + size] for i in range(0, len(text), size)])
     assert came == {n: list(row(n)) for n in range(300)}
     assert decoder.count.received == 300 and decoder.count.dropped == 0
 
 
-def test_dropped_samples_leave_a_gap_at_their_place() -> None:
+def test_dropped_samples_leave_a_gap() -> None:
     sent = lines(range(200))
     for n in (5, 6, 7, 100):
         sent[n] = b""
@@ -81,14 +81,14 @@ def test_dropped_samples_leave_a_gap_at_their_place() -> None:
     assert decoder.count.dropped == 4 and decoder.count.torn == decoder.count.garbage == 0
 
 
-def test_torn_and_garbage_lines_are_counted_and_never_taken() -> None:
+def test_damaged_lines_are_counted() -> None:
     sent = lines(range(50))
     sent[10] = sent[10][:5] + b"\n"  # cut
-    sent[20] = sent[20][:6]  # its end lost: joined with the next
+    sent[20] = sent[20][:6]  # joined with the next line
     sent[30] = sent[30].replace(b",", b",1", 1)  # a digit too many
     sent[40] = b"\x00\xff\x80garbage\n" + sent[40]
     sent[45] = b"boot: ok\r\n" + sent[45].replace(b"\n", b"\r\n")
-    sent.append(sealed(b"50,1"))  # whole, of another probe
+    sent.append(sealed(b"50,1"))  # intact, but from another probe
     decoder, came = decode(sent)
     assert set(came) == set(range(50)) - {10, 20, 21, 30}
     assert all(came[n] == list(row(n)) for n in came)
@@ -102,7 +102,7 @@ def test_numbers_wrap() -> None:
     assert sorted(came) == [n for n in range(100) if n != 60] and decoder.count.dropped == 1
 
 
-def test_a_gap_longer_than_the_numbers_reach_is_told_by_the_clock() -> None:
+def test_long_gap_is_measured_by_the_clock() -> None:
     decoder = Decoder()
     decoder.feed(header_line(HEADER) + sample_line(0, (1, 1)), 0.0)
     later = 2 * WRAP + 10
@@ -110,14 +110,14 @@ def test_a_gap_longer_than_the_numbers_reach_is_told_by_the_clock() -> None:
     assert run.first == later and decoder.count.dropped == later - 1 and decoder.count.restarts == 0
 
 
-def test_a_probe_that_begins_anew_does_not_make_a_gap_of_a_minute() -> None:
+def test_restarted_probe() -> None:
     decoder = Decoder()
     decoder.feed(header_line(HEADER) + b"".join(lines(range(100))), 0.1)
     (run,) = decoder.feed(header_line(HEADER) + sample_line(0, (1, 1)), 2.1)
     assert run.first == 99 + 2000 and decoder.count.restarts == 1
 
 
-def test_what_comes_before_the_header_is_ignored() -> None:
+def test_data_before_the_header_is_ignored() -> None:
     decoder = Decoder()
     assert decoder.feed(b"-12*00\nbooting\n" + sample_line(7, (1, 1)), 0.0) == []
     (run,) = decoder.feed(header_line(HEADER) + sample_line(8, (2, 3)), 0.1)
@@ -128,20 +128,20 @@ def test_what_comes_before_the_header_is_ignored() -> None:
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        (b"#hapscene-probe 2 speed=fast", "speaks version 2 .* read here is 1"),
+        (b"#hapscene-probe 2 speed=fast", "version 2"),
         (b"#hapscene-probe 1 columns=a:g:1", "rate=HZ"),
         (b"#hapscene-probe 1 rate=1000 columns=a:g", "NAME:UNIT:SCALE"),
         (b"#hapscene-probe 1 rate=1000 columns=a:g:0", "NAME:UNIT:SCALE"),
-        (b"#hapscene-probe 1 rate=1000 columns=a:g:1,a:g:1", "each once"),
-        (b"#hapscene-probe 1 rate=1000 columns=" + b",".join(b"a%d:g:1" % i for i in range(17)), "at most 16"),
+        (b"#hapscene-probe 1 rate=1000 columns=a:g:1,a:g:1", "distinct"),
+        (b"#hapscene-probe 1 rate=1000 columns=" + b",".join(b"a%d:g:1" % i for i in range(17)), "16"),
     ],
 )
-def test_a_header_that_does_not_fit_is_told(line: bytes, message: str) -> None:
+def test_invalid_header_raises(line: bytes, message: str) -> None:
     with pytest.raises(CaptureError, match=message):
         Decoder().feed(sealed(line), 0.0)
 
 
-def test_another_header_ends_it_and_a_damaged_one_does_not() -> None:
+def test_changed_header_raises() -> None:
     decoder = Decoder()
     decoder.feed(header_line(HEADER) + b"#hapscene-probe 1 rate=50*0000\n", 0.0)
     assert decoder.count.torn == 1
@@ -149,7 +149,7 @@ def test_another_header_ends_it_and_a_damaged_one_does_not() -> None:
         decoder.feed(header_line(Header(2000.0, HEADER.columns)), 1.0)
 
 
-def test_an_endless_line_takes_no_memory() -> None:
+def test_too_long_line_is_discarded() -> None:
     decoder = Decoder(HEADER)
     for k in range(100):
         decoder.feed(b"x" * 1000, k * 1e-3)
@@ -158,8 +158,8 @@ def test_an_endless_line_takes_no_memory() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.binary(max_size=2000), st.integers(1, 300))
-def test_noise_is_survived(noise: bytes, size: int) -> None:
-    """Whatever comes between them, the whole lines that follow an end of line are taken at their place."""
+def test_samples_after_noise_are_decoded(noise: bytes, size: int) -> None:
+    """Intact lines after a line end are decoded, whatever precedes them."""
     decoder = Decoder(HEADER)
     decoder.feed(sample_line(0, row(0)), 0.0)
     for i in range(0, len(noise), size):

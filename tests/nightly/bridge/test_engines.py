@@ -88,11 +88,11 @@ def pushed(engine: list[object], port: int) -> subprocess.CompletedProcess[str]:
 
 def test_an_engine_pushes_a_crate(served: Served, engine: list[object]) -> None:
     done = pushed(engine, served.port)
-    text = done.stdout
-    assert done.returncode == 0, text + done.stderr
-    answer = re.search(r"momentum ([-\d.e]+) answer ([-\d.e]+)", text)
-    assert answer is not None and "began, crate, wood" in text, text
-    momentum, got = (float(number) for number in answer.groups())
+    output = done.stdout
+    assert done.returncode == 0, output + done.stderr
+    found = re.search(r"momentum ([-\d.e]+) received ([-\d.e]+)", output)
+    assert found is not None and "began, crate, wood" in output, output
+    momentum, got = (float(number) for number in found.groups())
     assert momentum > 1e-3 and momentum == pytest.approx(got, abs=1.1e-6)  # printed to six digits, kept in float32
 
 

@@ -194,5 +194,5 @@ def test_an_unplugged_probe_ends_the_record_properly(probe: Probe, tmp_path: Pat
 
 
 def test_a_port_that_another_program_has_open(probe: Probe, tmp_path: Path) -> None:
-    with closing(Port(probe.port, 115_200)), pytest.raises(CaptureError, match="another program has it open"):
+    with closing(Port(probe.port, 115_200)), pytest.raises(CaptureError, match="another program uses it"):
         record(probe.port, tmp_path / "a.hsrec")

@@ -1,3 +1,3 @@
-"""What the tests in tests/exchange share."""
+"""Fixtures of tests/exchange."""
 
 from tests.exchange.conftest import *  # noqa: F403

@@ -1,4 +1,4 @@
-"""glTF of ours before Khronos' own validator, which `make system` installs from npm."""
+"""Exported glTF files in the validator of Khronos, which `make system` installs from npm."""
 
 import json
 import shutil
@@ -22,9 +22,9 @@ Promise.all(files.map(file => require(package).validateBytes(new Uint8Array(fs.r
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="no node here: apt-get install nodejs")
 @pytest.mark.skipif(not PACKAGE.exists(), reason="no gltf-validator here: make system, which needs npm")
-def test_validator_finds_no_error(scene: Scene, shared: Path, tmp_path: Path) -> None:
+def test_validator(scene: Scene, shared: Path, tmp_path: Path) -> None:
     body = scene.bodies[0].name
-    scene.paint(body, "paper", Sphere((0.0, 0.0, 0.03), 0.01), finest_m=2e-3, soft_m=0.005)
+    scene.paint(body, "paper", Sphere((0.0, 0.0, 0.03), 0.01), resolution_m=2e-3, falloff_m=0.005)
     own = ("a.glb", "a.gltf")
     for file in own:
         export_scene(scene, tmp_path / file)

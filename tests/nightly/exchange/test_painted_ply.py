@@ -1,4 +1,4 @@
-"""PLY as other programs see it, and from strangers."""
+"""Speed of the check of PLY headers."""
 
 import time
 from pathlib import Path
@@ -12,11 +12,11 @@ from hapscene.scene.scene import Scene
 pytestmark = pytest.mark.filterwarnings("ignore::hapscene.exchange.swatch_payload.ExchangeWarning")
 
 
-def test_a_header_of_many_swatches_is_refused_at_once(scene: Scene, tmp_path: Path) -> None:
+def test_header_with_many_swatches(scene: Scene, tmp_path: Path) -> None:
     file = export_scene(scene, tmp_path / "desk.ply")[0]
     line = next(line for line in file.read_bytes().split(b"\n") if line.startswith(b"comment hapscene swatch 1 "))
     file.write_bytes(file.read_bytes().replace(line, b"\n".join([line] * 40_000)))
     start_s = time.process_time()
-    with pytest.raises(SceneError, match="more than 10,000 bodies or 4,096 swatches"):
+    with pytest.raises(SceneError, match="too many"):
         import_scene(file)
     assert time.process_time() - start_s < 2.0

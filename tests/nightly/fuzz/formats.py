@@ -397,7 +397,7 @@ def painted(name: str, *, fine: bool = False, quick: int = 12) -> Format:
     def write(path: Path) -> None:
         made = scene()
         if fine:
-            made.paint("ball", "wood", Sphere((0.0, 0.0, 0.03), 0.02), finest_m=0.01, soft_m=0.01)
+            made.paint("ball", "wood", Sphere((0.0, 0.0, 0.03), 0.02), resolution_m=0.01, falloff_m=0.01)
         export_scene(made, path)
 
     return Format(written(write, name), read_painted, quick=quick)

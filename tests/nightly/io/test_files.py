@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic writes by processes that are killed."""
 
 import subprocess
 import sys
@@ -42,7 +42,7 @@ def writer(place: Path, kind: str, wait_s: float, end: str = "") -> "subprocess.
 
 @POSIX
 @pytest.mark.parametrize("kind", ["file", "folder"])
-def test_what_a_killed_writer_has_left_is_tidied_by_the_next(tmp_path: Path, kind: str) -> None:
+def test_temporary_files_of_killed_processes_are_removed(tmp_path: Path, kind: str) -> None:
     with writer(tmp_path, kind, 0.0, "killed") as process:
         process.wait()
     (left,) = tmp_path.iterdir()
@@ -60,7 +60,7 @@ def test_what_a_killed_writer_has_left_is_tidied_by_the_next(tmp_path: Path, kin
 
 @POSIX
 @pytest.mark.parametrize("kind", ["file", "folder"])
-def test_what_is_being_written_is_left_alone(tmp_path: Path, kind: str) -> None:
+def test_files_in_use_are_kept(tmp_path: Path, kind: str) -> None:
     with writer(tmp_path, kind, 0.0, "open") as process:
         assert process.stdout is not None and process.stdout.readline() == "open\n"
         (part,) = tmp_path.iterdir()
@@ -75,7 +75,7 @@ def test_what_is_being_written_is_left_alone(tmp_path: Path, kind: str) -> None:
 @pytest.mark.soak
 @POSIX
 @pytest.mark.parametrize("kind", ["file", "folder"])
-def test_thirty_writers_killed_at_random_moments_leave_nothing(tmp_path: Path, kind: str) -> None:
+def test_writers_killed_at_random_times(tmp_path: Path, kind: str) -> None:
     random = Random(0)
     for _ in range(30):
         with writer(tmp_path, kind, 0.001) as process, writer(tmp_path, kind, 0.001) as beside:

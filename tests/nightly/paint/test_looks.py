@@ -171,7 +171,7 @@ def test_the_tools_settings_stay_while_the_shelf_scrolls(tab: Any) -> None:
 def test_units_stay_with_their_numbers() -> None:
     told = _figure_html(Phrase("taps", "clear taps", "5 m/s², 100 Hz at 0.1 m/s"))
     assert told == "<span class='dim'>5&nbsp;m/s², 100&nbsp;Hz&nbsp;at&nbsp;0.1&nbsp;m/s</span>"
-    assert _figure_html(Phrase("taps", "no taps", "none")) == ""
+    assert _figure_html(Phrase("taps", "taps not measured", "")) == ""
 
 
 def test_what_is_not_saved_is_marked_and_no_tool(tab: Any, page: Page) -> None:

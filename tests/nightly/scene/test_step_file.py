@@ -1,4 +1,4 @@
-"""STEP files: intact ones are read, damaged ones are refused or mended, and a crash of the parser is one error."""
+"""STEP files with Open CASCADE: intact, damaged and crashing files."""
 
 import json
 import time
@@ -14,13 +14,13 @@ from hapscene.errors import MeshError
 from hapscene.scene.mesh import MeshWarning
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.scene import Scene, load_scene
-from hapscene.scene.step_file import promised_by
+from hapscene.scene.step_file import declared_by
 from tests.nightly.fuzz import formats
 
 BOX = (
     formats.step()["x.step"]
     .decode()
-    .replace("'cube','cube','',(#58)", "'box; it''s #99','',(#58) /* #98; is nobody */")
+    .replace("'cube','cube','',(#58)", "'box; it''s #99','',(#58) /* #98; is undefined */")
 )
 """A cube of 9 mm."""
 
@@ -58,7 +58,7 @@ def step(tmp_path: Path):
     return write
 
 
-def test_a_whole_file_is_read_without_a_word(step, capfd) -> None:
+def test_intact_file(step, capfd) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         mesh = load_mesh(step(BOX))
@@ -66,30 +66,30 @@ def test_a_whole_file_is_read_without_a_word(step, capfd) -> None:
     assert capfd.readouterr() == ("", "")
 
 
-def test_colours_of_faces_are_groups(step) -> None:
+def test_colours_are_groups(step) -> None:
     mesh = load_mesh(step(BOX.replace(END, ";\n" + STYLE.rstrip(";\n") + END)))
     assert len(mesh.group_names) == 2
     assert set(map(tuple, mesh.colour_rgb.tolist())) == {(160, 160, 160), (255, 0, 0)}
 
 
 @pytest.mark.parametrize("name", DAMAGED)
-def test_a_damaged_file_is_refused_and_read_on_request(name: str, step) -> None:
+def test_damaged_file_raises_unless_accepted(name: str, step) -> None:
     text = DAMAGED[name]
     assert text != BOX
     with pytest.raises(MeshError, match="--accept-damaged"):
         load_mesh(step(text))
-    if name != "number given twice":  # on which the parser crashes
+    if name != "number given twice":  # the parser crashes
         with pytest.warns(MeshWarning):
             assert len(load_mesh(step(text), accept_damaged=True).faces) in (10, 12)
 
 
-def test_a_closed_shell_that_comes_back_open_is_a_warning(step) -> None:
+def test_open_shell_warns(step) -> None:
     with pytest.warns(MeshWarning):
         load_mesh(step(BOX.replace("#1,#2,#4,#3", "#1,#2,#4,#4")))
 
 
 @pytest.mark.parametrize("words", [["check", "--json"], ["touch"]])
-def test_a_crash_of_the_parser_is_one_error(words: list[str], step, capfd, monkeypatch, tmp_path) -> None:
+def test_crash_of_the_parser_is_one_error(words: list[str], step, capfd, monkeypatch, tmp_path) -> None:
     monkeypatch.chdir(tmp_path)
     assert main([words[0], str(step(CRASHING)), *words[1:]]) == 2
     out, err = capfd.readouterr()
@@ -97,7 +97,7 @@ def test_a_crash_of_the_parser_is_one_error(words: list[str], step, capfd, monke
     assert out.count("\n") <= 1 and "\x1b" not in out + err
 
 
-def test_json_stays_json_while_the_parser_complains(step, capfd) -> None:
+def test_json_output_with_parser_errors(step, capfd) -> None:
     text = BOX.replace(FACE, "")
     assert main(["check", str(step(text)), "--json", "--accept-damaged"]) in (0, 1)
     out, err = capfd.readouterr()
@@ -105,7 +105,7 @@ def test_json_stays_json_while_the_parser_complains(step, capfd) -> None:
     assert err
 
 
-def test_a_scene_of_a_damaged_mesh_is_opened_as_it_was_saved(step, tmp_path) -> None:
+def test_scene_with_a_damaged_mesh(step, tmp_path) -> None:
     with pytest.warns(MeshWarning):
         mesh = load_mesh(step(BOX.replace(FACE, "")), accept_damaged=True)
     scene = Scene()
@@ -116,8 +116,8 @@ def test_a_scene_of_a_damaged_mesh_is_opened_as_it_was_saved(step, tmp_path) -> 
 
 
 @pytest.mark.parametrize("beginning", ["/* ", "DATA;", "DATA(", "CLOSED_SHELL(", "CLOSED_SHELL()", "#1 ", "'", "#1=A("])
-def test_beginnings_without_an_end_are_looked_through_once(beginning: str) -> None:
+def test_malicious_text_takes_linear_time(beginning: str) -> None:
     text = f"ISO-10303-21;HEADER;ENDSEC;DATA;{beginning * (200_000 // len(beginning))}END-ISO-10303-21;"
     start_s = time.process_time()
-    promised_by(text.encode(), "hostile.step")
+    declared_by(text.encode(), "hostile.step")
     assert time.process_time() - start_s < 2.0

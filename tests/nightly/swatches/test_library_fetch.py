@@ -107,7 +107,7 @@ def fetched(server: Server, name: str = "oak") -> Swatch:
 DATA = swatch_to_json(oak()).encode()
 
 
-def test_what_is_published_comes_whole(server: Server, home: Path) -> None:
+def test_download(server: Server, home: Path) -> None:
     server.publish("oak", DATA)
     assert fetched(server) == oak()
     assert sorted(f.name for f in home.iterdir()) == ["index.json", "oak.swatch"]
@@ -129,7 +129,7 @@ def cut(after: int, resumable: bool, times: int) -> Callable[[Any, bytes], None]
     return bend
 
 
-def test_a_transfer_that_breaks_off_is_taken_up(server: Server) -> None:
+def test_interrupted_transfer_is_resumed(server: Server) -> None:
     server.publish("oak", DATA)
     server.bend["oak.swatch"] = cut(7000, resumable=True, times=3)
     assert fetched(server) == oak()
@@ -141,14 +141,14 @@ def test_a_transfer_that_breaks_off_is_taken_up(server: Server) -> None:
     ]
 
 
-def test_or_begun_again_where_the_server_cannot(server: Server) -> None:
+def test_interrupted_transfer_is_restarted(server: Server) -> None:
     server.publish("oak", DATA)
     server.bend["oak.swatch"] = cut(7000, resumable=False, times=3)
     assert fetched(server) == oak()
 
 
 @pytest.mark.parametrize("code", [206, 416])
-def test_or_where_the_server_sends_another_part(server: Server, code: int) -> None:
+def test_wrong_range_is_restarted(server: Server, code: int) -> None:
     server.publish("oak", DATA)
     first = cut(7000, resumable=False, times=1)
 
@@ -163,7 +163,7 @@ def test_or_where_the_server_sends_another_part(server: Server, code: int) -> No
     assert [r for name, r in server.asked if name == "oak.swatch"] == [None, "bytes=7000-", None]
 
 
-def test_what_broke_off_for_good_is_taken_up_by_a_later_call(server: Server, home: Path) -> None:
+def test_later_call_resumes(server: Server, home: Path) -> None:
     server.publish("oak", DATA)
     server.bend["oak.swatch"] = cut(1000, resumable=True, times=library.TRIES)
     with pytest.raises(SwatchError):
@@ -184,7 +184,7 @@ def refused(server: Server, home: Path, name: str = "oak") -> str:
 
 
 @pytest.mark.parametrize("data", [DATA[:-100], DATA.replace(b"MIT", b"BSD")], ids=["truncated", "changed"])
-def test_content_that_the_index_does_not_describe_is_refused(server: Server, home: Path, data: bytes) -> None:
+def test_content_must_match_the_index(server: Server, home: Path, data: bytes) -> None:
     server.publish("oak", DATA)
     server.files["oak.swatch"] = data
     refused(server, home)
@@ -192,7 +192,7 @@ def test_content_that_the_index_does_not_describe_is_refused(server: Server, hom
     assert fetched(server) == oak()
 
 
-def test_a_file_that_changes_between_two_parts_is_refused(server: Server, home: Path) -> None:
+def test_changed_file_raises(server: Server, home: Path) -> None:
     server.publish("oak", DATA)
     first = cut(7000, resumable=True, times=1)
 
@@ -203,7 +203,7 @@ def test_a_file_that_changes_between_two_parts_is_refused(server: Server, home: 
     refused(server, home)
 
 
-def test_more_than_the_index_says_is_not_taken(server: Server, home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_longer_file_raises(server: Server, home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(library, "_CHUNK", 2000)
     server.publish("oak", DATA)
 
@@ -221,12 +221,12 @@ def test_more_than_the_index_says_is_not_taken(server: Server, home: Path, monke
     assert not any(f.stat().st_size for f in home.rglob("*.part"))  # to go on from
 
 
-def test_a_bomb_of_zeros_is_not_unpacked(server: Server, home: Path) -> None:
+def test_compressed_content_raises(server: Server, home: Path) -> None:
     bomb = gzip.compress(b" " * (64 << 20))
     server.publish("oak", DATA)
     server.bend["oak.swatch"] = lambda handler, data: send(handler, bomb, Content_Encoding="gzip")
     refused(server, home)
-    server.publish("oak", bomb)  # as a file of its own it is no swatch
+    server.publish("oak", bomb)  # not a swatch as a separate file
     del server.bend["oak.swatch"]
     refused(server, home)
     server.bend["index.json"] = lambda handler, data: send(handler, bomb, Content_Encoding="gzip")
@@ -238,18 +238,18 @@ def test_a_bomb_of_zeros_is_not_unpacked(server: Server, home: Path) -> None:
     [DATA.replace(b'"name": "oak"', b'"name": "elm"'), b"[" * 1_000_000, b" "],
     ids=["other name", "deep", "empty"],
 )
-def test_a_malicious_file_with_the_right_hash_is_refused(server: Server, home: Path, data: bytes) -> None:
+def test_malicious_file_with_correct_hash_raises(server: Server, home: Path, data: bytes) -> None:
     server.publish("oak", data)
     refused(server, home)
 
 
-def test_a_file_name_cannot_leave_the_folder(server: Server, home: Path, tmp_path: Path) -> None:
+def test_file_name_with_path_raises(server: Server, home: Path, tmp_path: Path) -> None:
     server.publish("oak", DATA, file="../oak.swatch")
     refused(server, home)
     assert not list(tmp_path.rglob("*.swatch"))
 
 
-def test_a_planted_link_is_not_followed(server: Server, home: Path, tmp_path: Path) -> None:
+def test_link_is_not_followed(server: Server, home: Path, tmp_path: Path) -> None:
     server.publish("oak", DATA)
     digest = hashlib.sha256(DATA).hexdigest()
     (tmp_path / "elsewhere").write_text("stays")
@@ -260,7 +260,7 @@ def test_a_planted_link_is_not_followed(server: Server, home: Path, tmp_path: Pa
     assert (tmp_path / "elsewhere").read_text() == "stays"
 
 
-def test_answers_that_are_none(server: Server, home: Path) -> None:
+def test_invalid_answers(server: Server, home: Path) -> None:
     with pytest.raises(SwatchError):
         read_index(server.url)
     server.files["index.json"] = b"<html>"
@@ -314,7 +314,7 @@ SLOW: dict[str, Callable[[Any, bytes], None]] = {
 
 
 @pytest.mark.parametrize("where", SLOW)
-def test_a_slow_server_is_given_up(server: Server, home: Path, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
+def test_slow_server_raises(server: Server, home: Path, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     monkeypatch.setattr(library, "PATIENCE_S", 0.3)
     server.publish("oak", DATA)
     server.bend["index.json"] = SLOW[where]
@@ -324,7 +324,7 @@ def test_a_slow_server_is_given_up(server: Server, home: Path, monkeypatch: pyte
     refused(server, home)
 
 
-def test_a_slow_line_is_waited_for_as_long_as_bytes_come(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_line_is_accepted(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(library, "PATIENCE_S", 1.5)
     monkeypatch.setattr(library, "RATE_MIN_B_S", len(DATA) / 100)
     monkeypatch.setattr(library, "_CHUNK", 2000)
@@ -344,7 +344,7 @@ def to(place: str) -> Callable[[Any, bytes], None]:
     return lambda handler, data: send(handler, b"", 302, Location=place)
 
 
-def test_redirections_are_followed_some_times_and_only_on_the_web(server: Server, home: Path) -> None:
+def test_redirections(server: Server, home: Path) -> None:
     server.publish("oak", DATA)
     server.bend["oak.swatch"] = to("/oak.swatch")
     refused(server, home)
@@ -360,7 +360,7 @@ def test_redirections_are_followed_some_times_and_only_on_the_web(server: Server
     assert fetched(server) == oak()
 
 
-def test_what_comes_with_a_redirection_is_not_read(server: Server) -> None:
+def test_content_of_redirections_is_not_read(server: Server) -> None:
     server.publish("oak", DATA)
     server.files["moved"] = DATA
 
@@ -381,7 +381,7 @@ LYING = {
 
 
 @pytest.mark.parametrize("case", LYING)
-def test_answers_that_lie_about_themselves(server: Server, home: Path, case: str) -> None:
+def test_inconsistent_answers(server: Server, home: Path, case: str) -> None:
     server.publish("oak", DATA)
 
     def bend(handler: Any, data: bytes) -> None:
@@ -393,18 +393,18 @@ def test_answers_that_lie_about_themselves(server: Server, home: Path, case: str
     refused(server, home)
 
 
-def test_what_a_server_says_does_not_steer_the_terminal(server: Server, capsys: pytest.CaptureFixture[str]) -> None:
+def test_text_of_the_server_is_escaped(server: Server, capsys: pytest.CaptureFixture[str]) -> None:
     server.files["index.json"] = b""
     server.bend["index.json"] = lambda handler, data: handler.wfile.write(
         b"HTTP/1.1 500 \x1b]0;title\x07\x9b" + b"x" * 5000 + b"\r\n\r\n"
     )
     assert cli.main(["swatch", "get", "--from", server.url]) == 2
     said = capsys.readouterr().err
-    assert r"the server says 500 \x1b]0;title\x07\u009bxxx" in said and len(said) < 300 and said[:-1].isprintable()
+    assert r"the server returns 500 \x1b]0;title\x07\u009bxxx" in said and len(said) < 300 and said[:-1].isprintable()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signal there")
-def test_a_slow_server_is_left_at_once(server: Server) -> None:
+def test_interrupt_during_slow_answer(server: Server) -> None:
     asked = threading.Event()
 
     def bend(handler: Any, data: bytes) -> None:
@@ -422,7 +422,7 @@ def test_a_slow_server_is_left_at_once(server: Server) -> None:
     assert (process.returncode, said) == (130, b"hapscene: interrupted; nothing was written\n")
 
 
-def test_the_command(server: Server, home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command(server: Server, home: Path, capsys: pytest.CaptureFixture[str]) -> None:
     server.publish("oak", DATA)
     assert cli.main(["swatch", "get", "--from", server.url]) == 0
     assert "oak" in capsys.readouterr().out and not home.exists()
@@ -430,5 +430,5 @@ def test_the_command(server: Server, home: Path, capsys: pytest.CaptureFixture[s
     said = capsys.readouterr()
     assert "oak.swatch" in said.out and "no swatch 'elm'" in said.err and load_swatch("oak") == oak()
     assert cli.main(["swatch", "get", "--all", "--from", server.url]) == 2
-    assert "in the library already" in capsys.readouterr().err
+    assert "already in the library" in capsys.readouterr().err
     assert cli.main(["swatch", "get", "--all", "--replace", "--from", server.url]) == 0

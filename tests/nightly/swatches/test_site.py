@@ -1,4 +1,4 @@
-"""A published library: what stands in its pages, whatever strangers call things; what `get` reads; what it replaces."""
+"""The static site in an HTML validator and in a browser."""
 
 import json
 import shutil
@@ -35,8 +35,8 @@ HOSTILE = "</h1><b onload='x'>\"&amp;<!-- "
 @pytest.mark.skipif(not VALIDATOR.exists(), reason="html-validate is not here: sh .ci/node-packages")
 def test_pages_are_valid_html(site: Path) -> None:
     files = sorted(site.glob("*.html"))
-    asked = ["node", "-e", VALIDATE, str(VALIDATOR), *map(str, files)]
-    done = subprocess.run(asked, capture_output=True, text=True, timeout=120, check=False)
+    requests = ["node", "-e", VALIDATE, str(VALIDATOR), *map(str, files)]
+    done = subprocess.run(requests, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     reports = json.loads(done.stdout)
     assert len(reports) == len(files) == 4
@@ -47,7 +47,7 @@ def test_pages_are_valid_html(site: Path) -> None:
 
 @pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not here: sh .ci/node-packages")
 @pytest.mark.parametrize("look", ["light", "dark"])
-def test_nothing_hinders_and_nothing_is_cut(site: Path, address: str, browser: Any, look: str) -> None:
+def test_accessibility_and_width(site: Path, address: str, browser: Any, look: str) -> None:
     for width in (390, 1440):
         with browser.new_context(
             viewport={"width": width, "height": 900}, color_scheme=look, bypass_csp=True
@@ -60,12 +60,12 @@ def test_nothing_hinders_and_nothing_is_cut(site: Path, address: str, browser: A
                 assert tab.evaluate("document.documentElement.scrollWidth") <= width, page.name
 
 
-def test_it_is_heard_and_found_and_asks_nobody_else(site: Path, address: str, browser: Any) -> None:
+def test_sound_and_search_without_external_requests(site: Path, address: str, browser: Any) -> None:
     with browser.new_context(viewport={"width": 800, "height": 900}) as context:
         tab = context.new_page()
-        asked: list[str] = []
+        requests: list[str] = []
         wrong: list[str] = []
-        tab.on("request", lambda request: asked.append(request.url))
+        tab.on("request", lambda request: requests.append(request.url))
         tab.on("console", lambda message: wrong.append(message.text) if "favicon" not in message.location["url"] else 0)
         tab.on("pageerror", lambda error: wrong.append(str(error)))
         tab.goto(address)
@@ -75,10 +75,12 @@ def test_it_is_heard_and_found_and_asks_nobody_else(site: Path, address: str, br
         shown = [tile.inner_text().splitlines()[0] for tile in tab.locator(".tile").all() if tile.is_visible()]
         assert shown == ["oak, planed"] and tab.inner_text("output") == "1 of 3"
         tab.get_by_role("link", name="oak, planed").click()
-        heard = "n => new Promise(done => { n.onloadedmetadata = () => done(n.duration); n.onerror = done; n.load(); })"
-        assert tab.locator("audio").evaluate(heard) == pytest.approx(1.75, abs=0.01)
+        duration = (
+            "n => new Promise(done => { n.onloadedmetadata = () => done(n.duration); n.onerror = done; n.load(); })"
+        )
+        assert tab.locator("audio").evaluate(duration) == pytest.approx(1.75, abs=0.01)
         assert tab.locator("img").evaluate("n => n.complete && n.naturalWidth") > 0
-        assert asked and all(url.startswith(address) for url in asked) and wrong == []
+        assert requests and all(url.startswith(address) for url in requests) and wrong == []
 
 
 def test_it_is_there_without_a_script_and_without_a_server(site: Path, browser: Any) -> None:

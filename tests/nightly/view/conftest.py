@@ -1,3 +1,3 @@
-"""What the tests in tests/view share."""
+"""Fixtures of tests/view."""
 
 from tests.view.conftest import *  # noqa: F403

@@ -1,4 +1,4 @@
-"""GIF and MP4."""
+"""Films as GIF and MP4."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -36,7 +36,7 @@ def write(*arguments: object, **named: object) -> None:
         pytest.skip(str(error))
 
 
-def test_gif_turns_and_lasts_as_long_as_asked(tmp_path: Path, scene: Scene) -> None:
+def test_gif(tmp_path: Path, scene: Scene) -> None:
     write(scene, None, tmp_path / "a.gif", SMALL)
     with Image.open(tmp_path / "a.gif") as image:
         assert image.size == (320, 240) and image.n_frames == 6
@@ -50,7 +50,7 @@ def test_gif_turns_and_lasts_as_long_as_asked(tmp_path: Path, scene: Scene) -> N
     assert all(np.array_equal(frames[0][-30:], frame[-30:]) for frame in frames)  # the legend stands still
 
 
-def test_mp4_has_the_frames_the_rate_and_the_size(tmp_path: Path, scene: Scene, recording: Recording) -> None:
+def test_mp4(tmp_path: Path, scene: Scene, recording: Recording) -> None:
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="the extra `video` is not installed")
     write(scene, recording, tmp_path / "a.mp4", replace(SMALL, seconds=0.5))
     reader = imageio_ffmpeg.read_frames(str(tmp_path / "a.mp4"))
@@ -58,7 +58,7 @@ def test_mp4_has_the_frames_the_rate_and_the_size(tmp_path: Path, scene: Scene, 
     assert about["size"] == (320, 240) and about["fps"] == pytest.approx(25.0) and len(list(reader)) == 12
 
 
-def test_touch_is_played_in_its_own_time(scene: Scene, recording: Recording) -> None:
+def test_touch_is_in_real_time(scene: Scene, recording: Recording) -> None:
     drawing, _ = _compose(scene, recording, Film(size=(320, 240), turn_rad=0.0), 30)
     tips_m = np.array([dict(frame.shown)[0][:3, 3] for frame in drawing.frames])
     ticks = np.linspace(0, 1999, 30).round().astype(int)
@@ -66,16 +66,14 @@ def test_touch_is_played_in_its_own_time(scene: Scene, recording: Recording) -> 
     assert all(np.array_equal(frame.X_SC, drawing.frames[0].X_SC) for frame in drawing.frames)
 
 
-def test_mp4_without_an_encoder_is_refused_before_it_is_drawn(
-    tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mp4_without_encoder_raises(tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hapscene.view.picture.find_spec", lambda name: None)
     with pytest.raises(ViewError, match="video"):
         write_film(scene, None, tmp_path / "a.mp4", SMALL)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_film_that_is_interrupted_leaves_nothing(tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupt_leaves_no_files(tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(drawing: object) -> object:
         raise KeyboardInterrupt
 

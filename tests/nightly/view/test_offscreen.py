@@ -1,4 +1,4 @@
-"""Frames without a screen."""
+"""Rendering without a screen."""
 
 import pickle
 import signal
@@ -14,7 +14,7 @@ import pytest
 
 from hapscene.errors import ViewError
 from hapscene.view import offscreen
-from hapscene.view.camera import looks, place
+from hapscene.view.camera import fit_cameras, orbit
 from hapscene.view.offscreen import draw, platforms, started_ahead
 from hapscene.view.triangles import Drawing, Frame, lathe
 
@@ -23,13 +23,11 @@ from hapscene.view.triangles import Drawing, Frame, lathe
 def drawing() -> Drawing:
     """A green cone from three sides."""
     cone = lathe([(0.05, 0.0), (0.0, 0.1)], "#009E73")
-    poses, extent_m, _ = place(cone.corner_m, looks([0.0, 1.0, 2.0]), (80, 60))
+    poses, extent_m, _ = fit_cameras(cone.corner_m, orbit([0.0, 1.0, 2.0]), (80, 60))
     return Drawing([cone], [Frame(X_SC, [(0, np.eye(4))]) for X_SC in poses], extent_m, (80, 60), "#102030", 2)
 
 
-def test_frames_come_one_by_one_and_batches_make_no_difference(
-    drawing: Drawing, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_batches(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(offscreen, "BATCH", 2)
     first, second, _ = drawing.frames
     try:
@@ -42,9 +40,7 @@ def test_frames_come_one_by_one_and_batches_make_no_difference(
     assert np.array_equal(whole[0], whole[2]) and not np.array_equal(whole[0], whole[1])  # of two processes
 
 
-def test_a_process_that_was_started_ahead_draws_the_same_and_once(
-    drawing: Drawing, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_process_started_ahead(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[object] = []
     start = subprocess.Popen
 
@@ -66,9 +62,7 @@ def test_a_process_that_was_started_ahead_draws_the_same_and_once(
     assert np.array_equal(ahead, expected) and np.array_equal(after, expected)
 
 
-def test_files_of_the_working_folder_are_not_imported(
-    drawing: Drawing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_working_folder_is_not_imported(drawing: Drawing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "numpy.py").write_text("raise SystemExit('of the working folder')\n")
     monkeypatch.chdir(tmp_path)
     try:
@@ -77,7 +71,7 @@ def test_files_of_the_working_folder_are_not_imported(
         assert "of the working folder" not in str(error)
 
 
-def test_a_process_that_was_started_ahead_and_not_used_ends() -> None:
+def test_unused_process_ends() -> None:
     with started_ahead():
         (process,) = offscreen._ahead.values()
     assert process.returncode is not None and not offscreen._ahead
@@ -86,9 +80,7 @@ def test_a_process_that_was_started_ahead_and_not_used_ends() -> None:
 
 
 @pytest.mark.parametrize("ahead", [False, True])
-def test_where_nothing_draws_the_error_names_the_packages(
-    drawing: Drawing, monkeypatch: pytest.MonkeyPatch, ahead: bool
-) -> None:
+def test_missing_libraries_raise(drawing: Drawing, monkeypatch: pytest.MonkeyPatch, ahead: bool) -> None:
     monkeypatch.setattr(offscreen, "LIBRARIES", {"osmesa": ("NoSuchOSMesa",), "egl": ("NoSuchEGL",)})
     monkeypatch.setattr(offscreen, "platforms", lambda: ["osmesa", "egl"])
     monkeypatch.setattr(offscreen.sys, "executable", "/bin/false")
@@ -96,7 +88,7 @@ def test_where_nothing_draws_the_error_names_the_packages(
         list(draw(drawing))
 
 
-def test_driver_that_crashes_midway_is_told(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_crash_after_the_first_frame_raises(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
     def one_frame(platform: str, job: Drawing) -> Iterator[np.ndarray]:
         yield np.zeros((60, 80, 3), np.uint8)
         raise offscreen._DrawingFailed("ended with code -11")
@@ -106,14 +98,14 @@ def test_driver_that_crashes_midway_is_told(drawing: Drawing, monkeypatch: pytes
         list(draw(drawing))
 
 
-def test_frame_that_takes_too_long_is_given_up(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_timeout_raises(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(offscreen, "TIMEOUT_S", 0.05)
     monkeypatch.setattr(offscreen, "platforms", lambda: ["osmesa"])
     with pytest.raises(ViewError):
         list(draw(drawing))
 
 
-def test_platform_is_chosen_by_the_machine_and_by_wish(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_platforms(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PYOPENGL_PLATFORM", raising=False)
     monkeypatch.setattr(offscreen, "_has_gpu", lambda: False)
     assert platforms() == ["osmesa", "egl"]
@@ -160,7 +152,7 @@ with interrupted_by_ends(), started_ahead():
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no process can send these signals there")
 @pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGHUP", "SIGKILL"])
-def test_the_process_ends_with_its_parent(kind: str, end_in_time: Callable[["subprocess.Popen[str]"], None]) -> None:
+def test_process_ends_with_its_parent(kind: str, end_in_time: Callable[["subprocess.Popen[str]"], None]) -> None:
     pipe = subprocess.PIPE
     with subprocess.Popen([sys.executable, "-c", APPLICATION], stdout=pipe, stderr=pipe, text=True) as application:
         end_in_time(application)

@@ -1,4 +1,4 @@
-"""scene.png and its kin, where a GL can be had."""
+"""Pictures, if OpenGL is available."""
 
 from pathlib import Path
 
@@ -32,7 +32,7 @@ def drawn(path: Path, *arguments: object, **named: object) -> np.ndarray:
         return np.asarray(image.convert("RGB")).astype(int)
 
 
-def test_picture_shows_swatch_path_and_force_and_repeats(tmp_path: Path, recording: Recording) -> None:
+def test_swatch_path_and_force(tmp_path: Path, recording: Recording) -> None:
     scene = scene_of(trimesh.creation.box((0.1, 0.1, 0.02)))
     pixels = drawn(tmp_path / "a.png", scene, recording, tmp_path / "a.png", size=(640, 480))
     red, green, blue = np.moveaxis(pixels[:400], 2, 0)
@@ -43,7 +43,7 @@ def test_picture_shows_swatch_path_and_force_and_repeats(tmp_path: Path, recordi
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
-def test_scale_bar_measures_what_is_drawn_in_the_dark(tmp_path: Path) -> None:
+def test_scale_bar(tmp_path: Path) -> None:
     ball = scene_of(trimesh.creation.icosphere(5, 0.05))
     pixels = drawn(tmp_path / "a.png", ball, None, tmp_path / "a.png", size=(500, 400), theme=DARK)
     assert pixels.shape == (400, 500, 3)
@@ -59,7 +59,7 @@ def _longest_run(mask: np.ndarray) -> int:
     return int(np.diff(edges, axis=1).max(initial=0))
 
 
-def test_picture_that_cannot_be_drawn_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failure_leaves_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from hapscene.view import offscreen
 
     monkeypatch.setattr(offscreen.sys, "executable", "/bin/false")

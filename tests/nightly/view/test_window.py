@@ -1,4 +1,4 @@
-"""The window, on a screen that is none."""
+"""The window on a virtual display."""
 
 import ctypes
 import os
@@ -29,7 +29,7 @@ PATIENCE_S = 120.0
 
 @pytest.fixture(scope="module")
 def display() -> Iterator[str]:
-    """A display of an Xvfb of its own, with a number that was free."""
+    """A display of a new Xvfb."""
     if shutil.which("Xvfb") is None:
         pytest.skip("Xvfb (package xvfb) is not installed")
     with virtual_screen(1100, 800) as name:
@@ -45,7 +45,7 @@ def screenshot(display: str) -> np.ndarray:
 
 
 def close_window(display: str) -> None:
-    """Ask the window to close, as a window manager does when its cross is clicked."""
+    """Ask the window to close, as a window manager does."""
     from pyglet.libs.x11 import xlib
 
     server = xlib.XOpenDisplay(display.encode())
@@ -74,7 +74,7 @@ print("ended")
 
 
 @pytest.mark.parametrize("end", ["close", "interrupt", "kill"])
-def test_window_shows_the_touch_and_ends_when_told(
+def test_window_shows_the_touch_and_closes(
     tmp_path: Path, scene: Scene, recording: Recording, display: str, end: str
 ) -> None:
     from dataclasses import replace
@@ -96,10 +96,10 @@ def test_window_shows_the_touch_and_ends_when_told(
             if end == "close":
                 close_window(display)
             elif end == "interrupt":
-                os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to all of the job
+                os.killpg(process.pid, signal.SIGINT)  # to the process group, as a terminal does
             else:
                 process.kill()
-            out, err = process.communicate(timeout=PATIENCE_S)  # with the last process that has these pipes
+            out, err = process.communicate(timeout=PATIENCE_S)  # ends when all processes have closed the pipes
             assert "Traceback" not in err, err
             assert end == "kill" or (process.returncode == 0 and "ended" in out)
         finally:
@@ -113,13 +113,13 @@ def wait_for(seen: Callable[[], bool], process: "subprocess.Popen[str]") -> None
     while process.poll() is None and time.monotonic() < until_s:
         if seen():
             return
-        time.sleep(0.05)  # only so as not to take the processor from what is waited for
+        time.sleep(0.05)  # leaves the processor to the other process
     pytest.fail(process.stderr.read() if process.poll() is not None and process.stderr else "nothing was shown")
 
 
 def shows_the_touch(display: str) -> bool:
     pixels = screenshot(display)
-    green = np.abs(pixels[220:] - rgb(FORCE) * 255).max(axis=2) < 60  # below the legend
+    green = np.abs(pixels - rgb(FORCE) * 255).max(axis=2) < 60  # the force arrow
     orange = (pixels[..., 0] > 180) & (pixels[..., 2] < 60)
     grey = (pixels == np.round(rgb(LIGHT.background) * 255)).all(axis=2)
     return bool(green.sum() > 30 and orange.sum() > 5000 and grey.mean() > 0.3)

@@ -76,7 +76,7 @@ def test_buttons_and_fields_do_what_they_say(page: Page, tab: Tab) -> None:
         ("scale", "ball", "0", "a scale is above 0"),
         ("size z", "ball", "-3", "a scale is above 0"),
         ("scale", "ball", "1e8", "a scale is above 0"),
-        ("parent", "ball", "ball", "cannot hang on"),
+        ("parent", "ball", "ball", "cannot be attached"),
         ("parent", "ball", "x", "no body 'x'"),
         ("name", "ball", "plate", "names are unique"),
         ("name", "ball", "", "printable"),

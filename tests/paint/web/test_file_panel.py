@@ -84,13 +84,13 @@ def test_an_export_is_asked_for_where_a_file_is(page: Page, tab: Tab) -> None:
 def test_what_an_export_loses_of_this_very_scene_is_told_before(page: Page, tab: Tab) -> None:
     tab.set("Format", "stl")
     tab.wait(lambda: told(tab, "Will not be in it: bodies and their names"))
-    assert not told(tab, "painting finer than faces")
+    assert not told(tab, "paint of subdivided faces")
     tab.choose("wood")
     tab.point("down", (0.01, 0.0, 0.02))
     tab.point("up", (0.01, 0.0, 0.02))
-    tab.wait(lambda: told(tab, "painting finer than faces"))
+    tab.wait(lambda: told(tab, "paint of subdivided faces"))
     tab.send("undo")
-    tab.wait(lambda: not told(tab, "painting finer than faces"))
+    tab.wait(lambda: not told(tab, "paint of subdivided faces"))
 
 
 def test_a_mesh_of_the_scene_is_neither_offered_nor_written_over(page: Page, tab: Tab) -> None:
@@ -101,7 +101,7 @@ def test_a_mesh_of_the_scene_is_neither_offered_nor_written_over(page: Page, tab
     tab.set("File", "ball.obj")
     tab.settle()
     tab.set("Export", True)
-    said(tab, "is a mesh that a scene is made of")
+    said(tab, "is a mesh of a scene")
     assert Path("ball.obj").read_bytes() == before and not asked(tab, "Save over it")
 
 

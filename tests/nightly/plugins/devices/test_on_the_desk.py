@@ -1,6 +1,7 @@
-"""The contract on a device that is really there: `pytest tests/plugins/devices --device NAME`, as
-docs/devices.md tells; without --device, on the simulated one. It never gives more than 0.5 N. What it saw is written to
-device-report.json, to be filed with an issue.
+"""The driver contract on a connected device: `pytest tests/nightly/plugins/devices/test_on_the_desk.py --device NAME`.
+
+Without `--device`, the simulated device is tested. The force is at most 0.5 N. The result is written to
+`device-report.json`, to be filed with an issue (docs/how-to/set-up-a-device.md).
 """
 
 import json

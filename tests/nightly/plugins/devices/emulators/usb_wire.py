@@ -11,8 +11,7 @@ import threading
 from contextlib import suppress
 
 from usb.core import USBError, USBTimeoutError
-
-from hapscene.io.wire.usb_board import UsbBoard
+from usb_device import UsbDevice
 
 HEAD = struct.Struct("<BBBHI")
 CONTROL, WRITE, READ, DESCRIBE, CONFIGURE = range(5)
@@ -55,7 +54,7 @@ def _answer(emulator, wire):
         wire.send(bytes([status]) + data)
 
 
-class Backend(UsbBoard):
+class Backend(UsbDevice):
     """The device at the other end."""
 
     def __init__(self):

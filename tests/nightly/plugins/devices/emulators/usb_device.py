@@ -1,9 +1,9 @@
-"""A backend of pyusb with one device plugged in, in place of libusb: what a board without hardware derives from."""
+"""A pyusb backend with one emulated device; it replaces libusb in tests."""
 
 from types import SimpleNamespace
 from typing import Any
 
-__all__ = ["UsbBoard"]
+__all__ = ["UsbDevice"]
 
 _BASE = "bLength bDescriptorType extra_descriptors "
 _DEVICE = "bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol bMaxPacketSize0 bcdDevice iManufacturer iProduct "
@@ -14,13 +14,13 @@ def _descriptor(zeros: str, **fields: Any) -> SimpleNamespace:
     return SimpleNamespace(**(dict.fromkeys((_BASE + zeros).split(), 0) | fields))
 
 
-class UsbBoard:
-    """One configuration, one interface, and its endpoints.
+class UsbDevice:
+    """A device with one configuration and one interface.
 
     Attributes:
-        ids: vendor's and product's number.
-        kind: of its endpoints: 2 bulk, 3 interrupt.
-        ends: their addresses; bit 7 is set of one that the board sends by.
+        ids: vendor and product number.
+        kind: type of the endpoints: 2 bulk, 3 interrupt.
+        ends: addresses of the endpoints; bit 7 is set for those that the device sends on.
     """
 
     ids: tuple[int, int]
@@ -28,24 +28,24 @@ class UsbBoard:
     ends: tuple[int, ...] = (0x81, 0x02)
 
     def bulk_write(self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int) -> int:
-        """Take all of `data`, and say how much that is."""
+        """Accept all of `data`; return its length."""
         raise NotImplementedError
 
     def bulk_read(self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int) -> int:
-        """Fill the beginning of `buff` within `timeout` [ms], and say how much.
+        """Write received data to the start of `buff` within `timeout` [ms]; return its length.
 
         Raises:
-            USBTimeoutError: nothing came.
+            USBTimeoutError: no data arrived.
         """
         raise NotImplementedError
 
-    def intr_write(self, *told: Any) -> int:
-        return self.bulk_write(*told)
+    def intr_write(self, *arguments: Any) -> int:
+        return self.bulk_write(*arguments)
 
-    def intr_read(self, *told: Any) -> int:
-        return self.bulk_read(*told)
+    def intr_read(self, *arguments: Any) -> int:
+        return self.bulk_read(*arguments)
 
-    iso_write, iso_read = intr_write, intr_read  # pyusb looks them all up, whatever the endpoint
+    iso_write, iso_read = intr_write, intr_read  # pyusb looks up all of them for any endpoint
 
     def ctrl_transfer(self, handle: Any, kind: int, request: int, value: int, index: int, data: Any, wait: int) -> int:
         return 0
@@ -66,8 +66,8 @@ class UsbBoard:
         return _only(_descriptor(zeros, bNumEndpoints=len(self.ends)), intf + alt)
 
     def get_endpoint_descriptor(self, dev: Any, ep: int, intf: int, alt: int, config: int) -> Any:
-        told = {"bEndpointAddress": self.ends[ep], "bmAttributes": self.kind, "wMaxPacketSize": 64}
-        return _descriptor("bInterval bRefresh bSynchAddress", **told)
+        fields = {"bEndpointAddress": self.ends[ep], "bmAttributes": self.kind, "wMaxPacketSize": 64}
+        return _descriptor("bInterval bRefresh bSynchAddress", **fields)
 
     def open_device(self, dev: Any) -> Any:
         return dev
