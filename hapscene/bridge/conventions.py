@@ -66,8 +66,7 @@ class Convention:
 
     def pose(self, p: ArrayLike, q: ArrayLike) -> NDArray[np.float64]:
         """Convert a position and a quaternion x y z w to X_WB (4, 4). An invalid quaternion gives NaN, which is
-        refused later.
-        """
+        refused later."""
         turn = np.asarray(q, np.float64)
         R = rotation_of(turn) if turn.any() else np.full((3, 3), np.nan)
         X_WB = np.eye(4)

@@ -48,8 +48,7 @@ def load_model(path: str | os.PathLike[str]) -> Any:
 
 def compile_model(file: BinaryIO, path: str) -> Mapping[str, NDArray[Any]]:
     """Compile a model to MuJoCo's binary format, in the separate process. File names in it are relative to its own
-    folder.
-    """
+    folder."""
     import mujoco
 
     try:

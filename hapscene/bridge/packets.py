@@ -75,8 +75,7 @@ class Packet(NamedTuple):
 
 class BodyFrame(NamedTuple):
     """Pose and velocity of a body in client coordinates; the quaternion is x y z w, velocities are None if not
-    given.
-    """
+    given."""
 
     body: int
     teleport: bool
@@ -97,8 +96,7 @@ class Frame(NamedTuple):
 
 class Event(NamedTuple):
     """A change of contact: kind 1 began, 2 crossed to another swatch, 3 ended; indices into the lists of the
-    WELCOME.
-    """
+    WELCOME."""
 
     tick: int
     kind: int

@@ -308,8 +308,7 @@ class Bridge:
 
 def _straight(renderer: "Renderer", p_WT: ArrayLike, count: int) -> Callable[[], Array]:
     """Return a function that gives the positions of the next `count` ticks on a line from the present position to
-    (3,).
-    """
+    (3,)."""
     goal = numbers(p_WT)
     if goal.shape != (3,):
         raise PathError(f"the position has {goal.size} numbers; expected three, in metres")

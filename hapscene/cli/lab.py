@@ -163,7 +163,6 @@ def bench(
       hapscene lab bench
       hapscene lab bench --quick --out out/quick
       hapscene lab bench --from out/bench/bench.csv --out out/again
-      hapscene lab bench --against ../hapscene-before
     """
     check_evidence()
     from hapscene_evidence.bench.run import bench as run
@@ -196,7 +195,6 @@ def chart(
       hapscene lab chart
       hapscene lab chart scene.scene.json --only mesh,force-rate --out out/mine
       hapscene lab chart --quick --jobs 1
-      hapscene lab chart --from out/chart/chart.csv --out out/again
     """
     if scene is not None:
         check_scene(scene)

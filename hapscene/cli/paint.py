@@ -57,9 +57,6 @@ def paint(
       hapscene paint                         # a copy of the demo scene
       hapscene paint cup.scene.json
       hapscene paint bunny.ply --unit m --swatch wood
-      hapscene paint cup.scene.json --device premium-1.5 --grip firm
-      hapscene paint duck.glb --map duck.png
-      hapscene paint cup.scene.json --port 9000 --no-browser
     """
     with ExitStack() as ends:
         with rare_collections():

@@ -70,8 +70,6 @@ def play(
       hapscene play                                     # demo scene, by mouse
       hapscene play demo.scene.json --handle audio
       hapscene play demo.scene.json --device openhaptics
-      hapscene play bunny.ply --unit m --swatch wood --device falcon --force 3
-      hapscene play --replay logs/2026-11-23-101500
     """
     if replay is not None:
         return _replay(replay)

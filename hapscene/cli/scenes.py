@@ -97,7 +97,6 @@ def check(
       hapscene check demo
       hapscene check part.stl --unit mm
       hapscene check part.stl --unit mm --fix part_mended.ply
-      hapscene check meshes --unit mm
     """
     if len(meshes) == 1 and not Path(meshes[0]).is_dir():
         path, read = find_asset(meshes[0], read)
@@ -199,9 +198,6 @@ def convert(
       hapscene convert desk.scene.json              # to desk.glb
       hapscene convert desk.scene.json desk.ply
       hapscene convert desk.glb                     # to desk.scene.json
-      hapscene convert table.obj table.scene.json --unit mm
-      hapscene convert duck.scene.json duck.png     # legend: duck.json
-      hapscene convert wood wood.hjif
     """
     if target is not None and target.suffix.lower() == ".hjif":
         _export_swatch(source, target, replace)

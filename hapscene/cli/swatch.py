@@ -219,7 +219,6 @@ def compare(
       hapscene swatch compare wood paper
       hapscene swatch compare mine.swatch            # against the shipped swatches
       hapscene swatch compare mine.swatch --library swatches/
-      hapscene swatch compare a.csv b.csv --rate 10000 --units acceleration=g
     """
     for name in surfaces:
         (check_there if Path(name).suffix.lower() in RECORDINGS else check_swatch)(name)

@@ -143,9 +143,6 @@ def touch(
       hapscene touch demo               # an asset: demo, bracket, plate, toad
       hapscene touch bunny.ply --unit m --swatch wood
       hapscene touch demo.scene.json --path hand.csv --out out/hand
-      hapscene touch demo.scene.json --hand stroke --grip light
-      hapscene touch demo --effects wall,weight --set weight.mass_kg=0.2
-      hapscene touch table.xml --path push.csv    # a MuJoCo model
     """
     scene, mesh = find_asset(scene, mesh)
     check_scene(scene, mesh)

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.constants import TICK_S
 from hapscene.device.model import DeviceWarning, Limits, limits_of
 from hapscene.motion.hand_path import HOVER_M, Hand
 from hapscene.motion.look_from_above import bounds_of, look_from_above, window_of
@@ -94,8 +94,7 @@ EMBREE_B: Final = 90
 
 def random_paths(scene: "Scene", index: int, rng: np.random.Generator, limits: Limits, count: int) -> list[Array]:
     """Random paths (n, 3) [m], one row per tick, each with a tap and a stroke on a body; empty if it is not visible
-    from above.
-    """
+    from above."""
     look, body = look_from_above(scene), scene.bodies[index]
     low, high = window_of(bounds_of(body))
     places = rng.uniform(low, high, (400, 2))
@@ -125,8 +124,7 @@ def random_paths(scene: "Scene", index: int, rng: np.random.Generator, limits: L
 
 def feasible_paths(scene: "Scene", paths: Sequence[Array], device: str) -> list[Array]:
     """The paths on which the force does not exceed the limit of the device: a hand does not penetrate a wall by a
-    centimetre.
-    """
+    centimetre."""
     renderer, most_N = new_renderer(scene, device, ("wall",)), device_limits(device).force_N
     pressed = [float(rendered.normal_force_N.max()) for rendered in render_paths(renderer, paths)]
     return [path for path, force_N in zip(paths, pressed, strict=True) if 0.0 < force_N <= most_N]
@@ -232,8 +230,7 @@ def band_power(a_m_s2: Array, rate_Hz: float) -> Array:
 @dataclass(frozen=True)
 class Error:
     """Difference between a scene and the original in the ticks in contact (n,) [JND], and the touched body and
-    swatch.
-    """
+    swatch."""
 
     force_jnd: Array
     vibration_jnd: Array
@@ -301,7 +298,3 @@ def shortest_time_s(work: Callable[[], object]) -> float:
 def device_limits(device: str) -> Limits:
     """Limits of a device at the tick of the renderer."""
     return limits_of(device, TICK_S)
-
-
-RATE_HZ: Final = ACCELERATION_RATE_HZ
-"""Sample rate at which vibrations are compared [Hz]."""

@@ -139,8 +139,7 @@ class Evaluation(NamedTuple):
 
 def evaluate_body(scene: Scene, name: str, device: str, seed: int, most_jnd: float) -> Evaluation:
     """Measure the difference of coarser meshes of a body until it exceeds `most_jnd`, then bisect between the last
-    two.
-    """
+    two."""
     body = scene.body(name)
     paths = trial.body_paths(scene, name, seed, device)
     tried: list[Candidate] = []
@@ -452,8 +451,7 @@ def _cost(scene: Scene, level: Level, device: str, paths: list[Array], budget_us
 
 def _errors(error: trial.Error, jnd: float) -> dict[str, float]:
     """Differences by the names of `Level.cost`: the `WITHIN` % percentiles, and the share of ticks within the
-    limit.
-    """
+    limit."""
     parts = {"error_jnd": error.total_jnd, "force_jnd": error.force_jnd, "vibration_jnd": error.vibration_jnd}
     cost = {name: round(float(np.percentile(part, WITHIN)), 3) for name, part in parts.items()}
     return {**cost, "share_within": round(float(np.mean(error.total_jnd <= jnd)), 4)}

@@ -44,8 +44,7 @@ def growth(y: NDArray[np.float64], order: int) -> float:
 
 def _modes(y: NDArray[np.float64], rounding: float = 0.0) -> tuple[NDArray[np.float64], int]:
     """The space spanned by the shifts of a signal, strongest direction first, and the number of modes. `rounding`
-    is the absolute error of a sample.
-    """
+    is the absolute error of a sample."""
     rows = len(y) // 2
     shifts = np.lib.stride_tricks.sliding_window_view(y, rows).T
     left, weight, _ = np.linalg.svd(shifts, full_matrices=False)
@@ -211,8 +210,7 @@ def _small_motion(
     rig: Rig, push_N: float, first: int, count: int, small: float = SMALL
 ) -> tuple[NDArray[np.float64], int]:
     """Depths relative to the equilibrium (n,) [m], and the number of them that are small: `count` ticks, or fewer
-    if they grow.
-    """
+    if they grow."""
     y, within = np.zeros(0), 0
     felt = rig.release((1.0 + small) * DEPTH_M, 0.0, push_N, first)
     while True:

@@ -54,8 +54,7 @@ def write_z_width_chart(
     caps: dict[tuple[float, int], Limits],
 ) -> None:
     """Draw the stable regions: one panel for each rate (across) and delay (down); `points` and `caps` are by rate
-    and delay.
-    """
+    and delay."""
     rates = sorted({region.rate_Hz for region in regions})
     delays = sorted({region.delay_ticks for region in regions})
 

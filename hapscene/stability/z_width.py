@@ -223,8 +223,7 @@ def place(
 
 def describe(point: Point, rate_Hz: float, delay_ticks: int) -> str:
     """The verdict on a swatch: "wood: 5000 N/m is unstable at 1 kHz; the device limits it to 700 N/m, which is
-    stable".
-    """
+    stable"."""
     where = f"at {rate_Hz / 1e3:g} kHz" + (f" with a delay of {delay_ticks} tick" if delay_ticks else "")
     damped = f", {point.damping_Ns_m:g} N·s/m" if point.damping_Ns_m else ""
     verdict = "is stable" if point.stable else "is unstable"

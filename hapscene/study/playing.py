@@ -33,8 +33,7 @@ POLL_S: Final = 0.005
 
 class _Samples:
     """A `Feed` that plays given samples once, then silence. Each thread writes its own fields, so that no lock is
-    needed.
-    """
+    needed."""
 
     def __init__(self) -> None:
         self._given = self._now = np.zeros(0), Event()

@@ -86,8 +86,7 @@ def new_tool(p_W_m: Any, axis_W: Any) -> Any:
 @native
 def tip_acceleration(tool: Any, p_W_m: Vector, h_s: float) -> float:
     """Acceleration of the tip along the handle, as the second difference of its positions; the newest is `p_W_m`
-    [m/s²].
-    """
+    [m/s²]."""
     n = tool.axis_W
     x = n[0] * p_W_m[0] + n[1] * p_W_m[1] + n[2] * p_W_m[2]
     v = (x - tool.before_m) / h_s

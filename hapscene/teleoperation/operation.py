@@ -34,9 +34,6 @@ Array = NDArray[np.float64]
 UP: Final = (0.0, 0.0, 1.0)
 """Default direction of the handle in W: upright on a horizontal surface."""
 
-REST_S: Final = 1.0
-"""Length of the final part of an operation over which `OperationResult.final_speed_m_s` is taken [s]."""
-
 
 @dataclass(frozen=True, eq=False)
 class OperationResult:
@@ -73,18 +70,6 @@ class OperationResult:
         touching = int(self.touching.sum())
         latency = f"latency {1e3 * self.latency_s:.3g} ms"
         return f"<OperationResult: {len(self.t_s):,} ticks, {touching:,} in contact, {latency}>"
-
-    @property
-    def final_speed_m_s(self) -> float:
-        """Root mean square of the speed of the faster tool over the last second [m/s]."""
-        late = self.t_s >= self.t_s[-1] - REST_S
-        speeds = [np.diff(p[late], axis=0) / TICK_S for p in (self.leader_W_m, self.follower_W_m)]
-        return max(float(np.sqrt((v**2).sum(axis=1).mean())) for v in speeds)
-
-    @property
-    def energy_out_J(self) -> float:
-        """Largest energy that the motors of both devices together had given out at any time [J]."""
-        return max(float(self.work_J.max()), 0.0)
 
 
 class Operation:
@@ -184,8 +169,7 @@ class Operation:
     @property
     def latency_s(self) -> float:
         """Present latency from the follower's accelerometer to the handle: one tick to send, the jitter buffer, and the
-        look-ahead of the handle.
-        """
+        look-ahead of the handle."""
         queue: Any = self.leader.end.queue[0]
         ticks = 1 + int(queue.lag_ticks) + int(queue.a_extra_ticks)
         return ticks * TICK_S + int(self.leader.handle[0].delay) / ACCELERATION_RATE_HZ

@@ -8,17 +8,11 @@ which are exact up to rounding. The simulation does not use these formulas.
 """
 
 import math
-from typing import Final
-
-import numpy as np
 
 from hapscene.stability.closed_form import hold_coefficients, limit_of_small_motion
 
 __all__ = [
-    "APEX_ALPHA",
-    "APEX_BETA",
     "comes_to_rest",
-    "largest_root",
     "limit_of_passivity",
     "limit_of_rest",
     "limit_of_small_motion",
@@ -28,12 +22,6 @@ __all__ = [
     "peak_speed",
     "restitution",
 ]
-
-APEX_ALPHA: Final = 4.0 * (math.sqrt(2.0) - 1.0) ** 2
-"""Stiffest wall, as KT²/m, that is stable with any damping on a device without damping [1]; [drv] from W5."""
-
-APEX_BETA: Final = 2.0 * (math.sqrt(2.0) - 1.0)
-"""The damping of that wall, as BT/m [1]."""
 
 
 def limit_without_delay(mass_kg: float, damping_Ns_m: float, tick_s: float) -> float:
@@ -117,23 +105,3 @@ def restitution(
     """W8: speed after a bounce over the speed before, exp(π(KT/2 + KdT − b − B)/(2√(Km))) [1]. [drv], for ωT ≪ 1."""
     delay_Ns_m = stiffness_N_m * tick_s * (0.5 + delay_ticks) - damping_Ns_m - wall_damping_Ns_m
     return math.exp(math.pi * delay_Ns_m / (2.0 * math.sqrt(stiffness_N_m * mass_kg)))
-
-
-def largest_root(
-    stiffness_N_m: float,
-    mass_kg: float,
-    damping_Ns_m: float,
-    tick_s: float,
-    delay_ticks: int = 0,
-    wall_damping_Ns_m: float = 0.0,
-) -> float:
-    """Largest |z| of the loop's characteristic polynomial [1]; below 1, small motion in contact decays. [drv]
-
-    (z − 1)(z − a) z^(d+1) + (pz + r)(Kz + B(z − 1)/T), with p = (m/b²)(δ − e), r = (m/b²)(e − aδ).
-    """
-    p, r = hold_coefficients(mass_kg, damping_Ns_m, tick_s)
-    a = math.exp(-damping_Ns_m * tick_s / mass_kg)
-    free = np.concatenate((np.array((1.0, -1.0 - a, a)), np.zeros(delay_ticks + 1)))
-    damper = wall_damping_Ns_m / tick_s
-    wall = np.polymul((p, r), (stiffness_N_m + damper, -damper))
-    return float(np.abs(np.roots(np.polyadd(free, wall))).max())

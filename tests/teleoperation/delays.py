@@ -76,3 +76,15 @@ def measure_stiffness(coupling: Coupling, delay_s: float) -> tuple[float, float]
     lag_s = float(np.mean([int(queue.lag_ticks) for queue in queues])) * 1e-3
     (f0, z0), (f1, z1) = found
     return float((f1 - f0) / (z1 - z0)), lag_s
+
+
+def final_speed_m_s(result: OperationResult) -> float:
+    """Root mean square of the speed of the faster tool over the last second [m/s]."""
+    final = result.t_s >= result.t_s[-1] - 1.0
+    speeds = [np.diff(p[final], axis=0) / TICK_S for p in (result.leader_W_m, result.follower_W_m)]
+    return max(float(np.sqrt((v**2).sum(axis=1).mean())) for v in speeds)
+
+
+def energy_out_J(result: OperationResult) -> float:
+    """Largest energy that the motors of both devices together had given out at any time [J]."""
+    return max(float(result.work_J.max()), 0.0)
