@@ -16,7 +16,7 @@ from hapscene.device.driver_registry import DeviceChoice
 from hapscene.device.model import IDEAL
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
-from hapscene.device.stabilisers import couple, guard
+from hapscene.device.stabilisers import control_passivity, couple
 from hapscene.loop import ReferenceTrajectory, Twin
 from hapscene.loop.driver import CHANNEL, drive
 from hapscene.render.describe import shade
@@ -39,7 +39,9 @@ ALL_EFFECTS: Final = (*EFFECTS, "puncture", "guide", "magnet", "viscosity", "wei
 _SETTINGS: Final = {"guide": {"points_m": [[0.0, 0.0, 1.0]]}, "magnet": {"points_m": [[0.0, 0.0, 1.0]]}}
 
 _FIRST: Final = (tick, run_ticks, place_proxy)
-_LATER: Final = (*(place_bodies, couple, guard, shade, render_fields, drive, operate, step_leader, step_follower),)
+_LATER: Final = (
+    *(place_bodies, couple, control_passivity, shade, render_fields, drive, operate, step_leader, step_follower),
+)
 """What is declared, so that the progress line knows its total: the large functions."""
 
 
@@ -77,8 +79,8 @@ def _touch(scene: Scene) -> None:
 
 
 def _touch_with_everything(scene: Scene) -> None:
-    """All effects, a coupling and a guard, felt edges, and bodies that move, deform, disappear."""
-    limits = replace(IDEAL, coupling_N_m=1000.0, guard_Ns_m=1.0)
+    """All effects, virtual coupling and passivity controller, felt edges, and bodies that move, deform, disappear."""
+    limits = replace(IDEAL, coupling_N_m=1000.0, passivity_Ns_m=1.0)
     renderer = Renderer(scene, ALL_EFFECTS, limits=limits, crease_rad=0.5, settings=_SETTINGS)
     renderer.step(ABOVE_M, {"other": scene.body("other").X_WB})
     renderer.deform("box", scene.body("box").mesh.vertices_m)

@@ -147,7 +147,7 @@ def judge(
     """Return the errors of a compensator for a signal (n,) [m/s²], with a sensor and the data assumed about it."""
 
     def error(plant: Plant) -> tuple[float, int]:
-        played = play(desired_m_s2, RATE_HZ, plant, compensator=compensator, sensor=sensor, believed=believed)
+        played = play(desired_m_s2, RATE_HZ, plant, compensator=compensator, sensor=sensor, nominal_sensor=believed)
         return spectrogram_error(desired_m_s2, played.acceleration_m_s2, RATE_HZ), played.hits
 
     errors, hits = zip(*map(error, (Plant(), firm(Plant()), *plants(count))), strict=True)

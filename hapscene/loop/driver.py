@@ -196,7 +196,7 @@ def _tick_tools(loop: Loop) -> None:
         world, surface, tool = worlds[t], surfaces[t], tools[t]
         if real_time:
             safety = tool.safety[0]
-            safety.pulse_now, safety.late, safety.stalled = channel.heartbeat, timing.late, timing.stalled
+            safety.heartbeat_now, safety.late, safety.stalled = channel.heartbeat, timing.late, timing.stalled
             _read_aim(loop.aims[t], hands[t], clock)
             _follow(tool, hands[t], tick_s)
         else:

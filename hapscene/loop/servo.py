@@ -135,7 +135,7 @@ class Servo(ServoConnection):
         Raises:
             HandleError: the handle has stopped, and why.
         """
-        return {} if self._played is None else self._played.look()
+        return {} if self._played is None else self._played.update_report()
 
     def turn_handle(self, volume: float) -> None:
         """Set the share (0 to 1) of its gain at which a real handle plays; no effect without one.
@@ -144,7 +144,7 @@ class Servo(ServoConnection):
             HandleError: the handle has stopped, and why.
         """
         if self._played is not None:
-            self._played.turn(volume)
+            self._played.set_volume(volume)
 
     @property
     def notice(self) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hapscene.clock import new_clock
 from hapscene.compiled.block import by_pointer
 from hapscene.constants import SLIP_CUTOFF_HZ
-from hapscene.device.model import DELAY_MAX, Limits
+from hapscene.device.model import DELAY_TICKS_MAX, Limits
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import EffectError
 from hapscene.records import OUTPUT, TOUCH, Records, pack_small_arrays, records
@@ -62,7 +62,7 @@ MEMORY: Final = np.dtype(
         ("bank", "i8"),  # state bank of `touch.swatch`; the other bank belongs to `touch.other`
         ("other_crossed", "i8"),  # `touch.crossed` of the other swatch
         ("gain", "f8", (2,)),  # gain of each bank's acceleration at the end of the last tick
-        ("held_N", "f8", (DELAY_MAX + 1, 3)),  # normal part of the force sent in the last ticks
+        ("held_N", "f8", (DELAY_TICKS_MAX + 1, 3)),  # normal part of the force sent in the last ticks
     ],
     align=True,
 )

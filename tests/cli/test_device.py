@@ -29,7 +29,7 @@ def test_a_simulated_handle_is_identified(folder: Path) -> None:
     found = load_handle(folder / "ours.handle")
     assert found.plant.m_h_kg == pytest.approx(0.12, rel=0.02) and found.plant.k_s_N_m == pytest.approx(250.0, rel=0.1)
     assert "simulated handle, seed 0; swept sine, 10 to 500 Hz" in found.provenance
-    assert {file.name for file in folder.iterdir()} >= {"bode.png", "response.csv", "grip-1.npz", "grip-2.npz"}
+    assert {file.name for file in folder.iterdir()} >= {"bode.png", "grip-1.npz", "grip-2.npz"}
 
 
 def test_identification_from_recordings(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -60,7 +60,7 @@ def test_play_file_writes_the_simulated_vibration(
         out = tmp_path / compensator
         expected = ["--handle-file", str(folder / "ours.handle"), "--compensator", compensator]
         assert main([*words, *expected, "--out", str(out)]) == 0
-        assert {file.name for file in out.iterdir()} == {"felt.png", "felt.wav"}
+        assert {file.name for file in out.iterdir()} == {"felt.wav"}
         errors.append(float(capsys.readouterr().out.split("spectrogram error ")[1].split(" %")[0]))
     assert errors[1] < 10.0 < errors[0] < 100.0
 
@@ -79,7 +79,7 @@ def test_play_file_of_a_touch(tmp_path: Path) -> None:
     ("words", "expected"),
     [
         (["identify", "--simulated", "--grips", "0", "-o", "a.handle"], "--grips"),
-        (["identify", "--simulated", "--rate", "1000", "-o", "a.handle"], "can go to 400 Hz, not to 1000 Hz"),
+        (["identify", "--simulated", "--rate", "1000", "-o", "a.handle"], "400 Hz"),
         (["identify", "--simulated", "--force", "-1", "-o", "a.handle"], "--force"),
         (["identify", "--simulated", "--port", "COM1"], "source"),
         (["identify", "--from", "none.csv", "-o", "a.handle"], "none.csv: no such file"),
@@ -135,7 +135,7 @@ def test_play_on_a_real_handle(texture: str, folder: Path, capsys: pytest.Captur
     [
         (["--handle", "serial", "--out", "o"], "--out"),
         (["--handle", "serial", "--handle-option", "tempo=1"], "no option 'tempo'; there are:"),
-        (["--handle", "serial"], "which port"),
+        (["--handle", "serial"], "option port"),
     ],
 )
 def test_invalid_options_of_a_real_handle(
@@ -148,4 +148,4 @@ def test_invalid_options_of_a_real_handle(
 def test_list(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["device", "list"]) == 0
     output = capfd.readouterr().out
-    assert "openhaptics" in output and "library=PATH" in output and "in this computer: ready" in output
+    assert "openhaptics" in output and "library=PATH" in output and "built in: ready" in output

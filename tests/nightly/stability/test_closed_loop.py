@@ -153,6 +153,6 @@ def test_adaptive_compensator_with_a_wrong_sensor_model(late_s: float, bandwidth
     half = len(desired) // 2
     errors = [
         spectrogram_error(desired[half:], play(desired, 10_000.0, plant, **how).acceleration_m_s2[half:], 10_000.0)
-        for how in ({"compensator": "adaptive", "sensor": sensor, "believed": believed}, {"compensator": "flat"})
+        for how in ({"compensator": "adaptive", "sensor": sensor, "nominal_sensor": believed}, {"compensator": "flat"})
     ]
     assert errors[0] <= most * errors[1]
