@@ -37,7 +37,7 @@ def test_play_for_a_second(capfd: pytest.CaptureFixture[str]) -> None:
         (["--option", "red"], "expected NAME=VALUE"),
         (["--force", "-1"], "--force"),
         (["--handle", "falcon"], "no vibration output 'falcon'; there are: audio"),
-        (["--device", "audio"], "'audio' has no position"),
+        (["--device", "audio"], "'audio'"),
     ],
 )
 def test_invalid_options(words: list[str], output: str, capfd: pytest.CaptureFixture[str]) -> None:
