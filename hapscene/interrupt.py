@@ -113,15 +113,17 @@ def _in_flight() -> bool:
 
 
 @contextmanager
-def interrupt_noted() -> Iterator[Callable[[], bool]]:
+def interrupt_noted(act: Callable[[], object] | None = None) -> Iterator[Callable[[], bool]]:
     """While it is open, the first Ctrl-C and any of `ENDS` are only noted; a second Ctrl-C raises KeyboardInterrupt.
 
-    For work that has something to put in order first. Gives the function that says whether one was noted. To be opened
-    in the main thread.
+    For work that has something to put in order first. Gives the function that returns whether one was noted. To be
+    opened in the main thread. `act` is called by the signal handler itself: it must be short, and must not take a lock.
     """
     noted = threading.Event()
 
     def note(kind: int, frame: object) -> None:
+        if act is not None:
+            act()
         noted.set()
         _leave_terminals()
         signal.signal(signal.SIGINT, signal.default_int_handler)

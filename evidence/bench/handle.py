@@ -118,7 +118,9 @@ def signals() -> dict[str, Array]:
         taps += np.where(after > 0.0, 20.0 * np.exp(-60.0 * np.abs(after)) * np.sin(2.0 * np.pi * 250.0 * after), 0.0)
     return {
         "white": 2.0 * white / white.std(),
-        "texture": synthesize(load_swatch("wood"), np.full(count, 1.0), np.full(count, 0.1), rate_Hz=RATE_HZ, life=0.0),
+        "texture": synthesize(
+            load_swatch("wood"), np.full(count, 1.0), np.full(count, 0.1), rate_Hz=RATE_HZ, modulation=0.0
+        ),
         "tap": taps,
         "chirp": np.asarray(chirp(t_s, low_Hz, DURATION_S, high_Hz, "logarithmic")),
     }

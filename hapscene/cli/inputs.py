@@ -62,7 +62,7 @@ def find_asset(scene: str, options: _Options) -> tuple[str, _Options]:
     Raises:
         SceneError: `scene` is a bare name, and neither a file nor an asset has that name.
     """
-    if Path(scene).suffix or Path(scene).name != scene or Path(scene).exists():
+    if Path(scene).suffix or Path(scene).name != scene or Path(scene).is_file():
         return scene, options
     from hapscene import assets
 

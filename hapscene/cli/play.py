@@ -26,7 +26,7 @@ __all__ = ["play", "serve"]
 LOG_S: Final = 60.0
 """Length of the session log [s]."""
 
-POLL_S: Final = 0.25
+POLL_S: Final = 0.1
 """Polling interval of the servo and the keyboard [s]."""
 
 QUIET_S: Final = 5.0
@@ -127,7 +127,7 @@ def _watch(servo: "Servo", logs: Path, seconds: float) -> None:
         monitor = Monitor(servo)
         stack.callback(monitor.close)
         keys = stack.enter_context(pressed_keys())
-        with interrupt_noted() as noted:
+        with interrupt_noted(servo.stop_force) as noted:
             try:
                 _show_until_end(servo, monitor, keys, noted, logs, seconds)
             except HapsceneError as error:

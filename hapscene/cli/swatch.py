@@ -270,10 +270,10 @@ def _row(d: "Difference") -> tuple[str, str, str, str, str, str]:
 
 
 def _sentence(comparison: "Comparison") -> str:
-    telling = comparison.telling
-    if telling is None:
+    largest = comparison.largest
+    if largest is None:
         return f"{comparison.first} and {comparison.second} cannot be compared: no property is measured for both"
-    most = f"largest difference: {telling.quantity.name}, {comparison.distance_jnd:.1f} JND"
+    most = f"largest difference: {largest.quantity.name}, {comparison.distance_jnd:.1f} JND"
     return f"{comparison.second} {comparison.verdict} from {comparison.first}; {most}"
 
 
@@ -282,8 +282,8 @@ def _rank_text(ranked: Sequence["Comparison"]) -> list[str]:
         return ["no other surface to compare with in the library"]
     rows = [("", "surface", "distance", "largest in", f"from {ranked[0].first}")]
     for place, c in enumerate(ranked, 1):
-        distance = f"{c.distance_jnd:.1f} JND" if c.telling else ""
-        rows.append((str(place), c.second, distance, c.telling.quantity.name if c.telling else "", c.verdict))
+        distance = f"{c.distance_jnd:.1f} JND" if c.largest else ""
+        rows.append((str(place), c.second, distance, c.largest.quantity.name if c.largest else "", c.verdict))
     return [*table(rows), "1 JND is the just-noticeable difference", ""]
 
 

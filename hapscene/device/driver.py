@@ -204,6 +204,7 @@ class Driver:
         button_count: number of buttons.
         rate_Hz: highest rate of the device's own loop; 0 if it has none.
         needs: requirements: a library, a port, a permission.
+        imports: modules that `open` and `release` import when they are called. The watchdog imports them at its start.
         options: options of the driver.
         watchdog_s: time without a command after which the device itself stops the force. If infinite, a process of the
             servo opens the device and sets the force to 0 (`hapscene.loop.watchdog`).
@@ -230,6 +231,7 @@ class Driver:
     button_count: int = 0
     rate_Hz: float = 0.0
     needs: str = ""
+    imports: tuple[str, ...] = ()
     options: tuple[Option, ...] = ()
     watchdog_s: float = math.inf
     release: Callable[..., None] | None = None

@@ -94,8 +94,10 @@ SAFETY: Final = np.dtype(
         ("heartbeat_s", "f8"),  # age of the last heartbeat
         # set by the servo before each tick
         ("heartbeat_now", "i8"),  # number of heartbeats
+        ("elapsed_s", "f8"),  # time since the previous tick by the clock; 0 without a clock: one period
+        ("stopped", "i8"),  # 1: the application requests no force
         ("stalled", "i8"),  # 1: the servo was suspended before this tick
-        ("late", "i8"),  # 1: this tick makes up for a missed one, so device and application had no time to answer
+        ("late", "i8"),  # 1: this tick began more than one period after it was due
     ],
     align=True,
 )
@@ -161,7 +163,8 @@ def protect(s: np.record, p_DT: Vector, ready: int, count: int, f: Any, tick_s: 
 
     `p_DT` is the tool position in the device frame; `ready` and `count` are fields of `DEVICE_STATE`.
     """
-    causes = _stop_causes(s, p_DT, ready, count, tick_s)
+    elapsed_s: float = s.elapsed_s if s.elapsed_s > 0.0 else tick_s
+    causes = _stop_causes(s, p_DT, ready, count, tick_s, elapsed_s)
     if not (math.isfinite(f[0]) and math.isfinite(f[1]) and math.isfinite(f[2])):
         wanted = (0.0, 0.0, 0.0)
         causes |= _NAN
@@ -171,7 +174,7 @@ def protect(s: np.record, p_DT: Vector, ready: int, count: int, f: Any, tick_s: 
         wanted = (f[0], f[1], f[2])
     force, flags = _limited(s, wanted, tick_s)
     if causes != 0:
-        left = s.gain - tick_s / FALL_S
+        left = s.gain - max(tick_s, elapsed_s) / FALL_S
         s.gain, s.clear_s, s.rise_s = left if left > TINY else 0.0, 0.0, s.ramp_s
     else:
         s.clear_s += tick_s
@@ -187,8 +190,12 @@ def protect(s: np.record, p_DT: Vector, ready: int, count: int, f: Any, tick_s: 
 
 
 @native
-def _stop_causes(s: np.record, p: Vector, ready: int, count: int, tick_s: float) -> int:
-    """Flags of the causes of a safety stop in this tick."""
+def _stop_causes(s: np.record, p: Vector, ready: int, count: int, tick_s: float, elapsed_s: float) -> int:
+    """Flags of the causes of a safety stop in this tick.
+
+    The ages of the device state and of the heartbeat are measured by the clock. While a driver waits for a device that
+    does not answer, every tick misses its deadline: counting periods would underestimate the silence.
+    """
     causes = 0
     if not (math.isfinite(p[0]) and math.isfinite(p[1]) and math.isfinite(p[2])):
         return _NOT_READY
@@ -202,18 +209,12 @@ def _stop_causes(s: np.record, p: Vector, ready: int, count: int, tick_s: float)
     since_s = s.count_s + (tick_s if s.late == 0 else STALL_S)
     if s.begun == 1 and way > (s.speed_m_s * since_s) ** 2:
         causes |= _FAST
-    if count != s.count or s.begun == 0:
-        s.count_s = 0.0
-    elif s.late == 0:
-        s.count_s += tick_s
-    if s.heartbeat_now != s.heartbeat or s.begun == 0:
-        s.heartbeat_s = 0.0
-    elif s.late == 0:
-        s.heartbeat_s += tick_s
+    s.count_s = 0.0 if count != s.count or s.begun == 0 else s.count_s + elapsed_s
+    s.heartbeat_s = 0.0 if s.heartbeat_now != s.heartbeat or s.begun == 0 else s.heartbeat_s + elapsed_s
     s.count, s.heartbeat = count, s.heartbeat_now
     if ready == 0 or s.count_s > s.state_age_s:
         causes |= _NOT_READY
-    if s.heartbeat_s > HEARTBEAT_AGE_S:
+    if s.heartbeat_s > HEARTBEAT_AGE_S or s.stopped == 1:
         causes |= _SILENT
     if s.stalled == 1:
         causes |= _STALLED

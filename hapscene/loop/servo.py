@@ -176,11 +176,21 @@ class Servo(ServoConnection):
             raise PathError(f"p_WT has {len(places)} positions, expected {self._tools}: one for each tool")
         held = grip_named(grip) if isinstance(grip, str) else grip
         self._order("start", [tuple(p) for p in places.tolist()], held.row())
+        self._channel.channel.stop_force = 0
         self._reported_impulse[:] = 0.0
 
     def pause(self) -> None:
         """Stop ticking until the next `start` or `resume`."""
         self._order("pause")
+
+    def stop_force(self) -> None:
+        """Remove the force of all tools within 6 ms, while ticks continue; the next `start` or `resume` brings it back.
+
+        It only writes a number to shared memory: it may be called from a signal handler. It does nothing where no
+        process runs.
+        """
+        if self._opened is not None:
+            self._opened.channel.stop_force = 1
 
     def resume(self) -> None:
         """Continue after `pause` with the same contact.
@@ -189,6 +199,7 @@ class Servo(ServoConnection):
             HapsceneError: the servo was never started.
         """
         self._order("resume")
+        self._channel.channel.stop_force = 0
 
     def aim(
         self, p_WT: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0), *, tool: int = 0

@@ -201,6 +201,7 @@ class OrderHandler:
         self._stop: Callable[[], object] | None = None  # stops the loop and waits until it has ended
         self._ticks: Iterator[None] = iter(())
         self._started = False
+        self._stopped_ns = 0  # time of the last tick before an order stopped the loop; 0: it was not stopped
         self._faults: list[str] = []
         self._tuned: list[tuple[str, str, dict[str, float]]] = []
         self._timing = records(1, TIMING)[0]
@@ -407,6 +408,7 @@ class OrderHandler:
     def _between_ticks(self) -> Iterator[None]:
         """Pause the loop for the body of the context; a real device has no force meanwhile."""
         running = self.pause()
+        self._stopped_ns = int(self._timing.began_ns) if running else 0
         try:
             yield
         finally:
@@ -479,6 +481,9 @@ class OrderHandler:
         loop = self._loop()
         calls = bound(loop), BoundCall(wait_at, loop.timer)
         start_timer(loop.timer)  # last, because binding takes some ms, which would delay the first ticks
+        if self._stopped_ns:  # ticks that an order has cost count as missed
+            loop.timer.channel.missed += (loop.timer.timing.began_ns - self._stopped_ns) // loop.timer.tick_ns - 1
+            self._stopped_ns = 0
         return calls
 
     def _note_change(self) -> None:

@@ -16,7 +16,7 @@ from hapscene.geometry import Vector
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.falcon_kinematics import COUNT_RAD, MIDDLE_M, ZERO_RAD, forward, motor_units
 from hapscene_plugins.devices.response_timeout import ResponseTimeout
-from hapscene_plugins.devices.usb_device import BACKEND, UsbDevice, find_usb
+from hapscene_plugins.devices.usb_device import BACKEND, USB_MODULES, UsbDevice, find_usb
 
 VENDOR, PRODUCT = 0x0403, 0xCB48
 OUT, IN = 0x02, 0x81
@@ -213,6 +213,7 @@ DRIVER = Driver(
     button_count=4,
     rate_Hz=1000.0,
     needs="pyusb (pip install 'hapscene[usb]'), libusb, permission, and after power-up the firmware file",
+    imports=USB_MODULES,
     options=(Option("firmware", None, "firmware file, loaded if the device has none"), BACKEND),
     release=release,
     assumptions=(

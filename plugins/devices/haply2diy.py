@@ -99,7 +99,7 @@ def open_port(port: str | None, alone: bool = False) -> Any:
         port = found[0].options["port"]
     try:
         exclusive = True if alone and os.name == "posix" else None
-        return serial.Serial(port, BAUD, timeout=0.0015, write_timeout=0.05, exclusive=exclusive)
+        return serial.Serial(port, BAUD, timeout=0.0, write_timeout=0.05, exclusive=exclusive)
     except (OSError, ValueError) as error:
         if getattr(error, "errno", None) == errno.EAGAIN:  # another process holds the lock
             raise DeviceError(f"haply2diy: {port}: in use; close the other program that uses it") from None
@@ -233,6 +233,7 @@ DRIVER = Driver(
     high_D_m=(0.08, 0.07, 0.001),
     rate_Hz=1000.0,
     needs="a serial port, and permission for it",
+    imports=("serial", "serial.tools.list_ports"),
     options=(
         Option("port", None, "serial port, such as /dev/ttyACM0 or COM3; by default the only one that is connected"),
         Option("hardware", "v3", "hardware version", tuple(HARDWARE)),

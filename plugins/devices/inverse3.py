@@ -28,6 +28,9 @@ FORCE_N: Final = 2.0
 PENDING_MAX: Final = 4
 """Most messages without an answer [count]. A slow service gets no further commands."""
 
+WAIT_S: Final = 0.0003
+"""Time that a tick waits for the answer to its last message [s]."""
+
 IGNORED_COUNT: Final = 50
 """Consecutive states without the commanded force before this is reported [count]."""
 
@@ -117,7 +120,7 @@ class Inverse3Connection(Connection):
         self._pending += 1
 
     def read(self) -> None:
-        wait_s = 0.001
+        wait_s = WAIT_S
         while self._pending > 0:
             message = self._receive(wait_s)
             if message is None:
@@ -224,6 +227,7 @@ DRIVER = Driver(
     button_count=3,
     rate_Hz=1000.0,
     needs="a running Inverse service; websockets (pip install 'hapscene[serve]')",
+    imports=("websockets.sync.client", "websockets.exceptions"),
     options=(
         Option("uri", URI, "address of the service"),
         Option(

@@ -16,6 +16,9 @@ BACKEND: Final = Option("backend", None, "pyusb backend: libusb1, libusb0, openu
 ENDPOINT_IN: Final = 0x80
 """Bit in the address of an endpoint from the device to the computer."""
 
+USB_MODULES: Final = ("usb.core", "usb.util", "usb.backend.libusb1")
+"""Modules that a driver of a USB device imports when it is opened (`Driver.imports`)."""
+
 _EXTRA: Final = "pip install 'hapscene[usb]'"
 _LIBUSB: Final = "install libusb (Debian: apt install libusb-1.0-0; macOS: brew install libusb)"
 

@@ -19,7 +19,7 @@ from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.response_timeout import ResponseTimeout
-from hapscene_plugins.devices.usb_device import BACKEND, UsbDevice, find_usb
+from hapscene_plugins.devices.usb_device import BACKEND, USB_MODULES, UsbDevice, find_usb
 
 VENDOR, PRODUCT = 0x1234, 0x0006
 """Default USB ids of mbed's USBHID."""
@@ -165,6 +165,7 @@ DRIVER = Driver(
     high_D_m=(0.1, 0.1, 0.1),
     rate_Hz=500.0,
     needs="pyusb (pip install 'hapscene[usb]'), libusb, permission for the device",
+    imports=USB_MODULES,
     options=(
         Option("homed", False, "whether it was connected in its zero pose; without homed=yes it gives no force"),
         Option("signs", "+--", "direction of each motor for a positive current, three characters + or -"),

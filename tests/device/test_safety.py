@@ -150,7 +150,7 @@ def test_after_an_order_the_force_comes_back_without_a_knock_wherever_the_tool_i
 
 def test_a_late_tick_finds_the_tool_farther_on_and_no_new_state() -> None:
     bench = Bench().settled()
-    bench.safety.late = 1
+    bench.safety.late, bench.safety.elapsed_s = 1, 5e-6
     assert bench.tick(p_m=(0.015, 0.0, 0.0))[1] == Flag(0)
     assert bench.run(0.019, p_m=(0.015, 0.0, 0.0), fresh=False)[1] == Flag(0)
     assert Flag.TOO_FAST in bench.tick(p_m=(0.06, 0.0, 0.0))[1]
@@ -171,8 +171,24 @@ def test_the_force_ends_within_20_ms_without_heartbeats() -> None:
 
 def test_catching_up_after_a_missed_deadline_is_no_safety_stop() -> None:
     bench = Bench().settled()
-    bench.safety.late = 1
-    assert bench.run(0.03, alive=False)[1] == Flag(0)
+    bench.safety.late, bench.safety.elapsed_s = 1, 5e-6
+    assert bench.run(0.03, alive=False, fresh=False)[1] == Flag(0)
+
+
+@pytest.mark.parametrize("silent", [{"fresh": False}, {"alive": False}])
+def test_silence_is_measured_by_the_clock_if_every_tick_misses_its_deadline(silent: dict[str, bool]) -> None:
+    bench = Bench().settled()
+    bench.safety.late, bench.safety.elapsed_s = 1, 0.0025
+    sent, flags = bench.run(0.008, **silent)  # eight ticks, which take 20 ms
+    assert sent[-1].tolist() == [0.0, 0.0, 0.0] and flags & (Flag.DEVICE_NOT_READY | Flag.APPLICATION_SILENT)
+
+
+def test_stop_force_ends_the_force_within_6_ms() -> None:
+    bench = Bench().settled()
+    bench.safety.stopped = 1
+    assert bench.run(0.006)[0][-1].tolist() == [0.0, 0.0, 0.0]
+    bench.safety.stopped = 0
+    assert bench.run(CALM_S + RAMP_S)[0][-1, 2] == pytest.approx(1.0)
 
 
 def test_a_device_that_says_nothing_new_is_not_ready() -> None:
