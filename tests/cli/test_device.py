@@ -96,7 +96,7 @@ def test_invalid_options(words: list[str], expected: str, capsys: pytest.Capture
 
 
 @pytest.mark.parametrize(
-    ("count", "rate", "expected"), [(3, "10000", "shorter than"), (9999, "10000", "silent"), (9999, "100", "rate_Hz")]
+    ("count", "rate", "expected"), [(3, "10000", "short"), (9999, "10000", "power"), (9999, "100", "rate_Hz")]
 )
 def test_invalid_recordings(
     count: int, rate: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
