@@ -60,7 +60,7 @@ class Notes:
     def aim(self, p_W_m: Any, grip: str) -> None:
         self.orders.append(("aim", tuple(p_W_m)))
 
-    def rest(self) -> None:
+    def pause(self) -> None:
         self.orders.append(("rest",))
 
     def tune(self, swatch: str, **numbers: float) -> None:
