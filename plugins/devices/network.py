@@ -112,7 +112,7 @@ class NetworkConnection(Connection):
             frame = unpack_frame(packet.payload)
             if frame.aim is None:
                 return
-            p = self._convention.place(frame.aim)
+            p = self._convention.position(frame.aim)
             if not float(np.abs(p).max()) <= REACH_M:  # false for NaN
                 return
             self._last = self._waiting = packet.sequence
@@ -157,8 +157,8 @@ class NetworkConnection(Connection):
         """Send the force, in the STATE that answers the newest FRAME."""
         size = float(np.sqrt(force @ force))
         force = force * min(1.0, FORCE_N / size) if 0.0 < size < math.inf else np.zeros(3)
-        place, zero = self._convention.told_place(self.state.p_DT_m[0]), (0.0, 0.0, 0.0)
-        sent = self._convention.told_force(force)
+        place, zero = self._convention.client_position(self.state.p_DT_m[0]), (0.0, 0.0, 0.0)
+        sent = self._convention.client_vector(force)
         state = State(self._tick, 0.0, place, place, zero, sent, 0.0, 0.0, -1, -1, -1, 0, 0, (), ())
         self._send(Packet(STATE, self._key, self._waiting, pack_state(state)), self._client)
         self._waiting = 0
