@@ -1,5 +1,5 @@
 """Connection of haptic rendering to other programs: MuJoCo, any simulation with the methods of `Simulation`, and game
-engines over a socket, as specified in docs/bridge-protocol.md.
+engines over a socket, as specified in docs/reference/bridge-protocol.md.
 
 ```python
 import hapscene

@@ -1,4 +1,4 @@
-"""Packets of the bridge protocol, version 1, little-endian, as specified in docs/bridge-protocol.md."""
+"""Packets of the bridge protocol, version 1, little-endian, as specified in docs/reference/bridge-protocol.md."""
 
 import json
 import struct

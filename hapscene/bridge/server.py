@@ -63,7 +63,7 @@ KINDS: Final = {"began": 1, "crossed": 2, "ended": 3}
 
 BUSY: Final = "another client is here"
 NO_SESSION: Final = "no such session"
-"""Errors that clients recognise by their text (docs/bridge-protocol.md): part of the protocol."""
+"""Errors that clients recognise by their text (docs/reference/bridge-protocol.md): part of the protocol."""
 
 Answer = bytes | Future[bytes] | None
 """The answer to a packet: immediate, after an order is executed, or none."""

@@ -232,7 +232,7 @@ def record(
 ) -> int:
     """Record from an accelerometer or force probe on a serial port.
 
-    docs/probe-protocol.md specifies the protocol of a probe. Exit codes: 0 success;
+    docs/reference/probe-protocol.md specifies the protocol of a probe. Exit codes: 0 success;
     1 it ended early, for example because the probe was disconnected.
 
     examples:

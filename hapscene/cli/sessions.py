@@ -58,7 +58,7 @@ WRONG: Final = {
 
 @study.command
 def run(
-    plan: Annotated[InFile, Help("Plan of the study, a TOML file; docs/study.md describes it")],
+    plan: Annotated[InFile, Help("Plan of the study, a TOML file; docs/how-to/run-a-study.md describes it")],
     /,
     *,
     participant: Annotated[

@@ -179,7 +179,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 def load_plan(path: str | Path) -> Plan:
-    """Read a plan from a TOML file; docs/study.md describes the keys.
+    """Read a plan from a TOML file; docs/how-to/run-a-study.md describes the keys.
 
     Raises:
         StudyError: the file is missing or invalid TOML, or a key is unknown, missing or out of range.
