@@ -49,4 +49,4 @@ def test_a_first_run_finds_nothing_wrong(choice: DeviceChoice, request: pytest.F
     place.write_text(json.dumps(report, indent=2, ensure_ascii=False), encoding="utf-8")
     if asked:  # another program that came between is not a test's fault
         assert code == 0, "".join(lines)
-    assert any("N sent, downwards" in line and "ok" in line for line in lines), "".join(lines)
+    assert any("ok: commanded 0.3 N" in line for line in lines), "".join(lines)
