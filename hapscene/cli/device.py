@@ -147,14 +147,14 @@ def check_device(
     if driver.open is None:
         DeviceChoice(name).checked()  # raises an error that names the driver's kind
     if emulator is None:
-        return 0 if check_driver(driver, option or {}, say) else 1
+        return 0 if check_driver(driver, option or {}, print_progress) else 1
     emulated = _imported(emulator, type)()
     if not isinstance(emulated, Emulator):
         raise DeviceError(f"{emulator}: expected a class that is derived from hapscene.device.emulator.Emulator")
     with serve(emulated) as place:
         known = {one.name for one in driver.options}
         found = {key: value for key, value in place.items() if key in known}
-        return 0 if check_driver(driver, found | (option or {}), say, emulated) else 1
+        return 0 if check_driver(driver, found | (option or {}), print_progress, emulated) else 1
 
 
 def _imported(text: str, kind: type) -> Any:

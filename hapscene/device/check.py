@@ -97,6 +97,7 @@ class Session:
 
     def __init__(self, driver: Driver, options: dict[str, Any], emulator: Emulator | None, clock: Clock) -> None:
         self.driver, self.options, self.emulated, self.clock = driver, options, emulator, clock
+        self.durations_s: list[float] = []  # of each `read` in the last `turn`
         self._device: Connection | None = None
 
     @property
@@ -124,8 +125,8 @@ class Session:
         if self._device is not None:
             self._device.close()
 
-    def turn(self, count: int, force_N: float = 0.0, ready: bool = True) -> list[float]:
-        """Read and write the device for `count` ticks. Returns the durations of `read` [s].
+    def turn(self, count: int, force_N: float = 0.0, ready: bool = True) -> None:
+        """Read and write the device for `count` ticks, and measure the durations of `read`.
 
         Args:
             count: number of ticks.
@@ -135,17 +136,16 @@ class Session:
         Raises:
             Failed: the state is invalid.
         """
-        durations_s, state = [], self.device.state[0]
+        self.durations_s, state = [], self.device.state[0]
         for _ in range(count):
             start_s = self.clock.now_s()
             self.device.read()
-            durations_s.append(self.clock.now_s() - start_s)
+            self.durations_s.append(self.clock.now_s() - start_s)
             _check_state(state)
             state.ready = state.ready if ready else 0
             state.f_D_N = force_N, 0.0, 0.0
             self.device.write()
             self.clock.sleep_s(max(0.0, start_s + TICK_S - self.clock.now_s()))
-        return durations_s
 
     def await_ready(self) -> None:
         """Read the device until it is ready."""
@@ -246,11 +246,11 @@ def _check_open(session: Session) -> str:
 
 def _check_samples(session: Session) -> str:
     count, start_s = int(session.device.state.count[0]), session.clock.now_s()
-    durations_s = session.turn(TICKS)
+    session.turn(TICKS)
     count, elapsed_s = int(session.device.state.count[0]) - count, session.clock.now_s() - start_s
     if count == 0:
         raise Failed(f"state.count is the same after {TICKS} ticks, expected one more for each new sample")
-    return f"{count / elapsed_s:.0f} a second; read: {_duration(durations_s)}"
+    return f"{count / elapsed_s:.0f} a second; read: {_duration(session.durations_s)}"
 
 
 def _duration(durations_s: list[float]) -> str:
@@ -293,12 +293,12 @@ def _check_not_ready(session: Session) -> str:
 def _check_fault(session: Session, fault: str = "") -> str:
     emulator = session.emulator
     session.await_ready()
-    emulator.fault, error, durations_s = fault, "", [0.0]
+    emulator.fault, error = fault, ""
     try:
         session.turn(SETTLE_TICKS)
         count = int(session.device.state.count[0])
         try:
-            durations_s = session.turn(FAULT_TICKS)
+            session.turn(FAULT_TICKS)
         except DeviceError as disconnected:
             error = str(disconnected)
         grown = int(session.device.state.count[0]) - count
@@ -306,8 +306,9 @@ def _check_fault(session: Session, fault: str = "") -> str:
         emulator.fault = ""
     if grown > 0 and fault not in VALID_FAULTS:
         raise Failed(f"state.count grew by {grown} while no valid answer arrived, expected no change")
-    told = f"DeviceError: {error}" if error else f"read: {_duration(durations_s)}"
+    found = f"read: {_duration(session.durations_s)}"
     if error:
+        found = f"{found}; then DeviceError: {error}"
         session.open()
     session.await_ready()
     session.turn(2 * SETTLE_TICKS)
@@ -315,7 +316,7 @@ def _check_fault(session: Session, fault: str = "") -> str:
     session.turn(2 * SETTLE_TICKS)
     if int(session.device.state.count[0]) == count:
         raise Failed("no new sample after the device works again, expected its samples")
-    return told
+    return found
 
 
 def _check_close(session: Session) -> str:

@@ -44,7 +44,7 @@ class BoardConnection(Connection):
         state, data, self._data = self.state[0], self._data, b""
         p = MESSAGE.unpack(data) if len(data) == MESSAGE.size else (np.nan,)
         good = bool(np.isfinite(p).all() and np.abs(p).max() < 1.0)
-        if self._broken == "waits":
+        if self._broken == "waits" or (self._broken == "waits in silence" and not data):
             self._clock.sleep_s(0.0008)
         if self._broken == "counts ticks" or (good and self._broken != "counts nothing"):
             state.count += 1
@@ -108,6 +108,7 @@ def test_a_driver_that_keeps_the_contract_passes_every_check() -> None:
     ("broken", "check"),
     [
         ("waits", "samples"),
+        ("waits in silence", "fault"),
         ("counts ticks", "fault"),
         ("counts nothing", "samples"),
         ("position", "fault"),
