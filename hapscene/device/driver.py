@@ -123,7 +123,9 @@ class Connection:
         self.state: Any = new_state()
 
     def read(self) -> None:
-        """Update `state[0]`. Waits no longer than one tick.
+        """Update `state[0]` by the samples that have arrived. A read that waits delays the haptic tick.
+
+        Not called before the servo starts, and while it is paused (`ResponseTimeout.was_paused`).
 
         Raises:
             DeviceError: the device was disconnected, or has sent invalid data for too long.
