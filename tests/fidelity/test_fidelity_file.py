@@ -57,6 +57,11 @@ def test_what_was_saved_is_read_to_the_bit(file, scene, fidelity):
         assert mesh.group_names == body.mesh.group_names and np.array_equal(mesh.group, body.mesh.group)
 
 
+def test_a_body_without_a_coarser_mesh_is_not_written(tmp_path, scene):
+    save_fidelity(Fidelity(Level({"body": BodyFidelity()})), tmp_path / "x.fidelity.json", scene)
+    assert load_fidelity(tmp_path / "x.fidelity.json", scene).level.bodies == {}
+
+
 def test_of_several_levels_the_first_is_read_and_effects_that_were_left_out_are_not(file, scene, fidelity):
     content = json.loads(file.read_text())
     content["levels"][0]["swatches"]["wood"]["left_out"] = ["tap"]
@@ -118,6 +123,7 @@ BODY, SWATCH = (*LEVEL, "bodies", "body"), (*LEVEL, "swatches", "wood")
         ((*LEVEL, "bodies", "cup"), {}, "no body 'cup'; there are: body"),
         ((*LEVEL, "swatches", "oak"), {}, "no swatch 'oak'"),
         ((*BODY, "crease_rad"), 0.5, "unknown key"),
+        ((*BODY, "mesh"), None, "mesh must be an object"),
         ((*BODY, "mesh", "path"), "../x.ply", "name of a PLY file beside this one"),
         ((*BODY, "mesh", "path"), "x.stl", "name of a PLY file beside this one"),
         ((*BODY, "mesh", "path"), "gone.ply", "no such file"),

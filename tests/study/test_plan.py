@@ -76,6 +76,7 @@ def test_a_file_that_is_no_plan_is_refused_by_its_name(tmp_path: Path) -> None:
         (b"title = ", "not a plan in TOML"),
         (b"\xff", "not a plan in TOML"),
         (b"a=" + b"[" * 5000, ""),
+        (b"people = " + b"9" * 5000, "4300 digits"),
     ):
         path.write_bytes(content)
         with pytest.raises(StudyError, match=str(path)) as fault:
