@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from hapscene.cli.console import name_made, note, say, table, tell
+from hapscene.cli.console import complain, name_made, note, say, table, tell
 from hapscene.cli.inputs import check_scene, find_asset, load_input, tell_size
 from hapscene.cli.options import (
     Counts,
@@ -27,6 +27,7 @@ from hapscene.cli.options import (
 )
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.errors import HapsceneError
+from hapscene.interrupt import heard
 
 if TYPE_CHECKING:
     from hapscene.fidelity.tune import Tuned
@@ -186,7 +187,7 @@ def chart(
     table: Table = None,
     docs: Docs = None,
     workers: WorkerOptions = WorkerOptions(),
-) -> None:
+) -> int:
     """Chart speed against accuracy: what each approximation costs and buys, and what to choose.
 
     Each question becomes a picture; chart.html shows all of them, chart.csv has the
@@ -209,8 +210,10 @@ def chart(
     try:
         run(out, scene, **how)
     except KeyboardInterrupt:
-        note("what was measured is kept: run the same command again to resume")
-        raise
+        heard()
+        complain("interrupted; completed measurements are kept: run the same command again to resume")
+        return 130
+    return 0
 
 
 @app.command
