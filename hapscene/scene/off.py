@@ -41,7 +41,7 @@ def read_off(content: bytes, where: str) -> Part:
     except EOFError:
         raise MeshError(
             f"{where}: truncated: the header declares {vertex_count:,} vertices and {face_count:,} faces, but the file "
-            f"has {len(vertices) // 3:,} and {len(faces):,}"
+            f"ends after {len(vertices) // 3:,} vertices and {len(faces):,} faces"
         ) from None
     if not reader.ended():
         raise reader.fail(f"more data than the {face_count:,} faces in the header; export the file again")
