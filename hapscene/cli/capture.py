@@ -1,9 +1,7 @@
 """`hapscene capture`: record a surface, fit a swatch to it, judge the fit."""
 
-import math
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
@@ -12,14 +10,12 @@ from cyclopts import App, Parameter
 
 from hapscene.cli.console import complain, name_made, note, say, tell
 from hapscene.cli.options import (
-    Count,
     Help,
     InFile,
     InFiles,
     Numbers,
     OutFile,
     OutFolder,
-    Port,
     Positive,
     RecordingOptions,
     SwatchName,
@@ -32,8 +28,7 @@ from hapscene.io.wire.port import BAUD
 if TYPE_CHECKING:
     from hapscene.capture.batch import BatchResult
     from hapscene.capture.fit.swatch import FitOptions
-    from hapscene.capture.record.coverage import Wanted
-    from hapscene.capture.record.recorder import Made
+    from hapscene.capture.record.recorder import RecordingResult
     from hapscene.surface.swatch import Swatch
 
 __all__ = ["app"]
@@ -81,6 +76,7 @@ def fit(
     """
     for path in recordings:
         check_there(path)
+    from hapscene.capture.fit.verdict import verdict
     from hapscene.surface.swatch_file import SUFFIX, save_swatch
     from hapscene.surface.swatch_summary import lines
 
@@ -91,7 +87,7 @@ def fit(
         raise SwatchError(f"--name {name!r}: a surface's name has no slash, for files are called by it")
     swatch = _fitted(recordings, name or out.stem, plot, reading.reading(), options)
     save_swatch(swatch, str(out))
-    tell(lines(swatch))
+    tell([verdict(swatch), *lines(swatch)])
     name_made([out, *([] if plot is None else [plot])])
 
 
@@ -100,7 +96,7 @@ def _fitted(
 ) -> "Swatch":
     from hapscene import __version__
     from hapscene.capture.fit.segment import InteractionState
-    from hapscene.capture.fit.swatch import fit_parts, prepare
+    from hapscene.capture.fit.swatch import fit_recordings, prepare
     from hapscene.capture.io.recording import load_recording
     from hapscene.capture.report.states import WORDS, write_states
     from hapscene.io.files import refusing
@@ -117,7 +113,7 @@ def _fitted(
     if plot is not None:  # before the fit: it shows why one may fail
         write_states(parts, str(plot), [Path(path).name for path in paths])
     with step(say, "fitting"), refusing(CaptureError, ", ".join(paths)):
-        swatch = fit_parts(parts, options.fitting(name))
+        swatch = fit_recordings(parts, options.fitting(name))
     files = printable(", ".join(Path(path).name for path in paths))
     return replace(swatch, provenance=f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip())
 
@@ -126,9 +122,6 @@ def _fitted(
 def batch(
     *recordings: Annotated[str, Help("Files, and folders of them")],
     out: OutFolder = Path("out/swatches"),
-    files: Annotated[
-        InFile | None, Parameter(name="--list"), Help("Table of recordings, CSV: recording, name, rate, …")
-    ] = None,
     options: TextureOptions = TextureOptions(),
     reading: RecordingOptions = RecordingOptions(),
     workers: WorkerOptions = WorkerOptions(),
@@ -142,17 +135,16 @@ def batch(
 
     for example:
       hapscene capture batch recordings/ --rate 10000 --units acceleration=g
-      hapscene capture batch --list files.csv --out swatches --jobs 4
+      hapscene capture batch oak.csv pine.csv --rate 5000 --out swatches --jobs 4
       hapscene capture batch recordings/ --scheduler tcp://head:8786
     """
-    from hapscene.capture.batch import find_recordings, fit_batch, read_list
+    from hapscene.capture.batch import find_recordings, fit_batch
 
     for place in recordings:
         check_there(place, "file or folder")
-    items = find_recordings(recordings) + ([] if files is None else read_list(str(files)))
+    items = find_recordings(recordings)
     if not items:
-        raise CaptureError("no recordings: name files or folders, or --list files.csv")
-    items = list({item.path.absolute(): item for item in items}.values())
+        raise CaptureError("no recordings given: name at least one file or folder")
     how = (reading.reading(), options.fitting(), workers.jobs, workers.scheduler)
     try:
         result = fit_batch(items, str(out), *how, _progress(len(items)))
@@ -224,26 +216,6 @@ RATE_TOLERANCE: Final = 0.02
 """Difference between the announced and the measured sample rate from which a note is printed [1]."""
 
 
-@Parameter(name="*", group="Coverage: what a fit needs of a recording")
-@dataclass(frozen=True)
-class CoverageOptions:
-    """The ranges that a recording should cover."""
-
-    force_range: Annotated[tuple[float, float], Help("Least and largest force [N]")] = (0.3, 3.0)
-    speed_range: Annotated[tuple[float, float], Help("Least and largest speed [mm/s]")] = (20.0, 300.0)
-    taps: Annotated[Count, Help("Number of taps")] = 3
-
-    def wanted(self) -> "Wanted":
-        """The ranges in SI units."""
-        from hapscene.capture.record.coverage import Wanted
-
-        for name, (low, high) in (("--force-range", self.force_range), ("--speed-range", self.speed_range)):
-            if not 0.0 < low < high < math.inf:
-                raise CaptureError(f"{name} {low:g} {high:g} is invalid: expected a lower and a higher number above 0")
-        low, high = self.speed_range
-        return Wanted(self.force_range, (1e-3 * low, 1e-3 * high), self.taps)
-
-
 @app.command
 def record(
     *,
@@ -251,9 +223,6 @@ def record(
     out: Annotated[OutFile, Help("New file, .hsrec (crash-safe) or .npz")] = Path("recording.hsrec"),
     seconds: Annotated[Positive | None, Help("Length [s] (default: until Ctrl-C)")] = None,
     baud: Annotated[int, Help("Speed of the port [bit/s]")] = BAUD,
-    live: Annotated[bool, Help("Show on a page what the fit still lacks, and end when more would not help")] = False,
-    page_port: Annotated[Port, Help("Port of that page; 0 for any free one")] = 0,
-    coverage: CoverageOptions = CoverageOptions(),
 ) -> int:
     """Record from an accelerometer or force probe on a serial port.
 
@@ -262,41 +231,30 @@ def record(
     for example:
       hapscene capture record --port /dev/ttyUSB0
       hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz
-      hapscene capture record --port /dev/ttyUSB0 --live --force-range 0.5 2
     """
     from hapscene.capture.io.hsrec import SUFFIX
-    from hapscene.capture.record.coverage_page import CoverageProcess
     from hapscene.capture.record.recorder import record as run
     from hapscene.interrupt import interrupt_noted
 
     assert out is not None
     place = out.with_suffix(SUFFIX)
     was_there = place.exists()
-    with ExitStack() as stack:
-        noted, page = stack.enter_context(interrupt_noted()), None
-        if live:
-            page = stack.enter_context(CoverageProcess(coverage.wanted(), page_port))
-            _say_line(f"the page: {page.url}")
-
-        def stopped() -> bool:
-            return noted() or (page is not None and page.done)
-
+    with interrupt_noted() as stopped:
         try:
-            made = run(port, str(out), baud, seconds, stopped, _say_line, watch=() if page is None else (page,))
+            made = run(port, str(out), baud, seconds, stopped, _say_line)
         except KeyboardInterrupt:
             if was_there or not place.exists():
                 raise
-            complain(f"interrupted; what was recorded until then is in {place}")
+            complain(f"interrupted; {place} holds the samples recorded until then")
             return 130
     _say_line(str(made))
     _note_rate(made)
-    tell((page and page.lines) or [])
     name_made([made.path])
-    return 0 if made.well else 1
+    return 0 if made.complete else 1
 
 
-def _note_rate(made: "Made") -> None:
-    """Print notes about the probe itself."""
+def _note_rate(made: "RecordingResult") -> None:
+    """Prints notes about the probe: a sample rate that differs from the announced one, restarts."""
     if made.rate_measured_Hz is not None and abs(made.rate_measured_Hz / made.rate_Hz - 1.0) > RATE_TOLERANCE:
         clock = f"by this computer's clock it is {made.rate_measured_Hz:.4g} Hz"
         note(f"{made.path.name}: the probe announced {made.rate_Hz:g} Hz; {clock}")
@@ -306,36 +264,6 @@ def _note_rate(made: "Made") -> None:
 
 def _say_line(line: str) -> None:
     say(f"{line}\n")
-
-
-@app.command
-def coverage(
-    recording: Annotated[InFile, Help("CSV, text, WAV, NPZ, MAT, Parquet or .hsrec file")],
-    /,
-    *,
-    wanted: CoverageOptions = CoverageOptions(),
-    reading: RecordingOptions = RecordingOptions(),
-) -> None:
-    """Print what a recording covers of force and speed, and what more would help a fit.
-
-    for example:
-      hapscene capture coverage stroke.hsrec
-      hapscene capture coverage oak.csv --rate 10000 --force-range 0.5 2 \\
-          --units acceleration=m/s2,speed=mm/s,force=N
-    """
-    from hapscene.capture.io.recording import load_recording
-    from hapscene.capture.record.coverage import Coverage
-    from hapscene.capture.record.coverage_page import blocks_of, table
-
-    ranges = wanted.wanted()
-    read = load_recording(recording, **reading.reading())
-    rows = {"acceleration": read.acceleration_m_s2, "force": read.force_N, "speed": read.speed_m_s}
-    rows["tangential_force"] = read.tangential_force_N
-    streams = {name: row for name, row in rows.items() if row is not None}
-    found = Coverage(read.rate_Hz, tuple(streams), ranges)
-    for first, block in blocks_of(streams, read.rate_Hz):
-        found.feed(first, block)
-    tell(table(found))
 
 
 @app.command

@@ -262,8 +262,7 @@ def play_file(
     from hapscene.handle.compensator import find_compensator
     from hapscene.handle.handle_file import load_handle
     from hapscene.handle.plant import Plant
-    from hapscene.handle.playback import play
-    from hapscene.handle.playback_report import write_playback, write_wave
+    from hapscene.handle.playback import play, write_wave
     from hapscene.handle.sensor import Sensor
     from hapscene.io.files import refusing, whole_folder
 
@@ -280,12 +279,11 @@ def play_file(
     result = f"{file.name} by {compensator}: spectrogram error {100 * error:.1f} %"
     with whole_folder(out) as folder:
         full_m_s2 = write_wave(played.acceleration_m_s2, rate_Hz, folder / "felt.wav")
-        write_playback(desired, played, rate_Hz, plant, result, folder / "felt.png")
     tell([result])
     print(f"latency {1e3 * played.latency_s:.1f} ms; full scale of felt.wav is {full_m_s2:.3g} m/s²")
     if played.hits or played.clips:
         print(f"the coil met a stop {played.hits} times; the force was cut {played.clips} times")
-    name_made([out / "felt.png", out / "felt.wav"])
+    name_made([out / "felt.wav"])
 
 
 def _play_on(options: OutputOptions, file: Path, compensator: str | None, recording: RecordingOptions) -> None:

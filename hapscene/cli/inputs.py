@@ -54,7 +54,7 @@ def find_asset(scene: str, options: _Options) -> tuple[str, _Options]:
     Raises:
         SceneError: it is a bare name, and there is neither a file nor an asset of this name.
     """
-    if Path(scene).suffix or Path(scene).name != scene or Path(scene).exists():
+    if Path(scene).suffix or Path(scene).name != scene or Path(scene).is_file():
         return scene, options
     from hapscene import assets
 

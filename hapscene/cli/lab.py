@@ -27,7 +27,7 @@ from hapscene.cli.options import (
 )
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.errors import HapsceneError
-from hapscene.interrupt import heard
+from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
     from hapscene.fidelity.tune import Tuned
@@ -210,7 +210,7 @@ def chart(
     try:
         run(out, scene, **how)
     except KeyboardInterrupt:
-        heard()
+        clear_interrupt()
         complain("interrupted; completed measurements are kept: run the same command again to resume")
         return 130
     return 0

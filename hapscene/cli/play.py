@@ -25,7 +25,7 @@ __all__ = ["play", "serve"]
 LOG_S: Final = 60.0
 """Length of the session log [s]."""
 
-LOOK_S: Final = 0.25
+LOOK_S: Final = 0.1
 """Time between two looks at the servo and the keys [s]."""
 
 QUIET_S: Final = 5.0
@@ -114,7 +114,7 @@ def _watch(servo: "Servo", logs: Path, seconds: float) -> None:
         monitor = Monitor(servo)
         stack.callback(monitor.close)
         keys = stack.enter_context(pressed_keys())
-        with interrupt_noted() as noted:
+        with interrupt_noted(servo.stop_force) as noted:
             try:
                 _show_until_end(servo, monitor, keys, noted, logs, seconds)
             except HapsceneError as error:

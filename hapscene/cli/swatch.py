@@ -13,7 +13,7 @@ from hapscene.cli.console import complain, note, say, size_words, table, tell
 from hapscene.cli.options import AsJson, Help, InFiles, InFolder, InPaths, OutFolder, RecordingOptions
 from hapscene.cli.paths import check_swatch, check_there
 from hapscene.errors import SwatchError
-from hapscene.interrupt import heard
+from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
     from hapscene.capture.report.compare import ComparedSurface, Comparison, Difference
@@ -183,7 +183,7 @@ def import_files(
     try:
         import_many(files, str(out), lambda line: say(f"{line}\n"), outcome)
     except KeyboardInterrupt:
-        heard()
+        clear_interrupt()
         complain(f"interrupted; the {len(outcome.made)} swatches named above are complete")
         return 130
     print(f"{len(outcome.made)} made, {len(outcome.broken)} broken")
@@ -262,7 +262,7 @@ def _row(d: "Difference") -> tuple[str, str, str, str, str, str]:
 
 
 def _sentence(comparison: "Comparison") -> str:
-    telling = comparison.telling
+    telling = comparison.largest
     if telling is None:
         return f"{comparison.first} and {comparison.second} cannot be compared: they have nothing in common"
     times = f"{comparison.distance_jnd:.1f} times what a person feels"
@@ -274,8 +274,8 @@ def _rank_text(ranked: Sequence["Comparison"]) -> list[str]:
         return ["nothing to compare with: the library holds only this surface"]
     rows = [("", "surface", "distance", "most by", f"from {ranked[0].first}")]
     for place, c in enumerate(ranked, 1):
-        distance = f"{c.distance_jnd:.1f} JND" if c.telling else ""
-        rows.append((str(place), c.second, distance, c.telling.quantity.name if c.telling else "", c.verdict))
+        distance = f"{c.distance_jnd:.1f} JND" if c.largest else ""
+        rows.append((str(place), c.second, distance, c.largest.quantity.name if c.largest else "", c.verdict))
     return [*table(rows), "1 JND is the least difference that a person feels", ""]
 
 

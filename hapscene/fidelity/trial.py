@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.model import DeviceWarning, Limits, limits_of
-from hapscene.motion.hand_path import HOVER_M, Hand
+from hapscene.motion.hand_path import HOVER_M, PathBuilder
 from hapscene.motion.look_from_above import bounds_of, look_from_above, window_of
 from hapscene.perception import band_edges_Hz, bands_jnd, force_jnd
 from hapscene.render.renderer import EFFECTS, Renderer
@@ -110,7 +110,7 @@ def random_paths(scene: "Scene", index: int, rng: np.random.Generator, limits: L
     made = []
     for _ in range(count):
         tap, start, end = rng.permutation(len(places))[:3].tolist()
-        hand = Hand((*places[tap], float(z_m[tap]) + hover_m), TICK_S, look, hover_m)
+        hand = PathBuilder((*places[tap], float(z_m[tap]) + hover_m), TICK_S, look, hover_m)
         hand.tap(float(places[tap, 0]), float(places[tap, 1]), depth_m(tap))
         speed_m_s = float(np.exp(rng.uniform(*np.log(SPEED_M_S))))
         hand.trace(hand.line(tuple(places[start]), tuple(places[end]), speed_m_s), depth_m(start))

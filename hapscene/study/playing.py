@@ -59,7 +59,7 @@ class _Samples:
         if not self._now[1].is_set():
             self._first = 0
 
-    def hear(self, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
+    def receive_feedback(self, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
         """Nothing adapts."""
 
 

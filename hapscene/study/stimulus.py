@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture.fit.segment import InteractionState, Part
+from hapscene.capture.fit.segment import InteractionState, SegmentedRecording
 from hapscene.capture.fit.swatch import prepare
 from hapscene.capture.fit.synthesis import synthesize
 from hapscene.capture.io.recording import load_recording
@@ -47,7 +47,7 @@ class StimulusMaker:
 
     def __init__(self, folder: str | Path) -> None:
         self._folder, self._loaded = Path(folder), cache(load_swatch)
-        self._recordings: dict[str, Part] = {}
+        self._recordings: dict[str, SegmentedRecording] = {}
 
     def swatch(self, stimulus: Stimulus) -> Swatch:
         """The swatch of a stimulus.
@@ -81,7 +81,7 @@ class StimulusMaker:
                 force, speed = (np.full(round(seconds * own_Hz), x) for x in (stimulus.force_N, stimulus.speed_m_s))
             own: Any = swatch.effects.get("lpc_texture", {})
             life = float(stimulus.life) * own.get("texture_life", 1.0)
-            made = synthesize(swatch, force, speed, seed=seed, life=life) * (gain * own.get("texture_gain", 1.0))
+            made = synthesize(swatch, force, speed, seed=seed, modulation=life) * (gain * own.get("texture_gain", 1.0))
         made = resampled(made, own_Hz, rate_Hz)
         made = np.concatenate([made, np.zeros(1)])[: round(seconds * rate_Hz)]
         ramp = np.sin(0.5 * np.pi * np.arange(round(FADE_S * rate_Hz)) / (FADE_S * rate_Hz)) ** 2
@@ -104,7 +104,7 @@ class StimulusMaker:
         first = int(np.random.default_rng(seed).choice(places))
         return part_of(channels, slice(first, first + count))
 
-    def _recording(self, stimulus: Stimulus) -> Part:
+    def _recording(self, stimulus: Stimulus) -> SegmentedRecording:
         key = repr((stimulus.recording, stimulus.rate_Hz, stimulus.columns, stimulus.units))
         if key not in self._recordings:
             file, columns, units = self._folder / stimulus.recording, stimulus.columns or None, stimulus.units or None

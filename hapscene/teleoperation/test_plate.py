@@ -9,7 +9,7 @@ from hapscene.constants import TICK_S
 from hapscene.device.sim.hand import grip_named
 from hapscene.errors import HapsceneError
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
-from hapscene.motion.hand_path import Hand
+from hapscene.motion.hand_path import PathBuilder
 from hapscene.motion.look_from_above import TopView
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -68,7 +68,7 @@ def explore(grip: str, give_N_m: float, taps: int = 3, strokes: int = 4) -> Gest
     Raises:
         HapsceneError: no such grip, or one without a spring.
     """
-    hand, held = Hand(START_M, TICK_S, _flat, HOVER_M), grip_named(grip)
+    hand, held = PathBuilder(START_M, TICK_S, _flat, HOVER_M), grip_named(grip)
     if held.k_N_m == 0.0:
         raise HapsceneError(f"a hand with grip {grip!r} does not hold the tool; choose light, medium or firm")
     depth_m = PRESS_N * (1.0 / held.k_N_m + 1.0 / give_N_m)

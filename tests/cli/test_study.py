@@ -74,7 +74,7 @@ def test_an_example_is_a_plan(plan: Path) -> None:
         (["run", "plan.toml", "--persn", "P01"], "Did you mean --person?"),
         (["run", "plan.toml", "--person", "7", "--no-browser"], "person: a name must begin with a letter"),
         (["run", "plan.toml", "--handle", "serial", "--handle-option", "port=none", "--no-browser"], "none"),
-        (["run", "plan.toml", "--handle", "falcon", "--no-browser"], "plays no acceleration"),
+        (["run", "plan.toml", "--handle", "falcon", "--no-browser"], "plays no vibrations"),
         (["report", "none"], "none: no such folder"),
         (["report", "."], "results.csv: no such file"),
     ],

@@ -29,7 +29,7 @@ def test_two_surfaces_are_set_side_by_side(capsys: pytest.CaptureFixture[str]) -
 def test_the_same_surface_cannot_be_told_apart(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["swatch", "compare", "wood", "wood", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["verdict"] == "cannot be told apart" and found["distance_jnd"] == 0.0
+    assert found["verdict"] == "cannot be distinguished" and found["distance_jnd"] == 0.0
     assert {row["unit"] for row in found["differences"]} == {"dB", "%"}
 
 
@@ -48,7 +48,7 @@ def test_one_surface_is_ranked_against_the_shipped_and_the_own(
     assert ranked[0]["second"] == "oak" and len(ranked) == 4
     assert "broken.swatch" in told.err
     assert main(["swatch", "compare", "wood", "--library", str(tmp_path / "library")]) == 0
-    assert "could be told apart" in capsys.readouterr().out
+    assert "can be distinguished" in capsys.readouterr().out
 
 
 def test_several_are_ranked(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,6 @@ import trimesh
 from scipy.io import savemat, wavfile
 
 import hapscene
-from hapscene.capture import batch
 from hapscene.capture.io.hatt import import_hatt, read_taps
 from hapscene.capture.io.recording import load_recording
 from hapscene.dsp.ar_filter import ar_from_reflection
@@ -218,7 +217,7 @@ def hatt_taps(path: Path) -> None:
     path.write_text(f"<tapSet><numTap>3</numTap>{''.join(taps)}</tapSet>", encoding="utf-8")
 
 
-# The handle, batches, cases.
+# The handle and the journal.
 
 
 def handle() -> Files:
@@ -355,7 +354,7 @@ def read_page(path: Path) -> None:
 STUDY = b"""title = "t"
 people = 2
 stimuli.a.swatch = "wood"
-stimuli.b = {swatch = "wood", life = false, order = 40}
+stimuli.b = {swatch = "wood", life = false}
 [[blocks]]
 name = "rated"
 kind = "rating"
@@ -435,11 +434,6 @@ FORMATS: Mapping[str, Format] = {
     "hatt-taps": Format(written(hatt_taps, "Taps_x.xml"), read_taps),
     "handle": Format(handle, load_handle),
     "journal": Format(journal, lambda path: len(Journal(path).results), left=lambda content: 0),
-    "batch-list": Format(
-        lambda: {"x.list.csv": b'recording,name,rate,units\na.csv,oak,10000,"force=N,speed=mm/s"\nb.wav,ash,,\n'},
-        lambda path: len(batch.swatch_names(batch.read_list(path))),
-        left=lines(r"(?!recording).*\w"),
-    ),
     "csv": Format(table, read_recording, left=lines(r"(?!time).*\d")),
     "wav": Format(wav, read_recording),
     "npz": Format(npz, read_recording),

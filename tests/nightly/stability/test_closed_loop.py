@@ -155,6 +155,6 @@ def test_learning_with_a_sensor_that_is_not_as_believed_does_little_harm(
     half = len(desired) // 2
     errors = [
         spectrogram_error(desired[half:], play(desired, 10_000.0, plant, **how).acceleration_m_s2[half:], 10_000.0)
-        for how in ({"compensator": "adaptive", "sensor": sensor, "believed": believed}, {"compensator": "flat"})
+        for how in ({"compensator": "adaptive", "sensor": sensor, "nominal_sensor": believed}, {"compensator": "flat"})
     ]
     assert errors[0] <= most * errors[1]
