@@ -37,7 +37,7 @@ def read_off(content: bytes, where: str) -> Part:
         vertex_count, face_count = reader.counts()
         for _ in range(vertex_count):
             vertices.extend(reader.vertex())
-        faces.extend(reader.face() for _ in range(face_count))
+        faces.extend(reader.face(vertex_count) for _ in range(face_count))
     except EOFError:
         raise MeshError(
             f"{where}: truncated: the header declares {vertex_count:,} vertices and {face_count:,} faces, but the file "
@@ -73,17 +73,22 @@ class _Reader:
         except ValueError:
             raise self.fail(f"expected three coordinates, not {' '.join(tokens)[:60]!r}") from None
 
-    def face(self) -> list[int]:
+    def face(self, vertex_count: int) -> list[int]:
         tokens = self._take(1)
         try:
             count = int(tokens[0])
             if count >= 3:
                 if len(tokens) <= count:
                     tokens += self._take(count + 1 - len(tokens))
-                return [int(token) for token in tokens[1 : count + 1]]
+                corners = [int(token) for token in tokens[1 : count + 1]]
+                if min(corners) >= 0 and max(corners) < vertex_count:
+                    return corners
         except ValueError:
             pass
-        raise self.fail(f"expected a number from 3 and as many vertex indices, not {' '.join(tokens)[:60]!r}")
+        raise self.fail(
+            f"expected a number from 3 and as many indices of the {vertex_count:,} vertices, not "
+            f"{' '.join(tokens)[:60]!r}"
+        )
 
     def ended(self) -> bool:
         """Return whether no more data follows."""

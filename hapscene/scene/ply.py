@@ -108,7 +108,7 @@ def strips_to_faces(content: bytes, where: str) -> bytes:
         return content
     try:
         return _replace_strips(content)
-    except (ValueError, KeyError, IndexError) as error:
+    except (ValueError, LookupError, OverflowError, StopIteration) as error:
         reason = str(error) if type(error) is ValueError else "damaged"
         raise MeshError(f"{where}: invalid triangle strips, or truncated: {reason}") from None
 

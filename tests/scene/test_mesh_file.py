@@ -160,6 +160,7 @@ BROKEN = {
     "inf.obj": b"v 0 0 0\nv inf 0 0\nv 0 1 0\nf 1 2 3\n",
     "no_faces.ply": ply(faces="", face_count=0),
     "index.ply": ply(faces="3 0 1 3\n"),
+    "long_index.off": b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 99999999999999999999\n",
     "index.off": b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n",
     "huge_count.ply": ply(vertex_count=10**12),
     "huge.obj": b"v 0 0 0\nv 1e30 0 0\nv 0 1 0\nf 1 2 3\n",

@@ -99,6 +99,7 @@ def test_damaged_triangle_strips_raise(tmp_path, kind):
     face = b"element face 1\nproperty list uchar int vertex_indices\nend_header"
     damaged = [whole[:-5], strips(kind, [0, 1, 4]), strips(kind, [0, 1]), whole.replace(b"end_header", face)]
     damaged += [strips(kind, [0, 1, 2], index="word"), whole.replace(b"element tristrips 1", b"element tristrips 9")]
+    damaged += [strips("ascii", [0, 1, 10**20]), whole.replace(b"format", b"comment")]
     for content in damaged:
         (tmp_path / "m.ply").write_bytes(content)
         with pytest.raises(MeshError, match=r"m\.ply"):
