@@ -327,6 +327,6 @@ def test_search_by_tool(home: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     printed = capsys.readouterr().out
     assert "  tool        steel probe\n" in printed and "  tip         3.2 mm ball\n" in printed
     assert cli.main(["swatch", "compare", "probed", "bare"]) == 0
-    assert "touched with different tools (steel probe, 3.2 mm ball; finger)" in capsys.readouterr().out
+    assert "different tools (steel probe, 3.2 mm ball; finger)" in capsys.readouterr().out
     assert cli.main(["swatch", "compare", "probed", "oak"]) == 0
     assert "different tools" not in capsys.readouterr().out  # the other tool is unknown
