@@ -1,4 +1,4 @@
-"""Functions that several questions share: recordings, levels in bands, times, and the choice of a point."""
+"""Functions that several questions share: recordings, levels in bands and times."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -19,7 +19,6 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
 from ..bench.tick_time import hot
-from .question import Point
 
 Array = NDArray[np.float64]
 
@@ -128,20 +127,3 @@ def ticks_ns(renderer: Renderer, path: Array, repeats: int = 9) -> NDArray[np.in
 def texture_us(texture: Texture, a_rate_Hz: float = RATE_HZ) -> tuple[float, float]:
     """Return median and 99th percentile of the time of a block of texture in the tick [µs]."""
     return effect_us(Swatch("timed", texture=texture), ("wall", "lpc_texture"), ("wall",), a_rate_Hz=a_rate_Hz)
-
-
-def measured(points: Sequence[Point], key: str) -> list[Point]:
-    """Return the points with a finite error of that key."""
-    return [p for p in points if np.isfinite(p.errors.get(key, np.nan))]
-
-
-def best(points: Sequence[Point], key: str) -> Point:
-    """Return the point with the smallest error."""
-    return min(measured(points, key), key=lambda p: p.errors[key])
-
-
-def enough(points: Sequence[Point], key: str, within: float) -> Point:
-    """Return the fastest point whose error is at most `within`, or otherwise the one with the smallest error."""
-    least = best(points, key).errors[key]
-    fit = [p for p in measured(points, key) if p.errors[key] <= max(within, least)]
-    return min(fit, key=lambda p: (p.median_us if p.median_us == p.median_us else np.inf, p.errors[key]))
