@@ -102,13 +102,15 @@ class Question:
 
 
 def merge_identical(question: Question, settings: Sequence[Setting]) -> list[Setting]:
-    """Return the settings with those merged that run the same program: "order 8, order 20" if both are order 6."""
+    """Return the settings, with those of a method merged that run the same program.
+
+    Orders 120, 40, 20 and 6 of a texture of order 6 become one setting, "order 6 and finer".
+    """
     merged: dict[tuple[str, str, str, object], Setting] = {}
     for one in settings:
         program = one.label if question.program is None else question.program(**one.arguments)
         key = (one.lever, one.method, one.case, program)
         if key in merged:
-            known = merged[key]
-            one = known._replace(label=f"{known.label}, {one.label}", default=known.default or one.default)
+            one = one._replace(label=f"{one.label} and finer", default=merged[key].default or one.default)
         merged[key] = one
     return list(merged.values())

@@ -238,7 +238,7 @@ def sentences(rows: Sequence[Row]) -> list[str]:
     better = [row for row in rows if row.chosen.eligible and not row.default.eligible]
     found = [
         (
-            "To save time per ms of touch",
+            "Save time per ms of touch",
             [f"{r.lever} ({r.chosen.name}: {r.saved_us:.2g} µs{_except(r)})" for r in faster],
         ),
         ("Save memory", [f"{r.lever} ({r.chosen.name}: {r.saved_MB:.2g} MB)" for r in smaller]),
