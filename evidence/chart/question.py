@@ -20,7 +20,7 @@ class Setting(NamedTuple):
     label: str
     """Label of the setting, such as "order 40" or "÷16"; empty for a method without settings."""
     arguments: Mapping[str, Any]
-    """Arguments of the question's `error` and `time`; JSON types."""
+    """Arguments of the question's `error` and `time`."""
     case: str = ""
     """Condition such as a device. Cases of a setting cost the same time; the largest error counts."""
     default: bool = False
@@ -81,9 +81,8 @@ class Question:
         settings: returns the settings to measure; called with whether to measure fewer, and with the scene file (None:
             the question's default subject).
         error: returns the values of a setting by `Measure.key`, against a reference that is independent of the
-            methods. Called in several processes at once.
-        time: returns median and p99 of a setting's time per millisecond of touch [µs]; called with no other task
-            running.
+            methods.
+        time: returns median and p99 of a setting's time per millisecond of touch [µs].
         conditions: subject, path and reference of the measurement.
         program: returns the bytes of the arrays that a setting runs with; settings with equal bytes are measured once.
         caveat: returns where a setting must not be used although its error is small; computed from its points and those

@@ -13,17 +13,13 @@ from hapscene.errors import HapsceneError
 
 from .question import Point, Question
 
-__all__ = ["HEAD", "Choice", "Row", "all_choices", "rows_of", "sentences"]
+__all__ = ["CHOSEN", "HEAD", "Choice", "Row", "all_choices", "rows_of", "sentences"]
 
-HEAD: Final = (
-    "lever",
-    "default",
-    "cheapest setting under 1 JND",
-    "saves per ms of touch, and memory",
-    "error",
-    "when not",
-)
-"""Titles of the columns."""
+CHOSEN: Final = {True: "cheapest setting under 1 JND", False: "coarsest setting under 1 JND"}
+"""What the rows name, by whether the times are valid."""
+
+HEAD: Final = ("lever", "default", "setting", "saves per ms of touch, and memory", "error", "when not")
+"""Titles of the columns; the third is one of `CHOSEN`."""
 
 NOISE_SHARE: Final = 0.03
 """Smallest relative difference of two times that counts [1], as in `hapscene lab bench --against`."""
@@ -131,7 +127,7 @@ def rows_of(question: Question, points: Sequence[Point], quiet: bool = True) -> 
         defaults = [c for c in choices if (c.method, c.label) in names]
         if len(defaults) != 1:
             raise HapsceneError(f"{question.name}: {lever} has {len(defaults)} default settings; expected 1")
-        noise_us = max(NOISE_SHARE * defaults[0].median_us, _noise_us(choices, own))
+        noise_us = _noise(choices, own) * defaults[0].median_us
         chosen = _chosen(choices, defaults[0], noise_us, quiet)
         if quiet and chosen.eligible and defaults[0].eligible:
             trial = Row(lever, defaults[0], chosen, noise_us, "", "", quiet)
@@ -176,18 +172,18 @@ def _choices(question: Question, points: Sequence[Point]) -> list[Choice]:
     return choices
 
 
-def _noise_us(choices: Sequence[Choice], points: Sequence[Point]) -> float:
-    """Return the largest difference of times that no setting explains [µs].
+def _noise(choices: Sequence[Choice], points: Sequence[Point]) -> float:
+    """Return the largest relative difference of times that no setting explains [1].
 
     These are: repetitions of a setting, its cases, and coarser settings of a method that take longer than finer ones.
     """
-    found = [p.noise_us for p in points]
+    found = [NOISE_SHARE, *(p.noise_us / p.median_us for p in points)]
     for c in choices:
         cases = [p.median_us for p in points if (p.method, p.label) == (c.method, c.label)]
-        found.append(max(cases) - min(cases))
+        found.append(max(cases) / min(cases) - 1.0)
     for method in dict.fromkeys(c.method for c in choices):
         times = [c.median_us for c in choices if c.method == method]
-        found += [later - min(times[: i + 1]) for i, later in enumerate(times)]
+        found += [later / min(times[: i + 1]) - 1.0 for i, later in enumerate(times)]
     return max(found)
 
 

@@ -1,6 +1,5 @@
 """The chart: measures every question and writes table, pictures and page. `QUESTIONS` lists the questions."""
 
-import hashlib
 import math
 import os
 import re
@@ -8,19 +7,18 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import HapsceneError, no_such
 from hapscene.io.files import whole_file
-from hapscene.parallel import Task, run_tasks
 
 from ..bench.machine import describe_machine
 from ..bench.sheet import Sheet
 from ..page import Page, shown
 from .drawing import draw_rows, draw_settings
-from .question import Point, Question, Setting, merge_identical
-from .rows import HEAD, Row, rows_of, sentences
+from .question import Point, Question, merge_identical
+from .rows import CHOSEN, HEAD, Row, rows_of, sentences
 from .table import LOAD, LOAD_MAX, Table
 from .touched_surface import BODY_FACES_MIN
 
@@ -43,12 +41,14 @@ COMMAND: Final = "hapscene lab chart --docs docs/results"
 PICTURE, SETTINGS = "chart.png", "settings.png"
 """Picture of the table's rows, and of all settings."""
 
-METHOD: Final = """Each row is a lever: its default, and the cheapest setting whose error, and that of all finer
-settings, is at most 1 JND or another limit (speed at rest, energy), to which errors are relative. A saving counts if it
+METHOD: Final = """Each row is a lever: its default, and a cheaper setting. The error of that setting and of all finer
+ones is at most 1 JND, or another limit (speed at rest, energy), to which errors are relative. A saving counts if it
 exceeds the noise: repetitions, cases that cost the same, and coarser settings that take longer than finer ones."""
 
 NAMED: Final = ("processor", "cores", "date", LOAD, "settings", "scene", "tables")
 """Properties of the machine on the page of results; the table has all."""
+
+NO_BODY: Final = f"no body of the scene has at least {BODY_FACES_MIN:,} faces"
 
 ROUNDS: Final = 2
 """Measurements of each time, one round after the other, so that their difference includes slow changes [count]."""
@@ -66,42 +66,23 @@ def question(name: str) -> Question:
     return found
 
 
-def error_of(name: str, arguments: Mapping[str, Any], stamp: str) -> dict[str, float]:
-    """Return the errors of a setting. The stamp identifies the content of the scene file in the journal."""
-    return {key: float(value) for key, value in question(name).error(**arguments).items()}
-
-
-def time_of(name: str, arguments: Mapping[str, Any], stamp: str) -> list[float]:
-    """Return median and p99 of a setting's time [µs], and the load per core afterwards."""
-    median_us, p99_us = question(name).time(**arguments)
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan
-    return [float(median_us), float(p99_us), round(load / (os.cpu_count() or 1), 1)]
-
-
 def chart(
     out: Path,
     scene: str | None = None,
     *,
     only: Sequence[str] = (),
     quick: bool = False,
-    jobs: int | None = None,
-    scheduler: str | None = None,
     table: Path | None = None,
     docs: Path | None = None,
     say: Callable[[str], None] = print,
 ) -> Table:
     """Measure every question and write chart.csv, pictures and chart.html into `out`.
 
-    Finished settings are kept in chart.jsonl until all are done; the same call resumes an interrupted one.
-
     Args:
         out: output folder, created if missing.
         scene: scene file; None for each question's default subject.
         only: names of questions; all if empty.
         quick: fewer settings, shorter paths.
-        jobs: number of processes that compute errors; None for one per core. Times are measured before, in this
-            process, one at a time.
-        scheduler: address of a Dask cluster to use instead; the scene must have the same path there.
         table: an earlier chart.csv to draw instead of measuring.
         docs: the folder docs/results, whose chart.md and chart/ are written as well.
         say: called with each line of progress.
@@ -116,8 +97,8 @@ def chart(
     if docs is not None and not docs.is_dir():
         raise HapsceneError(f"{docs}: no such folder")
     if table is None:
-        out.mkdir(parents=True, exist_ok=True)
-        found = _measure(questions, out / "chart.jsonl", scene, quick, jobs, scheduler, say)
+        out.mkdir(parents=True, exist_ok=True)  # before the measurement, so that an invalid folder costs no time
+        found = _measure(questions, scene, quick, say)
     else:
         found = Table.read(table)
     questions = [q for q in questions if found.points.get(q.name)]
@@ -131,66 +112,27 @@ def chart(
     return found
 
 
-def _measure(
-    questions: Sequence[Question],
-    journal: Path,
-    scene: str | None,
-    quick: bool,
-    jobs: int | None,
-    scheduler: str | None,
-    say: Callable[[str], None],
-) -> Table:
-    """Measure all questions: first the times, while no process computes errors."""
-    stamp = "" if scene is None else hashlib.sha256(Path(scene).read_bytes()).hexdigest()[:16]
-    settings = {q.name: merge_identical(q, q.settings(quick, scene)) for q in questions}
-    reason = f"no body of the scene has at least {BODY_FACES_MIN:,} faces"
-    if not any(settings.values()):
-        raise HapsceneError(f"{scene}: {reason}: name a scene with a larger body, or omit the scene")
-    for name in settings:
-        if not settings[name]:
-            say(f"{name} omitted: {reason}")
-    kinds = [*(f"time {k + 1}" for k in range(ROUNDS)), "error"]
-    results: dict[str, Any] = {}
-    for kind in kinds:
-        function = error_of if kind == "error" else time_of
-        tasks = [
-            Task(
-                _key(q, s, kind),
-                function,
-                {"name": q.name, "arguments": dict(s.arguments), "stamp": stamp},
-                alone=kind != "error",
-            )
-            for q in questions
-            for s in settings[q.name]
-        ]
-        results |= run_tasks(
-            tasks,
-            journal=journal,
-            jobs=jobs,
-            scheduler=scheduler,
-            after=lambda done, count, key: say(f"{done} of {count}  {key}"),
-        )
-    points = {
-        q.name: [
-            _point(s, [results[_key(q, s, kind)] for kind in kinds[:-1]], results[_key(q, s, "error")])
-            for s in settings[q.name]
-        ]
-        for q in questions
-    }
-    journal.unlink(missing_ok=True)
-    loads = [result[2] for key, result in results.items() if not key.endswith("error")]
+def _measure(questions: Sequence[Question], scene: str | None, quick: bool, say: Callable[[str], None]) -> Table:
+    """Measure all settings of all questions in this process, one after the other."""
+    settings = [(q, s) for q in questions for s in merge_identical(q, q.settings(quick, scene))]
+    for name in sorted({q.name for q in questions} - {q.name for q, _ in settings}):
+        say(f"{name} omitted: {NO_BODY}")
+    if not settings:
+        raise HapsceneError(f"{scene}: {NO_BODY}: name a scene with a larger body, or omit the scene")
+    rounds, loads = [], []
+    for k in range(ROUNDS):
+        rounds.append([q.time(**s.arguments) for q, s in settings])
+        loads.append(os.getloadavg()[0] / (os.cpu_count() or 1) if hasattr(os, "getloadavg") else math.nan)
+        say(f"times: round {k + 1} of {ROUNDS}")
+    points: dict[str, list[Point]] = {}
+    for (q, s), *times_us in zip(settings, *rounds, strict=True):
+        medians = [median_us for median_us, _ in times_us]
+        noise_us, p99_us = max(medians) - min(medians), min(p99_us for _, p99_us in times_us)
+        errors = {key: float(value) for key, value in q.error(**s.arguments).items()}
+        point = Point(s.lever, s.method, s.label, s.case, s.default, min(medians), p99_us, noise_us, errors)
+        points.setdefault(q.name, []).append(point)
+        say(", ".join(filter(None, (*s[:3], s.case))))
     return Table(_machine(max(loads), quick, scene), points)
-
-
-def _point(s: Setting, times_us: Sequence[Sequence[float]], errors: Mapping[str, float]) -> Point:
-    medians = [each[0] for each in times_us]
-    noise_us = max(medians) - min(medians)
-    p99_us = min(each[1] for each in times_us)
-    return Point(s.lever, s.method, s.label, s.case, s.default, min(medians), p99_us, noise_us, errors)
-
-
-def _key(q: Question, s: Setting, kind: str) -> str:
-    return f"{q.name}: {', '.join(filter(None, (s.lever, s.method, s.label, s.case)))}: {kind}"
 
 
 def _machine(load: float, quick: bool, scene: str | None) -> dict[str, str]:
@@ -256,8 +198,8 @@ def page_of(found: Table, questions: Sequence[Question], pictures: Path, csv: st
         )
     for sentence in sentences(rows):
         page.text(sentence, strong=True)
-    page.picture(pictures / PICTURE, "Time and error of the default and of the cheapest setting of each lever")
-    page.table(HEAD, [row.cells() for row in rows])
+    page.picture(pictures / PICTURE, f"Time and error of the default and of the {CHOSEN[found.quiet]}, for each lever")
+    page.table([*HEAD[:2], CHOSEN[found.quiet], *HEAD[3:]], [row.cells() for row in rows])
     shown_of_machine = found.machine if details else [name for name in NAMED if name in found.machine]
     page.text(f"Machine: {'; '.join(f'{name} {found.machine[name]}' for name in shown_of_machine)}.")
     if details:

@@ -4,7 +4,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,9 +61,7 @@ STABILISERS: Final = (
     "limits",
     "virtual damping",
     "passivity",
-    "passivity, uncapped",
     "coupling",
-    "shading",
     "limits, passivity",
 )
 """Stabilisers that are tried."""
@@ -78,12 +76,10 @@ class Stabiliser:
     Attributes:
         limits: limits of the renderer.
         damping_Ns_m: damping of the wall.
-        crease_rad: angle below which edges are shaded.
     """
 
     limits: Limits = IDEAL
     damping_Ns_m: float = 0.0
-    crease_rad: float = 0.0
 
 
 class Outcome(NamedTuple):
@@ -107,9 +103,7 @@ def stabiliser(name: str, device: Device, stiffness_N_m: float, tick_s: float = 
         "limits": Stabiliser(replace(limits, guard_Ns_m=0.0)),
         "virtual damping": Stabiliser(damping_Ns_m=damping_for(device, stiffness_N_m, tick_s)),
         "passivity": Stabiliser(Limits(guard_Ns_m=GUARD_SHARE * damping_max(point.mass_kg, tick_s))),
-        "passivity, uncapped": Stabiliser(Limits(guard_Ns_m=math.inf)),
         "coupling": Stabiliser(Limits(coupling_N_m=COUPLING_N_M)),
-        "shading": Stabiliser(crease_rad=2.0 * FACET_RAD),
         "limits, passivity": Stabiliser(limits),
     }[name]
 
@@ -123,10 +117,7 @@ def run_case(device: Device, gesture: str, stiffness_N_m: float, name: str) -> O
     scene = ridge(swatch) if gesture == "tour" else sheet(swatch)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeviceWarning)  # that the limits clip the wall is what is tested
-        setup: dict[str, Any] = {"effects": ("wall",), "a_rate_Hz": 1.0 / TICK_S, "limits": chosen.limits}
-        twin = Twin(scene, point, **setup)
-        if chosen.crease_rad > 0.0:
-            twin.renderer = Renderer(scene, **setup, crease_rad=chosen.crease_rad)
+        twin = Twin(scene, point, effects=("wall",), a_rate_Hz=1.0 / TICK_S, limits=chosen.limits)
     target = _target(gesture)
     result = twin.run(ReferenceTrajectory.along(target, "light"))
     at_end_m_s = result.v_W_m_s[-1000:]
@@ -229,7 +220,7 @@ def time(name: str, device: str, stiffness_N_m: float, gestures: Sequence[str]) 
         chosen.limits, stiffness_N_m=math.inf
     )  # the same wall for all, so that only the computation differs
     swatch = Swatch("wall", stiffness_N_m=stiffness_N_m, damping_Ns_m=chosen.damping_Ns_m)
-    renderer = Renderer(sheet(swatch), ("wall",), limits=limits, crease_rad=chosen.crease_rad)
+    renderer = Renderer(sheet(swatch), ("wall",), limits=limits)
     return spread_us(ticks_ns(renderer, stroke_path()))
 
 

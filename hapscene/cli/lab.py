@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
@@ -185,17 +185,15 @@ def chart(
     quick: Annotated[bool, Help("Measure fewer settings, on shorter paths")] = False,
     table: Table = None,
     docs: Docs = None,
-    workers: WorkerOptions = WorkerOptions(),
 ) -> None:
-    """Chart speed against accuracy: what each approximation costs and buys, and what to choose.
+    """Chart speed against accuracy: what each lever saves, at which error, and which setting to choose.
 
-    Each question becomes a picture; chart.html shows all of them, chart.csv has the
-    figures. Run the same command again to resume.
+    chart.html shows a picture and a table of all levers, and every setting; chart.csv has the
+    figures. Stop other programs first: no advice is given if they disturb the times.
 
     for example:
       hapscene lab chart
-      hapscene lab chart scene.scene.json --only mesh,force-rate --out out/mine
-      hapscene lab chart --quick --jobs 1
+      hapscene lab chart scene.scene.json --only mesh,texture --out out/mine
       hapscene lab chart --from out/chart/chart.csv --out out/again
     """
     if scene is not None:
@@ -204,13 +202,7 @@ def chart(
     check_evidence()
     from hapscene_evidence.chart.run import chart as run
 
-    how: dict[str, Any] = {"only": only, "quick": quick, "table": table, "docs": docs}
-    how |= {"jobs": workers.jobs, "scheduler": workers.scheduler, "say": lambda text: tell([text])}
-    try:
-        run(out, scene, **how)
-    except KeyboardInterrupt:
-        note("what was measured is kept: run the same command again to resume")
-        raise
+    run(out, scene, only=only, quick=quick, table=table, docs=docs, say=lambda text: tell([text]))
 
 
 @app.command

@@ -19,7 +19,6 @@ def test_unknown_question_is_reported_with_the_known_ones(capsys: pytest.Capture
 @pytest.mark.parametrize(
     ("words", "name"),
     [
-        (["--jobs", "2", "--scheduler", "tcp://a:1"], ""),
         (["none.scene.json"], "none.scene.json"),
         (["--from", "none.csv"], "none.csv"),
         (["--docs", "missing"], "missing"),

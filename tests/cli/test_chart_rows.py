@@ -103,7 +103,7 @@ def test_settings_with_the_same_program_are_merged() -> None:
 
 
 def test_published_table_has_at_most_twelve_rows_and_true_claims() -> None:
-    (file,) = (RESULTS / "chart").glob("*.csv")
+    (file,) = (RESULTS / "chart").glob("*.csv")  # that of the page: one session on one machine
     found = Table.read(file)
     assert list(found.points) == list(QUESTIONS)
     rows = [row for name, points in found.points.items() for row in rows_of(question(name), points, found.quiet)]

@@ -22,8 +22,6 @@ def error(x: float) -> dict[str, float]:
 
 def time(x: float) -> tuple[float, float]:
     CALLED[f"time {x:g}"] += 1
-    if CALLED["stop"]:
-        raise KeyboardInterrupt
     return 8.0 / x, 16.0 / x
 
 
@@ -64,21 +62,21 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_settings_are_measured_stored_and_read_again(tmp_path: Path) -> None:
-    found = run.chart(tmp_path, jobs=1, say=lambda text: None)
+    found = run.chart(tmp_path, say=lambda text: None)
     assert [(p.label, p.median_us, p.errors) for p in found.points["powers"]] == [
         ("1", 8.0, {"off": 1.0}),
         ("2", 4.0, {"off": 2.0}),
         ("4", 2.0, {"off": 4.0}),
     ]
     pictures = {"chart.png", "chart-dark.png", "settings.png", "settings-dark.png"}
-    assert {file.name for file in tmp_path.iterdir()} == {"chart.csv", "chart.html", *pictures}  # no journal
+    assert {file.name for file in tmp_path.iterdir()} == {"chart.csv", "chart.html", *pictures}
     assert Table.read(tmp_path / "chart.csv") == found
     assert {"processor", "numpy", "date", LOAD} <= found.machine.keys()
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_table_is_used_instead_of_measuring(tmp_path: Path) -> None:
-    found = run.chart(tmp_path, jobs=1, say=lambda text: None)
+    found = run.chart(tmp_path, say=lambda text: None)
     CALLED.clear()
     page = (tmp_path / "chart.html").read_text(encoding="utf-8")
     assert run.chart(tmp_path / "again", table=tmp_path / "chart.csv", say=lambda text: None) == found
@@ -87,19 +85,8 @@ def test_table_is_used_instead_of_measuring(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_interrupted_chart_is_resumed(tmp_path: Path) -> None:
-    CALLED["stop"] = 1
-    with pytest.raises(KeyboardInterrupt):
-        run.chart(tmp_path, jobs=1, say=lambda text: None)
-    CALLED["stop"] = 0
-    run.chart(tmp_path, jobs=1, say=lambda text: None)
-    assert [CALLED[f"error {x}"] for x in (1, 2, 4)] == [1, 1, 1]
-    assert [CALLED[f"time {x}"] for x in (1, 2, 4)] == [1 + run.ROUNDS, run.ROUNDS, run.ROUNDS]
-
-
-@pytest.mark.usefixtures("undrawn")
 def test_page_is_escaped_and_self_contained(tmp_path: Path) -> None:
-    run.chart(tmp_path, jobs=1, say=lambda text: None)
+    run.chart(tmp_path, say=lambda text: None)
     page = (tmp_path / "chart.html").read_text(encoding="utf-8")
     assert "How large is &lt;x&gt;?" in page and "<x>" not in page and "a &amp; b, 2" in page
     assert not re.search(r'(?:src|href)="(?!#|data:)', page) and "url(" not in page and "<script" not in page

@@ -132,12 +132,6 @@ def test_rising_force_lags_by_its_rise_in_a_tick() -> None:
     assert force_rate.off_jnd(fast, fast) == 0.0
 
 
-@pytest.mark.parametrize(("device", "stiffest_N_m"), [("omni", 200.1), ("premium-1.5", 100.0), ("phantom-1.0", 10.0)])
-def test_stiffest_wall_without_friction_equals_the_reference(device: str, stiffest_N_m: float) -> None:
-    found = force_rate.error(device, 1000.0, quick=True)
-    assert found["closed"] == pytest.approx(stiffest_N_m, rel=1e-3)
-
-
 def test_virtual_coupling_acts_as_a_spring_in_series() -> None:
     error = stabiliser.error("coupling", "omni", 2000.0, ["press"])["compliance"]
     assert error == pytest.approx(100.0 * 2000.0 / 200.0, rel=0.02)
