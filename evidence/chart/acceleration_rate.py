@@ -27,11 +27,10 @@ OUTPUTS: Final = {"held": "zero-order hold (converter)", "filtered": "low-pass (
 """Output stage by its key."""
 
 
-def settings(quick: bool, scene_file: str | None) -> list[Setting]:
-    rates = (10_000.0, 5000.0, 2000.0) if quick else RATES_HZ
+def settings(scene_file: str | None) -> list[Setting]:
     return [
         Setting("Acceleration rate", "", f"{r / 1e3:g} kHz", {"rate_Hz": r, "output": o}, case, r == DEFAULT_HZ)
-        for r in rates
+        for r in RATES_HZ
         for o, case in OUTPUTS.items()
     ]
 

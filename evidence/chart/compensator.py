@@ -29,21 +29,20 @@ LIMIT: Final = 100.0 * (10.0 ** (BAND_DB / 20.0) - 1.0)
 
 SIGNALS: Final = ("texture", "tap")
 
-HANDLES, QUICK_HANDLES, CHUNK = 20, 2, 200
-"""Number of random handles, with and without --quick; samples per timed call [count]."""
+HANDLES, CHUNK = 20, 200
+"""Number of random handles; samples per timed call [count]."""
 
 
-def settings(quick: bool, scene_file: str | None) -> list[Setting]:
-    handles, sensors = (QUICK_HANDLES, SENSORS[:2]) if quick else (HANDLES, SENSORS)
+def settings(scene_file: str | None) -> list[Setting]:
     return [
         Setting(
             *("Compensator of the handle", name, ""),
-            {"compensator": name, "sensor_name": sensor, "handles": handles},
+            {"compensator": name, "sensor_name": sensor, "handles": HANDLES},
             case=sensor,
             default=name == "adaptive",
         )
         for name, made in COMPENSATORS.items()
-        for sensor in (sensors if made.adapts else ("",))
+        for sensor in (SENSORS if made.adapts else ("",))
     ]
 
 

@@ -32,11 +32,11 @@ SLIDE_S, SUBDIVISIONS = 4.0, 5
 """Duration of the slide over the sphere [s]; subdivisions of the sphere [count]."""
 
 
-def settings(quick: bool, scene_file: str | None) -> list[Setting]:
+def settings(scene_file: str | None) -> list[Setting]:
     return [
         Setting("Force rate", "", f"{r / 1e3:g} kHz", {"device": d, "rate_Hz": r}, d, r == 1.0 / TICK_S)
-        for r in (RATES_HZ[2:] if quick else RATES_HZ)
-        for d in (DEVICES_TRIED[:1] if quick else DEVICES_TRIED)
+        for r in RATES_HZ
+        for d in DEVICES_TRIED
     ]
 
 

@@ -35,13 +35,12 @@ ROUNDING_M: Final = 1e-15
 """Rounding of float64 at the scale of a millimetre [m]: smaller errors are drawn as this, as a log axis has no 0."""
 
 
-def settings(quick: bool, scene: str | None) -> list[Setting]:
-    angles = ANGLES_DEG[::2] if quick else ANGLES_DEG
-    methods = [(EXACT, "", 0), *(("projection", f"{n} steps", n) for n in (STEPS[::2] if quick else STEPS))]
+def settings(scene_file: str | None) -> list[Setting]:
+    methods = [(EXACT, "", 0), *(("projection", f"{n} steps", n) for n in STEPS)]
     return [
         Setting("Proxy in a groove", method, label, {"angle_deg": a, "steps": n}, f"{a:g}°", method == EXACT)
         for method, label, n in methods
-        for a in angles
+        for a in ANGLES_DEG
     ]
 
 

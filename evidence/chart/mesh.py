@@ -34,14 +34,14 @@ PERCENTILE: Final = 95.0
 """Percentile over the ticks in contact that is reported [%]."""
 
 
-def settings(quick: bool, scene_file: str | None) -> list[Setting]:
+def settings(scene_file: str | None) -> list[Setting]:
     names = bodies_of(scene_file)
-    names = ([SPHERE] if scene_file is None else []) + (names[:1] if quick else names)
+    names = ([SPHERE] if scene_file is None else []) + names
     found = []
     for name in names:
         count = len(touched(scene_file, name).body.mesh.faces)
         for shaded in (False, True):
-            for divisor in DIVISORS[::3] if quick else DIVISORS:
+            for divisor in DIVISORS:
                 if divisor == 1 or count // divisor >= FACES_MIN:
                     arguments = {"scene_file": scene_file, "body": name, "divisor": divisor, "shaded": shaded}
                     label, method = f"÷{divisor}" if divisor > 1 else "full", "shaded" if shaded else ""

@@ -78,8 +78,7 @@ class Question:
         name: name on the command line: "mesh", "force-rate".
         title: heading, such as "Mesh resolution".
         measures: kinds of error.
-        settings: returns the settings to measure; called with whether to measure fewer, and with the scene file (None:
-            the question's default subject).
+        settings: returns the settings to measure; called with the scene file, or None for the default subject.
         error: returns the values of a setting by `Measure.key`, against a reference that is independent of the
             methods.
         time: returns median and p99 of a setting's time per millisecond of touch [µs].
@@ -92,7 +91,7 @@ class Question:
     name: str
     title: str
     measures: tuple[Measure, ...]
-    settings: Callable[[bool, str | None], Sequence[Setting]]
+    settings: Callable[[str | None], Sequence[Setting]]
     error: Callable[..., Mapping[str, float]]
     time: Callable[..., tuple[float, float]]
     conditions: str

@@ -45,7 +45,7 @@ METHOD: Final = """Each row is a lever: its default, and a cheaper setting. The 
 ones is at most 1 JND, or another limit (speed at rest, energy), to which errors are relative. A saving counts if it
 exceeds the noise: repetitions, cases that cost the same, and coarser settings that take longer than finer ones."""
 
-NAMED: Final = ("processor", "cores", "date", LOAD, "settings", "scene", "tables")
+NAMED: Final = ("processor", "cores", "date", LOAD, "scene")
 """Properties of the machine on the page of results; the table has all."""
 
 NO_BODY: Final = f"no body of the scene has at least {BODY_FACES_MIN:,} faces"
@@ -71,7 +71,6 @@ def chart(
     scene: str | None = None,
     *,
     only: Sequence[str] = (),
-    quick: bool = False,
     table: Path | None = None,
     docs: Path | None = None,
     say: Callable[[str], None] = print,
@@ -82,7 +81,6 @@ def chart(
         out: output folder, created if missing.
         scene: scene file; None for each question's default subject.
         only: names of questions; all if empty.
-        quick: fewer settings, shorter paths.
         table: an earlier chart.csv to draw instead of measuring.
         docs: the folder docs/results, whose chart.md and chart/ are written as well.
         say: called with each line of progress.
@@ -98,7 +96,7 @@ def chart(
         raise HapsceneError(f"{docs}: no such folder")
     if table is None:
         out.mkdir(parents=True, exist_ok=True)  # before the measurement, so that an invalid folder costs no time
-        found = _measure(questions, scene, quick, say)
+        found = _measure(questions, scene, say)
     else:
         found = Table.read(table)
     questions = [q for q in questions if found.points.get(q.name)]
@@ -112,9 +110,9 @@ def chart(
     return found
 
 
-def _measure(questions: Sequence[Question], scene: str | None, quick: bool, say: Callable[[str], None]) -> Table:
+def _measure(questions: Sequence[Question], scene: str | None, say: Callable[[str], None]) -> Table:
     """Measure all settings of all questions in this process, one after the other."""
-    settings = [(q, s) for q in questions for s in merge_identical(q, q.settings(quick, scene))]
+    settings = [(q, s) for q in questions for s in merge_identical(q, q.settings(scene))]
     for name in sorted({q.name for q in questions} - {q.name for q, _ in settings}):
         say(f"{name} omitted: {NO_BODY}")
     if not settings:
@@ -132,16 +130,14 @@ def _measure(questions: Sequence[Question], scene: str | None, quick: bool, say:
         point = Point(s.lever, s.method, s.label, s.case, s.default, min(medians), p99_us, noise_us, errors)
         points.setdefault(q.name, []).append(point)
         say(", ".join(filter(None, (*s[:3], s.case))))
-    return Table(_machine(max(loads), quick, scene), points)
+    return Table(_machine(max(loads), scene), points)
 
 
-def _machine(load: float, quick: bool, scene: str | None) -> dict[str, str]:
+def _machine(load: float, scene: str | None) -> dict[str, str]:
     sheet = Sheet()
     describe_machine(sheet)
     found = {f.name: f"{f.value:g}" if isinstance(f.value, float) else f.value for f in sheet}
     found[LOAD] = f"{load:.1f}"
-    if quick:
-        found["settings"] = "fewer (--quick)"
     if scene is not None:
         found["scene"] = Path(scene).name
     return found

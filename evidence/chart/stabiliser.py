@@ -182,19 +182,17 @@ MM_S, MJ, COMPLIANCE_MAX = (0.01, 1e4), (1e-3, 1e3), 1e4
 """Smallest and largest values that are stored; an unstable loop has no finite value."""
 
 
-def settings(quick: bool, scene_file: str | None) -> list[Setting]:
-    names = ("none", "virtual damping", "passivity", DEFAULT) if quick else STABILISERS
-    cases = [("omni", 2000.0)] if quick else [(d, k) for d in TOUCHED for k in STIFFNESSES_N_M]
-    gestures = list(GESTURES[:1] if quick else GESTURES)
+def settings(scene_file: str | None) -> list[Setting]:
     return [
         Setting(
             *("Stabiliser of a stiff wall", name, ""),
-            {"name": name, "device": d, "stiffness_N_m": k, "gestures": gestures},
+            {"name": name, "device": d, "stiffness_N_m": k, "gestures": GESTURES},
             case=f"{d}, {k / 1e3:g} N/mm",
             default=name == DEFAULT,
         )
-        for name in names
-        for d, k in cases
+        for name in STABILISERS
+        for d in TOUCHED
+        for k in STIFFNESSES_N_M
     ]
 
 

@@ -59,7 +59,7 @@ PLACES: Final = 40
 FREQUENCY_HZ: Final = np.linspace(0.0, 0.5 * RATE_HZ, 4097)
 
 
-def settings(quick: bool, scene_file: str | None) -> list[Setting]:
+def settings(scene_file: str | None) -> list[Setting]:
     if scene_file is not None:
         return [
             Setting(
@@ -73,7 +73,7 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
         ]
     found = []
     for domain, orders in ORDERS.items():
-        for order in orders[::3] if quick else orders:
+        for order in orders:
             default = domain == "lsf" and order == orders[0]
             arguments = {"domain": domain, "order": order}
             found.append(Setting(ORDER_LEVER, DOMAINS[domain], f"order {order}", arguments, default=default))

@@ -28,9 +28,8 @@ STROKES: Final = 4
 """Number of strokes forth and back [count]."""
 
 
-def settings(quick: bool, scene_file: str | None) -> list[Setting]:
-    every = EVERY[::2] if quick else EVERY
-    return [Setting("Update of the texture filter", "", f"{n} ms", {"every": n}, default=n == 1) for n in every]
+def settings(scene_file: str | None) -> list[Setting]:
+    return [Setting("Update of the texture filter", "", f"{n} ms", {"every": n}, default=n == 1) for n in EVERY]
 
 
 @cache

@@ -182,7 +182,6 @@ def chart(
     *,
     out: OutFolder = Path("out/chart"),
     only: Annotated[Names, Help("Names of the questions (default: all)")] = (),
-    quick: Annotated[bool, Help("Measure fewer settings, on shorter paths")] = False,
     table: Table = None,
     docs: Docs = None,
 ) -> None:
@@ -202,7 +201,7 @@ def chart(
     check_evidence()
     from hapscene_evidence.chart.run import chart as run
 
-    run(out, scene, only=only, quick=quick, table=table, docs=docs, say=lambda text: tell([text]))
+    run(out, scene, only=only, table=table, docs=docs, say=lambda text: tell([text]))
 
 
 @app.command

@@ -36,7 +36,7 @@ def test_scene_without_large_bodies_is_rejected(tmp_path: Path, capsys: pytest.C
     scene = hapscene.Scene()
     scene.add(tmp_path / "tetrahedron.obj", name="tetrahedron", unit="m", swatch="wood")
     hapscene.save_scene(scene, tmp_path / "small.scene.json")
-    words = ["lab", "chart", str(tmp_path / "small.scene.json"), "--quick", "--out", str(tmp_path / "out")]
+    words = ["lab", "chart", str(tmp_path / "small.scene.json"), "--out", str(tmp_path / "out")]
     assert main([*words, "--only", "mesh"]) == 2
     assert "1,000 faces" in capsys.readouterr().err
     assert not (tmp_path / "out" / "chart.html").exists()

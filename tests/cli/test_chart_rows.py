@@ -17,7 +17,7 @@ ORDER = Question(
     name="order",
     title="Order",
     measures=(Measure("off", "levels", "JND", 1.0), Measure("held", "recordings", "JND", 1.0, excess=True)),
-    settings=lambda quick, scene: [],
+    settings=lambda scene: [],
     error=dict,
     time=lambda: (0.0, 0.0),
     conditions="",

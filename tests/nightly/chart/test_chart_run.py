@@ -29,7 +29,7 @@ QUICK = Question(
     name="powers",
     title="How large is <x>?",
     measures=(Measure("off", "error", "°", 2.0, "Source 1900"),),
-    settings=lambda quick, scene: [Setting("Power", "a & b", f"{x:g}", {"x": x}, default=x == 1) for x in (1, 2, 4)],
+    settings=lambda scene: [Setting("Power", "a & b", f"{x:g}", {"x": x}, default=x == 1) for x in (1, 2, 4)],
     error=error,
     time=time,
     conditions="One subject.",
