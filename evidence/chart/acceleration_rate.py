@@ -10,7 +10,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.swatches.library import load_swatch
 
 from ..bench.handle import RATE_HZ
-from .measuring import FINE_HZ, ISRAR, Array, apart_jnd, bands_of, effect_us, texture_bands
+from .measuring import FINE_HZ, ISRAR, Array, apart_jnd, bands_of, texture_bands, texture_us
 from .question import Measure, Point, Question, Setting
 
 RATES_HZ: Final = (20_000.0, 10_000.0, 8000.0, 5000.0, 4000.0, 3000.0, 2000.0)
@@ -60,7 +60,7 @@ def tap_bands(tap_m_s2: Array, rate_Hz: float, held: bool = False) -> Array:
 
 def time(rate_Hz: float, output: str) -> tuple[float, float]:
     swatch = Swatch("timed", texture=load_swatch("wood").texture)
-    return effect_us(swatch, ("wall", "lpc_texture"), ("wall",), a_rate_Hz=rate_Hz)
+    return texture_us(swatch, rate_Hz)
 
 
 def caveat(used: Sequence[Point], default: Sequence[Point]) -> str:

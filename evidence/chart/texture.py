@@ -12,17 +12,18 @@ from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import solve
 from hapscene.dsp.warped_prediction import lag_count, warp_at, warped
 from hapscene.fidelity.tune import painted
+from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 from hapscene.touch import open_scene
 
 from .measuring import (
     ISRAR,
     RATE_HZ,
+    RECORDINGS,
     STROKES,
     Array,
     apart_jnd,
     bands_of,
-    no_recordings,
     recorded,
     texture_bands,
     texture_us,
@@ -109,7 +110,7 @@ def error(domain: str, order: int, scene_file: str | None = None, swatch: str = 
         apart = apart_jnd(texture_bands(texture.truncated(order), *places), texture_bands(texture, *places))
         return {"own": float(np.percentile(apart, 95))}
     found = {"planted": known_surface_error(domain, order)}
-    if not no_recordings():
+    if RECORDINGS.is_dir():
         found["recorded"] = float(np.sqrt(np.mean([left_out(domain, order, name) ** 2 for name in STROKES])))
     return found
 
@@ -199,9 +200,9 @@ def left_out(domain: str, order: int, name: str) -> float:
 
 
 def time(domain: str, order: int, scene_file: str | None = None, swatch: str = "") -> tuple[float, float]:
-    if scene_file is not None:
-        return texture_us(scene_texture(scene_file, swatch).truncated(order))
-    return texture_us(known_texture(domain, MODELS, order))
+    own = None if scene_file is None else scene_texture(scene_file, swatch).truncated(order)
+    texture = own or known_texture(domain, MODELS, order)
+    return texture_us(Swatch("timed", texture=texture))
 
 
 QUESTION: Final = Question(

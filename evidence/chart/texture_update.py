@@ -14,7 +14,7 @@ from hapscene.stability.rig import sheet
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
-from .measuring import ISRAR, Array, apart_jnd, effect_us, texture_bands
+from .measuring import ISRAR, Array, apart_jnd, texture_bands, texture_us
 from .question import Measure, Question, Setting
 from .texture import known_texture
 
@@ -73,7 +73,7 @@ def followed(level_m_s2: Array, every: int) -> Array:
 
 def time(every: int) -> tuple[float, float]:
     swatch = Swatch("timed", texture=_texture(), effects={"lpc_texture": {"update_ticks": float(every)}})
-    return effect_us(swatch, ("wall", "lpc_texture"), ("wall",))
+    return texture_us(swatch)
 
 
 QUESTION: Final = Question(
