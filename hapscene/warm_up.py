@@ -1,4 +1,4 @@
-"""Compile everything beforehand: use each compiled feature once, on a small scene, so that no first use waits."""
+"""Compile all features in advance, by using each once with a small scene, so that the first use is not delayed."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -16,7 +16,7 @@ from hapscene.device.driver_registry import DeviceChoice
 from hapscene.device.model import IDEAL
 from hapscene.device.sim.omni import Omni
 from hapscene.device.sim.point import PointMass
-from hapscene.device.stabilisers import couple, guard
+from hapscene.device.stabilisers import control_passivity, couple
 from hapscene.loop import ReferenceTrajectory, Twin
 from hapscene.loop.driver import CHANNEL, drive
 from hapscene.render.describe import shade
@@ -26,24 +26,27 @@ from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.mixer import render_fields
-from hapscene.teleoperation.bilateral_loop import operate, step_follower, step_leader
+from hapscene.teleoperation.bilateral_loop import operate
+from hapscene.teleoperation.leader_follower import step_follower, step_leader
 
 __all__ = ["warm_up"]
 
 SWATCH: Final = "wood"
 ABOVE_M: Final = (0.0, 0.0, 0.06)
-"""A place over the box [m]: whose top is at 0.05 m."""
+"""A position above the box [m], whose top is at 0.05 m."""
 
 ALL_EFFECTS: Final = (*EFFECTS, "puncture", "guide", "magnet", "viscosity", "weight")
 _SETTINGS: Final = {"guide": {"points_m": [[0.0, 0.0, 1.0]]}, "magnet": {"points_m": [[0.0, 0.0, 1.0]]}}
 
 _FIRST: Final = (tick, run_ticks, place_proxy)
-_LATER: Final = (*(place_bodies, couple, guard, shade, render_fields, drive, operate, step_leader, step_follower),)
-"""What is declared, so that the progress line knows its total: the large functions."""
+_LATER: Final = (
+    *(place_bodies, couple, control_passivity, shade, render_fields, drive, operate, step_leader, step_follower),
+)
+"""Large functions, declared in advance so that the progress line shows their total number."""
 
 
 def warm_up(quick: bool = False) -> None:
-    """Compile what is not cached yet: all there is, or with `quick` what a first touch needs.
+    """Compile all features that are not cached yet; with `quick`, only those of a first touch.
 
     Raises:
         HapsceneError: a feature does not compile or cannot be set up, such as shared memory for the servo.
@@ -76,8 +79,8 @@ def _touch(scene: Scene) -> None:
 
 
 def _touch_with_everything(scene: Scene) -> None:
-    """All effects, a coupling and a guard, felt edges, and bodies that move, deform, disappear."""
-    limits = replace(IDEAL, coupling_N_m=1000.0, guard_Ns_m=1.0)
+    """All effects, virtual coupling, passivity controller, creases, and bodies that move, deform and are removed."""
+    limits = replace(IDEAL, coupling_N_m=1000.0, passivity_Ns_m=1.0)
     renderer = Renderer(scene, ALL_EFFECTS, limits=limits, crease_rad=0.5, settings=_SETTINGS)
     renderer.step(ABOVE_M, {"other": scene.body("other").X_WB})
     renderer.deform("box", scene.body("box").mesh.vertices_m)
@@ -127,29 +130,27 @@ def _serve(scene: Scene) -> None:
 def _teleoperate() -> None:
     from hapscene.handle import Plant
     from hapscene.handle.handle_loop import new_handle
-    from hapscene.teleoperation.body_follower import sense
+    from hapscene.teleoperation.body_follower import read_accelerometer
     from hapscene.teleoperation.datagram import SAMPLE_COUNT
     from hapscene.teleoperation.endpoint import Coupling
     from hapscene.teleoperation.leader_follower import new_follower, new_leader
-    from hapscene.teleoperation.link import Impairment, new_link
-    from hapscene.teleoperation.operation import UP, Operation, world_of
-    from hapscene.teleoperation.test_plate import START_M, plate
+    from hapscene.teleoperation.operation import UP, Operation, follower_renderer
+    from hapscene.teleoperation.plate import START_M, plate
 
     scene, coupling, intent = plate(SWATCH), Coupling(), ReferenceTrajectory.hold(START_M, 2)
     Operation(scene, START_M).run(intent)
-    link = new_link(Impairment(), TICK_S, 0, "forth")
-    world = world_of(scene)  # owns what the follower's compiled tick looks into
-    follower = new_follower(world, Omni(), coupling, START_M, UP)
-    step_follower(follower, link, 0)
-    sense(follower.tool, np.array([START_M]), TICK_S, np.zeros(SAMPLE_COUNT))
+    renderer = follower_renderer(scene)  # owns the memory that the compiled tick of the follower reads
+    follower = new_follower(renderer, Omni(), coupling, START_M, UP)
+    step_follower(follower, 0)
+    read_accelerometer(follower.tool, np.array([START_M]), TICK_S, np.zeros(SAMPLE_COUNT))
     handle = new_handle(Plant(), Plant(), "adaptive", ACCELERATION_RATE_HZ, 0)
     leader = new_leader(Omni(), handle, coupling, START_M, UP)
     hand = (intent.target_W_m, intent.grip, intent.push_W_N)
-    step_leader(leader, hand, 0, link, 0)
+    step_leader(leader, hand, 0, 0)
 
 
 def _play_on_handle() -> None:
-    """A recording, a live stream, the simulated handle that is identified, and a texture that is synthesized."""
+    """Playback of a recording and a live stream, a simulated handle for identification, and texture synthesis."""
     from hapscene.capture.fit.synthesis import synthesize
     from hapscene.handle import Plant
     from hapscene.handle.force_source import SimulatedSource

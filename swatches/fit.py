@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hapscene.capture import FitOptions, fit_swatch, load_recording
-from hapscene.capture.fit.order import felt_domain
+from hapscene.capture.fit.order import perceptual_domain
 from hapscene.capture.io.recording import SurfaceRecording
 from hapscene.capture.io.streams import clean
 from hapscene.surface.swatch import Swatch
@@ -74,7 +74,7 @@ def fit_shipped(name: str, folder: Path) -> Swatch:
     """The swatch of that name from its recording in `folder`."""
     source, recording = SOURCES[name], load_source(name, folder)
     heard = clean(recording.acceleration_m_s2, recording.rate_Hz).acceleration_m_s2
-    order, warp = felt_domain(heard, recording.rate_Hz)
+    order, warp = perceptual_domain(heard, recording.rate_Hz)
     recording = replace(recording, depth_m=None)
     swatch = fit_swatch(recording, FitOptions(name, order, domain="warped" if warp else "plain"))
     static, dynamic = source.friction or (swatch.friction_static, swatch.friction_dynamic)

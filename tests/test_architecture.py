@@ -48,7 +48,6 @@ EXCEPTIONS = {
     "fidelity/tune.py": {"handle", "motion", "touch"},  # scenes are opened in each process of the search
     "handle/measure.py": {"capture"},  # recordings of a sweep are read like other recordings
     "handle/identification_report.py": {"view"},  # plots of the report
-    "handle/playback_report.py": {"view"},
     "handle/live_process.py": {"loop"},  # reads the samples in the servo's memory
     "swatches/site.py": {"view"},  # pictures and sounds of the pages
     "swatches/sound.py": {"capture", "view"},  # synthesis of a stroke

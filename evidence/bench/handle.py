@@ -118,7 +118,9 @@ def signals() -> dict[str, Array]:
         taps += np.where(after > 0.0, 20.0 * np.exp(-60.0 * np.abs(after)) * np.sin(2.0 * np.pi * 250.0 * after), 0.0)
     return {
         "white": 2.0 * white / white.std(),
-        "texture": synthesize(load_swatch("wood"), np.full(count, 1.0), np.full(count, 0.1), rate_Hz=RATE_HZ, life=0.0),
+        "texture": synthesize(
+            load_swatch("wood"), np.full(count, 1.0), np.full(count, 0.1), rate_Hz=RATE_HZ, modulation=0.0
+        ),
         "tap": taps,
         "chirp": np.asarray(chirp(t_s, low_Hz, DURATION_S, high_Hz, "logarithmic")),
     }
@@ -147,7 +149,7 @@ def judge(
     """Return the errors of a compensator for a signal (n,) [m/s²], with a sensor and the data assumed about it."""
 
     def error(plant: Plant) -> tuple[float, int]:
-        played = play(desired_m_s2, RATE_HZ, plant, compensator=compensator, sensor=sensor, believed=believed)
+        played = play(desired_m_s2, RATE_HZ, plant, compensator=compensator, sensor=sensor, nominal_sensor=believed)
         return spectrogram_error(desired_m_s2, played.acceleration_m_s2, RATE_HZ), played.hits
 
     errors, hits = zip(*map(error, (Plant(), firm(Plant()), *plants(count))), strict=True)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from hapscene.constants import TICK_S
 from hapscene.device.model import (
     DEVICES,
-    GUARD_SHARE,
     IDEAL,
+    PASSIVITY_SHARE,
     Device,
     DeviceWarning,
     Limits,
@@ -100,9 +100,9 @@ def stabiliser(name: str, device: Device, stiffness_N_m: float, tick_s: float = 
     limits = limits_of(device, tick_s)
     return {
         "none": Stabiliser(),
-        "limits": Stabiliser(replace(limits, guard_Ns_m=0.0)),
+        "limits": Stabiliser(replace(limits, passivity_Ns_m=0.0)),
         "virtual damping": Stabiliser(damping_Ns_m=damping_for(device, stiffness_N_m, tick_s)),
-        "passivity": Stabiliser(Limits(guard_Ns_m=GUARD_SHARE * damping_max(point.mass_kg, tick_s))),
+        "passivity": Stabiliser(Limits(passivity_Ns_m=PASSIVITY_SHARE * damping_max(point.mass_kg, tick_s))),
         "coupling": Stabiliser(Limits(coupling_N_m=COUPLING_N_M)),
         "limits, passivity": Stabiliser(limits),
     }[name]

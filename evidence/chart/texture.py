@@ -7,7 +7,7 @@ import numpy as np
 
 from hapscene.capture.fit.distance import spectrum
 from hapscene.capture.fit.texture import fit_texture
-from hapscene.capture.fit.windows import Pieces, cut
+from hapscene.capture.fit.windows import AnalysisWindows, cut
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import solve
 from hapscene.dsp.warped_prediction import lag_count, warp_at, warped
@@ -192,7 +192,7 @@ def left_out(domain: str, order: int, name: str) -> float:
             texture = fit_texture(
                 pieces[left], RATE_HZ, order, MODELS, interpolation=_interpolation(domain), warp=warp_of(domain)
             )
-            out: Pieces = pieces[~left]
+            out: AnalysisWindows = pieces[~left]
             found = [levels_of(texture, domain, f, v) for f, v in zip(out.force_N, out.speed_m_s, strict=True)]
             true = [bands_of(*spectrum(signal, RATE_HZ)) for signal in out.acceleration_m_s2]
             apart.append(apart_jnd(*(np.sqrt(np.mean(np.square(each), axis=0)) for each in (found, true))))

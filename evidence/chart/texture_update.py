@@ -7,7 +7,7 @@ import numpy as np
 
 from hapscene.constants import STIFFNESS_N_M, TICK_S
 from hapscene.fidelity.tune import UPDATES
-from hapscene.motion.hand_path import STROKE_M_S, Hand
+from hapscene.motion.hand_path import STROKE_M_S, PathBuilder
 from hapscene.motion.look_from_above import look_from_above
 from hapscene.render.renderer import Renderer
 from hapscene.stability.rig import sheet
@@ -36,7 +36,7 @@ def settings(scene_file: str | None) -> list[Setting]:
 def hand() -> tuple[Array, Array]:
     """Return normal force [N] and slip speed [m/s] (n,) of a stroking hand, tick by tick."""
     scene = sheet(Swatch("stroked"))
-    moved = Hand((-0.05, 0.01, 0.01), TICK_S, look_from_above(scene))
+    moved = PathBuilder((-0.05, 0.01, 0.01), TICK_S, look_from_above(scene))
     way = moved.line((-0.05, 0.01), (0.05, 0.01), STROKE_M_S)
     way = np.concatenate([way, way[::-1]] * STROKES)
     force = FORCE_N * (1.0 + SHARE * np.sin(2.0 * np.pi * CHANGES_HZ * TICK_S * np.arange(len(way))))

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.fit import distance as metric
 from hapscene.constants import ACCELERATION_BAND_HZ
-from hapscene.dsp.spectrogram import SPECTROGRAM_S
+from hapscene.dsp.spectrogram import SPECTROGRAM_S, spectrogram
 from hapscene.view.chart import inline_svg, new_chart
 from hapscene.view.palette import OKABE_ITO
 
@@ -113,7 +112,7 @@ def trace_panels(name: str, t_s: Array, signals: Mapping[str, Array], labels: Ma
 
 def spectrogram_panels(name: str, signals: Mapping[str, Array], rate_Hz: float) -> str:
     """Return the spectrograms of signals (n,) as SVG, one panel each, with a common colour scale."""
-    spectrograms = {title: metric.spectrogram(signal, rate_Hz) for title, signal in signals.items()}
+    spectrograms = {title: spectrogram(signal, rate_Hz) for title, signal in signals.items()}
     top = max(decibels(magnitude**2).max() for _, _, magnitude in spectrograms.values())
     step = 0.5 * SPECTROGRAM_S
 

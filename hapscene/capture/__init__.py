@@ -1,4 +1,4 @@
-"""Haptography: from a recording of a tool on a surface to a swatch, and how good it is.
+"""Haptography: fits swatches to recordings of a tool on a surface, and evaluates the fits.
 
 ```python
 import numpy as np
@@ -12,11 +12,11 @@ swatch = hapscene.capture.fit_swatch(recording)
 
 | package | contents |
 |---|---|
-| `io` | reads recordings of all formats in SI units: `load_recording`; HaTT and HJIF files |
-| `record` | records from a probe on a serial port, aligns several clocks, shows what a recording lacks |
-| `fit` | fits a swatch to a recording: `fit_swatch`; plays one along force and speed: `synthesize` |
-| `report` | a page about a swatch; how different two surfaces feel |
-| `batch` | fits thousands of recordings: `fit_batch` |
+| `io` | reads recordings in several formats: `load_recording`; imports HaTT files, exports HJIF files |
+| `record` | records from a probe on a serial port; aligns recordings with different clocks: `join` |
+| `fit` | fits a swatch to a recording: `fit_swatch`; synthesises vibration for force and speed: `synthesize` |
+| `report` | HTML reports on swatches; perceptual comparison of surfaces |
+| `batch` | fits swatches to many recordings in parallel: `fit_batch` |
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Devices: their limits by name, and simulated ones with the hand that holds them."""
+"""Haptic devices: drivers, limits, safety, and simulated devices in a simulated hand."""
 
 import lazy_loader
 

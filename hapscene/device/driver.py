@@ -1,11 +1,11 @@
-"""The contract of drivers: what one says of its device, and what it does once a tick.
+"""The interface of device drivers.
 
-A driver is one file with a `Driver`, named in the entry-point group `hapscene.devices`. It converts axes and units, and
-is the only place that does: what it gives and takes is in SI units and in D, the device's frame: right-handed, x to the
-right, y away from the hand, z up, its origin in the middle of the workspace.
+A driver is one file with a `Driver` object, registered in the entry-point group `hapscene.devices`. It converts between
+the device's axes and units and those of hapscene: SI units, in the device frame D, which is right-handed with x to the
+right, y away from the hand, z up, and its origin in the middle of the workspace.
 
-It is driven in one of two ways. Ours: `read`, tick, `write`, in the servo's loop. Or the vendor's: `schedule` hands it
-the compiled tick, which the vendor's own thread calls between reading and writing (`VendorConnection`).
+There are two kinds of connections. A `Connection` runs in the servo's loop: `read`, tick, `write`. A `VendorConnection`
+receives the compiled tick by `schedule`, and the vendor's thread calls it between reading and writing.
 """
 
 import math
@@ -24,24 +24,24 @@ __all__ = ["DEVICE_STATE", "Connection", "Driver", "Found", "Option", "VendorCon
 
 DEVICE_STATE: Final = np.dtype(
     [
-        # by the driver
-        ("p_DT_m", "f8", (3,)),  # tool
-        ("R_DT", "f8", (3, 3)),  # its orientation: z along the handle, towards the hand; identity where unknown
-        ("buttons", "i8"),  # a bit each
-        ("ready", "i8"),  # 1: calibrated, homed, powered: forces are taken. Else none is given
-        ("count", "i8"),  # states read so far, one more with each that the device sent
-        ("trouble", "i8"),  # what is wrong, by the driver's own numbers (`Connection.reason`); 0: nothing
-        ("heat", "f8"),  # warmth of the motors, 1: too warm; NaN where the device does not tell
-        # by the servo
+        # set by the driver
+        ("p_DT_m", "f8", (3,)),  # position of the tool
+        ("R_DT", "f8", (3, 3)),  # orientation, z along the handle towards the hand; identity if unknown
+        ("buttons", "i8"),  # one bit for each button
+        ("ready", "i8"),  # 1: calibrated, homed and powered. Otherwise no force is sent
+        ("count", "i8"),  # number of states that the device has sent
+        ("trouble", "i8"),  # the driver's code of a problem (`Connection.reason`); 0: no problem
+        ("heat", "f8"),  # motor temperature, 1: too warm; NaN if unknown
+        # set by the servo
         ("f_D_N", "f8", (3,)),  # force on the hand
     ],
     align=True,
 )
-"""What passes between a driver and the servo."""
+"""State exchanged between a driver and the servo."""
 
 
 def clip_force(force_N: Any, most_N: float) -> Vector:
-    """A force (3,) cut to a magnitude, its direction kept; (0, 0, 0) where it is not finite."""
+    """Limit the magnitude of a force (3,), keeping its direction. Returns 0 for a force that is not finite."""
     x, y, z = (float(part) for part in force_N)
     size = math.sqrt(x * x + y * y + z * z)
     if not math.isfinite(size):
@@ -51,7 +51,7 @@ def clip_force(force_N: Any, most_N: float) -> Vector:
 
 
 def new_state() -> Any:
-    """(1,) DEVICE_STATE of a device that has not said anything."""
+    """(1,) DEVICE_STATE of a device from which nothing was received."""
     state = records(1, DEVICE_STATE)
     state.R_DT, state.heat = np.eye(3), math.nan
     return state
@@ -59,13 +59,13 @@ def new_state() -> Any:
 
 @dataclass(frozen=True)
 class Option:
-    """What a user may tell a driver: `--option name=value`. Its type is that of the default, a text where that is None.
+    """An option of a driver: `--option name=value`. The type is that of the default, or str if the default is None.
 
     Attributes:
-        name: of the argument that `Driver.open` takes.
-        default: what is taken without.
-        meaning: in one sentence, with the unit.
-        choices: what may be told; all where empty.
+        name: name of the argument of `Driver.open`.
+        default: default value.
+        meaning: description, a noun phrase with the unit.
+        choices: valid values; empty for any value.
     """
 
     name: str
@@ -74,14 +74,15 @@ class Option:
     choices: tuple[str, ...] = ()
 
     def read(self, text: str) -> Any:
-        """The value that a text says.
+        """Convert a string to the value.
 
         Raises:
-            DeviceError: not of the option's type, or not of its choices.
+            DeviceError: wrong type, or not one of the choices.
         """
-        wrong = DeviceError(f"option {self.name}={text}: {self.meaning}")
         if self.choices and text not in self.choices:
-            raise DeviceError(f"option {self.name}={text}: it is one of {', '.join(self.choices)}")
+            raise DeviceError(f"option {self.name}={text}: expected one of {', '.join(self.choices)}")
+        kind = {bool: "yes or no", int: "an integer", float: "a number"}.get(type(self.default), "a text")
+        wrong = DeviceError(f"option {self.name}={text}: expected {kind}: {self.meaning}")
         if isinstance(self.default, bool):
             if text.lower() not in ("yes", "no", "true", "false", "1", "0"):
                 raise wrong
@@ -96,13 +97,13 @@ class Option:
 
 @dataclass(frozen=True)
 class Found:
-    """A device that is plugged in, or what stands in its way.
+    """A connected device, or the reason why no device can be used.
 
     Attributes:
-        where: its port, serial number, or address; what `options` open it by.
-        options: what to open it with, beside what the user tells.
-        trouble: why it cannot be used; empty where it can.
-        remedy: what would help.
+        where: port, serial number or address of the device.
+        options: options that open this device, in addition to those of the user.
+        trouble: reason why it cannot be used; empty if it can.
+        remedy: what the user can do about `trouble`.
     """
 
     where: str
@@ -112,38 +113,39 @@ class Found:
 
 
 class Connection:
-    """A device that is open, driven by read, tick, write. Drivers derive from it.
+    """Base class of an open device that the servo's loop reads and writes.
 
-    Use it as a context: at its end no force is left. `state` is read into, and written from; the servo puts one in its
-    place, in memory that the application sees, before it reads or schedules.
+    Use it as a context manager: the force is 0 at its end. `read` updates `state`, and `write` sends its force. The
+    servo replaces `state` by one in shared memory before the first call.
     """
 
     def __init__(self) -> None:
         self.state: Any = new_state()
 
     def read(self) -> None:
-        """Bring `state[0]` up to date; waits no longer than a tick.
+        """Update `state[0]`. Waits no longer than one tick.
 
         Raises:
-            DeviceError: the device is gone, or says what it cannot mean for longer than a moment.
+            DeviceError: the device was disconnected, or has sent invalid data for too long.
         """
         raise NotImplementedError
 
     def write(self) -> None:
-        """Send the force of `state[0]`; it is finite, and within the limits that the driver named.
+        """Send the force of `state[0]`, which is finite and within the limits of the driver.
 
         Raises:
-            DeviceError: the device is gone.
+            DeviceError: the device was disconnected.
         """
         raise NotImplementedError
 
     def close(self) -> None:
-        """Leave no force, let go of the device; raises nothing, also where it is gone. Twice does no harm."""
+        """Set the force to 0 and release the device. Raises nothing, even if it is disconnected; may be called
+        twice."""
         raise NotImplementedError
 
     def reason(self, trouble: int) -> str:
-        """What a number in `state.trouble` means, and what helps."""
-        return f"the device reports trouble {trouble}" if trouble else ""
+        """Meaning and remedy of a code in `state.trouble`."""
+        return f"the device reports the problem code {trouble}" if trouble else ""
 
     def __enter__(self) -> Self:
         return self
@@ -153,62 +155,65 @@ class Connection:
 
 
 class VendorConnection(Connection):
-    """A device whose vendor's library has a thread of its own, which calls the tick.
+    """Base class of a device whose vendor's library calls the tick in its own thread.
 
-    `read` and `write` are for trials outside the servo; while it is scheduled they are not called.
+    `read` and `write` are for use outside the servo, and are not called while the tick is scheduled.
     """
 
     def schedule(self, tick: int, context: int) -> None:
-        """Have the vendor's thread from now on, once a period and in compiled code: fill `state`, call the tick, send
-        the force.
+        """Start the tick in the vendor's thread: each period updates `state`, calls the tick and sends the force.
 
         Args:
-            tick: address of a C function `void tick(void *context)`, which needs no Python; it takes 2 to 10 µs.
-            context: what it is called with.
+            tick: address of a C function `void tick(void *context)`. It takes 2 to 10 µs and does not use Python.
+            context: argument of that function.
 
         Raises:
-            DeviceError: the library refuses.
+            DeviceError: error of the vendor's library.
         """
         raise NotImplementedError
 
     def check(self) -> None:
-        """See whether the device is still there; called ten times a second, beside the vendor's thread.
+        """Check that the device is still connected. Called ten times a second, in parallel with the vendor's thread.
 
         Raises:
-            DeviceError: it is gone.
+            DeviceError: the device was disconnected.
         """
 
     def unschedule(self) -> None:
-        """Have it called no more, no force left; returns when no call is under way. Twice does no harm."""
+        """Stop the tick and set the force to 0. Returns when no call is running; may be called twice."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class Driver:
-    """A device that can be plugged in, and what is known of it. A name of the entry-point group `hapscene.devices`.
+    """A driver: functions that find and open devices, and properties of the devices.
 
     Attributes:
-        name: of the entry point.
-        summary: one sentence: which devices these are.
-        open: opens one, with the options by name; gives a `Connection`. None for what only plays (`open_handle`).
-        find: what is plugged in, with the same options; opens nothing for longer than a moment, raises nothing.
-        model: mass, friction, encoder step and limits: what walls it holds is computed from them. Its `limits.force_N`
-            is the largest force that is ever sent.
-        continuous_N: force that it bears for ever.
-        heat_s: time constant of its warming [s].
-        low_D_m, high_D_m: (3,) corners of the workspace; outside of it no force is given.
-        speed_m_s: a tool that is faster is not moved by a hand: no force is given until it rests.
-        force, orientation: whether it has them.
-        button_count: how many buttons it has.
-        rate_Hz: of its own loop, at most; 0 for as fast as it is asked.
-        needs: what must be there: a library, a port, a permission.
-        options: what a user may tell.
-        watchdog_s: after how long without a word the device itself lets go; infinite for never: then the servo's guard
-            opens it and writes zero.
-        release: writes zero to a device whose driver has died, with the same options; None where closing suffices.
-        open_handle: opens what plays the acceleration channel, with the options by name; None where there is none.
-        simulated: no hardware at all.
-        assumptions: what of all this nobody has confirmed on hardware, a sentence each.
+        name: name of the entry point.
+        summary: supported devices, in one sentence.
+        open: opens a device with the options as keyword arguments; returns a `Connection`. None for drivers that only
+            play vibrations (`open_handle`).
+        find: lists the connected devices, with the same options. Opens a device only for a moment, and raises nothing.
+        model: mass, friction, encoder step and limits, from which the stable walls are computed. `limits.force_N` is
+            the force limit.
+        continuous_N: force that the motors sustain indefinitely.
+        heat_s: thermal time constant of the motors [s].
+        low_D_m, high_D_m: (3,) corners of the workspace. Outside of it the force is 0.
+        speed_m_s: largest plausible speed of the tool. Above it the force is 0 until the tool rests.
+        force, orientation: whether the device has a force output, and measures its orientation.
+        button_count: number of buttons.
+        rate_Hz: highest rate of the device's own loop; 0 if it has none.
+        needs: requirements: a library, a port, a permission.
+        imports: modules that `open` and `release` import when they are called. The watchdog imports them at its start.
+        options: options of the driver.
+        watchdog_s: time without a command after which the device itself stops the force. If infinite, a process of the
+            servo opens the device and sets the force to 0 (`hapscene.loop.watchdog`).
+        release: sets the force of a device to 0 after its driver process has died, with the same options; None if
+            closing suffices.
+        open_handle: opens an output of the acceleration channel, with the options as keyword arguments; None without a
+            handle.
+        simulated: True if the driver uses no hardware.
+        assumptions: facts that were not confirmed on hardware, one sentence each.
     """
 
     name: str
@@ -226,6 +231,7 @@ class Driver:
     button_count: int = 0
     rate_Hz: float = 0.0
     needs: str = ""
+    imports: tuple[str, ...] = ()
     options: tuple[Option, ...] = ()
     watchdog_s: float = math.inf
     release: Callable[..., None] | None = None
@@ -235,20 +241,20 @@ class Driver:
 
     def __post_init__(self) -> None:
         if self.open is not None and self.force and not self.simulated and self.model is None:
-            raise DeviceError(f"driver {self.name!r}: a device that gives force has a model, whose limits keep it")
+            raise DeviceError(f"driver {self.name!r}: model is missing; a device with force output needs its limits")
 
     def __repr__(self) -> str:
         return f"<Driver {self.name!r}: {self.summary}>"
 
-    def read_options(self, told: Mapping[str, Any]) -> dict[str, Any]:
-        """All options by name: those told, texts read as their types, and the defaults of the others.
+    def read_options(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """All options by name: the given ones, with strings converted, and the defaults of the others.
 
         Raises:
-            DeviceError: an option that the driver does not have, or an invalid value.
+            DeviceError: unknown option, or invalid value.
         """
         known = {option.name: option for option in self.options}
-        for name in told:
+        for name in given:
             if name not in known:
                 raise DeviceError(f"device {self.name!r}: {no_such('option', name, known)}")
-        read = {name: known[name].read(value) if isinstance(value, str) else value for name, value in told.items()}
+        read = {name: known[name].read(value) if isinstance(value, str) else value for name, value in given.items()}
         return {name: option.default for name, option in known.items()} | read

@@ -1,4 +1,4 @@
-"""The drivers there are: ours and anybody's, through the entry-point group `hapscene.devices`."""
+"""The registry of drivers: all entry points of the group `hapscene.devices`."""
 
 import atexit
 from dataclasses import dataclass, field
@@ -11,63 +11,61 @@ from hapscene.plugin_registry import PluginRegistry
 __all__ = ["DRIVERS", "DeviceChoice", "choose", "open"]
 
 GROUP: Final = "hapscene.devices"
-"""Name of the entry-point group that drivers join."""
+"""Name of the entry-point group of drivers."""
 
 DRIVERS: Final = PluginRegistry(GROUP, "device", Driver, DeviceError)
 
 
 @dataclass(frozen=True)
 class DeviceChoice:
-    """A device by the name of its driver, with options: what a `Servo` opens in its own process.
+    """A driver name with options. A `Servo` opens it in its own process.
 
     Attributes:
-        name: of the driver.
-        options: as `Driver.options` has them; texts are read.
+        name: name of the driver.
+        options: options of the driver; strings are converted.
     """
 
     name: str
     options: dict[str, Any] = field(default_factory=dict)
 
     def open(self) -> Connection:
-        """Open it. At the latest when the program ends it is closed.
+        """Open the device. It is closed at the exit of the program at the latest.
 
         Raises:
-            DeviceError: no such driver, a wrong option, or no device that can be used.
+            DeviceError: unknown driver, invalid option, or no usable device.
         """
-        driver, told = self.checked()
+        driver, options = self.checked()
         assert driver.open is not None
-        connection = driver.open(**told)
-        atexit.register(connection.close)  # twice does no harm
+        connection = driver.open(**options)
+        atexit.register(connection.close)  # may be called twice
         return connection
 
     def checked(self, handle: bool = False) -> tuple[Driver, dict[str, Any]]:
-        """Its driver, and its options as that reads them, before anything is opened.
+        """The driver and its converted options. Opens nothing.
 
         Args:
-            handle: whether it shall play vibrations; else it shall have a position.
+            handle: True for a driver that plays vibrations, False for one with a position.
 
         Raises:
-            DeviceError: no such driver, a wrong option, or a device of the other kind.
+            DeviceError: unknown driver, invalid option, or a driver of the other kind.
         """
         driver = DRIVERS.load(self.name)
         if handle and driver.open_handle is None:
-            raise DeviceError(
-                f"{self.name!r} plays no acceleration: it is a device to touch with (--device {self.name})"
-            )
+            raise DeviceError(f"{self.name!r} is a position device and plays no vibrations: use --device {self.name}")
         if not handle and driver.open is None:
-            raise DeviceError(f"{self.name!r} has no position to touch with: it is a handle (--handle {self.name})")
+            raise DeviceError(f"{self.name!r} is a handle and has no position: use --handle {self.name}")
         return driver, driver.read_options(self.options)
 
 
 def open(name: str, **options: Any) -> Connection:
-    """Open the device that the driver `name` drives: `with hapscene.device.open("falcon", firmware=…) as device`.
+    """Open a device by the name of its driver: `with hapscene.device.open("falcon", firmware="falcon.bin") as device:`.
 
     Raises:
-        DeviceError: no such driver, a wrong option, or no device that can be used.
+        DeviceError: unknown driver, invalid option, or no usable device.
     """
     return DeviceChoice(name, options).open()
 
 
 def choose(name: str, **options: Any) -> DeviceChoice:
-    """A device for a `Servo`, which opens it: `Servo(scene, hapscene.device.choose("falcon", firmware=…))`."""
+    """A device for a `Servo`: `Servo(scene, hapscene.device.choose("falcon", firmware="falcon.bin"))`."""
     return DeviceChoice(name, options)

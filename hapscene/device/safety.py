@@ -1,15 +1,17 @@
-"""What stands between the tick's force and a device, in this order, each with a flag of its own. Compiled.
+"""Safety layer between the haptic tick and a device. Compiled.
 
-    trip       out of the workspace, faster than a hand, a device that is not ready or says nothing new
-    NaN        no force
-    peak       the magnitude is cut, the direction kept
-    heat       a model of the motors' warmth: ever nearer to what they bear for long
-    slew       no faster than the device may be made to change
-    ramp       from nothing to all of it, at the start and after every cause to stop
-    heartbeat  an application that is gone, stopped, or no longer asks ends the force
+`protect` applies these steps in order. Each has its own flag.
 
-A cause takes the force away within `FALL_S`, whatever its direction then is. The numbers are the driver's, set once as
-the servo starts: no scene, swatch or client can change them.
+    safety stop  outside of the workspace, faster than a hand, device not ready or without new data
+    NaN          a force that is not finite is replaced by 0
+    peak         limit of the magnitude; the direction is kept
+    heat         thermal model of the motors, which derates the limit to the continuous force
+    slew         limit of the rate of change
+    ramp         the force rises from 0 at the start and after each safety stop
+
+A safety stop also occurs without a heartbeat of the application, after the servo was suspended, and for a force that is
+not finite. It reduces the force to 0 within `FALL_S`. All limits come from the driver when the servo starts: scenes,
+swatches and clients cannot change them.
 """
 
 import math
@@ -27,7 +29,7 @@ from hapscene.records import records
 __all__ = [
     "CALM_S",
     "FALL_S",
-    "PULSE_AGE_S",
+    "HEARTBEAT_AGE_S",
     "RAMP_S",
     "RESUME_S",
     "STALL_S",
@@ -40,34 +42,34 @@ __all__ = [
 ]
 
 FALL_S: Final = 0.005
-"""How fast a cause takes the whole force away [s]. Shorter, and letting go is itself a knock."""
+"""Time in which a safety stop reduces the full force to 0 [s]. A shorter time would cause a jolt."""
 
-PULSE_AGE_S: Final = 0.012
-"""After how long without a pulse the application counts as gone [s]: with `FALL_S` and a tick the force is 0 within 20
-ms. Its pulse comes every 2 ms (`hapscene.loop.heartbeat`)."""
+HEARTBEAT_AGE_S: Final = 0.012
+"""Age of the last heartbeat at which the application counts as dead [s]. With `FALL_S` and one tick, the force is 0
+within 20 ms. The application sends a heartbeat every 2 ms (`hapscene.loop.heartbeat`)."""
 
 STATE_AGE_S: Final = 0.010
-"""After how long without a new state the device counts as silent [s], or four of its periods where those are longer."""
+"""Age of the last device state that causes a safety stop [s]; four periods of the device if that is longer."""
 
 STALL_S: Final = 0.02
-"""How late a tick may be before the force begins anew [s]."""
+"""Delay of a tick from which on the servo counts as suspended, and the force restarts at 0 [s]."""
 
 CALM_S: Final = 0.5
-"""How long a cause must be over before the force comes back [s]: who lost the tool has time to take it again."""
+"""Time without a cause before the force returns after a safety stop [s], to grasp a tool that was dropped."""
 
 RAMP_S: Final = 2.0
-"""How long the force then takes to be whole [s]: as CHAI3D's tools have it (src/tools/CGenericTool.cpp)."""
+"""Duration of the ramp to the full force [s], as in CHAI3D (src/tools/CGenericTool.cpp)."""
 
 RESUME_S: Final = 0.1
-"""And how long after an order for which the loop stood still for some ticks [s]: no knock, and no loss of touch."""
+"""Duration of the ramp after an order that stopped the loop for some ticks [s]. Avoids a jolt and a loss of contact."""
 
 HEAT_SHARE: Final = 0.9
-"""Warmth from which less than the peak force is allowed [1]; at 1 it is the continuous force."""
+"""Motor temperature at which the force limit starts to fall [1]. At 1 it equals the continuous force."""
 
 SAFETY: Final = np.dtype(
     [
-        # of the device
-        ("on", "i8"),  # 0: nothing is done: the twin of a recording
+        # limits of the device
+        ("on", "i8"),  # 0: disabled, as for a simulated twin
         ("force_N", "f8"),
         ("continuous_N", "f8"),
         ("heat_s", "f8"),
@@ -79,25 +81,27 @@ SAFETY: Final = np.dtype(
         ("calm_s", "f8"),
         ("state_age_s", "f8"),
         # state
-        ("gain", "f8"),  # share of the force that is sent, 0 … 1
-        ("rise_s", "f8"),  # how long that takes from 0 to 1, this time
-        ("rested_s", "f8"),  # how long no cause has been there
-        ("heat", "f8"),  # warmth of the motors, 1: as after long at the continuous force
-        ("sent_N", "f8", (3,)),  # before the gain
-        ("p_DT_m", "f8", (3,)),  # tool in the last tick
-        ("begun", "i8"),
-        ("count", "i8"),  # of the device's states, when last looked at
-        ("count_s", "f8"),  # how long it has been that
-        ("pulse", "i8"),  # the application's, likewise
-        ("pulse_s", "f8"),
-        # by the servo, before each tick
-        ("pulse_now", "i8"),
-        ("stalled", "i8"),  # the loop stood still before this tick
-        ("late", "i8"),  # this tick makes up for one that was late: others had no time, either
+        ("gain", "f8"),  # factor of the force, 0 … 1
+        ("rise_s", "f8"),  # duration of the current ramp
+        ("clear_s", "f8"),  # time without a cause of a safety stop
+        ("heat", "f8"),  # motor temperature, 1: steady state at the continuous force
+        ("sent_N", "f8", (3,)),  # last force, before the gain
+        ("p_DT_m", "f8", (3,)),  # tool position in the last tick
+        ("begun", "i8"),  # 1: at least one tick since the start
+        ("count", "i8"),  # number of device states at the last tick
+        ("count_s", "f8"),  # age of the last device state
+        ("heartbeat", "i8"),  # number of the application's heartbeats at the last tick
+        ("heartbeat_s", "f8"),  # age of the last heartbeat
+        # set by the servo before each tick
+        ("heartbeat_now", "i8"),  # number of heartbeats
+        ("elapsed_s", "f8"),  # time since the previous tick by the clock; 0 without a clock: one period
+        ("stopped", "i8"),  # 1: the application requests no force
+        ("stalled", "i8"),  # 1: the servo was suspended before this tick
+        ("late", "i8"),  # 1: this tick began more than one period after it was due
     ],
     align=True,
 )
-"""Safety of one device: its numbers, its state."""
+"""Limits and state of the safety layer of one device."""
 
 _WORKSPACE, _FAST = int(Flag.OUT_OF_WORKSPACE), int(Flag.TOO_FAST)
 _NAN, _PEAK, _HEAT = int(Flag.FORCE_NOT_FINITE), int(Flag.PEAK_LIMITED), int(Flag.HEAT_LIMITED)
@@ -106,12 +110,12 @@ _SILENT, _NOT_READY, _STALLED = int(Flag.APPLICATION_SILENT), int(Flag.DEVICE_NO
 
 
 def no_safety() -> Any:
-    """(1,) SAFETY that lets everything through."""
+    """(1,) SAFETY that is disabled."""
     return records(1, SAFETY)
 
 
 def simulated_safety() -> Any:
-    """(1,) SAFETY of a simulated device: nobody's hand is on it, so only an application that is gone ends its force."""
+    """(1,) SAFETY of a simulated device, which needs no protection of a hand: only the heartbeat is checked."""
     safety = records(1, SAFETY)
     safety.on, safety.gain = 1, 1.0
     for name in ("force_N", "continuous_N", "slew_N_s", "speed_m_s", "high_D_m", "state_age_s"):
@@ -121,7 +125,7 @@ def simulated_safety() -> Any:
 
 
 def safety_of(driver: Driver) -> Any:
-    """(1,) SAFETY of a device."""
+    """(1,) SAFETY with the limits of a driver."""
     safety = simulated_safety()
     if driver.simulated:
         return safety
@@ -136,17 +140,17 @@ def safety_of(driver: Driver) -> Any:
 
 @native
 def begin_safety(s: np.record) -> None:
-    """Before the first tick, and after every pause: the force begins anew."""
+    """Reset before the first tick and after each pause: the force ramps up from 0."""
     s.gain = 1.0 if s.ramp_s == 0.0 else 0.0
-    s.rested_s, s.rise_s = s.calm_s, s.ramp_s
-    s.begun, s.count_s, s.pulse_s, s.stalled, s.late = 0, 0.0, 0.0, 0, 0
+    s.clear_s, s.rise_s = s.calm_s, s.ramp_s
+    s.begun, s.count_s, s.heartbeat_s, s.stalled, s.late = 0, 0.0, 0.0, 0, 0
     for i in range(3):
         s.sent_N[i] = 0.0
 
 
 @native
 def resume_safety(s: np.record) -> None:
-    """After an order for which the loop stood still: the force was 0 meanwhile, and the tool went on."""
+    """Reset after an order that stopped the loop, with a short ramp: the force was 0, and the tool may have moved."""
     if s.ramp_s > 0.0:
         s.rise_s = RESUME_S if s.gain == 1.0 else s.rise_s
         s.gain = 0.0
@@ -155,11 +159,12 @@ def resume_safety(s: np.record) -> None:
 
 @native
 def protect(s: np.record, p_DT: Vector, ready: int, count: int, f: Any, tick_s: float) -> tuple[Vector, int]:
-    """The force that may go to the device instead of `f` (3,) [N], and flags.
+    """Limit the force `f` (3,) [N] of a tick. Returns the force for the device and flags.
 
-    `p_DT` is the tool in the device's frame, `ready` and `count` are as in `DEVICE_STATE`.
+    `p_DT` is the tool position in the device frame; `ready` and `count` are fields of `DEVICE_STATE`.
     """
-    causes = _trips(s, p_DT, ready, count, tick_s)
+    elapsed_s: float = s.elapsed_s if s.elapsed_s > 0.0 else tick_s
+    causes = _stop_causes(s, p_DT, ready, count, tick_s, elapsed_s)
     if not (math.isfinite(f[0]) and math.isfinite(f[1]) and math.isfinite(f[2])):
         wanted = (0.0, 0.0, 0.0)
         causes |= _NAN
@@ -169,11 +174,11 @@ def protect(s: np.record, p_DT: Vector, ready: int, count: int, f: Any, tick_s: 
         wanted = (f[0], f[1], f[2])
     force, flags = _limited(s, wanted, tick_s)
     if causes != 0:
-        left = s.gain - tick_s / FALL_S
-        s.gain, s.rested_s, s.rise_s = left if left > TINY else 0.0, 0.0, s.ramp_s
+        left = s.gain - max(tick_s, elapsed_s) / FALL_S
+        s.gain, s.clear_s, s.rise_s = left if left > TINY else 0.0, 0.0, s.ramp_s
     else:
-        s.rested_s += tick_s
-        if s.rested_s >= s.calm_s and s.gain < 1.0:
+        s.clear_s += tick_s
+        if s.clear_s >= s.calm_s and s.gain < 1.0:
             s.gain = min(1.0, s.gain + tick_s / s.rise_s) if s.rise_s > 0.0 else 1.0
     if s.gain < 1.0:
         flags |= _RAMP
@@ -185,8 +190,12 @@ def protect(s: np.record, p_DT: Vector, ready: int, count: int, f: Any, tick_s: 
 
 
 @native
-def _trips(s: np.record, p: Vector, ready: int, count: int, tick_s: float) -> int:
-    """The causes to give no force."""
+def _stop_causes(s: np.record, p: Vector, ready: int, count: int, tick_s: float, elapsed_s: float) -> int:
+    """Flags of the causes of a safety stop in this tick.
+
+    The ages of the device state and of the heartbeat are measured by the clock. While a driver waits for a device that
+    does not answer, every tick misses its deadline: counting periods would underestimate the silence.
+    """
     causes = 0
     if not (math.isfinite(p[0]) and math.isfinite(p[1]) and math.isfinite(p[2])):
         return _NOT_READY
@@ -196,22 +205,16 @@ def _trips(s: np.record, p: Vector, ready: int, count: int, tick_s: float) -> in
             causes |= _WORKSPACE
         way += (p[i] - s.p_DT_m[i]) ** 2
         s.p_DT_m[i] = p[i]
-    # a device may say less often where it is than there are ticks, and a late tick finds it farther on
+    # the device may update its position less often than once a tick, and moves further during a late tick
     since_s = s.count_s + (tick_s if s.late == 0 else STALL_S)
     if s.begun == 1 and way > (s.speed_m_s * since_s) ** 2:
         causes |= _FAST
-    if count != s.count or s.begun == 0:
-        s.count_s = 0.0
-    elif s.late == 0:
-        s.count_s += tick_s
-    if s.pulse_now != s.pulse or s.begun == 0:
-        s.pulse_s = 0.0
-    elif s.late == 0:
-        s.pulse_s += tick_s
-    s.count, s.pulse = count, s.pulse_now
+    s.count_s = 0.0 if count != s.count or s.begun == 0 else s.count_s + elapsed_s
+    s.heartbeat_s = 0.0 if s.heartbeat_now != s.heartbeat or s.begun == 0 else s.heartbeat_s + elapsed_s
+    s.count, s.heartbeat = count, s.heartbeat_now
     if ready == 0 or s.count_s > s.state_age_s:
         causes |= _NOT_READY
-    if s.pulse_s > PULSE_AGE_S:
+    if s.heartbeat_s > HEARTBEAT_AGE_S or s.stopped == 1:
         causes |= _SILENT
     if s.stalled == 1:
         causes |= _STALLED
@@ -223,7 +226,7 @@ def _trips(s: np.record, p: Vector, ready: int, count: int, tick_s: float) -> in
 
 @native
 def _limited(s: np.record, f: Vector, tick_s: float) -> tuple[Vector, int]:
-    """A force inside peak, warmth and slew, and flags."""
+    """Limit a force by peak, temperature and slew rate. Returns the force and flags."""
     flags = 0
     magnitude = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
     most = s.force_N

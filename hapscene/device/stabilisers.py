@@ -1,11 +1,10 @@
-"""Stabilisers of the tick: a virtual coupling before the contact, a passivity controller after the effects.
+"""Stabilisers of the haptic tick: virtual coupling before the contact, passivity controller after the effects.
 
-Virtual coupling: the scene is touched by a tool of its own, tied to the measured one by a spring and a damper.
-Colgate, Stanley & Brown 1995; Adams & Hannaford 1999. However stiff the scene, the device then meets nothing stiffer
-than the coupling. The virtual tool has no mass: it is where coupling and scene balance, and what the scene does to it
-is what the device is sent. Each tick makes one step of Newton's method towards that place, from the last one and the
-force that the tick found there, so a wall is in balance a tick after it was met, and no coupling, however soft, needs
-a smaller step.
+Virtual coupling (Colgate, Stanley & Brown 1995; Adams & Hannaford 1999): a virtual tool touches the scene, and a spring
+and a damper connect it to the measured tool. The device then never meets a stiffness above that of the coupling. The
+virtual tool has no mass: it is in equilibrium between coupling and scene, and the force of the scene on it is sent to
+the device. Each tick makes one step of Newton's method towards the equilibrium, from the last position and its force. A
+wall is therefore in equilibrium one tick after contact, and a soft coupling needs no smaller step.
 """
 
 from typing import TYPE_CHECKING, Final
@@ -20,14 +19,14 @@ from hapscene.geometry import Vector
 if TYPE_CHECKING:
     from hapscene.surface.surface_arrays import Surface
 
-__all__ = ["FORGET_S", "couple", "guard"]
+__all__ = ["FORGET_S", "control_passivity", "couple"]
 
 
 @native
 def couple(surface: "Surface") -> int:
-    """Replace the measured tool, `memory.now_W_m`, by the virtual one: k (tool − virtual) + b (speed − its speed) = −f.
+    """Replace the measured tool position `memory.now_W_m` by that of the virtual tool. Returns 0 (no flags).
 
-    Returns no flags.
+    The virtual tool satisfies k (tool − virtual) + b (tool velocity − virtual velocity) = −f.
     """
     limits, touch, memory = surface.limits[0], surface.touch[0], surface.memory[0]
     if memory.fresh == 1:
@@ -42,44 +41,48 @@ def couple(surface: "Surface") -> int:
 
 @native
 def _balanced(limits: np.record, memory: np.record, tool_m: float, i: int, stiffness_N_m: float) -> float:
-    """One coordinate: moved along with the tool, then by what was out of balance in the last tick."""
+    """One coordinate: follow the tool, then correct the imbalance of the last tick."""
     last, virtual = memory.tool_W_m[i], memory.p_WT_m[i]
     force_N = limits.coupling_N_m * (last - virtual) + memory.f_W_N[i]
     return float(virtual + (tool_m - last) + force_N / stiffness_N_m)
 
 
-# The net under walls that the limits did not catch: a passivity observer, and a controller whose damping is capped.
+# Passivity observer and passivity controller with limited damping, for walls beyond the limits of the device.
 #
-# Observer: the energy that a wall gave out and never took in. A wall may give back what its spring holds, so in a tick
-# in which the force f was held while the tool went Δx over the touched body (Hannaford & Ryu 2002, exact for a
-# zero-order hold; the spring as reference as in Ryu, Preusche, Hirzinger & Hannaford 2005)
+# Observer: the energy that a wall has generated. A wall may return the energy stored in its spring. Therefore, for a
+# tick in which the force f was held while the tool moved by Δx relative to the touched body (Hannaford & Ryu 2002,
+# exact for a zero-order hold; the spring as reference as in Ryu, Preusche, Hirzinger & Hannaford 2005)
 #
 #     made ← max(0, made + f·Δx + ½ f' d' − ½ f d)
 #
-# with the normal part f of the force that was sent `delay_ticks` before, and the spring's force and depth f d, f' d' of
-# the last and of this tick. So what a damper took is never set off against what comes later, and friction has no part
-# in it: it only takes, and what it took would hide what the wall gives. What was made is kept from bounce to bounce,
-# and forgotten within `FORGET_S`. Encoders of step Δ see the tool up to ½Δ from where it is: what that looks like, ½KΔ
-# for each metre along the normal, is not counted; where the force is cut at its limit it changes with no step.
+# with the normal component f of the force that was sent `delay_ticks` before, and force and depth of the spring, f d
+# and f' d', in the last and in this tick. Energy that a damper dissipated is not credited against energy generated
+# later. Friction is left out: it only dissipates, and would hide the energy that the wall generates. The generated
+# energy is kept from bounce to bounce, and forgotten within `FORGET_S`. Encoders of resolution Δ measure the tool with
+# an error of up to ½Δ. The apparent energy of that error, ½KΔ per metre along the normal, is subtracted, except where
+# the force is saturated and does not depend on the position.
 #
-# Controller: as long as made > 0, a damper along the normal that takes it back within a tick, as far as `guard_Ns_m`
-# lets it: without that cap it would ask for an endless damper wherever the tool nearly rests, and chatter. It never
-# pulls, and leaves a tool in the air alone.
+# Controller: while made > 0, a damper along the normal dissipates this energy within a tick, up to the damping
+# `passivity_Ns_m`. Without this limit the damping would become infinite where the tool is nearly at rest, and chatter.
+# The damper never pulls the tool into the surface, and does not act in free space.
 
 
 _DAMPED = int(Flag.ENERGY_DAMPED)
 
 FORGET_S: Final = 0.5
-"""Time in which what was made is forgotten [s]: several bounces of a light hand. Much shorter, and a bounce is over
-before its energy is taken back; longer, and a wall is felt as sticky long after."""
+"""Time constant at which generated energy is forgotten [s]: several bounces of a light hand. If it is much shorter, a
+bounce ends before its energy is dissipated; if longer, a wall feels sticky for a long time."""
 
 TINY_J: Final = 1e-10
-"""What is left alone [J]: rounding, and no more than moves a light device at 0.1 mm/s."""
+"""Energy that is neglected [J]: rounding errors, or the kinetic energy of a light device at 0.1 mm/s."""
 
 
 @native
-def guard(surface: "Surface", tool_W: Vector) -> int:
-    """Observe the last tick, the measured tool now at `tool_W` [m]; damp this tick's sum. Returns flags."""
+def control_passivity(surface: "Surface", tool_W: Vector) -> int:
+    """Observe the energy of the last tick and damp the force of this tick. Returns flags.
+
+    `tool_W` is the measured tool position [m].
+    """
     limits, touch, total, memory = surface.limits[0], surface.touch[0], surface.total[0], surface.memory[0]
     f, n, sent, was = total.f_W_N, touch.nhat_W, memory.f_W_N, memory.nhat_W
     size = len(memory.held_N)
@@ -101,8 +104,8 @@ def guard(surface: "Surface", tool_W: Vector) -> int:
     memory.stored_J = stored
     if touch.touching == 0 or made <= TINY_J or way == 0.0:
         return 0
-    damping = min(made * touch.tick_s / (way * way), limits.guard_Ns_m)
-    over = max(push - limits.force_N, 0.0)  # is cut anyway, and would hide what is taken from it
+    damping = min(made * touch.tick_s / (way * way), limits.passivity_Ns_m)
+    over = max(push - limits.force_N, 0.0)  # saturation removes this part anyway, which would hide the damping
     add = max(-damping * way / touch.tick_s - over, -max(push, 0.0))
     for i in range(3):
         f[i] += add * n[i]
@@ -111,7 +114,7 @@ def guard(surface: "Surface", tool_W: Vector) -> int:
 
 @native
 def stored_energy(limits: np.record, touch: np.record, push_N: float) -> float:
-    """Energy of the wall's spring at its depth, its force cut, and of the coupling [J], pushed at with `push_N`."""
+    """Energy stored in the spring of the wall, with saturation of its force, and in the coupling [J]."""
     depth_m, most_N = touch.depth_m, limits.force_N
     spring_N = min(max(push_N, 0.0), touch.stiffness_N_m * depth_m)
     stored = 0.5 * spring_N * depth_m if spring_N <= most_N else most_N * depth_m * (1.0 - 0.5 * most_N / spring_N)

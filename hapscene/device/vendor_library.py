@@ -1,6 +1,6 @@
-"""A vendor's library: found, loaded by ctypes, its functions declared. For drivers, as `openhaptics`.
+"""Find and load a vendor's library by ctypes, for drivers such as `openhaptics`.
 
-Nothing of the vendors' ships with hapscene: the user has the library, and may say where.
+hapscene does not include these libraries. The user installs them, and may name the path.
 """
 
 import ctypes
@@ -16,40 +16,41 @@ __all__ = ["address_of", "load_library"]
 def load_library(
     driver: str, path: str | None, names: Sequence[str], functions: Mapping[str, tuple[Any, ...]], remedy: str
 ) -> Any:
-    """The library at `path`; without, the first of `names` that the system finds.
+    """Load the library at `path`, or by default the first of `names` that the system finds.
 
     Args:
-        driver: what messages begin with.
-        path: of the file, as the user tells it.
-        names: with and without a prefix, as systems spell them.
-        functions: what is called, each with its result and its arguments.
-        remedy: what helps where it is not there.
+        driver: name of the driver in messages.
+        path: path of the library, as given by the user.
+        names: names of the library, with and without prefix and suffix.
+        functions: declarations of the used functions: result type, then argument types.
+        remedy: remedy in messages.
 
     Raises:
-        DeviceError: none is there, it does not load, or it lacks one of the functions.
+        DeviceError: the library is not found, does not load, or lacks one of the functions.
     """
-    library, why = None, ""
+    library, reason = None, ""
     for name in [path] if path else names:
         found = path or find_library(name)
         try:
             library = ctypes.CDLL(found or name)
             break
         except OSError as error:
-            if found or not str(error).startswith(name):  # it is there: it is broken, or lacks what it needs itself
-                why = f" ({error})"
+            if found or not str(error).startswith(name):  # found, but damaged or with a missing dependency
+                reason = f" ({error})"
     if library is None:
         tried = path or ", ".join(names)
-        raise DeviceError(f"{driver}: the vendor's library does not load, tried as {tried}{why}; {remedy}")
+        raise DeviceError(f"{driver}: the vendor's library cannot be loaded (tried {tried}){reason}; {remedy}")
     for function, (result, *arguments) in functions.items():
         try:
             entry = getattr(library, function)
         except AttributeError:
-            place = f"{library._name} has no function {function}"
-            raise DeviceError(f"{driver}: {place}: another library, or too old; {remedy}") from None
+            raise DeviceError(
+                f"{driver}: {library._name} has no function {function}: it is another library or too old; {remedy}"
+            ) from None
         entry.restype, entry.argtypes = result, arguments
     return library
 
 
 def address_of(function: Any) -> int:
-    """Where a function of a library lies, for compiled code to call it."""
+    """Address of a function of a library, for calls from compiled code."""
     return int(ctypes.cast(function, ctypes.c_void_p).value or 0)

@@ -1,1 +1,1 @@
-"""Signals: filters and their other forms, noise that can be replayed, linear prediction, spectrograms."""
+"""Signal processing: AR filters, lattice filters, reproducible noise, linear prediction, spectrograms."""

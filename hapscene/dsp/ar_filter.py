@@ -1,12 +1,12 @@
-"""All-pole filters and their other forms: line spectral frequencies, reflection coefficients, power gain.
+"""All-pole filters and their equivalent forms: line spectral frequencies and reflection coefficients; power gain.
 
-Sign: y(t) = e(t) − Σ a_k y(t−k), so a[0] = 1 and the filter is 1/A(z), A(z) = Σ a_k z^−k. Functions take stacks of
-filters in leading axes where it says (..., p).
+Sign convention: y(t) = e(t) − Σ a_k y(t−k), so a[0] = 1 and the filter is 1/A(z) with A(z) = Σ a_k z^−k. A shape
+(..., p) means that a function accepts stacks of filters in the leading axes.
 
-Line spectral frequencies (Itakura 1975) are the angles in (0, π) of the roots of P(z) = A(z) + z^−(p+1) A(1/z) and
-Q(z) = A(z) − z^−(p+1) A(1/z), which lie on the unit circle and interlace exactly when 1/A is stable. Any ascending
-set gives a stable filter, and a weighted mean of ascending sets ascends: that is why textures interpolate in them.
-"""
+Line spectral frequencies (Itakura 1975) are the angles in (0, π) of the roots of P(z) = A(z) + z^−(p+1) A(1/z) and Q(z)
+= A(z) − z^−(p+1) A(1/z). The roots lie on the unit circle and interlace if and only if 1/A is stable. Any ascending set
+of frequencies gives a stable filter, and a weighted mean of ascending sets ascends. Textures therefore interpolate
+their models in line spectral frequencies."""
 
 from functools import lru_cache
 
@@ -20,17 +20,16 @@ __all__ = ["ar_from_lsf", "ar_from_reflection", "lsf_from_ar", "power_gain", "po
 Array = NDArray[np.float64]
 
 STEP_MAX = 12
-"""Most Newton steps towards a root [count]. Four are the rule; a root that needs more lies beside another."""
+"""Largest number of Newton steps for a root. Four are usual; a root that needs more is close to another one."""
 
-_LSF_BYTES = 1 << 22  # ar_from_lsf works stacks off in parts so small that BLAS starts no threads, which cost more
+_LSF_BYTES = 1 << 22  # memory of a block in ar_from_lsf: small enough that BLAS uses one thread, which is faster here
 
 
 def ar_from_lsf(lsf_rad: ArrayLike) -> Array:
-    """AR coefficients (..., p+1) of line spectral frequencies (..., p) [rad], ascending in (0, π).
+    """Converts line spectral frequencies (..., p) [rad], ascending in (0, π), to AR coefficients (..., p+1).
 
     P and Q are evaluated in product form on p+1 points of the unit circle, and A = (P + Q)/2 follows by an inverse
-    Fourier transform. The error is that of rounding, 1e-13 at order 120, where multiplying the factors one after
-    the other loses every digit.
+    Fourier transform. The rounding error is 1e-13 at order 120, where multiplication of the factors loses all digits.
     """
     lsf = np.asarray(lsf_rad, dtype=np.float64)
     rows = lsf.reshape(-1, lsf.shape[-1])
@@ -52,14 +51,15 @@ def ar_from_lsf(lsf_rad: ArrayLike) -> Array:
 
 @lru_cache(maxsize=16)
 def _circle(order: int) -> tuple[Array, Array, Array, Array, Array]:
-    """The half of p+1 points on the unit circle, the factors of P and Q at ±1 there, and the way back to A.
+    """Tables for `ar_from_lsf`: points on the unit circle, factors of P and Q at ±1, inverse Fourier transforms.
 
-    On the circle 1 − 2 cos w z^−1 + z^−2 = e^−jθ (2 cos θ − 2 cos w), so P and Q are real but for e^−jθ(p+1)/2.
+    On the circle 1 − 2 cos w z^−1 + z^−2 = e^−jθ (2 cos θ − 2 cos w), so P and Q are real except for e^−jθ(p+1)/2.
+    Only half of the p+1 points are needed, because the other half is the complex conjugate.
     """
     n = order + 1
     half = np.arange(n // 2 + 1)
     theta = 2.0 * np.pi * half / n
-    twice = np.where((half == 0) | (2 * half == n), 1.0, 2.0)[:, None]  # the other half is the conjugate
+    twice = np.where((half == 0) | (2 * half == n), 1.0, 2.0)[:, None]  # counts the conjugate points
     phase = theta[:, None] * (np.arange(n) - 0.5 * n)
     if order % 2 == 0:
         gain_p, gain_q = 2.0 * np.cos(theta / 2), 2.0 * np.sin(theta / 2)
@@ -70,14 +70,14 @@ def _circle(order: int) -> tuple[Array, Array, Array, Array, Array]:
 
 
 def lsf_from_ar(a: ArrayLike) -> Array:
-    """Line spectral frequencies (p,) [rad], ascending, of one stable filter `a` (p+1,), p ≥ 1.
+    """Converts a stable filter `a` (p+1,), p ≥ 1, to line spectral frequencies (p,) [rad], ascending.
 
     P and Q, with their roots at ±1 divided out, are cosine sums of half the order. A fine grid brackets their roots by
-    the changes of sign, Newton steps in θ find them. Where roots lie too close for the grid, the sums are taken as
+    changes of sign, and Newton steps in θ refine them. If roots are too close for the grid, the sums are treated as
     Chebyshev series in cos θ, whose roots are the eigenvalues of a colleague matrix (backward stable, much slower).
 
     Raises:
-        SwatchError: the filter is unstable, or so close to it that its roots cannot be told apart.
+        SwatchError: the filter is unstable, or so close to instability that its roots cannot be separated.
     """
     a = np.asarray(a, dtype=np.float64)
     order = len(a) - 1
@@ -90,12 +90,12 @@ def lsf_from_ar(a: ArrayLike) -> Array:
     lsf = np.empty(order)
     lsf[0::2], lsf[1::2] = _cosine_roots(p), _cosine_roots(q)
     if not (lsf[0] > 0.0 and lsf[-1] < np.pi and np.all(np.diff(lsf) > 0.0)):
-        raise SwatchError("the filter is unstable: its line spectral frequencies do not ascend within (0, π)")
+        raise SwatchError("the filter is unstable: its line spectral frequencies do not ascend in (0, π)")
     return lsf
 
 
 def _divide(c: Array, sign: float) -> Array:
-    """The polynomial `c` divided by (1 + sign z^−1), which divides it exactly."""
+    """Divides the polynomial `c` by (1 + sign z^−1), which must be a factor."""
     quotient = np.empty(len(c) - 1)
     rest = 0.0
     for i in range(len(quotient)):
@@ -115,26 +115,26 @@ def _cosine_roots(c: Array) -> Array:
         return found
     x = np.polynomial.chebyshev.chebroots(series)
     if len(x) != n:
-        raise SwatchError("a model's line spectral frequencies cannot be told apart: it is at the edge of stability")
+        raise SwatchError("the filter is at the edge of stability: its line spectral frequencies coincide")
     theta = np.sort(np.arccos(np.clip(x.real, -1.0, 1.0)))
     for _ in range(2):
         value, slope = _cosine_sum(series, theta)
         step = np.divide(value, slope, out=np.zeros(n), where=slope != 0.0)
         gap = np.diff(theta, prepend=0.0, append=np.pi)
-        reach = 0.25 * np.minimum(gap[:-1], gap[1:])  # a step may not pass a neighbour
+        reach = 0.25 * np.minimum(gap[:-1], gap[1:])  # a step must not pass a neighbouring root
         theta = theta - np.clip(step, -reach, reach)
     return theta
 
 
 def _cosine_sum(series: Array, theta: Array) -> tuple[Array, Array]:
-    """Σ series_k cos kθ at angles (n,), and its slope."""
+    """Σ series_k cos kθ at angles (n,), and its derivative."""
     k = np.arange(len(series))
     angle = theta[:, None] * k
     return np.cos(angle) @ series, -np.sin(angle) @ (k * series)
 
 
 def _bracketed_roots(series: Array) -> Array | None:
-    """The n roots in (0, π) of a sum of cosines (n+1,), by bracketed Newton steps; None where they cannot be told."""
+    """The n roots in (0, π) of a sum of cosines (n+1,), by bracketed Newton steps; None if they are too close."""
     n = len(series) - 1
     half = np.concatenate([series[:1], 0.5 * series[1:]])
     for cells in (8 * n, 64 * n):
@@ -160,10 +160,10 @@ def _bracketed_roots(series: Array) -> Array | None:
 
 
 def reflection_from_ar(a: ArrayLike) -> Array:
-    """Reflection coefficients (..., p) of filters (..., p+1), by the step-down recursion.
+    """Converts filters (..., p+1) to reflection coefficients (..., p) by the step-down recursion.
 
-    Where a filter is unstable its first |k| ≥ 1 (from the highest order down) is kept and the lower ones are NaN:
-    test with `np.all(np.abs(k) < 1)`.
+    For an unstable filter, the first |k| ≥ 1 from the highest order down is returned and the lower ones are NaN. Test
+    with `np.all(np.abs(k) < 1)`.
     """
     a = np.asarray(a, dtype=np.float64)
     order = a.shape[-1] - 1
@@ -173,13 +173,13 @@ def reflection_from_ar(a: ArrayLike) -> Array:
         last = rest[:, m, None]
         k[:, m - 1] = rest[:, m]
         scale = (1.0 - last) * (1.0 + last)
-        over = np.divide(1.0, scale, out=np.full_like(scale, np.nan), where=scale > 0.0)  # NaN from there on
+        over = np.divide(1.0, scale, out=np.full_like(scale, np.nan), where=scale > 0.0)  # NaN below an unstable step
         rest[:, 1:m] = (rest[:, 1:m] - last * rest[:, m - 1 : 0 : -1]) * over
     return k.reshape(*a.shape[:-1], order)
 
 
 def ar_from_reflection(k: ArrayLike) -> Array:
-    """AR coefficients (..., p+1) of reflection coefficients (..., p), by the step-up recursion."""
+    """Converts reflection coefficients (..., p) to AR coefficients (..., p+1) by the step-up recursion."""
     k = np.asarray(k, dtype=np.float64)
     order = k.shape[-1]
     a = np.zeros((*k.shape[:-1], order + 1))
@@ -190,9 +190,10 @@ def ar_from_reflection(k: ArrayLike) -> Array:
 
 
 def power_response(a: ArrayLike, omega_rad: ArrayLike, warp: float = 0.0) -> Array:
-    """1/|A|² (..., n) of filters (..., p+1) at frequencies (n,) in radians a sample; with a `warp`, of A(D(z)).
+    """Power response 1/|A|² (..., n) of filters (..., p+1) at frequencies (n,) [rad/sample].
 
-    D(z) = (z⁻¹ − λ)/(1 − λ z⁻¹) with λ the warp (Strube 1980; Härmä et al. 2000): an allpass for each unit delay.
+    `warp` is the allpass coefficient λ of a frequency-warped filter, in which an allpass D(z) = (z⁻¹ − λ)/(1 − λ z⁻¹)
+    replaces each unit delay (Strube 1980; Härmä et al. 2000). The response is then that of 1/A(D(z)).
     """
     a = np.asarray(a, dtype=np.float64)
     delay = np.exp(-1j * np.asarray(omega_rad, dtype=np.float64))
@@ -202,10 +203,10 @@ def power_response(a: ArrayLike, omega_rad: ArrayLike, warp: float = 0.0) -> Arr
 
 
 def power_gain(a: ArrayLike, warp: float = 0.0) -> Array:
-    """Output variance for white excitation of variance 1, (...) of filters (..., p+1): 1 / Π (1 − k²), exactly.
+    """Output variance (...) of filters (..., p+1) for white excitation of variance 1: 1 / Π (1 − k²).
 
-    Infinite where the filter is unstable. With a `warp` λ, of 1/A(D(z)) as in `power_response`: over the phase of D
-    its power is that of the AR filter (1 + λ z⁻¹) A(z), (1 − λ²)-fold.
+    It is infinite for an unstable filter. For a frequency-warped filter with allpass coefficient λ = `warp`, it is
+    (1 − λ²) times that of the AR filter (1 + λ z⁻¹) A(z).
     """
     if warp != 0.0:
         a = np.asarray(a, dtype=np.float64)

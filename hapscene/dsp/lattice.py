@@ -1,29 +1,29 @@
-"""The filter of a texture: the normalised lattice, plain and frequency-warped. Compiled.
+"""Normalised lattice filters, plain and frequency-warped, for texture synthesis. Compiled.
 
-A texture is a field of models y(t) = e(t) − Σ a_k y(t−k) over normal force and slip speed. They are run as a
-normalised lattice (Gray & Markel 1975): a chain of rotations by reflection coefficients k_m, with c_m = √(1 − k_m²),
+A texture consists of models y(t) = e(t) − Σ a_k y(t−k) over normal force and slip speed. Each runs as a normalised
+lattice (Gray & Markel 1975), a chain of rotations by reflection coefficients k_m with c_m = √(1 − k_m²):
 
     f_{m−1}(t) = c_m f_m(t) − k_m b_{m−1}(t−1)         m = p … 1,  f_p = white noise of variance 1
     b_m(t)     = k_m f_m(t) + c_m b_{m−1}(t−1)         y = √P · f_0,  b_0 = f_0
 
-The step from (f_p, b_0 … b_{p−1}) to (b_0 … b_p) is a product of rotations: white noise of variance 1 in all of them
-stays so, whatever models follow one another. So f_0 has variance 1 always, and no change of model is louder than the
-models. Coefficients and the level √P are apart: the level can be ramped, so that nothing clicks.
+The step from (f_p, b_0 … b_{p−1}) to (b_0 … b_p) is a product of rotations. If all inputs are white noise of variance
+1, so are all outputs, even when the coefficients change. f_0 therefore always has variance 1, and a change of model is
+never louder than the models. The level √P is separate from the coefficients, so that it can be ramped without clicks.
 
-Where models are warped, an allpass stands for each delay (Strube 1980; Härmä et al. 2000), normalised too: with
-μ = √(1 − λ²) and its memory s_m,
+In a frequency-warped model, a normalised allpass replaces each delay (Strube 1980; Härmä et al. 2000). With
+μ = √(1 − λ²) and the memory s_m,
 
-    d_m = −λ b_{m−1} + μ s_m,  s_m ← μ b_{m−1} + λ s_m         and d_m in the place of b_{m−1}(t−1) above.
+    d_m = −λ b_{m−1} + μ s_m,  s_m ← μ b_{m−1} + λ s_m         and d_m replaces b_{m−1}(t−1) above.
 
-This is a rotation again, so that all memories are white of variance 1 whatever models follow one another. d_m depends
-on b_{m−1} without delay, and that on f_{m−1}: linearly, b_m = α_m f_m + β_m. With r = 1/(1 − k_m λ α_{m−1}),
-C_m = c_m r and K_m = k_m r the loop is solved upwards and then downwards:
+This is a rotation as well, so all memories remain white noise of variance 1. d_m depends on b_{m−1} without delay, and
+b_{m−1} on f_{m−1}, linearly: b_m = α_m f_m + β_m. With r = 1/(1 − k_m λ α_{m−1}), C_m = c_m r and K_m = k_m r, the
+delay-free loop is solved upwards and then downwards:
 
     e_m = μ s_m − λ β_{m−1},  β_m = C_m e_m,  α_m = k_m − c_m² λ r α_{m−1}       β_0 = 0, α_0 = 1
     f_{m−1} = C_m f_m − K_m e_m
 
-The variance of f_0 is no longer 1, but a function of the model alone, since the memories are white: `solve_loop` finds
-it, and the level is taken over its root. So no change is louder than the models here either.
+Here the variance of f_0 is a function of the model, since the memories are white. `solve_loop` computes it, and the
+level is divided by its square root, so that a change of model is never louder than the models.
 """
 
 import math
@@ -39,7 +39,7 @@ __all__ = ["advance", "advance_all", "advance_warped", "solve_loop"]
 
 @native
 def advance(k: Any, c: Any, b: Any, order: int, f: float) -> float:
-    """The lattice's next sample f_0, for the excitation f_p = `f`; k, c (order+1,), memory b (order+1,)."""
+    """Next output sample f_0 for the excitation f_p = `f`; coefficients k, c (order+1,), memory b (order+1,)."""
     for m in range(order, 0, -1):
         f, b[m] = c[m] * f - k[m] * b[m - 1], k[m] * f + c[m] * b[m - 1]
     b[0] = f
@@ -51,7 +51,10 @@ _four, _FOUR_ORDER = lanes_of(4)
 
 
 def advance_all(k: Any, c: Any, b: Any, order: int, f: Any, stop: int) -> Any:
-    """`advance` of the samples f[:stop], in place; compiled some at a time, the same to the bit in a third of it."""
+    """Replaces the samples f[:stop] by the output of `advance`.
+
+    The compiled version processes several samples at once, with identical results in a third of the time.
+    """
     for i in range(stop):
         f[i] = advance(k, c, b, order, f[i])
 
@@ -75,15 +78,26 @@ def _advance_all(k: Any, c: Any, b: Any, order: int, f: Any, stop: int) -> Any:
 
 @native
 def solve_loop(k: Any, order: int, warp: float, rows: Any) -> float:
-    """Fill the `rows` (8, ≥ p+1) that `advance_warped` needs from k (≥ p+1,); the variance of f_0 [1].
+    """Fills the `rows` (8, ≥ p+1) that `advance_warped` needs from k (≥ p+1,) and returns the variance of f_0 [1].
 
-    p is `order` raised to a multiple of 4: k is made 0 there, which only delays.
+    p is `order` rounded up to a multiple of 4. The additional k are set to 0, which only adds a delay.
 
-    f_0 = share · f_m + what the memories below m give; its variance, and its covariance with β_m, are summed upwards.
-    """
+    f_0 is share · f_m plus a term of the memories below m. Its variance and its covariance with β_m are accumulated
+    over m."""
     mu = math.sqrt((1.0 - warp) * (1.0 + warp))
-    share, below, shared, beta = 1.0, 0.0, 0.0, 0.0  # of f_m in f_0; variance, covariance with β_m, variance of β_m
-    over, under, alpha, c, product = 1.0, 1.0, 1.0, 0.0, 1.0  # α = over/under: no division in their chains
+    share, below, shared, beta = (
+        1.0,
+        0.0,
+        0.0,
+        0.0,
+    )  # share of f_m in f_0; variance of f_0, covariance with β_m, variance of β_m
+    over, under, alpha, c, product = (
+        1.0,
+        1.0,
+        1.0,
+        0.0,
+        1.0,
+    )  # α = over/under avoids dependent divisions
     for m in range(1, order + 4 - (order - 1) % 4):
         if m > order:
             k[m] = 0.0
@@ -111,11 +125,11 @@ def solve_loop(k: Any, order: int, warp: float, rows: Any) -> float:
 
 @native
 def advance_warped(rows: Any, b: Any, order: int, warp: float, f: float) -> float:
-    """As `advance`, of a warped lattice as `solve_loop` has filled it; s_m is in b[m−1].
+    """Next output sample of a frequency-warped lattice with the `rows` of `solve_loop`; b[m−1] holds s_m.
 
-    Both passes are chains of dependent steps, and the second waits for the first. So they go four steps at a time: each
-    four from 0 on, ahead of the chain, and what went in before joins them by the product of their factors.
-    """
+    Both passes are linear recursions, in which each step depends on the one before it. To use the processor in
+    parallel, four steps are computed from a start value of 0, and the contribution of the true start value is added as
+    a product of their factors."""
     q, joined, a, d, c, g, into, e = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7]
     mu = math.sqrt((1.0 - warp) * (1.0 + warp))
     last = 0.0

@@ -1,11 +1,11 @@
-"""Several samples of the plain lattice at once, in the lanes of the processor's vectors. Compiled.
+"""Vectorised lattice filter: processes several samples at once in the lanes of SIMD registers. Compiled.
 
-A sample may begin before the one before it has ended: its step m needs b_{m−1} of that one, and no more. So the samples
-go down the lattice together, each `LAG` steps behind the one before it: the last lane holds the first sample, at step
-m, the lane before it the second, at step m + `LAG`. What they need goes from lane to lane: k_m and c_m by `LAG` steps
-after the sample before, what that one left in b by one less. Only the first sample reads the memory, and only the last
-writes it. Each does what one sample after the other would do, operation for operation, so that the bits are the same.
-"""
+Step m of a sample needs only b_{m−1} of the previous sample, so a sample can start before the previous one has
+finished. The samples pass through the lattice together, each `LAG` steps behind the previous one: the last lane holds
+the first sample at step m, the lane before it the second sample at step m + `LAG`. Data move from lane to lane: k_m and
+c_m arrive `LAG` steps after the previous sample used them, b one step earlier. Only the first sample reads the memory
+b, and only the last one writes it. The operations are those of sequential processing, so the results are equal to the
+bit."""
 
 from typing import Any, Final
 
@@ -19,14 +19,15 @@ __all__ = ["lanes_of"]
 _cgutils: Any = cgutils
 
 LAG: Final = 3
-"""Steps between two samples [count]. Two would do, but then each step waits for the one before it: at order 40 it
-takes half as long again."""
+"""Steps between two samples. Two are enough for the data dependency, but each step would then wait for the previous
+one, which takes 1.5 times as long at order 40."""
 
 
 def lanes_of(n: int) -> tuple[Any, int]:
-    """`hapscene.dsp.lattice.advance` of n samples f, in place, and the lowest order for which it can be called.
+    """Generates a function that processes n samples, and returns it with the lowest order that it supports.
 
-    Its arguments are addresses of numbers, and the order: (k, c, b, order, f); k, c, b (order+1,), f (n,).
+    The function does what `hapscene.dsp.lattice.advance` does for each of n samples f, in place. Its arguments are
+    (k, c, b, order, f): the order, and the addresses of arrays k, c, b (order+1,) and f (n,).
     """
     apart = LAG * (n - 1)  # steps from the first sample to the last
 
@@ -43,7 +44,10 @@ def lanes_of(n: int) -> tuple[Any, int]:
             return [builder.load(at(*one)) for one in ((k, m, less), (c, m, less), (b, m, less + 1))]
 
         def step(past: list[Any], first: list[Any]) -> list[Any]:
-            """On from f, b of the last LAG − 1 steps, and k and c of LAG; `first` are the first sample's k, c and b."""
+            """One step of all lanes.
+
+            `past` holds f, b of the last LAG − 1 steps, and k and c of LAG steps; `first` is k, c, b of the first
+            sample."""
             f, bs, rows = past[0], past[1:LAG], past[LAG:]
             ones = (builder.insert_element(silent, one, place(0)) for one in first)
             k, c, before = map(builder.shuffle_vector, (rows[0], rows[1], bs[0]), ones, [along] * 3)
@@ -54,7 +58,7 @@ def lanes_of(n: int) -> tuple[Any, int]:
             builder.store(builder.extract_element(past[LAG - 1], place(0)), at(b, m, less))
 
         past = [silent] * (3 * LAG)
-        for i in range(apart + 1):  # the samples begin one by one
+        for i in range(apart + 1):  # prologue: the samples start one after the other
             if i % LAG == 0:
                 sample = builder.load(at(samples, index(i // LAG)))
                 past[0] = builder.insert_element(past[0], sample, place(n - 1 - i // LAG))
@@ -67,13 +71,13 @@ def lanes_of(n: int) -> tuple[Any, int]:
             for value, where in zip(past, kept, strict=True):
                 builder.store(value, where)
         past = [builder.load(where) for where in kept]
-        for i in range(apart + 1):  # and end: b_0 is f_0
+        for i in range(apart + 1):  # epilogue: the samples end one after the other; b_0 is f_0
             lane = place(n - 1 - i // LAG)
-            heard = builder.extract_element(past[0], lane)
+            output = builder.extract_element(past[0], lane)
             past = step(past, [number(0.0)] * 3)
             if i % LAG == 0:
-                builder.store(heard, at(samples, index(i // LAG)))
-                past[LAG - 1] = builder.insert_element(past[LAG - 1], heard, lane)
+                builder.store(output, at(samples, index(i // LAG)))
+                past[LAG - 1] = builder.insert_element(past[LAG - 1], output, lane)
             write(past, index(apart), i)
         return context.get_dummy_value()
 

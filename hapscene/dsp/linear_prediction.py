@@ -1,4 +1,7 @@
-"""AR models by the autocorrelation method (Makhoul 1975, "Linear prediction: a tutorial review", Proc. IEEE 63)."""
+"""Linear prediction: AR models by the autocorrelation method.
+
+Makhoul 1975, "Linear prediction: a tutorial review", Proc. IEEE 63.
+"""
 
 from typing import Final
 
@@ -21,36 +24,36 @@ __all__ = [
 Array = NDArray[np.float64]
 
 WHITE: Final = 1e-9
-"""White noise added to the autocorrelation at lag 0, as a fraction of the power [1] (−90 dB). Keeps the solution
-stable in rounding where a recording has next to nothing in part of the band, as after a steep low-pass."""
+"""White noise that is added to the autocorrelation at lag 0, as a fraction of the power [1] (−90 dB). It keeps the
+solution numerically stable if the recording has almost no power in part of the band, as after a steep low-pass."""
 
 
 LONG: Final = 1 << 17
-"""Longest signal whose autocorrelation is taken at once [samples], for memory's sake."""
+"""Longest signal whose autocorrelation is computed in one block [samples]; this limits the memory."""
 
 TAPER_S: Final = 0.02
-"""Length over which a signal is faded in and out before its autocorrelation is taken [s]. A hard edge is a click as
-broad as the spectrum: on known models whose level falls by 60 dB over the band it raised the residual by half, and the
-order found from 4 to 11."""
+"""Length of the fades at both ends of a signal before its autocorrelation is computed [s]. Without them the edges act
+as broadband clicks: for known models whose level falls by 60 dB over the band, they raised the residual by half and the
+chosen order from 4 to 11."""
 
 
 SMOOTHING_HZ: Final = 15.0
-"""Width (standard deviation) of the Gaussian that a recording's spectrum is smoothed with before it is fitted [Hz],
-through a window on the lags (Tohkura, Itakura & Hashimoto 1978, "Spectral smoothing technique in PARCOR speech
-analysis-synthesis", IEEE Trans. ASSP 26). A second of recording is scattered in detail; a filter of high order learns
-the scatter. Smoothed, the held-out distance at order 120 fell from 1.14 to 1.04 times that of the best order of all on
-the project's recordings, and the best itself did not rise. At 30 Hz real resonances blur; one that is sharper than
-15 Hz comes back as wide as that."""
+"""Standard deviation of the Gaussian that smooths the spectrum of a recording before the fit [Hz]. It is applied as a
+window on the lags (Tohkura, Itakura & Hashimoto 1978, "Spectral smoothing technique in PARCOR speech
+analysis-synthesis", IEEE Trans. ASSP 26). The spectrum of a second of recording scatters, and a filter of high order
+would fit the scatter. On the project's recordings, smoothing reduced the held-out spectral distance at order 120 from
+1.14 to 1.04 times that of the best order, and did not change the best. 30 Hz would blur real resonances; a resonance
+narrower than 15 Hz is widened to that."""
 
 
 def smoothed(r: Array, rate_Hz: float) -> Array:
-    """Autocorrelations (..., k) with their spectrum smoothed by `SMOOTHING_HZ`; the power stays."""
+    """Smooths the spectra of autocorrelations (..., k) by `SMOOTHING_HZ`; the power is unchanged."""
     lag = np.arange(r.shape[-1])
     return np.asarray(r * np.exp(-0.5 * (2.0 * np.pi * SMOOTHING_HZ / rate_Hz * lag) ** 2))
 
 
 def tapered(signal: Array, rate_Hz: float) -> Array:
-    """The signals (..., n) faded in and out by half a cosine; at most half of each is faded."""
+    """Fades signals (..., n) in and out with half a cosine, over at most a quarter of their length at each end."""
     count = min(round(TAPER_S * rate_Hz), signal.shape[-1] // 4)
     rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
     faded = signal.copy()
@@ -60,8 +63,8 @@ def tapered(signal: Array, rate_Hz: float) -> Array:
 
 
 def autocorrelation(signal: Array, lag_max: int) -> Array:
-    """Σ_t x(t) x(t−k) for k = 0 … lag_max, (..., lag_max+1), of signals (..., n); zero outside of them."""
-    if signal.ndim == 1 and signal.size > LONG > lag_max:  # block by block, each with what precedes it
+    """Autocorrelation Σ_t x(t) x(t−k), k = 0 … lag_max, (..., lag_max+1) of signals (..., n) padded with zeros."""
+    if signal.ndim == 1 and signal.size > LONG > lag_max:  # blockwise, with an overlap of lag_max
         total = np.zeros(lag_max + 1)
         for first in range(0, signal.size, LONG):
             start = max(0, first - lag_max)
@@ -75,9 +78,9 @@ def autocorrelation(signal: Array, lag_max: int) -> Array:
 
 
 def solve(r: Array) -> Array:
-    """The filter a (p+1,), a[0] = 1, with the least residual for an autocorrelation r (p+1,): always stable.
+    """Prediction filter a (p+1,), a[0] = 1, of an autocorrelation r (p+1,); 1/A is always stable.
 
-    Solves the normal equations Σ_j a_j r(|i−j|) = 0 for i = 1 … p by Levinson's recursion (SciPy).
+    Solves the normal equations Σ_j a_j r(|i−j|) = 0 for i = 1 … p by the Levinson recursion of SciPy.
     """
     column = r[:-1].copy()
     column[0] *= 1.0 + WHITE
@@ -85,7 +88,7 @@ def solve(r: Array) -> Array:
 
 
 def solve_orders(r: Array) -> Array:
-    """The same for each order 1 … p at once, (p, p+1): row i has order i+1, zero beyond it."""
+    """Prediction filters (p, p+1) of all orders 1 … p; row i has order i+1 and is padded with zeros."""
     order = len(r) - 1
     a = np.zeros((order, order + 1))
     last = np.zeros(order + 1)
@@ -100,7 +103,7 @@ def solve_orders(r: Array) -> Array:
 
 
 def residual_power(a: Array, r: Array) -> Array:
-    """Power (...) of what filters a (..., p+1) leave of signals of autocorrelation r (..., ≥ p+1): aᵀ R a."""
+    """Residual power aᵀ R a (...) of filters a (..., p+1) on signals with autocorrelation r (..., ≥ p+1)."""
     order = a.shape[-1] - 1
     own = autocorrelation(a, order)
     own[..., 1:] *= 2.0

@@ -1,7 +1,7 @@
-"""Random numbers inside effects: xoshiro256+ (Blackman & Vigna 2018), compiled, replayable to the bit.
+"""Random numbers for effects: xoshiro256+ (Blackman & Vigna 2018), compiled and reproducible to the bit.
 
-Declare `State("rng", seeded=True)` and call `normal(s.rng)`. The framework seeds it from the renderer's seed and
-the effect's name, so that a run can be repeated whatever other effects there are.
+Declare `State("rng", seeded=True)` and call `normal(s.rng)`. The framework seeds the state from the renderer's seed and
+the name of the effect, so that the numbers do not depend on other effects.
 """
 
 import math
@@ -18,7 +18,7 @@ __all__ = ["normal", "seeded_state", "uniform"]
 
 @native
 def uniform(rng: NDArray[np.uint64]) -> float:
-    """The next number, uniform in [0, 1), of the generator whose state is `rng` (4,)."""
+    """Next random number, uniform in [0, 1); advances the generator state `rng` (4,)."""
     result = rng[0] + rng[3]
     shifted = rng[1] << np.uint64(17)
     rng[2] ^= rng[0]
@@ -32,7 +32,7 @@ def uniform(rng: NDArray[np.uint64]) -> float:
 
 @native
 def normal(rng: NDArray[np.uint64]) -> float:
-    """The next number of a standard normal distribution (Marsaglia's polar method, one of its pair)."""
+    """Next random number of the standard normal distribution (Marsaglia polar method, one number of the pair)."""
     while True:
         x = 2.0 * uniform(rng) - 1.0
         y = 2.0 * uniform(rng) - 1.0
@@ -42,6 +42,6 @@ def normal(rng: NDArray[np.uint64]) -> float:
 
 
 def seeded_state(seed: int, name: str) -> NDArray[Any]:
-    """State (4,) uint64 for the effect `name` under the renderer's `seed`."""
+    """Initial generator state (4,) uint64 for the effect `name` and the renderer's `seed`."""
     sequence = np.random.SeedSequence([seed, zlib.crc32(name.encode())])
     return sequence.generate_state(4, np.uint64)

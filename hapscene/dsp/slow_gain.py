@@ -1,9 +1,9 @@
-"""What changes slowly in a texture: its random gain. Compiled.
+"""Amplitude modulation of a texture by a slow random gain. Compiled.
 
-The gain's logarithm is a sum of Ornstein–Uhlenbeck processes (`hapscene.surface.life.Life`). Each is kept as a number x
-of variance 1 and advanced exactly, whatever the step: x ← ρ x + √(1 − ρ²) z with z standard normal and
-ρ = exp(−dt · decay_1_s − dx · decay_1_m). So its law does not depend on the length of a tick, and a number drawn once
-is stationary. What recordings never reach is not played: the logarithm stays within `BOUND` of its deviations.
+The logarithm of the gain is a sum of Ornstein–Uhlenbeck processes (`hapscene.surface.gain_modulation`). Each process is
+a number x of variance 1 with an exact update for any step: x ← ρ x + √(1 − ρ²) z, with z standard normal and
+ρ = exp(−dt · decay_1_s − dx · decay_1_m). The distribution does not depend on the length of a tick, and is stationary
+from the first draw. The logarithm is limited to `BOUND` standard deviations, because recordings do not exceed this.
 """
 
 import math
@@ -17,16 +17,16 @@ __all__ = ["BOUND", "advance_gain", "log_power"]
 ROOT_2: Final = math.sqrt(2.0)
 
 BOUND: Final = 2.5
-"""How far the gain's logarithm goes from its median, in standard deviations [1]. In a few seconds recordings reach 1.6
-to 2.5; without a bound half a minute of epoxy has peaks of 20 times its level, which was recorded at 9."""
+"""Largest deviation of the logarithm of the gain from its median, in standard deviations [1]. Recordings of a few
+seconds reach 1.6 to 2.5. Without the limit, half a minute of epoxy has peaks of 20 times its level; 9 were recorded."""
 
 BOUND_LOG: Final = 2.0
-"""And how far at most [1]: 17 dB; the loudest 50 ms of what was recorded are 15 dB above their median."""
+"""Largest deviation of the logarithm [1]: 17 dB. The loudest recorded 50 ms are 15 dB above the median."""
 
 
 @native
 def log_power(spread: float) -> float:
-    """Half the logarithm of the mean square of exp(X), with X normal of that standard deviation, held to its bound."""
+    """½ ln E[exp(2X)] for a normal X of that standard deviation, limited as the gain is."""
     if spread == 0.0:
         return 0.0
     far = min(BOUND, BOUND_LOG / spread)
@@ -37,18 +37,18 @@ def log_power(spread: float) -> float:
 
 @native
 def advance_gain(
-    rng: Any, x: Any, rows: Any, first: int, count: int, dt_s: float, dx_m: float, life: float, mean: Any
+    rng: Any, x: Any, rows: Any, first: int, count: int, dt_s: float, dx_m: float, depth: float, mean: Any
 ) -> float:
-    """The gain [1] after a time [s] in which a distance [m] was travelled; the processes x (≥ count,) are advanced.
+    """Advances the processes x (≥ count,) by a time [s] and a travelled distance [m] and returns the gain [1].
 
-    `rows` holds, from `first` on, the spread, decay_1_s and decay_1_m of each of `count` processes; each spread counts
-    `life` times. The mean of the gain's square is 1: `mean` (2,) keeps the square of the spread that was last, and
-    what its gain is divided by for that, as a logarithm.
+    From index `first` on, `rows` holds spread, decay_1_s and decay_1_m of each of `count` processes. `depth` scales all
+    spreads. The gain is normalised to a mean square of 1; `mean` (2,) caches the total variance for which the
+    normalisation was computed, and the logarithm of the normalisation.
     """
     log = variance = 0.0
     for i in range(count):
         at = first + 3 * i
-        spread, loss = life * rows[at], dt_s * rows[at + 1] + dx_m * rows[at + 2]
+        spread, loss = depth * rows[at], dt_s * rows[at + 1] + dx_m * rows[at + 2]
         if loss > 0.0:
             rho = math.exp(-loss)
             x[i] = rho * x[i] + math.sqrt((1.0 - rho) * (1.0 + rho)) * normal(rng)

@@ -1,8 +1,8 @@
-"""The state machine that plays a texture: filter, level ramp and amplitude modulation. Compiled.
+"""Texture synthesis: lattice filter, level ramp and amplitude modulation. Compiled.
 
-One voice is one record `s` with the fields of `voice_fields`. A caller puts the reflection coefficients into `s.k`,
-calls `settle`, and then once per block `modulate` and `play`. The effect `lpc_texture` takes the coefficients from a
-table on a grid; `run_texture` takes them from an array, for synthesis offline.
+The state of a voice is a record `s` with the fields of `voice_fields`. The caller writes the reflection coefficients to
+`s.k` and calls `settle`; then, for each block, it calls `modulate` and `play`. The effect `lpc_texture` reads the
+coefficients from a table on a grid; `run_texture` reads them from an array, for offline synthesis.
 """
 
 import math
@@ -21,26 +21,26 @@ __all__ = ["Stroke", "modulate", "play", "run_texture", "settle", "voice_fields"
 
 
 def voice_fields(order: int) -> list[tuple[str, tuple[int, ...]]]:
-    """Names and shapes of a voice's fields, for models up to an order; all are 0 at the start.
+    """Names and shapes of the fields of a voice, for models up to an order; all start at 0.
 
-    The random state `rng` (4,) u8, from which excitation and modulation are drawn, is added by the caller.
+    The caller adds the random state `rng` (4,) u8 for excitation and modulation.
     """
     size = 4 * math.ceil(order / 4) + 1
     return [
-        *[("k", (size,)), ("c", (size,)), ("b", (size,)), ("rows", (8, size))],  # of the lattice
+        *[("k", (size,)), ("c", (size,)), ("b", (size,)), ("rows", (8, size))],  # lattice
         ("f", (BLOCK_MAX,)),  # excitation and output of a block
-        *((name, ()) for name in ("order", "warp")),  # of the model
+        *((name, ()) for name in ("order", "warp")),  # model: order and allpass coefficient
         ("scale", ()),  # 1 over the standard deviation of the lattice's output
-        *((name, ()) for name in ("level_m_s2", "gain")),  # reached at the end of the last block
-        ("processes", (LIFE_MAX,)),  # of the modulation, each of variance 1
-        ("norm", (2,)),  # see `advance_gain`
+        *((name, ()) for name in ("level_m_s2", "gain")),  # at the end of the last block
+        ("processes", (LIFE_MAX,)),  # modulation processes, each of variance 1
+        ("norm", (2,)),  # cache of `advance_gain`
         ("spread_scale", ()),  # factor on the spread of the modulation
     ]
 
 
 @native
 def settle(s: Any) -> None:
-    """Fill in what the lattice needs beside its order, its warp and k."""
+    """Computes the remaining lattice coefficients from order, allpass coefficient and k."""
     order = int(s.order)
     if s.warp != 0.0:
         s.scale = 1.0 / math.sqrt(solve_loop(s.k, order, s.warp, s.rows))
@@ -52,10 +52,10 @@ def settle(s: Any) -> None:
 
 @native
 def modulate(s: Any, rates: Any, first: int, count: int, step_s: float, travel_m: float) -> float:
-    """The gain [1] after a time and a distance; `rates[first:]` holds `count` processes as `advance_gain` has them."""
+    """Modulation gain [1] after a time and a distance; `rates[first:]` holds `count` rows for `advance_gain`."""
     if count == 0 or s.spread_scale == 0.0:
         return 1.0
-    if s.processes[0] == 0.0:  # not drawn yet
+    if s.processes[0] == 0.0:  # first call: draw the processes
         for i in range(s.processes.size):
             s.processes[i] = normal(s.rng)
     return advance_gain(s.rng, s.processes, rates, first, count, step_s, travel_m, s.spread_scale, s.norm)
@@ -63,7 +63,7 @@ def modulate(s: Any, rates: Any, first: int, count: int, step_s: float, travel_m
 
 @native
 def play(s: Any, level_m_s2: float, gain: float, out: Any, start: int, stop: int, block: int) -> None:
-    """Add samples to out[start:stop]; in a whole `block` they are ramped to a level √P [m/s²] times a gain."""
+    """Adds samples to out[start:stop], ramped to a level √P [m/s²] times a gain over a whole `block`."""
     order, now = int(s.order), s.level_m_s2 * s.gain
     step = (level_m_s2 * gain - now) / block
     for at in range(start, stop, BLOCK_MAX):
@@ -81,20 +81,20 @@ def play(s: Any, level_m_s2: float, gain: float, out: Any, start: int, stop: int
 
 
 class Stroke(NamedTuple):
-    """What a texture is played along, in n blocks."""
+    """Input of `run_texture`: coefficients, level and travel of n blocks."""
 
-    k: NDArray[np.float64]  # (m, p) reflection coefficients: row 0 for all, or row i from block i · hold on
+    k: NDArray[np.float64]  # (m, p) reflection coefficients: one row for all blocks, or row i from block i · hold on
     level_m_s2: NDArray[np.float64]  # (n,) √P at the end of each block
-    travel_m: NDArray[np.float64]  # (n,) distance in each
-    rates: NDArray[np.float64]  # (3l,) of the modulation, as `advance_gain` has them
+    travel_m: NDArray[np.float64]  # (n,) distance travelled in each block
+    rates: NDArray[np.float64]  # (3l,) rows of the modulation for `advance_gain`
     step_s: float  # duration of a block
-    block: int  # samples in it
-    hold: int  # blocks for which a row of k holds
+    block: int  # samples per block
+    hold: int  # blocks per row of k
 
 
 @native
 def run_texture(s: Any, stroke: Stroke, out: Any) -> None:
-    """Add the next samples of a texture to `out`, a block after the other; the last may be shorter."""
+    """Adds the next samples of a texture to `out`, block by block; the last block may be shorter."""
     k, block, hold, count = stroke.k, stroke.block, stroke.hold, stroke.rates.size // 3
     for i in range(stroke.level_m_s2.size):
         if i == 0 or (k.shape[0] > 1 and i % hold == 0):

@@ -1,16 +1,17 @@
-"""Linear prediction on a warped frequency axis: a filter resolves more where more is felt, and has fewer taps.
+"""Frequency-warped linear prediction: higher resolution at low frequencies with fewer coefficients.
 
-In a warped filter a first-order allpass D(z) = (z⁻¹ − λ)/(1 − λ z⁻¹) stands in the place of each unit delay (Strube
-1980, "Linear prediction on a warped frequency scale", J. Acoust. Soc. Am. 68; Härmä et al. 2000, "Frequency-warped
-signal processing for audio applications", J. Audio Eng. Soc. 48). Its phase bends the frequency axis,
+In a warped filter, a first-order allpass D(z) = (z⁻¹ − λ)/(1 − λ z⁻¹) replaces each unit delay (Strube 1980, "Linear
+prediction on a warped frequency scale", J. Acoust. Soc. Am. 68; Härmä et al. 2000, "Frequency-warped signal processing
+for audio applications", J. Audio Eng. Soc. 48). Its phase maps the frequency axis,
 
     ω̃(ω) = ω + 2 arctan(λ sin ω / (1 − λ cos ω)),   tan(ω̃/2) = (1 + λ)/(1 − λ) tan(ω/2),
 
-so that its spectrum is σ²/|A(e^{jω̃(ω)})|². A of order p resolves about π/p of ω̃: at 10 kHz and λ = 0.75 that is
-seven times finer at 20 Hz than a plain filter's, and seven times coarser at 5 kHz, where nothing is felt.
+so that the spectrum is σ²/|A(e^{jω̃(ω)})|². A filter of order p has a resolution of about π/p in ω̃. At 10 kHz and
+λ = 0.75, this is seven times finer at 20 Hz than that of a plain filter, and seven times coarser at 5 kHz, where people
+feel nothing. λ is called `warp` in the code and in swatch files.
 
-Strube's method makes least the residual's power, which weighs frequencies as the plain axis does. Here the spectrum
-itself is predicted on the warped axis, as Makhoul (1975) does on any axis: r̃_k = ∫ S(ω) cos(k ω̃) ω̃' dω.
+Strube's method minimises the residual power, which weights frequencies uniformly on the plain axis. Here the spectrum
+is predicted on the warped axis, as Makhoul (1975) does on any axis: r̃_k = ∫ S(ω) cos(k ω̃) ω̃' dω.
 """
 
 import math
@@ -25,40 +26,41 @@ __all__ = ["lag_count", "predictor", "warp_at", "warped", "warped_angle"]
 Array = NDArray[np.float64]
 
 MIDDLE_HZ: Final = 451.67
-"""Frequency in the middle of the warped axis [Hz], at every rate: λ = 0.75 at 10 kHz. On wood, paper, leather and
-epoxy, one half judged by the other, 0.6 needs half as many taps more for the same bands, and 0.85 buys nothing."""
+"""Frequency in the middle of the warped axis [Hz], at every sample rate; λ = 0.75 at 10 kHz. In held-out tests on wood,
+paper, leather and epoxy, λ = 0.6 needed 1.5 times the order for the same accuracy, and 0.85 was no improvement."""
 
 WARP_LEAST: Final = 0.3
-"""Warp below which a warped filter is not worth its time [1]: at rates up to 3.2 kHz the plain axis is as good."""
+"""Smallest useful allpass coefficient [1]. At rates up to 3.2 kHz plain filters are as accurate and faster."""
 
 TAIL: Final = 40.0
-"""Lags that the allpass chain rings on for, in units of 1/(1 − λ) [1]: to rounding."""
+"""Length of the impulse response of the allpass chain, in units of 1/(1 − λ) [1]; the rest is below rounding."""
 
 
 def warp_at(rate_Hz: float) -> float:
-    """The warp λ that maps frequencies [Hz] at a rate as 0.75 does at 10 kHz; 0, no warp, at low rates.
+    """Allpass coefficient λ for a sample rate; 0 (no warping) at low rates.
 
-    `MIDDLE_HZ` lies in the middle: λ = tan(π/4 − π f/rate). Far below the rate the whole map is then the same.
+    λ = tan(π/4 − π f/rate) maps f = `MIDDLE_HZ` to the middle of the warped axis. For frequencies far below the sample
+    rate, the mapping is then the same at all rates.
     """
     warp = math.tan(0.25 * math.pi - math.pi * min(MIDDLE_HZ / rate_Hz, 0.25))
     return warp if warp >= WARP_LEAST else 0.0
 
 
 def warped_angle(angle_rad: ArrayLike, warp: float) -> Array:
-    """Where angles (n,) [rad] of the plain axis lie on the warped one (n,) [rad]."""
+    """Maps angles (n,) [rad/sample] from the plain to the warped frequency axis."""
     angle = np.asarray(angle_rad, dtype=np.float64)
     return np.asarray(angle + 2.0 * np.arctan2(warp * np.sin(angle), 1.0 - warp * np.cos(angle)))
 
 
 def lag_count(order: int, warp: float) -> int:
-    """Lags of a signal's autocorrelation, without lag 0, that warped prediction of that order needs."""
+    """Number of autocorrelation lags, without lag 0, that warped prediction of an order needs."""
     return order if warp == 0.0 else math.ceil((order * (1.0 + warp) + TAIL) / (1.0 - warp))
 
 
 def warped(r: Array, order: int, warp: float) -> Array:
-    """Autocorrelation on the warped axis (..., order+1) of signals of autocorrelation r (..., > `lag_count`).
+    """Converts autocorrelations r (..., > `lag_count`) to the warped axis (..., order+1).
 
-    `hapscene.dsp.linear_prediction.solve` makes the filter of it.
+    `hapscene.dsp.linear_prediction.solve` computes the filter from the result.
     """
     if warp == 0.0:
         return r[..., : order + 1]
@@ -67,9 +69,9 @@ def warped(r: Array, order: int, warp: float) -> Array:
 
 
 def predictor(a: Array, warp: float) -> Array:
-    """The filters A (..., p+1) as coefficients of plain delays, the first 1: (..., `lag_count`+1), to rounding.
+    """Converts warped filters A (..., p+1) to FIR prediction filters (..., `lag_count`+1) with first coefficient 1.
 
-    What they leave of a signal is what is new in each sample, of 1/A's whole excitation scaled to that.
+    Their residual is the innovation of the signal, scaled by the first coefficient.
     """
     if warp == 0.0:
         return a
@@ -79,10 +81,10 @@ def predictor(a: Array, warp: float) -> Array:
 
 @lru_cache(maxsize=8)
 def _maps(order: int, warp: float) -> tuple[Array, Array]:
-    """What takes an autocorrelation (`lag_count`+1,) to the warped one, and the first samples of D⁰ … D^p, each
-    (order+1, `lag_count`+1).
+    """Matrices (order+1, `lag_count`+1) of `warped` and `predictor`.
 
-    Both are the series in cos(n ω): of ω̃' cos(k ω̃), and of cos(k ω̃), the real part of D^k.
+    The first maps an autocorrelation to the warped axis; the second holds the impulse responses of D⁰ … D^p. Both are
+    cosine series in ω: of ω̃' cos(k ω̃), and of cos(k ω̃), the real part of D^k.
     """
     count = lag_count(order, warp)
     angle = np.linspace(0.0, np.pi, (1 << (2 * count).bit_length()) + 1)

@@ -1,4 +1,4 @@
-"""The haptography handle: its plant, the compensators that drive it, and how well they do."""
+"""The haptography handle: model of the plant, identification, compensators, and outputs."""
 
 import lazy_loader
 

@@ -4,7 +4,7 @@ from .fit import identify as identify
 from .handle_file import load_handle as load_handle
 from .handle_file import save_handle as save_handle
 from .plant import Plant as Plant
-from .playback import Played as Played
+from .playback import PlaybackResult as PlaybackResult
 from .playback import play as play
 from .playback import spectrogram_error as spectrogram_error
 from .response import estimate_response as estimate_response

@@ -1,4 +1,4 @@
-"""A handle identified: from responses in several grips to its parameters, and how sure each of them is."""
+"""Identify a handle: fit its parameters, with confidence intervals, to frequency responses in several grips."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,28 +13,37 @@ from hapscene.handle.plant import Array, Complex, Plant
 from hapscene.handle.response import BAND_PER_OCTAVE, Response
 from hapscene.handle.sensor import DELAY_MAX_S, Sensor
 
-__all__ = ["GRIP_MAX", "HAND", "OWN", "Identification", "IdentifiedGrip", "asymptote", "identify", "sampled_response"]
+__all__ = [
+    "GRIP_MAX",
+    "HANDLE_PARAMETERS",
+    "HAND_PARAMETERS",
+    "Identification",
+    "IdentifiedGrip",
+    "asymptote",
+    "identify",
+    "sampled_response",
+]
 
 Interval = tuple[float, float]
 
-OWN: Final = ("m_c_kg", "k_s_N_m", "b_s_Ns_m", "m_h_kg")
-"""Parameters of the handle itself, the same in every grip."""
+HANDLE_PARAMETERS: Final = ("m_c_kg", "k_s_N_m", "b_s_Ns_m", "m_h_kg")
+"""Parameters of the handle, the same in every grip."""
 
-HAND: Final = ("k_u_N_m", "b_u_Ns_m")
-"""Parameters of the hand, different in every grip."""
+HAND_PARAMETERS: Final = ("k_u_N_m", "b_u_Ns_m")
+"""Parameters of the hand, which differ from grip to grip."""
 
 
 @dataclass(frozen=True)
 class IdentifiedGrip:
-    """A hand that held the handle while it was identified.
+    """The hand in one grip of an identification.
 
     Attributes:
-        name: as "light".
-        k_u_N_m, b_u_Ns_m: its stiffness and damping.
-        intervals: of them, by name, at 95 %.
-        absent: why one of them has no interval, by name.
-        coherence: median over the band: share of the acceleration's power that the force explains [1].
-        coherence_least: the least over the band [1].
+        name: name of the grip, such as "light".
+        k_u_N_m, b_u_Ns_m: stiffness and damping of the hand.
+        intervals: 95 % confidence intervals, by parameter.
+        absent: reason why a parameter has no interval, by parameter.
+        coherence: median over the band of the share of the acceleration's power that the force explains [1].
+        coherence_least: lowest coherence in the band [1].
     """
 
     name: str
@@ -48,22 +57,22 @@ class IdentifiedGrip:
 
 @dataclass(frozen=True)
 class Identification:
-    """A handle, as measured.
+    """The result of an identification.
 
     Attributes:
-        name: of the handle.
-        plant: the nominal handle, for a compensator: its k_u and b_u are the geometric means over the grips.
-        grips: in the order in which they were played, one or more.
-        intervals: of the plant's own parameters and amplifier_Hz, by name, at 95 %.
-        absent: why one of them has no interval, by name; the plant then holds an assumption.
-        asymptote_kg: the first estimate of m_h, force over acceleration where that is flattest.
-        asymptote_Hz: the band where that is.
-        delay_s: how much later the acceleration came than the amplifier's and accelerometer's poles say.
-        accelerometer_Hz: the accelerometer's pole, which was taken as known.
-        rate_Hz: of force and acceleration.
-        band_Hz: of the sweep.
-        misfit: what the model leaves of the responses, root mean square, over what noise explains [1].
-        provenance: where the numbers come from.
+        name: name of the handle.
+        plant: nominal handle for a compensator; its k_u and b_u are the geometric means over the grips.
+        grips: the grips, one or more, in the order of the recordings.
+        intervals: 95 % confidence intervals of the plant's parameters and of amplifier_Hz, by parameter.
+        absent: reason why a parameter has no interval, by parameter. Its value in `plant` is then an assumption.
+        asymptote_kg: first estimate of m_h: force over acceleration where the ratio is flattest.
+        asymptote_Hz: band of this estimate.
+        delay_s: delay of the acceleration in addition to the poles of amplifier and accelerometer.
+        accelerometer_Hz: pole of the accelerometer, assumed from its data sheet.
+        rate_Hz: sample rate of force and acceleration.
+        band_Hz: band of the sweep.
+        misfit: residual of the responses, root mean square, relative to the measurement noise [1].
+        provenance: origin of the recordings.
     """
 
     name: str
@@ -88,60 +97,68 @@ class Identification:
 
     @property
     def sensor(self) -> Sensor:
-        """What is heard of it, for a compensator that is told of force n and the acceleration read as force n begins.
+        """Sensor for a compensator that receives force n together with the acceleration at the start of force n.
 
-        To `delay_s` comes what a force that is held, and an accelerometer whose pole knows no samples, are later than
-        in the compensator's reckoning: half a sample, and the rest of the pole's time constant.
+        Its delay is `delay_s`, plus what the compensator's discrete model leaves out: half a sample for the force,
+        which is held, and the difference between the pole's time constant and that of its discrete form.
         """
         period_s, pole_s = 1.0 / self.rate_Hz, 0.5 / (np.pi * self.accelerometer_Hz)
-        late_s = self.delay_s + 0.5 * period_s + pole_s - period_s / np.expm1(period_s / pole_s)
-        return Sensor(float(np.clip(late_s, 0.0, DELAY_MAX_S)), self.accelerometer_Hz)
+        delay_s = self.delay_s + 0.5 * period_s + pole_s - period_s / np.expm1(period_s / pole_s)
+        return Sensor(float(np.clip(delay_s, 0.0, DELAY_MAX_S)), self.accelerometer_Hz)
 
     def plant_in(self, grip: IdentifiedGrip) -> Plant:
-        """The plant as it was in that grip."""
+        """The plant in the given grip."""
         return replace(self.plant, k_u_N_m=grip.k_u_N_m, b_u_Ns_m=grip.b_u_Ns_m)
 
 
-# The mass of the handle at first sight, from where acceleration over force is flat.
-
-
 def asymptote(responses: Sequence[Response]) -> tuple[float, Interval]:
-    """First estimate of m_h [kg]: |F/A| in the octave in which it is flattest over all grips; and that octave [Hz].
+    """First estimate of m_h [kg]: |F/A| in the octave where it is flattest over all grips. Also returns the octave
+    [Hz].
 
-    At high frequency |A/F| → 1/m_h. Below, spring and hand bend it, above, amplifier and accelerometer; the flattest
-    octave lies between. What bend is left there, about 1 %, the fit of the whole model takes out.
+    |A/F| approaches 1/m_h at high frequency. Spring and hand bend it at low frequencies, amplifier and accelerometer at
+    high ones; the flattest octave lies between. The fit of the whole model removes the remaining bend of about 1 %.
     """
     best: tuple[float, float, Interval] | None = None
     lowest = max(response.frequency_Hz[0] for response in responses)
     highest = min(response.frequency_Hz[-1] for response in responses)
-    whole = highest > 1.9 * lowest  # mean frequencies of bands lie inside the octave that was played
+    whole = highest > 1.9 * lowest  # mean frequencies of bands lie within the octave that was played
     for low in np.geomspace(lowest, max(highest / 2.0, lowest), 50) if whole else ():
         within = [(r.frequency_Hz >= low) & (r.frequency_Hz <= 2.0 * low) for r in responses]
         level = np.log(np.abs(np.concatenate([r.response[part] for r, part in zip(responses, within, strict=True)])))
         if len(level) >= 3 and (best is None or level.std() < best[0]):
             best = float(level.std()), float(np.exp(-level.mean())), (float(low), float(2.0 * low))
     if best is None:
-        raise HandleError("the responses share no octave in which the mass of the handle could be seen")
+        raise HandleError(
+            f"the responses share less than an octave, {lowest:.3g} to {highest:.3g} Hz, which does not determine the "
+            "mass of the handle: record a wider sweep"
+        )
     return best[1], best[2]
 
 
-# What stands between force command and acceleration sample, and is not the handle: amplifier, accelerometer, delay.
+# The signal path from force command to acceleration sample: amplifier, plant, accelerometer, delay.
 
 
 def sampled_response(
     plant: Plant, frequency_Hz: ArrayLike, rate_Hz: float, amplifier_s: float, accelerometer_s: float, delay_s: float
 ) -> Complex:
-    """Acceleration samples over force commands, at frequencies of any shape [1/kg].
+    """Response of acceleration samples to force commands [1/kg].
 
-    A command is held over its sample (zero-order hold). Amplifier and accelerometer are one pole each, with the time
-    constants given, 0 for none; what the accelerometer gives is sampled as the next command begins, and comes
-    `delay_s` later than that.
+    A command is held over its sample (zero-order hold). Amplifier and accelerometer are one pole each. The
+    accelerometer is sampled at the start of the next command, and its samples are delayed by `delay_s`.
 
-    A held command has images around the multiples of the rate; sampling folds them back. At high frequency the plant is
-    1/m_h, and passes them. So that path is taken as the sampled system that it is: with z = exp(jωT),
+    Args:
+        plant: the handle in a hand.
+        frequency_Hz: frequencies of any shape [Hz].
+        rate_Hz: sample rate [Hz].
+        amplifier_s, accelerometer_s: time constants of the poles [s]; 0 for no pole.
+        delay_s: additional delay [s].
+
+    A held command has images around the multiples of the sample rate, and sampling folds them back. At high frequency
+    the plant passes them as 1/m_h. Therefore that path is computed as a sampled system: with z = exp(jωT),
     G = 1 − [τ (z−1)/(z−e^(−T/τ)) − σ (z−1)/(z−e^(−T/σ))]/(τ−σ), the zero-order hold of 1/((1+τs)(1+σs)) by partial
-    fractions. The rest of the plant, H − 1/m_h, falls with frequency; it is taken as continuous, times the hold's
-    e^(−jωT/2) sinc. Its images, left out so, are 3e-5 of the response at 10 kHz, 4e-4 at 5 kHz, 2e-3 at 3 kHz.
+    fractions. The rest of the plant, H − 1/m_h, falls with frequency; it is computed as continuous, times
+    e^(−jωT/2) sinc of the hold. Its images, which this neglects, are 3e-5 of the response at 10 kHz, 4e-4 at 5 kHz and
+    2e-3 at 3 kHz.
     """
     frequency = np.asarray(frequency_Hz, dtype=np.float64)
     s, period_s = 2j * np.pi * frequency, 1.0 / rate_Hz
@@ -156,55 +173,57 @@ def sampled_response(
 
 
 def _remainder(tau: float, z: Complex, period_s: float) -> Complex:
-    """τ (z−1)/(z−e^(−T/τ)), the part of a step that is still to come; 0 without a pole."""
+    """τ (z−1)/(z−e^(−T/τ)), the part of a step response that is still to come; 0 without a pole."""
     pole = np.exp(-period_s / tau) if tau > 0.0 else 0.0
     return np.asarray(tau * (z - 1.0) / (z - pole))
 
 
-# From frequency responses in several grips to the handle's parameters: m_h first, then the rest, with intervals.
+# The fit of the parameters: first m_h, then all of them, with intervals.
 #
-# One grip does not do: eq. 8 over m_c is s⁴ over a polynomial of five coefficients, and they hang on six parameters.
-# Each further grip brings two parameters, k_u and b_u, and four new coefficients. So grips that differ are what tells
-# the coil's mass from its spring; how well is seen in the intervals, and where the answer is no, it is said.
+# One grip is not sufficient: eq. 8 over m_c is s⁴ over a polynomial with five coefficients, which depend on six
+# parameters. Each further grip adds two parameters, k_u and b_u, and four coefficients. So different grips are needed
+# to separate the mass of the coil from its spring. The intervals show how well they do; where they do not suffice, the
+# result states it.
 
 
 GRIP_MAX: Final = 20
 """Most grips of an identification [count]."""
 
 PRIOR: Final = 2.0
-"""Standard deviation of each parameter's logarithm about the guess, before anything is measured [1]: a factor of seven
-either way. Keeps the search finite where the grips do not differ; moves what is known to 1 % by 1/40,000 of its way."""
+"""Prior standard deviation of the logarithm of each parameter about the guess [1]: a factor of seven in both
+directions. It keeps the search finite where grips are too similar. A parameter known to 1 % is moved by 1/40,000 of the
+distance."""
 
 KNOWN: Final = 0.25
-"""Largest standard deviation of a logarithm at which a parameter counts as known [1]: its interval spans 1 to 2.7."""
+"""Largest standard deviation of a logarithm at which a parameter counts as determined [1]: an interval of 1 to 2.7."""
 
 SMOOTH: Final = 9
-"""Bands over which the noise is averaged to weigh them [count]: each alone has few degrees of freedom, and what happens
-to look quiet would be weighed too much."""
+"""Number of bands over which the noise is averaged for the weights. One band has few degrees of freedom; one that seems
+free of noise by chance would get too much weight."""
 
 NORMAL_95: Final = 1.959964
-"""Reach of a 95 % interval, in standard deviations [1]."""
+"""Half width of a 95 % interval, in standard deviations [1]."""
 
 COARSE: Final = 0.1
-"""Relative error at which every band is weighed first [1]."""
+"""Relative error that each band is assumed to have in the first stage of the search [1]."""
 
 ENOUGH: Final = 1.5
-"""Misfit at which no further start is tried [1]: the model then explains what noise does not."""
+"""Misfit at which the search stops [1]: the model explains all but the noise."""
 
 EVALUATION_MAX: Final = 60
-"""Most evaluations of a search [count]. Those that arrive take 10 to 30; a valley that takes more is not the one."""
+"""Most evaluations of a search [count]. Searches that converge take 10 to 30."""
 
 _FAR: Final = 20.0
-"""Furthest logarithm that is looked at: 5e8 and 2e-9, inside what a `Plant` takes."""
+"""Largest absolute logarithm in the search: 5e8 and 2e-9, within the limits of a `Plant`."""
 
 _FADED: Final = 1e-3
-"""What the prior counts in the intervals [1]: just enough that a parameter of which nothing is known has one."""
+"""Weight of the prior in the intervals [1]: just enough that an undetermined parameter has one."""
 
 _DELAY_S: Final = 1e-4
 """Unit of the time constants in the search [s]."""
 
 _STEP: Final = 1e-6
-"""Step of the differences in the search [1], of logarithms and of time constants in their unit."""
+"""Step of the finite differences in the search [1], for logarithms and for time constants in `_DELAY_S`."""
 
 
 def identify(
@@ -217,44 +236,44 @@ def identify(
     name: str = "handle",
     provenance: str = "",
 ) -> Identification:
-    """Fit eq. 8, with what stands before and after it, to the responses of several grips.
+    """Fit eq. 8, with amplifier, accelerometer and delay, to the responses of several grips.
 
-    m_c, k_s, b_s, m_h, the amplifier's pole and a delay are common to all; k_u and b_u are each grip's own. The sum of
-    |h − model|²/s² over all bands is made least (Levenberg–Marquardt, MINPACK), s from the coherence. Intervals are at
-    95 %, from the Jacobian there, wider by the misfit where the model leaves more than noise explains, and wide
-    enough where what it leaves hangs together over an octave. In simulation 97 % of them hold; where the grip wanders
-    by 5 % during the sweep, 83 %.
+    All grips share m_c, k_s, b_s, m_h, the pole of the amplifier and a delay; k_u and b_u differ from grip to grip. The
+    fit minimises the sum of |h − model|²/s² over all bands (Levenberg–Marquardt, MINPACK), with s from the coherence.
+    The 95 % intervals follow from the Jacobian. They are widened by the misfit where the residual exceeds the noise,
+    and account for residuals that are correlated over an octave. In simulation 97 % of the intervals contain the true
+    value; 83 % if the grip varies by 5 % during the sweep.
 
     Args:
-        responses: of each grip; two or more that differ tell all parameters.
-        rate_Hz: of the samples that they were estimated from.
-        names: of the grips.
-        guess: where the search begins, and whose limits are kept; `Plant()` unless given.
-        accelerometer_Hz: the accelerometer's pole, from its data sheet. It is taken as known, for an accelerometer that
-            is slower than believed and a handle that is heavier look alike.
-        name: of the handle.
-        provenance: where the responses come from.
+        responses: one response a grip. Two or more different grips determine all parameters.
+        rate_Hz: sample rate of the recordings [Hz].
+        names: names of the grips.
+        guess: start of the search, and the limits of force and travel of the result; `Plant()` by default.
+        accelerometer_Hz: pole of the accelerometer, from its data sheet [Hz]. It cannot be fitted, since a slower
+            accelerometer has the same effect as a heavier handle.
+        name: name of the handle.
+        provenance: origin of the recordings.
 
     Raises:
-        HandleError: no grip, more than `GRIP_MAX`, or responses that no handle of this kind has.
+        HandleError: no grip, more than `GRIP_MAX` grips, or responses that do not determine a handle.
     """
     if not 1 <= len(responses) <= GRIP_MAX or len(names) != len(responses):
-        raise HandleError(f"1 to {GRIP_MAX} grips, each with a name, can be identified together; got {len(responses)}")
+        raise HandleError(f"identification needs 1 to {GRIP_MAX} grips with a name each, got {len(responses)}")
     fit = _Fit(responses, rate_Hz, Plant() if guess is None else guess, accelerometer_Hz)
     x, deviation, misfit = fit.solve()
     x[4] = abs(x[4])
     mass_kg, octave_Hz = fit.asymptote
-    reason = "the grips differ too little, or noise covers what tells it from the others"
+    reason = "the grips are too similar, or there is too much noise, to separate it from the other parameters"
     if len(responses) == 1:
-        reason = "one grip cannot tell it from the others: play two or more that differ"
-    intervals, absent = _judged(OWN, x[:4], deviation[:4], reason)
+        reason = "one grip does not determine it: record two or more different grips"
+    intervals, absent = _intervals(HANDLE_PARAMETERS, x[:4], deviation[:4], reason)
     amplifier_Hz = _amplifier(x[4], deviation[4], fit.guess.amplifier_Hz, intervals, absent)
     grips = []
     for i, (response, label) in enumerate(zip(responses, names, strict=True)):
         own = slice(6 + 2 * i, 8 + 2 * i)
         coherence = float(np.median(response.coherence)), float(response.coherence.min())
         k_u_N_m, b_u_Ns_m = np.exp(x[own]).tolist()
-        known = _judged(HAND, x[own], deviation[own], reason)
+        known = _intervals(HAND_PARAMETERS, x[own], deviation[own], reason)
         grips.append(IdentifiedGrip(label, k_u_N_m, b_u_Ns_m, *coherence, *known))
     hand = np.exp(x[6:].reshape(-1, 2).mean(axis=0))
     return Identification(
@@ -275,8 +294,11 @@ def identify(
 
 
 class _Fit:
-    """The least squares. x holds ln m_c, ln k_s, ln b_s, ln m_h, the amplifier's time constant τ, delay + τ, and of
-    each grip ln k_u, ln b_u. A slower amplifier and a longer delay look alike at first order: their sum does not."""
+    """The least-squares problem.
+
+    x contains ln m_c, ln k_s, ln b_s, ln m_h, the time constant τ of the amplifier, delay + τ, and for each grip ln k_u
+    and ln b_u. To first order, a slower amplifier has the same effect as a longer delay; their sum is well determined.
+    """
 
     def __init__(self, responses: Sequence[Response], rate_Hz: float, guess: Plant, accelerometer_Hz: float) -> None:
         self.responses, self.rate_Hz, self.guess = responses, rate_Hz, guess
@@ -285,28 +307,29 @@ class _Fit:
         self.weight = [1.0 / _smoothed(response) for response in responses]
 
     def plant(self, x: Array, hand: Array) -> Plant:
-        """The plant of common parameters x and a hand (k_u, b_u)."""
-        own = dict(zip(OWN, np.exp(np.clip(x[:4], -_FAR, _FAR)), strict=True))
-        return replace(self.guess, **own, **dict(zip(HAND, hand, strict=True)))
+        """The plant with the parameters x and a hand (k_u, b_u)."""
+        own = dict(zip(HANDLE_PARAMETERS, np.exp(np.clip(x[:4], -_FAR, _FAR)), strict=True))
+        return replace(self.guess, **own, **dict(zip(HAND_PARAMETERS, hand, strict=True)))
 
     def model(self, x: Array, grip: int) -> NDArray[np.complex128]:
         """The response (k,) of a grip, averaged over each band."""
         response = self.responses[grip]
         plant = self.plant(x, np.exp(np.clip(x[6 + 2 * grip : 8 + 2 * grip], -_FAR, _FAR)))
         at_Hz = response.frequency_Hz + np.array([[-1.0], [1.0]]) * response.spread_Hz
-        tau = min(abs(x[4]), 1e3) * _DELAY_S  # the search knows no bounds
+        tau = min(abs(x[4]), 1e3) * _DELAY_S  # the search has no bounds
         delay_s = x[5] * _DELAY_S - tau
         both = sampled_response(plant, at_Hz, self.rate_Hz, tau, self.accelerometer_s, delay_s)
         return np.asarray(both.mean(axis=0))
 
     def residual(self, x: Array) -> Array:
-        """What the model leaves, over its standard deviation, real and imaginary parts; then the prior."""
+        """Weighted residual of the responses, real parts then imaginary parts; then that of the prior."""
         each = zip(self.responses, self.weight, strict=True)
         left = np.concatenate([(response.response - self.model(x, i)) * w for i, (response, w) in enumerate(each)])
         return np.concatenate([left.real, left.imag, (self._logs(x) - self._logs(self.start)) / PRIOR])
 
     def slope(self, x: Array) -> Array:
-        """Jacobian of the residual, by differences; a grip's hand moves only its own response."""
+        """Jacobian of the residual, by finite differences. The hand of a grip changes only the response of that
+        grip."""
         count = sum(len(response.frequency_Hz) for response in self.responses)
         slope = np.zeros((2 * count + len(x) - 2, len(x)))
         row = 0
@@ -323,16 +346,18 @@ class _Fit:
         return slope
 
     def solve(self) -> tuple[Array, Array, float]:
-        """Best x, the standard deviation of each, and the misfit [1].
+        """Minimise. Returns the best x, the standard deviation of each element, and the misfit [1].
 
-        From each start the responses are first met coarsely, each band weighed as if it were known to `COARSE`, so that
-        quiet bands do not hold the search in a wrong valley; then by the noise.
+        Each start has two stages. The first weights all bands as if known to `COARSE`, so that bands with little noise
+        do not keep the search in a local minimum. The second uses the measured noise.
         """
         from scipy.optimize import least_squares
 
         count = 2 * sum(len(response.frequency_Hz) for response in self.responses)
         if count <= 2 * (3 + len(self.responses)):
-            raise HandleError(f"{count // 2} bands are too few to identify a handle from")
+            raise HandleError(
+                f"{count // 2} frequency bands are too few for an identification: record a wider or longer sweep"
+            )
         fine, sizes = self.weight, [COARSE * np.abs(response.response) for response in self.responses]
         coarse = [1.0 / np.hypot(1.0 / weight, size) for weight, size in zip(fine, sizes, strict=True)]
         best: Any = None
@@ -346,16 +371,17 @@ class _Fit:
             if squares <= ENOUGH**2:
                 break
         slope = self.slope(best.x)
-        slope[count:] *= _FADED  # the prior helps to search, and says nothing about what was measured
+        slope[count:] *= _FADED  # the prior serves the search and is no measurement
         inverse = np.linalg.inv(slope.T @ slope)
         spread = np.maximum(np.diag(inverse) * max(1.0, squares), np.diag(inverse @ self._scatter(best.x) @ inverse))
         return best.x, np.sqrt(spread), float(np.sqrt(squares))
 
     def _scatter(self, x: Array) -> Array:
-        """Σ g gᵀ over each grip's octaves, g = Jᵀr of one: the gradient's covariance, neighbouring bands dependent.
+        """Covariance of the gradient, Σ g gᵀ over the octaves of each grip with g = Jᵀr of one octave.
 
-        A grip that changes during a sweep leaves the same error in many bands (Liang & Zeger 1986, "Longitudinal data
-        analysis using generalized linear models", Biometrika 73, with the usual factor for few groups).
+        It allows for dependent neighbouring bands: a grip that changes during a sweep causes similar errors in many
+        bands (Liang & Zeger 1986, "Longitudinal data analysis using generalized linear models", Biometrika 73, with the
+        usual factor for few groups).
         """
         slope, left, bands = self.slope(x), self.residual(x), sum(len(r.frequency_Hz) for r in self.responses)
         ends = np.cumsum([len(response.frequency_Hz) for response in self.responses])
@@ -365,13 +391,13 @@ class _Fit:
         return np.asarray(sums.T @ sums * len(starts) / max(1, len(starts) - len(x)))
 
     def _starts(self, weight: list[Array]) -> list[Array]:
-        """Where to search from, the likeliest first.
+        """Start values of the search, the most likely first.
 
-        The guess is made heavier or lighter until its m_h is the asymptote's. Its coil's spring is tried softer and
-        stiffer, and each grip is the one of a few that fits best.
+        The guess is scaled to the m_h of the asymptote. Its spring is tried with several stiffnesses, and each grip
+        starts with that one of a few stiffnesses which fits best.
         """
         guess, scale = self.guess, self.asymptote[0] / self.guess.m_h_kg
-        own = np.log([max(getattr(guess, name) * scale, 1e-9) for name in OWN])
+        own = np.log([max(getattr(guess, name) * scale, 1e-9) for name in HANDLE_PARAMETERS])
         hand = np.log(np.maximum([guess.k_u_N_m * scale, guess.b_u_Ns_m * scale], 1e-9))
         tau = 1.0 / (2.0 * np.pi * guess.amplifier_Hz) / _DELAY_S
         starts = []
@@ -397,17 +423,17 @@ class _Fit:
 
 
 def _smoothed(response: Response) -> Array:
-    """Standard deviation (k,) of real and imaginary part, the noise in it averaged over neighbouring bands."""
+    """Standard deviation (k,) of real and imaginary part, with the noise averaged over neighbouring bands."""
     reach = min(SMOOTH, len(response.deviation))
     noise = response.deviation**2 * response.force_power * response.freedom
     total, freedom = (np.convolve(values, np.ones(reach), "same") for values in (noise, response.freedom))
     return np.asarray(np.sqrt(total / freedom / response.force_power))
 
 
-def _judged(
+def _intervals(
     names: Sequence[str], logs: Array, deviation: Array, reason: str
 ) -> tuple[dict[str, Interval], dict[str, str]]:
-    """Intervals of parameters that are known, and why the others are not."""
+    """Intervals of the parameters that are determined, and the reason for each that is not."""
     known = dict(zip(names, deviation <= KNOWN, strict=True))
     reach = NORMAL_95 * np.minimum(deviation, KNOWN)
     edges = np.exp([logs - reach, logs + reach]).T.tolist()
@@ -418,10 +444,10 @@ def _judged(
 def _amplifier(
     tau: float, deviation: float, guess_Hz: float, intervals: dict[str, Interval], absent: dict[str, str]
 ) -> float:
-    """The amplifier's bandwidth [Hz], its interval or the reason for none."""
+    """Bandwidth of the amplifier [Hz]. Adds its interval to `intervals`, or the reason for its lack to `absent`."""
     low, high = ((tau + sign * NORMAL_95 * deviation) * _DELAY_S for sign in (-1.0, 1.0))
     if low > 0.0:
         intervals["amplifier_Hz"] = (float(0.5 / (np.pi * high)), float(0.5 / (np.pi * low)))
         return float(0.5 / (np.pi * tau * _DELAY_S))
-    absent["amplifier_Hz"] = f"too fast to be seen: above {0.5 / (np.pi * high):.3g} Hz, {guess_Hz:g} Hz is assumed"
+    absent["amplifier_Hz"] = f"too fast to be measured: above {0.5 / (np.pi * high):.3g} Hz; assumed {guess_Hz:g} Hz"
     return guess_Hz

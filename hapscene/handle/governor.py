@@ -1,94 +1,98 @@
-"""Saturation, anticipated: a gain that is down before the signal that needs it so. Compiled.
+"""The governor: a gain that falls before force or travel would exceed their limits. Compiled.
 
-Travel is asked for by low frequencies: an acceleration a takes a/ω². So the more the coil will swing, the higher the
-inverse's corner goes (`yield_corner`): the slow is given up, what is felt stays. Only where that is not enough, or the
-force is over its limit, the gain of it all falls.
+Low frequencies need travel: an acceleration a needs a/ω². The more the coil would swing, the higher the corner of the
+inverse becomes (`yield_corner`): slow motion is given up, the vibrotactile band stays. Only where this is not enough,
+or where the force exceeds its limit, the gain of the whole signal falls.
 
-The signal is played `LOOK_AHEAD_S` late. Meanwhile a model of the handle tells what it will ask for. A sample
-bears a gain at which the force is inside its limit, and at which the coil, at the end of the look-ahead, swings no
-further than it may: it is where what has been played will leave it, plus the gain times what is still to be played
-(a reference governor, Gilbert & Kolmanovsky 2002, "Nonlinear tracking control in the presence of state and control
-constraints: a generalized reference governor", Automatica 38; here in closed form, a quadratic equation). Swing is
-√(r² + (ṙ/ω)²), how far the coil goes if nothing more is done.
+The signal is delayed by `LOOK_AHEAD_S`. In the meantime a model of the handle predicts what the signal needs. The gain
+of a sample keeps the force within its limit, and keeps the swing of the coil at the end of the look-ahead within the
+allowed travel. The predicted state is the response to what was played, plus the gain times the response to what is
+still to be played (a reference governor: Gilbert & Kolmanovsky 2002, "Nonlinear tracking control in the presence of
+state and control constraints: a generalized reference governor", Automatica 38; here in closed form, as a quadratic
+equation). The swing √(r² + (ṙ/ω)²) is the travel that the coil reaches without further force.
 
-What is played is the least of the gains over the look-ahead, averaged over the look-ahead: no sample has more than its
-own, and the gain has no corner sharper than a ramp of that length. Afterwards it comes back slowly.
+The applied gain is the minimum over the look-ahead, averaged over the look-ahead. So no sample exceeds its own gain,
+and the gain changes no faster than a ramp of that length. Afterwards the gain returns slowly.
 
-The model is the nominal handle, under the force that the handle needs as far as it was learnt: a grip four times as
-firm takes four times the force below 10 Hz, and the coil goes four times as far. One that differs before that is learnt
-may reach its stops where the signal is far too loud: see `handle_dynamics.move`; the learning compensator hears that,
-and gives out less travel (`handle_loop.learn`).
+The model is the nominal handle under the force that the handle needs according to the estimate: a grip four times as
+firm needs four times the force below 10 Hz, and the coil then moves four times as far. A handle that deviates before
+this is learnt may reach its stops when the signal is far too strong (`handle_dynamics.move`). The adaptive compensator
+detects the impact and reduces the allowed travel (`handle_loop.learn`).
 """
 
 import math
-from typing import Any, Final
+from typing import Final
+
+import numpy as np
 
 from hapscene.compiled.native import native
 from hapscene.handle.handle_dynamics import MASK as MASK
 from hapscene.handle.handle_dynamics import advance
+from hapscene.handle.plant import Array
 
 __all__ = ["HIGH_HZ", "LOOK_AHEAD_S", "ONE", "RELEASE_S", "TRAVEL_SHARE", "YIELD", "fade", "foresee", "yield_corner"]
 
 LOOK_AHEAD_S: Final = 0.004
-"""How much later than asked for the signal is played [s]. A tenth of what is felt (Okamoto et al. 2009: 40 ms changes a
-texture) and a sixth of the asynchrony of touch and sound that is noticed (24 ms, Adelstein et al. 2003). Shorter, and
-the gain falls faster: more of it is heard."""
+"""Delay of the signal [s]. It is a tenth of the delay that changes a texture (40 ms, Okamoto et al. 2009), and a sixth
+of the audio-haptic asynchrony that is noticed (24 ms, Adelstein et al. 2003). With less, the gain falls faster and
+becomes perceptible."""
 
 HIGH_HZ: Final = 25.0
-"""The corner that the low one yields to [Hz]. Higher takes from the band that is felt, lower leaves less room."""
+"""Highest corner of the inverse [Hz]. A higher one cuts into the vibrotactile band, a lower one leaves less travel."""
 
 YIELD: Final = (0.3, 1.2)
-"""Swing, over the room that there is, from where to where the corner goes from low to high, as its square [1]. Chosen
-on taps of 1 to 200 m/s², 100 to 300 Hz: with f₀ = 5 Hz one of 20 m/s², 180 Hz is played with an error of 10 %, without
-this 75 %. Earlier, and quieter taps lose; later, and the gain falls first."""
+"""Swing, relative to the allowed travel, at which the corner starts to rise and at which it is highest [1]; quadratic
+in between. Chosen on taps of 1 to 200 m/s², 100 to 300 Hz: with f₀ = 5 Hz a tap of 20 m/s², 180 Hz has an error of 10
+%, without the rising corner 75 %. Lower values weaken quieter taps; with higher ones the gain falls first."""
 
 RELEASE_S: Final = 0.1
-"""Time constant of the gain's return [s]: that of the coil's ringing, 2 m_c/b_s. Shorter, and the gain beats with the
-ringing."""
+"""Time constant of the return of the gain [s]: that of the coil's ringing, 2 m_c/b_s. With less, the gain beats with
+the ringing."""
 
 TRAVEL_SHARE: Final = 0.6
-"""Share of the travel that the nominal model may use where nothing is learnt [1]. For one acceleration the travel is
-(m_c + m_h)/m_c a/ω²: with both masses off by 30 % it is up to 1.7 times the nominal. While the gain falls, up to a
-fifth more was seen."""
+"""Share of the travel that the nominal model may use without adaptation [1]. The travel for an acceleration is
+(m_c + m_h)/m_c a/ω²: with both masses 30 % off it is up to 1.7 times the nominal one. While the gain falls, up to a
+fifth more was observed."""
 
 ONE: Final = 1 << 40
-"""The gain 1 as a whole number, for a running sum of whole numbers never drifts: steps of 1e-12, far from overflow."""
+"""The gain 1 as an integer, since a running sum of integers does not drift. Steps of 1e-12, far from overflow."""
 
 
 @native
-def yield_corner(h: Any) -> float:
-    """tan(ω₀T/2) of the corner for the next sample: the low one while the coil swings little, then higher.
+def yield_corner(h: np.record) -> float:
+    """tan(ω₀T/2) of the corner for the next sample: the lowest corner while the coil swings little, otherwise higher.
 
-    What counts is the swing of the nominal handle, or where that is much more, of the one that was learnt.
+    The swing is that of the nominal handle, or that of the learnt one where it is much larger.
     """
-    learnt, plain = _swing2(h, h.scout_x) / (h.yield_m * h.yield_m), _swing2(h, h.plain_x) / (h.plain_m * h.plain_m)
+    learnt = _swing2(h, h.demand_x) / (h.yield_m * h.yield_m)
+    plain = _swing2(h, h.nominal_x) / (h.nominal_m * h.nominal_m)
     swing2, room2 = max(learnt, plain), h.room * h.room
-    if swing2 <= YIELD[0] * YIELD[0] * room2:  # nearly always, and foretold: the filter need not wait for a root
+    if swing2 <= YIELD[0] * YIELD[0] * room2:  # the usual case: saves the square root
         return float(h.g_low)
     u = min((math.sqrt(swing2 / room2) - YIELD[0]) / (YIELD[1] - YIELD[0]), 1.0)
     return float(h.g_low + (h.g_high - h.g_low) * u * u)
 
 
 @native
-def _swing2(h: Any, x: Any) -> float:
-    """How far the coil in the state x (4,) goes if nothing more is done, squared [m²]."""
-    r, v = x[2], x[3] / h.scout_rad_s
+def _swing2(h: np.record, x: Array) -> float:
+    """Squared travel that the coil reaches from state x (4,) without further force [m²]."""
+    r, v = x[2], x[3] / h.swing_rad_s
     return float(r * r + v * v)
 
 
 @native
-def foresee(h: Any, needed_N: float) -> float:
-    """The gain that the sample asked for now will bear, when it is played a look-ahead from now; 0 … 1.
+def foresee(h: np.record, needed_N: float) -> float:
+    """The gain, 0 … 1, that keeps the sample that is asked for now within the limits when it is played.
 
-    `needed_N` is the force that the handle needs for it, as far as it is known.
+    `needed_N` is the force for the sample according to the estimate.
     """
     bound, most_N = 1.0, h.force_share * h.force_limit_N
     if abs(needed_N) > most_N:
         bound = most_N / abs(needed_N)
-    s, x, ahead = h.scout_x, h.applied_x, h.ahead
-    advance(h.scout_step, s, needed_N)
-    old = h.scouted[(h.count - h.delay) & MASK]
-    # where the coil is at the end of the look-ahead: (r, v) if nothing is played, (dr, dv) more at gain 1
+    s, x, ahead = h.demand_x, h.applied_x, h.ahead
+    advance(h.nominal_step, s, needed_N)
+    old = h.past_demand[(h.count - h.delay) & MASK]
+    # state of the coil at the end of the look-ahead: (r, v) if nothing is played, (dr, dv) more at gain 1
     r = v = dr = dv = 0.0
     for j in range(4):
         r += ahead[2, j] * x[j]
@@ -98,8 +102,8 @@ def foresee(h: Any, needed_N: float) -> float:
     dr += s[2]
     dv += s[3]
     for j in range(4):
-        h.scouted[h.count & MASK, j] = s[j]
-    v, dv = v / h.scout_rad_s, dv / h.scout_rad_s
+        h.past_demand[h.count & MASK, j] = s[j]
+    v, dv = v / h.swing_rad_s, dv / h.swing_rad_s
     room = h.room * h.room_m
     a, b, c = dr * dr + dv * dv, r * dr + v * dv, r * r + v * v - room * room
     if a + 2.0 * b + c <= 0.0:
@@ -107,13 +111,16 @@ def foresee(h: Any, needed_N: float) -> float:
     if c >= 0.0 or a == 0.0:
         return 0.0
     root = math.sqrt(b * b - a * c)
-    gain = c / (-b - root) if b > 0.0 else (root - b) / a  # of two forms the one that does not cancel
+    gain = c / (-b - root) if b > 0.0 else (root - b) / a  # the form without cancellation
     return float(min(bound, gain))
 
 
 @native
-def fade(h: Any, target: float) -> float:
-    """The gain for the sample of `delay` samples ago, once this one's is known; 0 … 1."""
+def fade(h: np.record, target: float) -> float:
+    """The gain, 0 … 1, of the sample of `delay` samples ago, given the bound `target` of the newest sample.
+
+    A monotonic queue (`least`, `when`) gives the minimum over the look-ahead, a running sum its average.
+    """
     h.released = min(target, h.released + (1.0 - h.released) * h.release)
     now, length = h.count, h.delay + 1
     while h.last > h.first and h.least[(h.last - 1) & MASK] >= h.released:

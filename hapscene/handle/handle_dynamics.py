@@ -1,38 +1,41 @@
-"""How the handle moves: amplifier, two masses and the hand, the coil's stops, the accelerometer. Compiled.
+"""Dynamics of the simulated handle: amplifier, coil, handle and hand, end stops, accelerometer. Compiled.
 
-The force is the mean over a sample of what the amplifier's one pole makes of a command that is held; with a force that
-is held the two masses are advanced exactly (zero-order hold), so the step has no error to halve. When the grip changes,
-the matrices are made anew in place.
+The amplifier is one pole; its output over a sample is replaced by its mean. For a force that is constant over a sample,
+the state of the two masses is advanced exactly (zero-order hold). A change of the grip recomputes the matrices in
+place.
 """
 
 import math
 from typing import Any, Final
 
+import numpy as np
+
 from hapscene.compiled.native import native
 from hapscene.dsp.noise import normal
+from hapscene.handle.plant import Array
 
-__all__ = ["MASK", "RING", "advance", "amplify", "delay", "grip_handle", "hold", "move", "sense", "set_late"]
+__all__ = ["MASK", "RING", "advance", "amplify", "delay", "grip_handle", "hold", "move", "sense", "set_delay"]
 
 RING: Final = 512
-"""Room for what is delayed or played ahead [samples], a power of two: a look-ahead at up to 100 kHz."""
+"""Length of the ring buffers of delay lines and look-ahead [samples], a power of two: a look-ahead at up to 100 kHz."""
 
 MASK: Final = RING - 1
-"""A count's place in a ring, as a mask: a division would cost as much as the rest."""
+"""Mask that wraps an index into a ring buffer. A modulo would cost as much as the rest of the loop."""
 
 _TERMS: Final = 12
-"""Terms of the matrix exponential's series [count]: for a norm of 1/2 the rest is below 1e-13."""
+"""Terms of the series of the matrix exponential [count]. For a norm of 1/2 the remainder is below 1e-13."""
 
 
 @native
-def grip_handle(handle: Any, k_u_N_m: float, b_u_Ns_m: float) -> None:
-    """Have the hand hold a handle, one `HANDLE`, as firmly as that from now on [N/m], [N·s/m]; allocates nothing."""
+def grip_handle(handle: np.record, k_u_N_m: float, b_u_Ns_m: float) -> None:
+    """Change the grip of one `HANDLE`: stiffness [N/m] and damping [N·s/m] of the hand. Allocates nothing."""
     handle.k_u_N_m, handle.b_u_Ns_m = k_u_N_m, b_u_Ns_m
     hold(handle, handle.step)
 
 
 @native
-def hold(h: Any, step: Any) -> None:
-    """Fill step (5, 5) with exp([A B; 0 0] T): the state and the held force after a sample."""
+def hold(h: np.record, step: Array) -> None:
+    """Fill step (5, 5) with exp([A B; 0 0] T): the transition of state and force over one sample."""
     work, power = h.work[0], h.work[1]
     _derivative(h, work)
     largest = 0.0
@@ -60,7 +63,7 @@ def hold(h: Any, step: Any) -> None:
 
 
 @native
-def _derivative(h: Any, m: Any) -> None:
+def _derivative(h: np.record, m: Array) -> None:
     """Fill m (5, 5) with [A B; 0 0] of `Plant.state_space`."""
     for i in range(5):
         for j in range(5):
@@ -76,7 +79,7 @@ def _derivative(h: Any, m: Any) -> None:
 
 
 @native
-def _product(a: Any, b: Any, c: Any) -> None:
+def _product(a: Array, b: Array, c: Array) -> None:
     for i in range(5):
         for j in range(5):
             total = 0.0
@@ -86,27 +89,27 @@ def _product(a: Any, b: Any, c: Any) -> None:
 
 
 @native
-def amplify(h: Any, command_N: float) -> float:
-    """The mean force of this sample [N], for a command held over it: one pole at the amplifier's bandwidth."""
+def amplify(h: np.record, command_N: float) -> float:
+    """The mean force of a sample [N] for a constant command: one pole at the bandwidth of the amplifier."""
     mean = command_N + (h.amplifier_N - command_N) * h.amplifier_mean
     h.amplifier_N = command_N + (h.amplifier_N - command_N) * h.amplifier_pole
     return float(mean)
 
 
 @native
-def advance(step: Any, x: Any, force_N: float) -> None:
-    """The state x (4,) one sample later, by step (5, 5)."""
+def advance(step: Array, x: Array, force_N: float) -> None:
+    """Advance the state x (4,) by one sample with the transition step (5, 5)."""
     x0, x1, x2, x3 = x[0], x[1], x[2], x[3]
     for i in range(4):
         x[i] = step[i, 0] * x0 + step[i, 1] * x1 + step[i, 2] * x2 + step[i, 3] * x3 + step[i, 4] * force_N
 
 
 @native
-def move(h: Any, force_N: float) -> float:
-    """Advance the handle by a sample; returns its acceleration [m/s²] at the beginning, with that force on.
+def move(h: np.record, force_N: float) -> float:
+    """Advance the handle by one sample. Returns its acceleration at the start of the sample under the force [m/s²].
 
-    A coil that reaches a stop stays there without bouncing: momentum is kept, so the handle is knocked, and the knock
-    is in the acceleration. It is counted in `hits`.
+    A coil that reaches a stop remains there without rebound. Momentum is conserved, so the handle receives an impulse,
+    which the acceleration includes. `hits` counts the impacts.
     """
     x = h.x
     spring = h.k_s_N_m * x[2] + h.b_s_Ns_m * x[3]
@@ -128,31 +131,31 @@ def move(h: Any, force_N: float) -> float:
 
 @native
 def sense(h: Any, acceleration_m_s2: float) -> float:
-    """What the accelerometer reads [m/s²]: one pole, noise, and late."""
+    """The reading of the accelerometer [m/s²]: noise, one pole, delay."""
     noisy = acceleration_m_s2 + h.noise_m_s2 * normal(h.rng)
     h.sensor_m_s2 += (1.0 - h.sensor_pole) * (noisy - h.sensor_m_s2)
-    return delay(h.sensor_late, h.sensor_m_s2)
+    return delay(h.sensor_delay, h.sensor_m_s2)
 
 
 @native
-def set_late(late: Any, samples: float) -> None:
-    """Have one `LATE` delay by that, fractions of a sample by Lagrange's polynomial of third order."""
-    late.whole = max(0, int(samples) - 1)
-    at = samples - late.whole
+def set_delay(line: np.record, samples: float) -> None:
+    """Set the delay of one `DELAY_LINE`; fractions of a sample by Lagrange interpolation of third order."""
+    line.whole = max(0, int(samples) - 1)
+    at = samples - line.whole
     for i in range(4):
-        late.taps[i] = 1.0
+        line.taps[i] = 1.0
         for j in range(4):
             if i != j:
-                late.taps[i] *= (at - j) / (i - j)
+                line.taps[i] *= (at - j) / (i - j)
 
 
 @native
-def delay(late: Any, x: float) -> float:
-    """The signal whose next sample is x, late by one `LATE`."""
-    n = late.count
-    late.last[n & MASK] = x
-    late.count = n + 1
-    n -= late.whole
-    taps, last = late.taps, late.last
-    late_x = taps[0] * last[n & MASK] + taps[1] * last[(n - 1) & MASK]
-    return float(late_x + taps[2] * last[(n - 2) & MASK] + taps[3] * last[(n - 3) & MASK])
+def delay(line: np.record, x: float) -> float:
+    """Pass a sample x through one `DELAY_LINE`. Returns the delayed sample."""
+    n = line.count
+    line.last[n & MASK] = x
+    line.count = n + 1
+    n -= line.whole
+    taps, last = line.taps, line.last
+    newer = taps[0] * last[n & MASK] + taps[1] * last[(n - 1) & MASK]
+    return float(newer + taps[2] * last[(n - 2) & MASK] + taps[3] * last[(n - 3) & MASK])

@@ -1,7 +1,6 @@
-"""Identified handles on disk: one JSON text each, safe to open from anybody.
+"""Handle files: an identified handle as JSON, with the suffix .handle.
 
-Reading runs no code and checks every key, type and number; what it hands out is an `Identification` that a compensator
-can be made of, or a `HandleError` that names the file, the place in it and what was expected.
+Files from unknown sources are safe to open: reading executes no code and checks every key, type and number.
 """
 
 import json
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene.errors import HandleError
-from hapscene.handle.fit import GRIP_MAX, HAND, OWN, Identification, IdentifiedGrip
+from hapscene.handle.fit import GRIP_MAX, HAND_PARAMETERS, HANDLE_PARAMETERS, Identification, IdentifiedGrip
 from hapscene.handle.plant import NUMBER_MAX, Plant
 from hapscene.io.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
 
@@ -21,39 +20,38 @@ __all__ = ["BYTES_MAX", "SUFFIX", "handle_from_json", "handle_to_json", "load_ha
 SUFFIX: Final = ".handle"
 FORMAT: Final = "hapscene handle"
 VERSION: Final = 1
-"""Version of the format. Raised when a reader of the old one would misread the new one."""
+"""Version of the format. Increased when older versions of hapscene would misread a new file."""
 
 BYTES_MAX: Final = 1 << 20
-"""Largest file that is opened [bytes]: one of 20 grips has 15 kB."""
+"""Size limit of a file [bytes]. A file with 20 grips has 15 kB."""
 
 TEXT_MAX: Final = 10_000
-"""Longest text [characters]."""
+"""Length limit of a text [characters]."""
 
-_PLANT: Final = tuple(field.name for field in fields(Plant))
 _PAIRS: Final = ("asymptote_Hz", "band_Hz")
 _NUMBERS: Final = ("asymptote_kg", "delay_s", "accelerometer_Hz", "rate_Hz", "misfit")
-_GRIP_NUMBERS: Final = (*HAND, "coherence", "coherence_least")
+_GRIP_NUMBERS: Final = (*HAND_PARAMETERS, "coherence", "coherence_least")
 
 
 def save_handle(handle: Identification, path: str | os.PathLike[str]) -> None:
-    """Write the handle to `path` (suffix .handle), whole or not at all.
+    """Write a handle to `path` (suffix .handle), atomically.
 
     Raises:
-        HandleError: another suffix, numbers that no handle has, or the file cannot be written.
+        HandleError: wrong suffix, values out of range, or the file cannot be written.
     """
     target = Path(path)
     if target.suffix != SUFFIX:
-        raise HandleError(f"{target}: a handle's file name must end in {SUFFIX}")
+        raise HandleError(f"{target}: the name of a handle file must end in {SUFFIX}")
     text = handle_to_json(handle)
-    handle_from_json(text)  # nothing is written that would not be read
+    handle_from_json(text)  # write no file that cannot be read
     write_whole(target, text.encode(errors="backslashreplace"), HandleError)
 
 
 def load_handle(path: str | os.PathLike[str]) -> Identification:
-    """The handle of a file.
+    """Read a handle file.
 
     Raises:
-        HandleError: a file that is missing, too large, damaged, of a later version, or no handle.
+        HandleError: the file does not exist, is too large or damaged, has a later version, or is not a handle file.
     """
     file = Path(path)
     with refusing(HandleError):
@@ -63,29 +61,28 @@ def load_handle(path: str | os.PathLike[str]) -> Identification:
 
 
 def handle_to_json(handle: Identification) -> str:
-    """The text of a handle's file; numbers come back to the bit."""
+    """The content of a handle file. Numbers are written exactly."""
     content = {"format": FORMAT, "version": VERSION, **asdict(handle)}
     try:
         return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     except ValueError as error:
-        raise HandleError(f"a handle's numbers must be finite: {error}") from None
+        raise HandleError(f"the numbers of a handle must be finite: {error}") from None
 
 
 def handle_from_json(data: bytes | str) -> Identification:
-    """The handle of a file's content.
+    """Parse the content of a handle file.
 
     Raises:
-        HandleError: not JSON, not a handle, a later version, or a wrong key, type or number.
+        HandleError: not JSON, not a handle file, a later version, or an invalid key, type or number.
     """
     with refusing(HandleError):
         return _handle(parse_format(data, "a handle", FORMAT, VERSION))
 
 
 def _handle(content: dict[str, Any]) -> Identification:
-    known = [field.name for field in fields(Identification)]
-    check_keys("", content, ("format", "version", *known))
-    check_keys("plant", content["plant"], _PLANT)
-    plant = Plant(**{key: _number(f"plant.{key}", content["plant"][key]) for key in _PLANT})
+    check_keys("", content, ("format", "version", *(field.name for field in fields(Identification))))
+    parameters = [field.name for field in fields(Plant)]
+    check_keys("plant", content["plant"], parameters)
     grips = content["grips"]
     if not isinstance(grips, list) or not 1 <= len(grips) <= GRIP_MAX:
         raise HandleError(f"grips must be a list of 1 to {GRIP_MAX} grips, is {short(grips)}")
@@ -96,10 +93,10 @@ def _handle(content: dict[str, Any]) -> Identification:
             raise HandleError(f"{key} must be above 0, is {numbers[key]:g}")
     return Identification(
         name=_text("name", content["name"]),
-        plant=plant,
+        plant=Plant(**{key: _number(f"plant.{key}", content["plant"][key]) for key in parameters}),
         grips=tuple(_grip(f"grips[{i}]", grip) for i, grip in enumerate(grips)),
-        intervals=_by_name("intervals", content["intervals"], (*OWN, "amplifier_Hz"), _pair),
-        absent=_by_name("absent", content["absent"], (*OWN, "amplifier_Hz"), _text),
+        intervals=_by_name("intervals", content["intervals"], (*HANDLE_PARAMETERS, "amplifier_Hz"), _pair),
+        absent=_by_name("absent", content["absent"], (*HANDLE_PARAMETERS, "amplifier_Hz"), _text),
         provenance=_text("provenance", content["provenance"]),
         **numbers,
     )
@@ -113,25 +110,21 @@ def _grip(where: str, content: Any) -> IdentifiedGrip:
             raise HandleError(f"{where}.{key} must be 0 or more, is {value:g}")
     return IdentifiedGrip(
         name=_text(f"{where}.name", content["name"]),
-        intervals=_by_name(f"{where}.intervals", content["intervals"], HAND, _pair),
-        absent=_by_name(f"{where}.absent", content["absent"], HAND, _text),
+        intervals=_by_name(f"{where}.intervals", content["intervals"], HAND_PARAMETERS, _pair),
+        absent=_by_name(f"{where}.absent", content["absent"], HAND_PARAMETERS, _text),
         **numbers,
     )
 
 
 def _by_name(where: str, content: Any, names: Iterable[str], read: Callable[[str, Any], Any]) -> Mapping[str, Any]:
-    """What is said of some of the numbers `names`."""
-    if not isinstance(content, dict):
-        raise HandleError(f"{where} must be an object, is {short(content)}")
-    known = list(names)
-    for key in content:
-        if key not in known:
-            raise HandleError(f"{where}: unknown key {short(key)}; there may be: {', '.join(known)}")
+    """Read an object whose keys are some of `names`."""
+    check_keys(where, content, names, required=())
     return {key: read(f"{where}.{key}", value) for key, value in content.items()}
 
 
 def _text(where: str, value: Any) -> str:
-    if not isinstance(value, str) or len(value) > TEXT_MAX or not value.isprintable():  # a terminal may obey the others
+    # unprintable characters could control a terminal
+    if not isinstance(value, str) or len(value) > TEXT_MAX or not value.isprintable():
         raise HandleError(f"{where} must be a text of at most {TEXT_MAX} printable characters, is {short(value)}")
     return value
 
@@ -147,5 +140,5 @@ def _pair(where: str, value: Any) -> tuple[float, float]:
         raise HandleError(f"{where} must be two numbers, is {short(value)}")
     low, high = (_number(f"{where}[{i}]", item) for i, item in enumerate(value))
     if low > high:
-        raise HandleError(f"{where} must ascend, is {low:g}, {high:g}")
+        raise HandleError(f"{where} must be in ascending order, is {low:g}, {high:g}")
     return low, high

@@ -1,7 +1,7 @@
-"""The contract of what a handle is played on for real: headphones, a coil on an amplifier, a board of one's own.
+"""The interface of hardware that plays the acceleration channel: headphones, a voice coil on an amplifier, a board.
 
-An output has a clock of its own. Whenever it has room it pulls samples, at its rate, from a `Feed`, in a thread of its
-own; it never waits for them. It opens what it drives when it is made: `Driver.open_handle` makes it of its options.
+An output has its own clock. Whenever its buffer has room, its thread pulls samples from a `Feed` at the output's rate,
+and never waits for them. `Driver.open_handle` creates an output from the driver's options.
 """
 
 from typing import Final, Protocol
@@ -11,42 +11,45 @@ from numpy.typing import NDArray
 
 from hapscene.handle.plant import Array
 
-__all__ = ["HEARD_MAX", "Feed", "HandleOutput"]
+__all__ = ["FEEDBACK_DELAY_MAX", "Feed", "HandleOutput"]
 
-HEARD_MAX: Final = 400
-"""How many samples late a compensator hears what became of its own [count]: less than its memory of 512."""
+FEEDBACK_DELAY_MAX: Final = 400
+"""Longest delay of measurements that a compensator accepts [samples], less than its memory of 512 samples."""
 
 
 class Feed(Protocol):
-    """Where an output takes its samples from; faded in and out, and inside its limits (`live_stream.LiveStream`)."""
+    """The source of an output's samples: faded in and out, within the output's limits (`live_stream.LiveStream`)."""
 
     def pull(self, out: Array) -> None:
-        """Fill `out` (n,) with the next samples; takes microseconds, and raises nothing."""
+        """Fill `out` (n,) with the next samples. Takes microseconds and raises nothing."""
 
     def fade_in(self) -> None:
-        """What was pulled before is lost: begin with silence anew."""
+        """Discard the samples that were pulled, and start again from silence."""
 
-    def hear(self, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
-        """What came of samples that were pulled, (n,) each, in order; not finite where the output had none to play.
+    def receive_feedback(self, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
+        """Receive measurements of samples that were pulled, (n,) each, in order. Never called while `pull` is.
 
-        Numbers are counted from the first sample that was ever pulled; the force is that which was put out, and the
-        acceleration is read as it begins. Never while `pull` is called.
+        Args:
+            numbers: sample numbers, counted from the first sample that was pulled.
+            force_N: force that was put out; not finite where the output had no sample to play.
+            acceleration_m_s2: acceleration at the start of the sample.
         """
 
 
 class HandleOutput(Protocol):
-    """Something that plays.
+    """Hardware that plays samples.
 
     Attributes:
-        name: what it plays on, for messages.
-        takes_force: whether a sample is a force [N]; else it is a level, `gain` per m/s², or per N of a compensator's.
-        reads_back: whether it tells `Feed.hear` what came of a sample, at most `HEARD_MAX` samples after it was pulled.
-        gain: what a sample is multiplied by.
-        ceiling: the largest that it takes; what is louder is limited beforehand.
-        highpass_Hz: below that it is given nothing; 0 for all.
-        lag_s: how much of the channel is kept in hand at the worst moment, against ticks that come late.
-        fault: why it plays no more; empty while it does.
-        counts: what went wrong so far, by name.
+        name: the hardware's name in messages.
+        takes_force: True if a sample is a force [N]; False if it is a level, `gain` per m/s² (or per N of a
+            compensator).
+        reads_back: whether it calls `Feed.receive_feedback`, at most `FEEDBACK_DELAY_MAX` samples after `pull`.
+        gain: factor of each sample.
+        ceiling: largest absolute value of a sample. The feed limits the signal to it.
+        highpass_Hz: corner of the high-pass filter before the output; 0 disables the filter.
+        lag_s: reserve of the channel at the worst moment, against delayed ticks.
+        fault: reason why the output stopped; empty while it plays.
+        counts: errors so far, by name.
     """
 
     name: str
@@ -61,18 +64,18 @@ class HandleOutput(Protocol):
 
     @property
     def rate_Hz(self) -> float:
-        """Samples a second that it takes."""
+        """Sample rate [Hz]."""
 
     @property
     def latency_s(self) -> float:
-        """How long after it was pulled a sample is felt [s], as it is now."""
+        """Current delay from `pull` to the vibration of a sample [s]."""
 
     def start(self, feed: Feed) -> None:
-        """Pull from `feed` from now on.
+        """Start to pull samples from `feed`.
 
         Raises:
-            HandleError: it is gone.
+            HandleError: the hardware is disconnected.
         """
 
     def close(self) -> None:
-        """Put out nothing any more, and let go of it; raises nothing, also where it is gone. Twice does no harm."""
+        """Stop the output and release the hardware. Raises nothing, even if it is disconnected; may be called twice."""

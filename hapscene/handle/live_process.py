@@ -1,7 +1,7 @@
-"""A handle that plays live, in a process of its own: neither the application's lock of Python nor the servo's is in it.
+"""Play a tool's acceleration channel on a handle, live, in its own process.
 
-It takes what a tool's channel asks for out of the servo's shared memory, and gives it to an output. Where ticks stop,
-the servo has died, or the application has, it fades to silence within 20 ms.
+The separate process avoids the Python locks of the application and of the servo. It reads the channel from the servo's
+shared memory and feeds an output. If the ticks stop, or servo or application exit, it fades to silence within 20 ms.
 """
 
 import multiprocessing
@@ -25,30 +25,30 @@ from hapscene.handle.live_stream import FADE_S, LiveStream
 from hapscene.handle.plant import Array, Plant
 from hapscene.loop.shared_memory import Channel, open_channel
 from hapscene.loop.timing import request_realtime_priority
+from hapscene.records import Records
 from hapscene.wall_clock import CLOCK, Clock
 
 __all__ = ["ChannelSource", "LiveHandle", "compensator_of", "open_output", "play_recording", "report"]
 
 START_S: Final = 300.0
-"""How long it may take to be ready [s]: on its first run ever it compiles, which took 100 on a busy machine."""
+"""Longest time to start [s]. The first start ever compiles, which took 100 s on a busy machine."""
 
 ANSWER_S: Final = 5.0
-"""How long it may take to answer, and to end [s]."""
+"""Longest time to answer a request, and to exit [s]."""
 
-LOOK_S: Final = 0.02
-"""How often it is looked whether the application is still there, and the output [s]."""
+POLL_S: Final = 0.02
+"""Interval at which application and output are checked [s]."""
 
 
 class ChannelSource:
-    """What a tool's channel asks for, from now on, as the servo's ticks write it."""
+    """The samples of a tool's channel in the servo's shared memory, from now on."""
 
     def __init__(self, channel: Channel, tool: int) -> None:
-        """Begins with the next tick."""
         self._ring, self._shared = channel.a_m_s2[tool], channel.channel.view(np.ndarray)["done"]
         self._taken = int(self._shared[0])
 
     def fetch(self, wanted: int) -> Array:
-        """The samples of the ticks that were complete since the last call; no more than half of what the ring holds."""
+        """The samples of the ticks completed since the last call, at most half of the ring buffer."""
         done = int(self._shared[0])
         length = len(self._ring)
         first = max(min(self._taken, done), done - length // 2)
@@ -56,68 +56,76 @@ class ChannelSource:
         return np.asarray(self._ring[np.arange(first, done) % length]).reshape(-1)  # a copy
 
     def close(self) -> None:
-        """Look at the memory no more."""
+        """Release the views of the shared memory."""
         self._ring = self._shared = np.zeros((1, 1))
 
 
 class RecordingSource:
-    """What was recorded, as fast as an output takes it."""
+    """The samples of a recording, as fast as an output takes them."""
 
     def __init__(self, samples: Array) -> None:
         self._samples, self.taken = samples, 0
 
     def fetch(self, wanted: int) -> Array:
-        """The next so many samples, and fewer at the end."""
+        """The next `wanted` samples; fewer at the end."""
         first = self.taken
         self.taken = min(first + wanted, len(self._samples))
         return self._samples[first : self.taken].copy()
 
 
 def open_output(name: str, options: Mapping[str, Any]) -> HandleOutput:
-    """The handle that the driver `name` plays on, opened with its options, which may be texts.
+    """Open the output of the driver `name`. Values of `options` may be strings.
 
     Raises:
-        DeviceError: no such driver or option, an invalid value, or a device that has no handle.
-        HandleError: nothing there that can be used.
+        DeviceError: unknown driver or option, invalid value, or a driver without a handle.
+        HandleError: the output is not connected, or cannot be used.
     """
-    driver, told = DeviceChoice(name, dict(options)).checked(handle=True)
+    driver, chosen = DeviceChoice(name, dict(options)).checked(handle=True)
     assert driver.open_handle is not None
-    output: HandleOutput = driver.open_handle(**told)
+    output: HandleOutput = driver.open_handle(**chosen)
     return output
 
 
 def finish(stream: LiveStream, output: HandleOutput, clock: Clock = CLOCK) -> None:
-    """Fade to silence, wait until it has been put out, and close."""
+    """Fade to silence, wait until the silence has been put out, and close the output."""
     stream.end()
     deadline_s = clock.now_s() + 10.0 * FADE_S + output.latency_s
     while not stream.over and not output.fault and clock.now_s() < deadline_s:
         clock.sleep_s(0.005)
     if not output.fault:
-        clock.sleep_s(output.latency_s + FADE_S)  # not every system plays what it holds when it is told to stop
+        clock.sleep_s(output.latency_s + FADE_S)  # some audio systems drop buffered samples when they are closed
     output.close()
 
 
-def compensator_of(output: HandleOutput, file: str | None, compensator: str | None = None) -> Any:
-    """A record (1,) `HANDLE` that makes force of acceleration: for the identified handle of `file`, or the assumed one.
+def compensator_of(output: HandleOutput, file: str | None, compensator: str | None = None) -> "Records | None":
+    """Create a record (1,) `HANDLE` that computes force from acceleration for an output.
 
-    None where no file is given, and the output takes levels. Unless one is named, the compensator is "adaptive" where
-    a handle that was identified reads back, else "flat".
+    Args:
+        output: the output.
+        file: file of the identified handle; None for the assumed handle.
+        compensator: a name of `COMPENSATORS`; by default "adaptive" for an identified handle with measurements, "flat"
+            otherwise.
+
+    Returns:
+        The record; None without a file for an output of levels, which needs no compensator.
 
     Raises:
-        HandleError: no such file or compensator, one that would have nothing to learn from, or a rate that it cannot
-            have.
+        HandleError: the file or compensator does not exist, the compensator needs measurements that are not available,
+            or the rate is out of range.
     """
     if file is None and not output.takes_force:
         return None
     learns = file is not None and output.reads_back
     chosen = compensator or ("adaptive" if learns else "flat")
     if find_compensator(chosen).adapts and not learns:
-        lack = f"{output.name} reads nothing back in time" if file else "give the file of one"
-        raise HandleError(f"{chosen!r} learns from what an identified handle reads back: {lack}, or take flat")
+        missing = f"{output.name} returns no measurements in time" if file else "no handle file was given"
+        raise HandleError(
+            f"compensator {chosen!r} needs measurements of an identified handle, but {missing}: use --compensator flat"
+        )
     nominal, sensor = Plant(), None
     if file is not None:
         found = replace(load_handle(file), rate_Hz=output.rate_Hz)
-        # The amplifier that was identified stands behind the board's column `force`, whatever that measures.
+        # The identified amplifier comes after the board's column `force`, whatever the column measures.
         nominal, sensor = found.plant, replace(found.sensor, force_measured=False) if learns else None
     nominal = replace(nominal, force_limit_N=min(nominal.force_limit_N, output.ceiling / output.gain))
     return new_handle(nominal, nominal, chosen, output.rate_Hz, sensor=sensor)
@@ -127,21 +135,21 @@ def play_recording(
     samples: Array,
     rate_Hz: float,
     output: HandleOutput,
-    handle: Any = None,
+    handle: "Records | None" = None,
     say: Callable[[float], None] | None = None,
     clock: Clock = CLOCK,
 ) -> LiveStream:
-    """Play accelerations (n,) [m/s²] to their end, from silence to silence; `say` is told the share that was played.
+    """Play accelerations (n,) [m/s²] on an output to their end. `say` receives the share that was played, 0 … 1.
 
     Raises:
-        HandleError: the output went away.
+        HandleError: the output was disconnected.
     """
     source = RecordingSource(np.asarray(samples, dtype=np.float64))
     stream = LiveStream(source.fetch, rate_Hz, output, handle=handle, steered=False)
     try:
         output.start(stream)
         while stream.played < len(samples) and not output.fault:
-            clock.sleep_s(LOOK_S)
+            clock.sleep_s(POLL_S)
             if say is not None:
                 say(min(1.0, stream.played / max(1, len(samples))))
     finally:
@@ -161,12 +169,12 @@ def serve_live(
     handle: str | None,
     compensator: str | None,
 ) -> None:
-    """The process's main function, with the arguments of `LiveHandle`; `channel` has those of `open_channel`.
+    """Main function of the process, with the arguments of `LiveHandle`.
 
-    Answers (None, report) or (error text, None): once when it plays, then to every message but "stop".
+    Sends (report, None) or (None, error text): once when it plays, then in answer to each message except "stop".
     """
     with suppress(ValueError, AttributeError):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the application's affair
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the application handles Ctrl-C
         signal.signal(signal.SIGTERM, _end)
     opened: HandleOutput | None = None
     stream = shared = source = None
@@ -176,25 +184,25 @@ def serve_live(
         made = compensator_of(opened, handle, compensator)
         source = ChannelSource(shared, tool)
         stream = LiveStream(source.fetch, rate_Hz, opened, handle=made, steered=True)
-        request_realtime_priority()  # also of the threads that the output starts
+        request_realtime_priority()  # the threads of the output inherit it
         opened.start(stream)
-        wire.send((None, report(stream, opened)))
+        wire.send((report(stream, opened), None))
         while not opened.fault:
-            if wire.poll(LOOK_S):
-                said = wire.recv()
-                if said == "stop":
+            if wire.poll(POLL_S):
+                message = wire.recv()
+                if message == "stop":
                     break
-                if isinstance(said, float):
-                    stream.turn(said)
-                wire.send((None, report(stream, opened)))
+                if isinstance(message, float):
+                    stream.set_volume(message)
+                wire.send((report(stream, opened), None))
     except (EOFError, OSError):
-        pass  # the application is gone
+        pass  # the application has exited
     except HapsceneError as error:
         with suppress(OSError):
-            wire.send((str(error), None))
+            wire.send((None, str(error)))
     finally:
         with suppress(ValueError, AttributeError):
-            signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it is ending
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the process is already exiting
         if opened is not None:
             fault = opened.fault
             if stream is not None:
@@ -202,7 +210,7 @@ def serve_live(
             opened.close()
             with suppress(OSError):
                 if fault:
-                    wire.send((fault, None))
+                    wire.send((None, fault))
         if source is not None:
             source.close()
         if shared is not None:
@@ -210,30 +218,30 @@ def serve_live(
 
 
 def _end(kind: int, frame: Any) -> None:
-    """What SIGTERM does: as if the application had gone."""
+    """Handler of SIGTERM: exit as if the application had exited."""
     raise EOFError
 
 
 def report(stream: LiveStream, output: HandleOutput) -> dict[str, float]:
-    """Latency [s], drift of the clocks [ppm], and all counts, by name."""
-    told = {"latency_s": stream.latency_s + output.latency_s, "output_latency_s": output.latency_s}
-    return told | {"drift_ppm": 1e6 * stream.drift} | stream.counts | output.counts
+    """Latency [s], clock drift [ppm] and error counts, by name."""
+    latency = {"latency_s": stream.latency_s + output.latency_s, "output_latency_s": output.latency_s}
+    return latency | {"drift_ppm": 1e6 * stream.drift} | stream.counts | output.counts
 
 
 class LiveHandle:
-    """A handle that plays a tool's channel: the application's end.
+    """A handle that plays a tool's channel in its own process; this object is the application's end.
 
     Args:
-        channel: arguments of `open_channel`, among them `name`; the memory must be there until this returns.
-        rate_Hz: of the channel's samples.
-        tool: whose channel it is.
-        output: name of the handle to play on.
-        options: of that, by name.
-        handle: an identified handle's file, whose compensator makes force of acceleration.
-        compensator: of that, as `compensator_of` has it.
+        channel: arguments of `open_channel`. The shared memory must exist until the constructor returns.
+        rate_Hz: sample rate of the channel.
+        tool: index of the tool.
+        output: name of the handle's driver.
+        options: options of the driver, by name.
+        handle: file of an identified handle, whose compensator computes force from acceleration.
+        compensator: name of the compensator, as in `compensator_of`.
 
     Raises:
-        HandleError: what the handle refuses, or no answer.
+        HandleError: error of the process, or no answer.
     """
 
     def __init__(
@@ -248,53 +256,53 @@ class LiveHandle:
     ) -> None:
         context = multiprocessing.get_context("spawn")
         self._wire, theirs = context.Pipe()
-        self._one_asks = threading.Lock()  # a page's threads turn it, and who watches asks
+        self._lock = threading.Lock()  # several threads of a page may send requests
         arguments = (theirs, dict(channel), rate_Hz, tool, output, dict(options), handle, compensator)
         self._process = context.Process(target=serve_live, args=arguments, name="hapscene handle", daemon=True)
         self._process.start()
         theirs.close()
         try:
-            self.report = self._answer(START_S)
+            self.report = self._receive(START_S)
         except BaseException:
             self.close()
             raise
 
-    def _answer(self, patience_s: float) -> dict[str, float]:
+    def _receive(self, timeout_s: float) -> dict[str, float]:
         try:
-            if not self._wire.poll(patience_s):
-                raise HandleError(f"the handle's process does not answer for {patience_s:g} s")
-            error, told = self._wire.recv()
+            if not self._wire.poll(timeout_s):
+                raise HandleError(f"no answer from the handle's process for {timeout_s:g} s")
+            answer, error = self._wire.recv()
         except (EOFError, OSError):
-            raise HandleError("the handle's process has ended") from None
+            raise HandleError("the handle's process has exited") from None
         if error is not None:
             raise HandleError(error)
-        return dict(told)
+        return dict(answer)
 
-    def look(self) -> dict[str, float]:
-        """What `report` says now.
-
-        Raises:
-            HandleError: it plays no more, and why.
-        """
-        return self._tell("report")
-
-    def turn(self, volume: float) -> None:
-        """Play from now on at this share of the output's gain, 0 … 1.
+    def update_report(self) -> dict[str, float]:
+        """Request the current `report`.
 
         Raises:
-            HandleError: it plays no more, and why.
+            HandleError: the handle has stopped; the message gives the reason.
         """
-        self._tell(float(volume))
+        return self._request("report")
 
-    def _tell(self, said: str | float) -> dict[str, float]:
-        with self._one_asks:
+    def set_volume(self, volume: float) -> None:
+        """Set the share of the output's gain, 0 … 1.
+
+        Raises:
+            HandleError: the handle has stopped; the message gives the reason.
+        """
+        self._request(float(volume))
+
+    def _request(self, message: str | float) -> dict[str, float]:
+        with self._lock:
             with suppress(OSError):
-                self._wire.send(said)
-            self.report = self._answer(ANSWER_S)
+                self._wire.send(message)
+            self.report = self._receive(ANSWER_S)
             return self.report
 
     def close(self) -> None:
-        """Fade to silence, and end. Twice does no harm."""
+        """Fade to silence and end the process. May be called twice."""
         with suppress(OSError):
             self._wire.send("stop")
         self._process.join(ANSWER_S)

@@ -1,17 +1,17 @@
-"""From the acceleration channel to an output's samples: resampled, clocks brought together, limited, faded. Compiled.
+"""Convert the acceleration channel to an output's samples. Compiled.
 
-write       samples of the channel into a ring
-resample    a windowed sinc, read at a place that moves by the ratio of the two clocks
-high-pass   Butterworth of second order
-compensate  force of acceleration, where there is a compensator                                 handle_loop.py
-limit       a gain that is down before the sample that needs it so                              governor.py
+write       samples of the channel into a ring buffer
+resample    windowed sinc, at a position that advances by the ratio of the two clocks
+high-pass   Butterworth filter of second order
+compensate  acceleration to force, if there is a compensator                                    handle_loop.py
+limit       gain with look-ahead                                                                governor.py
 fade        20 ms in and out
 
-The compensator runs by the output's clock: a sample that the output pulls is one of the compensator's, and what an
-output reads back of it is heard under the same number.
+The compensator runs at the output's clock. A sample that the output pulls is one sample of the compensator, and
+measurements carry the number of the sample.
 
-The ratio is steered by what is in hand. Ticks come in blocks, and outputs pull in bursts, so the measure is the least
-that was in hand within `WINDOW_S`; near enough to `lag_s` the ratio is the nominal one to the bit.
+A controller synchronises the two clocks by the number of buffered samples. Ticks arrive in blocks, and outputs pull in
+bursts, so it uses the minimum within `WINDOW_S`. Within `NEAR_S` of `lag_s` the ratio is exactly the nominal one.
 """
 
 import math
@@ -28,105 +28,114 @@ from hapscene.handle.governor import MASK, ONE, RELEASE_S, fade
 from hapscene.handle.handle_loop import DESIRED_MAX_M_S2, HANDLE, command_force, learn
 from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.plant import Array
-from hapscene.records import records
+from hapscene.records import Records, records
 
 __all__ = ["FADE_S", "PHASES", "LiveStream", "filter_table"]
 
 FADE_S: Final = 0.02
-"""How long a fade takes [s]: no click, and shorter than what is noticed as late (24 ms, Adelstein et al. 2003)."""
+"""Duration of a fade [s]. No click is audible, and the delay is below the noticeable 24 ms (Adelstein et al. 2003)."""
 
 LOOK_AHEAD_S: Final = 0.002
-"""How long before a peak the limiter's gain begins to fall [s]."""
+"""Look-ahead of the limiter [s]."""
 
 STOP_DB: Final = 110.0
-"""What is left of images and of what would alias [−dB]: 14 dB below the rounding to 16 bits."""
+"""Stop-band attenuation of the resampler [dB]: images and aliases are 14 dB below the rounding to 16 bits."""
 
 PHASES: Final = 1024
-"""Places between two samples for which the filter is tabled [count]; between two of them it is a straight line, off by
-1e-6 of the loudest: −118 dB."""
+"""Filter phases between two samples [count]. Linear interpolation between two phases has an error of 1e-6 of the peak,
+−118 dB."""
 
 WINDOW_S: Final = 0.25
-"""Time in which the least in hand is looked for [s]: longer than the bursts in which a busy computer's audio pulls."""
+"""Window of the minimum number of buffered samples [s], longer than the bursts of audio output on a busy computer."""
 
 NEAR_S: Final = 0.001
-"""How far from `lag_s` the least in hand may be before the ratio is changed [s]: a tick."""
+"""Deviation of the buffered time from `lag_s` at which the ratio changes [s]: one tick."""
 
 STEER: Final = 0.2
-"""Change of the ratio by what is too much in hand [1/s]: clocks 200 ppm apart end 1 ms further off."""
+"""Gain of the ratio for the deviation of the buffered time [1/s]. Clocks that differ by 200 ppm settle 1 ms off."""
 
 STEER_MAX: Final = 0.003
-"""Largest change of the ratio [1]: thrice what the worst clocks differ by; a tenth of what the skin tells apart."""
+"""Largest change of the ratio [1]: three times the difference of the worst clocks, a tenth of the JND of frequency."""
 
 TOO_MUCH_S: Final = 0.05
-"""More in hand than this beyond `lag_s` is left out, between two fades [s]: to be rid of it by the ratio takes 17 s."""
+"""Excess of the buffered time over `lag_s` that is skipped between two fades [s]. The ratio would need 17 s for it."""
 
 ROOM: Final = 1 << 16
-"""Samples of the channel in the ring [count], a power of two: 6 s at 10 kHz."""
+"""Size of the ring buffer [samples of the channel], a power of two: 6 s at 10 kHz."""
 
 RING: Final = MASK + 1
-"""Room for the limiter's look-ahead, as `governor.fade` has it [samples]."""
+"""Size of the limiter's buffers [samples], as in `governor.fade`."""
 
 SILENT, PLAYING, FADING = 0, 1, 2
 
 STREAM: Final = np.dtype(
     [
-        # the channel's samples so far; the place of the next output sample among them, whole and part; what it moves by
+        # samples written so far; position of the next output sample, integer and fraction; its increment
         *((name, "i8") for name in ("written", "whole", "steered", "half")),
         *((name, "f8") for name in ("part", "nominal", "ratio")),
-        # the window: its length and what is left of it [output samples], what was written before it, the least in hand;
-        # and how many have passed in silence
+        # window of the clock control: its length and rest [output samples], count written before it, silent windows so
+        # far, minimum of the buffered samples, parameters
         *((name, "i8") for name in ("window", "left", "before", "windows")),
         *((name, "f8") for name in ("spare", "lag", "near", "too_much", "steer", "change", "in_hand")),
         *((name, "i8") for name in ("state", "ending")),
         *((name, "f8") for name in ("faded", "fade_step", "gain", "ceiling")),
         ("high", "f8", (5,)),  # b0 b1 b2 a1 a2
         ("high_state", "f8", (2,)),
-        # the limiter: fields as `governor.fade` has them, and the samples of the look-ahead
+        # limiter: the fields of `governor.fade`, and the samples of the look-ahead
         *((name, "i8") for name in ("delay", "count", "first", "last", "total")),
         *((name, "f8") for name in ("released", "release", "share")),
         *((name, "f8", (RING,)) for name in ("line", "least")),
         *((name, "i8", (RING,)) for name in ("when", "gains")),
-        # times that nothing was left to play, that too much was in hand; samples made quieter, cut, and not finite
+        # times the buffer ran empty, and times samples were skipped; samples attenuated, clipped, and not finite
         *((name, "i8") for name in ("gaps", "skips", "limited", "clipped", "not_finite")),
     ],
     align=True,
 )
-"""A stream's state."""
+"""State of a stream."""
 
 COUNTS: Final = ("gaps", "skips", "limited", "clipped", "not_finite")
 
 
 class LiveStream:
-    """What an output pulls its samples from."""
+    """The source from which an output pulls its samples, as a `Feed`."""
 
     def __init__(
-        self, fetch: Callable[[int], Array], rate_Hz: float, output: HandleOutput, *, handle: Any = None, steered: bool
+        self,
+        fetch: Callable[[int], Array],
+        rate_Hz: float,
+        output: HandleOutput,
+        *,
+        handle: "Records | None" = None,
+        steered: bool,
     ) -> None:
-        """A stream that is silent until it is pulled from.
+        """Create a stream.
 
         Args:
-            fetch: gives what the channel has got since it was last called; the argument says how many samples are
-                needed, which only what is recorded has to look at.
-            rate_Hz: of the channel.
-            output: what pulls.
-            handle: a record (1,) `HANDLE` at the output's rate, whose compensator makes force of acceleration, and
-                learns from what is read back; None for none.
-            steered: whether the channel has a clock of its own. Without, the output's is followed, and what `fetch`
-                gives begins to play at once.
+            fetch: returns the samples that the channel received since the last call. Its argument is the number of
+                samples that are needed; only recordings use it.
+            rate_Hz: sample rate of the channel.
+            output: the output that pulls.
+            handle: a record (1,) `HANDLE` at the output's rate, whose compensator computes force from acceleration, and
+                which learns from measurements; None for no compensator.
+            steered: whether the channel has its own clock. Otherwise it follows the output's clock, and playing starts
+                with the first samples.
 
         Raises:
-            HandleError: rates that are too far apart.
+            HandleError: the ratio of the rates is out of range.
         """
         self.rate_Hz, self.output_rate_Hz = rate_Hz, output.rate_Hz
         self._fetch, self._gain = fetch, output.gain
         self._handle = records(0, HANDLE) if handle is None else handle
         if not 0.02 <= rate_Hz / self.output_rate_Hz <= 50.0:
-            raise HandleError(f"a channel of {rate_Hz:g} Hz cannot be played at {self.output_rate_Hz:g} Hz")
+            raise HandleError(
+                f"a channel at {rate_Hz:g} Hz cannot be played at {self.output_rate_Hz:g} Hz: "
+                "their ratio must be 0.02 to 50"
+            )
         self._table = filter_table(rate_Hz, self.output_rate_Hz)
         self._ring = np.zeros(ROOM)
         self._state = records(1, STREAM)
         s = self._state[0]
-        s.written = s.whole = ROOM  # what is before it is silence
+        s.written = s.whole = ROOM  # the buffer starts with silence
         s.half = self._table.shape[1] // 2
         s.nominal = s.ratio = rate_Hz / self.output_rate_Hz
         s.steered = int(steered)
@@ -141,9 +150,9 @@ class LiveStream:
         s.gains[:] = ONE
         s.total = (s.delay + 1) * ONE
         s.share = 1.0 / float(s.total)
-        write(s, self._ring, np.zeros(0))  # has it compiled before anybody waits
+        write(s, self._ring, np.zeros(0))  # compile before the output starts
         render(s, self._ring, self._table, self._handle, np.zeros(0))
-        self.hear(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
+        self.receive_feedback(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
 
     def pull(self, out: Array) -> None:
         """Fill `out` (n,) with the next samples."""
@@ -152,55 +161,56 @@ class LiveStream:
         write(s, self._ring, samples[-(ROOM >> 1) :])
         render(s, self._ring, self._table, self._handle, out)
 
-    def hear(self, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
-        """Have the compensator learn from what came of samples that were pulled, as `Feed` says."""
-        hear(self._handle, numbers - self._state[0].delay, force_N, acceleration_m_s2)
+    def receive_feedback(self, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
+        """Pass measurements of samples that were pulled to the compensator, as `Feed`."""
+        _learn_all(self._handle, numbers - self._state[0].delay, force_N, acceleration_m_s2)
 
     def fade_in(self) -> None:
-        """What was pulled before is lost: begin with silence anew."""
+        """Discard the samples that were pulled, and start again from silence."""
         s = self._state[0]
         s.state, s.faded, s.windows = SILENT, 0.0, 0
 
-    def turn(self, volume: float) -> None:
-        """Play from now on at this share of the output's gain, 0 … 1."""
+    def set_volume(self, volume: float) -> None:
+        """Set the share of the output's gain, 0 … 1."""
         self._state[0].gain = min(max(volume, 0.0), 1.0) * self._gain
 
     def end(self) -> None:
-        """Fade out, and stay silent."""
+        """Fade out and remain silent."""
         self._state[0].ending = 1
 
     @property
     def over(self) -> bool:
-        """Whether it has faded out for good."""
+        """Whether the stream has ended and faded out."""
         s = self._state[0]
         return bool(s.ending == 1 and s.state == SILENT)
 
     @property
     def played(self) -> int:
-        """How many samples of the channel have been pulled past."""
+        """Number of channel samples that have been played."""
         return int(self._state[0].whole) - ROOM
 
     @property
     def latency_s(self) -> float:
-        """How long after it came from the channel a sample is pulled [s], on average over the last seconds."""
+        """Delay of a sample from the channel to the output's pull [s], averaged over the last seconds."""
         ahead = float(self._state[0].delay) + float(self._handle["delay"].sum())  # limiter, compensator
         return max(0.0, float(self._state[0].in_hand)) / self.rate_Hz + ahead / self.output_rate_Hz
 
     @property
     def drift(self) -> float:
-        """How much faster than it says the channel's clock runs than the output's, as far as it is steered [1]."""
+        """Deviation of the channel's clock from the output's, as far as it is corrected [1]."""
         return float(self._state[0].ratio / self._state[0].nominal - 1.0)
 
     @property
     def counts(self) -> dict[str, int]:
-        """What went wrong so far, by name: `COUNTS`."""
+        """Error counts so far, by the names `COUNTS`."""
         return {name: int(getattr(self._state[0], name)) for name in COUNTS}
 
 
 def filter_table(rate_Hz: float, output_rate_Hz: float) -> Array:
-    """Weights (PHASES + 1, taps) of the samples around a place, by how far it is past the one in the middle.
+    """Weights (PHASES + 1, taps) of the resampling filter, one row for each phase.
 
-    Flat to a quarter of the lower rate, and to 1 kHz where that is more; nothing passes from half of it on.
+    The pass band ends at a quarter of the lower rate, or at 1 kHz if that is higher; the stop band starts at half of
+    the lower rate.
     """
     lower_Hz = min(rate_Hz, output_rate_Hz)
     edge_Hz = max(0.25 * lower_Hz, min(1000.0, 0.42 * lower_Hz))
@@ -213,7 +223,7 @@ def filter_table(rate_Hz: float, output_rate_Hz: float) -> Array:
 
 
 def _high_pass(corner_Hz: float, rate_Hz: float) -> Array:
-    """b0 b1 b2 a1 a2 of a Butterworth filter."""
+    """Coefficients b0 b1 b2 a1 a2 of a Butterworth high-pass."""
     if corner_Hz <= 0.0:
         return np.array([1.0, 0.0, 0.0, 0.0, 0.0])
     b, a = scipy.signal.butter(2, corner_Hz, "highpass", fs=rate_Hz)
@@ -221,16 +231,16 @@ def _high_pass(corner_Hz: float, rate_Hz: float) -> Array:
 
 
 @native
-def hear(handle: Any, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
-    """Tell a compensator, if there is one, what came of its samples of those numbers (n,)."""
+def _learn_all(handle: Records, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
+    """Pass measurements (n,) of the numbered samples to the compensator, if there is one."""
     for k in range(len(numbers)):
-        if len(handle) > 0 and numbers[k] >= 0:  # what the limiter had before the first is none of them
+        if len(handle) > 0 and numbers[k] >= 0:  # negative numbers are samples of the limiter's initial silence
             learn(handle[0], numbers[k], force_N[k], acceleration_m_s2[k])
 
 
 @native
 def write(s: Any, ring: Array, samples: Array) -> None:
-    """Samples of the channel into the ring; what is not finite counts as 0."""
+    """Write samples of the channel into the ring buffer. A sample that is not finite counts as 0."""
     for k in range(len(samples)):
         x = samples[k]
         if not math.isfinite(x):
@@ -241,8 +251,8 @@ def write(s: Any, ring: Array, samples: Array) -> None:
 
 
 @native
-def render(s: Any, ring: Array, table: Array, handle: Any, out: Array) -> None:
-    """Fill `out` (n,) with the next samples of a stream, by the compensator of `handle` (1,), or none (0,)."""
+def render(s: Any, ring: Array, table: Array, handle: Records, out: Array) -> None:
+    """Fill `out` (n,) with the next samples of a stream. `handle` is (1,), or (0,) for no compensator."""
     if s.state == SILENT and s.steered == 0 and s.ending == 0 and s.written > s.whole + s.half:
         s.state = PLAYING
     for k in range(len(out)):
@@ -259,12 +269,12 @@ def render(s: Any, ring: Array, table: Array, handle: Any, out: Array) -> None:
             s.state, s.windows = SILENT, 0
         out[k] = x if s.faded == 1.0 else x * 0.5 * (1.0 - math.cos(math.pi * s.faded))
     if len(out) > 0:
-        _look(s, len(out))
+        _synchronise(s, len(out))
 
 
 @native
 def _resampled(s: Any, ring: Array, table: Array) -> float:
-    """The channel at the place of the next output sample; past its newest sample that is held."""
+    """The channel at the position of the next output sample. Beyond the newest sample, that one is repeated."""
     total = 0.0
     if s.state != SILENT:
         at = s.part * PHASES
@@ -291,22 +301,23 @@ def _high_passed(s: Any, x: float) -> float:
 
 @native
 def _limited(s: Any, x: float) -> float:
-    """The sample of a look-ahead ago, never above the ceiling."""
+    """The sample of one look-ahead ago, limited to the ceiling."""
     gain = fade(s, min(1.0, s.ceiling / max(abs(x), 1e-12)))
     s.line[s.count & MASK] = x
     y = gain * s.line[(s.count - s.delay) & MASK]
     s.count += 1
     if gain < 0.999:
         s.limited += 1
-    if abs(y) > s.ceiling:  # the last net
+    if abs(y) > s.ceiling:  # rounding errors, or a gain that changes too fast
         s.clipped += int(abs(y) > (1.0 + 1e-9) * s.ceiling)
         y = math.copysign(s.ceiling, y)
     return float(y)
 
 
 @native
-def _look(s: Any, count: int) -> None:
-    """How much is in hand after so many samples; at a window's end the ratio is steered by the least of it."""
+def _synchronise(s: Any, count: int) -> None:
+    """Update the minimum of the buffered samples after `count` output samples. At the end of a window adjust the
+    ratio."""
     spare = s.written - s.whole - s.part - s.half
     s.spare = min(s.spare, spare)
     s.in_hand += min(1.0, count / (8.0 * s.window)) * (spare + s.half - s.in_hand)
@@ -316,7 +327,7 @@ def _look(s: Any, count: int) -> None:
     error, came = s.spare - s.lag, s.written - s.before
     if s.state == SILENT and s.ending == 0:
         s.windows = s.windows + 1 if came > 0.9 * s.nominal * s.window else 0
-        if s.windows > 1:  # the first may hold what an output pulls at once as it begins
+        if s.windows > 1:  # the first window may contain a burst at the start of an output
             s.whole += int(error)
             s.in_hand = spare + s.half - error
             s.state = PLAYING

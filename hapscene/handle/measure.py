@@ -1,4 +1,4 @@
-"""The sweep played in one grip after another, and what is made of the recordings."""
+"""Record the sweep in several grips, or load the recordings from files."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ __all__ = ["GripRecording", "load_grip", "load_grips", "play_grips"]
 
 @dataclass(frozen=True)
 class GripRecording:
-    """Force (n,) [N] and acceleration (n,) [m/s²] of one grip."""
+    """Force (n,) [N] and acceleration (n,) [m/s²] of one grip, at `rate_Hz`."""
 
     name: str
     force_N: Array
@@ -26,20 +26,20 @@ class GripRecording:
     rate_Hz: float
 
     def response(self, band_Hz: tuple[float, float]) -> Response:
-        """Acceleration over force in the band, as far as the rate goes.
+        """Estimate the frequency response in the band, up to 0.45 of the sample rate.
 
         Raises:
-            HandleError: as of `estimate_response`, with the recording's name.
+            HandleError: as `estimate_response`, with the name of the recording.
         """
         band_Hz = (band_Hz[0], min(band_Hz[1], 0.45 * self.rate_Hz))
         with refusing(HandleError, self.name):
             return estimate_response(self.force_N, self.acceleration_m_s2, self.rate_Hz, band_Hz=band_Hz)
 
     def save(self, path: Path) -> None:
-        """Write it as npz, whole or not at all: `hapscene device identify --from` reads it.
+        """Write the recording as npz, atomically, for `hapscene device identify --from`.
 
         Raises:
-            OSError: the folder is missing or cannot be written.
+            OSError: the folder does not exist or is not writable.
         """
         with whole_file(path) as part, part.open("wb") as file:
             np.savez_compressed(
@@ -58,13 +58,13 @@ def play_grips(
 
     Args:
         source: the handle.
-        sweep: what is played.
-        guess: the handle as far as it is known, by which travel is predicted.
-        names: of the grips.
-        ready: called with each grip's index before it is played; returns when the hand holds the handle so.
+        sweep: the sweep.
+        guess: the plant that predicts the travel of the coil.
+        names: names of the grips.
+        ready: called with the index of each grip before the sweep; returns when the hand holds the handle in that grip.
 
     Raises:
-        HandleError: the handle is gone, or cannot play it.
+        HandleError: the handle is disconnected, or cannot play the sweep.
     """
     force_N = sweep.force(source.rate_Hz, guess)
     recordings = []
@@ -80,18 +80,18 @@ def load_grips(
     columns: dict[str, str] | None = None,
     units: dict[str, str] | None = None,
 ) -> list[GripRecording]:
-    """A grip from each file, all at one rate; see `load_grip`.
+    """Load one grip from each file (`load_grip`).
 
     Raises:
-        CaptureError, HandleError: as there.
-        HandleError: the files differ in rate.
+        CaptureError, HandleError: as `load_grip`.
+        HandleError: the files differ in sample rate.
     """
     recordings = [load_grip(path, rate_Hz, columns, units) for path in paths]
     for recording, path in zip(recordings, paths, strict=True):
         if recording.rate_Hz != recordings[0].rate_Hz:
             raise HandleError(
-                f"{path}: {recording.rate_Hz:g} Hz, {paths[0]}: {recordings[0].rate_Hz:g} Hz: "
-                "grips must be recorded at one rate to be identified together"
+                f"{path}: sample rate {recording.rate_Hz:g} Hz differs from {recordings[0].rate_Hz:g} Hz of "
+                f"{paths[0]}: record all grips at the same rate"
             )
     return recordings
 
@@ -99,11 +99,17 @@ def load_grips(
 def load_grip(
     path: str, rate_Hz: float | None = None, columns: dict[str, str] | None = None, units: dict[str, str] | None = None
 ) -> GripRecording:
-    """A grip from a file with columns force and acceleration; what the file does not say is given, as to `capture`.
+    """Load a grip from a file with the columns force and acceleration.
+
+    Args:
+        path: CSV, WAV, NPZ, MAT or .hsrec.
+        rate_Hz: sample rate, if the file does not contain it [Hz].
+        columns: names of the file's columns, by quantity, if they differ.
+        units: units by quantity, if the file does not contain them.
 
     Raises:
-        CaptureError: a file that is missing, not of numbers, or without rate or units.
-        HandleError: no force; or three axes, which cannot be made one here, as their phase would be lost.
+        CaptureError: the file does not exist, is not numeric, or lacks rate or units.
+        HandleError: the force is missing; or the acceleration has three axes, whose combination would lose the phase.
     """
     from hapscene.capture.io.formats import read_recording_source
     from hapscene.capture.io.recording import load_recording
@@ -113,11 +119,11 @@ def load_grip(
     known = read_recording_source(Path(path)).columns
     if named not in known and ("acceleration" not in chosen or "+" in named):
         raise HandleError(
-            f"{path}: one column must be the acceleration along the handle: --columns acceleration=COLUMN; "
-            f"there are: {', '.join(known)}"
+            f"{path}: the column of the acceleration along the handle is not known: name it by "
+            f"--columns acceleration=COLUMN; columns of the file: {', '.join(known)}"
         )
     del known
     recording = load_recording(path, rate_Hz, columns={"acceleration": named, **chosen}, units=units)
     if recording.force_N is None:
-        raise HandleError(f'{path}: no column "force": --columns force=COLUMN says which holds the actuator\'s force')
+        raise HandleError(f'{path}: no column "force": name the column of the force by --columns force=COLUMN')
     return GripRecording(Path(path).stem, recording.force_N, recording.acceleration_m_s2, recording.rate_Hz)

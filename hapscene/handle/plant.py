@@ -1,26 +1,25 @@
-"""The haptography handle as a plant: a voice coil's mass on a spring in a handle, the handle in a hand.
+"""Model of the haptography handle: a voice coil on a spring in a handle, the handle in a hand.
 
-Two masses on a line. x_h is the handle's displacement, x_c the coil's, r = x_c − x_h the coil's travel. The actuator
-pushes the handle with F, and the coil with −F: it stands between the two, and the ground gives nothing. The hand is a
-spring and a damper from the handle to the ground:
+Two masses on a line: x_h is the displacement of the handle, x_c that of the coil, r = x_c − x_h the travel of the coil.
+The actuator acts between the two: force F on the handle, −F on the coil. The hand is a spring and a damper from the
+handle to the ground:
 
     m_c ẍ_c = −F − k_s r − b_s ṙ
     m_h ẍ_h =  F + k_s r + b_s ṙ − k_u x_h − b_u ẋ_h
 
-With Z = b_s s + k_s: (m_c s² + Z) X_c − Z X_h = −F and (m_h s² + Z + b_u s + k_u) X_h − Z X_c = F. X_c eliminated,
+With Z = b_s s + k_s: (m_c s² + Z) X_c − Z X_h = −F and (m_h s² + Z + b_u s + k_u) X_h − Z X_c = F. Without X_c,
 
     A_h/F = m_c s⁴ / ((m_c s² + b_s s + k_s)(m_h s² + (b_s + b_u) s + k_s + k_u) − (b_s s + k_s)²),
 
 eq. 8 of the haptography paper (McMahan & Kuchenbecker 2009, "Haptic Display of Realistic Tool Contact via Dynamically
-Compensated Control of a Dedicated Actuator", IROS). Momentum, m_c ẍ_c + m_h ẍ_h = −b_u ẋ_h − k_u x_h, gives the travel:
-R/F = −((m_c + m_h) s² + b_u s + k_u) / (the same denominator).
+Compensated Control of a Dedicated Actuator", IROS). The momentum, m_c ẍ_c + m_h ẍ_h = −b_u ẋ_h − k_u x_h, gives the
+travel: R/F = −((m_c + m_h) s² + b_u s + k_u) / (the same denominator).
 """
 
 from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
@@ -31,30 +30,30 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 NUMBER_MIN: Final = 1e-9
-"""Smallest number where 0 may not be, of whatever unit [1]: nothing that is divided by it overflows."""
+"""Smallest value of a parameter that must not be 0, in any unit. A division by it does not overflow."""
 
 NUMBER_MAX: Final = 1e9
-"""Largest number, of whatever unit [1]: no handle is stiffer, heavier or faster, and nothing made of it overflows."""
+"""Largest value of a parameter, in any unit. It exceeds that of any handle, and products do not overflow."""
 
 
 @dataclass(frozen=True)
 class Plant:
-    """A handle in a hand; the defaults are the project's assumed values, for the published ones were not to be had.
+    """A handle in a hand. The defaults are assumed, since the values of the published handle are not available.
 
     Attributes:
         m_c_kg: mass of the coil, which moves in the handle.
         k_s_N_m: stiffness of the spring that centres the coil.
         b_s_Ns_m: damping between coil and handle.
-        m_h_kg: mass of the handle, with what of the hand moves with it.
-        k_u_N_m: stiffness of the hand that holds it, ≥ 0.
-        b_u_Ns_m: damping of that hand, ≥ 0.
+        m_h_kg: mass of the handle, including the part of the hand that moves with it.
+        k_u_N_m: stiffness of the hand, ≥ 0.
+        b_u_Ns_m: damping of the hand, ≥ 0.
         force_limit_N: peak force of the actuator.
-        travel_limit_m: how far the coil may travel to either side of its rest, where it meets a stop. Assumed, for the
-            actuator's stroke was not to be had: a few millimetres are usual for coils of that force.
-        amplifier_Hz: bandwidth of the amplifier's current loop, one pole; assumed as well.
+        travel_limit_m: travel of the coil from its rest position to a stop, in both directions. A few millimetres are
+            usual for coils of this force.
+        amplifier_Hz: bandwidth of the amplifier's current loop, one pole.
 
     Raises:
-        HandleError: no number, or one that is not finite or out of range.
+        HandleError: a value that is not a number, not finite, or out of range.
     """
 
     m_c_kg: float = 0.015
@@ -81,30 +80,31 @@ class Plant:
                 raise HandleError(f"plant: {name} must be finite and {least}, at most {NUMBER_MAX:g}; is {value!r}")
 
     def denominator(self) -> Array:
-        """Coefficients (5,) of the denominator of eq. 8, of s⁴ first; over m_c they are those of the inverse."""
+        """Coefficients (5,) of the denominator of eq. 8, that of s⁴ first. Divided by m_c they are those of the
+        inverse."""
         coil = (self.m_c_kg, self.b_s_Ns_m, self.k_s_N_m)
         handle = (self.m_h_kg, self.b_s_Ns_m + self.b_u_Ns_m, self.k_s_N_m + self.k_u_N_m)
         between = np.convolve((self.b_s_Ns_m, self.k_s_N_m), (self.b_s_Ns_m, self.k_s_N_m))
         return np.asarray(np.convolve(coil, handle) - np.pad(between, (2, 0)))
 
     def response(self, frequency_Hz: ArrayLike) -> Complex:
-        """Acceleration of the handle over force A_h/F, eq. 8, at frequencies of any shape [1/kg].
+        """Acceleration of the handle over force, A_h/F of eq. 8, at frequencies of any shape [1/kg].
 
-        It goes to 1/m_h at high frequency, and to m_c s⁴/(k_s k_u) at low.
+        It approaches 1/m_h at high frequency and m_c s⁴/(k_s k_u) at low frequency.
         """
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=np.float64)
         return np.asarray(self.m_c_kg * s**4 / np.polyval(self.denominator(), s))
 
     def travel_response(self, frequency_Hz: ArrayLike) -> Complex:
-        """Travel of the coil over force R/F at frequencies of any shape [m/N]; −1/k_s at rest."""
+        """Travel of the coil over force, R/F, at frequencies of any shape [m/N]; −1/k_s for a constant force."""
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=np.float64)
         force = (self.m_c_kg + self.m_h_kg) * s**2 + self.b_u_Ns_m * s + self.k_u_N_m
         return np.asarray(-force / np.polyval(self.denominator(), s))
 
     def state_space(self) -> tuple[Array, Array, Array, Array]:
-        """A (4, 4), B (4, 1), C (3, 4), D (3, 1) of ẋ = A x + B F, y = C x + D F.
+        """State space A (4, 4), B (4, 1), C (3, 4), D (3, 1): ẋ = A x + B F, y = C x + D F.
 
-        x is (x_h, ẋ_h, r, ṙ) [m, m/s], y the acceleration ẍ_h, the travel r and the displacement x_h.
+        The state x is (x_h, ẋ_h, r, ṙ) [m, m/s]; y is the acceleration ẍ_h, the travel r and the displacement x_h.
         """
         hand = np.array([-self.k_u_N_m, -self.b_u_Ns_m, 0.0, 0.0])
         spring = np.array([0.0, 0.0, self.k_s_N_m, self.b_s_Ns_m])
@@ -113,8 +113,3 @@ class Plant:
         b = np.array([[0.0], [1.0 / self.m_h_kg], [0.0], [-1.0 / self.m_c_kg - 1.0 / self.m_h_kg]])
         c = np.array([handle, [0, 0, 1, 0], [1, 0, 0, 0]])
         return a, b, c, np.array([[1.0 / self.m_h_kg], [0.0], [0.0]])
-
-    def discretised(self, rate_Hz: float) -> tuple[Array, Array, Array, Array]:
-        """The state space for a force that is held over each sample (zero-order hold): exact at the samples."""
-        a, b, c, d, _ = scipy.signal.cont2discrete(self.state_space(), 1.0 / rate_Hz, method="zoh")
-        return np.asarray(a), np.asarray(b), np.asarray(c), np.asarray(d)

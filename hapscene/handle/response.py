@@ -1,21 +1,21 @@
-"""Frequency response and coherence from a recording of force and acceleration.
+"""Estimate frequency response and coherence from a recording of force and acceleration.
 
-The whole recording is one window, without taper: a handle that is at rest at its beginning and end answers in it
-completely, so nothing leaks and no resonance is smeared, as it is by Welch's short windows. The averages that H1 and
-coherence need are taken over adjacent frequencies instead of over windows (Bendat & Piersol 2010, "Random Data", 4th
-ed., 8.5.1 and 9.2): H1 = Σ F*A / Σ |F|² over the lines of a band.
+The whole recording is one window without taper. A handle that is at rest at both ends of the recording responds
+completely within it, so there is no leakage, and no smearing of resonances as with the short windows of Welch's method.
+The averages that H1 and coherence need are taken over adjacent frequencies instead of over windows (Bendat & Piersol
+2010, "Random Data", 4th ed., 8.5.1 and 9.2): H1 = Σ F*A / Σ |F|² over the lines of a band.
 
-Within a band the response changes, which plain coherence would count as noise. So a straight line in frequency is
-fitted to each band, A = (h + h′ (f − f̄)) F, by least squares. With f̄ the mean frequency weighted by |F|², h is exactly
-H1, and what the line leaves is noise. To second order h is the response averaged over the band,
-(H(f̄ − σ) + H(f̄ + σ))/2, with σ the weighted spread of its frequencies; a model that is compared with it is averaged so.
+The response changes within a band, which plain coherence would count as noise. Therefore a straight line in frequency
+is fitted to each band, A = (h + h′ (f − f̄)) F, by least squares. With f̄ the mean frequency weighted by |F|², h equals
+H1, and the residual of the line is noise. To second order h is the response averaged over the band,
+(H(f̄ − σ) + H(f̄ + σ))/2, with σ the weighted standard deviation of its frequencies. A model is averaged in the same
+way before it is compared.
 """
 
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
@@ -24,17 +24,15 @@ from hapscene.handle.plant import Array, Complex
 __all__ = ["BAND_PER_OCTAVE", "Response", "estimate_response"]
 
 BAND_PER_OCTAVE: Final = 24
-"""Bands an octave [count]: each 3 % wide, a fifth of the half-power width of the assumed coil's resonance. With wider
-ones the straight line in a band no longer follows it."""
+"""Bands per octave [count]. Each is 3 % wide: a fifth of the half-power width of the assumed coil resonance. In wider
+bands a straight line does not follow the response."""
 
 LINE_MIN: Final = 6
-"""Fewest lines of the spectrum in a band [count]. Two are used up by the straight line; from the others the noise is
-estimated."""
+"""Fewest lines of the spectrum in a band [count]. The straight line uses two degrees of freedom, the noise estimate the
+others."""
 
 FORCE_SHARE: Final = 1e-6
-"""Least power of force in a band, over that of the strongest [1]: below, nothing was played there."""
-
-CONFIDENCE: Final = 0.95
+"""Lowest power of the force in a band, relative to the strongest band [1]. Bands below it are left out."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +41,12 @@ class Response:
 
     Attributes:
         frequency_Hz: (k,) mean frequency of each band.
-        spread_Hz: (k,) standard deviation of the frequencies in it.
-        response: (k,) complex, averaged over the band [1/kg].
-        coherence: (k,) share of the acceleration's power in the band that the force explains [1].
-        deviation: (k,) standard deviation of its real part, and of its imaginary part [1/kg].
-        freedom: (k,) degrees of freedom behind that [count].
-        force_power: (k,) power of the force in the band, of any unit.
+        spread_Hz: (k,) standard deviation of the frequencies in each band.
+        response: (k,) complex response, averaged over the band [1/kg].
+        coherence: (k,) share of the acceleration's power that the force explains [1].
+        deviation: (k,) standard deviation of the real part, and of the imaginary part, of the response [1/kg].
+        freedom: (k,) degrees of freedom of `deviation` [count].
+        force_power: (k,) power of the force in the band, in arbitrary units.
     """
 
     frequency_Hz: Array
@@ -59,52 +57,45 @@ class Response:
     freedom: Array
     force_power: Array
 
-    def magnitude_interval(self) -> tuple[Array, Array]:
-        """Bounds (k,) of |A/F| at 95 %: |h| ± t s, with s² = (1 − γ²)/(2 γ² (n − 2)) |h|², from n lines.
-
-        That is Bendat & Piersol's normalised random error, (1 − γ²)^½/(|γ| (2 n)^½) (2010, 9.2.3), with the estimated
-        noise's own uncertainty in Student's t.
-        """
-        reach = scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom) * self.deviation
-        magnitude = np.abs(self.response)
-        return np.maximum(magnitude - reach, 0.0), magnitude + reach
-
 
 def estimate_response(
     force_N: ArrayLike, acceleration_m_s2: ArrayLike, rate_Hz: float, *, band_Hz: tuple[float, float]
 ) -> Response:
-    """H1 and coherence in bands of 1/24 octave.
+    """Estimate the response H1 and the coherence in bands of 1/24 octave.
 
     Args:
-        force_N: (n,) what drives the handle; nothing else may, but noise.
-        acceleration_m_s2: (n,) of the handle, sample by sample. Both begin and end at rest.
-        rate_Hz: of the samples.
-        band_Hz: lowest and highest frequency that force was played at. Bands without any are left out.
+        force_N: (n,) force that drives the handle [N]. It must be the only excitation apart from noise.
+        acceleration_m_s2: (n,) acceleration of the handle [m/s²]. Both signals start and end at rest.
+        rate_Hz: sample rate [Hz].
+        band_Hz: lowest and highest frequency of the force [Hz]. Bands without force are left out.
 
     Raises:
-        HandleError: recordings that differ in length, are not finite, too short, or without force in the band.
+        HandleError: recordings that differ in length, are not finite, are too short, or contain no force in the band.
     """
     force, acceleration = np.asarray(force_N, dtype=np.float64), np.asarray(acceleration_m_s2, dtype=np.float64)
     if force.ndim != 1 or force.shape != acceleration.shape:
-        raise HandleError(f"force and acceleration must have one length, have {force.shape} and {acceleration.shape}")
+        raise HandleError(
+            "force and acceleration must be one-dimensional and of equal length, are "
+            f"{force.shape} and {acceleration.shape}"
+        )
     if not (np.isfinite(force).all() and np.isfinite(acceleration).all()):
-        raise HandleError("force and acceleration must be finite; some samples are not")
+        raise HandleError("force and acceleration must be finite: remove samples that are NaN or infinite")
     low, high = (round(edge * len(force) / rate_Hz) for edge in band_Hz)
     high = min(high, len(force) // 2)
     if high - low < 10 * LINE_MIN:
         raise HandleError(
-            f"{len(force) / rate_Hz:.3g} s are too short to see {band_Hz[0]:g} to {band_Hz[1]:g} Hz; "
-            f"{20 / band_Hz[0]:.2g} s or more are needed"
+            f"{len(force) / rate_Hz:.3g} s is too short to estimate {band_Hz[0]:g} to {band_Hz[1]:g} Hz: "
+            f"record {20 / band_Hz[0]:.2g} s or more"
         )
     f, a = (np.fft.rfft(signal)[low:high] for signal in (force, acceleration))
     return _banded(np.arange(low, high) * rate_Hz / len(force), f, a)
 
 
 def _banded(frequency: Array, f: Complex, a: Complex) -> Response:
-    """The straight line in each band, from sums over its lines."""
+    """Fit the straight line of each band, from sums over the lines of the spectrum."""
     power = np.abs(f) ** 2
     if not power.any():
-        raise HandleError("no force was played in the band")
+        raise HandleError("the force is 0 in the whole band: check the column of the force, and --low and --high")
     start = _starts(frequency)
 
     def total(values: NDArray[np.generic]) -> NDArray[np.generic]:

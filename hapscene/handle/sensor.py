@@ -1,4 +1,4 @@
-"""What a handle's driver hears of the handle: an accelerometer that is late, slow and noisy, and a force or none."""
+"""The accelerometer in the handle: delay, bandwidth, noise; and whether the force is measured."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,24 +11,25 @@ ACCELEROMETER_NOISE_M_S2_RTHZ: Final = 150e-6 * 9.80665
 """Noise density of the accelerometer [m/s²/√Hz]: 150 µg/√Hz, x and y of Analog Devices' ADXL312 (data sheet)."""
 
 ACCELEROMETER_HZ: Final = 1600.0
-"""Bandwidth of the accelerometer, one pole [Hz]: what the same sheet allows at its highest output rate."""
+"""Bandwidth of the accelerometer, one pole [Hz]: that of the same data sheet at the highest output rate."""
 
 DELAY_MAX_S: Final = 0.01
-"""Longest delay of a sensor [s]: ten times what a bus and a filter take. A slower one tells of a grip that has gone."""
+"""Longest delay of a sensor [s]: ten times that of a bus and a filter. With more, the grip has changed meanwhile."""
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """What is heard of a handle.
+    """Measurements that a handle provides to its compensator.
 
     Attributes:
-        delay_s: how much later than the force that caused it an acceleration is read, beside what the pole takes.
-        bandwidth_Hz: of the accelerometer, one pole.
-        noise_m_s2_rtHz: density of its noise [m/s²/√Hz], before that pole.
-        force_measured: whether the actuator's current is measured; else its force is reckoned from the command.
+        delay_s: delay of the measured acceleration behind the force, in addition to that of the pole.
+        bandwidth_Hz: bandwidth of the accelerometer, one pole.
+        noise_m_s2_rtHz: noise density before the pole [m/s²/√Hz].
+        force_measured: whether the current of the actuator is measured. Otherwise the force is computed from the
+            command.
 
     Raises:
-        HandleError: a number out of range.
+        HandleError: value out of range, or not a number.
     """
 
     delay_s: float = 0.0

@@ -39,6 +39,7 @@ CHANNEL: Final = np.dtype(
         ("pause", "i8"),  # 1: the loop must return
         ("moving_count", "i8"),  # number of bodies that the application moves; length of `Channel.moving`
         ("heartbeat", "i8"),  # counter that the application increments every 2 ms while it runs
+        ("stop_force", "i8"),  # 1: the force falls to zero and stays there
         # fields written by the servo
         ("pace", "i8"),  # FREE, TIMED, CALLED or SCHEDULED
         ("until", "i8"),  # the driver returns when this many ticks are complete
@@ -173,6 +174,7 @@ def _note_start(timer: Timer) -> None:
     channel, timing, tick_ns = timer.channel, timer.timing, timer.tick_ns
     start = now_ns(timer.clock)
     late = max(start - timing.began_ns - tick_ns, 0)
+    timing.elapsed_ns = start - timing.began_ns
     timing.due_ns = timing.began_ns = start
     timing.late, timing.stalled = 0, int(late > STALL_S * 1e9)
     channel.missed += late // tick_ns
@@ -196,7 +198,8 @@ def _tick_tools(loop: Loop) -> None:
         world, surface, tool = worlds[t], surfaces[t], tools[t]
         if real_time:
             safety = tool.safety[0]
-            safety.pulse_now, safety.late, safety.stalled = channel.heartbeat, timing.late, timing.stalled
+            safety.heartbeat_now, safety.late, safety.stalled = channel.heartbeat, timing.late, timing.stalled
+            safety.elapsed_s, safety.stopped = 1e-9 * timing.elapsed_ns, channel.stop_force
             _read_aim(loop.aims[t], hands[t], clock)
             _follow(tool, hands[t], tick_s)
         else:

@@ -18,7 +18,7 @@ from hapscene.loop.timing import request_realtime_priority
 __all__ = ["HEARTBEAT_NS", "Heartbeat"]
 
 HEARTBEAT_NS: Final = 2_000_000
-"""Time between two heartbeats [ns]. The force ends after five missed ones (`hapscene.device.safety.PULSE_AGE_S`)."""
+"""Time between two heartbeats [ns]. The force ends after five missed ones (`device.safety.HEARTBEAT_AGE_S`)."""
 
 
 class Heartbeat:

@@ -201,6 +201,7 @@ class OrderHandler:
         self._stop: Callable[[], object] | None = None  # stops the loop and waits until it has ended
         self._ticks: Iterator[None] = iter(())
         self._started = False
+        self._stopped_ns = 0  # time of the last tick before an order stopped the loop; 0: it was not stopped
         self._faults: list[str] = []
         self._tuned: list[tuple[str, str, dict[str, float]]] = []
         self._timing = records(1, TIMING)[0]
@@ -299,25 +300,14 @@ class OrderHandler:
                     self.pause()
                     self._note_fault(error)
 
-    def tune(self, swatch: str, numbers: Mapping[str, float]) -> None:
-        """Change parameters of a swatch. The loop continues, because single numbers are written atomically."""
-        for renderer in self._renderers:
-            renderer.tune(swatch, **numbers)
-        note_order(self._tuned, "tune", swatch, numbers)
-        self._note_change()
+    def change(self, order: str, name: str, arguments: Mapping[str, Any]) -> None:
+        """Change parameters of a swatch or effect, by one of the methods `ORDERS` of the renderer.
 
-    def tune_field(self, effect: str, numbers: Mapping[str, float]) -> None:
-        """Change parameters of an effect of the scene."""
+        The loop continues, because single numbers are written atomically.
+        """
         for renderer in self._renderers:
-            renderer.tune_field(effect, **numbers)
-        note_order(self._tuned, "tune_field", effect, numbers)
-        self._note_change()
-
-    def mute(self, effect: str, muted: bool) -> None:
-        """Exclude an effect from the sum, or include it again."""
-        for renderer in self._renderers:
-            renderer.mute(effect, muted)
-        note_order(self._tuned, "mute", effect, {"muted": muted})
+            getattr(renderer, order)(name, **arguments)
+        note_order(self._tuned, order, name, arguments)
         self._note_change()
 
     def repaint(self, swatches: Sequence[Swatch], painted: Sequence[Painting]) -> None:
@@ -407,6 +397,7 @@ class OrderHandler:
     def _between_ticks(self) -> Iterator[None]:
         """Pause the loop for the body of the context; a real device has no force meanwhile."""
         running = self.pause()
+        self._stopped_ns = int(self._timing.began_ns) if running else 0
         try:
             yield
         finally:
@@ -479,6 +470,9 @@ class OrderHandler:
         loop = self._loop()
         calls = bound(loop), BoundCall(wait_at, loop.timer)
         start_timer(loop.timer)  # last, because binding takes some ms, which would delay the first ticks
+        if self._stopped_ns:  # ticks that an order has cost count as missed
+            loop.timer.channel.missed += (loop.timer.timing.began_ns - self._stopped_ns) // loop.timer.tick_ns - 1
+            self._stopped_ns = 0
         return calls
 
     def _note_change(self) -> None:

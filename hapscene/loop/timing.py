@@ -89,9 +89,17 @@ EARLY_NS: Final = 50_000
 idle machine. Without it ticks begin 10 to 20 µs late, and later than those of an empty loop, whose code is still in the
 caches. It costs 5 % of a core."""
 
-TIMING: Final = np.dtype([("due_ns", "i8"), ("began_ns", "i8"), ("late", "i8"), ("stalled", "i8")], align=True)
-"""Of the tick that runs: when it was due and began; whether it began more than a tick late; whether ticks were left
-out before it."""
+TIMING: Final = np.dtype(
+    [
+        ("due_ns", "i8"),  # time at which the tick was due
+        ("began_ns", "i8"),  # time at which it began
+        ("elapsed_ns", "i8"),  # time since the tick before it began
+        ("late", "i8"),  # 1: it began more than one period after it was due
+        ("stalled", "i8"),  # 1: ticks before it were skipped
+    ],
+    align=True,
+)
+"""Timing of the current tick."""
 
 
 class Timer(NamedTuple):
@@ -106,7 +114,7 @@ class Timer(NamedTuple):
 def start_timer(timer: Timer) -> None:
     """Make the first tick due one period from now."""
     timer.timing.due_ns = timer.timing.began_ns = now_ns(timer.clock)
-    timer.timing.late = timer.timing.stalled = 0
+    timer.timing.elapsed_ns = timer.timing.late = timer.timing.stalled = 0
 
 
 @native
@@ -126,6 +134,7 @@ def wait_for_tick(timer: Timer) -> None:
         channel.missed += missed
         due += missed * tick_ns
         timing.stalled = 1
+    timing.elapsed_ns = start - timing.began_ns
     timing.due_ns, timing.began_ns = due, start
     timing.late = int(start - due > tick_ns)
 

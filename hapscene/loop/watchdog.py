@@ -1,9 +1,14 @@
-"""The servo's watchdog: a process that sees to it that no force is left when the servo dies or stands still.
+"""The watchdog of a servo: a process that removes the force when the servo's process dies or stops ticking.
 
-A servo that ends by itself closes its devices, and says so. One that is killed, or does not tick for a while, cannot:
-then the watchdog ends it for good, opens each device that keeps its last force, and writes zero (`Driver.release`).
+A servo that ends normally closes its devices and reports it. A servo that is killed, or does not tick for too long,
+cannot: the watchdog then kills it, opens each device that holds its last force, and writes zero (`Driver.release`).
+
+It leads a session of its own, so that a signal to the application's process group does not reach it, asks for real-time
+priority, and imports at its start what the drivers need to open a device: it may be needed on a busy machine.
 """
 
+import gc
+import importlib
 import os
 import signal
 from collections.abc import Sequence
@@ -15,12 +20,13 @@ from typing import Final
 from hapscene.device.driver import Driver
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.loop.shared_memory import Channel, open_channel
+from hapscene.loop.timing import request_realtime_priority
 from hapscene.wall_clock import CLOCK, Clock
 
 __all__ = ["BUSY_S", "LOOK_S", "RELEASE_S", "STILL_S", "WAITING_S", "release", "until_needed", "watch"]
 
-STILL_S: Final = 0.05
-"""How long a servo that was stopped by a signal may be without a tick [s]."""
+STILL_S: Final = 0.004
+"""Time without a tick after which a servo that was stopped by a signal (SIGSTOP) is killed [s]."""
 
 BUSY_S: Final = 0.2
 """Time without a tick after which any other servo is killed [s]: 0.1 s occurs on two loaded cores without real-time
@@ -30,7 +36,10 @@ WAITING_S: Final = 1.0
 """Time without a tick after which a servo that waits for its device is killed [s]. Drivers report a silent device after
 half this time."""
 
-LOOK_S: Final = 0.005
+ENDING: Final = 0x4 | 0x200 | 0x400
+"""Flags of a Linux process that ends: PF_EXITING, PF_DUMPCORE, PF_SIGNALED (include/linux/sched.h)."""
+
+LOOK_S: Final = 0.004
 """How often the watchdog looks [s]."""
 
 RELEASE_S: Final = 2.0
@@ -57,7 +66,16 @@ def watch(
     """
     for signum in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signum, signal.SIG_IGN)  # it ends after the servo
-    drivers = [(DRIVERS.load(choice.name), choice) for choice in choices]  # imported before they are needed
+    if hasattr(os, "setsid"):
+        os.setsid()
+    drivers = [(DRIVERS.load(choice.name), choice) for choice in choices]
+    for driver, _ in drivers:
+        for module in driver.imports:
+            with suppress(ImportError):  # the servo reports what is missing
+                importlib.import_module(module)
+    gc.freeze()
+    gc.disable()  # a collection takes milliseconds
+    request_realtime_priority()
     length, block, bodies, tools = shape
     channel = open_channel(length, block, name, bodies=bodies, tools=tools)
     ready.send(None)
@@ -72,12 +90,21 @@ def watch(
             release(driver, choice)
 
 
-def _is_stopped(pid: int) -> bool:
-    """Return whether a process is stopped by a signal. Always False on systems other than Linux."""
+def _state_of(pid: int) -> str:
+    """State of a process: "stopped" by a signal, "ending", or "running", also where the system does not report it.
+
+    A large process takes tens of milliseconds to end, and closes its files last: its flags show the end at once.
+    """
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
-    except (OSError, IndexError):
-        return False
+        state, *numbers = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        flags = int(numbers[5])
+    except FileNotFoundError:
+        return "ending" if Path("/proc/self/stat").exists() else "running"
+    except (OSError, ValueError, IndexError):
+        return "running"
+    if state in "ZXx" or flags & ENDING:
+        return "ending"
+    return "stopped" if state in "Tt" else "running"
 
 
 def until_needed(life: Connection, channel: Channel, pid: int, clock: Clock = CLOCK) -> bool:
@@ -95,7 +122,8 @@ def until_needed(life: Connection, channel: Channel, pid: int, clock: Clock = CL
         still_s = 0.0 if moved else still_s + min(now_s - before_s, 2.0 * LOOK_S)
         done, before_s = int(row.done), now_s
         patience_s = WAITING_S if row.waiting else BUSY_S
-        if still_s > patience_s or (still_s > STILL_S and _is_stopped(pid)):
+        state = _state_of(pid)
+        if still_s > patience_s or state == "ending" or (still_s > STILL_S and state == "stopped"):
             return False
 
 

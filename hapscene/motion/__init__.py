@@ -1,4 +1,4 @@
-"""Where the tool goes: recorded paths, a hand made from parts, gestures over what there is to touch."""
+"""Tool motion: recorded paths, synthetic paths, and gestures on a scene."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
-"""Gestures of a hand on a scene, as intentions: where it aims, how deep, and how firmly it holds.
+"""Gestures of a hand on a scene, as reference trajectories of the hand's target and grip.
 
-A hand presses by aiming below the surface: with a grip of k [N/m] it aims F/k deep to press with F on what does not
-give way, so that a light grip aims deep and yields, and a firm one aims shallow and insists.
+A hand presses by a target below the surface: a grip of stiffness k [N/m] needs a depth of F/k for a force F on a rigid
+surface. A light grip has a deep target and is compliant; a firm grip has a shallow target and is stiff.
 """
 
 import math
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hapscene.device.sim.hand import GRIPS, Grip, grip_named
 from hapscene.errors import PathError, no_such
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
-from hapscene.motion.hand_path import HOVER_M, STROKE_M_S, Hand, explore
+from hapscene.motion.hand_path import HOVER_M, STROKE_M_S, PathBuilder, explore
 from hapscene.motion.look_from_above import UNSEEN, Line, Look, between, look_from_above, places_to_feel
 
 if TYPE_CHECKING:
@@ -23,54 +23,54 @@ if TYPE_CHECKING:
 __all__ = ["FREE_S", "GESTURES", "PRESS_N", "RAMP_S", "REACH", "STROKE_N", "TOOL_KG", "act", "calm_time_s"]
 
 STROKE_N: Final = 0.6
-"""Force of strokes and taps [N]: what people choose when they feel a texture lies between 0.3 and 1 N."""
+"""Force of strokes and taps [N]. People explore textures with 0.3 to 1 N."""
 
 PRESS_N: Final = 1.5
-"""Force of a press [N]: half of what an Omni can give."""
+"""Force of a press [N]: half of the peak force of an Omni."""
 
 RAMP_S: Final = 0.3
-"""How long a hand takes to change its grip [s]."""
+"""Duration of a change of the grip [s]."""
 
 FREE_S: Final = 0.6
-"""How long a hand that has let go waits before it takes the tool again [s]."""
+"""Time between releasing the tool and grasping it again [s]."""
 
 SLOPE_MAX: Final = 0.25
-"""Steepest end of a line that is felt [1]: a hand that yields slides off a steeper one."""
+"""Steepest slope at the ends of a line [1]. A compliant hand slides off a steeper slope."""
 
 TOOL_KG: Final = 0.075
-"""Mass of the tool that a hand reckons with [kg]: that of the heaviest of the devices by name."""
+"""Mass of the tool that a gesture assumes [kg]: that of the heaviest device by name."""
 
 CALM_PERIODS: Final = 1.5
-"""Shortest movement through the air, in periods in which the tool swings on the grip's spring [1]. At a third of it, a
-tool in a light grip came down 12 mm beside its aim, next to the bracket of the demo, and was dragged along its side."""
+"""Shortest movement in the air, in periods of the tool's oscillation on the spring of the grip [1]. With a third of it,
+a tool in a light grip landed 12 mm beside its target, next to the bracket of the demo, and slid along its side."""
 
 REACH: Final = 0.35
-"""Radius of a circle over the shorter of the two best lines [1]."""
+"""Radius of a circle relative to the shorter of the two best lines [1]."""
 
 
 def act(name: str, scene: "Scene", tick_s: float, *, grip: str = "light") -> ReferenceTrajectory:
-    """A gesture of `GESTURES` on the first body that can be seen from above.
+    """Create a gesture on the first body that is visible from above.
 
     Args:
-        name: which.
-        scene: where.
+        name: a name of `GESTURES`.
+        scene: the scene.
         tick_s: period of a tick [s].
-        grip: how firmly the tool is held, a name of `hapscene.device.sim.hand.GRIPS`.
+        grip: grip of the hand, a name of `hapscene.device.sim.hand.GRIPS`.
 
     Raises:
-        HapsceneError: no gesture or grip of that name, or a grip that cannot press.
-        PathError: no body shows an outer face upwards.
+        HapsceneError: unknown gesture or grip, or a grip that does not hold the tool.
+        PathError: no body has an outer face that points upwards.
     """
     if name not in GESTURES:
         raise PathError(no_such("gesture", name, GESTURES))
     held = grip_named(grip)
     if held.k_N_m == 0.0:
-        raise PathError(f"a hand with grip {grip!r} does not hold the tool; choose light, medium or firm")
+        raise PathError(f"grip {grip!r} does not hold the tool: choose light, medium or firm")
     if name == "explore":
         return ReferenceTrajectory.along(explore(scene, tick_s, STROKE_N / held.k_N_m, calm_s=calm_time_s(held)), held)
     place = _Place(scene, tick_s, calm_time_s(held))
     rows = _AT_A_PLACE[name](place, held)
-    place.hand.rest(0.5)  # in which what buzzes is seen
+    place.hand.rest(0.5)  # in this time a limit cycle becomes visible
     path = place.hand.p_WT_m
     if rows is None:
         return ReferenceTrajectory.along(path, held)
@@ -78,30 +78,30 @@ def act(name: str, scene: "Scene", tick_s: float, *, grip: str = "light") -> Ref
 
 
 class _Place:
-    """Where a gesture is made: the best lines on the first body that can be seen, and a hand above them."""
+    """The place of a gesture: the best lines on the first visible body, and a tool path that starts above them."""
 
     def __init__(self, scene: "Scene", tick_s: float, calm_s: float) -> None:
         self.tick_s = tick_s
         look = look_from_above(scene)
         lines, size_m = next(places_to_feel(scene, look), ([], 0.0))
         if not lines:
-            raise PathError(f"{UNSEEN}; or follow a path: --hand follow --path hand.csv")
+            raise PathError(f"{UNSEEN}; or use a recorded path: --hand follow --path hand.csv")
         self.line = _without_steep_ends(look, lines[0])
         self.middle_m = between(*self.line, 0.5)
         self.reach_m = REACH * min(float(np.hypot(*np.subtract(b, a))) for a, b in lines)
         hover_m = min(HOVER_M, 0.2 * size_m)
         z_m = float(look(np.array([self.middle_m[0]]), np.array([self.middle_m[1]])).z_m[0])
-        self.hand = Hand((*self.middle_m, z_m + hover_m), tick_s, look, hover_m, calm_s)
+        self.hand = PathBuilder((*self.middle_m, z_m + hover_m), tick_s, look, hover_m, calm_s)
         self.hand.rest(0.05)
 
 
 def calm_time_s(grip: Grip) -> float:
-    """Shortest movement that does not make the tool swing in a grip [s]."""
+    """Shortest movement that does not excite oscillations of the tool in a grip [s]."""
     return CALM_PERIODS * 2.0 * math.pi * math.sqrt((TOOL_KG + grip.mass_kg) / grip.k_N_m)
 
 
 def _without_steep_ends(look: Look, line: Line) -> Line:
-    """The line from where its first tenth slopes by no more than `SLOPE_MAX` to where its last does."""
+    """Shorten a line so that its first and last tenth are no steeper than `SLOPE_MAX`."""
     share = np.linspace(0.0, 1.0, 41)
     x_m, y_m = (line[0][k] + share * (line[1][k] - line[0][k]) for k in (0, 1))
     z_m = look(x_m, y_m).z_m
@@ -139,7 +139,7 @@ def _hesitate(place: _Place, grip: Grip) -> None:
 
 
 def _let_go(place: _Place, grip: Grip) -> NDArray[np.float64]:
-    """Press, let go while pressed in, and take the tool again a little above."""
+    """Press, release the tool while pressed, and grasp it again slightly above."""
     place.hand.press(*place.middle_m, PRESS_N / grip.k_N_m, hold_s=0.0, lift=False)
     place.hand.rest(0.3)
     pressed = np.tile(grip.row(), (place.hand.tick_count, 1))
@@ -149,7 +149,7 @@ def _let_go(place: _Place, grip: Grip) -> NDArray[np.float64]:
 
 
 def _grip_firmly(place: _Place, grip: Grip) -> NDArray[np.float64]:
-    """A stroke in the middle of which the hand takes a firm grip; the force it presses with stays."""
+    """A stroke during which the grip becomes firm, at the same normal force."""
     way = place.hand.line(*place.line, STROKE_M_S)
     ramp = _ramp(grip, GRIPS["firm"], place.tick_s)
     before = max((len(way) - len(ramp)) // 2, 0)
@@ -161,7 +161,7 @@ def _grip_firmly(place: _Place, grip: Grip) -> NDArray[np.float64]:
 
 
 def _ramp(grip: Grip, to: Grip, tick_s: float) -> NDArray[np.float64]:
-    """Rows (k, 3) from one grip to another."""
+    """Rows (k, 3) of a linear transition from one grip to another."""
     share = np.linspace(0.0, 1.0, max(round(RAMP_S / tick_s), 2))[:, None]
     return np.asarray(grip.row() + share * (to.row() - grip.row()))
 
@@ -170,7 +170,7 @@ _AT_A_PLACE: Final[dict[str, Callable[[_Place, Grip], NDArray[np.float64] | None
     **{"tap": _tap, "press": _press, "stroke": _stroke, "circle": _circle, "scrub": _scrub},
     **{"hesitate": _hesitate, "let-go": _let_go, "grip-firmly": _grip_firmly},
 }
-"""What the hand does at a place; its grip (n, 3) from the first tick on, where it is not the same all the time."""
+"""Gestures at a place. Each extends the path of the hand, and returns the grip (n, 3) for each tick if it varies."""
 
 GESTURES: Final = (*_AT_A_PLACE, "explore")
 """Names of the gestures."""

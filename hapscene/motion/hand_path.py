@@ -1,6 +1,6 @@
-"""A hand made from parts: taps, presses and strokes, for the demo and for meshes without a recorded path.
+"""Synthetic tool paths of taps, presses and strokes, for the demo and for meshes without a recorded path.
 
-Every movement follows the minimum-jerk profile that free human movement follows (Flash & Hogan 1985).
+Each movement has a minimum-jerk profile, as free human movements (Flash & Hogan 1985).
 """
 
 from itertools import islice
@@ -15,50 +15,50 @@ from hapscene.motion.look_from_above import UNSEEN, Look, between, look_from_abo
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
-__all__ = ["DEPTH_M", "HESITATION_S", "HOVER_M", "STROKE_M_S", "Hand", "explore"]
+__all__ = ["DEPTH_M", "HESITATION_S", "HOVER_M", "STROKE_M_S", "PathBuilder", "explore"]
 
 HOVER_M: Final = 0.012
-"""Height over the surface from which a movement begins and at which it ends [m]."""
+"""Height above the surface at which movements start and end [m]."""
 
 DEPTH_M: Final = 0.0015
-"""How deep taps, presses and strokes go [m]: 0.75 N on the default stiffness."""
+"""Penetration depth of taps, presses and strokes [m]: 0.75 N with the default stiffness."""
 
 STROKE_M_S: Final = 0.12
-"""Mean speed of a stroke [m/s]: what people choose when they feel a texture."""
+"""Mean speed of a stroke [m/s], as people explore textures."""
 
 SCRUB_M_S: Final = 0.25
-"""Mean speed of rubbing to and fro [m/s]."""
+"""Mean speed of scrubbing [m/s]."""
 
 HESITATION_S: Final = 0.4
-"""How long a hesitating hand waits [s]: long enough for a tool that creeps to be seen."""
+"""Pause of a hesitating hand [s], long enough to observe a tool that creeps."""
 
 SMOOTH_S: Final = 0.006
-"""Standard deviation of the smoothing of a stroke's height [s]: a hand makes no steps."""
+"""Standard deviation of the smoothing of a stroke's height [s]. A hand does not move in steps."""
 
 CLIMB: Final = 3.0
-"""Steepest slope that a stroke follows [1], 72°. What is steeper it climbs in the air, at this slope: a tool that is
-dragged along below the top of a wall would be held by the wall, not stroke over it."""
+"""Steepest slope that a stroke follows [1], 72°. Steeper walls are climbed in the air at this slope, since a tool
+dragged along below the top of a wall would be held by the wall."""
 
 LIFT: Final = 0.5
-"""How far a stroke lifts off over a wall, as a fraction of its depth [1]; a wall is what is over a fifth of this."""
+"""Height of a stroke above a wall, relative to its depth [1]. A rise above a fifth of this height counts as a wall."""
 
 TRANSFER_M_S: Final = 0.3
-"""Mean speed in the air, from one place to another [m/s]."""
+"""Mean speed of a movement in the air [m/s]."""
 
 BODY_MAX: Final = 4
-"""Most bodies that `explore` feels [count]: about three seconds each."""
+"""Most bodies that `explore` visits [count], about three seconds each."""
 
 
-class Hand:
-    """A path of the tool, built from movements of which each begins where the last one ended.
+class PathBuilder:
+    """Builds a path of the tool from movements. Each movement starts at the end of the last one.
 
     Args:
-        p_WT_m: where it starts.
+        p_WT_m: start position.
         tick_s: period of a tick [s].
-        look: looks down on the scene.
-        hover_m: height over the surface from which a movement begins and at which it ends.
-        calm_s: for a tool that hangs on a spring, the shortest movement that does not make it swing [s]: no movement
-            through the air is shorter, and a trace slows down where it climbs. 0 for a tool that is where it is put.
+        look: view of the scene from above.
+        hover_m: height above the surface at which movements start and end.
+        calm_s: for a tool on the spring of a grip, the shortest movement that does not excite oscillations [s]. No
+            movement in the air is shorter, and a trace slows down where it climbs. 0 for an ideal position source.
     """
 
     def __init__(
@@ -77,31 +77,31 @@ class Hand:
 
     @property
     def p_WT_m(self) -> NDArray[np.float64]:
-        """The path so far (n, 3) [m], a row per tick."""
+        """The path so far (n, 3) [m], one row a tick."""
         return np.concatenate(self._pieces)
 
     @property
     def tick_count(self) -> int:
-        """Ticks so far."""
+        """Number of ticks so far."""
         return sum(len(piece) for piece in self._pieces)
 
     def move(self, to_m: tuple[float, float, float], duration_s: float) -> None:
-        """Move straight to a point."""
+        """Move to a point in a straight line."""
         start_m = self._pieces[-1][-1]
         self._pieces.append(start_m + self._share(duration_s)[:, None] * (np.array(to_m) - start_m))
 
     def rest(self, duration_s: float) -> None:
-        """Stay."""
+        """Stay at the current position."""
         self._pieces.append(np.repeat(self._pieces[-1][-1:], len(self._share(duration_s)), axis=0))
 
     def tap(self, x_m: float, y_m: float, depth_m: float = DEPTH_M) -> None:
-        """Go over a point, touch it shortly, come back."""
+        """Move above a point, touch it briefly, and return."""
         self._press(x_m, y_m, depth_m, down_s=0.1, hold_s=0.0)
 
     def press(
         self, x_m: float, y_m: float, depth_m: float = 2 * DEPTH_M, hold_s: float = 0.2, lift: bool = True
     ) -> None:
-        """Go over a point, press it slowly, hold, and, if told to lift, come back."""
+        """Move above a point, press slowly, hold, and return if `lift`."""
         self._press(x_m, y_m, depth_m, 0.2, hold_s, lift)
 
     def stroke(self, start_m: tuple[float, float], end_m: tuple[float, float], depth_m: float = DEPTH_M) -> None:
@@ -109,18 +109,18 @@ class Hand:
         self.trace(self.line(start_m, end_m, STROKE_M_S), depth_m)
 
     def scrub(self, start_m: tuple[float, float], end_m: tuple[float, float], depth_m: float, count: int = 4) -> None:
-        """Rub to and fro along a line, `count` times, without lifting."""
+        """Move back and forth along a line `count` times, without lifting."""
         way = self.line(start_m, end_m, SCRUB_M_S)
         self.trace(np.concatenate([way if k % 2 == 0 else way[::-1] for k in range(2 * count)]), depth_m)
 
     def circle(self, centre_m: tuple[float, float], radius_m: float, depth_m: float, turns: int = 3) -> None:
-        """Circle over a point, at the speed of a stroke."""
+        """Circle around a point on the surface, at the speed of a stroke."""
         duration_s = 2.0 * np.pi * radius_m * turns / STROKE_M_S
         angle = 2.0 * np.pi * turns * np.append(0.0, self._share(duration_s))
         self.trace(np.add(centre_m, radius_m * np.column_stack((np.cos(angle), np.sin(angle)))), depth_m)
 
     def hesitate(self, start_m: tuple[float, float], end_m: tuple[float, float], depth_m: float) -> None:
-        """Stroke half the line, stop, wait pressed down, and go on."""
+        """Stroke half of a line, stop while pressed, and continue."""
         middle_m = between(start_m, end_m, 0.5)
         first, second = self.line(start_m, middle_m, STROKE_M_S), self.line(middle_m, end_m, STROKE_M_S)
         wait = np.tile(first[-1], (len(self._share(HESITATION_S)), 1))
@@ -129,15 +129,15 @@ class Hand:
     def trace(
         self, way_m: NDArray[np.float64], depth_m: float | NDArray[np.float64]
     ) -> tuple[int, NDArray[np.float64]]:
-        """Follow the surface under a curve (k, 2), a row per tick, from above its start to above its end.
+        """Follow the surface along a curve (k, 2), one row a tick, from above its start to above its end.
 
         Args:
-            way_m: the curve in x and y.
-            depth_m: one depth, or one for each row (k,).
+            way_m: the curve in x and y [m].
+            depth_m: penetration depth, one value or (k,) [m].
 
         Returns:
-            The tick at which the curve starts; and for each tick from there on, the row of the curve that it is at,
-            as a fraction between two rows where the hand slows down.
+            The tick at which the curve starts; and for each tick from there on the row of the curve, with fractions
+            between rows where the hand slows down.
         """
         depths_m = np.broadcast_to(depth_m, len(way_m))
         way = np.column_stack((way_m, self._follow(way_m[:, 0], way_m[:, 1], depths_m)))
@@ -154,7 +154,7 @@ class Hand:
         return start, rows
 
     def line(self, start_m: tuple[float, float], end_m: tuple[float, float], speed_m_s: float) -> NDArray[np.float64]:
-        """A line in x and y (k, 2) at a mean speed, a row per tick."""
+        """A line in x and y (k, 2) at a mean speed, one row a tick."""
         span_m = np.subtract(end_m, start_m)
         share = self._share(max(float(np.hypot(*span_m)) / speed_m_s, 0.3))
         return np.asarray(start_m + np.append(0.0, share)[:, None] * span_m)
@@ -169,7 +169,7 @@ class Hand:
             self.move((x_m, y_m, z_m + self.hover_m), down_s)
 
     def _go_over(self, x_m: float, y_m: float, z_m: float) -> None:
-        """Move to a point in the air: up, across above all that lies between, down."""
+        """Move to a point in the air: up, across above all obstacles, down."""
         here_m = self._pieces[-1][-1]
         way_m = np.linspace(here_m[:2], (x_m, y_m), 50)
         top_m = float(np.nanmax(np.append(self._look(way_m[:, 0], way_m[:, 1]).z_m, -np.inf)))
@@ -180,7 +180,7 @@ class Hand:
                 self.move(point_m, max(float(np.clip(far_m / TRANSFER_M_S, 0.08, 0.6)), self._calm_s))
 
     def _share(self, duration_s: float) -> NDArray[np.float64]:
-        """How much of a movement is done at each of its ticks, its start left out, 0 … 1: minimum jerk."""
+        """Minimum-jerk profile: the completed share of a movement at each of its ticks, 0 … 1, without the start."""
         count = max(round(duration_s / self._tick_s), 1)
         s = np.arange(1, count + 1) / count
         return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
@@ -188,7 +188,8 @@ class Hand:
     def _follow(
         self, x_m: NDArray[np.float64], y_m: NDArray[np.float64], depth_m: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Heights of a stroke: `depth_m` (k,) below the surface, off it where steeper than `CLIMB`, and smooth."""
+        """Smoothed heights of a stroke: `depth_m` (k,) below the surface, and above it where it is steeper than
+        `CLIMB`."""
         from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
         z_m = self._look(x_m, y_m).z_m
@@ -203,9 +204,9 @@ class Hand:
 
 
 def _slowed(way_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows of a curve (k, 3), one per tick, at which it is nowhere faster than it is in x and y alone.
+    """Rows of a curve (k, 3) for each tick that limit its speed to the largest speed in x and y.
 
-    A hand that climbs a wall as fast as it strokes level ground throws a loosely held tool off the surface.
+    A hand that climbs a wall at the speed of a stroke would throw a loosely held tool off the surface.
     """
     step_m = np.linalg.norm(np.diff(way_m, axis=0), axis=1)
     most_m = max(float(np.hypot(*np.diff(way_m[:, :2], axis=0).T).max(initial=0.0)), 1e-12)
@@ -214,7 +215,7 @@ def _slowed(way_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _climbed(z_m: NDArray[np.float64], rise_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The lowest heights at or over `z_m` (n,) that fall from one to the next by at most `rise_m` (n − 1,)."""
+    """The lowest heights ≥ `z_m` (n,) that decrease from one to the next by at most `rise_m` (n − 1,)."""
     over_m = z_m.copy()
     for k, most_m in enumerate(rise_m):
         over_m[k + 1] = max(over_m[k + 1], over_m[k] - most_m)
@@ -222,31 +223,31 @@ def _climbed(z_m: NDArray[np.float64], rise_m: NDArray[np.float64]) -> NDArray[n
 
 
 def explore(scene: "Scene", tick_s: float, depth_m: float | None = None, *, calm_s: float = 0.0) -> NDArray[np.float64]:
-    """A hand that feels a scene from above: on each body a tap, a press, and two strokes.
+    """Create a tool path that explores a scene from above: two taps, a press and two strokes on each body.
 
-    The strokes go where they cross the most borders between swatches. The path follows from the scene alone.
+    The strokes cross as many borders between swatches as possible. The path depends on the scene only.
 
     Args:
-        scene: with one body or more; the first `BODY_MAX` that can be seen from above are felt.
+        scene: scene with one body or more. The first `BODY_MAX` that are visible from above are explored.
         tick_s: period of a tick [s].
-        depth_m: how deep taps and strokes go [m]; else `DEPTH_M`, or a twentieth of a small body's size.
-        calm_s: as `Hand` has it [s].
+        depth_m: penetration depth of taps and strokes [m]; by default `DEPTH_M`, or a twentieth of a small body's size.
+        calm_s: as for `PathBuilder` [s].
 
     Returns:
         p_WT (n, 3) [m].
 
     Raises:
-        PathError: no body shows an outer face upwards.
+        PathError: no body has an outer face that points upwards.
     """
     look = look_from_above(scene)
-    hand: Hand | None = None
+    hand: PathBuilder | None = None
     for (first, second), size_m in islice(places_to_feel(scene, look), BODY_MAX):
         hover_m = min(HOVER_M, 0.2 * size_m)
         deep_m = min(DEPTH_M, 0.05 * size_m) if depth_m is None else depth_m
         x_m, y_m = between(*first, 0.2)
         if hand is None:
             z_m = float(look(np.array([x_m]), np.array([y_m])).z_m[0])
-            hand = Hand((x_m, y_m, z_m + 2 * hover_m), tick_s, look, calm_s=calm_s)
+            hand = PathBuilder((x_m, y_m, z_m + 2 * hover_m), tick_s, look, calm_s=calm_s)
             hand.rest(0.1)
         hand.hover_m = hover_m
         hand.tap(x_m, y_m, deep_m)
@@ -255,6 +256,6 @@ def explore(scene: "Scene", tick_s: float, depth_m: float | None = None, *, calm
         hand.stroke(*first, deep_m)
         hand.stroke(*second, deep_m)
     if hand is None:
-        raise PathError(f"{UNSEEN}; or give a path by --path")
+        raise PathError(f"{UNSEEN}; or use a recorded path: --path FILE")
     hand.rest(0.2)
     return hand.p_WT_m

@@ -1,4 +1,4 @@
-"""A scene as it is seen from above: where there is something to touch, and which lines are worth a stroke."""
+"""View of a scene from above: heights, bodies and swatches, and the best lines for a stroke."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -32,40 +32,40 @@ Line = tuple[tuple[float, float], tuple[float, float]]
 """Start and end in x and y [m]."""
 
 WINDOW_M: Final = 0.2
-"""Widest part of a body that is felt [m]: about what a hand reaches without moving the arm."""
+"""Largest extent of the explored part of a body [m]: about the reach of a hand without moving the arm."""
 
 GRID: Final = 25
-"""Points along each side of the grid by which a body is looked at from above [count]."""
+"""Points along each side of the grid on which a body is sampled [count]."""
 
 SIDE_M: Final = 1e-3
-"""How far beside a body nothing of it is looked for [m]: more than float32 is wrong by."""
+"""Margin around the bounding box of a body within which rays are cast [m], above the error of float32."""
 
 UNSEEN: Final = (
-    "no body shows an outer face upwards, so nothing can be touched from above; where faces are turned inward "
-    "(`hapscene check` tells), feel both sides: --two-sided"
+    "no body has an outer face that points upwards, so nothing can be touched from above; if faces point inwards "
+    "(see `hapscene check`), use --two-sided"
 )
-"""What is said of a scene that shows nothing."""
+"""Error message for a scene that cannot be touched from above."""
 
 
 @dataclass(frozen=True)
 class TopView:
-    """What is seen from above at k places."""
+    """The surface as seen from above at k positions."""
 
     z_m: NDArray[np.float64]
-    """(k,) height of the surface, NaN where there is none."""
+    """(k,) height of the surface [m]; NaN without a surface."""
     body: NDArray[np.int64]
-    """(k,) index of the body, −1 where there is none; likewise `swatch`."""
+    """(k,) index of the body, −1 without a surface; `swatch` likewise."""
     swatch: NDArray[np.int64]
 
 
 Look = Callable[[NDArray[np.float64], NDArray[np.float64]], TopView]
-"""Looks down at x_m (k,), y_m (k,)."""
+"""A function that returns the `TopView` at x_m (k,), y_m (k,)."""
 
 
 def look_from_above(scene: "Scene") -> Look:
-    """A function that looks down on the scene. What turns its inner side up is not seen, unless two-sided.
+    """Create a function that looks down on the scene. Inner faces are ignored, except on two-sided bodies.
 
-    Through trimesh's rays: float32, good to a micrometre at a scene's size, which is enough to aim.
+    It uses trimesh's rays in float32, which are accurate to a micrometre at the size of a scene, enough for a target.
     """
     top_m = max(float(bounds_of(body)[1, 2]) for body in scene.bodies) + 1.0
     casters = {id(body.mesh): _caster(body.mesh) for body in scene.bodies}
@@ -102,21 +102,21 @@ def _caster(mesh: Any) -> Any:
 
 
 def bounds_of(body: Any) -> NDArray[np.float64]:
-    """Lowest and highest corner of the body in W (2, 3) [m]."""
+    """Bounding box of a body in W (2, 3) [m]."""
     corners_m = np.array(list(product(*zip(*body.mesh.bounds_m, strict=True))))
     corners_m = corners_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
     return np.array([corners_m.min(axis=0), corners_m.max(axis=0)])
 
 
 def window_of(bounds_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The part of a body's extent in x and y that is felt (2, 2) [m]."""
+    """The explored part of a body's bounding box in x and y (2, 2) [m]."""
     middle_m, half_m = bounds_m[:, :2].mean(axis=0), np.ptp(bounds_m[:, :2], axis=0) / 2
     half_m = np.minimum(half_m * 0.96, WINDOW_M / 2)
     return np.array([middle_m - half_m, middle_m + half_m])
 
 
 def lines_of(look: Look, body: int, window_m: NDArray[np.float64]) -> list[Line]:
-    """The best line to stroke along x and the best along y; fewer where the body is not seen."""
+    """The best line for a stroke along x and the best along y; fewer if the body is not visible."""
     x_m, y_m = (np.linspace(window_m[0, k], window_m[1, k], GRID) for k in (0, 1))
     X_m, Y_m = np.meshgrid(x_m, y_m)
     view = look(X_m.ravel(), Y_m.ravel())
@@ -130,7 +130,7 @@ def lines_of(look: Look, body: int, window_m: NDArray[np.float64]) -> list[Line]
         if scores[best] < 0:
             continue
         a, b = runs[best]
-        inset = 1 if b - a > 6 else 0  # not from the very edge
+        inset = 1 if b - a > 6 else 0  # not from the edge itself
         ends = (a + inset, b - 1 - inset)
         start, end = [(float(x_m[k]), float(y_m[best])) if along_x else (float(x_m[best]), float(y_m[k])) for k in ends]
         lines.append((start, end))
@@ -138,7 +138,7 @@ def lines_of(look: Look, body: int, window_m: NDArray[np.float64]) -> list[Line]
 
 
 def places_to_feel(scene: "Scene", look: Look) -> Iterator[tuple[list[Line], float]]:
-    """Of each body that can be felt from above, its best lines along x and y, and the size of what is felt [m]."""
+    """For each body that can be touched from above: its best lines along x and y, and the explored size [m]."""
     for index, body in enumerate(scene.bodies):
         window_m = window_of(bounds_of(body))
         lines = lines_of(look, index, window_m)
@@ -147,12 +147,12 @@ def places_to_feel(scene: "Scene", look: Look) -> Iterator[tuple[list[Line], flo
 
 
 def _score(swatch: NDArray[np.int64], row: int) -> float:
-    """How much there is to feel on a line: borders first, then length, then nearness to the middle."""
+    """Score of a line: number of borders between swatches, then length, then distance from the middle."""
     return 10.0 * np.count_nonzero(np.diff(swatch)) + len(swatch) / GRID - abs(row - GRID // 2) / GRID
 
 
 def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
-    """Start and end of the longest unbroken run of True."""
+    """Start and end of the longest contiguous run of True."""
     edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     if not len(edges):
         return 0, 0
@@ -161,6 +161,6 @@ def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def between(start_m: tuple[float, float], end_m: tuple[float, float], share: float) -> tuple[float, float]:
-    """The point at a share of a line, 0 … 1."""
+    """The point at a fraction of a line, 0 … 1."""
     x_m, y_m = np.add(start_m, share * np.subtract(end_m, start_m))
     return float(x_m), float(y_m)

@@ -1,4 +1,4 @@
-"""A format of its own, a recorded path of the tool: read from CSV, checked, and put on the renderer's ticks."""
+"""Recorded paths of the tool: read from CSV, checked, and resampled to the renderer's ticks."""
 
 import csv
 from array import array
@@ -19,54 +19,54 @@ from hapscene.io.number_files import lines_of
 __all__ = ["TICKS_PER_ROW_MAX", "TICK_FREE", "load_path"]
 
 COLUMNS: Final = ("t", "x", "y", "z")
-"""Columns that a path must have: time [s], position of the tool in the world [m]."""
+"""Required columns: time [s], and position of the tool in the world [m]."""
 
 BYTES_MAX: Final = 1 << 30
-"""Largest CSV that is read [bytes]: hours at 1 kHz."""
+"""Size limit of a CSV file [bytes]: hours at 1 kHz."""
 
 DURATION_MAX_S: Final = 3600.0
-"""Longest path [s]. A longer one is most often in milliseconds, and its recording would not fit in memory."""
+"""Longest path [s]. A longer one is usually in milliseconds, and its recording would not fit into memory."""
 
 GAP_MAX_S: Final = 10.0
-"""Longest time between two rows [s]. What the hand did in a longer one, no interpolation can tell."""
+"""Longest time between two rows [s]. Interpolation over a longer gap is meaningless."""
 
 TICK_FREE: Final = 200_000
-"""Ticks that a path of any number of rows may last [count]: 200 s at 1 kHz. What is felt takes 700 bytes a tick."""
+"""Ticks that a path may last with any number of rows [count]: 200 s at 1 kHz. A recording has 700 bytes per tick."""
 
 TICKS_PER_ROW_MAX: Final = 100
-"""Most ticks for each row, in a path that lasts longer [1]: ten rows a second. All that is felt is made for each tick,
-and a file of a few rows must not fill the memory."""
+"""Most ticks for each row of a longer path [1]: ten rows a second. Memory is allocated for each tick, so a file of a
+few rows must not exhaust it."""
 
 ROW_LINES_MAX: Final = 16
-"""Most lines that a row may have, in cells in quotation marks [count]: a row is held whole."""
+"""Most lines of a row with quoted cells [count]. A row is held in memory."""
 
 _ROW_B: Final = 32
 """Size of a row in memory [bytes]."""
 
 _BETWEEN_B: Final = 180
-"""What interpolating takes for each row, its three axes one by one [bytes]."""
+"""Memory of the interpolation for each row [bytes]."""
 
 GRID_TOLERANCE_S: Final = 1e-9
-"""A row this near to its tick is on it [s]: then the very numbers of the file are played."""
+"""Tolerance within which rows count as on the ticks [s]. The file's numbers are then used unchanged."""
 
 
 def load_path(path: str | Path, tick_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Read a path of the tool and put it on the renderer's ticks.
+    """Read a path of the tool and resample it to the renderer's ticks.
 
-    The file is CSV with a header that names at least t, x, y, z, in any order. Rows that lie on the ticks
-    already are taken as they are. Others are interpolated by monotone cubics (PCHIP, Fritsch & Carlson 1980),
-    which never overshoot: a tool that rested on a surface is not pushed through it between two rows.
+    The file is CSV with a header that contains at least t, x, y, z, in any order. Rows that are on the ticks are used
+    unchanged. Other rows are interpolated by monotone cubics (PCHIP, Fritsch & Carlson 1980), which do not overshoot: a
+    tool at rest on a surface is not pushed through it between two rows.
 
     Args:
         path: the CSV file.
         tick_s: period of a tick [s].
 
     Returns:
-        t_s (n,): times of the ticks on the file's own clock [s]; p_WT (n, 3): the tool [m].
+        t_s (n,): times of the ticks, on the clock of the file [s]; p_WT (n, 3): tool positions [m].
 
     Raises:
-        PathError: the file is missing or no such CSV; it has fewer than two rows, a missing column, a cell
-            that is no finite number, time that does not increase, or values beyond the limits above.
+        PathError: the file does not exist or is not such a CSV; it has fewer than two rows, lacks a column, contains a
+            cell that is not a finite number, a time that does not increase, or a value out of range.
     """
     path = Path(path)
     table = _read(path)
@@ -84,12 +84,12 @@ def load_path(path: str | Path, tick_s: float) -> tuple[NDArray[np.float64], NDA
     if count > most:
         most_s = f"{most * tick_s:,.0f} s ({TICK_FREE * tick_s:g} s, and {TICKS_PER_ROW_MAX * tick_s:g} s a row)"
         raise PathError(
-            f"{path}: lasts {count * tick_s:,.0f} s; of {len(table):,} rows at most {most_s} are expected: record "
-            "it at a higher rate"
+            f"{path}: lasts {count * tick_s:,.0f} s; expected at most {most_s} for {len(table):,} rows: record it at a "
+            "higher rate"
         )
     with refusing(PathError, path):
         needed_B = (_ROW_B + _BETWEEN_B) * len(table) + _ROW_B * count
-        check_memory(needed_B, path.stat().st_size, "its ticks", "cut it into shorter ones")
+        check_memory(needed_B, path.stat().st_size, "its ticks", "divide it into shorter paths")
     grid_s = t_s[0] + np.arange(count) * tick_s
     clipped_s = np.clip(grid_s, t_s[0], t_s[-1])
     values = np.empty((count, 3))
@@ -107,19 +107,19 @@ def _read(path: Path) -> NDArray[np.float64]:
         numbers.extend(_numbers(path, line, row, places))
     if len(numbers) < 2 * len(COLUMNS):
         rows = len(numbers) // len(COLUMNS)
-        raise PathError(f"{path}: holds {rows} rows; expected at least 2, under the header t,x,y,z")
+        raise PathError(f"{path}: {rows} rows; expected at least 2 below the header t,x,y,z")
     return np.frombuffer(numbers).reshape(-1, len(COLUMNS))
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str], list[int]]]:
-    """Line number and cells of each row, and where t, x, y, z stand in it."""
+    """Line number and cells of each row, and the column indices of t, x, y, z."""
     read = 0
 
     def lines(file: IO[str]) -> Iterator[str]:
         for number, line in enumerate(lines_of(path, file, _ROW_B), 1):
             if number - read > ROW_LINES_MAX:
                 raise FormatError(
-                    f"line {read + 1}: a row of more than {ROW_LINES_MAX} lines: a quotation mark too many?"
+                    f"line {read + 1}: a row with more than {ROW_LINES_MAX} lines: check its quotation marks"
                 )
             yield line
 
@@ -129,24 +129,24 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str], list[int]]]:
             places = _places(path, next(reader, None))
             for row in reader:
                 read = reader.line_num
-                if row:  # an empty line says nothing
+                if row:  # skip empty lines
                     yield read, row, places
     except PathError:
         raise
     except OSError as error:
         raise PathError(f"{path}: cannot be read: {error.strerror}") from None
     except (UnicodeDecodeError, csv.Error, FormatError) as error:
-        raise PathError(f"{path}: is not CSV text ({error}); expected the header t,x,y,z") from None
+        raise PathError(f"{path}: not a CSV text ({error}); expected the header t,x,y,z") from None
 
 
 def _places(path: Path, header: list[str] | None) -> list[int]:
-    """Where t, x, y, z stand in a row."""
+    """Column indices of t, x, y, z."""
     if not header:
-        raise PathError(f"{path}: is empty; expected CSV with the header t,x,y,z in s and m")
+        raise PathError(f"{path}: empty file; expected CSV with the header t,x,y,z in s and m")
     names = [name.strip() for name in header]
     for name in COLUMNS:
         if names.count(name) != 1:
-            what = "twice" if name in names else f"not among the columns {', '.join(names)[:200]}"
+            what = "present twice" if name in names else f"not among the columns {', '.join(names)[:200]}"
             raise PathError(f"{path}, line 1: column {name!r} is {what}; expected the header t,x,y,z in s and m")
     return [names.index(name) for name in COLUMNS]
 
@@ -165,7 +165,7 @@ def _numbers(path: Path, line: int, row: list[str], places: list[int]) -> list[f
 
 
 def _check(path: Path, table: NDArray[np.float64]) -> None:
-    """Refuse what cannot be played, naming the first line that is wrong."""
+    """Check the values of a path. The error names the first invalid line."""
 
     def line(row: int) -> int:
         return next(islice(_rows(path), row, None))[0]

@@ -8,7 +8,7 @@
     render     sum the effects of the touched swatch                        surface/mixer.py
     react      reaction forces and impulses on the bodies                   reaction.py
     field      add the effects of the scene, which act on the hand only     surface/mixer.py
-    guard      energy of the wall (passivity), if enabled                   device/stabilisers.py
+    passivity  energy of the wall, if enabled                               device/stabilisers.py
     mix        limit the sum to the device                                  surface/mixer.py
     note       write the row of the tick
 
@@ -29,7 +29,7 @@ from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import move_proxy
 from hapscene.contact.puncture import open_puncture
 from hapscene.contact.world import NO_SHADE
-from hapscene.device.stabilisers import couple, guard
+from hapscene.device.stabilisers import control_passivity, couple
 from hapscene.flags import Flag
 from hapscene.geometry import Vector
 from hapscene.records import Records
@@ -132,8 +132,8 @@ def use_tick(world: "World", surface: "Surface", rows: Records, a_m_s2: NDArray[
     entries, point = surface.entries, (0.0, 0.0, 0.0)
     if surface.limits[0].coupling_N_m > 0.0:
         entries[COUPLE] = address_of(couple, surface)
-    if surface.limits[0].guard_Ns_m > 0.0:
-        entries[GUARD] = address_of(guard, surface, point)
+    if surface.limits[0].passivity_Ns_m > 0.0:
+        entries[GUARD] = address_of(control_passivity, surface, point)
     if world.proxy[0].crease_cos < NO_SHADE:
         entries[SHADE] = address_of(shade, world, surface)
     if len(surface.effects) > surface.contact_count[0]:

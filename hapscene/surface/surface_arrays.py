@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hapscene.clock import new_clock
 from hapscene.compiled.block import by_pointer
 from hapscene.constants import SLIP_CUTOFF_HZ
-from hapscene.device.model import DELAY_MAX, Limits
+from hapscene.device.model import DELAY_TICKS_MAX, Limits
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import EffectError
 from hapscene.records import OUTPUT, TOUCH, Records, pack_small_arrays, records
@@ -62,7 +62,7 @@ MEMORY: Final = np.dtype(
         ("bank", "i8"),  # state bank of `touch.swatch`; the other bank belongs to `touch.other`
         ("other_crossed", "i8"),  # `touch.crossed` of the other swatch
         ("gain", "f8", (2,)),  # gain of each bank's acceleration at the end of the last tick
-        ("held_N", "f8", (DELAY_MAX + 1, 3)),  # normal part of the force sent in the last ticks
+        ("held_N", "f8", (DELAY_TICKS_MAX + 1, 3)),  # normal part of the force sent in the last ticks
     ],
     align=True,
 )
@@ -160,7 +160,10 @@ def build_surface(
     paint, leaf, leaf_start = _leaves(scene)
     contact = effects[: len(effects) - len(fields)]
     params = _by_row(
-        [[_params(effect, swatch) for effect in contact] for swatch in swatches],
+        [
+            [_packed(e, {p.name: swatch.parameter(e.name, p.name, p.default) for p in e.params}) for e in contact]
+            for swatch in swatches
+        ],
         [_packed(e, field.numbers) for e, field in zip(effects[len(contact) :], fields, strict=True)],
         np.uint8,
     )
@@ -231,13 +234,8 @@ def put_numbers(surface: Surface, effects: Sequence[Effect], swatch: int, number
         if e == WALL:
             surface.stiffness_N_m[swatch] = value
         else:
-            _row(surface, effects[e], swatch, e)[name] = value
-
-
-def _row(surface: Surface, effect: Effect, swatch: int, e: int) -> Any:
-    """Return a view of the parameters of an effect on a swatch, (1,) of its `param_dtype`."""
-    start = surface.param_start[swatch, e]
-    return surface.params[start : start + effect.param_dtype.itemsize].view(effect.param_dtype)
+            start, dtype = surface.param_start[swatch, e], effects[e].param_dtype
+            surface.params[start : start + dtype.itemsize].view(dtype)[name] = value
 
 
 def clear_states(surface: Surface, effects: Sequence[Effect], seed: int) -> None:
@@ -288,10 +286,6 @@ def _leaves(scene: "Scene") -> tuple[NDArray[np.int32], Any, NDArray[np.int64]]:
             at += len(body.fine)
         face += len(body.face_swatch)
     return paint, leaf, np.concatenate([*first, [at]])
-
-
-def _params(effect: Effect, swatch: "Swatch") -> NDArray[np.uint8]:
-    return _packed(effect, {p.name: swatch.parameter(effect.name, p.name, p.default) for p in effect.params})
 
 
 def _packed(effect: Effect, numbers: Mapping[str, float]) -> NDArray[np.uint8]:

@@ -65,7 +65,7 @@ def swatch_sound(
         gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)
         life = swatch.parameter("lpc_texture", "texture_life", 1.0)
         force, speed = np.full(count, force_N), speed_m_s * slide
-        a[start:] += gain * synthesize(swatch, force, speed, rate_Hz=rate_Hz, life=life)
+        a[start:] += gain * synthesize(swatch, force, speed, rate_Hz=rate_Hz, modulation=life)
     if swatch.taps is not None and approach_m_s > 0.0:
         tap = swatch.parameter("tap", "tap_gain", 1.0) * swatch.taps.transient(approach_m_s, rate_Hz)
         length = min(len(tap), len(a))

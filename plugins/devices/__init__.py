@@ -1,1 +1,1 @@
-"""Drivers of devices that can be plugged in, one small file each; `hapscene.device.driver` has their contract."""
+"""Device drivers, one small file each. `hapscene.device.driver` describes their interface."""

@@ -1,8 +1,8 @@
-"""A handle that is played as sound: headphones, an exciter, a voice coil on an amplifier, a DualSense's voice coils.
+"""Audio output for headphones, an exciter, a voice coil on an amplifier, or the voice coils of a DualSense.
 
-A DualSense on a USB cable is a sound card of four channels at 48 kHz. 1 and 2 are its loudspeaker, 3 and 4 the voice
-coils in its grips, left and right. It calls itself "Wireless Controller" or "DualSense". While another program has its
-rumble on, the coils are deaf to sound. None of this was tried on hardware here; several independent sources agree.
+A DualSense on a USB cable is a sound card with four channels at 48 kHz: channels 1 and 2 are its loudspeaker, channels
+3 and 4 the left and right voice coil. Its name is "Wireless Controller" or "DualSense". While another program uses its
+rumble, the voice coils play no audio. This was not tested on hardware; several independent sources agree.
 """
 
 from collections.abc import Sequence
@@ -15,21 +15,21 @@ from hapscene.errors import HandleError
 from hapscene.handle.handle_output import Feed
 
 DUALSENSE: Final = ("dualsense", "wireless controller")
-"""What it is called, in lower case, as part of a longer name."""
+"""Parts of the name of a DualSense sound card, in lower case."""
 
 TRAP: Final = (
-    "shows only {count} of its four channels, without those of its voice coils: on Linux choose the profile Pro Audio "
-    "or Direct for it (pavucontrol, Configuration), on Windows Quadraphonic; on macOS it has all four"
+    "has only {count} of its four channels, without those of the voice coils: on Linux select the profile Pro Audio "
+    "or Direct (pavucontrol, Configuration), on Windows Quadraphonic; macOS provides all four"
 )
 
 BLOCK_MAX: Final = 1 << 16
-"""Most samples that a card asks for at once [count]."""
+"""Largest block of samples that a card requests."""
 
 FULL_SCALE: Final = 32_767
 
 
 class AudioHandle:
-    """Plays on a sound card through PortAudio, as a `HandleOutput`."""
+    """A sound card, through PortAudio, as a `HandleOutput`."""
 
     takes_force = reads_back = False
 
@@ -44,10 +44,10 @@ class AudioHandle:
         highpass_Hz: float = 15.0,
         lag_s: float = 0.005,
     ) -> None:
-        """Opens it; `DRIVER.options` says what the arguments mean.
+        """Open the card. The arguments are `DRIVER.options`.
 
         Raises:
-            HandleError: no PortAudio, no such output, or one without these channels.
+            HandleError: PortAudio is not installed, or the output or its channels do not exist.
         """
         self._sound = _sounddevice()
         self._rate_Hz, self.gain, self.ceiling, self.highpass_Hz, self.lag_s = rate_Hz, gain, 0.99, highpass_Hz, lag_s
@@ -62,8 +62,10 @@ class AudioHandle:
             self._stream: Any = self._sound.OutputStream(
                 samplerate=rate_Hz,
                 device=number,
-                channels=max(needed, 4) if count >= 4 else needed,  # the card's own, else a mixer may spread them
-                dtype="int16",  # rounded here: PortAudio cuts
+                channels=max(needed, 4)
+                if count >= 4
+                else needed,  # all channels of the card: otherwise a mixer may redistribute them
+                dtype="int16",  # rounded here, since PortAudio truncates
                 latency=buffer_s or "low",
                 blocksize=block,
                 callback=self._fill,
@@ -79,7 +81,7 @@ class AudioHandle:
 
     @property
     def latency_s(self) -> float:
-        """What PortAudio says of the open stream, and said last of a closed one."""
+        """Latency that PortAudio reports [s]; the last value after `close`."""
         if not self._closing:
             self._latency_s = float(self._stream.latency)
         return self._latency_s
@@ -101,14 +103,14 @@ class AudioHandle:
             whole = np.rint(FULL_SCALE * samples)
             for column in self._columns:
                 out[:, column] = whole
-        except Exception as error:  # a fault of ours: silence, and it is told
+        except Exception as error:  # a programming error: play silence and report it
             out.fill(0)
             self.fault = f"{self.name}: {type(error).__name__}: {error}"
             raise self._sound.CallbackAbort from None
 
     def _finished(self) -> None:
         if not self._closing and not self.fault:
-            self.fault = f"{self.name}: plays no more: was it unplugged?"
+            self.fault = f"{self.name}: the output has stopped; check that it is connected"
 
     def close(self) -> None:
         if self._closing:
@@ -117,24 +119,24 @@ class AudioHandle:
         self._closing = True
         try:
             if not self.fault:
-                self._stream.stop()  # plays what it has been given, which ends in silence
+                self._stream.stop()  # plays the buffered samples, which end in silence
             self._stream.close()
         except self._sound.PortAudioError:
-            pass  # it is gone
+            pass  # the card was disconnected
 
 
 def _sounddevice() -> Any:
     try:
         import sounddevice
     except ImportError:
-        raise HandleError("playing as sound needs sounddevice: pip install 'hapscene[audio]'") from None
+        raise HandleError("sounddevice is not installed: pip install 'hapscene[audio]'") from None
     except OSError:
-        raise HandleError("playing as sound needs PortAudio: sudo apt-get install libportaudio2") from None
+        raise HandleError("PortAudio is not installed: sudo apt-get install libportaudio2") from None
     return sounddevice
 
 
 def outputs(sound: Any) -> list[tuple[int, str, int]]:
-    """Number, name and count of channels of each output that is there."""
+    """Index, name and channel count of each audio output."""
     found = [(i, card["name"], int(card["max_output_channels"])) for i, card in enumerate(sound.query_devices())]
     return [card for card in found if card[2] > 0]
 
@@ -144,44 +146,48 @@ def is_dualsense(name: str) -> bool:
 
 
 def _chosen(sound: Any, device: str) -> tuple[int, str, int]:
-    """The output that was meant: the one with the most channels of those whose name fits."""
-    there = outputs(sound)
+    """Select an output: of those whose name matches, the one with the most channels."""
+    known = outputs(sound)
     if device:
-        fits = [card for card in there if device == str(card[0])]
-        fits = fits or [card for card in there if device.lower() in card[1].lower()]
-        fits = fits or [card for card in there if device.lower() in DUALSENSE and is_dualsense(card[1])]
+        fits = [card for card in known if device == str(card[0])]
+        fits = fits or [card for card in known if device.lower() in card[1].lower()]
+        fits = fits or [card for card in known if device.lower() in DUALSENSE and is_dualsense(card[1])]
     else:
-        fits = [card for card in there if is_dualsense(card[1])]
-        fits = fits or [card for card in there if card[0] == sound.default.device[1]] or there
+        fits = [card for card in known if is_dualsense(card[1])]
+        fits = fits or [card for card in known if card[0] == sound.default.device[1]] or known
     if not fits:
-        names = "; ".join(f"{number} {name} ({count} channels)" for number, name, count in there) or "none"
-        wanted = f"no sound output {device!r}" if device else "no sound output"
-        raise HandleError(f"{wanted}; there are: {names}")
+        names = "; ".join(f"{number} {name} ({count} channels)" for number, name, count in known) or "not found"
+        wanted = f"no audio output {device!r}" if device else "no audio output"
+        raise HandleError(f"{wanted}; outputs: {names}")
     return max(fits, key=lambda card: card[2])
 
 
 def _columns(channels: str, name: str, count: int) -> list[int]:
-    """The channels to play on, from 0."""
+    """Indices of the channels to play on, from 0."""
     coils = is_dualsense(name)
     if coils and not channels and count < 4:
-        raise HandleError(f"{name}: {TRAP.format(count=count)}; or give option channels=1,2 for what it shows")
+        raise HandleError(
+            f"{name}: {TRAP.format(count=count)}; or use --handle-option channels=1,2 for the provided channels"
+        )
     text = channels or ("3,4" if coils else "1,2" if count > 1 else "1")
     try:
         chosen = [int(part) - 1 for part in text.split(",")]
     except ValueError:
-        raise HandleError(f"option channels={text}: are numbers from 1 with commas between, as 3,4") from None
+        raise HandleError(
+            f"option channels={text}: expected channel numbers from 1, separated by commas, such as 3,4"
+        ) from None
     if not all(0 <= column < count for column in chosen):
-        raise HandleError(f"option channels={text}: {name} has the channels 1 to {count}")
+        raise HandleError(f"option channels={text}: expected channels 1 to {count} of {name}")
     return chosen
 
 
 def find(**options: Any) -> Sequence[Found]:
-    """The outputs that are there."""
+    """The audio outputs."""
     try:
         sound = _sounddevice()
     except HandleError as error:
         trouble, _, remedy = str(error).partition(": ")
-        return [Found("sound", trouble=trouble, remedy=remedy)]
+        return [Found("audio", trouble=trouble, remedy=remedy)]
     found = []
     for number, name, count in outputs(sound):
         trap = f"{name}: {TRAP.format(count=count)}" if is_dualsense(name) and count < 4 else ""
@@ -191,20 +197,20 @@ def find(**options: Any) -> Sequence[Found]:
 
 DRIVER = Driver(
     name="audio",
-    summary="Sound: headphones, an exciter, a coil on an amplifier, a DualSense's voice coils (a handle).",
+    summary="Handle: an audio output with headphones, an exciter, a voice coil, or a DualSense.",
     open_handle=AudioHandle,
     find=find,
     force=False,
     needs="sounddevice (pip install 'hapscene[audio]'); on Linux libportaudio2",
     options=(
-        Option("device", "", "number, or part of the name, of an output; else a DualSense, or the system's own"),
-        Option("channels", "", "to play on, from 1, as 3,4; else 3 and 4 of a DualSense, or the first two"),
-        Option("gain", 0.02, "part of full scale for 1 m/s², or for 1 N where a compensator makes force"),
-        Option("rate_Hz", 48_000.0, "of the card [Hz]"),
-        Option("buffer_s", 0.0, "how much the system keeps in hand [s]; 0 for the least that it offers"),
-        Option("block", 0, "samples that it asks for at once; 0 for as many as it likes"),
-        Option("highpass_Hz", 15.0, "what is lower is left out [Hz]; 0 for nothing"),
-        Option("lag_s", 0.005, "how much of the channel is kept in hand beside that [s]"),
+        Option("device", "", "index or part of the name of an output; by default a DualSense, or the system's default"),
+        Option("channels", "", "channels, from 1, such as 3,4; by default 3,4 of a DualSense, otherwise 1,2"),
+        Option("gain", 0.02, "share of full scale for 1 m/s², or for 1 N with a compensator"),
+        Option("rate_Hz", 48_000.0, "sample rate of the card [Hz]"),
+        Option("buffer_s", 0.0, "audio buffer of the system [s]; 0 for the smallest that it offers"),
+        Option("block", 0, "block size [samples]; 0 for the system's choice"),
+        Option("highpass_Hz", 15.0, "corner of the high-pass filter [Hz]; 0 disables the filter"),
+        Option("lag_s", 0.005, "reserve of the channel against delayed ticks [s]"),
     ),
-    assumptions=("A DualSense has its voice coils on channels 3 and 4, and calls itself so on every system.",),
+    assumptions=("A DualSense has its voice coils on channels 3 and 4, and the same name on every system.",),
 )

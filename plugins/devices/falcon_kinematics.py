@@ -1,7 +1,7 @@
-"""Kinematics of the Novint Falcon: counts of the legs, place of the grip, torques of the motors. Not a driver.
+"""Kinematics of the Novint Falcon: leg angles, grip position, motor torques. Not a driver.
 
-The geometry is that of libnifalcon (include/falcon/core/FalconGeometry.h), in the machine's axes F: x to the right, y
-up, z out of the machine, towards the hand.
+The geometry is that of libnifalcon (include/falcon/core/FalconGeometry.h), in the device's axes F: x to the right, y
+up, z out of the device, towards the hand.
 """
 
 import math
@@ -10,31 +10,31 @@ from typing import Any, Final
 from hapscene.geometry import Vector
 
 MIDDLE_M: Final = 0.125
-"""z in F of D's origin: where each axis has some 5 cm of way."""
+"""z in F of the origin of D, where each axis has a range of about 5 cm."""
 
 LEG = (0.060, 0.1025, 0.01443, 0.0225, -0.025, 0.0400, -0.02309)
 """a, b, c, d + e, f, r, s of libnifalcon's FalconGeometry.h [m]."""
 
 TURN = tuple((math.cos(angle), math.sin(angle)) for angle in (math.radians(degrees) for degrees in (105, -15, -135)))
-"""Where the three legs stand around z: from the top clockwise, as the hand sees it."""
+"""Cosine and sine of the angles of the three legs around z, clockwise from the top as seen by the user."""
 
 COUNT_RAD: Final = math.radians(360.0 * 0.01425 / (4 * 320 * 0.110))
 ZERO_RAD: Final = math.radians(35.0)
-"""Angle of a leg at the count 0."""
+"""Angle of a leg at count 0."""
 
 UNIT_N_m: Final = -1.0e-4
-"""Torque at a leg of one unit of a motor's command."""
+"""Torque at a leg for one unit of the motor command."""
 
 UNIT_MAX: Final = 4000
-"""Most units that are sent: 8 N take 2,000 in the middle of the workspace and up to 8,000 in its corners, where less is
-given. The wire wraps at 32,768 into the other sign."""
+"""Largest motor command [units]. A force of 8 N needs 2,000 in the middle of the workspace and up to 8,000 in its
+corners, where the force is reduced. The protocol overflows to the other sign at 32,768."""
 
 STEP_M: Final = 1e-8
-"""The forward kinematics end when a step of Newton's is shorter."""
+"""Step of Newton's method at which the forward kinematics stop [m]."""
 
 
 def solve(A: list[tuple[float, float, float]], b: tuple[float, float, float]) -> Vector | None:
-    """x of A x = b, by Cramer's rule; None where A is singular. Three numbers: NumPy would take longer."""
+    """Solve A x = b by Cramer's rule; None if A is singular. Faster than NumPy for three unknowns."""
     (a, d, g), (p, q, r), (u, v, w) = A
     m0, m1, m2 = q * w - r * v, r * u - p * w, p * v - q * u
     det = a * m0 + d * m1 + g * m2
@@ -49,10 +49,11 @@ def solve(A: list[tuple[float, float, float]], b: tuple[float, float, float]) ->
 
 
 def closure(p: Vector, theta: tuple[float, float, float]) -> tuple[Any, Any, Any]:
-    """How far the three shins are from closing, its gradient by p, a row a leg, and its derivative by each angle.
+    """Closure errors of the three shins, their gradients by p (a row for each leg), and their derivatives by each
+    angle.
 
-    A shin is a parallelogram of side b with links d and e at its ends: seen along its leg's axis v the knee is
-    ρ = d + e + √(b² − v²) from the plate.
+    A shin is a parallelogram of side b with links d and e at its ends. Seen along the axis v of its leg, the knee has
+    the distance ρ = d + e + √(b² − v²) from the plate.
     """
     a, b, c, links, f, r, s = LEG
     gaps, rows, turns = [], [], []
@@ -69,7 +70,7 @@ def closure(p: Vector, theta: tuple[float, float, float]) -> tuple[Any, Any, Any
 
 
 def forward(theta: tuple[float, float, float], start: Vector = (0.0, 0.0, MIDDLE_M)) -> Vector | None:
-    """The grip in F [m] at three legs' angles [rad], by Newton's method from `start`; None where there is no such."""
+    """Grip position in F [m] for three leg angles [rad], by Newton's method from `start`; None if none fits."""
     p = start
     for _ in range(20):
         gaps, rows, _turns = closure(p, theta)
@@ -80,13 +81,13 @@ def forward(theta: tuple[float, float, float], start: Vector = (0.0, 0.0, MIDDLE
         share = min(1.0, 0.02 / size) if size > 0.0 else 1.0
         p = (p[0] + share * step[0], p[1] + share * step[1], p[2] + share * step[2])
         if size < STEP_M:
-            inside = abs(p[0]) < 0.12 and abs(p[1]) < 0.12 and 0.04 < p[2] < 0.2  # the other solution is behind
+            inside = abs(p[0]) < 0.12 and abs(p[1]) < 0.12 and 0.04 < p[2] < 0.2  # the other is behind the device
             return p if inside else None
     return None
 
 
 def motor_units(force: Vector, p: Vector, theta: tuple[float, float, float]) -> tuple[int, int, int]:
-    """The motors' commands for a force in F [N]: Jᵀ f, the direction kept where they would be too large."""
+    """Motor commands for a force in F [N], Jᵀ f. Scaled down together if one exceeds the limit."""
     _, rows, turns = closure(p, theta)
     columns = [(rows[0][i], rows[1][i], rows[2][i]) for i in range(3)]
     weights = solve(columns, force)

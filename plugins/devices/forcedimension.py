@@ -1,7 +1,7 @@
-"""Devices of Force Dimension (omega, delta, sigma, lambda), and the Falcon there, through the vendor's library (DHD).
+"""Force Dimension devices (omega, delta, sigma, lambda) and the Falcon, through the vendor's library (DHD).
 
-The library's axes are x towards the user, y to the right, z up, in m. The device's own watchdog ends the force when the
-servo says nothing for `WATCHDOG_S`, its own velocity threshold stays as it was made.
+The library's axes are x towards the user, y to the right, z up, in m. The device's watchdog ends the force after
+`WATCHDOG_S` without a command. Its velocity threshold is left as configured.
 """
 
 import math
@@ -17,37 +17,37 @@ from hapscene.errors import DeviceError
 
 LIBRARIES: Final = ("dhd", "drd", "libdhd.so", "libdrd.so", "dhd64.dll", "drd64.dll")
 WATCHDOG_S: Final = 0.020
-"""After how long without a new force the device lets go [s]; it counts in steps of 125 µs, to 255."""
+"""Time without a new force after which the device stops the force [s]: 1 to 255 steps of 125 µs."""
 
 LIMITS: Final = Limits(8.0, 8000.0, stiffness_N_m=3000.0, damping_Ns_m=20.0)
 
 _STEP_S: Final = 125e-6
-_FAR_M: Final = 10.0  # no arm reaches there
-_BAD_COUNT: Final = 20  # so many failures in turn are more than a moment
-_ENABLE_READS: Final = 500  # how many reads after each other the force is asked for again
-_OLD, _SATURATED = 1, 2  # what calls return that worked
-_POWER, _CONNECTED, _RESET, _FORCE, _BRAKE, _ERROR, _CAUSE = 0, 1, 3, 5, 6, 9, 14  # of the status
+_FAR_M: Final = 10.0  # beyond the reach of all devices
+_BAD_COUNT: Final = 20  # consecutive failures before an error
+_ENABLE_READS: Final = 500  # reads between two attempts to enable the force
+_OLD, _SATURATED = 1, 2  # results of successful calls
+_POWER, _CONNECTED, _RESET, _FORCE, _BRAKE, _ERROR, _CAUSE = 0, 1, 3, 5, 6, 9, 14  # indices in the status
 
-# troubles: the device's, the causes of force being off (from 20), the library's errors (from 100)
+# trouble codes: of the device; causes of a disabled force, from 20; errors of the library, from 100
 _MOTORS_SATURATED, _NO_POWER, _NOT_CONNECTED, _NOT_CALIBRATED, _FAULT, _BRAKED, _NOT_FINITE = range(1, 8)
 _OFF, _CALL = 20, 100
 _TROUBLES: Final = {
-    _MOTORS_SATURATED: "the motors give no more: the force is less than was asked for",
-    _NO_POWER: "the device has no power; switch it on",
-    _NOT_CONNECTED: "the device is not connected; see to its cable",
-    _NOT_CALIBRATED: "the device is not calibrated; move it as its manual says (the Falcon: out and in)",
-    _FAULT: "the device reports a fault; switch it off and on",
-    _BRAKED: "the device brakes, as after too fast a movement; press its force button",
-    _NOT_FINITE: "the device gives positions that cannot be; switch it off and on",
-    _OFF + 0: "its force is being switched on",
-    _OFF + 1: "its force was switched off by its button; press that",
-    _OFF + 2: "its force was switched off, since it moved too fast; press its force button",
-    _OFF + 3: "its force was switched off, since the servo was silent; it is being switched on",
-    _OFF + 4: "its force was switched off by a program; it is being switched on",
-    _OFF + 5: "its force was switched off, since USB failed; see to its cable, press its force button",
-    _OFF + 6: "its force is off until its handle is held",
+    _MOTORS_SATURATED: "the motors are saturated: the force is less than commanded",
+    _NO_POWER: "the device has no power: switch it on",
+    _NOT_CONNECTED: "the device is not connected: check the cable",
+    _NOT_CALIBRATED: "the device is not calibrated: move it as described in its manual (Falcon: out and in)",
+    _FAULT: "the device reports a fault: switch it off and on",
+    _BRAKED: "the device brakes, for example after a fast movement: press its force button",
+    _NOT_FINITE: "the device sends invalid positions: switch it off and on",
+    _OFF + 0: "the force is being enabled",
+    _OFF + 1: "the force was disabled by its button: press it again",
+    _OFF + 2: "the force was disabled after a fast movement: press the force button",
+    _OFF + 3: "the force was disabled by the watchdog; it is being enabled",
+    _OFF + 4: "the force was disabled by a program; it is being enabled",
+    _OFF + 5: "the force was disabled by a USB error: check the cable, and press the force button",
+    _OFF + 6: "the force is disabled until the handle is held",
 }
-_COMES_BACK: Final = (0, 3, 4)  # causes after which the force may be switched on again
+_COMES_BACK: Final = (0, 3, 4)  # causes after which the driver enables the force again
 
 _NUMBER = POINTER(c_double)
 _FUNCTIONS: Final[dict[str, tuple[Any, ...]]] = {
@@ -71,17 +71,17 @@ _FUNCTIONS: Final[dict[str, tuple[Any, ...]]] = {
 
 
 def _remedy() -> str:
-    text = "install Force Dimension's SDK, or say where its library is: library=PATH"
+    text = "install the Force Dimension SDK, or name its library: --option library=PATH"
     if sys.platform.startswith("linux"):
-        text += "; its USB device must be writable for you (a rule of udev's)"
+        text += "; its USB device needs write permission (a udev rule)"
     return text
 
 
 class ForceDimensionConnection(Connection):
-    """A device that is open. See `DRIVER.options`.
+    """An open device. The arguments are `DRIVER.options`.
 
     Raises:
-        DeviceError: the library is missing, or the device cannot be used.
+        DeviceError: the library is not found, or the device cannot be used.
     """
 
     def __init__(self, library: str | None, device: int, gravity: bool) -> None:
@@ -100,7 +100,7 @@ class ForceDimensionConnection(Connection):
             self._try("gravity", self._dhd.dhdSetGravityCompensation(int(gravity), self._id))
             self._try("largest force", self._dhd.dhdSetMaxForce(LIMITS.force_N, self._id))
             self._try("time guard", self._dhd.dhdSetTimeGuard(0, self._id))
-            self._dhd.dhdSetWatchdog(round(WATCHDOG_S / _STEP_S), self._id)  # not every device has one: see `release`
+            self._dhd.dhdSetWatchdog(round(WATCHDOG_S / _STEP_S), self._id)  # optional: see `release`
         except BaseException:
             self.close()
             raise
@@ -109,18 +109,18 @@ class ForceDimensionConnection(Connection):
         code = int(self._dhd.dhdErrorGetLast())
         return _error_text(self._dhd, code)
 
-    def _try(self, doing: str, told: int) -> None:
-        if told < 0:
-            raise DeviceError(f"forcedimension: {doing}: {self._error()}")
+    def _try(self, operation: str, result: int) -> None:
+        if result < 0:
+            raise DeviceError(f"forcedimension: {operation}: {self._error()}")
 
     def read(self) -> None:
         state, dhd = self.state[0], self._dhd
         for number in self._xyz:
             number.value = math.nan
-        told = dhd.dhdGetPosition(*map(byref, self._xyz), self._id)
+        result = dhd.dhdGetPosition(*map(byref, self._xyz), self._id)
         known = dhd.dhdGetStatus(self._status, self._id)
         self._reads += 1
-        if told < 0 or known < 0:
+        if result < 0 or known < 0:
             self._fail(_CALL + int(dhd.dhdErrorGetLast()))
             return
         x, y, z = (number.value for number in self._xyz)
@@ -130,21 +130,21 @@ class ForceDimensionConnection(Connection):
         self._bad_reads = 0
         state.p_DT_m[:] = y, -x, z
         state.buttons = dhd.dhdGetButtonMask(self._id) & 0xFFFF
-        if told != _OLD:
+        if result != _OLD:
             state.count += 1
         trouble = self._trouble()
         state.ready = int(trouble == 0)
         state.trouble = _MOTORS_SATURATED if trouble == 0 and self._saturated else trouble
 
     def _fail(self, trouble: int) -> None:
-        """Nothing could be read."""
+        """Note a failed read."""
         self.state.ready, self.state.trouble = 0, trouble
         self._bad_reads += 1
         if self._bad_reads >= _BAD_COUNT:
             raise DeviceError(f"forcedimension: {self.reason(trouble)}")
 
     def _trouble(self) -> int:
-        """What stands in the way of forces; where nothing else does, they are switched on."""
+        """The trouble code that prevents a force, or 0. Enables the force if it may be enabled."""
         status = self._status
         for trouble, met in (
             (_NO_POWER, status[_POWER] == 0),
@@ -169,9 +169,9 @@ class ForceDimensionConnection(Connection):
         size = math.hypot(x, y, z)
         share = 0.0 if state.ready == 0 or not size < math.inf else min(1.0, LIMITS.force_N / max(size, 1e-9))
         force = (-share * y, share * x, share * z) if share > 0.0 else (0.0, 0.0, 0.0)
-        told = self._dhd.dhdSetForce(*force, self._id)
-        self._saturated = told == _SATURATED
-        self._bad_writes = self._bad_writes + 1 if told < 0 else 0
+        result = self._dhd.dhdSetForce(*force, self._id)
+        self._saturated = result == _SATURATED
+        self._bad_writes = self._bad_writes + 1 if result < 0 else 0
         if self._bad_writes >= _BAD_COUNT:
             raise DeviceError(f"forcedimension: force: {self._error()}")
 
@@ -190,28 +190,28 @@ class ForceDimensionConnection(Connection):
 
 
 def _error_text(dhd: Any, code: int) -> str:
-    """What the library says of an error of its own."""
+    """Text of an error of the library."""
     text = (dhd.dhdErrorGetStr(code) or b"unknown").decode(errors="replace")
     return f"error {code} of the library: {text}"
 
 
 def find(library: str | None = None, **options: Any) -> Sequence[Found]:
-    """The devices that the library counts, or why it cannot."""
+    """The connected devices, or the reason why the library does not list them."""
     try:
         dhd = load_library("forcedimension", library, LIBRARIES, _FUNCTIONS, _remedy())
     except DeviceError as error:
-        return [Found("", trouble=str(error), remedy=_remedy())]
+        return [Found("", trouble=str(error).removeprefix("forcedimension: "), remedy=_remedy())]
     return [Found(f"device {index}", {"device": index}) for index in range(max(0, int(dhd.dhdGetDeviceCount())))]
 
 
 def release(**options: Any) -> None:
-    """Open it anew, so that its last force is zero: for devices without a watchdog."""
+    """Open the device again and set zero force, for devices without a watchdog."""
     ForceDimensionConnection(**options).close()
 
 
 DRIVER = Driver(
     name="forcedimension",
-    summary="omega, delta, sigma, lambda of Force Dimension, and the Falcon through their library.",
+    summary="Force Dimension omega, delta, sigma, lambda, and the Falcon, through the DHD library.",
     open=ForceDimensionConnection,
     find=find,
     model=Device("forcedimension", None, LIMITS),
@@ -220,23 +220,23 @@ DRIVER = Driver(
     high_D_m=(0.25, 0.25, 0.25),
     button_count=16,
     rate_Hz=4000.0,
-    needs="the vendor's library (libdhd or libdrd: the Force Dimension SDK) and permission for its USB device",
+    needs="the Force Dimension SDK (libdhd or libdrd), and permission for the USB device",
     options=(
-        Option("library", None, "path of the vendor's library; without, the system is asked for dhd and drd"),
-        Option("device", 0, "which of those that are plugged in, from 0"),
-        Option("gravity", True, "whether the device carries its own weight"),
+        Option("library", None, "path of the vendor's library; by default dhd or drd on the system's path"),
+        Option("device", 0, "index of the connected device, from 0"),
+        Option("gravity", True, "gravity compensation of the device"),
     ),
     watchdog_s=WATCHDOG_S,
     release=release,
     assumptions=(
         "The library's axes are x towards the user, y to the right, z up, as CHAI3D takes them.",
-        "8 N, 3000 N/m and 20 N·s/m are what CHAI3D names for the Falcon, the weakest; others could give more.",
-        "What the motors bear for long is not known: half of the largest force is taken.",
-        "The mechanism's own stops bound the workspace.",
-        "The watchdog starts anew with each force that is set; a device without one is opened anew and given zero.",
-        "Reset in the status is the mode of a device that is not calibrated.",
-        "Force that its watchdog or a program switched off may be switched on again; after its button, its velocity "
-        "threshold or a failure of USB a person does it.",
+        "8 N, 3000 N/m and 20 N·s/m are the values of CHAI3D for the Falcon, the weakest device.",
+        "The continuous force is half of the peak force; no values are published.",
+        "The mechanical stops bound the workspace.",
+        "Each force command restarts the watchdog. A device without a watchdog is opened again and set to zero force.",
+        "Reset in the status means that the device is not calibrated.",
+        "The driver may enable the force again after a watchdog timeout or a program. After the button, the velocity "
+        "threshold or a USB error a person must do it.",
         "Orientation, torques and gripper are not used.",
     ),
 )

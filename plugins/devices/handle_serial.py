@@ -1,4 +1,4 @@
-"""A handle of one's own on a serial port, or USB's own (CDC): docs/handle-protocol.md, examples/handle_firmware."""
+"""A handle on a serial port or USB CDC: docs/reference/handle-protocol.md, firmware in examples/handle_firmware."""
 
 from typing import Any, Final
 
@@ -11,25 +11,25 @@ from hapscene.io.wire.port import BAUD
 from hapscene_plugins.devices.serial_port import find_ports
 
 BOARD: Final = (
-    Option("limit_N", 3.0, "largest force that it is sent [N]"),
-    Option("ahead_s", 0.015, "how much force it has in hand [s]"),
-    Option("watchdog_s", 0.02, "after how long without a word it puts out none [s]"),
-    Option("highpass_Hz", 15.0, "what is lower is left out [Hz]; 0 for nothing"),
-    Option("lag_s", 0.005, "how much of the channel is kept in hand beside that [s]"),
+    Option("limit_N", 3.0, "force limit [N]"),
+    Option("ahead_s", 0.015, "force in the board's buffer, the latency [s]"),
+    Option("watchdog_s", 0.02, "time without data after which the board stops the force [s]"),
+    Option("highpass_Hz", 15.0, "corner of the high-pass filter [Hz]; 0 disables the filter"),
+    Option("lag_s", 0.005, "reserve of the channel against delayed ticks [s]"),
 )
-"""Options of a board, whatever it hangs on."""
+"""Options of a board on any connection."""
 
-UNTRIED: Final = ("The sketch in examples/handle_firmware was tried on a computer, on no board.",)
+UNTRIED: Final = ("The firmware in examples/handle_firmware was tested on a computer, not on a board.",)
 
 
 def open_handle(port: str, baud: int, **board: Any) -> LiveBoard:
-    """Opens the port and waits for the board.
+    """Open the port and wait for the board.
 
     Raises:
-        HandleError: no such port, silence, or something else than a handle that plays live.
+        HandleError: no such port, no answer, or the device is not a handle that plays live.
     """
     if not port:
-        raise HandleError("which port? option port=/dev/ttyACM0, COM3, …")
+        raise HandleError("option port is missing: name the serial port, such as port=/dev/ttyACM0 or port=COM3")
     with refusing(HandleError):
         wire = SerialWire(port, baud)
     return LiveBoard(port, wire, **board)
@@ -37,14 +37,14 @@ def open_handle(port: str, baud: int, **board: Any) -> LiveBoard:
 
 DRIVER = Driver(
     name="serial",
-    summary="A board with a current amplifier on a serial port (a handle).",
+    summary="Handle: a board with a current amplifier on a serial port.",
     open_handle=open_handle,
     find=lambda port="", **options: find_ports(port),
     force=False,
-    needs="a port, and permission for it (Linux: group dialout)",
+    needs="a serial port, and permission for it (Linux: group dialout)",
     options=(
-        Option("port", "", "of the board: /dev/ttyACM0, COM3, …"),
-        Option("baud", BAUD, "speed of the port [bit/s]; USB's own ports ignore it"),
+        Option("port", "", "serial port of the board, such as /dev/ttyACM0 or COM3"),
+        Option("baud", BAUD, "speed of the port [bit/s]; ignored by USB CDC ports"),
         *BOARD,
     ),
     watchdog_s=0.02,

@@ -1,4 +1,4 @@
-"""A handle of one's own on USB's bulk endpoints: the lines of docs/handle-protocol.md, no serial port between."""
+"""A handle on USB bulk endpoints: the lines of docs/reference/handle-protocol.md, without a serial port."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -11,31 +11,23 @@ from hapscene_plugins.devices.handle_serial import BOARD, UNTRIED
 from hapscene_plugins.devices.usb_device import BACKEND, UsbDevice, find_usb
 
 ID: Final = "16c0:05dc"
-"""What devices of no class may share that are told apart by their names (Objective Development's free ids)."""
+"""Free USB ids of Objective Development for vendor-class devices, which are distinguished by their names."""
 
 PACKET: Final = 1 << 10
-"""Bytes that are asked for at once: 2 ms of a board at 10 kHz take 600. A board whose packets are all full has a read
-wait until there are so many: 8 ms at 5 kHz."""
-
-ENDPOINT_IN: Final = 0x80
-"""Bit of the address of an endpoint that the board sends by."""
+"""Bytes of a read request. 2 ms of a board at 10 kHz take 600. If all packets of a board are full, a read waits until
+the
+request is complete: 8 ms at 5 kHz."""
 
 
 class UsbWire(DrainedPort):
-    """The first interface's two bulk endpoints, drained as a port is."""
+    """The two bulk endpoints of the first interface, read by a thread."""
 
     def __init__(self, vendor: int, product: int, backend: str | None) -> None:
         try:
             self._device = UsbDevice("usb", vendor, product, backend)
+            self._in, self._out = self._device.endpoint_pair("a handle's board")
         except DeviceError as error:
             raise HandleError(str(error)) from None
-        ends = self._device.endpoints
-        try:
-            self._in = next(end for end in ends if end & ENDPOINT_IN)
-            self._out = next(end for end in ends if not end & ENDPOINT_IN)
-        except StopIteration:
-            self._device.close()
-            raise HandleError("usb: the board's first interface has not an endpoint each way") from None
         super().__init__()
 
     def _drain(self) -> None:
@@ -62,33 +54,33 @@ def _numbers(id: str) -> tuple[int, int]:
     try:
         vendor, product = (int(part, 16) for part in id.split(":"))
     except ValueError:
-        raise HandleError(f"option id={id}: is VENDOR:PRODUCT in hexadecimal digits, as {ID}") from None
+        raise HandleError(f"option id={id}: expected VENDOR:PRODUCT in hexadecimal digits, such as {ID}") from None
     return vendor, product
 
 
 def open_handle(id: str, backend: str | None, **board: Any) -> LiveBoard:
-    """Opens the device and waits for the board.
+    """Open the USB device and wait for the board.
 
     Raises:
-        HandleError: no such device, silence, or something else than a handle that plays live.
+        HandleError: no such device, no answer, or the device is not a handle that plays live.
     """
     return LiveBoard(f"usb {id}", UsbWire(*_numbers(id), backend), **board)
 
 
 def find(id: str = ID, backend: str | None = None, **options: Any) -> Sequence[Found]:
-    """Those that are plugged in."""
+    """The connected boards."""
     found: Sequence[Found] = find_usb(*_numbers(id), backend)
     return found
 
 
 DRIVER = Driver(
     name="usb",
-    summary="A board with a current amplifier on USB's bulk endpoints (a handle).",
+    summary="Handle: a board with a current amplifier on USB bulk endpoints.",
     open_handle=open_handle,
     find=find,
     force=False,
-    needs="pyusb (pip install 'hapscene[usb]'), libusb, permission",
-    options=(Option("id", ID, "vendor's and product's numbers"), BACKEND, *BOARD),
+    needs="pyusb (pip install 'hapscene[usb]'), libusb, permission for the device",
+    options=(Option("id", ID, "USB ids, VENDOR:PRODUCT in hexadecimal digits"), BACKEND, *BOARD),
     watchdog_s=0.02,
-    assumptions=(*UNTRIED, f"A board that says no other id has {ID}."),
+    assumptions=(*UNTRIED, f"The board has the USB ids {ID}, unless option id names others."),
 )

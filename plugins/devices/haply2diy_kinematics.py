@@ -1,19 +1,19 @@
-"""Kinematics of Haply's 2DIY: angles of the arms, place of the handle, torques. Not a driver.
+"""Kinematics of the Haply 2DIY: arm angles, handle position, torques. Not a driver.
 
-Its axes H, as it lies on a desk: x to the left, y towards the hand.
+The device's axes H: x to the left, y towards the hand.
 """
 
 import math
 from typing import Final
 
 TORQUE_MAX_N_m: Final = 0.123
-"""What the firmware cuts a torque to."""
+"""Torque limit of the firmware."""
 
 UPPER_M, LOWER_M = 0.07, 0.09
 
 
 def forward(theta: tuple[float, float], base_m: float) -> tuple[float, float] | None:
-    """The handle in H [m] at two arms' angles [rad]; None where the arms do not meet."""
+    """Handle position in H [m] for the two arm angles [rad]; None if the arms do not meet."""
     ax, ay = UPPER_M * math.cos(theta[0]), UPPER_M * math.sin(theta[0])
     hx, hy = base_m + UPPER_M * math.cos(theta[1]) - ax, UPPER_M * math.sin(theta[1]) - ay
     size = math.hypot(hx, hy)
@@ -26,9 +26,9 @@ def forward(theta: tuple[float, float], base_m: float) -> tuple[float, float] | 
 def arm_torques(
     force: tuple[float, float], p: tuple[float, float], theta: tuple[float, float], base_m: float
 ) -> tuple[float, float]:
-    """Torques [N·m] for a force in H [N]: Jᵀ f, the direction kept where one would be too large.
+    """Torques [N·m] for a force in H [N], Jᵀ f. Scaled down together if one exceeds the limit.
 
-    The lower arms keep their length: (p − a) · ṗ = (p − a) · ȧ for each elbow a.
+    J follows from the constant length of the lower arms: (p − a) · ṗ = (p − a) · ȧ for each elbow a.
     """
     rows, turns = [], []
     for angle, base in zip(theta, (0.0, base_m), strict=True):
@@ -37,7 +37,7 @@ def arm_torques(
         turns.append(rows[-1][1] * x - rows[-1][0] * y)
     (a, b), (c, d) = rows
     det = a * d - b * c
-    if abs(det) < 1e-5:  # the lower arms are in line: there, no torque is a force
+    if abs(det) < 1e-5:  # the lower arms are in line: a singular posture
         return 0.0, 0.0
     first, second = (d * force[0] - c * force[1]) / det * turns[0], (a * force[1] - b * force[0]) / det * turns[1]
     share = min(1.0, TORQUE_MAX_N_m / max(abs(first), abs(second), 1e-12))

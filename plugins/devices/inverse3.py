@@ -1,7 +1,7 @@
-"""Haply's Inverse3, through the service that comes with it: JSON over a WebSocket of this machine.
+"""Haply Inverse3 through Haply's Inverse service: JSON over a WebSocket on this computer.
 
-The service sends one state for each message, and none by itself; a command holds for one of its ticks, so a driver that
-dies gives no force. Its axes are D's: right-handed, x to the right, y away, z up, in metres.
+The service answers each message by one state, and sends none otherwise. A command is valid for one tick of the service,
+so the force ends if the driver dies. The axes equal those of D: right-handed, x to the right, y away, z up, in metres.
 """
 
 import math
@@ -18,38 +18,41 @@ from hapscene.errors import DeviceError
 from hapscene.geometry import rotation_of
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.inverse3_messages import first, force_message, is_identity, listed, numbers, parse, part
-from hapscene_plugins.devices.silence import Silence
+from hapscene_plugins.devices.response_timeout import ResponseTimeout
 
 URI: Final = "ws://localhost:10001"
 
 FORCE_N: Final = 2.0
-"""Largest force: what IsaacLab drives it at; Haply says none."""
+"""Force limit [N], as in IsaacLab. Haply publishes none."""
 
 PENDING_MAX: Final = 4
-"""Most messages that wait for their state [count]: a service that is late is not given more to do."""
+"""Most messages without an answer [count]. A slow service gets no further commands."""
+
+WAIT_S: Final = 0.0003
+"""Time that a tick waits for the answer to its last message [s]."""
 
 IGNORED_COUNT: Final = 50
-"""States in which a force was sent and none is there, until that is told [count]."""
+"""Consecutive states without the commanded force before this is reported [count]."""
 
 CALIBRATE, POWER, TRANSFORMED, IGNORED = 1, 2, 3, 4
 REASONS = {
-    CALIBRATE: "it is not calibrated: move its arm to its end stops and back",
-    POWER: "it is not ready: check its power, and what the service says of it",
-    TRANSFORMED: "the service moves or scales its positions: take the transform away in its settings",
-    IGNORED: "it takes no force: open it with --option field=values (services before 3.5), or the other way round",
+    CALIBRATE: "it is not calibrated: move the arm to its end stops and back",
+    POWER: "it is not ready: check the power, and its status in the service",
+    TRANSFORMED: "the service transforms the positions: remove the transform in its settings",
+    IGNORED: "it ignores forces: use --option field=values for services before 3.5, and field=vector since",
 }
 
 
 def connect(uri: str, wait_s: float) -> Any:
-    """A connection to the service.
+    """Connect to the service.
 
     Raises:
-        DeviceError: websockets is missing, or nobody is there.
+        DeviceError: websockets is not installed, or the service does not answer.
     """
     try:
         from websockets.sync.client import connect
     except ImportError:
-        raise DeviceError("inverse3 needs one more package: pip install 'hapscene[serve]'") from None
+        raise DeviceError("inverse3: websockets is not installed; pip install 'hapscene[serve]'") from None
     from websockets.exceptions import WebSocketException
 
     try:
@@ -58,12 +61,12 @@ def connect(uri: str, wait_s: float) -> Any:
         )
     except (OSError, ValueError, WebSocketException) as error:
         raise DeviceError(
-            f"inverse3: {uri}: no service answers ({error}); start Haply's Inverse service, or say --option uri="
+            f"inverse3: {uri}: no answer ({error}); start Haply's Inverse service, or name its address by --option uri="
         ) from None
 
 
 class Inverse3Connection(Connection):
-    """An Inverse3. A force goes out each tick, and a state comes back."""
+    """An open Inverse3. Each tick sends a force and receives a state."""
 
     def __init__(
         self,
@@ -80,13 +83,13 @@ class Inverse3Connection(Connection):
         self._status: dict[str, Any] = {}
         self._socket = connect(uri, 2.0)
         self._id = ""
-        self._silence, start_s = Silence(clock), clock.now_s()
+        self._timeout, start_s = ResponseTimeout(clock), clock.now_s()
         try:
-            while not self._id:  # a service that has just started may tell of no device yet
+            while not self._id:  # a service that has just started may not list the device yet
                 content = parse(self._receive(1.0) or "") or {}
                 self._id = str(first(content, "inverse3").get("device_id") or "")
                 if not self._id and clock.now_s() - start_s > 1.0:
-                    raise DeviceError(f"{self._name}: the service has no Inverse3; plug it in")
+                    raise DeviceError(f"{self._name}: the service lists no Inverse3; connect it")
             self._take(content)
             self._send((0.0, 0.0, 0.0))
         except BaseException:
@@ -94,7 +97,7 @@ class Inverse3Connection(Connection):
             raise
 
     def _receive(self, wait_s: float) -> str | bytes | None:
-        """A message; None where none comes in time."""
+        """Receive a message; None on a timeout."""
         from websockets.exceptions import ConnectionClosed
 
         try:
@@ -102,7 +105,7 @@ class Inverse3Connection(Connection):
         except TimeoutError:
             return None
         except (ConnectionClosed, OSError) as error:
-            raise DeviceError(f"{self._name}: the service is gone ({error}); start it again") from None
+            raise DeviceError(f"{self._name}: the service has disconnected ({error}); restart it") from None
         return message
 
     def _send(self, force: tuple[float, float, float]) -> None:
@@ -113,37 +116,35 @@ class Inverse3Connection(Connection):
         try:
             self._socket.send(force_message(self._id, self._field, force))
         except (ConnectionClosed, OSError) as error:
-            raise DeviceError(f"{self._name}: the service is gone ({error}); start it again") from None
+            raise DeviceError(f"{self._name}: the service has disconnected ({error}); restart it") from None
         self._pending += 1
 
     def read(self) -> None:
-        wait_s = 0.001
+        wait_s = WAIT_S
         while self._pending > 0:
             message = self._receive(wait_s)
             if message is None:
                 break
             content, wait_s = parse(message), 0.0
             if content is not None and "category" in content:
-                continue  # an event: no answer
+                continue  # an event, not an answer
             self._pending -= 1
             if content is not None:
                 self._take(content)
-        if self._silence.is_over():
-            self.state.ready = 0
-            raise DeviceError(f"{self._name}: the service has said nothing of sense for half a second; start it again")
+        self._timeout.check(self, self._name, "restart the service")
 
     def _take(self, content: dict[str, Any]) -> None:
-        """Read a message into the state, if it is a state."""
-        told = first(content, "inverse3", self._id)
-        inner = part(told, "state")
+        """Update the state by a message, if it contains a state."""
+        entry = first(content, "inverse3", self._id)
+        inner = part(entry, "state")
         p = numbers(inner, "cursor_position")
         if p is None or not all(abs(value) < 1.0 for value in p):
             return
         state = self.state[0]
-        self._silence.end()
+        self._timeout.received()
         state.p_DT_m = [value - middle for value, middle in zip(p, self._middle, strict=True)]
-        if "status" in told:
-            self._status = part(told, "status")
+        if "status" in entry:
+            self._status = part(entry, "status")
         self._grip(content)
         if self._status.get("calibrated") is not True:
             state.trouble = CALIBRATE
@@ -157,14 +158,14 @@ class Inverse3Connection(Connection):
         state.count += 1
 
     def _is_ignored(self, inner: dict[str, Any]) -> bool:
-        """Whether forces are sent and none is there."""
-        there = numbers(inner, "current_cursor_force")
+        """Whether the device has ignored the commanded force for `IGNORED_COUNT` states."""
+        measured = numbers(inner, "current_cursor_force")
         sent = self.state.ready[0] == 1 and math.hypot(*self.state.f_D_N[0].tolist()) > 0.1
-        self._ignored = self._ignored + 1 if sent and there == (0.0, 0.0, 0.0) else 0
+        self._ignored = self._ignored + 1 if sent and measured == (0.0, 0.0, 0.0) else 0
         return self._ignored > IGNORED_COUNT
 
     def _grip(self, content: dict[str, Any]) -> None:
-        """Buttons and orientation of a grip, by wire or without."""
+        """Update buttons and orientation from the VerseGrip, wired or wireless."""
         inner = part(first(content, "verse_grip"), "state")
         buttons = int(inner.get("button") is True)
         if not inner:
@@ -183,7 +184,7 @@ class Inverse3Connection(Connection):
             with suppress(DeviceError):
                 self._send((0.0, 0.0, 0.0))
                 while self._pending > 0 and self._receive(0.05) is not None:
-                    self._pending -= 1  # the service reads no further than it can answer
+                    self._pending -= 1  # the service reads a message only after it has sent the last answer
         with suppress(OSError):
             self._socket.close()
 
@@ -192,26 +193,26 @@ class Inverse3Connection(Connection):
 
 
 def find(uri: str = URI, **options: Any) -> Sequence[Found]:
-    """The Inverse3s that the service of this machine has."""
+    """The devices that the service on this computer lists."""
     try:
         with connect(uri, 0.2) as socket:
             content = parse(socket.recv(timeout=0.2)) or {}
     except DeviceError as error:
-        what, _, remedy = str(error).replace(": pip", "; pip").partition("; ")
-        return [Found(uri, trouble=what, remedy=remedy)]
-    except Exception as error:  # whatever is at that port is no service of Haply's
+        trouble, _, remedy = str(error).partition("; ")
+        return [Found(uri, trouble=trouble.removeprefix(f"inverse3: {uri}: "), remedy=remedy)]
+    except Exception as error:  # another program listens at this port
         return [Found(uri, trouble=f"inverse3: {uri}: {error!r:.100}", remedy="start Haply's Inverse service")]
-    return [Found(f"{uri} {told.get('device_id')}") for told in listed(content, "inverse3")]
+    return [Found(f"{uri} {entry.get('device_id')}") for entry in listed(content, "inverse3")]
 
 
 def release(**options: Any) -> None:
-    """Tell the service zero, whose last command has ended already."""
+    """Send zero force after the driver process has died. The last command has expired before."""
     Inverse3Connection(**options).close()
 
 
 DRIVER = Driver(
     name="inverse3",
-    summary="Haply's Inverse3, through the service that comes with it.",
+    summary="Haply Inverse3, through Haply's Inverse service.",
     open=Inverse3Connection,
     find=find,
     model=Device(
@@ -225,18 +226,24 @@ DRIVER = Driver(
     orientation=True,
     button_count=3,
     rate_Hz=1000.0,
-    needs="Haply's Inverse service, running; websockets (pip install 'hapscene[serve]')",
+    needs="a running Inverse service; websockets (pip install 'hapscene[serve]')",
+    imports=("websockets.sync.client", "websockets.exceptions"),
     options=(
-        Option("uri", URI, "where the service listens"),
-        Option("field", "vector", "how it spells a force: values before 3.5, vector since", ("vector", "values")),
-        Option("x_m", 0.05, "middle of the workspace in the service's frame [m]"),
-        Option("y_m", -0.15, "middle of the workspace in the service's frame [m]"),
-        Option("z_m", 0.17, "middle of the workspace in the service's frame [m]"),
+        Option("uri", URI, "address of the service"),
+        Option(
+            "field",
+            "vector",
+            "key of the force in messages: values before service 3.5, vector since",
+            ("vector", "values"),
+        ),
+        Option("x_m", 0.05, "x of the workspace centre in the service's frame [m]"),
+        Option("y_m", -0.15, "y of the workspace centre in the service's frame [m]"),
+        Option("z_m", 0.17, "z of the workspace centre in the service's frame [m]"),
     ),
     release=release,
     assumptions=(
-        "The service lets go when commands end; how soon is not said.",
-        "The force, mass, friction, and the middle of the workspace are guessed from what others drive it at.",
-        "A grip's z is along the handle.",
+        "The service stops the force when commands end; the time is not documented.",
+        "Force limit, mass, friction and workspace centre are estimates from other software.",
+        "The z axis of a VerseGrip is along the handle.",
     ),
 )

@@ -1,14 +1,14 @@
-"""Messages of Haply's Inverse service: JSON that may be anything, read into numbers. Not a driver."""
+"""Parse and create JSON messages of Haply's Inverse service. Not a driver."""
 
 import json
 from typing import Any
 
 IDENTITY = {"position": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
-"""Of a transform; parts that are this are left out."""
+"""The identity transform. The service leaves out parts that equal it."""
 
 
 def parse(text: str | bytes) -> dict[str, Any] | None:
-    """A message of the service; None where it is none."""
+    """Parse a message; None if it is not a JSON object."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
@@ -17,26 +17,27 @@ def parse(text: str | bytes) -> dict[str, Any] | None:
 
 
 def listed(content: dict[str, Any], kind: str) -> list[dict[str, Any]]:
-    """What a message says of its devices of a kind."""
+    """The entries of all devices of a kind in a message."""
     devices = content.get(kind)
-    return [told for told in devices if isinstance(told, dict)] if isinstance(devices, list) else []
+    return [entry for entry in devices if isinstance(entry, dict)] if isinstance(devices, list) else []
 
 
 def first(content: dict[str, Any], kind: str, device_id: str | None = None) -> dict[str, Any]:
-    """What a message says of its first device of a kind, or that of an id; empty where it says nothing."""
-    for told in listed(content, kind):
-        if device_id in (None, told.get("device_id")):
-            return told
+    """The entry of the first device of a kind, or of the device with an id; empty if it is not listed."""
+    for entry in listed(content, kind):
+        if device_id in (None, entry.get("device_id")):
+            return entry
     return {}
 
 
 def part(content: dict[str, Any], name: str) -> dict[str, Any]:
+    """The object under a key; empty if it is missing or not an object."""
     inner = content.get(name)
     return inner if isinstance(inner, dict) else {}
 
 
 def numbers(content: dict[str, Any], name: str, letters: str = "xyz") -> tuple[float, ...] | None:
-    """A vector or a quaternion; None where it is none, or not finite."""
+    """A vector or quaternion; None if it is missing, not numeric or too large."""
     inner = part(content, name)
     values = [inner.get(letter) for letter in letters]
     if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
@@ -54,6 +55,6 @@ def is_identity(transform: dict[str, Any]) -> bool:
 
 
 def force_message(device_id: str, field: str, force: tuple[float, float, float]) -> str:
-    """The message that has a force given for one tick."""
-    told = {field: dict(zip("xyz", force, strict=True))}
-    return json.dumps({"inverse3": [{"device_id": device_id, "commands": {"set_cursor_force": told}}]})
+    """Message that commands a force for one tick of the service."""
+    command = {field: dict(zip("xyz", force, strict=True))}
+    return json.dumps({"inverse3": [{"device_id": device_id, "commands": {"set_cursor_force": command}}]})

@@ -1,11 +1,11 @@
-"""The bridge's protocol as a device: the tool's place comes from another machine, the force goes back to it.
+"""A device on another computer, through the bridge's UDP protocol: it sends its position and receives the force.
 
-Any client of the bridge (`docs/bridge-protocol.md`, `examples/engines`) is such a device: what it says of the hand's
-aim in a FRAME is where the tool is, relative to the middle of the workspace, and the STATE that answers a tick's newest
-FRAME says the force, in the frame and unit of its HELLO. Bodies are none: the scene is here.
+Any client of the bridge (`docs/reference/bridge-protocol.md`, `examples/engines`) can be this device. The aim in its FRAME is the
+device position relative to the middle of the workspace. The STATE that answers the newest FRAME contains the force, in
+the axes and unit of its HELLO. The client provides no bodies: the scene is on this side.
 
-Over a network a force is late: walls are soft, and a client that is silent for 20 ms gets none. One client at a time;
-another may come when it has said BYE, or nothing for two seconds.
+A network adds latency: walls are soft, and a client that sends nothing for 20 ms gets no force. Only one client can be
+connected. Another one can connect after a BYE, or after two seconds without a message.
 """
 
 import math
@@ -43,25 +43,25 @@ from hapscene.errors import DeviceError
 from hapscene.wall_clock import CLOCK, Clock
 
 FORCE_N: Final = 3.0
-"""Largest force: what is at the other end, nobody here knows."""
+"""Force limit [N]. The device on the other side is unknown."""
 
 REACH_M: Final = 0.5
-"""Farthest place from the middle that is taken for one."""
+"""Largest valid coordinate of a position [m]."""
 
 SILENT_S: Final = 0.02
-"""After how long without a FRAME a client gets no force."""
+"""Time without a FRAME after which a client gets no force [s]."""
 
 GONE_S: Final = 2.0
-"""After how long another client may come."""
+"""Time without a message after which another client may connect [s]."""
 
 FLOOD: Final = 64
-"""Most packets that are read in a tick [count]."""
+"""Most packets that are processed in a tick."""
 
 WAITING, SILENT = 1, 2
 
 
 class NetworkConnection(Connection):
-    """A client of the bridge that is somebody's device."""
+    """A UDP socket for one client."""
 
     def __init__(self, host: str = "127.0.0.1", port: int = 47811, clock: Clock = CLOCK) -> None:
         super().__init__()
@@ -71,13 +71,15 @@ class NetworkConnection(Connection):
             self._socket.bind((host, port))
         except (OSError, OverflowError) as error:
             self._socket.close()
-            raise DeviceError(f"network: cannot listen at {host}:{port}: {error}; say another port= or host=") from None
+            raise DeviceError(
+                f"network: cannot listen at {host}:{port}: {error}; choose another --option port= or host="
+            ) from None
         self._socket.setblocking(False)
         self.address: tuple[str, int] = self._socket.getsockname()
         self._key, self._nonce, self._client = 0, None, ("", 0)
         self._convention = Convention.of({})
         self._last = self._waiting = self._tick = 0
-        self._heard_s = self._framed_s = -math.inf
+        self._message_s = self._frame_s = -math.inf
         self.state.trouble = WAITING
 
     def read(self) -> None:
@@ -87,16 +89,16 @@ class NetworkConnection(Connection):
                 self._take(unpack(data), client)
             except BlockingIOError:
                 break
-            except (PacketError, ConnectionError):  # Windows says of a client that is gone that it was reset
+            except (PacketError, ConnectionError):  # on Windows, a client that has exited resets the connection
                 continue
             except OSError as error:
                 raise DeviceError(f"network: {self.address[0]}:{self.address[1]}: {error}") from None
         state = self.state[0]
-        if self._key == 0 or self._clock.now_s() - self._framed_s > SILENT_S:
+        if self._key == 0 or self._clock.now_s() - self._frame_s > SILENT_S:
             state.ready, state.trouble = 0, SILENT if self._key else WAITING
 
     def _take(self, packet: Packet, client: tuple[str, int]) -> None:
-        """What one packet says; whatever is of no session changes nothing."""
+        """Process one packet. Packets without a valid session are ignored."""
         now_s = self._clock.now_s()
         if packet.kind == HELLO:
             self._welcome(packet, client, now_s)
@@ -106,44 +108,44 @@ class NetworkConnection(Connection):
         elif packet.kind == BYE:
             self._key = 0
         elif packet.kind == FRAME and packet.sequence > self._last:
-            self._heard_s = now_s
+            self._message_s = now_s
             frame = unpack_frame(packet.payload)
             if frame.aim is None:
                 return
-            p = self._convention.place(frame.aim)
-            if not float(np.abs(p).max()) <= REACH_M:  # NaN, too
+            p = self._convention.position(frame.aim)
+            if not float(np.abs(p).max()) <= REACH_M:  # false for NaN
                 return
             self._last = self._waiting = packet.sequence
-            self._framed_s, self.state.p_DT_m = now_s, p
+            self._frame_s, self.state.p_DT_m = now_s, p
             self.state.ready, self.state.trouble = 1, 0
             self.state.count += 1
 
     def _welcome(self, packet: Packet, client: tuple[str, int], now_s: float) -> None:
-        """Begin a session, unless another one goes on."""
+        """Start a session, unless another client is connected."""
         try:
             hello = unpack_json(packet.payload)
             if hello.get("version") != VERSION:
-                raise PacketError(f"version {VERSION} is spoken here")
+                raise PacketError(f"this side has protocol version {VERSION}")
             convention = Convention.of(hello)
         except PacketError as error:
             self._refuse(packet, client, str(error))
             return
         again = self._key != 0 and client == self._client and hello.get("nonce") == self._nonce
-        if self._key != 0 and not again and now_s - self._heard_s < GONE_S:
-            self._refuse(packet, client, "another client is here")
+        if self._key != 0 and not again and now_s - self._message_s < GONE_S:
+            self._refuse(packet, client, "another client is here")  # clients compare this text
             return
         if not again:
             self._key, self._client, self._nonce = 1 + secrets.randbits(63), client, hello.get("nonce")
             self._convention, self._last, self._waiting = convention, 0, 0
-            self._heard_s, self._framed_s = now_s, -math.inf
+            self._message_s, self._frame_s = now_s, -math.inf
         welcome = {"version": VERSION, "bodies": [], "swatches": [], "tick_s": TICK_S}
         self._send(Packet(WELCOME, self._key, packet.sequence, pack_json(welcome)), client)
 
-    def _refuse(self, packet: Packet, client: tuple[str, int], why: str) -> None:
-        self._send(Packet(REFUSED, 0, packet.sequence, pack_json({"error": why})), client)
+    def _refuse(self, packet: Packet, client: tuple[str, int], reason: str) -> None:
+        self._send(Packet(REFUSED, 0, packet.sequence, pack_json({"error": reason})), client)
 
     def _send(self, packet: Packet, client: tuple[str, int]) -> None:
-        with suppress(OSError):  # as if it were lost on the way
+        with suppress(OSError):  # UDP does not guarantee delivery anyway
             self._socket.sendto(pack(packet), client)
 
     def write(self) -> None:
@@ -152,12 +154,12 @@ class NetworkConnection(Connection):
             self._answer(self.state.f_D_N[0] if self.state.ready[0] == 1 else np.zeros(3))
 
     def _answer(self, force: Any) -> None:
-        """Tell the force: the STATE that answers the newest FRAME."""
+        """Send the force, in the STATE that answers the newest FRAME."""
         size = float(np.sqrt(force @ force))
         force = force * min(1.0, FORCE_N / size) if 0.0 < size < math.inf else np.zeros(3)
-        place, none = self._convention.told_place(self.state.p_DT_m[0]), (0.0, 0.0, 0.0)
-        told = self._convention.told_force(force)
-        state = State(self._tick, 0.0, place, place, none, told, 0.0, 0.0, -1, -1, -1, 0, 0, (), ())
+        place, zero = self._convention.client_position(self.state.p_DT_m[0]), (0.0, 0.0, 0.0)
+        sent = self._convention.client_vector(force)
+        state = State(self._tick, 0.0, place, place, zero, sent, 0.0, 0.0, -1, -1, -1, 0, 0, (), ())
         self._send(Packet(STATE, self._key, self._waiting, pack_state(state)), self._client)
         self._waiting = 0
 
@@ -171,25 +173,27 @@ class NetworkConnection(Connection):
 
     def reason(self, trouble: int) -> str:
         where = f"{self.address[0]}:{self.address[1]}"
-        return {WAITING: f"nobody has come to UDP {where} yet", SILENT: f"the client of UDP {where} is silent"}.get(
-            trouble, ""
-        )
+        reasons = {
+            WAITING: f"no client has connected to UDP {where}",
+            SILENT: f"no FRAME from the client of UDP {where}",
+        }
+        return reasons.get(trouble, "")
 
 
 DRIVER = Driver(
     name="network",
-    summary="Another machine's device, by the bridge's protocol over UDP.",
+    summary="Device on another computer, through the bridge's UDP protocol.",
     open=NetworkConnection,
     find=lambda host="127.0.0.1", port=47811, **options: [Found(f"UDP {host}:{port}")],
     model=Device("network", None, Limits(FORCE_N, 1000.0 * FORCE_N, stiffness_N_m=300.0, damping_Ns_m=1.0)),
     low_D_m=(-REACH_M, -REACH_M, -REACH_M),
     high_D_m=(REACH_M, REACH_M, REACH_M),
     rate_Hz=200.0,
-    needs="a client of the bridge's protocol that says its tool's place 100 times a second or more",
+    needs="a client of the bridge's protocol that sends its position at 100 Hz or more",
     options=(
-        Option("host", "127.0.0.1", "where to listen: this machine alone, or 0.0.0.0 for all that can reach it"),
-        Option("port", 47811, "UDP port to listen at; 0 for any"),
+        Option("host", "127.0.0.1", "address to listen at: 127.0.0.1 for this computer only, 0.0.0.0 for all networks"),
+        Option("port", 47811, "UDP port to listen at; 0 for any free port"),
     ),
     watchdog_s=SILENT_S,
-    assumptions=("The client gives no force when it hears of none for a moment.",),
+    assumptions=("The client stops its force when it receives none for a moment.",),
 )

@@ -1,4 +1,4 @@
-"""A frame of OpenHaptics' scheduler, in the vendor's thread: calibrate, read, tick, write. Compiled. Not a driver."""
+"""One frame of OpenHaptics' scheduler, in the vendor's thread. Compiled. Not a driver."""
 
 import math
 import os
@@ -6,20 +6,20 @@ from functools import cache
 from typing import Any, Final
 
 import numpy as np
-from numba import carray, types  # type: ignore[attr-defined]  # numba forgets to say that it exports carray
+from numba import carray, types  # type: ignore[attr-defined]  # numba does not declare the export
 
-from hapscene.compiled.c_call import c_caller
+from hapscene.compiled.entry import c_caller
 from hapscene.compiled.native import CFunction, native
 from hapscene.device.driver import DEVICE_STATE
 
-# what the library knows of no error for
+# trouble codes without an error of the library
 NOT_IN_INKWELL, NOT_RESET, NOT_FINITE, FORCE_OFF, NO_CALIBRATION = 1, 2, 3, 4, 5
 TROUBLES: Final = {
-    NOT_IN_INKWELL: "the device is not calibrated; put the stylus into the inkwell",
-    NOT_RESET: "the device is not calibrated; put the arm into its reset position, and open it with reset=yes",
-    NOT_FINITE: "the device gives positions that cannot be; unplug it, plug it in again",
-    FORCE_OFF: "the library has switched the forces off; open the device again",
-    NO_CALIBRATION: "the device does not say whether it is calibrated; open it again",
+    NOT_IN_INKWELL: "the device is not calibrated: put the stylus into the inkwell",
+    NOT_RESET: "the device is not calibrated: move the arm to its reset position, and use --option reset=yes",
+    NOT_FINITE: "the device sends invalid positions: reconnect it",
+    FORCE_OFF: "the library has disabled the force: open the device again",
+    NO_CALIBRATION: "the device does not report its calibration: open it again",
 }
 
 BUTTONS, POSITION, TRANSFORM, FORCE = (np.uint32(code) for code in (0x2000, 0x2050, 0x2052, 0x2700))
@@ -30,40 +30,40 @@ RESET, AUTO, INKWELL = 1, 2, 4
 NO_DEVICE: Final = 0xFFFFFFFF
 DONE, CONTINUE = 0, 1
 
-SERVE, ONCE, END = 0, 1, 2  # what a callback is for: the servo's tick; a frame; a last one, without force
-_FAR_MM: Final = 10_000.0  # no arm reaches there
-ERROR_COUNT: Final = 16  # of a frame's errors so many are looked at
-_WARMTH_FRAMES: Final = 64  # warmth is asked for every so many
-BAD_FRAMES: Final = 20  # so many bad frames in turn are more than a moment
+SERVE, ONCE, END = 0, 1, 2  # purpose of a callback: ticks of the servo; one frame; the last frame, without force
+_FAR_MM: Final = 10_000.0  # beyond the reach of all devices
+ERROR_COUNT: Final = 16  # most errors that are read in a frame
+_WARMTH_FRAMES: Final = 64  # frames between two readings of the motor temperature
+BAD_FRAMES: Final = 20  # consecutive invalid frames before an error
 
 CALLED: Final = (
     *("hdMakeCurrentDevice", "hdBeginFrame", "hdEndFrame", "hdIsEnabled", "hdCheckCalibration", "hdUpdateCalibration"),
     *("hdGetIntegerv", "hdGetDoublev", "hdSetDoublev", "hdGetError"),
 )
-"""The functions that compiled code calls."""
+"""Functions of the library that compiled code calls."""
 
 LINK: Final = np.dtype(
     [
         *[(name, "u8") for name in CALLED],  # addresses
         ("tick", "u8"),
         ("context", "u8"),
-        ("doubles", "f8", (16,)),  # what the library fills and reads
+        ("doubles", "f8", (16,)),  # buffers of the library calls
         ("integers", "i4", (4,)),
         ("doubles_at", "u8"),
         ("integers_at", "u8"),
-        ("middle_mm", "f8", (3,)),  # of the workspace, in the library's axes
-        ("force_N", "f8"),  # most that is sent
+        ("middle_mm", "f8", (3,)),  # middle of the workspace, in the library's axes
+        ("force_N", "f8"),  # force limit
         ("device", "u4"),
-        ("style", "u4"),  # calibration: AUTO or INKWELL, 0 for neither
+        ("style", "u4"),  # calibration style: AUTO, INKWELL, or 0
         ("purpose", "i8"),  # SERVE, ONCE, END
-        ("ended", "i8"),  # 1: the last frame is over
-        ("frames", "i8"),  # so far
-        ("bad", "i8"),  # frames in turn whose numbers cannot be
-        ("tells_warmth", "i8"),
+        ("ended", "i8"),  # 1: the last frame is complete
+        ("frames", "i8"),  # number of frames
+        ("bad", "i8"),  # consecutive frames with invalid numbers
+        ("has_temperature", "i8"),
     ],
     align=True,
 )
-"""What the callback is called with, beside the state."""
+"""Argument of the callback, in addition to the state."""
 
 _with_device = c_caller(types.void, types.uint32)
 _with_values = c_caller(types.void, types.uint32, types.uintp)
@@ -72,20 +72,20 @@ _check_calibration = c_caller(types.uint32)
 _tick = c_caller(types.void, types.uintp)
 
 _get_error = c_caller(types.uint64, types.uintp)
-"""Of HDErrorInfo, 12 bytes by value, the first 8: the code, and the internal one. System V on x86-64 and AArch64 give
-these in the register of an integer, and leave aside an argument that nobody asked for; Windows on x86-64 wants to be
-told a place, as its first argument, and fills that."""
+"""hdGetError as a function that returns the first 8 of the 12 bytes of HDErrorInfo: code and internal code. System V on
+x86-64 and AArch64 return them in an integer register, and ignore the extra argument. Windows on x86-64 expects the
+address of the structure as first argument, and fills it."""
 
 _FILLS_PLACE: Final = os.name == "nt"
 
 
 @native
 def _pop_error(link: Any) -> Any:
-    """The gravest of the errors since last asked, of those the oldest: the cause. 0 for none."""
+    """The most severe error since the last call, the oldest if there are several; 0 without an error."""
     found: Any = 0
     for _ in range(ERROR_COUNT):
-        told = _get_error(link.hdGetError, (link.integers_at,))
-        code: Any = np.int64(link.integers[0]) if _FILLS_PLACE else np.int64(told & np.uint64(0xFFFFFFFF))
+        result = _get_error(link.hdGetError, (link.integers_at,))
+        code: Any = np.int64(link.integers[0]) if _FILLS_PLACE else np.int64(result & np.uint64(0xFFFFFFFF))
         if code == 0:
             break
         if code >> 8 != 2 or found == 0 or found >> 8 == 2:
@@ -95,7 +95,7 @@ def _pop_error(link: Any) -> Any:
 
 @native
 def _read_frame(link: Any, state: Any) -> Any:
-    """Fill the state, or leave it and say why: what went wrong since the last frame was read."""
+    """Update the state. Returns 0, or the trouble code since the last frame; the state is then unchanged."""
     doubles = link.doubles
     doubles[0] = doubles[1] = doubles[2] = math.nan
     _with_values(link.hdGetDoublev, (POSITION, link.doubles_at))
@@ -121,7 +121,7 @@ def _read_frame(link: Any, state: Any) -> Any:
         R[0, j], R[1, j], R[2, j] = doubles[4 * j], -doubles[4 * j + 2], doubles[4 * j + 1]
     state.buttons = buttons
     state.count += 1
-    if link.tells_warmth == 1 and link.frames % _WARMTH_FRAMES == 0:
+    if link.has_temperature == 1 and link.frames % _WARMTH_FRAMES == 0:
         for i in range(6):
             doubles[i] = 0.0
         _with_values(link.hdGetDoublev, (TEMPERATURE, link.doubles_at))
@@ -133,7 +133,7 @@ def _read_frame(link: Any, state: Any) -> Any:
 
 @native
 def _unready(link: Any, calibration: Any) -> int:
-    """What stands in the way of forces on a device that answers."""
+    """The trouble code that prevents forces on a device that answers, or 0."""
     if calibration == _CALIBRATED:
         return 0 if _is_enabled(link.hdIsEnabled, (FORCE_OUTPUT,)) != 0 else FORCE_OFF
     if calibration in (_NEEDS_HAND, _NEEDS_UPDATE):
@@ -143,7 +143,7 @@ def _unready(link: Any, calibration: Any) -> int:
 
 @native
 def _write_frame(link: Any, state: Any) -> None:
-    """Give the force, in the library's axes."""
+    """Send the force, in the library's axes."""
     f, doubles = state.f_D_N, link.doubles
     square = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
     share = 0.0
@@ -157,7 +157,7 @@ def _write_frame(link: Any, state: Any) -> None:
 
 @native
 def _serve(link: Any, state: Any) -> int:
-    """A frame; whether the scheduler is to call again."""
+    """Process one frame: calibrate, read, tick, write. Returns whether the scheduler is to call again."""
     purpose = link.purpose
     _with_device(link.hdMakeCurrentDevice, (link.device,))
     calibration: Any = np.int64(_check_calibration(link.hdCheckCalibration, ()))
@@ -185,6 +185,6 @@ def _served(places: Any) -> Any:
 
 @cache
 def callback() -> Any:
-    """The scheduler's callback: a C function `unsigned int callback(void *places[2])`, of link and state."""
+    """The scheduler's callback: a C function `unsigned int callback(void *places[2])` with link and state."""
     pointer: Any = types.CPointer
     return CFunction(types.uint32(pointer(types.voidptr)), _served, uses_carray=True)

@@ -1,8 +1,8 @@
-"""Mouse, pen or finger on a page in the browser as a device: position, no force.
+"""Mouse, pen or finger on a page in the browser, as a position device without force.
 
-The page's server turns what the pointer does into places on the surface, and a depth below it. They come 60 to 240
-times a second; the tool goes straight from one to the next, and follows that smoothly, so that the steps are neither
-felt nor heard. Its frame D is that of the scene: `Servo.start` at 0.
+The server of the page converts pointer events to positions on the surface and a depth below it, 60 to 240 times a
+second. The aim moves linearly between two positions, and the tool follows the aim through a low-pass filter, so that
+the steps are not perceptible. Frame D equals the frame of the scene (`Servo.start` at 0).
 """
 
 import math
@@ -18,77 +18,79 @@ from hapscene.errors import DeviceError
 from hapscene.play.pointer_link import HELLO, PLACE, SILENCE_S, Place
 
 FOLLOW_RAD_S: Final = 120.0
-"""How fast the tool follows, critically damped [rad/s]: 17 ms behind a hand that moves evenly."""
+"""Corner of the critically damped filter [rad/s]: a lag of 17 ms behind a hand that moves at constant speed."""
 
 SPAN_S: Final = (0.002, 0.04)
-"""Least and longest time in which it goes straight from a place to the next [s]: as long as they are apart."""
+"""Shortest and longest duration of the linear movement between two positions [s]; normally their time difference."""
 
 HOVER_M: Final = 0.0003
-"""How far over the surface a touch begins [m]: it lands 5 to 10 ms later, with the speed of a light tap."""
+"""Height above the surface at which a touch starts [m]. The tool lands 5 to 10 ms later at the speed of a light tap."""
 
 HELLO_S: Final = 2.0
-"""How long the page's server may take to answer [s]."""
+"""Longest time until the server of the page answers [s]."""
 
 
 class PointerConnection(Connection):
     """A tool that a page moves. One `read` is one tick.
 
     Args:
-        door: port of the page's server on this machine; 0 to open a page of its own, with a flat pad.
-        key: what that server knows its drivers by.
-        tool: which of its tools.
-        tick_s: how often it is read.
-        host: where a page of its own is served.
+        door: UDP port of the page's server on this computer; 0 to serve a new page with a flat pad.
+        key: key of that server for its drivers.
+        tool: index of the tool.
+        tick_s: period of `read` [s].
+        host: address at which a new page is served.
 
     Raises:
-        DeviceError: nobody answers.
+        DeviceError: no answer from the server.
     """
 
     def __init__(self, door: int = 0, key: str = "", tool: int = 0, tick_s: float = TICK_S, host: str = "127.0.0.1"):
         super().__init__()
-        self._page = None if door else _own_page(host)
+        self._page = None if door else _serve_page(host)
         if self._page is not None:
             door, key = self._page.link.port, self._page.link.key
         self._tick_s, self._hello = tick_s, HELLO.pack(key.encode()[:16], tool)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.connect(("127.0.0.1", door))  # from now on only the server is heard
+        self._socket.connect(("127.0.0.1", door))  # accepts datagrams of the server only
         self._socket.setblocking(False)
         self._place: Place | None = None
-        self._down = 0  # ticks since it went down
-        self._silent = 0  # since anything was heard, in ticks
-        self._gap = 0  # since the last place
-        self._span = 8e-3 / tick_s  # between places, in ticks
-        self._left = 0.0  # until it is straight at the goal, in ticks
+        self._down = 0  # ticks since the pointer was pressed
+        self._silent = 0  # ticks since the last datagram
+        self._gap = 0  # ticks since the last new position
+        self._span = 8e-3 / tick_s  # average ticks between positions
+        self._left = 0.0  # ticks until the aim reaches the goal
         self._goal, self._aim = [0.0] * 3, [0.0] * 3
         self._p_m, self._v_m_s = [0.0] * 3, [0.0] * 3
         end_s = time.monotonic() + HELLO_S
         while self._place is None:
-            self._hear()
+            self._receive()
             if time.monotonic() > end_s:
                 self.close()
-                raise DeviceError(f"no server of a page answers at port {door}; without door a page is opened")
+                raise DeviceError(
+                    f"pointer: no answer from a page's server at port {door}; leave out option door to serve a page"
+                )
             if self._place is None:
                 self._say_hello()
                 time.sleep(0.01)
         self.state.ready = 1
 
     def _say_hello(self) -> None:
-        with suppress(OSError):  # nobody is there, or no longer
+        with suppress(OSError):  # the server is not running
             self._socket.send(self._hello)
 
     def read(self) -> None:
-        """The newest place, and a tick's way towards it."""
-        self._hear()
+        """Update the state by one tick of movement towards the newest position."""
+        self._receive()
         self._silent += 1
         self._gap += 1
         if self._silent * self._tick_s > SILENCE_S:
             self._down = 0
-            self._say_hello()  # a server that comes back
+            self._say_hello()  # the server may have restarted
         place = self._place
         assert place is not None
         if self._down == 0:
-            self._p_m[2], self._v_m_s = place.clear_m, [0.0] * 3  # straight up, at once
-        elif self._down <= 2:  # to above the place, then straight down to it: it meets nothing on the way
+            self._p_m[2], self._v_m_s = place.clear_m, [0.0] * 3  # straight up at once
+        elif self._down <= 2:  # first above the position, then straight down: no collision on the way
             self._p_m = [place.x_m, place.y_m, place.clear_m if self._down == 1 else place.z_m + HOVER_M]
             self._aim, self._left = self._goal.copy(), 0.0
             self._down += 1
@@ -98,14 +100,14 @@ class PointerConnection(Connection):
         self.state.buttons[0] = int(self._down > 0)
         self.state.count[0] += 1
 
-    def _hear(self) -> None:
-        """Take the newest datagram."""
+    def _receive(self) -> None:
+        """Process the datagrams that have arrived."""
         try:
             while True:
-                said = self._socket.recv(PLACE.size + 1)
-                if len(said) != PLACE.size:
+                data = self._socket.recv(PLACE.size + 1)
+                if len(data) != PLACE.size:
                     continue
-                place, before = Place(*PLACE.unpack(said)), self._place
+                place, before = Place(*PLACE.unpack(data)), self._place
                 self._silent = 0
                 if before is not None and place.number == before.number and place.down == (self._down > 0):
                     continue
@@ -120,11 +122,11 @@ class PointerConnection(Connection):
                     )
                     self._left = self._span
                 self._gap = 0
-        except OSError:  # nothing more; or nobody there
+        except OSError:  # no further datagram, or no server
             pass
 
     def _follow(self) -> None:
-        """Go on for a tick: the aim straight to the goal, the tool after the aim."""
+        """One tick: move the aim linearly towards the goal, and the tool by the filter towards the aim."""
         fade, h_s = math.exp(-FOLLOW_RAD_S * self._tick_s), self._tick_s
         share = 1.0 if self._left <= 1.0 else 1.0 / self._left
         self._left = max(self._left - 1.0, 0.0)
@@ -136,7 +138,7 @@ class PointerConnection(Connection):
             self._v_m_s[i] = (self._v_m_s[i] - FOLLOW_RAD_S * pull) * fade
 
     def write(self) -> None:
-        """A pointer gives no force."""
+        """Does nothing: a pointer has no force."""
 
     def close(self) -> None:
         self._socket.close()
@@ -144,35 +146,35 @@ class PointerConnection(Connection):
             self._page.close()
 
 
-def _own_page(host: str) -> Any:
+def _serve_page(host: str) -> Any:
     from hapscene.play.page_server import PageServer
 
     page = PageServer(None, tools=1, host=host)
     page.__enter__()
-    print(f"the pointer's page: {page.url}", flush=True)
+    print(f"page of the pointer: {page.url}", flush=True)
     return page
 
 
 def _find(**options: Any) -> list[Found]:
     if find_spec("websockets") is None:
-        return [Found("a page", trouble="its page needs websockets", remedy="pip install 'hapscene[serve]'")]
-    return [Found("a page in the browser")]
+        return [Found("browser page", trouble="websockets is not installed", remedy="pip install 'hapscene[serve]'")]
+    return [Found("browser page")]
 
 
 DRIVER = Driver(
     name="pointer",
-    summary="Mouse, pen with pressure, or fingers, on a page in the browser: position, no force.",
+    summary="Mouse, pen (with pressure) or fingers on a browser page: position, no force.",
     open=PointerConnection,
     find=_find,
-    speed_m_s=math.inf,  # it jumps from where it was lifted to where it is put down
+    speed_m_s=math.inf,  # it jumps between lifting and pressing
     force=False,
     button_count=1,
-    needs="websockets (pip install 'hapscene[serve]'); a browser here, or on a phone in the same network",
+    needs="websockets (pip install 'hapscene[serve]'), and a browser on this computer or in the same network",
     options=(
-        Option("door", 0, "port of a page's server on this machine; 0 opens a page of its own"),
-        Option("key", "", "what that server knows its drivers by"),
-        Option("tool", 0, "which of its tools this is"),
-        Option("tick_s", TICK_S, "how often it is read [s]"),
-        Option("host", "127.0.0.1", "address at which a page of its own is served"),
+        Option("door", 0, "UDP port of a page's server on this computer; 0 serves a new page"),
+        Option("key", "", "key of that server for its drivers"),
+        Option("tool", 0, "index of the tool"),
+        Option("tick_s", TICK_S, "period of the haptic tick [s]"),
+        Option("host", "127.0.0.1", "address at which a new page is served"),
     ),
 )

@@ -1,6 +1,6 @@
-"""A recording as a device: the places where a tool was, a tick each.
+"""A recording as a device: it replays recorded positions, one a tick, and ignores forces.
 
-What it is told of forces changes nothing. At its end it goes back the way it came, or stays.
+At the end of the recording it stays, or replays the recording backwards.
 """
 
 from pathlib import Path
@@ -16,13 +16,13 @@ from hapscene.render.recording import Recording
 
 
 def load(file: str) -> NDArray[np.float64]:
-    """(n, 3) where the tool was, a row a tick, of a recording of ours (npz) or a path (CSV).
+    """Load the positions (n, 3) [m], one row a tick, from a recording (npz) or a path (CSV).
 
     Raises:
-        DeviceError: no file, or none of them.
+        DeviceError: no file was given, or it is not a recording or path.
     """
     if not file:
-        raise DeviceError("replay: say what: --option file=touch.npz, or a path's CSV")
+        raise DeviceError("replay: option file is missing: name a recording or a path, such as --option file=touch.npz")
     try:
         if Path(file).suffix.lower() != ".npz":
             return load_path(file, TICK_S)[1]
@@ -31,16 +31,18 @@ def load(file: str) -> NDArray[np.float64]:
         raise DeviceError(f"replay: {error}") from None
     t_s, p_WT = recording.t_s, recording.p_WT_m
     if len(t_s) < 2 or not np.isfinite(p_WT).all() or not (np.diff(t_s) > 0.0).all():
-        raise DeviceError(f"replay: {file}: {len(t_s)} ticks; expected two or more, finite, of increasing time")
+        raise DeviceError(
+            f"replay: {file}: {len(t_s)} ticks; expected two or more, with finite positions and increasing time"
+        )
     last_s = float(t_s[-1] - t_s[0])
     if last_s > (TICK_FREE + TICKS_PER_ROW_MAX * len(t_s)) * TICK_S:
-        raise DeviceError(f"replay: {file}: lasts {last_s:,.0f} s; expected ten ticks a second or more")
+        raise DeviceError(f"replay: {file}: {len(t_s):,} ticks in {last_s:,.0f} s; expected ten ticks a second or more")
     grid_s = t_s[0] + TICK_S * np.arange(round(last_s / TICK_S) + 1)
     return np.column_stack([np.interp(grid_s, t_s, p_WT[:, axis]) for axis in range(3)])
 
 
 class ReplayConnection(Connection):
-    """A recording that plays: a row a read."""
+    """A recording, replayed one row for each `read`."""
 
     def __init__(self, file: str = "", origin: str = "start", again: bool = False) -> None:
         super().__init__()
@@ -66,15 +68,20 @@ class ReplayConnection(Connection):
 
 DRIVER = Driver(
     name="replay",
-    summary="A recording, played as if a hand did it again: no hardware.",
+    summary="Recorded positions, replayed; no hardware.",
     open=ReplayConnection,
-    find=lambda **options: [Found("in this computer")],
+    find=lambda **options: [Found("built in")],
     force=False,
     needs="a recording (touch.npz) or a path (CSV with t, x, y, z)",
     options=(
-        Option("file", "", "the recording or the path"),
-        Option("origin", "start", "what lies at D's origin: where it starts, or the world's", ("start", "world")),
-        Option("again", False, "yes to play it there and back for ever; without, it stays where it ends"),
+        Option("file", "", "recording (npz) or path (CSV)"),
+        Option(
+            "origin",
+            "start",
+            "origin of the device frame: start of the recording, or origin of the world",
+            ("start", "world"),
+        ),
+        Option("again", False, "whether to repeat the recording forwards and backwards; otherwise it stays at the end"),
     ),
     simulated=True,
 )

@@ -1,4 +1,4 @@
-"""Serial ports as the drivers find them. No driver itself."""
+"""Search for serial ports, for drivers. Not a driver."""
 
 import os
 from collections.abc import Sequence
@@ -7,23 +7,23 @@ from typing import Final
 
 from hapscene.device.driver import Found
 
-PERMISSION: Final = "sudo usermod -aG dialout $USER, and log in anew"
+PERMISSION: Final = "run: sudo usermod -aG dialout $USER, and log in again"
 
 
 def find_ports(port: str | None = None) -> Sequence[Found]:
-    """The ports on USB, or the one that was told; none is opened, and none says what is behind it."""
+    """The given port, or all ports on USB. Does not open them, so what is connected to a port remains unknown."""
     if port:
         return [_found(port, port)]
     from serial.tools.list_ports import comports
 
-    plugged = sorted(there for there in comports() if there.vid is not None)  # not what every board has built in
-    return [_found(there.device, f"{there.device} ({there.description})") for there in plugged]
+    on_usb = sorted(each for each in comports() if each.vid is not None)  # ports on the mainboard have no device
+    return [_found(each.device, f"{each.device} ({each.description})") for each in on_usb]
 
 
 def _found(port: str, where: str) -> Found:
     trouble = remedy = ""
     if os.name == "posix" and not Path(port).exists():
-        trouble, remedy = f"{port}: no such port", "plug it in, or say another: --option port=NAME"
+        trouble, remedy = f"{port}: no such port", "connect the device, or name another port: --option port=NAME"
     elif os.name == "posix" and not os.access(port, os.R_OK | os.W_OK):
         trouble, remedy = f"{port}: no permission", PERMISSION
     return Found(where, {"port": port}, trouble, remedy)

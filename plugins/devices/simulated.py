@@ -1,6 +1,6 @@
-"""A simulated device as a driver: what real ones are compared with, and what is there without hardware.
+"""A simulated device as a driver, for tests and for work without hardware.
 
-A hand holds it where it is, as firmly as `grip` says; each `write` lets it live through a millisecond.
+A simulated hand holds it in place with the given grip. Each `write` advances the simulation by one millisecond.
 """
 
 from hapscene.constants import TICK_S
@@ -14,7 +14,7 @@ MODELS = tuple(name for name, device in DEVICES.items() if device.point is not N
 
 
 class SimulatedConnection(Connection):
-    """An arm in a hand, which lives from write to write."""
+    """A simulated device in a simulated hand."""
 
     def __init__(self, model: str, grip: str) -> None:
         super().__init__()
@@ -38,13 +38,13 @@ class SimulatedConnection(Connection):
 
 DRIVER = Driver(
     name="simulated",
-    summary="An Omni, or another Phantom, in a simulated hand: no hardware.",
+    summary="Simulated Omni or other Phantom in a simulated hand; no hardware.",
     open=SimulatedConnection,
-    find=lambda **options: [Found("in this computer")],
+    find=lambda **options: [Found("built in")],
     model=DEVICES["omni"],
     options=(
-        Option("model", "omni", "which one", MODELS),
-        Option("grip", "light", "how firmly it is held", tuple(GRIPS)),
+        Option("model", "omni", "simulated device", MODELS),
+        Option("grip", "light", "grip of the simulated hand", tuple(GRIPS)),
     ),
     simulated=True,
 )

@@ -1,7 +1,7 @@
-"""3Dconnexion's SpaceMouse over HID: what it is pushed moves a point, the farther the faster. It gives no force.
+"""3Dconnexion SpaceMouse over HID. Its deflection sets the velocity of a point; there is no force.
 
-Reports as PySpaceMouse has them (devices.toml): 1 is x, y, z, then the rotation where the device does not send that as
-report 2; 3 is the buttons. Its own axes: x to the right, y towards the hand, z down.
+Reports as in PySpaceMouse (devices.toml): report 1 is x, y, z, followed by the rotation on devices that do not send it
+as report 2; report 3 is the buttons. The device's axes: x to the right, y towards the hand, z down.
 """
 
 import importlib
@@ -19,18 +19,18 @@ PRODUCTS: Final = {
     **{(0x256F, product): "SpaceMouse" for product in (0xC62E, 0xC632, 0xC633, 0xC635, 0xC638, 0xC63A, 0xC641, 0xC652)},
     **{(0x046D, product): "SpaceNavigator" for product in (0xC625, 0xC626, 0xC627, 0xC628, 0xC629, 0xC62B)},
 }
-"""The numbers on USB of those that are known."""
+"""USB ids of the supported devices."""
 
 FULL: Final = 350.0
 """Full deflection [count]."""
 
 REST: Final = 8.0
-"""Deflection that is a hand's weight or a spring that does not come back wholly [count]."""
+"""Dead zone [count], for the weight of the hand and the hysteresis of the springs."""
 
 _INSTALL: Final = "pip install 'hapscene[hid]'"
 _RULE: Final = (
-    'put the line KERNEL=="hidraw*", ATTRS{idVendor}=="256f", TAG+="uaccess" (and one with 046d) into '
-    "/etc/udev/rules.d/60-hapscene.rules, and plug it in again"
+    'add the line KERNEL=="hidraw*", ATTRS{idVendor}=="256f", TAG+="uaccess" (and one with 046d) to '
+    "/etc/udev/rules.d/60-hapscene.rules, and reconnect the device"
 )
 
 
@@ -38,16 +38,16 @@ def _hid(backend: str) -> Any:
     try:
         hid = importlib.import_module(backend)
     except ImportError:
-        raise DeviceError(f"spacemouse needs one more package: {_INSTALL}") from None
-    if not hasattr(hid, "device"):  # two packages call themselves so
-        raise DeviceError(f"spacemouse: the module {backend!r} is not hidapi's: pip uninstall hid; {_INSTALL}")
+        raise DeviceError(f"spacemouse: hidapi is not installed; {_INSTALL}") from None
+    if not hasattr(hid, "device"):  # two packages have the module name hid
+        raise DeviceError(f"spacemouse: the module {backend!r} is not hidapi; pip uninstall hid; {_INSTALL}")
     return hid
 
 
 def _plugged(hid: Any) -> list[dict[str, Any]]:
-    """The motion controllers among the HIDs: usage page 1, usage 8; those that do not say theirs, too."""
-    known = [told for told in hid.enumerate() if (told["vendor_id"], told["product_id"]) in PRODUCTS]
-    return [told for told in known if (told.get("usage_page", 0), told.get("usage", 0)) in ((1, 8), (0, 0))]
+    """The connected motion controllers: usage page 1, usage 8, or unknown usage."""
+    known = [each for each in hid.enumerate() if (each["vendor_id"], each["product_id"]) in PRODUCTS]
+    return [each for each in known if (each.get("usage_page", 0), each.get("usage", 0)) in ((1, 8), (0, 0))]
 
 
 class SpaceMouseConnection(Connection):
@@ -58,7 +58,7 @@ class SpaceMouseConnection(Connection):
         hid = _hid(backend)
         plugged = _plugged(hid)
         if not plugged:
-            raise DeviceError("spacemouse: none is plugged in")
+            raise DeviceError("spacemouse: not connected")
         self._way_m, self._reach_m = speed_m_s * TICK_S / FULL, reach_m
         self._pushed = np.zeros(3)
         self._device = hid.device()
@@ -73,14 +73,14 @@ class SpaceMouseConnection(Connection):
         try:
             while report := self._device.read(64):
                 self._take(bytes(report))
-        except (OSError, ValueError) as error:  # hidapi says ValueError of what is closed
-            raise DeviceError(f"spacemouse: is gone ({error}); plug it in again") from None
+        except (OSError, ValueError) as error:  # hidapi raises ValueError for a closed device
+            raise DeviceError(f"spacemouse: disconnected ({error}); reconnect it") from None
         p = self.state.p_DT_m[0] + self._way_m * self._pushed
         self.state.p_DT_m = np.clip(p, -self._reach_m, self._reach_m)
         self.state.count += 1
 
     def _take(self, report: bytes) -> None:
-        """One report; what is none changes nothing."""
+        """Process one report. Invalid reports are ignored."""
         if report[0] == 1 and len(report) in (7, 13):
             x, y, z = np.frombuffer(report, "<i2", 3, 1).clip(-FULL, FULL).astype(float)
             pushed = np.array((x, -y, -z))
@@ -97,18 +97,18 @@ class SpaceMouseConnection(Connection):
 
 
 def find(backend: str = "hid", **options: Any) -> Sequence[Found]:
-    """Those that are plugged in; each is opened for a moment to see whether that is allowed."""
+    """The connected devices. Opens each for a moment, to check the permission."""
     try:
         hid = _hid(backend)
     except DeviceError as error:
-        what, _, remedy = str(error).rpartition(": ")
-        return [Found("HID", trouble=what, remedy=remedy)]
+        trouble, _, remedy = str(error).partition("; ")
+        return [Found("HID", trouble=trouble, remedy=remedy)]
     found = []
-    for told in _plugged(hid):
-        where = f"{told.get('product_string') or PRODUCTS[told['vendor_id'], told['product_id']]}"
+    for each in _plugged(hid):
+        where = f"{each.get('product_string') or PRODUCTS[each['vendor_id'], each['product_id']]}"
         device = hid.device()
         try:
-            device.open_path(told["path"])
+            device.open_path(each["path"])
             found.append(Found(where))
         except OSError as error:
             found.append(Found(where, trouble=f"{where}: cannot be opened: {error}", remedy=_RULE))
@@ -118,16 +118,16 @@ def find(backend: str = "hid", **options: Any) -> Sequence[Found]:
 
 DRIVER = Driver(
     name="spacemouse",
-    summary="3Dconnexion's SpaceMouse: it moves a point, and gives no force.",
+    summary="3Dconnexion SpaceMouse: velocity input for a position, no force.",
     open=SpaceMouseConnection,
     find=find,
     force=False,
     button_count=2,
-    needs="hidapi (pip install 'hapscene[hid]'), permission",
+    needs="hidapi (pip install 'hapscene[hid]'), permission for the device",
     options=(
-        Option("speed_m_s", 0.1, "how fast the point goes when it is pushed all the way [m/s]"),
-        Option("reach_m", 0.1, "how far the point goes from the middle, on each axis [m]"),
-        Option("backend", "hid", "module that speaks HID, as hidapi's"),
+        Option("speed_m_s", 0.1, "speed at full deflection [m/s]"),
+        Option("reach_m", 0.1, "largest distance from the middle on each axis [m]"),
+        Option("backend", "hid", "Python module with the interface of hidapi"),
     ),
     assumptions=("Full deflection is 350 counts on each axis.",),
 )

@@ -1,9 +1,11 @@
-"""WoodenHaptics, to be built by oneself, over USB: reports of eight bytes each way, as the firmware 1.5 has them
-(WoodenHaptics/woody-experimental, mbed-code/WoodenHapticsHID/main.cpp): counts of three encoders, currents in mA.
+"""WoodenHaptics, an open-hardware device, over USB HID.
 
-Geometry, and which way encoders and motors turn, are those of the published plans and of its makers' library (Forsslund
-Systems: `default_woody`, `computePosition`). Its axes, CHAI3D's: x towards the hand, y to the right, z up. The
-amplifiers switch themselves off half a second after the last report.
+Reports of eight bytes in both directions, as in firmware 1.5 (WoodenHaptics/woody-experimental,
+mbed-code/WoodenHapticsHID/main.cpp): counts of three encoders, currents in mA.
+
+Geometry and signs of encoders and motors follow the published plans and the makers' library (Forsslund Systems:
+`default_woody`, `computePosition`). The device's axes are those of CHAI3D: x towards the hand, y to the right, z up.
+The amplifiers switch off half a second after the last report.
 """
 
 import math
@@ -16,45 +18,46 @@ from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
 from hapscene.wall_clock import CLOCK, Clock
-from hapscene_plugins.devices.silence import Silence
-from hapscene_plugins.devices.usb_device import BACKEND, UsbDevice, find_usb
+from hapscene_plugins.devices.response_timeout import ResponseTimeout
+from hapscene_plugins.devices.usb_device import BACKEND, USB_MODULES, UsbDevice, find_usb
 
 VENDOR, PRODUCT = 0x1234, 0x0006
-"""What mbed's USBHID calls itself unless it is told another name."""
+"""Default USB ids of mbed's USBHID."""
 
 REPORT: Final = struct.Struct("<3hH")
-"""Three counts or currents, and a number for the maker's own use."""
+"""Three counts or currents, and a number that is not used."""
 
 COLUMN_M, UPPER_M, LOWER_M = 0.080, 0.205, 0.245
 MIDDLE_M: Final = (0.220, 0.000, 0.080)
-"""D's origin in the device's own axes."""
+"""Origin of D in the device's axes."""
 
 GEAR: Final = (0.010 / 0.160, 0.010 / 0.120, 0.010 / 0.120)
-"""Diameter of each capstan over that of the body it turns."""
+"""Gear ratios: diameter of each capstan over that of the body it drives."""
 
 COUNTS: Final = 2000.0
-"""Of an encoder in a turn of its motor."""
+"""Encoder counts per turn of a motor."""
 
 TORQUE_N_m_A: Final = 0.0259
-"""Of a motor, by its current."""
+"""Torque constant of a motor."""
 
 CURRENT_MAX_mA: Final = 3000
-"""What the firmware gives at most."""
+"""Current limit of the firmware."""
 
 FORCE_N: Final = 5.0
 
 JUMP: Final = 1000
-"""Counts that an encoder cannot have gone since the last report: 20 ms of the fastest hand."""
+"""Largest plausible change of an encoder between two reports [counts]: 20 ms of the fastest hand."""
 
 
 def body_angles(counts: tuple[int, int, int]) -> tuple[float, float, float]:
-    """Column, upper arm from upright, lower arm from hanging [rad]; at the counts 0 the lower arm is level."""
+    """Angles of column, upper arm (0: upright), lower arm (0: hanging) [rad]. At count 0 the lower arm is
+    horizontal."""
     a, b, c = (-2.0 * math.pi * count / COUNTS * gear for count, gear in zip(counts, GEAR, strict=True))
     return a, b, c + 0.5 * math.pi
 
 
 def forward(angles: tuple[float, float, float]) -> Vector:
-    """The tool in the device's axes [m], from the middle."""
+    """Tool position in the device's axes, relative to `MIDDLE_M` [m]."""
     a, b, c = angles
     reach = UPPER_M * math.sin(b) + LOWER_M * math.sin(c)
     height = COLUMN_M + UPPER_M * math.cos(b) - LOWER_M * math.cos(c)
@@ -62,7 +65,7 @@ def forward(angles: tuple[float, float, float]) -> Vector:
 
 
 def currents(force: Vector, angles: tuple[float, float, float], signs: str) -> tuple[int, int, int]:
-    """Currents [mA] for a force in the device's axes: Jᵀ f, the direction kept where one would be too large."""
+    """Currents [mA] for a force in the device's axes, Jᵀ f. Scaled down together if one exceeds the limit."""
     a, b, c = angles
     out = math.cos(a) * force[0] + math.sin(a) * force[1]
     around = -math.sin(a) * force[0] + math.cos(a) * force[1]
@@ -81,10 +84,10 @@ def currents(force: Vector, angles: tuple[float, float, float], signs: str) -> t
 
 
 class WoodenHapticsConnection(Connection):
-    """A WoodenHaptics. It sends reports by itself.
+    """An open WoodenHaptics. The device sends reports continuously.
 
-    Each report waits for the bus, up to a millisecond: in one tick one comes in, in the next one goes out. A force
-    that ends does not wait for its turn.
+    Each report waits for the USB frame, up to a millisecond. Therefore ticks alternate between receiving and sending. A
+    change to zero force is sent at once.
     """
 
     def __init__(
@@ -92,34 +95,29 @@ class WoodenHapticsConnection(Connection):
     ) -> None:
         super().__init__()
         if len(signs) != 3 or set(signs) - {"+", "-"}:
-            raise DeviceError(f"woodenhaptics: signs={signs}: expected three of + and -, as +--")
+            raise DeviceError(f"woodenhaptics: option signs={signs}: expected three characters + or -, such as +--")
         self._homed, self._signs = homed, signs
         self._usb = UsbDevice("woodenhaptics", VENDOR, PRODUCT, backend)
-        ends = {end >= 0x80: end for end in self._usb.endpoints}
-        if len(ends) != 2:
-            self._usb.close()
-            raise DeviceError("woodenhaptics: has no endpoint each way: is it the firmware WoodenHapticsHID?")
-        self._in, self._out = ends[True], ends[False]
+        self._in, self._out = self._usb.endpoint_pair("the firmware WoodenHapticsHID")
         self._counts: tuple[int, int, int] | None = None
-        self._angles, self._silence, self._listens = body_angles((0, 0, 0)), Silence(clock), False
+        self._angles, self._timeout, self._receiving = body_angles((0, 0, 0)), ResponseTimeout(clock), False
         self._sent = (0, 0, 0)
 
     def read(self) -> None:
-        self._listens = not self._listens
-        if not self._listens:
+        self._receiving = not self._receiving
+        if not self._receiving:
             return
         data = self._usb.read(self._in, 64, 1)
         if len(data) == REPORT.size and self._take(REPORT.unpack(data)[:3]):
-            self._silence.end()
-        elif self._silence.is_over():
-            self.state.ready = 0
-            raise DeviceError("woodenhaptics: has said nothing of sense for half a second; check its cable")
+            self._timeout.received()
+        else:
+            self._timeout.check(self, "woodenhaptics", "check the cable")
 
     def _take(self, counts: Any) -> bool:
-        """Whether the counts can be; then the state has them."""
+        """Update the state by encoder counts. Returns False if they are implausible."""
         last = self._counts or counts
         jump = max(abs(now - before) for now, before in zip(counts, last, strict=True))
-        if jump > JUMP and not self._silence.is_forgotten():
+        if jump > JUMP and not self._timeout.is_stale():
             return False
         self._counts, self._angles = counts, body_angles(counts)
         x, y, z = forward(self._angles)
@@ -134,7 +132,7 @@ class WoodenHapticsConnection(Connection):
         if self.state.ready[0] == 1:
             x, y, z = clip_force(self.state.f_D_N[0], FORCE_N)
             sent = currents((-y, x, z), self._angles, self._signs)
-        if not self._listens or sent == (0, 0, 0) != self._sent:
+        if not self._receiving or sent == (0, 0, 0) != self._sent:
             self._usb.write(self._out, REPORT.pack(*sent, 0))
             self._sent = sent
 
@@ -142,19 +140,19 @@ class WoodenHapticsConnection(Connection):
         self._usb.close(self._out, REPORT.pack(0, 0, 0, 0))
 
     def reason(self, trouble: int) -> str:
-        pose = "plug it in with its upper arm upright and its lower arm level, and say --option homed=yes"
-        return f"where its arms are is not known: {pose}" if trouble else ""
+        remedy = "connect it with the upper arm upright and the lower arm horizontal, and use --option homed=yes"
+        return f"the arm position is not calibrated: {remedy}" if trouble else ""
 
 
 def release(backend: str | None = None, **options: Any) -> None:
-    """Write zero to one whose driver has died, before it does so itself."""
+    """Send zero current after the driver process has died, before the amplifiers switch off by themselves."""
     usb = UsbDevice("woodenhaptics", VENDOR, PRODUCT, backend)
     usb.close(next(end for end in usb.endpoints if end < 0x80), REPORT.pack(0, 0, 0, 0))
 
 
 DRIVER = Driver(
     name="woodenhaptics",
-    summary="WoodenHaptics with the USB HID firmware, built by oneself.",
+    summary="WoodenHaptics (open hardware) with the USB HID firmware.",
     open=WoodenHapticsConnection,
     find=lambda backend=None, **options: find_usb(VENDOR, PRODUCT, backend),
     model=Device(
@@ -166,19 +164,21 @@ DRIVER = Driver(
     low_D_m=(-0.1, -0.1, -0.1),
     high_D_m=(0.1, 0.1, 0.1),
     rate_Hz=500.0,
-    needs="pyusb (pip install 'hapscene[usb]'), libusb, permission",
+    needs="pyusb (pip install 'hapscene[usb]'), libusb, permission for the device",
+    imports=USB_MODULES,
     options=(
-        Option("homed", False, "yes where it stood at its zero as it was plugged in; without, no force is given"),
-        Option("signs", "+--", "which way each motor turns for a positive current: the other way for -"),
+        Option("homed", False, "whether it was connected in its zero pose; without homed=yes it gives no force"),
+        Option("signs", "+--", "direction of each motor for a positive current, three characters + or -"),
         BACKEND,
     ),
     watchdog_s=0.5,
     release=release,
     assumptions=(
-        "It is built to the published plans: lengths, capstans, encoders of 2,000 counts, motors of 25.9 mN·m/A.",
-        "A report each way waits for the bus's next millisecond, so that it runs at some 500 Hz.",
-        "Mass, friction and the force that it bears for ever are guessed.",
-        "Motors turn as its makers' library has them; it goes the wrong way where --option signs is wrong: try 0.5 N.",
-        "It was plugged in with its upper arm upright and its lower arm level.",
+        "Built to the published plans: lengths, capstans, encoders of 2,000 counts, motors of 25.9 mN·m/A.",
+        "Reports wait for the next USB frame of 1 ms in both directions, so the loop runs at about 500 Hz.",
+        "Mass, friction and continuous force are estimates.",
+        "The directions of the motors are those of the makers' library. With wrong --option signs the force has the "
+        "wrong direction: test with 0.5 N first.",
+        "Connected with the upper arm upright and the lower arm horizontal.",
     ),
 )

@@ -1,1 +1,1 @@
-"""Effects: one small file each."""
+"""Built-in effects, one per file."""

@@ -1,17 +1,17 @@
-"""Adhesion: what leaves a sticky surface is held back until it is torn off.
+"""Adhesion: a sticky surface pulls on a tool that leaves it, until the tool breaks free.
 
     f = −A (r/δ) e^(1 − r/δ) r̂
 
-with the way r [m] of the tool since it left, on the body that it left, as that moves. Nothing is felt on the way in;
-the pull begins at no force, is at its most, A [N], at the distance δ [m], and is over at `REACH` times δ, where it is
-too weak to be felt. It is the gradient of the potential A e δ (1 − (1 + r/δ) e^(−r/δ)) that begins at 0: what it gives
-back was put in, whichever way the tool goes, and a tool that is torn off loses A e δ.
+r [m] is the displacement of the tool since it left, in the frame of the (possibly moving) body. There is no force while
+the tool approaches. The pull starts at 0, has its maximum A [N] at the distance δ [m], and ends at `REACH` times δ,
+where it is imperceptible. It is the gradient of the potential A e δ (1 − (1 + r/δ) e^(−r/δ)), so it never adds energy;
+breaking free costs A e δ.
 
-A tool that touches again while it is held is let go within some `FADE_S`. Until the old hold has gone a new one does
-not begin: neither steps. Where the body is put elsewhere, removed or painted anew, nothing holds any more.
+If the tool touches the surface again, the pull decays with the time constant `FADE_S`. A new pull starts only after the
+old one has decayed, so the force has no steps. The pull ends if the body is teleported, removed or repainted.
 
-Near the surface it is a spring of A e/δ, which the device must bear without damping (`hapscene.surface.device_clipping`
-widens δ where it does not).
+Near the surface the pull acts as a spring of stiffness A e/δ without damping, which the device must render stably;
+`hapscene.surface.device_clipping` increases δ if necessary.
 """
 
 import math
@@ -23,17 +23,17 @@ from numpy.typing import NDArray
 from hapscene.surface.effect import Effect, Param, State
 
 REACH: Final = 20.0
-"""Distance at which it is over, in ranges [1]: a force of 1e-7 of the largest is left."""
+"""Distance at which the pull ends, in multiples of the range [1]; the force is then 1e-7 of its maximum."""
 
 FADE_S: Final = 2e-3
-"""Time constant in which a new contact ends an old hold [s]: a step spread over some ticks."""
+"""Time constant with which the pull decays after a new contact [s]."""
 
 GONE: Final = 0.01
-"""Share of a hold that counts as none [1]: of a pull of a newton, 10 mN."""
+"""Fraction of the pull below which it counts as ended [1]: 10 mN of a pull of 1 N."""
 
 
 def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
-    """Add the pull towards where the tool left [N]."""
+    """Adds the pull towards the point where the tool left the surface [N]."""
     if s.share == 0.0 and not touch.ended:
         return
     if touch.left_body < 0 or touch.tick != s.tick + 1.0:
@@ -66,18 +66,18 @@ def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.rec
 
 EFFECT = Effect(
     "adhesion",
-    "Holds back a tool that leaves until it is torn off.",
+    "Pulls on a tool that leaves the surface until it breaks free.",
     render,
     params=(
-        Param("adhesion_N", 0.0, "N", "largest pull on a tool that leaves", 0.0, 100.0),
-        Param("adhesion_range_m", 0.0, "m", "distance at which it pulls so", 0.0, 1.0),
+        Param("adhesion_N", 0.0, "N", "largest pull on a leaving tool", 0.0, 100.0),
+        Param("adhesion_range_m", 0.0, "m", "distance of the largest pull", 0.0, 1.0),
     ),
     state=(
-        State("share"),  # of the hold that is left; 0 is none
-        State("tick"),  # in which it was asked last: a surface that is painted anew has none in the air
+        State("share"),  # factor on the pull; 0: no pull
+        State("tick"),  # last tick; a gap means that the surface was repainted in the meantime
         State("most_N"),
         State("range_m"),
-        State("way_m", (3,)),  # the tool's since it left
-        State("from_m", (3,)),  # where it began, from where it left
+        State("way_m", (3,)),  # displacement of the tool since it left
+        State("from_m", (3,)),  # offset of the tool when it left
     ),
 )

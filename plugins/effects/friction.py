@@ -1,36 +1,36 @@
-"""Friction that sticks and slips, and does not drift (Hayward & Armstrong 2000), damped while it sticks.
+"""Stick–slip friction without drift (Hayward & Armstrong 2000), with optional damping while sticking.
 
-A spring of stiffness k_t ties the proxy to a point of adhesion w on the surface; its tension is z = x − w. While it
-sticks, spring and damper hold the proxy, which moved by Δx over the body in this tick of T:
+A spring of stiffness k_t connects the proxy x to an attachment point w on the surface; its extension is z = x − w.
+While the proxy sticks, spring and damper hold it. With the displacement Δx over the body in a tick of period T:
 
     z ← z + Δx
     f = −(k_t z + b_t Δx/T)
 
-Where |f| would be over µ_s F_n, F_n = `touch.normal_force_N`, it slips: |f| is µ F_n, in the direction it had, and z
-is cut to µ F_n/k_t, so that the point of adhesion is dragged along. The damper is inside the limit (as in Kikuuwe,
-Takesue, Sano, Mochiyama & Fujimoto 2006), so it makes nothing harder to slide; and a slip never draws the spring
-further than the hand did, so what it gives back was put in.
+The proxy slips if |f| exceeds µ_s F_n with F_n = `touch.normal_force_N`. Then |f| is limited to µ F_n without a change
+of direction, and z to µ F_n/k_t, which drags the attachment point along. The damping force counts towards the limit (as
+in Kikuuwe, Takesue, Sano, Mochiyama & Fujimoto 2006), so it does not increase the friction. A slip only shortens the
+spring, so friction never adds energy.
 
-µ is that at the slip speed v (`touch.slip_m_s`; Stribeck, and viscous friction: Armstrong-Hélouvry, Dupont & Canudas
-de Wit 1994),
+The coefficient at the slip speed v (`touch.slip_m_s`) includes the Stribeck effect and viscous friction
+(Armstrong-Hélouvry, Dupont & Canudas de Wit 1994),
 
     µ = µ_d + (µ_s − µ_d) exp(−(v/v_s)²) + µ_v v
 
-by default µ_d alone. It is asked while it slips only: what sticks feels no speed, and does not creep. As z is only ever
-cut, friction gives back what was put in, no more, however µ falls. Where it falls faster than device and hand damp,
-the tool squeals as on the surface itself; the low-pass on v makes it hold a little longer (`docs/stability.md`).
+and is µ_d by default. It applies only while the proxy slips, so a sticking proxy does not creep. If friction falls with
+speed faster than device and hand damp, the tool oscillates (stick–slip), as on the real surface; the low-pass on v
+delays this slightly (`docs/results/stability.md`).
 
-It sticks again when |f| falls below µ_d F_n, that is, when the hand turns back or presses harder, and where friction
-grows as v falls, once v is at `REST` of v_s. With v_s and µ_v of 0 and undamped, all
-depends on movement alone, none on velocity or time, so noise of the velocity is not felt; below the limit the point of
-adhesion stays where it is to the bit, where Dahl's model creeps under vibration. The damper is for devices with little
-friction of their own: held by a bare spring, at period T they ring about the point of adhesion for ever once k_t T/2 is
-over their damping. With encoders of step Δ it is felt as kicks of b_t Δ/T; so it is 0 by default.
+The proxy sticks again when |f| falls below µ_d F_n: when the hand reverses or presses harder or, with a Stribeck curve,
+when v falls below `REST` times v_s. If v_s, µ_v and the damping are 0, the force depends only on displacement, so
+velocity noise has no effect. Below the limit, the attachment point does not move at all, while Dahl's model creeps
+under vibration. The damping is meant for devices with little friction, which otherwise oscillate about the attachment
+point if k_t T/2 exceeds their damping. With encoders of resolution Δ, it causes force steps of b_t Δ/T; the default is
+0.
 
-The spring is carried along the surface: when the normal turns, the tension turns with it by the least rotation. k_t is
-by default the stiffness of the default wall, since the same device must bear it.
+The spring follows the surface: when the normal rotates, the extension rotates with it. k_t defaults to the default
+contact stiffness, because the same device must render it stably.
 
-When it breaks loose, what is set free of the force makes the surface ring, as a tap does: a decaying sinusoid of
+At each transition from stick to slip, the released force excites a decaying sinusoid with an amplitude of
 `breakaway_1_kg` times that force.
 """
 
@@ -47,22 +47,22 @@ from hapscene.surface.resonator import RESONATOR, resonate, strike
 from hapscene.surface.swatch import FRICTION_MAX
 
 REST = 0.05
-"""Slip speed at which it sticks where friction grows as it slows down, over v_s [1]: µ is within 0.3 % of its rise
-there. At 0 a tool that rests would be shaken loose by what it hardly feels."""
+"""Slip speed below which the proxy sticks again, as a fraction of v_s [1]. µ has then risen to within 0.3 % of its
+value at rest. With 0, imperceptible motion would keep a resting tool slipping."""
 
 ROUNDING = 1e-9
-"""How far below its limit the tension must fall before it sticks [1]: a proxy that rests while it slips sits
-on the limit, rounding aside, and must not need to break away again."""
+"""Relative margin below the limit at which the proxy sticks [1]. A proxy that stops while slipping is at the limit
+except for rounding, and must not have to overcome static friction again."""
 
 
 @native
 def carry(z_W_m: Any, nhat_W: Any, to_W: Any, slip_W_m: Any) -> float:
-    """Turn the tension from the plane of `nhat_W` to that of `to_W`, draw it by the slip; its length [m]."""
+    """Rotates the extension from the plane of `nhat_W` to that of `to_W`, adds the slip, and returns its length [m]."""
     cosine = along = 0.0
     for i in range(3):
         cosine += nhat_W[i] * to_W[i]
         along += z_W_m[i] * to_W[i]
-    turned_over = cosine < -0.999  # the other side of a sheet, in the same plane
+    turned_over = cosine < -0.999  # opposite side of a thin sheet, same plane
     share = 0.0 if turned_over else along / (1.0 + cosine)
     lift = 0.0
     for i in range(3):
@@ -71,14 +71,14 @@ def carry(z_W_m: Any, nhat_W: Any, to_W: Any, slip_W_m: Any) -> float:
         lift += z_W_m[i] * to_W[i]
     length2 = 0.0
     for i in range(3):
-        z_W_m[i] -= lift * to_W[i]  # round an edge, slip is a chord
+        z_W_m[i] -= lift * to_W[i]  # at an edge, the slip has a normal component
         length2 += z_W_m[i] * z_W_m[i]
     return math.sqrt(length2)
 
 
 @native
 def coefficient(p: np.record, slip_m_s: float) -> float:
-    """µ at a slip speed [1]."""
+    """Friction coefficient µ at a slip speed [1]."""
     mu = p.friction_dynamic + p.friction_viscous_s_m * slip_m_s
     if p.friction_stribeck_m_s > 0.0:
         share = math.exp(-((slip_m_s / p.friction_stribeck_m_s) ** 2))
@@ -87,7 +87,7 @@ def coefficient(p: np.record, slip_m_s: float) -> float:
 
 
 def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
-    """Add the force of friction [N], tangential and no more than µ F_n, and what is heard when it breaks loose."""
+    """Adds the friction force [N], tangential and at most µ F_n, and the vibration of a breakaway [m/s²]."""
     resonate(touch, s, out)
     if touch.began or touch.ended:
         for i in range(3):
@@ -123,18 +123,18 @@ def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.rec
 
 EFFECT = Effect(
     "friction",
-    "Stick and slip along the surface, without drift.",
+    "Stick–slip friction along the surface, without drift.",
     render,
     params=(
-        Param("friction_static", 0.0, "1", "coefficient at which it breaks away", 0.0, FRICTION_MAX),
-        Param("friction_dynamic", 0.0, "1", "coefficient while it slips", 0.0, FRICTION_MAX),
-        Param("tangential_stiffness_N_m", STIFFNESS_N_M, "N/m", "stiffness while it sticks", 1.0, 1e5),
-        Param("tangential_damping_Ns_m", DAMPING_NS_M, "N·s/m", "damping while it sticks", 0.0, 1e3),
-        Param("friction_stribeck_m_s", 0.0, "m/s", "speed over which it falls to dynamic; 0 at once", 0.0, 10.0),
-        Param("friction_viscous_s_m", 0.0, "s/m", "what the coefficient grows by with speed", 0.0, 100.0),
-        Param("breakaway_1_kg", 0.0, "1/kg", "sound of breaking loose, per newton set free", 0.0, 1e4),
-        Param("breakaway_Hz", 0.0, "Hz", "its frequency", 0.0, 1e4),
-        Param("breakaway_decay_1_s", 0.0, "1/s", "its decay", 0.0, 1e4),
+        Param("friction_static", 0.0, "1", "coefficient of static friction", 0.0, FRICTION_MAX),
+        Param("friction_dynamic", 0.0, "1", "coefficient of dynamic friction", 0.0, FRICTION_MAX),
+        Param("tangential_stiffness_N_m", STIFFNESS_N_M, "N/m", "stiffness while sticking", 1.0, 1e5),
+        Param("tangential_damping_Ns_m", DAMPING_NS_M, "N·s/m", "damping while sticking", 0.0, 1e3),
+        Param("friction_stribeck_m_s", 0.0, "m/s", "Stribeck speed; 0: no dependence on speed", 0.0, 10.0),
+        Param("friction_viscous_s_m", 0.0, "s/m", "viscous friction: coefficient per speed", 0.0, 100.0),
+        Param("breakaway_1_kg", 0.0, "1/kg", "breakaway vibration per newton of released force", 0.0, 1e4),
+        Param("breakaway_Hz", 0.0, "Hz", "frequency of the breakaway vibration", 0.0, 1e4),
+        Param("breakaway_decay_1_s", 0.0, "1/s", "decay of the breakaway vibration", 0.0, 1e4),
     ),
     state=(State("z_W_m", (3,)), State("nhat_W", (3,)), State("slipping"), *RESONATOR),
 )

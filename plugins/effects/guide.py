@@ -1,17 +1,17 @@
-"""A guide: a virtual fixture (Rosenberg 1993) that leads the tool to a point, a line or a plane, or keeps it away.
+"""Guide: a virtual fixture (Rosenberg 1993) that attracts the tool to a point, line or plane, or repels it.
 
-`points_m` (n, 3) in F (the first named body, or W) are a point, a line from the first to the second, or a polyline
-through all; with `normal` (3,) one point and a normal are a plane. With the distance d [m] to the nearest place, the
-outward direction n̂ away from it, stiffness K [N/m] and reach r [m]:
+`points_m` (n, 3) in the frame F (the first named body, or W) define a point, a line between two points, or a polyline.
+A point with a `normal` (3,) defines a plane. With the distance d [m] from the nearest point of the shape, the unit
+vector n̂ from there to the tool, stiffness K [N/m] and reach r [m]:
 
-    attracting   f = −K d (1 − (d/r)²)² n̂          no force at the place and from r on, at most 0.286 K r between
-    repelling    f = K (r − d) min(1, 4 d/r) n̂     none from r on; within r/4 it falls to 0, where n̂ turns round
-                 f = K max(0, r − s) n̂             of a plane: all behind it is forbidden, s its signed distance
+    attracting   f = −K d (1 − (d/r)²)² n̂          0 on the shape and beyond r; at most 0.286 K r
+    repelling    f = K (r − d) min(1, 4 d/r) n̂     0 beyond r; falls to 0 within r/4, where n̂ changes direction
+                 f = K max(0, r − s) n̂             plane with signed distance s: repels everything behind it
 
-Each is the gradient of a potential by d, so no closed path gives energy, and the force is continuous: a tool that
-enters feels no kick. (Where two stretches of a polyline are equally near within r, the force turns round; the potential
-does not jump.) Nowhere is it stiffer than K but at a repelling line's middle, which pushes away. Rendered at period T
-it is passive while hand and device damp more than K T/2 (Colgate & Schenkel 1997); `viscosity` adds damping.
+Each force is the gradient of a potential and continuous, so it adds no energy and a tool that comes within reach feels
+no step. (Where two segments of a polyline are equally near, the direction changes; the potential is continuous.) The
+stiffness does not exceed K, except in the middle of a repelling line. At period T the guide is passive if hand and
+device provide a damping of more than K T/2 (Colgate & Schenkel 1997); the effect `viscosity` adds damping.
 """
 
 import math
@@ -30,7 +30,7 @@ from hapscene.surface.field_frame import add_force, eased, fade, field_array, to
 
 @native
 def nearest_on_polyline(table: NDArray[np.float64], start: int, count: int, p: Vector) -> Vector:
-    """Closest point to `p` of the polyline through the `count` points that the table has from `start` on."""
+    """Closest point to `p` on the polyline through `count` points that are stored in the table from `start` on."""
     best, best2 = (table[start], table[start + 1], table[start + 2]), math.inf
     for i in range(max(1, count - 1)):
         at = start + 3 * i
@@ -47,7 +47,7 @@ def nearest_on_polyline(table: NDArray[np.float64], start: int, count: int, p: V
 
 
 def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
-    """Add the force towards the place, or away from it [N]."""
+    """Adds the force towards the shape, or away from it [N]."""
     count = int(table[len(table) - 1])
     start = len(table) - 4 - 3 * count
     tool, stiffness, reach = to_frame(table, touch.p_WT_m), p.stiffness_N_m * eased(touch), p.reach_m
@@ -72,25 +72,25 @@ def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.rec
 
 
 def table(settings: Mapping[str, Any], rate_Hz: float) -> NDArray[np.float64]:
-    """The points, the unit normal of a plane or zeros, and how many points there are."""
-    points = field_array("guide", settings, "points_m", "(n, 3): a point, a line, a polyline, or a plane with normal")
+    """Table of the points, the unit normal of a plane or zeros, and the number of points."""
+    points = field_array("guide", settings, "points_m", "(n, 3), points of a line or polyline")
     if settings["normal"] is None:
         return np.array([*points.ravel(), 0.0, 0.0, 0.0, len(points)])
     normal = field_array("guide", settings, "normal", "of a plane (3,)")
     length = np.linalg.norm(normal)
     if len(points) != 1 or len(normal) != 1 or length == 0.0:
-        raise EffectError("effect 'guide': a plane is one point in points_m, and a normal (3,) that is not 0")
+        raise EffectError("effect 'guide': invalid plane; expected one point in points_m and a nonzero normal (3,)")
     return np.array([*points[0], *(normal[0] / length), 1.0])
 
 
 EFFECT = Effect(
     "guide",
-    "Leads the tool to a point, line or plane, or keeps it away.",
+    "Attracts the tool to a point, line or plane, or repels it.",
     render,
     params=(
-        Param("stiffness_N_m", 200.0, "N/m", "how hard", 0.0, 1e4),
-        Param("reach_m", 0.01, "m", "distance at which it begins", 1e-4, 10.0),
-        Param("repelling", 0.0, "1", "0 attracts, above 0 keeps away", 0.0, 1.0),
+        Param("stiffness_N_m", 200.0, "N/m", "stiffness of the guide", 0.0, 1e4),
+        Param("reach_m", 0.01, "m", "distance at which the force begins", 1e-4, 10.0),
+        Param("repelling", 0.0, "1", "0: attracts; above 0: repels", 0.0, 1.0),
     ),
     table=table,
     scope="scene",

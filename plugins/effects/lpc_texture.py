@@ -1,29 +1,29 @@
-"""The vibration of a tool that slides: autoregressive (LPC) synthesis, chosen by force and slip speed.
+"""Vibrotactile texture of a sliding tool: autoregressive (LPC) synthesis by normal force and slip speed.
 
-A texture is a field of models over normal force and slip speed (Romano & Kuchenbecker 2012; Culbertson, Unwin &
-Kuchenbecker 2014), played by `hapscene.dsp.texture_voice`: whatever models follow one another, the output is no louder
-than they are. The level is ramped over the tick's block, so that nothing clicks when a contact
-begins, ends, or crosses into another swatch.
+A texture consists of AR models over normal force and slip speed (Romano & Kuchenbecker 2012; Culbertson, Unwin &
+Kuchenbecker 2014), synthesised by `hapscene.dsp.texture_voice`. A change of model is never louder than the models. The
+level is ramped over the block of the tick, so that there are no clicks when a contact begins, ends or crosses to
+another swatch.
 
-A texture with life has a random slow gain (`hapscene.dsp.slow_gain`), advanced each tick by the time and the distance
-travelled.
+A texture can have amplitude modulation by a slow random gain (`hapscene.dsp.slow_gain`), which advances with time and
+with the travelled distance.
 
 Table of a swatch:
 
-| number | is |
+| index | content |
 |---|---|
 | 0, 1 | highest force F [N], highest speed V [m/s] |
-| 2, 3 | order p, warp λ |
+| 2, 3 | order p, allpass coefficient λ |
 | 4, 5 | exponents of the power over force and speed beyond F and V |
-| 6 | after how many ticks the filter follows force and speed: `update_ticks` of the swatch's numbers for this effect |
-| 7 | 1 where all models have one filter, else 0 |
-| 8 | checksum, which tells this table from others |
-| 9 | count of processes of its slow gain |
-| then | spread, decay_1_s, decay_1_m of each |
-| then | where all have one filter: k_1 … k_p |
-| then | for each of GRID forces from 0 to F, each of GRID speeds from 0 to V: P [m²/s⁴], k_1 … k_p if they differ |
+| 6 | update interval of the filter in ticks: `update_ticks` in the swatch's parameters of this effect |
+| 7 | 1 if all models have the same filter, else 0 |
+| 8 | checksum that identifies the table |
+| 9 | number of modulation processes |
+| … | spread, decay_1_s, decay_1_m of each process |
+| … | if all models have the same filter: k_1 … k_p |
+| … | for each of GRID forces from 0 to F and GRID speeds from 0 to V: P [m²/s⁴], and k_1 … k_p if filters differ |
 
-Between nodes it is bilinear; above, the filter is clamped, and the level goes on by the exponents.
+The table is interpolated bilinearly. Beyond F and V the filter is constant and the level follows the exponents.
 """
 
 import math
@@ -41,25 +41,25 @@ from hapscene.surface.resonator import SILENCE_M_S2
 from hapscene.surface.swatch import Swatch
 
 GRID = 33
-"""Nodes of the table along force and along speed [count]. On textures fitted to wood, paper and leather
-(order 20 and 40, 13 to 18 models) the spectrum at random places is within 0.01 dB (median) and 0.5 dB (95
-%) of the texture's own; 17 nodes give 0.07 and 1.4 dB, 49 give 0.004 and 0.3 dB for twice the memory."""
+"""Number of nodes of the table along force and along speed. For textures fitted to wood, paper and leather (order 20
+and 40, 13 to 18 models), the spectrum at random forces and speeds differs from that of the texture by 0.01 dB (median)
+and 0.5 dB (95 %). 17 nodes give 0.07 and 1.4 dB; 49 nodes give 0.004 and 0.3 dB and need twice the memory."""
 
 ORDER, WARP, TICKS, SINGLE, CHECKSUM, PROCESSES, HEADER = 2, 3, 6, 7, 8, 9, 10
-"""Places in a table, and how many numbers stand before its processes [count]."""
+"""Indices in the table, and the number of entries before the modulation processes."""
 
 BOUND = 0.1 * LEVEL_BOUND_DB * math.log(10.0)
-"""Logarithm of the largest factor on the power beyond the highest force and speed [1]."""
+"""Largest logarithm of the power gain beyond the highest force and speed [1]."""
 
 FADE_S = 0.2
-"""Time in which a spread of the slow gain that is tuned is reached under the same touch [s]: it does not click."""
+"""Time over which a changed modulation depth is reached during a contact [s], which avoids clicks."""
 
 
 @native
 def choose(table: Any, force_N: float, slip_m_s: float, s: Any, fill: bool) -> float:
-    """Power [m²/s⁴] of a table at a force and a speed; with `fill` its model goes into the lattice.
+    """Power [m²/s⁴] of a table at a force and a speed; with `fill`, also writes the model to the lattice.
 
-    Where nothing is heard before and after, the lattice is left as it is.
+    The lattice is not changed if the output is silent before and after.
     """
     row = min(max(force_N / table[0], 0.0), 1.0) * (GRID - 1)
     column = min(max(slip_m_s / table[1], 0.0), 1.0) * (GRID - 1)
@@ -92,7 +92,7 @@ def choose(table: Any, force_N: float, slip_m_s: float, s: Any, fill: bool) -> f
 
 
 def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
-    """Add the texture's vibration [m/s²]; silent in the air, at no force and at no speed."""
+    """Adds the vibration of the texture [m/s²]; it is 0 without contact, force or speed."""
     target_m_s2, ticks, gain = 0.0, 1.0, s.gain
     if touch.touching and table.size > 0:
         new = touch.began or touch.crossed
@@ -105,7 +105,7 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
             power = choose(table, touch.force_N, touch.slip_m_s, s, fill)
             s.goal_m_s2 = p.texture_gain * math.sqrt(power)
         if not new:
-            ticks = s.wait  # in which the level gets there
+            ticks = s.wait  # over which the level is ramped
         s.wait -= 1.0
         target_m_s2 = s.goal_m_s2
         if ticks > 1.0:
@@ -117,15 +117,15 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
 
 
 @native
-def advance_modulation(touch: Any, life: float, new: bool, table: Any, s: Any) -> float:
-    """The gain [1] of this tick. The factor on its spread follows `life` within `FADE_S`, in a new contact at once."""
+def advance_modulation(touch: Any, depth: float, new: bool, table: Any, s: Any) -> float:
+    """Modulation gain [1] of this tick; its depth follows `depth` within `FADE_S`, at once in a new contact."""
     most = touch.tick_s / FADE_S
-    s.spread_scale = life if new else s.spread_scale + min(max(life - s.spread_scale, -most), most)
+    s.spread_scale = depth if new else s.spread_scale + min(max(depth - s.spread_scale, -most), most)
     return modulate(s, table, HEADER, int(table[PROCESSES]), touch.tick_s, touch.slip_m_s * touch.tick_s)
 
 
 def table(swatch: Swatch, rate_Hz: float) -> NDArray[np.float64]:
-    """The numbers of a swatch's texture at `rate_Hz`; empty where it has none."""
+    """Table of the texture of a swatch at `rate_Hz`; empty if the swatch has no texture."""
     texture = swatch.texture
     if texture is None:
         return np.empty(0)
@@ -145,18 +145,18 @@ def table(swatch: Swatch, rate_Hz: float) -> NDArray[np.float64]:
 
 EFFECT = Effect(
     "lpc_texture",
-    "The vibration of sliding, by force and slip speed.",
+    "Texture vibration of sliding, by normal force and slip speed.",
     render,
     params=(
-        Param("texture_gain", 1.0, "1", "factor on the swatch's texture", 0.0, 10.0),
-        Param("texture_life", 1.0, "1", "factor on the spread of its slow gain; the mean power stays", 0.0, 2.0),
+        Param("texture_gain", 1.0, "1", "gain of the texture", 0.0, 10.0),
+        Param("texture_life", 1.0, "1", "depth of the amplitude modulation; the mean power is unchanged", 0.0, 2.0),
     ),
     state=(
-        *(State(name, shape) for name, shape in voice_fields(ORDER_MAX)),  # of the filter that runs
-        State("of"),  # checksum of the table that it is of
-        State("stale"),  # 1 where it is still to become that
-        State("goal_m_s2"),  # level of the filter that was chosen last
-        State("wait"),  # ticks until the next is
+        *(State(name, shape) for name, shape in voice_fields(ORDER_MAX)),  # texture synthesis
+        State("of"),  # checksum of the current table
+        State("stale"),  # 1 if the lattice does not have the coefficients of this table yet
+        State("goal_m_s2"),  # level at the last update
+        State("wait"),  # ticks until the next update
         State("rng", seeded=True),
     ),
     table=table,

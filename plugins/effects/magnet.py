@@ -1,13 +1,13 @@
-"""Magnets: the tool snaps to points.
+"""Magnets: points that attract the tool.
 
-    f = −Σ K d_i (1 − (d_i/r)²)²    over the points nearer than the reach r [m],    K = F / (0.286 r)
+    f = −Σ K d_i (1 − (d_i/r)²)²    over all points within the reach r [m],    K = F / (0.286 r)
 
-d_i [m] leads from point i to the tool; F [N] is the strength, the largest force of one point, at r/√5 from it. Its
-potential is the sum of K r²/6 (1 − (1 − (d_i/r)²)³): smooth, of finite reach, the same on the way in as on the way out,
-so no path gives energy, and nothing sticks that was not pulled. Points closer than r to each other share wells.
+d_i [m] is the vector from point i to the tool. The strength F [N] is the largest force of one point, at a distance of
+r/√5. The potential, the sum of K r²/6 (1 − (1 − (d_i/r)²)³), is smooth and of finite reach, so the magnets add no
+energy. The potential wells of points closer than r overlap.
 
-`points_m` (n, 3) are in F: the first named body, or W. The well is as stiff as a wall of K, 3.5 F/r, and needs as much
-damping from hand and device: more than K T/2 at period T.
+`points_m` (n, 3) are given in the frame F: the first named body, or W. A point is as stiff as a wall of K = 3.5 F/r and
+needs as much damping by hand and device: more than K T/2 at period T.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ from hapscene.surface.field_frame import FADED_MOST, add_force, eased, fade, fie
 
 
 def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
-    """Add the pull of the points [N]."""
+    """Adds the attraction of the points [N]."""
     tool, reach2 = to_frame(table, touch.p_WT_m), p.reach_m * p.reach_m
     stiffness = eased(touch) * p.strength_N / (FADED_MOST * p.reach_m)
     count = int(table[len(table) - 1])
@@ -34,18 +34,18 @@ def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.rec
 
 
 def table(settings: Mapping[str, Any], rate_Hz: float) -> NDArray[np.float64]:
-    """The points, and how many there are."""
+    """Table of the points and their number."""
     points = field_array("magnet", settings, "points_m", "(n, 3)")
     return np.array([*points.ravel(), len(points)])
 
 
 EFFECT = Effect(
     "magnet",
-    "Snaps the tool to points.",
+    "Attracts the tool to points.",
     render,
     params=(
         Param("strength_N", 0.5, "N", "largest force of a point", 0.0, 100.0),
-        Param("reach_m", 0.01, "m", "distance at which it begins", 1e-4, 10.0),
+        Param("reach_m", 0.01, "m", "distance at which the force begins", 1e-4, 10.0),
     ),
     table=table,
     scope="scene",

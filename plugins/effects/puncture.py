@@ -1,18 +1,18 @@
-"""Puncture: a surface that breaks where it is pressed too hard, and then grips the shaft of the needle that is in it.
+"""Puncture: a surface that breaks above a normal force, and then holds the shaft of the inserted needle.
 
-Until `touch.normal_force_N` exceeds the puncture force it adds nothing: the wall holds. Then it lets the tool in, the
-wall's force ends, and of the needle forces of Okamura, Simone & O'Leary 2004 (stiffness, cutting, friction) what holds
-the shaft is left, in the frame of the body that was pierced:
+The effect adds no force until `touch.normal_force_N` exceeds the puncture force. Then it releases the tool from the
+surface, the force of the wall ends, and the shaft forces remain (after the needle forces of Okamura, Simone & O'Leary
+2004: stiffness, cutting, friction). In the frame of the punctured body:
 
     f = −k z â − K l,    z ← clip(z + Δs, ±D/k)
 
-with s [m] the way along the entry axis â, the normal where it broke (a point has no axis of its own, and the direction
-in which it moves is the encoder's noise as slowly as skin breaks); D [N] the drag, which sticks by a spring of k [N/m]
-and slips as friction does (`plugins/effects/friction.py`); l [m] the way off the axis and K [N/m] the shaft's
-stiffness. The grip begins at no force, its springs give back what was put into them, and it ends when the tool is out
-again.
+s [m] is the displacement along the insertion axis â, which is the surface normal at the puncture (a point tool has no
+axis, and its direction of motion is dominated by encoder noise at such low speeds). D [N] is the friction along the
+shaft, which sticks with a spring of k [N/m] and slips as in `plugins/effects/friction.py`. l [m] is the displacement
+perpendicular to the axis and K [N/m] the lateral stiffness. The force starts at 0, adds no energy, and ends when the
+tool leaves the body.
 
-Each body grips with the numbers of the swatch that broke, whatever is touched within it, and gets the reverse.
+Each body uses the parameters of the swatch that was punctured, and receives the reaction force.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ from hapscene.surface.field_frame import to_frame, turn
 
 @native
 def grip(touch: np.record, s: np.record, k: int, out: np.record) -> None:
-    """What the k-th pierced body does to the shaft [N]; nothing any more once the tool is out of it."""
+    """Adds the force of the k-th punctured body on the shaft [N]; ends when the tool is outside the body."""
     at = -1
     for i in range(touch.inside):
         if touch.inside_body[i] == s.body[k] - 1.0:
@@ -56,7 +56,7 @@ def grip(touch: np.record, s: np.record, k: int, out: np.record) -> None:
 
 
 def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
-    """Add the grip of all that was pierced [N]; let the tool in where it presses too hard."""
+    """Adds the forces of all punctured bodies [N] and releases the tool where the puncture force is exceeded."""
     free = -1
     for k in range(PASSED_MAX):
         if s.body[k] != 0.0:
@@ -75,17 +75,17 @@ _EACH = (PASSED_MAX,)
 
 EFFECT = Effect(
     "puncture",
-    "Breaks where it is pressed too hard, then grips the shaft.",
+    "Lets the tool in above a normal force, then holds its shaft.",
     render,
     params=(
-        Param("puncture_force_N", 0.0, "N", "normal force at which it breaks; 0 never", 0.0, 1e3),
-        Param("drag_N", 0.5, "N", "friction along the shaft once it is in", 0.0, 1e3),
-        Param("drag_stiffness_N_m", STIFFNESS_N_M, "N/m", "stiffness along while it sticks", 1.0, 1e5),
-        Param("shaft_stiffness_N_m", 200.0, "N/m", "stiffness sideways", 0.0, 1e5),
+        Param("puncture_force_N", 0.0, "N", "normal force at which the surface breaks; 0: never", 0.0, 1e3),
+        Param("drag_N", 0.5, "N", "friction along the inserted shaft", 0.0, 1e3),
+        Param("drag_stiffness_N_m", STIFFNESS_N_M, "N/m", "stiffness along the shaft while sticking", 1.0, 1e5),
+        Param("shaft_stiffness_N_m", 200.0, "N/m", "lateral stiffness of the shaft", 0.0, 1e5),
     ),
     state=(
-        State("body", _EACH),  # which was pierced, and 1; 0 where none was
-        State("fresh", _EACH),  # 1 until its pose is known: the axis is in W till then
+        State("body", _EACH),  # index of the punctured body plus 1; 0: free entry
+        State("fresh", _EACH),  # 1 until the body pose is known; until then the axis is in W
         State("axis", (PASSED_MAX, 3)),
         State("entry_m", (PASSED_MAX, 3)),
         State("along_m", _EACH),

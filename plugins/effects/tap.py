@@ -1,22 +1,21 @@
-"""The transient of a tap at the start of each contact, by the speed of approach, and that of leaving at its end.
+"""Tap transients: a vibration at the start of each contact, by approach speed, and at its end, by leaving speed.
 
     a(t) = A e^(−λt) sin(2πft)
 
-with amplitude A [m/s²], frequency f [Hz] and decay λ [1/s] from the swatch's taps at that speed (Okamura,
-Cutkosky & Dennerlein 2001), which a resonator makes (`hapscene.surface.resonator`). It rings on after the
-tool has left. Bounces of a light hand are real: every contact is a tap.
+Amplitude A [m/s²], frequency f [Hz] and decay λ [1/s] come from the swatch's taps at the approach speed (Okamura,
+Cutkosky & Dennerlein 2001). A resonator (`hapscene.surface.resonator`) generates the sinusoid, which continues after
+the tool has left. Every contact is a tap, including the bounces of a light hand.
 
-Leaving is played in the same way at the end of each contact, from the swatch's `leaving`, by the speed at which the
-tool leaves.
+The end of a contact is rendered in the same way, from the swatch's `leaving` and the leaving speed.
 
-Where the swatch has measured transients, they are played instead: at its start a tap is added whole to a ring of
-`RING` samples, which is then read off, so taps overlap, and ring on over another swatch.
+If the swatch has recorded transients, they replace the sinusoids. A transient is added to a ring buffer of `RING`
+samples at the start of the contact, so transients can overlap and continue on another swatch.
 
-Table of a swatch: how long that of its taps is, that of its taps, that of leaving; each empty where there is none, else
-highest speed v_max, samples m of a transient (0: sinusoids), then rows. Sinusoids: A, f, λ
-at SPEED_COUNT speeds i·v_max/(SPEED_COUNT − 1). Transients: k, k speeds, k rows of m samples; those of two speeds are
-cross-faded. Below the lowest speed a tap is scaled down to nothing at rest, faster ones are clamped to v_max.
-"""
+The table of a swatch contains the length of the table of taps, the table of taps, and the table of leaving. Each is
+empty or contains the highest speed v_max, the number m of samples of a transient (0: sinusoids) and rows. Sinusoids: A,
+f, λ at SPEED_COUNT speeds i·v_max/(SPEED_COUNT − 1). Transients: their number k, k speeds, k rows of m samples, which
+are interpolated between two speeds. Below the lowest speed the amplitude is proportional to the speed; above v_max it
+is constant."""
 
 from typing import Final
 
@@ -30,14 +29,14 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.taps import Taps
 
 SPEED_COUNT: Final = 257
-"""Speeds of approach in the table [count]: the taps between two are straight, to 0.5 % of the amplitude."""
+"""Number of approach speeds in the table; linear interpolation between them is accurate to 0.5 % of the amplitude."""
 
 RING: Final = 4096
-"""Longest transient that is played [count]: 0.4 s at 10 kHz. Of a longer one the end is faded out."""
+"""Longest transient [samples]: 0.4 s at 10 kHz. Longer ones are shortened with a fade."""
 
 
 def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
-    """Add the ringing of the last taps and leavings to the acceleration [m/s²]."""
+    """Adds the vibration of the last taps and leavings [m/s²]."""
     if table.size > 0:
         split = 1 + int(table[0])
         if touch.began and split > 1:
@@ -50,7 +49,7 @@ def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.rec
 
 @native
 def play(speed_m_s: float, gain: float, table: NDArray[np.float64], s: np.record) -> None:
-    """Begin the transient of a speed."""
+    """Starts a transient for a speed."""
     if table[1] > 0.0:
         strike_wave(speed_m_s, gain, table, s)
     else:
@@ -59,7 +58,7 @@ def play(speed_m_s: float, gain: float, table: NDArray[np.float64], s: np.record
 
 @native
 def strike_sinusoid(approach_m_s: float, gain: float, table: NDArray[np.float64], s: np.record) -> None:
-    """Add a tap to the resonator."""
+    """Adds a decaying sinusoid to the resonator."""
     position = min(max(approach_m_s / table[0], 0.0), 1.0) * (SPEED_COUNT - 1)
     i = min(int(position), SPEED_COUNT - 2)
     row, share = 2 + 3 * i, position - i
@@ -73,7 +72,7 @@ def strike_sinusoid(approach_m_s: float, gain: float, table: NDArray[np.float64]
 
 @native
 def strike_wave(approach_m_s: float, gain: float, table: NDArray[np.float64], s: np.record) -> None:
-    """Add a transient to what the ring still holds."""
+    """Adds a recorded transient to the ring buffer."""
     length, count = int(table[1]), int(table[2])
     speed = min(max(approach_m_s, 0.0), table[0])
     row = 0
@@ -92,7 +91,7 @@ def strike_wave(approach_m_s: float, gain: float, table: NDArray[np.float64], s:
 
 @native
 def ring(touch: np.record, s: np.record, out: np.record) -> None:
-    """Read off what the ring holds for this tick."""
+    """Moves the samples of this tick from the ring buffer to the output."""
     if s.left == 0.0:
         return
     at = int(s.at)
@@ -104,7 +103,7 @@ def ring(touch: np.record, s: np.record, out: np.record) -> None:
 
 
 def table(swatch: Swatch, rate_Hz: float) -> NDArray[np.float64]:
-    """The taps and leavings of a swatch; empty where it has neither."""
+    """Table of the taps and leavings of a swatch; empty if it has neither."""
     taps, leaving = (_part(taps, rate_Hz) for taps in (swatch.taps, swatch.leaving))
     return np.concatenate(([len(taps)], taps, leaving)) if len(taps) or len(leaving) else np.empty(0)
 
@@ -117,13 +116,13 @@ def _part(taps: Taps | None, rate_Hz: float) -> NDArray[np.float64]:
         waves = _waves(taps, rate_Hz)
         return np.concatenate(([v_max, waves.shape[1], len(waves)], taps.approach_m_s, waves.ravel()))
     rows = np.array([taps.at(float(v)) for v in np.linspace(0.0, v_max, SPEED_COUNT)], dtype=np.float64)
-    rows[rows[:, 1] >= rate_Hz / 2, 0] = 0.0  # this rate cannot carry it
-    rows[0, 0] = 0.0  # a touch without speed is no tap
+    rows[rows[:, 1] >= rate_Hz / 2, 0] = 0.0  # above the Nyquist frequency
+    rows[0, 0] = 0.0  # no tap without approach speed
     return np.concatenate(([v_max, 0.0], rows.ravel()))
 
 
 def _waves(taps: Taps, rate_Hz: float) -> NDArray[np.float64]:
-    """The transients (k, m) at the channel's rate, as long as the ring at most."""
+    """Transients (k, m) at the output sample rate, at most as long as the ring buffer."""
     waves = np.array(taps.waves_at(rate_Hz))
     if waves.shape[1] > RING:
         waves = waves[:, :RING]
@@ -134,9 +133,9 @@ def _waves(taps: Taps, rate_Hz: float) -> NDArray[np.float64]:
 
 EFFECT = Effect(
     "tap",
-    "A transient at the start and the end of contact, by speed.",
+    "Transient vibration at the start and end of contact, by speed.",
     render,
-    params=(Param("tap_gain", 1.0, "1", "factor on the swatch's taps and leavings", 0.0, 10.0),),
+    params=(Param("tap_gain", 1.0, "1", "gain of the taps and leavings", 0.0, 10.0),),
     state=(*RESONATOR, State("at"), State("left"), State("ring_m_s2", (RING,))),
     table=table,
 )

@@ -1,15 +1,15 @@
-"""A wall: what keeps the tool out of a surface, a spring and a damper along its normal.
+"""Wall: a spring and a damper along the surface normal, which keep the tool out of the surface.
 
     f = max(0, K·d + (b + χ·d)·ḋ) n̂
 
-with depth d [m], stiffness K [N/m] of the swatch (the framework has made `touch.normal_force_N` = K·d of
-it, so that all effects press alike), damping b [N·s/m] and the outward unit normal n̂. It never pulls: a
-damper that holds back a leaving tool feels sticky. Rendered at period T it is passive while the device's
-own damping is above K·T/2 + b (Colgate & Schenkel 1997).
+d [m] is the penetration depth, K [N/m] the stiffness of the swatch (the framework provides `touch.normal_force_N` =
+K·d, so that all effects use the same normal force), b [N·s/m] the damping and n̂ the outward unit normal. The force
+never pulls, because a damper that holds back a leaving tool feels sticky. At period T the wall is passive if the
+physical damping of the device exceeds K·T/2 + b (Colgate & Schenkel 1997).
 
-χ [N·s/m²] damps the more the deeper the tool is (Hunt & Crossley 1975): the force begins without a step, however
-fast the tool comes. At a depth d it is a damper of b + χ·d, so it helps a wall to be stable where it is pressed, and
-not where it is hardly touched.
+χ [N·s/m²] is damping proportional to the depth (Hunt & Crossley 1975). With it, the force starts without a step at any
+approach speed. At depth d the total damping is b + χ·d, so χ improves the stability of a deep contact but not that of a
+light one.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ from hapscene.surface.effect import Effect, Param
 
 
 def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.record, out: np.record) -> None:
-    """Add the force of spring and damper [N], along the outward normal."""
+    """Adds the force of spring and damper [N] along the outward normal."""
     if not touch.touching:
         return
     damping_Ns_m = p.damping_Ns_m + p.hunt_crossley_Ns_m2 * touch.depth_m
@@ -32,10 +32,10 @@ def render(touch: np.record, p: np.record, table: NDArray[np.float64], s: np.rec
 
 EFFECT = Effect(
     "wall",
-    "Spring and damper along the normal: shape and stiffness.",
+    "Spring and damper along the normal: contact stiffness.",
     render,
     params=(
-        Param("damping_Ns_m", DAMPING_NS_M, "N·s/m", "resists being pressed in; lets the tool go", minimum=0.0),
-        Param("hunt_crossley_Ns_m2", 0.0, "N·s/m²", "the same, growing with the depth", minimum=0.0),
+        Param("damping_Ns_m", DAMPING_NS_M, "N·s/m", "damping of the contact", minimum=0.0),
+        Param("hunt_crossley_Ns_m2", 0.0, "N·s/m²", "damping per depth (Hunt–Crossley)", minimum=0.0),
     ),
 )

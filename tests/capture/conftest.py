@@ -1,4 +1,4 @@
-"""A recording whose truth is known: a tool taps, presses, slides over two surfaces, and slides again."""
+"""A simulated recording with known parameters: taps, a press, and sliding over two surfaces."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ STIFFNESS_N_M, FRICTION, TAP_HZ, TAP_DECAY_1_S, TAP_GAIN_1_S = 500.0, 0.35, 180.
 
 @dataclass
 class Truth:
-    """Streams (n,) with noise 20 dB below them, and what was done when."""
+    """Streams (n,) with noise at 20 dB SNR, and the interaction states."""
 
     rate_Hz: float
     acceleration_m_s2: np.ndarray
@@ -24,7 +24,7 @@ class Truth:
     depth_m: np.ndarray
     states: np.ndarray
     change: int
-    """sample at which the surface changes while the tool slides"""
+    """sample at which the surface changes during sliding"""
     tap_m_s: list[float] = field(default_factory=list)
 
 

@@ -30,7 +30,7 @@ BLOCK_S: Final = 0.01
 """Time between two writes [s]."""
 
 LATE_S: Final = 2e-3
-"""Time between two looks whether the reader has come [s]."""
+"""Interval at which the simulator tries to write again [s]."""
 
 HELD_S: Final = 0.6
 """How late a reader may be before what was sent is lost [s]: as Linux holds it for a serial port of 921,600 baud. For a
@@ -77,7 +77,7 @@ def main(arguments: list[str] | None = None, clock: Clock = CLOCK) -> int:
     parser = simulator_parser("tests.capture.probe_simulator", __doc__, 3200.0)
     parser.add_argument("--drop", type=float, default=0.0, metavar="P", help="probability that a line is lost")
     options = parser.parse_args(arguments)
-    import scipy.signal  # noqa: F401  # takes long at first: whoever reads the port's name waits for a header
+    import scipy.signal  # noqa: F401  # slow import, before the port is announced
 
     wire = simulated_port(parser)
     start_s = taken_s = clock.now_s()
@@ -90,7 +90,7 @@ def main(arguments: list[str] | None = None, clock: Clock = CLOCK) -> int:
                 try:
                     text, taken_s = text[os.write(wire, text) :], clock.now_s()
                 except BlockingIOError:
-                    if clock.now_s() - taken_s > HELD_S:  # nobody reads: lost, as on a wire
+                    if clock.now_s() - taken_s > HELD_S:  # without a reader, samples are lost as on a serial line
                         break
                     clock.sleep_s(LATE_S)
     return 0

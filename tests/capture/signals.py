@@ -1,4 +1,4 @@
-"""Vibrations of known surfaces, and a fit of bare streams."""
+"""Vibrations of known models, and a fit of plain streams."""
 
 from typing import Any
 
@@ -18,13 +18,13 @@ def resonant(frequency_Hz: list[float], radius: float, rate_Hz: float) -> np.nda
 
 
 def played(a: np.ndarray, count: int, seed: int = 0, snr_dB: float = np.inf) -> np.ndarray:
-    """`count` samples of noise of variance 1 through 1/A, with white noise beneath."""
+    """`count` samples of noise through 1/A, plus white noise."""
     rng = np.random.default_rng(seed)
     y = lfilter([1.0], a, rng.standard_normal(count + 4000))[4000:]
     return np.asarray(y + rng.standard_normal(count) * y.std() * 10 ** (-snr_dB / 20))
 
 
 def fit(acceleration_m_s2: Any, rate_Hz: Any, **given: Any) -> Swatch:
-    """The swatch of streams; what is no stream is a field of `FitOptions`."""
+    """Fits a swatch to streams; other arguments are fields of `FitOptions`."""
     streams = {name: given.pop(name) for name in list(given) if name.endswith(("_N", "_m_s", "_m", "_rad", "_Nm"))}
     return fit_swatch(SurfaceRecording(rate_Hz, acceleration_m_s2, **streams), FitOptions(**given))

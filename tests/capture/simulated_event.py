@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 Array = np.ndarray
-Clocked = tuple[float, dict[str, Array]]
+Sampled = tuple[float, dict[str, Array]]
 
 FINE_HZ: Final = 20_000.0
 LEAD_S: Final = 2.6
@@ -19,7 +19,7 @@ LEAD_S: Final = 2.6
 
 def planted(
     seed: int, *, taps: bool, second: str = "force+speed", seconds: float | None = None, related: bool = True
-) -> tuple[Clocked, Clocked, float, float]:
+) -> tuple[Sampled, Sampled, float, float]:
     """The first device (rate, streams), the second one, offset within ± 2 s, drift within ± 200 ppm.
 
     Args:
@@ -44,7 +44,7 @@ def planted(
 
 
 def farthest_s(offset_s: float, drift: float, found_offset_s: float, found_drift: float, seconds: float) -> float:
-    """By how much what was found is off, where it is off most while both record [s]."""
+    """Largest time error of an alignment while both devices record [s]."""
     t_s = np.array([max(0.0, -offset_s), seconds])
     return float(np.abs(found_offset_s - offset_s + (found_drift - drift) * t_s).max())
 
@@ -78,14 +78,14 @@ def _event(rng: np.random.Generator, seconds: float, taps: bool) -> dict[str, Ar
 
 
 def _wander(rng: np.random.Generator, count: int) -> Array:
-    """What a hand does: random, of variance 1 or so, below 3 Hz."""
+    """Random hand motion below 3 Hz with a variance of about 1."""
     knots = rng.standard_normal(max(2, int(count / FINE_HZ * 6.0)) + 10)
     spline = make_interp_spline(np.linspace(-0.1, count / FINE_HZ + 0.1, len(knots)), knots, 3)
     return np.asarray(spline(np.arange(count) / FINE_HZ))
 
 
 def _sampled(stream: Array, rate_Hz: float, offset_s: float, drift: float, seconds: float) -> Array:
-    """What a device samples by its own clock, after a low-pass without delay."""
+    """Samples a signal with the clock of a device, after a low-pass without delay."""
     smooth = sosfiltfilt(butter(4, 0.4 * rate_Hz, fs=FINE_HZ, output="sos"), stream)
     t_s = LEAD_S + offset_s + (1.0 + drift) * np.arange(int(seconds * rate_Hz)) / rate_Hz
     return np.interp(t_s * FINE_HZ, np.arange(len(smooth)), smooth)

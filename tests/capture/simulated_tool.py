@@ -13,7 +13,7 @@ Array = np.ndarray
 
 
 def noisy(stream: Array, rng: np.random.Generator, snr_dB: float = 20.0) -> Array:
-    """A stream (n,) with white noise that far below what it holds where it is not zero."""
+    """Adds white noise with a given SNR relative to the nonzero part of a stream (n,)."""
     level = np.sqrt(np.mean(stream[stream != 0.0] ** 2)) * 10 ** (-snr_dB / 20)
     return np.asarray(stream + level * rng.standard_normal(len(stream)))
 

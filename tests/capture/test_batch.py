@@ -1,4 +1,4 @@
-"""Batches: each recording is done once, what is done is skipped, and what fails is named."""
+"""Batch fits: each recording is fitted once, unchanged ones are skipped, errors are reported."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,6 @@ from hapscene.capture.batch import (
     find_recordings,
     fit_batch,
     fit_file,
-    read_list,
     swatch_names,
 )
 from hapscene.capture.fit.swatch import FitOptions
@@ -42,13 +41,13 @@ def fitted(items: list[Item], out: Path, options: FitOptions = OPTIONS) -> Batch
 
 
 def check_swatch(item: Item, out: Path) -> None:
-    """The swatch is the one that a fit of the recording alone makes."""
+    """The swatch equals that of a fit of the recording alone."""
     made = out.parent / "alone.swatch"
     fit_file(str(item.path), str(made), READING, {"name": item.name, "order": 3}, [])
     assert (out / f"{item.name}.swatch").read_bytes() == made.read_bytes()
 
 
-def test_what_is_done_is_skipped_and_what_changed_is_fitted_again(tmp_path: Path) -> None:
+def test_unchanged_recordings_are_skipped_and_changed_ones_fitted_again(tmp_path: Path) -> None:
     items, out = write_recordings(tmp_path / "in", 5), tmp_path / "out"
     items[1].path.write_text("acceleration\n1\nx\n")
     first = fitted(items, out)
@@ -68,7 +67,7 @@ def test_what_is_done_is_skipped_and_what_changed_is_fitted_again(tmp_path: Path
     assert sorted(f.name for f in out.iterdir()) == [JOURNAL, *(f"r{i:02}.swatch" for i in range(5))]
 
 
-def test_an_interrupted_batch_leaves_whole_swatches_and_is_continued(tmp_path: Path) -> None:
+def test_an_interrupted_batch_is_resumed(tmp_path: Path) -> None:
     items, out = write_recordings(tmp_path / "in", 4), tmp_path / "out"
 
     def interrupt(result: BatchResult) -> None:
@@ -94,7 +93,7 @@ def test_a_swatch_of_another_recording_is_not_replaced(tmp_path: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_processes_make_the_same_swatches(tmp_path: Path) -> None:
+def test_worker_processes_give_the_same_swatches(tmp_path: Path) -> None:
     items, out = write_recordings(tmp_path / "in", 5), tmp_path / "out"
     items.append(Item(tmp_path / "in" / "none.csv", "none"))
     result = fit_batch(items, out, READING, OPTIONS, jobs=2)
@@ -102,7 +101,7 @@ def test_processes_make_the_same_swatches(tmp_path: Path) -> None:
     check_swatch(items[3], out)
 
 
-def test_the_command_names_what_failed_and_notes_bridged_samples(
+def test_the_command_reports_failures_and_interpolated_samples(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     stream = np.random.default_rng(0).standard_normal(1500)
@@ -118,7 +117,7 @@ def test_the_command_names_what_failed_and_notes_bridged_samples(
     assert main(["capture", "batch", "--out", str(tmp_path / "out")]) == 2
 
 
-def test_recordings_of_a_folder_are_found_below_it(tmp_path: Path) -> None:
+def test_folders_are_searched_recursively(tmp_path: Path) -> None:
     for name in ("b.csv", "a.wav", "sub/c.hsrec", "notes.md", ".hidden/d.csv"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
@@ -131,32 +130,6 @@ def test_recordings_of_a_folder_are_found_below_it(tmp_path: Path) -> None:
             find_recordings([tmp_path / place])
 
 
-def test_swatches_of_one_name_keep_their_suffix(tmp_path: Path) -> None:
+def test_the_suffix_distinguishes_recordings_of_the_same_name(tmp_path: Path) -> None:
     items = [Item(tmp_path / p, "x") for p in ("a/x.csv", "a/X.wav", "a/y.csv", "b/x.csv")]
     assert swatch_names(items) == ["a/x.csv.swatch", "a/X.wav.swatch", "a/y.swatch", "b/x.swatch"]
-
-
-def test_a_list_names_recordings_and_how_they_are_read(tmp_path: Path) -> None:
-    file = tmp_path / "list.csv"
-    file.write_text('recording,name,rate,units,columns\nin/a.csv,oak,5000,"acceleration=g,force=N",\nb.wav,,,,\n')
-    first, second = read_list(file)
-    reading = {"rate_Hz": 5000.0, "units": {"acceleration": "g", "force": "N"}}
-    assert first == Item(tmp_path / "in" / "a.csv", "oak", reading)
-    assert second == Item(tmp_path / "b.wav", "b")
-
-
-@pytest.mark.parametrize(
-    ("text", "wrong"),
-    [
-        ("file\na.csv\n", "recording"),
-        ("recording,rat\na.csv,1\n", "rat"),
-        ("recording\n", "without recordings"),
-        ("recording,rate\na.csv,fast\n", "line 2: rate"),
-        ("recording,units\na.csv,g\n", "line 2: units"),
-        ("recording\na.csv,b\n", "line 2"),
-    ],
-)
-def test_an_invalid_list_is_refused(tmp_path: Path, text: str, wrong: str) -> None:
-    (tmp_path / "list.csv").write_text(text)
-    with pytest.raises(CaptureError, match=f"list.csv: .*{wrong}"):
-        read_list(tmp_path / "list.csv")

@@ -1,4 +1,4 @@
-"""Files of the Penn Haptic Texture Toolkit, held to an independent reference of its query."""
+"""Files of the Penn Haptic Texture Toolkit, compared with an independent implementation of its query."""
 
 import random
 import shutil
@@ -119,7 +119,7 @@ def places(count: int) -> Array:
 
 
 @pytest.mark.parametrize(("seed", "pairs"), [(0, 7), (1, 8), (2, 10)])
-def test_answers_are_the_toolkits(tmp_path: Path, seed: int, pairs: int) -> None:
+def test_queries_equal_those_of_the_toolkit(tmp_path: Path, seed: int, pairs: int) -> None:
     path = write_models(tmp_path / "Models_x.xml", seed, pairs)
     reference, swatch = Toolkit(path), import_hatt(path)
     assert swatch.texture is not None and swatch.texture.rate_Hz == 10000 and swatch.texture.order == 2 * pairs
@@ -130,7 +130,7 @@ def test_answers_are_the_toolkits(tmp_path: Path, seed: int, pairs: int) -> None
         assert ours == pytest.approx(variance, rel=1e-9)
 
 
-def test_the_example_of_the_layout(shared: Path) -> None:
+def test_the_example_files(shared: Path) -> None:
     folder = shared / "data" / "hatt_format"
     swatch = import_hatt(folder / "Models_example.xml", folder / "Taps_example.xml")
     reference = Toolkit(folder / "Models_example.xml")
@@ -156,7 +156,7 @@ def edited(text: str, *changes: tuple[str, str]) -> str:
     return text
 
 
-def test_odd_but_readable_files(tmp_path: Path) -> None:
+def test_unusual_but_valid_files(tmp_path: Path) -> None:
     path = write_models(tmp_path / "Models_x.xml", 0)
     plain, text = import_hatt(path).texture, path.read_text(encoding="utf-8")
     assert plain is not None
@@ -186,7 +186,7 @@ def test_odd_but_readable_files(tmp_path: Path) -> None:
     swatch = import_hatt(path)
     assert swatch.friction_dynamic == 0 and swatch.texture is not None
     np.testing.assert_allclose(swatch.texture.lsf_rad, plain.lsf_rad, atol=1e-6)
-    assert "mu is missing" in swatch.provenance and "ARcoeff is used" in swatch.provenance
+    assert "ARcoeff" in swatch.provenance and "friction_dynamic" in swatch.absent
 
 
 BAD: dict[str, tuple[tuple[str, str], str]] = {
@@ -194,8 +194,8 @@ BAD: dict[str, tuple[tuple[str, str], str]] = {
     "acceleration": (("m/s^2", "g"), r"<AccelUnits>: expected m/s\^2, found 'g'"),
     "rate": (("10000", "0"), r"<SampleRate>: expected 100 to 1000000 Hz, found 0"),
     "rate word": (("10000", "fast"), r"<SampleRate>: expected a finite number, found 'fast'"),
-    "cut": (("<numMod>25", "<numMod>26"), r"<numMod>: expected the number of <model> elements, 25, found 26"),
-    "triangle": (("<tri><value>", "<tri><value>9"), r"<tri> 1: expected three numbers of models, 1 to 25"),
+    "cut": (("<numMod>25", "<numMod>26"), r"<numMod>: .*found 26"),
+    "triangle": (("<tri><value>", "<tri><value>9"), r"<tri> 1: .*1 to 25"),
     "short": (("<ARlsf><value>", "<ARlsf><value>0.001</value><value>"), r"<model> 2: expected 17 ARlsf as in model 1"),
     "nan": (("<var>", "<var>nan "), r"<model> 1, <var>: expected a finite number, found 'nan"),
     "huge": (("<var>", "<var>1e999"), r"<model> 1, <var>: expected a finite number"),
@@ -203,12 +203,12 @@ BAD: dict[str, tuple[tuple[str, str], str]] = {
     "no var": (("<var>", "<v>"), "not XML"),
     "mu": (("<mu>0.4", "<mu>40"), "friction must be"),
     "other root": (("<modelSet ", "<modelset "), "not XML"),
-    "zeros": (("<MAcoeff>", "<MAcoeff><value>0.5</value>"), r"<model> 1, <MAcoeff>: expected models without zeros"),
+    "zeros": (("<MAcoeff>", "<MAcoeff><value>0.5</value>"), r"<model> 1, <MAcoeff>"),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_broken_files_are_told_precisely(tmp_path: Path, case: str) -> None:
+def test_errors_name_file_element_and_value(tmp_path: Path, case: str) -> None:
     change, message = BAD[case]
     path = write_models(tmp_path / "Models_x.xml", 0)
     path.write_text(edited(path.read_text(encoding="utf-8"), change), encoding="utf-8")
@@ -217,7 +217,7 @@ def test_broken_files_are_told_precisely(tmp_path: Path, case: str) -> None:
     assert str(path) in str(caught.value) and len(str(caught.value)) < 400 + len(str(path))
 
 
-def test_nothing_in_a_file_can_reach_out_or_blow_up(tmp_path: Path) -> None:
+def test_malicious_xml_is_refused(tmp_path: Path) -> None:
     secret = tmp_path / "secret.txt"
     secret.write_text("secret")
     lol = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 12))
@@ -239,11 +239,11 @@ def test_nothing_in_a_file_can_reach_out_or_blow_up(tmp_path: Path) -> None:
         assert "secret" not in str(caught.value).replace(str(secret), "")
     with pytest.raises(SwatchError, match="no such file"):
         import_hatt(tmp_path / "none.xml")
-    with pytest.raises(SwatchError, match="is no file"):
+    with pytest.raises(SwatchError, match="cannot be read"):
         import_hatt(tmp_path)
 
 
-def test_many_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_import_of_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, out = tmp_path / "in", tmp_path / "out"
     folder.mkdir()
     first = write_models(folder / "Models_0.xml", 0, pairs=3, side=3)
@@ -264,7 +264,7 @@ def test_many_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert cli.main(["swatch", "import", str(first), "-o", str(out)]) == 0
 
 
-def test_interrupted_leaves_whole_swatches(
+def test_an_interrupted_import_leaves_complete_swatches(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in "ab":
@@ -282,7 +282,7 @@ def test_interrupted_leaves_whole_swatches(
 
 
 def fuzz(path: Path, count: int, seed: int) -> None:
-    """Mutated files: a swatch or a `SwatchError`, of one line."""
+    """Mutated files give a swatch or a `SwatchError` of one line."""
     dice = random.Random(seed)
     whole = write_models(path, 0, 3, side=3).read_bytes()
     for _ in range(count):
@@ -304,7 +304,7 @@ def test_mutated_files_are_read_or_refused(tmp_path: Path) -> None:
     fuzz(tmp_path / "Models_x.xml", 80, 0)
 
 
-def test_taps_find_their_models(tmp_path: Path, shared: Path) -> None:
+def test_taps_and_models_are_paired_by_name(tmp_path: Path, shared: Path) -> None:
     folder = shared / "data" / "hatt_format"
     for name in ("a", "b"):
         shutil.copy(folder / "Models_example.xml", tmp_path / f"Models_{name}.xml")

@@ -1,4 +1,4 @@
-"""Records on disk: whole, cut at any byte, with a flipped bit, and made by somebody else."""
+"""Record files: complete, truncated, damaged and invalid ones."""
 
 import itertools
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapscene.capture import FitOptions, fit_swatch, load_recording
-from hapscene.capture.io.hsrec import CutWarning, RecordWriter, load_record
+from hapscene.capture.io.hsrec import RecordWriter, TruncatedWarning, load_record
 from hapscene.errors import CaptureError
 from hapscene.io.wire.protocol import Column, Header, Run
 from tests.capture.probe_simulator import COLUMNS, FRICTION, strokes
@@ -30,7 +30,7 @@ def write(path: Path, end: bool = True) -> bytes:
     return path.read_bytes()
 
 
-def test_what_was_written_comes_back_with_its_gap(tmp_path: Path) -> None:
+def test_a_record_is_read_back_with_its_gap(tmp_path: Path) -> None:
     write(tmp_path / "a.hsrec")
     record = load_record(tmp_path / "a.hsrec")
     assert record.rate_Hz == 1000.0 and record.units == {"acceleration": "g", "force": "N"}
@@ -47,7 +47,7 @@ def test_long_runs_are_split_and_joined_again(tmp_path: Path) -> None:
     assert (load_record(tmp_path / "a.hsrec").streams["force"] == -np.arange(10_000)).all()
 
 
-def test_cut_at_any_byte_all_whole_chunks_are_read(tmp_path: Path) -> None:
+def test_complete_chunks_of_a_truncated_record_are_read(tmp_path: Path) -> None:
     data = write(tmp_path / "a.hsrec")
     cut = tmp_path / "cut.hsrec"
     lengths = []
@@ -65,15 +65,15 @@ def test_cut_at_any_byte_all_whole_chunks_are_read(tmp_path: Path) -> None:
     assert lengths == sorted(lengths) and sorted(set(lengths)) == [0, 10, 20, 30, 50]
 
 
-def test_one_that_is_cut_off_says_so(tmp_path: Path) -> None:
+def test_a_truncated_record_gives_a_warning(tmp_path: Path) -> None:
     path = tmp_path / "cut.hsrec"
     with RecordWriter(path, HEADER) as writer:
         writer.write(rows(0, 100))
-    with pytest.warns(CutWarning, match="100 samples"):
+    with pytest.warns(TruncatedWarning, match="100 samples"):
         assert len(load_recording(path).acceleration_m_s2) == 100
 
 
-def test_a_flipped_bit_ends_the_reading_and_gives_nothing_wrong(tmp_path: Path) -> None:
+def test_a_flipped_bit_never_gives_wrong_samples(tmp_path: Path) -> None:
     data = write(tmp_path / "a.hsrec")
     broken = tmp_path / "broken.hsrec"
     for at in range(0, len(data), 7):
@@ -89,48 +89,48 @@ def test_a_flipped_bit_ends_the_reading_and_gives_nothing_wrong(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", "not a record"),
-        (b"RIFF", "not a record"),
+        (b"", "not a probe record"),
+        (b"RIFF", "not a probe record"),
         (b"hapscene record 2\n", "later version"),
         (b"hapscene record 1\n", "within its header"),
     ],
 )
-def test_what_is_no_record_is_told(tmp_path: Path, data: bytes, message: str) -> None:
+def test_invalid_files_are_refused(tmp_path: Path, data: bytes, message: str) -> None:
     (tmp_path / "a.hsrec").write_bytes(data)
     with pytest.raises(CaptureError, match=f"a.hsrec: .*{message}"):
         load_record(tmp_path / "a.hsrec")
 
 
-def test_a_record_of_a_stranger_takes_no_memory(tmp_path: Path) -> None:
+def test_an_invalid_record_needs_little_memory(tmp_path: Path) -> None:
     with RecordWriter(tmp_path / "a.hsrec", HEADER) as writer:
         writer.write(Run(1 << 60, np.zeros((1, 2), dtype=np.int64)))
-    with pytest.raises(CaptureError, match="more than"):
+    with pytest.raises(CaptureError, match="exceed"):
         load_record(tmp_path / "a.hsrec")
     with RecordWriter(tmp_path / "b.hsrec", Header(float("nan"), HEADER.columns)) as writer:
         writer.write(rows(0, 5))
-    with pytest.raises(CaptureError, match="impossible rate"):
+    with pytest.raises(CaptureError, match="invalid sample rate"):
         load_record(tmp_path / "b.hsrec")
 
 
-def test_a_record_without_samples_is_told(tmp_path: Path) -> None:
+def test_a_record_without_samples_is_refused(tmp_path: Path) -> None:
     with RecordWriter(tmp_path / "a.hsrec", HEADER) as writer:
         writer.end("stopped")
     with pytest.raises(CaptureError, match="no samples"):
         load_record(tmp_path / "a.hsrec")
 
 
-def test_nothing_is_replaced(tmp_path: Path) -> None:
+def test_existing_files_are_not_overwritten(tmp_path: Path) -> None:
     write(tmp_path / "a.hsrec")
-    with pytest.raises(CaptureError, match="already exists"):
+    with pytest.raises(CaptureError, match=r"a\.hsrec: "):
         RecordWriter(tmp_path / "a.hsrec", HEADER)
-    with pytest.raises(CaptureError, match=r"end in \.hsrec"):
+    with pytest.raises(CaptureError, match=r"expected \.hsrec"):
         RecordWriter(tmp_path / "a.npz", HEADER)
     with pytest.raises(CaptureError, match=r"missing/a\.hsrec: cannot be written"):
         RecordWriter(tmp_path / "missing" / "a.hsrec", HEADER)
 
 
-def test_a_cut_record_is_fitted(tmp_path: Path) -> None:
-    """As after a killed recording: without an end, torn in its last chunk, with lost samples."""
+def test_a_truncated_record_is_fitted(tmp_path: Path) -> None:
+    """As after a killed recording: no end chunk, an incomplete last chunk, and dropped samples."""
     path = tmp_path / "stroke.hsrec"
     blocks = itertools.islice(strokes(3200.0), 600)
     counts = np.concatenate(list(blocks))
@@ -146,7 +146,7 @@ def test_a_cut_record_is_fitted(tmp_path: Path) -> None:
     assert swatch.friction_dynamic == pytest.approx(FRICTION, rel=0.02)
 
 
-def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported_and_earlier_samples_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(handle: int) -> None:
         raise OSError(28, "No space left on device")
 

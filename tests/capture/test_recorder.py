@@ -1,4 +1,4 @@
-"""Recording from a port that gives what a test says, by a virtual clock."""
+"""Recording from a scripted serial port, with a virtual clock."""
 
 import io
 import re
@@ -10,7 +10,7 @@ import pytest
 
 from hapscene.capture.io.hsrec import load_record
 from hapscene.capture.record import recorder
-from hapscene.capture.record.recorder import Made, Meter, record
+from hapscene.capture.record.recorder import LevelMeter, RecordingResult, record
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.io.wire.protocol import Column, Count, Header, Run, header_line, sample_line
@@ -19,8 +19,8 @@ from tests.virtual_clock import VirtualClock
 COLUMNS = (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.01))
 RATE_HZ = 2000.0
 HEADER = header_line(Header(RATE_HZ, COLUMNS))
-PIECE = 20
-"""Lines that the port gives at once [count]."""
+LINES = 20
+"""Lines that the port returns at once [count]."""
 
 
 def lines(start: int, stop: int) -> list[bytes]:
@@ -31,25 +31,25 @@ def truth(n: np.ndarray) -> np.ndarray:
     return np.stack([((n * 37) % 4001 - 2000) * 0.001, (n % 300) * 0.01])
 
 
-Play = Callable[..., Made]
+Play = Callable[..., RecordingResult]
 
 
 @pytest.fixture
 def play(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Play:
-    """Records parts, `PIECE` at a time, in real time by a virtual clock; a text as the last part ends the port."""
+    """Records lines, `LINES` at a time, in real time of a virtual clock; `last` is the error that ends the port."""
 
-    def played(parts: list[bytes], last: str = "", out: str = "a.hsrec", **more: object) -> Made:
+    def played(parts: list[bytes], last: str = "", out: str = "a.hsrec", **more: object) -> RecordingResult:
         clock = VirtualClock()
-        pieces: Iterator[list[bytes]] = iter([parts[i : i + PIECE] for i in range(0, len(parts), PIECE)])
+        batches: Iterator[list[bytes]] = iter([parts[i : i + LINES] for i in range(0, len(parts), LINES)])
 
         class ScriptedPort:
             def __init__(self, name: str, baud: int) -> None:
                 pass
 
             def next(self) -> tuple[bytes, float] | str | None:
-                piece = next(pieces, None)
-                clock.sleep_s(0.05 if piece is None else PIECE / RATE_HZ)
-                return (b"".join(piece), clock.now_s()) if piece is not None else last or None
+                batch = next(batches, None)
+                clock.sleep_s(0.05 if batch is None else LINES / RATE_HZ)
+                return (b"".join(batch), clock.now_s()) if batch is not None else last or None
 
             def close(self) -> None:
                 pass
@@ -60,44 +60,9 @@ def play(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Play:
     return played
 
 
-class Onlooker:
-    """Notes its calls."""
-
-    def __init__(self) -> None:
-        self.heads: list[Header] = []
-        self.runs: list[Run] = []
-        self.positions: list[int] = []
-        self.ends: list[str] = []
-
-    def begin(self, header: Header) -> None:
-        self.heads.append(header)
-
-    def take(self, run: Run) -> None:
-        assert self.heads and not self.ends
-        self.runs.append(run)
-
-    def tell(self, count: Count, position: int) -> None:
-        assert self.heads and not self.ends
-        self.positions.append(position)
-
-    def end(self, why: str) -> None:
-        self.ends.append(why)
-
-
-def test_a_watcher_sees_what_is_written(play: Play, tmp_path: Path) -> None:
-    first, second = Onlooker(), Onlooker()
-    play([HEADER, *lines(0, 1000), *lines(1010, 1500)], watch=(first, second), duration_s=0.7)
-    kept = load_record(tmp_path / "a.hsrec")
-    for onlooker in (first, second):
-        assert [head.rate_Hz for head in onlooker.heads] == [RATE_HZ] and onlooker.ends == [kept.ended]
-        n = np.concatenate([run.first + np.arange(len(run.counts)) for run in onlooker.runs])
-        np.testing.assert_array_equal(n, [*range(1000), *range(1010, 1400)])  # nothing beyond the duration
-        assert onlooker.positions == sorted(onlooker.positions) and 10 < len(onlooker.positions) < 16
-
-
 def test_a_clean_recording(play: Play, tmp_path: Path) -> None:
     made = play([HEADER, *lines(0, 3000)], duration_s=1.25)
-    assert (made.length, made.ended, made.count.dropped, made.well) == (2500, "the duration was reached", 0, True)
+    assert (made.length, made.ended, made.count.dropped, made.complete) == (2500, "the duration was reached", 0, True)
     kept = load_record(tmp_path / "a.hsrec")
     assert kept.rate_Hz == RATE_HZ and kept.ended == made.ended and made.rate_measured_Hz is None
     assert kept.units == {"acceleration": "m/s2", "force": "N"} and not kept.missing.any()
@@ -129,7 +94,7 @@ def test_dropped_torn_and_garbage(play: Play, tmp_path: Path) -> None:
     np.testing.assert_allclose(np.stack(list(kept.streams.values()))[:, there], truth(there), atol=1e-12)
 
 
-def test_npz_holds_the_same_and_the_record_beside_it_is_gone(play: Play, tmp_path: Path) -> None:
+def test_npz_replaces_the_record(play: Play, tmp_path: Path) -> None:
     parts = lines(0, 600)
     parts[5] = b""
     made = play([HEADER, *parts], out="a.npz", duration_s=0.25)
@@ -142,23 +107,23 @@ def test_npz_holds_the_same_and_the_record_beside_it_is_gone(play: Play, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("more", "ended", "well"),
+    ("more", "ended", "complete"),
     [
-        ({"last": "unplugged"}, "the probe went away: unplugged", False),
+        ({"last": "unplugged"}, "the probe was disconnected: unplugged", False),
         ({"duration_s": 3.0}, "the probe sent too few samples in the requested time", False),
         ({"extra": header_line(Header(50.0, COLUMNS))}, "another rate", False),
         ({"stopped_after": 12}, "stopped", True),
     ],
 )
-def test_every_end_leaves_a_proper_record(
-    play: Play, tmp_path: Path, more: dict[str, object], ended: str, well: bool
+def test_the_record_is_complete_however_the_recording_ends(
+    play: Play, tmp_path: Path, more: dict[str, object], ended: str, complete: bool
 ) -> None:
     calls = iter(range(10**6))
     parts = [HEADER, *lines(0, 399), *([more.pop("extra")] if "extra" in more else [])]
     if most := more.pop("stopped_after", 0):
         more["stopped"] = lambda: next(calls) >= int(str(most))
     made = play(parts, **more)
-    assert ended in made.ended and made.well == well
+    assert ended in made.ended and made.complete == complete
     kept = load_record(tmp_path / "a.hsrec")
     assert kept.ended == made.ended and len(kept.missing) == made.length > 0
 
@@ -166,7 +131,7 @@ def test_every_end_leaves_a_proper_record(
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        ([], r"silent for 0\.3 s.*#hapscene-probe 1"),
+        ([], r"no data in 0\.3 s.*#hapscene-probe 1"),
         ([b"\xf3\x80\n" * 50], r"150 bytes in 0\.3 s at 921600 baud, but no line.*check --baud"),
         ([HEADER.replace(b"probe 1", b"probe 7")], "but no line"),  # its checksum does not match
         ([b"#hapscene-probe 2 x*A673\n"], "version 2"),
@@ -185,17 +150,17 @@ def test_a_port_that_closes_or_is_stopped_before_a_header(play: Play) -> None:
         play([], stopped=lambda: True)
 
 
-def test_a_header_without_samples_leaves_no_file(play: Play, tmp_path: Path) -> None:
-    with pytest.raises(CaptureError, match="sent no samples"):
+def test_a_probe_without_samples_leaves_no_file(play: Play, tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match="no samples"):
         play([HEADER], out="a.npz", last="unplugged")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
     ("out", "message"),
-    [("a.wav", r"written as \.hsrec or \.npz"), ("there.hsrec", "already exists"), ("there.npz", "already exists")],
+    [("a.wav", r"expected \.hsrec or \.npz"), ("there.hsrec", "exists"), ("there.npz", "exists")],
 )
-def test_no_recording_is_replaced(tmp_path: Path, out: str, message: str) -> None:
+def test_existing_files_are_not_overwritten(tmp_path: Path, out: str, message: str) -> None:
     (tmp_path / "there.hsrec").write_bytes(b"dear")
     with pytest.raises(CaptureError, match=message):
         record("no port", tmp_path / out)
@@ -217,13 +182,12 @@ class Terminal(io.StringIO):
 def test_meter(stream: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "60")
     clock = VirtualClock()
-    meter = Meter(stream, clock)
-    meter.begin(Header(1000.0, COLUMNS))
+    meter = LevelMeter(Header(1000.0, COLUMNS), stream, clock)
     for k in range(41):
-        meter.take(Run(0, np.array([[9810 + 1000, 0], [9810 - 1000, 200]])))
-        meter.tell(Count(dropped=3), round(62.5 * k))
+        meter.add(Run(0, np.array([[9810 + 1000, 0], [9810 - 1000, 200]])))
+        meter.show(Count(dropped=3), round(62.5 * k))
         clock.sleep_s(1 / 16)
-    meter.end("stopped")
+    meter.close()
     if stream.isatty():
         shown = stream.getvalue().split("\r")[1:]
         assert 19 <= len(shown) <= 21 and all(len(line) <= 59 + len("\x1b[K\n") for line in shown)
@@ -233,4 +197,4 @@ def test_meter(stream: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
         assert len(shown) == 2 and shown[0].endswith("rms/peak:  acceleration 1/1 m/s2  force 1/1 N")
     assert re.match(r" +(0\.1|1\.0) s  dropped 3, torn 0, garbage 0  rms", shown[0])
     meter.line(Count(), 0)
-    assert "silent" in meter.line(Count(), 0)
+    assert "no samples" in meter.line(Count(), 0)

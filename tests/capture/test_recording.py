@@ -1,4 +1,4 @@
-"""Reading recordings: what a file does not say is asked for."""
+"""Reading recordings: columns, units, sample rates and invalid files."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.io import savemat, wavfile
 
 from hapscene.capture import load_recording
-from hapscene.capture.io.recording import BridgedWarning, dft321, one_axis
+from hapscene.capture.io.recording import InterpolatedWarning, dft321, one_axis
 from hapscene.capture.io.streams import clean
 from hapscene.errors import CaptureError
 
@@ -30,7 +30,7 @@ def test_columns_and_units(tmp_path: Path) -> None:
     assert np.allclose(recording.tangential_force_N, [1.0, 0.25])
 
 
-def test_one_value_a_line(tmp_path: Path) -> None:
+def test_text_with_one_column(tmp_path: Path) -> None:
     path = write(tmp_path, "  5.7e-02\r\n -1.0e+00\r\n")
     recording = load_recording(path, 1000.0, units={"acceleration": "m/s2"})
     assert recording.acceleration_m_s2.tolist() == [0.057, -1.0]
@@ -38,42 +38,39 @@ def test_one_value_a_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "change", "message"),
+    ("text", "change", "expected"),
     [
-        (CSV, {"rate_Hz": None}, r"give rate_Hz=… \(--rate HZ\)"),
-        (CSV, {"columns": None}, r'no column "acceleration"; there are: speed, force, accel, friction: give columns'),
-        (CSV, {"columns": {"acceleration": "acc"}}, "no column 'acc'; there are"),
-        (CSV, {"columns": {"accel": "accel"}}, "no quantity 'accel'"),
-        (CSV, {"units": None}, r'the unit of acceleration .* give units=\{"acceleration": "m/s2"\}'),
-        (CSV, {"units": None}, r"\(--units acceleration=m/s2\)"),
-        (CSV, {"units": UNITS | {"force": "lb"}}, "no unit 'lb' of force; there are: N"),
-        (CSV, {"units": UNITS | {"force": "0 N"}}, "no unit '0 N' of force"),
-        (CSV, {"units": UNITS | {"weight": "N"}}, "no quantity 'weight' in units"),
-        (CSV, {"columns": COLUMNS | {"force": "force+speed"}}, "force has one column"),
-        (CSV, {"columns": {"acceleration": "accel+speed+force+friction"}}, "at most three columns"),
-        (CSV, {"columns": {"acceleration": "accel+z"}}, "no column 'z'"),
+        (CSV, {"rate_Hz": None}, "--rate"),
+        (CSV, {"columns": {"acceleration": "acc"}}, "'acc'"),
+        (CSV, {"columns": {"accel": "accel"}}, "'accel'"),
+        (CSV, {"units": None}, "--units acceleration=m/s2"),
+        (CSV, {"units": UNITS | {"force": "lb"}}, "'lb'"),
+        (CSV, {"units": UNITS | {"force": "0 N"}}, "'0 N'"),
+        (CSV, {"units": UNITS | {"weight": "N"}}, "'weight'"),
+        (CSV, {"columns": COLUMNS | {"force": "force+speed"}}, "force: "),
+        (CSV, {"columns": {"acceleration": "accel+speed+force+friction"}}, "three columns"),
         ("", {}, "header"),
-        ("1,2\n3,4\n", {}, "no column 'accel'; there are: 1, 2"),
-        ("1,2\n3,4\n", {"columns": None}, r"no column \"acceleration\"; there are: 1, 2.*--columns acceleration=1"),
-        ("accel,accel\n1,2\n", {}, "two columns have one name"),
-        ("accel\n", {}, "columns expected"),
-        ("accel\n1\nx\n", {}, "not a table of numbers: line 3: a number expected in column 1, found 'x'$"),
-        ("# of oak\naccel,force\n1,2\n\n3\n", {}, "not a table of numbers: line 5: 2 columns expected, 1 found$"),
-        ("speed,a_m,acc\n1,2,3\n", {"columns": None}, r"--columns acceleration=acc\)"),
-        ("speed,b,a_m\n1,2,3\n", {"columns": None}, r"--columns acceleration=a_m\)"),
-        ("accel,force\n1\n3\n", {}, "2 columns expected, 1 found"),
-        (b"\xff\xfe\x00\x81", {}, "not a text file in UTF-8"),
-        ("accel;force\n1,5;2\n1,5;2,2,2\n", {}, "line 3: a number expected in column 2, found '2,2,2'$"),
+        ("1,2\n3,4\n", {"columns": None}, "--columns acceleration=1"),
+        ("accel,accel\n1,2\n", {}, "duplicate"),
+        ("accel\n", {}, "'accel'"),
+        ("accel\n1\nx\n", {}, "line 3, column 1: .*'x'"),
+        ("# of oak\naccel,force\n1,2\n\n3\n", {}, "line 5"),
+        ("speed,a_m,acc\n1,2,3\n", {"columns": None}, "--columns acceleration=acc"),
+        ("accel,force\n1\n3\n", {}, "2 columns"),
+        (b"\xff\xfe\x00\x81", {}, "UTF-8"),
+        ("accel;force\n1,5;2\n1,5;2,2,2\n", {}, "line 3, column 2: .*'2,2,2'"),
     ],
 )
 @pytest.mark.filterwarnings("error")
-def test_what_is_missing_is_told(text: str | bytes, change: dict[str, object], message: str, tmp_path: Path) -> None:
+def test_invalid_files_and_arguments_are_reported(
+    text: str | bytes, change: dict[str, object], expected: str, tmp_path: Path
+) -> None:
     arguments = {"rate_Hz": 1000.0, "columns": COLUMNS, "units": UNITS} | change
-    with pytest.raises(CaptureError, match=message):
+    with pytest.raises(CaptureError, match=f"recording.csv: .*{expected}"):
         load_recording(write(tmp_path, text), **arguments)
 
 
-def test_a_missing_file_is_told(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match=r"nothing\.csv: no such file"):
         load_recording(tmp_path / "nothing.csv", 1000.0)
 
@@ -85,7 +82,7 @@ NOISE = np.random.default_rng(0).standard_normal((3, 4000))
     "text",
     ["1 2\n3 4\n", "1;2\n3;4\n", "# by hand\n1\t2\n3\t4\n", "# by hand\na,b\n1,2\n3,4\n", "a b\n1 2\n3 4\n"],
 )
-def test_plain_text_in_its_forms(text: str, tmp_path: Path) -> None:
+def test_text_formats(text: str, tmp_path: Path) -> None:
     names = ("a", "b") if "a" in text.replace("hand", "") else ("1", "2")
     columns = {"acceleration": names[0], "force": names[1]}
     recording = load_recording(
@@ -95,17 +92,17 @@ def test_plain_text_in_its_forms(text: str, tmp_path: Path) -> None:
     assert recording.force_N is not None and recording.force_N.tolist() == [2.0, 4.0]
 
 
-def test_times_give_the_rate(tmp_path: Path) -> None:
+def test_the_time_column_gives_the_sample_rate(tmp_path: Path) -> None:
     path = write(tmp_path, "time,acceleration\n0.0,1\n0.5,2\n1.0,3\n")
     assert load_recording(path, units={"acceleration": "g", "time": "ms"}).rate_Hz == pytest.approx(2000.0)
     assert load_recording(path, 7.0, units={"acceleration": "g"}).rate_Hz == 7.0
     path = write(tmp_path, "time,acceleration\n0.0,1\n0.5,2\n1.9,3\n")
-    with pytest.raises(CaptureError, match="not evenly spaced"):
+    with pytest.raises(CaptureError, match="'time'"):
         load_recording(path, units={"acceleration": "g"})
 
 
 @pytest.mark.parametrize("kind", ["int16", "int32", "uint8", "float32"])
-def test_wav_carries_its_rate_and_full_scale_is_a_unit(kind: str, tmp_path: Path) -> None:
+def test_wav_states_its_rate_and_needs_a_full_scale(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "stroke.wav"
     wave = 0.5 * np.sin(np.arange(1000) / 10)
     full = {"int16": 32768, "int32": 2147483648, "uint8": 128, "float32": 1}[kind]
@@ -156,11 +153,11 @@ def test_tangential_force_of_two_axes(tmp_path: Path) -> None:
     assert recording.tangential_force_N is not None and recording.tangential_force_N.tolist() == [5.0, 10.0]
 
 
-def test_samples_that_a_probe_dropped_are_bridged_if_few(tmp_path: Path) -> None:
+def test_few_missing_samples_are_interpolated(tmp_path: Path) -> None:
     stream = np.arange(1000.0)
     stream[500:505] = np.nan
     np.savez(tmp_path / "r.npz", acceleration=stream, rate_Hz=1000.0, units=np.array(["acceleration=m/s2"]))
-    with pytest.warns(BridgedWarning):
+    with pytest.warns(InterpolatedWarning):
         recording = load_recording(tmp_path / "r.npz")
     np.testing.assert_allclose(recording.acceleration_m_s2, np.arange(1000.0))
     stream[:100] = np.nan
@@ -170,36 +167,36 @@ def test_samples_that_a_probe_dropped_are_bridged_if_few(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("suffix", ["wav", "npz", "mat", "hsrec"])
-def test_a_damaged_file_is_told(suffix: str, tmp_path: Path) -> None:
+def test_a_damaged_file_is_reported(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"r.{suffix}"
     path.write_bytes(b"RIFF" + bytes(range(200)))
     with pytest.raises(CaptureError, match=f"r.{suffix}: "):
         load_recording(path, 1000.0)
 
 
-def test_no_pickle_is_opened_and_no_text_taken_for_a_stream(tmp_path: Path) -> None:
+def test_pickled_objects_and_text_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "r.npz", acceleration=np.array([{}, {}], dtype=object))
-    with pytest.raises(CaptureError, match="not an NPZ file that can be read"):
+    with pytest.raises(CaptureError, match="pickled"):
         load_recording(tmp_path / "r.npz", 1000.0)
     np.savez(tmp_path / "r.npz", acceleration=np.array(["a", "b"]))
-    with pytest.raises(CaptureError, match="no streams of numbers"):
+    with pytest.raises(CaptureError, match="no columns"):
         load_recording(tmp_path / "r.npz", 1000.0)
     np.savez(tmp_path / "r.npz", acceleration=np.ones(5), force=np.ones(6))
-    with pytest.raises(CaptureError, match="different length"):
+    with pytest.raises(CaptureError, match="acceleration 5, force 6"):
         load_recording(tmp_path / "r.npz", 1000.0)
 
 
-def test_missing_samples_are_bridged_and_told(tmp_path: Path) -> None:
+def test_interpolated_samples_are_counted(tmp_path: Path) -> None:
     path, stream = tmp_path / "oak.npz", np.arange(1000.0)
     stream[[3, 500]] = np.nan
     np.savez(path, acceleration=stream, force=np.ones(1000), other=stream, rate_Hz=1000.0)
-    with pytest.warns(BridgedWarning, match=r"oak\.npz: missing samples .*: 2 of acceleration$"):
+    with pytest.warns(InterpolatedWarning, match=r"oak\.npz: missing samples .*: 2 of acceleration$"):
         recording = load_recording(path, units={"acceleration": "m/s2", "force": "N"})
     assert np.array_equal(recording.acceleration_m_s2, np.arange(1000.0))
     assert recording.bridged == {"acceleration": 2}
 
 
-# DFT321 where the answer is known.
+# DFT321 with known results.
 
 
 RATE_HZ = 10_000.0
@@ -207,7 +204,7 @@ AXES = np.random.default_rng(0).standard_normal((3, 20_000))
 
 
 @pytest.mark.parametrize("count", [1000, 1001])
-def test_the_power_of_the_axes_is_kept_at_each_frequency(count):
+def test_dft321_preserves_the_power_at_each_frequency(count):
     axes = AXES[:, :count]
     together = np.abs(np.fft.rfft(dft321(axes))) ** 2
     apart = (np.abs(np.fft.rfft(axes)) ** 2).sum(axis=0)
@@ -215,22 +212,22 @@ def test_the_power_of_the_axes_is_kept_at_each_frequency(count):
     assert (dft321(axes) ** 2).sum() == pytest.approx((axes**2).sum(), rel=1e-12)
 
 
-def test_one_direction_comes_back():
-    """A vibration along a direction u is one signal: its length times that, up to the sign of the sum of u."""
+def test_a_vibration_in_one_direction_is_recovered():
+    """A vibration along u gives the same signal, scaled by |u|, with the sign of the sum of u."""
     for u in ([1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [-0.6, 0.0, -0.8]):
         want = np.sign(np.sum(u)) * np.linalg.norm(u) * AXES[0]
         np.testing.assert_allclose(dft321(np.outer(u, AXES[0])), want, atol=1e-10)
     np.testing.assert_allclose(dft321(np.stack([AXES[0]] * 3)), np.sqrt(3) * AXES[0], atol=1e-10)
 
 
-def test_axes_that_cancel_are_not_lost():
+def test_axes_of_opposite_sign_do_not_cancel():
     opposed = np.stack([AXES[0], -AXES[0]])
     assert (dft321(opposed) ** 2).sum() == pytest.approx((opposed**2).sum(), rel=1e-9)
     assert not dft321(np.zeros((3, 100))).any()
 
 
-def test_over_time_the_power_stays_where_it_was():
-    """What a transform of the whole recording would spread: silence stays silent, a burst stays a burst."""
+def test_the_power_over_time_is_preserved():
+    """A transform of the whole recording would spread a burst into the silence before it."""
     axes = AXES.copy()
     axes[:, :10_000] = 0.0
     y = one_axis(axes, RATE_HZ)
@@ -238,22 +235,22 @@ def test_over_time_the_power_stays_where_it_was():
     assert (y[10_000:] ** 2).sum() == pytest.approx((AXES[:, 10_000:] ** 2).sum(), rel=0.04)
 
 
-def test_gravity_that_turns_with_the_hand_is_not_heard():
+def test_rotating_gravity_is_removed():
     t_s = np.arange(20_000) / RATE_HZ
     turn = 9.81 * np.stack([np.sin(3 * t_s), np.cos(3 * t_s), 0.0 * t_s])
     still, turned = (clean(one_axis(0.1 * AXES + by, RATE_HZ), RATE_HZ).acceleration_m_s2 for by in (0.0, turn))
     assert np.std((turned - still)[2000:-2000]) < 0.02 * np.std(still)
 
 
-def test_one_axis_passes_and_four_do_not():
+def test_one_axis_is_unchanged_and_four_are_refused():
     np.testing.assert_array_equal(one_axis(AXES[:1], RATE_HZ), AXES[0])
     for bad in (np.zeros((4, 100)), np.zeros((0, 100))):
         with pytest.raises(CaptureError, match="one to three axes"):
             one_axis(bad, RATE_HZ)
 
 
-def test_the_streams_of_a_camera_of_surfaces(tmp_path: Path) -> None:
-    """Torque, grip, contact angle and direction: by their names, by other columns, and made of others."""
+def test_torque_grip_angle_and_direction(tmp_path: Path) -> None:
+    """The streams are read by name or by column, or computed from orientation and position."""
     rng = np.random.default_rng(0)
     count, rate_Hz = 4000, 2000.0
     lean, heading = np.linspace(0.0, 0.5, count), np.linspace(0.0, 5.0, count)
@@ -275,20 +272,20 @@ def test_the_streams_of_a_camera_of_surfaces(tmp_path: Path) -> None:
     off = np.angle(np.exp(1j * (recording.direction_rad - heading)))[inner]
     assert np.abs(off).max() < 1e-3 and np.abs(recording.speed_m_s[inner] - 0.1).max() < 1e-5
     assert "torque_Nm, grip_force_N, contact_angle_rad, direction_rad" in repr(recording)
-    told = arrays | {"contact_angle": np.full(count, 20.0), "direction": np.full(count, 90.0)}
-    np.savez(path, rate_Hz=rate_Hz, **told)
-    recording = load_recording(path, units=units | {"contact_angle": "deg", "direction": "°"})  # what is told wins
+    given = arrays | {"contact_angle": np.full(count, 20.0), "direction": np.full(count, 90.0)}
+    np.savez(path, rate_Hz=rate_Hz, **given)
+    recording = load_recording(path, units=units | {"contact_angle": "deg", "direction": "°"})  # columns have priority
     np.testing.assert_allclose(recording.contact_angle_rad, np.pi / 9)
     np.testing.assert_allclose(recording.direction_rad, np.pi / 2)
     np.savez(path, rate_Hz=rate_Hz, **arrays | {"orientation": 0.0 * quaternion})
     with pytest.raises(CaptureError, match="quaternion"):
         load_recording(path, units=units)
-    with pytest.raises(CaptureError, match="orientation has four columns: w, x, y, z"):
+    with pytest.raises(CaptureError, match=r"orientation: .*four columns"):
         load_recording(path, columns={"orientation": "torque_x+torque_y"}, units=units)
 
 
-def test_decimal_commas_where_semicolons_part_columns(tmp_path: Path) -> None:
-    """As spreadsheets save in half of Europe; without a header, too."""
+def test_decimal_commas_with_semicolons(tmp_path: Path) -> None:
+    """As saved by spreadsheets with European settings, with and without a header."""
     rows = ["0,5;1,25;-3", "1,5e-1;2;4,0"] * 20
     for head, columns in (("accel;force;speed\r\n", COLUMNS), ("", {"acceleration": "1", "force": "2", "speed": "3"})):
         text = b"\xef\xbb\xbf" + (head + "\r\n".join(rows)).encode()

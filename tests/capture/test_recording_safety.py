@@ -1,4 +1,4 @@
-"""Recordings from strangers: no file takes more memory than its size allows, ends the process, or is read shortened."""
+"""Untrusted recordings: limited memory, no crash, no silently shortened data."""
 
 import json
 import struct
@@ -39,22 +39,22 @@ def write(path: Path, content: bytes) -> None:
 NOISE = np.random.default_rng(0)
 
 
-def test_a_record_of_a_gap_is_refused_by_itself(tmp_path: Path) -> None:
+def test_a_record_with_a_huge_gap_is_refused(tmp_path: Path) -> None:
     record(0, 100_000_000)(tmp_path / "gap.hsrec")
-    with pytest.raises(CaptureError, match=r"gap\.hsrec: 100,000,100 samples, .* needs 800 MB"):
+    with pytest.raises(CaptureError, match=r"gap\.hsrec: .*100,000,100 samples"):
         load_record(tmp_path / "gap.hsrec")
 
 
-def test_a_record_that_lost_samples_within_is_not_read_as_a_shorter_one(tmp_path: Path) -> None:
+def test_a_record_with_a_damaged_chunk_inside_is_refused(tmp_path: Path) -> None:
     record(0, 100, 200)(tmp_path / "a.hsrec")
     whole = (tmp_path / "a.hsrec").read_bytes()
     (tmp_path / "a.hsrec").write_bytes(whole[:-600] + whole[-500:])
-    with pytest.raises(CaptureError, match=r"a\.hsrec: damaged at byte .*: samples are lost there, and others follow"):
+    with pytest.raises(CaptureError, match=r"a\.hsrec: damaged at byte"):
         load_record(tmp_path / "a.hsrec")
 
 
 @pytest.mark.parametrize("rate_Hz", [1e-9, 1e12, 0.0, -1.0, float("nan"), float("inf")])
-def test_a_rate_that_no_probe_has_makes_nothing(rate_Hz: float, tmp_path: Path) -> None:
+def test_an_invalid_sample_rate_is_refused(rate_Hz: float, tmp_path: Path) -> None:
     stream = NOISE.normal(size=(2000, 3))
     np.savez(tmp_path / "a.npz", acceleration=stream, position=stream, rate_Hz=rate_Hz)
     with pytest.raises(CaptureError, match=r"a\.npz: "):
@@ -64,7 +64,7 @@ def test_a_rate_that_no_probe_has_makes_nothing(rate_Hz: float, tmp_path: Path) 
         fit_swatch(load_recording(tmp_path / "a.npz", units={"acceleration": "g"}))
 
 
-def test_a_matlab_file_says_its_units(tmp_path: Path) -> None:
+def test_a_matlab_file_states_its_units(tmp_path: Path) -> None:
     units = np.array(["acceleration=g", "force=mN"])  # which MATLAB makes of one length
     numbers = {"acceleration": np.arange(1000.0), "force": np.arange(1000, dtype=np.int16), "rate_Hz": 1000.0}
     savemat(tmp_path / "a.mat", {**numbers, "units": units, "note": "by hand", "cell": np.array([{}, 1], object)})
@@ -73,13 +73,13 @@ def test_a_matlab_file_says_its_units(tmp_path: Path) -> None:
     assert recording.force_N is not None and recording.force_N[-1] == pytest.approx(0.999)
 
 
-def test_a_file_of_words_is_no_recording(tmp_path: Path) -> None:
+def test_a_text_without_numbers_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("hello\n")
-    with pytest.raises(CaptureError, match=r"holds no numbers, only the line 'hello'"):
+    with pytest.raises(CaptureError, match="'hello'"):
         load_recording(tmp_path / "a.txt", 1000.0)
 
 
-def test_a_toolkit_file_of_elements_alone_is_refused(tmp_path: Path) -> None:
+def test_a_toolkit_file_with_too_many_elements_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.xml").write_text(f"<modelSet>{'<a/>' * 900_000}</modelSet>")
     with pytest.raises(SwatchError, match="more than 800,000 elements"):
         read_models(tmp_path / "a.xml")
@@ -92,16 +92,16 @@ def test_long_signals_are_filtered_as_by_scipy_to_the_bit() -> None:
         assert np.array_equal(filtered(signal, 1e4, cutoff_Hz, kind, order=order), wanted)
 
 
-def test_a_surfaces_name_is_no_path(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_the_name_of_a_surface_must_not_be_a_path(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", acceleration=np.ones(5))
     assert main(["capture", "fit", str(tmp_path / "a.npz"), "--name", "a/b", "-o", str(tmp_path / "a.swatch")]) == 2
-    assert "a surface's name has no slash" in capsys.readouterr().err
+    assert "slash" in capsys.readouterr().err
 
 
-def test_a_signalling_nan_is_a_missing_sample_and_no_warning_more(tmp_path: Path) -> None:
+def test_a_signalling_nan_is_a_missing_sample(tmp_path: Path) -> None:
     columns = {name: np.ones(2000, np.float32) for name in UNITS} | {"rate_Hz": 1000.0}
     columns["force"][7:8] = np.array([0x7FA00000], np.uint32).view(np.float32)
     np.savez(tmp_path / "a.npz", **columns)
-    with pytest.warns(UserWarning) as heard:
+    with pytest.warns(UserWarning) as caught:
         load_recording(tmp_path / "a.npz", units=UNITS)
-    assert [str(one.message).partition(": ")[2] for one in heard] == ["missing samples interpolated: 1 of force"]
+    assert [str(one.message).partition(": ")[2] for one in caught] == ["missing samples interpolated: 1 of force"]

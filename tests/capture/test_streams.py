@@ -53,7 +53,7 @@ def test_what_is_too_short_or_too_slow_for_a_speed(count: int, rate_Hz: float, f
             speed_of(np.zeros((2, count)), rate_Hz)
 
 
-def test_a_force_of_one_number_stays_it_and_what_is_not_given_is_said() -> None:
+def test_constant_and_assumed_streams() -> None:
     streams = clean(NOISE + 9.81, RATE_HZ, speed_m_s=-0.2)
     assert np.all(streams.force_N == 1.0) and np.all(streams.speed_m_s == 0.2)
     assert streams.assumed == ("force_N",) and streams.depth_m is streams.tangential_force_N is None
@@ -61,9 +61,9 @@ def test_a_force_of_one_number_stays_it_and_what_is_not_given_is_said() -> None:
     assert clean(NOISE, RATE_HZ, 2.0).assumed == ("speed_m_s",) and clean(NOISE, RATE_HZ, 1.0, 1.0).assumed == ()
 
 
-def test_the_least_that_is_a_recording_and_the_loudest_that_is_believed() -> None:
+def test_limits_of_length_and_level() -> None:
     assert len(clean(NOISE[:1000], RATE_HZ).force_N) == 1000
-    with pytest.raises(CaptureError, match=r"999 samples at 2000 Hz are 0\.4\d+ s: at least 0\.5 s"):
+    with pytest.raises(CaptureError, match="999 samples"):
         clean(NOISE[:999], RATE_HZ)
     for level in (-1.0, 1.0):
         loud = NOISE.copy()
@@ -72,11 +72,11 @@ def test_the_least_that_is_a_recording_and_the_loudest_that_is_believed() -> Non
         loud[17] *= 1.001
         with pytest.raises(CaptureError, match="sample 17"):
             clean(loud, RATE_HZ)
-    with pytest.raises(CaptureError, match="rate_Hz must be above 400"):
+    with pytest.raises(CaptureError, match="rate_Hz"):
         clean(NOISE, 400.0)
 
 
-def test_a_part_has_all_streams_of_it() -> None:
+def test_a_part_contains_all_streams() -> None:
     whole = clean(NOISE, RATE_HZ, 1.0 + 0.1 * np.sin(T_S), None, None, 1e-3 * np.cos(T_S))
     chosen = np.arange(len(NOISE)) % 3 == 0
     for part in (slice(100, 300), chosen):
@@ -87,13 +87,13 @@ def test_a_part_has_all_streams_of_it() -> None:
         assert cut.tangential_force_N is None
 
 
-def test_what_else_was_measured_is_kept() -> None:
+def test_optional_streams_are_kept() -> None:
     streams = clean(NOISE, RATE_HZ, 1.0, 0.1, grip_force_N=5.0)
     assert streams.grip_force_N is not None and np.all(streams.grip_force_N == 5.0)
     assert streams.torque_Nm is None and streams.contact_angle_rad is None
 
 
-def test_a_tilt_has_no_sign_and_a_unit() -> None:
+def test_the_contact_angle_is_a_magnitude_in_radians() -> None:
     tilt = 0.3 * np.sin(np.arange(len(NOISE)) / 300.0)
     streams = clean(NOISE, RATE_HZ, 1.0, 0.1, contact_angle_rad=tilt)
     assert streams.contact_angle_rad is not None

@@ -7,7 +7,14 @@ import pytest
 from scipy.io import wavfile
 
 from hapscene.capture.io.recording import load_recording
-from hapscene.capture.record.time_alignment import Clocked, ClockOffset, clock_offset, join, level_changes, resampled
+from hapscene.capture.record.time_alignment import (
+    ClockOffset,
+    SampledStreams,
+    clock_offset,
+    join,
+    level_changes,
+    resampled,
+)
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 
@@ -20,7 +27,7 @@ SECONDS = 15.0
 def found(seed: int, taps: bool, second: str, seconds: float | None = SECONDS) -> tuple[ClockOffset, float]:
     """The offset that is found, and how far it is off [s]."""
     one, two, offset_s, drift = planted(seed, taps=taps, second=second, seconds=seconds)
-    known = clock_offset(Clocked(*one), Clocked(*two))
+    known = clock_offset(SampledStreams(*one), SampledStreams(*two))
     length_s = len(next(iter(two[1].values()))) / two[0]
     return known, farthest_s(offset_s, drift, known.offset_s, known.drift, length_s)
 
@@ -31,16 +38,19 @@ def test_a_common_channel_is_aligned_to_a_millisecond(taps: bool) -> None:
     assert known.common and off_s < 1.5e-3
 
 
-def test_unlike_channels_are_aligned_to_some_milliseconds() -> None:
+def test_different_channels_are_aligned_to_some_milliseconds() -> None:
     known, off_s = found(0, True, "force+speed", 20.0)
     assert not known.common and off_s < 8e-3
 
 
-def test_swapped_recordings_have_the_inverse() -> None:
+def test_swapped_recordings_give_the_inverse() -> None:
     one, two, _, _ = planted(5, taps=True, second="acceleration", seconds=SECONDS)
-    forth, back = clock_offset(Clocked(*one), Clocked(*two)), clock_offset(Clocked(*two), Clocked(*one))
+    forward, back = (
+        clock_offset(SampledStreams(*one), SampledStreams(*two)),
+        clock_offset(SampledStreams(*two), SampledStreams(*one)),
+    )
     t_s = np.array([2.0, 13.0])
-    there = forth.offset_s + (1.0 + forth.drift) * t_s
+    there = forward.offset_s + (1.0 + forward.drift) * t_s
     np.testing.assert_allclose(back.offset_s + (1.0 + back.drift) * there, t_s, atol=1e-3)
 
 
@@ -52,7 +62,7 @@ def test_many_planted_clocks(seed: int, taps: bool, second: str, most_s: float) 
     assert found(seed, taps, second, None)[1] < most_s
     one, two, _, _ = planted(seed, taps=taps, second=second, seconds=20.0, related=False)
     with pytest.raises(CaptureError, match="no clear peak"):
-        clock_offset(Clocked(*one), Clocked(*two))
+        clock_offset(SampledStreams(*one), SampledStreams(*two))
 
 
 def test_noise_silence_and_what_repeats_are_refused() -> None:
@@ -66,11 +76,11 @@ def test_noise_silence_and_what_repeats_are_refused() -> None:
     ]
     for one, two in pairs:
         with pytest.raises(CaptureError, match="no clear peak"):
-            clock_offset(Clocked(1000.0, {"acceleration": one}), Clocked(1000.0, {"1": two}))
+            clock_offset(SampledStreams(1000.0, {"acceleration": one}), SampledStreams(1000.0, {"1": two}))
     with pytest.raises(CaptureError, match="sample rate"):
-        clock_offset(Clocked(20.0, {"force": beat[:40]}), Clocked(5000.0, {"a": beat}))
+        clock_offset(SampledStreams(20.0, {"force": beat[:40]}), SampledStreams(5000.0, {"a": beat}))
     with pytest.raises(CaptureError, match="duration"):
-        clock_offset(Clocked(5000.0, {"a": beat[:4000]}), Clocked(5000.0, {"a": beat}))
+        clock_offset(SampledStreams(5000.0, {"a": beat[:4000]}), SampledStreams(5000.0, {"a": beat}))
 
 
 def test_level_changes_are_bounded_and_follow_the_level() -> None:
@@ -110,8 +120,8 @@ def write(path: Path, rate_Hz: float, streams: dict[str, np.ndarray], time: bool
     return path
 
 
-def test_a_wav_and_a_table_become_one_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The second device has a sine of the first clock beside its acceleration."""
+def test_a_wav_and_a_table_are_merged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The second file also contains a sine of the first clock."""
     one, (rate_Hz, streams), offset_s, drift = planted(3, taps=True, second="acceleration", seconds=SECONDS)
     t_s = offset_s + (1.0 + drift) * np.arange(len(streams["acceleration"])) / rate_Hz
     wave, out = tmp_path / "handle.wav", tmp_path / "joined.npz"
@@ -135,16 +145,16 @@ def test_a_wav_and_a_table_become_one_recording(tmp_path: Path, capsys: pytest.C
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"out": "j.csv"}, r"written as \.npz"),
-        ({"paths": ["a.csv"]}, "two files or more"),
-        ({"paths": ["a.csv", "a.csv"]}, "each named once"),
-        ({"rates_Hz": [1.0, 2.0, 3.0]}, "3 rates for 2 files"),
-        ({"rates_Hz": []}, "does not state its sample rate"),
-        ({"paths": ["a.csv", "c.csv"]}, r"c\.csv: x: at least two numbers"),
+        ({"out": "j.csv"}, r"j\.csv"),
+        ({"paths": ["a.csv"]}, "two or more"),
+        ({"paths": ["a.csv", "a.csv"]}, "different files"),
+        ({"rates_Hz": [1.0, 2.0, 3.0]}, "3 sample rates"),
+        ({"rates_Hz": []}, "--rate"),
+        ({"paths": ["a.csv", "c.csv"]}, r"c\.csv: column 'x'"),
         ({}, r"a\.csv and b\.csv: .*duration"),
     ],
 )
-def test_files_that_cannot_be_joined_are_refused(
+def test_files_that_cannot_be_merged_are_refused(
     more: dict[str, object], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -155,3 +165,15 @@ def test_files_that_cannot_be_joined_are_refused(
     with pytest.raises(CaptureError, match=message):
         join(given.pop("paths"), given.pop("out"), **given)  # type: ignore[arg-type]
     assert not Path("j.npz").exists()
+
+
+def test_streams_of_the_same_name_are_all_kept(tmp_path: Path) -> None:
+    """The first file already has the name that the stream of the second file would get."""
+    rng = np.random.default_rng(0)
+    beat = rng.standard_normal(6000) * (1.0 + np.sin(np.arange(6000) / 90.0 + 8.0 * np.sin(np.arange(6000) / 800.0)))
+    write(tmp_path / "a.csv", 1000.0, {"acceleration": beat, "acceleration_2": np.ones(6000)})
+    write(tmp_path / "b.csv", 1000.0, {"acceleration": 2.0 * beat})
+    join([tmp_path / "a.csv", tmp_path / "b.csv"], tmp_path / "c.npz", rates_Hz=[1000.0])
+    with np.load(tmp_path / "c.npz") as kept:
+        assert np.all(kept["acceleration_2"] == 1.0)
+        assert np.corrcoef(kept["acceleration_3"], kept["acceleration"])[0, 1] > 0.8

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import hapscene
 from hapscene.device.model import (
     BORDER_COUNT,
-    DELAY_MAX,
+    DELAY_TICKS_MAX,
     DEVICES,
     IDEAL,
     Device,
@@ -46,7 +46,7 @@ FINITE = ("fold_mass_kg", "damping_time_s", "quantum_m", "coupling_N_m", "coupli
 
 
 @pytest.mark.parametrize("name", [name for name in vars(IDEAL) if name != "device"])
-def test_impossible_limits_are_refused_by_name(name: str) -> None:
+def test_invalid_limits_are_refused_by_name(name: str) -> None:
     for value in (-1.0, math.nan, *([math.inf] if name in FINITE else [])):
         with pytest.raises(HapsceneError, match=f"limits: {name} must be "):
             Limits(**{name: value})
@@ -110,14 +110,14 @@ def test_border_is_where_the_loop_is_just_stable(m, b, T, d, share):
 @given(
     name=st.sampled_from(REAL), T=st.sampled_from((2e-3, 1e-3, 5e-4, 1e-4)), d=st.integers(0, 8), damped=st.booleans()
 )
-def test_limits_are_sane(name, T, d, damped):
+def test_limits_are_consistent(name, T, d, damped):
     device = DEVICES[name]
     K, B = wall_limit(name, T, d, damped=damped)
     assert 0.0 < K <= device.limits.stiffness_N_m and 0.0 <= B <= device.limits.damping_Ns_m
     with_damper, _ = wall_limit(name, T, d)
     sooner, _ = wall_limit(name, T, max(0, d - 1), damped=damped)
-    assert with_damper >= K - 1e-9  # a damper never makes it softer
-    assert sooner >= K - 1e-9  # nor delay stiffer
+    assert with_damper >= K - 1e-9  # a damper does not reduce the stiffness
+    assert sooner >= K - 1e-9  # a delay does not increase it
     limits = limits_of(name, T, d)
     needed = damping_for(device, limits.stiffness_N_m, T, delay_ticks=d)
     assert needed <= limits.damping_Ns_m * (1 + 1e-3) + 1e-9
@@ -125,7 +125,7 @@ def test_limits_are_sane(name, T, d, damped):
     assert (limits.stiffness_N_m + limits.damping_Ns_m / T) * device.point.quantum_m <= device.point.c_N * (1 + 1e-9)
 
 
-def test_published_caps():
+def test_limits_at_1_kHz_match_published_ones():
     """At 1 kHz the closed form allows what CHAI3D does for the Omni, and two thirds of it or more for the others."""
     assert limits_of("omni", 1e-3).stiffness_N_m == 700.0
     for name, cap in (("phantom-1.0", 1000.0), ("premium-1.5", 800.0)):
@@ -142,7 +142,7 @@ def test_ideal_and_unknown_devices():
 @pytest.mark.parametrize("delay", [0, 1, 2])
 @pytest.mark.parametrize("damped", [True, False])
 def test_walls_at_the_limit_rest_after_a_brisk_tap(name, delay, damped):
-    """At a light grip, 0.5 m/s into the wall, without the passivity controller."""
+    """With a light grip, at 0.5 m/s into the wall, without the passivity controller."""
     device, T = DEVICES[name], 1e-3
     K, _ = wall_limit(name, T, delay, damped=damped)
     B = damping_for(device, K, T, delay_ticks=delay) if damped else 0.0
@@ -152,7 +152,7 @@ def test_walls_at_the_limit_rest_after_a_brisk_tap(name, delay, damped):
 
 
 def test_a_wall_far_beyond_the_limit_does_not_rest():
-    """Else the cases above would prove nothing."""
+    """Control for the test above."""
     point = PointMass(0.045, 0.1)
     bare = Device("bare", point, Limits())
     K = wall_limit(bare, 1e-3, 0, damped=False)[0]
@@ -168,7 +168,7 @@ def tap(point: PointMass, K: float, B: float, delay: int):
 
 
 @pytest.mark.parametrize(("tick_s", "delay"), [(0.0, 0), (math.nan, 0), (1e-3, -1), (1e-3, 64), (1e-3, math.nan)])
-def test_a_loop_that_is_none(tick_s: float, delay: float) -> None:
+def test_invalid_periods_and_delays_are_refused(tick_s: float, delay: float) -> None:
     with pytest.raises(HapsceneError, match=r"limits: (tick_s|delay_ticks)"):
         limits_of("omni", tick_s, delay)  # type: ignore[arg-type]
 
@@ -177,7 +177,6 @@ def test_a_loop_that_is_none(tick_s: float, delay: float) -> None:
 
 
 BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
-NUMBERS = [name for name in vars(IDEAL) if name != "device"]
 
 
 def scene(*swatches: Swatch) -> hapscene.Scene:
@@ -190,37 +189,29 @@ def scene(*swatches: Swatch) -> hapscene.Scene:
 
 
 def felt_N_m(renderer: hapscene.Renderer, depth_m: float = 0.001) -> float:
-    """Force over depth, held still."""
+    """Force over depth, at rest."""
     renderer.reset([0.0, 0.0, 0.001])
     return float(renderer.run([[0.0, 0.0, -depth_m]] * 3).f_W_N[-1, 2]) / depth_m
 
 
-@pytest.mark.parametrize("name", NUMBERS)
-@pytest.mark.parametrize("value", [-1.0, math.nan])
-def test_limits_that_make_no_sense(name, value):
-    with pytest.raises(HapsceneError, match=name):
-        Limits(**{name: value})
-
-
-@pytest.mark.parametrize("delay", [0.5, DELAY_MAX + 1, math.inf])
+@pytest.mark.parametrize("delay", [0.5, DELAY_TICKS_MAX + 1, math.inf])
 def test_bad_delay(delay):
     with pytest.raises(HapsceneError, match="delay_ticks"):
         Limits(delay_ticks=delay)
 
 
-def test_a_stiff_swatch_is_clipped_and_says_so():
+def test_a_stiff_swatch_is_clipped_with_a_warning():
     with pytest.warns(DeviceWarning) as caught:
         renderer = hapscene.Renderer(scene(Swatch("oak", stiffness_N_m=5000.0)), ["wall"], device="omni")
-    assert [str(one.message) for one in caught] == [
-        "swatch 'oak': 5000 N/m is more than the omni holds at 1 kHz (700 N/m): rendered at 700 N/m"
-    ]
+    (warning,) = caught
+    assert "'oak'" in str(warning.message) and "5000 N/m" in str(warning.message) and "700 N/m" in str(warning.message)
     assert caught[0].filename == __file__
     (clip,) = renderer.clips
     assert (clip.swatch, clip.number, clip.asked, clip.given) == ("oak", "stiffness_N_m", 5000.0, 700.0)
     assert felt_N_m(renderer) == pytest.approx(700.0, rel=1e-9)
 
 
-def test_one_line_for_many_swatches_and_none_for_those_not_painted():
+def test_one_warning_for_all_painted_swatches():
     stiff = [Swatch(f"s{i}", stiffness_N_m=2000.0 + i) for i in range(3)]
     with pytest.warns(DeviceWarning) as caught:
         renderer = hapscene.Renderer(scene(*stiff), ["wall"], device="omni")
@@ -234,7 +225,7 @@ def test_one_line_for_many_swatches_and_none_for_those_not_painted():
     assert [clip.swatch for clip in renderer.clips] == ["plain"]
 
 
-def test_what_a_device_holds_is_left_alone():
+def test_swatches_within_the_limits_are_unchanged():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         renderer = hapscene.Renderer(scene(Swatch("soft", stiffness_N_m=300.0)), device="omni")
@@ -242,9 +233,9 @@ def test_what_a_device_holds_is_left_alone():
     assert felt_N_m(renderer) == pytest.approx(300.0, rel=1e-9)
 
 
-def test_tune_is_clipped_too_and_forgets_it_when_softened():
+def test_tuning_is_clipped_too():
     renderer = hapscene.Renderer(scene(Swatch("oak", stiffness_N_m=300.0)), ["wall"], device="omni")
-    with pytest.warns(DeviceWarning, match="'oak': 900 N/m"):
+    with pytest.warns(DeviceWarning, match=r"'oak'.*900 N/m"):
         renderer.tune("oak", stiffness_N_m=900.0)
     assert felt_N_m(renderer) == pytest.approx(700.0, rel=1e-9)
     with warnings.catch_warnings():
@@ -255,16 +246,16 @@ def test_tune_is_clipped_too_and_forgets_it_when_softened():
 
 
 def test_damping_is_clipped_and_reported():
-    limits = replace(limits_of("omni", 1e-3), guard_Ns_m=0.0)
-    with pytest.warns(DeviceWarning, match=r"'tar': damping_Ns_m of 40 N·s/m is more than the omni holds .*N·s/m"):
+    limits = replace(limits_of("omni", 1e-3), passivity_Ns_m=0.0)
+    with pytest.warns(DeviceWarning, match=r"'tar': damping_Ns_m of 40 N·s/m"):
         renderer = hapscene.Renderer(scene(Swatch("tar", damping_Ns_m=40.0)), ["wall"], limits=limits)
     renderer.reset([0.0, 0.0, 0.001])
     force = renderer.run([[0, 0, -0.001], [0, 0, -0.0012]]).f_W_N[-1, 2]
     assert force == pytest.approx(500.0 * 0.0012 + limits.damping_Ns_m * 0.2, rel=1e-6)
 
 
-def test_a_stiff_wall_is_given_the_damping_that_it_needs():
-    limits = replace(limits_of("phantom-1.0", 1e-3), guard_Ns_m=0.0)
+def test_a_stiff_wall_gets_the_required_damping():
+    limits = replace(limits_of("phantom-1.0", 1e-3), passivity_Ns_m=0.0)
     assert limits.undamped_N_m < 400.0 < limits.stiffness_N_m
     renderer = hapscene.Renderer(scene(Swatch("oak", stiffness_N_m=400.0)), ["wall"], limits=limits)
     given = {(clip.swatch, clip.number): clip.given for clip in renderer.clips}
@@ -280,7 +271,7 @@ def _spring(touch, p, table, s, out):
     out.f_W_N[2] += p.stiffness_N_m * touch.depth_m
 
 
-def test_where_nothing_damps_a_wall_is_as_soft_as_a_bare_one():
+def test_an_effect_without_damper_is_limited_to_the_undamped_stiffness():
     limits = limits_of("phantom-1.0", 1e-3)
     stiffness = Param("stiffness_N_m", 900.0, "N/m", "how hard")
     spring = Effect("spring", "A spring of its own.", _spring, params=(stiffness,))
@@ -300,13 +291,13 @@ def test_repainting_keeps_the_limits():
 
 
 def test_a_device_or_limits():
-    with pytest.raises(HapsceneError, match="not both"):
+    with pytest.raises(HapsceneError, match="limits"):
         hapscene.Renderer(scene(Swatch("a")), device="omni", limits=IDEAL)
-    with pytest.raises(HapsceneError, match="no device 'omini'; there are: ideal, omni"):
+    with pytest.raises(HapsceneError, match="omini"):
         hapscene.Renderer(scene(Swatch("a")), device="omini")
 
 
-def test_ideal_is_the_default_to_the_bit():
+def test_ideal_is_the_default():
     t = np.arange(400) / 400
     path = np.c_[0.03 * np.sin(5 * t), 0.02 * t, np.where(t > 0.1, -0.001, 0.002)]
     stiff = Swatch("oak", stiffness_N_m=5000.0, friction_static=0.5, friction_dynamic=0.4)
@@ -319,7 +310,7 @@ def test_ideal_is_the_default_to_the_bit():
 
 def test_a_texture_for_motors_is_limited_and_the_swatch_named():
     limits = Limits(fold_mass_kg=0.045, own_damping_Ns_m=0.1, device="omni")
-    with pytest.warns(DeviceWarning, match=r"swatch 'wood': .*motors of the omni hold .* % of it") as caught:
+    with pytest.warns(DeviceWarning, match=r"'wood'.*omni") as caught:
         renderer = hapscene.Renderer(scene(hapscene.load_swatch("wood")), limits=limits)
     assert len(caught) == 1
     index = renderer._swatch_names.index("wood")
@@ -333,5 +324,5 @@ def test_a_texture_for_motors_is_limited_and_the_swatch_named():
         whole = hapscene.Renderer(scene(hapscene.load_swatch("wood")), limits=Limits(fold_mass_kg=0.045)).run(path)
     bare = hapscene.Renderer(scene(hapscene.load_swatch("wood"))).run(path)
     part = renderer.run(path)
-    np.testing.assert_array_equal(part.a_m_s2, bare.a_m_s2)  # a handle would get all of it
+    np.testing.assert_array_equal(part.a_m_s2, bare.a_m_s2)  # the acceleration channel is not limited
     np.testing.assert_allclose(part.f_W_N - bare.f_W_N, share * (whole.f_W_N - bare.f_W_N), atol=1e-12)

@@ -11,7 +11,7 @@ from hapscene.device.model import Device, Limits
 from hapscene.device.safety import (
     CALM_S,
     FALL_S,
-    PULSE_AGE_S,
+    HEARTBEAT_AGE_S,
     RAMP_S,
     RESUME_S,
     begin_safety,
@@ -37,7 +37,7 @@ DRIVER = Driver(
 
 
 class Bench:
-    """A device whose tool, pulse and states come as told."""
+    """A device with given positions, states and heartbeats."""
 
     def __init__(self, driver: Driver = DRIVER) -> None:
         self.safety = safety_of(driver)[0]
@@ -47,12 +47,12 @@ class Bench:
     def tick(self, f_N=(0.0, 0.0, 1.0), *, p_m=(0.0, 0.0, 0.0), ready=1, fresh=True, alive=True):
         """One tick; the force sent, and flags."""
         self.count += fresh
-        self.safety.pulse_now += alive
+        self.safety.heartbeat_now += alive
         sent, flags = protect(self.safety, p_m, ready, self.count, np.array(f_N), TICK_S)
         return np.array(sent), Flag(flags)
 
     def run(self, seconds: float, f_N=(0.0, 0.0, 1.0), **given):
-        """So many seconds of it: forces (n, 3), and all flags together."""
+        """Run for some seconds. Returns forces (n, 3) and the union of all flags."""
         ticks = [self.tick(f_N, **given) for _ in range(round(seconds / TICK_S))]
         flags = Flag(0)
         for _, flag in ticks:
@@ -150,7 +150,7 @@ def test_after_an_order_the_force_comes_back_without_a_knock_wherever_the_tool_i
 
 def test_a_late_tick_finds_the_tool_farther_on_and_no_new_state() -> None:
     bench = Bench().settled()
-    bench.safety.late = 1
+    bench.safety.late, bench.safety.elapsed_s = 1, 5e-6
     assert bench.tick(p_m=(0.015, 0.0, 0.0))[1] == Flag(0)
     assert bench.run(0.019, p_m=(0.015, 0.0, 0.0), fresh=False)[1] == Flag(0)
     assert Flag.TOO_FAST in bench.tick(p_m=(0.06, 0.0, 0.0))[1]
@@ -162,17 +162,33 @@ def test_a_force_that_is_no_number_is_none(bad: float) -> None:
     assert sent.tolist() == [0.0, 0.0, 0.0] and Flag.FORCE_NOT_FINITE in flags
 
 
-def test_an_application_without_pulse_ends_the_force_within_20_ms() -> None:
+def test_the_force_ends_within_20_ms_without_heartbeats() -> None:
     bench = Bench().settled()
     sent, flags = bench.run(0.02, alive=False)
-    assert sent[int(PULSE_AGE_S / TICK_S) - 2, 2] == 1.0  # and not before
+    assert sent[int(HEARTBEAT_AGE_S / TICK_S) - 2, 2] == 1.0  # and not before
     assert sent[-1].tolist() == [0.0, 0.0, 0.0] and Flag.APPLICATION_SILENT in flags
 
 
-def test_ticks_that_make_up_for_lateness_accuse_nobody() -> None:
+def test_catching_up_after_a_missed_deadline_is_no_safety_stop() -> None:
     bench = Bench().settled()
-    bench.safety.late = 1
-    assert bench.run(0.03, alive=False)[1] == Flag(0)
+    bench.safety.late, bench.safety.elapsed_s = 1, 5e-6
+    assert bench.run(0.03, alive=False, fresh=False)[1] == Flag(0)
+
+
+@pytest.mark.parametrize("silent", [{"fresh": False}, {"alive": False}])
+def test_silence_is_measured_by_the_clock_if_every_tick_misses_its_deadline(silent: dict[str, bool]) -> None:
+    bench = Bench().settled()
+    bench.safety.late, bench.safety.elapsed_s = 1, 0.0025
+    sent, flags = bench.run(0.008, **silent)  # eight ticks, which take 20 ms
+    assert sent[-1].tolist() == [0.0, 0.0, 0.0] and flags & (Flag.DEVICE_NOT_READY | Flag.APPLICATION_SILENT)
+
+
+def test_stop_force_ends_the_force_within_6_ms() -> None:
+    bench = Bench().settled()
+    bench.safety.stopped = 1
+    assert bench.run(0.006)[0][-1].tolist() == [0.0, 0.0, 0.0]
+    bench.safety.stopped = 0
+    assert bench.run(CALM_S + RAMP_S)[0][-1, 2] == pytest.approx(1.0)
 
 
 def test_a_device_that_says_nothing_new_is_not_ready() -> None:
@@ -194,13 +210,13 @@ def test_a_simulated_hand_is_kept_from_nothing_but_an_application_that_is_gone()
     safety = simulated_safety()[0]
     begin_safety(safety)
     f_N = np.array([1e3, 0.1, -7.0])
-    for k in range(PULSE_TICKS := round(PULSE_AGE_S / TICK_S)):
+    for k in range(HEARTBEAT_TICKS := round(HEARTBEAT_AGE_S / TICK_S)):
         sent, flags = protect(safety, (0.0, 0.0, 0.0), 1, k, f_N, TICK_S)
         assert sent == tuple(f_N) and flags == 0  # to the bit
     for k in range(10):
-        sent, flags = protect(safety, (0.0, 0.0, 0.0), 1, PULSE_TICKS + k, f_N, TICK_S)
+        sent, flags = protect(safety, (0.0, 0.0, 0.0), 1, HEARTBEAT_TICKS + k, f_N, TICK_S)
     assert sent == (0.0, 0.0, 0.0)
-    safety.pulse_now += 1
+    safety.heartbeat_now += 1
     assert protect(safety, (0.0, 0.0, 0.0), 1, 99, f_N, TICK_S) == (tuple(f_N), 0)
 
 

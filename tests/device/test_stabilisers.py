@@ -17,7 +17,7 @@ from hapscene.surface.effect import Effect
 from hapscene.surface.swatch import Swatch
 
 BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
-WATCHING = Limits(guard_Ns_m=1e-12)
+WATCHING = Limits(passivity_Ns_m=1e-12)
 """Observes, and does not act to speak of."""
 DAMPED = np.uint32(Flag.ENERGY_DAMPED)
 
@@ -55,7 +55,7 @@ def test_the_observer_counts_what_was_sent_and_when():
     rng = np.random.default_rng(3)
     path = np.cumsum(rng.normal(0.0, 2e-5, (600, 3)), axis=0) + down(np.full(600, 4e-4))
     for delay in (0, 1, 3):
-        limits = Limits(guard_Ns_m=1e-12, delay_ticks=delay, force_N=0.4)
+        limits = Limits(passivity_Ns_m=1e-12, delay_ticks=delay, force_N=0.4)
         renderer = hapscene.Renderer(scene(), ["wall", "friction"], limits=limits)
         recording = renderer.run(path)
         normal = np.sum(recording.f_W_N * recording.nhat_W, axis=1)[:, None] * recording.nhat_W
@@ -90,7 +90,7 @@ def test_nothing_is_made_of_a_body_that_lifts_the_tool():
     X = np.tile(np.eye(4), (400, 1, 1))
     X[:, 2, 3] = 0.02 * np.sin(np.arange(400) / 60)
     path = down(np.full(400, 1e-3)) + X[:, :3, 3]
-    renderer = hapscene.Renderer(scene(), ["wall"], limits=Limits(guard_Ns_m=20.0))
+    renderer = hapscene.Renderer(scene(), ["wall"], limits=Limits(passivity_Ns_m=20.0))
     renderer.reset(path[0] + (0, 0, 2e-3))
     renderer.run(path[0] + np.linspace(2e-3, 0.0, 2000)[:, None] * (0, 0, 1))
     renderer.run(down(np.full(15_000, 1e-3)))
@@ -103,7 +103,7 @@ def test_nothing_is_made_of_a_body_that_lifts_the_tool():
 def test_it_only_acts_in_contact_and_never_pulls():
     rng = np.random.default_rng(5)
     depth = 1e-3 * np.sin(np.arange(3000) / 8.0) + rng.normal(0.0, 1e-4, 3000)
-    recording = hapscene.Renderer(scene(), ["wall"], limits=Limits(guard_Ns_m=30.0)).run(down(depth))
+    recording = hapscene.Renderer(scene(), ["wall"], limits=Limits(passivity_Ns_m=30.0)).run(down(depth))
     acted = (recording.flags & DAMPED) != 0
     assert acted.sum() > 100
     assert recording.touching[acted].all()
@@ -127,7 +127,7 @@ def test_without_a_wall_there_is_nothing_to_observe():
     """An effect that pulls in takes and gives by its own: the wall's spring is not there to be reckoned with."""
     path = down(np.linspace(-1e-3, 2e-3, 300))
     for effects in (["friction"], [Effect("pull", "Pulls in.", _push)]):
-        renderer = hapscene.Renderer(scene(), effects, limits=Limits(guard_Ns_m=30.0))
+        renderer = hapscene.Renderer(scene(), effects, limits=Limits(passivity_Ns_m=30.0))
         free = hapscene.Renderer(scene(), effects)
         if effects == ["friction"]:
             np.testing.assert_array_equal(renderer.run(path).f_W_N, free.run(path).f_W_N)
@@ -139,7 +139,7 @@ def test_without_a_wall_there_is_nothing_to_observe():
 @pytest.mark.parametrize("stiffness", [700.0, 2000.0])
 def test_a_wall_that_bounces_for_ever_comes_to_rest(delay, stiffness):
     point = PointMass(0.045, 0.1)
-    guard = Limits(guard_Ns_m=18.0 if delay == 0 else 7.5, delay_ticks=delay)
+    guard = Limits(passivity_Ns_m=18.0 if delay == 0 else 7.5, delay_ticks=delay)
     results = {}
     for name, limits in (("none", None), ("guard", guard)):
         twin = Rig(point, 1e-3, delay, limits, stiffness).twin
@@ -154,7 +154,7 @@ def test_a_wall_that_bounces_for_ever_comes_to_rest(delay, stiffness):
 
 def test_reset_forgets():
     depth = 1e-3 * np.sin(np.arange(200) / 3.0)
-    renderer = hapscene.Renderer(scene(), ["wall"], limits=Limits(guard_Ns_m=30.0))
+    renderer = hapscene.Renderer(scene(), ["wall"], limits=Limits(passivity_Ns_m=30.0))
     renderer.reset(down(depth)[0])
     first = renderer.run(down(depth))
     renderer.reset(down(depth)[0])

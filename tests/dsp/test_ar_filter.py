@@ -1,4 +1,4 @@
-"""Forms of all-pole filters against each other and against SciPy."""
+"""Conversions between forms of all-pole filters, compared with SciPy."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from hapscene.errors import SwatchError
 
 
 def random_filter(order: int, seed: int) -> np.ndarray:
-    """A stable filter (order+1,) with a spectrum as uneven as a recorded one's: power gain 1e2 to 1e4."""
+    """A stable filter (order+1,) with a power gain of 1e2 to 1e4, as in recordings."""
     rng = np.random.default_rng(seed)
     k = rng.uniform(-0.6, 0.6, order) * np.exp(-np.arange(order) / 30)
     k[:2] = [-0.97, 0.9][:order]
@@ -22,7 +22,7 @@ def random_filter(order: int, seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 20, 21, 40, 119, 120, 121, 256, 423, 576])
-def test_lsf_round_trip(order: int) -> None:
+def test_conversion_to_lsf_and_back(order: int) -> None:
     for seed in range(5):
         a = random_filter(order, seed)
         assert np.abs(ar_from_lsf(lsf_from_ar(a)) - a).max() < 1e-9
@@ -30,7 +30,7 @@ def test_lsf_round_trip(order: int) -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 256), st.integers(0, 2**32 - 1))
-def test_any_ascending_frequencies_are_a_stable_filter(order: int, seed: int) -> None:
+def test_ascending_frequencies_give_a_stable_filter(order: int, seed: int) -> None:
     gap = np.random.default_rng(seed).uniform(0.5, 1.0, order + 1)  # power gains up to 1e6
     lsf = np.pi * np.cumsum(gap)[:-1] / gap.sum()
     a = ar_from_lsf(lsf)
@@ -40,7 +40,7 @@ def test_any_ascending_frequencies_are_a_stable_filter(order: int, seed: int) ->
 
 
 @pytest.mark.parametrize(("gap_rad", "others"), [(1e-4, 16), (1e-7, 4)])
-def test_roots_that_no_grid_tells_apart_are_found(gap_rad: float, others: int) -> None:
+def test_roots_between_grid_points_are_found(gap_rad: float, others: int) -> None:
     """Two resonances that near: two roots of P, and two of Q, fall between two points of the finest grid.
 
     Four such roots make the coefficients tell them to 1e-7 only, whatever the method.
@@ -53,8 +53,8 @@ def test_roots_that_no_grid_tells_apart_are_found(gap_rad: float, others: int) -
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 160), st.integers(0, 10), st.floats(1e-5, 0.1), st.integers(0, 2**32 - 1))
-def test_round_trip_of_fitted_filters_with_sharp_resonances(order: int, count: int, width: float, seed: int) -> None:
-    """Filters as fits give them: solved from the autocorrelation of a spectrum with peaks up to 60 dB high."""
+def test_conversion_of_filters_with_sharp_resonances(order: int, count: int, width: float, seed: int) -> None:
+    """Filters from the autocorrelation of spectra with peaks of up to 60 dB."""
     rng = np.random.default_rng(seed)
     w = np.linspace(0.0, np.pi, 8193)
     density = np.exp(3.0 * rng.normal() * np.cos(w))
@@ -65,7 +65,7 @@ def test_round_trip_of_fitted_filters_with_sharp_resonances(order: int, count: i
 
 
 @pytest.mark.parametrize("rate_Hz", [10_000.0, 2_000.0])
-def test_round_trip_of_filters_fitted_to_real_recordings(shared: Path, rate_Hz: float) -> None:
+def test_conversion_of_filters_fitted_to_real_recordings(shared: Path, rate_Hz: float) -> None:
     for path in sorted((shared / "data" / "recordings").glob("cdp_*.csv")):
         signal = np.loadtxt(path, delimiter=",", skiprows=1, usecols=2)[:: round(10_000 / rate_Hz)]
         r = autocorrelation(tapered(signal - signal.mean(), rate_Hz), 160)
@@ -76,7 +76,7 @@ def test_round_trip_of_filters_fitted_to_real_recordings(shared: Path, rate_Hz: 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 200), st.integers(0, 2**32 - 1))
-def test_reflection_round_trip(order: int, seed: int) -> None:
+def test_conversion_to_reflection_coefficients_and_back(order: int, seed: int) -> None:
     k = np.random.default_rng(seed).uniform(-0.3, 0.3, (3, order))
     assert np.allclose(reflection_from_ar(ar_from_reflection(k)), k, atol=1e-9)
 
@@ -96,7 +96,7 @@ def test_power_gain_is_the_sum_of_the_squared_impulse_response() -> None:
         assert power_gain(a) == pytest.approx(np.sum(lfilter([1.0], a, impulse) ** 2), rel=1e-9)
 
 
-def test_unstable_filters_are_told() -> None:
+def test_unstable_filters_are_detected() -> None:
     unstable = np.array([1.0, -2.1, 1.05])
     assert power_gain(unstable) == np.inf
     assert not np.all(np.abs(reflection_from_ar(unstable)) < 1.0)

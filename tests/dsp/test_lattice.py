@@ -1,4 +1,4 @@
-"""The normalised lattice against the direct form, and its law: every step is a rotation."""
+"""Normalised lattices: equal to the direct form; each step is a rotation."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def rows(k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("order", [1, 2, 7, 40])
-def test_it_is_the_direct_form_at_the_power_of_its_excitation(order: int) -> None:
+def test_the_lattice_equals_the_scaled_direct_form(order: int) -> None:
     rng = np.random.default_rng(order)
     reflection = rng.uniform(-0.9, 0.9, order)
     k, c = rows(reflection)
@@ -26,7 +26,7 @@ def test_it_is_the_direct_form_at_the_power_of_its_excitation(order: int) -> Non
     np.testing.assert_allclose(made, direct, atol=1e-10)
 
 
-def test_each_step_keeps_the_sum_of_the_squares_whatever_models_follow_one_another() -> None:
+def test_each_step_preserves_the_sum_of_squares() -> None:
     rng, order, b = np.random.default_rng(0), 9, np.zeros(10)
     b[:-1] = rng.standard_normal(order)
     for f in rng.standard_normal(200):
@@ -42,7 +42,7 @@ def all_at_once(k, c, b, order, f):
 
 @pytest.mark.parametrize("order", [1, 8, 9, 10, 20, 21, 22, 41, 576])
 @pytest.mark.parametrize("count", [1, 4, 10, 31])
-def test_many_samples_at_once_are_those_one_after_the_other_to_the_bit(order: int, count: int) -> None:
+def test_vectorised_processing_gives_equal_results(order: int, count: int) -> None:
     rng = np.random.default_rng(order)
     k, c = rows(rng.uniform(-0.9, 0.9, order))
     one_by_one = rng.standard_normal(order + 1)
@@ -57,7 +57,7 @@ def test_many_samples_at_once_are_those_one_after_the_other_to_the_bit(order: in
 
 
 def warped(reflection: np.ndarray, warp: float) -> tuple[float, np.ndarray]:
-    """The variance of f_0, and the rows that `advance_warped` takes."""
+    """Variance of f_0, and the rows for `advance_warped`."""
     size = 4 * -(-len(reflection) // 4) + 1
     k, made = np.zeros(size), np.zeros((8, size))
     k[1 : len(reflection) + 1] = reflection
@@ -66,7 +66,7 @@ def warped(reflection: np.ndarray, warp: float) -> tuple[float, np.ndarray]:
 
 @pytest.mark.parametrize("warp", [0.75, -0.5])
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5, 7])
-def test_a_warped_lattice_is_the_rational_filter_that_it_stands_for(order: int, warp: float) -> None:
+def test_a_warped_lattice_equals_its_rational_filter(order: int, warp: float) -> None:
     """A(D(z)) as polynomials in 1/z, by SciPy; the variance from its impulse response."""
     rng = np.random.default_rng(order)
     reflection = rng.uniform(-0.7, 0.7, order)
@@ -82,22 +82,22 @@ def test_a_warped_lattice_is_the_rational_filter_that_it_stands_for(order: int, 
 
 
 @pytest.mark.parametrize("order", [4, 9, 28])
-def test_whatever_warped_models_follow_one_another_none_is_louder(order: int) -> None:
-    """White memories of variance 1 stay so in each step, and give f_0 the variance that is told: to rounding."""
+def test_switching_warped_models_preserves_the_variance(order: int) -> None:
+    """White memories of variance 1 remain so, and f_0 has the returned variance: to rounding."""
     rng, size = np.random.default_rng(order), 4 * -(-order // 4)
     for warp in rng.uniform(-0.9, 0.9, 20):
         variance, made = warped(rng.uniform(-0.99, 0.99, order), warp)
-        step, heard = np.zeros((size, size + 1)), np.zeros(size + 1)
+        step, output = np.zeros((size, size + 1)), np.zeros(size + 1)
         for i in range(size + 1):
             b = np.zeros(size + 1)
             b[i % (size + 1)] = 1.0 if i < size else 0.0
-            heard[i] = advance_warped(made, b, order, warp, float(i == size))
+            output[i] = advance_warped(made, b, order, warp, float(i == size))
             step[:, i] = b[:size]
         np.testing.assert_allclose(step @ step.T, np.eye(size), atol=1e-10)
-        assert np.sum(heard**2) == pytest.approx(variance, rel=1e-9)
+        assert np.sum(output**2) == pytest.approx(variance, rel=1e-9)
 
 
-def test_a_warped_lattice_without_warp_is_the_plain_one() -> None:
+def test_a_warped_lattice_with_coefficient_0_is_plain() -> None:
     reflection, f = np.array([0.5, -0.8, 0.3, 0.2, -0.6]), np.random.default_rng(0).standard_normal(300)
     variance, made = warped(reflection, 0.0)
     b, plain = np.zeros(9), np.zeros(6)

@@ -1,4 +1,4 @@
-"""The autocorrelation method against sums written out, and its laws."""
+"""Linear prediction by the autocorrelation method."""
 
 import numpy as np
 import pytest
@@ -27,14 +27,14 @@ def test_autocorrelation_is_the_sum_of_products_and_zero_outside(count: int, lag
     np.testing.assert_allclose(autocorrelation(signal, lag_max), sums, atol=1e-10)
 
 
-def test_the_filter_of_a_model_s_own_autocorrelation_is_the_model() -> None:
+def test_a_model_is_recovered_from_its_autocorrelation() -> None:
     impulse = lfilter([1.0], A, np.append(1.0, np.zeros(20_000)))
     r = autocorrelation(impulse, 4)
     np.testing.assert_allclose(solve(r), A, atol=1e-4)  # −90 dB of white noise
     assert residual_power(A, r) == pytest.approx(1.0) and r[0] == pytest.approx(power_gain(A))
 
 
-def test_no_filter_leaves_less_and_it_is_stable() -> None:
+def test_the_residual_is_minimal_and_the_filter_stable() -> None:
     rng = np.random.default_rng(0)
     r = autocorrelation(rng.standard_normal(200), 12)
     a = solve(r)
@@ -51,7 +51,7 @@ def test_residual_power_is_that_of_the_filtered_signals() -> None:
     np.testing.assert_allclose(residual_power(a, autocorrelation(signal, 9)), np.sum(np.square(filtered), axis=1))
 
 
-def test_smoothing_makes_of_a_line_a_gaussian_of_its_width_and_keeps_the_power() -> None:
+def test_smoothing_widens_a_line_to_a_gaussian() -> None:
     lag, line_Hz = np.arange(2000), 600.0
     r = smoothed(np.cos(2.0 * np.pi * line_Hz / RATE_HZ * lag), RATE_HZ)
     assert r[0] == 1.0
@@ -63,7 +63,7 @@ def test_smoothing_makes_of_a_line_a_gaussian_of_its_width_and_keeps_the_power()
 
 
 @pytest.mark.parametrize("count", [5000, 60])
-def test_only_the_ends_are_faded_and_at_most_half(count: int) -> None:
+def test_only_the_ends_are_faded(count: int) -> None:
     weight = tapered(np.ones((2, count)), RATE_HZ)[0]
     faded = min(round(TAPER_S * RATE_HZ), count // 4)
     assert np.all(weight[faded:-faded] == 1.0) and np.all(weight == weight[::-1])

@@ -1,4 +1,4 @@
-"""The generator against published numbers and integers without end, its deviates against their distribution."""
+"""Random numbers: published reference values, and the normal distribution."""
 
 import numpy as np
 from scipy.stats import kstest
@@ -6,7 +6,7 @@ from scipy.stats import kstest
 from hapscene.dsp.noise import normal, seeded_state, uniform
 
 
-def test_it_is_xoshiro256_plus() -> None:
+def test_the_generator_is_xoshiro256_plus() -> None:
     """Published first outputs of the state 1, 2, 3, 4 (crate rand_xoshiro's own test), their upper 53 bits."""
     outputs = [5, 211106232532999, 211106635186183, 9223759065350669058, 9250833439874351877, 13862484359527728515]
     outputs += [2346507365006083650, 1168864526675804870, 34095955243042024, 3466914240207415127]
@@ -14,13 +14,13 @@ def test_it_is_xoshiro256_plus() -> None:
     assert [uniform(state) for _ in outputs] == [(output >> 11) / 2**53 for output in outputs]
 
 
-def test_deviates_are_standard_normal_and_in_no_order() -> None:
+def test_normal_numbers_are_independent() -> None:
     state = seeded_state(0, "texture")
     z = np.array([normal(state) for _ in range(50_000)])
     assert kstest(z, "norm").pvalue > 0.01
     assert abs(np.corrcoef(z[1:], z[:-1])[0, 1]) < 4.0 / np.sqrt(len(z))
 
 
-def test_every_seed_and_every_name_has_its_own_state() -> None:
+def test_each_seed_and_name_has_a_different_state() -> None:
     states = [tuple(seeded_state(seed, name)) for seed in (0, 1) for name in ("a", "b")]
     assert len(set(states)) == 4 and tuple(seeded_state(1, "b")) == states[-1]

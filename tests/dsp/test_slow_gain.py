@@ -1,4 +1,4 @@
-"""The slow gain and the hidden state against their closed forms."""
+"""Amplitude modulation: covariance, mean power and limits."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def covariance(log: np.ndarray, lag: int) -> float:
 
 
 @pytest.mark.parametrize(("dt_s", "dx_m"), [(2e-3, 0.0), (0.0, 4e-4), (1e-3, 2e-4)])
-def test_the_gain_forgets_over_time_and_distance_as_it_says(dt_s: float, dx_m: float) -> None:
+def test_covariance_over_time_and_distance(dt_s: float, dx_m: float) -> None:
     """Σ σ² exp(−t/τ − x/ξ) at lags of 0 to 40 steps; what does not forget is held to its own. The bound takes 2 %."""
     made = [log_gain(40_000, dt_s, dx_m, seed=seed) for seed in range(5)]
     moving = DECAY_1_S * dt_s + DECAY_1_M * dx_m > 0.0
@@ -37,7 +37,7 @@ def test_the_gain_forgets_over_time_and_distance_as_it_says(dt_s: float, dx_m: f
             assert np.mean(got) == pytest.approx(want[moving].sum(), abs=0.01)
 
 
-def test_the_mean_power_is_kept_whatever_the_spread() -> None:
+def test_the_mean_power_is_preserved() -> None:
     for life in (0.5, 1.0, 1.5):
         power = [np.exp(2.0 * log_gain(40_000, 5e-3, 1e-3, life, seed)).mean() for seed in range(5)]
         assert np.mean(power) == pytest.approx(1.0, abs=0.03)
@@ -45,8 +45,8 @@ def test_the_mean_power_is_kept_whatever_the_spread() -> None:
 
 
 @pytest.mark.parametrize("spread", [0.05, 0.3, 0.8, 1.5])
-def test_what_recordings_never_reach_is_not_played(spread: float) -> None:
-    """The mean square of a bounded gain against numerical integration; it comes to its bounds, and no further."""
+def test_the_gain_is_limited(spread: float) -> None:
+    """Mean square of the limited gain, compared with numerical integration."""
     far = min(BOUND, 2.0 / spread)
     inside = quad(lambda z: np.exp(2.0 * spread * z) * norm.pdf(z), -far, far)[0]
     square = inside + 2.0 * np.cosh(2.0 * spread * far) * norm.sf(far)
@@ -55,8 +55,8 @@ def test_what_recordings_never_reach_is_not_played(spread: float) -> None:
     assert log.max() == pytest.approx(far * spread) == -log.min()
 
 
-def test_two_steps_of_half_the_length_have_the_law_of_one() -> None:
-    """By the number that one unit of x leaves, and the variance that is drawn."""
+def test_two_half_steps_equal_one_step() -> None:
+    """Compares the decay of x and the variance of the added noise."""
     row, half = np.array([1.0, 30.0, 100.0]), np.random.default_rng(0).standard_normal(20_000)
     for parts in (1, 2, 7):
         rng, left = seeded_state(3, "gain"), []

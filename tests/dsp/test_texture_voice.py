@@ -1,4 +1,4 @@
-"""What plays a texture: ramped levels, a model for each block, and a memory that goes on."""
+"""Texture synthesis: ramped levels, models per block, continuous memory."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_the_level_is_ramped_over_each_block() -> None:
     np.testing.assert_allclose(run(k, level, 10, 36), ramp * run(k, np.ones(4), 10, 36), atol=1e-12)
 
 
-def test_each_block_has_its_own_model_and_the_memory_goes_on() -> None:
+def test_models_change_per_block_with_a_continuous_memory() -> None:
     models = np.array([[0.9, -0.5], [-0.7, 0.2]])
     made = run(models, np.ones(2), 50, 100)
     rng, b = seeded_state(1, "texture"), np.zeros(3)
@@ -38,7 +38,7 @@ def test_each_block_has_its_own_model_and_the_memory_goes_on() -> None:
 
 
 @pytest.mark.parametrize("warp", [0.0, 0.6])
-def test_two_runs_are_the_same_as_one(warp: float) -> None:
+def test_two_calls_equal_one_call(warp: float) -> None:
     k, level = np.array([[0.4, 0.8, -0.2]]), np.array([1.0, 2.0, 0.5, 1.5])
     s = voice(3, warp)
     parts = [run(k, level[2 * i : 2 * i + 2], 10, 20, s) for i in (0, 1)]

@@ -1,4 +1,4 @@
-"""Warped linear prediction on models that are known, and on what SciPy makes of an allpass chain."""
+"""Frequency-warped linear prediction of known models."""
 
 import numpy as np
 import pytest
@@ -14,25 +14,25 @@ OMEGA = np.linspace(0.0, np.pi, (1 << 14) + 1)
 LAGS = np.fft.irfft(power_response(A, OMEGA, WARP))[:1000]  # of the process that 1/A(D) makes of white noise
 
 
-def test_the_angle_is_that_of_the_allpass_chain() -> None:
+def test_the_warped_angle_is_the_phase_of_the_allpass() -> None:
     _, response = freqz([-WARP, 1.0], [1.0, -WARP], worN=OMEGA[1:-1])
     assert warped_angle(OMEGA[1:-1], WARP) == pytest.approx(-np.unwrap(np.angle(response)), abs=1e-9)
     assert warped_angle(OMEGA, 0.0) == pytest.approx(OMEGA)
 
 
-def test_a_known_warped_model_comes_back() -> None:
+def test_a_known_warped_model_is_recovered() -> None:
     assert len(LAGS) > lag_count(8, WARP)
     assert solve(warped(LAGS, 8, WARP)) == pytest.approx(A, abs=1e-6)
     assert np.array_equal(warped(LAGS, 8, 0.0), LAGS[:9])
 
 
-def test_white_noise_is_white_on_every_axis() -> None:
+def test_white_noise_is_white_on_the_warped_axis() -> None:
     flat = np.zeros(lag_count(20, WARP) + 1)
     flat[0] = 2.0
     assert warped(flat, 20, WARP) == pytest.approx(np.array([2.0, *np.zeros(20)]), abs=1e-9)
 
 
-def test_what_the_predictor_leaves_is_what_is_new() -> None:
+def test_the_residual_is_the_innovation() -> None:
     """Kolmogorov 1941: its power is the geometric mean of the spectrum; and it is the chain's, sample by sample."""
     taps = predictor(A, WARP)
     new = np.exp(np.trapezoid(np.log(power_response(A, OMEGA, WARP)), OMEGA) / np.pi)
@@ -45,7 +45,7 @@ def test_what_the_predictor_leaves_is_what_is_new() -> None:
     assert lfilter(taps, [1.0], signal) * chain[0] / signal[0] == pytest.approx(chain, abs=1e-9)
 
 
-def test_fewer_taps_resolve_what_lies_low() -> None:
+def test_a_warped_model_of_low_order_resolves_low_frequencies() -> None:
     """A fall from 60 to 20 Hz at 10 kHz: with 16 taps the plain model is 3 dB and more too loud at 25 Hz."""
     omega, at = 2.0 * np.pi * np.arange(5001) / 10_000.0, 2.0 * np.pi * np.array([25.0]) / 10_000.0
     density = 1.0 / (1.0 + (40.0 / np.maximum(np.arange(5001), 1.0)) ** 4) / (1.0 + (np.arange(5001) / 400.0) ** 4)
@@ -58,19 +58,19 @@ def test_fewer_taps_resolve_what_lies_low() -> None:
     assert off_dB[0] > 3.0 and abs(off_dB[1]) < 1.0
 
 
-def test_the_warp_follows_the_rate() -> None:
+def test_the_allpass_coefficient_depends_on_the_sample_rate() -> None:
     assert warp_at(10_000.0) == pytest.approx(0.75, abs=1e-4) and warp_at(2000.0) == warp_at(100.0) == 0.0
     middle = [warped_angle(2.0 * np.pi * 451.67 / rate, warp_at(rate)) for rate in (5000.0, 10_000.0, 44_100.0)]
     assert middle == pytest.approx([0.5 * np.pi] * 3)
 
 
-def test_all_orders_at_once_are_those_one_by_one() -> None:
+def test_all_orders_at_once_equal_single_orders() -> None:
     r = autocorrelation(lfilter([1.0], [1.0, -1.6, 0.9], np.random.default_rng(2).standard_normal(4000)), 12)
     for order, row in enumerate(solve_orders(r), 1):
         assert row[: order + 1] == pytest.approx(solve(r[: order + 1]), abs=1e-9) and not row[order + 1 :].any()
 
 
-def test_a_long_signals_autocorrelation_is_taken_part_by_part(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_signals_are_processed_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     signal = np.random.default_rng(3).standard_normal(1000)
     whole = autocorrelation(signal, 30)
     monkeypatch.setattr("hapscene.dsp.linear_prediction.LONG", 64)

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
-from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, RUN_MAX, TRIPPED, WATCHDOG_MS
+from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, RUN_MAX, WATCHDOG_EXPIRED, WATCHDOG_MS
 from hapscene.handle.plant import Plant
 from hapscene.handle.serial_handle import BUFFER, LINE_COUNT, START, STATE
 from hapscene.io.wire.protocol import LINE_MAX, WRAP, Column, Header, checksum, header_line, sample_line
@@ -29,7 +29,7 @@ BLOCK_S: Final = 0.002
 """Time between two writes [s]."""
 
 CAUGHT_UP_S: Final = 0.1
-"""How much time is made up for at once [s]: a board's clock waits for nobody; more would not fit onto the wire."""
+"""How much time is made up for at once [s]: a board's clock does not wait; more would not fit onto the wire."""
 
 STATE_COLUMN: Final = Column(STATE, "1", 1.0)
 
@@ -46,7 +46,7 @@ class Peer:
         self._grips = simulated_grips(grip_count, seed)
         self._rest = b""
         self._expected = self._played = self._number = self._grip = self._quiet = self._watchdog = self._run = 0
-        self._tripped = False
+        self._expired = False
         self._announce = True
         self._hold()
 
@@ -57,7 +57,7 @@ class Peer:
     def take(self, data: bytes) -> None:
         """Takes in what the host sent."""
         *lines, rest = (self._rest + data).split(b"\n")
-        self._rest = rest[:LINE_MAX]  # so long a line is none, however it ends
+        self._rest = rest[:LINE_MAX]  # a line of this length is invalid
         for line in lines:
             body, _, crc = line.rpartition(b"*")
             if crc != b"%04X" % checksum(body):
@@ -74,7 +74,7 @@ class Peer:
     def _fill(self, number: int, counts: list[int]) -> None:
         """Force into the buffer; in live play only what is due next and has room."""
         lost = (number - self._expected) % WRAP
-        if self._watchdog and (number >= WRAP or self._tripped or len(self.queue) + lost + len(counts) > BUFFER):
+        if self._watchdog and (number >= WRAP or self._expired or len(self.queue) + lost + len(counts) > BUFFER):
             return
         self.queue.extend([0] * lost if lost <= BUFFER else [])
         self.queue.extend(counts)
@@ -88,7 +88,7 @@ class Peer:
             self._hold()
         self.queue.clear()
         self._expected = self._played = self._quiet = 0
-        self._watchdog, self._run, self._tripped = watchdog, run, False
+        self._watchdog, self._run, self._expired = watchdog, run, False
         self._announce = True
 
     def give(self, count: int) -> bytes:
@@ -107,7 +107,7 @@ class Peer:
     def _next(self) -> tuple[int, int, int]:
         """Force of the next sample, how many have been played, and the state."""
         if self._watchdog and self._quiet >= self._watchdog:
-            self._tripped = True
+            self._expired = True
             self.queue.clear()
         self._quiet += 1
         empty = not self.queue
@@ -115,7 +115,12 @@ class Peer:
         self._played = (self._played + (not empty)) % WRAP
         limit = round(self.source.plant.force_limit_N / COLUMNS[0].scale)
         force = min(max(asked, -limit), limit)
-        bits = (LIVE, bool(self._watchdog)), (EMPTY, empty), (TRIPPED, self._tripped), (LIMITED, force != asked)
+        bits = (
+            (LIVE, bool(self._watchdog)),
+            (EMPTY, empty),
+            (WATCHDOG_EXPIRED, self._expired),
+            (LIMITED, force != asked),
+        )
         return force, self._played, RUN * self._run + sum(bit for bit, on in bits if on)
 
 
@@ -147,7 +152,7 @@ def serve(peer: Peer, wire: int, over: Callable[[], bool], hurried: bool = False
 
 
 def _write(wire: int, data: bytes, over: Callable[[], bool], patience_s: float) -> None:
-    """Writes all of it; what nobody reads in that time is lost, as on a wire."""
+    """Write all bytes; bytes that are not read in time are lost, as on a wire."""
     until_s = time.monotonic() + patience_s
     while data and time.monotonic() < until_s and not over():
         try:

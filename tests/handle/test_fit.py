@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
-from hapscene.handle.fit import OWN, Identification, _Fit, asymptote, identify, sampled_response
+from hapscene.handle.fit import HANDLE_PARAMETERS, Identification, _Fit, asymptote, identify, sampled_response
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.handle_record import ACCELEROMETER_HZ
 from hapscene.handle.plant import Plant
@@ -26,7 +26,7 @@ def measured(
     """Responses of the plant in each grip, at realistic noise, travel predicted with the default plant."""
     source = SimulatedSource(plant, rate_Hz, seed=seed)
     if quiet:
-        source = SimulatedSource(plant, rate_Hz, noise_m_s2_rtHz=1e-7, unrest_N=1e-7)
+        source = SimulatedSource(plant, rate_Hz, noise_m_s2_rtHz=1e-7, tremor_N=1e-7)
     force = sweep.force(rate_Hz, Plant())
     responses = []
     for _, k_u, b_u in grips:
@@ -50,7 +50,7 @@ def default() -> tuple[Identification, list[Hand]]:
 
 def errors(found: Identification, plant: Plant, grips: list[Hand]) -> dict[str, float]:
     """Relative error of each parameter."""
-    said = {name: getattr(found.plant, name) / getattr(plant, name) - 1.0 for name in OWN}
+    said = {name: getattr(found.plant, name) / getattr(plant, name) - 1.0 for name in HANDLE_PARAMETERS}
     for i, (grip, (_, k_u, b_u)) in enumerate(zip(found.grips, grips, strict=True)):
         said |= {f"k_u {i}": grip.k_u_N_m / k_u - 1.0, f"b_u {i}": grip.b_u_Ns_m / b_u - 1.0}
     return said
@@ -58,7 +58,7 @@ def errors(found: Identification, plant: Plant, grips: list[Hand]) -> dict[str, 
 
 def misses(found: Identification, plant: Plant, grips: list[Hand]) -> list[str]:
     """Parameters whose interval does not hold the truth."""
-    pairs = [(name, found.intervals[name], getattr(plant, name)) for name in (*OWN, "amplifier_Hz")]
+    pairs = [(name, found.intervals[name], getattr(plant, name)) for name in (*HANDLE_PARAMETERS, "amplifier_Hz")]
     for i, (grip, (_, k_u, b_u)) in enumerate(zip(found.grips, grips, strict=True)):
         pairs += [(f"k_u {i}", grip.intervals["k_u_N_m"], k_u), (f"b_u {i}", grip.intervals["b_u_Ns_m"], b_u)]
     return [name for name, (low, high), truth in pairs if not low <= truth <= high]
@@ -93,7 +93,7 @@ def test_handles_unlike_the_guess_come_back(plant: Plant) -> None:
     found, grips = identified(plant, 3, Sweep(sweep_s=6.0))
     off = errors(found, plant, grips)
     assert found.misfit < 1.2 and abs(off["m_h_kg"]) < 2e-3
-    assert all(abs(off[name]) < 0.1 for name in OWN)
+    assert all(abs(off[name]) < 0.1 for name in HANDLE_PARAMETERS)
 
 
 def test_two_equal_poles_are_the_limit_of_two_that_are_apart() -> None:
@@ -115,17 +115,17 @@ def test_without_noise_the_answer_is_exact() -> None:
 def test_the_papers_band_to_200_Hz_does_too() -> None:
     found, grips = identified(Plant(), 3, Sweep(high_Hz=200.0, sweep_s=6.0))
     assert abs(errors(found, Plant(), grips)["m_h_kg"]) < 2e-3 and max(found.asymptote_Hz) <= 200.0
-    assert all(abs(errors(found, Plant(), grips)[name]) < 0.05 for name in OWN)
+    assert all(abs(errors(found, Plant(), grips)[name]) < 0.05 for name in HANDLE_PARAMETERS)
 
 
-def test_one_grip_tells_the_mass_and_says_that_the_rest_is_not_known() -> None:
+def test_one_grip_determines_the_mass_only() -> None:
     found, _ = identified(Plant(m_c_kg=0.02), 1)
     assert found.plant.m_h_kg == pytest.approx(0.12, rel=2e-3) and "m_h_kg" in found.intervals
     assert set(found.absent) == {"m_c_kg", "k_s_N_m", "b_s_Ns_m"} and set(found.grips[0].absent) == {
         "k_u_N_m",
         "b_u_Ns_m",
     }
-    assert "play two or more" in found.absent["m_c_kg"]
+    assert "m_c_kg" in found.absent
 
 
 def test_one_grip_still_gives_a_plant_with_the_same_response() -> None:
@@ -137,15 +137,15 @@ def test_one_grip_still_gives_a_plant_with_the_same_response() -> None:
     np.testing.assert_allclose(found.plant_in(found.grips[0]).response(at), held.response(at), rtol=0.03)
 
 
-def test_the_same_grip_twice_does_not_do() -> None:
+def test_equal_grips_are_not_sufficient() -> None:
     grips = [("a", 500.0, 5.0), ("b", 500.0, 5.0)]
     found = identify(measured(Plant(), grips, Sweep()), RATE_HZ, ["a", "b"])
-    assert "the grips differ too little" in found.absent["m_c_kg"]
+    assert "m_c_kg" in found.absent
 
 
-def test_a_fast_amplifier_is_not_invented() -> None:
+def test_a_fast_amplifier_has_no_interval() -> None:
     found, _ = identified(Plant(amplifier_Hz=1e6), 2, Sweep(high_Hz=300.0))
-    assert "too fast to be seen" in found.absent["amplifier_Hz"] and found.plant.amplifier_Hz == 5000.0
+    assert "amplifier_Hz" in found.absent and found.plant.amplifier_Hz == 5000.0
 
 
 def test_a_system_of_another_kind_shows_in_the_misfit() -> None:
@@ -177,14 +177,14 @@ def test_no_interval_is_narrower_than_what_the_model_leaves_says() -> None:
     assert np.all(deviation > 0.99 * misfit * alone)
 
 
-def test_what_cannot_be_identified_is_refused() -> None:
+def test_insufficient_responses_are_refused() -> None:
     responses = measured(Plant(), [("a", 500.0, 5.0)], Sweep(sweep_s=3.0))
     with pytest.raises(HandleError, match="1 to 20 grips"):
         identify([], RATE_HZ, [])
     short = replace(responses[0], **{name: getattr(responses[0], name)[:3] for name in vars(responses[0])})
-    with pytest.raises(HandleError, match="no octave in which"):
+    with pytest.raises(HandleError, match="octave"):
         identify([short], RATE_HZ, ["a"])
-    with pytest.raises(HandleError, match="no octave"):
+    with pytest.raises(HandleError, match="octave"):
         asymptote([short])
 
 

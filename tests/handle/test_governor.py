@@ -12,7 +12,7 @@ from scipy.signal import butter, chirp, sosfilt
 from hapscene.handle import COMPENSATORS, Plant, play
 from hapscene.handle.governor import HIGH_HZ, YIELD, yield_corner
 from hapscene.handle.handle_record import new_handle
-from hapscene.handle.playback import Played
+from hapscene.handle.playback import PlaybackResult
 from hapscene_evidence.bench.handle import PARAMETERS, firm
 
 RATE_HZ = 10_000.0
@@ -41,7 +41,7 @@ FAR_BEYOND_M_S2 = 1e4
 gain = st.floats(-1.0, 7.0).map(lambda power: 10.0**power)
 
 
-def assert_inside(played: Played, plant: Plant) -> None:
+def assert_inside(played: PlaybackResult, plant: Plant) -> None:
     assert np.abs(played.force_N).max(initial=0.0) <= plant.force_limit_N
     assert np.abs(played.travel_m).max(initial=0.0) <= plant.travel_limit_m
     assert np.isfinite(played.acceleration_m_s2).all()
@@ -120,7 +120,7 @@ def test_the_corner_yields_with_the_swing_over_the_room_however_it_swings(swing:
     h = new_handle(Plant(), Plant(), "flat", RATE_HZ)[0]
     h.room = 0.8
     r = swing * h.room * h.room_m
-    h.scout_x[2], h.scout_x[3] = r * np.cos(turn), r * np.sin(turn) * h.scout_rad_s
+    h.demand_x[2], h.demand_x[3] = r * np.cos(turn), r * np.sin(turn) * h.swing_rad_s
     share = min(max((swing - YIELD[0]) / (YIELD[1] - YIELD[0]), 0.0), 1.0) ** 2
     low, high = (np.tan(np.pi * f / RATE_HZ) for f in (COMPENSATORS["flat"].corner_Hz, HIGH_HZ))
     assert yield_corner(h) == pytest.approx(low + share * (high - low))

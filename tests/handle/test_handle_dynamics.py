@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 from hapscene.handle import Plant
 from hapscene.handle.handle_dynamics import amplify, grip_handle, move, sense
@@ -28,7 +28,7 @@ def at_rest(plant: Plant, rate_Hz: float = RATE_HZ) -> Any:
 )
 def test_the_step_is_scipys_matrix_exponential(m_c: float, k_s: float, m_h: float, k_u: float, rate_Hz: float) -> None:
     plant = Plant(m_c_kg=m_c, k_s_N_m=k_s, m_h_kg=m_h, k_u_N_m=k_u)
-    a, b, _, _ = plant.discretised(rate_Hz)
+    a, b, *_ = cont2discrete(plant.state_space(), 1.0 / rate_Hz)
     step = at_rest(plant, rate_Hz).step
     assert step[:4, :4] == pytest.approx(a, rel=1e-9, abs=1e-13)
     assert step[:4, 4:] == pytest.approx(b, rel=1e-9, abs=1e-13)
@@ -66,7 +66,7 @@ def test_acceleration_force_and_travel_are_the_plants() -> None:
     handle = new_handle(plant, plant, "naive", RATE_HZ)[0]
     desired = np.random.default_rng(0).standard_normal(1000)
     played = np.array([vibrate(handle, a) for a in desired])
-    _, y, _ = dlsim((*plant.discretised(RATE_HZ), 1.0 / RATE_HZ), played[:, 2:])
+    _, y, _ = dlsim(cont2discrete(plant.state_space(), 1.0 / RATE_HZ), played[:, 2:])
     assert handle.hits == 0
     assert played[:, 0] == pytest.approx(y[:, 0], abs=1e-9)
     assert played[:-1, 1] == pytest.approx(y[1:, 2], abs=1e-12)  # displacement at the end of the sample
@@ -94,8 +94,8 @@ def test_a_coil_at_its_stop_stays_there_and_momentum_is_kept() -> None:
         speeds.append((velocity, x[1]))
     assert handle.hits >= 1 and handle.x[2] == -plant.travel_limit_m
     assert np.abs(momentum).max() < 1e-6  # no force from outside but a grip of almost nothing
-    told, true = np.transpose(speeds)
-    assert np.abs(told - true).max() < 0.02 * np.abs(true).max()  # the knock, too, is in the acceleration
+    reported, true = np.transpose(speeds)
+    assert np.abs(reported - true).max() < 0.02 * np.abs(true).max()  # the knock, too, is in the acceleration
 
 
 def test_the_accelerometer_has_its_noise_and_its_pole() -> None:

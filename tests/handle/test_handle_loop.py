@@ -62,12 +62,12 @@ def test_quiet_sound_does_not_make_the_handle_light() -> None:
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.floats(0.5, 1.5), min_size=6, max_size=6), st.floats(-1.0, 1.0), st.integers(0, 3))
 def test_stable_for_every_handle_half_off_and_any_grip(off: list[float], grip: float, seed: int) -> None:
-    """±50 % on everything, the grip from a quarter to four times: always rendered, never louder than it should be."""
+    """All parameters ±50 %, the grip from a quarter to four times: bounded error, and the handle comes to rest."""
     there = {name: getattr(Plant(), name) * factor for name, factor in zip(PARAMETERS, off, strict=True)}
     desired = 0.7 * noise(8000, seed)
     desired[5000:] = 0.0
     played = play(desired, RATE_HZ, firm(replace(Plant(), **there), 4.0**grip))
-    assert spectrogram_error(desired, played.acceleration_m_s2, RATE_HZ) < 0.12
+    assert spectrogram_error(desired, played.acceleration_m_s2, RATE_HZ) < 0.25
     assert np.abs(played.acceleration_m_s2).max() < 2.0 * np.abs(desired).max()
     assert np.abs(played.acceleration_m_s2[7000:]).max() < 0.1  # and still when nothing is asked for
 

@@ -18,7 +18,7 @@ LEADING = ("inverse", "flat", "adaptive")
 
 
 def through(compensator: str, amplifier_Hz: float) -> tuple[np.ndarray, np.ndarray]:
-    """Random commands, and the mean force of each sample that lead and amplifier make of them."""
+    """Random commands, and the mean force of each sample after lead filter and amplifier."""
     plant = Plant(amplifier_Hz=amplifier_Hz)
     h = new_handle(plant, plant, compensator, RATE_HZ)[0]
     command = np.random.default_rng(0).standard_normal(200)
@@ -66,20 +66,20 @@ def test_time_constants_are_seconds_at_every_rate() -> None:
     """After its time each exponential has gone on by 1 − 1/e; the look-ahead and the deafness are whole samples."""
     for rate_Hz in (RATE_MIN_HZ, RATE_HZ, RATE_MAX_HZ):
         h = new_handle(Plant(), Plant(), "adaptive", rate_Hz)[0]
-        assert h.delay == round(LOOK_AHEAD_S * rate_Hz) and h.deaf_count == round(0.2 * rate_Hz)
-        for share, seconds in ((h.forget, 0.5), (h.room_back, 5.0), (h.loud_share, 0.005)):
+        assert h.delay == round(LOOK_AHEAD_S * rate_Hz) and h.pause_count == round(0.2 * rate_Hz)
+        for share, seconds in ((h.forget, 0.5), (h.room_return, 5.0), (h.power_share, 0.005)):
             assert (1.0 - share) ** (seconds * rate_Hz) == pytest.approx(np.exp(-1.0))
         assert h.sensor_pole == pytest.approx(np.exp(-2.0 * np.pi * 1600.0 / rate_Hz))
         assert h.noise_m_s2 == pytest.approx(150e-6 * 9.80665 * np.sqrt(rate_Hz / 2))
         assert h.first == h.last == h.count == h.hits == h.clips == 0 and h.gain.any() == np.False_
 
 
-def test_the_weaker_of_what_is_and_what_is_believed_limits() -> None:
+def test_the_lower_limit_of_plant_and_nominal_plant_applies() -> None:
     strong, weak = Plant(force_limit_N=8.0, travel_limit_m=0.006), Plant(force_limit_N=2.0, travel_limit_m=0.002)
     for plant, nominal in ((strong, weak), (weak, strong)):
         h = new_handle(plant, nominal, "adaptive", RATE_HZ)[0]
         assert h.force_limit_N == 2.0 and h.room_m < 0.002 and h.travel_limit_m == plant.travel_limit_m
-        assert h.m_h_kg == plant.m_h_kg and h.knock_N == 0.25 * nominal.force_limit_N
+        assert h.m_h_kg == plant.m_h_kg and h.impact_N == 0.25 * nominal.force_limit_N
 
 
 @pytest.mark.parametrize("rate_Hz", [0.99 * RATE_MIN_HZ, 1.01 * RATE_MAX_HZ, np.nan])
@@ -91,5 +91,5 @@ def test_rates_that_no_handle_has_are_refused(rate_Hz: float) -> None:
 def test_the_free_coil_swings_at_the_frequency_of_two_masses_on_a_spring() -> None:
     for plant in (Plant(), Plant(m_c_kg=0.03, m_h_kg=0.05)):
         a, *_ = replace(plant, k_u_N_m=0.0, b_u_Ns_m=0.0, b_s_Ns_m=0.0).state_space()
-        h = new_handle(Plant(), plant, "flat", RATE_HZ)[0]  # of what is believed, not of what is
-        assert h.scout_rad_s == pytest.approx(np.abs(np.linalg.eigvals(a)).max())
+        h = new_handle(Plant(), plant, "flat", RATE_HZ)[0]  # of the nominal plant
+        assert h.swing_rad_s == pytest.approx(np.abs(np.linalg.eigvals(a)).max())

@@ -16,7 +16,7 @@ from hapscene.errors import HandleError
 from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_file import save_handle
-from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, TRIPPED, LiveBoard, live_start
+from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, WATCHDOG_EXPIRED, LiveBoard, live_start
 from hapscene.handle.live_process import compensator_of, play_recording
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import spectrogram_error
@@ -35,7 +35,7 @@ pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.nightly]
 
 
 def peer(limit_N: float = 3.0) -> Peer:
-    peer = Peer(SimulatedSource(Plant(force_limit_N=limit_N), RATE_HZ, noise_m_s2_rtHz=0.0, unrest_N=0.0))
+    peer = Peer(SimulatedSource(Plant(force_limit_N=limit_N), RATE_HZ, noise_m_s2_rtHz=0.0, tremor_N=0.0))
     peer.give(1)  # compiled before anybody waits
     return peer
 
@@ -54,14 +54,14 @@ class Wire:
         self.clock = DrivenClock()
         self.spoil = lambda data: data
         self.sent: list[bytes] = []
-        self.heard: deque[np.ndarray] = deque()
+        self.received: deque[np.ndarray] = deque()
 
     def next(self) -> Any:
         self.clock.move(10 / RATE_HZ)
         if self.gone:
             return self.gone
         said = self.peer.give(10)
-        self.heard.append(rows(said))
+        self.received.append(rows(said))
         return None if self.silent else (self.spoil(said), self.clock.now_s())
 
     def write(self, data: bytes) -> None:
@@ -73,15 +73,15 @@ class Wire:
 
     @property
     def force(self) -> np.ndarray:
-        return np.concatenate(list(self.heard))[:, 1]
+        return np.concatenate(list(self.received))[:, 1]
 
 
 class Sine:
-    """A feed of which every sample differs from its neighbours, and what it hears of them."""
+    """A feed of which every sample differs from its neighbours, and the measurements that it receives."""
 
     def __init__(self) -> None:
         self.count = self.fades = 0
-        self.heard: list[np.ndarray] = []
+        self.received: list[np.ndarray] = []
 
     def pull(self, out: np.ndarray) -> None:
         out[:] = 2.0 * np.sin(0.3 * (self.count + np.arange(len(out))))
@@ -90,13 +90,13 @@ class Sine:
     def fade_in(self) -> None:
         self.fades += 1
 
-    def hear(self, numbers: np.ndarray, force: np.ndarray, acceleration: np.ndarray) -> None:
-        self.heard.append(np.stack([numbers, force, acceleration]))
+    def receive_feedback(self, numbers: np.ndarray, force: np.ndarray, acceleration: np.ndarray) -> None:
+        self.received.append(np.stack([numbers, force, acceleration]))
 
     def check(self, lost: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Number, force and acceleration of what was put out: each force is that which was pulled under its number."""
-        heard = np.hstack(self.heard)
-        number, force, acceleration = heard[:, np.isfinite(heard[1])]
+        received = np.hstack(self.received)
+        number, force, acceleration = received[:, np.isfinite(received[1])]
         wanted = 2.0 * np.sin(0.3 * number)
         assert number[0] == 0 and (np.diff(number) > 0).all() and number[-1] < self.count
         right = np.abs(force - wanted) < 1e-4
@@ -105,11 +105,11 @@ class Sine:
 
 
 def board(wire: Wire, **other: Any) -> LiveBoard:
-    told = {"limit_N": 3.0, "ahead_s": 0.015, "watchdog_s": 0.02, "highpass_Hz": 0.0, "lag_s": 0.005}
-    return LiveBoard("wire", wire, clock=wire.clock, **told | other)
+    options = {"limit_N": 3.0, "ahead_s": 0.015, "watchdog_s": 0.02, "highpass_Hz": 0.0, "lag_s": 0.005}
+    return LiveBoard("wire", wire, clock=wire.clock, **options | other)
 
 
-def test_what_is_pulled_is_put_out_in_order_and_comes_back() -> None:
+def test_samples_are_put_out_in_order_and_measured() -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
@@ -131,7 +131,7 @@ def peer_force(peer: Peer) -> bool:
     return bool(rows(peer.give(200))[:, 1].any())
 
 
-def test_bytes_on_the_wire_are_those_of_the_document() -> None:
+def test_bytes_on_the_wire_match_the_documented_protocol() -> None:
     text = (ROOT / "docs" / "reference" / "handle-protocol.md").read_text(encoding="utf-8")
     lines = re.findall(r"^    [<>] (.*)\*[0-9A-F]{4}$", text, re.MULTILINE)
     assert len(lines) == 11 and all(sealed(line.encode()).decode().strip() in text for line in lines)
@@ -146,34 +146,34 @@ def test_bytes_on_the_wire_are_those_of_the_document() -> None:
     ]
 
 
-def test_a_board_that_hears_nothing_puts_out_no_force_after_its_watchdog() -> None:
+def test_without_commands_the_watchdog_of_the_board_stops_the_force() -> None:
     handle = peer()
     handle.take(sealed(live_start(0.02, 3)))
     for first in range(0, 992, 32):  # 0.2 s of force in hand
         handle.take(sample_line(first, [1000] * 32))
     said = rows(handle.give(300))
     assert said[:100, 1].all() and not said[100:, 1].any()  # 20 ms, to the sample
-    assert (said[100:, 4] == 3 * RUN + LIVE + EMPTY + TRIPPED).all()
+    assert (said[100:, 4] == 3 * RUN + LIVE + EMPTY + WATCHDOG_EXPIRED).all()
     handle.take(sample_line(992, [1000] * 32))
-    assert not peer_force(handle)  # it stays so until it is told to start
+    assert not peer_force(handle)  # until the next start line
     handle.take(sealed(live_start(0.02, 4)) + sample_line(0, [1000]))
     assert peer_force(handle)
 
 
-def test_a_handle_whose_computer_dies_is_still_within_the_watchdog() -> None:
+def test_the_force_ends_within_the_watchdog_time_when_the_computer_dies() -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
     wire.clock.until(lambda: feed.count > 500)
     wire.write = lambda data: None  # type: ignore[method-assign]
-    before = len(wire.heard)
-    wire.clock.until(lambda: len(wire.heard) > before + 30)
-    said = np.concatenate(list(wire.heard)[before:])
+    before = len(wire.received)
+    wire.clock.until(lambda: len(wire.received) > before + 30)
+    said = np.concatenate(list(wire.received)[before:])
     assert not said[int(0.021 * RATE_HZ) + 10 :, 1].any()
     live.close()
 
 
-def test_a_computer_that_stood_still_begins_anew_faded() -> None:
+def test_after_a_suspended_computer_the_force_fades_in() -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
@@ -189,7 +189,7 @@ def test_a_computer_that_stood_still_begins_anew_faded() -> None:
     assert number[-1] - number[0] >= len(number)  # what was lost has its numbers
 
 
-def test_a_board_that_restarts_is_started_again() -> None:
+def test_a_board_that_restarts_gets_a_start_line() -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
@@ -201,7 +201,7 @@ def test_a_board_that_restarts_is_started_again() -> None:
     feed.check()
 
 
-def test_each_reading_has_its_number_also_where_lines_are_lost() -> None:
+def test_measurements_keep_their_numbers_when_lines_are_lost() -> None:
     wire, feed, rng = Wire(peer()), Sine(), np.random.default_rng(2)
 
     def some(data: bytes) -> bytes:
@@ -217,7 +217,7 @@ def test_each_reading_has_its_number_also_where_lines_are_lost() -> None:
     feed.check(lost=True)
 
 
-def test_a_buffer_that_ran_empty_is_counted_also_when_force_is_on_its_way() -> None:
+def test_an_empty_buffer_is_counted() -> None:
     wire, feed, on_its_way = Wire(peer()), Sine(), []
     late = [85]  # 75 are in hand
 
@@ -236,7 +236,7 @@ def test_a_buffer_that_ran_empty_is_counted_also_when_force_is_on_its_way() -> N
     live.close()
     assert live.counts["underruns"] == 1 and live.counts["restarts"] == 0
     feed.check()
-    assert np.isnan(np.hstack(feed.heard)[1, 200:]).sum() > 9  # the compensator knows that time passed
+    assert np.isnan(np.hstack(feed.received)[1, 200:]).sum() > 9  # the compensator knows that time passed
 
 
 OFF = Plant(m_c_kg=0.0195, k_s_N_m=175.0, b_s_Ns_m=0.39, m_h_kg=0.084, k_u_N_m=650.0, b_u_Ns_m=3.5, force_limit_N=3.0)
@@ -247,8 +247,8 @@ OFF = Plant(m_c_kg=0.0195, k_s_N_m=175.0, b_s_Ns_m=0.39, m_h_kg=0.084, k_u_N_m=6
 def test_the_compensator_learns_the_handle_on_the_board(delay_s: float, tmp_path: Path) -> None:
     """Noise and taps, 20 to 400 Hz: what is felt against what is asked for, as `handle.playback` measures it."""
     grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
-    told = ("ours", Plant(), (grip,), {}, {}, 0.12, (100.0, 200.0), delay_s, 1600.0, RATE_HZ, (10.0, 1000.0), 1.0)
-    save_handle(Identification(*told), tmp_path / "ours.handle")
+    fields = ("ours", Plant(), (grip,), {}, {}, 0.12, (100.0, 200.0), delay_s, 1600.0, RATE_HZ, (10.0, 1000.0), 1.0)
+    save_handle(Identification(*fields), tmp_path / "ours.handle")
     t_s = np.arange(7500) / RATE_HZ
     wanted = resample_poly(np.random.default_rng(4).standard_normal(1500), 5, 1)[:7500]
     wanted *= t_s < 0.8
@@ -263,7 +263,7 @@ def test_the_compensator_learns_the_handle_on_the_board(delay_s: float, tmp_path
         live = board(wire, watchdog_s=1.0, highpass_Hz=15.0)
         handle = compensator_of(live, str(tmp_path / "ours.handle"), compensator)
         play_recording(wanted, RATE_HZ, live, handle, clock=wire.clock)
-        still = SimulatedSource(OFF, RATE_HZ, noise_m_s2_rtHz=0.0, unrest_N=0.0, accelerometer_Hz=1e5)
+        still = SimulatedSource(OFF, RATE_HZ, noise_m_s2_rtHz=0.0, tremor_N=0.0, accelerometer_Hz=1e5)
         felt, _ = still.advance(1e-4 * wire.force)
         late = np.argmax(np.correlate(felt, wanted, "valid"))
         error[compensator] = spectrogram_error(wanted, felt[late : late + len(wanted)], RATE_HZ)
@@ -272,8 +272,8 @@ def test_the_compensator_learns_the_handle_on_the_board(delay_s: float, tmp_path
     assert error[None] < 0.16 < 0.32 < error["flat"], error
 
 
-@pytest.mark.parametrize(("way", "words"), [("gone", "the handle went away: torn out"), ("silent", "says nothing")])
-def test_a_board_that_is_torn_out_ends_in_words(way: str, words: str) -> None:
+@pytest.mark.parametrize(("way", "words"), [("gone", "disconnected: torn out"), ("silent", "no data")])
+def test_a_disconnected_or_silent_board_is_reported(way: str, words: str) -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
@@ -284,18 +284,18 @@ def test_a_board_that_is_torn_out_ends_in_words(way: str, words: str) -> None:
     assert words in live.fault and wire.closed
 
 
-def test_a_board_that_only_plays_sweeps_is_told_so() -> None:
+def test_a_board_that_only_plays_sweeps_is_refused() -> None:
     wire = Wire(peer())
     wire.spoil = lambda data: header_line(Header(RATE_HZ, COLUMNS))
-    with pytest.raises(HandleError, match=r"plays no live force.*column 'state'"):
+    with pytest.raises(HandleError, match="state"):
         board(wire)
     assert wire.closed
 
 
 @pytest.mark.parametrize("other", [{"watchdog_s": 2.0}, {"watchdog_s": 0.001}, {"limit_N": 0.0}])
-def test_options_that_cannot_be_are_refused(other: dict[str, float]) -> None:
+def test_options_out_of_range_are_refused(other: dict[str, float]) -> None:
     wire = Wire(peer())
-    with pytest.raises(HandleError, match="option watchdog_s is"):
+    with pytest.raises(HandleError, match=next(iter(other))):
         board(wire, **other)
     assert wire.closed
 
@@ -345,7 +345,7 @@ def is_frame(line: bytes) -> bool:
 
 
 def throw_at_a_board(count: int) -> None:
-    """No force from a frame that is none: whenever there is force, a whole frame came before."""
+    """Invalid frames give no force: each force follows a complete frame."""
     rng = np.random.default_rng(5)
     handle = peer()
     handle.take(sealed(live_start(1.0, 1)))
@@ -386,11 +386,11 @@ def throw_at_a_computer(count: int) -> None:
         assert np.abs(wire.force).max() <= 20_000  # never more than was pulled
 
 
-def test_bad_frames_give_no_force() -> None:
+def test_invalid_frames_give_no_force() -> None:
     throw_at_a_board(MUTATED)
 
 
-def test_bad_frames_from_the_board_do_no_harm() -> None:
+def test_invalid_frames_from_the_board_are_harmless() -> None:
     throw_at_a_computer(MUTATED)
 
 
@@ -443,7 +443,7 @@ def both(sketch: Path, script: list[bytes | int]) -> tuple[bytes, bytes]:
     return b"".join(said), ran.stdout
 
 
-def test_the_sketch_says_to_the_byte_what_the_simulated_board_says(sketch: Path) -> None:
+def test_firmware_and_simulated_board_send_the_same_bytes(sketch: Path) -> None:
     script: list[bytes | int] = [3, sealed(START), sample_line(0, [5, -7]), 4, sample_line(4, [1]), 1100]
     script += [sealed(live_start(0.02, 200)), sample_line(0, range(-16, 16)), sample_line(40, [40_000, -40_000]), 60]
     script += [
@@ -460,7 +460,7 @@ def test_the_sketch_says_to_the_byte_what_the_simulated_board_says(sketch: Path)
     assert {30_000, -30_000, 5, -7, 9, 3} <= set(rows(compiled)[:, 1].tolist())
 
 
-def test_the_sketch_and_the_simulated_board_agree_on_bad_frames(sketch: Path) -> None:
+def test_firmware_and_simulated_board_agree_on_invalid_frames(sketch: Path) -> None:
     rng = np.random.default_rng(7)
     script: list[bytes | int] = []
     for _ in range(MUTATED // 4):

@@ -20,8 +20,8 @@ CARD_HZ = 48_000.0
 
 
 def output(**other: float) -> Any:
-    told = {"rate_Hz": CARD_HZ, "gain": 1.0, "ceiling": 1.0, "highpass_Hz": 0.0, "lag_s": 0.005}
-    return SimpleNamespace(**told | other)
+    options = {"rate_Hz": CARD_HZ, "gain": 1.0, "ceiling": 1.0, "highpass_Hz": 0.0, "lag_s": 0.005}
+    return SimpleNamespace(**options | other)
 
 
 def played(samples: np.ndarray, block: int = 480, late: bool = False, handle: Any = None, **other: float) -> np.ndarray:
@@ -65,7 +65,7 @@ def sine(t_s: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("rate_Hz", "card_Hz"), [(10_000, 48_000), (5_000, 48_000), (10_000, 44_100), (10_000, 5_000)])
-def test_the_filter_is_flat_where_it_is_felt_and_lets_no_image_through(rate_Hz: int, card_Hz: int) -> None:
+def test_the_filter_is_flat_in_the_vibrotactile_band_and_rejects_images(rate_Hz: int, card_Hz: int) -> None:
     table = filter_table(rate_Hz, card_Hz)
     taps = table.shape[1]
     whole = np.zeros(taps * PHASES)
@@ -77,8 +77,8 @@ def test_the_filter_is_flat_where_it_is_felt_and_lets_no_image_through(rate_Hz: 
     assert level_dB[500:].max() < -96.0
 
 
-def test_it_resamples_as_scipy_does() -> None:
-    """24/5, by the same window designed there: to 16 bits, so that nothing of the streaming is heard."""
+def test_it_resamples_as_scipy() -> None:
+    """24/5, by the same window designed there: to 16 bits, so that streaming has no audible effect."""
     t_s = np.arange(20_000) / RATE_HZ
     chirp = 0.5 * np.sin(2.0 * np.pi * (20.0 + 245.0 * t_s) * t_s)
     taps = filter_table(RATE_HZ, CARD_HZ).shape[1]
@@ -90,14 +90,14 @@ def test_it_resamples_as_scipy_does() -> None:
 
 
 @pytest.mark.parametrize("block", [64, 479, 4096])
-def test_a_sine_stays_one_however_it_is_pulled(block: int) -> None:
+def test_a_sine_is_undistorted_for_all_block_sizes(block: int) -> None:
     t_s = np.arange(20_000) / RATE_HZ
     got = played(sine(t_s), block=block)
     inside = slice(int(2 * FADE_S * CARD_HZ), 90_000)
     assert np.abs(got[inside] - sine(np.arange(len(got)) / CARD_HZ)[inside]).max() < 2e-6
 
 
-def test_it_begins_and_ends_in_silence_without_a_step() -> None:
+def test_it_fades_in_and_out() -> None:
     got = played(np.full(5000, 0.5), late=True)
     assert not got[:90].any() and not got[-1000:].any()
     assert np.abs(np.diff(got)).max() < 0.025  # the filter's own edge, within the fade
@@ -105,7 +105,7 @@ def test_it_begins_and_ends_in_silence_without_a_step() -> None:
     np.testing.assert_allclose(got[at : 24_000 - at], 0.5, rtol=1e-6)
 
 
-def test_what_is_too_loud_is_made_quieter_before_it_comes_and_never_cut() -> None:
+def test_the_limiter_attenuates_in_advance_without_clipping() -> None:
     t_s = np.arange(20_000) / RATE_HZ
     loud = np.where((t_s > 0.8) & (t_s < 1.2), 8.0, 1.0) * sine(t_s)
     stream_out = played(loud, ceiling=0.9)
@@ -117,7 +117,7 @@ def test_what_is_too_loud_is_made_quieter_before_it_comes_and_never_cut() -> Non
     np.testing.assert_allclose(stream_out[20_000:35_000], sine(np.arange(20_000, 35_000) / CARD_HZ), atol=2e-6)
 
 
-def test_what_is_slow_is_kept_from_the_coil() -> None:
+def test_the_high_pass_removes_low_frequencies() -> None:
     t_s = np.arange(30_000) / RATE_HZ
     got = played(0.4 + sine(t_s), highpass_Hz=15.0)
     assert abs(got[48_000:96_000].mean()) < 1e-4
@@ -125,7 +125,7 @@ def test_what_is_slow_is_kept_from_the_coil() -> None:
 
 
 @pytest.mark.parametrize("ppm", [0.0, 200.0, -200.0])
-def test_clocks_that_differ_are_brought_together_without_a_click(ppm: float) -> None:
+def test_clocks_that_differ_are_synchronised_without_a_click(ppm: float) -> None:
     """60 s. A sample left out or put in of the 250 Hz would be a step of 0.08; the derivative's bound is 0.0164."""
     clocks = Clocks(sine, ppm)
     silence = clocks.run(1.0)
@@ -146,7 +146,7 @@ def test_clocks_that_differ_are_brought_together_without_a_click(ppm: float) -> 
         assert clocks.stream.drift == 0.0
 
 
-def test_ticks_that_stop_fade_to_silence_and_come_back_faded() -> None:
+def test_it_fades_out_when_ticks_stop_and_in_when_they_resume() -> None:
     clocks = Clocks(sine)
     clocks.run(2.0)
     clocks.stopped_s = clocks.t_s
@@ -160,7 +160,7 @@ def test_ticks_that_stop_fade_to_silence_and_come_back_faded() -> None:
     assert np.abs(np.diff(back)).max() < 0.025
 
 
-def test_ends_in_a_fade_when_told() -> None:
+def test_it_fades_out_at_its_end() -> None:
     clocks = Clocks(sine)
     clocks.run(2.0)
     clocks.stream.end()
@@ -170,7 +170,7 @@ def test_ends_in_a_fade_when_told() -> None:
     assert clocks.stream.counts["gaps"] == 0
 
 
-def test_what_is_no_number_is_silence_and_counted() -> None:
+def test_samples_that_are_not_finite_are_silent_and_counted() -> None:
     bad = np.zeros(3000)
     bad[1500:1503] = np.nan, np.inf, 1e300
     got = played(bad, ceiling=0.5)

@@ -1,4 +1,4 @@
-"""Grips played and read, and what an identification leaves on disk."""
+"""Grips are recorded and read; results of an identification are written."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HapsceneError
-from hapscene.handle.fit import OWN, Identification, identify
+from hapscene.handle.fit import HANDLE_PARAMETERS, Identification, identify
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_file import load_handle
-from hapscene.handle.identification_report import _degrees, _draw, describe_lines, modelled, write_result
+from hapscene.handle.identification_report import _degrees, describe_lines, modelled, write_result
 from hapscene.handle.measure import GripRecording, load_grip, load_grips, play_grips
 from hapscene.handle.plant import Plant
 from hapscene.handle.sweep import Sweep
@@ -40,13 +40,13 @@ def made_of(recordings: list[GripRecording]) -> Identification:
     return identify(responses, RATE_HZ, [recording.name for recording in recordings], name="ours")
 
 
-def test_each_grip_is_played_in_its_turn(recordings: list[GripRecording], found: Identification) -> None:
+def test_grips_are_recorded_in_order(recordings: list[GripRecording], found: Identification) -> None:
     assert [recording.name for recording in recordings] == ["light", "firm"]
     for grip, hand in zip(found.grips, HANDS, strict=True):
         assert (grip.k_u_N_m, grip.b_u_Ns_m) == pytest.approx(hand, rel=0.15)
 
 
-def test_a_saved_recording_says_the_same(
+def test_a_saved_recording_gives_the_same_result(
     recordings: list[GripRecording], found: Identification, tmp_path: Path
 ) -> None:
     for recording in recordings:
@@ -54,7 +54,7 @@ def test_a_saved_recording_says_the_same(
     again = load_grips([str(tmp_path / "light.npz"), str(tmp_path / "firm.npz")])
     assert [recording.name for recording in again] == ["light", "firm"] and again[0].rate_Hz == RATE_HZ
     same = made_of(again)
-    for name in OWN:
+    for name in HANDLE_PARAMETERS:
         assert getattr(found.plant, name) == pytest.approx(getattr(same.plant, name), rel=1e-4)
 
 
@@ -62,8 +62,8 @@ def test_tables_in_other_units_and_names(tmp_path: Path) -> None:
     t_s = np.arange(400) / RATE_HZ
     table = np.stack([1e3 * np.sin(t_s), np.cos(t_s), 0 * t_s], axis=1)
     np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="coil,a_x,a_y", comments="")
-    told = {"columns": {"force": "coil", "acceleration": "a_x"}, "units": {"force": "mN", "acceleration": "g"}}
-    recording = load_grip(str(tmp_path / "a.csv"), RATE_HZ, **told)
+    options = {"columns": {"force": "coil", "acceleration": "a_x"}, "units": {"force": "mN", "acceleration": "g"}}
+    recording = load_grip(str(tmp_path / "a.csv"), RATE_HZ, **options)
     np.testing.assert_allclose(recording.force_N, np.sin(t_s), atol=1e-12)
     np.testing.assert_allclose(recording.acceleration_m_s2, 9.80665 * np.cos(t_s), atol=1e-12)
 
@@ -71,37 +71,33 @@ def test_tables_in_other_units_and_names(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("header", "columns", "words"),
     [
-        ("force,acceleration_x,acceleration_y", {}, "one column must be the acceleration along the handle"),
-        ("force,x,y", {"acceleration": "x+y"}, "one column must be the acceleration along the handle"),
-        ("x,acceleration,y", {}, 'no column "force"'),
+        ("force,acceleration_x,acceleration_y", {}, "acceleration=COLUMN"),
+        ("force,x,y", {"acceleration": "x+y"}, "acceleration=COLUMN"),
+        ("x,acceleration,y", {}, '"force"'),
         ("force,acceleration,y", {"acceleration": "z"}, "no column 'z'"),
     ],
 )
-def test_what_is_missing_is_named(tmp_path: Path, header: str, columns: dict[str, str], words: str) -> None:
+def test_a_missing_column_is_named(tmp_path: Path, header: str, columns: dict[str, str], words: str) -> None:
     np.savetxt(tmp_path / "a.csv", np.ones((9, 3)), delimiter=",", header=header, comments="")
     with pytest.raises(HapsceneError, match=words):
         load_grip(str(tmp_path / "a.csv"), RATE_HZ, columns, {"force": "N", "acceleration": "m/s2"})
 
 
-def test_grips_of_two_rates_do_not_go_together(recordings: list[GripRecording], tmp_path: Path) -> None:
+def test_grips_of_different_rates_are_refused(recordings: list[GripRecording], tmp_path: Path) -> None:
     recordings[0].save(tmp_path / "a.npz")
     replace(recordings[1], rate_Hz=5000.0).save(tmp_path / "b.npz")
-    with pytest.raises(HapsceneError, match=r"b\.npz: 5000 Hz, .*a\.npz: 4000 Hz"):
+    with pytest.raises(HapsceneError, match=r"b\.npz.*5000 Hz.*4000 Hz.*a\.npz"):
         load_grips([str(tmp_path / "a.npz"), str(tmp_path / "b.npz")])
 
 
-def test_what_is_left_on_disk(recordings: list[GripRecording], found: Identification, tmp_path: Path) -> None:
+def test_results_are_written(recordings: list[GripRecording], found: Identification, tmp_path: Path) -> None:
     responses = [recording.response((10.0, 600.0)) for recording in recordings]
     made = write_result(found, responses, recordings, tmp_path / "out")
-    assert [file.name for file in made] == ["bode.png", "grip-1.npz", "grip-2.npz", "ours.handle", "response.csv"]
+    assert [file.name for file in made] == ["bode.png", "grip-1.npz", "grip-2.npz", "ours.handle"]
     assert load_handle(tmp_path / "out" / "ours.handle") == found
     assert (tmp_path / "out" / "bode.png").read_bytes()[:4] == b"\x89PNG"
-    table = np.genfromtxt(tmp_path / "out" / "response.csv", delimiter=",", skip_header=1)
-    assert len(table) == sum(len(response.frequency_Hz) for response in responses)
-    loud = table[:, 6] > 0.99
-    np.testing.assert_allclose(table[loud, 7], table[loud, 2], rtol=0.1)  # the model lies on what was measured
     assert write_result(found, responses, [], tmp_path / "b.handle") == [tmp_path / "b.handle"]
-    with pytest.raises(HapsceneError, match="cannot be the name of a file"):
+    with pytest.raises(HapsceneError, match="a/b"):
         write_result(replace(found, name="a/b"), responses, [], tmp_path / "c")
     assert not (tmp_path / "c").exists()
 
@@ -115,32 +111,6 @@ def test_the_model_that_is_drawn_is_the_one_that_was_fitted(
         assert np.median(off / response.deviation) < 2.0  # of a complex number: 1.2 for the right one
 
 
-def test_the_figure_holds_the_band_the_model_and_what_was_measured(
-    recordings: list[GripRecording], found: Identification
-) -> None:
-    from matplotlib.figure import Figure
-
-    figure, responses = Figure(), [recording.response((10.0, 600.0)) for recording in recordings]
-    _draw(figure, found, responses)
-    magnitude, phase, coherence = figure.axes
-    assert coherence.get_xlim() == pytest.approx((0.96 * found.band_Hz[0], 1.04 * found.band_Hz[1]))
-    mass = magnitude.lines[-1]
-    assert mass.get_ydata() == pytest.approx([-20.0 * np.log10(found.plant.m_h_kg)] * 2)
-    for i, (grip, response) in enumerate(zip(found.grips, responses, strict=True)):
-        for axes, told in (
-            (magnitude, lambda h: 20.0 * np.log10(np.abs(h))),
-            (phase, lambda h: np.degrees(np.angle(h))),
-        ):
-            model, measured = axes.lines[2 * i : 2 * i + 2]
-            off = model.get_ydata() - told(modelled(found, grip, model.get_xdata()))
-            assert np.abs((off + 180.0) % 360.0 - 180.0).max() < 1e-6
-            off = measured.get_ydata() - told(response.response)
-            assert np.abs((off + 180.0) % 360.0 - 180.0).max() < 1e-6
-            assert np.abs(np.diff(model.get_ydata())).max() < 90.0  # no jumps
-            assert model.get_linewidth() > measured.get_linewidth() > 0.0  # what was measured is seen over it
-        assert np.array_equal(coherence.lines[i].get_ydata(), response.coherence)
-
-
 @pytest.mark.parametrize("turns", [-3.0, 0.0, 2.0])
 def test_a_phase_is_without_jumps_and_near_0_in_the_middle(turns: float) -> None:
     phase = np.linspace(-500.0, 300.0, 81)  # −100 in the middle
@@ -148,12 +118,11 @@ def test_a_phase_is_without_jumps_and_near_0_in_the_middle(turns: float) -> None
     np.testing.assert_allclose(_degrees(np.exp(1j * np.radians(phase - 700.0))), phase + 20.0, atol=1e-9)
 
 
-def test_the_portrait_tells_what_is_and_is_not_known(recordings: list[GripRecording], found: Identification) -> None:
+def test_the_description_states_what_is_and_is_not_determined(
+    recordings: list[GripRecording], found: Identification
+) -> None:
     text = "\n".join(describe_lines(found))
-    assert "mass of the handle" in text and "between" in text and "grip light; coherence" in text
-    late = f"({found.accelerometer_Hz:g} Hz, taken as known) the acceleration comes {1e6 * found.delay_s:.0f} µs late"
-    assert late.replace("-0", "0") in text
-    alone = "\n".join(describe_lines(made_of(recordings[:1])))
-    assert "not known: one grip cannot tell it from the others" in alone
-    poor = "\n".join(describe_lines(replace(found, misfit=7.0)))
-    assert "7.0 times what noise explains: the handle is not quite of this kind" in poor
+    assert "mass of the handle" in text and "between" in text and "grip light" in text and "warning" not in text
+    assert f"({found.accelerometer_Hz:g} Hz" in text and f"{round(1e6 * found.delay_s)} µs" in text
+    assert "not determined" in "\n".join(describe_lines(made_of(recordings[:1])))
+    assert "warning" in "\n".join(describe_lines(replace(found, misfit=7.0)))

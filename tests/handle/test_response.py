@@ -30,7 +30,7 @@ def test_without_noise_it_is_the_system() -> None:
 
 
 def test_a_flat_system_has_the_h1_and_coherence_of_scipy() -> None:
-    """Where the response does not change in a band, averaging over lines and over windows is the same thing."""
+    """Where the response does not change in a band, averaging over lines equals averaging over windows."""
     rng = np.random.default_rng(1)
     force = rng.standard_normal(200_000)
     acceleration = 3.0 * force + 2.0 * rng.standard_normal(len(force))
@@ -52,16 +52,6 @@ def test_coherence_and_deviation_agree_as_bendat_and_piersol_say() -> None:
     np.testing.assert_allclose(response.deviation / np.abs(response.response), expected, rtol=0.2)
 
 
-def test_the_interval_holds_19_times_of_20() -> None:
-    hits = []
-    for seed in range(40):
-        response = estimate_response(*noisy(seed, 1.0, 8000), RATE_HZ, band_Hz=(20.0, 800.0))
-        low, high = response.magnitude_interval()
-        magnitude = np.abs(truth(response))
-        hits.append((low <= magnitude) & (magnitude <= high))
-    assert 0.935 < np.mean(hits) < 0.965
-
-
 def test_bands_without_force_are_left_out() -> None:
     t_s = np.arange(20_000) / RATE_HZ
     force = np.sin(2 * np.pi * (50.0 + 5.0 * t_s) * t_s) * np.sin(np.pi * t_s / 10.0) ** 2
@@ -73,12 +63,12 @@ def test_bands_without_force_are_left_out() -> None:
 @pytest.mark.parametrize(
     ("force", "acceleration", "word"),
     [
-        (np.ones(4000), np.ones(3999), "one length"),
+        (np.ones(4000), np.ones(3999), "length"),
         (np.ones(4000), np.full(4000, np.nan), "finite"),
         (np.ones(100), np.ones(100), "too short"),
-        (np.zeros(40_000), np.ones(40_000), "no force"),
+        (np.zeros(40_000), np.ones(40_000), "force is 0"),
     ],
 )
-def test_what_cannot_be_used_is_refused(force: np.ndarray, acceleration: np.ndarray, word: str) -> None:
+def test_unusable_recordings_are_refused(force: np.ndarray, acceleration: np.ndarray, word: str) -> None:
     with pytest.raises(HandleError, match=word):
         estimate_response(force, acceleration, RATE_HZ, band_Hz=(10.0, 800.0))

@@ -326,6 +326,17 @@ def test_binding_time_delays_no_tick(servo: VirtualServo, monkeypatch: pytest.Mo
     assert since.missed == 0 and since.delay_us(1.0) < 1000.0
 
 
+def test_order_counts_the_ticks_that_it_costs(servo: VirtualServo, monkeypatch: pytest.MonkeyPatch) -> None:
+    bind = servo_process.bound
+    servo.start((0.0, 0.0, 0.01))
+    servo.advance(10)
+    before = servo.timing()
+    monkeypatch.setattr(servo_process, "bound", lambda loop: (servo.clock.sleep_s(0.012), bind(loop))[1])
+    servo.repaint(make_scene())
+    servo.advance(10)
+    assert servo.timing().since(before).missed == pytest.approx(12, abs=1)
+
+
 def test_age_of_the_state_grows_while_paused(servo: VirtualServo) -> None:
     servo.start((0.0, 0.0, 0.01))
     servo.advance(3)

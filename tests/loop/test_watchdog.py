@@ -63,7 +63,7 @@ def test_stopped_ticks_are_detected(waiting: int, patience_s: float) -> None:
 
 
 def test_stopped_process_is_detected_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watchdog, "_is_stopped", lambda pid: True)
+    monkeypatch.setattr(watchdog, "_state_of", lambda pid: "stopped")
     closed, after_s = watch(stands_after(1.0))
     assert not closed and STILL_S < after_s - 1.0 <= STILL_S + 2.5 * LOOK_S
 

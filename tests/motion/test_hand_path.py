@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from hapscene.errors import PathError
-from hapscene.motion.hand_path import DEPTH_M, HOVER_M, Hand, explore
+from hapscene.motion.hand_path import DEPTH_M, HOVER_M, PathBuilder, explore
 from hapscene.motion.look_from_above import TopView, look_from_above
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import PlaneSide
@@ -40,7 +40,7 @@ def speed_m_s(p_WT: np.ndarray) -> np.ndarray:
 
 
 def test_movement_is_that_of_minimum_jerk() -> None:
-    hand = Hand((0.0, 0.0, 0.1), TICK_S, flat)
+    hand = PathBuilder((0.0, 0.0, 0.1), TICK_S, flat)
     hand.move((0.2, 0.0, 0.1), 0.5)
     x_m = hand.p_WT_m[:, 0]
     assert len(x_m) == 501 and x_m[-1] == pytest.approx(0.2, abs=1e-15)
@@ -54,7 +54,7 @@ def test_tap_press_and_stroke_go_to_their_depth_and_back() -> None:
         lambda hand: hand.press(0.01, 0.0, DEPTH_M),
         lambda hand: hand.stroke((0.01, 0.0), (0.06, 0.02)),
     ):
-        hand = Hand((0.0, 0.0, 0.02), TICK_S, flat)
+        hand = PathBuilder((0.0, 0.0, 0.02), TICK_S, flat)
         act(hand)
         z_m = hand.p_WT_m[:, 2]
         assert z_m.min() == pytest.approx(-DEPTH_M, abs=1e-9)
@@ -104,7 +104,7 @@ def test_scene_that_shows_nothing_upwards_is_one_error() -> None:
 
 
 def test_a_calm_hand_hurries_nowhere_and_is_no_other_on_level_ground() -> None:
-    brisk, calm = (Hand((0.0, 0.0, 0.02), TICK_S, flat, calm_s=calm_s) for calm_s in (0.0, 0.4))
+    brisk, calm = (PathBuilder((0.0, 0.0, 0.02), TICK_S, flat, calm_s=calm_s) for calm_s in (0.0, 0.4))
     (start, rows), (later, calm_rows) = (
         hand.trace(hand.line((0.01, 0.0), (0.06, 0.0), 0.1), 1e-3) for hand in (brisk, calm)
     )
@@ -117,7 +117,7 @@ def test_a_calm_hand_climbs_no_faster_than_it_strokes() -> None:
     def step(x_m: np.ndarray, y_m: np.ndarray) -> TopView:
         return TopView(np.where(x_m > 0.03, 0.02, 0.0), np.zeros(len(x_m), np.int64), np.zeros(len(x_m), np.int64))
 
-    hand = Hand((0.0, 0.0, 0.04), TICK_S, step, calm_s=0.3)
+    hand = PathBuilder((0.0, 0.0, 0.04), TICK_S, step, calm_s=0.3)
     way = hand.line((0.01, 0.0), (0.06, 0.0), 0.1)
     start, rows = hand.trace(way, 1e-3)
     traced = hand.p_WT_m[start : start + len(rows)]

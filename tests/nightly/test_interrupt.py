@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from hapscene.cli import main
-from hapscene.interrupt import AGAIN_S, ENDS, heard, interrupt_noted, interrupted_by_ends
+from hapscene.interrupt import AGAIN_S, ENDS, clear_interrupt, interrupt_noted, interrupted_by_ends
 
 pty = pytest.importorskip("pty", reason="no terminals of this kind here")
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no process can send these signals there")
@@ -173,7 +173,7 @@ def test_what_puts_things_in_order_is_not_torn() -> None:
                         time.sleep(5 * AGAIN_S)
                         order.append("an error of its own")
         except KeyboardInterrupt:
-            heard()
+            clear_interrupt()
         time.sleep(5 * AGAIN_S)
     assert order == ["an error of its own", "an exit"]
 

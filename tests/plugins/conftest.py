@@ -55,7 +55,7 @@ def interpreted(function: Any) -> Callable[..., Any]:
 class Bench:
     """One effect with the parameters of one swatch, overruled by `params`. State lasts from call to call.
 
-    An effect of the scene has `settings` in the place of the swatch; it stands in W.
+    A scene effect has `settings` instead of a swatch; its frame is W.
     """
 
     effect: Effect

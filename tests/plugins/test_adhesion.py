@@ -1,4 +1,4 @@
-"""Adhesion against its closed form: how hard it pulls, what tearing off takes, and that nothing is given for free."""
+"""Adhesion: force, energy of breaking free, and passivity."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def upwards(height_m):
     return np.column_stack([np.zeros((len(height_m), 2)), height_m])
 
 
-def test_it_pulls_as_the_formula_says_and_tearing_off_takes_A_e_delta(bench, ticks):
+def test_force_and_energy_follow_the_formula(bench, ticks):
     z = np.linspace(0.0, 1.2 * REACH * RANGE_M, 20_001)
     f = pulled(bench, ticks, upwards(z))
     held = z <= REACH * RANGE_M
@@ -39,8 +39,8 @@ def test_it_pulls_as_the_formula_says_and_tearing_off_takes_A_e_delta(bench, tic
     assert -np.trapezoid(f[:, 2], z) == pytest.approx(PULL_N * np.e * RANGE_M, rel=1e-5)
 
 
-def test_it_begins_where_the_tool_is_when_it_has_left_and_never_on_the_way_in(bench, ticks):
-    """Cut off sideways a millimetre below the surface, it starts without a step; before any contact there is none."""
+def test_the_pull_starts_without_a_step_and_only_after_leaving(bench, ticks):
+    """Without contact there is no pull, and no step when a tool leaves sideways below the surface."""
     way = np.array([0.0, 0.0, -1e-3]) + upwards(np.linspace(0.0, 1e-3, 101))
     f = pulled(bench, ticks, way)
     assert not f[0].any() and np.abs(np.diff(f, axis=0)).max() < 0.06 * PULL_N
@@ -49,8 +49,8 @@ def test_it_begins_where_the_tool_is_when_it_has_left_and_never_on_the_way_in(be
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_whichever_way_it_goes_it_gives_back_what_was_put_in(bench, ticks, seed):
-    """Walks with slow steps, in all directions, over a body that swims under them: work done is what the way stores."""
+def test_the_pull_is_conservative(bench, ticks, seed):
+    """Random walks over a moving body: the work equals the change of the potential."""
     rng = np.random.default_rng(seed)
     way = np.cumsum(rng.normal(0.0, 0.01 * RANGE_M, (5000, 3)), axis=0)
     way -= way[0]
@@ -65,7 +65,7 @@ def test_whichever_way_it_goes_it_gives_back_what_was_put_in(bench, ticks, seed)
     np.testing.assert_allclose(work, stored, atol=2e-3 * PULL_N * np.e * RANGE_M)
 
 
-def test_touched_again_it_lets_go_without_a_step_and_holds_anew_after(bench, ticks):
+def test_a_new_contact_ends_the_pull_without_a_step(bench, ticks):
     rows = left_at_0(ticks, np.tile((RANGE_M, 0.0, 0.0), (60, 1)))
     rows["p_WT_m"][1, 0] = 0.0
     rows["touching"][10:40], rows["began"][10], rows["ended"][40] = 1, 1, 1
@@ -81,8 +81,8 @@ def test_touched_again_it_lets_go_without_a_step_and_holds_anew_after(bench, tic
     assert abs(f[12]) == pytest.approx(abs(f[11])) and abs(f[11]) > 0.2 * PULL_N
 
 
-def test_in_the_tick_it_rides_with_the_body_which_is_pulled_in_turn():
-    """The tool is lifted by δ off a sheet that rises as fast; then the sheet stops: A pulls, on both."""
+def test_the_pull_follows_the_body_and_acts_on_it():
+    """The tool and a sheet rise together; then the sheet stops. At a distance δ the force is A on both."""
     renderer = hapscene.Renderer(sheet(TAR), ["wall", EFFECT], seed=0)
 
     def step(tool_m, sheet_m):
@@ -104,8 +104,8 @@ def test_in_the_tick_it_rides_with_the_body_which_is_pulled_in_turn():
 
 @pytest.mark.parametrize("held", [True, False])
 @pytest.mark.parametrize("gone", ["removed", "put elsewhere", "painted anew"])
-def test_what_is_no_longer_there_does_not_hold(gone, held):
-    """While it holds the tool that has left, or while it is touched; then nothing is left of it in a new contact."""
+def test_teleported_removed_or_repainted_bodies_do_not_pull(gone, held):
+    """During the pull or during contact; a new contact starts without the old pull."""
     scene = sheet(TAR)
     renderer = hapscene.Renderer(scene, ["wall", EFFECT], seed=0)
     bound = renderer.moving_bodies(["sheet"])

@@ -1,4 +1,4 @@
-"""What every effect must keep to, ours or anybody's: run over all that are shipped or installed, of both scopes.
+"""Contract of effects, tested for all shipped and installed effects of both scopes.
 
 Compiled and interpreted agree to rounding (to the bit where no sine or exponential is taken: those of the
 compiled code and of Python may differ in the last bit).
@@ -29,7 +29,7 @@ EFFECTS = [
 ]
 LINE = [[0.0, 0.0, 0.0], [0.003, 0.0, 0.0], [0.003, 0.004, 0.0]]
 SETTINGS = {"guide": {"points_m": LINE}, "magnet": {"points_m": LINE}, "viscosity": {"center_m": LINE[0]}}
-"""Of effects of the scene: where the walks are."""
+"""Settings of scene effects, so that the random walks are in their range."""
 UNITS = {
     "kg": "kg",
     "m": "m",
@@ -51,12 +51,12 @@ LARGE = 1e6
 
 @pytest.fixture(scope="session")
 def bench(bench):
-    """One whose effects of the scene are set."""
+    """A bench whose scene effects have settings."""
     return lambda effect, swatch, **more: bench(effect, swatch, settings=SETTINGS.get(effect.name, ()), **more)
 
 
 def walk(ticks, seed: int, count: int = 300, large: float = 1.0) -> np.ndarray:
-    """A random path of contacts as the framework would describe it: consistent flags, all else at random."""
+    """A random sequence of contacts with consistent flags."""
     rng = np.random.default_rng(seed)
     touching = np.repeat(rng.random(count // 10) > 0.3, 10)
     before = np.concatenate(([False], touching[:-1]))
@@ -97,7 +97,7 @@ def walk(ticks, seed: int, count: int = 300, large: float = 1.0) -> np.ndarray:
 
 
 def corners(effect):
-    """Every parameter at its least, at its most, and each alone at either."""
+    """All parameters at their minimum or maximum, and each one alone."""
     low = {p.name: max(p.minimum, -LARGE) for p in effect.params}
     high = {p.name: min(p.maximum, LARGE) for p in effect.params}
     yield low
@@ -107,7 +107,7 @@ def corners(effect):
         yield {p.name: high[p.name]}
 
 
-def test_ours_are_all_listed():
+def test_all_shipped_effects_are_listed():
     names = listed()
     assert {"friction", "lpc_texture", "tap", "wall"} <= set(names)
     assert not [entry.error for entry in names.values() if entry.error]
@@ -121,7 +121,7 @@ def test_each_shipped_file_is_an_entry_point():
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
-def test_declaration_is_sane(effect):
+def test_declarations_are_valid(effect):
     assert effect.name.isidentifier() and effect.summary.endswith(".") and len(effect.summary) < 80
     for param in effect.params:
         assert not keyword.iskeyword(param.name) and param.meaning and param.unit
@@ -149,7 +149,7 @@ def test_same_seed_same_bits(effect, bench, ticks, swatch_of):
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
-def test_adds_to_what_is_there(effect, bench, ticks, swatch_of):
+def test_output_is_added(effect, bench, ticks, swatch_of):
     rows = walk(ticks, 3)
     alone = bench(effect, swatch_of()).run(rows)
     start = np.zeros(len(rows), OUTPUT)
@@ -174,8 +174,8 @@ def test_reads_only(effect, bench, ticks, swatch_of):
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
-def test_finite_at_the_corners(effect, bench, ticks, swatch_of):
-    """Parameters at their limits, touches from none to a thousand times too strong, full swatch and plain."""
+def test_output_is_finite_at_parameter_limits(effect, bench, ticks, swatch_of):
+    """Parameters at their limits, contact forces up to a thousand times the usual, two swatches."""
     for params in corners(effect):
         for swatch in (
             swatch_of(),
@@ -188,7 +188,7 @@ def test_finite_at_the_corners(effect, bench, ticks, swatch_of):
 
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_silent_after_reset_in_the_air(effect, bench, ticks, swatch_of):
-    """One of the scene begins there: with less than a twentieth of what it comes to."""
+    """A scene effect starts at less than a twentieth of its final force."""
     rows = ticks(1000, touching=0, swatch=-1, body=-1, p_WT_m=(0.002, 0.001, 0.003))
     out = bench(effect, swatch_of()).run(rows)
     if effect.scope == "scene":
@@ -200,7 +200,7 @@ def test_silent_after_reset_in_the_air(effect, bench, ticks, swatch_of):
 
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_swatches_may_change_every_tick(effect, bench, ticks, swatch_of):
-    """Parameters and table of another swatch at each tick: state that outlives them must not mislead."""
+    """Parameters and table change at each tick while the state persists."""
     swatches = [
         swatch_of(0, 20),
         swatch_of(1, 3, friction_static=1.0, friction_dynamic=0.1),
@@ -218,7 +218,7 @@ def test_swatches_may_change_every_tick(effect, bench, ticks, swatch_of):
 
 
 def test_walks_cover_the_fields(ticks):
-    """A field that the walks leave at zero would be untested: say so when one is added."""
+    """Fails if a field is added that the random walks leave at zero."""
     rows = walk(ticks, 0)
     left = {name for name in TOUCH.names if not rows[name].any()}
     assert left <= {"face", "swatch", "bary", "other", "weight"}

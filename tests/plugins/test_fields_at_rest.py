@@ -1,4 +1,4 @@
-"""Effects of the scene in closed loop: held by a hand on a simulated device, the tool comes to rest."""
+"""Scene effects in a closed loop with a simulated device and hand: the tool comes to rest."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ CASES = {
 @pytest.mark.parametrize("times", [1.0, 2.0])
 @pytest.mark.parametrize("case", CASES)
 def test_it_comes_to_rest(case, times, device):
-    """Twice as strong, too: a light grip, first moved 12 mm through the field in 0.2 s, then held for four."""
+    """A light grip moves 12 mm through the field in 0.2 s and then holds for 4 s; also at twice the strength."""
     effect, name, setting = CASES[case]
     default = next(param.default for param in effect.params if param.name == name)
     scene = hapscene.Scene()
@@ -39,8 +39,8 @@ def test_it_comes_to_rest(case, times, device):
 
 
 @pytest.mark.parametrize("device", ["omni", PointMass(0.045, 0.1)], ids=["omni", "point"])
-def test_a_needle_that_was_let_in_comes_to_rest(device):
-    """Pushed through the skin, and then meant to be 3 mm aside: held by drag along, by the shaft's spring across."""
+def test_an_inserted_needle_comes_to_rest(device):
+    """After insertion the hand aims 3 mm to the side against drag and lateral stiffness."""
     skin = hapscene.Swatch("skin", stiffness_N_m=200.0, effects={"puncture": {"puncture_force_N": 0.6}})
     scene = hapscene.Scene()
     scene.add(trimesh.creation.box((0.1, 0.1, 0.1)), unit="m", swatch=skin)

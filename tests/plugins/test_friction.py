@@ -1,4 +1,4 @@
-"""Friction against closed forms: the loop's area, no drift, stick and slip, and what must always hold."""
+"""Friction: hysteresis loop, drift, stick–slip and passivity."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def along_x(bench, ticks, x_m, press_N=1.0, static=0.3, dynamic=0.3, over=(), **
 
 
 def test_area_of_the_loop(bench, ticks):
-    """F1: a slider on a spring, moved to and fro by A, loses 4 F_c (A − F_c/k) a cycle."""
+    """F1: a slider on a spring with amplitude A dissipates 4 F_c (A − F_c/k) per cycle."""
     amplitude_m, limit_N = 5e-3, 0.3
     turns = np.linspace(0.0, 2.0, 40_001)
     x = amplitude_m * np.sin(2.0 * np.pi * turns)
@@ -33,7 +33,7 @@ def test_area_of_the_loop(bench, ticks):
 
 
 def test_no_drift_under_vibration(bench, ticks):
-    """F3: held at 0.5 F_c and shaken by 0.2 F_c for 50 s, the slider stays where it is: drift 0."""
+    """F3: at 0.5 F_c with a vibration of 0.2 F_c for 50 s, the drift is 0."""
     hold_m = 0.5 * 0.3 / K_N_M
     t_s = np.arange(50_000) * 1e-3
     x = hold_m + 0.4 * hold_m * np.sin(2.0 * np.pi * 37.0 * t_s)
@@ -44,7 +44,7 @@ def test_no_drift_under_vibration(bench, ticks):
 
 
 def test_force_driven_slider_does_not_drift(bench, ticks):
-    """F3 with a mass of 45 g, damped as by a hand: under 0.5 F_c ± 0.2 F_c it stays where it is held."""
+    """F3 with a damped mass of 45 g: no drift at 0.5 F_c ± 0.2 F_c."""
     effect = bench(FRICTION, params=dict(friction_static=0.3, friction_dynamic=0.3))
     x = v = f = 0.0
     rows = ticks(1, normal_force_N=1.0)
@@ -60,7 +60,7 @@ def test_force_driven_slider_does_not_drift(bench, ticks):
 
 
 def test_breaks_away_then_slips(bench, ticks):
-    """It holds up to µ_s F_n, drops to µ_d F_n and stays there; turned back it holds up to µ_s F_n again."""
+    """Sticks up to µ_s F_n, slips at µ_d F_n, and sticks up to µ_s F_n again after a reversal."""
     way = np.concatenate([np.linspace(0, 3e-3, 301), np.linspace(3e-3, -1e-3, 401)])
     f = -along_x(bench, ticks, way, static=0.5, dynamic=0.3)[:, 0]
     broke = int(np.argmax(way > 0.5 / K_N_M + 1e-12))
@@ -71,8 +71,8 @@ def test_breaks_away_then_slips(bench, ticks):
     assert back[-1] == pytest.approx(-0.3)
 
 
-def test_resting_proxy_does_not_stick_again(bench, ticks):
-    """An encoder gives steps with rests between: the tool must not break away anew at each."""
+def test_a_pause_while_slipping_does_not_cause_sticking(bench, ticks):
+    """Encoder steps cause pauses of the proxy, which must not lead to new breakaways."""
     x = np.repeat(np.arange(200) * 55e-6, 7)
     f = along_x(bench, ticks, x, static=0.5, dynamic=0.3)[:, 0]
     np.testing.assert_allclose(f[x > 2e-3], -0.3, rtol=1e-12)
@@ -103,8 +103,8 @@ def test_stick_slip_of_a_dragged_mass(bench, ticks):
     assert starts_s[-1] - starts_s[-2] == pytest.approx(want_s, rel=0.02)
 
 
-def test_damped_while_it_sticks_and_inside_the_limit(bench, ticks):
-    """f = −(k z + b Δx/T) while it sticks; the damper makes nothing harder to slide."""
+def test_damping_applies_while_sticking_and_within_the_limit(bench, ticks):
+    """f = −(k z + b Δx/T) while sticking; the damping does not increase the sliding friction."""
     x = np.concatenate([np.linspace(0.0, 3e-4, 31), np.linspace(3e-4, 3e-2, 31)])
     slip = np.zeros((len(x), 3))
     slip[1:, 0] = np.diff(x)
@@ -120,14 +120,14 @@ def test_frictionless_is_free(bench, ticks):
     assert not along_x(bench, ticks, np.linspace(0, 1e-2, 50), static=0.0, dynamic=0.0).any()
 
 
-def test_lifting_lets_go(bench, ticks):
+def test_lifting_ends_friction(bench, ticks):
     x = np.linspace(0, 1e-2, 100)
     f = along_x(bench, ticks, x, touching=np.arange(100) < 50)
     assert f[49, 0] == pytest.approx(-0.3) and not f[50:].any()
 
 
-def test_tension_is_carried_round_a_bend(bench, ticks):
-    """On a helix round a cylinder the force stays tangential, as large, and against the motion."""
+def test_the_spring_follows_a_curved_surface(bench, ticks):
+    """On a helix around a cylinder the force remains tangential, constant and opposed to the motion."""
     turn = np.linspace(0.0, np.pi / 2, 400)
     nhat = np.stack([np.sin(turn), 0 * turn, np.cos(turn)], axis=1)
     about = np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1)
@@ -141,7 +141,7 @@ def test_tension_is_carried_round_a_bend(bench, ticks):
 
 @st.composite
 def slides(draw):
-    """Random walks over a plane under random coefficients and steady force."""
+    """Random walks over a plane with random coefficients and constant force."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     step = 10.0 ** draw(st.floats(-6, -2))
     dynamic = draw(st.floats(0, 2))
@@ -152,7 +152,7 @@ def slides(draw):
 @settings(max_examples=100, deadline=None)
 @given(slides())
 def test_bounded_opposed_and_passive(bench, ticks, slide):
-    """|f| ≤ µ_s F_n; a long slide is met head on; over any path the hand does the work that is stored."""
+    """|f| ≤ µ_s F_n, opposed to a long slide, and passive on any path."""
     step, press_N, static, dynamic = slide
     slip = np.column_stack([step, np.zeros(len(step))])
     slip[-1] = (10.0, 0.0, 0.0)
@@ -169,8 +169,8 @@ def test_bounded_opposed_and_passive(bench, ticks, slide):
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_bounded_and_tangential_whatever_happens(bench, ticks, seed):
-    """Normals that jump, forces that come and go, contacts that end: |f| ≤ µ F_n and no normal part."""
+def test_bounded_and_tangential_for_random_contacts(bench, ticks, seed):
+    """Random normals, forces and contact states: |f| ≤ µ F_n without a normal component."""
     rng = np.random.default_rng(seed)
     nhat = rng.normal(size=(200, 3))
     nhat /= np.linalg.norm(nhat, axis=1, keepdims=True)
@@ -189,7 +189,7 @@ CURVE = dict(static=0.5, dynamic=0.3, over=dict(friction_stribeck_m_s=0.02, fric
 
 @pytest.mark.parametrize("speed_m_s", [0.002, 0.02, 0.05, 0.3])
 def test_friction_over_speed(bench, ticks, speed_m_s):
-    """µ_d + (µ_s − µ_d) exp(−(v/v_s)²) + µ_v v, also where encoders give steps with rests between."""
+    """µ_d + (µ_s − µ_d) exp(−(v/v_s)²) + µ_v v, also with encoder steps."""
     expected = 0.3 + 0.2 * np.exp(-((speed_m_s / 0.02) ** 2)) + 0.4 * speed_m_s
     f = along_x(bench, ticks, speed_m_s * 1e-3 * np.arange(3000), slip_m_s=speed_m_s, **CURVE)
     np.testing.assert_allclose(f[-500:, 0], -expected, rtol=1e-9)
@@ -199,8 +199,8 @@ def test_friction_over_speed(bench, ticks, speed_m_s):
         np.testing.assert_allclose(f[-500:, 0], -expected, rtol=1e-9)
 
 
-def test_falling_friction_neither_creeps_nor_shakes_loose(bench, ticks):
-    """Held between dynamic and static friction and shaken fast, but below what breaks it loose: it stays to the bit."""
+def test_friction_that_falls_with_speed_does_not_creep(bench, ticks):
+    """Between dynamic and static friction with a small fast vibration, the attachment point does not move."""
     t_s = np.arange(5000) * 1e-3
     x = (0.4 + 0.08 * np.sin(2.0 * np.pi * 37.0 * t_s)) / K_N_M
     x[0] = 0.0
@@ -208,7 +208,7 @@ def test_falling_friction_neither_creeps_nor_shakes_loose(bench, ticks):
     assert np.abs(x + f / K_N_M).max() < 1e-15
 
 
-def test_a_tool_that_comes_to_rest_must_break_loose_again(bench, ticks):
+def test_a_resting_tool_must_overcome_static_friction_again(bench, ticks):
     x = np.concatenate([1e-4 * np.arange(100), np.full(300, 9.9e-3), 9.9e-3 + 1e-5 * np.arange(100)])
     v = np.concatenate([np.full(100, 0.1), 0.1 * np.exp(-np.arange(300) / 8.0), np.zeros(100)])
     f = -along_x(bench, ticks, x, slip_m_s=v, **CURVE)[:, 0]
@@ -232,7 +232,7 @@ def test_friction_over_speed_is_passive(bench, ticks, slide, stribeck_m_s, visco
     assert np.all(work_J >= size_N**2 / (2 * K_N_M) - 1e-12)
 
 
-def test_breaking_loose_rings_by_the_force_that_is_set_free(bench, ticks):
+def test_breakaway_vibration_is_proportional_to_the_released_force(bench, ticks):
     way = np.linspace(0, 3e-3, 301)
     rows = ticks(301, slip_W_m=np.column_stack([np.gradient(way), np.zeros((301, 2))]), normal_force_N=2.0)
     rows["began"][0] = 1

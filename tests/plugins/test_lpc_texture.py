@@ -1,4 +1,4 @@
-"""The texture sounds like its models, between them too, and stays calm whatever follows whatever."""
+"""Texture effect: spectrum, level, transitions and stability."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -26,20 +26,20 @@ def spectrum_dB(a, variance, rate_Hz=10_000.0):
 
 
 def chosen(table, force, speed):
-    """Power and reflection coefficients (p,) that are looked up in a table."""
+    """Power and reflection coefficients (p,) from a table."""
     s = np.zeros(1, LPC.state_dtype)[0]
     power = choose(table, force, speed, s, True)
     return power, s["k"][1 : int(s["order"]) + 1].copy()
 
 
 def lattice(k):
-    """What `advance` takes, for reflection coefficients (p,): k, c and a clear memory."""
+    """Arguments of `advance` for reflection coefficients (p,): k, c and a zero memory."""
     k = np.concatenate(([0.0], k))
     return k, np.sqrt((1.0 - k) * (1.0 + k)), np.zeros(len(k))
 
 
 @pytest.mark.parametrize("order", [1, 2, 7, 20, 120])
-def test_lattice_is_the_direct_form(order):
+def test_the_lattice_equals_the_direct_form(order):
     """Same impulse response as 1/A(z), scaled to an output of variance 1."""
     reflection = 0.6 * np.random.default_rng(order).uniform(-1, 1, order)
     a = ar_from_reflection(reflection)
@@ -51,8 +51,8 @@ def test_lattice_is_the_direct_form(order):
 
 
 @pytest.mark.parametrize("order", [20, 40])
-def test_between_nodes_the_spectrum_is_the_texture_s(texture_of, swatch_of, order):
-    """Filter and level looked up at random places against those of the texture there."""
+def test_interpolated_spectra_equal_those_of_the_texture(texture_of, swatch_of, order):
+    """Interpolated filters and levels at random forces and speeds, compared with those of the texture."""
     texture = texture_of(3, order)
     table = LPC.table(swatch_of(texture=texture), 10_000.0)
     assert len(table) == HEADER + GRID * GRID * (order + 1)
@@ -93,7 +93,7 @@ def test_without_texture_silent(bench, ticks):
 
 
 def test_level_ramps_over_the_block(bench, ticks, swatch_of):
-    """The same noise at full level and while it comes in differ by the ramp: 1/10, 2/10, … 1."""
+    """The ratio of the ramped output to the full output is 1/10, 2/10, … 1."""
     coming, full = bench(LPC, swatch_of()), bench(LPC, swatch_of())
     rows = ticks(1, force_N=1.0, slip_m_s=0.1)
     first = coming.samples(rows)
@@ -102,7 +102,7 @@ def test_level_ramps_over_the_block(bench, ticks, swatch_of):
 
 
 def test_crossing_does_not_click(bench, ticks, swatch_of):
-    """Into a swatch 1000 times as loud the level rises over a block, into one without texture it falls."""
+    """The level changes over a block towards a swatch with 1000 times the level, and to one without texture."""
     quiet, loud = (swatch_of(5, texture=_scaled(swatch_of(5).texture, gain)) for gain in (1.0, 1000.0))
     effect = bench(LPC, quiet)
     rows = ticks(1, force_N=1.0, slip_m_s=0.1)
@@ -127,7 +127,7 @@ def _scaled(texture, gain):
     )
 
 
-def test_over_the_maxima_clamped(bench, ticks, swatch_of):
+def test_the_filter_is_constant_beyond_the_maxima(bench, ticks, swatch_of):
     top = bench(LPC, swatch_of()).samples(ticks(20, force_N=2.0, slip_m_s=0.2))
     over = bench(LPC, swatch_of()).samples(ticks(20, force_N=1e300, slip_m_s=1e300))
     np.testing.assert_array_equal(top, over)
@@ -141,7 +141,7 @@ def test_gain_scales(bench, ticks, swatch_of):
 
 
 def test_step_is_orthogonal():
-    """From excitation and memory to output and memory a step keeps energy, so switching filters adds none."""
+    """A step preserves energy, so switching filters adds none."""
     order = 12
     k, c, _ = lattice(np.random.default_rng(0).uniform(-0.999, 0.999, order))
     step = np.zeros((order + 1, order + 1))
@@ -154,8 +154,8 @@ def test_step_is_orthogonal():
     np.testing.assert_allclose(step @ step.T, np.eye(order + 1), atol=1e-14)
 
 
-def test_switched_every_sample_it_stays_calm():
-    """L2: poles 0.95 e^±0.1j and 0.95 e^±3.04j in turn: as a direct form the product grows 5-fold a turn."""
+def test_switching_filters_every_sample_is_stable():
+    """L2: alternating poles 0.95 e^±0.1j and 0.95 e^±3.04j; a direct form would grow by a factor of 5 per period."""
     filters = []
     for angle in (0.1, 3.04):
         pole = 0.95 * np.exp(1j * angle)
@@ -166,8 +166,8 @@ def test_switched_every_sample_it_stays_calm():
     assert np.abs(y).max() < 5.5
 
 
-def test_switched_every_tick_it_stays_calm(bench, ticks, texture_of, swatch_of):
-    """L3: pairs of unlike models of several orders, switched at each tick (a direct form reached 3e8 σ)."""
+def test_switching_filters_every_tick_is_stable(bench, ticks, texture_of, swatch_of):
+    """L3: pairs of different models, switched at each tick (a direct form reached 3e8 σ)."""
     rng = np.random.default_rng(2)
     for pair in range(6):
         orders = rng.choice([2, 7, 12, 20], 2)
@@ -183,14 +183,14 @@ def test_switched_every_tick_it_stays_calm(bench, ticks, texture_of, swatch_of):
 
 
 def _unlike(side, order, rng):
-    """One sharp model of power 1 everywhere, its energy low for side 0, high for side 1."""
+    """A narrow resonance of power 1 at a low (side 0) or high (side 1) frequency."""
     k = rng.uniform(-0.9, 0.9, order)
     k[0] = 0.98 if side else -0.98
     a = ar_from_reflection(k)
     return Texture.from_models(10_000.0, [1.0], [0.1], a=a[None], variance_m2_s4=[1.0 / power_gain(a)])
 
 
-def test_made_for_another_rate_the_level_is_kept(bench, ticks, texture_of, swatch_of):
+def test_resampling_preserves_the_level(bench, ticks, texture_of, swatch_of):
     texture = texture_of(1, 12, 5_000.0)
     effect = bench(LPC, swatch_of(texture=texture))
     y = effect.samples(ticks(5_000, force_N=1.0, slip_m_s=0.1))[1000:]
@@ -201,8 +201,8 @@ def slow(swatch, ticks):
     return replace(swatch, effects={"lpc_texture": {"update_ticks": float(ticks)}})
 
 
-def test_updated_seldom_it_follows_force_and_speed_in_steps_that_do_not_click(bench, ticks, swatch_of):
-    """Chosen at ticks 0, 4, 8 …, the level on a straight line between them; at rest it is the same to the bit."""
+def test_a_long_update_interval_gives_a_continuous_level(bench, ticks, swatch_of):
+    """With updates at ticks 0, 4, 8 … the level is linear in between; for constant force and speed nothing changes."""
     swatch = swatch_of()
     seldom, always = bench(LPC, slow(swatch, 4)), bench(LPC, swatch)
     still = ticks(41, force_N=1.0, slip_m_s=0.1, began=[1] + [0] * 40)
@@ -223,30 +223,30 @@ def test_updated_seldom_it_follows_force_and_speed_in_steps_that_do_not_click(be
 LIFE = GainModulation([0.4, 0.3], [30.0, 0.0], [0.0, 800.0])
 
 
-def living(swatch_of, life=LIFE, **fields):
+def modulated(swatch_of, life=LIFE, **fields):
     swatch = swatch_of()
     return replace(swatch, texture=replace(swatch.texture, modulation=life, **fields))
 
 
-def test_a_slow_gain_keeps_the_mean_power_and_spreads_the_levels(bench, ticks, swatch_of):
-    """Against the steady one: levels of 50 ms; scaled to 0 it is that one to the bit; twice as lively, more so."""
+def test_amplitude_modulation_preserves_the_mean_power(bench, ticks, swatch_of):
+    """Levels of 50 ms: depth 0 equals the unmodulated texture, depth 2 has a larger spread than depth 1."""
     rows = ticks(60_000, force_N=1.0, slip_m_s=0.1)
     made = {
-        life: bench(LPC, living(swatch_of), params={"texture_life": life}).samples(rows) for life in (0.0, 1.0, 2.0)
+        life: bench(LPC, modulated(swatch_of), params={"texture_life": life}).samples(rows) for life in (0.0, 1.0, 2.0)
     }
     np.testing.assert_array_equal(made[0.0], bench(LPC, swatch_of()).samples(rows))
     power = {life: y.reshape(-1, 500).var(axis=1) for life, y in made.items()}
     assert np.mean(power[1.0]) == pytest.approx(np.mean(power[0.0]), rel=0.1)
     spread = [np.std(10 * np.log10(power[life])) for life in (0.0, 1.0, 2.0)]
     assert spread[1] > spread[0] + 1.0 and spread[2] > spread[1] + 2.0
-    again = bench(LPC, living(swatch_of)).samples(rows)
+    again = bench(LPC, modulated(swatch_of)).samples(rows)
     np.testing.assert_array_equal(again, made[1.0])
-    assert not np.array_equal(bench(LPC, living(swatch_of), seed=1).samples(rows), again)
+    assert not np.array_equal(bench(LPC, modulated(swatch_of), seed=1).samples(rows), again)
 
 
-def test_life_that_is_left_out_under_the_same_touch_fades_away_and_comes_again(bench, ticks, swatch_of):
-    """A gain that hardly moves of itself goes to 1 and back without a jump; in a new contact at once."""
-    effect = bench(LPC, living(swatch_of, GainModulation([1.0], [1e-9], [0.0])))
+def test_a_changed_modulation_depth_is_faded_during_a_contact(bench, ticks, swatch_of):
+    """A nearly constant gain changes to 1 and back without a step; at once in a new contact."""
+    effect = bench(LPC, modulated(swatch_of, GainModulation([1.0], [1e-9], [0.0])))
 
     def gains(count, life, began=0):
         effect.p["texture_life"] = life
@@ -264,8 +264,8 @@ def test_life_that_is_left_out_under_the_same_touch_fades_away_and_comes_again(b
     assert gains(1, 0.0, began=1) == [1.0]
 
 
-def test_a_gain_of_the_way_stands_still_where_the_tool_does(bench, ticks, swatch_of):
-    effect = bench(LPC, living(swatch_of, GainModulation([0.5], [0.0], [300.0])))
+def test_modulation_over_distance_stops_with_the_tool(bench, ticks, swatch_of):
+    effect = bench(LPC, modulated(swatch_of, GainModulation([0.5], [0.0], [300.0])))
     gains = []
     for i, slip in enumerate((0.1, 0.1, 0.0, 0.0, 0.1)):
         effect.run(ticks(1, force_N=1.0, slip_m_s=slip, began=i == 0))
@@ -284,8 +284,8 @@ def test_a_warped_texture_has_its_spectrum_and_level(bench, ticks, swatch_of):
     assert np.sqrt(np.mean(off_dB**2)) < 0.8
 
 
-def test_between_textures_of_other_warps_no_one_is_louder(bench, ticks, swatch_of):
-    """Switched each tick; of power 1 each."""
+def test_switching_between_allpass_coefficients_preserves_the_level(bench, ticks, swatch_of):
+    """Two textures of power 1, switched at each tick."""
     rng = np.random.default_rng(4)
     textures = [_unlike(side, order, rng) for side, order in ((0, 9), (1, 12), (0, 20))]
     warps = (0.75, 0.0, -0.6)
@@ -301,7 +301,7 @@ def test_between_textures_of_other_warps_no_one_is_louder(bench, ticks, swatch_o
     assert np.abs(y).max() < 5.5 and 0.8 < np.std(y) < 1.2
 
 
-def test_beyond_the_largest_recorded_the_level_goes_on(bench, ticks, swatch_of):
+def test_the_level_follows_the_exponents_beyond_the_maxima(bench, ticks, swatch_of):
     texture = replace(swatch_of().texture, exponents=(0.7, 1.9))
     effect = bench(LPC, swatch_of(texture=texture))
     for force, slip in [(3.0, 0.1), (2.0, 0.3), (3.0, 0.25), (2.0, 9.0), (9e9, 0.1)]:

@@ -1,4 +1,4 @@
-"""Magnets: strength and reach as set, and the gradient of a potential."""
+"""Magnets: strength, reach and potential."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def forces(bench, ticks, p, points=POINTS):
     return bench(EFFECT, settings={"points_m": points}).run(rows)["f_W_N"]
 
 
-def test_it_pulls_hardest_by_its_strength_and_ends_at_its_reach(bench, ticks):
+def test_largest_force_and_reach(bench, ticks):
     d = np.linspace(0.0, 0.012, 1201)
     f = forces(bench, ticks, np.outer(d, (0.0, 0.6, 0.8)), POINTS[:1])
     pull_N = -f @ (0.0, 0.6, 0.8)
@@ -26,8 +26,8 @@ def test_it_pulls_hardest_by_its_strength_and_ends_at_its_reach(bench, ticks):
     assert not pull_N[d > R].any()
 
 
-def test_work_is_what_the_potential_loses_whatever_the_path(bench, ticks):
-    """Between places chosen at random, by ways that bend through the wells of two magnets that overlap."""
+def test_the_force_is_conservative(bench, ticks):
+    """Random curved paths through the overlapping potentials of two magnets."""
 
     def potential_J(p):
         y = np.maximum(0.0, 1.0 - ((p - POINTS) ** 2).sum(axis=1) / R**2)
@@ -42,13 +42,13 @@ def test_work_is_what_the_potential_loses_whatever_the_path(bench, ticks):
         assert work_J == pytest.approx(potential_J(a) - potential_J(b), abs=1e-10)
 
 
-def test_the_way_out_is_the_way_in(bench, ticks):
+def test_there_is_no_hysteresis(bench, ticks):
     p = np.column_stack((np.linspace(-0.02, 0.02, 401), np.full((401, 2), 0.001)))
     f = forces(bench, ticks, np.vstack((p, p[::-1])))
     assert f[:401].tobytes() == f[:400:-1].tobytes() and np.abs(f).max() > 0.4
 
 
-def test_it_stands_in_the_frame_of_its_body(bench, ticks):
+def test_the_effect_moves_with_its_body(bench, ticks):
     one = bench(EFFECT, settings={"points_m": POINTS[2:]})
     one.table[:12] = [0, -1, 0, 1, 0, 0, 0, 0, 1, 0.5, 0.0, 0.0]  # its point is at (0.4, 0, 0) of W
     rows = ticks(1, p_WT_m=(0.4, 0.005, 0.0))

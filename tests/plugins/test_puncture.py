@@ -1,4 +1,4 @@
-"""Puncture: it holds until it breaks, then grips the shaft until the tool is out, whatever is touched within."""
+"""Puncture: threshold, drag, lateral stiffness and passivity."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def box(size_m: float) -> trimesh.Trimesh:
 
 
 def arm(*more: tuple[float, Swatch], effects=EFFECTS, **breaks: float) -> hapscene.Renderer:
-    """A cube of skin, 0.1 m, its top at z = 0.05, with cubes in it."""
+    """A cube of skin of 0.1 m with its top at z = 0.05 and further cubes inside."""
     scene = hapscene.Scene()
     skin = Swatch("skin", stiffness_N_m=200.0, effects={"puncture": BREAKS | breaks})
     for size_m, swatch in ((0.1, skin), *more):
@@ -28,12 +28,12 @@ def arm(*more: tuple[float, Swatch], effects=EFFECTS, **breaks: float) -> hapsce
 
 
 def press(renderer, z_m, x_m=0.0) -> np.ndarray:
-    """Forces (n, 3) along a way, a tick at each place."""
+    """Forces (n, 3) along a path, one position per tick."""
     places = np.broadcast_arrays(np.asarray(x_m, float), 0.0, np.asarray(z_m, float))
     return np.array([renderer.step(p).f_W_N for p in np.column_stack(places)])
 
 
-def test_it_breaks_at_its_force_and_then_drags():
+def test_the_surface_breaks_at_the_puncture_force():
     z = 0.05 - 1e-5 * np.arange(-50, 1000)
     f = press(arm(), z)
     wall_N = 200.0 * np.maximum(0.0, 0.05 - z)
@@ -45,13 +45,13 @@ def test_it_breaks_at_its_force_and_then_drags():
     assert not f[:, :2].any()
 
 
-def test_a_swatch_that_says_nothing_never_breaks():
+def test_a_swatch_without_puncture_force_never_breaks():
     z = 0.05 - 1e-4 * np.arange(-10, 400)
     bare = press(arm(effects=["wall"]), z)
     assert press(arm(puncture_force_N=0.0), z).tobytes() == bare.tobytes()
 
 
-def test_turned_back_it_sticks_before_it_drags_the_other_way_and_ends_outside():
+def test_drag_sticks_at_a_reversal_and_ends_outside():
     renderer = arm()
     press(renderer, 0.05 - 1e-4 * np.arange(-5, 200))
     back = 0.0301 + 1e-4 * np.arange(0, 250)
@@ -64,7 +64,7 @@ def test_turned_back_it_sticks_before_it_drags_the_other_way_and_ends_outside():
     assert again[-1, 2] == pytest.approx(200.0 * 39e-4)  # it holds again
 
 
-def test_sideways_it_is_held_to_its_axis():
+def test_lateral_stiffness():
     renderer = arm()
     press(renderer, 0.05 - 1e-4 * np.arange(-5, 200), 0.01)
     for k in range(20):
@@ -72,8 +72,8 @@ def test_sideways_it_is_held_to_its_axis():
         np.testing.assert_allclose(f_W_N, (-100.0 * 1e-4 * k, 100.0 * 2e-4 * k, 0.3), atol=1e-9)
 
 
-def test_bone_under_skin_is_felt_beside_the_grip_that_the_skin_broke_with():
-    """The bone's own numbers, and those that the skin is tuned to afterwards, change nothing of what was broken."""
+def test_contact_inside_a_punctured_body():
+    """The punctured body keeps its parameters when another body is touched or parameters change."""
     renderer = arm((0.04, Swatch("bone", stiffness_N_m=1000.0, effects={"puncture": {"drag_N": 9.0}})))
     press(renderer, 0.05 - 1e-4 * np.arange(-5, 250))
     renderer.tune("skin", drag_N=5.0, shaft_stiffness_N_m=1.0)
@@ -88,7 +88,7 @@ def test_bone_under_skin_is_felt_beside_the_grip_that_the_skin_broke_with():
     )
 
 
-def test_what_is_within_breaks_too_and_each_grips_by_itself():
+def test_nested_bodies_are_punctured_independently():
     within = Swatch("organ", stiffness_N_m=200.0, effects={"puncture": BREAKS | {"drag_N": 0.2}})
     renderer = arm((0.06, within))
     f = press(renderer, 0.05 - 1e-4 * np.arange(-5, 400))
@@ -101,8 +101,8 @@ def test_what_is_within_breaks_too_and_each_grips_by_itself():
     assert f[-1, 2] == pytest.approx(-0.3, abs=1e-9)  # out of the organ
 
 
-def test_the_grip_goes_with_its_body():
-    """Body and tool turn and move together: the force turns with them, no more and no less."""
+def test_the_forces_move_with_the_body():
+    """If body and tool move together, the force rotates with them."""
     renderer = arm()
     press(renderer, 0.05 - 1e-4 * np.arange(-5, 200))
     local = np.array([0.001, 0.0, 0.0301])
@@ -117,8 +117,8 @@ def test_the_grip_goes_with_its_body():
     np.testing.assert_allclose(f, X[:3, :3] @ first, atol=1e-9)
 
 
-def test_it_grips_in_the_frame_in_which_the_body_lies():
-    """The same way into a body that lies askew: the same forces, turned."""
+def test_the_forces_are_independent_of_the_body_pose():
+    """The same path into a rotated body gives the same rotated forces."""
     R = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
     X = np.eye(4)
     X[:3, :3], X[:3, 3] = R * np.sign(np.linalg.det(R)), (0.3, -0.2, 0.1)
@@ -132,8 +132,8 @@ def test_it_grips_in_the_frame_in_which_the_body_lies():
     np.testing.assert_allclose(g, f @ X[:3, :3].T, atol=1e-6)
 
 
-def test_where_all_that_can_let_in_have_done_so_the_next_holds(bench, ticks):
-    """And each goes on gripping: as many times the drag of one."""
+def test_the_number_of_punctured_bodies_is_limited(bench, ticks):
+    """The drag is that of all punctured bodies; a further surface does not break."""
     one = bench(EFFECT, Swatch("skin", effects={"puncture": BREAKS}))
     poses = np.concatenate((np.eye(3).ravel(), np.zeros(3)))
     rows = ticks(PASSED_MAX + 12, inside_body=np.arange(PASSED_MAX), inside_X_WB=poses, normal_force_N=2.0)
@@ -146,8 +146,8 @@ def test_where_all_that_can_let_in_have_done_so_the_next_holds(bench, ticks):
     np.testing.assert_allclose(out["f_inside_W_N"][-1, :, 2], 0.3, atol=1e-12)
 
 
-def test_no_more_is_given_back_than_was_put_in(bench, ticks):
-    """Finely moved to and fro, along and sideways: the work of the grip on the hand never exceeds 0."""
+def test_puncture_forces_are_passive(bench, ticks):
+    """For slow motion along and across the axis, the work on the hand never exceeds 0."""
     turn = 2.0 * np.pi * np.linspace(0.0, 1.0, 50_001)[:, None]
     p = 0.004 * np.sin(turn * (7, 5, 11)) + 0.003 * np.sin(turn * (31, 17, 23))
     rows = ticks(len(p), p_WT_m=p, touching=0, inside=1, inside_X_WB=np.concatenate((np.eye(3).ravel(), np.zeros(3))))

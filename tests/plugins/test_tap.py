@@ -1,4 +1,4 @@
-"""A tap is a decaying sinusoid by speed of approach; it rings on in the air, and taps add up."""
+"""Tap transients: decaying sinusoids and recorded transients by approach speed."""
 
 import numpy as np
 import pytest
@@ -23,23 +23,23 @@ def contact(ticks, count, speed_m_s, **fields):
 
 
 @pytest.mark.parametrize("speed_m_s", [0.01, 0.05, 0.13, 0.3])
-def test_rings_as_the_taps_say(bench, ticks, swatch_of, speed_m_s):
+def test_the_sinusoid_has_the_parameters_of_the_swatch(bench, ticks, swatch_of, speed_m_s):
     y = bench(TAP, swatch_of(taps=TAPS)).samples(contact(ticks, 60, speed_m_s))
     tap = TAPS.at(speed_m_s)
     np.testing.assert_allclose(y, sinusoid(tap, 600), atol=5e-3 * tap.amplitude_m_s2)
 
 
-def test_faster_is_clamped(bench, ticks, swatch_of):
+def test_speeds_above_the_highest_are_limited(bench, ticks, swatch_of):
     top, over = (bench(TAP, swatch_of(taps=TAPS)).samples(contact(ticks, 9, v)) for v in (0.3, 1e9))
     np.testing.assert_array_equal(top, over)
 
 
-def test_no_speed_no_tap(bench, ticks, swatch_of):
+def test_no_tap_without_speed(bench, ticks, swatch_of):
     assert not bench(TAP, swatch_of(taps=TAPS)).samples(contact(ticks, 9, 0.0)).any()
 
 
-def test_one_tap_a_contact_each_by_its_speed(bench, ticks, swatch_of):
-    """Bounces of a light hand: three contacts, three transients, the later on top of what still rings."""
+def test_one_tap_per_contact(bench, ticks, swatch_of):
+    """Three bounces give three superimposed transients."""
     rows = ticks(90)
     rows["began"][[0, 30, 60]] = 1
     rows["touching"] = np.arange(90) % 30 < 5
@@ -52,8 +52,8 @@ def test_one_tap_a_contact_each_by_its_speed(bench, ticks, swatch_of):
     np.testing.assert_allclose(y, want, atol=1e-2)
 
 
-def test_no_step_at_start_or_crossing(bench, ticks, swatch_of):
-    """The first sample of a tap is zero, that of a new one on another swatch is as if there were none."""
+def test_no_step_at_the_start_or_at_a_new_tap(bench, ticks, swatch_of):
+    """The first sample of a transient is 0."""
     effect, alone = bench(TAP, swatch_of(taps=TAPS)), bench(TAP, swatch_of(taps=TAPS))
     assert effect.samples(contact(ticks, 3, 0.3))[0] == 0.0
     alone.samples(contact(ticks, 3, 0.3))
@@ -63,7 +63,7 @@ def test_no_step_at_start_or_crossing(bench, ticks, swatch_of):
     assert np.abs(struck).max() > 60.0
 
 
-def test_comes_to_rest_exactly(bench, ticks, swatch_of):
+def test_the_output_ends_at_exactly_0(bench, ticks, swatch_of):
     effect = bench(TAP, swatch_of(taps=TAPS))
     y = effect.samples(contact(ticks, 1000, 0.3))
     assert not y[-1000:].any() and effect.s["real_m_s2"][0] == 0.0
@@ -73,7 +73,7 @@ def test_without_taps_silent(bench, ticks):
     assert not bench(TAP, PLAIN).samples(contact(ticks, 9, 0.3)).any()
 
 
-def test_above_the_channel_s_band_silent(bench, ticks, swatch_of):
+def test_frequencies_above_nyquist_are_silent(bench, ticks, swatch_of):
     high = swatch_of(taps=Taps([0.1], [10.0], [900.0], [50.0]))
     assert not bench(TAP, high, rate_Hz=1000.0).samples(contact(ticks, 9, 0.1, rate_Hz=1000.0)).any()
 
@@ -91,14 +91,14 @@ def transient_taps(rate_Hz=10_000.0, count=600):
 
 
 @pytest.mark.parametrize("speed_m_s", [0.01, 0.05, 0.07, 0.13, 0.3, 1.0])
-def test_measured_transients_are_played_as_the_taps_say(bench, ticks, swatch_of, speed_m_s):
+def test_recorded_transients_are_interpolated_over_speed(bench, ticks, swatch_of, speed_m_s):
     taps = transient_taps()
     y = bench(TAP, swatch_of(taps=taps)).samples(contact(ticks, 100, speed_m_s))
     np.testing.assert_allclose(y[:600], taps.transient(speed_m_s, 10_000.0), atol=1e-12)
     assert not y[600:].any()
 
 
-def test_measured_transients_add_up_and_ring_on_over_another_swatch(bench, ticks, swatch_of):
+def test_recorded_transients_are_superimposed_and_continue_on_another_swatch(bench, ticks, swatch_of):
     taps = transient_taps()
     rows = ticks(80)
     rows["began"][[0, 30]] = 1
@@ -115,7 +115,7 @@ def test_measured_transients_add_up_and_ring_on_over_another_swatch(bench, ticks
     np.testing.assert_allclose(both, taps.transient(0.3, 10_000.0), atol=1e-12)
 
 
-def test_a_transient_at_another_rate_and_a_long_one(bench, ticks, swatch_of):
+def test_resampled_and_long_transients(bench, ticks, swatch_of):
     coarse = Taps([0.1], [1.0], [100.0], [80.0], transient_taps(1000.0, 100).wave_m_s2[:1], 1000.0)
     y = bench(TAP, swatch_of(taps=coarse)).samples(contact(ticks, 100, 0.1))
     np.testing.assert_allclose(y, coarse.transient(0.1, 10_000.0), atol=1e-12)
@@ -129,8 +129,8 @@ def test_a_transient_at_another_rate_and_a_long_one(bench, ticks, swatch_of):
     assert (np.diff(fade) < 0.0).all() and fade[0] > 0.99999 and fade[-1] < 1e-5
 
 
-def test_strikes_of_transients_never_grow_without_bound(bench, ticks, swatch_of):
-    """A contact at each tick for a second: no louder than all of them on top of each other, and over at the end."""
+def test_superimposed_transients_are_bounded(bench, ticks, swatch_of):
+    """A contact at each tick for a second gives at most the sum of all transients, and ends."""
     taps = transient_taps()
     rows = ticks(1200, approach_m_s=0.3)
     rows["began"][:1000] = 1
@@ -141,7 +141,7 @@ def test_strikes_of_transients_never_grow_without_bound(bench, ticks, swatch_of)
 
 
 @pytest.mark.parametrize("taps", [None, TAPS])
-def test_leaving_sounds_by_the_speed_of_leaving(bench, ticks, swatch_of, taps):
+def test_leaving_by_speed(bench, ticks, swatch_of, taps):
     leaving = transient_taps()
     rows = ticks(200, leaving_m_s=0.07, approach_m_s=0.1, touching=np.arange(200) < 100)
     rows["began"][0] = rows["ended"][100] = 1

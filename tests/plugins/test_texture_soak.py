@@ -1,4 +1,4 @@
-"""A hand gone wild: whatever force, speed and swatch follow one another, the texture stays finite and at its level."""
+"""Long random sequences of force, speed and swatch: the texture remains finite and at its level."""
 
 from dataclasses import replace
 
@@ -16,10 +16,10 @@ from hapscene.swatches.library import load_swatch, shipped_swatches
 from hapscene_plugins.effects.lpc_texture import EFFECT
 
 WINDOW = 5000
-"""Ticks over which a level is taken."""
+"""Ticks per level."""
 
 STEP = 0.05
-"""Step of a walk, as a share of the largest force and speed."""
+"""Step of a random walk, relative to the largest force and speed [1]."""
 
 
 @njit
@@ -49,7 +49,7 @@ def walk(address, row, params, tables, starts, tops, mode, states, out, count, r
 
 
 def soak(bench, ticks, swatches: list[Swatch], mode: int, count: int, seed: int = 0) -> tuple[float, float, float]:
-    """Level of all over the models' [dB], the widest of a window [dB], and the peak over the loudest model's σ."""
+    """Level relative to the models [dB], largest deviation of a window [dB], and peak relative to the largest σ."""
     one = bench(EFFECT, swatches[0], seed=seed)
     tables = [EFFECT.table(swatch, 10_000.0) for swatch in swatches]
     textures = [swatch.texture for swatch in swatches]
@@ -80,7 +80,7 @@ def soak(bench, ticks, swatches: list[Swatch], mode: int, count: int, seed: int 
 
 
 def adversary(interpolation: str) -> Swatch:
-    """Opposite spectra side by side."""
+    """Two models with opposite spectra."""
     rng = np.random.default_rng(1)
     k = rng.uniform(-0.9, 0.9, (9, 12))
     k[::2, 0], k[1::2, 0] = -0.98, 0.98
@@ -93,7 +93,7 @@ def adversary(interpolation: str) -> Swatch:
 
 
 def steady(name: str) -> Swatch:
-    """A shipped swatch without its slow gain, which would scatter the levels."""
+    """A shipped swatch without amplitude modulation, which would scatter the levels."""
     swatch = load_swatch(name)
     assert swatch.texture is not None
     return replace(swatch, texture=replace(swatch.texture, modulation=None))

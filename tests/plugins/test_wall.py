@@ -1,4 +1,4 @@
-"""The wall pushes along the normal with K·d + b·ḋ, and never pulls."""
+"""Wall: force along the normal, K·d + b·ḋ, never negative."""
 
 import numpy as np
 import pytest
@@ -27,11 +27,11 @@ def test_plate_pushes_outward(bench, ticks):
     np.testing.assert_allclose(f, [0.0, 0.0, 1.05], rtol=1e-15)
 
 
-def test_leaving_tool_is_let_go(bench, ticks):
+def test_a_leaving_tool_is_not_held_back(bench, ticks):
     assert not force(bench, ticks, 3.0, normal_force_N=0.1, depth_rate_m_s=-0.5).any()
 
 
-def test_air_is_free(bench, ticks):
+def test_no_force_without_contact(bench, ticks):
     assert not force(bench, ticks, 3.0, touching=0, normal_force_N=1.0, depth_rate_m_s=1.0).any()
 
 
@@ -43,7 +43,7 @@ def test_never_pulls(bench, ticks, press_N, rate_m_s, damping_Ns_m):
 
 
 def test_damping_that_grows_with_the_depth(bench, ticks):
-    """f = K d + (b + χ d) ḋ, and it never pulls either (Hunt & Crossley 1975)."""
+    """f = K d + (b + χ d) ḋ (Hunt & Crossley 1975), never negative."""
     sponge = Swatch("sponge", damping_Ns_m=1.0, hunt_crossley_Ns_m2=300.0)
     rate = np.array([0.2, -0.1, -2.0])
     f = bench(WALL, sponge).run(ticks(3, normal_force_N=1.0, depth_m=2e-3, depth_rate_m_s=rate))["f_W_N"][:, 2]

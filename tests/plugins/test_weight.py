@@ -1,4 +1,4 @@
-"""Weight: m g, from the first touch of nothing on, taken up without a jump."""
+"""Weight: m g without steps."""
 
 import math
 
@@ -7,13 +7,13 @@ import numpy as np
 from hapscene_plugins.effects.weight import EFFECT
 
 
-def test_it_weighs_m_g_and_is_taken_up_by_a_low_pass(bench, ticks):
+def test_the_weight_follows_a_low_pass(bench, ticks):
     f = bench(EFFECT, params={"mass_kg": 0.2}).run(ticks(2000, touching=0))["f_W_N"]
     np.testing.assert_allclose(f[:, 2], -0.2 * 9.81 * (1.0 - np.exp(-1e-3 * np.arange(1, 2001) / 0.05)), rtol=1e-12)
     assert not f[:, :2].any()
 
 
-def test_another_mass_is_taken_up_without_a_jump(bench, ticks):
+def test_a_changed_mass_causes_no_step(bench, ticks):
     one = bench(EFFECT, params={"mass_kg": 0.2})
     before = one.run(ticks(1000))["f_W_N"][-1]
     one.p["mass_kg"] = 0.5
@@ -22,8 +22,8 @@ def test_another_mass_is_taken_up_without_a_jump(bench, ticks):
     np.testing.assert_allclose(f[-1], (0.0, 0.0, -0.5 * 9.81), rtol=1e-8)
 
 
-def test_gravity_is_that_of_the_body_it_stands_in(bench, ticks):
-    """A cabin that has rolled by a right angle about y: what was down is now along −x of W."""
+def test_gravity_is_given_in_the_frame_of_the_body(bench, ticks):
+    """A cabin rotated by 90° about y: its downward direction is −x of W."""
     one = bench(EFFECT, params={"mass_kg": 1.0, "gravity_y_m_s2": 1.0, "gravity_z_m_s2": -2.0, "ease_s": 1e-3})
     one.table[:9] = np.ravel([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])
     np.testing.assert_allclose(one.run(ticks(100))["f_W_N"][-1], (-2.0, 1.0, 0.0), atol=1e-12)

@@ -73,7 +73,7 @@ def test_body_force_excludes_limits_fields_and_device_damping():
 
     field = Effect("draw", "Draws down.", push, scope="scene")
     plain = hapscene.Renderer(scene((0, 0, 0)), ["wall"]).run(stroke())
-    limits = Limits(force_N=0.7, slew_N_s=50.0, guard_Ns_m=1.0)
+    limits = Limits(force_N=0.7, slew_N_s=50.0, passivity_Ns_m=1.0)
     held = hapscene.Renderer(scene((0, 0, 0)), ["wall", field], limits=limits).run(stroke())
     np.testing.assert_array_equal(held.f_body_W_N, plain.f_body_W_N)
     assert np.linalg.norm(held.f_W_N, axis=1).max() < 0.71

@@ -114,14 +114,14 @@ def _grown_B(renderer, path):
 # --- stabilisers
 
 
-STABILISED = Limits(guard_Ns_m=5.0, coupling_N_m=900.0, coupling_Ns_m=0.2, delay_ticks=1, force_N=1.5)
+STABILISED = Limits(passivity_Ns_m=5.0, coupling_N_m=900.0, coupling_Ns_m=0.2, delay_ticks=1, force_N=1.5)
 
 
 def test_row_holds_the_force_after_guard_and_limits(box):
     """The passivity guard damps the sum, and the limits clip the result, which the next tick uses."""
     z = 1e-3 * np.sin(np.arange(400) / 3.0)
     path = np.column_stack((0.01 + 0 * z, 0 * z, z))
-    guarded = Limits(guard_Ns_m=50.0, force_N=0.3)
+    guarded = Limits(passivity_Ns_m=50.0, force_N=0.3)
     recording = hapscene.Renderer(box, ["wall"], limits=guarded).run(path)
     damped, cut = ((recording.flags & flag) != 0 for flag in (Flag.ENERGY_DAMPED, Flag.FORCE_LIMITED))
     assert (damped & cut).any() and (damped & ~cut).any()

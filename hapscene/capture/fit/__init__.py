@@ -1,15 +1,16 @@
-"""Fit the models of a swatch to recordings; `hapscene.capture` exports `fit_swatch` and `FitOptions`.
+"""Fits the models of a swatch to recordings; `hapscene.capture` exports `fit_swatch` and `FitOptions`.
 
-| module | does |
+| module | content |
 |---|---|
-| `swatch` | all fits in order: `fit_swatch` |
-| `segment`, `change_point` | cut a recording by interaction state, and sliding where its vibration changes |
+| `swatch` | `fit_swatch`, which runs all fits |
+| `verdict` | one sentence on what a fitted swatch can be used for |
+| `segment`, `change_point` | segmentation by interaction state, and of sliding where the vibration changes |
 | `windows`, `texture` | analysis windows of sliding; AR models over force and speed |
-| `order`, `whittle` | the order of the models, on held-out data; AR models over the sensor's white noise |
+| `order`, `whittle` | choice of the model order on held-out data; AR models with sensor noise |
 | `modulation` | amplitude modulation of the texture |
-| `taps`, `friction`, `stiffness`, `contact` | the other fits |
-| `synthesis` | vibration of a swatch along force and speed: `synthesize` |
-| `distance` | distances between spectra and between spectrograms |
+| `taps`, `friction`, `stiffness`, `contact` | fits of the other quantities |
+| `synthesis` | `synthesize`: acceleration of a swatch for given force and speed |
+| `distance` | spectral distances, band powers, amplitude modulation |
 """
 
 __all__: list[str] = []

@@ -1,16 +1,14 @@
-"""Where a vibration changes, an algorithm of its own (PELT): sliding cut into pieces by least description length.
+"""Change point detection (PELT): divides sliding into stationary segments by minimum description length.
 
-A piece is described by one AR model of order `ORDER`; n samples of it cost n/2 ln σ², with σ² the residual power that
-the model leaves. Each piece adds (ORDER + 4)/2 ln N: half of ln N for each of its ORDER + 1 numbers and one and a half
-for the place where it ends (Davis, Lee & Rodriguez-Yam 2006, "Structural break estimation for nonstationary time
-series models", JASA 101; used for textures by Culbertson, Unwin & Kuchenbecker 2014). The sum is made smallest over
-all places, exactly, by dynamic programming with pruning (PELT: Killick, Fearnhead & Eckley 2012, JASA 107).
+Each segment is described by an AR model of order `ORDER`. Its n samples cost n/2 ln σ², where σ² is the residual power
+of the model. Each segment adds a penalty of (ORDER + 4)/2 ln N: ½ ln N for each of its ORDER + 1 parameters, and 3/2 ln
+N for the position of its end (Davis, Lee & Rodriguez-Yam 2006, "Structural break estimation for nonstationary time
+series models", JASA 101; used for textures by Culbertson, Unwin & Kuchenbecker 2014). Dynamic programming with pruning
+finds the exact minimum over all positions (PELT: Killick, Fearnhead & Eckley 2012, JASA 107).
 
-Why this cost: it sees a change of level and of spectrum alike, and its penalty is not tuned to a recording. It takes
-the residual for Gaussian. That of real surfaces has bursts, whose power varies more than noise does; the penalty is
-raised by as much, 1 + κ/2 with κ the excess kurtosis of the recording's own residual: the variance of a power
-estimate is (2 + κ)σ⁴/n and not 2σ⁴/n.
-"""
+This cost detects changes of level and of spectrum, and its penalty needs no tuning. It assumes a Gaussian residual. The
+residual of real surfaces has bursts, so the variance of a power estimate is (2 + κ)σ⁴/n instead of 2σ⁴/n, where κ is
+the excess kurtosis of the residual of the recording. The penalty is increased by the factor 1 + κ/2 accordingly."""
 
 from typing import Final
 
@@ -22,44 +20,44 @@ from hapscene.capture.io.streams import Array
 __all__ = ["FLOOR", "ORDER", "change_points"]
 
 ORDER: Final = 8
-"""Order of the search's models [count]: four resonances up to 1.25 kHz. The texture's own order is chosen later."""
+"""Order of the AR models: four resonances up to 1.25 kHz. The order of the texture is chosen later."""
 
 RATE_HZ: Final = 2500.0
-"""Rate that the search brings a recording down to, about [Hz]: what is felt is below 1 kHz."""
+"""Approximate sample rate to which the recording is decimated [Hz]; perceptible vibration is below 1 kHz."""
 
 BLOCK_S: Final = 0.005
-"""Grid of places for a change [s]."""
+"""Resolution of the change points [s]."""
 
 COARSE: Final = 4
-"""Blocks of the first search's grid [count]: a sixteenth of the pairs."""
+"""Blocks per step of the first, coarse search; it reduces the number of pairs to a sixteenth."""
 
 WINDOW_S: Final = 10.0
-"""Longest stretch that is searched at once [s]."""
+"""Longest interval that is searched at once [s]."""
 
 MARGIN_S: Final = 1.0
-"""End of such a stretch in which a change is left to the next [s]."""
+"""Final part of such an interval, whose change points are determined with the next interval [s]."""
 
-PIECE_MIN_S: Final = 0.1
-"""Shortest piece [s]: five periods of what is lowest, and over less the hand changes nothing."""
+SEGMENT_MIN_S: Final = 0.1
+"""Shortest segment [s]: five periods of the lowest frequency; the hand changes little in a shorter time."""
 
-PART: Final = 4096
-"""Blocks whose sums are taken at once [count], for memory's sake."""
+BATCH: Final = 4096
+"""Blocks whose sums are computed at once; this limits the memory."""
 
 FLOOR: Final = 1e-6
-"""White noise beneath every piece, as a share of its power [1]: −60 dB, as the noise of a good accelerometer."""
+"""White noise that is added to every segment, as a fraction of its power [1]: −60 dB, as of a good accelerometer."""
 
 
 def change_points(signal: Array, rate_Hz: float) -> list[int]:
-    """Samples at which a sliding vibration (n,) changes, ascending; none for one that is stationary.
+    """Samples at which the vibration (n,) of sliding changes, ascending; empty if it is stationary.
 
-    Places are first sought on every `COARSE`-th block, then between. A long recording is searched in windows of
-    `WINDOW_S`, each from the last change on, so that the time grows with the length and not with its square.
+    A coarse search on every `COARSE`-th block is followed by a refinement. A long recording is searched in intervals of
+    `WINDOW_S` that start at the last change point, so that the computing time is proportional to its length.
     """
     factor = max(1, int(rate_Hz // RATE_HZ))
     low = np.asarray(scipy.signal.decimate(signal, factor, ftype="fir")) if factor > 1 else signal
     block = max(1, round(BLOCK_S * rate_Hz / factor))
     count = len(low) // (COARSE * block) * COARSE
-    shortest = -(-round(PIECE_MIN_S * rate_Hz / factor) // (COARSE * block))
+    shortest = -(-round(SEGMENT_MIN_S * rate_Hz / factor) // (COARSE * block))
     if count < 2 * shortest * COARSE or not np.any(low):
         return []
     coarse = _product_sums(low[: count * block], block * COARSE)
@@ -73,7 +71,9 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
         if end == len(coarse) - 1:
             places += found
             break
-        sure = [place for place in found if place <= end - margin]  # what comes after the window may move the others
+        sure = [
+            place for place in found if place <= end - margin
+        ]  # samples after the interval may move later change points
         places += sure
         start = sure[-1] if sure else end - margin
     borders = [*places, len(coarse) - 1]
@@ -84,8 +84,7 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
 
 
 def _refined(signal: Array, coarse: Array, before: int, at: int, after: int, block: int) -> int:
-    """Where near the coarse block `at` the two pieces about it meet, in blocks: the mean of all places, each by its
-    likelihood."""
+    """Refines a change point near the coarse block `at`: the mean of all positions, weighted by likelihood [blocks]."""
     first, last = max(before + 1, at - 2), min(after - 1, at + 2)
     fine = coarse[first] + _product_sums(signal[: last * COARSE * block], block, first * COARSE * block)
     floor = _floor(coarse)
@@ -98,21 +97,21 @@ def _refined(signal: Array, coarse: Array, before: int, at: int, after: int, blo
 
 
 def _floor(sums: Array) -> Array:
-    """What rounding leaves in differences of sums, added so that none is singular."""
+    """Regularisation: the rounding error of differences of sums, added so that no matrix is singular."""
     return np.asarray((FLOOR**2 * sums[-1, -1, -1] + 1e-300) * np.eye(ORDER + 1))
 
 
 def _product_sums(signal: Array, block: int, start: int = 0) -> Array:
-    """Σ x(t−i) x(t−j) over all blocks from sample `start` on before each (count+1, ORDER+1, ORDER+1): of any piece by
-    one subtraction.
+    """Cumulative sums (count+1, ORDER+1, ORDER+1) of x(t−i) x(t−j) at the borders of all blocks from `start` on.
 
-    The sums of the covariance method. The shorter table of the autocorrelation method would not do: it is off by the
-    edges of a piece, which outweigh the residual of a resonant surface. Lag 0 stands last.
+    The difference of two of them is the matrix of the covariance method for the segment between them; lag 0 is the last
+    row. The autocorrelation method would need smaller tables, but its error at the edges of a segment exceeds the
+    residual of a resonant surface.
     """
     count = (len(signal) - start) // block
     sums = np.zeros((count + 1, ORDER + 1, ORDER + 1))
-    for first in range(0, count, PART):
-        here = range(first, min(first + PART, count))
+    for first in range(0, count, BATCH):
+        here = range(first, min(first + BATCH, count))
         end = start + here.stop * block
         past = signal[max(0, start + first * block - ORDER) : end]
         past = np.concatenate([np.zeros(ORDER + len(here) * block - len(past)), past])
@@ -122,15 +121,17 @@ def _product_sums(signal: Array, block: int, start: int = 0) -> Array:
 
 
 def _cheapest(sums: Array, block: int, shortest: int, penalty: float) -> list[int]:
-    """The blocks at which a new piece begins, by PELT."""
+    """Blocks at which a new segment begins, by PELT."""
     count = len(sums) - 1
     sums = sums - sums[0]
     floor = _floor(sums)
-    best = np.full(count + 1, np.inf)  # cost of describing all blocks before this one
+    best = np.full(count + 1, np.inf)  # lowest cost of all blocks before this one
     best[0] = -penalty
     last = np.zeros(count + 1, dtype=np.intp)
-    starts = np.zeros(0, dtype=np.intp)  # where the last piece may begin
-    until = np.zeros(0, dtype=np.intp)  # and up to which end: one that lost still counts for `shortest` blocks
+    starts = np.zeros(0, dtype=np.intp)  # possible starts of the last segment
+    until = np.zeros(
+        0, dtype=np.intp
+    )  # end up to which a start is kept: a pruned start stays possible for `shortest` blocks
     for end in range(shortest, count + 1):
         newest = end - shortest
         if np.isfinite(best[newest]):
@@ -149,14 +150,14 @@ def _cheapest(sums: Array, block: int, shortest: int, penalty: float) -> list[in
 
 
 def _residual(products: Array) -> Array:
-    """Σ e² (m,) that the best AR model leaves of pieces of products (m, ORDER+1, ORDER+1), by Cholesky's factor."""
+    """Residual Σ e² (m,) of the best AR models for matrices (m, ORDER+1, ORDER+1), by Cholesky factorisation."""
     lag = np.arange(ORDER + 1)
     products[:, lag, lag] *= 1.0 + FLOOR
     return np.asarray(np.linalg.cholesky(products)[:, -1, -1] ** 2)
 
 
 def _excess_kurtosis(signal: Array) -> float:
-    """Of the residual of short pieces, each by its own level, so that a change of level is no burst; at least 0."""
+    """Excess kurtosis of the residual, at least 0: the median over windows, so that changes of level do not count."""
     from hapscene.dsp.linear_prediction import autocorrelation, solve
 
     residual = np.asarray(scipy.signal.lfilter(solve(autocorrelation(signal, ORDER)), [1.0], signal))[ORDER:]
@@ -164,6 +165,6 @@ def _excess_kurtosis(signal: Array) -> float:
     count = len(residual) // length
     rows = residual[: count * length].reshape(count, length) if count else residual[None]
     power = np.mean(rows**2, axis=1)
-    heard = power > 0.0
-    kurtosis = np.mean(rows[heard] ** 4, axis=1) / power[heard] ** 2 - 3.0
+    nonzero = power > 0.0
+    kurtosis = np.mean(rows[nonzero] ** 4, axis=1) / power[nonzero] ** 2 - 3.0
     return max(0.0, float(np.median(kurtosis)))

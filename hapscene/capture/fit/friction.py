@@ -1,4 +1,4 @@
-"""A fit of its own: friction coefficients from tangential and normal force, with their 95 % intervals."""
+"""Fits friction coefficients with 95 % intervals to tangential and normal force."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hapscene.capture.fit.segment import BRIEF_S, InteractionState, Part, noise, runs
+from hapscene.capture.fit.segment import BRIEF_S, InteractionState, SegmentedRecording, noise, runs
 from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
@@ -16,57 +16,58 @@ from hapscene.surface.swatch import FRICTION_MAX
 __all__ = ["EDGE_S", "Friction", "fit_friction", "no_sliding"]
 
 BLOCK_S: Final = 0.05
-"""Time over which forces are averaged before anything is fitted [s]."""
+"""Length of the blocks over which forces are averaged before the fit [s]."""
 
 CORRELATED: Final = 5
-"""Neighbouring blocks that are drawn together for an interval [count]: what a hand does in a quarter of a second."""
+"""Neighbouring blocks that the bootstrap draws together; hand motion is correlated over a quarter of a second."""
 
 DRAWS: Final = 400
-"""Draws of the bootstrap [count]: the interval's ends are then known to a tenth of its width."""
+"""Number of bootstrap samples; the ends of the intervals are then accurate to a tenth of their width."""
 
 EDGE_S: Final = 0.05
-"""What is left out at both ends of a stretch of sliding [s]: the tool breaks away and comes to rest there."""
+"""Time that is omitted at both ends of sliding [s], where the tool breaks away and comes to rest."""
 
 SPEED_RANGE: Final = 3.0
-"""Least ratio of fast to slow sliding at which the Stribeck curve is looked for [1]."""
+"""Smallest ratio of highest to lowest speed at which a Stribeck curve is fitted [1]."""
 
 DROP_MIN: Final = 0.03
-"""Least fall or rise of friction with speed, as a share, that counts [1]; 11 % is felt."""
+"""Smallest relative change of friction with speed that counts [1]; the JND is 11 %."""
 
 SCALES: Final = 24
-"""Speeds v_s that are tried for a Stribeck curve [count]: 15 % apart where speeds span 30 times."""
+"""Number of Stribeck speeds v_s that are tried; their spacing is 15 % if the speeds span a factor of 30."""
 
 BREAKAWAY_S: Final = (0.05, 0.03)
-"""How long before and after the beginning of a slide its largest pull is looked for, where it is no line [s]."""
+"""Time before and after the start of sliding in which the largest force ratio of an abrupt start is searched [s]."""
 
 STILL_S: Final = 0.05
-"""Least time at rest before a slide that counts as breaking away [s]."""
+"""Shortest rest before sliding that counts as a breakaway [s]."""
 
 PULL_S: Final = (0.045, 0.02)
-"""Over how long before and after it breaks away a pull is taken for two parabolas [s]."""
+"""Time before and after a breakaway over which the force ratio is fitted by two parabolas [s]."""
 
 LATE_S: Final = 0.003
-"""Standard deviation of when a tool breaks away from when its speed tells so [s]; at most three of it."""
+"""Standard deviation of the time of breakaway about the time that the speed indicates [s]; limited to three times this
+value."""
 
 SAWTOOTH_S: Final = 0.03
-"""Over how long before it slips a pull is taken for a line [s]."""
+"""Time before a slip over which the force ratio is fitted by a line [s]."""
 
 GAP_S: Final = 0.005
-"""What of it is left out at both ends [s]: the low-pass mixes in what is beside it."""
+"""Time that is omitted at both ends of that line [s], because the low-pass blurs them."""
 
 BEGUN_S: Final = 0.0015
-"""To how much the beginning of a slip is known [s]: those of simulated ones are found within it, mostly."""
+"""Uncertainty of the start of a slip [s], from simulated recordings."""
 
 SLIP_S: Final = 0.15
-"""Longest slip of a tool that sticks and slips [s]: of longer ones a block remains between both edges."""
+"""Longest slip of stick–slip motion [s]; longer ones contain a complete block of sliding."""
 
 SLIPS_MIN: Final = 5
-"""Fewest slips that are taken for sticking and slipping [count]."""
+"""Fewest slips that are treated as stick–slip motion."""
 
 
 @dataclass(frozen=True)
 class Friction:
-    """Coefficients, 95 % intervals by name, what is absent and why, and a note on where they come from."""
+    """Coefficients, 95 % intervals by name, reasons for missing coefficients, and a note on their origin."""
 
     static: float
     dynamic: float
@@ -77,36 +78,40 @@ class Friction:
     viscous_s_m: float = 0.0
 
 
-def fit_friction(parts: Sequence[Part]) -> Friction:
-    """Static and dynamic Coulomb coefficients of recordings of one surface.
+def fit_friction(recordings: Sequence[SegmentedRecording]) -> Friction:
+    """Fits static and dynamic friction coefficients to recordings of one surface.
 
-    Dynamic: the line through the origin with the least sum of absolute errors, Σ |F_t − μ F_n|, over blocks of
-    sliding; it is the median of F_t/F_n weighted by F_n, and half of the blocks may be outliers. A free offset is not
-    fitted: the forces of a stroke span too little to tell it from the slope.
-    Where the speeds span `SPEED_RANGE` and friction falls or grows by `DROP_MIN`, so surely that the interval excludes
-    0: μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + μ_v v (Stribeck and viscous; Armstrong-Hélouvry, Dupont & Canudas de
-    Wit 1994), each part only where it is seen; dynamic is then μ_d, and static that at rest.
-    Static: the pull as the tool breaks away from rest, the median over all such; without any that of the Stribeck
-    curve; without that the dynamic one. Never below dynamic.
-    A tool that sticks and slips, never sliding for as long as a block: static is the pull at each break, dynamic the
-    mean pull over each slip, in which the tool gains no momentum.
-    The intervals are those of a bootstrap over runs of neighbouring blocks; of breaks and slips, Student's.
+    Dynamic friction is the line through the origin with the smallest sum of absolute errors Σ |F_t − μ F_n| over blocks
+    of sliding. This is the median of F_t/F_n weighted by F_n, which tolerates outliers in half of the blocks. No offset
+    is fitted, because the range of forces in a stroke is too small to separate it from the slope.
+
+    If the speeds span a factor of `SPEED_RANGE` and friction changes significantly by at least `DROP_MIN`, the fit is
+    μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + μ_v v (Stribeck and viscous friction; Armstrong-Hélouvry, Dupont & Canudas
+    de Wit 1994), with each term only if it is significant.
+
+    Static friction is the median force ratio at breakaways from rest, or else that of the Stribeck curve, or else the
+    dynamic coefficient. It is never below the dynamic one.
+
+    If the tool only sticks and slips, static friction is the force ratio at the start of the slips, and dynamic
+    friction the mean ratio over the slips, since the momentum of the tool is 0 before and after each.
+
+    The intervals come from a bootstrap over runs of neighbouring blocks, and from Student's t for breakaways and slips.
 
     Raises:
-        CaptureError: the coefficients are beyond `FRICTION_MAX`.
+        CaptureError: the coefficients exceed `FRICTION_MAX`.
     """
-    parts = [(channels, states) for channels, states in parts if channels.tangential_force_N is not None]
-    if not parts:
-        return _none("the recording holds no tangential force and no friction ratio")
-    blocks = _blocks(parts)
+    recordings = [(channels, states) for channels, states in recordings if channels.tangential_force_N is not None]
+    if not recordings:
+        return _not_measured("neither the tangential force nor a friction ratio was recorded")
+    blocks = _blocks(recordings)
     if blocks.shape[1] < 3:
-        slips = _slips(parts)
+        slips = _slips(recordings)
         if len(slips) >= SLIPS_MIN:
             return _of_slips(slips)
-        told = "its speed" if any(states.speed_on_m_s is not None for _, states in parts) else "no speed, which"
-        return _none(
-            f"the tool slides under a normal force for less than {3 * BLOCK_S:g} s, {EDGE_S:g} s at each end apart "
-            f"({told} would tell slips too: {SLIPS_MIN} or more are needed, {len(slips)} are found)"
+        return _not_measured(
+            f"the tool slides under a normal force for less than {3 * BLOCK_S:g} s plus {EDGE_S:g} s at each end, and "
+            f"there are {len(slips)} stick–slip cycles (expected {SLIPS_MIN}; they need a recorded speed): record more "
+            "strokes"
         )
     draws = _draws(blocks.shape[1])
     dynamic, absent, note = _slope(blocks), {}, ""
@@ -119,43 +124,46 @@ def fit_friction(parts: Sequence[Part]) -> Friction:
     dynamic = numbers.get("friction_dynamic", dynamic)
     static = numbers.get("friction_static", dynamic)
     if "friction_static" in numbers:
-        note = f"Friction falls with speed, to {1e3 * float(np.quantile(blocks[2], 0.98)):.0f} mm/s."
-    pulls = np.array(_breakaways(parts))
+        note = f"Friction decreases with speed up to {1e3 * float(np.quantile(blocks[2], 0.98)):.0f} mm/s."
+    pulls = np.array(_breakaways(recordings))
     if len(pulls):
         static = float(np.median(pulls[:, 0]))
         intervals.pop("friction_static", None)
         if len(pulls) >= 3:
             intervals["friction_static"] = _of_median(*pulls.T)
-        note = f"Static friction is that of {len(pulls)} starts from rest."
+        note = f"Static friction is the median of {len(pulls)} breakaways."
         if static < dynamic:
             static = dynamic
-            note += " They give less than sliding does, whose is taken."
+            note += " It was lower than dynamic friction, which is used instead."
             intervals["friction_static"] = intervals["friction_dynamic"]
     elif reason:
-        absent["friction_static"] = "the tool never starts from rest in the recording: the dynamic coefficient is taken"
+        absent["friction_static"] = "the tool never starts from rest in the recording; the dynamic coefficient is used"
     if max(static, dynamic) > FRICTION_MAX:
-        raise CaptureError(f"friction coefficients of {dynamic:.3g} and {static:.3g}: are both forces in newtons?")
+        raise CaptureError(
+            f"friction coefficients {dynamic:.3g} and {static:.3g}; expected at most {FRICTION_MAX:g}: check units of "
+            "both forces"
+        )
     over_speed = (numbers.get(f"friction_{name}", 0.0) for name in ("stribeck_m_s", "viscous_s_m"))
     return Friction(max(static, dynamic), dynamic, intervals, absent, note, *over_speed)
 
 
-def _none(reason: str) -> Friction:
+def _not_measured(reason: str) -> Friction:
     return Friction(0.0, 0.0, {}, {"friction_dynamic": reason, "friction_static": reason})
 
 
-def _blocks(parts: Sequence[Part]) -> Array:
-    """Mean tangential and normal force and speed, as magnitudes, and the speed's variance (4, m), of all blocks of
-    sliding that are pressed with a tenth of the largest force or more.
+def _blocks(recordings: Sequence[SegmentedRecording]) -> Array:
+    """Magnitudes of mean tangential force, normal force and speed, and the variance of the speed (4, m), per block.
 
-    The variance is that of a speed that changes evenly, from its two halves, so that its noise is not in it.
+    Blocks with less than a tenth of the largest normal force are omitted. The variance is that of a linear change
+    between the halves of a block, which excludes noise.
     """
     rows = []
-    for channels, states in parts:
+    for channels, states in recordings:
         assert channels.tangential_force_N is not None
         length, edge = max(1, round(BLOCK_S * channels.rate_Hz)), round(EDGE_S * channels.rate_Hz)
         streams = np.stack([channels.tangential_force_N, channels.force_N, channels.speed_m_s])
         for start, end in states.runs(InteractionState.SLIDING):
-            # only where the tool starts or stops: the ends of the recording are none
+            # edges are omitted where the tool starts or stops, but not at the ends of the recording
             first = start + (edge if start > 0 else 0)
             last = end - (edge if end < streams.shape[1] else 0)
             count = (last - first) // length
@@ -168,7 +176,7 @@ def _blocks(parts: Sequence[Part]) -> Array:
 
 
 def _draws(count: int) -> NDArray[np.intp]:
-    """Indices (DRAWS, count) of a bootstrap that draws neighbours together."""
+    """Indices (DRAWS, count) of a block bootstrap."""
     together = min(CORRELATED, max(1, count // 3))
     rng = np.random.default_rng(0)
     first = rng.integers(0, count, (DRAWS, -(-count // together)))
@@ -176,7 +184,7 @@ def _draws(count: int) -> NDArray[np.intp]:
 
 
 def _slope(blocks: Array) -> float:
-    """The weighted median of the ratios."""
+    """Median of the force ratios, weighted by normal force."""
     tangential, normal = blocks[:2]
     ratio = tangential / normal
     order = np.argsort(ratio)
@@ -185,28 +193,31 @@ def _slope(blocks: Array) -> float:
 
 
 def _over_speed(blocks: Array, draws: NDArray[np.intp], dynamic: float) -> tuple[dict[str, Array], str]:
-    """Coefficients by name, as drawn (draws,), and why friction does not fall, or "".
+    """Bootstrap samples (draws,) of the coefficients of the Stribeck curve by name, and a reason if there is no curve.
 
-    The law is linear but for v_s, of which each draw has the best of `SCALES`. The curve bends within a block in
-    which the speed changes: to second order its mean is taken.
+    The law is linear except in v_s, which is chosen from a grid for each bootstrap sample. Within a block the speed may
+    change; the mean of the curve over the block is approximated to second order.
     """
     tangential, normal, speed, spread = blocks
     slow, fast = np.quantile(speed, [0.02, 0.98])
     if np.ptp(speed) == 0.0:
         return {}, "the speed was not recorded, or never changes"
     if len(speed) < 20 or fast < SPEED_RANGE * slow:
-        return {}, f"the speeds span {fast / max(slow, 1e-9):.1f} times, and {SPEED_RANGE:g} are needed"
+        return (
+            {},
+            f"the highest speed is {fast / max(slow, 1e-9):.1f} times the lowest; expected at least {SPEED_RANGE:g}",
+        )
     scales = np.geomspace(max(slow, 0.02 * fast), fast / 1.5, SCALES)
     near = min((_curve(blocks[:3], v_s) for v_s in scales[::2]), key=lambda fit: fit[0])[1]
-    finer = near * np.geomspace(0.75, 1.33, 19)  # weights about a curve that is off would pull to it
+    finer = near * np.geomspace(0.75, 1.33, 19)  # the robust weights need an accurate curve
     weight = min((_curve(blocks[:3], v_s) for v_s in finer), key=lambda fit: fit[0])[2]
     counts = np.stack([np.bincount(draw, minlength=len(speed)) for draw in draws]).astype(np.float64)
     ratio, one = tangential / normal, np.ones(len(speed))
 
     def best(*columns: Array) -> tuple[Array, Array]:
-        """Coefficients (k, draws) of columns and of the fall, and each draw's v_s."""
+        """Coefficients (k, draws) of the columns and of the Stribeck term, and v_s of each draw."""
         tried = scales
-        for _ in range(2):  # then between the two beside the best: what is told may not be a step of the grid
+        for _ in range(2):  # the second grid refines the first between the neighbours of the best
             place = (speed / tried[:, None]) ** 2
             falls = np.exp(-place) * (1.0 + spread * (2.0 * place - 1.0) / tried[:, None] ** 2)
             of_all = [_drawn(counts, weight, ratio, np.stack([*columns, fall])) for fall in falls]
@@ -216,26 +227,26 @@ def _over_speed(blocks: Array, draws: NDArray[np.intp], dynamic: float) -> tuple
             tried = np.geomspace(low, high, 2 * SCALES)
         return found
 
-    def counts_for(change: Array, whole: Array) -> bool:
-        """Whether a change as drawn is surely above 0, and large enough."""
+    def is_significant(change: Array, whole: Array) -> bool:
+        """Whether the 95 % interval of a change is above 0 and the change large enough."""
         return bool(np.quantile(change, 0.025) > 0.0 and np.median(change) >= DROP_MIN * np.median(whole))
 
     (level, viscous, drop), scale = best(one, speed)
     found = {"friction_viscous_s_m": viscous}
-    if not counts_for(viscous * fast, np.array(dynamic)):
+    if not is_significant(viscous * fast, np.array(dynamic)):
         (level, drop), scale = best(one)
         found = {}
-    if counts_for(drop, level) and level.min() > 0.0:
+    if is_significant(drop, level) and level.min() > 0.0:
         found |= {"friction_dynamic": level, "friction_static": level + drop, "friction_stribeck_m_s": scale}
         return found, ""
-    reason = f"friction does not fall with speed between {1e3 * slow:.0f} and {1e3 * fast:.0f} mm/s"
+    reason = f"friction does not decrease with speed between {1e3 * slow:.0f} and {1e3 * fast:.0f} mm/s"
     level, viscous = _drawn(counts, weight, ratio, np.stack([one, speed]))[0].T
-    grows = counts_for(viscous * fast, np.array(dynamic))
+    grows = is_significant(viscous * fast, np.array(dynamic))
     return {"friction_dynamic": level, "friction_viscous_s_m": viscous} if grows else {}, reason
 
 
 def _drawn(counts: Array, weight: Array, ratio: Array, columns: Array) -> tuple[Array, Array]:
-    """Coefficients (draws, k) of columns (k, m) for each draw, blocks counted (draws, m), and the squares left."""
+    """Weighted least squares for each draw: coefficients (draws, k) of columns (k, m), and squared errors (draws,)."""
     weighted, size = counts * weight**2, len(columns)
     products = (columns[:, None] * columns).reshape(size * size, -1)
     normal = (weighted @ products.T).reshape(-1, size, size)
@@ -246,7 +257,7 @@ def _drawn(counts: Array, weight: Array, ratio: Array, columns: Array) -> tuple[
 
 
 def _curve(blocks: Array, scale_m_s: float) -> tuple[float, float, Array]:
-    """Robust error, the scale, and the weights (m,) of the best curve of that scale: Huber's, reweighted."""
+    """Robust fit of a Stribeck curve with a given v_s: its error, v_s, and the Huber weights (m,)."""
     tangential, normal, speed = blocks
     ratio = tangential / normal
     matrix = np.stack([np.ones(len(ratio)), np.exp(-((speed / scale_m_s) ** 2))], axis=1)
@@ -260,15 +271,16 @@ def _curve(blocks: Array, scale_m_s: float) -> tuple[float, float, Array]:
     return float((normal * away).sum()), scale_m_s, weight
 
 
-def _breakaways(parts: Sequence[Part]) -> list[tuple[float, float]]:
-    """The ratio of the forces at each start from rest, and what its time, hardly known, makes of it.
+def _breakaways(recordings: Sequence[SegmentedRecording]) -> list[tuple[float, float]]:
+    """Force ratio at each breakaway, and its uncertainty due to that of the time of breakaway.
 
-    It is the end of the parabola before it: two of them, low-passed as the forces are, are laid through the pull before
-    and after; where they do not fit most, as not to jerks, the largest over 10 ms is taken.
+    Two parabolas, low-passed as the forces are, are fitted to the force ratio before and after the breakaway; the ratio
+    is the end of the first one. If they fit less than a third of the breakaways, which are then abrupt, the largest
+    ratio over 10 ms is used.
     """
     pulls: list[tuple[float, float]] = []
     jerks: list[tuple[float, float]] = []
-    for channels, states in parts:
+    for channels, states in recordings:
         assert channels.tangential_force_N is not None
         rate, n = channels.rate_Hz, len(channels.force_N)
         length = max(1, round(0.01 * rate))
@@ -301,7 +313,7 @@ def _breakaways(parts: Sequence[Part]) -> list[tuple[float, float]]:
 
 
 def _broken(channels: Streams, begun: int) -> tuple[float, float, float]:
-    """The ratio of the forces as a tool breaks away about `begun`, how fast it grew [1/s], what is left (rms)."""
+    """Force ratio at a breakaway near sample `begun`, its slope before it [1/s], and the rms residual of the fit."""
     assert channels.tangential_force_N is not None
     rate = channels.rate_Hz
     before, after, margin, late = (round(s * rate) for s in (*PULL_S, 0.06, 3.0 * LATE_S))
@@ -315,22 +327,23 @@ def _broken(channels: Streams, begun: int) -> tuple[float, float, float]:
     windows = np.lib.stride_tricks.sliding_window_view(ratio, before + after)
     found = np.linalg.lstsq(models.T, windows.T, rcond=None)[0]
     left = np.mean((found.T @ models - windows) ** 2, axis=1)
-    apart = 2.0 * HAND_CUTOFF_HZ * sum(PULL_S)  # samples that the low-pass leaves independent
+    apart = 2.0 * HAND_CUTOFF_HZ * sum(PULL_S)  # independent samples after the low-pass
     likelihood = (left / max(left.min(), 1e-12)) ** (-0.5 * apart)
     likelihood *= np.exp(-0.5 * (np.arange(-late, late + 1) / (LATE_S * rate)) ** 2)
     likelihood /= likelihood.sum()
     return abs(float(likelihood @ found[0])), float(likelihood @ found[1]), float(np.sqrt(left.min()))
 
 
-def _slips(parts: Sequence[Part]) -> list[tuple[float, float, float, float]]:
-    """Of each slip after a rest: the ratio of the forces as it breaks, what its time makes of it, that over the slip,
-    and the share of rest that may be in it: one that begins early by δ has δ of it, one that begins late has none.
+def _slips(recordings: Sequence[SegmentedRecording]) -> list[tuple[float, float, float, float]]:
+    """Stick–slip cycles: force ratio at breakaway, its uncertainty, mean ratio over the slip, fraction of rest in the
+    slip.
 
-    The speed of a slip is about half a sine: its ends are a sixth of it beyond where it has half its peak, which the
-    low-pass leaves where they were.
+    The speed of a slip is about half a period of a sine. The low-pass does not move the points of half the peak speed;
+    the slip extends beyond them by a quarter of their distance at each end. If the detected start is early, the slip
+    contains some rest, which biases the mean ratio.
     """
     found = []
-    for channels, states in parts:
+    for channels, states in recordings:
         if states.speed_on_m_s is None or channels.tangential_force_N is None:
             continue
         rate, speed = channels.rate_Hz, channels.speed_m_s
@@ -354,33 +367,37 @@ def _slips(parts: Sequence[Part]) -> list[tuple[float, float, float, float]]:
     return found
 
 
-def no_sliding(parts: Sequence[Part]) -> str:
-    """Why a tool whose speed was recorded never slides, and what would; else nothing."""
-    on = [states.speed_on_m_s for _, states in parts if states.speed_on_m_s is not None]
+def no_sliding(recordings: Sequence[SegmentedRecording]) -> str:
+    """Reason why the tool never slides although its speed was recorded, and what to record; else an empty text."""
+    on = [states.speed_on_m_s for _, states in recordings if states.speed_on_m_s is not None]
     if not on:
         return ""
-    if len(slips := _slips(parts)) >= SLIPS_MIN:
-        what = f"the tool sticks and slips, {len(slips)} times: it never slides under a normal force"
-        return f"{what} for {1e3 * BRIEF_S:g} ms on end; a faster stroke or a lighter hand would"
-    fastest = max(float(channels.speed_m_s.max()) for channels, _ in parts)
+    if len(slips := _slips(recordings)) >= SLIPS_MIN:
+        return (
+            f"the motion is stick–slip ({len(slips)} slips) without sliding under a normal force for "
+            f"{1e3 * BRIEF_S:g} ms: record faster strokes with less force"
+        )
+    fastest = max(float(channels.speed_m_s.max()) for channels, _ in recordings)
     return (
-        f"the tool never slides under a normal force for {1e3 * BRIEF_S:g} ms on end: that is told from "
-        f"{1e3 * min(on):.3g} mm/s on, and speed_m_s is {1e3 * fastest:.3g} mm/s at most"
+        f"the tool never slides under a normal force for {1e3 * BRIEF_S:g} ms: threshold {1e3 * min(on):.3g} mm/s, "
+        f"the highest speed {1e3 * fastest:.3g} mm/s"
     )
 
 
 def _of_slips(slips: list[tuple[float, float, float, float]]) -> Friction:
-    """Coefficients of a tool that sticks and slips."""
+    """Friction coefficients of stick–slip motion."""
     pull, off, drag, rest = np.array(slips).T
     dynamic, static = float(np.median(drag)), float(np.median(pull))
     rested = _of_median(drag, rest * max(static - dynamic, 0.0))
     intervals = {"friction_static": _of_median(pull, off), "friction_dynamic": rested}
-    note = f"The tool sticks and slips: friction is that of {len(slips)} slips."
-    return Friction(max(static, dynamic), dynamic, intervals, {"friction_stribeck": "the tool never slides on"}, note)
+    note = f"Friction was measured on {len(slips)} stick–slip cycles."
+    return Friction(
+        max(static, dynamic), dynamic, intervals, {"friction_stribeck": "the tool never slides steadily"}, note
+    )
 
 
 def _of_median(values: Array, off: Array) -> tuple[float, float]:
-    """The 95 % interval of a median (m,), by Student's t, and of what all values may be off together."""
+    """95 % interval of a median of values (m,) by Student's t, plus their common uncertainty `off`."""
     middle, count = float(np.median(values)), len(values)
     error = np.sqrt(0.5 * np.pi / count) * float(np.std(values, ddof=1))
     half = float(np.hypot(scipy.stats.t.ppf(0.975, count - 1) * error, 1.96 * np.median(off)))
@@ -388,6 +405,6 @@ def _of_median(values: Array, off: Array) -> tuple[float, float]:
 
 
 def _interval(values: Array) -> tuple[float, float]:
-    """Between the quantiles at 2.5 and 97.5 % of a bootstrap's values (m,)."""
+    """95 % interval of bootstrap values (m,), by quantiles."""
     low, high = np.quantile(values, [0.025, 0.975])
     return float(low), float(high)

@@ -1,12 +1,11 @@
-"""A fit of its own: the random slow gain of a texture, from how a recording's level scatters about the texture's own.
+"""Fits the amplitude modulation of a texture: a slow random gain.
 
-The level (the logarithm of the power, `ACCELERATION_BAND_HZ`, in windows of `WINDOW_S`) is a sum of three: what force
-and speed explain, which is the texture's; the chance of a short window, known from the texture's spectrum; and the
-logarithm of the gain. What force and speed explain is taken out of each block of the recording, and of what is
-expected of it. What remains, in coordinates that are nearly frequencies, is held against the processes' covariance
-by Whittle's likelihood, each coordinate with its exact expectation (Sykulski, Olhede, Guillaumin, Lilly & Early 2019,
-"The debiased Whittle likelihood", Biometrika 106(2)), so that a second of recording is not too short.
-"""
+The level (logarithm of the power in `ACCELERATION_BAND_HZ`, in windows of `WINDOW_S`) is the sum of three components:
+the level of the texture, which depends on force and speed; random scatter due to the short windows, whose covariance
+follows from the spectrum of the texture; and the logarithm of the gain. The dependence on force and speed is projected
+out of each block of the recording and of the covariances. The coordinates of the remainder are nearly frequencies.
+Their squares are fitted by the Whittle likelihood with exact expectations (Sykulski, Olhede, Guillaumin, Lilly & Early
+2019, "The debiased Whittle likelihood", Biometrika 106(2)), which is accurate even for a second of recording."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -21,82 +20,82 @@ from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.surface.gain_modulation import SPREAD_MAX, GainModulation
 from hapscene.surface.texture import Texture
 
-__all__ = ["fit_life"]
+__all__ = ["fit_modulation"]
 
 WINDOW_S: Final = 0.01
-"""Length of the windows that levels are taken in [s]: the shortest in which 20 Hz to 1 kHz have a level."""
+"""Length of the windows of the level [s]: the shortest in which vibration from 20 Hz to 1 kHz has a level."""
 
-FORGETS_S: Final = (0.015, 0.04, 0.1, 0.25)
-"""Times in which the processes forget [s]; those by distance forget in the distance travelled meanwhile, at the mean
-speed. On held-out halves and thirds three, four and five such times did alike; of three, farther apart, spreads of
-surfaces that forget in between came out 14 % too large."""
+CORRELATION_S: Final = (0.015, 0.04, 0.1, 0.25)
+"""Correlation times of the processes [s]. Processes over distance have the corresponding correlation lengths at the
+mean speed. In held-out tests three, four and five times performed equally; with three, spaced wider, the spread of
+surfaces with correlation times in between was 14 % too large."""
 
 BLOCK_S: Final = 2.0
-"""Length of the blocks that are taken by themselves [s]: six times the slowest process."""
+"""Length of the blocks that are evaluated separately [s]: eight times the longest correlation time."""
 
 BLOCKS_MAX: Final = 20
-"""Most blocks used, from all over the recording [count]: 40 s tell the whole spread to some percent."""
+"""Largest number of blocks, evenly selected: 40 s determine the total spread to a few percent."""
 
 SHORTEST_S: Final = 0.4
-"""Shortest stretch that a spread is fitted to [s]."""
+"""Shortest run of sliding that is used [s]."""
 
 SLIDING: Final = 0.1
-"""Share of the largest force and speed from which levels are used [1]: below it the sensor's noise is heard."""
+"""Smallest force and speed that are used, relative to the largest [1]; below, sensor noise dominates."""
 
 SUPPORT: Final = 8.0
-"""Twice the log-likelihood that life must gain [1]: steady noise gains as much once in a hundred recordings."""
+"""Smallest gain of twice the log-likelihood [1]; unmodulated noise gains this in one of a hundred recordings."""
 
 SPREAD_LEAST: Final = 0.06
-"""Least spread of the gain's logarithm that is kept [1]: half a decibel, which no one feels."""
+"""Smallest spread of the logarithm of the gain [1]: half a decibel, which is imperceptible."""
 
 MARGIN: Final = 2.0
-"""Log-likelihood on held-out blocks by which distance must be ahead of time, or both of either [1]: odds of 7."""
+"""Held-out log-likelihood by which processes over distance, or both, must exceed those over time [1]: odds of 7."""
 
 SHARE_LEAST: Final = 0.15
-"""Least share of the whole spread that a process is kept for [1]: one of less is 2 % of its square."""
+"""Smallest spread of a process, relative to the total [1]; a smaller one contributes 2 % of the variance."""
 
 DRAWS: Final = 100
-"""Repetitions that the intervals are taken from [count]."""
+"""Number of simulations for the intervals."""
 
 FLAT: Final = 0.01
-"""Share of its mean over which a force or speed must change for the level to depend on it [1]."""
+"""Smallest relative range of force or speed at which a dependence of the level is projected out [1]."""
 
 BETWEEN: Final = 0.1
-"""How far the whole spread may be off where a surface forgets in times between `FORGETS_S` [1]: on simulated ones."""
+"""Error of the total spread for correlation times between `CORRELATION_S`, from simulations [1]."""
 
 FLOOR: Final = 1e-6
-"""Power, as a share of the mean, below which a window counts as having that [1]: a gap in a recording is no life."""
+"""Smallest power of a window, relative to the mean [1], so that gaps in a recording do not count as modulation."""
 
 
-_COUNT: Final = len(FORGETS_S)
+_COUNT: Final = len(CORRELATION_S)
 _KINDS: Final = {"time": slice(0, _COUNT), "distance": slice(_COUNT, 2 * _COUNT), "both": slice(0, 2 * _COUNT)}
 
 
-class LifeFit(NamedTuple):
-    """What was found.
+class ModulationFit(NamedTuple):
+    """Result of the fit.
 
     Attributes:
-        life: the gain, or None.
-        intervals: 95 % of each spread, in the order of `life.spread`, and last of all together.
-        reason: why there is none, or "".
-        ahead: held-out log-likelihood of distance, and of both, over that of time [1]; NaN where it was not asked.
+        modulation: parameters of the gain, or None.
+        intervals: 95 % intervals of each spread and, last, of the total spread.
+        reason: why `modulation` is None.
+        ahead: held-out log-likelihood of processes over distance, and over both, minus that over time; NaN if unknown.
     """
 
-    life: GainModulation | None
+    modulation: GainModulation | None
     intervals: tuple[tuple[float, float], ...] = ()
     reason: str = ""
     ahead: tuple[float, float] = (np.nan, np.nan)
 
 
-_Block = tuple[Array, Array, Array]  # levels (2, n), recorded and the texture's, forces (n,), speeds (n,)
+_Block = tuple[Array, Array, Array]  # levels (2, n) of recording and texture, forces (n,), speeds (n,)
 
 
 class _Expected(NamedTuple):
-    """What is expected of the squares of the coordinates, and what they are."""
+    """Squares of the coordinates, and their expectations."""
 
     square: Array  # (m,)
-    noise: Array  # (m,) by chance
-    kernels: Array  # (2 `_COUNT`, m) of each process at power 1
+    noise: Array  # (m,) expectation without modulation
+    kernels: Array  # (2 `_COUNT`, m) expectation for each process of variance 1
 
     def fitted(self, kind: str) -> tuple[Array, Array]:
         return _fitted(self.square, self.noise, self.kernels[_KINDS[kind]])
@@ -107,11 +106,11 @@ def _together(parts: Sequence[_Expected]) -> _Expected:
     return _Expected(np.concatenate(square), np.concatenate(noise), np.concatenate(kernels, axis=1))
 
 
-def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
-    """The slow gain of a texture in stretches of sliding at the texture's rate, or the reason why it has none."""
+def fit_modulation(texture: Texture, stretches: Sequence[Streams]) -> ModulationFit:
+    """Fits the amplitude modulation of a texture to runs of sliding at the sample rate of the texture."""
     found = list(_windows(texture, stretches))
     if not found:
-        return LifeFit(None, reason=f"no stretch of sliding is {SHORTEST_S:g} s long")
+        return ModulationFit(None, reason=f"no run of sliding is {SHORTEST_S:g} s long")
     speed = float(np.mean([v.mean() for *_, v in found]))
     noise = _noise(texture, found)
     blocks = found[:: -(-len(found) // BLOCKS_MAX)]
@@ -126,7 +125,7 @@ def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
     spread = 0.5 * np.sqrt(power)
     whole = float(np.sqrt(np.sum(spread**2)))
     if 2.0 * gain < SUPPORT or whole < SPREAD_LEAST:
-        return LifeFit(None, reason="the level is as steady as that of noise of its spectrum", ahead=ahead)
+        return ModulationFit(None, reason="the level varies no more than that of stationary noise", ahead=ahead)
     rng = np.random.default_rng(0)
     chance, kernels = seen.noise, seen.kernels[_KINDS[kind]]
     square = (chance + power @ kernels) * rng.chisquare(1.0, (DRAWS, len(chance)))
@@ -136,18 +135,18 @@ def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
     error = float(np.std(0.5 * np.log(np.sum(drawn**2, axis=1))))
     factor = float(np.exp(1.96 * np.hypot(error, BETWEEN)))
     low, high = np.append(low, whole / factor), np.append(high, whole * factor)
-    rate_1_s, none = 1.0 / np.array(FORGETS_S), np.zeros(_COUNT)
+    rate_1_s, none = 1.0 / np.array(CORRELATION_S), np.zeros(_COUNT)
     decay_1_s, decay_1_m = np.hstack([rate_1_s, none]), np.hstack([none, rate_1_s / speed])
     kinds = _KINDS[kind]
     spread = spread * (min(whole, SPREAD_MAX) / float(np.sqrt(np.sum(spread[kept] ** 2))))
-    life = GainModulation(spread[kept], decay_1_s[kinds][kept], decay_1_m[kinds][kept])
-    return LifeFit(life, tuple(zip(low.tolist(), high.tolist(), strict=True)), "", ahead)
+    modulation = GainModulation(spread[kept], decay_1_s[kinds][kept], decay_1_m[kinds][kept])
+    return ModulationFit(modulation, tuple(zip(low.tolist(), high.tolist(), strict=True)), "", ahead)
 
 
 def moving_runs(
     stretches: Sequence[Streams], window_s: float, shortest_s: float
 ) -> Iterator[tuple[int, int, int, int]]:
-    """Runs of windows in which the tool moves: stretch, first sample, windows, samples a window; none is shorter."""
+    """Runs in which the tool moves: index of the stretch, first sample, number of windows, samples per window."""
     most_N, most_m_s = (max(getattr(s, name).max() for s in stretches) for name in ("force_N", "speed_m_s"))
     for i, stretch in enumerate(stretches):
         length = round(window_s * stretch.rate_Hz)
@@ -158,7 +157,7 @@ def moving_runs(
 
 
 def _windows(texture: Texture, stretches: Sequence[Streams]) -> Iterator[_Block]:
-    """Logarithms of the power (2, n), recorded and the texture's, force and speed (n,), in about `BLOCK_S`."""
+    """Blocks of about `BLOCK_S`: logarithms of the power (2, n) of recording and texture, force and speed (n,)."""
     for i, start, windows, length in moving_runs(stretches, WINDOW_S, SHORTEST_S):
         rate_Hz = stretches[i].rate_Hz
         edges = np.linspace(0, windows, max(1, round(windows * WINDOW_S / BLOCK_S)) + 1).astype(int)
@@ -176,10 +175,10 @@ def _windows(texture: Texture, stretches: Sequence[Streams]) -> Iterator[_Block]
 
 
 def _noise(texture: Texture, found: Sequence[_Block]) -> Array:
-    """Covariance (lags,) of the logarithms of the powers of windows of the texture's noise, neither alive.
+    """Covariance (lags,) of the logarithms of the window powers of the texture without modulation.
 
-    Of the mean of N samples of ρ: cov_j = 2/N² Σ_k (N − |k|) ρ²(jN + k). As a share of the squared mean it is 2/ν,
-    for a χ² of ν degrees, whose logarithm has the variance ψ'(ν/2).
+    For windows of N samples with autocorrelation ρ: cov_j = 2/N² Σ_k (N − |k|) ρ²(jN + k). The relative variance is
+    2/ν for a χ² distribution with ν degrees of freedom, whose logarithm has the variance ψ'(ν/2).
     """
     size, length = 1 << 13, round(WINDOW_S * texture.rate_Hz)
     force, speed = (np.concatenate([one[i] for one in found]) for i in (1, 2))
@@ -198,22 +197,23 @@ def _noise(texture: Texture, found: Sequence[_Block]) -> Array:
 
 
 def _basis(block: _Block) -> Array:
-    """Coordinates (n, m) of a stretch of n windows in which the texture's level, force and speed explain nothing."""
+    """Orthonormal basis (n, m) of a block, orthogonal to the texture level, the force and the speed."""
     (_, model), force, speed = block
     known = [np.ones(len(model))]
     if max(np.ptp(x) / x.mean() for x in (force, speed)) > FLAT:
         known += [model, *(np.log(x) for x in (force, speed) if np.ptp(x) > FLAT * x.mean())]
-    # the explained part first, then cosines: what QR makes of the rest are nearly those, and exactly without that part
+    # QR of the explained part followed by cosines: the remaining columns are nearly cosines
     cosines = scipy.fft.idct(np.eye(len(model)), axis=0, norm="ortho")[:, 1:]
     whole = np.linalg.qr(np.hstack([np.stack(known, axis=1), cosines]))[0]
     return np.asarray(whole[:, len(known) : len(model)])
 
 
 def _covariances(speed: Array, chance: Array, mean_m_s: float) -> Iterator[Array]:
-    """Covariance (n, n) of chance, and of each process at power 1, by time, then by distance: one after the other.
+    """Yields covariances (n, n): without modulation, then of each process of variance 1 over time, then over distance.
 
-    Between windows of widths w and w', u apart, it is exp(−u) sinh(w/2)/(w/2) sinh(w'/2)/(w'/2), all in the time in
-    which it forgets; within one 2 (w − 1 + exp(−w))/w². Both are exact means over the windows.
+    Between windows of widths w and w' at a distance u, in units of the correlation time, the covariance is
+    exp(−u) sinh(w/2)/(w/2) sinh(w'/2)/(w'/2); within a window it is 2 (w − 1 + exp(−w))/w². These are exact means over
+    the windows.
     """
     count = len(speed)
     lags = np.zeros(count)
@@ -221,7 +221,7 @@ def _covariances(speed: Array, chance: Array, mean_m_s: float) -> Iterator[Array
     yield np.asarray(scipy.linalg.toeplitz(lags))
     for width in (np.full(count, WINDOW_S), speed * WINDOW_S / mean_m_s):
         place = np.cumsum(width) - 0.5 * width
-        for w, u in ((width / forgets_s, place / forgets_s) for forgets_s in FORGETS_S):
+        for w, u in ((width / correlation_s, place / correlation_s) for correlation_s in CORRELATION_S):
             within = np.sinh(0.5 * w) / (0.5 * w)
             kernel = np.exp(-np.abs(u[:, None] - u)) * (within[:, None] * within)
             np.fill_diagonal(kernel, 2.0 * (w - 1.0 + np.exp(-w)) / w**2)
@@ -231,12 +231,11 @@ def _covariances(speed: Array, chance: Array, mean_m_s: float) -> Iterator[Array
 def _fitted(
     square: Array, noise: Array, kernels: Array, start: Array | float = 0.1, steps: int = 200
 ) -> tuple[Array, Array]:
-    """Powers (..., k) of the processes that make the squares (..., m) likeliest, and what they gain over none.
+    """Maximum-likelihood variances (..., k) of the processes for squares (..., m), and the gain of log-likelihood.
 
-    Each step multiplies by the root of the ratio of the two parts of the gradient: none is ever negative, and the
-    likelihood never falls (Févotte & Idier 2011, "Algorithms for nonnegative matrix factorization with the
-    β-divergence", Neural Computation 23(9)).
-    """
+    Each multiplicative update uses the root of the ratio of the two parts of the gradient. The variances remain
+    nonnegative and the likelihood never decreases (Févotte & Idier 2011, "Algorithms for nonnegative matrix
+    factorization with the β-divergence", Neural Computation 23(9))."""
     power = np.full((*square.shape[:-1], len(kernels)), start)
     for _ in range(steps):
         model = noise + power @ kernels
@@ -248,9 +247,9 @@ def _fitted(
 def _kind(
     blocks: Sequence[_Block], parts: Sequence[_Expected], noise: Array, mean_m_s: float
 ) -> tuple[str, tuple[float, float]]:
-    """Whether the gain forgets by time, by distance or by both, as the other half of the blocks has it.
+    """Chooses processes over time, distance or both by cross-validation between the halves of the blocks.
 
-    Time is what is kept where the data do not say: then the gain goes on at any speed as it was recorded.
+    Without a significant difference, time is chosen; the modulation is then the same at all speeds.
     """
     if len(blocks) < 2:
         return "time", (np.nan, np.nan)
@@ -258,7 +257,7 @@ def _kind(
     powers = {(i, kind): halves[i].fitted(kind)[0] for i in (0, 1) for kind in _KINDS}
     score = dict.fromkeys(_KINDS, 0.0)
     for number, block in enumerate(blocks):
-        basis = _basis(block)  # again: all of them would be as large as a minute's streams
+        basis = _basis(block)  # computed again, because all bases together need too much memory
         found = _covariances(block[2], noise, mean_m_s)
         whole = dict.fromkeys(_KINDS, next(found))
         for i, kernel in enumerate(found):

@@ -1,7 +1,7 @@
-"""The acceleration of a swatch's texture along a stroke, offline: to judge a fit, and to listen to it.
+"""Offline synthesis of a texture: acceleration for given force and speed, to evaluate a fit or to listen to it.
 
-The same state machine and the same noise as in the effect `lpc_texture` (`hapscene.dsp.texture_voice`); here the models
-are those of the texture itself, there they come from a table on a grid.
+The synthesis is that of the effect `lpc_texture` (`hapscene.dsp.texture_voice`). Here the models are computed from the
+texture; the effect interpolates them in a table.
 """
 
 import math
@@ -22,16 +22,16 @@ from hapscene.swatches.library import load_swatch
 __all__ = ["BLOCK_S", "synthesize"]
 
 BLOCK_S: Final = 0.01
-"""How long one filter is kept [s]: force and speed are below 20 Hz, so they change little in that time. The level is
-ramped over it."""
+"""Update interval of the filter [s]. Force and speed change at less than 20 Hz; the level is ramped over the
+interval."""
 
 STEP_S: Final = 0.001
-"""How long the slow gain is kept [s], as by the renderer; it is ramped over it."""
+"""Update interval of the amplitude modulation [s], as in the renderer; the gain is ramped over it."""
 
 SETTLE_S: Final = 0.1
-"""How long the filter has been running when the stroke begins [s]: it is not silent before its first sample."""
+"""Time for which the filter runs before the first sample [s], so that its output is stationary."""
 
-_PART: Final = 4096  # blocks whose filters are made at once: their memory is bounded, whatever the stroke's length
+_BATCH: Final = 4096  # blocks whose filters are computed at once; this limits the memory
 
 
 def synthesize(
@@ -41,57 +41,66 @@ def synthesize(
     *,
     rate_Hz: float | None = None,
     seed: int = 0,
-    life: float = 1.0,
+    modulation: float = 1.0,
 ) -> Array:
-    """Acceleration (n,) [m/s²] along normal forces (n,) [N] and slip speeds (n,) [m/s], sampled at `rate_Hz`.
+    """Synthesises the texture of a swatch for given force and speed.
 
-    The texture's noise through its filter, both as `Texture.model` gives them at the middle of each block of
-    `BLOCK_S`; its slow gain, where it has one, step by step of `STEP_S`. `life` is a factor on the spread of the gain:
-    0 makes it steady. Without `rate_Hz` the texture's own rate is used. The same seed gives the same samples.
+    Args:
+        swatch: a swatch, or the name or file of one.
+        force_N: normal force (n,) [N].
+        speed_m_s: slip speed (n,) [m/s].
+        rate_Hz: sample rate of all signals; None: that of the texture.
+        seed: seed of the random numbers; the same seed gives the same samples.
+        modulation: factor on the depth of the amplitude modulation, 0 to 2; 0 disables it.
+
+    Returns:
+        Acceleration (n,) [m/s²].
 
     Raises:
-        CaptureError: the swatch has no texture, the two series differ in length, or seed or life are none.
+        CaptureError: the swatch has no texture, force and speed differ in length, or seed or modulation are invalid.
     """
     swatch = swatch if isinstance(swatch, Swatch) else load_swatch(swatch)
     if not isinstance(seed, Integral) or seed < 0:
-        raise CaptureError(f"seed must be a whole number, 0 or more, is {seed!r}")
-    if not 0.0 <= life <= 2.0:
-        raise CaptureError(f"life must be a number from 0 to 2, is {life!r}")
+        raise CaptureError(f"seed is {seed!r}; expected an integer, 0 or more")
+    if not 0.0 <= modulation <= 2.0:
+        raise CaptureError(f"modulation is {modulation!r}; expected a number from 0 to 2")
     if swatch.texture is None:
-        raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to synthesize")
+        raise CaptureError(f"swatch {swatch.name!r} has no texture")
     force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(speed_m_s, dtype=np.float64)
     if force.ndim != 1 or force.shape != slip.shape:
-        raise CaptureError(f"force_N and speed_m_s must have one shape (n,), have {force.shape} and {slip.shape}")
+        raise CaptureError(
+            f"force_N and speed_m_s have shapes {force.shape} and {slip.shape}; expected equal shapes (n,)"
+        )
     output = np.zeros(len(force))
     if len(force) == 0:
         return output
     texture = swatch.texture if rate_Hz is None else swatch.texture.resampled(rate_Hz)
-    player = _Player(texture, life, int(seed))
-    for start in range(0, len(force), _PART * player.block):
-        part = slice(start, start + _PART * player.block)
-        player.add(force[part], slip[part], output[part])
+    synthesizer = _Synthesizer(texture, modulation, int(seed))
+    for start in range(0, len(force), _BATCH * synthesizer.block):
+        part = slice(start, start + _BATCH * synthesizer.block)
+        synthesizer.add(force[part], slip[part], output[part])
     return output
 
 
-class _Player:
-    """A texture that is played on and on, from a running start."""
+class _Synthesizer:
+    """Continuous synthesis of a texture in consecutive calls."""
 
-    def __init__(self, texture: Texture, life: float, seed: int) -> None:
+    def __init__(self, texture: Texture, modulation: float, seed: int) -> None:
         self.texture = texture
         self.step = max(1, round(STEP_S * texture.rate_Hz))
         self.hold = max(1, round(BLOCK_S * texture.rate_Hz / self.step))
         self.block, self.step_s = self.hold * self.step, self.step / texture.rate_Hz
-        self.rates, of = np.zeros(0), texture.modulation
-        if of is not None:
-            self.rates = np.column_stack((of.spread, of.decay_1_s, of.decay_1_m)).ravel()
+        self.rates, gain = np.zeros(0), texture.modulation
+        if gain is not None:
+            self.rates = np.column_stack((gain.spread, gain.decay_1_s, gain.decay_1_m)).ravel()
         fields = [(name, np.float64, shape) for name, shape in voice_fields(texture.order)]
         self.s = np.zeros(1, [*fields, ("rng", np.uint64, (4,))]).view(np.recarray)[0]
-        self.s["order"], self.s["warp"], self.s["spread_scale"] = texture.order, texture.warp, life
+        self.s["order"], self.s["warp"], self.s["spread_scale"] = texture.order, texture.warp, modulation
         self.s["rng"] = seeded_state(seed, "synthesize")
-        self.last: float | None = None  # level at the end of what was played
+        self.last: float | None = None  # level at the end of the last call
 
     def add(self, force_N: Array, speed_m_s: Array, out: Array) -> None:
-        """Add what is heard along forces, speeds (n,) to `out` (n,); n is a multiple of the block, or the end."""
+        """Adds the output for forces and speeds (n,) to `out` (n,); n is a multiple of `block`, except at the end."""
         middle = np.minimum(np.arange(0, len(out), self.block) + self.block // 2, len(out) - 1)
         k, power = self.texture.lattice(force_N[middle], speed_m_s[middle])
         level = np.sqrt(power)

@@ -1,9 +1,9 @@
-"""Taps of a recording: a decaying sinusoid fitted to each impact, and the transient itself, over approach speed.
+"""Fits taps: a decaying sinusoid for each impact, and the recorded transient, over approach speed.
 
     a(t) = A exp(−βt) sin(2πft) from t = t0 (Okamura, Cutkosky & Dennerlein 2001)
 
-The recording was high-passed at 20 Hz, without delay. That bends a tap: so the model is passed through the same filter
-before it is compared, and A, β, f are those of the tap itself.
+The recording was high-passed at 20 Hz without delay, which distorts a tap. The model is passed through the same filter
+before the comparison, so A, β and f are those of the undistorted tap.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
-from hapscene.capture.fit.segment import InteractionState, Part, Run, onset
+from hapscene.capture.fit.segment import InteractionState, Run, SegmentedRecording, onset
 from hapscene.capture.io.streams import Array, Streams, high_pass_gain
 from hapscene.surface.taps import TAP_ROWS, Taps
 
@@ -31,67 +31,69 @@ __all__ = [
 ]
 
 WAVE_S: Final = 0.1
-"""Length of a stored transient [s]: as those of the Penn Haptic Texture Toolkit."""
+"""Length of a stored transient [s], as in the Penn Haptic Texture Toolkit."""
 
 LEAD_S: Final = 0.03
-"""What is compared before an impact's onset [s]: the ripple of the high-pass tells where it began."""
+"""Time before the onset of an impact that is included in the fit [s]; the pre-ripple of the high-pass helps to find
+it."""
 
 ONSET_OFF_S: Final = 0.012
-"""How far from where the segmentation puts it an impact's onset is searched [s]."""
+"""Range about the segmentation's estimate in which the onset is searched [s]."""
 
 FADE_S: Final = 0.0005, 0.02
-"""Fades at the start and the end of a stored transient [s]."""
+"""Lengths of the fades at the start and the end of a stored transient [s]."""
 
 EXPLAINED_MIN: Final = 0.5
-"""Least share of an impact's power that its sinusoid explains [1]; of less it is no measurement."""
+"""Smallest fraction of the power of an impact that the sinusoid must explain [1]; otherwise it is discarded."""
 
 RING_MIN: Final = 0.1
-"""Least share of an impact's power that rings on after the contact [1] for the sinusoid to be that of the ring alone;
-of less the contact itself is what is felt."""
+"""Smallest fraction of the power of an impact in the ringing after the contact at which only the ringing is fitted [1].
+With less, the contact itself dominates."""
 
 CONTACTS_S: Final = (0.0015, 0.003, 0.006, 0.012)
-"""Lengths of contact from which that of a bounce is searched [s]."""
+"""Initial values of the contact time of a bounce [s]."""
 
 CONTACT_WAVES: Final = 5
-"""Quarter-waves, odd ones, that a contact's own course is made of [count]: in it a tool rings otherwise than after."""
+"""Number of odd quarter-waves that model the acceleration during a contact, which differs from the free ringing."""
 
 CHOSEN: Final = 1.3
-"""What the errors of a ring after a contact are raised by [1], for where the contact ends is chosen by the same data:
-without, 83 to 94 % of the intervals of decay of simulated bounces hold the truth, with it 93 to 99 %."""
+"""Factor on the standard errors of ringing after a contact [1], since the end of the contact is fitted to the same
+data. On simulated bounces the 95 % intervals of the decay contain the true value in 93 to 99 % of the cases, without
+the factor in 83 to 94 %."""
 
 SEARCHES: Final = 3
-"""Beginnings from which a ring after a contact is searched [count]: one alone may end at an onset too late."""
+"""Number of initial values from which ringing after a contact is fitted; one alone may find a local minimum."""
 
 SPEED_RATIO: Final = 1.15
-"""Approach speeds up to this ratio are taken as one [1]: at 20 dB, taps at one speed were measured within ±4 %,
-slow ones (50 mm/s) within ±6 %. Smaller tears repeated taps apart, larger pools taps that differ."""
+"""Largest ratio of approach speeds that are pooled [1]. At an SNR of 20 dB, speeds are measured to ±4 %, slow ones
+(50 mm/s) to ±6 %. A smaller ratio would separate repeated taps, a larger one pool different taps."""
 
 SPEED_S: Final = (0.025, 0.006)
-"""From when to when before the onset the approach speed is measured [s]; later the low-pass mixes in the contact."""
+"""Start and end, before the onset, of the time in which the approach speed is measured [s]."""
 
 ASSUMED_APPROACH_M_S: Final = 0.1
-"""Approach speed of taps whose own was not recorded [m/s]: that of a finger that drums."""
+"""Assumed approach speed of taps without recorded speed [m/s]: that of drumming fingers."""
 
 FITTED_MAX: Final = 40
-"""Most impacts that are fitted [count]; of more, as many spread over the approach speeds."""
+"""Largest number of impacts that are fitted, evenly selected over approach speed."""
 
 OUTLIER: Final = 4.0
-"""Standard deviations from the median of its group at which one tap's number is left out [1]."""
+"""Largest deviation from the median of a group, in standard deviations [1]; other values are omitted."""
 
 NORMAL_95: Final = 1.96
-"""Half-width of a 95 % interval, in standard errors [1]."""
+"""Half-width of a 95 % interval in standard errors [1]."""
 
 
 @dataclass(frozen=True)
 class MeasuredTap:
-    """One impact: its sinusoid with standard errors, and its transient.
+    """Fit of one impact.
 
     Attributes:
-        approach_m_s: speed of approach, NaN where it was not recorded.
-        value: (3,) amplitude [m/s²], frequency [Hz], decay [1/s].
-        error: (3,) their standard errors.
-        explained: share of the power that the sinusoid explains.
-        wave_m_s2: (m,) the transient from its onset, `WAVE_S` long.
+        approach_m_s: approach speed; NaN if it was not recorded.
+        value: (3,) amplitude [m/s²], frequency [Hz], decay [1/s] of the sinusoid.
+        error: (3,) standard errors of `value`.
+        explained: fraction of the power that the sinusoid explains.
+        wave_m_s2: (m,) recorded transient from its onset, `WAVE_S` long.
     """
 
     approach_m_s: float
@@ -103,26 +105,26 @@ class MeasuredTap:
 
 @dataclass(frozen=True)
 class TapFit:
-    """Taps over approach speed, or why there are none."""
+    """Taps over approach speed with 95 % intervals, or the reason why there are no taps."""
 
     taps: Taps | None
     intervals: dict[str, tuple[float, float]]
     absent: dict[str, str]
 
 
-def fit_taps(parts: Sequence[Part]) -> TapFit:
-    """The taps of recordings of one surface, at one rate.
+def fit_taps(recordings: Sequence[SegmentedRecording]) -> TapFit:
+    """Fits taps to recordings of one surface with equal sample rates.
 
-    Taps at approach speeds within `SPEED_RATIO` become one: the mean of each number weighted by its confidence, and the
-    mean transient. The interval of each number is that of this mean, widened where single taps scatter more than their
-    own errors say; its key is "taps.frequency_Hz[0]" for the first speed.
+    Taps at similar approach speeds (`SPEED_RATIO`) are pooled: the parameters by a mean weighted with their errors, the
+    transients by a mean. The intervals of the means include the scatter between taps; their keys are
+    "taps.frequency_Hz[0]" etc., with the index of the approach speed.
     """
-    impacts = [(channels, run) for channels, states in parts for run in states.runs(InteractionState.TAP)]
+    impacts = [(channels, run) for channels, states in recordings for run in states.runs(InteractionState.TAP)]
     if not impacts:
         return TapFit(None, {}, {"taps": "no tap was found in the recording"})
     speeds = np.array([_approach(channels, run[0]) for channels, run in impacts])
     if len(impacts) > FITTED_MAX:
-        order = np.argsort(speeds)  # unknown speeds stand last
+        order = np.argsort(speeds)  # unknown speeds (NaN) are last
         chosen = order[np.linspace(0, len(order) - 1, FITTED_MAX).round().astype(int)]
         impacts, speeds = [impacts[i] for i in chosen], speeds[chosen]
     measured = [measure_tap(channels, run, v) for (channels, run), v in zip(impacts, speeds, strict=True)]
@@ -130,17 +132,17 @@ def fit_taps(parts: Sequence[Part]) -> TapFit:
     if not good:
         best = max((tap.explained for tap in measured if tap is not None), default=0.0)
         reason = (
-            f"none of {len(impacts)} impacts is a decaying sinusoid for {100 * EXPLAINED_MIN:g} % of its power, the "
-            f"nearest for {100 * max(0.0, best):.0f} %: harder taps, on a tool that is held still, would be"
+            f"a decaying sinusoid explains at most {100 * max(0.0, best):.0f} % of the power of {len(impacts)} impacts "
+            f"(expected {100 * EXPLAINED_MIN:g} %): record harder taps and hold the tool still"
         )
         return TapFit(None, {}, {"taps": reason})
     known = [tap for tap in good if np.isfinite(tap.approach_m_s)]
-    assumed = f"the recording does not say how fast the tool came; {ASSUMED_APPROACH_M_S:g} m/s assumed"
-    return pooled_taps(known or good, parts[0][0].rate_Hz, {} if known else {"taps.approach_m_s": assumed})
+    assumed = f"the approach speed was not recorded; {ASSUMED_APPROACH_M_S:g} m/s is assumed"
+    return pooled_taps(known or good, recordings[0][0].rate_Hz, {} if known else {"taps.approach_m_s": assumed})
 
 
 def pooled_taps(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> TapFit:
-    """One row for each group of like approach speeds."""
+    """Pools taps with similar approach speeds."""
     taps = sorted(taps, key=lambda tap: tap.approach_m_s)
     groups: list[list[MeasuredTap]] = [[taps[0]]]
     for tap in taps[1:]:
@@ -161,10 +163,10 @@ def pooled_taps(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str])
 
 
 def weighted_mean(values: Array, errors: Array) -> tuple[Array, Array]:
-    """Mean (3,) of values (m, 3) and its standard error, without outliers.
+    """Weighted mean (3,) of values (m, 3) and its standard error, without outliers.
 
-    A value's variance is that of its own error and that of the scatter between taps (by the median); values more than
-    `OUTLIER` of such deviations from the median are left out.
+    The variance of a value is the sum of that of its error and that between taps (estimated from the median deviation).
+    Values more than `OUTLIER` standard deviations from the median are omitted.
     """
     if len(values) == 1:
         return values[0], errors[0]
@@ -177,12 +179,12 @@ def weighted_mean(values: Array, errors: Array) -> tuple[Array, Array]:
 
 
 def measure_tap(channels: Streams, run: Run, approach_m_s: float) -> MeasuredTap | None:
-    """The sinusoid nearest to the impact whose ringing spans `run`; None where there is nothing to fit.
+    """Fits a decaying sinusoid to the impact in `run`; None if the run is too short or without vibration.
 
-    A sinusoid from zero on is tried first. A damper in the contact makes it begin at another phase: that is taken where
-    it is nearer (by Akaike's criterion). A tool that bounces off rings freely only when the contact is over: where a
-    pulse and a ring from its end on are nearer still (by Schwarz's), and the ring is no mere trace, it is that ring.
-    """
+    Three models are compared. The first is a sinusoid of phase 0. Damping in the contact changes the phase, so the
+    second has a free phase; it is used if it is better by the Akaike criterion. A tool that bounces rings freely only
+    after the contact, so the third is an acceleration during the contact followed by free ringing; it is used if it is
+    better by the Schwarz criterion and the ringing is strong enough."""
     rate, signal = channels.rate_Hz, channels.acceleration_m_s2
     calm = signal[max(0, run[0] - round((LEAD_S + 0.05) * rate)) : max(0, run[0] - round(LEAD_S * rate))]
     quiet = float(np.sqrt(np.mean(calm**2))) if len(calm) else 0.0
@@ -207,8 +209,8 @@ def measure_tap(channels: Streams, run: Run, approach_m_s: float) -> MeasuredTap
         found = phased
     if found.left > 1.2 * noise + 1e-9 * power:
         ring = impact.ring(plain, CONTACT_WAVES)
-        nearer = count * np.log(found.left / ring.left) > (CONTACT_WAVES + 1) * np.log(count)
-        if ring.share >= RING_MIN and (nearer or explained(found) < EXPLAINED_MIN):
+        better = count * np.log(found.left / ring.left) > (CONTACT_WAVES + 1) * np.log(count)
+        if ring.share >= RING_MIN and (better or explained(found) < EXPLAINED_MIN):
             found = ring
     scaled = np.array([scale, 1.0, 1.0])
     wave = _wave(signal, start + round(found.onset_s * rate), rate)
@@ -217,7 +219,7 @@ def measure_tap(channels: Streams, run: Run, approach_m_s: float) -> MeasuredTap
 
 @dataclass(frozen=True)
 class _Fitted:
-    """Amplitude, frequency, decay with standard errors (3,), the onset, the power left, the ring's share of it."""
+    """Amplitude, frequency and decay (3,) with standard errors, onset, residual power, fraction of the ringing."""
 
     value: Array
     error: Array
@@ -227,29 +229,31 @@ class _Fitted:
 
 
 class _Impact:
-    """The samples (n,) about one impact, of largest size 1, and models of it, high-passed as it is."""
+    """Samples (n,) of an impact, scaled to a peak of 1, and models with the same high-pass."""
 
     def __init__(self, data: Array, lead: int, rate: float) -> None:
         self.data, self.lead, self.rate = data, lead, rate
-        ripple = round(0.2 * rate)  # the filter's has room to fade
+        ripple = round(0.2 * rate)  # space for the response of the filter
         self.size = scipy.fft.next_fast_len(len(data) + ripple, real=True)
         self.gain = high_pass_gain(self.size, rate)
-        self.t_s = (np.arange(len(data) + round(LEAD_S * rate)) - lead) / rate  # what comes later is not heard before
+        self.t_s = (
+            np.arange(len(data) + round(LEAD_S * rate)) - lead
+        ) / rate  # extended, because the filter is not causal
 
-    def heard(self, model: Array) -> Array:
-        """Models (k, n + LEAD_S) through the filter, (k, n)."""
+    def high_passed(self, model: Array) -> Array:
+        """Filters models (k, n + LEAD_S) with the high-pass and returns (k, n) samples."""
         passed = np.fft.irfft(self.gain * np.fft.rfft(model, self.size, axis=1), self.size, axis=1)
         return np.asarray(passed[:, : len(self.data)])
 
     def rings(self, frequency: float, decay: Array, onset_s: Array) -> Array:
-        """Sinusoids (k, n) that begin at their onsets."""
+        """Decaying sinusoids (k, n) of phase 0 that start at their onsets."""
         since = np.maximum(self.t_s - onset_s[:, None], 0.0)
-        return self.heard(np.exp(-decay[:, None] * since) * np.sin(2.0 * np.pi * frequency * since))
+        return self.high_passed(np.exp(-decay[:, None] * since) * np.sin(2.0 * np.pi * frequency * since))
 
     def sinusoid(self) -> _Fitted:
-        """One sinusoid from the onset on."""
+        """Fits a sinusoid of phase 0."""
         rate = self.rate
-        # Onsets half a period off fit nearly as well: of all of them the best begins the search.
+        # Onsets that differ by half a period fit almost equally, so the search starts from the best of a grid.
         frequency = self.loudest_after(0.0)
         onsets_s = np.arange(-ONSET_OFF_S, ONSET_OFF_S, min(5e-4, 0.125 / frequency))
         decay, onset_s = (grid.ravel() for grid in np.meshgrid([30.0, 100.0, 300.0], onsets_s))
@@ -260,44 +264,46 @@ class _Impact:
         low, high = np.array([-50.0, 10.0, 1.0, -0.02]), np.array([50.0, 0.45 * rate, 0.25 * rate, 0.02])
         begin, scales = np.clip(begin, low, high), [1.0, 0.1 * frequency, 50.0, 0.002]
 
-        def off(p: Array) -> Array:
+        def residual_of(p: Array) -> Array:
             return np.asarray(p[0] * self.rings(p[1], p[2:3], p[3:4])[0] - self.data)
 
-        fitted = scipy.optimize.least_squares(off, begin, bounds=(low, high), x_scale=scales, max_nfev=60)
+        fitted = scipy.optimize.least_squares(residual_of, begin, bounds=(low, high), x_scale=scales, max_nfev=60)
         error = _errors(np.asarray(fitted.jac), np.asarray(fitted.fun))
         value = np.array([abs(fitted.x[0]), *fitted.x[1:3]])
         return _Fitted(value, error[:3], float(fitted.x[3]), 2.0 * float(fitted.cost))
 
     def contact_and_ring(self, waves: int, p: Array) -> Array:
-        """What a contact may do (from nothing to anything), and a ring from its end on at two phases (waves + 2, n).
+        """Basis functions (waves + 2, n): quarter-waves during the contact, then ringing in two phases.
 
-        `p` is (frequency, decay, onset, length of the contact); without waves there is no contact, and no length. The
-        ring's size is that at its onset; after a contact, whose ends are hardly told, that where the impact began.
-        """
+        `p` is (frequency, decay, onset, contact time). Without waves there is no contact and no contact time. The
+        amplitude of the ringing is that at its onset, or at the onset of the impact if there is a contact, because the
+        end of the contact is uncertain."""
         frequency, decay, onset_s = p[:3]
         contact_s = p[3] if waves else 0.0
         since = self.t_s - onset_s - contact_s
         rung_s = np.maximum(self.t_s if waves else since, -ONSET_OFF_S)
         turn = np.where(since >= 0.0, np.exp((2j * np.pi * frequency - decay) * rung_s), 0.0)
         share = np.where(since < 0.0, np.maximum(self.t_s - onset_s, 0.0), 0.0) / max(contact_s, 1e-9)
-        return self.heard(np.stack([*(np.sin(np.pi * (k + 0.5) * share) for k in range(waves)), turn.imag, turn.real]))
+        return self.high_passed(
+            np.stack([*(np.sin(np.pi * (k + 0.5) * share) for k in range(waves)), turn.imag, turn.real])
+        )
 
     def loudest_after(self, since_s: float) -> float:
-        """Frequency [Hz] of the strongest line from that time on."""
+        """Frequency [Hz] of the strongest spectral line after a time."""
         tail = self.data[min(self.lead + max(0, round(since_s * self.rate)), len(self.data) - 8) :]
         size = 1 << (4 * len(tail)).bit_length()
         line = max(1, int(np.abs(np.fft.rfft(tail, size)).argmax()))
         return float(np.clip(line * self.rate / size, 12.0, 0.4 * self.rate))
 
     def ring(self, plain: _Fitted, waves: int) -> _Fitted:
-        """A ring of any phase after a contact of so many waves; the linear is solved for at each step of the search."""
+        """Fits ringing of any phase after a contact with `waves` basis functions, by variable projection."""
 
         def solved(p: Array) -> tuple[Array, Array]:
             models = self.contact_and_ring(waves, p)
             weight = np.linalg.lstsq(models @ models.T, models @ self.data, rcond=1e-12)[0]
             return weight.astype(np.float64), np.asarray(weight @ models - self.data)
 
-        def off(p: Array) -> Array:
+        def residual_of(p: Array) -> Array:
             return solved(p)[1]
 
         frequency, decay, begun_s = *plain.value[1:], plain.onset_s
@@ -312,17 +318,17 @@ class _Impact:
         else:
             begins = [np.array([frequency, decay, onset_s]) for onset_s in onsets_s]
         count = len(begins[0])
-        begins.sort(key=lambda p: float((off(p) ** 2).sum()))
+        begins.sort(key=lambda p: float((residual_of(p) ** 2).sum()))
         low, high = np.array([10.0, 1.0, -0.04, 5e-4]), np.array([0.45 * self.rate, 0.25 * self.rate, 0.04, 0.04])
         low, high, scales = low[:count], high[:count], np.array([0.1 * begins[0][0], 50.0, 0.002, 0.002])[:count]
         options: Any = {"bounds": (low, high), "x_scale": scales, "max_nfev": 25, "ftol": 1e-5, "xtol": 1e-5}
-        fits = (scipy.optimize.least_squares(off, np.clip(p, low, high), **options) for p in begins[:SEARCHES])
+        fits = (scipy.optimize.least_squares(residual_of, np.clip(p, low, high), **options) for p in begins[:SEARCHES])
         fitted = min(fits, key=lambda fit: float(fit.cost))
         weight, residual = solved(fitted.x)
         models = self.contact_and_ring(waves, fitted.x)
-        heard = weight @ models
+        output = weight @ models
         steps = np.diag(1e-4 * scales)
-        slopes = [(weight @ self.contact_and_ring(waves, fitted.x + by) - heard) / by.max() for by in steps]
+        slopes = [(weight @ self.contact_and_ring(waves, fitted.x + by) - output) / by.max() for by in steps]
         error = (CHOSEN if waves else 1.0) * _errors(np.stack([*slopes, *models], axis=1), residual)
         amplitude = float(np.hypot(*weight[-2:]))
         of_amplitude = float(np.abs(weight[-2:]) @ error[-2:]) / max(amplitude, 1e-12)
@@ -333,19 +339,19 @@ class _Impact:
 
 
 def _errors(jacobian: Array, residual: Array) -> Array:
-    """Standard errors of a fit's numbers; the residual is no white noise, which its lag-1 correlation corrects for."""
+    """Standard errors of fitted parameters, corrected for the lag-1 correlation of the residual."""
     power = float((residual**2).sum())
     if power == 0.0:
         return np.zeros(jacobian.shape[1])
     rho = min(max(float((residual[1:] * residual[:-1]).sum()) / power, 0.0), 0.95)
     variance = power / max(1, len(residual) - jacobian.shape[1]) * (1.0 + rho) / (1.0 - rho)
-    size = np.sqrt((jacobian**2).sum(axis=0)) + 1e-300  # numbers of seconds and of hertz: else rounding decides
+    size = np.sqrt((jacobian**2).sum(axis=0)) + 1e-300  # scales the columns, whose units differ, against rounding
     unit = jacobian / size
     return np.asarray(np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(unit.T @ unit)), 0.0)) / size)
 
 
 def _approach(channels: Streams, onset: int) -> float:
-    """Speed [m/s] at which the tool came: the slope of its depth, else its speed; NaN where neither was recorded."""
+    """Approach speed [m/s] from the slope of the depth, or else from the speed; NaN if neither was recorded."""
     first, last = (max(0, onset - round(s * channels.rate_Hz)) for s in SPEED_S)
     if last - first < 3:
         return float("nan")
@@ -353,12 +359,12 @@ def _approach(channels: Streams, onset: int) -> float:
         slope = np.polyfit(np.arange(last - first) / channels.rate_Hz, channels.depth_m[first:last], 1)[0]
         return float(slope) if slope > 0.0 else float("nan")
     speed = float(np.median(channels.speed_m_s[first:last]))
-    told = np.ptp(channels.speed_m_s) > 0.0 and speed > 0.1 * float(channels.speed_m_s.max())
-    return speed if told else float("nan")
+    recorded = np.ptp(channels.speed_m_s) > 0.0 and speed > 0.1 * float(channels.speed_m_s.max())
+    return speed if recorded else float("nan")
 
 
 def _wave(signal: Array, onset: int, rate: float) -> Array:
-    """The transient from its onset, faded at both ends."""
+    """Recorded transient from its onset, faded at both ends."""
     count = round(WAVE_S * rate)
     wave = np.zeros(count)
     onset = max(onset, 0)

@@ -1,12 +1,12 @@
-"""AR models over a floor of white noise, by Whittle's likelihood: the surface told from the sensor.
+"""AR models with white sensor noise, fitted by the Whittle likelihood.
 
-An AR model of order p seen through white noise is no AR model any more, but ARMA(p, p): plain linear prediction then
-needs an order of 26 and more for one of 4, where the surface's own spectrum falls below the noise. Here the noise is a
-part of the model: the spectrum is S(f) = σ²/|A(f)|² + ν, and what is made least is Whittle's −log likelihood of the
-periodogram P, Σ n (ln S + P/S) with n its ordinates (Whittle 1953, "Estimation and information in stationary time
-series", Ark. Mat. 2). A is a product of sections 1 + b₁z⁻¹ + b₂z⁻², each kept within the triangle of stability, so
-that poles that crowd at the low end, as at 10 kHz all do that are felt, do not upset each other; Fisher's scoring with
-damping (Levenberg & Marquardt) finds them, from a start nearby (`hapscene.capture.fit.whittle`).
+An AR model of order p plus white noise is an ARMA(p, p) process. If the spectrum of the surface falls below the noise,
+plain linear prediction needs an order of 26 and more for a surface of order 4. Here the noise is part of the model: the
+spectrum is S(f) = σ²/|A(f)|² + ν. The fit minimises the negative Whittle log-likelihood of the periodogram P,
+Σ n (ln S + P/S) with n ordinates per bin (Whittle 1953, "Estimation and information in stationary time series", Ark.
+Mat. 2). A is a product of second-order sections 1 + b₁z⁻¹ + b₂z⁻², each within the stability triangle; this is well
+conditioned for poles at low frequencies, where all perceptible resonances are at 10 kHz. The sections are fitted by
+damped Fisher scoring (Levenberg–Marquardt) from several initial values.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,42 +28,42 @@ __all__ = ["LOW_HZ", "NoisyModel", "density", "judged", "over_noise", "refined"]
 Complex = NDArray[np.complex128]
 
 LOW_HZ: Final = 1.5 * ACCELERATION_BAND_HZ[0]
-"""Lowest frequency that counts [Hz]: below, the high-pass has bent the spectrum."""
+"""Lowest frequency of the fit [Hz]; the high-pass distorts the spectrum below it."""
 
 ORDINATES: Final = 20
-"""Fewest ordinates of the periodogram in a bin [count], so that its logarithm is nearly Gaussian."""
+"""Fewest ordinates of the periodogram per bin, so that the logarithm of a bin is nearly Gaussian."""
 
 BIN_HZ: Final = 5.0
-"""Least width of a bin [Hz]: resonances of 20 Hz are not blurred."""
+"""Smallest width of a bin [Hz]; resonances of 20 Hz are then resolved."""
 
 NOISE_SHARE: Final = 0.1
-"""Share of all bins, neighbours, whose mean, where it is least, is the most that the noise can be [1]."""
+"""Fraction of the bins over which a moving average is taken; its minimum is the upper limit of the noise [1]."""
 
 STEPS: Final = 40
-"""Most steps of the search [count]; 5 to 15 are usual."""
+"""Largest number of scoring steps; 5 to 15 are usual."""
 
 GAIN_LEAST: Final = 0.1
-"""Gain of the log likelihood at which the search ends: a twentieth of what one useless number brings by chance."""
+"""Gain of log-likelihood per step at which the fit ends."""
 
 LONG: Final = 1 << 18
-"""Longest stretch whose periodogram is taken at once [samples]: its lines are much closer than `BIN_HZ`."""
+"""Longest signal whose periodogram is computed at once [samples]; its resolution is much finer than `BIN_HZ`."""
 
 LINES: Final = 1024
-"""Lines of a density's even spectrum, less one [count]."""
+"""Number of intervals of the evenly spaced spectrum."""
 
-_EDGE: Final = 1e-7  # how near a section may come to the edge of stability
+_EDGE: Final = 1e-7  # smallest distance of a section from the edge of the stability triangle
 
 
 @dataclass(frozen=True)
 class Density:
-    """A periodogram in bins.
+    """Periodogram of a signal in bins.
 
     Attributes:
-        rate_Hz: of the signal.
-        frequency_Hz: (k,) middle of each bin.
-        power: (k,) mean of the periodogram, scaled so that white noise of variance 1 has 1.
-        ordinates: (k,) independent ordinates in each.
-        even: (`LINES`+1,) the same, slightly smoothed, at even frequencies from 0 to half the rate.
+        rate_Hz: sample rate.
+        frequency_Hz: (k,) centre of each bin.
+        power: (k,) mean of the periodogram, scaled so that white noise of variance 1 has power 1.
+        ordinates: (k,) number of independent ordinates per bin.
+        even: (`LINES`+1,) slightly smoothed spectrum at evenly spaced frequencies from 0 to half the sample rate.
     """
 
     rate_Hz: float
@@ -74,24 +74,24 @@ class Density:
 
     @cached_property
     def noise_max(self) -> float:
-        """The most that white noise can be beneath it."""
+        """Upper limit of the variance of white noise."""
         count = max(1, round(NOISE_SHARE * len(self.power)))
         return float(np.convolve(self.power, np.full(count, 1.0 / count), "valid").min())
 
     @cached_property
     def circle(self) -> Complex:
-        """z⁻¹ (k,) at the bins."""
+        """z⁻¹ (k,) at the centres of the bins."""
         return np.asarray(np.exp(-2j * np.pi * self.frequency_Hz / self.rate_Hz))
 
     @property
-    def felt(self) -> NDArray[np.bool_]:
-        """(k,) which bins lie in the felt band."""
+    def in_band(self) -> NDArray[np.bool_]:
+        """(k,) True for bins in the perceptible band."""
         return np.asarray(self.frequency_Hz < ACCELERATION_BAND_HZ[1])
 
 
 @dataclass(frozen=True)
 class NoisyModel:
-    """Sections (m, 2) of A, logarithms of the excitation's and of the noise's variance, and −log likelihood."""
+    """AR model with noise: sections (m, 2) of A, log-variances of excitation and noise, negative log-likelihood."""
 
     section: Array
     log_variance: float
@@ -104,14 +104,14 @@ class NoisyModel:
 
     @property
     def a(self) -> Array:
-        """The filter (p+1,)."""
+        """Filter (p+1,) as the product of the sections."""
         a = np.ones(1)
         for b_1, b_2 in self.section:
             a = np.convolve(a, [1.0, b_1, b_2])
         return a
 
     def parts(self, density: Density) -> tuple[Complex, Array, Array]:
-        """Each section's response (m, k), the spectrum without (k,) and with noise (k,) at the bins."""
+        """Response of each section (m, k), and spectrum without and with noise (k,), at the centres of the bins."""
         z = density.circle
         response = 1.0 + self.section[:, :1] * z + self.section[:, 1:] * z**2
         clear = np.exp(self.log_variance - 2.0 * np.log(np.abs(response)).sum(axis=0))
@@ -119,7 +119,7 @@ class NoisyModel:
 
 
 def density(signals: Sequence[Array], rate_Hz: float) -> Density:
-    """The binned periodogram of stretches of one signal, each (n_i,)."""
+    """Binned periodogram of several parts (n_i,) of a signal."""
     signals = [signal[i : i + LONG] for signal in signals for i in range(0, len(signal), LONG)]
     count = sum(len(signal) for signal in signals)
     size = 1 << (max(len(signal) for signal in signals) - 1).bit_length()
@@ -143,7 +143,7 @@ def density(signals: Sequence[Array], rate_Hz: float) -> Density:
 
 
 def refined(model: NoisyModel, density: Density) -> NoisyModel:
-    """The likeliest model near this one."""
+    """Refines a model by damped Fisher scoring."""
     model, damping = judged(model, density), 1e-2
     highest = float(np.log(density.noise_max))
     for _ in range(STEPS):
@@ -164,7 +164,7 @@ def refined(model: NoisyModel, density: Density) -> NoisyModel:
 
 
 def _derivatives(model: NoisyModel, density: Density, highest: float) -> tuple[Array, Array]:
-    """Gradient (2m+2,) of the loss and Fisher's information (2m+2, 2m+2): by b₁, b₂ of each section, ln σ², ln ν."""
+    """Gradient (2m+2,) and Fisher information (2m+2, 2m+2) with respect to b₁, b₂ of each section, ln σ² and ln ν."""
     z, weight = density.circle, density.ordinates
     response, clear, whole = model.parts(density)
     share, last = clear / whole, 2 * len(response)
@@ -174,14 +174,14 @@ def _derivatives(model: NoisyModel, density: Density, highest: float) -> tuple[A
     by[last], by[last + 1] = share, 1.0 - share
     gradient = by @ (weight * (1.0 - density.power / whole))
     information = (by * weight) @ by.T
-    if model.log_noise >= highest and gradient[-1] < 0.0:  # it would grow, but may not
+    if model.log_noise >= highest and gradient[-1] < 0.0:  # the noise is at its upper limit
         gradient[-1], information[-1], information[:, -1] = 0.0, 0.0, 0.0
         information[-1, -1] = 1.0
     return gradient, information
 
 
 def _stepped(model: NoisyModel, step: Array, density: Density, highest: float) -> NoisyModel:
-    """The model one step on, or as much of it as keeps it stable."""
+    """Model after one step; the step is shortened if the model would become unstable."""
     way, part = step[:-2].reshape(-1, 2), 1.0
     while part > 1e-3:
         section = model.section + part * way
@@ -196,47 +196,46 @@ def _stepped(model: NoisyModel, step: Array, density: Density, highest: float) -
 
 
 def judged(model: NoisyModel, density: Density) -> NoisyModel:
-    """The model with its loss."""
+    """Computes the loss of a model."""
     whole = model.parts(density)[2]
     loss = float(np.sum(density.ordinates * (np.log(whole) + density.power / whole)))
     return NoisyModel(model.section, model.log_variance, model.log_noise, loss)
 
 
-# The least AR model over white noise that explains a recording, where there is one.
+# Search for the lowest order of an AR model with noise that fits a recording.
 #
-# Scoring finds only what is near, so each order is started from several places: the model of the order before with one
-# more resonance where it misses most, and linear prediction on the spectrum less the noise, with guesses of how the
-# surface's spectrum goes on below the noise. Of the best starts the likeliest end is taken.
+# Scoring converges to a local minimum, so each order starts from several initial values: the model of the previous
+# order with another resonance at the largest misfit, and linear prediction on the spectrum minus the noise, with
+# several assumptions about the spectrum of the surface below the noise. The result with the highest likelihood is used.
 
 
 MISFIT_DB: Final = 0.5
-"""What a model may miss of a spectrum [dB rms]: a third of what is felt (1.65 dB, Israr et al. 2006)."""
+"""Largest misfit of a spectrum [dB rms]: a third of the JND (1.65 dB, Israr et al. 2006)."""
 
 ORDER_MOST: Final = 24
-"""Highest order that is tried over noise [count]: the search's time grows with its cube, and a surface that needs more
-is none whose few resonances could be told from noise."""
+"""Highest order of a model with noise. The computing time is proportional to the cube of the order, and a surface that
+needs a higher order has no few resonances that could be separated from the noise."""
 
 GAIN_MOST: Final = 1e9
-"""Largest power gain of a filter that is used [1]: a tenth of what a texture may have. Ten poles below 1 kHz have 1e12
-at 10 kHz, beyond what the swatch's precision holds."""
+"""Largest power gain of a filter [1]: a tenth of the limit of a texture. Ten poles below 1 kHz have a gain of 1e12 at
+10 kHz, which exceeds the precision of a swatch file."""
 
 STARTS: Final = 3
-"""Best starts that are followed [count]."""
+"""Number of initial values that are refined."""
 
 _DB: Final = 10.0 / np.log(10.0)
 
 
 def over_noise(signal: Array, rate_Hz: float, order_end: int) -> NoisyModel | None:
-    """The model of least order below `order_end` that misses nothing of either half of a signal, or None.
+    """Model of the lowest order below `order_end` that fits both halves of a signal, or None.
 
-    A model of the whole misses nothing where, chance taken out, it is off by at most `MISFIT_DB` rms from the spectrum
-    of each half, in the felt band and above it. That is asked of the halves for the likelihood's own sake: it holds
-    where they differ by chance alone, as those of a known model do, and those of a hand hardly ever.
-    """
+    The model of the whole signal fits if its distance from the spectrum of each half is at most `MISFIT_DB` rms beyond
+    estimation noise, in the perceptible band and above it. The test on the halves rejects nonstationary signals, for
+    which the likelihood is not valid."""
     whole, middle = density([signal], rate_Hz), len(signal) // 2
     halves = [density([half], rate_Hz) for half in (signal[:middle], signal[middle:])]
     for model in models(whole, range(2, min(order_end - 1, ORDER_MOST) + 1, 2)):
-        if not all(_fits(model, half, part) for half in halves for part in (half.felt, ~half.felt)):
+        if not all(_fits(model, half, part) for half in halves for part in (half.in_band, ~half.in_band)):
             continue
         clear = model.parts(whole)[1]
         usable = power_gain(model.a) < GAIN_MOST and clear.mean() > np.exp(model.log_noise)
@@ -245,7 +244,7 @@ def over_noise(signal: Array, rate_Hz: float, order_end: int) -> NoisyModel | No
 
 
 def models(density: Density, orders: range) -> Iterator[NoisyModel]:
-    """The model of each even order, from 2 on in steps of 2, the next from the last and from new starts."""
+    """Yields the best model of each even order."""
     last = NoisyModel(np.zeros((0, 2)), 0.0, float(np.log(0.99 * density.noise_max)))
     for order in orders:
         starts = [judged(model, density) for model in (*_grown(last, density), *_predicted(density, order))]
@@ -255,9 +254,9 @@ def models(density: Density, orders: range) -> Iterator[NoisyModel]:
 
 
 def _fits(model: NoisyModel, density: Density, part: NDArray[np.bool_]) -> bool:
-    """Whether a model misses at most `MISFIT_DB` of a periodogram in some bins, level aside and chance taken out.
+    """Whether the misfit of a model in a set of bins is at most `MISFIT_DB`, without level and estimation noise.
 
-    The logarithm of a mean of n ordinates scatters with variance ψ′(n); over k bins that is known to √(2/k) of it.
+    The logarithm of a mean of n ordinates has the variance ψ′(n), which k bins determine to a fraction of √(2/k).
     """
     count = int(np.count_nonzero(part))
     if count < 3:
@@ -268,7 +267,7 @@ def _fits(model: NoisyModel, density: Density, part: NDArray[np.bool_]) -> bool:
 
 
 def _grown(model: NoisyModel, density: Density) -> Iterator[NoisyModel]:
-    """The model with one more section: where it misses most, narrow or wide, and one that does nothing yet."""
+    """Initial values from the previous order: one more section at the largest misfit, narrow, wide, or neutral."""
     whole = model.parts(density)[2] if model.order else np.full(len(density.power), density.power.mean())
     ratio = np.convolve(density.power / whole, np.full(5, 0.2), "same")
     missed = density.ordinates * (ratio - 1.0 - np.log(np.maximum(ratio, 1e-9))) * (ratio > 1.0)
@@ -282,17 +281,17 @@ def _grown(model: NoisyModel, density: Density) -> Iterator[NoisyModel]:
 
 
 def _levelled(section: Array, log_noise: float, density: Density) -> Iterator[NoisyModel]:
-    """Sections with the two levels that one may give them: by the mean of powers, and of their logarithms."""
+    """Models with the level from the mean power, and from the mean logarithm of the power."""
     ratio = density.power / NoisyModel(section, 0.0, -700.0).parts(density)[2]
     for level in (np.log(np.average(ratio, weights=density.ordinates)), np.average(np.log(ratio))):
         yield NoisyModel(section, float(level), log_noise)
 
 
 def _predicted(density: Density, order: int) -> Iterator[NoisyModel]:
-    """Linear prediction on the spectrum less the noise, for guesses of what lies below the noise.
+    """Initial values by linear prediction on the spectrum minus the noise.
 
-    Either a lower floor, or from the last frequency on that is above the noise a fall as of 0, 1, … poles near 1.
-    """
+    Below the noise, the spectrum of the surface is assumed to be a lower constant, or to fall off as that of 0, 1, …
+    real poles from the highest frequency above the noise on."""
     even, noise = density.even, density.noise_max
     beneath = np.maximum(1.0 - noise / even, 0.0) ** 2 * even
     guesses = [beneath + part * noise for part in (1e-1, 1e-2, 1e-4)]
@@ -309,7 +308,7 @@ def _predicted(density: Density, order: int) -> Iterator[NoisyModel]:
 
 
 def _from_spectrum(even: Array, order: int, log_noise: float) -> Iterator[NoisyModel]:
-    """Linear prediction of a spectrum at even frequencies; nothing where a real pole is left over."""
+    """Linear prediction of an evenly spaced spectrum; yields nothing if the number of real poles is odd."""
     r = np.fft.irfft(even + 1e-13 * even.mean())[: order + 1]
     a = np.concatenate([[1.0], np.asarray(scipy.linalg.solve_toeplitz(r[:-1], -r[1:]))])
     pole = np.roots(a)

@@ -1,10 +1,10 @@
-"""Column maps of published data sets: recordings that are recognised by their file name.
+"""Column maps of published data sets, whose recordings are recognised by their file names.
 
-The maps follow the data sets' own descriptions; where a description states no unit, you give it (`units`).
+The maps follow the descriptions of the data sets. If a description states no unit, the caller must give it (`units`).
 
-- LMT108, and the LMT Haptic Texture Database before it: one axis a file. Strese, Schuwerk, Iepure & Steinbach 2017,
+- LMT108 and the older LMT Haptic Texture Database: one axis per file. Strese, Schuwerk, Iepure & Steinbach 2017,
   "Multimodal Feature-Based Surface Material Classification", IEEE Trans. Haptics.
-- Cluster Haptic Texture Dataset: acceleration, force and position in three folders, each with its own times. Eguchi et
+- Cluster Haptic Texture Dataset: acceleration, force and position in three folders, each with time stamps. Eguchi et
   al., arXiv 2407.16206v4; cluster-lab/Cluster-Haptic-Texture-Dataset, documents/dataset_details.md.
 """
 
@@ -26,18 +26,18 @@ from hapscene.io.number_files import TOO_MUCH
 __all__ = ["DATASETS", "GAP_SAMPLES", "Dataset", "read_dataset"]
 
 GAP_SAMPLES: Final = 5.0
-"""Longest gap between two samples that is interpolated [samples]; samples in a longer one count as missing."""
+"""Longest gap between two samples that is interpolated [samples]; samples in longer gaps are missing."""
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """Where the streams of one recording are.
+    """File names and columns of a data set.
 
     Attributes:
         path: pattern of the full path of a recording's main file.
-        columns: by name of the stream, the path of its file (a template for the groups of `path`) and its column there.
-        rate_Hz: sample rate; tables with times are resampled to it.
-        units: by name of the stream, where the data set's description states them.
+        columns: for each quantity, the path of its file (a template for the groups of `path`) and its column there.
+        rate_Hz: sample rate; tables with time stamps are resampled to it.
+        units: units that the description of the data set states, by quantity.
     """
 
     path: re.Pattern[str]
@@ -65,10 +65,10 @@ DATASETS: Final = (
 
 
 def read_dataset(path: Path) -> RecordingSource | None:
-    """The streams of a published recording, those of its other files included; None if the name is of no data set.
+    """Reads a recording of a published data set from all its files; None if the name belongs to no data set.
 
     Raises:
-        CaptureError: a file that is not as its data set is described.
+        CaptureError: a file does not match the description of its data set.
     """
     for dataset in DATASETS:
         if match := dataset.path.fullmatch(path.absolute().as_posix()):
@@ -97,36 +97,36 @@ def _read(path: Path, match: re.Match[str], dataset: Dataset) -> RecordingSource
         counts = {name: len(column) for name, column in columns.items()}
         if len(set(counts.values())) > 1:
             listed = ", ".join(f"{name} {count}" for name, count in counts.items())
-            raise CaptureError(f"its streams have different lengths ({listed})")
+            raise CaptureError(f"its columns have different lengths ({listed})")
     return RecordingSource(columns, dataset.rate_Hz, dataset.units, own_B=own_B)
 
 
 def _column(table: RecordingSource, name: str) -> Column:
     if name not in table.columns:
-        raise CaptureError(f"no column {name!r}; there are: {', '.join(table.columns)}")
+        raise CaptureError(f"no column {name!r}; found: {', '.join(table.columns)}")
     if not np.isfinite(table.columns[name]).all():
-        raise CaptureError(f"column {name!r}: finite numbers expected")
+        raise CaptureError(f"column {name!r} contains values that are not finite")
     return table.columns[name]
 
 
 def _times_s(table: RecordingSource) -> Array:
-    """A table's times [s]: `time` in CSV [s], `time_ns` in Parquet [ns]."""
+    """Time stamps of a table [s], from the column `time` [s] of CSV or `time_ns` [ns] of Parquet."""
     name, scale = ("time_ns", 1e-9) if "time_ns" in table.columns else ("time", 1.0)
     t_s = scale * np.asarray(_column(table, name), np.float64)
     if not (len(t_s) > 1 and np.all(np.diff(t_s) > 0.0)):
-        raise CaptureError("its times do not increase")
+        raise CaptureError("the time stamps do not increase")
     return t_s
 
 
 def _resampled(
     columns: Mapping[str, Column], times_s: Mapping[str, Array], rate_Hz: float, own_B: int
 ) -> Mapping[str, Array]:
-    """Streams on one evenly spaced time; NaN in the gaps of an acceleration."""
+    """Resamples columns to common, evenly spaced times; NaN in gaps of the acceleration."""
     start_s, end_s = max(t_s[0] for t_s in times_s.values()), min(t_s[-1] for t_s in times_s.values())
     if not end_s > start_s:
-        raise CaptureError("its streams have no time in common")
+        raise CaptureError("the time stamps of its columns do not overlap")
     count = int((end_s - start_s) * rate_Hz) + 1
-    check_memory(16 * 8 * count, own_B, f"{count:,} samples from {start_s:g} to {end_s:g} s", TOO_MUCH)
+    check_memory(16 * 8 * count, own_B, f"resampling to {count:,} samples from {start_s:g} to {end_s:g} s", TOO_MUCH)
     t_s = start_s + np.arange(count) / rate_Hz
     made: dict[str, Array] = {}
     for name, column in columns.items():

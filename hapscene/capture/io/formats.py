@@ -1,13 +1,15 @@
-"""The columns of a recording's file, before they have quantities and units; the rate and units that the file states.
+"""Readers of recording files: named columns of numbers, and the sample rate and units if the file states them.
 
-| suffix | read as |
+`hapscene.capture.io.recording` maps the columns to quantities and converts them to SI units.
+
+| suffix | content |
 |---|---|
-| `.wav` | channels "1", "2", …; integers as shares of full scale, ±1; the rate is the file's |
-| `.npz` | arrays by name, (n, 3) as "name_x", "name_y", "name_z"; `rate_Hz` where present; never pickled objects |
-| `.mat` | variables by name, likewise (MATLAB up to version 7, through SciPy) |
-| `.parquet` | numeric columns by name (through pyarrow) |
-| `.hsrec` | a probe's record (`hapscene capture record`), with its rate and units |
-| any other | text: columns separated by commas, semicolons, tabs or spaces, with or without a line of names |
+| `.wav` | channels "1", "2", …; integer samples are scaled to ±1 at full scale; the file states the rate |
+| `.npz` | arrays by name, (n, 3) as "name_x", "name_y", "name_z"; optionally `rate_Hz`; no pickled objects |
+| `.mat` | variables by name, as in `.npz` (MATLAB up to version 7, read by SciPy) |
+| `.parquet` | numeric columns by name (read by pyarrow) |
+| `.hsrec` | record of a probe (`hapscene capture record`), with rate and units |
+| other | text: columns separated by commas, semicolons, tabs or spaces, with or without a header line |
 """
 
 import math
@@ -23,7 +25,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hapscene.capture.io.hsrec import CutWarning, load_record
+from hapscene.capture.io.hsrec import TruncatedWarning, load_record
 from hapscene.errors import CaptureError, FormatError, warn
 from hapscene.io.confined import confined
 from hapscene.io.files import check_file_size, check_unpacked, memory_most_B, refusing, unpacked_most_B
@@ -32,35 +34,37 @@ from hapscene.io.number_files import TOO_MUCH, lines_of, open_npz
 __all__ = ["AXES", "BYTES_MAX", "Column", "RecordingSource", "read_mat", "read_parquet", "read_recording_source"]
 
 BYTES_MAX: Final = 1 << 30
-"""Largest file that is opened, and largest content that is unpacked [bytes]: 20 minutes of four columns at 10 kHz."""
+"""Largest file, and largest unpacked content, that is read [bytes]: 20 minutes of four columns at 10 kHz."""
 
 AXES: Final = ("x", "y", "z")
 
 Column = NDArray[np.number[Any]]
-"""A stream (n,) as the file holds it: numbers of any type, converted to float64 when they are used."""
+"""Samples (n,) of any numeric type, as stored in the file; they are converted to float64 on use."""
 
 
 @dataclass(frozen=True)
 class RecordingSource:
-    """The content of a file: streams (n,) by name, all of one length; rate and units where the file states them."""
+    """Content of a file: columns (n,) of equal length by name; sample rate and units if the file states them."""
 
     columns: Mapping[str, Column]
     rate_Hz: float | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     scale: float = 1.0
-    """factor for all numbers"""
+    """factor that is applied to all columns"""
     own_B: int = 0
-    """size of the file's content, unpacked [bytes]"""
+    """size of the unpacked content of the file [bytes]"""
 
 
 def read_recording_source(file: Path) -> RecordingSource:
-    """Reads a file by its suffix.
+    """Reads a recording file in the format that its suffix names.
 
     Raises:
-        CaptureError: a file that is missing, too large, not what its suffix says, or not of numbers.
+        CaptureError: the file is missing, too large, not in the format of its suffix, or contains no numbers.
     """
     with refusing(CaptureError):
         check_file_size(file, BYTES_MAX, "recording")
+    if file.suffix.lower() == ".hsrec":
+        return _record(file)  # checks its content, and names the file in its errors
     with refusing(CaptureError, file):
         return _source(file)
 
@@ -69,17 +73,17 @@ def _source(file: Path) -> RecordingSource:
     readers = {".wav": _wav, ".npz": _npz, ".mat": _mat, ".parquet": _parquet}
     reader = readers.get(file.suffix.lower(), _text)
     try:
-        source = _record(file) if file.suffix.lower() == ".hsrec" else reader(file)
+        source = reader(file)
     except OSError as error:
         raise CaptureError(f"cannot be read: {error.strerror or error}") from None
     lengths = {name: len(column) for name, column in source.columns.items()}
     if not lengths or min(lengths.values()) == 0:
-        raise CaptureError("holds no streams of numbers")
+        raise CaptureError("the file contains no columns of numbers")
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"{name} {count}" for name, count in lengths.items())
-        raise CaptureError(f"streams of different length ({listed}): each needs one sample per time")
+        raise CaptureError(f"the columns have different lengths ({listed}); expected equal lengths")
     if source.rate_Hz is not None and not 0.0 < source.rate_Hz < float("inf"):
-        raise CaptureError(f"its rate must be a number of Hz above 0, is {source.rate_Hz:g}")
+        raise CaptureError(f"invalid sample rate {source.rate_Hz:g} Hz in the file; expected a finite number above 0")
     return source
 
 
@@ -90,36 +94,38 @@ def _text(file: Path) -> RecordingSource:
             skip, first = next(((n, line) for n, line in lines if line.strip() and not line.startswith("#")), (0, ""))
         delimiter = next((d for d in (";", "\t", ",") if d in first), None)
         names = [name.strip().strip('"') for name in first.strip().split(delimiter)]
-        header = not all(_is_number(_pointed(name, delimiter)) for name in names)
+        header = not all(_is_number(_with_decimal_points(name, delimiter)) for name in names)
         if not names or not names[0]:
-            raise CaptureError("must begin with a header of column names, or with a line of numbers")
-        skip = skip if header else 0  # the first line of numbers may follow comments
+            raise CaptureError("the file must begin with a header line of column names or with a line of numbers")
+        skip = skip if header else 0  # comments before the numbers are skipped by NumPy
         with file.open(encoding="utf-8-sig") as f, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # "no data": an error below
-            rows = (_pointed(line, delimiter) for line in lines_of(file, f, 8 * len(names)))
+            warnings.simplefilter("ignore")  # a file without data is reported below
+            rows = (_with_decimal_points(line, delimiter) for line in lines_of(file, f, 8 * len(names)))
             table = np.loadtxt(rows, delimiter=delimiter, skiprows=skip, ndmin=2)
     except UnicodeDecodeError:
         raise CaptureError("not a text file in UTF-8") from None
     except ValueError:
-        raise CaptureError(f"not a table of numbers: {_fault(file, delimiter, skip, len(names))}") from None
+        raise CaptureError(
+            f"not a table of numbers: {_first_invalid_line(file, delimiter, skip, len(names))}"
+        ) from None
     if len(table) == 0:
-        raise CaptureError(f"holds no numbers, only the line {first.strip()[:40]!r}: columns expected, of numbers")
+        raise CaptureError(f"the file contains no numbers after its first line {first.strip()[:40]!r}")
     if table.shape[1] != len(names):
-        raise CaptureError(f"{len(names)} columns expected, {table.shape[1]} found")
+        raise CaptureError(f"the header names {len(names)} columns, but the rows have {table.shape[1]}")
     if not header:
         names = _numbered(len(names))
     if len(set(names)) < len(names):
-        raise CaptureError(f"two columns have one name: {', '.join(names)}")
+        raise CaptureError(f"duplicate column names: {', '.join(names)}")
     return RecordingSource(dict(zip(names, table.T, strict=True)), own_B=file.stat().st_size)
 
 
-def _pointed(text: str, delimiter: str | None) -> str:
-    """With decimal points: a table with semicolons between its columns has decimal commas."""
+def _with_decimal_points(text: str, delimiter: str | None) -> str:
+    """Replaces decimal commas by points; tables with semicolons between the columns use decimal commas."""
     return text.replace(",", ".") if delimiter == ";" else text
 
 
-def _fault(file: Path, delimiter: str | None, skip: int, count: int) -> str:
-    """The first line that is not `count` numbers, and why."""
+def _first_invalid_line(file: Path, delimiter: str | None, skip: int, count: int) -> str:
+    """Describes the first line that does not hold `count` numbers."""
     with file.open(encoding="utf-8-sig", errors="replace") as f:
         for number, line in enumerate(lines_of(file, f, 1), 1):
             text = line.split("#", 1)[0].strip("\r\n")
@@ -129,23 +135,23 @@ def _fault(file: Path, delimiter: str | None, skip: int, count: int) -> str:
             if len(cells) != count:
                 return f"line {number}: {count} columns expected, {len(cells)} found"
             for column, cell in enumerate(cells, 1):
-                if not _is_number(_pointed(cell, delimiter)):
-                    return f"line {number}: a number expected in column {column}, found {cell[:40]!r}"
-    return f"{count} numbers a line expected"
+                if not _is_number(_with_decimal_points(cell, delimiter)):
+                    return f"line {number}, column {column}: expected a number, found {cell[:40]!r}"
+    return f"expected {count} numbers per line"
 
 
 def _wav(file: Path) -> RecordingSource:
     _check_wav(file)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # chunks that SciPy does not know
+            warnings.simplefilter("ignore")  # chunks that SciPy does not support
             rate, data = scipy.io.wavfile.read(file)
         data = data.reshape(len(data), -1)
     except OSError:
         raise
-    except Exception as error:  # a damaged header raises anything; only ValueError explains
-        said = str(error)[:200] if isinstance(error, ValueError) else "its header is damaged"
-        raise CaptureError(f"not a WAV file that can be read: {said}") from None
+    except Exception as error:  # SciPy raises many types on a damaged header; only ValueError has a useful text
+        reason = str(error)[:200] if isinstance(error, ValueError) else "its header is damaged"
+        raise CaptureError(f"the WAV file cannot be read: {reason}") from None
     if data.dtype == np.uint8:
         data = (data ^ 128).view(np.int8)  # unsigned, 128 is zero
     scale = 1.0 if data.dtype.kind == "f" else 1.0 / (float(np.iinfo(data.dtype).max) + 1.0)
@@ -154,7 +160,7 @@ def _wav(file: Path) -> RecordingSource:
 
 
 def _check_wav(file: Path) -> None:
-    """Refuse a truncated file, which SciPy reads as a shorter one, and one with endless chunks before its samples."""
+    """Rejects a truncated file, which SciPy would read as a shorter one, and a file with too many chunks."""
     with file.open("rb") as f:
         if f.read(12)[:4] != b"RIFF":
             return  # SciPy raises its own error
@@ -162,16 +168,17 @@ def _check_wav(file: Path) -> None:
             name, size_B = f.read(4), int.from_bytes(f.read(4), "little")
             left_B = os.fstat(f.fileno()).st_size - f.tell()
             if name == b"data" and size_B > left_B and size_B != _UNKNOWN_B:
-                said = f"its header says {size_B:,} bytes of samples, there are {left_B:,}"
-                raise CaptureError(f"not a WAV file that can be read: it is truncated: {said}")
+                raise CaptureError(
+                    f"the WAV file is truncated: its header states {size_B:,} bytes of samples, {left_B:,} are present"
+                )
             if name == b"data" or left_B <= size_B:
                 return
             f.seek(size_B + size_B % 2, os.SEEK_CUR)
-    raise CaptureError(f"not a WAV file that can be read: more than {_CHUNK_MAX} chunks before its samples")
+    raise CaptureError(f"the WAV file cannot be read: more than {_CHUNK_MAX} chunks precede its samples")
 
 
 _CHUNK_MAX: Final = 1000
-_UNKNOWN_B: Final = 0xFFFFFFFF  # written into a pipe: the length is unknown
+_UNKNOWN_B: Final = 0xFFFFFFFF  # length field of a file that was written to a pipe
 
 
 def _npz(file: Path) -> RecordingSource:
@@ -179,11 +186,11 @@ def _npz(file: Path) -> RecordingSource:
         with open_npz(file, BYTES_MAX, TOO_MUCH) as archive:
             headers = {name: archive.header(name) for name in archive.names}
             if any(dtype.hasobject for _, dtype in headers.values()):
-                raise CaptureError("it holds pickled objects, which are never opened")
+                raise CaptureError("the file contains pickled objects, which are not read for safety")
             wanted = [name for name, (_, dtype) in headers.items() if dtype.kind in _NUMBERS or name == "units"]
             return _named({name: archive.read(name) for name in wanted})
     except FormatError as error:
-        raise CaptureError(f"not an NPZ file that can be read: {error}") from None
+        raise CaptureError(f"the NPZ file cannot be read: {error}") from None
 
 
 def _mat(file: Path) -> RecordingSource:
@@ -193,19 +200,21 @@ def _mat(file: Path) -> RecordingSource:
 _MAT_B: Final = {"double": 8, "single": 4, "logical": 1, "char": 4} | {
     f"{sign}int{8 * size}": size for sign in ("", "u") for size in (1, 2, 4, 8)
 }
-"""Size of a number of each of MATLAB's classes [bytes]."""
+"""Size of one number of each MATLAB class [bytes]."""
 
 
 def read_mat(file: Any, most_B: int) -> dict[str, NDArray[Any]]:
-    """The numeric variables of a MATLAB file, and its `units`; run confined, because SciPy may crash on a damaged one.
+    """Numeric variables of a MATLAB file, and its `units`.
+
+    Runs in a confined process, because SciPy may crash on a damaged file.
 
     Raises:
-        FormatError: of version 7.3, or it unpacks to more than its size allows.
+        FormatError: the file is of version 7.3, or its content is larger than its size allows.
     """
     try:
         held = scipy.io.whosmat(file)
     except NotImplementedError:
-        raise FormatError("a MATLAB 7.3 file is not read: save it with -v7") from None
+        raise FormatError("MATLAB 7.3 files are not supported: save the file with -v7") from None
     wanted = [each for each in held if each[2] in _MAT_B and (each[2] != "char" or each[0] == "units")]
     unpacked_B = sum(_MAT_B[kind] * math.prod(max(length, 0) for length in shape) for _, shape, kind in wanted)
     check_unpacked(os.fstat(file.fileno()).st_size, unpacked_B, most_B, TOO_MUCH)
@@ -217,15 +226,17 @@ def read_mat(file: Any, most_B: int) -> dict[str, NDArray[Any]]:
 
 def _parquet(file: Path) -> RecordingSource:
     if find_spec("pyarrow") is None:
-        raise CaptureError("Parquet needs pyarrow: pip install 'hapscene[parquet]'")
+        raise CaptureError("Parquet files need the package pyarrow: pip install 'hapscene[parquet]'")
     return _confined(read_parquet, file, "pyarrow's reader of Parquet files", "pyarrow.parquet")
 
 
 def read_parquet(file: BinaryIO, most_B: int) -> dict[str, NDArray[Any]]:
-    """The numeric columns of a Parquet file; run confined, because pyarrow may crash on a damaged one.
+    """Numeric columns of a Parquet file.
+
+    Runs in a confined process, because pyarrow may crash on a damaged file.
 
     Raises:
-        FormatError: not a Parquet file, or it unpacks to more than its size allows.
+        FormatError: the file is not a Parquet file, or its content is larger than its size allows.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -237,14 +248,14 @@ def read_parquet(file: BinaryIO, most_B: int) -> dict[str, NDArray[Any]]:
         check_unpacked(size_B, 8 * table.metadata.num_rows * len(wanted), most_B, TOO_MUCH)
         columns = table.read(columns=wanted, use_threads=False)
     except pa.ArrowException as error:
-        raise FormatError(f"not a Parquet file that can be read: {str(error)[:200]}") from None
+        raise FormatError(f"the Parquet file cannot be read: {str(error)[:200]}") from None
     return {name: columns.column(name).to_numpy() for name in wanted}
 
 
 def _confined(
     reader: Callable[[BinaryIO, int], dict[str, NDArray[Any]]], file: Path, name: str, library: str
 ) -> RecordingSource:
-    """The streams that a reader finds in a process of its own with bounded memory."""
+    """Runs a reader in a separate process with limited memory."""
     most_B = unpacked_most_B(file.stat().st_size, BYTES_MAX)
     memory_B = memory_most_B(most_B)
     with file.open("rb") as f:
@@ -256,16 +267,16 @@ def _record(file: Path) -> RecordingSource:
     record = load_record(file)
     if record.ended is None:
         count = len(record.missing)
-        warn(f"{file}: cut off, by a kill, a loss of power or damage: {count:,} samples are left", CutWarning)
+        warn(f"{file}: the record has no end chunk and may be truncated; {count:,} samples were read", TruncatedWarning)
     return RecordingSource(record.streams, record.rate_Hz, record.units, own_B=file.stat().st_size)
 
 
 _NUMBERS: Final = "fiu"
-"""Kinds of NumPy's types that are real numbers."""
+"""Kinds of the NumPy types that are real numbers."""
 
 
 def _named(arrays: Mapping[str, NDArray[Any]]) -> RecordingSource:
-    """Streams among named arrays: three columns are a vector, four a quaternion; other arrays are left out."""
+    """Columns from named arrays: three columns are a vector, four a quaternion; arrays of other shapes are ignored."""
     columns: dict[str, Column] = {}
     for name, rows in arrays.items():
         if rows.dtype.kind not in _NUMBERS or rows.size <= 1:
@@ -281,17 +292,17 @@ def _named(arrays: Mapping[str, NDArray[Any]]) -> RecordingSource:
             columns |= {f"{name}_{axis}": part for axis, part in zip(axes, rows.T, strict=True)}
     rate, own_B = arrays.get("rate_Hz"), sum(array.nbytes for array in arrays.values())
     if rate is not None and (rate.dtype.kind not in _NUMBERS or rate.size != 1):
-        raise CaptureError("rate_Hz must be one number")
+        raise CaptureError("rate_Hz in the file must be a single number")
     rate_Hz = None if rate is None else float(rate.reshape(-1)[0])
     return RecordingSource(columns, rate_Hz, _units(arrays.get("units")), own_B=own_B)
 
 
 def _units(value: NDArray[Any] | None) -> dict[str, str]:
-    """Units as `hapscene capture record` writes them into an NPZ file: a list of "name=unit"."""
+    """Units as `hapscene capture record` writes them to an NPZ file: a list of "name=unit"."""
     if value is None or value.dtype.kind != "U":
         return {}
     pairs = (str(text).partition("=") for text in value.reshape(-1)[:1000])
-    return {name: unit.strip() for name, equals, unit in pairs if equals}  # MATLAB pads the shorter ones
+    return {name: unit.strip() for name, equals, unit in pairs if equals}  # MATLAB pads shorter texts with spaces
 
 
 def _numbered(count: int) -> list[str]:

@@ -1,14 +1,15 @@
-"""Import of swatches from the files of the Penn Haptic Texture Toolkit (HaTT): models at 10 kHz, and taps.
+"""Imports swatches from files of the Penn Haptic Texture Toolkit (HaTT): texture models at 10 kHz, and taps.
 
 Culbertson, López Delgado & Kuchenbecker 2014, "One Hundred Data-Driven Haptic Texture Models and Open-Source Methods
 for Rendering on 3D Objects", IEEE Haptics Symposium.
 
-A swatch keeps the file's own triangles, its line spectral frequencies as they stand (the toolkit blends these; the
-file's ARcoeff are used only where the frequencies are missing or do not ascend), the variance blended as the toolkit
-does (interpolation "hatt"), and the friction coefficient as both static and dynamic. Stiffness and damping, which the
-files do not hold, stay at the default. Models with zeros (the toolkit's 1 kHz files) are not imported.
+The swatch uses the triangles and line spectral frequencies of the file, interpolates the variance as the toolkit does
+(interpolation "hatt"), and takes the friction coefficient as both static and dynamic. ARcoeff are used only if the line
+spectral frequencies are missing or do not ascend. The files contain no stiffness and no damping; the swatch has the
+default values. ARMA models (the 1 kHz files of the toolkit) are not supported.
 
-The toolkit's own renderer plays nothing below 0.05 mm/s and 0.05 N; that threshold is not in the files and not kept.
+The renderer of the toolkit is silent below 0.05 mm/s and 0.05 N. The files do not contain these thresholds, and the
+swatch does not have them.
 """
 
 import os
@@ -34,7 +35,7 @@ from hapscene.surface.texture import MODEL_MAX, Texture
 __all__ = ["HattModels", "ImportOutcome", "import_hatt", "import_many", "read_models", "read_taps"]
 
 TAP_RATE_HZ: Final = 1000.0
-"""Sample rate of the toolkit's transients [Hz]; the files do not state it."""
+"""Sample rate of the recorded taps [Hz]; the files do not state it."""
 
 LICENCE: Final = (
     "Not stated in the file. Files of the Penn Haptic Texture Toolkit are for non-profit research, "
@@ -42,17 +43,17 @@ LICENCE: Final = (
 )
 
 
-# XML from anybody: a file with a DOCTYPE, and so with entities, is refused; sizes are bounded.
+# The XML may come from an untrusted source: files with a DOCTYPE (and so with entities) are refused, sizes are limited.
 
 BYTES_MAX: Final = 8 * 1024 * 1024
-"""Largest file that is read [bytes]. Those of the toolkit have 20 to 300 kB."""
+"""Largest file that is read [bytes]. The files of the toolkit have 20 to 300 kB."""
 
 NODE_MAX: Final = 800_000
-"""Most elements and attributes of a file [count], about: one takes 125 bytes in memory, and 4 in the file."""
+"""Approximate largest number of elements and attributes of a file; each needs 125 bytes in memory, 4 in the file."""
 
 
 class _Xml:
-    """An element of a file, read with errors that name the file and the place in it."""
+    """An XML element whose errors name the file and the position in it."""
 
     def __init__(self, path: Path, element: ElementTree.Element, place: str = "") -> None:
         self.path, self.element, self.place = path, element, place
@@ -62,11 +63,11 @@ class _Xml:
         return SwatchError(f"{self.path}: {place}: expected {expected}, found {found}")
 
     def children(self, name: str, count: str) -> "list[_Xml]":
-        """The elements of that name; the element `count`, where present, states how many there are."""
+        """Child elements of a name; the optional child `count` states their number."""
         found = [_Xml(self.path, child, f"<{name}> {i}") for i, child in enumerate(self._named(name), 1)]
         stated = self.number(count)
         if stated is not None and stated != len(found):
-            raise self.error(f"<{count}>", f"the number of <{name}> elements, {len(found)}", f"{stated:g}")
+            raise self.error(f"<{count}>", f"{len(found)}, the number of <{name}> elements", f"{stated:g}")
         if not 1 <= len(found) <= MODEL_MAX:
             raise self.error(f"<{name}>", f"1 to {MODEL_MAX} elements", f"{len(found)}")
         return found
@@ -75,24 +76,24 @@ class _Xml:
         return [child for child in self.element if _name(child) == name]
 
     def text(self, name: str) -> str:
-        """The text of the element of that name; empty where it is missing."""
+        """Text of a child element; empty if there is no such child."""
         found = self._named(name)
         return _text(found[0]) if found else ""
 
     def number(self, name: str) -> float | None:
-        """The number in the element of that name, or None where that is missing or empty."""
+        """Number in a child element; None if the child is missing or empty."""
         text = self.text(name)
         return self._value(text, f"<{name}>") if text else None
 
     def positive(self, name: str) -> float:
-        """The number in the element of that name, 0 or more."""
+        """Number in a child element, which must be 0 or more."""
         value = self.number(name)
         if value is None or value < 0.0:
             raise self.error(f"<{name}>", "a number, 0 or more", "nothing" if value is None else f"{value:g}")
         return value
 
     def numbers(self, name: str = "") -> Array:
-        """The numbers of the element of that name, or of this one: one in each `value`, or all in its text."""
+        """Numbers in a child element or in this one: one in each `value` element, or all of them in its text."""
         found = self._named(name) if name else [self.element]
         values = [_text(child) for child in found[0] if _name(child) == "value"] if found else []
         texts = values or (_text(found[0]).split() if found else [])
@@ -109,7 +110,7 @@ class _Xml:
 
 
 def _name(element: ElementTree.Element) -> str:
-    """An element's name without its namespace."""
+    """Name of an element without its namespace."""
     return element.tag.rpartition("}")[2]
 
 
@@ -118,17 +119,17 @@ def _text(element: ElementTree.Element) -> str:
 
 
 def _read_xml(path: Path, *names: str) -> _Xml:
-    """The root element of a file, which must have one of the names.
+    """Parses a file and returns its root element, which must have one of the names.
 
     Raises:
-        SwatchError: the file cannot be read, or is not such a file.
+        SwatchError: the file cannot be read, is not XML, or has another root element.
     """
     with refusing(SwatchError):
         data = read_bytes(path, BYTES_MAX, "file of the toolkit")
-    if b"<!DOCTYPE" in data.replace(b"\0", b""):  # before it is parsed, in UTF-16 too
-        raise SwatchError(f"{path}: has a DOCTYPE, which files of the toolkit do not have; it is not read")
+    if b"<!DOCTYPE" in data.replace(b"\0", b""):  # checked before parsing; the replacement covers UTF-16
+        raise SwatchError(f"{path}: contains a DOCTYPE; expected a file of the toolkit, which has none")
     if data.count(b"<") + data.count(b"=") > NODE_MAX:
-        raise SwatchError(f"{path}: more than {NODE_MAX:,} elements, which no file of the toolkit has")
+        raise SwatchError(f"{path}: more than {NODE_MAX:,} elements; expected a file of the toolkit")
     try:
         root = ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as fault:
@@ -148,7 +149,7 @@ _FORCE: Final = {"n": 1.0, "newton": 1.0, "newtons": 1.0}
 
 @dataclass(frozen=True)
 class HattModels:
-    """A models file: m AR models of order p at forces and speeds, and the t triangles between them."""
+    """Content of a models file: m AR models of order p at forces and speeds, and t triangles between them."""
 
     material: str
     rate_Hz: float
@@ -159,16 +160,16 @@ class HattModels:
     ar_lsf_rad: Array
     """(m, p) line spectral frequencies"""
     variance_m2_s4: Array
-    """(m,) of the excitation, gain included"""
+    """(m,) variance of the excitation, gain included"""
     notes: tuple[str, ...]
-    """irregularities of the file"""
+    """irregularities of the file that the import corrected"""
 
 
 def read_models(path: str | os.PathLike[str]) -> HattModels:
-    """The models of a Models_X.xml.
+    """Reads the models of a Models_X.xml file.
 
     Raises:
-        SwatchError: not such a file, incomplete, with zeros (MA), or a number that is out of range.
+        SwatchError: the file is not a models file, is incomplete, contains ARMA models or a number out of range.
     """
     source = _read_xml(Path(path), "modelSet")
     rate_Hz = source.positive("SampleRate")
@@ -194,7 +195,7 @@ def read_models(path: str | os.PathLike[str]) -> HattModels:
 
 
 def _unit(source: _Xml, name: str, known: dict[str, float]) -> float:
-    """What the unit in the element of that name is in SI; the first known one where the file states none."""
+    """SI factor of the unit in a child element; by default that of the first known unit."""
     unit = source.text(name).lower().replace(" ", "") or next(iter(known))
     if unit not in known:
         raise source.error(f"<{name}>", next(iter(known)), repr(unit[:40]))
@@ -202,15 +203,15 @@ def _unit(source: _Xml, name: str, known: dict[str, float]) -> float:
 
 
 def _frequencies(model: _Xml, notes: list[str]) -> Array:
-    """Line spectral frequencies (p,) of a model: those in the file, which the toolkit blends; else of ARcoeff."""
+    """Line spectral frequencies (p,) of a model, from ARlsf or else from ARcoeff."""
     if len(model.numbers("MAlsf")) or len(model.numbers("MAcoeff")) > 1:
-        raise model.error("<MAcoeff>", "models without zeros, as in the toolkit's 10 kHz files", "zeros")
+        raise model.error("<MAcoeff>", "an AR model, as in the 10 kHz files of the toolkit", "an ARMA model")
     lsf, coefficients = model.numbers("ARlsf"), model.numbers("ARcoeff")
     if len(lsf) and np.all(np.diff(lsf, prepend=0.0, append=np.pi) > 0.0):
         return lsf
     if len(coefficients) <= 1 or coefficients[0] != 1.0:
-        raise model.error("<ARlsf>", "numbers that ascend within 0 and π, or <ARcoeff> that begin with 1", "others")
-    notes.append(f"{model.place}, ARlsf is missing or does not ascend: ARcoeff is used")
+        raise model.error("<ARlsf>", "ascending numbers between 0 and π, or <ARcoeff> that begin with 1", "neither")
+    notes.append(f"{model.place}: ARlsf is missing or does not ascend; ARcoeff was used")
     try:
         return lsf_from_ar(coefficients)
     except SwatchError:
@@ -218,27 +219,29 @@ def _frequencies(model: _Xml, notes: list[str]) -> Array:
 
 
 def _triangles(source: _Xml, force: Array, speed: Array, notes: list[str]) -> NDArray[np.int32]:
-    """The file's triangles (t, 3), from 0, without those that have no area."""
+    """Triangles (t, 3) of the file as indices from 0, without degenerate ones."""
     elements = source.children("tri", "numTri")
     rows = [tri.numbers() for tri in elements]
     for tri, row in zip(elements, rows, strict=True):
         if len(row) != 3 or np.any(row != np.round(row)) or row.min() < 1 or row.max() > len(force):
-            raise tri.error("", f"three numbers of models, 1 to {len(force)}", f"{row.tolist()}"[:60])
+            raise tri.error("", f"three model numbers from 1 to {len(force)}", f"{row.tolist()}"[:60])
     triangles = np.array(rows, dtype=np.int32) - 1
     top = force.max() * speed.max()
     if not top > 0.0:
-        raise source.error("the models", "one at a force and a speed above 0", "none")
+        raise source.error("the models", "a model at a force and a speed above 0", "no such model")
     area = np.abs(_doubled_area(force[triangles], speed[triangles])) / top
     kept = triangles[area > 1e-6]
     if len(kept) < len(triangles):
-        notes.append(f"{len(triangles) - len(kept)} triangles without area are left out")
+        notes.append(f"{len(triangles) - len(kept)} triangles without area were omitted")
     if not len(kept) or abs(0.5 * area.sum() - 1.0) > 0.01:
-        raise source.error("<tri>", "triangles that cover the plane of force and speed once", f"{0.5 * area.sum():.0%}")
+        raise source.error(
+            "<tri>", "triangles that cover the plane of force and speed exactly once", f"{0.5 * area.sum():.0%}"
+        )
     return np.asarray(kept)
 
 
 def _doubled_area(f: Array, s: Array) -> Array:
-    """Twice the signed area (t,) of triangles by the forces and speeds (t, 3) of their corners."""
+    """Twice the signed area (t,) of triangles with corners at forces and speeds (t, 3)."""
     return np.asarray((f[:, 1] - f[:, 0]) * (s[:, 2] - s[:, 0]) - (f[:, 2] - f[:, 0]) * (s[:, 1] - s[:, 0]))
 
 
@@ -246,12 +249,12 @@ def _doubled_area(f: Array, s: Array) -> Array:
 
 
 def read_taps(path: str | os.PathLike[str]) -> tuple[Array, Array]:
-    """Approach speeds (k,) [m/s], ascending, and transients (k, n) [m/s²] at 1 kHz of a Taps_X.xml.
+    """Reads approach speeds (k,) [m/s], ascending, and transients (k, n) [m/s²] at 1 kHz from a Taps_X.xml file.
 
-    Of several taps at one speed the first is kept.
+    If several taps have the same speed, the first is used.
 
     Raises:
-        SwatchError: not such a file, incomplete, or a number that is out of range.
+        SwatchError: the file is not a taps file, is incomplete, or contains a number out of range.
     """
     source = _read_xml(Path(path), "tapSet")
     taps = source.children("tap", "numTap")
@@ -267,20 +270,20 @@ def read_taps(path: str | os.PathLike[str]) -> tuple[Array, Array]:
 
 
 def _decaying_sinusoid(wave: Array) -> tuple[float, float, float]:
-    """Amplitude [m/s²], frequency [Hz] and decay [1/s] of the A exp(−βt) sin(2πft) of least squared error."""
+    """Least-squares fit of A exp(−βt) sin(2πft): amplitude [m/s²], frequency [Hz] and decay [1/s]."""
     peak = float(np.abs(wave).max())
     t_s = np.arange(len(wave)) / TAP_RATE_HZ
     if peak == 0.0:
         return 0.0, TAP_RATE_HZ / 10, TAP_RATE_HZ / 10
 
-    def off(p: Array) -> Array:
+    def residual(p: Array) -> Array:
         return np.asarray(p[0] * np.exp(-p[2] * t_s) * np.sin(2.0 * np.pi * p[1] * t_s) - wave / peak)
 
     density = np.abs(np.fft.rfft(wave, 8 * len(wave)))
     loudest = float(np.argmax(density[1:]) + 1) * TAP_RATE_HZ / (8 * len(wave))
     bounds = ([-100.0, 1.0, 0.1], [100.0, TAP_RATE_HZ / 2, 5000.0])
     tries = [
-        scipy.optimize.least_squares(off, [sign, min(max(frequency, 2.0), 499.0), decay], bounds=bounds)
+        scipy.optimize.least_squares(residual, [sign, min(max(frequency, 2.0), 499.0), decay], bounds=bounds)
         for frequency in (loudest, 1.5 * loudest)
         for decay in (20.0, 150.0)
         for sign in (1.0, -1.0)
@@ -293,18 +296,18 @@ def _decaying_sinusoid(wave: Array) -> tuple[float, float, float]:
 
 
 def import_hatt(models_xml: str | os.PathLike[str], taps_xml: str | os.PathLike[str] | None = None) -> Swatch:
-    """The swatch of a Models_X.xml and, where given, its Taps_X.xml.
+    """Imports a swatch from a Models_X.xml file and, optionally, its Taps_X.xml file.
 
-    Above the largest force and speed of the models, the texture is that of the maximum.
+    Beyond the largest force and speed of the models, the texture stays constant.
 
     Raises:
-        SwatchError: a file that is missing, too large, incomplete, or describes an unstable surface; the message names
-            the file, the element and what was expected.
+        SwatchError: a file is missing, too large or incomplete, or describes an unstable model; the message names the
+            file, the element and the expected value.
     """
     path = Path(models_xml)
     models = read_models(path)
     taps = None if taps_xml is None else _as_taps(*read_taps(taps_xml))
-    unknown = () if models.friction is not None else ("mu is missing: friction is taken as 0",)
+    unknown = () if models.friction is not None else ("mu is missing; friction was not measured",)
     notes = "".join(f" {note}." for note in (*unknown, *models.notes)[:20])
     files = path.name if taps_xml is None else f"{path.name} and {Path(taps_xml).name}"
     places = models.force_N, models.speed_m_s, models.triangles
@@ -315,21 +318,31 @@ def import_hatt(models_xml: str | os.PathLike[str], taps_xml: str | os.PathLike[
             friction_dynamic=models.friction or 0.0,
             texture=Texture(models.rate_Hz, *places, models.ar_lsf_rad, models.variance_m2_s4, interpolation="hatt"),
             taps=taps,
-            absent=dict.fromkeys(("stiffness_N_m", "damping_Ns_m"), "files of the toolkit hold none"),
+            absent=_absent(models, taps),
             provenance=f"Imported from {files} (layout of the Penn Haptic Texture Toolkit).{notes}",
             licence=LICENCE,
         )
 
 
+def _absent(models: HattModels, taps: Taps | None) -> dict[str, str]:
+    """Reasons for the quantities that the files do not contain."""
+    absent = dict.fromkeys(("stiffness_N_m", "damping_Ns_m"), "not part of the files of the toolkit")
+    if models.friction is None:
+        absent |= dict.fromkeys(("friction_static", "friction_dynamic"), "mu is missing in the models file")
+    if taps is None:
+        absent["taps"] = "no taps file was given"
+    return absent
+
+
 def _as_taps(approach_m_s: Array, waves_m_s2: Array) -> Taps:
-    """The transients as they stand, and a decaying sinusoid fitted to each."""
+    """Taps with the recorded transients and a decaying sinusoid fitted to each."""
     rows = np.array([_decaying_sinusoid(wave) for wave in waves_m_s2])
     return Taps(approach_m_s, rows[:, 0], rows[:, 1], rows[:, 2], waves_m_s2, TAP_RATE_HZ)
 
 
 @dataclass
 class ImportOutcome:
-    """Result of importing many files: the swatches made, and one sentence for each file that could not be imported."""
+    """Result of importing several files: the swatches written, and an error for each file that was not imported."""
 
     made: list[Path] = field(default_factory=list)
     broken: list[str] = field(default_factory=list)
@@ -341,37 +354,39 @@ def import_many(
     say: Callable[[str], None] = lambda line: None,
     outcome: ImportOutcome | None = None,
 ) -> ImportOutcome:
-    """Imports models files with the taps files of the same name, into `folder`/<name>.swatch.
+    """Imports models files, with the taps files of the same name, as `folder`/<name>.swatch.
 
-    `Models_X.xml` and `Taps_X.xml` belong together; a single one of each does whatever its name. A folder stands for
-    the .xml files in it. Each swatch is written whole or not at all; a broken file does not stop the others.
+    `Models_X.xml` and `Taps_X.xml` form a pair. If there is exactly one file of each kind, they form a pair whatever
+    their names. An error in one file does not stop the import of the others.
 
     Args:
-        files: XML files and folders.
-        folder: where the swatches are written; made where it is missing.
-        say: called with a line for each swatch.
-        outcome: filled in file by file, for a caller that may be interrupted; None for a new one.
+        files: XML files, and folders of XML files.
+        folder: output folder; it is created if it does not exist.
+        say: called with a line of output for each swatch.
+        outcome: updated file by file, so that an interrupted caller has a partial result; None creates a new one.
 
     Raises:
-        SwatchError: the folder cannot be made.
+        SwatchError: the folder cannot be created.
     """
     outcome = ImportOutcome() if outcome is None else outcome
     pairs, target = _pairs(files, outcome), Path(folder)
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SwatchError(f"{target}: cannot be made: {error.strerror or error}") from None
+        raise SwatchError(f"{target}: the folder cannot be created: {error.strerror or error}") from None
     taken: dict[str, Path] = {}
     for i, (models, taps) in enumerate(pairs, 1):
         path = target / (_key(models) + SUFFIX)
         try:
             if path.name.casefold() in taken:
-                raise SwatchError(f"{models}: would be {path.name}, as {taken[path.name.casefold()]}: another folder?")
+                raise SwatchError(
+                    f"{models}: {path.name} was already imported from {taken[path.name.casefold()]}: use two folders"
+                )
             taken[path.name.casefold()] = models
             save_swatch(import_hatt(models, taps), path)
         except HapsceneError as error:
             outcome.broken.append(str(error))
-            say(f"{i}/{len(pairs)}  {models.name}: broken")
+            say(f"{i}/{len(pairs)}  {models.name}: not imported")
         else:
             outcome.made.append(path)
             say(f"{i}/{len(pairs)}  {models.name} → {path.name}")
@@ -379,7 +394,7 @@ def import_many(
 
 
 def _pairs(files: Iterable[str | Path], outcome: ImportOutcome) -> list[tuple[Path, Path | None]]:
-    """(models file, its taps file or None) in the order given."""
+    """Pairs of a models file and its taps file or None, in the given order."""
     paths: list[Path] = []
     for file in map(Path, files):
         paths += sorted(file.glob("*.xml")) if file.is_dir() else [file]
@@ -394,12 +409,10 @@ def _pairs(files: Iterable[str | Path], outcome: ImportOutcome) -> list[tuple[Pa
         return [(models[0], taps[0])]
     partners = {_key(path): path for path in taps}
     pairs = [(path, partners.pop(_key(path), None)) for path in models]
-    outcome.broken += [
-        f"{path}: expected Models_{key}.xml among the files, found none" for key, path in partners.items()
-    ]
+    outcome.broken += [f"{path}: no matching Models_{key}.xml among the files" for key, path in partners.items()]
     return pairs
 
 
 def _key(path: Path) -> str:
-    """The name of a file without the toolkit's prefix."""
+    """Name of a file without the prefix Models_ or Taps_."""
     return path.stem.removeprefix("Models_").removeprefix("Taps_") or path.stem

@@ -1,15 +1,15 @@
-"""Export of a swatch as an MPEG haptics file: `.hjif`, the JSON interchange format of ISO/IEC 23090-31.
+"""Exports a swatch as an MPEG haptics file: `.hjif`, the JSON interchange format of ISO/IEC 23090-31.
 
-The format holds signals, not surfaces. So the texture is played at one force and speed and written as a `Curve` band: a
-keyframe per sample, straight between them (a player that resamples it loses 0.3 dB at 1 kHz, at 10 kHz). Taps follow as
-a `Transient` band, then leaving, one transient each half second, slow to fast, with the peak and the frequency of each
-tap; the player decides how a transient decays.
+The format describes signals and not surfaces. The texture is therefore synthesised at one force and speed and written
+as a `Curve` band with a keyframe per sample and linear interpolation (a player that resamples it loses 0.3 dB at 1 kHz
+and a rate of 10 kHz). The taps and the transients of leaving the surface follow as `Transient` bands: one transient
+every half second, in order of speed, with peak and frequency. The player decides how a transient decays.
 
-Amplitudes in the format are −1 to 1. The reference device's maximum amplitude, in m/s², says what 1 stands for.
+Amplitudes in the format range from −1 to 1. The maximum amplitude of the reference device, in m/s², is the value of 1.
 
-Structure, names and bounds follow the JSON schemas of the MPEG group (MPEGGroup/HapticJSONSchemas at commit e3b9aa67)
-and the conformance checks of its reference software (at commit 73ffe9bb), which requires more: timescale and syncs,
-integers as limits and frequencies, a profile and level by name. Version "2023" is what the schema requires.
+Structure, names and limits follow the JSON schemas of the MPEG group (MPEGGroup/HapticJSONSchemas at commit e3b9aa67)
+and the conformance checks of its reference software (at commit 73ffe9bb), which also requires timescale and syncs,
+integer limits and frequencies, and a named profile and level. The schema requires version "2023".
 """
 
 import datetime
@@ -32,13 +32,13 @@ from hapscene.swatches.library import load_swatch
 __all__ = ["SECONDS_MAX", "TAP_SPACING_S", "TIMESCALE_MAX", "as_hjif", "export_hjif"]
 
 TIMESCALE_MAX: Final = 48_000
-"""Most ticks per second in the profile "Main" [1/s]."""
+"""Largest number of time units per second in the profile "Main" [1/s]."""
 
 SECONDS_MAX: Final = 60.0
-"""Longest texture that is written [s]: 60 MB of text at 10 kHz."""
+"""Longest texture that can be written [s]: 60 MB of text at 10 kHz."""
 
 TAP_SPACING_S: Final = 0.5
-"""Time from one tap to the next, and from the texture to the first [s]: longer than they ring."""
+"""Time between two taps, and from the texture to the first tap [s]; longer than a tap rings."""
 
 Json = dict[str, Any]
 
@@ -55,24 +55,24 @@ def export_hjif(
     rate_Hz: float | None = None,
     seed: int = 0,
 ) -> None:
-    """Writes a swatch as an MPEG haptics file, whole or not at all.
+    """Writes a swatch as an MPEG haptics file.
 
     Args:
-        swatch: one with a texture or taps.
-        path: the file, suffix .hjif.
-        force_N: normal force at which the texture is played, ≥ 0.
-        speed_m_s: slip speed at which the texture is played, ≥ 0.
-        seconds: length of the texture, to 60.
-        rate_Hz: samples a second, to 48000, an integer; None: the texture's own, or 10000.
-        seed: of the texture's noise.
+        swatch: a swatch with a texture or taps.
+        path: file to write; suffix .hjif.
+        force_N: normal force of the texture, ≥ 0.
+        speed_m_s: slip speed of the texture, ≥ 0.
+        seconds: length of the texture, at most 60.
+        rate_Hz: sample rate, an integer up to 48000; None: the rate of the texture, or 10000.
+        seed: seed of the texture's noise.
 
     Raises:
-        SwatchError: nothing to write, a number out of range, or the file cannot be written.
+        SwatchError: the swatch has neither texture nor taps, a number is out of range, or the file cannot be written.
     """
     swatch = swatch if isinstance(swatch, Swatch) else load_swatch(swatch)
     target = Path(path)
     if target.suffix != ".hjif":
-        raise SwatchError(f"{target}: an MPEG haptics file's name must end in .hjif")
+        raise SwatchError(f"{target}: invalid suffix of an MPEG haptics file; expected .hjif")
     content = as_hjif(swatch, force_N, speed_m_s, seconds, rate_Hz, seed)
     write_whole(target, json.dumps(content, ensure_ascii=False, allow_nan=False).encode(), SwatchError)
 
@@ -80,17 +80,17 @@ def export_hjif(
 def as_hjif(
     swatch: Swatch, force_N: float, speed_m_s: float, seconds: float, rate_Hz: float | None = None, seed: int = 0
 ) -> Json:
-    """The content of the file, as `export_hjif` writes it."""
+    """Content of the file that `export_hjif` writes."""
     rate = rate_Hz or (swatch.texture.rate_Hz if swatch.texture is not None else 10_000.0)
     if swatch.texture is None and swatch.taps is None:
-        raise SwatchError(f"swatch {swatch.name!r} has neither texture nor taps: there is nothing to write")
+        raise SwatchError(f"swatch {swatch.name!r} has neither texture nor taps; expected at least one of them")
     if rate != round(rate) or not 1000 <= rate <= TIMESCALE_MAX:
-        raise SwatchError(f"the rate must be a whole number of Hz from 1000 to {TIMESCALE_MAX}, is {rate:g}")
+        raise SwatchError(f"rate_Hz is {rate:g}; expected an integer from 1000 to {TIMESCALE_MAX}")
     if not 0.0 < seconds <= SECONDS_MAX:
-        raise SwatchError(f"seconds must be above 0 and at most {SECONDS_MAX:g}, is {seconds:g}")
+        raise SwatchError(f"seconds is {seconds:g}; expected more than 0 and at most {SECONDS_MAX:g}")
     for name, value in (("force_N", force_N), ("speed_m_s", speed_m_s)):
         if not 0.0 <= value < np.inf:
-            raise SwatchError(f"{name} must be 0 or more, is {value:g}")
+            raise SwatchError(f"{name} is {value:g}; expected a finite number, 0 or more")
     perceptions = []
     first_tap_s = 0.0
     if swatch.texture is not None:
@@ -102,7 +102,7 @@ def as_hjif(
     for what, taps in (("taps", swatch.taps), ("leaving", swatch.leaving)):
         if taps is not None:
             speeds = ", ".join(f"{v:g}" for v in taps.approach_m_s[:20])
-            title = f"{swatch.name}: {what} at {speeds} m/s, one each {TAP_SPACING_S:g} s from {first_tap_s:g} s"
+            title = f"{swatch.name}: {what} at {speeds} m/s, one every {TAP_SPACING_S:g} s from {first_tap_s:g} s"
             peak, band = _transients(taps, rate, first_tap_s)
             perceptions.append(_perception(len(perceptions), title, peak, rate, band))
             first_tap_s += len(taps.approach_m_s) * TAP_SPACING_S
@@ -123,7 +123,7 @@ def as_hjif(
 
 
 def _perception(number: int, description: str, peak_m_s2: float, rate_Hz: float, band: Json) -> Json:
-    """One signal on one channel; an amplitude of 1 stands for the device's maximum."""
+    """A signal on one channel; an amplitude of 1 is the maximum of the reference device."""
     full = peak_m_s2 if peak_m_s2 > 0.0 else 1.0
     low, high = (round(f) for f in ACCELERATION_BAND_HZ)
     device = {
@@ -168,7 +168,7 @@ def _band(kind: str, effects: list[Json], **more: str) -> Json:
 
 
 def _curve(signal: Array) -> Json:
-    """A signal (n,) as a band, its peak 1; six decimals are 120 dB below it."""
+    """A signal (n,) as a band with peak 1; six decimals are 120 dB below the peak."""
     peak = float(np.abs(signal).max())
     scaled = np.round(signal / (peak if peak > 0.0 else 1.0), 6).tolist()
     keyframes = [{"relative_position": i, "amplitude_modulation": value} for i, value in enumerate(scaled)]
@@ -176,7 +176,7 @@ def _curve(signal: Array) -> Json:
 
 
 def _transients(taps: Taps, rate_Hz: float, first_s: float) -> tuple[float, Json]:
-    """The largest peak [m/s²], and the taps as a band."""
+    """Largest peak of the taps [m/s²], and the taps as a band."""
     each = [taps.at(float(speed)) for speed in taps.approach_m_s]
     waves = taps.wave_m_s2
     peaks = [_peak(*tap) for tap in each] if waves is None else np.abs(waves).max(axis=1).tolist()
@@ -193,7 +193,7 @@ def _transients(taps: Taps, rate_Hz: float, first_s: float) -> tuple[float, Json
 
 
 def _peak(amplitude_m_s2: float, frequency_Hz: float, decay_1_s: float) -> float:
-    """Peak [m/s²] of A exp(−βt) sin(ωt), which it has at ωt = atan(ω/β)."""
+    """Peak [m/s²] of A exp(−βt) sin(ωt), which is at ωt = atan(ω/β)."""
     omega = 2.0 * np.pi * frequency_Hz
     angle = float(np.arctan2(omega, decay_1_s))
     return amplitude_m_s2 * float(np.exp(-decay_1_s * angle / omega) * np.sin(angle))

@@ -1,15 +1,16 @@
-"""Probe records (.hsrec): files that stay readable up to their last second however the recording ends.
+"""Probe records (.hsrec): a crash-safe file format for recordings.
 
 The file begins with the line `hapscene record 1`. Chunks follow, little-endian:
 
-    kind     4 bytes   HEAD, DATA or END. (TIME in files of earlier versions, which is skipped)
-    length   uint32    of the payload [bytes]
+    kind     4 bytes   HEAD, DATA or END. (files of earlier versions also contain TIME, which is skipped)
+    length   uint32    length of the payload [bytes]
     first    uint64    number of the chunk's first sample; 0 in HEAD and END.
-    payload            HEAD, END.: JSON; DATA: int32 counts, a row per sample
-    check    uint32    CRC-32 of all the above
+    payload            HEAD, END.: JSON; DATA: int32 counts, one row per sample
+    check    uint32    CRC-32 of all the fields above
 
-A chunk of data is a run of samples without a gap: samples between two chunks were dropped. The file is only ever
-appended to, and is synced to the disk about each second. A reader stops at a torn chunk, if it is the last.
+A DATA chunk holds consecutive samples. Samples between two chunks were dropped. The writer only appends, and syncs the
+file to the disk about once per second, so a crash or a loss of power costs at most the last second. The reader accepts
+an incomplete chunk at the end of the file.
 """
 
 import datetime
@@ -33,25 +34,35 @@ from hapscene.errors import CaptureError
 from hapscene.io.files import check_memory, read_bytes, refusing, whole_file
 from hapscene.io.wire.protocol import COLUMN_MAX, Column, Header, Run
 
-__all__ = ["SUFFIX", "SYNC_S", "VALUE_MAX", "CutWarning", "Record", "RecordWriter", "load_record", "save_npz", "taken"]
+__all__ = [
+    "SUFFIX",
+    "SYNC_S",
+    "VALUE_MAX",
+    "Record",
+    "RecordWriter",
+    "TruncatedWarning",
+    "file_exists",
+    "load_record",
+    "save_npz",
+]
 
 SUFFIX: Final = ".hsrec"
 FIRST_LINE: Final = b"hapscene record 1\n"
 
 SYNC_S: Final = 1.0
-"""Longest time between two syncs to the disk [s]: what a power cut can take. A killed process loses less."""
+"""Longest time between two syncs to the disk [s]. A loss of power can cost this much, a killed process less."""
 
 VALUE_MAX: Final = 1 << 28
-"""Most values of a record, gaps included [count]: 1.8 hours of four columns at 10 kHz, 2 GiB in memory."""
+"""Largest number of values of a record, dropped samples included: 1.8 hours of four columns at 10 kHz, 2 GiB."""
 
 RUN_MAX: Final = 4096
-"""Most samples of a chunk [count]: bounds what is torn at the end."""
+"""Largest number of samples in a chunk; limits the loss at the end of a truncated file."""
 
 PAYLOAD_MAX: Final = 4 * RUN_MAX * COLUMN_MAX
-"""Longest payload that is searched for behind a torn chunk [bytes]."""
+"""Longest payload that the reader looks for after a damaged chunk [bytes]."""
 
 JSON_MAX: Final = 65_536
-"""Longest header or end [bytes]; those of 16 columns have 2,000."""
+"""Longest HEAD or END. payload [bytes]; a record of 16 columns needs 2,000."""
 
 _CHUNK: Final = struct.Struct("<4sIQ")
 _CHECK: Final = struct.Struct("<I")
@@ -59,47 +70,47 @@ _CHECK: Final = struct.Struct("<I")
 
 @dataclass(frozen=True)
 class Record:
-    """The streams of a probe: each (n,) float64 in its unit, NaN where samples were dropped."""
+    """The streams of a probe, (n,) float64 each, in their units; dropped samples are NaN."""
 
     rate_Hz: float
     streams: Mapping[str, NDArray[np.float64]]
     units: Mapping[str, str]
     started: str = ""
-    """date and time of the start, ISO 8601"""
+    """date and time of the start (ISO 8601)"""
     ended: str | None = None
-    """how the recording ended; None where it was cut: killed, power lost, or still running"""
+    """why the recording ended; None for a truncated record (process killed, power lost) or one still being written"""
 
     @property
     def missing(self) -> NDArray[np.bool_]:
-        """(n,) whether the sample was dropped."""
+        """(n,) True for each dropped sample."""
         return np.isnan(next(iter(self.streams.values())))
 
 
-class CutWarning(UserWarning):
-    """A record has no end chunk: the recording was killed, or the end of the file was lost."""
+class TruncatedWarning(UserWarning):
+    """A record has no end chunk: the recording process was killed, or the end of the file was lost."""
 
 
-def taken(path: Path) -> CaptureError:
-    """The error of a recording that would replace a file."""
-    return CaptureError(f"{path}: already exists, and a recording is never replaced: choose another name")
+def file_exists(path: Path) -> CaptureError:
+    """The error for a recording that would overwrite a file."""
+    return CaptureError(f"{path}: the file exists already and recordings are never overwritten: choose another name")
 
 
 class RecordWriter:
-    """Appends to a new record. To be used with `with`; a record that is cut short stays readable."""
+    """Writes a new record by appending chunks. Use it in a `with` statement."""
 
     def __init__(self, path: str | os.PathLike[str], header: Header) -> None:
-        """Begins the file.
+        """Creates the file and writes its header.
 
         Raises:
-            CaptureError: another suffix, or the file exists already: a recording cannot be made again.
+            CaptureError: the suffix is not .hsrec, or the file exists already.
         """
         self.path = Path(path)
         if self.path.suffix != SUFFIX:
-            raise CaptureError(f"{self.path}: a record's file name must end in {SUFFIX}")
+            raise CaptureError(f"{self.path}: invalid suffix of a record; expected {SUFFIX}")
         try:
             self._file: BinaryIO = self.path.open("xb")
         except FileExistsError:
-            raise taken(self.path) from None
+            raise file_exists(self.path) from None
         except OSError as error:
             raise CaptureError(f"{self.path}: cannot be written: {error.strerror}") from None
         started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
@@ -112,28 +123,28 @@ class RecordWriter:
         return self
 
     def __exit__(self, *error: object) -> None:
-        with suppress(OSError):  # `sync` reports a full disk
+        with suppress(OSError):  # a full disk was reported by `sync`
             self._file.close()
 
     def write(self, run: Run) -> None:
-        """Appends samples; they are safe after the next `sync`."""
+        """Appends samples; the next `sync` puts them on the disk."""
         for start in range(0, len(run.counts), RUN_MAX):
             part = run.counts[start : start + RUN_MAX]
             self._put(b"DATA", run.first + start, part.astype("<i4").tobytes())
 
     def flush(self) -> None:
-        """Hands what was written to the operating system: a killed process does not lose it."""
+        """Passes all chunks to the operating system, so that a killed process does not lose them."""
         with self._writing():
             self._file.flush()
 
     def sync(self) -> None:
-        """Puts what was written on the disk: a loss of power does not lose it."""
+        """Puts all chunks on the disk, so that a loss of power does not lose them."""
         with self._writing():
             self._file.flush()
             os.fsync(self._file.fileno())
 
     def end(self, how: str, **facts: float) -> None:
-        """Ends the record properly: how it ended, and facts about it."""
+        """Appends the end chunk: why the recording ended, and its sample counts."""
         self._put(b"END.", 0, json.dumps({"ended": how, **facts}).encode())
         self.sync()
 
@@ -147,15 +158,16 @@ class RecordWriter:
         try:
             yield
         except OSError as error:
-            kept = "the file keeps what was recorded before"
+            kept = "the samples recorded before are in the file"
             raise CaptureError(f"{self.path}: cannot be written: {error.strerror}; {kept}") from None
 
 
 def load_record(path: str | os.PathLike[str]) -> Record:
-    """Reads a record, whole or cut.
+    """Reads a record, also a truncated one.
 
     Raises:
-        CaptureError: not a record, of a later version, too long, or without one whole chunk of samples.
+        CaptureError: the file is not a record, is of a later version, is too long, or contains no complete chunk of
+            samples.
     """
     with refusing(CaptureError):
         data = read_bytes(Path(path), 4 * VALUE_MAX + (1 << 20), "record")
@@ -166,10 +178,10 @@ def load_record(path: str | os.PathLike[str]) -> Record:
 def _parsed(data: bytes) -> Record:
     if not data.startswith(FIRST_LINE):
         later = data.startswith(FIRST_LINE.split(b"1")[0])
-        raise CaptureError("a record of a later version: update hapscene" if later else "not a record of a probe")
+        raise CaptureError("record of a later version: update hapscene" if later else "not a probe record")
     kind, _, payload = next(_chunks(data), (b"", 0, memoryview(b"")))
     if kind != b"HEAD":
-        raise CaptureError("cut off within its header: nothing can be read")
+        raise CaptureError("truncated within its header: no samples can be read")
     head = _json(payload)
     rate_Hz, columns = _head(head)
     row_B, length, ended = 4 * len(columns), 0, None
@@ -179,13 +191,13 @@ def _parsed(data: bytes) -> Record:
         elif kind == b"END.":
             ended = str(_json(payload).get("ended"))
     if not length:
-        raise CaptureError("holds no samples")
+        raise CaptureError("the record contains no samples")
     if length * len(columns) > VALUE_MAX:
-        raise CaptureError(f"{length} samples of {len(columns)} columns are more than {VALUE_MAX} values")
+        raise CaptureError(f"{length} samples of {len(columns)} columns exceed the limit of {VALUE_MAX} values")
     needed_B = len(data) + 8 * length * len(columns)
-    check_memory(needed_B, len(data), f"{length:,} samples, dropped ones among them,", "record it anew")
+    check_memory(needed_B, len(data), f"a record of {length:,} samples, dropped ones included,", "record it again")
     streams = {column.name: np.full(length, np.nan) for column in columns}
-    for kind, first, payload in _chunks(data):  # read twice rather than kept: there may be millions of chunks
+    for kind, first, payload in _chunks(data):  # read twice, because a list of millions of chunks needs much memory
         if kind == b"DATA" and len(payload) % row_B == 0:
             rows = np.frombuffer(payload, dtype="<i4").reshape(-1, len(columns))
             for stream, counts in zip(streams.values(), rows.T, strict=True):
@@ -196,7 +208,7 @@ def _parsed(data: bytes) -> Record:
 
 
 def save_npz(record: Record, path: Path, provenance: str = "") -> None:
-    """Writes the streams as NumPy arrays of their names, with `rate_Hz` and `units` ("name=unit"), without pickle."""
+    """Writes the streams as NumPy arrays by name, with `rate_Hz` and `units` ("name=unit"), without pickle."""
     units = [f"{name}={unit}" for name, unit in record.units.items()]
     arrays = {**record.streams, "rate_Hz": np.array(record.rate_Hz), "units": np.array(units)}
     if provenance:
@@ -209,10 +221,10 @@ def save_npz(record: Record, path: Path, provenance: str = "") -> None:
 
 
 def _chunks(data: bytes) -> Iterator[tuple[bytes, int, memoryview]]:
-    """Kind, first sample and payload of each chunk, up to the first that is torn.
+    """Yields kind, first sample and payload of each chunk, up to the first damaged one.
 
     Raises:
-        CaptureError: whole chunks follow the torn one: samples are lost within the file, not at its end.
+        CaptureError: valid chunks follow the damaged one: samples are lost within the file and not only at its end.
     """
     at = len(FIRST_LINE)
     while (chunk := _chunk(data, at)) is not None:
@@ -220,11 +232,11 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, int, memoryview]]:
         at += _CHUNK.size + len(chunk[2]) + _CHECK.size
     kinds = re.compile(rb"DATA|TIME|END\.").finditer(data, at + 1)
     if any(_chunk(data, found.start(), PAYLOAD_MAX) is not None for found in islice(kinds, 1000)):
-        raise CaptureError(f"damaged at byte {at:,}: samples are lost there, and others follow")
+        raise CaptureError(f"damaged at byte {at:,}: samples are lost within the file, not only at its end")
 
 
 def _chunk(data: bytes, at: int, most_B: int = 1 << 32) -> tuple[bytes, int, memoryview] | None:
-    """Kind, first sample and payload of the chunk at a byte; None if it is torn, or longer than `most_B`."""
+    """Kind, first sample and payload of the chunk at a byte; None if it is damaged or longer than `most_B`."""
     if at + _CHUNK.size + _CHECK.size > len(data):
         return None
     kind, length, first = _CHUNK.unpack_from(data, at)
@@ -241,19 +253,19 @@ def _json(payload: memoryview) -> dict[str, object]:
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict):
-        raise CaptureError("its header or end is not JSON as hapscene writes it")
+        raise CaptureError("the header or end chunk is not valid JSON")
     return content
 
 
 def _head(head: Mapping[str, object]) -> tuple[float, list[Column]]:
-    """Rate and columns, checked: anybody may have made the file."""
+    """Sample rate and columns of the header, checked, since the file may come from another program."""
     try:
         rate_Hz = float(head["rate_Hz"])  # type: ignore[arg-type]
         listed = list(head["columns"])  # type: ignore[call-overload]
         columns = [Column(str(c["name"]), str(c["unit"]), float(c["scale"])) for c in listed]
     except (KeyError, TypeError, ValueError, OverflowError):
-        raise CaptureError("its header lacks the rate or the columns") from None
+        raise CaptureError("the header lacks the sample rate or the columns") from None
     fits = 0.0 < rate_Hz < math.inf and all(math.isfinite(c.scale) for c in columns)
     if not fits or not 1 <= len({c.name for c in columns}) == len(columns) <= COLUMN_MAX:
-        raise CaptureError("its header has an impossible rate, scale or list of columns")
+        raise CaptureError("the header has an invalid sample rate, scale or list of columns")
     return rate_Hz, columns

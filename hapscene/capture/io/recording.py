@@ -1,6 +1,7 @@
-"""Recordings of a tool on a surface: from a file's columns to streams in SI units.
+"""Recordings of a tool on a surface: maps the columns of a file to quantities in SI units.
 
-Whatever a file does not state, its rate and its units, you give: the error names the argument and the option.
+If the file does not state its sample rate or a unit, the caller must give them; the error names the argument and the
+command-line option.
 """
 
 import os
@@ -20,30 +21,30 @@ from hapscene.io.files import check_memory, refusing
 from hapscene.io.number_files import TOO_MUCH
 from hapscene.io.wire.unit import UNITS
 
-__all__ = ["WORDS", "BridgedWarning", "SurfaceRecording", "dft321", "load_recording", "one_axis", "rate_of"]
+__all__ = ["WORDS", "InterpolatedWarning", "SurfaceRecording", "dft321", "load_recording", "one_axis", "rate_of"]
 
-# DFT321: three axes of acceleration made one.
+# DFT321 combines three axes of acceleration into one signal.
 #
-# A person feels the strength and the spectrum of a vibration, hardly its direction. DFT321 makes one signal whose
-# spectrum has the summed power of the axes at each frequency (Landin, Romano, McMahan & Kuchenbecker 2010,
+# People perceive the strength and the spectrum of a vibration, but hardly its direction. The power of the combined
+# signal at each frequency is the sum of the powers of the axes (Landin, Romano, McMahan & Kuchenbecker 2010,
 # "Dimensional Reduction of High-Frequency Accelerations for Haptic Rendering", EuroHaptics):
 #
 #     |A(f)|² = Σ_i |A_i(f)|²,   ∠A(f) = ∠ Σ_i A_i(f)
 
 WINDOW_S: Final = 0.1
-"""Window of `one_axis` [s]. Over a whole recording the method keeps the spectrum, but not the time of an event: each
-frequency is scaled by a factor that jumps about, which spreads a tap over the recording. A window bounds that."""
+"""Window of `one_axis` [s]. DFT321 changes the phase at each frequency, which spreads an event such as a tap in time. A
+short window limits the spread."""
 
 CUTOFF_HZ: Final = 10.0
-"""Lower frequencies are removed first [Hz]: gravity turns with the hand, and the sign of the sum flips with it. This
-costs 0.03 dB at 20 Hz, where the band begins."""
+"""Cut-off of the high-pass on each axis [Hz]. It removes gravity, whose direction changes as the hand turns the sensor.
+It attenuates the lower end of the band, 20 Hz, by 0.03 dB."""
 
 
 def dft321(axes: Array) -> Array:
-    """One signal (n,) of the axes (k, n), taken as a whole: of their summed power at each frequency, exactly."""
+    """Combines axes (k, n) into one signal (n,) whose power at each frequency is the sum over the axes."""
     spectra = np.fft.rfft(axes, axis=1)
     together = spectra.sum(axis=0)
-    # where the axes cancel, the phase is undefined: use that of the strongest axis
+    # where the axes cancel, the phase of their sum is undefined: use the phase of the strongest axis
     strongest = np.take_along_axis(spectra, np.abs(spectra).argmax(axis=0)[None], axis=0)[0]
     together = np.where(np.abs(together) <= 1e-9 * np.abs(strongest), strongest, together)
     size = np.abs(together)
@@ -52,28 +53,30 @@ def dft321(axes: Array) -> Array:
 
 
 def one_axis(axes: Array | list[Array], rate_Hz: float) -> Array:
-    """One signal (n,) of one to three axes (k, n): DFT321 in windows, of each axis above `CUTOFF_HZ`.
+    """Combines one to three axes (k, n) into one signal (n,) by DFT321 in overlapping windows.
 
-    Windows of `WINDOW_S` overlap by half, weighted by the root of a Hann window before and after. Where the phases of
-    two windows differ, the overlap loses power: each window's span is scaled so that the power over time stays that of
-    the axes. One axis is returned as it is.
+    The axes are high-pass filtered at `CUTOFF_HZ`. The windows, `WINDOW_S` long, overlap by half and are weighted with
+    the square root of a Hann window before and after the transform. Overlapping windows with different phases lose
+    power, so a slowly varying gain restores the power over time. A single axis is returned unchanged.
 
     Raises:
-        CaptureError: no or more than three axes, or too short to be filtered.
+        CaptureError: there are no or more than three axes, or they are too short to be filtered.
     """
     if not 1 <= len(axes) <= 3 or axes[0].ndim != 1:
-        raise CaptureError(f"acceleration must have one to three axes, its shape is {np.shape(axes)}")
+        raise CaptureError(f"invalid shape {np.shape(axes)} of the acceleration; expected one to three axes")
     count = len(axes[0])
     if len(axes) == 1:
         return np.asarray(axes[0])
     if not (count >= WINDOW_S * rate_Hz and rate_Hz >= 4.0 * CUTOFF_HZ):
-        raise CaptureError(f"three axes of {count} samples at {rate_Hz:g} Hz: at least {WINDOW_S:g} s are needed")
+        raise CaptureError(
+            f"{count} samples at {rate_Hz:g} Hz are too few to combine three axes; expected at least {WINDOW_S:g} s"
+        )
     hop = max(1, round(0.5 * WINDOW_S * rate_Hz))
     window_count = -(-count // hop) + 1
     padded = np.zeros((len(axes), (window_count + 1) * hop))
     for row, axis in zip(padded, axes, strict=True):
         row[hop : hop + count] = filtered(axis, rate_Hz, CUTOFF_HZ, "highpass")
-    weight = np.sin(np.pi * (np.arange(2 * hop) + 0.5) / (2 * hop))  # the root of a Hann window
+    weight = np.sin(np.pi * (np.arange(2 * hop) + 0.5) / (2 * hop))  # square root of a Hann window
     made, hann = np.zeros(padded.shape[1]), weight**2
     windows = [slice(start, start + 2 * hop) for start in range(0, window_count * hop, hop)]
     for part in windows:
@@ -87,23 +90,23 @@ def one_axis(axes: Array | list[Array], rate_Hz: float) -> Array:
 
 
 QUATERNION: Final = "orientation"
-"""The quantity of four columns, joined by "+" or named with _w, _x, _y, _z."""
+"""Quantity with four columns, joined by "+" or with the suffixes _w, _x, _y, _z."""
 
 VECTORS: Final = ("acceleration", "position", "tangential_force", "torque", QUATERNION)
-"""Quantities that may have up to three columns, joined by "+" or named with _x, _y, _z; and `QUATERNION`."""
+"""Quantities with up to three columns, joined by "+" or with the suffixes _x, _y, _z; and `QUATERNION`."""
 
 UNEVEN_MAX: Final = 0.1
-"""Largest deviation of a time step from the mean one, in steps [1], at which a time column gives the rate."""
+"""Largest relative deviation of a time step from the mean step for times to count as evenly spaced [1]."""
 
 MISSING_MAX: Final = 0.01
-"""Largest share of samples that may be missing [1]; they are interpolated linearly."""
+"""Largest fraction of samples that may be missing [1]; missing samples are interpolated linearly."""
 
-_MORE_ROWS: Final = 2
-"""Streams that are held at once beside those of a recording and the axes that are combined [count]."""
+_EXTRA_STREAMS: Final = 2
+"""Temporary streams that are in memory in addition to the recording and the axes that are combined."""
 
 
-class BridgedWarning(UserWarning):
-    """Samples were missing in a recording, and were interpolated linearly between their neighbours."""
+class InterpolatedWarning(UserWarning):
+    """Samples were missing in a recording and were interpolated linearly."""
 
 
 WORDS: Final = {
@@ -116,15 +119,16 @@ WORDS: Final = {
     "contact_angle_rad": "contact angle",
     "direction_rad": "direction",
 }
-"""Names of the streams beside the acceleration, for messages."""
+"""Names of the streams other than the acceleration, for messages."""
 
 
 @dataclass(frozen=True)
 class SurfaceRecording:
-    """The streams of a file in SI units, (n,) each; None for those that it does not have.
+    """A recording of a tool on a surface: streams in SI units, (n,) each; None for streams that were not recorded.
 
-    Three axes of acceleration are combined by DFT321. Positions give speed and direction, friction a tangential force,
-    an orientation the contact angle; of a vector of tangential force or torque its magnitude is kept.
+    `load_recording` combines three axes of acceleration by DFT321, computes speed and direction from positions, the
+    tangential force from a friction ratio, and the contact angle from an orientation. Tangential force and torque are
+    magnitudes.
     """
 
     rate_Hz: float
@@ -134,13 +138,13 @@ class SurfaceRecording:
     tangential_force_N: Array | None = None
     depth_m: Array | None = None
     bridged: Mapping[str, int] = field(default_factory=dict)
-    """number of missing samples of each column that were interpolated"""
+    """number of interpolated samples in each column that had missing samples"""
     torque_Nm: Array | None = field(default=None, kw_only=True)
     grip_force_N: Array | None = field(default=None, kw_only=True)
     contact_angle_rad: Array | None = field(default=None, kw_only=True)
-    """between the tool's axis and the surface's normal, 0 upright"""
+    """angle between the axis of the tool and the surface normal; 0 if the tool is upright"""
     direction_rad: Array | None = field(default=None, kw_only=True)
-    """of sliding over the surface"""
+    """direction of sliding"""
 
     def __repr__(self) -> str:
         held = ", ".join(name for name in WORDS if getattr(self, name) is not None) or "nothing"
@@ -155,25 +159,26 @@ def load_recording(
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> SurfaceRecording:
-    """Reads CSV, text, WAV, NPZ, MAT (to version 7), Parquet, or a probe's record (`hapscene.capture.io.formats`).
+    """Reads a recording from a CSV, text, WAV, NPZ, MAT (up to version 7), Parquet or .hsrec file.
 
-    A file that is named as in a published data set (`hapscene.capture.io.datasets`) is read with the other files of the
-    same recording, unless `columns` are given.
+    A file of a published data set (`hapscene.capture.io.datasets`) is recognised by its name and read together with the
+    other files of the same recording, unless `columns` are given.
 
     Args:
-        path: the file. In text of one column, and in a WAV file of one or three channels, that is the acceleration.
-        rate_Hz: sample rate, where the file does not state it.
-        columns: which column holds which quantity of `UNITS`, as {"acceleration": "accel"}; by default the column of
-            that name. Axes are joined by "+", as {"acceleration": "ax+ay+az"}.
-        units: the unit of each quantity that is read, as {"acceleration": "g", "speed": "mm/s"}. A number before it
+        path: the file. A text file with one column and a WAV file with one or three channels hold the acceleration.
+        rate_Hz: sample rate, if the file does not state it.
+        columns: column of each quantity, for example {"acceleration": "accel"}; by default the column with the name of
+            the quantity. Axes are joined by "+": {"acceleration": "ax+ay+az"}.
+        units: unit of each quantity, for example {"acceleration": "g", "speed": "mm/s"}. A number before the unit
             scales: "98 m/s2" for a WAV file whose full scale is 98 m/s².
 
     Raises:
-        CaptureError: no rate or unit given; a file that is missing, too large or not of numbers; an unknown column.
+        CaptureError: the sample rate or a unit is unknown; the file is missing, too large or contains no numbers; a
+            column does not exist.
 
     Warns:
-        BridgedWarning: some samples are missing, at most 1 % of a column; they are interpolated.
-        CutWarning: a probe's record has no end chunk: it may have been longer.
+        InterpolatedWarning: some samples are missing, at most 1 % of a column; they are interpolated.
+        TruncatedWarning: the record of a probe has no end chunk and may be truncated.
     """
     path = Path(path)
     source = (None if columns else read_dataset(path)) or read_recording_source(path)
@@ -183,21 +188,21 @@ def load_recording(
         axes = max(len(names) for names in chosen.values())
         count, own_B = len(next(iter(source.columns.values()))), source.own_B
         needed_B = sum(column.nbytes for column in source.columns.values())
-        needed_B += 8 * count * (len(chosen) + axes + _MORE_ROWS + ("position" in chosen))
-        check_memory(needed_B, own_B, f"its {count:,} samples", TOO_MUCH)
+        needed_B += 8 * count * (len(chosen) + axes + _EXTRA_STREAMS + ("position" in chosen))
+        check_memory(needed_B, own_B, f"a recording of {count:,} samples", TOO_MUCH)
         rate = rate_of(rate_Hz, source, reader.rows("time")[0] if "time" in chosen else None)
         recording = _assembled(rate, chosen, reader)
     if reader.bridged:
         listed = ", ".join(f"{missing} of {name}" for name, missing in reader.bridged.items())
-        warn(f"{path}: missing samples interpolated: {listed}", BridgedWarning)
+        warn(f"{path}: missing samples interpolated: {listed}", InterpolatedWarning)
     return recording
 
 
 class _Reader:
-    """Gives the columns of a quantity in SI units.
+    """Reads the columns of a quantity in SI units.
 
     Attributes:
-        bridged: number of missing samples of each column that were interpolated.
+        bridged: number of interpolated samples in each column that had missing samples.
     """
 
     def __init__(self, source: RecordingSource, chosen: Mapping[str, list[str]], units: Mapping[str, str]) -> None:
@@ -206,19 +211,19 @@ class _Reader:
         self.bridged: dict[str, int] = {}
 
     def rows(self, quantity: str) -> list[Array]:
-        """The columns of a quantity (k, n).
+        """Columns (k, n) of a quantity.
 
         Raises:
             CaptureError: more than `MISSING_MAX` of the samples are missing.
         """
         made = []
         for name in self._chosen[quantity]:
-            with np.errstate(invalid="ignore"):  # a signalling NaN is a missing sample too
+            with np.errstate(invalid="ignore"):  # a signalling NaN also marks a missing sample
                 made.append(np.array(self._source.columns[name], np.float64))
             share = np.count_nonzero(np.isnan(made[-1])) / len(made[-1])
             if share > MISSING_MAX:
-                most = f"at most {100 * MISSING_MAX:g} % may be"
-                raise CaptureError(f"{name}: {100 * share:.1f} % of the samples are missing, {most}")
+                most = f"at most {100 * MISSING_MAX:g} % can be interpolated"
+                raise CaptureError(f"column {name!r}: {100 * share:.1f} % of the samples are missing; {most}")
             if missing := fill_missing(made[-1]):
                 self.bridged[name] = missing
             made[-1] *= self._source.scale * self._scales[quantity]
@@ -226,7 +231,7 @@ class _Reader:
 
 
 def _assembled(rate_Hz: float, chosen: Iterable[str], reader: _Reader) -> SurfaceRecording:
-    """The recording, one quantity after the other."""
+    """Computes the streams of the recording from the chosen quantities."""
     single = {name: reader.rows(name)[0] for name in _SINGLE if name in chosen}
     force, speed, angle = (single.get(name) for name in ("force", "speed", "contact_angle"))
     direction, tangential, torque = single.get("direction"), None, None
@@ -262,25 +267,25 @@ _SINGLE: Final = ("force", "speed", "friction", "depth", "grip_force", "contact_
 
 
 def _magnitude(axes: list[Array]) -> Array:
-    """Magnitude (n,) of a vector's axes; one axis as it is."""
+    """Magnitude (n,) of the axes of a vector; a single axis is returned unchanged."""
     return axes[0] if len(axes) == 1 else np.asarray(np.sqrt(sum(axis**2 for axis in axes)))
 
 
 def tilt(quaternion: list[Array]) -> Array:
-    """Angle (n,) [rad] between the z-axes before and after a turn by w, x, y, z (n,) each, from 0 to π/2.
+    """Angle (n,) [rad], 0 to π/2, by which quaternions w, x, y, z (n,) tilt the z axis.
 
     Raises:
-        CaptureError: a quaternion of length 0.
+        CaptureError: a quaternion has length 0.
     """
     square = sum(part**2 for part in quaternion)
     if not np.all(np.asarray(square) > 0.0):
-        raise CaptureError("orientation: a quaternion of four zeros is invalid")
+        raise CaptureError("orientation: invalid quaternion of four zeros; expected a quaternion of length 1")
     _, x, y, _ = quaternion
     return np.asarray(np.arccos(np.minimum(np.abs(1.0 - 2.0 * (x**2 + y**2) / square), 1.0)))
 
 
 def rate_of(given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
-    """The given rate, else the file's own, else that of its column of times."""
+    """Sample rate: the given one, else that of the file, else that of its time column."""
     if given_Hz is not None:
         return float(given_Hz)
     if source.rate_Hz is not None:
@@ -289,21 +294,23 @@ def rate_of(given_Hz: float | None, source: RecordingSource, time_s: Array | Non
         step_s = np.diff(time_s)
         mean_s = float(step_s.mean()) if len(step_s) else 0.0
         if not (mean_s > 0.0 and np.all(np.abs(step_s - mean_s) <= UNEVEN_MAX * mean_s)):
-            raise CaptureError("its times are not evenly spaced: resample it, or give rate_Hz=… (--rate HZ)")
+            raise CaptureError(
+                "column 'time' is not evenly spaced: resample the recording, or give rate_Hz=… (--rate HZ)"
+            )
         return 1.0 / mean_s
-    raise CaptureError("the file does not state its sample rate: give rate_Hz=… (--rate HZ)")
+    raise CaptureError("the sample rate is unknown: give rate_Hz=… (--rate HZ)")
 
 
 def _choose(names: list[str], columns: Mapping[str, str], wave: bool) -> dict[str, list[str]]:
-    """Quantity to columns, for the quantities that the file has."""
+    """Names of the columns of each quantity in the file."""
     chosen: dict[str, list[str]] = {}
     for quantity, column in columns.items():
         if quantity not in UNITS:
-            raise CaptureError(f"no quantity {quantity!r} in columns; there are: {', '.join(UNITS)}")
+            raise CaptureError(f"unknown quantity {quantity!r} in columns; expected one of: {', '.join(UNITS)}")
         parts = [column] if column in names else [part.strip() for part in column.split("+")]
         for part in parts:
             if part not in names:
-                raise CaptureError(f"no column {part!r}; there are: {', '.join(names)}")
+                raise CaptureError(f"no column {part!r}; the file has: {', '.join(names)}")
         chosen[quantity] = parts
     for quantity in UNITS.keys() - chosen.keys():
         axes = [f"{quantity}_{axis}" for axis in _axes(quantity) if f"{quantity}_{axis}" in names]
@@ -311,49 +318,49 @@ def _choose(names: list[str], columns: Mapping[str, str], wave: bool) -> dict[st
             chosen[quantity] = [quantity] if quantity in names else axes
     for quantity, parts in chosen.items():
         if len(parts) > max(1, len(_axes(quantity))) or (quantity == QUATERNION and len(parts) < 4):
-            most = "at most three columns" if quantity in VECTORS else "one column"
-            most = "four columns: w, x, y, z" if quantity == QUATERNION else most
-            raise CaptureError(f"{quantity} has {most}, {'+'.join(parts)!r} names {len(parts)}")
+            expected = "at most three columns" if quantity in VECTORS else "one column"
+            expected = "four columns: w, x, y, z" if quantity == QUATERNION else expected
+            raise CaptureError(f"{quantity}: {'+'.join(parts)!r} names {len(parts)} columns; expected {expected}")
     numbered = names in (["1"], ["1", "2", "3"] if wave else [])
     if "acceleration" not in chosen and numbered:
         chosen["acceleration"] = names
     if "acceleration" not in chosen:
         example = _likely(names, chosen)
         raise CaptureError(
-            f'no column "acceleration"; there are: {", ".join(names)}: '
+            f'no column "acceleration"; the file has: {", ".join(names)}: '
             f'give columns={{"acceleration": "{example}"}} (--columns acceleration={example})'
         )
     return {quantity: chosen[quantity] for quantity in UNITS if quantity in chosen}
 
 
 def _axes(quantity: str) -> tuple[str, ...]:
-    """Suffixes of the columns of a vector quantity; empty for a scalar."""
+    """Column suffixes of a vector quantity; empty for a scalar."""
     return ("w", *AXES) if quantity == QUATERNION else AXES if quantity in VECTORS else ()
 
 
 def _likely(names: list[str], chosen: Mapping[str, list[str]]) -> str:
-    """The column that most likely is the acceleration: an unused one that begins with "acc" or "a"."""
+    """The column that is most likely the acceleration: an unused one that begins with "acc" or "a"."""
     taken = {name for parts in chosen.values() for name in parts}
     free = [name for name in names if name not in taken] or ["COLUMN"]
     return next(name for start in ("acc", "a", "") for name in free if name.casefold().startswith(start))
 
 
 def _scale(quantity: str, names: list[str], given: Mapping[str, str], own: Mapping[str, str]) -> float:
-    """Factor from the file's numbers to SI, by the given unit, else by the file's own for the column."""
+    """Factor that converts a quantity to SI, from the given unit or else from the unit that the file states."""
     known = ", ".join(UNITS[quantity])
     unknown = [name for name in given if name not in UNITS]
     if unknown:
-        raise CaptureError(f"no quantity {unknown[0]!r} in units; there are: {', '.join(UNITS)}")
+        raise CaptureError(f"unknown quantity {unknown[0]!r} in units; expected one of: {', '.join(UNITS)}")
     unit = given.get(quantity) or own.get(names[0]) or {"friction": "1", "time": "s", QUATERNION: "1"}.get(quantity)
     if unit is None:
         example = next(iter(UNITS[quantity]))
         raise CaptureError(
-            f"the unit of {quantity} (column {'+'.join(names)!r}) is not known: give "
-            f'units={{"{quantity}": "{example}"}} (--units {quantity}={example}); known are {known}'
+            f"the unit of {quantity} (column {'+'.join(names)!r}) is unknown: give "
+            f'units={{"{quantity}": "{example}"}} (--units {quantity}={example}); known units: {known}'
         )
     if unit in UNITS[quantity]:
         return UNITS[quantity][unit]
     match = re.fullmatch(r"([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*\*?\s*(\S+)", unit)
     if match is None or match[2] not in UNITS[quantity] or not 0.0 < float(match[1]) < float("inf"):
-        raise CaptureError(f"no unit {unit!r} of {quantity}; there are: {known}")
+        raise CaptureError(f"unknown unit {unit!r} of {quantity}; known units: {known}")
     return float(match[1]) * UNITS[quantity][match[2]]

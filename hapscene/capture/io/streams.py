@@ -1,4 +1,4 @@
-"""The streams of a recording, checked and filtered: acceleration, normal force, speed, and what else was measured."""
+"""Checks and filters the streams of a recording: acceleration, normal force, speed, and optional streams."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
@@ -35,27 +35,27 @@ Array = NDArray[np.float64]
 _Recording = TypeVar("_Recording", bound="DataclassInstance")
 
 HAND_CUTOFF_HZ: Final = 100.0
-"""Cut-off of the low-pass on force and speed [Hz]: hand motion lies below it, the response of the surface above."""
+"""Cut-off of the low-pass on force and speed [Hz]. Hand motion lies below it, the response of the surface above."""
 
 DURATION_MIN_S: Final = 0.5
-"""Shortest recording that a model is fitted to [s]: two halves of three windows each."""
+"""Shortest recording that a model is fitted to [s]: two halves of three analysis windows each."""
 
 BLOCK: Final = 1 << 16
-"""Samples of a long signal that are filtered at once [count]."""
+"""Number of samples of a long signal that are filtered at once."""
 
 ASSUMED_FORCE_N: Final = 1.0
-"""Normal force that is assumed where none was recorded [N]: that of a pen that writes."""
+"""Normal force that is assumed if it was not recorded [N]: that of writing with a pen."""
 
 ASSUMED_SPEED_M_S: Final = 0.1
-"""Slip speed that is assumed where none was recorded [m/s]: that of a slow stroke over a plate."""
+"""Slip speed that is assumed if it was not recorded [m/s]: that of a slow stroke."""
 
 ACCELERATION_MAX_M_S2: Final = 1e6
-"""Largest plausible acceleration of a tool [m/s²]: shock sensors end at a tenth of it."""
+"""Largest plausible acceleration of a tool [m/s²]: ten times the range of shock sensors."""
 
 
 @dataclass(frozen=True)
 class Streams:
-    """A cleaned recording: n samples of each stream at one rate."""
+    """A filtered recording: n samples of each stream at one sample rate."""
 
     rate_Hz: float
     acceleration_m_s2: Array
@@ -64,13 +64,13 @@ class Streams:
     tangential_force_N: Array | None
     depth_m: Array | None = None
     assumed: tuple[str, ...] = ()
-    """names of the streams that were not recorded but assumed"""
+    """names of the streams that were assumed instead of recorded"""
     speed_rest_m_s: float = 0.0
-    """speed reading at rest: the noise of a speed that is a magnitude has a mean above 0"""
+    """measured speed at rest; the noise of a magnitude has a mean above 0"""
     torque_Nm: Array | None = None
     grip_force_N: Array | None = None
     contact_angle_rad: Array | None = None
-    """between the tool's axis and the surface's normal, 0 upright"""
+    """angle between the axis of the tool and the surface normal; 0 if the tool is upright"""
 
 
 def clean(
@@ -85,14 +85,14 @@ def clean(
     grip_force_N: ArrayLike | None = None,
     contact_angle_rad: ArrayLike | None = None,
 ) -> Streams:
-    """Acceleration high-passed at 20 Hz, the other streams low-passed at 100 Hz, all without delay.
+    """High-pass filters the acceleration at 20 Hz and low-pass filters the other streams at 100 Hz, without delay.
 
-    Force and speed may be one number for the whole recording, or None: then `ASSUMED_FORCE_N`, `ASSUMED_SPEED_M_S`.
-    Depth grows into the surface; it is negative above it. The sign of the contact angle is ignored.
+    Force and speed may be a single number for the whole recording, or None for `ASSUMED_FORCE_N` and
+    `ASSUMED_SPEED_M_S`. Depth is positive inside the surface. The sign of the contact angle is ignored.
 
     Raises:
-        CaptureError: too short, too slow, silent, not finite, not real numbers, beyond `ACCELERATION_MAX_M_S2`, or
-            streams of different length.
+        CaptureError: a stream is too short, constant, not finite, not real or out of range; the sample rate is too low;
+            the streams have different lengths.
     """
     _check_rate(rate_Hz)
     high = _cleaned_acceleration(acceleration_m_s2, rate_Hz)
@@ -105,7 +105,7 @@ def clean(
     if (tilt := low["contact_angle_rad"]) is not None:
         low["contact_angle_rad"] = tilt = np.abs(tilt)
         if (most := float(tilt.max())) > np.pi:
-            raise CaptureError(f"the contact angle reaches {most:.4g} rad, more than half a turn: check its unit")
+            raise CaptureError(f"the contact angle reaches {most:.4g} rad; expected at most π: check its unit")
     assumed = tuple(name for name, s in {"force_N": force_N, "speed_m_s": speed_m_s}.items() if s is None)
     slow = np.abs(_low_passed(speed, rate_Hz))
     rest_m_s = _rest_level(speed, slow, rate_Hz)
@@ -116,13 +116,13 @@ def clean(
 
 def _check_rate(rate_Hz: float) -> None:
     if np.ndim(rate_Hz) != 0 or np.asarray(rate_Hz).dtype.kind not in "iuf":
-        raise CaptureError(f"rate_Hz must be a number, is {rate_Hz!r}")
+        raise CaptureError(f"rate_Hz is {rate_Hz!r}; expected a number")
     if not (np.isfinite(rate_Hz) and rate_Hz > 4.0 * HAND_CUTOFF_HZ):
-        raise CaptureError(f"rate_Hz must be above {4.0 * HAND_CUTOFF_HZ:g}, is {rate_Hz}")
+        raise CaptureError(f"rate_Hz is {rate_Hz}; expected more than {4.0 * HAND_CUTOFF_HZ:g} Hz")
 
 
 def _cleaned_acceleration(values: ArrayLike, rate_Hz: float) -> Array:
-    """The acceleration, checked and high-passed at 20 Hz."""
+    """Checks the acceleration and high-pass filters it at 20 Hz."""
     acceleration = _stream("acceleration_m_s2", values, None)
     beyond = np.flatnonzero((acceleration > ACCELERATION_MAX_M_S2) | (acceleration < -ACCELERATION_MAX_M_S2))
     if len(beyond):
@@ -132,19 +132,22 @@ def _cleaned_acceleration(values: ArrayLike, rate_Hz: float) -> Array:
         )
     count = len(acceleration)
     if count < DURATION_MIN_S * rate_Hz:
-        least = f"at least {DURATION_MIN_S:g} s are needed"
-        raise CaptureError(f"{count} samples at {rate_Hz:g} Hz are {count / rate_Hz:.3g} s: {least}")
+        length = f"{count} samples at {rate_Hz:g} Hz are {count / rate_Hz:.3g} s"
+        raise CaptureError(f"the recording is too short: {length}; expected at least {DURATION_MIN_S:g} s")
     high = filtered(acceleration - acceleration.mean(), rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
     if not high.std() > 1e-9 * max(1.0, acceleration.max(), -acceleration.min()):
-        raise CaptureError(f"the acceleration is silent above {ACCELERATION_BAND_HZ[0]:g} Hz: nothing can be fitted")
+        raise CaptureError(
+            f"the acceleration has no vibration above {ACCELERATION_BAND_HZ[0]:g} Hz: check the sensor and the column"
+        )
     return high
 
 
 def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
-    """What a speed reads at rest: the lower quartile of the means of the 50 ms windows in which it looks like noise.
+    """Measured speed at rest: the lower quartile of the means of all 50 ms windows that contain only noise.
 
-    Noise varies as much as its mean, also above the low-pass (half a normal distribution by 0.76 of its mean, the
-    magnitude of three axes by 0.42), which hand motion does not; and it is never long near zero, as stick–slip is.
+    The standard deviation of noise is comparable to its mean, also above the cut-off of the low-pass (0.76 of the mean
+    for a half-normal distribution, 0.42 for the magnitude of three axes). That of hand motion is much smaller.
+    Stick–slip is excluded by its intervals of zero speed.
     """
     length = max(1, round(0.05 * rate_Hz))
     raw, low = (stream[: len(stream) // length * length].reshape(-1, length) for stream in (raw, low))
@@ -159,24 +162,24 @@ def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
 
 
 def blocks(count: int, size: int) -> Iterator[slice]:
-    """Slices of `size` samples, the last one shorter."""
+    """Slices of `size` samples; the last one may be shorter."""
     return (slice(start, start + size) for start in range(0, count, size))
 
 
 def kept_share(frequency_Hz: ArrayLike) -> Array:
-    """Share (n,) of a recording's power that the high-pass of `clean` keeps at frequencies (n,) [1]."""
+    """Power gain (n,) of the high-pass of `clean` at frequencies (n,) [1]."""
     ratio = ACCELERATION_BAND_HZ[0] / np.maximum(np.asarray(frequency_Hz, dtype=np.float64), 1e-3)
     return np.asarray((1.0 + ratio**8) ** -2.0)
 
 
 def part_of(recording: _Recording, part: slice | NDArray[np.bool_]) -> _Recording:
-    """Some samples of all streams of a recording, cleaned or not."""
+    """Selects samples of all streams of a recording."""
     streams = ((field.name, getattr(recording, field.name)) for field in fields(recording))
     return replace(recording, **{name: stream[part] for name, stream in streams if isinstance(stream, np.ndarray)})
 
 
 def fill_missing(stream: Array) -> int:
-    """Interpolate samples that are NaN linearly between their neighbours, in place; returns their number."""
+    """Replaces NaN samples by linear interpolation, in place, and returns their number."""
     missing = np.isnan(stream)
     gaps = np.flatnonzero(missing)
     if len(gaps):
@@ -189,23 +192,23 @@ def fill_missing(stream: Array) -> int:
 
 
 def _can_filter(position_m: Array, rate_Hz: float) -> bool:
-    """Whether positions (n,) are long and fast enough to be low-passed."""
+    """Whether positions (n,) have enough samples and a sample rate high enough for the low-pass."""
     return rate_Hz > 4.0 * HAND_CUTOFF_HZ and len(position_m) >= 0.1 * rate_Hz
 
 
 def speed_of(position_m: Array | Sequence[Array], rate_Hz: float) -> Array:
-    """Speed (n,) [m/s] of positions (k, n) along k axes: low-passed at 100 Hz, then central differences.
+    """Speed (n,) [m/s] of positions (k, n) along k axes, by a 100 Hz low-pass and central differences.
 
-    Both are without delay. Of a motion at frequency f the differences keep sin(x)/x with x = 2πf/rate, at 20 Hz and
-    1 kHz all but 0.3 %.
+    Both are without delay. Central differences attenuate motion at frequency f by sin(x)/x with x = 2πf/rate: by 0.3 %
+    at 20 Hz and a sample rate of 1 kHz.
 
     Raises:
-        CaptureError: too slow or too short to be low-passed.
+        CaptureError: the sample rate is too low or the positions are too few for the low-pass.
     """
     if not _can_filter(position_m[0], rate_Hz):
         raise CaptureError(
-            f"{len(position_m[0])} positions at {rate_Hz:g} Hz give no speed: 0.1 s or more at above "
-            f"{4.0 * HAND_CUTOFF_HZ:g} Hz are needed"
+            f"{len(position_m[0])} positions at {rate_Hz:g} Hz give no speed; expected at least 0.1 s at more "
+            f"than {4.0 * HAND_CUTOFF_HZ:g} Hz"
         )
     square = np.zeros(len(position_m[0]))
     for axis in position_m:
@@ -214,7 +217,7 @@ def speed_of(position_m: Array | Sequence[Array], rate_Hz: float) -> Array:
 
 
 def direction_of(x_m: Array, y_m: Array, rate_Hz: float) -> Array | None:
-    """Direction (n,) [rad] in which positions (n,) move, from x towards y; None where they have no speed."""
+    """Direction (n,) [rad] of motion from x towards y; None if the positions are too few or too slow for a speed."""
     if not _can_filter(x_m, rate_Hz):
         return None
     slope = [np.gradient(_low_passed(axis, rate_Hz)) for axis in (y_m, x_m)]
@@ -222,35 +225,35 @@ def direction_of(x_m: Array, y_m: Array, rate_Hz: float) -> Array | None:
 
 
 def high_pass_gain(size: int, rate_Hz: float) -> Array:
-    """Gain (size//2+1,) of the high-pass that `clean` puts on the acceleration, at the lines of an FFT of `size`."""
+    """Gain (size//2+1,) of the high-pass of `clean` at the frequencies of an FFT of `size` samples."""
     sections = scipy.signal.butter(4, ACCELERATION_BAND_HZ[0], "highpass", fs=rate_Hz, output="sos")
     _, response = scipy.signal.sosfreqz(sections, 2.0 * np.pi * np.arange(size // 2 + 1) / size)
-    return np.asarray(np.abs(response) ** 2)  # forward and backward
+    return np.asarray(np.abs(response) ** 2)  # squared: the filter runs forward and backward
 
 
 def _stream(name: str, values: ArrayLike, count: int | None) -> Array:
-    """One stream as (n,) float64; a single number is spread over the recording."""
+    """A stream as (n,) float64; a single number is repeated."""
     try:
         given = np.asarray(values)
     except (TypeError, ValueError):
-        raise CaptureError(f"{name} must be a list of numbers") from None
-    if given.dtype.kind not in "iuf":  # a cast to float64 would drop the imaginary part, and accept text
-        raise CaptureError(f"{name} must be a list of real numbers, is of {given.dtype}")
+        raise CaptureError(f"{name} is not an array of numbers") from None
+    if given.dtype.kind not in "iuf":  # a cast would drop imaginary parts and accept text
+        raise CaptureError(f"{name} has type {given.dtype}; expected real numbers")
     array = given.astype(np.float64, copy=False)
     if array.ndim == 0 and count is not None:
         array = np.broadcast_to(float(array), count)
     if array.ndim != 1:
-        raise CaptureError(f"{name} must have one axis, its shape is {array.shape}")
+        raise CaptureError(f"{name} has shape {array.shape}; expected one axis")
     if count is not None and len(array) != count:
-        raise CaptureError(f"{name} has {len(array)} samples, acceleration_m_s2 has {count}")
+        raise CaptureError(f"{name} has {len(array)} samples, but acceleration_m_s2 has {count}")
     bad = np.flatnonzero(~np.isfinite(array))
     if len(bad):
-        raise CaptureError(f"{name}: sample {bad[0]} is not finite")
+        raise CaptureError(f"{name}: sample {bad[0]} is not a finite number")
     return array
 
 
 def _low_passed(signal: Array, rate_Hz: float) -> Array:
-    """Low-passed at 100 Hz; a constant stays exactly that number, and takes the memory of one."""
+    """Low-pass filters at 100 Hz; a constant stream is returned unchanged as a broadcast scalar."""
     if np.ptp(signal) == 0.0:
         return np.broadcast_to(signal[0], signal.shape)
     return filtered(signal, rate_Hz, HAND_CUTOFF_HZ, "lowpass")
@@ -259,9 +262,10 @@ def _low_passed(signal: Array, rate_Hz: float) -> Array:
 def filtered(
     signal: Array, rate_Hz: float, cutoff_Hz: float, kind: Literal["lowpass", "highpass"], order: int = 4
 ) -> Array:
-    """Signals (..., n) through Butterworth's filter of even order, forward and backward: without delay.
+    """Filters signals (..., n) with a Butterworth filter of even order, forward and backward, without delay.
 
-    As `scipy.signal.sosfiltfilt`, to the bit; long signals block by block, because that takes five times their memory.
+    The result equals that of `scipy.signal.sosfiltfilt` to the bit. Long signals are filtered in blocks, because SciPy
+    needs five times their memory.
     """
     sections = scipy.signal.butter(order, cutoff_Hz, kind, fs=rate_Hz, output="sos")
     if signal.ndim > 1 or signal.shape[-1] <= BLOCK:

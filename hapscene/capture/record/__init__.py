@@ -1,1 +1,1 @@
-"""Live recording from a probe, its coverage, and the time alignment of several recordings."""
+"""Recording from a probe, and time alignment of several recordings."""

@@ -1,126 +1,113 @@
-"""Recording from a probe on a serial port: the port is drained, decoded, displayed, and written crash-safe."""
+"""Records from a probe on a serial port: reads and decodes samples, shows the level, writes a crash-safe file."""
 
 import math
 import os
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Protocol, TextIO
+from typing import Final, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.io.hsrec import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, load_record, save_npz, taken
+from hapscene.capture.io.hsrec import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, file_exists, load_record, save_npz
 from hapscene.errors import CaptureError, Codes
 from hapscene.io.files import refusing
 from hapscene.io.wire.port import BAUD, Port
 from hapscene.io.wire.protocol import VERSION, Count, Decoder, Header, Run
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["FULL", "REACHED", "SILENCE_S", "STOPPED", "TELL_S", "Made", "Meter", "Watcher", "record"]
+__all__ = ["FULL", "REACHED", "SILENCE_S", "STOPPED", "LevelMeter", "RecordingResult", "record"]
 
 TERMINAL_S: Final = 0.1
-"""Time between two updates of the level meter on a terminal [s]."""
+"""Interval between two updates of the level meter on a terminal [s]."""
 
 LOG_S: Final = 1.0
-"""Time between two lines of the level meter where the output is no terminal [s]."""
+"""Interval between two lines of the level meter if the output is not a terminal [s]."""
 
-TELL_S: Final = 0.05
-"""Time between two calls of `Watcher.tell` [s]."""
+FLUSH_S: Final = 0.05
+"""Interval at which samples are passed to the operating system and the level meter is updated [s]."""
 
 SILENCE_S: Final = 5.0
-"""How long a port may give no header [s]. Boards that restart when the port is opened take up to 2 s."""
+"""Longest wait for the probe's header [s]. Boards that restart when the port is opened need up to 2 s."""
 
 MEASURED_MIN_S: Final = 5.0
-"""Shortest recording whose rate is measured by the computer's clock [s]: bytes come in lumps of some 10 ms."""
+"""Shortest recording whose sample rate is measured with the computer's clock [s]. Bytes arrive in bursts of about
+10 ms, so the rate of a shorter recording would be inaccurate."""
 
 STOPPED: Final = "stopped"
 REACHED: Final = "the duration was reached"
-FULL: Final = "the longest record was reached"
+FULL: Final = "the maximum length of a record was reached"
 
 
-class Watcher(Protocol):
-    """Follows a recording from its thread; the recording waits for every call."""
+class LevelMeter:
+    """Level meter of a recording: one line with RMS and peak of each channel, and the number of lost samples."""
 
-    def begin(self, header: Header) -> None:
-        """Called once, before all other calls."""
-
-    def take(self, run: Run) -> None:
-        """Called with samples as they are written."""
-
-    def tell(self, count: Count, position: int) -> None:
-        """Called about every `TELL_S`: line counts, and the number of the sample after the last one."""
-
-    def end(self, why: str) -> None:
-        """Called once, after all other calls; `why` is empty where an error ended the recording."""
-
-
-class Meter:
-    """Level meter of a recording, a `Watcher`: RMS and peak about the mean, and losses, in one line of the terminal."""
-
-    def __init__(self, stream: TextIO | None = None, clock: Clock = CLOCK) -> None:
+    def __init__(self, header: Header, stream: TextIO | None = None, clock: Clock = CLOCK) -> None:
+        self._header = header
         self._stream = sys.stdout if stream is None else stream
         self._clock = clock
-        self._live = self._stream.isatty()
-        self._period_s = TERMINAL_S if self._live else LOG_S
+        self._is_terminal = self._stream.isatty()
+        self._period_s = TERMINAL_S if self._is_terminal else LOG_S
         self._shown_s = clock.now_s()
         self._line_open = False
         self._blocks: list[NDArray[np.int64]] = []
 
-    def begin(self, header: Header) -> None:
-        self._header = header
-
-    def take(self, run: Run) -> None:
+    def add(self, run: Run) -> None:
+        """Adds samples to the level that is shown next."""
         self._blocks.append(run.counts)
 
-    def tell(self, count: Count, position: int) -> None:
+    def show(self, count: Count, position: int) -> None:
+        """Prints the level if the last line is old enough; `position` is the number of samples so far."""
         now_s = self._clock.now_s()
         if now_s - self._shown_s < self._period_s:
             return
-        self._shown_s, self._line_open = now_s, self._live
+        self._shown_s, self._line_open = now_s, self._is_terminal
         line, width = self.line(count, position), shutil.get_terminal_size().columns
-        for text in (Codes("\r"), line[: width - 1], Codes("\x1b[K")) if self._live else (f"{line}\n",):
+        for text in (Codes("\r"), line[: width - 1], Codes("\x1b[K")) if self._is_terminal else (f"{line}\n",):
             self._stream.write(text)
         self._stream.flush()
 
     def line(self, count: Count, position: int) -> str:
-        """The state in words, since the last call."""
-        levels = "  silent"
+        """The text of the meter: time, lost samples, RMS and peak about the mean since the last call."""
+        levels = "  no samples"
         if self._blocks:
             values = np.concatenate(self._blocks) * np.array([c.scale for c in self._header.columns])
             self._blocks = []
-            away = values - values.mean(axis=0)
-            each = zip(self._header.columns, np.sqrt((away**2).mean(axis=0)), np.abs(away).max(axis=0), strict=True)
-            levels = "".join(f"  {column.name} {rms:.3g}/{peak:.3g} {column.unit}" for column, rms, peak in each)
+            deviation = values - values.mean(axis=0)
+            rms, peak = np.sqrt((deviation**2).mean(axis=0)), np.abs(deviation).max(axis=0)
+            each = zip(self._header.columns, rms, peak, strict=True)
+            levels = "".join(f"  {c.name} {level:.3g}/{top:.3g} {c.unit}" for c, level, top in each)
         lost = f"dropped {count.dropped}, torn {count.torn}, garbage {count.garbage}"
         return f"{position / self._header.rate_Hz:7.1f} s  {lost}  rms/peak:{levels}"
 
-    def end(self, why: str) -> None:
+    def close(self) -> None:
+        """Ends the line on a terminal."""
         if self._line_open:
             self._stream.write("\n")
             self._stream.flush()
 
 
 @dataclass(frozen=True)
-class Made:
+class RecordingResult:
     """Result of a recording."""
 
     path: Path
     rate_Hz: float
     length: int
-    """samples, gaps included"""
+    """number of samples, dropped samples included"""
     count: Count
     rate_measured_Hz: float | None
-    """samples by the computer's clock; None below `MEASURED_MIN_S`"""
+    """sample rate by the computer's clock; None for a recording shorter than `MEASURED_MIN_S`"""
     ended: str
-    """`STOPPED`, `REACHED`, `FULL`, or what went wrong"""
+    """why the recording ended: `STOPPED`, `REACHED`, `FULL`, or an error"""
 
     @property
-    def well(self) -> bool:
-        """Whether it ended as requested."""
+    def complete(self) -> bool:
+        """Whether the recording ended as requested."""
         return self.ended in (STOPPED, REACHED)
 
     def __str__(self) -> str:
@@ -138,143 +125,129 @@ def record(
     say: Callable[[str], None] = lambda line: None,
     silence_s: float = SILENCE_S,
     *,
-    watch: Sequence[Watcher] = (),
     clock: Clock = CLOCK,
-) -> Made:
-    """Records from a probe until it is stopped, the duration is reached, or the probe goes away.
+) -> RecordingResult:
+    """Records from a probe until it is stopped, the duration is reached, or the probe is disconnected.
 
     Args:
-        port: name of the serial port, as "/dev/ttyUSB0" or "COM3".
-        path: .hsrec; or .npz: then a .hsrec of the same name is written first, and converted at the end.
+        port: name of the serial port, for example "/dev/ttyUSB0" or "COM3".
+        path: file to write. A .hsrec file is written while recording. For a .npz file, a .hsrec file of the same name
+            is written first and converted at the end.
         baud: speed of the port [bit/s].
-        duration_s: how much to record; None: until `stopped`.
-        stopped: called about 20 times a second.
-        say: called with each line for the user.
-        silence_s: how long to wait for the probe's header.
-        watch: watchers, beside the level meter.
-        clock: measures silence, duration and rate.
+        duration_s: length of the recording [s]; None: until `stopped` returns True.
+        stopped: called about 20 times per second.
+        say: called with each line of output for the user.
+        silence_s: longest wait for the probe's header [s].
+        clock: clock that measures silence, duration and sample rate.
 
     Raises:
-        CaptureError: a port that cannot be opened, is silent or speaks another protocol; a file that exists already.
+        CaptureError: the port cannot be opened, sends nothing or speaks another protocol; the file exists already.
     """
     target = Path(path)
     if target.suffix not in (SUFFIX, ".npz"):
-        raise CaptureError(f"{target}: records are written as {SUFFIX} or .npz")
+        raise CaptureError(f"{target}: invalid suffix; expected {SUFFIX} or .npz")
     place = target.with_suffix(SUFFIX)
     for file in {target, place}:
         if file.exists():
-            raise taken(file)
+            raise file_exists(file)
     with closing(Port(port, baud)) as opened:
         decoder, runs = _wait_for_header(opened, port, baud, silence_s, stopped, clock)
         assert decoder.header is not None
         with RecordWriter(place, decoder.header) as writer:
             names = ", ".join(f"{c.name} [{c.unit}]" for c in decoder.header.columns)
-            say(f"recording {names} at {decoder.header.rate_Hz:g} Hz into {place}; Ctrl-C ends it")
-            made = _follow(opened, decoder, runs, writer, duration_s, stopped, (Meter(clock=clock), *watch), clock)
-    if not made.count.received:
+            say(f"recording {names} at {decoder.header.rate_Hz:g} Hz into {place}; stop with Ctrl-C")
+            meter = LevelMeter(decoder.header, clock=clock)
+            result = _record_samples(opened, decoder, runs, writer, duration_s, stopped, meter, clock)
+    if not result.count.received:
         place.unlink()
-        raise CaptureError(f"{port}: the probe announced itself but sent no samples ({made.ended}): nothing was kept")
+        raise CaptureError(f"{port}: the probe sent a header but no samples ({result.ended}); no file was written")
     if target != place:
         save_npz(load_record(place), target)
         place.unlink()
-    return replace(made, path=target)
+    return replace(result, path=target)
 
 
 def _wait_for_header(
     opened: Port, port: str, baud: int, silence_s: float, stopped: Callable[[], bool], clock: Clock
 ) -> tuple[Decoder, list[Run]]:
-    """Reads until the probe has announced itself; returns the first runs too."""
+    """Reads until the probe's header has arrived; returns the decoder and the samples read so far."""
     decoder = Decoder()
     deadline_s = clock.now_s() + silence_s
     while True:
         if stopped():
             raise KeyboardInterrupt
-        piece = opened.next()
-        if isinstance(piece, str):
-            raise CaptureError(f"{port}: the port closed before a probe announced itself: {piece}")
-        if isinstance(piece, tuple):
+        received = opened.next()
+        if isinstance(received, str):
+            raise CaptureError(f"{port}: the port closed before the probe sent its header: {received}")
+        if isinstance(received, tuple):
             with refusing(CaptureError, port):
-                runs = decoder.feed(*piece)
+                runs = decoder.feed(*received)
             if decoder.header is not None:
                 return decoder, runs
         if clock.now_s() > deadline_s:
             line = f"line `#hapscene-probe {VERSION} …`"
-            reason = f"silent for {silence_s:g} s: expected a {line}; check the cable and that the probe runs"
+            reason = f"no data in {silence_s:g} s; expected a {line}: check the cable and that the probe runs"
             if decoder.byte_count:
-                came = f"{decoder.byte_count} bytes in {silence_s:g} s at {baud} baud"
-                reason = f"{came}, but no {line}: check --baud and docs/probe-protocol.md"
+                found = f"{decoder.byte_count} bytes in {silence_s:g} s at {baud} baud"
+                reason = f"{found}, but no {line}: check --baud and docs/reference/probe-protocol.md"
             raise CaptureError(f"{port}: {reason}")
 
 
-def _follow(
+def _record_samples(
     opened: Port,
     decoder: Decoder,
     runs: list[Run],
     writer: RecordWriter,
     duration_s: float | None,
     stopped: Callable[[], bool],
-    watch: Sequence[Watcher],
+    meter: LevelMeter,
     clock: Clock,
-) -> Made:
-    """Writes samples and informs the watchers until something ends it."""
+) -> RecordingResult:
+    """Writes samples and updates the level meter until the recording ends."""
     header = decoder.header
     assert header is not None
-    begun_s = synced_s = told_s = last_s = clock.now_s()
-    full = VALUE_MAX // len(header.columns)
-    wanted = full if duration_s is None else min(full, round(duration_s * header.rate_Hz))
-    overdue_s = begun_s + SILENCE_S + (duration_s or math.inf)
+    start_s = synced_s = flushed_s = last_s = clock.now_s()
+    length_max = VALUE_MAX // len(header.columns)
+    length = length_max if duration_s is None else min(length_max, round(duration_s * header.rate_Hz))
+    overdue_s = start_s + SILENCE_S + (duration_s or math.inf)
     ended = ""
-    for watcher in watch:
-        watcher.begin(header)
     try:
         while True:
-            _keep(runs, wanted, writer, watch)
+            for run in runs:
+                counts = run.counts[: max(0, length - run.first)]
+                if len(counts):
+                    kept = Run(run.first, counts)
+                    writer.write(kept)
+                    meter.add(kept)
             now_s = clock.now_s()
             if now_s - synced_s >= SYNC_S:
                 writer.sync()
                 synced_s = now_s
-            if now_s - told_s >= TELL_S:
+            if now_s - flushed_s >= FLUSH_S:
                 writer.flush()
-                for watcher in watch:
-                    watcher.tell(decoder.count, min(decoder.position, wanted))
-                told_s = now_s
-            ended = ended or _end(decoder.position, wanted, full, now_s > overdue_s, stopped())
+                meter.show(decoder.count, min(decoder.position, length))
+                flushed_s = now_s
+            if not ended and decoder.position >= length:
+                ended = FULL if length == length_max else REACHED
+            elif not ended and now_s > overdue_s:
+                ended = "the probe sent too few samples in the requested time"
+            elif not ended and stopped():
+                ended = STOPPED
             if ended:
                 break
-            piece = opened.next()
+            received = opened.next()
             runs = []
-            if isinstance(piece, str):
-                ended = f"the probe went away: {piece}"
-            elif piece is not None:
-                last_s = piece[1]
+            if isinstance(received, str):
+                ended = f"the probe was disconnected: {received}"
+            elif received is not None:
+                last_s = received[1]
                 try:
-                    runs = decoder.feed(*piece)
+                    runs = decoder.feed(*received)
                 except CaptureError as error:
                     ended = str(error)
     finally:
-        for watcher in watch:
-            watcher.end(ended)
-    count, elapsed_s = decoder.count, last_s - begun_s
+        meter.close()
+    count, elapsed_s = decoder.count, last_s - start_s
     writer.end(ended, received=count.received, dropped=count.dropped, torn=count.torn, garbage=count.garbage)
     measured = decoder.position / elapsed_s if elapsed_s >= MEASURED_MIN_S else None
-    return Made(writer.path, header.rate_Hz, min(decoder.position, wanted), count, measured, ended)
-
-
-def _keep(runs: list[Run], wanted: int, writer: RecordWriter, watch: Sequence[Watcher]) -> None:
-    """Writes the samples within the wanted length."""
-    for run in runs:
-        counts = run.counts[: max(0, wanted - run.first)]
-        if len(counts):
-            kept = Run(run.first, counts)
-            writer.write(kept)
-            for watcher in watch:
-                watcher.take(kept)
-
-
-def _end(position: int, wanted: int, full: int, overdue: bool, stopped: bool) -> str:
-    """Why the recording ends now; empty where it goes on."""
-    if position >= wanted:
-        return FULL if wanted == full else REACHED
-    if overdue:
-        return "the probe sent too few samples in the requested time"
-    return STOPPED if stopped else ""
+    return RecordingResult(writer.path, header.rate_Hz, min(decoder.position, length), count, measured, ended)

@@ -1,15 +1,15 @@
-"""Time alignment: recordings of one event, made by different devices, joined on one clock.
+"""Time alignment: merges recordings of one event by different devices onto a common clock.
 
-The clocks differ by an offset and a linear drift. Both are found by cross-correlation of the channel that two
-recordings have in common, by name; where there is none, of all their streams: a force and an acceleration rise and fall
-together when the tool taps or strokes. Compared are not the streams but how fast their level changes, in windows. The
-correlations of the windows are summed along every line of offset and drift; the highest sum is the answer. Its ratio to
-the highest sum elsewhere is the confidence: below `RATIO_MIN`, nothing is joined.
+The clocks differ by an offset and a linear drift. Both are estimated by cross-correlation of the channels with equal
+names in two recordings, or else of all their streams: for example, force and acceleration both change at a tap. The
+correlated signals are the rates of change of the levels. The correlations of short windows are summed along each line
+of offset and drift, and the largest sum determines both. The ratio of the largest sum to the largest one elsewhere is
+the confidence; below `RATIO_MIN` the recordings are not merged.
 
 On simulated strokes, a common acceleration is aligned to about 1 ms, a force with an acceleration to 2 to 8 ms.
 
-A joined file is read by `load_recording` as any other: streams keep their names, numbers and units.
-"""
+`load_recording` reads the merged file. Streams keep their names, values and units; if several files have a stream of
+the same name, the number of the file is appended: "_2", "_3", …."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -30,49 +30,49 @@ from hapscene.io.files import check_memory, refusing
 from hapscene.io.number_files import TOO_MUCH
 from hapscene.io.wire.unit import UNITS
 
-__all__ = ["RATIO_MIN", "ClockOffset", "Clocked", "Joined", "clock_offset", "join", "level_changes", "resampled"]
+__all__ = ["RATIO_MIN", "ClockOffset", "JoinResult", "SampledStreams", "clock_offset", "join"]
 
 OFFSET_MAX_S: Final = 10.0
-"""Largest difference between the starts of two recordings [s]: two programs started by one person."""
+"""Largest offset between the starts of two recordings [s]: that of two programs started by one person."""
 
 DRIFT_MAX: Final = 300e-6
-"""Largest drift [1]: two ordinary crystals, each off by 100 ppm, and warm."""
+"""Largest drift [1]: that of two ordinary crystals with errors of 100 ppm, plus temperature."""
 
 RATIO_MIN: Final = 2.5
-"""Least ratio of the highest correlation to the next one elsewhere [1]. Unrelated recordings reach 1.5, noise of 1.5 s
-2.3; strokes 3.5 to 16."""
+"""Smallest ratio of the largest correlation to the largest one elsewhere [1]. Unrelated recordings have up to 1.5,
+noise of 1.5 s up to 2.3, strokes 3.5 to 16."""
 
 RATE_MIN_HZ: Final = 100.0
-"""Slowest streams that are aligned [Hz]: half of a sample is what an answer may be off."""
+"""Lowest sample rate that can be aligned [Hz]; the error may be half a sample."""
 
 SHARED_MIN_S: Final = 1.0
-"""Shortest recordings that are aligned, and shortest time that they must share [s]."""
+"""Shortest recordings, and shortest overlap, that can be aligned [s]."""
 
 FEATURE_HZ: Final = 500.0
-"""Rate at which changes of level are compared [Hz]."""
+"""Sample rate of the correlated signals [Hz]."""
 
 SMOOTH_S: Final = 0.01
-"""Time over which a level is smoothed, standard deviation [s]."""
+"""Standard deviation of the smoothing of a level [s]."""
 
 FLOOR: Final = 0.1
-"""Level that counts as silence, relative to the root mean square [1]."""
+"""Lower limit of a level, relative to its root mean square [1]."""
 
 VIBRATION_HZ: Final = 20.0
-"""High-pass of the streams that oscillate about 0 [Hz]."""
+"""Cut-off of the high-pass on oscillating streams [Hz]."""
 
 WINDOW_S: Final = 2.0
 WINDOW_COUNT: Final = (10, 64)
-"""Target length of the correlation windows [s], and fewest and most of them."""
+"""Target length of the correlation windows [s], and limits of their number."""
 
 BESIDE_S: Final = 0.15
-"""Distance from the highest correlation at which another one is elsewhere [s]."""
+"""Smallest distance from the largest correlation at which another one counts as elsewhere [s]."""
 
-_FINE: Final = 32  # features beside the highest sum in which it is refined
+_FINE: Final = 32  # samples about the largest sum in which it is refined
 
 
 @dataclass(frozen=True)
-class Clocked:
-    """The streams (n,) of a recording, evenly spaced by its own clock, which reads 0 at the first sample."""
+class SampledStreams:
+    """Streams (n,) of a recording at a constant sample rate; its clock is 0 at the first sample."""
 
     rate_Hz: float
     streams: Mapping[str, Array]
@@ -85,59 +85,59 @@ class Clocked:
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """Where the second clock reads t, the first reads `offset_s` + (1 + `drift`) t."""
+    """Relation of two clocks: when the second reads t, the first reads `offset_s` + (1 + `drift`) t."""
 
     offset_s: float
     drift: float
     ratio: float
-    """confidence: highest correlation over the next one elsewhere"""
+    """confidence: ratio of the largest correlation to the largest one elsewhere"""
     common: bool
-    """whether a common channel was compared"""
+    """whether channels of equal names were compared"""
 
     def __str__(self) -> str:
-        channel = "a common channel" if self.common else "unlike channels"
+        channel = "a common channel" if self.common else "different channels"
         clock = f"offset {1e3 * self.offset_s:+.2f} ms, drift {1e6 * self.drift:+.0f} ppm"
-        return f"{clock}, by {channel}, peak ratio {self.ratio:.1f}"
+        return f"{clock}, from {channel}, peak ratio {self.ratio:.1f}"
 
 
-def clock_offset(first: Clocked, second: Clocked) -> ClockOffset:
-    """Offset and drift of the second recording's clock against the first one's.
+def clock_offset(first: SampledStreams, second: SampledStreams) -> ClockOffset:
+    """Estimates offset and drift of the clock of the second recording against that of the first.
 
     Raises:
-        CaptureError: too short, too slow, or the correlation has no clear peak.
+        CaptureError: a recording is too short, its sample rate too low, or the correlation has no clear peak.
     """
     for name, found, least in (
         ("a sample rate", min(first.rate_Hz, second.rate_Hz), RATE_MIN_HZ),
         ("a duration in seconds", min(first.duration_s, second.duration_s), SHARED_MIN_S),
     ):
         if found < least:
-            raise CaptureError(f"time alignment needs {name} of at least {least:g}, found {found:.3g}")
+            raise CaptureError(f"time alignment needs {name} of at least {least:g}; found {found:.3g}")
     common = [name for name in first.streams if name in second.streams]
     ours, theirs = (_summed(each, common or list(each.streams)) for each in (first, second))
     count = int(np.clip(len(theirs) / FEATURE_HZ / WINDOW_S, *WINDOW_COUNT))
     edges = np.linspace(0, len(theirs), count + 1).astype(int)
     middles = 0.5 * (edges[1:] + edges[:-1])
-    away = middles - middles.mean()
-    half = int(np.ceil(DRIFT_MAX * away[-1])) + 1
+    centred = middles - middles.mean()
+    half = int(np.ceil(DRIFT_MAX * centred[-1])) + 1
     drifts = DRIFT_MAX * np.arange(-half, half + 1) / half
     most, extra = round(OFFSET_MAX_S * FEATURE_HZ), half + _FINE
     windows = _correlations(ours, theirs, edges, most + extra)
-    sums = np.array([_summed_along(windows, np.rint(drift * away).astype(int), extra) for drift in drifts])
+    sums = np.array([_summed_along(windows, np.rint(drift * centred).astype(int), extra) for drift in drifts])
     best, lag = np.unravel_index(int(sums.argmax()), sums.shape)
-    beside = np.abs(np.arange(sums.shape[1]) - lag) > BESIDE_S * FEATURE_HZ
-    ratio = float(sums[best, lag] / (sums[:, beside].max() + 1e-300))
+    elsewhere = np.abs(np.arange(sums.shape[1]) - lag) > BESIDE_S * FEATURE_HZ
+    ratio = float(sums[best, lag] / (sums[:, elsewhere].max() + 1e-300))
     if not sums[best, lag] > 0.0 or ratio < RATIO_MIN:
         raise CaptureError(
             f"the recordings cannot be aligned: their correlation has no clear peak within {OFFSET_MAX_S:g} s (peak "
-            f"ratio {max(ratio, 0.0):.2g}, expected {RATIO_MIN:g}): tap three times at the beginning and at the end"
+            f"ratio {max(ratio, 0.0):.2g}, expected {RATIO_MIN:g}): record three taps at the start and at the end"
         )
-    shift, drift = _refined(windows[:, lag : lag + 2 * extra + 1], away, drifts[best])
+    shift, drift = _refined(windows[:, lag : lag + 2 * extra + 1], centred, drifts[best])
     offset_s = (lag - most + shift - drift * middles.mean()) / FEATURE_HZ
     return ClockOffset(float(offset_s), drift, ratio, bool(common))
 
 
-def _summed(recording: Clocked, names: Sequence[str]) -> Array:
-    """The level changes of some streams, summed."""
+def _summed(recording: SampledStreams, names: Sequence[str]) -> Array:
+    """Sum of the level changes of some streams."""
     changes = []
     for name in names:
         stream = recording.streams[name].copy()
@@ -147,12 +147,12 @@ def _summed(recording: Clocked, names: Sequence[str]) -> Array:
 
 
 def _oscillates(name: str) -> bool:
-    """Whether a stream of this name oscillates about 0: an acceleration, a channel of sound."""
+    """Whether a stream oscillates about 0, judged by its name: an acceleration or an audio channel."""
     return name.lower().startswith("acc") or name.isdigit()
 
 
 def level_changes(x: Array, rate_Hz: float, oscillates: bool) -> Array:
-    """How fast the logarithm of a stream's level changes, at `FEATURE_HZ`, of variance 1 and bounded."""
+    """Rate of change of the logarithm of the level of a stream at `FEATURE_HZ`, with variance 1 and limited."""
     if oscillates:
         cutoff_Hz = min(VIBRATION_HZ, 0.2 * rate_Hz)
         x = scipy.signal.sosfiltfilt(scipy.signal.butter(2, cutoff_Hz, "highpass", fs=rate_Hz, output="sos"), x) ** 2
@@ -168,7 +168,7 @@ def level_changes(x: Array, rate_Hz: float, oscillates: bool) -> Array:
 
 
 def _correlations(ours: Array, theirs: Array, edges: Array, most: int) -> Array:
-    """(windows, 2 most + 1): each window of the second recording against the first, at lags of −`most` to `most`."""
+    """Correlations (windows, 2 most + 1) of windows of the second recording with the first, for lags up to ±`most`."""
     padded = np.pad(ours, (most, max(0, len(theirs) - len(ours)) + most))
     return np.array(
         [
@@ -179,62 +179,62 @@ def _correlations(ours: Array, theirs: Array, edges: Array, most: int) -> Array:
 
 
 def _summed_along(windows: Array, shifts: Array, extra: int) -> Array:
-    """The sum of windows (w, lags + 2 extra), each shifted by so many lags."""
+    """Sum of windows (w, lags + 2 extra), each shifted by a number of lags."""
     count = windows.shape[1] - 2 * extra
     rows = zip(windows, shifts.tolist(), strict=True)
     return np.asarray(sum(row[extra + shift : extra + shift + count] for row, shift in rows))
 
 
-def _refined(windows: Array, away: Array, drift: float) -> tuple[float, float]:
-    """Shift and drift of the highest sum of windows (w, lags), by splines between the lags."""
+def _refined(windows: Array, centred: Array, drift: float) -> tuple[float, float]:
+    """Refines shift and drift of the largest sum of windows (w, lags) by spline interpolation."""
     half = windows.shape[1] // 2
     splines = [scipy.interpolate.make_interp_spline(np.arange(-half, half + 1.0), row, 3) for row in windows]
 
     def negative_sum(p: Array) -> float:
-        at = np.clip(p[0] + p[1] * DRIFT_MAX * away, -half, half)
+        at = np.clip(p[0] + p[1] * DRIFT_MAX * centred, -half, half)
         return -sum(float(spline(lag)) for spline, lag in zip(splines, at, strict=True))
 
     shift, share = scipy.optimize.fmin(negative_sum, [0.0, drift / DRIFT_MAX], xtol=1e-3, ftol=1e-6, disp=False)
     return float(shift), float(share * DRIFT_MAX)
 
 
-# Joining files.
+# Merging files.
 
 
 @dataclass(frozen=True)
-class Joined:
-    """Result of joining files."""
+class JoinResult:
+    """Result of merging files."""
 
     path: Path
     leader: Path
-    """the file whose clock the others were aligned to: the one with the highest sample rate"""
+    """the file whose clock is used: the one with the highest sample rate"""
     rate_Hz: float
     start_s: float
-    """where the joined recording begins, by that clock"""
+    """start of the merged recording by that clock"""
     duration_s: float
     offsets: Mapping[Path, ClockOffset]
-    """of the other files"""
+    """relation of the clocks of the other files"""
     names: tuple[str, ...]
 
 
 def join(
     paths: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str], *, rates_Hz: Sequence[float] = ()
-) -> Joined:
-    """Joins recordings of one event, each with its own clock, into one file.
+) -> JoinResult:
+    """Merges recordings of one event by devices with different clocks into one file.
 
     Args:
-        paths: two files or more, as `load_recording` reads them; none needs to hold an acceleration.
-        out: the .npz file to write.
-        rates_Hz: sample rates of the files that do not state theirs: one for all of them, or one each in their order.
+        paths: two or more recordings in the formats of `load_recording`; an acceleration is not required.
+        out: .npz file to write.
+        rates_Hz: sample rates of the files that do not state theirs: one for all, or one for each in order.
 
     Raises:
-        CaptureError: recordings that cannot be aligned or share no time; what `load_recording` raises.
+        CaptureError: the recordings cannot be read or aligned, or do not overlap.
     """
     target, given = Path(out), [Path(path) for path in paths]
     if target.suffix != ".npz":
-        raise CaptureError(f"{target}: joined recordings are written as .npz")
+        raise CaptureError(f"{target}: invalid suffix; merged recordings are written as .npz")
     if len({path.absolute() for path in given}) < max(2, len(given)):
-        raise CaptureError("join needs two files or more, each named once")
+        raise CaptureError("expected two or more different files")
     recordings = _read(given, rates_Hz)
     leader = max(given, key=lambda path: recordings[path].rate_Hz)
     first = recordings.pop(leader)
@@ -246,29 +246,33 @@ def join(
     stops_s = [known.offset_s + (1.0 + known.drift) * recordings[path].duration_s for path, known in offsets.items()]
     start_s, stop_s = max(0.0, *starts_s), min(first.duration_s, *stops_s)
     if stop_s - start_s < SHARED_MIN_S:
-        raise CaptureError(f"the files share {max(0.0, stop_s - start_s):.2g} s, {SHARED_MIN_S:g} s or more are needed")
+        raise CaptureError(
+            f"the files overlap by {max(0.0, stop_s - start_s):.2g} s; expected at least {SHARED_MIN_S:g} s"
+        )
     samples = np.arange(int(np.ceil(start_s * first.rate_Hz)), int(np.floor(stop_s * first.rate_Hz)))
     stream_count = sum(len(each.streams) for each in (first, *recordings.values()))
-    check_memory(16 * len(samples) * stream_count, 0, f"{len(samples):,} joined samples", TOO_MUCH)
+    check_memory(16 * len(samples) * stream_count, 0, f"merging {len(samples):,} samples", TOO_MUCH)
     streams, units = {name: stream[samples] for name, stream in first.streams.items()}, dict(first.units)
     for number, (path, second) in enumerate(recordings.items(), 2):
         known = offsets[path]
         at = (samples / first.rate_Hz - known.offset_s) / (1.0 + known.drift) * second.rate_Hz
         for name, stream in second.streams.items():
-            free = name if name not in streams else f"{name}_{number}"
+            free, suffix = name, number
+            while free in streams or (free != name and free in second.streams):
+                free, suffix = f"{name}_{suffix}", suffix + 1
             streams[free] = resampled(stream, at)
             if name in second.units:
                 units[free] = second.units[name]
     notes = "; ".join(f"{path.name}: {known}" for path, known in offsets.items())
-    provenance = f"joined to the clock of {leader.name} from {start_s:.6f} s on; {notes}"
+    provenance = f"merged on the clock of {leader.name} from {start_s:.6f} s on; {notes}"
     save_npz(Record(first.rate_Hz, streams, units), target, provenance)
-    return Joined(target, leader, first.rate_Hz, start_s, len(samples) / first.rate_Hz, offsets, tuple(streams))
+    return JoinResult(target, leader, first.rate_Hz, start_s, len(samples) / first.rate_Hz, offsets, tuple(streams))
 
 
 def resampled(stream: Array, at: Array) -> Array:
-    """A stream (n,) at places between its samples (k,); NaN beside samples that are missing.
+    """Interpolates a stream (n,) at fractional sample indices (k,); NaN next to missing samples.
 
-    By splines of the fifth degree: at a tenth of the rate they are off by 6e-6, at a fifth by 6e-4.
+    Splines of degree 5 have a relative error of 6e-6 at a tenth of the sample rate and 6e-4 at a fifth.
     """
     missing, filled = np.isnan(stream), stream.copy()
     fill_missing(filled)
@@ -278,22 +282,24 @@ def resampled(stream: Array, at: Array) -> Array:
     return np.asarray(made)
 
 
-def _read(paths: Sequence[Path], rates_Hz: Sequence[float]) -> dict[Path, Clocked]:
-    """The files' streams by their names, with their rates."""
+def _read(paths: Sequence[Path], rates_Hz: Sequence[float]) -> dict[Path, SampledStreams]:
+    """Streams of the files with their sample rates."""
     sources = {path: read_recording_source(path) for path in paths}
-    silent = [path for path, each in sources.items() if each.rate_Hz is None and "time" not in each.columns]
-    if rates_Hz and len(rates_Hz) not in (1, len(silent)):
-        raise CaptureError(f"{len(rates_Hz)} rates for {len(silent)} files that state none: give one, or one each")
-    rates = dict(zip(silent, list(rates_Hz) * len(silent), strict=False))
+    unstated = [path for path, each in sources.items() if each.rate_Hz is None and "time" not in each.columns]
+    if rates_Hz and len(rates_Hz) not in (1, len(unstated)):
+        raise CaptureError(
+            f"{len(rates_Hz)} sample rates given for {len(unstated)} files without one; expected 1, or 1 per file"
+        )
+    rates = dict(zip(unstated, list(rates_Hz) * len(unstated), strict=False))
     made = {}
     for path, source in sources.items():
         with refusing(CaptureError, path):
-            made[path] = _clocked(source, rates.get(path), path.suffix.lower() == ".wav")
+            made[path] = _sampled(source, rates.get(path), path.suffix.lower() == ".wav")
     return made
 
 
-def _clocked(source: RecordingSource, rate_Hz: float | None, wave: bool) -> Clocked:
-    check_memory(16 * sum(len(column) for column in source.columns.values()), source.own_B, "its streams", TOO_MUCH)
+def _sampled(source: RecordingSource, rate_Hz: float | None, wave: bool) -> SampledStreams:
+    check_memory(16 * sum(len(column) for column in source.columns.values()), source.own_B, "the recording", TOO_MUCH)
     names = {name: name for name in source.columns}
     if list(names) == ["1"]:
         names = {"1": "acceleration"}
@@ -306,7 +312,7 @@ def _clocked(source: RecordingSource, rate_Hz: float | None, wave: bool) -> Cloc
     own_Hz = rate_of(rate_Hz, source, time_s)
     for name, stream in streams.items():
         if not np.isfinite(stream).sum() > 1 or np.isinf(stream).any():
-            raise CaptureError(f"{name}: at least two numbers expected, none of them infinite")
+            raise CaptureError(f"column {name!r}: expected at least two numbers and no infinite values")
     if not streams:
-        raise CaptureError("holds nothing but times")
-    return Clocked(own_Hz, streams, {names[name]: unit for name, unit in source.units.items()})
+        raise CaptureError("the file contains no column except times")
+    return SampledStreams(own_Hz, streams, {names[name]: unit for name, unit in source.units.items()})

@@ -1,12 +1,12 @@
 """Reports on swatches.
 
-| module | does |
+| module | content |
 |---|---|
-| `page` | one HTML page on a swatch: `write_report` |
-| `numbers` | the figures on the page: a model of half a recording, judged by the other half |
-| `plots` | the plots on the page |
-| `states` | a picture of a recording's interaction states |
-| `compare` | differences between surfaces in just noticeable differences |
+| `page` | HTML report on a swatch: `write_report` |
+| `numbers` | comparison of a texture with a recording |
+| `plots` | plots of the report |
+| `states` | plot of the interaction states of a recording |
+| `compare` | perceptual differences between surfaces, in just noticeable differences (JND) |
 """
 
 __all__: list[str] = []

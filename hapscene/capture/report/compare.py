@@ -1,8 +1,8 @@
-"""How different two surfaces feel: swatches held against what a person can tell apart.
+"""Perceptual comparison of surfaces.
 
-Each difference is put in units of the smallest that a person feels (a just noticeable difference, JND). Two surfaces
-are as far apart as the quantity that gives them away most: what is 1 JND apart is told apart three times in four.
-Differences that do not add up to more are assumed, which is on the side of saying too little.
+Differences are expressed in just noticeable differences (JND): at 1 JND, people distinguish two surfaces in three of
+four trials. The distance of two surfaces is that of the quantity with the largest difference. Differences in several
+quantities are assumed not to add up, so the distance is a lower estimate.
 """
 
 import math
@@ -16,7 +16,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from hapscene import perception
-from hapscene.capture.fit import distance as metric
+from hapscene.capture.fit import distance as spectral
 from hapscene.capture.fit.swatch import FitOptions, fit_swatch
 from hapscene.capture.io.recording import SurfaceRecording, load_recording
 from hapscene.capture.io.streams import Array, part_of
@@ -39,33 +39,33 @@ __all__ = [
     "tap_energy",
 ]
 
-Verdict = Literal["cannot be told apart", "could be told apart", "is clearly different", "cannot be compared"]
+Verdict = Literal["cannot be distinguished", "can be distinguished", "is clearly different", "cannot be compared"]
 
 CLEAR_JND: Final = 2.0
-"""Difference from which two surfaces are clearly different [JND]. In a choice of two, three right in four is d′ = 0.95
-and twice that is nine right in ten (P = Φ(d′/√2), Green & Swets 1966)."""
+"""Smallest distance of clearly different surfaces [JND]. In a two-interval forced choice, 1 JND (75 % correct) is
+d′ = 0.95, and 2 JND are 91 % correct (P = Φ(d′/√2), Green & Swets 1966)."""
 
 PLACES: Final = (0.5, 0.75, 1.0)
-"""Where textures are compared: these shares of the force and of the speed that both have models for [1]."""
+"""Forces and speeds at which textures are compared, relative to the largest that both textures have models for [1]."""
 
 APPROACH_M_S: Final = 0.1
-"""Speed of approach that taps are compared at [m/s], where both have them; a light tap."""
+"""Approach speed at which taps are compared [m/s]; a light tap."""
 
 QUIET_DB: Final = -40.0
-"""Level of a band against the whole below which it counts as silent [dB]: a hundredth of the amplitude is not felt
-beside the rest. Lower, and surfaces would be told apart by bands of no account."""
+"""Lower limit of the level of a band relative to the total level [dB]. Weaker bands are masked and must not contribute
+to the difference."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Something that surfaces differ in, and the least difference of it that is felt.
+    """A quantity in which surfaces are compared, with its just noticeable difference.
 
     Attributes:
-        name: of the quantity.
-        value_unit: of the quantity itself; "1" is none.
-        unit: of a difference: "dB", or "%" of the mean of the two.
-        jnd: least difference that is felt, in that unit.
-        source: where that number is from.
+        name: name of the quantity.
+        value_unit: unit of the quantity; "1" for dimensionless.
+        unit: unit of differences: "dB", or "%" of the mean of both values.
+        jnd: just noticeable difference in that unit.
+        source: source of the JND.
     """
 
     name: str
@@ -89,13 +89,13 @@ TAP_FREQUENCY = Quantity("tap frequency", "Hz", "%", 100.0 * perception.FREQUENC
 
 @dataclass(frozen=True)
 class Difference:
-    """How two surfaces differ in one quantity.
+    """Difference of two surfaces in one quantity.
 
     Attributes:
-        quantity: which, with its unit and threshold.
-        first: of the first surface, in the quantity's own unit; NaN where it is no single number.
-        second: of the second surface.
-        change: of the second over the first, in the unit of the difference, signed; a spectrum's has no sign.
+        quantity: the quantity with unit and JND.
+        first: value of the first surface in the unit of the quantity; NaN if it is not a single number.
+        second: value of the second surface.
+        change: signed change from first to second in the unit of differences; unsigned for spectra.
     """
 
     quantity: Quantity
@@ -105,25 +105,25 @@ class Difference:
 
     @property
     def distance_jnd(self) -> float:
-        """The difference in units of the least that is felt."""
+        """Difference in JND."""
         return abs(self.change) / self.quantity.jnd
 
     @property
     def verdict(self) -> Verdict:
-        """What a person makes of it."""
+        """Verdict on this quantity."""
         return _verdict(self.distance_jnd)
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two surfaces side by side.
+    """Comparison of two surfaces.
 
     Attributes:
-        first: name of the first.
-        second: name of the second.
-        differences: in the quantities that both have.
-        skipped: quantity to the reason why it was not compared.
-        tools: what each was touched with, where that is known of both and differs.
+        first: name of the first surface.
+        second: name of the second surface.
+        differences: differences in the quantities that both surfaces have.
+        skipped: reasons for the quantities that were not compared, by name.
+        tools: tools of both recordings, if they are known and differ.
     """
 
     first: str
@@ -133,22 +133,22 @@ class Comparison:
     tools: tuple[str, str] | None = None
 
     @property
-    def telling(self) -> Difference | None:
-        """The difference that gives them away most; None where nothing could be compared."""
+    def largest(self) -> Difference | None:
+        """Largest difference; None if no quantity was compared."""
         return max(self.differences, key=lambda d: d.distance_jnd, default=None)
 
     @property
     def distance_jnd(self) -> float:
-        """That difference in units of the least that is felt; infinite where nothing could be compared."""
-        return math.inf if self.telling is None else self.telling.distance_jnd
+        """Largest difference in JND; infinite if no quantity was compared."""
+        return math.inf if self.largest is None else self.largest.distance_jnd
 
     @property
     def verdict(self) -> Verdict:
-        """What a person makes of the two."""
-        return "cannot be compared" if self.telling is None else _verdict(self.distance_jnd)
+        """Verdict on the two surfaces."""
+        return "cannot be compared" if self.largest is None else _verdict(self.distance_jnd)
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: numbers with their units beside them; what is not finite is null."""
+        """Content for JSON, with units; numbers that are not finite are null."""
         rows = []
         for d in self.differences:
             row = asdict(d.quantity) | {"first": d.first, "second": d.second, "change": d.change}
@@ -158,7 +158,7 @@ class Comparison:
             "second": self.second,
             "verdict": self.verdict,
             "distance_jnd": _finite(self.distance_jnd),
-            "most_by": None if self.telling is None else self.telling.quantity.name,
+            "most_by": None if self.largest is None else self.largest.quantity.name,
             "differences": [{key: _finite(value) for key, value in row.items()} for row in rows],
             "skipped": self.skipped,
             "tools": self.tools,
@@ -166,13 +166,12 @@ class Comparison:
 
 
 def compare(first: Swatch, second: Swatch) -> Comparison:
-    """How different two surfaces feel.
+    """Compares two surfaces.
 
-    Textures are compared at `PLACES` of the force and speed that both have models for: the level by its power from 20
-    to 1000 Hz, the spectrum by the bands of `metric.BAND_EDGES_HZ` after both were brought to one level. Friction and
-    compliance are compared by the difference over the mean of the two, taps by energy and frequency. What is absent
-    from either is not compared.
-    """
+    Textures are compared at `PLACES` of the common range of force and speed: the level by the power from 20 to 1000 Hz,
+    the spectrum by the levels of the bands `spectral.BAND_EDGES_HZ` relative to the total. Friction and compliance are
+    compared by the difference relative to the mean, taps by energy and frequency. Quantities that one surface lacks are
+    skipped."""
     parts: tuple[tuple[Callable[[Swatch, Swatch], list[Difference]], tuple[Quantity, ...]], ...] = (
         (_textures, (LEVEL, SPECTRUM)),
         (partial(_frictions, STATIC, "friction_static"), (STATIC,)),
@@ -191,53 +190,53 @@ def compare(first: Swatch, second: Swatch) -> Comparison:
 
 
 def _tools(first: Swatch, second: Swatch) -> tuple[str, str] | None:
-    """Tools and tips of two surfaces, where both say one and it is not the same."""
+    """Tools and tips of two surfaces if they are known and differ, else None."""
     pairs = [(getattr(first, what), getattr(second, what)) for what in TOOL_FIELDS]
     differ = any(one and two and one != two for one, two in pairs)
     return (touched_with(first), touched_with(second)) if differ else None
 
 
 class _NotCompared(Exception):
-    """Why surfaces are not compared in something."""
+    """Reason why a quantity is not compared."""
 
 
 def rank(surface: Swatch, library: Iterable[Swatch]) -> list[Comparison]:
-    """The comparisons of a surface with those of a library, the most alike first."""
+    """Compares a surface with those of a library; the most similar surfaces are first."""
     return sorted((compare(surface, other) for other in library), key=lambda c: (c.distance_jnd, c.second))
 
 
 def _textures(first: Swatch, second: Swatch) -> list[Difference]:
     one, two = first.texture, second.texture
     if one is None or two is None:
-        raise _NotCompared(_lacking(first, second, "texture", "a texture"))
+        raise _NotCompared(_lacking(first, second, "texture"))
     power = _bands(one, two), _bands(two, one)
     total = [bands.sum(axis=1) for bands in power]
     if min(t.max() for t in total) <= 0.0:
         silent = " and ".join(s.name for s, t in zip((first, second), total, strict=True) if t.max() <= 0.0)
-        raise _NotCompared(f"the texture of {silent} is silent where both have models")
+        raise _NotCompared(f"the texture of {silent} is silent at the compared forces and speeds")
     level = [float(np.sqrt(t.mean())) for t in total]
     decibel = [_shape(bands) for bands in power]
-    apart = float(np.sqrt(np.mean((decibel[1] - decibel[0]) ** 2)))
+    distance_dB = float(np.sqrt(np.mean((decibel[1] - decibel[0]) ** 2)))
     return [
         Difference(LEVEL, level[0], level[1], 20.0 * math.log10(level[1] / level[0])),
-        Difference(SPECTRUM, math.nan, math.nan, apart),
+        Difference(SPECTRUM, math.nan, math.nan, distance_dB),
     ]
 
 
 def _bands(texture: Texture, other: Texture) -> Array:
-    """Power (places, bands) [(m/s²)²] at the places that both have, in the bands below both Nyquist frequencies."""
+    """Power (places, bands) [(m/s²)²] at `PLACES`, in the bands below both Nyquist frequencies."""
     share = np.array([(f, v) for f in PLACES for v in PLACES])
     force = share[:, 0] * min(texture.force_max_N, other.force_max_N)
     speed = share[:, 1] * min(texture.speed_max_m_s, other.speed_max_m_s)
-    frequency = np.arange(metric.BAND_EDGES_HZ[0], metric.BAND_EDGES_HZ[-1] + 1.0)
+    frequency = np.arange(spectral.BAND_EDGES_HZ[0], spectral.BAND_EDGES_HZ[-1] + 1.0)
     nyquist = 0.5 * min(texture.rate_Hz, other.rate_Hz)
-    edges = [edge for edge in metric.BAND_EDGES_HZ if edge <= nyquist]
+    edges = [edge for edge in spectral.BAND_EDGES_HZ if edge <= nyquist]
     density = texture.density(force, speed, frequency_Hz=frequency)
-    return np.stack([metric.band_power(one, frequency, edges) for one in density])
+    return np.stack([spectral.band_power(one, frequency, edges) for one in density])
 
 
 def _shape(power: Array) -> Array:
-    """Level (places, bands) [dB] of each band under the whole; what is far below is not heard beside it."""
+    """Level (places, bands) [dB] of each band relative to the total, with the lower limit `QUIET_DB`."""
     share = power / np.maximum(power.sum(axis=1, keepdims=True), np.finfo(np.float64).tiny)
     return np.asarray(10.0 * np.log10(np.maximum(share, 10.0 ** (QUIET_DB / 10.0))))
 
@@ -250,69 +249,69 @@ def _frictions(quantity: Quantity, name: str, first: Swatch, second: Swatch) -> 
 def _compliances(first: Swatch, second: Swatch) -> list[Difference]:
     stiffness = _both(first, second, "stiffness_N_m")
     if min(stiffness) == 0.0:
-        raise _NotCompared("a stiffness of 0 yields without end")
+        raise _NotCompared("the compliance is infinite for a stiffness of 0")
     one, two = (1e3 / value for value in stiffness)
     return [Difference(COMPLIANCE, one, two, _percent(one, two))]
 
 
 def _tap_pairs(first: Swatch, second: Swatch) -> list[Difference]:
     if first.taps is None or second.taps is None:
-        raise _NotCompared(_lacking(first, second, "taps", "taps"))
+        raise _NotCompared(_lacking(first, second, "taps"))
     one, two = first.taps.at(APPROACH_M_S), second.taps.at(APPROACH_M_S)
     power = _energy(first.taps), _energy(second.taps)
     if min(power) <= 0.0:
-        raise _NotCompared("a tap is silent")
-    apart = _percent(one.frequency_Hz, two.frequency_Hz)
+        raise _NotCompared("the taps of one surface are silent")
+    change = _percent(one.frequency_Hz, two.frequency_Hz)
     return [
         Difference(TAP_LEVEL, one.amplitude_m_s2, two.amplitude_m_s2, 10.0 * math.log10(power[1] / power[0])),
-        Difference(TAP_FREQUENCY, one.frequency_Hz, two.frequency_Hz, apart),
+        Difference(TAP_FREQUENCY, one.frequency_Hz, two.frequency_Hz, change),
     ]
 
 
 def _energy(taps: Taps) -> float:
-    """Energy [(m/s²)² s] of the tap at `APPROACH_M_S`: of the measured transient where there is one."""
+    """Energy [(m/s²)² s] of the tap at `APPROACH_M_S`, of the recorded transient if there is one."""
     if taps.wave_m_s2 is None:
         return tap_energy(taps.at(APPROACH_M_S))
     return float(np.sum(taps.transient(APPROACH_M_S, taps.wave_rate_Hz) ** 2)) / taps.wave_rate_Hz
 
 
 def tap_energy(tap: Tap) -> float:
-    """Energy ∫ a² dt of a tap [(m/s²)² s]: A² ω² / (4 β (β² + ω²)) for a = A e^(−βt) sin ωt."""
+    """Energy ∫ a² dt [(m/s²)² s] of a tap a = A e^(−βt) sin ωt: A² ω² / (4 β (β² + ω²))."""
     omega, decay = 2.0 * math.pi * tap.frequency_Hz, tap.decay_1_s
     return tap.amplitude_m_s2**2 * omega**2 / (4.0 * decay * (decay**2 + omega**2))
 
 
 def _both(first: Swatch, second: Swatch, name: str) -> tuple[float, float]:
-    """A number of both surfaces."""
+    """A parameter of both surfaces."""
     absent = "; ".join(f"{s.name}: {s.absent[name]}" for s in (first, second) if name in s.absent)
     if absent:
         raise _NotCompared(absent)
     return getattr(first, name), getattr(second, name)
 
 
-def _lacking(first: Swatch, second: Swatch, part: Literal["texture", "taps"], one: str) -> str:
-    """Which of two surfaces have no such part."""
+def _lacking(first: Swatch, second: Swatch, part: Literal["texture", "taps"]) -> str:
+    """States which of two surfaces have no measured texture or taps."""
     without = [s.name for s in (first, second) if getattr(s, part) is None]
-    return f"neither has {one}" if len(without) == 2 else f"{without[0]} has no {part}"
+    return f"{part} of {' and '.join(without)}: not measured"
 
 
 def _percent(first: float, second: float) -> float:
-    """Change in percent of the mean of the two: the same both ways but for its sign; 200 % at most."""
+    """Change in percent of the mean of both values, at most 200 %; antisymmetric."""
     mean = 0.5 * (first + second)
     return 100.0 * (second - first) / mean if mean > 0.0 else 0.0
 
 
 def _verdict(distance_jnd: float) -> Verdict:
     if distance_jnd <= 1.0:
-        return "cannot be told apart"
-    return "could be told apart" if distance_jnd <= CLEAR_JND else "is clearly different"
+        return "cannot be distinguished"
+    return "can be distinguished" if distance_jnd <= CLEAR_JND else "is clearly different"
 
 
 def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-# Where the surfaces that are compared come from: swatches, recordings, libraries.
+# Sources of surfaces: swatches, recordings, libraries.
 
 
 @dataclass(frozen=True)
@@ -320,9 +319,9 @@ class ComparedSurface:
     """A surface to compare.
 
     Attributes:
-        swatch: how it feels.
-        repeat_jnd: how far two halves of its recording are apart, in units of what is felt; None for a swatch, and for
-            a recording too short to be halved. Differences below it may be the recording's own.
+        swatch: swatch of the surface.
+        repeat_jnd: distance of the two halves of the recording in JND, the repeatability; None for a swatch and for a
+            recording that is too short. Smaller differences from another surface are not significant.
     """
 
     swatch: Swatch
@@ -335,13 +334,16 @@ def load_surface(
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> ComparedSurface:
-    """The surface of a swatch's name or file, or of a recording, to which a swatch is fitted.
+    """Loads a swatch, or fits one to a recording.
 
-    Text that ends in ".swatch", and text that names no file, is a swatch; every other file is a recording, of which
-    `rate_Hz`, `columns` and `units` are as in `load_recording`.
+    Args:
+        name_or_path: name of a swatch, a .swatch file, or a recording.
+        rate_Hz: sample rate of a recording, as in `load_recording`.
+        columns: columns of a recording, as in `load_recording`.
+        units: units of a recording, as in `load_recording`.
 
     Raises:
-        SwatchError: no such swatch, or a broken one.
+        SwatchError: the swatch does not exist or is invalid.
         CaptureError: no swatch can be fitted to the recording.
     """
     path = Path(name_or_path)
@@ -354,31 +356,33 @@ def load_surface(
         middle = len(recording.acceleration_m_s2) // 2
         halves = [_fitted(part_of(recording, part), path.stem, swatch) for part in (slice(middle), slice(middle, None))]
     except CaptureError:
-        return ComparedSurface(swatch)  # the halves are too short, the whole was not
+        return ComparedSurface(swatch)  # the halves are too short for a fit
     return ComparedSurface(swatch, compare(*halves).distance_jnd)
 
 
 def load_library(folder: str | os.PathLike[str] | None = None) -> tuple[list[Swatch], dict[str, str]]:
-    """The swatches of a folder, and file to reason of those that cannot be read; without a folder those shipped and
-    those of the user's own library.
+    """Loads all swatches of a folder; without a folder, the shipped swatches and the user's library.
+
+    Returns:
+        The swatches, and the errors of files that cannot be read, by file.
 
     Raises:
-        CaptureError: the folder is missing, or holds no swatch that can be read.
+        CaptureError: the folder does not exist or contains no readable swatch.
     """
     if folder is None:
         own, broken = _folder(library_folder())
         return [load_swatch(name) for name in shipped_swatches()] + own, broken
     path = Path(folder)
     if not path.is_dir():
-        raise CaptureError(f"{path}: no such folder of swatches")
+        raise CaptureError(f"{path}: folder not found; expected a folder of swatches")
     found, broken = _folder(path)
     if not found:
-        raise CaptureError(f"{path}: holds no swatch that can be read ({len(broken)} broken)")
+        raise CaptureError(f"{path}: no readable swatch found ({len(broken)} files are invalid)")
     return found, broken
 
 
 def _folder(path: Path) -> tuple[list[Swatch], dict[str, str]]:
-    """As `load_library`; of a folder that is not there, nothing."""
+    """As `load_library`, for one folder, which may be missing."""
     found, broken = [], {}
     for file in sorted(path.rglob("*" + SUFFIX)):
         try:

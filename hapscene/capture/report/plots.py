@@ -1,4 +1,4 @@
-"""The five plots of a report, as drawings inside its page: spectra, order, force and speed, friction, taps."""
+"""Plots of a report as inline SVG: spectra, order, force and speed, friction, taps."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -26,27 +26,27 @@ __all__ = ["Plot", "plot_friction", "plot_models", "plot_order", "plot_plane", "
 BLUE, ORANGE, GREEN, PURPLE = (OKABE_ITO[name] for name in ("blue", "vermilion", "green", "purple"))
 
 MUTED: Final = "#707070"
-"""Of what others are compared with; a grey, so that it turns with the ground."""
+"""Colour of references; grey is visible on light and dark backgrounds."""
 
 BAND: Final[dict[str, Any]] = {"color": OKABE_ITO["sky"], "alpha": 0.3, "linewidth": 0}
-"""Look of what is within bounds."""
+"""Style of an interval."""
 
 POINT: Final[dict[str, Any]] = {"color": BLUE, "markersize": 3.5, "alpha": 0.5}
-"""Look of what was recorded, where it is points."""
+"""Style of recorded points."""
 
 DOTTED: Final = (0, (1, 1.5))
 DASHED: Final = (0, (4, 1.5))
 
 WIDTH_IN: Final = 4.8
-"""Width of a plot [in]: its text is 10 px high on a phone of 360 px."""
+"""Width of a plot [in]; text is 10 px high on a phone with a width of 360 px."""
 
 LINE_IN: Final = 0.19
-"""Height of a line of a legend [in]."""
+"""Height of a line of the legend [in]."""
 
 
 @dataclass(frozen=True)
 class Plot:
-    """A plot of the page: a drawing, or the reason why there is none."""
+    """A plot with title and caption; without `svg`, the caption is the reason why there is no plot."""
 
     title: str
     caption: str
@@ -57,14 +57,14 @@ class Plot:
 def drawn(
     name: str, draw: Callable[..., None], height_in: float = 2.9, columns: int = 2, panels: tuple[float, ...] = (1,)
 ) -> str:
-    """The SVG element that `draw` fills, and above it, in some columns, the legend of what it has labelled.
+    """Draws a plot with a legend above it, and returns the SVG element.
 
     Args:
-        name: of the drawing, one of its own on the page.
-        draw: is given the axes, one for each panel.
-        height_in: of the plot without its legend [in].
-        columns: of the legend.
-        panels: heights of the panels, one below the other, in shares.
+        name: identifier of the plot, unique on the page.
+        draw: function that draws into the given axes, one for each panel.
+        height_in: height of the plot without legend [in].
+        columns: number of columns of the legend.
+        panels: relative heights of the panels.
     """
     with new_chart(WIDTH_IN, height_in) as figure:
         draw(*figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=panels)[:, 0])
@@ -77,7 +77,7 @@ def drawn(
 
 
 def plot_spectra(held_out: HeldOut) -> Plot:
-    """Real halves and the model of the first, over frequency."""
+    """Spectra of both halves of the recording and of the model of the first half."""
 
     def draw(axes: "Axes") -> None:
         looks = (
@@ -94,20 +94,22 @@ def plot_spectra(held_out: HeldOut) -> Plot:
 
     return Plot(
         "Spectra",
-        f"The model of the first half follows the second, which it has not seen, to {held_out.distance_dB:.2f} dB "
-        f"(root mean square, shape only). The two real halves differ by {held_out.floor_dB:.2f} dB.",
+        f"The log-spectral distance between the model of the first half and the second half is "
+        f"{held_out.distance_dB:.2f} dB; that of the two halves is {held_out.floor_dB:.2f} dB.",
         drawn("spectra", draw, columns=1),
         "Power spectral density over frequency of both halves of the recording and of the model.",
     )
 
 
 def plot_order(search: OrderSearch, order: int) -> Plot:
-    """Spectral distance on held-out data and misfit of each order, with the swatch's own."""
+    """Held-out spectral distance and misfit of each order, with the order of the swatch."""
 
     def draw(upper: "Axes", lower: "Axes") -> None:
         upper.plot(search.orders, search.distance_dB, color=BLUE, label="held-out spectral distance")
-        upper.axhline(search.floor_dB, color=MUTED, linestyle=DOTTED, label="floor (of the halves), misfit allowed")
-        # the first orders are off the scale on purpose: what matters is the flat part
+        upper.axhline(
+            search.floor_dB, color=MUTED, linestyle=DOTTED, label="floor (distance of the halves), permitted misfit"
+        )
+        # the range omits the first orders, to resolve the flat part
         low, high = min(search.distance_dB.min(), search.floor_dB), np.quantile(search.distance_dB, 0.95)
         upper.set(ylabel="LSD [dB]", ylim=(low - 0.2 * (high - low + 0.2), high + 0.4 * (high - low + 0.2)))
         lower.axhline(search.allowed_dB, color=MUTED, linestyle=DOTTED)
@@ -119,26 +121,26 @@ def plot_order(search: OrderSearch, order: int) -> Plot:
     at = int(np.argmin(np.abs(search.orders - order)))
     return Plot(
         "Order",
-        f"Order {order} is in the swatch; held-out distance {search.distance_dB[at]:.2f} dB, the best of all orders "
-        f"{search.distance_dB.min():.2f} dB. On this recording the search chooses {search.chosen}: the smallest whose "
-        f"misfit, what it misses of the recording's own spectrum, is at most {search.allowed_dB:.2f} dB.",
+        f"The swatch has order {order} with a held-out distance of {search.distance_dB[at]:.2f} dB; the best order has "
+        f"{search.distance_dB.min():.2f} dB. For this recording, the search chooses order {search.chosen}, the "
+        f"smallest one with a misfit of at most {search.allowed_dB:.2f} dB.",
         drawn("order", draw, 3.8, panels=(3, 2)),
         "Held-out log-spectral distance and misfit over the order of the models.",
     )
 
 
 def decibels(power: Array) -> Array:
-    """10 log10, silence far down and not infinite."""
+    """10 log10 of a power, with a lower limit of −300 dB."""
     return np.asarray(10.0 * np.log10(np.maximum(power, 1e-30)))
 
 
 def signed(value: float, digits: int) -> str:
-    """The number with its sign, a minus and no hyphen."""
+    """Formats a number with its sign, and with a minus sign instead of a hyphen."""
     return f"{value:+.{digits}f}".replace("-", "−")
 
 
 def over_frequency(axes: "Axes", low_dB: float, high_dB: float) -> None:
-    """The axes of a spectrum: 20 to 1000 Hz."""
+    """Sets up the axes of a spectrum from 20 to 1000 Hz."""
     axes.set_xscale("log")
     axes.set(xlabel="frequency [Hz]", ylabel="density [dB re 1 (m/s²)²/Hz]", ylim=(low_dB - 3.0, high_dB + 3.0))
     axes.set_xlim(ACCELERATION_BAND_HZ)
@@ -148,11 +150,11 @@ def over_frequency(axes: "Axes", low_dB: float, high_dB: float) -> None:
 
 
 POINT_COUNT: Final = 800
-"""Points of the recording that are drawn [count]: more are a blot, and a large page."""
+"""Largest number of recorded points in a plot."""
 
 
 def plot_models(texture: Texture) -> Plot:
-    """Spectra of the texture at a few places: what is shown where there is no recording."""
+    """Spectra of the texture at four combinations of force and speed, for a report without recording."""
     places = [(f, v) for f in (0.5, 1.0) for v in (0.5, 1.0)]
     looks = ((BLUE, (0, (1, 1.2))), (GREEN, DASHED), (PURPLE, (0, (7, 2))), (ORANGE, "-"))
     frequency = np.geomspace(20.0, min(1000.0, 0.5 * texture.rate_Hz), 400)
@@ -164,21 +166,21 @@ def plot_models(texture: Texture) -> Plot:
             shown.append(decibels(texture.density([force_N], [speed_m_s], frequency_Hz=frequency)[0]))
             label = f"{force_N:.2g} N, {1e3 * speed_m_s:.0f} mm/s"
             axes.plot(frequency, shown[-1], color=colour, linestyle=dash, label=label)
-        sounding = [level for level in shown if level.max() > -200.0] or shown
-        over_frequency(axes, min(s.min() for s in sounding), max(s.max() for s in sounding))
+        active = [level for level in shown if level.max() > -200.0] or shown
+        over_frequency(axes, min(s.min() for s in active), max(s.max() for s in active))
 
     return Plot(
         "Spectra of the models",
-        "What the texture gives at half and at full force and speed of its models.",
+        "Spectra of the texture at half and at full force and speed of its models.",
         drawn("models", draw),
-        "Power spectral density of the texture over frequency at four places.",
+        "Power spectral density of the texture over frequency at four combinations of force and speed.",
     )
 
 
 def plot_plane(texture: Texture, channels: Streams | None) -> Plot:
-    """The plane of force and speed: models, triangles, where the recording was."""
+    """Plane of force and speed with models, triangles and the recording."""
     level = decibels(texture.model_power_m2_s4)
-    sounding = texture.model_power_m2_s4 > 0.0
+    active = texture.model_power_m2_s4 > 0.0
 
     def draw(axes: "Axes") -> None:
         speed, force = 1e3 * texture.speed_m_s, texture.force_N
@@ -189,11 +191,11 @@ def plot_plane(texture: Texture, channels: Streams | None) -> Plot:
             x, y = 1e3 * channels.speed_m_s[pick], channels.force_N[pick]
             axes.plot(x, y, ".", **POINT, zorder=2, label="the recording")
         label = "model, with its vibration (rms)"
-        axes.plot(speed[sounding], force[sounding], "o", color=ORANGE, markersize=6, zorder=4, label=label)
-        silent = speed[~sounding], force[~sounding]
+        axes.plot(speed[active], force[active], "o", color=ORANGE, markersize=6, zorder=4, label=label)
+        silent = speed[~active], force[~active]
         axes.plot(*silent, "o", markerfacecolor="none", markeredgecolor=MUTED, zorder=3, label="silent model")
-        if np.count_nonzero(sounding) <= 12:
-            for x, y, rms in zip(speed[sounding], force[sounding], 10 ** (level[sounding] / 20), strict=True):
+        if np.count_nonzero(active) <= 12:
+            for x, y, rms in zip(speed[active], force[active], 10 ** (level[active] / 20), strict=True):
                 right = x > 0.6 * speed.max()
                 axes.annotate(
                     f"{rms:.2g} m/s²", (x, y), (-6 if right else 6, -5), textcoords="offset points",
@@ -207,18 +209,18 @@ def plot_plane(texture: Texture, channels: Streams | None) -> Plot:
         moving = channels.force_N > 0.02 * channels.force_N.max()
         over = (channels.force_N > texture.force_max_N) | (channels.speed_m_s > texture.speed_max_m_s)
         share = round(100 * float(np.mean(over[moving])))
-        beyond = f" {share} % of the recording lies beyond them, where those at the edge hold." if share else ""
-    count = int(np.count_nonzero(sounding))
+        beyond = f" {share} % of the recording is beyond the models and uses those at the edge." if share else ""
+    count = int(np.count_nonzero(active))
     return Plot(
         "Force and speed",
-        f"{count} sounding model{'s' if count != 1 else ''}; between them a triangle's three are blended.{beyond}",
+        f"{count} model{'s' if count != 1 else ''}; models are interpolated in triangles.{beyond}",
         drawn("plane", draw),
         "Plane of slip speed and normal force with models and triangles.",
     )
 
 
 def plot_friction(swatch: Swatch, channels: Streams, states: Segmentation) -> Plot:
-    """Tangential over normal force with the friction line."""
+    """Tangential over normal force with the friction coefficients."""
     assert channels.tangential_force_N is not None
     normal, tangential = channels.force_N, np.abs(channels.tangential_force_N)
     sliding = (states.states == InteractionState.SLIDING) & (normal > 0.1 * normal.max())
@@ -239,32 +241,32 @@ def plot_friction(swatch: Swatch, channels: Streams, states: Segmentation) -> Pl
         axes.set_ylim(0.0, 1.3 * max(swatch.friction_static * top[1], float(np.quantile(tangential[pick], 0.95))))
 
     low, high = np.quantile(tangential[pick] / normal[pick], (0.05, 0.95))
-    said = "" if interval is None else f" (95 % interval {interval[0]:.3f} to {interval[1]:.3f})"
+    range_text = "" if interval is None else f" (95 % interval {interval[0]:.3f} to {interval[1]:.3f})"
     return Plot(
         "Friction",
-        f"Dynamic coefficient {swatch.friction_dynamic:.3f}{said}. Nine tenths of the samples lie between {low:.2f} "
-        f"and {high:.2f}. A person feels a change of 11 %.",
+        f"Dynamic coefficient {swatch.friction_dynamic:.3f}{range_text}. 90 % of the samples are between {low:.2f} and "
+        f"{high:.2f}. The JND is 11 %.",
         drawn("friction", draw),
         "Tangential over normal force with the lines of dynamic and static friction.",
     )
 
 
 def plot_taps(taps: Taps, intervals: Mapping[str, tuple[float, float]]) -> Plot:
-    """Amplitude, frequency and decay of the taps over approach speed, with their intervals."""
+    """Amplitude, frequency and decay of the taps over approach speed, with 95 % intervals."""
     speed = np.linspace(0.0, 1.25 * float(taps.approach_m_s[-1]), 200)
     tap = np.array([taps.at(float(v)) for v in speed])
     labels = ("amplitude\n[m/s²]", "frequency\n[Hz]", "decay\n[1/s]")
     numbers, unknown = range(len(taps.approach_m_s)), (np.nan, np.nan)
     bars = [np.array([intervals.get(f"taps.{name}[{i}]", unknown) for i in numbers]) for name in TAP_ROWS[1:]]
-    given = "in the swatch" + (", 95 % interval" if any(np.isfinite(bar).any() for bar in bars) else "")
+    label_points = "fitted" + (", 95 % interval" if any(np.isfinite(bar).any() for bar in bars) else "")
 
     def draw(*panels: "Axes") -> None:
         for axes, label, name, line, bar in zip(panels, labels, TAP_ROWS[1:], tap.T, bars, strict=True):
             points = getattr(taps, name)
-            said = ("what a tap gets", given) if axes is panels[0] else (None, None)
-            axes.plot(1e3 * speed, line, color=ORANGE, label=said[0])
+            legend = ("rendered", label_points) if axes is panels[0] else (None, None)
+            axes.plot(1e3 * speed, line, color=ORANGE, label=legend[0])
             axes.vlines(1e3 * taps.approach_m_s, bar[:, 0], bar[:, 1], color=BLUE)
-            axes.plot(1e3 * taps.approach_m_s, points, "o", color=BLUE, markersize=4, label=said[1])
+            axes.plot(1e3 * taps.approach_m_s, points, "o", color=BLUE, markersize=4, label=legend[1])
             top = np.nanmax(np.concatenate([points, bar[:, 1], [1e-9]]))
             axes.set(ylabel=label, ylim=(0.0, 1.2 * float(top)))
         axes.set_xlabel("approach speed [mm/s]")
@@ -272,8 +274,8 @@ def plot_taps(taps: Taps, intervals: Mapping[str, tuple[float, float]]) -> Plot:
     count = len(taps.approach_m_s)
     return Plot(
         "Taps",
-        f"{count} speed{'s' if count != 1 else ''}. Below the lowest the amplitude falls to nothing at rest, "
-        "above the highest its tap is given.",
+        f"{count} approach speed{'s' if count != 1 else ''}. Below the lowest, the amplitude is proportional to the "
+        "speed; above the highest, it is constant.",
         drawn("taps", draw, 3.9, panels=(1, 1, 1)),
         "Amplitude, frequency and decay of taps over approach speed.",
     )

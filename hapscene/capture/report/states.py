@@ -1,19 +1,19 @@
-"""A picture, apart from what it shows: the states over a recording, above the streams that they were told by."""
+"""Plots the interaction states of a recording above its streams."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapscene.capture.fit.segment import InteractionState, Segmentation
+from hapscene.capture.fit.segment import InteractionState, Segmentation, SegmentedRecording
 from hapscene.capture.io.streams import Array, Streams
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
 from hapscene.view.plot import STYLE, envelope
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 __all__ = ["WORDS", "draw_states", "write_states"]
 
@@ -32,28 +32,28 @@ WORDS: Final = {
 }
 
 
-def write_states(parts: Sequence[tuple[Streams, Segmentation]], path: str | Path, titles: Sequence[str] = ()) -> None:
-    """Draws the states of recordings as PNG, one under the other.
+def write_states(recordings: Sequence[SegmentedRecording], path: str | Path, titles: Sequence[str] = ()) -> None:
+    """Writes a PNG file with the interaction states of recordings, one below the other.
 
     Args:
-        parts: cleaned recordings and their states, one or more.
-        path: where the file shall be.
-        titles: stand over the recordings.
+        recordings: filtered recordings and their segmentations.
+        path: file to write.
+        titles: titles of the recordings.
 
     Raises:
-        OSError: the folder is missing or cannot be written.
+        OSError: the folder does not exist or is not writable.
     """
-    save_chart(draw_states(parts, titles), path)
+    save_chart(draw_states(recordings, titles), path)
 
 
-def draw_states(parts: Sequence[tuple[Streams, Segmentation]], titles: Sequence[str] = ()) -> "Figure":
-    """The figure that `write_states` writes."""
-    rows = [_streams(*part) for part in parts]
+def draw_states(recordings: Sequence[SegmentedRecording], titles: Sequence[str] = ()) -> "Figure":
+    """Figure that `write_states` writes."""
+    rows = [_streams(*recording) for recording in recordings]
     heights = [0.7 + 1.5 * len(streams) for streams in rows]
-    with new_chart(13, sum(heights) + 0.7 * len(parts), style=STYLE) as figure:
-        panels = np.atleast_1d(np.array(figure.subfigures(len(parts), 1, height_ratios=heights), dtype=object))
-        for i, (part, streams, panel) in enumerate(zip(parts, rows, panels, strict=True)):
-            _draw(panel, part[1], streams, titles[i] if i < len(titles) else "")
+    with new_chart(13, sum(heights) + 0.7 * len(recordings), style=STYLE) as figure:
+        panels = np.atleast_1d(np.array(figure.subfigures(len(recordings), 1, height_ratios=heights), dtype=object))
+        for i, ((_, states), streams, panel) in enumerate(zip(recordings, rows, panels, strict=True)):
+            _draw(panel, states, streams, titles[i] if i < len(titles) else "")
     return figure
 
 
@@ -61,7 +61,7 @@ _Stream = tuple[str, Array, float | None]  # label, values, threshold
 
 
 def _streams(channels: Streams, states: Segmentation) -> list[_Stream]:
-    """What is drawn: the vibration, and every stream that changes."""
+    """Streams of the plot: the acceleration, and all streams that are not constant."""
     streams: list[_Stream] = [("acceleration\n[m/s²]", channels.acceleration_m_s2, None)]
     if np.ptp(channels.force_N) > 0.0:
         streams.append(("normal force\n[N]", channels.force_N, states.force_on_N))
@@ -73,8 +73,8 @@ def _streams(channels: Streams, states: Segmentation) -> list[_Stream]:
     return streams
 
 
-def _draw(panel: Any, states: Segmentation, streams: list[_Stream], title: str) -> None:
-    """One recording: a strip of states, and the streams below it."""
+def _draw(panel: "SubFigure", states: Segmentation, streams: list[_Stream], title: str) -> None:
+    """Draws a recording: a strip of states above the streams."""
     axes = panel.subplots(1 + len(streams), 1, sharex=True, height_ratios=[0.35] + [1.0] * len(streams))
     strip, seconds = axes[0], len(states.states) / states.rate_Hz
     for state, colour in COLOURS.items():
@@ -86,15 +86,15 @@ def _draw(panel: Any, states: Segmentation, streams: list[_Stream], title: str) 
         for ax in axes[1:]:
             for start, length in spans:
                 ax.axvspan(start, start + length, facecolor=colour, alpha=0.25, linewidth=0)
-    pieces = states.stationary()
+    segments = states.stationary()
     for change in states.changes:
         strip.axvline(change / states.rate_Hz, color=INK, linewidth=1.2)
     if states.changes:
-        strip.plot([], [], color=INK, linewidth=1.2, label=f"change of vibration ({len(pieces)} pieces)")
+        strip.plot([], [], color=INK, linewidth=1.2, label=f"change point ({len(segments)} segments)")
     strip.set(ylim=(0, 1), yticks=[], xlim=(0, seconds))
     strip.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, borderaxespad=0.2)
     for ax, (label, values, threshold) in zip(axes[1:], streams, strict=True):
-        t_s, low, high = envelope(np.arange(len(values)) / states.rate_Hz, values)  # every peak is kept
+        t_s, low, high = envelope(np.arange(len(values)) / states.rate_Hz, values)  # shows every peak
         ax.fill_between(t_s, low, high, facecolor=INK, edgecolor=INK, linewidth=0.6)
         if threshold is not None:
             ax.axhline(threshold, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))

@@ -1,4 +1,4 @@
-"""What the tool hangs on, driven alike whichever it is: a simulated point mass or Omni in a hand, or a real device."""
+"""One interface for the device that holds the tool: a simulated point mass or Omni in a hand, or a real device."""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -36,21 +36,21 @@ CONNECTED: Final = 2
 
 
 class Arm(NamedTuple):
-    """What acts on the tool besides the scene. One kind of device is used; compiled code needs all to be there."""
+    """The device that holds the tool. `kind` selects the record that is used; compiled code needs all of the fields."""
 
     kind: int  # SIMULATED_POINT, SIMULATED_OMNI, CONNECTED
     point: Records  # (1,) POINT
     omni: Records  # (1,) OMNI
-    hand: Records  # (1,) HAND, of a simulated one
-    state: Records  # (1,) DEVICE_STATE, of a real one
-    X_WD: NDArray[np.float64]  # (4, 4) where that stands
+    hand: Records  # (1,) HAND, for simulated devices
+    state: Records  # (1,) DEVICE_STATE, for real devices
+    X_WD: NDArray[np.float64]  # (4, 4) pose of the real device
 
 
 def simulated_device(device: DeviceLike) -> PointMass | Omni:
-    """The simulation of a device, given by its name or as an object.
+    """The simulation of a device, given by name or as an object.
 
     Raises:
-        HapsceneError: there is no such device, or it is ideal: without a mass, it cannot be moved.
+        HapsceneError: unknown device, or the ideal device, which has no mass and cannot be simulated.
     """
     if isinstance(device, PointMass | Omni):
         return device
@@ -58,18 +58,19 @@ def simulated_device(device: DeviceLike) -> PointMass | Omni:
     if known is DEVICES["omni"]:
         return Omni()
     if known.point is None:
-        able = ", ".join(name for name, other in DEVICES.items() if other.point is not None)
-        raise HapsceneError(f"device {known.name!r} has no mass that a hand could move; choose one of: {able}")
+        names = ", ".join(name for name, other in DEVICES.items() if other.point is not None)
+        raise HapsceneError(f"device {known.name!r} has no mass and cannot be simulated; choose one of: {names}")
     return known.point
 
 
 def new_arm(device: PointMass | Omni | Connection, p_WT_m: Sequence[float], X_WD: ArrayLike | None = None) -> Arm:
-    """A simulated device at rest with its tip at `p_WT_m` (3,), which nothing holds. An Omni stands at `X_WD` (4, 4).
+    """An `Arm` for a device, at rest with its tip at `p_WT_m` (3,) and without a hand.
 
-    A real one stands there too; without, the middle of its workspace is at `p_WT_m`, and its axes are those of W.
+    `X_WD` (4, 4) is the pose of an Omni or of a real device. By default the middle of a real device's workspace is at
+    `p_WT_m`, with the axes of W.
 
     Raises:
-        HapsceneError: the tip is out of the simulated device's reach.
+        HapsceneError: the tip is out of reach of the simulated device.
     """
     hand, point, omni, place = records(1, HAND), records(1, POINT), records(1, OMNI), np.eye(4)
     if isinstance(device, PointMass):
@@ -83,7 +84,7 @@ def new_arm(device: PointMass | Omni | Connection, p_WT_m: Sequence[float], X_WD
 
 @native
 def read_arm(arm: "Arm") -> Vector:
-    """What the encoders say: the tool in W [m]."""
+    """The tool position in W as measured by the encoders [m]."""
     if arm.kind == CONNECTED:
         return _read_connected(arm)
     if arm.kind == SIMULATED_OMNI:
@@ -103,7 +104,7 @@ def _read_connected(arm: "Arm") -> Vector:
 
 @native
 def drive_arm(arm: "Arm", f_N: Vector) -> None:
-    """The force wanted of the motors from now on, in W [N]."""
+    """Set the motor force in W [N], which is held until the next call."""
     if arm.kind == CONNECTED:
         for i in range(3):
             arm.state[0].f_D_N[i] = arm.X_WD[0, i] * f_N[0] + arm.X_WD[1, i] * f_N[1] + arm.X_WD[2, i] * f_N[2]
@@ -115,7 +116,7 @@ def drive_arm(arm: "Arm", f_N: Vector) -> None:
 
 @native
 def advance_arm(arm: "Arm", h_s: float, count: int = 1) -> None:
-    """Move on `count` times by `h_s`, the hand's target with it; a real one moves by itself."""
+    """Advance a simulated device and the target of the hand by `count` steps of `h_s`. No effect on a real device."""
     if arm.kind == SIMULATED_OMNI:
         advance_omni(arm.omni[0], arm.hand[0], h_s, count)
     elif arm.kind == SIMULATED_POINT:
@@ -124,7 +125,7 @@ def advance_arm(arm: "Arm", h_s: float, count: int = 1) -> None:
 
 @native
 def find_tip(arm: "Arm") -> Vector:
-    """Where the tool truly is, in W [m]; of a real one, as far as its encoders say."""
+    """The true tool position in W [m]; the measured one for a real device."""
     if arm.kind == CONNECTED:
         return _read_connected(arm)
     if arm.kind == SIMULATED_OMNI:
@@ -135,7 +136,7 @@ def find_tip(arm: "Arm") -> Vector:
 
 @native
 def find_tip_velocity(arm: "Arm") -> Vector:
-    """How the tool truly moves, in W [m/s]; 0 of a real one, which does not say."""
+    """The true tool velocity in W [m/s]; 0 for a real device, whose velocity is unknown."""
     if arm.kind == CONNECTED:
         return 0.0, 0.0, 0.0
     if arm.kind == SIMULATED_OMNI:

@@ -1,7 +1,7 @@
-"""The hand that holds the tool: what it intends, and how firmly it insists on it.
+"""Model of the hand that holds the tool: a target position, and the impedance of the grip.
 
-A hand is a spring and a damper from where it means the tool to be, a mass that moves with the tool, and a push of its
-own (Hogan 1985; the grip models of Kuchenbecker, Park & Niemeyer 2003). Force on the tool, in W:
+The hand is a spring and a damper between its target and the tool, a mass that moves with the tool, and an additional
+force (Hogan 1985; grip models of Kuchenbecker, Park & Niemeyer 2003). Force on the tool in W:
 
     f = k (target − x) + b (ẋ_target − ẋ) + push
 """
@@ -22,8 +22,8 @@ HAND: Final = np.dtype(
         ("k_N_m", "f8"),
         ("b_Ns_m", "f8"),
         ("mass_kg", "f8"),  # moves with the tool
-        ("target_m", "f8", (3,)),  # where the hand means the tool to be, in W
-        ("target_m_s", "f8", (3,)),  # how fast that place moves
+        ("target_m", "f8", (3,)),  # target position of the tool, in W
+        ("target_m_s", "f8", (3,)),  # velocity of the target
         ("push_N", "f8", (3,)),
     ],
     align=True,
@@ -32,10 +32,10 @@ HAND: Final = np.dtype(
 
 @dataclass(frozen=True)
 class Grip:
-    """How firmly the tool is held: spring [N/m], damper [N·s/m], mass that moves with the tool [kg].
+    """Impedance of a grip: spring [N/m], damper [N·s/m], mass that moves with the tool [kg].
 
     Raises:
-        HapsceneError: a number that is negative or not finite.
+        HapsceneError: a value that is negative or not finite.
     """
 
     k_N_m: float
@@ -58,15 +58,15 @@ GRIPS: Final = {
     "medium": Grip(200.0, 2.0, 0.01),
     "firm": Grip(500.0, 5.0, 0.03),
 }
-"""Grips by name. The light one is where walls bounce most easily; the firm one has the spring and damper that the
-handle's model takes the hand for. Measured grips lie between (Kuchenbecker, Park & Niemeyer 2003: 50 to 800 N/m)."""
+"""Grips by name. Walls oscillate most easily with the light one. The firm one has the spring and damper of the hand in
+the handle's model. Measured grips have 50 to 800 N/m (Kuchenbecker, Park & Niemeyer 2003)."""
 
 
 def grip_named(name: str) -> Grip:
-    """A grip of `GRIPS`.
+    """Look up a grip of `GRIPS`.
 
     Raises:
-        HapsceneError: no grip of this name.
+        HapsceneError: unknown name.
     """
     if name not in GRIPS:
         raise HapsceneError(no_such("grip", name, GRIPS))
@@ -75,7 +75,7 @@ def grip_named(name: str) -> Grip:
 
 @native
 def pull(hand: np.record, axis: int, x_m: float, v_m_s: float) -> float:
-    """Force of the hand on a tool at `x_m` that moves at `v_m_s`, along one axis of W [N]."""
+    """Force of the hand along one axis of W [N] on a tool at position `x_m` with velocity `v_m_s`."""
     return float(
         hand.k_N_m * (hand.target_m[axis] - x_m) + hand.b_Ns_m * (hand.target_m_s[axis] - v_m_s) + hand.push_N[axis]
     )

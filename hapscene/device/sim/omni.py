@@ -1,27 +1,28 @@
-"""The simulated Phantom Omni: what its data sheet and its published dynamics say, in the loop.
+"""The simulated Phantom Omni, from its data sheet and published dynamics.
 
-    record = Omni().record(p_WT_m)        one device, its tip at p_WT_m
-    read_omni(record[0])                  the tip in W as the encoders see it
-    hold_omni(record[0], fx, fy, fz)      the force wanted at the tip, in W, held until the next call
-    advance_omni(record[0], hand[0], h_s) arm, structure, tool and hand move on
-    tip_omni(record[0])                   where the tool really is
+    record = Omni().record(p_WT_m)        create a device with its tip at p_WT_m
+    read_omni(record[0])                  tip position in W as measured by the encoders
+    hold_omni(record[0], fx, fy, fz)      set the force at the tip in W, held until the next call
+    advance_omni(record[0], hand[0], h_s) advance arm, structure, tool and hand
+    tip_omni(record[0])                   true tool position
 
-**Two masses.** The tool is a mass of 7.9 g on the arm's end, by springs of 1.26, 2.31 and 1.02 N/mm along x, y, z of D
-(the data sheet's stiffness) with a damping ratio of 0.05 (assumed). With orthogonal arms the published dynamics show
-37.1 g in the arm's lightest direction, and with the tool the data sheet's 45 g. Tool against arm is one resonance per
-axis, at 66, 91 and 61 Hz, lower with a hand's mass on the tool. Encoders and motors are on the arm's side: what they
-see lags the tool by the structure's deflection, at rest f/k, so that a wall of 1 N/mm feels like 0.5 N/mm along z.
+**Two masses.** The tool is a mass of 7.9 g, connected to the arm by springs of 1.26, 2.31 and 1.02 N/mm along x, y, z
+of D (data sheet) with a damping ratio of 0.05 (assumed). With orthogonal arms, the published dynamics have 37.1 g in
+the arm's lightest direction, and 45 g together with the tool, as in the data sheet. Tool and arm have one resonance per
+axis, at 66, 91 and 61 Hz; the mass of a hand lowers them. Encoders and motors are on the arm's side. The measured
+position differs from the tool by the deflection of the structure, f/k at rest. A wall of 1 N/mm therefore feels like
+0.5 N/mm along z.
 
-**Friction** is dry in each joint, 0.26 N at the tip in the nominal posture along each joint's way, and viscous,
+**Friction** of each joint: Coulomb friction of 0.26 N at the tip in the nominal posture, and viscous friction of
 0.1 N·s/m (assumed).
 
-**Encoders** count in joint space, so many counts to a joint's turn that a count moves the tip by 0.055 mm in the
-nominal posture: 21,347, 15,308 and 15,137. Over the workspace a count of the waist is 0.045 to 0.069 mm.
+**Encoders** measure joint angles with 21,347, 15,308 and 15,137 counts per turn, so that one count moves the tip by
+0.055 mm in the nominal posture. Over the workspace, a count of the waist is 0.045 to 0.069 mm.
 
-**Motors** give 3.3 N in the nominal posture for a short time, 0.88 N for any time. Each warms by its torque squared
-with one time constant (60 s, assumed), to 1 at continuous torque; from a warmth of 0.9, 4 s into full force, its limit
-comes down, to be the continuous torque at 1. Where a motor is at its limit the whole force is scaled, its direction
-kept. Gravity acts, and the motors carry it, as the user's driver has them do, at the cost of a part of their torque.
+**Motors** have a peak force of 3.3 N and a continuous force of 0.88 N in the nominal posture. Each heats up with its
+squared torque and one time constant (60 s, assumed), to 1 at continuous torque. From a temperature of 0.9, after 4 s of
+full force, its limit falls to the continuous torque at 1. If a motor reaches its limit, the whole force is scaled down
+in its direction. The motors compensate gravity, as with the vendor's driver, which uses a part of their torque.
 """
 
 import math
@@ -50,11 +51,10 @@ from hapscene.device.sim.omni_step import STEP_MAX_S, ahead, apparent_mass, grav
 from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector, rigid
 
-# Where the simulated Phantom Omni stands.
-
 
 def stand(p_WT_m: Sequence[float]) -> NDArray[np.float64]:
-    """X_WD (4, 4) of a device whose tip is at `p_WT_m` (3,) in the nominal posture; z of W is up, its user at −y."""
+    """Pose X_WD (4, 4) of a device whose tip is at `p_WT_m` (3,) in the nominal posture. z of W is up, the user is at
+    −y."""
     X = np.eye(4)
     X[:3, :3] = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
     X[:3, 3] = np.asarray(p_WT_m, float) - X[:3, :3] @ forward(NOMINAL_RAD)
@@ -62,12 +62,12 @@ def stand(p_WT_m: Sequence[float]) -> NDArray[np.float64]:
 
 
 def out_of_reach(p_WT_m: Sequence[float], p_DT_m: NDArray[np.float64]) -> str:
-    """The one sentence for a start that the arm cannot reach."""
+    """Error message for a start position that is out of reach."""
     middle = ", ".join(f"{v:.3f}" for v in forward(NOMINAL_RAD))
-    there = ", ".join(f"{v:.3f}" for v in p_DT_m)
+    position = ", ".join(f"{v:.3f}" for v in p_DT_m)
     return (
-        f"omni: p_WT_m {tuple(float(v) for v in p_WT_m)} is ({there}) m in the device's frame, out of its reach; "
-        f"the middle of its workspace is ({middle}) m, about which it reaches 80, 60, 35 mm along x, y, z"
+        f"omni: p_WT_m {tuple(float(v) for v in p_WT_m)} is out of reach: ({position}) m in the device frame; "
+        f"the workspace extends by 80, 60, 35 mm along x, y, z around its middle ({middle}) m"
     )
 
 
@@ -84,11 +84,11 @@ __all__ = [
 ]
 
 WARM: Final = 0.9
-"""Warmth of a motor from which its torque limit comes down, to be continuous at a warmth of 1 [1]. Closer to 1 the
-force drops faster, felt as a step."""
+"""Motor temperature at which the torque limit starts to fall, to the continuous torque at 1 [1]. Closer to 1, the force
+would drop perceptibly."""
 
 WANTED_MAX_N: Final = 1e6
-"""Largest force that is looked at [N]; more is cut to this before it is scaled to what the motors have."""
+"""Limit of a commanded force, before it is scaled to the torque of the motors [N]."""
 
 _FORCE_NOT_FINITE = int(OmniFlag.FORCE_NOT_FINITE)
 _TORQUE_LIMITED = int(OmniFlag.TORQUE_LIMITED)
@@ -98,24 +98,24 @@ _SINGULAR = int(OmniFlag.SINGULAR)
 
 @dataclass(frozen=True)
 class Omni:
-    """A Phantom Omni's parameters; the defaults are the data sheet's, and assumed where the module says so.
+    """Parameters of a Phantom Omni. The defaults are those of the data sheet, or assumed (see the module).
 
     Attributes:
-        friction_N: dry friction at the tip in the nominal posture; 0 for none.
-        damping_Ns_m: viscous damping there; 0 for none.
-        resolution_m: step of the encoders there; 0 for exact encoders.
-        peak_N: most force there for a short time; may be infinite.
-        continuous_N: and for any time.
-        thermal_s: time constant of the motors' warming; infinite for motors that stay cold.
-        compliant: False for a tool rigidly at the arm's end.
-        stiffness_N_m: of the structure between arm and tool, along x, y, z of D.
-        damping_ratio: of the tool against the arm, in the nominal posture.
+        friction_N: Coulomb friction at the tip in the nominal posture.
+        damping_Ns_m: viscous damping at the tip in the nominal posture.
+        resolution_m: resolution of the encoders at the tip in the nominal posture; 0 for exact encoders.
+        peak_N: peak force in the nominal posture; may be infinite.
+        continuous_N: continuous force in the nominal posture.
+        thermal_s: thermal time constant of the motors; infinite for no heating.
+        compliant: False for a tool that is rigidly connected to the arm.
+        stiffness_N_m: stiffness of the structure between arm and tool, along x, y, z of D.
+        damping_ratio: damping ratio of the tool on the structure, in the nominal posture.
         tool_kg: mass of the tool.
-        gravity: whether weight and counterbalance act.
-        gravity_compensated: whether the motors carry them.
+        gravity: whether gravity and counterbalance act.
+        gravity_compensated: whether the motors compensate them.
 
     Raises:
-        HapsceneError: a number out of range.
+        HapsceneError: value out of range.
     """
 
     friction_N: float = 0.26
@@ -141,13 +141,13 @@ class Omni:
                 if not (enough and (value < math.inf or field.name in endless)):
                     raise HapsceneError(f"omni: {field.name} must be finite and {least} 0, is {value}")
         if len(self.stiffness_N_m) != 3:
-            raise HapsceneError(f"omni: stiffness_N_m must be three numbers, x, y, z, is {self.stiffness_N_m}")
+            raise HapsceneError(f"omni: stiffness_N_m must be three numbers (x, y, z), is {self.stiffness_N_m}")
         if self.continuous_N > self.peak_N:
-            raise HapsceneError(f"omni: continuous_N {self.continuous_N} is over peak_N {self.peak_N}")
+            raise HapsceneError(f"omni: continuous_N must be at most peak_N {self.peak_N}, is {self.continuous_N}")
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Encoder counts to one turn of each joint; 0 where `resolution_m` is."""
+        """Encoder counts per turn of each joint; 0 for exact encoders."""
         if self.resolution_m == 0.0:
             return 0, 0, 0
         q1, q2, q3 = (round(2.0 * math.pi * lever_m / self.resolution_m) for lever_m in NOMINAL_LEVER_M)
@@ -155,14 +155,16 @@ class Omni:
 
     @property
     def resonance_Hz(self) -> NDArray[np.float64]:
-        """(3,) frequencies of the tool against the arm along x, y, z of D, nominal posture, no hand, joints free."""
+        """(3,) resonances of tool and arm along x, y, z of D, in the nominal posture with free joints and without a
+        hand."""
         return np.asarray(np.sqrt(np.array(self.stiffness_N_m) / self._reduced_kg()) / (2.0 * math.pi))
 
     def record(self, p_WT_m: Sequence[float], X_WD: ArrayLike | None = None) -> Any:
-        """(1,) OMNI, at rest with its tip at `p_WT_m` (3,); `X_WD` (4, 4) is where it stands, by default `stand`.
+        """Create a record (1,) OMNI at rest with its tip at `p_WT_m` (3,) and the pose `X_WD` (4, 4), by default
+        `stand`.
 
         Raises:
-            HapsceneError: `X_WD` is no pose, or the tip is out of the workspace.
+            HapsceneError: `X_WD` is not a rigid transform, or the tip is out of reach.
         """
         X = stand(p_WT_m) if X_WD is None else rigid(X_WD, "omni: X_WD")
         p_DT_m = X[:3, :3].T @ (np.asarray(p_WT_m, float) - X[:3, 3])
@@ -183,16 +185,17 @@ class Omni:
         return omni
 
     def _reduced_kg(self) -> NDArray[np.float64]:
-        """(3,) mass of tool and arm against each other, nominal posture."""
+        """(3,) reduced mass of tool and arm in the nominal posture."""
         arm_kg = apparent_mass(NOMINAL_RAD)
         return np.asarray(arm_kg * self.tool_kg / (arm_kg + self.tool_kg))
 
 
 @native
 def hold_omni(omni: np.record, x_N: float, y_N: float, z_N: float) -> None:
-    """Have the motors make the force (x, y, z) [N] in W at the tip from now on: τ = Jᵀ f, J at the encoders' angles.
+    """Set the force (x, y, z) [N] in W at the tip: τ = Jᵀ f, with J at the measured angles.
 
-    A force that is not finite is none, and flagged. Where a motor has too little torque, all of the force is scaled.
+    A force that is not finite is replaced by 0 and flagged. If a motor has too little torque, the whole force is
+    scaled.
     """
     omni.trouble = 0
     if not (math.isfinite(x_N) and math.isfinite(y_N) and math.isfinite(z_N)):
@@ -220,7 +223,7 @@ def hold_omni(omni: np.record, x_N: float, y_N: float, z_N: float) -> None:
 
 @native
 def _set_torques(omni: np.record, wanted: Vector, weight: Vector) -> None:
-    """Torques for the weight, and as much of those wanted as every motor's limit leaves room for."""
+    """Set the torques: gravity compensation first, then the wanted torques, scaled by a common factor to the limits."""
     kept = math.exp(-omni.held_s / omni.thermal_s)
     omni.held_s = 0.0
     share = 1.0
@@ -239,7 +242,7 @@ def _set_torques(omni: np.record, wanted: Vector, weight: Vector) -> None:
 
 @native
 def _warm(omni: np.record, i: int, kept: float) -> float:
-    """Warm a motor by the torque it held; returns the most torque it may now give [N·m]."""
+    """Update the temperature of a motor by the torque it held. Returns its current torque limit [N·m]."""
     load = omni.torque_Nm[i] / omni.continuous_Nm[i]
     heat = load * load
     heat += (omni.heat[i] - heat) * kept
@@ -253,7 +256,7 @@ def _warm(omni: np.record, i: int, kept: float) -> float:
 
 @native
 def advance_omni(omni: np.record, hand: np.record, h_s: float, count: int = 1) -> None:
-    """Move arm, tool and hand (a `HAND` record) on by `h_s` [s] `count` times, the hand's target moving on with it."""
+    """Advance arm, tool, hand (a `HAND` record) and the target of the hand by `count` steps of `h_s` [s]."""
     if not 0.0 < h_s < math.inf:
         return
     steps = math.ceil(h_s / STEP_MAX_S - 1e-6)
@@ -268,21 +271,21 @@ def advance_omni(omni: np.record, hand: np.record, h_s: float, count: int = 1) -
 
 @native
 def read_omni(omni: np.record) -> Vector:
-    """Where the encoders put the tip, in W [m]."""
+    """Tip position in W as measured by the encoders [m]."""
     q = _encoded(omni)
     return _place(omni, tip(turns_at(q[0], q[1], q[2])))
 
 
 @native
 def tip_omni(omni: np.record) -> Vector:
-    """Where the tool is, in W [m]."""
+    """True tool position in W [m]."""
     p = omni.p_DT_m
     return _place(omni, (p[0], p[1], p[2]))
 
 
 @native
 def tip_velocity_omni(omni: np.record) -> Vector:
-    """How fast the tool moves, in W [m/s]."""
+    """True tool velocity in W [m/s]."""
     R, v = omni.R_WD, omni.v_DT_m_s
     return (
         R[0, 0] * v[0] + R[0, 1] * v[1] + R[0, 2] * v[2],
@@ -293,7 +296,7 @@ def tip_velocity_omni(omni: np.record) -> Vector:
 
 @native
 def _encoded(omni: np.record) -> Vector:
-    """Joint angles as the encoders see them: the nearest count."""
+    """Joint angles rounded to encoder counts."""
     return _counted(omni, 0), _counted(omni, 1), _counted(omni, 2)
 
 

@@ -1,21 +1,22 @@
-"""Where the Phantom Omni's joints put its tip: forward, inverse and Jacobian, and the stylus' pose.
+"""Kinematics of the Phantom Omni: forward and inverse kinematics, Jacobian.
 
-Frame D stands on the table under the waist, its axes as in OpenHaptics: x to the right, y up, z towards the user.
-The tip T is the gimbal's centre, as in OpenHaptics: the point that the base motors push.
+The origin of frame D is on the table below the waist. Its axes are those of OpenHaptics: x to the right, y up, z
+towards the user. The tip T is the centre of the gimbal, as in OpenHaptics: the point at which the base motors act.
 
 Joints q [rad], as in Çavuşoğlu et al. 2002 and in the dynamics:
 
-- q1, the waist, turns about y: positive to the right.
-- q2, the shoulder, is the upper arm's angle over the horizontal.
-- q3 is the forearm's angle from straight down towards the user, not relative to the upper arm, since a parallelogram
-  drives it from the base. q2 = q3 are orthogonal arms: the nominal posture of the data sheet.
+- q1, the waist, rotates about y, positive to the right.
+- q2, the shoulder, is the angle of the upper arm above the horizontal.
+- q3 is the angle of the forearm from straight down towards the user. It is not relative to the upper arm, since a
+  parallelogram drives the forearm from the base. At q2 = q3 the arms are orthogonal, as in the nominal posture of the
+  data sheet.
 
     r = l1 cos q2 + l2 sin q3
     p_DT = (r sin q1, h + l1 sin q2 − l2 cos q3, r cos q1)
 
-Links and limits: `models/urdf/omni.urdf` of jhu-saw/sawSensablePhantom. Its x axis points to the left and its y axis
-to the user, so waist and shoulder are q1 and q2 as they are; its elbow θ is relative to the upper arm, at which the
-forearm is turned down by 1.5 rad: q3 = q2 + θ + π/2 − 1.5. Its limits on θ therefore bound the difference q3 − q2.
+Links and limits are from `models/urdf/omni.urdf` of jhu-saw/sawSensablePhantom. Its x axis points to the left and its y
+axis to the user, so that waist and shoulder equal q1 and q2. Its elbow θ is relative to the upper arm, with the forearm
+turned down by 1.5 rad: q3 = q2 + θ + π/2 − 1.5. The limits of θ therefore bound the difference q3 − q2.
 """
 
 import math
@@ -44,14 +45,13 @@ __all__ = [
     "lever",
     "leverage",
     "reachable",
-    "singular",
     "tip",
     "turns_at",
     "within_limits",
 ]
 
 UPPER_M: Final = 0.134
-"""Length l1 of the upper arm, shoulder to elbow [m]. URDF of sawSensablePhantom; wrong, and the workspace is."""
+"""Length l1 of the upper arm, shoulder to elbow [m]. URDF of sawSensablePhantom. It determines the workspace."""
 
 FOREARM_M: Final = 0.1325
 """Length l2 of the forearm, elbow to the gimbal's centre [m]. URDF: 0.08 + 0.0525."""
@@ -60,28 +60,28 @@ SHOULDER_M: Final = 0.09 + 0.035
 """Height h of the shoulder over the table [m]. URDF: table to waist 0.09, waist to shoulder 0.035."""
 
 WAIST_RAD: Final = (-0.98, 0.98)
-"""Limits of q1 [rad]. URDF. Below π/2, so that the sign of z tells on which side of the waist's axis the tip is."""
+"""Limits of q1 [rad]. URDF. Below π/2, so that the sign of z determines the side of the waist axis."""
 
 SHOULDER_RAD: Final = (0.0, 1.75)
 """Limits of q2 [rad]. URDF."""
 
 ELBOW_TURN_RAD: Final = math.pi / 2.0 - 1.5
-"""What is added to the URDF's elbow to have q3 − q2 [rad]."""
+"""Difference between q3 − q2 and the elbow angle of the URDF [rad]."""
 
 ELBOW_RAD: Final = (-0.81 + ELBOW_TURN_RAD, 1.25 + ELBOW_TURN_RAD)
-"""Limits of q3 − q2 [rad]: the URDF's elbow limits, −0.81 and 1.25. Short of ±π/2, where the arm would be stretched
-or folded and the inverse have two answers."""
+"""Limits of q3 − q2 [rad]: the elbow limits of the URDF, −0.81 and 1.25. They exclude ±π/2, where the arm would be
+stretched or folded and the inverse kinematics would have two solutions."""
 
 NOMINAL_RAD: Final = (0.0, 0.65, 0.65)
-"""The nominal posture [rad]: arms orthogonal, as the data sheet has it, the tip in the middle of the workspace. There
-each joint moves the tip at a right angle to the others, at levers of `NOMINAL_LEVER_M`."""
+"""The nominal posture [rad] of the data sheet: orthogonal arms, the tip in the middle of the workspace. The three
+joints then move the tip in orthogonal directions with the levers `NOMINAL_LEVER_M`."""
 
 NOMINAL_LEVER_M: Final = (UPPER_M * math.cos(0.65) + FOREARM_M * math.sin(0.65), UPPER_M, FOREARM_M)
-"""Distance by which each joint moves the tip in the nominal posture [m/rad]."""
+"""Lever of each joint at the tip in the nominal posture [m/rad]."""
 
 SINGULAR: Final = 0.05
-"""Fraction of the nominal posture's det J below which a posture counts as singular [1]: a joint's lever on some
-direction is then a twentieth of what it was, and the encoders tell the tip a twentieth as well there."""
+"""Ratio of det J to that of the nominal posture below which a posture counts as singular [1]. The lever along some
+direction is then a twentieth, and the encoders resolve the tip twenty times coarser there."""
 
 Matrix = tuple[Vector, Vector, Vector]
 Turns = tuple[float, float, float, float, float, float]
@@ -112,19 +112,20 @@ def lever(turns: Turns) -> Matrix:
 
 @native
 def joints_at(x: float, y: float, z: float) -> Vector:
-    """Joint angles [rad] for a tip [m] in D; those of the nearest reach where it is out of reach. Always finite.
+    """Joint angles [rad] for a tip position [m] in D; those of the nearest reachable distance if out of reach. Always
+    finite.
 
-    The arm bends downwards (q3 − q2 < π/2), as its limits ask for. On the waist's axis, where any q1 will do, q1 = 0.
+    The arm bends downwards (q3 − q2 < π/2), as its limits require. On the waist axis, q1 is undefined and set to 0.
     """
     r = math.hypot(x, z)
     side = 1.0
-    if z < 0.0:  # q1 stays within ±π/2, so the tip is past the waist's axis
+    if z < 0.0:  # q1 stays within ±π/2, so the tip is behind the waist axis
         side = -1.0
     q1 = math.atan2(side * x, side * z) if r > 0.0 else 0.0
     r *= side
     up = y - SHOULDER_M
     reach2 = r * r + up * up
-    # cosine of the forearm's turn from the upper arm, which is q3 − π/2 − q2 ≤ 0
+    # cosine of the angle between upper arm and forearm, which is q3 − π/2 − q2 ≤ 0
     turn = (reach2 - UPPER_M * UPPER_M - FOREARM_M * FOREARM_M) / (2.0 * UPPER_M * FOREARM_M)
     turn = min(1.0, max(-1.0, turn))
     elbow = -math.acos(turn)
@@ -138,7 +139,7 @@ def joints_at(x: float, y: float, z: float) -> Vector:
 
 @native
 def leverage(turns: Turns) -> float:
-    """det J as a fraction of the nominal posture's [1]: 0 where the arm is singular."""
+    """det J relative to that of the nominal posture [1]; 0 in a singular posture."""
     _, _, s2, c2, s3, c3 = turns
     return (UPPER_M * c2 + FOREARM_M * s3) / NOMINAL_LEVER_M[0] * (c3 * c2 + s3 * s2)
 
@@ -172,7 +173,7 @@ def forward(q: ArrayLike) -> NDArray[np.float64]:
 
 
 def inverse(p_DT_m: ArrayLike) -> NDArray[np.float64]:
-    """Joint angles (…, 3) [rad] for tips (…, 3) [m] in D; always finite, and of use only where `reachable`."""
+    """Joint angles (…, 3) [rad] for tips (…, 3) [m] in D. Always finite, but valid only where `reachable`."""
     rows, shape = _rows(p_DT_m)
     q = np.empty_like(rows)
     _inverse(rows, q)
@@ -188,7 +189,7 @@ def jacobian(q: ArrayLike) -> NDArray[np.float64]:
 
 
 def within_limits(q: ArrayLike) -> NDArray[np.bool_]:
-    """Which postures (…, 3) [rad] are inside the joint limits (…,), to rounding."""
+    """Whether postures (…, 3) [rad] are within the joint limits (…,), with a tolerance for rounding."""
     rows, shape = _rows(q)
     low, high = np.array([WAIST_RAD, SHOULDER_RAD, ELBOW_RAD]).T
     free = np.column_stack([rows[:, 0], rows[:, 1], rows[:, 2] - rows[:, 1]])
@@ -197,21 +198,14 @@ def within_limits(q: ArrayLike) -> NDArray[np.bool_]:
 
 
 def reachable(p_DT_m: ArrayLike) -> NDArray[np.bool_]:
-    """Which tips (…, 3) [m] in D the arm reaches within its joint limits (…,)."""
+    """Whether tips (…, 3) [m] in D are reachable within the joint limits (…,)."""
     rows, shape = _rows(p_DT_m)
     q = inverse(rows)
     met = np.linalg.norm(forward(q) - rows, axis=1) < 1e-9
     return np.asarray((met & within_limits(q)).reshape(shape[:-1]))
 
 
-def singular(q: ArrayLike) -> NDArray[np.bool_]:
-    """Which postures (…, 3) [rad] are close to singular (…,): tip on the waist's axis, arm stretched or folded."""
-    rows, shape = _rows(q)
-    nominal = math.prod(NOMINAL_LEVER_M)
-    return np.asarray((np.abs(np.linalg.det(jacobian(rows))) < SINGULAR * nominal).reshape(shape[:-1]))
-
-
 def _rows(values: ArrayLike) -> tuple[NDArray[np.float64], tuple[int, ...]]:
-    """As rows (n, 3), and the shape to go back to."""
+    """Reshape to rows (n, 3). Also returns the original shape."""
     array = np.asarray(values, np.float64)
     return np.ascontiguousarray(array.reshape(-1, 3)), array.shape

@@ -1,19 +1,19 @@
-"""The simulated Phantom Omni in time, compiled, apart from its numbers: arm, structure, tool and hand, one step.
+"""One integration step of the simulated Phantom Omni: arm, structure, tool and hand. Compiled.
 
 The integrator is a drift of half a step, a kick, and a drift of half a step (position Verlet: Hairer, Lubich & Wanner
-2003, eq. 1.8), of second order and one look at the mechanism per step. Within the kick
+2003, eq. 1.8). It is of second order and evaluates the mechanism once a step. Within the kick
 
-- the tool's springs and dampers, of the structure and of the hand, are taken by the implicit midpoint rule, stable for
-  any stiffness and any grip;
-- what depends on the arm's speed (Coriolis, structural damping) is taken at the speed in mid-step, extrapolated from
-  the change over the last step;
-- dry friction is implicit in the speed after (below): a stopped joint has a speed of exactly 0.
+- the springs and dampers of the tool, from the structure and from the hand, use the implicit midpoint rule, which is
+  stable for any stiffness and grip;
+- velocity-dependent terms of the arm (Coriolis, structural damping) use the velocity in the middle of the step,
+  extrapolated from the change over the last step;
+- Coulomb friction is implicit in the velocity after the step (below): a stopped joint has a velocity of exactly 0.
 
-`STEP_MAX_S` is 0.1 ms, the period of the acceleration channel: the fastest mode, the tool on the structure, turns by
-0.057 rad in it. Where a hand taps and strokes a wall of 500 N/m, friction and all, halving the step moves the tip by
-less than 0.3 µm and the wall's force by less than 0.1 mN, with a light, a medium and a firm grip
-(tests/device/sim/test_omni_step.py). With encoders that count, a count may fall into the next tick: that is the tick's
-doing, and stays below a count.
+`STEP_MAX_S` is 0.1 ms, the period of the acceleration channel. The fastest mode, the tool on the structure, advances by
+0.057 rad in a step. For taps and strokes with friction on a wall of 500 N/m, halving the step changes the tip by less
+than 0.3 µm and the force of the wall by less than 0.1 mN, with a light, a medium and a firm grip
+(tests/device/sim/test_omni_step.py). With a finite encoder resolution, a count may fall into the next tick, which
+changes the position by less than a count.
 """
 
 import math
@@ -58,7 +58,7 @@ __all__ = [
     "step",
 ]
 
-# What moves the Phantom Omni's arm: mass matrix, Coriolis and gravity in joint space.
+# Dynamics of the arm: mass matrix, Coriolis and gravity terms in joint space.
 #
 #     M(q) q̈ + C(q, q̇) q̇ + G(q) = τ
 #
@@ -66,14 +66,15 @@ __all__ = [
 #     M22 = k6,  M33 = k7,  M23 = −½ k4 sin(q2 − q3)
 #     G = (0, k8 cos q2 + k10 (q2 − π/2), k9 sin q3)
 #
-# with the published parameters k1 … k10. Their own M23 leaves M not positive definite; this one follows from the same
-# k4 as M11, as for any two links in a plane. C holds the Christoffel symbols of M, so Ṁ − 2C is skew and no energy is
-# made. k10 is the arm's counterbalance, a spring on the shoulder.
+# with the published parameters k1 … k10. The published M23 makes M indefinite; this one follows from the same k4 as
+# M11, as for any two links in a plane. C contains the Christoffel symbols of M, so that Ṁ − 2C is skew-symmetric and
+# energy is conserved. k10 is the counterbalance of the arm, a spring at the shoulder.
 #
-# Identified parameters are not quite a body's: with M23 as above, M still has no positive determinant in two strips of
-# the joint range, an elbow at over 1.17 rad (from 10 % before its stop on) and a shoulder over 1.7 rad with the forearm
-# level. Both angles therefore enter M through a bend that is the identity up to `ELBOW_KNEE_RAD` and
-# `SHOULDER_KNEE_RAD` and levels off beyond, twice differentiable; the derivatives in C are those of the bent matrix.
+# The identified parameters are not exactly those of a rigid body: with this M23, the determinant of M is not positive
+# in two regions of the joint range, for an elbow above 1.17 rad (the last 10 % before its stop) and for a shoulder
+# above 1.7 rad with a horizontal forearm. Therefore both angles enter M through a saturating function, which is the
+# identity up to `ELBOW_KNEE_RAD` and `SHOULDER_KNEE_RAD` and is twice differentiable. C uses the derivatives of the
+# resulting matrix.
 
 
 K1: Final = 1.798e-3
@@ -83,7 +84,7 @@ K4: Final = 2.766e-3
 K5: Final = 0.308e-3
 K6: Final = 2.526e-3
 K7: Final = 0.652e-3
-"""Inertia parameters k1 … k7 [kg·m²], published. A tenth more is a tenth more apparent mass."""
+"""Inertia parameters k1 … k7 [kg·m²], published. The apparent mass is proportional to them."""
 
 K8: Final = 164.158e-3
 K9: Final = 94.050e-3
@@ -91,20 +92,21 @@ K10: Final = 117.294e-3
 """Gravity parameters k8, k9 [N·m] and counterbalance k10 [N·m/rad], published."""
 
 ELBOW_KNEE_RAD: Final = 0.9
-"""Angle q3 − q2 up to which M is the published one [rad]. Above 1.1, less the bend, M would cease to be positive."""
+"""Angle q3 − q2 up to which M is the published one [rad]. Without saturation, M would be indefinite from 1.1 on."""
 
 SHOULDER_KNEE_RAD: Final = 1.5
-"""Angle q2 up to which M is the published one [rad]. Above 1.6, less the bend, M11 would come to 0."""
+"""Angle q2 up to which M is the published one [rad]. Without saturation, M11 would be 0 from 1.6 on."""
 
 BEND_RAD: Final = 0.12
-"""How far past its knee an angle can go in M [rad]. Wider, and M comes closer to singular; narrower, and C jumps."""
+"""Range of an angle beyond its knee in M [rad]. With a wider range M is closer to singular, with a narrower one C
+jumps."""
 
 Slopes = tuple[float, float, float, float, float, float, float]
 
 
 @native
 def _bend(angle: float, knee: float) -> tuple[float, float]:
-    """The angle past its knee as it enters M, and its derivative."""
+    """Saturate an angle beyond its knee. Also returns the derivative."""
     level = math.tanh((angle - knee) / BEND_RAD)
     return knee + BEND_RAD * level, 1.0 - level * level
 
@@ -157,15 +159,15 @@ def mass_matrix(q: ArrayLike) -> NDArray[np.float64]:
 
 
 def gravity(q: ArrayLike) -> NDArray[np.float64]:
-    """G (3,) [N·m], the torque that holds the arm up."""
+    """G (3,) [N·m], the joint torque that holds the arm against gravity."""
     _, q2, q3 = np.asarray(q, float)
     return np.array([0.0, *gravity_at(float(q2), turns_at(0.0, float(q2), float(q3)))])
 
 
 def apparent_mass(q: ArrayLike) -> NDArray[np.float64]:
-    """Mass (3,) [kg] that the arm alone shows at its tip along x, y, z of D: 1 / (J M⁻¹ Jᵀ)ᵢᵢ (Khatib 1995, eq. 15).
+    """Apparent mass (3,) [kg] of the arm at its tip along x, y, z of D: 1 / (J M⁻¹ Jᵀ)ᵢᵢ (Khatib 1995, eq. 15).
 
-    That is what a force along the axis accelerates along it. Infinite where the posture is singular for it.
+    It is the ratio of a force along the axis to the acceleration along it. Infinite in a singular posture.
     """
     J = jacobian(q)
     mobility = np.diag(J @ np.linalg.solve(mass_matrix(q), J.T))
@@ -173,17 +175,18 @@ def apparent_mass(q: ArrayLike) -> NDArray[np.float64]:
         return np.asarray(1.0 / mobility)
 
 
-# Dry friction in three coupled joints, implicit in the speed at the end of a step: it sticks, and never chatters.
+# Coulomb friction in three coupled joints, implicit in the velocity after a step, so that joints stick without chatter.
 #
 #     A (w − w*) + λ = 0,   |λᵢ| ≤ Λᵢ,   wᵢ > 0 ⇒ λᵢ = Λᵢ,   wᵢ < 0 ⇒ λᵢ = −Λᵢ
 #
-# is Coulomb friction as a set-valued law under backward Euler (Kikuuwe et al. 2006, eq. 12, there for one mass), and
-# the least value of ½ (w − w*)ᵀ A (w − w*) + Σ Λᵢ |wᵢ|: one answer, since A is positive definite. It is found by
-# changing one joint at a time, the first that violates the law, which ends for every positive definite A (Murty 1974).
+# is Coulomb friction as a set-valued law under backward Euler (Kikuuwe et al. 2006, eq. 12, there for one mass). It
+# minimises ½ (w − w*)ᵀ A (w − w*) + Σ Λᵢ |wᵢ|, and has one solution, since A is positive definite. The solution is
+# found by changing the state of one joint at a time, the first that violates the law; this ends for every positive
+# definite A (Murty 1974).
 
 
 TRIES: Final = 27
-"""Most combinations of sliding and sticking that are tried [count]: all of them. Two or three are needed."""
+"""Number of combinations of sliding and sticking [count]. Two or three are tried in practice."""
 
 Symmetric = tuple[float, float, float, float, float, float]
 """A11, A22, A33, A12, A13, A23."""
@@ -191,7 +194,7 @@ Symmetric = tuple[float, float, float, float, float, float]
 
 @native
 def solve(A: Symmetric, b: Vector) -> Vector:
-    """x with A x = b, by cofactors. A is positive definite."""
+    """Solve A x = b by cofactors. A is positive definite."""
     a11, a22, a33, a12, a13, a23 = A
     c11, c12, c13 = a22 * a33 - a23 * a23, a13 * a23 - a12 * a33, a12 * a23 - a13 * a22
     c22, c23, c33 = a11 * a33 - a13 * a13, a12 * a13 - a11 * a23, a11 * a22 - a12 * a12
@@ -205,7 +208,7 @@ def solve(A: Symmetric, b: Vector) -> Vector:
 
 @inlined
 def _moving(A: Symmetric, b: Vector, s: Vector) -> Vector:
-    """x with A x = b over the joints with s ≠ 0, and 0 for the others."""
+    """Solve A x = b for the joints with s ≠ 0; x is 0 for the others."""
     m1, m2, m3 = abs(s[0]), abs(s[1]), abs(s[2])
     reduced = (
         A[0] * m1 + 1.0 - m1,
@@ -220,7 +223,8 @@ def _moving(A: Symmetric, b: Vector, s: Vector) -> Vector:
 
 @native
 def _turned(s: float, w: float, held: float, most: float) -> float:
-    """What a joint does instead: the same where it keeps to the law. `held` is the impulse that would hold it."""
+    """The next state of a joint; the same state if it obeys the law. `held` is the impulse that would hold the
+    joint."""
     if s == 0.0:
         if held > most:
             return 1.0
@@ -237,10 +241,10 @@ def _sign(x: float) -> float:
 
 @inlined
 def slow(A: Symmetric, push: Vector, most: Vector, before: Vector) -> Vector:
-    """Speeds w after a step under dry friction.
+    """Joint velocities w after a step with Coulomb friction.
 
-    `push` is A w*, the momentum [N·m·s] without friction; `most` the largest friction impulse Λ of each joint [N·m·s];
-    `before` the speeds before the step, whose signs are tried first. A joint without friction (Λ = 0) never sticks.
+    `push` is A w*, the momentum [N·m·s] without friction. `most` is the largest friction impulse Λ of each joint
+    [N·m·s]. `before` are the velocities before the step, whose signs are tried first. A joint with Λ = 0 never sticks.
     """
     s1, s2, s3 = _sign(before[0]), _sign(before[1]), _sign(before[2])
     w = before
@@ -263,11 +267,11 @@ def slow(A: Symmetric, push: Vector, most: Vector, before: Vector) -> Vector:
     return w
 
 
-# The simulated Phantom Omni's tool: a mass on the arm's structure, and the hand that holds it.
+# The tool, a mass on the structure of the arm, and the hand that holds it.
 
 
 HAND_MAX_N: Final = 100.0
-"""Most force of a hand on the tool [N]: more than fingers that hold a stylus can give."""
+"""Limit of the force of a hand on the tool [N], above that of fingers that hold a stylus."""
 
 _STIFFEST_N_M, _THICKEST_NS_M, _HEAVIEST_KG, _FARTHEST_M, _FASTEST_M_S = 1e6, 1e4, 100.0, 100.0, 100.0
 
@@ -275,14 +279,14 @@ _HAND_NOT_FINITE = int(OmniFlag.HAND_NOT_FINITE)
 _HAND_LIMITED = int(OmniFlag.HAND_LIMITED)
 
 Grip = tuple[float, float, float, Vector, Vector]
-"""The hand in D: stiffness, damping, mass, where it wants the tool, and its push plus damping times its own speed."""
+"""The hand in D: stiffness, damping, mass, target position, and its force plus damping times target velocity."""
 
 
 @native
 def grip_in_D(omni: np.record, hand: np.record) -> tuple[Grip, Vector]:
-    """The hand (a `HAND` record, in W) as the tool in D feels it now; and how fast the place moves where it wants it.
+    """Convert a `HAND` record from W to D. Also returns the velocity of the target.
 
-    What is not finite counts as 0 and is flagged; what no hand can do is cut to what one can.
+    Values that are not finite are replaced by 0 and flagged. Other values are limited to those of a hand.
     """
     k, bad1 = _bounded(hand.k_N_m, 0.0, _STIFFEST_N_M)
     b, bad2 = _bounded(hand.b_Ns_m, 0.0, _THICKEST_NS_M)
@@ -297,14 +301,14 @@ def grip_in_D(omni: np.record, hand: np.record) -> tuple[Grip, Vector]:
 
 @native
 def ahead(grip: Grip, rate: Vector, after_s: float) -> Grip:
-    """The hand of `grip_in_D`, `after_s` on."""
+    """The hand of `grip_in_D` after `after_s`, with its target moved."""
     k, b, kg, p, push = grip
     return k, b, kg, (p[0] + after_s * rate[0], p[1] + after_s * rate[1], p[2] + after_s * rate[2]), push
 
 
 @native
 def _in_D(omni: np.record, a_W: NDArray[np.float64], s: float, most: float) -> tuple[Vector, int]:
-    """R_DW (a − s p_WD), each component within ± `most`; and how many numbers were not finite."""
+    """R_DW (a − s p_WD), each component limited to ± `most`. Also returns the number of values that were not finite."""
     R, origin = omni.R_WD, omni.p_WD_m
     x, bad1 = _bounded(a_W[0] - s * origin[0], -most, most)
     y, bad2 = _bounded(a_W[1] - s * origin[1], -most, most)
@@ -319,7 +323,7 @@ def _in_D(omni: np.record, a_W: NDArray[np.float64], s: float, most: float) -> t
 
 @native
 def _bounded(x: float, low: float, high: float) -> tuple[float, int]:
-    """x within [low, high]; 0 and a count of 1 where it is not finite."""
+    """Limit x to [low, high]. Returns 0 and a count of 1 for a value that is not finite."""
     if not math.isfinite(x):
         return 0.0, 1
     return min(max(x, low), high), 0
@@ -327,11 +331,12 @@ def _bounded(x: float, low: float, high: float) -> tuple[float, int]:
 
 @inlined
 def kick_tool(omni: np.record, grip: Grip, end: Vector, ends: Vector, h_s: float) -> tuple[Vector, Vector]:
-    """The tool's velocity after the step, and the structure's pull [N] on the arm's end, which is at `end`, `ends`."""
+    """Velocity of the tool after the step, and force of the structure on the arm [N]; `end`, `ends`: arm position,
+    velocity."""
     new = _kick_axes(omni, grip, end, ends, h_s)
     force = _hand_force(omni, grip, new, h_s)
     cut = _cut(omni, force)
-    if cut < 1.0:  # a hand of constant force instead
+    if cut < 1.0:  # replace the hand by a constant force at the limit
         held = (force[0] * cut, force[1] * cut, force[2] * cut)
         new = _kick_axes(omni, (0.0, 0.0, grip[2], grip[3], held), end, ends, h_s)
     x = _pull(omni, 0, end[0], ends[0], new[0], h_s)
@@ -341,7 +346,7 @@ def kick_tool(omni: np.record, grip: Grip, end: Vector, ends: Vector, h_s: float
 
 @native
 def _kick_axes(omni: np.record, grip: Grip, end: Vector, ends: Vector, h_s: float) -> Vector:
-    """The tool's velocity after the step."""
+    """Velocity of the tool after the step."""
     x = _kick_axis(omni, 0, grip, end[0], ends[0], h_s)
     y = _kick_axis(omni, 1, grip, end[1], ends[1], h_s)
     return x, y, _kick_axis(omni, 2, grip, end[2], ends[2], h_s)
@@ -360,7 +365,7 @@ def _kick_axis(omni: np.record, i: int, grip: Grip, end: float, ends: float, h_s
 
 @native
 def _cut(omni: np.record, force: Vector) -> float:
-    """By how much a hand's force has to be scaled down, which is flagged."""
+    """Factor that limits a force of the hand to `HAND_MAX_N`. Flags a limited force."""
     most = math.sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2])
     if most <= HAND_MAX_N:
         return 1.0
@@ -370,7 +375,7 @@ def _cut(omni: np.record, force: Vector) -> float:
 
 @native
 def pull_rigid(omni: np.record, grip: Grip, p: Vector, v: Vector) -> Vector:
-    """The hand's force [N] on a tool that is part of the arm, at `p` with velocity `v`."""
+    """Force of the hand [N] on a tool that is rigidly connected to the arm, at `p` with velocity `v`."""
     k, b, _, target, push = grip
     force = (
         k * (target[0] - p[0]) - b * v[0] + push[0],
@@ -383,7 +388,7 @@ def pull_rigid(omni: np.record, grip: Grip, p: Vector, v: Vector) -> Vector:
 
 @native
 def _hand_force(omni: np.record, grip: Grip, new: Vector, h_s: float) -> Vector:
-    """The hand's mean force on the tool [N] over the step."""
+    """Mean force of the hand on the tool over the step [N]."""
     k, b, _, target, push = grip
     p, v = omni.p_DT_m, omni.v_DT_m_s
     lag = 0.25 * h_s * k + 0.5 * b
@@ -396,27 +401,27 @@ def _hand_force(omni: np.record, grip: Grip, new: Vector, h_s: float) -> Vector:
 
 @native
 def _pull(omni: np.record, i: int, end: float, ends: float, new: float, h_s: float) -> float:
-    """The structure's mean force on the arm's end along one axis [N]."""
+    """Mean force of the structure on the arm along one axis [N]."""
     mean = 0.5 * (omni.v_DT_m_s[i] + new)
     stretch = omni.p_DT_m[i] + 0.5 * h_s * mean - end
     return float(omni.stiffness_N_m[i] * stretch + omni.damping_Ns_m[i] * (mean - ends))
 
 
 STEP_MAX_S: Final = 1e-4
-"""Longest step of the integrator [s]; a longer call is divided. Ten times longer, and the structure's mode is lost."""
+"""Longest step of the integrator [s]; longer calls are divided. A ten times longer step loses the structural mode."""
 
 STOP_NM_RAD: Final = 50.0
-"""Stiffness of a joint's stop [N·m/rad]: 3.3 N at the tip reach 9 mrad into it. Real stops are stiffer; ten times
-stiffer would need a finer step and no scene would feel it."""
+"""Stiffness of a joint's end stop [N·m/rad]: 3.3 N at the tip deflect it by 9 mrad. Real stops are stiffer, but need a
+finer step, without a perceptible difference."""
 
 STOP_NMS: Final = 0.3
-"""Damping of a stop, while it is driven in [N·m·s/rad]: 0.4 of the critical damping of the shoulder."""
+"""Damping of an end stop on compression [N·m·s/rad]: 0.4 of the critical damping of the shoulder."""
 
 STOP_OVER_RAD: Final = 0.1
-"""How far a stop gives at most [rad]. There a joint is stopped dead, whatever pushes."""
+"""Largest deflection of an end stop [rad]. The joint then stops at once."""
 
 SPEED_MAX_RAD_S: Final = 100.0
-"""Fastest joint that is simulated [rad/s]: 13 m/s at the tip, ten times a fast hand. Keeps every input finite."""
+"""Speed limit of a joint [rad/s]: 13 m/s at the tip, ten times a fast hand. Keeps the state finite for all inputs."""
 
 _AT_STOP = int(OmniFlag.AT_STOP)
 _SPEED_LIMITED = int(OmniFlag.SPEED_LIMITED)
@@ -424,7 +429,7 @@ _SPEED_LIMITED = int(OmniFlag.SPEED_LIMITED)
 
 @inlined
 def step(omni: np.record, grip: Grip, h_s: float) -> None:
-    """One step of at most `STEP_MAX_S` under a hand that is constant over it."""
+    """Advance by one step of at most `STEP_MAX_S`, with a hand that is constant over the step."""
     q, w = omni.q, omni.dq
     half = 0.5 * h_s
     q1, q2, q3 = q[0] + half * w[0], q[1] + half * w[1], q[2] + half * w[2]
@@ -447,7 +452,8 @@ def step(omni: np.record, grip: Grip, h_s: float) -> None:
 
 @inlined
 def _kick_compliant(omni: np.record, grip: Grip, q: Vector, h_s: float) -> Vector:
-    """Joint speeds after the step, with the arm at mid-step at `q`; moves the tool, which is a mass of its own."""
+    """Joint velocities after the step for an arm at `q` in mid-step. Also advances the tool, which is a separate
+    mass."""
     p, v = omni.p_DT_m, omni.v_DT_m_s
     turns = turns_at(q[0], q[1], q[2])
     slopes, load = slopes_at(q[1], q[2], turns), _load(omni, q, turns)
@@ -464,7 +470,7 @@ def _kick_compliant(omni: np.record, grip: Grip, q: Vector, h_s: float) -> Vecto
 
 @native
 def _kick_rigid(omni: np.record, grip: Grip, q: Vector, h_s: float) -> Vector:
-    """Joint speeds after the step where the tool, and the hand's mass with it, is part of the arm."""
+    """Joint velocities after the step if the tool, with the mass of the hand, is rigidly connected to the arm."""
     turns = turns_at(q[0], q[1], q[2])
     slopes, load = slopes_at(q[1], q[2], turns), _load(omni, q, turns)
     at, J = tip(turns), lever(turns)
@@ -485,7 +491,7 @@ def _kick_rigid(omni: np.record, grip: Grip, q: Vector, h_s: float) -> Vector:
 
 @native
 def _speeds(omni: np.record, h_s: float) -> tuple[Vector, Vector]:
-    """Joint speeds before the step, and their mean over it if they go on changing as in the last step."""
+    """Joint velocities before the step, and their mean over the step by extrapolation from the last step."""
     w, rate, half = omni.dq, omni.ddq, 0.5 * h_s
     return (w[0], w[1], w[2]), (w[0] + half * rate[0], w[1] + half * rate[1], w[2] + half * rate[2])
 
@@ -502,7 +508,8 @@ def _kick_arm(
     torque: Vector,
     h_s: float,
 ) -> Vector:
-    """Joint speeds after the step from w, under `load` and the `torque` from the tip, with `mass` added to its own."""
+    """Joint velocities after the step, from w, `load` and the `torque` of the tip. `mass` is added to that of the
+    arm."""
     bias = coriolis_at(slopes, mean[0], mean[1], mean[2])
     stop = _stops(omni, q, mean)
     drive1 = load[0] + torque[0] - bias[0] + stop[0]
@@ -524,7 +531,7 @@ def _kick_arm(
 
 @native
 def _load(omni: np.record, q: Vector, turns: Turns) -> Vector:
-    """Torques [N·m] of motors and weight."""
+    """Torques of motors and gravity [N·m]."""
     t = omni.torque_Nm
     if omni.gravity == 0:
         return t[0], t[1], t[2]
@@ -534,7 +541,7 @@ def _load(omni: np.record, q: Vector, turns: Turns) -> Vector:
 
 @native
 def _stops(omni: np.record, q: Vector, w: Vector) -> Vector:
-    """Torques of the mechanical stops [N·m]: waist, shoulder, and the elbow, which couples shoulder and forearm."""
+    """Torques of the end stops [N·m]: waist, shoulder, and the elbow, which couples shoulder and forearm."""
     waist = _stop(q[0], w[0], WAIST_RAD[0], WAIST_RAD[1])
     shoulder = _stop(q[1], w[1], SHOULDER_RAD[0], SHOULDER_RAD[1])
     elbow = _stop(q[2] - q[1], w[2] - w[1], ELBOW_RAD[0], ELBOW_RAD[1])
@@ -545,7 +552,7 @@ def _stops(omni: np.record, q: Vector, w: Vector) -> Vector:
 
 @native
 def _stop(angle: float, speed: float, low: float, high: float) -> float:
-    """A spring past each limit, with a damper while it is driven in: it never pulls."""
+    """A spring beyond each limit, with a damper on compression only, so that it never pulls."""
     if angle > high:
         return -STOP_NM_RAD * (angle - high) - STOP_NMS * max(speed, 0.0)
     if angle < low:
@@ -555,7 +562,7 @@ def _stop(angle: float, speed: float, low: float, high: float) -> float:
 
 @inlined
 def _keep(omni: np.record) -> None:
-    """Keep joints within what the stops give at most, and their speeds within `SPEED_MAX_RAD_S`."""
+    """Limit the joints to the largest deflection of the stops, and their velocities to `SPEED_MAX_RAD_S`."""
     q, w = omni.q, omni.dq
     for i in range(3):
         if abs(w[i]) > SPEED_MAX_RAD_S:
@@ -568,7 +575,7 @@ def _keep(omni: np.record) -> None:
 
 @native
 def _hold_within(omni: np.record, i: int, base: float, low: float, high: float) -> None:
-    """Stop a joint dead where its stop gives no more."""
+    """Stop a joint at the largest deflection of its end stop."""
     q = omni.q
     least, most = base + low - STOP_OVER_RAD, base + high + STOP_OVER_RAD
     if q[i] < least or q[i] > most:
@@ -604,7 +611,7 @@ def _gram(J: Matrix, i: int, j: int, m: float) -> float:
 
 @native
 def _turning(turns: Turns, w: Vector) -> Vector:
-    """(dJ/dt) w, the tip's acceleration at constant joint speeds [m/s²]."""
+    """(dJ/dt) w, the acceleration of the tip at constant joint velocities [m/s²]."""
     s1, c1, s2, c2, s3, c3 = turns
     r = UPPER_M * c2 + FOREARM_M * s3
     rate = -UPPER_M * s2 * w[1] + FOREARM_M * c3 * w[2]

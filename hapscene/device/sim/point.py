@@ -1,13 +1,13 @@
-"""The reduced device: a point of mass m with damping b, Coulomb friction c, and encoders of step Δ, alike on each axis.
+"""Point-mass model of a device: mass m, damping b, Coulomb friction c, encoder resolution Δ, equal on all axes.
 
     m ẍ = F − b ẋ − c sgn(ẋ) + f_hand(x, ẋ)
 
-F is held between ticks. Between two changes of friction's sign this is linear, and it is solved exactly: by the
-Taylor series of the solution, summed to the last bit, in pieces short enough for it to converge fast; once for all
-pieces of one length, as what acceleration and jerk do in one. Where friction changes sign inside a step, the instant
-is found and the step is cut there; where it can hold the tool, the tool sticks. So nothing depends on the step but
-that within one step friction holds or lets go as at its start: the closed forms for walls are met to rounding
-(`hapscene.stability`).
+F is held between ticks. Between two sign changes of the friction the equation is linear, and is solved exactly: by its
+Taylor series to machine precision, in substeps short enough for fast convergence. The response to acceleration and jerk
+is computed once for all substeps of the same length. At a sign change of the friction within a step, the step is
+divided at that instant; where friction can hold the tool, it sticks. Results are therefore independent of the step
+length, except that friction holds or releases the tool at the start of a step. Closed-form results for walls are met to
+rounding (`hapscene.stability`).
 """
 
 import math
@@ -29,41 +29,41 @@ POINT: Final = np.dtype(
         ("b_Ns_m", "f8"),
         ("c_N", "f8"),
         ("quantum_m", "f8"),
-        ("zero_m", "f8", (3,)),  # where the encoders count 0, in W
-        ("x_m", "f8", (3,)),  # tool, in W
+        ("zero_m", "f8", (3,)),  # zero of the encoders, in W
+        ("x_m", "f8", (3,)),  # tool position, in W
         ("v_m_s", "f8", (3,)),
-        ("f_N", "f8", (3,)),  # force of the motors, held
-        ("piece", "f8", (3,)),  # stiffness and damping over the mass, and length, of the pieces of which
-        ("gain", "f8", (4,)),  # this is known: position and speed after one by acceleration, and by jerk
+        ("f_N", "f8", (3,)),  # motor force, held
+        ("piece", "f8", (3,)),  # stiffness and damping per mass, and length, of the substeps for which `gain` holds
+        ("gain", "f8", (4,)),  # position and velocity after a substep by acceleration, and by jerk
     ],
     align=True,
 )
 
 TERM_MAX: Final = 30
-"""Most terms of the series [count]: 12 suffice at the size of a piece."""
+"""Most terms of the series [count]: 12 suffice for a substep."""
 
 PIECE: Final = 0.5
-"""Longest piece, over the fastest of the point's time constants [1]: each term is at most half the one before."""
+"""Longest substep relative to the shortest time constant [1]. Each term is then at most half of the previous one."""
 
 EVENT_MAX: Final = 8
-"""Most times that friction may change sign within a step [count]. A step of a tenth of a millisecond holds one."""
+"""Most sign changes of the friction within a step [count]. A step of 0.1 ms has one."""
 
 BISECTIONS: Final = 60
-"""Halvings by which the instant is found at which the tool stops: to the last bit of the step."""
+"""Bisections for the instant at which the tool stops [count], to machine precision."""
 
 
 @dataclass(frozen=True)
 class PointMass:
-    """A device reduced to a point mass, the same on every axis.
+    """A device modelled as a point mass, equal on all axes.
 
     Attributes:
         mass_kg: apparent mass at the tip, > 0.
         b_Ns_m: viscous damping.
         c_N: Coulomb friction of each axis.
-        quantum_m: step of the encoders; 0 for none.
+        quantum_m: resolution of the encoders; 0 for exact encoders.
 
     Raises:
-        HapsceneError: a number out of range.
+        HapsceneError: value out of range.
     """
 
     mass_kg: float
@@ -79,7 +79,7 @@ class PointMass:
                 raise HapsceneError(f"point mass: {name} must be finite and at least 0, is {getattr(self, name)}")
 
     def record(self, p_WT_m: Sequence[float], zero_m: Sequence[float] = (0.0, 0.0, 0.0)) -> Any:
-        """(1,) POINT, at rest at `p_WT_m` (3,); the encoders count from `zero_m` (3,)."""
+        """Create a record (1,) POINT at rest at `p_WT_m` (3,), with the zero of the encoders at `zero_m` (3,)."""
         point = np.zeros(1, POINT).view(np.recarray)
         point.mass_kg, point.b_Ns_m, point.c_N, point.quantum_m = self.mass_kg, self.b_Ns_m, self.c_N, self.quantum_m
         point.x_m, point.zero_m = p_WT_m, zero_m
@@ -88,23 +88,23 @@ class PointMass:
 
 @native
 def read_point(point: np.record) -> Vector:
-    """What the encoders say: the tool's position in W [m], in whole steps from where they count 0."""
+    """Tool position in W as measured by the encoders [m]."""
     return _counted(point, 0), _counted(point, 1), _counted(point, 2)
 
 
 @native
 def hold_point(point: np.record, x_N: float, y_N: float, z_N: float) -> None:
-    """The force of the motors from now on, in W [N]."""
+    """Set the motor force in W [N], held until the next call."""
     point.f_N[0], point.f_N[1], point.f_N[2] = x_N, y_N, z_N
 
 
 @native
 def advance_point(point: np.record, hand: np.record, h_s: float, count: int = 1) -> None:
-    """Move on by `h_s` `count` times, the hand's target moving on with it."""
+    """Advance the tool and the target of the hand by `count` steps of `h_s`."""
     mass = point.mass_kg + hand.mass_kg
     k, b = hand.k_N_m / mass, (point.b_Ns_m + hand.b_Ns_m) / mass
     pieces = max(1.0, math.ceil(max(b, math.sqrt(k)) * h_s / PIECE))
-    _know(point, k, b, h_s / pieces)
+    _update_gain(point, k, b, h_s / pieces)
     for _ in range(count):
         for i in range(3):
             _advance_axis(point, hand, i, h_s, mass, pieces)
@@ -121,8 +121,8 @@ def _counted(point: np.record, i: int) -> float:
 
 
 @native
-def _know(point: np.record, k: float, b: float, h: float) -> None:
-    """Have what is known of pieces be that of those of this stiffness and damping over the mass, and length."""
+def _update_gain(point: np.record, k: float, b: float, h: float) -> None:
+    """Recompute `gain` if stiffness and damping per mass, or the length of a substep, have changed."""
     piece, gain = point.piece, point.gain
     if piece[0] != k or piece[1] != b or piece[2] != h:
         piece[0], piece[1], piece[2] = k, b, h
@@ -132,7 +132,7 @@ def _know(point: np.record, k: float, b: float, h: float) -> None:
 
 @native
 def _advance_axis(point: np.record, hand: np.record, i: int, h_s: float, mass: float, pieces: float) -> None:
-    """One axis: pieces between which friction changes its sign."""
+    """Advance one axis by substeps, divided where the friction changes sign."""
     damping, spring, target_m_s = point.b_Ns_m + hand.b_Ns_m, hand.k_N_m, hand.target_m_s[i]
     k, b, piece_s, gain = point.piece[0], point.piece[1], point.piece[2], point.gain
     x, v, left, done = point.x_m[i], point.v_m_s[i], h_s, 0.0
@@ -146,7 +146,7 @@ def _advance_axis(point: np.record, hand: np.record, i: int, h_s: float, mass: f
             v1, x1 = 0.0, x
         else:
             sign = math.copysign(1.0, v if v != 0.0 else force)
-            # acceleration now, and how it changes: m a' = spring (target' − v) − damping a
+            # acceleration and its derivative: m a' = spring (target' − v) − damping a
             a = (force - damping * v - sign * point.c_N) / mass
             jerk = k * (target_m_s - v) - b * a
             if h == piece_s:
@@ -164,8 +164,7 @@ def _advance_axis(point: np.record, hand: np.record, i: int, h_s: float, mass: f
 
 @native
 def _series(x: float, v: float, a: float, jerk: float, k: float, b: float, h: float) -> tuple[float, float]:
-    """Position and velocity after `h`: the Taylor series, whose further terms are x⁗ = −k a − b x‴ and so on (k, b over
-    the mass)."""
+    """Position and velocity after `h`, by the Taylor series with x⁗ = −k a − b x‴ and so on (k, b per mass)."""
     s2, s3 = a, jerk  # derivatives of x
     x1, v1 = x + h * (v + h * a / 2.0), v + h * a
     power = h * h / 2.0  # h^n / n!
@@ -182,7 +181,7 @@ def _series(x: float, v: float, a: float, jerk: float, k: float, b: float, h: fl
 
 @native
 def _stop(sign: float, v: float, a: float, jerk: float, k: float, b: float, h: float) -> float:
-    """When within `h` the velocity passes zero [s]."""
+    """Time within `h` at which the velocity is zero [s]."""
     low, high = 0.0, h
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)

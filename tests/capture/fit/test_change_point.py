@@ -28,7 +28,7 @@ def signal(*parts, seed=0):
     return np.concatenate(out)
 
 
-def test_sums_of_a_stretch_are_those_of_its_own_regression():
+def test_cumulative_sums_give_the_regression_of_a_segment():
     """The residual is that of the least squares of each sample on the `ORDER` before it."""
     x, block = signal((300, 1.0, 2000)), 25
     sums = _product_sums(x, block)
@@ -62,7 +62,7 @@ def everything(sums, block, shortest, penalty):
 
 @pytest.mark.parametrize("penalty", [2.0, 10.0, 60.0])
 @pytest.mark.parametrize("seed", range(3))
-def test_pruning_loses_nothing(seed, penalty):
+def test_pruning_finds_the_minimum(seed, penalty):
     x = signal((300, 1.0, 1000), (500, 1.0, 600), (500, 2.0, 900), (300, 1.0, 500), seed=seed)
     sums = _product_sums(x, 50)
     found = _cheapest(sums, 50, 4, penalty)
@@ -71,7 +71,7 @@ def test_pruning_loses_nothing(seed, penalty):
 
 
 @pytest.mark.parametrize("rate_Hz", [2500.0, 10_000.0])
-def test_a_change_is_found_to_a_few_ms_in_a_long_recording_too(rate_Hz):
+def test_a_change_in_a_long_recording_is_found_to_a_few_ms(rate_Hz):
     """Longer than the windows of the search, with changes on both sides of their ends."""
     factor = round(rate_Hz / RATE_HZ)
     parts = [(300, 1.0, 9.5), (500, 1.0, 1.2), (500, 2.0, 8.6), (300, 1.0, 6.0)]
@@ -84,7 +84,7 @@ def test_a_change_is_found_to_a_few_ms_in_a_long_recording_too(rate_Hz):
     assert np.array(found) / rate_Hz == pytest.approx([9.5, 10.7, 19.3], abs=0.01)
 
 
-def test_bursts_raise_the_price_of_a_change():
+def test_bursts_increase_the_penalty():
     rng = np.random.default_rng(0)
     assert _excess_kurtosis(rng.standard_normal(40_000)) < 0.1
     assert _excess_kurtosis(rng.laplace(size=200_000)) == pytest.approx(3.0, abs=0.7)
@@ -94,18 +94,18 @@ def test_bursts_raise_the_price_of_a_change():
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_bursts_are_no_changes(seed):
+def test_bursts_are_not_change_points(seed):
     """Noise of Student's t with 3 degrees of freedom: at the price for Gaussian noise each would have two or more."""
     x = np.random.default_rng(seed).standard_t(3, 30_000)
     assert change_points(x, RATE_HZ) == []
 
 
-def test_too_short_for_two_pieces_has_none():
+def test_a_short_recording_has_no_change_points():
     x = signal((300, 1.0, 320), (500, 5.0, 320))
     assert change_points(x[:570], RATE_HZ) == [] and len(change_points(x, RATE_HZ)) == 1
 
 
-def test_tones_that_a_model_foretells_wholly_change_too():
+def test_changes_between_tones_are_found():
     """Nothing is left of them but the floor: each piece has noise beneath it, −60 dB."""
     x = np.concatenate([np.sin(2.0 * np.pi * f * np.arange(2000) / RATE_HZ) for f in (300.0, 500.0)])
     assert np.abs(np.array(change_points(x, RATE_HZ)) - 2000).min() < 0.01 * RATE_HZ

@@ -53,7 +53,7 @@ def presses(
         ("hunt_crossley_Ns_m2", 300.0, {}),
     ],
 )
-def test_damping_is_found_of_its_kind_and_within_its_interval(name, truth, more):
+def test_damping_and_its_type_are_found(name, truth, more):
     planted = {"damping": truth} if name == "damping_Ns_m" else {"hunt_crossley": truth}
     found = [fit_contact(presses(seed, **planted, **more)) for seed in range(4)]
     assert all(one.numbers.keys() == {"stiffness_N_m", name} for one in found)
@@ -62,39 +62,37 @@ def test_damping_is_found_of_its_kind_and_within_its_interval(name, truth, more)
         assert sum(hits) >= 3 and found[0].numbers[number] == pytest.approx(value, rel=0.15)
 
 
-def test_where_none_is_seen_it_says_why():
-    assert "cannot be told from none" in fit_contact(presses()).absent["damping_Ns_m"]
+def test_missing_quantities_have_reasons():
+    assert "not significantly" in fit_contact(presses()).absent["damping_Ns_m"]
     late = fit_contact(presses(late_s=2e-3))
-    assert "force is 2.0 ms later" in late.absent["damping_Ns_m"].replace("2.1", "2.0").replace("1.9", "2.0")
+    delay_ms = float(late.absent["damping_Ns_m"].partition("delayed by ")[2].split()[0])
+    assert delay_ms == pytest.approx(2.0, abs=0.11)
     ((channels, states),) = presses()
     channels = clean(channels.acceleration_m_s2, RATE_HZ, channels.force_N, 0.0)
-    assert fit_contact([(channels, states)]).absent == {
-        "damping_Ns_m": "the recording holds no depth",
-        "adhesion_N": "the force does not pull as the tool leaves",
-        "leaving": "nothing is heard as the tool leaves",
-        "breakaway_1_kg": "the recording holds no tangential force",
+    assert fit_contact([(channels, states)]).absent.keys() == {
+        *("damping_Ns_m", "adhesion_N", "leaving", "breakaway_1_kg"),
     }
 
 
 @pytest.mark.parametrize(("adhesion_N", "reach_m", "damping"), [(0.5, 5e-4, 0.0), (0.15, 1e-3, 0.0), (0.8, 3e-4, 3.0)])
-def test_adhesion_is_found_within_its_interval(adhesion_N, reach_m, damping):
+def test_adhesion_is_within_its_interval(adhesion_N, reach_m, damping):
     found = [fit_contact(presses(seed, damping, 0.0, adhesion_N, reach_m)) for seed in range(4)]
     for name, truth in (("adhesion_N", adhesion_N), ("adhesion_range_m", reach_m)):
         assert all(one.numbers[name] == pytest.approx(truth, rel=0.05) for one in found)
         assert sum(one.intervals[name][0] <= truth <= one.intervals[name][1] for one in found) >= 3
 
 
-def test_where_no_depth_is_recorded_the_speed_tells_the_way():
+def test_adhesion_without_recorded_depth_uses_the_speed():
     found = fit_contact(presses(adhesion=0.5, has_depth=False))
     assert found.numbers["adhesion_N"] == pytest.approx(0.5, rel=0.03)
     assert found.numbers["adhesion_range_m"] == pytest.approx(5e-4, rel=0.03)
     ((channels, states),) = presses(adhesion=0.5, has_depth=False)
-    channels.speed_m_s[:] = 0.1  # it slides all the while, no less before it leaves than after
+    channels.speed_m_s[:] = 0.1  # it slides before and after it leaves
     channels.speed_m_s[0] = 0.0
-    assert "not over a way" in fit_contact([(channels, states)]).absent["adhesion_N"]
+    assert "adhesion_N" in fit_contact([(channels, states)]).absent
 
 
-def test_leaving_is_found_over_its_speed():
+def test_vibration_of_leaving_over_speed():
     found = fit_contact(presses(rings=40.0, rate_Hz=5000.0))
     taps = found.leaving
     assert taps is not None and len(taps.approach_m_s) >= 4
@@ -103,7 +101,7 @@ def test_leaving_is_found_over_its_speed():
     assert "leaving.frequency_Hz[0]" in found.intervals and "leaving" not in found.absent
 
 
-def test_breaking_loose_is_found_over_the_force_set_free():
+def test_breakaway_vibration_over_released_force():
     rng, rate = np.random.default_rng(0), 5000.0
     t = np.arange(20_000) % 4000 / rate  # each 0.8 s: the pull grows, then it slides quietly
     normal = 1.0 + 0.5 * np.repeat(np.arange(5) % 2, 4000)

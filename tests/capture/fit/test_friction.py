@@ -1,4 +1,4 @@
-"""Friction and stiffness whose truth is known, at 20 dB, and reasons where there is none."""
+"""Friction of simulated recordings at 20 dB SNR, and reasons for missing coefficients."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def broken_away(seed=0, times=4):
     return [part(vibration, rate, forces[0], np.where(t < 1.0, 0.0, 0.1), forces[1])]
 
 
-def test_static_friction_is_the_pull_at_which_it_breaks_away():
+def test_static_friction_at_breakaway():
     found = fit_friction(broken_away())
     assert found.dynamic == pytest.approx(0.4, rel=0.02)
     assert found.static == pytest.approx(0.6, rel=0.08)
@@ -61,7 +61,7 @@ def test_static_friction_is_the_pull_at_which_it_breaks_away():
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_stribeck_where_the_speeds_allow(seed):
+def test_stribeck_curve(seed):
     found = fit_friction(stroke(lambda v: 0.3 + 0.15 * np.exp(-((v / 0.03) ** 2)), seed))
     assert found.dynamic == pytest.approx(0.30, rel=0.02)
     assert found.static == pytest.approx(0.45, rel=0.02)
@@ -69,7 +69,7 @@ def test_stribeck_where_the_speeds_allow(seed):
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_friction_that_falls_and_grows_again(seed):
+def test_stribeck_and_viscous_friction(seed):
     """All are found within their intervals, to the 0.5 % by which blocks bend a curve; so is growth alone."""
     found = fit_friction(stroke(lambda v: 0.3 + 0.15 * np.exp(-((v / 0.02) ** 2)) + 0.8 * v, seed, 30.0))
     truth = {"friction_dynamic": 0.3, "friction_static": 0.45, "friction_stribeck_m_s": 0.02}
@@ -83,14 +83,14 @@ def test_friction_that_falls_and_grows_again(seed):
     assert 0.995 * low <= 0.8 <= 1.005 * high and "does not fall" in alone.absent["friction_stribeck"]
 
 
-def test_where_friction_does_not_fall_there_is_no_curve():
+def test_constant_friction_has_no_stribeck_curve():
     found = fit_friction(stroke(lambda v: 0.3 + 0.0 * v))
     assert found.static == found.dynamic == pytest.approx(0.30, rel=0.02)
     assert "does not fall" in found.absent["friction_stribeck"]
     assert "never starts from rest" in found.absent["friction_static"]
 
 
-def test_what_is_not_recorded_is_absent_with_the_reason():
+def test_missing_streams_are_reasons():
     noise = np.random.default_rng(0).standard_normal(20_000)
     nothing = [part(noise, 5000.0)]
     assert "no tangential force" in fit_friction(nothing).absent["friction_dynamic"]
@@ -107,7 +107,7 @@ def test_stiffness(seed, handled_recording):
     assert found.interval is not None and found.interval[0] < found.slope_N_m < found.interval[1]
 
 
-def test_force_that_does_not_follow_depth_is_no_stiffness(handled_recording):
+def test_uncorrelated_force_gives_no_stiffness(handled_recording):
     truth = handled_recording(0)
     truth.depth_m = np.random.default_rng(0).standard_normal(len(truth.depth_m)) * 1e-3
     found = fit_stiffness(handled(truth))
@@ -115,14 +115,14 @@ def test_force_that_does_not_follow_depth_is_no_stiffness(handled_recording):
 
 
 def slides(tangential_N, speed_m_s, sliding, rate=1000.0):
-    """A recording of 1 N that slides where told, with no search for it."""
+    """A recording at 1 N with given runs of sliding."""
     count = len(tangential_N)
     states = np.where(sliding, InteractionState.SLIDING, InteractionState.AIR).astype(np.int8)
     streams = Streams(rate, np.zeros(count), np.ones(count), speed_m_s, tangential_N)
     return [(streams, Segmentation(rate, states, (), None, None))]
 
 
-def test_where_a_slide_begins_and_ends_nothing_is_taken():
+def test_the_ends_of_sliding_are_omitted():
     """Slides of 0.15 s, which slip more easily in their first and last 50 ms: two thirds of all that slides."""
     cycle, edge = np.arange(100, 20_100) % 500, round(1000.0 * EDGE_S)
     sliding = (cycle >= 200) & (cycle < 350)
@@ -132,7 +132,7 @@ def test_where_a_slide_begins_and_ends_nothing_is_taken():
     assert found.intervals["friction_dynamic"] == pytest.approx((0.3, 0.3), abs=1e-9)
 
 
-def test_the_ends_of_the_recording_are_no_ends_of_a_slide():
+def test_the_ends_of_the_recording_are_not_omitted():
     whole = slides(np.full(150, 0.3), np.full(150, 0.1), np.ones(150, bool))
     assert fit_friction(whole).dynamic == pytest.approx(0.3)
     inside = np.zeros(250, bool)
@@ -140,7 +140,7 @@ def test_the_ends_of_the_recording_are_no_ends_of_a_slide():
     assert fit_friction(slides(np.full(250, 0.3), np.full(250, 0.1), inside)).dynamic == 0.0  # one block is left
 
 
-def test_a_tool_that_catches_now_and_then_bends_no_stribeck_curve():
+def test_outliers_do_not_change_the_stribeck_curve():
     """Each sixth of the slow blocks pulls three times as much."""
     t = np.arange(20_000) / 1000.0
     speed = 0.005 + 0.15 * np.sin(np.pi * t / 4) ** 2
@@ -151,7 +151,7 @@ def test_a_tool_that_catches_now_and_then_bends_no_stribeck_curve():
     assert found.static == pytest.approx(0.45, rel=0.04)  # by least squares 0.6
 
 
-def test_the_curve_is_hubers():
+def test_the_curve_is_a_huber_estimate():
     """Against SciPy's own robust least squares, at the bound where the reweighting ends."""
     from scipy.optimize import least_squares
 
@@ -170,13 +170,13 @@ def test_the_curve_is_hubers():
     assert np.sum(weight**2 / 2.0 < 0.1) == len(ratio[::9])  # what is off counts for little, and nothing else
 
 
-def test_static_friction_waits_for_a_rest_and_a_force():
+def test_static_friction_needs_rest_and_force():
     """Three starts from rest: one after a rest too brief to count, one of a tool that hardly touches."""
     rate, cycle = 1000.0, np.arange(6000) % 1000
     states = np.where(cycle < 400, InteractionState.STILL, InteractionState.SLIDING).astype(np.int8)
     start = (cycle >= 380) & (cycle < 420)
     force, pull = np.ones(6000), np.where(start, 0.5, 0.3)
-    states[3000:3380] = InteractionState.SLIDING  # rests for 20 ms before it slides on: 0.8 then is none
+    states[3000:3380] = InteractionState.SLIDING  # a rest of 20 ms is too short for a breakaway
     pull[3380:3420] = 0.8
     force[5200:5600] = 0.05
     pull[5200:5600] = 0.9 * 0.05
@@ -188,7 +188,7 @@ def test_static_friction_waits_for_a_rest_and_a_force():
     assert found.dynamic == pytest.approx(0.3, rel=1e-6)
 
 
-def test_a_jerk_of_a_hundredth_of_a_second_counts_whole():
+def test_an_abrupt_breakaway_counts_fully():
     cycle = np.arange(4000) % 1000
     states = np.where(cycle < 400, InteractionState.STILL, InteractionState.SLIDING).astype(np.int8)
     pull = np.where(np.abs(cycle - 400) <= 6, 0.5, 0.3)

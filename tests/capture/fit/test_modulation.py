@@ -1,11 +1,11 @@
-"""Slow gains that were planted are found as they were, and none where there is none."""
+"""Amplitude modulation of simulated textures is recovered; stationary noise has none."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from hapscene.capture.fit.modulation import fit_life
+from hapscene.capture.fit.modulation import fit_modulation
 from hapscene.capture.fit.texture import fit_texture
 from hapscene.capture.fit.windows import cut
 from hapscene.capture.io.streams import Streams
@@ -20,9 +20,9 @@ def texture_of(channels: Streams) -> Texture:
 
 
 @pytest.mark.parametrize(("surface", "by_distance"), [("bursts", False), ("grains", True)])
-def test_a_planted_gain_is_found_and_whether_it_goes_by_time_or_by_distance(surface: str, by_distance: bool) -> None:
+def test_modulation_over_time_and_over_distance_is_recovered(surface: str, by_distance: bool) -> None:
     parts = [simulated(surface, 10.0, seed)[0] for seed in range(4)]
-    fit = fit_life(texture_of(parts[0]), parts)
+    fit = fit_modulation(texture_of(parts[0]), parts)
     assert fit.life is not None and fit.reason == ""
     assert fit.life.log_spread == pytest.approx(0.4, abs=0.06)
     assert fit.intervals[-1][0] < 0.4 < fit.intervals[-1][1] < fit.intervals[-1][0] + 0.25
@@ -33,43 +33,43 @@ def test_a_planted_gain_is_found_and_whether_it_goes_by_time_or_by_distance(surf
     assert 0.5 < rate * (0.07 * 0.15 if by_distance else 0.07) < 2.0
 
 
-def test_the_interval_of_short_recordings_holds_the_truth() -> None:
+def test_intervals_of_short_recordings_contain_the_true_value() -> None:
     held = []
     for surface in ("bursts", "grains"):
         for seed in range(10):
             channels, _ = simulated(surface, 3.0, seed)
-            low, high = fit_life(texture_of(channels), [channels]).intervals[-1]
+            low, high = fit_modulation(texture_of(channels), [channels]).intervals[-1]
             held.append(low < 0.4 < high)
     assert sum(held) >= 17
 
 
-def test_where_the_speed_is_always_the_same_it_forgets_by_time() -> None:
+def test_constant_speed_gives_modulation_over_time() -> None:
     channels, _ = simulated("bursts", 10.0, 5)
     channels = replace(channels, speed_m_s=np.full_like(channels.speed_m_s, 0.1))
-    fit = fit_life(texture_of(channels), [channels])
+    fit = fit_modulation(texture_of(channels), [channels])
     assert fit.life is not None and np.all(fit.life.decay_1_m == 0.0)
     assert fit.ahead[0] == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("seconds", [1.0, 8.0])
-def test_steady_noise_has_no_life(seconds: float) -> None:
+def test_stationary_noise_has_no_modulation(seconds: float) -> None:
     for seed in range(10 if seconds < 2.0 else 3):
         channels, _ = simulated("steady", seconds, seed)
-        fit = fit_life(texture_of(channels), [channels])
+        fit = fit_modulation(texture_of(channels), [channels])
         assert fit.life is None and "as steady as" in fit.reason
 
 
-def test_a_level_that_force_and_speed_explain_in_another_way_is_no_life() -> None:
+def test_a_dependence_on_force_and_speed_is_no_modulation() -> None:
     channels, _ = simulated("steady", 8.0)
     louder = channels.acceleration_m_s2 * channels.speed_m_s  # power goes with the third power of the speed
     channels = replace(channels, acceleration_m_s2=louder)
-    assert fit_life(texture_of(channels), [channels]).life is None
+    assert fit_modulation(texture_of(channels), [channels]).life is None
 
 
-def test_stretches_that_are_too_short_say_so() -> None:
+def test_short_runs_are_reported() -> None:
     channels, _ = simulated("bursts", 1.0)
     short = [replace(channels, **{
         name: getattr(channels, name)[start : start + 1000] for name in ("acceleration_m_s2", "force_N", "speed_m_s")
     }) for start in (0, 2000)]  # fmt: skip
-    fit = fit_life(texture_of(channels), short)
+    fit = fit_modulation(texture_of(channels), short)
     assert fit.life is None and "0.4 s" in fit.reason

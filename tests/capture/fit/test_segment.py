@@ -42,17 +42,17 @@ def test_states_are_found_within_20_ms(seed, streams, handled_recording):
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("streams", [("speed_m_s",), ()])
-def test_without_force_rest_and_air_are_one_state(seed, streams, handled_recording):
+def test_without_force_rest_counts_as_air(seed, streams, handled_recording):
     truth = handled_recording(seed)
     channels = clean(truth.acceleration_m_s2, truth.rate_Hz, **{name: getattr(truth, name) for name in streams})
     states = segment(channels).states
-    told = np.where(truth.states == InteractionState.STILL, InteractionState.AIR, truth.states)
-    assert np.mean(states == told) > 0.97
+    expected = np.where(truth.states == InteractionState.STILL, InteractionState.AIR, truth.states)
+    assert np.mean(states == expected) > 0.97
     assert len(runs(states == InteractionState.TAP)) == len(truth.tap_m_s)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_change_of_surface_is_found_and_no_other(seed, handled_recording):
+def test_only_the_change_of_surface_is_found(seed, handled_recording):
     truth = handled_recording(seed)
     found = segment(clean(truth.acceleration_m_s2, truth.rate_Hz, truth.force_N, truth.speed_m_s))
     assert len(found.changes) == 1
@@ -90,7 +90,7 @@ def test_known_switching_times(seed, rate_Hz):
     assert np.abs(found - truth).max() < TOLERANCE_S * rate_Hz
 
 
-def test_what_is_stationary_has_no_changes():
+def test_stationary_signals_have_no_change_points():
     rng = np.random.default_rng(0)
     assert change_points(rng.standard_normal(50_000), 10_000.0) == []
     assert change_points(rng.laplace(size=50_000), 10_000.0) == []
@@ -112,7 +112,7 @@ def test_real_strokes_slide_throughout(shared):
         assert np.all(segment(clean(accel, 10_000.0, force, 1e-3 * speed)).states == InteractionState.SLIDING)
 
 
-def test_the_noise_of_a_stream_is_measured_where_it_is_quietest():
+def test_noise_is_estimated_from_the_quietest_windows():
     rng = np.random.default_rng(0)
     hand = np.concatenate([np.zeros(20_000), 1.0 - np.cos(np.arange(20_000) / 1000.0)])
     force = clean(rng.standard_normal(40_000), 10_000.0, hand + 0.1 * rng.standard_normal(40_000)).force_N
@@ -142,7 +142,7 @@ def test_a_plot_of_the_states(tmp_path, handled_recording):
     ],
 )
 @pytest.mark.parametrize("rate_Hz", [1_000.0, 10_000.0])
-def test_a_burst_that_is_brief_and_loudest_at_its_start_is_a_tap(rate_Hz, start_s, length_s, loudest_s, rest, tap):
+def test_brief_bursts_with_a_strong_start_are_taps(rate_Hz, start_s, length_s, loudest_s, rest, tap):
     level = np.zeros(round(rate_Hz))
     start, count = round(start_s * rate_Hz), round(length_s * rate_Hz)
     level[start : start + count] = 1.0
@@ -154,7 +154,7 @@ def test_a_burst_that_is_brief_and_loudest_at_its_start_is_a_tap(rate_Hz, start_
     assert found.tolist() == (list(range(start, start + count)) if tap else [])
 
 
-def test_the_streams_that_change_are_drawn_with_what_tells_a_state():
+def test_the_plot_shows_streams_and_thresholds():
     t = np.arange(20_000) / 10_000.0
     moved = 1.0 - np.cos(3.0 * t)
     both = clean(np.sin(500.0 * t), 10_000.0, 0.4 * moved, 0.1 * moved, depth_m=2e-3 * moved)

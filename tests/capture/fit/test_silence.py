@@ -8,7 +8,7 @@ from ..signals import fit
 
 
 @pytest.mark.parametrize("seed", [0, 1, 5])
-def test_no_place_in_the_plane_is_silent(seed: int) -> None:
+def test_the_texture_is_never_silent(seed: int) -> None:
     """Level proportional to force times speed, over slow swings of both: the case that once silenced models."""
     rng = np.random.default_rng(seed)
     n, rate_Hz = 40_000, 10_000.0

@@ -44,7 +44,7 @@ def slipping():
     return dragged(np.full(12_500, 0.0115), 0.45, lambda v: 0.3, damping_Ns_m=1.0)
 
 
-def test_a_tool_that_sticks_and_slips_has_friction_and_no_texture(slipping):
+def test_stick_slip_gives_friction_and_no_texture(slipping):
     swatch = fit(**slipping)
     assert swatch.friction_static == pytest.approx(0.45, rel=0.06)
     assert swatch.friction_dynamic == pytest.approx(0.30, rel=0.03)
@@ -54,7 +54,7 @@ def test_a_tool_that_sticks_and_slips_has_friction_and_no_texture(slipping):
     assert swatch.texture is None and "sticks and slips" in swatch.absent["texture"]
 
 
-def test_friction_that_rises_with_speed_begins_where_it_rests():
+def test_friction_that_increases_with_speed():
     """Strokes to and fro at four speeds, half a second of rest between."""
     t = np.arange(4000) / RATE_HZ
     drive = np.concatenate(
@@ -85,7 +85,7 @@ def pressed(law, slides_m_s=0.0, speed_noise_m_s=None, seed=0):
 
 @pytest.mark.parametrize("law", [lambda d: 500.0 * d, lambda d: 1.5e4 * d**1.5], ids=["linear", "hertz"])
 @pytest.mark.parametrize(("slides_m_s", "speed_noise_m_s"), [(0.0, 1e-4), (0.0, None), (0.01, 1e-4)])
-def test_presses_give_a_stiffness_at_rest_rolling_and_without_a_speed(law, slides_m_s, speed_noise_m_s):
+def test_stiffness_at_rest_rolling_and_without_speed(law, slides_m_s, speed_noise_m_s):
     streams = pressed(law, slides_m_s, speed_noise_m_s)
     channels, states = part(streams)
     if slides_m_s == 0.0 and speed_noise_m_s:
@@ -98,7 +98,7 @@ def test_presses_give_a_stiffness_at_rest_rolling_and_without_a_speed(law, slide
 
 
 @pytest.mark.parametrize("axes", [1, 2, 3])
-def test_what_a_speed_reads_at_rest_is_known(axes):
+def test_the_measured_speed_at_rest(axes):
     rng = np.random.default_rng(0)
     for speed in (
         np.linalg.norm(1e-4 * rng.standard_normal((axes, 20_000)), axis=0),
@@ -131,9 +131,9 @@ def of_taps(streams, seed):
     """The taps that are found in streams with noise 20 dB below six taps' 60 ms."""
     acceleration, force, depth = streams
     rng = np.random.default_rng(seed)
-    heard = [acceleration[i * 5000 : i * 5000 + 300] for i in range(1, 7)]
+    taps = [acceleration[i * 5000 : i * 5000 + 300] for i in range(1, 7)]
     channels = clean(
-        acceleration + 0.1 * np.sqrt(np.mean(np.square(heard))) * rng.standard_normal(len(force)),
+        acceleration + 0.1 * np.sqrt(np.mean(np.square(taps))) * rng.standard_normal(len(force)),
         RATE_HZ,
         noisy(force, rng),
         None,
@@ -143,7 +143,7 @@ def of_taps(streams, seed):
     return fit_taps([(channels, segment(channels))])
 
 
-def test_taps_of_six_speeds_come_back(tapping):
+def test_taps_of_six_speeds_are_recovered(tapping):
     streams, frequency, decay = tapping
     found = of_taps(streams, 0)
     np.testing.assert_allclose(found.taps.approach_m_s, SPEEDS_M_S, rtol=0.05)
@@ -152,7 +152,7 @@ def test_taps_of_six_speeds_come_back(tapping):
 
 
 @pytest.mark.soak
-def test_intervals_of_taps_hold_what_was_planted(tapping):
+def test_intervals_of_taps_contain_the_true_values(tapping):
     """200 recordings: 95 ± 3 % of 1,200 intervals, and six of six speeds in 95 % of the recordings."""
     streams, frequency, decay = tapping
     six, held = 0, np.zeros(2)
@@ -191,7 +191,7 @@ def fitted_stiffness(seed):
     ],
     ids=["breaks", "coulomb", "stribeck", "viscous", "stiffness"],
 )
-def test_intervals_of_forces_hold_what_was_planted(intervals, planted):
+def test_intervals_of_forces_contain_the_true_values(intervals, planted):
     """Of 200 recordings nine in ten hold it, and none that is held always is far too wide."""
     found = [intervals(seed) for seed in range(200)]
     for name, value in planted.items():

@@ -1,4 +1,4 @@
-"""The slope of force over depth: known springs, both streams noisy, knocks among them."""
+"""Stiffness of simulated springs with noise and outliers."""
 
 import numpy as np
 import pytest
@@ -37,15 +37,15 @@ def pressed(slope_N_m, noise_N=0.0, noise_m=0.0, count=6, drift_m=0.0, seed=0):
 
 
 @pytest.mark.parametrize("slope_N_m", [80.0, 500.0, 20_000.0])
-def test_a_spring_without_noise_is_exact_wherever_its_depth_is_zero(slope_N_m):
+def test_a_spring_without_noise_is_exact(slope_N_m):
     for drift_m in (0.0, 0.01):
         found = fit_stiffness(pressed(slope_N_m, drift_m=drift_m))
         assert found.slope_N_m == pytest.approx(slope_N_m, rel=1e-6)
         assert found.interval == pytest.approx((slope_N_m, slope_N_m), rel=1e-6)
 
 
-def test_noise_of_the_depth_does_not_flatten_the_line():
-    """Plain least squares of force over depth are 12 % low here; the noise of both is known from themselves."""
+def test_noise_of_the_depth_does_not_bias_the_slope():
+    """Ordinary least squares would be 12 % too low."""
     found = [fit_stiffness(pressed(500.0, 0.05, 8e-4, seed=seed)) for seed in range(10)]
     slopes = np.array([one.slope_N_m for one in found])
     assert slopes.mean() == pytest.approx(500.0, rel=0.04)
@@ -55,7 +55,7 @@ def test_noise_of_the_depth_does_not_flatten_the_line():
 
 
 @pytest.mark.parametrize("ratio", [10.0, 500.0, 1e5])
-def test_the_line_has_the_least_distances_in_units_of_the_noise(ratio):
+def test_the_slope_is_the_deming_regression(ratio):
     from scipy.optimize import minimize_scalar
 
     rng = np.random.default_rng(0)
@@ -71,7 +71,7 @@ def test_the_line_has_the_least_distances_in_units_of_the_noise(ratio):
     assert _deming(sums * [1.0, -1.0, 1.0], ratio)[0] == pytest.approx(-best, rel=1e-6)
 
 
-def test_knocks_do_not_bend_it():
+def test_outliers_do_not_change_the_slope():
     rng = np.random.default_rng(0)
     depth = rng.uniform(-1e-3, 1e-3, 300)
     force = 500.0 * depth + 0.01 * rng.standard_normal(300)
@@ -84,7 +84,7 @@ def test_knocks_do_not_bend_it():
     assert _weighted_sums(depth, force, 500.0, 500.0) == pytest.approx(expected)
 
 
-def test_a_loading_is_what_lies_between_the_contact_s_beginning_and_its_largest_force():
+def test_a_loading_ends_at_the_largest_force():
     ((streams, states),) = pressed(500.0, count=2)
     found = _loadings(streams, states)
     assert len(found) == 2
@@ -96,7 +96,7 @@ def test_a_loading_is_what_lies_between_the_contact_s_beginning_and_its_largest_
     assert len(found[0][0]) == pytest.approx(np.ptp(rise) / STEP, abs=1.0)
 
 
-def test_a_contact_that_slid_before_and_one_that_hardly_presses_are_no_loadings():
+def test_sliding_and_weak_contacts_are_no_loadings():
     ((streams, states),) = pressed(500.0, count=3)
     states.states[300:330] = InteractionState.SLIDING  # the first slides to rest
     streams.force_N[1000:2000] *= 0.09  # the second's 0.18 N are less than four times what tells a contact
@@ -105,22 +105,22 @@ def test_a_contact_that_slid_before_and_one_that_hardly_presses_are_no_loadings(
     assert fit_stiffness([(streams, states)]).reason == "the tool never presses into the surface without sliding"
 
 
-def test_few_loadings_have_an_interval_too():
+def test_few_loadings_have_an_interval():
     found = fit_stiffness(pressed(500.0, 0.05, 1e-4, count=1))
     low, high = found.interval
     assert low < 500.0 < high and high - low < 150.0
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_the_interval_of_few_loadings_is_drawn_from_a_dozen_pieces_or_more(count, monkeypatch):
+def test_few_loadings_are_divided_for_the_interval(count, monkeypatch):
     sizes = []
     monkeypatch.setattr(stiffness, "_weighted_sums", lambda d, *rest: sizes.append(len(d)) or _weighted_sums(d, *rest))
     fit_stiffness(pressed(500.0, 0.05, 1e-4, count=count))
     assert 12 <= sum(size < max(sizes) for size in sizes) <= 16  # the others are of the line through all
 
 
-def test_neither_stream_counts_as_exact():
-    """Where one has no noise, it is held to have a hundredth of the other's, both over their ranges."""
+def test_the_noise_ratio_is_limited():
+    """A stream without noise counts as having a hundredth of the relative noise of the other."""
     for (noise_N, noise_m), share in (((0.0, 8e-4), 0.01), ((0.05, 0.0), 100.0)):
         ((streams, states),) = pressed(500.0, noise_N, noise_m)
         span = np.ptp(streams.force_N) / np.ptp(streams.depth_m)

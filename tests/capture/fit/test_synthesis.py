@@ -1,4 +1,4 @@
-"""Synthesis along a stroke: what is heard is what the swatch's models say."""
+"""Synthesis along a stroke: spectrum and power are those of the models."""
 
 from dataclasses import replace
 
@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import welch
 
 from hapscene.capture import synthesize
-from hapscene.capture.fit import distance as metric
-from hapscene.capture.fit.synthesis import _PART, BLOCK_S
+from hapscene.capture.fit import distance as spectral
+from hapscene.capture.fit.synthesis import _BATCH, BLOCK_S
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.errors import CaptureError
 from hapscene.surface.gain_modulation import GainModulation
@@ -24,7 +24,7 @@ EDGES_HZ = np.geomspace(20.0, 1000.0, 9)
 
 
 def unlike(interpolation: str) -> Swatch:
-    """A swatch of five models that differ, none of them near unstable."""
+    """A swatch with five different, well-damped models."""
     rng = np.random.default_rng(4)
     k = rng.uniform(-0.5, 0.5, (5, 16))
     k[:, 0] = np.linspace(-0.95, -0.5, 5)
@@ -43,28 +43,28 @@ EACH = pytest.mark.parametrize("swatch", SWATCHES, ids=[*shipped_swatches(), *IN
 
 def bands_dB(frequency: np.ndarray, density: np.ndarray) -> np.ndarray:
     """Level in each band of `EDGES_HZ`."""
-    return np.asarray(10 * np.log10(metric.band_power(density, frequency, EDGES_HZ)))
+    return np.asarray(10 * np.log10(spectral.band_power(density, frequency, EDGES_HZ)))
 
 
 @EACH
-def test_long_synthesis_has_the_model_s_spectrum_and_power(swatch: Swatch) -> None:
-    """At a fixed force and speed, between models, steady: 0.3 dB a band, 0.2 dB in all, beyond what chance does."""
+def test_spectrum_and_power_of_a_long_synthesis(swatch: Swatch) -> None:
+    """At constant force and speed between models: 0.3 dB per band and 0.2 dB in total, plus scatter."""
     texture = swatch.texture
     assert texture is not None
     force, slip = 0.63 * texture.force_max_N, 0.41 * texture.speed_max_m_s
     count = 2_000_000
-    made = synthesize(swatch, np.full(count, force), np.full(count, slip), seed=3, life=0.0)
+    made = synthesize(swatch, np.full(count, force), np.full(count, slip), seed=3, modulation=0.0)
     a, variance = texture.model(force, slip)
     assert a[0] == 1.0
     frequency, density = welch(made, texture.rate_Hz, nperseg=8192)
-    model = metric.model_spectrum(a, variance, texture.rate_Hz, frequency, texture.warp)
+    model = spectral.model_spectrum(a, variance, texture.rate_Hz, frequency, texture.warp)
     assert np.abs(bands_dB(frequency, density) - bands_dB(frequency, model)).max() < 0.3
     assert abs(10 * np.log10(made.var() / (variance * power_gain(a, texture.warp)))) < 0.2
 
 
 @EACH
-def test_the_effect_s_table_says_what_the_model_says(swatch: Swatch) -> None:
-    """The level and filter that the renderer plays at places off the grid, against those of `Texture.model`."""
+def test_the_table_of_the_effect_equals_the_texture(swatch: Swatch) -> None:
+    """Level and filter of the renderer between grid points, compared with `Texture.model`."""
     texture = swatch.texture
     assert texture is not None
     table = EFFECT.table(swatch, texture.rate_Hz)
@@ -77,9 +77,9 @@ def test_the_effect_s_table_says_what_the_model_says(swatch: Swatch) -> None:
         power = choose(table, force, slip, s, True)
         a, variance = texture.model(force, slip)
         looked_up = ar_from_reflection(s["k"][1 : texture.order + 1])
-        alike = power_gain(looked_up, texture.warp)
-        got = metric.model_spectrum(looked_up, power / alike, 1e4, frequency, texture.warp)
-        want = metric.model_spectrum(a, variance, 1e4, frequency, texture.warp)
+        unit_gain = power_gain(looked_up, texture.warp)
+        got = spectral.model_spectrum(looked_up, power / unit_gain, 1e4, frequency, texture.warp)
+        want = spectral.model_spectrum(a, variance, 1e4, frequency, texture.warp)
         spectrum.append(np.sqrt(np.mean((10 * np.log10(got / want)) ** 2)))
         level.append(abs(10 * np.log10(power / (variance * power_gain(a, texture.warp)))))
     assert np.median(spectrum) < 0.1 and np.percentile(spectrum, 90) < 0.5
@@ -88,13 +88,13 @@ def test_the_effect_s_table_says_what_the_model_says(swatch: Swatch) -> None:
 
 @pytest.mark.parametrize("name", shipped_swatches())
 @pytest.mark.parametrize("rate_Hz", [5000.0, 20_000.0])
-def test_at_another_rate_the_power_is_kept(name: str, rate_Hz: float) -> None:
+def test_resampling_preserves_the_power(name: str, rate_Hz: float) -> None:
     swatch = load_swatch(name)
     texture = swatch.texture
     assert texture is not None
     count = int(20 * rate_Hz)
     force, slip = np.full(count, texture.force_max_N), np.full(count, texture.speed_max_m_s)
-    steady = synthesize(swatch, force, slip, rate_Hz=rate_Hz, seed=1, life=0.0)
+    steady = synthesize(swatch, force, slip, rate_Hz=rate_Hz, seed=1, modulation=0.0)
     assert abs(10 * np.log10(steady.var() / texture.power(force[:1], slip[:1])[0])) < 0.5
     made = synthesize(swatch, force, slip, rate_Hz=rate_Hz, seed=1)
     assert np.array_equal(made, synthesize(swatch, force, slip, rate_Hz=rate_Hz, seed=1))
@@ -102,7 +102,7 @@ def test_at_another_rate_the_power_is_kept(name: str, rate_Hz: float) -> None:
 
 
 @EACH
-def test_wild_walks_stay_finite_and_at_the_level(swatch: Swatch) -> None:
+def test_random_strokes_stay_finite_and_at_their_level(swatch: Swatch) -> None:
     texture = swatch.texture
     assert texture is not None
     rng = np.random.default_rng(0)
@@ -115,18 +115,18 @@ def test_wild_walks_stay_finite_and_at_the_level(swatch: Swatch) -> None:
         assert abs(10 * np.log10(made.var() / texture.power(force, slip).mean())) < 3.0
 
 
-def test_long_strokes_are_made_in_parts_without_a_seam() -> None:
-    """Louder and louder: the level goes on through the border between two parts."""
+def test_long_strokes_are_continuous_across_batches() -> None:
+    """The level is continuous at the border between two batches."""
     block = round(BLOCK_S * 10_000)
     wood = load_swatch("wood")
-    count = (_PART + 40) * block
+    count = (_BATCH + 40) * block
     made = synthesize(wood, np.full(count, 2.0), np.full(count, 0.2))
-    seam = _PART * block
+    seam = _BATCH * block
     near = made[seam - 20 * block : seam + 20 * block]
     assert abs(np.diff(made[seam - 1 : seam + 1])[0]) < 5 * np.diff(near).std()
 
 
-def test_a_file_plays_as_it_was() -> None:
+def test_a_saved_swatch_gives_the_same_output() -> None:
     for swatch in SWATCHES:
         again = swatch_from_json(swatch_to_json(swatch))
         assert again.texture == swatch.texture
@@ -135,27 +135,27 @@ def test_a_file_plays_as_it_was() -> None:
         )
 
 
-def test_silence_and_refusals() -> None:
+def test_silence_and_invalid_input() -> None:
     wood = load_swatch("wood")
     assert not np.any(synthesize(wood, np.zeros(100), np.ones(100)))
     assert not np.any(synthesize(wood, np.full(100, np.nan), np.ones(100)))
     assert len(synthesize(wood, [], [])) == 0
     with pytest.raises(CaptureError, match="no texture"):
         synthesize(PLAIN, [1.0], [1.0])
-    with pytest.raises(CaptureError, match="one shape"):
+    with pytest.raises(CaptureError, match="shapes"):
         synthesize(wood, [1.0], [1.0, 2.0])
 
 
 @pytest.mark.parametrize("seed", [-1, None, 0.5])
-def test_a_seed_that_is_none_is_told(seed: object) -> None:
-    with pytest.raises(CaptureError, match="seed must be a whole number, 0 or more"):
+def test_an_invalid_seed_is_refused(seed: object) -> None:
+    with pytest.raises(CaptureError, match="seed"):
         synthesize(SWATCHES[0], [1.0], [0.1], seed=seed)  # type: ignore[arg-type]
 
 
-# Alive.
+# Amplitude modulation.
 
 
-def living(**fields) -> Swatch:
+def modulated(**fields) -> Swatch:
     swatch = unlike("lsf")
     return replace(
         swatch,
@@ -165,21 +165,21 @@ def living(**fields) -> Swatch:
 
 def test_a_slow_gain_spreads_the_levels_and_keeps_the_power() -> None:
     force, speed = np.full(1_000_000, 1.0), np.full(1_000_000, 0.1)
-    steady, made = (synthesize(living(), force, speed, life=life) for life in (0.0, 1.0))
+    steady, made = (synthesize(modulated(), force, speed, modulation=depth) for depth in (0.0, 1.0))
     np.testing.assert_array_equal(steady, synthesize(unlike("lsf"), force, speed))
     power = [y.reshape(-1, 500).var(axis=1) for y in (steady, made)]
     assert np.mean(power[1]) == pytest.approx(np.mean(power[0]), rel=0.08)
     log = np.log(power[1] / np.mean(power[1])) / 2.0
     assert np.std(log) == pytest.approx(0.4, abs=0.08)  # both together have 0.5; the fast one is half gone in 50 ms
-    with pytest.raises(CaptureError, match="life must be a number from 0 to 2"):
-        synthesize(living(), force, speed, life=np.nan)
+    with pytest.raises(CaptureError, match="modulation"):
+        synthesize(modulated(), force, speed, modulation=np.nan)
 
 
 @pytest.mark.parametrize("warp", [0.0, 0.5])
-def test_a_living_texture_has_no_seams(warp: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Made in one part or in many it is the same."""
-    swatch = living(warp=warp)
+def test_batches_do_not_change_the_output(warp: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Synthesis in one batch and in many gives the same samples."""
+    swatch = modulated(warp=warp)
     force = np.linspace(0.5, 2.0, 40_000)
     whole = synthesize(swatch, force, np.full(40_000, 0.1))
-    monkeypatch.setattr("hapscene.capture.fit.synthesis._PART", 7)
+    monkeypatch.setattr("hapscene.capture.fit.synthesis._BATCH", 7)
     np.testing.assert_allclose(synthesize(swatch, force, np.full(40_000, 0.1)), whole, atol=1e-9 * whole.std())

@@ -1,12 +1,12 @@
-"""Textures from pieces that are made: where their models stand, what power they have, how many there are."""
+"""Textures from simulated analysis windows: position, power and number of the models."""
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter, lfiltic
 
 from hapscene.capture.fit.distance import log_spectral_distance, model_spectrum
-from hapscene.capture.fit.texture import PIECES_PER_MODEL, _cluster, _corners, _missed, choose_model_count, fit_texture
-from hapscene.capture.fit.windows import Pieces
+from hapscene.capture.fit.texture import WINDOWS_PER_MODEL, _cluster, _corners, _missed, choose_model_count, fit_texture
+from hapscene.capture.fit.windows import AnalysisWindows
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import autocorrelation, smoothed, solve, tapered
 
@@ -18,20 +18,20 @@ def filter_of(frequency_Hz):
 
 
 def pieces(force_N, speed_m_s, frequency_Hz=300.0, power=1.0, seed=0):
-    """One piece for each force and speed, of that resonance and power."""
+    """One window for each force and speed, with given resonance and power."""
     force, speed, frequency, power = np.broadcast_arrays(force_N, speed_m_s, frequency_Hz, power)
     rng, rows = np.random.default_rng(seed), []
     for f, p in zip(frequency, power, strict=True):
         a = filter_of(f)
         x = lfilter([1.0], a, rng.standard_normal(LENGTH + 200))[200:]
         rows.append(x * np.sqrt(p / power_gain(a)))
-    return Pieces(np.array(rows), force.astype(float), speed.astype(float), np.arange(len(rows)))
+    return AnalysisWindows(np.array(rows), force.astype(float), speed.astype(float), np.arange(len(rows)))
 
 
 SLOW_AND_FAST = np.repeat([0.1, 0.3], 20)
 
 
-def test_clusters_are_those_that_are_there():
+def test_known_clusters_are_found():
     places = np.repeat([[1.0, 0.1], [2.0, 0.1], [1.5, 0.3]], 10, axis=0)
     part = pieces(*places.T)
     label = _cluster(part, 3)
@@ -40,8 +40,8 @@ def test_clusters_are_those_that_are_there():
     assert set(_cluster(part, 1)) == {0}
 
 
-def test_a_cluster_of_too_few_pieces_is_joined_to_the_nearest():
-    few = PIECES_PER_MODEL - 1
+def test_clusters_of_too_few_windows_are_merged():
+    few = WINDOWS_PER_MODEL - 1
     part = pieces(np.ones(20 + few), np.array([0.1] * 10 + [0.3] * 10 + [0.27] * few))
     label = _cluster(part, 3)
     assert set(label) == {0, 1} and len(set(label[10:])) == 1 and label[0] != label[10]
@@ -58,17 +58,17 @@ def test_a_cluster_of_too_few_pieces_is_joined_to_the_nearest():
         ([1.0, 1.01], [0.1, 0.1], [(1.0, 0.1), (1.01, 0.1)]),
     ],
 )
-def test_one_filter_stands_at_the_corners_of_what_changed(force, speed, corners):
+def test_one_filter_is_placed_at_the_corners(force, speed, corners):
     found = _corners(pieces(force, speed))
     assert sorted(zip(*(axis.tolist() for axis in found), strict=True)) == sorted(corners)
 
 
-def test_one_filter_is_that_of_all_pieces_joined():
+def test_one_filter_is_fitted_to_all_windows():
     part = pieces(np.ones(30), np.full(30, 0.1))
     texture = fit_texture(part, RATE_HZ, 2, 1)
     joined = solve(smoothed(autocorrelation(tapered(part.acceleration_m_s2.ravel(), RATE_HZ), 2), RATE_HZ))
     np.testing.assert_allclose(texture.model(1.0, 0.1)[0], joined, atol=1e-9)
-    cut = Pieces(part.acceleration_m_s2, part.force_N, part.speed_m_s, 2 * part.start)  # no two are neighbours
+    cut = AnalysisWindows(part.acceleration_m_s2, part.force_N, part.speed_m_s, 2 * part.start)  # no two are neighbours
     lags = [autocorrelation(tapered(row, RATE_HZ), 2) for row in part.acceleration_m_s2]
     np.testing.assert_allclose(
         fit_texture(cut, RATE_HZ, 2, 1).model(1.0, 0.1)[0], solve(smoothed(np.sum(lags, axis=0), RATE_HZ)), atol=1e-9
@@ -76,7 +76,7 @@ def test_one_filter_is_that_of_all_pieces_joined():
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_the_recording_keeps_its_power(count):
+def test_the_power_of_the_recording_is_preserved(count):
     rng = np.random.default_rng(0)
     force, speed = rng.uniform(0.5, 2.0, 60), rng.uniform(0.05, 0.3, 60)
     part = pieces(force, speed, power=force * speed**2)
@@ -84,7 +84,7 @@ def test_the_recording_keeps_its_power(count):
     assert texture.power(force, speed).mean() == pytest.approx(np.mean(part.acceleration_m_s2**2), rel=1e-9)
 
 
-def test_each_speed_has_its_own_filter_and_power():
+def test_filters_and_powers_per_speed():
     frequency, power = np.where(SLOW_AND_FAST < 0.2, 200.0, 500.0), np.where(SLOW_AND_FAST < 0.2, 1.0, 25.0)
     part = pieces(np.ones(40), SLOW_AND_FAST, frequency, power)
     texture = fit_texture(part, RATE_HZ, 2, 2)
@@ -94,7 +94,7 @@ def test_each_speed_has_its_own_filter_and_power():
         assert variance * power_gain(a) == pytest.approx(p, rel=0.15)
 
 
-def test_as_many_models_as_differ():
+def test_the_number_of_models_is_that_of_different_spectra():
     same = pieces(np.ones(40), np.tile([0.1, 0.3], 20), 300.0)
     assert choose_model_count(same, RATE_HZ, 2) == 1
     speed = np.tile([0.1, 0.3], 20)
@@ -105,8 +105,8 @@ def test_as_many_models_as_differ():
     assert choose_model_count(other[:7], RATE_HZ, 2) == 1  # three pieces are too few for one model
 
 
-def test_no_model_is_silenced_by_the_others():
-    """Among loud pieces a quiet cluster keeps a tenth of the power that the level's law gives it, or more."""
+def test_no_model_becomes_silent():
+    """A quiet cluster among loud ones keeps at least a tenth of the power of the level law."""
     power = np.where(SLOW_AND_FAST < 0.2, 1e-6, 100.0)
     texture = fit_texture(pieces(np.ones(40), SLOW_AND_FAST, 300.0, power), RATE_HZ, 2, 2)
     quiet, loud = texture.power(np.ones(2), np.array([0.1, 0.3]))
@@ -114,7 +114,7 @@ def test_no_model_is_silenced_by_the_others():
 
 
 def moving_pieces(count, seed=0):
-    """A long stroke over a wide plane, played in one: a resonance rises with speed, another with force."""
+    """A long stroke over wide ranges: one resonance increases with speed, another with force."""
     rng, order = np.random.default_rng(seed), 4
     t = np.arange(count * LENGTH) / RATE_HZ
     force, speed = 1.5 + 1.2 * np.sin(0.71 * t), 0.18 + 0.15 * np.sin(1.13 * t + 1.0)
@@ -125,11 +125,11 @@ def moving_pieces(count, seed=0):
         gain = np.sqrt(force[i] * speed[i] ** 2 / power_gain(a))
         signal[i + order : i + order + 20] = lfilter([1.0], a, gain * excitation[i : i + 20], zi=past)[0]
     rows = (signal[order:].reshape(count, LENGTH), force.reshape(count, LENGTH), speed.reshape(count, LENGTH))
-    return Pieces(rows[0], rows[1].mean(axis=1), rows[2].mean(axis=1), np.arange(count))
+    return AnalysisWindows(rows[0], rows[1].mean(axis=1), rows[2].mean(axis=1), np.arange(count))
 
 
 def shape_error_dB(texture, part):
-    """Mean log-spectral distance from the models that moved, over the places of pieces."""
+    """Mean log-spectral distance from the true models over the windows."""
     frequency, off = np.arange(30.0, 950.0, 10.0), []
     density = texture.density(part.force_N, part.speed_m_s, frequency_Hz=frequency)
     for f, v, found in zip(part.force_N, part.speed_m_s, density, strict=True):
@@ -139,7 +139,7 @@ def shape_error_dB(texture, part):
 
 
 @pytest.mark.nightly
-def test_a_long_wide_recording_gets_the_models_that_it_holds():
+def test_a_long_recording_gets_several_models():
     part = moving_pieces(400)
     chosen = choose_model_count(part, RATE_HZ, 4)
     off_dB = {
@@ -155,8 +155,8 @@ def test_a_short_stroke_over_one_surface_gets_one_model():
         assert choose_model_count(pieces(force, speed, seed=seed), RATE_HZ, 4) == 1
 
 
-def test_the_level_goes_on_beyond_what_was_recorded():
-    """Power as force^0.5 speed^2, recorded up to 1 N and 0.1 m/s: at twice that the level is 7.5 dB higher."""
+def test_the_level_is_extrapolated():
+    """Power proportional to force^0.5 speed^2 up to 1 N and 0.1 m/s: at twice both, the level is 7.5 dB higher."""
     rng = np.random.default_rng(4)
     force, speed = rng.uniform(0.2, 1.0, 200), rng.uniform(0.02, 0.1, 200)
     texture = fit_texture(pieces(force, speed, power=force**0.5 * speed**2), RATE_HZ, 2, 1)
@@ -175,10 +175,10 @@ def test_a_warped_texture_has_the_recordings_power_and_spectrum():
     assert log_spectral_distance(found, truth, frequency) < 1.0
 
 
-def test_a_piece_where_a_texture_is_silent_is_missed_by_much_but_not_without_end():
+def test_the_error_of_a_silent_model_is_limited():
     part = pieces(np.ones(12), np.full(12, 0.1))
     texture = fit_texture(part, RATE_HZ, 2, 1)
-    lifted = Pieces(part.acceleration_m_s2, 0.0 * part.force_N, part.speed_m_s, part.start)
+    lifted = AnalysisWindows(part.acceleration_m_s2, 0.0 * part.force_N, part.speed_m_s, part.start)
     lags = autocorrelation(tapered(part.acceleration_m_s2, RATE_HZ), 2)
     assert np.all(_missed(texture, lifted, lags)[1] > 100.0 * _missed(texture, part, lags)[1])
     assert np.all(np.isfinite(_missed(texture, lifted, lags)))

@@ -1,11 +1,11 @@
-"""How loud a surface is over force and speed: learnt where there is enough to learn from, expected where not."""
+"""Level law: exponents and extrapolation."""
 
 import numpy as np
 import pytest
 
 from hapscene.capture import load_recording, synthesize
-from hapscene.capture.fit import distance as metric
-from hapscene.capture.fit.windows import Pieces, fit_level
+from hapscene.capture.fit import distance as spectral
+from hapscene.capture.fit.windows import AnalysisWindows, fit_level
 from hapscene.capture.io.streams import clean
 
 from ..signals import fit
@@ -16,11 +16,11 @@ pytestmark = pytest.mark.nightly
 def pieces(force_N, speed_m_s, power, seed=0):
     rng = np.random.default_rng(seed)
     signal = rng.standard_normal((len(force_N), 500)) * np.sqrt(power)[:, None]
-    return Pieces(signal, force_N, speed_m_s, np.arange(len(force_N)))
+    return AnalysisWindows(signal, force_N, speed_m_s, np.arange(len(force_N)))
 
 
 @pytest.mark.parametrize("exponent", [(0.0, 0.0), (1.0, 2.0), (0.5, 1.5)])
-def test_exponents_come_back_where_force_and_speed_vary(exponent):
+def test_known_exponents_are_found(exponent):
     rng = np.random.default_rng(1)
     force, speed = rng.uniform(0.3, 3.0, 300), rng.uniform(0.03, 0.3, 300)
     law = fit_level(pieces(force, speed, force ** exponent[0] * speed ** exponent[1]))
@@ -29,8 +29,8 @@ def test_exponents_come_back_where_force_and_speed_vary(exponent):
         assert np.log2(two / one) == pytest.approx(exponent[i], abs=0.05)
 
 
-def test_a_hand_that_changes_little_teaches_little():
-    """Levels that scatter by 3 dB over speeds of ±5 %: the exponents stay near those of friction."""
+def test_small_variations_leave_the_prior():
+    """With a scatter of 3 dB over speeds of ±5 %, the exponents stay near the prior."""
     rng = np.random.default_rng(2)
     for seed in range(20):
         force, speed = rng.uniform(1.9, 2.1, 10), rng.uniform(0.095, 0.105, 10)
@@ -38,13 +38,13 @@ def test_a_hand_that_changes_little_teaches_little():
         assert law(np.array([2.2]), np.array([0.1]))[0] / law(np.array([2.0]), np.array([0.1]))[0] < 1.2
 
 
-def test_the_mean_power_is_kept():
+def test_the_mean_power_is_preserved():
     part = pieces(np.linspace(1, 2, 30), np.linspace(0.2, 0.1, 30), np.linspace(1, 5, 30))
     assert fit_level(part)(part.force_N, part.speed_m_s).mean() == pytest.approx(np.mean(part.acceleration_m_s2**2))
 
 
-def test_a_stroke_at_other_forces_and_speeds_is_foretold():
-    """Fitted at slow and light strokes, judged at faster and firmer ones of the same surface, power as that of F v."""
+def test_extrapolation_to_other_forces_and_speeds():
+    """Fitted to slow and light strokes, compared with faster and firmer ones; power proportional to F v."""
     rng, rate = np.random.default_rng(3), 2000.0
     t = np.arange(20_000) / rate
     force, speed = 1.0 + 0.2 * np.sin(2.0 * t), 0.10 + 0.02 * np.sin(3.1 * t)
@@ -52,14 +52,14 @@ def test_a_stroke_at_other_forces_and_speeds_is_foretold():
     swatch = fit(signal, rate, force_N=force, speed_m_s=speed, model_count=1)
     assert swatch.texture.single and np.count_nonzero(swatch.texture.variance_m2_s4) == 4
     made = synthesize(swatch, force, speed)
-    assert abs(metric.level_difference_dB(made, clean(signal, rate).acceleration_m_s2)) < 0.4
+    assert abs(spectral.level_difference_dB(made, clean(signal, rate).acceleration_m_s2)) < 0.4
     corner = swatch.texture.power(np.array([0.85, 1.15]), np.array([0.085, 0.115]))
     assert 10 * np.log10(corner[1] / corner[0]) == pytest.approx(10 * np.log10(1.15 * 0.115 / 0.85 / 0.085), abs=0.7)
 
 
 @pytest.mark.parametrize("name", ["leather", "paper", "wood"])
 def test_power_on_the_held_out_half(name, shared):
-    """Both ways. The halves of wood differ by 0.9 dB: the other one's force and speed explain it."""
+    """Both directions; the halves of wood differ by 0.9 dB because of force and speed."""
     path = shared / "data" / "recordings" / f"cdp_{name}.csv"
     units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
     recording = load_recording(path, 10_000.0, columns={"acceleration": "accel"}, units=units)
@@ -70,5 +70,5 @@ def test_power_on_the_held_out_half(name, shared):
     for train, test in ((first, second), (second, first)):
         swatch = fit(recording.acceleration_m_s2[train], 10_000.0, force_N=force[train], speed_m_s=speed[train])
         count = -(-200_000 // len(whole[test]))  # long enough that the noise does not decide
-        made = synthesize(swatch, np.tile(force[test], count), np.tile(speed[test], count), life=0.0)
-        assert abs(metric.level_difference_dB(made, whole[test])) < 0.5
+        made = synthesize(swatch, np.tile(force[test], count), np.tile(speed[test], count), modulation=0.0)
+        assert abs(spectral.level_difference_dB(made, whole[test])) < 0.5

@@ -165,18 +165,18 @@ def test_at_rest_the_tool_is_off_the_arm_by_force_over_stiffness(axis: int) -> N
 def test_tool_rings_at_the_resonance_and_dies_away_at_its_damping() -> None:
     omni = Omni(friction_N=0.0, damping_Ns_m=0.0, gravity=False).record(ORIGIN)
     omni.v_DT_m_s = (0.01, 0.0, 0.0)
-    nobody, stretch = hand(), []
+    no_hand, stretch = hand(), []
     for _ in range(1000):
         stretch.append(omni.p_DT_m[0, 0] - forward(omni.q[0])[0])
-        advance_omni(omni[0], nobody[0], 1e-4)
+        advance_omni(omni[0], no_hand[0], 1e-4)
     signs = np.sign(stretch[1:])
     turns = np.flatnonzero(np.diff(signs))
-    heard_Hz = 0.5 * (len(turns) - 1) / ((turns[-1] - turns[0]) * 1e-4)
-    assert heard_Hz == pytest.approx(Omni().resonance_Hz[0], rel=0.03)
+    measured_Hz = 0.5 * (len(turns) - 1) / ((turns[-1] - turns[0]) * 1e-4)
+    assert measured_Hz == pytest.approx(Omni().resonance_Hz[0], rel=0.03)
     size = np.abs(stretch)
     peaks = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1
     decay_s = -np.polyfit(peaks * 1e-4, np.log(size[peaks]), 1)[0]
-    assert decay_s == pytest.approx(0.05 * 2.0 * math.pi * heard_Hz, rel=0.05)  # ζω
+    assert decay_s == pytest.approx(0.05 * 2.0 * math.pi * measured_Hz, rel=0.05)  # ζω
     assert Omni().resonance_Hz == pytest.approx([66.0, 90.8, 61.5], abs=0.1)
 
 
@@ -238,10 +238,10 @@ def test_compensated_gravity_holds_the_arm_without_friction() -> None:
     fallen = []
     for compensated in (True, False):
         omni = Omni(friction_N=0.0, gravity_compensated=compensated).record(ORIGIN)
-        nobody = hand()
+        no_hand = hand()
         for _ in range(100):
             hold_omni(omni[0], 0.0, 0.0, 0.0)
-            advance_omni(omni[0], nobody[0], 1e-3)
+            advance_omni(omni[0], no_hand[0], 1e-3)
         fallen.append(float(np.linalg.norm(tip_omni(omni[0]))))
     assert fallen[0] < 3e-5
     assert fallen[1] > 5e-3
@@ -270,7 +270,7 @@ def test_singular_posture_is_flagged() -> None:
     assert omni.trouble[0] & OmniFlag.SINGULAR
 
 
-def test_two_runs_are_the_same_to_the_bit() -> None:
+def test_two_runs_are_identical() -> None:
     ends = []
     for _ in range(2):
         omni, holder = Omni().record(ORIGIN), hand(k_N_m=200.0, b_Ns_m=2.0, target_m_s=(0.05, 0.02, -0.1))
@@ -284,26 +284,24 @@ def test_two_runs_are_the_same_to_the_bit() -> None:
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"tool_kg": 0.0}, "tool_kg must be finite and above 0"),
-        ({"friction_N": -0.1}, "friction_N must be finite and at least 0"),
-        ({"friction_N": math.nan}, "friction_N must be finite"),
-        ({"stiffness_N_m": (1.0, 2.0)}, "three numbers"),
-        ({"continuous_N": 5.0}, "continuous_N 5.0 is over peak_N 3.3"),
+        ({"tool_kg": 0.0}, "tool_kg"),
+        ({"friction_N": -0.1}, "friction_N"),
+        ({"friction_N": math.nan}, "friction_N"),
+        ({"stiffness_N_m": (1.0, 2.0)}, "stiffness_N_m"),
+        ({"continuous_N": 5.0}, "continuous_N"),
     ],
 )
-def test_a_number_out_of_range_is_refused(fields: dict[str, Any], message: str) -> None:
+def test_a_value_out_of_range_is_refused(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(HapsceneError, match=message):
         Omni(**fields)
 
 
-def test_a_start_out_of_reach_is_refused_with_what_is_in_reach() -> None:
-    with pytest.raises(
-        HapsceneError, match=r"out of its reach; the middle of its workspace is \(0\.000, 0\.101, 0\.187\)"
-    ):
+def test_a_start_out_of_reach_is_refused_with_the_workspace() -> None:
+    with pytest.raises(HapsceneError, match=r"\(1\.000, 0\.000, 0\.000\).*\(0\.000, 0\.101, 0\.187\)"):
         Omni().record((1.0, 0.0, 0.0), np.eye(4))
 
 
 @pytest.mark.parametrize("X_WD", [np.eye(3), np.diag([1.0, 1.0, -1.0, 1.0]), np.full((4, 4), np.nan), 2.0 * np.eye(4)])
-def test_what_is_no_pose_is_refused(X_WD: Any) -> None:
+def test_an_invalid_pose_is_refused(X_WD: Any) -> None:
     with pytest.raises(HapsceneError, match="X_WD: "):
         Omni().record(ORIGIN, X_WD)

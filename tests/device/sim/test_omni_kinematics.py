@@ -6,25 +6,30 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hapscene.device.sim.omni_kinematics import (
     ELBOW_RAD,
     NOMINAL_LEVER_M,
     NOMINAL_RAD,
     SHOULDER_RAD,
+    SINGULAR,
     WAIST_RAD,
     forward,
     inverse,
     jacobian,
     reachable,
-    singular,
     within_limits,
 )
 
 postures = st.tuples(st.floats(*WAIST_RAD), st.floats(*SHOULDER_RAD), st.floats(*ELBOW_RAD)).map(
     lambda q: np.array([q[0], q[1], q[1] + q[2]])
 )
+
+
+def singular(q: ArrayLike) -> NDArray[np.bool_]:
+    """Whether postures (…, 3) are close to singular: det J below `SINGULAR` of the nominal one."""
+    return np.abs(np.linalg.det(jacobian(q))) < SINGULAR * math.prod(NOMINAL_LEVER_M)
 
 
 def moved(x: float, y: float, z: float) -> NDArray[np.float64]:

@@ -120,19 +120,19 @@ def test_energy_is_kept_to_second_order(compliant: bool) -> None:
 @settings(max_examples=6, deadline=None)
 @given(st.tuples(*[st.floats(-5, 5)] * 3), st.booleans())
 def test_it_only_ever_loses_energy(dq: tuple[float, float, float], compliant: bool) -> None:
-    """Pushed and let go: no step gains more than the integrator's error, and friction brings it to rest."""
+    """Pushed and released: no step gains more than the integrator's error, and friction brings it to rest."""
     omni = Omni(gravity=False, compliant=compliant).record(ORIGIN)
     omni.dq = dq
-    nobody = hand()
+    no_hand = hand()
     if not compliant:
         omni.v_DT_m_s = jacobian(omni.q[0]) @ omni.dq[0]
-    last_J = start_J = energy_J(omni, nobody)
+    last_J = start_J = energy_J(omni, no_hand)
     for _ in range(400 // SHORT):
         omni.trouble = 0
-        advance_omni(omni[0], nobody[0], 2e-3)
-        now_J = energy_J(omni, nobody)
+        advance_omni(omni[0], no_hand[0], 2e-3)
+        now_J = energy_J(omni, no_hand)
         if not omni.trouble[0] & OmniFlag.AT_STOP:  # a stop's spring stores energy that is not counted
-            assert now_J <= last_J + 1e-6 * start_J
+            assert now_J <= last_J + 1e-6 * start_J + 1e-24  # rounding at rest
         last_J = now_J
     if SHORT == 1:
         assert last_J <= 1e-6 * start_J
@@ -219,9 +219,9 @@ def test_sliding_joint_stops_at_once_and_stays() -> None:
     """Reference F4, a waist that slides to rest: it slows at c / M11 to exactly 0, without one change of sign."""
     omni = Omni(damping_Ns_m=0.0, compliant=False, gravity=False, tool_kg=1e-9, resolution_m=0.0).record(ORIGIN)
     omni.dq = (1.0, 0.0, 0.0)
-    nobody, speeds = hand(), []
+    no_hand, speeds = hand(), []
     for _ in range(900):
-        advance_omni(omni[0], nobody[0], STEP_MAX_S)
+        advance_omni(omni[0], no_hand[0], STEP_MAX_S)
         speeds.append(float(omni.dq[0, 0]))
     moving = np.count_nonzero(speeds)
     assert np.all(np.diff(speeds) <= 0.0) and np.all(np.array(speeds) >= 0.0)

@@ -1,3 +1,3 @@
-"""What the tests in tests/capture share."""
+"""Fixtures of tests/capture."""
 
 from tests.capture.conftest import *  # noqa: F403

@@ -1,4 +1,4 @@
-"""Recording over a pseudo-terminal, with a probe at the other end that a thread or a process of its own plays."""
+"""Recording over a pseudo-terminal; a thread or a separate process simulates the probe at the other end."""
 
 import errno
 import itertools
@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from hapscene.capture.io.hsrec import load_record
-from hapscene.capture.record.recorder import Made, record
+from hapscene.capture.record.recorder import RecordingResult, record
 from hapscene.errors import CaptureError
 from hapscene.interrupt import ENDS
 from hapscene.io.wire.port import Port
@@ -31,7 +31,7 @@ LIMIT_S = 120.0
 
 
 class Probe:
-    """The other end of a port, which a thread writes to."""
+    """The probe's end of a port; a thread writes to it."""
 
     def __init__(self) -> None:
         import tty
@@ -43,8 +43,8 @@ class Probe:
         self._thread: threading.Thread | None = None
         self._opened, self._over = threading.Event(), threading.Event()
 
-    def record(self, path: Path, stopped: Callable[[], bool] = lambda: False, **more: float) -> Made:
-        """Records here; the thread writes once the port is open, because opening it discards what came before."""
+    def record(self, path: Path, stopped: Callable[[], bool] = lambda: False, **more: float) -> RecordingResult:
+        """Records in this thread. The other thread writes once the port is open, because opening it discards input."""
 
         def asked() -> bool:
             self._opened.set()
@@ -53,7 +53,7 @@ class Probe:
         return record(self.port, path, stopped=asked, **more)
 
     def play(self, parts: "Iterator[bytes] | list[bytes]", at_once: bool = False) -> None:
-        """Writes the parts from a thread, once the port is open."""
+        """Writes the bytes from a thread, once the port is open."""
 
         def write() -> None:
             if not at_once:
@@ -63,7 +63,7 @@ class Probe:
                     while part:
                         try:
                             part = part[os.write(self.ours, part) :]
-                        except BlockingIOError:  # nobody reads, now or ever again
+                        except BlockingIOError:  # the reader has stopped
                             if self._over.wait(1e-3):
                                 return
             except OSError as error:
@@ -100,7 +100,7 @@ def probe() -> Iterator[Probe]:
 
 @contextmanager
 def process(*words: str, **more: object) -> Iterator[subprocess.Popen[str]]:
-    """A process that is killed after `LIMIT_S`, which ends whatever a test reads from it."""
+    """A process that is killed after `LIMIT_S`, so that a test never waits for its output without end."""
     child = subprocess.Popen([sys.executable, *words], text=True, **more)
     watchdog = threading.Timer(LIMIT_S, child.kill)
     watchdog.start()
@@ -116,7 +116,7 @@ def process(*words: str, **more: object) -> Iterator[subprocess.Popen[str]]:
 
 
 def paced(stop: threading.Event, rate_Hz: float = 2000.0) -> Iterator[bytes]:
-    """Samples as the clock has it, the header each second."""
+    """Samples at the speed of the clock, and a header each second."""
     start, sent = time.monotonic(), 0
     while not stop.wait(0.01):
         due = int((time.monotonic() - start) * rate_Hz)
@@ -126,7 +126,7 @@ def paced(stop: threading.Event, rate_Hz: float = 2000.0) -> Iterator[bytes]:
 
 
 def test_a_killed_recording_is_readable_up_to_its_last_second(probe: Probe, tmp_path: Path) -> None:
-    """A real process, killed with SIGKILL while it records: what the clock says it had, less a second, is there."""
+    """A process is killed with SIGKILL while it records: all but the last second is in the file."""
     path = tmp_path / "a.hsrec"
     stop = threading.Event()
     words = ("-m", "hapscene", "capture", "record", "--port", probe.port, "-o", str(path))
@@ -149,7 +149,7 @@ def test_a_killed_recording_is_readable_up_to_its_last_second(probe: Probe, tmp_
 
 
 @pytest.mark.parametrize("kind", [signal.SIGINT, *ENDS])
-def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path, kind: signal.Signals) -> None:
+def test_ctrl_c_ends_the_record_and_names_the_file(probe: Probe, tmp_path: Path, kind: signal.Signals) -> None:
     path = tmp_path / "a.hsrec"
     stop = threading.Event()
     words = ("-m", "hapscene", "capture", "record", "--port", probe.port, "-o", str(path))
@@ -167,7 +167,7 @@ def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path, k
 
 
 def test_the_simulator_is_a_probe(tmp_path: Path) -> None:
-    """Two commands of the documentation: a simulated probe in one process, a recording here."""
+    """A simulated probe in another process is recorded."""
     with process("-m", "tests.capture.probe_simulator", "--drop", "0.01", stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         port = child.stdout.readline().strip()
@@ -179,7 +179,7 @@ def test_the_simulator_is_a_probe(tmp_path: Path) -> None:
     assert kept.streams["acceleration"][~kept.missing].std() > 0.05
 
 
-def test_an_unplugged_probe_ends_the_record_properly(probe: Probe, tmp_path: Path) -> None:
+def test_an_unplugged_probe_ends_the_record(probe: Probe, tmp_path: Path) -> None:
     calls = itertools.count()
 
     def stopped() -> bool:
@@ -189,7 +189,7 @@ def test_an_unplugged_probe_ends_the_record_properly(probe: Probe, tmp_path: Pat
 
     probe.play([HEADER, *lines(0, 400)])
     made = probe.record(tmp_path / "a.hsrec", stopped)
-    assert made.ended.startswith("the probe went away: ")
+    assert made.ended.startswith("the probe was disconnected: ")
     assert load_record(tmp_path / "a.hsrec").ended == made.ended and made.length > 0
 
 

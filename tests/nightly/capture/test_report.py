@@ -11,7 +11,7 @@ from tests.capture.report.test_page import Page
 VOID = {"meta", "line", "circle", "rect", "path", "use", "image"}
 
 
-def test_real_recordings_are_reported_on_in_time(shared: Path) -> None:
+def test_a_report_on_a_real_recording(shared: Path) -> None:
     folder = shared / "data" / "recordings"
     units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
     real = load_recording(folder / "cdp_wood.csv", 1e4, columns={"acceleration": "accel"}, units=units)

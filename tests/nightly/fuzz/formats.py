@@ -18,7 +18,6 @@ import trimesh
 from scipy.io import savemat, wavfile
 
 import hapscene
-from hapscene.capture import batch
 from hapscene.capture.io.hatt import import_hatt, read_taps
 from hapscene.capture.io.recording import load_recording
 from hapscene.dsp.ar_filter import ar_from_reflection
@@ -40,14 +39,14 @@ from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.study.plan import load_plan
 from hapscene.study.results_file import load_rows
-from hapscene.study.sitting import Sitting
+from hapscene.study.session import Session
 from hapscene.study.statistics import analyse
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 from hapscene.swatches import library
-from hapscene.teleoperation.datagram import MESSAGE, Gate, pack
+from hapscene.teleoperation.datagram import MESSAGE, DatagramFilter, pack
 
 Files = Mapping[str, bytes]
 """Contents by name: the file that is broken first, then those beside it."""
@@ -218,7 +217,7 @@ def hatt_taps(path: Path) -> None:
     path.write_text(f"<tapSet><numTap>3</numTap>{''.join(taps)}</tapSet>", encoding="utf-8")
 
 
-# The handle, batches, cases.
+# The handle and the journal.
 
 
 def handle() -> Files:
@@ -337,7 +336,7 @@ def datagram() -> Files:
 
 def read_datagram(path: Path) -> None:
     message = np.zeros(1, MESSAGE)[0]
-    Gate(0).admit(path.read_bytes(), message)
+    DatagramFilter(0).accept(path.read_bytes(), message)
     assert all(np.isfinite(message[name]).all() for name in MESSAGE.names or ()), "let in, and no number"
 
 
@@ -355,7 +354,7 @@ def read_page(path: Path) -> None:
 STUDY = b"""title = "t"
 people = 2
 stimuli.a.swatch = "wood"
-stimuli.b = {swatch = "wood", life = false, order = 40}
+stimuli.b = {swatch = "wood", life = false}
 [[blocks]]
 name = "rated"
 kind = "rating"
@@ -382,9 +381,9 @@ def answers() -> Files:
         (Path(folder) / "x.toml").write_bytes(STUDY)
         plan = load_plan(Path(folder) / "x.toml")
         for person in ("P01", "P02"):
-            with Sitting(plan, Path(folder) / "x", person) as sitting:
-                while sitting.trial is not None:
-                    sitting.answer(sitting.trial.number % 2, latency_s=1.0)
+            with Session(plan, Path(folder) / "x", person) as session:
+                while session.trial is not None:
+                    session.answer(session.trial.number % 2, latency_s=1.0)
         return {"results.csv": (Path(folder) / "x" / "results.csv").read_bytes(), "plan.toml": STUDY}
 
 
@@ -435,11 +434,6 @@ FORMATS: Mapping[str, Format] = {
     "hatt-taps": Format(written(hatt_taps, "Taps_x.xml"), read_taps),
     "handle": Format(handle, load_handle),
     "journal": Format(journal, lambda path: len(Journal(path).results), left=lambda content: 0),
-    "batch-list": Format(
-        lambda: {"x.list.csv": b'recording,name,rate,units\na.csv,oak,10000,"force=N,speed=mm/s"\nb.wav,ash,,\n'},
-        lambda path: len(batch.swatch_names(batch.read_list(path))),
-        left=lines(r"(?!recording).*\w"),
-    ),
     "csv": Format(table, read_recording, left=lines(r"(?!time).*\d")),
     "wav": Format(wav, read_recording),
     "npz": Format(npz, read_recording),

@@ -17,7 +17,7 @@ scene.add(trimesh.creation.icosphere(subdivisions=2, radius=0.05), name="ball", 
 t = np.linspace(0, 1, 150)[:, None]
 options = {"seed": 3}
 if sys.argv[1] == "stabilised":
-    limits = Limits(guard_Ns_m=5.0, coupling_N_m=900.0, coupling_Ns_m=0.2, delay_ticks=1, force_N=1.5)
+    limits = Limits(passivity_Ns_m=5.0, coupling_N_m=900.0, coupling_Ns_m=0.2, delay_ticks=1, force_N=1.5)
     options |= {"limits": limits, "crease_rad": 0.6}
 path = (0.0505 - 0.002 * np.sin(60 * t)) * np.c_[np.cos(t), np.sin(t), 0 * t]
 r = hapscene.Renderer(scene, **options).run(path)

@@ -25,7 +25,7 @@ class Case(NamedTuple):
         assert isinstance(driver, Driver)
         return driver
 
-    def told(self, place: str, ready: bool = True) -> dict[str, Any]:
+    def filled(self, place: str, ready: bool = True) -> dict[str, Any]:
         texts = {name: value.format(place=place) for name, value in self.options.items()}
         return self.driver.read_options(texts | ({"homed": "yes"} if self.homed and ready else {}))
 
@@ -47,7 +47,7 @@ def test_ports_are_found_with_what_is_in_the_way(name: str, monkeypatch: pytest.
     own = {"device": "/dev/null", "description": "board"}
     there = [SimpleNamespace(**own, vid=vid) for vid in (None, 5)]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: there)
-    assert [found.where for found in driver.find()] == ["/dev/null (board)"]  # ports that hang on nothing are none
+    assert [found.where for found in driver.find()] == ["/dev/null (board)"]  # only ports on USB
 
 
 @pytest.mark.parametrize("name", [*(case.name for case in CASES), "spacemouse", "replay", "network"])

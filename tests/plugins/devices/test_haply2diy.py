@@ -38,7 +38,7 @@ def test_force_and_motors_do_the_same_work(hardware: str) -> None:
         assert np.abs(large).max() == pytest.approx(TORQUE_MAX_N_m)
 
 
-def test_a_port_that_is_none_is_told(tmp_path) -> None:
+def test_a_missing_port_is_an_error(tmp_path) -> None:
     with pytest.raises(DeviceError, match="haply2diy: /nowhere: cannot be opened"):
         DRIVER.open(port="/nowhere")
     (found,) = DRIVER.find(port="/nowhere")

@@ -1,4 +1,4 @@
-"""The Inverse3's driver: messages as published, both spellings, grips, events."""
+"""The Inverse3 driver: messages as published, in both versions; a missing service."""
 
 import json
 
@@ -16,8 +16,8 @@ def test_message_as_published(field: str) -> None:
     }
 
 
-def test_no_service_is_told() -> None:
-    with pytest.raises(DeviceError, match=r"inverse3: ws://127.0.0.1:9: no service answers"):
+def test_a_missing_service_is_an_error() -> None:
+    with pytest.raises(DeviceError, match=r"inverse3: ws://127.0.0.1:9: no answer"):
         DRIVER.open(uri="ws://127.0.0.1:9")
     (found,) = DRIVER.find(uri="ws://127.0.0.1:9")
-    assert "no service answers" in found.trouble and "start Haply's" in found.remedy
+    assert "no answer" in found.trouble and "start Haply's" in found.remedy

@@ -37,13 +37,13 @@ class Client:
         self.sequence += 1
         self.socket.send(pack(Packet(kind, self.key, self.sequence, payload)))
 
-    def heard(self) -> Packet:
+    def receive(self) -> Packet:
         return unpack(self.socket.recv(65536))
 
     def hello(self, **words: Any) -> Packet:
         self.say(HELLO, json.dumps(UNITY | words).encode())
         turn(self.device)
-        answer = self.heard()
+        answer = self.receive()
         self.key = answer.key
         return answer
 
@@ -85,7 +85,7 @@ def test_aim_is_the_tool_and_the_state_the_force_in_the_client_s_frame(device: A
     assert client.hello().kind == WELCOME
     client.frame(1.0, 2.0, 3.0)
     turn(device, (1.0, 2.0, -1.0))
-    answer = client.heard()
+    answer = client.receive()
     state = client_packets.unpack_state(answer.payload)
     assert (answer.kind, answer.sequence) == (STATE, client.sequence)
     np.testing.assert_allclose(device.state.p_DT_m[0], (0.1, 0.3, 0.2))  # Unity: y up, z away
@@ -99,7 +99,7 @@ def test_force_is_within_the_limit_and_none_that_is_none(device: Any, client: Cl
     for f_D_N, size in (((300.0, 0.0, 400.0), FORCE_N), ((math.nan, 0.0, 0.0), 0.0), ((math.inf, 0.0, 0.0), 0.0)):
         client.frame(0.0, 0.0, 0.0)
         turn(device, f_D_N)
-        assert np.linalg.norm(client_packets.unpack_state(client.heard().payload).force) == pytest.approx(size)
+        assert np.linalg.norm(client_packets.unpack_state(client.receive().payload).force) == pytest.approx(size)
 
 
 def test_a_silent_client_gets_no_force_and_may_go_on(device: Any, client: Client, clock: VirtualClock) -> None:
@@ -109,7 +109,7 @@ def test_a_silent_client_gets_no_force_and_may_go_on(device: Any, client: Client
     assert device.state.ready[0] == 1
     clock.sleep_s(0.03)
     turn(device)
-    assert device.state.ready[0] == 0 and device.state.trouble[0] == SILENT and "silent" in device.reason(SILENT)
+    assert device.state.ready[0] == 0 and device.state.trouble[0] == SILENT and "FRAME" in device.reason(SILENT)
     client.frame(0.0, 0.0, 0.0)
     turn(device)
     assert device.state.ready[0] == 1
@@ -140,19 +140,19 @@ def test_one_client_at_a_time(device: Any, client: Client) -> None:
     other.key = client.key
     other.frame(0.0, 0.0, 0.0)
     turn(device)
-    assert other.heard().kind == REFUSED and device.state.ready[0] == 0
+    assert other.receive().kind == REFUSED and device.state.ready[0] == 0
     other.close()
 
 
-def test_closing_says_zero_and_goodbye(client: Client) -> None:
+def test_closing_sends_zero_force_and_bye(client: Client) -> None:
     client.hello()
     client.frame(0.0, 0.0, 0.0)
     turn(client.device, (1.0, 0.0, 0.0))
-    assert np.any(client_packets.unpack_state(client.heard().payload).force)
+    assert np.any(client_packets.unpack_state(client.receive().payload).force)
     client.device.close()
     client.device.close()
-    assert not np.any(client_packets.unpack_state(client.heard().payload).force)
-    assert client.heard().kind == BYE
+    assert not np.any(client_packets.unpack_state(client.receive().payload).force)
+    assert client.receive().kind == BYE
 
 
 def test_mangled_packets_give_no_force(device: Any, client: Client) -> None:
@@ -165,7 +165,7 @@ def test_very_many_mangled_packets(device: Any, client: Client) -> None:
 
 
 def beat(device: Any, client: Client, count: int) -> None:
-    """One bit or more of a good FRAME is wrong: the checksum says so, and nothing is ready."""
+    """One bit or more of a good FRAME is wrong: the checksum fails, and no state is accepted."""
     client.hello()
     rng = random.Random(3)
     for i in range(count):
@@ -179,6 +179,6 @@ def beat(device: Any, client: Client, count: int) -> None:
         np.testing.assert_array_equal(device.state.p_DT_m[0], 0.0)
 
 
-def test_a_port_that_is_taken_is_told(device: Any) -> None:
+def test_a_port_in_use_is_an_error(device: Any) -> None:
     with pytest.raises(DeviceError, match=r"network: cannot listen at 127.0.0.1:\d+: .*port="):
         DRIVER.open(port=device.address[1])

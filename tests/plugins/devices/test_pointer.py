@@ -43,9 +43,7 @@ def walk(pointer: PointerConnection, ticks: int) -> np.ndarray:
     return places
 
 
-def test_it_lands_on_the_place_from_above_and_goes_as_deep_as_told(
-    link: PointerLink, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_lands_from_above_at_the_given_depth(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
         assert walk(pointer, 5)[-1, 2] == CLEAR_M
         link.send(0, True, (0.02, -0.01, 0.004), 0.001)
@@ -69,7 +67,7 @@ def test_it_is_lifted_at_once(link: PointerLink, monkeypatch: pytest.MonkeyPatch
         assert walk(pointer, 1)[0, 2] == CLEAR_M
 
 
-def test_a_place_told_again_moves_nothing(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_repeated_position_is_ignored(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
         link.send(0, True, (0.0, 0.0, 0.0), 0.001)
         before = walk(pointer, 200)[-1]
@@ -107,7 +105,7 @@ def test_an_application_that_is_gone_leaves_no_touch(link: PointerLink, monkeypa
         assert walk(pointer, 20)[-1, 2] == CLEAR_M
 
 
-def test_only_the_server_is_heard(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_datagrams_of_others_are_ignored(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         own = pointer._socket.getsockname()
         random = np.random.default_rng(1)
@@ -118,7 +116,7 @@ def test_only_the_server_is_heard(link: PointerLink, monkeypatch: pytest.MonkeyP
             link.beat()
 
 
-def test_a_stranger_who_says_hello_is_told_nothing(link: PointerLink) -> None:
+def test_a_client_with_a_wrong_key_gets_no_answer(link: PointerLink) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         stranger.bind(("127.0.0.1", 0))
         stranger.setblocking(False)
@@ -130,11 +128,11 @@ def test_a_stranger_who_says_hello_is_told_nothing(link: PointerLink) -> None:
             stranger.recv(100)
 
 
-def test_without_a_server_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_server_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hapscene_plugins.devices.pointer.HELLO_S", 0.05)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
-        with pytest.raises(DeviceError, match="no server of a page answers at port"):
+        with pytest.raises(DeviceError, match="pointer"):
             hapscene.device.open("pointer", door=taken.getsockname()[1])
 
 

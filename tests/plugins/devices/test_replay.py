@@ -38,7 +38,7 @@ P = np.array([(0.1, 0.2, 0.3), (0.1, 0.2, 0.29), (0.11, 0.2, 0.28), (0.12, 0.2, 
 
 
 @pytest.mark.parametrize("suffix", ["npz", "csv"])
-def test_places_come_tick_by_tick_and_stay_at_the_end(suffix: str, tmp_path: Path) -> None:
+def test_positions_are_replayed_tick_by_tick_and_stay_at_the_end(suffix: str, tmp_path: Path) -> None:
     file = tmp_path / f"touch.{suffix}"
     if suffix == "npz":
         recording(np.arange(4) * 1e-3, P).save(file)
@@ -49,25 +49,25 @@ def test_places_come_tick_by_tick_and_stay_at_the_end(suffix: str, tmp_path: Pat
     np.testing.assert_array_equal(played(8, file=str(file), origin="world", again="yes"), P[[0, 1, 2, 3, 2, 1, 0, 1]])
 
 
-def test_a_recording_of_another_rate_is_put_on_ticks(tmp_path: Path) -> None:
+def test_a_recording_of_another_rate_is_resampled(tmp_path: Path) -> None:
     recording(np.arange(3) * 2e-3, P[:3]).save(tmp_path / "slow.npz")
     p = played(5, file=str(tmp_path / "slow.npz"), origin="world")
     np.testing.assert_allclose(p, (P[0], (P[0] + P[1]) / 2, P[1], (P[1] + P[2]) / 2, P[2]), atol=1e-15)
 
 
-def test_a_recording_whose_times_are_far_apart_does_not_fill_the_memory(tmp_path: Path) -> None:
+def test_a_recording_with_distant_times_does_not_exhaust_the_memory(tmp_path: Path) -> None:
     recording(np.array((0.0, 1e9)), P[:2]).save(tmp_path / "far.npz")
-    with pytest.raises(DeviceError, match=r"far\.npz: lasts 1,000,000,000 s"):
+    with pytest.raises(DeviceError, match=r"far\.npz: .* 1,000,000,000 s"):
         played(1, file=str(tmp_path / "far.npz"))
 
 
-def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
+def test_invalid_files_are_errors(tmp_path: Path) -> None:
     (tmp_path / "bad.npz").write_bytes(b"PK")
     recording(np.zeros(1), P[:1]).save(tmp_path / "one.npz")
     for file, said in (
-        ("", "say what"),
+        ("", "option file"),
         ("none.csv", "none.csv"),
-        ("bad.npz", "not a recording"),
+        ("bad.npz", r"bad\.npz"),
         ("one.npz", "1 tick"),
     ):
         with pytest.raises(DeviceError, match=f"^replay: .*{said}"):

@@ -1,6 +1,8 @@
-"""WoodenHaptics: reports as published, its geometry, its watchdog."""
+"""WoodenHaptics: reports as published, geometry, endpoints."""
 
-import struct
+import sys
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,13 +11,16 @@ from hapscene.errors import DeviceError
 from hapscene_plugins.devices.woodenhaptics import (
     DRIVER,
     GEAR,
+    PRODUCT,
     REPORT,
+    VENDOR,
     CURRENT_MAX_mA,
     TORQUE_N_m_A,
     body_angles,
     currents,
     forward,
 )
+from tests.nightly.plugins.devices.emulators.usb_device import UsbDevice
 
 
 def test_reports_are_eight_bytes_little_endian() -> None:
@@ -24,12 +29,12 @@ def test_reports_are_eight_bytes_little_endian() -> None:
 
 def test_geometry_as_published() -> None:
     np.testing.assert_allclose(forward(body_angles((0, 0, 0))), (0.245 - 0.22, 0.0, 0.08 + 0.205 - 0.08), atol=1e-12)
-    # a quarter of the upper arm forwards, the lower one hanging: twelve turns of a capstan are one of the arm
+    # upper arm horizontal, lower arm hanging; twelve turns of a capstan are one turn of the arm
     np.testing.assert_allclose(forward(body_angles((0, -6000, 6000))), (0.205 - 0.22, 0.0, -0.245), atol=1e-12)
 
 
 def test_force_and_motors_do_the_same_work() -> None:
-    """Torques of the bodies by the currents, against a place that moves with their angles."""
+    """The torques of the currents do the same work as the force along a small movement."""
     rng = np.random.default_rng(2)
     for _ in range(50):
         angles, f, step = (
@@ -44,7 +49,42 @@ def test_force_and_motors_do_the_same_work() -> None:
         assert np.abs(large).max() == CURRENT_MAX_mA
 
 
-def test_signs_that_are_none_are_told() -> None:
-    with pytest.raises(DeviceError, match="expected three of"):
+def test_invalid_signs_are_an_error() -> None:
+    with pytest.raises(DeviceError, match=r"signs=\+-"):
         DRIVER.open(signs="+-")
-    assert struct.calcsize("<3hH") == REPORT.size == 8
+
+
+class Board(UsbDevice):
+    """A WoodenHaptics with distinct endpoints: it sends one report and records the reports that it receives."""
+
+    ids, kind, ends = (VENDOR, PRODUCT), 3, (0x02, 0x81)
+
+    def __init__(self) -> None:
+        self.written: list[tuple[int, bytes]] = []
+        self.read: list[int] = []
+
+    def bulk_write(self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int) -> int:
+        self.written.append((ep, bytes(data)))
+        return len(data)
+
+    def bulk_read(self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int) -> int:
+        self.read.append(ep)
+        memoryview(buff).cast("B")[: REPORT.size] = REPORT.pack(100, -200, 300, 0)
+        return REPORT.size
+
+
+def test_reads_and_writes_use_their_own_endpoints(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("usb", reason="no pyusb: extra `usb`")
+    board = Board()
+    monkeypatch.setitem(sys.modules, "wooden_backend", SimpleNamespace(get_backend=lambda: board))
+    with DRIVER.open(homed=True, backend="wooden_backend") as device:
+        device.read()
+        x, y, z = forward(body_angles((100, -200, 300)))
+        np.testing.assert_allclose(device.state.p_DT_m[0], (y, -x, z))
+        device.state.f_D_N = 0.0, 0.0, 1.0
+        device.read()
+        device.write()
+    assert board.read == [0x81]
+    (sent, first), (ended, last) = board.written
+    assert sent == ended == 0x02 and last == REPORT.pack(0, 0, 0, 0)
+    assert REPORT.unpack(first)[:3] == currents((0.0, 0.0, 1.0), body_angles((100, -200, 300)), "+--")

@@ -1,4 +1,4 @@
-"""Emulated devices: each a process of its own, which logs the force that it is told on its own clock; a sound card."""
+"""Emulated devices: each in a separate process, which logs the forces that it receives with its clock; a sound card."""
 
 import os
 import shutil
@@ -36,10 +36,10 @@ class Emulated:
             self.process.stdin.write(f"{name} {float(value)}\n")  # type: ignore[union-attr]
             self.process.stdin.flush()  # type: ignore[union-attr]
             said = self.process.stdout.readline()  # type: ignore[union-attr]
-            assert said == "done\n" or name == "gone"  # what is gone may end before it says so
+            assert said == "done\n" or name == "gone"  # a disconnected emulator may exit without an answer
 
     def rows(self) -> list[list[float]]:
-        """What it was told: ns, and numbers."""
+        """The received forces: ns, and numbers."""
         return [[float(part) for part in line.split()] for line in self.log.read_text().splitlines()]
 
     def end(self) -> None:
@@ -67,7 +67,7 @@ def emulate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
         emulated.end()
 
 
-# A sound card that is none: PulseAudio with a sink that leads nowhere, and what was played on it.
+# A simulated sound card: PulseAudio with a null sink, and a recording of its input.
 
 
 RATE_HZ = 48_000
@@ -147,7 +147,7 @@ class NullSink:
 
     @staticmethod
     def recorded(file: Path) -> np.ndarray:
-        """(n, 4) of full scale, as PortAudio makes 16 bits of it."""
+        """(n, 4) of full scale, rounded to 16 bits by PortAudio."""
         whole = np.fromfile(file, np.int16)
         return whole[: len(whole) // 4 * 4].reshape(-1, 4) / 32767.0
 

@@ -1,4 +1,4 @@
-"""The handle that is played as sound: on a sound card that is none, and on cards that are none at all."""
+"""The handle that is played as sound: on a null sink, and on simulated cards."""
 
 import time
 from pathlib import Path
@@ -52,12 +52,12 @@ if __name__ == "__main__":
     where = {"length": 8000, "block": 10, "name": channel.memory.name}
     with LiveHandle(where, 1e4, 0, "audio", {"gain": 0.02, "buffer_s": sys.argv[1]}) as handle:
         time.sleep(1.9)
-        told = handle.look()
+        report = handle.update_report()
         over.set()  # ticks stop
         thread.join()
         time.sleep(0.2)
     channel.close(unlink=True)
-    print(round(1e3 * told["latency_s"], 1), int(told["gaps"] + told["skips"] + told["underruns"]))
+    print(round(1e3 * report["latency_s"], 1), int(report["gaps"] + report["skips"] + report["underruns"]))
 """
 
 
@@ -67,17 +67,19 @@ def test_a_dualsense_gets_on_3_and_4_what_was_recorded_to_16_bits(sink: Any, tmp
     wanted_s = np.arange(1200, 47_000) / RATE_HZ
     wanted = 0.5 * np.sin(2.0 * np.pi * (20.0 + 245.0 * wanted_s) * wanted_s)
     error = np.inf
-    for buffer_s in ("0.1", "0.2"):  # a busy computer may leave a gap that nobody tells of
-        with sink.recording(tmp_path / "heard"):
-            told = sink.python(RECORDING, str(tmp_path / "chirp.npy"), buffer_s)
+    for buffer_s in ("0.1", "0.2"):  # a busy computer may leave a gap without an underrun flag
+        with sink.recording(tmp_path / "played"):
+            output = sink.python(RECORDING, str(tmp_path / "chirp.npy"), buffer_s)
             time.sleep(0.3)
-        heard = sink.recorded(tmp_path / "heard")
-        assert told.startswith("dualsense [2, 3]")
-        assert not heard[:, :2].any()
-        np.testing.assert_array_equal(heard[:, 2], heard[:, 3])
-        at = int(np.argmax(np.correlate(heard[:, 2], wanted[20_000:24_000], "valid"))) - 20_000
-        assert not heard[: at - 1500, 2].any() and not heard[at + 49_000 :, 2].any()  # silence, faded, before and after
-        error = min(error, np.abs(heard[at : at + len(wanted), 2] - wanted).max())
+        played = sink.recorded(tmp_path / "played")
+        assert output.startswith("dualsense [2, 3]")
+        assert not played[:, :2].any()
+        np.testing.assert_array_equal(played[:, 2], played[:, 3])
+        at = int(np.argmax(np.correlate(played[:, 2], wanted[20_000:24_000], "valid"))) - 20_000
+        assert (
+            not played[: at - 1500, 2].any() and not played[at + 49_000 :, 2].any()
+        )  # silence, faded, before and after
+        error = min(error, np.abs(played[at : at + len(wanted), 2] - wanted).max())
         if error < 1.8e-5:
             break
     assert error < 1.8e-5  # half a step of 16 bits, 1.53e-5, and what the resampler is off by
@@ -86,17 +88,17 @@ def test_a_dualsense_gets_on_3_and_4_what_was_recorded_to_16_bits(sink: Any, tmp
 def test_a_servo_s_ticks_are_felt_without_a_click_and_end_in_silence(sink: Any, tmp_path: Path) -> None:
     (tmp_path / "servo.py").write_text(SERVO)
     for buffer_s in ("0.05", "0.1", "0.2"):  # a busy computer
-        with sink.recording(tmp_path / "heard"):
+        with sink.recording(tmp_path / "played"):
             latency_ms, wrong = sink.python(LIVE, str(tmp_path / "servo.py"), buffer_s).split()
             time.sleep(0.2)
-        heard = sink.recorded(tmp_path / "heard")
-        loud = np.flatnonzero(np.abs(heard[:, 2]) > 1e-3)
-        if wrong == "0" and np.abs(np.diff(heard[:, 2])).max() < 0.025:
+        played = sink.recorded(tmp_path / "played")
+        loud = np.flatnonzero(np.abs(played[:, 2]) > 1e-3)
+        if wrong == "0" and np.abs(np.diff(played[:, 2])).max() < 0.025:
             break
     assert wrong == "0" and 0.0 < float(latency_ms) - 1e3 * float(buffer_s) < 60.0
-    assert not heard[:, :2].any() and not heard[-2000:].any()
-    assert np.abs(np.diff(heard[:, 2])).max() < 0.025
-    part = heard[loud[-1] - 52_800 : loud[-1] - 4_800, 2] * np.blackman(48_000)
+    assert not played[:, :2].any() and not played[-2000:].any()
+    assert np.abs(np.diff(played[:, 2])).max() < 0.025
+    part = played[loud[-1] - 52_800 : loud[-1] - 4_800, 2] * np.blackman(48_000)
     spectrum = np.abs(np.fft.rfft(part))
     assert spectrum.argmax() == 250 and spectrum[260:].max() < 1e-3 * spectrum.max()
 
@@ -106,12 +108,12 @@ import sys, time
 from pathlib import Path
 from hapscene.handle.live_process import open_output
 from hapscene.study.plan import load_plan
-from hapscene.study.playing import headphones
+from hapscene.study.playing import headphone_player
 from hapscene.study.stimulus import StimulusMaker, all_stimuli
 from hapscene.study.trial_order import trials
 plan = load_plan(sys.argv[1])
 output = open_output("audio", {"device": "dualsense", "channels": "1,2", "buffer_s": sys.argv[2], "block": 480})
-player = headphones(StimulusMaker(plan.folder), output, all_stimuli(plan))
+player = headphone_player(StimulusMaker(plan.folder), output, all_stimuli(plan))
 for interval in next(trials(plan, "P01", 0)).intervals:
     time.sleep(0.3)
     player.ready(interval)()
@@ -137,24 +139,24 @@ pairs = [["alive", "paper"]]
 """
 
 
-def test_a_trial_of_a_study_is_heard_as_it_is_said_to_16_bits(sink: Any, tmp_path: Path) -> None:
+def test_a_trial_of_a_study_is_played_to_16_bits(sink: Any, tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
     intervals = next(trials(parse_plan(PLAN), "P01", 0)).intervals
     assert {interval.stimulus.name for interval in intervals} == {"alive", "paper"}
-    for buffer_s in ("0.1", "0.2", "0.4"):  # a busy computer may leave a gap that nobody tells of
-        with sink.recording(tmp_path / "heard"):
+    for buffer_s in ("0.1", "0.2", "0.4"):  # a busy computer may leave a gap without an underrun flag
+        with sink.recording(tmp_path / "played"):
             full_scale_m_s2, underruns = sink.python(TRIAL, str(tmp_path / "plan.toml"), buffer_s).split()
             time.sleep(0.3)
-        heard = np.rint(32767.0 * sink.recorded(tmp_path / "heard")).astype(int)
-        np.testing.assert_array_equal(heard[:, 0], heard[:, 1])
-        (loud,) = np.nonzero(heard[:, 0])
+        played = np.rint(32767.0 * sink.recorded(tmp_path / "played")).astype(int)
+        np.testing.assert_array_equal(played[:, 0], played[:, 1])
+        (loud,) = np.nonzero(played[:, 0])
         (gap,) = np.nonzero(np.diff(loud) > RATE_HZ // 5)
         wrong = [underruns != "0", len(gap) != 1]
         for interval, part in zip(intervals, np.split(loud, gap + 1), strict=False):
             exact = StimulusMaker(tmp_path).samples(interval.stimulus, interval.seed, RATE_HZ) / float(full_scale_m_s2)
             wanted = np.rint(32767.0 * exact).astype(int)
             (said,) = np.nonzero(wanted)
-            wrong.append(heard[part[0] : part[-1] + 1, 0].tolist() != wanted[said[0] : said[-1] + 1].tolist())
+            wrong.append(played[part[0] : part[-1] + 1, 0].tolist() != wanted[said[0] : said[-1] + 1].tolist())
         if not any(wrong):
             break
     assert not any(wrong)  # every sample, to the last bit

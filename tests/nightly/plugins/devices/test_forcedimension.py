@@ -1,4 +1,4 @@
-"""The driver of Force Dimension's devices, against an emulated library with a watchdog of its own."""
+"""The driver of Force Dimension's devices, against an emulated library with a watchdog."""
 
 import ctypes
 import math
@@ -30,7 +30,7 @@ def status(**more: int) -> np.ndarray:
 
 
 def lay(desk: Desk, **more: Any) -> None:
-    """A calibrated device on the desk, its force off."""
+    """A connected, calibrated device with disabled force."""
     desk.set(**{"style": 1, "status": status()} | more)
 
 
@@ -87,9 +87,9 @@ def test_what_is_set_as_it_is_opened(desk):
         ({"ERROR": 1}, "fault"),
         ({"FORCE": 1, "BRAKE": 1}, "force button"),
         ({"CAUSE": 1}, "by its button"),
-        ({"CAUSE": 2}, "moved too fast"),
+        ({"CAUSE": 2}, "fast movement"),
         ({"CAUSE": 5}, "USB"),
-        ({"CAUSE": 6}, "until its handle is held"),
+        ({"CAUSE": 6}, "until the handle is held"),
         ({"CAUSE": 9}, "fault"),
     ],
 )
@@ -118,11 +118,11 @@ def test_force_that_does_not_come_is_asked_for_seldom(desk):
         assert desk.tried.decode().count("force;") == 3 and device.state.ready == 0
 
 
-def test_saturated_motors_are_told(desk, device):
+def test_saturated_motors_are_reported(desk, device):
     desk.set(saturated=1)
     device.write()
     device.read()
-    assert device.state.ready == 1 and "the motors give no more" in device.reason(int(device.state.trouble[0]))
+    assert device.state.ready == 1 and "saturated" in device.reason(int(device.state.trouble[0]))
     desk.set(saturated=0)
     device.write()
     device.read()
@@ -152,7 +152,7 @@ def test_the_watchdog_ends_the_force_of_a_silent_servo(desk, device):
     ended = int(np.flatnonzero(rows["force"].any(axis=1))[-1]) + 1
     assert not rows["force"][ended].any()
     assert rows["t_s"][ended] - rows["t_s"][ended - 1] == pytest.approx(WATCHDOG_S, abs=1e-9)
-    assert device.state.ready == 0 and "silent" in device.reason(int(device.state.trouble[0]))
+    assert device.state.ready == 0 and "watchdog" in device.reason(int(device.state.trouble[0]))
 
 
 def test_a_bad_position_gives_no_force_and_no_state(desk, device):
@@ -163,7 +163,7 @@ def test_a_bad_position_gives_no_force_and_no_state(desk, device):
         device.write()
         assert device.state.count == 2 and device.state.ready == 0 and not desk.rows()["force"][-1].any()
         assert not device.state.p_DT_m.any()
-    with pytest.raises(DeviceError, match="positions that cannot be"):
+    with pytest.raises(DeviceError, match="invalid positions"):
         for _ in range(30):
             device.read()
 
@@ -214,7 +214,7 @@ def test_found(desk):
     ]
     connect(device="1").close()
     (found,) = DRIVER.find(library="nowhere/libdhd.so")
-    assert "does not load" in found.trouble and "library=PATH" in found.remedy
+    assert "cannot be loaded" in found.trouble and "library=PATH" in found.remedy
 
 
 def test_no_device(desk):

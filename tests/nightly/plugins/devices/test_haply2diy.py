@@ -29,7 +29,7 @@ def test_place_and_force_on_the_wire(emulate) -> None:
 def test_a_board_is_one_programs_alone_and_released_all_the_same(emulate) -> None:
     board = emulate("haply2diy")
     with DRIVER.open(port=board.place) as device:
-        with pytest.raises(DeviceError, match="another program has it: close that"):
+        with pytest.raises(DeviceError, match="in use"):
             DRIVER.open(port=board.place)
         device.read()
         DRIVER.release(port=board.place)  # a servo that is dying may still hold it

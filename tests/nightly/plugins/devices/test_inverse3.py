@@ -26,7 +26,7 @@ def test_force_in_the_service_s_spelling_and_within_its_limit(field: str, emulat
         np.testing.assert_allclose(service.rows()[-1][1:], (1.2, 0.0, 1.6), atol=1e-6)
 
 
-def test_a_spelling_that_is_not_understood_is_told(emulate) -> None:
+def test_an_unknown_key_of_the_force_is_reported(emulate) -> None:
     service = emulate("inverse3")
     service.tell(ready=1, values=1)
     with DRIVER.open(uri=service.place) as device:
@@ -48,7 +48,7 @@ def test_buttons_and_orientation_of_both_grips(emulate) -> None:
     with DRIVER.open(uri=service.place) as device:
         for wireless, buttons in ((0, 1), (1, 5), (1, 2)):
             service.tell(wireless=wireless, buttons=buttons)
-            for _ in range(200):  # what was told is in the state after next, or later where the service has no time
+            for _ in range(200):  # a command appears in the state after next, or later where the service has no time
                 turn(device, 5)
                 if device.state.buttons[0] == buttons:
                     break

@@ -22,8 +22,8 @@ from hapscene.play.first_run import FORCE_N, try_device
 
 @pytest.fixture(scope="module")
 def choice(request: pytest.FixtureRequest) -> DeviceChoice:
-    told = dict(text.split("=", 1) for text in request.config.getoption("--device-option"))
-    return DeviceChoice(request.config.getoption("--device") or "simulated", told)
+    options = dict(text.split("=", 1) for text in request.config.getoption("--device-option"))
+    return DeviceChoice(request.config.getoption("--device") or "simulated", options)
 
 
 def test_it_is_opened_read_and_closed(choice: DeviceChoice) -> None:
@@ -51,8 +51,8 @@ def test_options_that_it_does_not_have_are_refused(choice: DeviceChoice) -> None
 
 @pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes longer than a period")
 def test_a_first_run_finds_nothing_wrong(choice: DeviceChoice, request: pytest.FixtureRequest, tmp_path: Path) -> None:
-    told: list[str] = []
-    code = try_device(choice.name, choice.options, told.append, wait=False)
+    lines: list[str] = []
+    code = try_device(choice.name, choice.options, lines.append, wait=False)
     asked = request.config.getoption("--device") is not None
     report: dict[str, Any] = {
         "device": choice.name,
@@ -62,11 +62,11 @@ def test_a_first_run_finds_nothing_wrong(choice: DeviceChoice, request: pytest.F
         "python": platform.python_version(),
         "most_N": FORCE_N,
         "assumptions": DRIVERS.load(choice.name).assumptions,
-        "told": [line.strip() for line in told],
+        "output": [line.strip() for line in lines],
         "good": code == 0,
     }
     place = (Path.cwd() if asked else tmp_path) / "device-report.json"
     place.write_text(json.dumps(report, indent=2, ensure_ascii=False), encoding="utf-8")
     if asked:  # another program that came between is not a test's fault
-        assert code == 0, "".join(told)
-    assert any("N sent, downwards" in line and "good" in line for line in told), "".join(told)
+        assert code == 0, "".join(lines)
+    assert any("N sent, downwards" in line and "good" in line for line in lines), "".join(lines)

@@ -14,7 +14,8 @@ import pytest
 from hapscene.compiled.bound_call import BoundCall, loaded
 from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import DeviceError
-from hapscene_plugins.devices.openhaptics import DRIVER, ERRORS, OpenHapticsConnection
+from hapscene_plugins.devices.openhaptics import DRIVER, OpenHapticsConnection
+from hapscene_plugins.devices.openhaptics_library import ERRORS
 from tests.nightly.plugins.devices.vendor_desk import Desk, desk, emulator
 from tests.virtual_clock import StillClock
 
@@ -32,7 +33,7 @@ def push(address: Any, kind: Any) -> None:
 
 
 def lay(desk: Desk, **more: Any) -> None:
-    """A calibrated Touch on the desk."""
+    """A connected, calibrated Touch."""
     values = {"name": b"NULL", "calibration": 0x5000, "style": 4, "transform": np.eye(4).ravel(), "most_force": 3.4}
     desk.set(**values | {"workspace": (-80, -60, -35, 80, 60, 35)} | more)
 
@@ -154,7 +155,7 @@ def test_no_force_before_calibration(desk):
         assert rows["force"][-1].any() and not rows["force"][rows["ready"] == 0].any()
 
 
-def test_encoders_are_reset_only_when_told(desk):
+def test_encoders_are_reset_only_on_request(desk):
     lay(desk, calibration=0x5001, style=1)
     with connect() as device:
         device.read()
@@ -192,16 +193,16 @@ def test_an_error_of_the_frames_end_counts_in_the_next(desk, device):
 
 
 @pytest.mark.parametrize(
-    ("first", "later", "told"),
+    ("first", "later", "code"),
     [(0x0302, 0x0402, 0x0302), (0x0302, 0x0200, 0x0302), (0x0200, 0x0302, 0x0302), (0x0203, 0x0200, 0x0203)],
 )
-def test_the_cause_is_told_and_not_what_follows(desk, device, first, later, told):
+def test_the_first_error_is_reported(desk, device, first, later, code):
     """The library gives its newest error first: the oldest is the cause. Warm motors are less than what is gone."""
     serve(device, 1.0)
     desk.set(begin_error=first, refuse=b"hdGetIntegerv", refuse_code=later)
     gone(desk)
     gone(desk)
-    assert device.state.trouble == told
+    assert device.state.trouble == code
 
 
 def test_forces_that_the_library_switched_off_stay_off(desk, device):
@@ -210,7 +211,7 @@ def test_forces_that_the_library_switched_off_stay_off(desk, device):
     desk.set(off=1)
     gone(desk)
     gone(desk)
-    assert device.state.ready == 0 and "switched the forces off" in device.reason(int(device.state.trouble[0]))
+    assert device.state.ready == 0 and "disabled the force" in device.reason(int(device.state.trouble[0]))
     assert not desk.rows()["force"][-1].any()
 
 
@@ -222,13 +223,13 @@ def test_a_bad_frame_gives_no_force_and_no_state(desk, device):
     assert np.array_equal(device.state.p_DT_m, before.p_DT_m)
     assert (device.state.count, device.state.ready) == (before.count, 0)
     assert not desk.rows()["force"][-1].any()
-    with pytest.raises(DeviceError, match="positions that cannot be"):
+    with pytest.raises(DeviceError, match="invalid positions"):
         for _ in range(30):
             device.read()
 
 
 def test_mutated_returns(desk, device):
-    """10⁵ frames of NaN, infinite and huge numbers, unknown errors and calibrations: no force from any of them."""
+    """10⁵ frames of NaN, infinite and huge numbers, unknown errors and calibrations: never a force."""
     tick = BoundCall(push, (device.state, np.array([1.0, 0.0, 0.0, 0.0])))
     device.schedule(tick.address, tick.context)
     pass_frames(100_000, 7)
@@ -263,11 +264,11 @@ def test_a_device_that_is_gone_is_seen(desk, device):
     ctypes.CDLL(emulator("hd")).hdStopScheduler()
     device.check()
     device._clock.at_s += 1.0
-    with pytest.raises(DeviceError, match="stands still"):
+    with pytest.raises(DeviceError, match="does not run"):
         device.check()
     device._clock.runs = True
     device.unschedule()
-    with pytest.raises(DeviceError, match="stands still"):
+    with pytest.raises(DeviceError, match="does not run"):
         device.read()
 
 
@@ -281,7 +282,7 @@ def test_names_are_tried_in_turn(desk):
 
 
 def test_a_device_that_another_has(desk, device):
-    with pytest.raises(DeviceError, match=r"HD_DEVICE_ALREADY_INITIATED.*close that"):
+    with pytest.raises(DeviceError, match=r"HD_DEVICE_ALREADY_INITIATED"):
         connect()
     device.read()
 
@@ -323,17 +324,17 @@ def test_the_library_is_looked_for(desk, monkeypatch, tmp_path):
     broken = tmp_path / "libHD.so"
     broken.write_text("not a library")
     places["libHD.so"] = str(broken)
-    with pytest.raises(DeviceError, match=r"tried as HD, libHD\.so, HD\.dll \(.*libHD\.so: .*\); install OpenHaptics"):
+    with pytest.raises(DeviceError, match=r"tried HD, libHD\.so, HD\.dll\) \(.*libHD\.so: .*\); install OpenHaptics"):
         connect(library=None)
 
 
 def test_no_library():
     with pytest.raises(
-        DeviceError, match=r"tried as nowhere/libHD\.so .*cannot open.*install OpenHaptics.*library=PATH"
+        DeviceError, match=r"tried nowhere/libHD\.so\) .*cannot open.*install OpenHaptics.*library=PATH"
     ):
         connect(library="nowhere/libHD.so")
     (found,) = DRIVER.find(library="nowhere/libHD.so")
-    assert "does not load" in found.trouble
+    assert "cannot be loaded" in found.trouble
     with pytest.raises(DeviceError, match="no function hdInitDevice"):
         connect(library=emulator("dhd"))
 
@@ -387,6 +388,6 @@ def test_release_gives_zero_to_a_device_whose_driver_was_killed(desk):
 def test_release_says_where_no_zero_was_given(desk):
     """The guard tries it again, then."""
     lay(desk, refuse=b"hdStartScheduler", refuse_code=0x0304)
-    with pytest.raises(DeviceError, match="stands still"):
+    with pytest.raises(DeviceError, match="does not run"):
         DRIVER.release(**DRIVER.read_options({"library": emulator("hd")}))
     assert (desk.started, desk.disabled) == (0, 1)

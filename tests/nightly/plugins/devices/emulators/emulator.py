@@ -1,4 +1,4 @@
-"""What all emulators share: orders on stdin, and a log of the forces that they were told, on their own clock."""
+"""What all emulators share: orders on stdin, and a log of the forces that they receive, on their own clock."""
 
 import argparse
 import os

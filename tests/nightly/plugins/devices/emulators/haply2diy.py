@@ -1,9 +1,14 @@
-"""A 2DIY's board on a pseudo-terminal: it answers each message at once, and keeps the last torques. It has no frames:
-what is garbled is what comes. Run: haply2diy.py LOG."""
+"""A 2DIY's board on a pseudo-terminal: it answers each message at once, and holds the last torques.
 
+Run: haply2diy.py LOG. `fault` has it answer wrongly from then on: 1 not at all, 2 with truncated answers, 3 with NaN,
+4 with random bytes, 5 with a position that jumps by centimetres.
+"""
+
+import math
 import os
 import struct
 import tty
+from contextlib import suppress
 
 from emulator import Emulator
 
@@ -13,6 +18,23 @@ class Board(Emulator):
         super().__init__()
         self.first, self.second = 120.0, 60.0  # its arms [°]
         self.setup = b""
+        self.fault = 0.0
+
+    def answer(self, name):
+        """The answer to a message, or what a fault makes of it."""
+        good = struct.pack("<B2f", name, self.second, self.first)
+        match int(self.fault):
+            case 1:
+                return b""
+            case 2:
+                return good[:4]
+            case 3:
+                return struct.pack("<B2f", name, math.nan, math.nan)
+            case 4:
+                return self.random.randbytes(len(good))
+            case 5:
+                return struct.pack("<B2f", name, self.second - 30.0, self.first + 30.0)
+        return self.mangle(good)
 
     def run(self):
         ours, theirs = os.openpty()
@@ -27,7 +49,7 @@ class Board(Emulator):
                     self.log(-1, *self.setup)
                 elif data[0] == 2:
                     self.log(*struct.unpack_from("<2f", data, 2))
-                    os.write(ours, self.mangle(struct.pack("<B2f", data[1], self.second, self.first)))
+                    os.write(ours, self.answer(data[1]))
                     data = data[10:]
                 elif data[0] == 1:
                     break
@@ -39,4 +61,6 @@ class Board(Emulator):
 
 
 if __name__ == "__main__":
+    with suppress(OSError, AttributeError):  # its clock is to be right on a busy machine, too
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(2))
     Board().run()

@@ -21,18 +21,18 @@ class Service(Emulator):
 
     def state(self, whole):
         p = {"x": self.x, "y": -0.13, "z": 0.16}
-        told = {"device_id": "05DA", "state": {"cursor_position": p, "current_cursor_force": self.force}}
-        told["state"]["transform"] = {"scale": {"x": 2.0, "y": 2.0, "z": 2.0}} if self.moved else {}
-        told["status"] = {"calibrated": bool(self.ready), "ready": True, "power_supply": True, "in_use": True}
+        entry = {"device_id": "05DA", "state": {"cursor_position": p, "current_cursor_force": self.force}}
+        entry["state"]["transform"] = {"scale": {"x": 2.0, "y": 2.0, "z": 2.0}} if self.moved else {}
+        entry["status"] = {"calibrated": bool(self.ready), "ready": True, "power_supply": True, "in_use": True}
         if whole:
-            told["config"] = {"torque_scaling": {"enabled": True}}
+            entry["config"] = {"torque_scaling": {"enabled": True}}
         orientation = {"x": 0.0, "y": 0.0, "z": 1.0, "w": 0.0}
         if self.wireless:
             pressed = {name: bool(int(self.buttons) >> i & 1) for i, name in enumerate("abc")}
             grips = {"wireless_verse_grip": [{"state": {"buttons": pressed, "orientation": orientation}}]}
         else:
             grips = {"verse_grip": [{"state": {"button": bool(self.buttons), "hall": 3, "orientation": orientation}}]}
-        return json.dumps({"session_id": 1, "inverse3": [told], **grips})
+        return json.dumps({"session_id": 1, "inverse3": [entry], **grips})
 
     def handle(self, socket):
         socket.send(self.state(True))
@@ -41,8 +41,8 @@ class Service(Emulator):
                 os._exit(0)
             command = json.loads(message)["inverse3"][0]
             assert command["device_id"] == "05DA"
-            told = command["commands"]["set_cursor_force"]
-            self.force = told.get("values" if self.values else "vector", {"x": 0.0, "y": 0.0, "z": 0.0})
+            force = command["commands"]["set_cursor_force"]
+            self.force = force.get("values" if self.values else "vector", {"x": 0.0, "y": 0.0, "z": 0.0})
             self.log(*self.force.values())
             if self.events:
                 socket.send(json.dumps({"name": "stall", "category": "safety", "level": "info", "data": {}}))

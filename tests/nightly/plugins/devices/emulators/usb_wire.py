@@ -60,9 +60,9 @@ class Backend(UsbDevice):
     def __init__(self):
         self._wire = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._wire.connect(os.environ["HAPSCENE_USB"])
-        told = self._ask(DESCRIBE)
-        *self.ids, self.kind = struct.unpack_from("<HHB", told)
-        self.ends = told[5:]
+        description = self._ask(DESCRIBE)
+        *self.ids, self.kind = struct.unpack_from("<HHB", description)
+        self.ends = description[5:]
 
     def _ask(self, op, endpoint=0, request=0, value=0, wait_ms=0, data=b""):
         try:

@@ -15,7 +15,7 @@ class Woody(Emulator):
         super().__init__()
         self.a, self.b, self.c = 500.0, -4000.0, 1000.0
         self.sent = 0
-        self.told_s = self.sent_s = time.monotonic()
+        self.received_s = self.sent_s = time.monotonic()
         self.on = False
 
     def read(self, endpoint, wait_s):
@@ -27,11 +27,11 @@ class Woody(Emulator):
 
     def write(self, endpoint, data):
         if endpoint == 1 and len(data) == 8:
-            self.told_s, self.on = time.monotonic(), True
+            self.received_s, self.on = time.monotonic(), True
             self.log(*struct.unpack("<3hH", data))
 
     def watch(self):
-        if self.on and time.monotonic() > self.told_s + 0.5:
+        if self.on and time.monotonic() > self.received_s + 0.5:
             self.on = False
             self.log(0, 0, 0, 0)
 
