@@ -54,7 +54,7 @@ def _signals() -> dict[str, Array]:
 
 def _sensor(name: str) -> dict[str, Any]:
     """Return the sensor of a condition and the data assumed about it, as arguments; empty without a condition."""
-    return {"sensor": CONDITIONS[name].sensor, "nominal_sensor": CONDITIONS[name].believed} if name else {}
+    return {"sensor": CONDITIONS[name].sensor, "nominal_sensor": CONDITIONS[name].nominal_sensor} if name else {}
 
 
 def error(compensator: str, sensor_name: str, handles: int) -> dict[str, float]:
