@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 
+from hapscene.fidelity.trial import memory_B
 from hapscene.fidelity.tune import HALVINGS
 from hapscene.perception import DIRECTION_DEG, FORCE, FORCE_LEAST_N
 from hapscene.render.recording import Recording
@@ -12,7 +13,6 @@ from hapscene.render.renderer import Renderer
 from hapscene.surface.swatch import PLAIN
 
 from ..bench.accuracy import angle_deg
-from ..bench.machine import held_MB
 from ..bench.tick_time import hot
 from .measuring import spread_us
 from .question import Measure, Question, Setting
@@ -64,10 +64,9 @@ def renderer_of(scene_file: str | None, body: str, divisor: int, shaded: bool) -
 
 def error(scene_file: str | None, body: str, divisor: int, shaded: bool) -> dict[str, float]:
     """Return the errors of the force on the path, and the memory of the mesh."""
-    on = touched(scene_file, body)
-    recording = renderer_of(scene_file, body, divisor, shaded).run(on.p_WT_m)
-    memory_MB = held_MB(lambda: renderer_of(scene_file, body, divisor, shaded))
-    return {**force_errors(recording, on.into_m, PLAIN.stiffness_N_m), "memory": memory_MB}
+    on, renderer = touched(scene_file, body), renderer_of(scene_file, body, divisor, shaded)
+    errors = force_errors(renderer.run(on.p_WT_m), on.into_m, PLAIN.stiffness_N_m)
+    return {**errors, "memory": 1e-6 * memory_B(renderer)}
 
 
 def force_errors(recording: Recording, into_m: Array, stiffness_N_m: float) -> dict[str, float]:
@@ -103,7 +102,7 @@ QUESTION: Final = Question(
         Measure("direction", "direction of the force", "°", DIRECTION_DEG, "Barbagli et al. 2006"),
         Measure("force", "size of the force", "JND", 1.0, "7 %, Pang et al. 1991"),
         Measure("edge", "turn at an edge", "°", DIRECTION_DEG, "Barbagli et al. 2006"),
-        Measure("memory", "memory of the mesh", "MB"),
+        Measure("memory", "memory of the renderer", "MB"),
     ),
     settings=settings,
     error=error,

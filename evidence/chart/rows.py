@@ -24,8 +24,8 @@ HEAD: Final = ("lever", "default", "setting", "saves per ms of touch, and memory
 NOISE_SHARE: Final = 0.03
 """Smallest relative difference of two times that counts [1], as in `hapscene lab bench --against`."""
 
-MEMORY_NOISE_MB: Final = 0.1
-"""Smallest difference of memory that counts [MB]: memory is measured in pages of the process."""
+MEMORY_LEAST_MB: Final = 0.1
+"""Smallest difference of memory that counts [MB]. Memory is counted, not measured: it has no noise."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Row:
 
     @property
     def saves_memory(self) -> bool:
-        return self.saved_MB > MEMORY_NOISE_MB
+        return self.saved_MB > MEMORY_LEAST_MB
 
     def cells(self) -> tuple[str, ...]:
         """Return the texts of the row, one for each column of `HEAD`."""

@@ -16,7 +16,6 @@ from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 from hapscene_evidence.bench.case import RADIUS_M
-from hapscene_evidence.bench.machine import held_MB
 from hapscene_evidence.chart import acceleration_rate, compensator, force_rate, groove, mesh, run, stabiliser, texture
 from hapscene_evidence.chart.measuring import apart_jnd, stroke_path, texture_bands
 from hapscene_evidence.chart.texture_update import followed, held_error
@@ -94,6 +93,7 @@ def test_coarser_sphere_has_larger_errors_and_shading_reduces_them() -> None:
         mesh.error(None, SPHERE, divisor, shade) for divisor, shade in ((4, False), (64, False), (64, True))
     )
     assert fine["direction"] < 0.5 * coarse["direction"]
+    assert fine["memory"] == pytest.approx(16.0 * coarse["memory"], rel=0.1)
     assert shaded["direction"] < 0.5 * coarse["direction"]
     # a facet of a sphere turns by at most the angle to its corners: edges of R √(4π / f · 4/√3 / 4) or so
     edge_m = math.sqrt(4.0 * math.pi * RADIUS_M**2 / 1280 * 4.0 / math.sqrt(3.0))
@@ -104,11 +104,6 @@ def test_projection_converges_by_the_cosine_and_active_set_is_exact() -> None:
     one, next_ = (groove.error(20.0, steps)["off"] for steps in (10, 11))
     assert next_ / one == pytest.approx(math.cos(math.radians(20.0)), rel=1e-6)
     assert groove.error(20.0, 0)["off"] == groove.ROUNDING_M * 1e3
-
-
-def test_memory_of_an_object_is_measured() -> None:
-    held_MB(lambda: np.ones(1000))
-    assert held_MB(lambda: np.ones(5_000_000)) == pytest.approx(40.0, rel=0.1)
 
 
 @pytest.mark.parametrize("name", run.QUESTIONS)
