@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Final
 
+import numpy as np
+
 from hapscene.errors import HapsceneError
 
 from .question import Point, Question
@@ -153,7 +155,7 @@ def _choices(question: Question, points: Sequence[Point]) -> list[Choice]:
     for p in points:
         groups.setdefault((p.method, p.label), []).append(p)
     values = {
-        at: {key: max((p.errors.get(key, math.nan) for p in group), default=math.nan) for key in group[0].errors}
+        at: {key: float(np.max([p.errors.get(key, math.nan) for p in group])) for key in group[0].errors}
         for at, group in groups.items()
     }
     judged = [m for m in question.measures if m.limit and any(m.key in each for each in values.values())]

@@ -42,23 +42,9 @@ def test_scene_without_large_bodies_is_rejected(tmp_path: Path, capsys: pytest.C
     assert not (tmp_path / "out" / "chart.html").exists()
 
 
-def groove(method: str, label: str, us: float, off_mm: float) -> Point:
-    return Point("Proxy", method, label, "60°", method == "active set", us, us, 0.0, {"off": off_mm})
-
-
-@pytest.mark.parametrize("points", [{}, {"groove": [groove("projection", "1", 0.01, 2.0)]}])
-def test_incomplete_table_is_rejected(
-    points: dict[str, list[Point]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    table = tmp_path / "chart.csv"
-    Table({"processor": "one"}, points).write(table, [])
-    assert main(["lab", "chart", "--from", str(table), "--out", str(tmp_path / "out")]) == 2
-    assert "groove" in capsys.readouterr().err or not points
-
-
 def test_table_is_drawn_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, out = tmp_path / "chart.csv", tmp_path / "out"
-    points = [groove("active set", "", 0.03, 1e-12), groove("projection", "1", 0.01, 2.0)]
+    points = [Point("Proxy", "active set", "", "60°", True, 0.03, 0.05, 0.0, {"off": 1e-12})]
     Table({"processor": "one"}, {"groove": points}).write(table, [])
     assert main(["lab", "chart", "--from", str(table), "--out", str(out)]) == 0
     assert "chart.html" in capsys.readouterr().out
