@@ -157,6 +157,8 @@ def _write(found: Table, questions: Sequence[Question], out: Path, docs: Path | 
     if docs is not None:
         folder = docs / "chart"
         folder.mkdir(exist_ok=True)
+        for old in folder.glob("*.csv"):  # the page has one session on one machine
+            old.unlink()
         kept = folder / f"{machine_slug(found.machine)}.csv"
         for file, copy in zip((*pictures, made[0]), (*(folder / file.name for file in pictures), kept), strict=True):
             shutil.copyfile(file, copy)
