@@ -1,4 +1,4 @@
-"""How much memory there is: what limits say, what is left of it, and the note where it is little."""
+"""A note reports a memory limit that is too low."""
 
 import subprocess
 import sys
@@ -6,8 +6,8 @@ import sys
 import pytest
 
 
-def test_a_small_ulimit_is_told() -> None:
-    resource = pytest.importorskip("resource", reason="no limits of a process here")
+def test_low_memory_limit_is_reported() -> None:
+    resource = pytest.importorskip("resource", reason="this platform has no limits of processes")
     code = "import sys; from hapscene.cli import main; sys.exit(main(['check', 'none.stl']))"
 
     def limit() -> None:

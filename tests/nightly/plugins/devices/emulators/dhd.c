@@ -43,7 +43,7 @@ int dhdOpenID(char id) {
 }
 
 int dhdClose(char id) { desk->started = 0, desk->disabled++; return 0; }
-int dhdStop(char id) { tell("stop"); desk->status[FORCE] = 0; return 0; }
+int dhdStop(char id) { log_call("stop"); desk->status[FORCE] = 0; return 0; }
 
 int dhdGetStatus(int *status, char id) {
     watch();
@@ -77,12 +77,12 @@ int dhdSetForce(double x, double y, double z, char id) {
 }
 
 int dhdEnableForce(unsigned char on, char id) {
-    tell(on ? "force" : "off");
+    log_call(on ? "force" : "off");
     if (!desk->off) desk->status[FORCE] = on, desk->status[CAUSE] = 0;
     return 0;
 }
 
-int dhdSetGravityCompensation(int on, char id) { tell(on ? "gravity" : "weight"); return refused("dhdSetGravityCompensation") ? -1 : 0; }
+int dhdSetGravityCompensation(int on, char id) { log_call(on ? "gravity" : "weight"); return refused("dhdSetGravityCompensation") ? -1 : 0; }
 int dhdSetWatchdog(unsigned char steps, char id) { desk->watchdog = steps; return 0; }
 int dhdSetMaxForce(double most, char id) { desk->most_force = most; return 0; }
 int dhdSetTimeGuard(int us, char id) { return us == 0 ? 0 : -1; }

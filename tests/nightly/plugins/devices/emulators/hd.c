@@ -35,7 +35,7 @@ error_info hdGetError(void) {
 
 unsigned int hdInitDevice(const char *name) {
     attach();
-    tell(name ? name : "NULL");
+    log_call(name ? name : "NULL");
     if (refused("hdInitDevice") || strcmp(desk->name, name ? name : "NULL")) { push(0x302); return 0xFFFFFFFF; }
     held = open(getenv("HAPSCENE_EMULATED_DESK"), O_RDWR);
     if (flock(held, LOCK_EX | LOCK_NB)) return close(held), push(0x301), 0xFFFFFFFF; /* the dead hold nothing */
@@ -66,7 +66,7 @@ void hdEndFrame(unsigned int device) {
 
 void hdEnable(unsigned int what) {
     if (refused("hdEnable")) return;
-    tell(what == 0x4000 ? "force" : what == 0x4001 ? "clamp" : "?");
+    log_call(what == 0x4000 ? "force" : what == 0x4001 ? "clamp" : "?");
     if (what == 0x4000) enabled = 1;
 }
 
