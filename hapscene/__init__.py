@@ -6,16 +6,15 @@ import hapscene
 scene = hapscene.Scene()
 scene.add(hapscene.assets.path("toad"), name="toad", unit="m", swatch="wood")
 renderer = hapscene.Renderer(scene)
-recording = renderer.run([(0.0, 0.0, 0.05), (0.0, 0.0, 0.04)])  # where the tool is, a row per millisecond
+recording = renderer.run([(0.0, 0.0, 0.05), (0.0, 0.0, 0.04)])  # device positions, one row per millisecond
 ```
 
-A map of the package: `tick.py` is one haptic tick, in order, read it first; `records.py` what passes between the
-rooms; `scene/` what is there; `contact/` where the tool touches; `surface/` how it feels; `capture/` from recordings
-to swatches; `device/` devices, simulated, and their limits; `handle/` the haptography handle; `twin/` hand, device and
-tick in a closed loop; `servo/` the same in a process of its own; `stability/` what holds and where it fails;
-`teleoperation/` leader and follower; `paint/` the painter; `view/` pictures, plots, sound; `exchange/` painted scenes
-for other programs; `motion/` where a tool goes; `dsp/` signals. `docs/architecture.md` has the lives of a tick, a
-recording, a stroke of the brush and a sample of the handle.
+Modules: `render/tick.py` contains one haptic tick and is a good start for reading; `records.py` the data of a tick;
+`scene/` bodies and meshes; `contact/` the proxy; `surface/` swatches and effects; `swatches/` the swatch library;
+`capture/` fits swatches to recordings; `device/` devices, simulations and limits; `handle/` the haptography handle;
+`loop/` the servo and the simulated closed loop; `stability/` stability analysis; `teleoperation/` leader and follower;
+`paint/` the painter; `play/` interactive sessions; `view/` pictures, plots and sound; `exchange/` painted scenes for
+other programs; `motion/` tool paths; `dsp/` signal processing. See `docs/architecture.md`.
 """
 
 import lazy_loader
@@ -26,5 +25,5 @@ __getattr__, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["__version__"]
 
 
-def __dir__() -> list[str]:  # as lazy_loader's, and the version
+def __dir__() -> list[str]:  # adds the version to the names of lazy_loader
     return sorted(__all__)

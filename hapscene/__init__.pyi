@@ -19,8 +19,8 @@ from . import touch as touch
 from . import view as view
 from .errors import HapsceneError as HapsceneError
 from .flags import Flag as Flag
-from .render.contact_events import ContactEvent as ContactEvent
 from .render.contact_info import Contact as Contact
+from .render.contact_info import ContactEvent as ContactEvent
 from .render.contact_info import Impulse as Impulse
 from .render.moving_bodies import MovingBodies as MovingBodies
 from .render.recording import Recording as Recording

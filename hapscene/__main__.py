@@ -1,12 +1,12 @@
-"""The command `hapscene`, and `python -m hapscene`: Ctrl-C ends it in one line from the first moment on."""
+"""Entry point of the command `hapscene` and of `python -m hapscene`; handles Ctrl-C from the start."""
 
 import os
 import sys
-from _signal import SIGINT, signal  # type: ignore[import-not-found]  # signal itself takes longer than all before it
+from _signal import SIGINT, signal  # type: ignore[import-not-found]  # the module signal is slow to import
 
 
 def run() -> None:
-    """A command as a process, which ends with its exit code. Once it is done, Ctrl-C changes nothing any more."""
+    """Run the command line and exit with its exit code. Ctrl-C has no effect after the command is done."""
     signal(SIGINT, _end)
     from hapscene.cli import main
 

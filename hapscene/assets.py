@@ -1,17 +1,18 @@
-"""Scenes and meshes that come with hapscene, by name, wherever it is installed: `hapscene.assets.path("toad")`."""
+"""Scenes and meshes that are installed with hapscene, by name: `hapscene.assets.path("toad")`."""
 
 import json
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
+from hapscene.constants import SCENE_SUFFIX
 from hapscene.errors import SceneError, no_such
 
 __all__ = ["names", "path", "unit"]
 
 
 def path(name: str) -> Path:
-    """The file of an asset: a scene file, or a mesh, whose unit is `unit(name)`.
+    """File of an asset: a scene file, or a mesh with the unit `unit(name)`.
 
     Raises:
         SceneError: there is no asset of this name.
@@ -20,7 +21,7 @@ def path(name: str) -> Path:
 
 
 def unit(name: str) -> str | None:
-    """The unit of a mesh among the assets, as `Scene.add` takes it; None of a scene file, which has its own.
+    """Unit of a mesh, for `Scene.add`; None for a scene file, which contains its units.
 
     Raises:
         SceneError: there is no asset of this name.
@@ -41,10 +42,10 @@ def _asset(name: str) -> tuple[Path, str | None]:
 
 @cache
 def _assets() -> dict[str, tuple[Path, str | None]]:
-    """File and unit of each asset. Beside each mesh lies a JSON that says its unit."""
+    """File and unit of each asset. A JSON file next to each mesh contains its unit."""
     folder = Path(str(files("hapscene_assets")))
     found: dict[str, tuple[Path, str | None]] = {
-        file.name.removesuffix(".scene.json"): (file, None) for file in folder.glob("*.scene.json")
+        file.name.removesuffix(SCENE_SUFFIX): (file, None) for file in folder.glob(f"*{SCENE_SUFFIX}")
     }
     for file in folder.glob("meshes/*.json"):
         about = json.loads(file.read_text(encoding="utf-8"))

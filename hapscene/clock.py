@@ -1,6 +1,6 @@
-"""The time inside a tick, from compiled code: the operating system's monotonic clock, called by its symbol.
+"""Monotonic clock of the operating system for compiled code.
 
-A test can give a buffer a virtual time instead (`new_clock`): the same compiled loop then runs without waiting.
+A test can use a buffer with a virtual time (`new_clock`): the same compiled loop then runs without waiting.
 """
 
 import ctypes
@@ -17,20 +17,20 @@ from hapscene.compiled.native import INTERPRETED, native
 __all__ = ["LOOK_NS", "VIRTUAL", "new_clock", "now_here_ns", "now_ns", "sleep_ns"]
 
 _MONOTONIC = {"linux": 7, "darwin": 6}.get(sys.platform, 1)
-"""The one that counts on while the machine sleeps: a loop that woke up must know."""
+"""Identifier of the clock that includes the time of system sleep, so that a loop detects it."""
 
 VIRTUAL: Final = 3
-"""Where a buffer holds a virtual time [ns]; 0: it reads the system's clock."""
+"""Index of the virtual time in a buffer [ns]; 0 means that the clock of the system is read."""
 
 LOOK_NS: Final = 1_000
-"""What each look at a virtual clock takes [ns]: a loop that watches it until an instant comes to an end."""
+"""Increment of a virtual clock with each reading [ns], so that a loop that polls it ends."""
 
 _system_now_ns: Any
 _system_sleep_ns: Any
 
 
 def now_here_ns() -> int:
-    """The same clock, read from Python: what another process has noted of it can be compared [ns]."""
+    """Time of the same clock, read from Python [ns]; comparable between processes."""
     return time.perf_counter_ns() if sys.platform == "win32" else time.clock_gettime_ns(_MONOTONIC)
 
 
@@ -48,7 +48,7 @@ elif sys.platform == "win32":
     @native
     def _system_now_ns(clock: NDArray[np.int64]) -> int:
         _query(clock.ctypes.data)
-        whole, part = clock[0] // clock[2], clock[0] % clock[2]  # as one product it would overflow within minutes
+        whole, part = clock[0] // clock[2], clock[0] % clock[2]  # a single product would overflow within minutes
         return int(whole * 1_000_000_000 + part * 1_000_000_000 // clock[2])
 
     _sleep: Any = types.ExternalFunction("Sleep", types.void(types.uint32))
@@ -75,7 +75,7 @@ else:
 
 @native
 def now_ns(clock: NDArray[np.int64]) -> int:
-    """Nanoseconds of the monotonic clock, or of the buffer's virtual time; `clock` is a buffer from `new_clock`."""
+    """Monotonic time, or the virtual time of the buffer [ns]; `clock` is a buffer from `new_clock`."""
     if clock[VIRTUAL] == 0:
         return int(_system_now_ns(clock))
     clock[VIRTUAL] += LOOK_NS
@@ -84,9 +84,9 @@ def now_ns(clock: NDArray[np.int64]) -> int:
 
 @native
 def sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
-    """Sleep for so long, without the GIL.
+    """Sleep for a time span [ns] without the GIL.
 
-    It wakes late, never early by more than a scheduler's grain; who needs the instant looks at the clock again.
+    It may return later, or earlier by at most the resolution of the scheduler: read the clock again if necessary.
     """
     if clock[VIRTUAL] == 0:
         _system_sleep_ns(clock, span_ns)
@@ -95,9 +95,9 @@ def sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
 
 
 def new_clock(virtual_ns: int = 0) -> NDArray[np.int64]:
-    """A buffer (4,) for `now_ns`: two words of scratch, the counter's frequency on Windows [Hz], the virtual time [ns].
+    """A buffer (4,) for `now_ns`: two scratch values, the counter frequency on Windows [Hz], and the virtual time [ns].
 
-    With `virtual_ns` above 0 time begins there, and passes only as it is looked at, slept, or written by a test.
+    With `virtual_ns` above 0, the virtual time starts there and advances only by readings, sleeping and the test.
     """
     clock = np.zeros(4, np.int64)
     clock[VIRTUAL] = virtual_ns

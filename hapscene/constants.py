@@ -1,4 +1,4 @@
-"""Every number that is a choice: what it means, its unit, where it is from, what breaks when it is changed."""
+"""Constants: meaning, unit, source, and what depends on the value."""
 
 from typing import Final
 
@@ -7,6 +7,7 @@ __all__ = [
     "ACCELERATION_RATE_HZ",
     "BLEND_S",
     "BLOCK_MAX",
+    "BUNDLE_SUFFIX",
     "CAST_MAX",
     "DAMPING_NS_M",
     "DEFAULT_GRIP",
@@ -19,6 +20,8 @@ __all__ = [
     "PASSED_MAX",
     "PASS_MAX",
     "REACH_MAX_M",
+    "SCENE_SUFFIX",
+    "SCENE_SUFFIXES",
     "SKIN_RATIO",
     "SKIN_RATIO_MIN",
     "SLIP_CUTOFF_HZ",
@@ -27,99 +30,112 @@ __all__ = [
     "TINY",
 ]
 
+# --- files -----------------------------------------------------------------------------------------------
+
+SCENE_SUFFIX: Final = ".scene.json"
+"""Suffix of scene files."""
+
+BUNDLE_SUFFIX: Final = ".scene.zip"
+"""Suffix of bundles: scene, meshes and swatches in one file."""
+
+SCENE_SUFFIXES: Final = (SCENE_SUFFIX, BUNDLE_SUFFIX)
+
 # --- rates -----------------------------------------------------------------------------------------------
 
 TICK_S: Final = 1e-3
-"""Period of the force channel [s]. 1 kHz is what the Phantom Omni's driver runs at; slower lowers the
-stiffness that stays stable (2b/T), faster costs time that a scene rarely needs."""
+"""Period of the force channel [s]. The driver of the Phantom Omni runs at 1 kHz. A longer period lowers the largest
+stable stiffness (2b/T); a shorter one costs time that a scene rarely needs."""
 
 ACCELERATION_RATE_HZ: Final = 10_000.0
-"""Rate of the acceleration channel [Hz]. Choi & Tan 2004 recommend 5 to 10 kHz for clean textures."""
+"""Sample rate of the acceleration channel [Hz]. Choi & Tan 2004 recommend 5 to 10 kHz for clean textures."""
 
 BLOCK_MAX: Final = 256
-"""Most acceleration samples that one tick can carry [count]. Sets the size of `Output`; a tick of 1 ms holds
-10 of them at 10 kHz. Raising it costs memory that is cleared every tick."""
+"""Largest number of acceleration samples of a tick [count]. Sets the size of `Output`; a tick of 1 ms has 10 samples at
+10 kHz. The memory is cleared in every tick."""
 
 # --- contact ---------------------------------------------------------------------------------------------
 
 SKIN_RATIO: Final = 5e-6
-"""Skin, as a fraction of a mesh's bounding-box diagonal [1]: how far off a face the proxy is kept while it is
-searched for (what is reported lies on the face itself). Embree works in float32, whose step is 6e-8 of the same
-length: at a twentieth of this ratio rounding lets the proxy leak, at ten times it sharp corners are felt blunt."""
+"""Skin as a fraction of a mesh's bounding-box diagonal [1]: distance of the proxy from the faces during the search. The
+reported proxy lies on the face. Embree works in float32, whose resolution is 6e-8 of the diagonal: at 1/20 of this
+ratio rounding lets the proxy through the surface, at 10 times the ratio sharp corners feel blunt."""
 
 SKIN_RATIO_MIN: Final = 1.5e-6
-"""Least skin, as a fraction of the largest body's diagonal [1], where small bodies lie beside large ones: 60 steps of
-float32 at the body's end."""
+"""Smallest skin as a fraction of the largest body's diagonal [1], for small bodies next to large ones: 60 times the
+resolution of float32 at the end of the large body."""
 
 EDGE_OVERLAP: Final = 0.5
-"""How far each face reaches past its edges in the search, in skins [1]. Closes the cracks of T-junctions and of
-faces that share no vertices. Must stay below 1, or a proxy on one side of a convex edge feels the other."""
+"""Extension of each face beyond its edges in the search, in skins [1]. It closes cracks at T-junctions and between
+faces that share no vertices. It must be below 1; otherwise a proxy at a convex edge touches the face on the other
+side."""
 
 LOOK_AHEAD: Final = 300.0
-"""How far past its goal a ray looks, in skins [1]. A surface met at a slope s is seen when the proxy is still
-`LOOK_AHEAD * s` skins away, so even a wall met at a slope of 1 in 10,000 is seen before rounding hides it."""
+"""Length of a ray beyond its goal, in skins [1]. A surface approached at a slope s is found when the proxy is still
+`LOOK_AHEAD * s` skins away, so that rounding does not hide it even at a slope of 1 in 10,000."""
 
 PASS_MAX: Final = 64
-"""Most moves of the proxy within one tick [count], about 0.2 µs each. A tool that strokes needs 1 to 9; one that cuts
-straight through a body can send the proxy over more faces than this. Then it is left where it has got to, a skin off
-the surface, flagged `Flag.UNSETTLED`, and goes on in the next tick."""
+"""Largest number of moves of the proxy within one tick [count], about 0.2 µs each. A stroke needs 1 to 9; a tool that
+moves straight through a body can need more. The proxy then stays at its last position, a skin off the surface, the tick
+has the flag `Flag.UNSETTLED`, and the next tick continues."""
 
 NEAR_MAX: Final = 256
-"""Most bodies that one tick casts against [count]: a ray each, 0.1 to 0.3 µs, for each move of the proxy. Where the
-balls around more of them meet the tool's, the first of the scene are asked, and those that hold the proxy; the tick is
-flagged `Flag.CROWDED`, the others are not felt there."""
+"""Largest number of bodies that one tick tests [count]: a ray each, 0.1 to 0.3 µs, for each move of the proxy. If the
+bounding spheres of more bodies overlap that of the tool, the first bodies of the scene and those in contact are tested,
+the others are ignored, and the tick has the flag `Flag.CROWDED`."""
 
 CAST_MAX: Final = 2048
-"""Most bodies that the proxy is cast against within one tick, over all its moves [count]: half a millisecond. With more
-than 32 bodies near, a tick has fewer than `PASS_MAX` moves, with `NEAR_MAX` 8. Below that strokes would not settle."""
+"""Largest number of rays within one tick, over all moves of the proxy [count]: half a millisecond. With more than 32
+bodies nearby, a tick has fewer than `PASS_MAX` moves, with `NEAR_MAX` bodies 8; with fewer, strokes would not
+settle."""
 
 REACH_MAX_M: Final = 10_000.0
-"""Farthest that a position may be from the origin of its frame [m]: of the tool, of a body, of a mesh's vertex. Beyond
-it a float32 ray misses by a millimetre: such numbers are in another unit."""
+"""Largest coordinate of a position of the tool, a body or a vertex in its frame [m]. Beyond it a float32 ray is off by
+a millimetre; such numbers are usually in a wrong unit."""
 
 PASSED_MAX: Final = 8
-"""Most bodies that the tool can be let into at once [count]; one more holds as before. Sets the size of `Touch`."""
+"""Largest number of bodies that the tool can have penetrated at the same time [count]. Sets the size of `Touch`."""
 
 # --- description -----------------------------------------------------------------------------------------
 
 SLIP_CUTOFF_HZ: Final = 20.0
-"""Cut-off of the one-pole low-pass on slip speed and normal force that textures are chosen by [Hz]. As in
-Culbertson, Unwin & Kuchenbecker 2014. Higher lets the encoder's steps (55 µm at 1 kHz = 55 mm/s) be heard,
-lower makes the texture lag the hand."""
+"""Cut-off of the one-pole low-pass filter on slip speed and normal force, which select the texture [Hz], as in
+Culbertson, Unwin & Kuchenbecker 2014. A higher cut-off makes encoder steps (55 µm at 1 kHz = 55 mm/s) audible, a lower
+one delays the texture."""
 
 TINY: Final = 1e-15
-"""Below this, what dies away in a low-pass or an observer counts as 0 [m/s, N, J]: 1e-18 m a tick, beyond any encoder.
-At 0 it would go on into denormal numbers (below 1e-308), which take a processor many times longer."""
+"""Threshold below which a decaying state of a low-pass filter or an observer is set to 0 [m/s, N, J]: 1e-18 m per tick,
+beyond any encoder. It avoids denormal numbers (below 1e-308), which are many times slower."""
 
 # --- surface ---------------------------------------------------------------------------------------------
 
 STIFFNESS_N_M: Final = 500.0
-"""Stiffness of a surface whose swatch gives none [N/m]. Below the 700 N/m at which CHAI3D caps the Omni."""
+"""Default stiffness of a swatch [N/m]. Below the 700 N/m to which CHAI3D limits the Omni."""
 
 DAMPING_NS_M: Final = 0.0
-"""Damping of a surface whose swatch gives none [N·s/m]."""
+"""Default damping of a swatch [N·s/m]."""
 
 BLEND_S: Final = 0.01
-"""In this time what is felt goes from one swatch of a blend to the other, or slower, as the paint does [s]. Much
-shorter, and pieces of a soft border are felt one by one; longer, and at 0.1 m/s it is felt more than 1 mm behind."""
+"""Shortest time of a transition between the swatches of a blend [s]. With a much shorter time, the subfaces of a soft
+border could be felt one by one; with a longer one, the transition lags by more than 1 mm at 0.1 m/s."""
 
 ORDER_MAX: Final = 576
-"""Highest order of a texture's AR models [count]: order 120 at 10 kHz (Culbertson, Unwin & Kuchenbecker 2014) resampled
-to 48 kHz. Sets the size of the filter's memory; smaller, what is resampled to an audio rate loses its resonances."""
+"""Largest order of the AR models of a texture [count]: order 120 at 10 kHz (Culbertson, Unwin & Kuchenbecker 2014),
+resampled to 48 kHz. Sets the size of the filter state; with a smaller limit, resampling to an audio rate would lose
+resonances."""
 
 LIFE_MAX: Final = 8
 """Most processes of a texture's slow gain [count]. Sets the size of their memory; recordings ask for 1 to 3."""
 
 LEVEL_BOUND_DB: Final = 10.0
-"""How far a texture's level may go beyond that of the largest force and speed recorded, up or down [dB]: twice the
-force at twice the speed, with the mean exponents of the Penn Haptic Texture Toolkit's surfaces, is 8 dB."""
+"""Largest extrapolation of a texture's level beyond the recorded forces and speeds, up or down [dB]. Twice the force at
+twice the speed is 8 dB with the mean exponents of the surfaces in the Penn Haptic Texture Toolkit."""
 
 # --- handle ----------------------------------------------------------------------------------------------
 
 ACCELERATION_BAND_HZ: Final = (20.0, 1000.0)
-"""Band that the acceleration channel is for [Hz]: below it the motors act, above it no one feels it."""
+"""Frequency band of the acceleration channel [Hz]: below it the motors render the force; above it, nothing is felt."""
 
 # --- hand ------------------------------------------------------------------------------------------------
 
 DEFAULT_GRIP: Final = "light"
-"""How firmly the simulated hand holds, of `device.hand.GRIPS`, unless it is said: where walls bounce most easily."""
+"""Default grip of the simulated hand, a name of `device.hand.GRIPS`: the one with which walls are least stable."""

@@ -1,7 +1,7 @@
-"""What goes wrong, said so that the reader knows what to do next.
+"""Error classes, and helpers for error messages.
 
-Every error a user can cause derives from `HapsceneError`; the command line prints its text and exits with 2.
-The text names the file, the place in it, what was expected and what would have worked.
+Every error that a user can cause derives from `HapsceneError`; the command line prints its message and exits with 2.
+A message says what is wrong (file, row, name, value), what was expected, and what to do.
 """
 
 import difflib
@@ -27,18 +27,17 @@ __all__ = [
     "ViewError",
 ]
 
-NAMED = 16  # names that one sentence lists
+NAMED = 16  # largest number of names listed in a message
 
 
 class HapsceneError(Exception):
-    """An error with a message for the user: bad input, not a fault of the program."""
+    """Base class of errors caused by invalid input or the environment, with a message for the user."""
 
 
 class FormatError(HapsceneError):
-    """A file that is not what it should be: missing, too large, damaged, of a later version.
+    """A file is missing, too large, damaged, or of a later version. Base class for the errors of all file types.
 
-    Each room has its own, which is one of these: `except FormatError` catches them all. What it says of the file's
-    content is one line that may be shown.
+    Non-printable characters in the message are escaped.
     """
 
     def __init__(self, text: str = "") -> None:
@@ -46,57 +45,57 @@ class FormatError(HapsceneError):
 
 
 class MeshError(FormatError):
-    """A mesh file that is missing, broken, or says no unit."""
+    """A mesh file is missing, damaged, or has no unit."""
 
 
 class SceneError(FormatError):
-    """A scene that does not fit together: unknown names, a mesh that changed, a bad pose."""
+    """A scene is inconsistent: unknown names, changed meshes, invalid poses."""
 
 
 class SaveConflict(SceneError):
-    """Writing would lose somebody's work: ask the user, then write all the same, or elsewhere."""
+    """Saving would overwrite changes of another program: ask the user, then overwrite or save elsewhere."""
 
 
 class SwatchError(FormatError):
-    """A swatch that is missing, of a later version, or describes an unstable surface."""
+    """A swatch is missing, of a later version, or describes an unstable surface."""
 
 
 class PathError(FormatError):
-    """A recorded path of the tool that cannot be played."""
+    """A path of the tool is invalid."""
 
 
 class EffectError(HapsceneError):
-    """An effect plugin that is unknown, wrongly declared, or does not compile."""
+    """An effect plugin is unknown, declared incorrectly, or does not compile."""
 
 
 class CaptureError(FormatError):
-    """A recording from which no swatch can be fitted."""
+    """No swatch can be fitted to a recording."""
 
 
 class StudyError(FormatError):
-    """A study's plan, folder or answers that are not what they should be, or do not fit each other."""
+    """The plan, folder or answers of a study are invalid or inconsistent."""
 
 
 class HandleError(FormatError):
-    """A haptography handle that cannot be: bad parameters, an unknown compensator, signals that do not fit."""
+    """A haptography handle is invalid: parameters, compensator or signals."""
 
 
 class DeviceError(HapsceneError):
-    """A device that is unknown, not there, not to be used, or gone, with what would help."""
+    """A device is unknown, not connected, not usable, or was disconnected."""
 
 
 class ViewError(HapsceneError):
-    """A picture that cannot be drawn here, with the package that would help."""
+    """A picture cannot be drawn, for example because a package is missing."""
 
 
 def no_such(kind: str, name: str, known: Iterable[str]) -> str:
-    """The sentence for an unknown name: "no swatch 'oka'; there are: oak, paper; did you mean 'oak'?".
+    """Message for an unknown name: "no swatch 'oka'; there are: oak, paper; did you mean 'oak'?".
 
-    Of more than `NAMED` names, it lists the nearest.
+    Of more than `NAMED` names, the most similar ones are listed.
     """
     names = sorted(known)
     if not names:
-        return f"no {kind} {name!r}; there are none"
+        return f"no {kind} {name!r}; no {kind} is available"
     more = len(names) - NAMED
     if more > 0:
         names = sorted(difflib.get_close_matches(name, names, n=NAMED, cutoff=0.0))
@@ -105,13 +104,13 @@ def no_such(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The end of that sentence where a known name is near: "; did you mean 'oak'?", else nothing."""
+    """Suggestion of a similar name, "; did you mean 'oak'?"; "" without a similar name."""
     near = difflib.get_close_matches(name, list(known), n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def warn(message: str, category: type[Warning]) -> None:
-    """Warn, pointing at the line outside of hapscene that led there."""
+    """Issue a warning that refers to the caller's line outside of hapscene."""
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "hapscene":
         frame, level = frame.f_back, level + 1
@@ -119,15 +118,15 @@ def warn(message: str, category: type[Warning]) -> None:
 
 
 def printable(text: str, most: int | None = None, *, lines: bool = False) -> str:
-    """Text from outside (a file's name, a name in a file, a server's word) as a terminal may be shown it.
+    """Escape untrusted text, such as file names, for the terminal.
 
-    Controls, escapes, what turns the direction of writing, other invisible signs and undecodable bytes of a file's
-    name are told by their numbers, as in Python's and JSON's texts: `\\x1b`, `\\u202e`. A JSON text stays one.
+    Control characters, changes of the writing direction, other invisible characters and undecodable bytes become
+    escapes such as `\\x1b` and `\\u202e`. JSON text remains valid.
 
     Args:
-        text: what is to be shown.
-        most: most signs of it that are shown; what is longer ends with "…".
-        lines: ends of lines are kept.
+        text: the text.
+        most: largest number of characters; a longer text is cut and ends with "…".
+        lines: keep newlines.
     """
     if most is not None and len(text) > most:
         text = text[: most - 1] + "…"
@@ -143,4 +142,4 @@ def _number(sign: str) -> str:
 
 
 class Codes(str):
-    """Signs that steer the terminal on purpose: written by themselves, they reach it as they are."""
+    """Terminal control codes that are written on purpose and not escaped."""

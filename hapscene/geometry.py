@@ -1,4 +1,4 @@
-"""Vectors as tuples of three floats, compiled; and what a caller gives, checked: numbers, positions, rigid poses."""
+"""Compiled vector functions on tuples of three floats; validation of numbers, positions and rigid poses."""
 
 import math
 from typing import Final
@@ -67,20 +67,20 @@ def norm(a: Vector) -> float:
 
 
 def used_by(faces: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Which vertices faces have, up to the last of them."""
+    """Mask of the vertices that faces use, up to the largest index."""
     used = np.zeros(faces.max(initial=-1) + 1, np.bool_)
     used[faces] = True
     return used
 
 
 def columns_of(vertices_m: NDArray[np.float64], used: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """x, y and z (3, n) of the used vertices, no copy if all are: one by one is ten times as fast as together."""
+    """x, y and z (3, n) of the used vertices, no copy if all are used. Columns are ten times faster than rows."""
     vertices_m = vertices_m[: len(used)]
     return (vertices_m if used.all() else vertices_m[used]).T
 
 
 def rotation_of(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Matrix (3, 3) of a quaternion x, y, z, w of any length; the identity for one of none."""
+    """Rotation matrix (3, 3) of a quaternion x, y, z, w of any length; the identity for length 0."""
     norm = math.sqrt(float(q @ q)) or 1.0
     x, y, z, w = (q / norm).tolist()
     return np.array(
@@ -92,25 +92,25 @@ def rotation_of(q: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-# What a caller gives, checked: each answers in one sentence what is wrong.
+# --- validation ---
 
 
 RIGID_TOLERANCE: Final = 1e-6
-"""How far a pose may be from rigid [1]: what a float32 matrix loses, and less than the hand can feel."""
+"""Tolerance for rigid poses [1]: the rounding of a float32 matrix, below what can be felt."""
 
 _LAST_ROW: Final = (0.0, 0.0, 0.0, 1.0)
 
 
 def numbers(values: ArrayLike) -> NDArray[np.float64]:
-    """An array of float64, or a readable error."""
+    """Convert to a float64 array; raises PathError if that is not possible."""
     try:
         return np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise PathError(f"positions and poses are arrays of numbers, not {type(values).__name__}") from None
+        raise PathError(f"expected an array of numbers, found {type(values).__name__}") from None
 
 
 def positions(p_WT: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A path (n, 3), checked."""
+    """Validate a path (n, 3)."""
     if p_WT.ndim != 2 or p_WT.shape[1] != 3 or len(p_WT) == 0:
         raise PathError(f"a path must be (n, 3) positions in metres, n ≥ 1; it is {p_WT.shape}")
     bad = ~np.isfinite(p_WT).all(axis=1)
@@ -127,15 +127,15 @@ def positions(p_WT: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rigid(poses: ArrayLike, what: str, count: int | None = None) -> NDArray[np.float64]:
-    """A pose (4, 4), or `count` of them, one a tick (count, 4, 4), checked and copied: rotations and translations.
+    """Validate and copy a rigid pose (4, 4), or `count` poses (count, 4, 4).
 
     Args:
-        poses: X, homogeneous matrices [1, m].
-        what: whose they are, for messages.
-        count: how many; None for a single one.
+        poses: homogeneous matrices [1, m].
+        what: name of the object, for messages.
+        count: number of poses, one for each tick; None for a single pose.
 
     Raises:
-        SceneError: another shape; a matrix is not finite, or scales, shears, mirrors, or moves by more than
+        SceneError: the shape is wrong, or a matrix is not finite, scales, shears, mirrors, or translates by more than
             `REACH_MAX_M`.
     """
     shape = (4, 4) if count is None else (count, 4, 4)

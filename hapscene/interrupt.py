@@ -1,4 +1,4 @@
-"""Signals that ask a process to end: Ctrl-C, SIGTERM (a kill, a service that stops), SIGHUP (its terminal is gone)."""
+"""Handling of the signals that end a process: Ctrl-C (SIGINT), SIGTERM, and SIGHUP (the terminal is closed)."""
 
 import os
 import signal
@@ -9,13 +9,20 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
-__all__ = ["AGAIN_S", "ENDS", "heard", "insisting", "interrupt_noted", "interrupted_by_ends"]
+__all__ = [
+    "AGAIN_S",
+    "ENDS",
+    "clear_interrupt",
+    "interrupt_noted",
+    "interrupted_by_ends",
+    "reraise_swallowed_interrupt",
+]
 
 ENDS: Final = tuple(signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
-"""Signals that end as Ctrl-C does; Windows has no SIGHUP."""
+"""Signals that are handled like Ctrl-C; Windows has no SIGHUP."""
 
 AGAIN_S: Final = 0.01
-"""How often it is looked whether an interrupt was swallowed [s]."""
+"""Period of the check whether an interrupt was swallowed [s]."""
 
 IMPORTER: Final = "<frozen importlib._bootstrap>"
 
@@ -26,13 +33,13 @@ _Handler = Callable[[int, FrameType | None], None]
 
 @contextmanager
 def interrupted_by_ends() -> Iterator[None]:
-    """While it is open, Ctrl-C and the first of `ENDS` raise KeyboardInterrupt, with its number, in the main thread.
+    """Context in which Ctrl-C and the first of `ENDS` raise KeyboardInterrupt(signal) in the main thread.
 
-    Those of `ENDS` after it have no effect: `timeout` sends two, and what the first has put in order must not be torn.
-    A signal that is ignored stays ignored (`nohup`). Outside the main thread nothing changes.
+    Further signals of `ENDS` have no effect, so that they do not disturb the cleanup: `timeout` sends two. An ignored
+    signal remains ignored (`nohup`). Outside the main thread the context has no effect.
 
-    Modules that are imported swallow an interrupt, as scipy, networkx and trimesh do ("except:" around what is
-    optional). So it comes again where it was swallowed, until `heard` is called.
+    Some modules, such as scipy, networkx and trimesh, swallow an interrupt while they are imported ("except:" around
+    optional imports). The interrupt is therefore raised again until `clear_interrupt` is called.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -51,14 +58,14 @@ def interrupted_by_ends() -> Iterator[None]:
         try:
             yield
         finally:
-            heard()
+            clear_interrupt()
 
 
 @contextmanager
-def insisting() -> Iterator[None]:
-    """What leaves here with an error, after an interrupt that was swallowed, leaves with KeyboardInterrupt.
+def reraise_swallowed_interrupt() -> Iterator[None]:
+    """Context that replaces errors by KeyboardInterrupt after an interrupt was swallowed, then clears the interrupt.
 
-    The error is what the interrupt has broken: a module half imported. As it leaves, the interrupt is heard.
+    Such an error is a consequence of the interrupt, for example a partially imported module.
     """
     try:
         yield
@@ -67,15 +74,15 @@ def insisting() -> Iterator[None]:
             raise
         raise KeyboardInterrupt(_watched) from None
     finally:
-        heard()
+        clear_interrupt()
 
 
 _watched: int | None = None
-"""The signal that is raised again where its interrupt is swallowed."""
+"""Signal whose interrupt is raised again if it is swallowed; None if it does not exist."""
 
 
-def heard() -> None:
-    """Go on after an interrupt: it is not raised again. To be called where it is caught, in the except clause."""
+def clear_interrupt() -> None:
+    """Stop raising the interrupt again. Call this in the except clause that handles the interrupt."""
     global _watched
     if _watched is not None:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
@@ -84,13 +91,13 @@ def heard() -> None:
 
 
 def _watch(kind: int) -> bool:
-    """Raise an interrupt again until it is heard; whether that begins: not for a second one, nor on Windows."""
+    """Start to raise an interrupt again until it is cleared; False for a second interrupt, and on Windows."""
     global _watched
     if not hasattr(signal, "setitimer") or signal.getsignal(signal.SIGALRM) != signal.SIG_DFL:
         return False
 
     def again(alarm: int, frame: FrameType | None) -> None:
-        if _is_safe(frame) and not _in_flight():
+        if _is_safe(frame) and not _is_propagating():
             raise KeyboardInterrupt(kind)
 
     signal.signal(signal.SIGALRM, again)
@@ -100,12 +107,12 @@ def _watch(kind: int) -> bool:
 
 
 def _is_safe(frame: FrameType | None) -> bool:
-    """Whether an interrupt may be raised in a frame: not within the importer, which tidies up where nobody catches."""
+    """Whether an interrupt may be raised in a frame: not in the importer, whose cleanup cannot handle it."""
     return frame is None or frame.f_code.co_filename != IMPORTER
 
 
-def _in_flight() -> bool:
-    """Whether an interrupt is on its way: its `finally`s and exits run, or their own errors are handled."""
+def _is_propagating() -> bool:
+    """Whether an interrupt is being propagated, through `finally` clauses and context exits."""
     error = sys.exc_info()[1]
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
@@ -114,10 +121,10 @@ def _in_flight() -> bool:
 
 @contextmanager
 def interrupt_noted(act: Callable[[], object] | None = None) -> Iterator[Callable[[], bool]]:
-    """While it is open, the first Ctrl-C and any of `ENDS` are only noted; a second Ctrl-C raises KeyboardInterrupt.
+    """Context in which the first Ctrl-C and all `ENDS` only set a flag; a second Ctrl-C raises KeyboardInterrupt.
 
-    For work that has something to put in order first. Gives the function that returns whether one was noted. To be
-    opened in the main thread. `act` is called by the signal handler itself: it must be short, and must not take a lock.
+    Use it for work that needs an orderly end. It yields a function that returns whether a signal was received, and must
+    be used in the main thread. The signal handler calls `act`, which must be short and must not take a lock.
     """
     noted = threading.Event()
 
@@ -147,7 +154,7 @@ def _pass(kind: int, frame: object) -> None:
 
 
 def _leave_terminals() -> None:
-    """What is said goes nowhere once the terminal is gone, where it would fail with each line."""
+    """Redirect output to the null device if the terminal is closed, since writing to it would fail."""
     for number in _TERMINALS:
         if not os.isatty(number):
             nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -1,7 +1,8 @@
-"""What a person can feel: just-noticeable differences (JND) with their sources, and errors in units of them.
+"""Just-noticeable differences (JND) of touch with their sources, and errors in units of JND.
 
-A JND is told apart three times in four (d′ = 0.95 in a choice of two). Two renderings are as far apart as the quantity
-that gives them away most, so a total is the largest of its parts; so judges `hapscene.capture.report.compare`.
+A difference of one JND is detected in three of four trials (d′ = 0.95 in two-interval forced choice). The difference of
+two renderings is that of their most different quantity, so a total is the maximum of its parts; see
+`hapscene.capture.report.compare`.
 """
 
 from typing import Final
@@ -33,12 +34,11 @@ FORCE: Final = 0.07
 """Weber fraction of a force [1] (Pang, Tan & Durlach 1991)."""
 
 FORCE_LEAST_N: Final = 0.5
-"""Force below which its JND falls no further [N]: Weber's law does not hold there (Pang et al. measured 2.5 to 10 N;
-assumed, and to be checked)."""
+"""Force below which the JND is constant [N], since Weber's law does not hold there (assumed, to be checked; Pang et al.
+measured 2.5 to 10 N)."""
 
 DIRECTION_DEG: Final = 18.4
-"""Change of a force's direction that is felt where it is seen as well [°]; 25.6° where it is not (Barbagli et al.
-2006)."""
+"""JND of the direction of a force with visual feedback [°]; 25.6° without (Barbagli et al. 2006)."""
 
 COMPLIANCE: Final = 0.22
 """Weber fraction of a compliance [1] (Tan et al. 1995)."""
@@ -47,36 +47,36 @@ FRICTION: Final = 0.11
 """Weber fraction of a coefficient of friction [1] (Gueorguiev et al. 2017)."""
 
 BAND_DB: Final = 2.0
-"""Difference of vibration in a band [dB]: 1.65 to 2.98 (Israr, Tan & Reed 2006)."""
+"""JND of the vibration level in a band [dB]: 1.65 to 2.98 (Israr, Tan & Reed 2006)."""
 
 FLUCTUATION_DB: Final = BAND_DB / (2.0 * 2.0**0.5)
-"""Slow rise and fall of a vibration's level that is just felt, root mean square [dB]: of a modulation whose peak and
-trough are `BAND_DB` apart, 0.7 dB and 11 % deep. Weisenberger 1986 had people tell modulated vibration from steady,
-best at some tens of hertz and in tones better than in noise (remembered, to be checked): what is dropped by this is
-hardly felt."""
+"""Detection threshold of amplitude modulation, root mean square [dB]: a modulation whose peak and trough differ by
+`BAND_DB`, 0.7 dB and 11 % deep. In Weisenberger 1986, detection was best at some tens of hertz, and better in tones
+than in noise (cited from memory, to be checked), so weaker modulation is hardly felt."""
 
 FREQUENCY: Final = 0.25
-"""Weber fraction of a vibration's frequency [1]: 0.13 to 0.38 (Israr et al. 2006), its middle."""
+"""Weber fraction of a vibration's frequency [1]: the middle of 0.13 to 0.38 (Israr et al. 2006)."""
 
 VIBRATION_LEAST_M_S2: Final = 0.1
-"""Vibration that is just felt through a tool up to `VIBRATION_KNEE_HZ`, root mean square [m/s²]; it rises by 12 dB an
-octave above. Verrillo's 1963 threshold at 250 Hz, 0.1 µm, is 0.17 m/s² (remembered, to be checked), and his curve rises
-faster: what is dropped by this is certainly not felt."""
+"""Detection threshold of vibration through a tool up to `VIBRATION_KNEE_HZ`, root mean square [m/s²]; above, it rises
+by 12 dB per octave. The threshold of Verrillo 1963 at 250 Hz, 0.1 µm, is 0.17 m/s² (cited from memory, to be checked),
+and his curve rises faster, so weaker vibration is certainly not felt."""
 
 VIBRATION_KNEE_HZ: Final = 300.0
-"""Frequency above which less and less vibration is felt [Hz]."""
+"""Frequency above which the detection threshold rises [Hz]."""
 
 LATENCY_S: Final = 0.040
-"""Delay of a vibration that changes the texture [s]; 0.060 is noticed as such (Okamoto et al. 2009)."""
+"""Latency of a vibration that changes the perceived texture [s]; 0.060 s is noticed as latency (Okamoto et al.
+2009)."""
 
 AUDIO_S: Final = 0.024
-"""Asynchrony of touch and sound that is noticed [s] (Adelstein et al. 2003); of touch and sight 0.045."""
+"""JND of the asynchrony of touch and sound [s] (Adelstein et al. 2003); 0.045 s for touch and sight."""
 
 
 def force_jnd(f_N: ArrayLike, true_N: ArrayLike) -> Array:
-    """How far forces (n, 3) [N] are from the true ones (n, 3), (n,) [JND]: the larger of magnitude and direction.
+    """Difference (n,) of forces (n, 3) from the true forces (n, 3) [N]: the larger of magnitude and direction [JND].
 
-    The direction counts where both can be felt: from `FORCE` · `FORCE_LEAST_N` on.
+    The direction is only compared if both forces can be felt, from `FORCE` · `FORCE_LEAST_N` on.
     """
     f, true = np.asarray(f_N, np.float64), np.asarray(true_N, np.float64)
     size, true_size = np.linalg.norm(f, axis=-1), np.linalg.norm(true, axis=-1)
@@ -88,19 +88,19 @@ def force_jnd(f_N: ArrayLike, true_N: ArrayLike) -> Array:
 
 
 def vibration_least_m_s2(frequency_Hz: ArrayLike) -> Array:
-    """Root mean square of a vibration (n,) at those frequencies (n,) that is just felt [m/s²]."""
+    """Detection threshold of vibration (n,) at frequencies (n,) [m/s²], root mean square."""
     above = np.maximum(np.asarray(frequency_Hz, np.float64) / VIBRATION_KNEE_HZ, 1.0)
     return np.asarray(VIBRATION_LEAST_M_S2 * above**2)
 
 
 def band_jnd(rms_m_s2: ArrayLike, true_m_s2: ArrayLike, edges_Hz: ArrayLike) -> Array:
-    """How far vibrations (…, k) in k bands are from the true ones (…, k), band by band (…, k) [JND].
+    """Difference (…, k) of vibrations (…, k) from the true ones (…, k) in each of k bands [JND].
 
     Args:
-        rms_m_s2, true_m_s2: root mean squares within each band [m/s²].
-        edges_Hz: (k + 1,) of the bands.
+        rms_m_s2, true_m_s2: root mean squares in each band [m/s²].
+        edges_Hz: (k + 1,) edges of the bands.
 
-    What lies under the threshold in a band counts as the threshold, so differences below it count nothing.
+    Levels below the detection threshold are replaced by the threshold.
     """
     edges = np.asarray(edges_Hz, np.float64)
     least = vibration_least_m_s2(np.sqrt(edges[1:] * edges[:-1]))
@@ -109,14 +109,14 @@ def band_jnd(rms_m_s2: ArrayLike, true_m_s2: ArrayLike, edges_Hz: ArrayLike) -> 
 
 
 def bands_jnd(rms_m_s2: ArrayLike, true_m_s2: ArrayLike, edges_Hz: ArrayLike) -> Array:
-    """The same over all bands, (…,) [JND]: root mean square."""
+    """Root mean square (…,) of `band_jnd` over all bands [JND]."""
     return np.asarray(np.sqrt(np.mean(band_jnd(rms_m_s2, true_m_s2, edges_Hz) ** 2, axis=-1)))
 
 
 def band_rms_m_s2(acceleration_m_s2: ArrayLike, rate_Hz: float, edges_Hz: ArrayLike, window: str = "hann") -> Array:
     """Root mean squares (k,) [m/s²] of a signal (n,) in bands with edges (k + 1,) [Hz], after Welch 1967.
 
-    Its `window` hears next to nothing at the ends of the signal: "boxcar" for what begins there and is over soon.
+    Most windows suppress the ends of the signal: use "boxcar" for a transient at the start.
     """
     from scipy.signal import welch
 
@@ -129,6 +129,9 @@ def band_rms_m_s2(acceleration_m_s2: ArrayLike, rate_Hz: float, edges_Hz: ArrayL
 
 
 def band_edges_Hz(count: int = 12) -> Array:
-    """Edges (count + 1,) [Hz] of bands from 20 to 1000 Hz of one ratio: 12 are 39 % wide, the widest difference of
-    frequency that nobody feels (Israr et al. 2006): where in a band the energy lies is not felt, how much of it is."""
+    """Edges (count + 1,) [Hz] of logarithmic bands from 20 to 1000 Hz.
+
+    12 bands are 39 % wide each, about the largest JND of frequency (Israr et al. 2006), so that the distribution of the
+    energy within a band is not felt.
+    """
     return np.geomspace(*ACCELERATION_BAND_HZ, count + 1)

@@ -1,12 +1,12 @@
-"""What installed packages offer under a name, through an entry-point group: effects, devices.
+"""Registry of plugins of installed packages, such as effects and devices, by entry-point group.
 
-A package offers one by naming it in its own pyproject.toml (see `examples/third_party_effect`):
+A package provides a plugin by an entry point in its pyproject.toml (see `examples/third_party_effect`):
 
     [project.entry-points."hapscene.effects"]
     buzz = "hapscene_buzz:EFFECT"
 
-`load` imports the module of the wanted one and no other. `listed` imports all, and a plugin that fails is listed with
-its error, so that it cannot take the others with it.
+`load` imports only the module of the requested plugin. `listed` imports all plugins; a plugin that fails is listed with
+its error.
 """
 
 import sys
@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Offer(Generic[T]):
-    """What an installed package offers: `plugin`, or the `error` that keeps it from use."""
+    """A plugin of an installed package: the `plugin`, or the `error` with which it failed."""
 
     name: str
     distribution: str
@@ -41,9 +41,9 @@ class PluginRegistry(Generic[T]):
 
     Attributes:
         group: name of the entry-point group.
-        noun: what messages call one of them.
-        kind: the class that each is an instance of; it has a `name`.
-        error: what is raised.
+        noun: name of a plugin in messages.
+        kind: class of the plugins, which has an attribute `name`.
+        error: class of the errors that are raised.
     """
 
     group: str
@@ -52,15 +52,15 @@ class PluginRegistry(Generic[T]):
     error: type[HapsceneError]
 
     def listed(self) -> dict[str, Offer[T]]:
-        """All installed ones by name, in alphabetical order, each imported or with its error."""
+        """All installed plugins by name, in alphabetical order, each imported or with its error."""
         return {name: self._listed(name, points) for name, points in sorted(self._points().items())}
 
     def load(self, name: str) -> T:
-        """The one called `name`.
+        """Import the plugin called `name`.
 
         Raises:
-            HapsceneError: of the class `error`: there is none, or it is offered by two packages, not importable, or not
-                of the kind, or not of that name.
+            HapsceneError: (the class `error`) the plugin is unknown, provided by two packages, cannot be imported, or
+                has another class or name.
         """
         points = self._points()
         if name not in points:
@@ -68,11 +68,11 @@ class PluginRegistry(Generic[T]):
         return self._load(name, points[name])
 
     def names(self) -> list[str]:
-        """Names of all that are installed, none of them imported."""
+        """Names of all installed plugins, without importing them."""
         return sorted(self._points())
 
     def _points(self) -> dict[str, list[EntryPoint]]:
-        """Entry points of the group by name: more than one where packages clash."""
+        """Entry points of the group by name: several if packages conflict."""
         points: dict[str, list[EntryPoint]] = {}
         for point in _installed(self.group, tuple((place, _changed_ns(place)) for place in sys.path)):
             points.setdefault(point.name, []).append(point)
@@ -90,28 +90,28 @@ class PluginRegistry(Generic[T]):
     def _load(self, name: str, points: list[EntryPoint]) -> T:
         if len(points) > 1:
             packages = " and ".join(sorted(_described(point) for point in points))
-            raise self.error(f"{self.noun} {name!r} is offered twice, by {packages}: uninstall one of them")
+            raise self.error(f"{self.noun} {name!r} is provided by two packages, {packages}: uninstall one")
         (point,) = points
         origin = f"{self.noun} {name!r} of {_described(point)}"
         try:
             plugin: Any = point.load()
-        except Exception as reason:  # a plugin's import may raise anything; the others must live on
+        except Exception as reason:  # the import of a plugin may raise any error
             raise self.error(f"{origin} cannot be imported: {type(reason).__name__}: {reason}") from reason
         if not isinstance(plugin, self.kind):
             article = "an" if self.kind.__name__[0] in "AEIOU" else "a"
             expected = f"{article} {self.kind.__name__}"
-            raise self.error(f"{origin}: expected {expected} there, found {type(plugin).__name__}")
+            raise self.error(f"{origin}: expected {expected}, found {type(plugin).__name__}")
         called: Any = vars(plugin)["name"]
         if called != name:
             raise self.error(
-                f"{origin} calls itself {called!r}: entry point and {self.kind.__name__} need the same name"
+                f"{origin} has the name {called!r}: entry point and {self.kind.__name__} must have the same name"
             )
         return plugin
 
 
 @lru_cache(maxsize=16)
 def _installed(group: str, places: tuple[tuple[str, int], ...]) -> tuple[EntryPoint, ...]:
-    """A group's entry points, read anew once a place of modules is another: that takes tens of milliseconds."""
+    """Entry points of a group, cached until `sys.path` or its folders change: reading takes tens of milliseconds."""
     return tuple(entry_points(group=group))
 
 
@@ -123,7 +123,7 @@ def _changed_ns(place: str) -> int:
 
 
 def _origin(point: EntryPoint) -> tuple[str, str]:
-    """Name and version of the package that offers an entry point."""
+    """Name and version of the package that provides an entry point."""
     return (point.dist.name, point.dist.version) if point.dist else ("unknown", "")
 
 

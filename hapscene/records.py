@@ -1,7 +1,7 @@
-"""What passes between the rooms in one tick: `Touch` and `Output` as the effects see them, and rows of a recording.
+"""Data of one haptic tick: `TOUCH` and `OUTPUT` for the effects, and `ROW` for a recording.
 
-The records are NumPy structured dtypes, so that compiled and interpreted code read the same memory. SI units;
-frames: W world, B body; vectors are in W. An effect reads `touch.depth_m`, and adds to `out.f_W_N[i]`.
+The records are NumPy structured dtypes, so that compiled and interpreted code use the same memory. SI units; frames: W
+world, B body; vectors are in W. An effect reads fields such as `touch.depth_m` and adds to `out.f_W_N[i]`.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from hapscene.errors import HapsceneError
 __all__ = ["OUTPUT", "ROW", "SMALL_B", "TOUCH", "Owning", "Records", "block_of", "pack_small_arrays", "records"]
 
 Records: TypeAlias = "np.recarray[Any, np.dtype[np.record]]"
-"""An array of records, whose fields are attributes: `touch[0].depth_m`."""
+"""An array of records with fields as attributes: `touch[0].depth_m`."""
 
 TOUCH: Final = np.dtype(
     [
@@ -60,7 +60,7 @@ TOUCH: Final = np.dtype(
     ],
     align=True,
 )
-"""Contact as all effects see it, computed once a tick. The effects may read it and not write it."""
+"""The contact, computed once per tick. Effects may read it but not write it."""
 
 OUTPUT: Final = np.dtype(
     [
@@ -71,10 +71,11 @@ OUTPUT: Final = np.dtype(
     ],
     align=True,
 )
-"""What an effect adds: force on the hand in W [N], and acceleration along the handle [m/s²], block samples.
+"""Output of an effect: force on the hand in W [N], and `block` samples of acceleration along the handle [m/s²].
 
-`f_inside_W_N` is what of that force each of `touch.inside_body` gives: they get its reverse, the touched body the rest.
-`release` not 0 has the body that is touched let the tool in, from the next tick on until it is out again."""
+`f_inside_W_N` is the part of the force that comes from each of `touch.inside_body`; each of these bodies receives the
+opposite force, and the touched body that of the rest. If `release` is not 0, the tool penetrates the touched body from
+the next tick on until it has left the body."""
 
 ROW: Final = np.dtype(
     [
@@ -98,24 +99,24 @@ ROW: Final = np.dtype(
     ],
     align=True,
 )
-"""What is noted of a tick; the names are those of `Recording`."""
+"""Recorded data of a tick, with the names of `Recording`."""
 
 
 def records(count: int, dtype: np.dtype[Any]) -> Any:
-    """Zeroed records whose fields are attributes, in compiled code and out of it."""
+    """Zeroed records with fields as attributes, for compiled and interpreted code."""
     return np.zeros(count, dtype).view(np.recarray)
 
 
 class Owning(bytearray):
-    """Memory of arrays that hold addresses; keeps alive what they lead to."""
+    """Memory of arrays that contain addresses; keeps the objects at those addresses alive."""
 
     owned: Any
 
 
 def pack_small_arrays(arrays: Sequence[Any], owned: Any = None) -> list[Any]:
-    """The same arrays, the small ones copied side by side into one block of memory: few pages for a tick to touch.
+    """Copy the small arrays into one block of memory, so that a tick accesses few memory pages; returns all arrays.
 
-    `owned` lives as long as any of those.
+    `owned` is kept alive as long as any of the copied arrays.
     """
     small = [array.nbytes <= SMALL_B for array in arrays]
     memory = Owning(sum(array.nbytes + _LINE for array, moves in zip(arrays, small, strict=True) if moves) + _PAGE)
@@ -134,24 +135,30 @@ def pack_small_arrays(arrays: Sequence[Any], owned: Any = None) -> list[Any]:
 
 
 SMALL_B: Final = 4096
-"""Largest array that is put beside others [bytes]."""
+"""Largest array that is copied into the block [bytes]."""
 
 _LINE: Final = 64
 _PAGE: Final = 4096
 
 _WHOLE: Final = 1e-6
-"""How far a tick's samples may be from a whole number [1]: rates such as 44.1 kHz have no exact period."""
+"""Tolerance for an integer number of samples per tick [1]: rates such as 44.1 kHz have no exact period."""
 
 
 def block_of(tick_s: float, a_rate_Hz: float) -> int:
-    """Acceleration samples in a tick."""
+    """Number of acceleration samples in a tick.
+
+    Raises:
+        HapsceneError: the number is not an integer, or out of range.
+    """
     if not (0.0 < tick_s < np.inf and 0.0 < a_rate_Hz < np.inf):
-        raise HapsceneError(f"tick_s and a_rate_Hz must be finite and above 0, are {tick_s} and {a_rate_Hz}")
+        raise HapsceneError(
+            f"tick_s = {tick_s} or a_rate_Hz = {a_rate_Hz} is out of range: expected finite values above 0"
+        )
     exact = tick_s * a_rate_Hz
     block = round(exact)
     if not 1 <= block <= BLOCK_MAX or abs(exact - block) > _WHOLE * exact:
         raise HapsceneError(
-            f"a tick of {tick_s:g} s holds {exact:g} samples at a_rate_Hz={a_rate_Hz:g}; it must be a whole number "
-            f"from 1 to {BLOCK_MAX}, as 10 is at 0.001 s and 10000 Hz"
+            f"a tick of tick_s = {tick_s:g} has {exact:g} samples at a_rate_Hz = {a_rate_Hz:g}; expected an integer "
+            f"from 1 to {BLOCK_MAX}, such as 10 at 0.001 s and 10000 Hz: choose another rate or period"
         )
     return block

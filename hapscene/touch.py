@@ -1,4 +1,4 @@
-"""The main job: touch a scene along a path; write what was felt as numbers, plots, a picture and sound."""
+"""Touch a scene along a path, in open or closed loop; write numbers, plots, a picture and sound to a folder."""
 
 import json
 import platform
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.constants import ACCELERATION_RATE_HZ, SCENE_SUFFIXES, TICK_S
 from hapscene.errors import PathError, SceneError, ViewError
 from hapscene.flags import Flag
 from hapscene.io.files import whole_folder
@@ -44,11 +44,11 @@ __all__ = [
 ]
 
 
-# What a touch is kept in: numbers, plots, a picture and sound, and a summary of them.
+# --- output files ---
 
 
 MADE: Final = ("touch.npz", "touch.csv", "summary.json", "plots.png", "scene.png", "feel.wav")
-"""What is written of every touch, in the order it is named."""
+"""Files that `touch` writes."""
 
 SUMMARY_VERSION: Final = 1
 
@@ -56,7 +56,7 @@ _PACKAGES: Final = ("hapscene", "embreex", "numba", "numpy", "scipy", "trimesh",
 
 
 def summarise(recording: Recording, title: str, **more: Any) -> dict[str, Any]:
-    """The content of summary.json: how long, how much contact, how fast, what went wrong, which versions."""
+    """The content of summary.json: duration, contact, timing, flags and versions."""
     touching = recording.touching
     body, swatch = (recording.body, recording.body_names), (recording.swatch, recording.swatch_names)
     return {
@@ -90,14 +90,21 @@ def write_touch(
     title: str,
     with_picture: bool,
     say: Callable[[str], None],
-    a_heard_m_s2: NDArray[np.float64] | None = None,
+    a_handle_m_s2: NDArray[np.float64] | None = None,
     dark: bool = False,
     **more: Any,
 ) -> dict[str, str]:
-    """Write `MADE` into `folder`, `more` into its summary; return what is missing, and why.
+    """Write the files `MADE` to a folder; returns the missing files and the reasons.
 
-    feel.wav has the accelerations `a_heard_m_s2` (n, block), where they are not those that the recording asks for. With
-    `dark`, pictures are on dark ground.
+    Args:
+        scene, recording: touched scene, and recording of the touch.
+        folder: existing folder.
+        title: title of plots and summary.
+        with_picture: draw scene.png.
+        say: called with progress messages.
+        a_handle_m_s2: (n, block) accelerations for feel.wav; None for the commanded ones.
+        dark: use a dark background.
+        more: further entries of the summary.
     """
     from hapscene.view.palette import DARK, LIGHT, albedo_colours
     from hapscene.view.picture import write_picture
@@ -105,16 +112,16 @@ def write_touch(
     from hapscene.view.sound import write_sound
 
     missing: dict[str, str] = {}
-    with ThreadPoolExecutor(1) as beside:  # the picture is drawn by another process meanwhile
+    with ThreadPoolExecutor(1) as executor:  # another process draws the picture meanwhile
         picture = None
         if with_picture:
             theme = DARK if dark else LIGHT
-            picture = beside.submit(write_picture, scene, recording, folder / "scene.png", size=None, theme=theme)
+            picture = executor.submit(write_picture, scene, recording, folder / "scene.png", size=None, theme=theme)
         with step(say, "writing touch.npz, touch.csv, feel.wav"):
             recording.save(folder / "touch.npz")
             recording.save_csv(folder / "touch.csv")
-            heard = recording if a_heard_m_s2 is None else replace(recording, a_m_s2=a_heard_m_s2)
-            full_scale_m_s2 = write_sound(heard, folder / "feel.wav")
+            audible = recording if a_handle_m_s2 is None else replace(recording, a_m_s2=a_handle_m_s2)
+            full_scale_m_s2 = write_sound(audible, folder / "feel.wav")
         with step(say, "plotting plots.png"):
             heading = f"{title}: {len(recording):,} ticks, {np.count_nonzero(recording.touching):,} in contact"
             write_plot(recording, folder / "plots.png", heading, colours=albedo_colours(scene.swatches), dark=dark)
@@ -132,7 +139,7 @@ def write_touch(
 
 @contextmanager
 def step(say: Callable[[str], None], what: str) -> Iterator[None]:
-    """Say what is being done, and how long it took."""
+    """Print what is being done, and how long it took."""
     say(f"{what} … ")
     start_s = time.perf_counter()
     try:
@@ -157,11 +164,11 @@ def _version(package: str) -> str | None:
 
 
 MADE_BY_HAND: Final = (*MADE, "hand.npz", "hand.png")
-"""What a touch in closed loop writes."""
+"""Files that `touch_by_hand` writes."""
 
 
 LARGE_B: Final = 10_000_000
-"""Size of a mesh file from which its loading is told stage by stage [bytes]: it takes a second or more."""
+"""Size of a mesh file from which the stages of loading are printed [bytes]: loading takes a second or more."""
 
 
 def open_scene(
@@ -175,35 +182,39 @@ def open_scene(
     up: str | None = None,
     scale: float = 1.0,
 ) -> "Scene":
-    """A scene from its file, from one that `hapscene.exchange` wrote, or around one mesh.
+    """Load a scene file, a painted scene of another format, or a scene of one mesh.
 
     Args:
-        path: a scene file (.scene.json), a mesh file of any known format, or a model of MuJoCo (.xml), as it starts.
-        unit: of the mesh, where its file carries none.
-        swatch: for the whole mesh, whatever else its file says: a name, or a .swatch file.
-        two_sided: whether the mesh's inner side is felt as well.
-        say: is given the stages of a large mesh file: "reading 66 MB … ", "checking 1,310,720 faces … ".
-        accept_damaged: take what can be read of a damaged mesh: see `hapscene.load_mesh`.
-        up, scale: the axis that is up in the mesh's file, and how much larger to make it: see `hapscene.load_mesh`.
+        path: scene file (.scene.json, .scene.zip), mesh file of any supported format, or MuJoCo model (.xml).
+        unit: unit of the mesh, if its file has none.
+        swatch: swatch for the whole mesh, which overrides the file: a name, or a .swatch file.
+        two_sided: render contact from both sides of the faces.
+        say: called with the stages of loading a large mesh file.
+        accept_damaged: load what can be read of a damaged mesh: see `hapscene.load_mesh`.
+        up, scale: up axis of the mesh file, and scale factor: see `hapscene.load_mesh`.
 
     Raises:
-        HapsceneError: a file that cannot be loaded, or an option that a scene file answers itself.
+        HapsceneError: the file cannot be loaded, or an option does not apply to this type of file.
 
     Warns:
-        ExchangeWarning: what the file of a painted scene does not keep.
+        ExchangeWarning: the file of a painted scene does not contain everything.
     """
     turned = ("--up", up), ("--scale", scale != 1.0)
-    if str(path).endswith((".scene.json", ".scene.zip")):
+    if str(path).endswith(SCENE_SUFFIXES):
         from hapscene.scene.scene import load_scene
 
         for option, value in (("--unit", unit), *turned, ("--swatch", swatch), ("--two-sided", two_sided)):
             if value:
-                raise SceneError(f"{path}: is a scene file, which says this itself; leave {option} out")
+                raise SceneError(
+                    f"{path}: {option} does not apply to a scene file, which contains this setting: omit it"
+                )
         return load_scene(path)
     if is_model(path):
         for option, value in turned:
             if value:
-                raise SceneError(f"{path}: is a model of MuJoCo, in metres and z up; leave {option} out")
+                raise SceneError(
+                    f"{path}: {option} does not apply to a MuJoCo model, which is in metres and z up: omit it"
+                )
         return open_model(path, unit, swatch, two_sided).scene
     from hapscene.exchange import painted_scene
     from hapscene.scene.scene import Scene
@@ -222,49 +233,51 @@ def open_scene(
 
 
 MODELS: Final = (".xml", ".mjcf", ".urdf")
-"""Ends of the names of models of MuJoCo."""
+"""Suffixes of MuJoCo models."""
 
 
 def is_model(path: str | Path) -> bool:
-    """Whether a file is a model of MuJoCo, by its name."""
+    """Whether a file is a MuJoCo model, by its suffix."""
     return str(path).lower().endswith(MODELS)
 
 
 def open_model(
     path: str | Path, unit: str | None = None, swatch: str | None = None, two_sided: bool = False
 ) -> "MuJoCo":
-    """A model of MuJoCo, to be touched; all of it of one swatch, where one is given.
+    """Load a MuJoCo model, with one swatch for all bodies if given.
 
     Raises:
-        SceneError: MuJoCo is missing or does not take it, or an option that a model answers itself.
+        SceneError: MuJoCo is missing or rejects the model, or an option does not apply to a model.
     """
     from hapscene.bridge import load_mujoco
 
     for option, value in (("--unit", unit), ("--two-sided", two_sided)):
         if value:
-            raise SceneError(f"{path}: is a model of MuJoCo, in metres and felt from outside; leave {option} out")
+            raise SceneError(
+                f"{path}: {option} does not apply to a MuJoCo model, which is in metres and one-sided: omit it"
+            )
     return load_mujoco(path, swatch)
 
 
 _TICK_B: Final = 500
-"""What is felt in a tick takes this much memory until it is written and plotted [bytes], as measured."""
+"""Memory of a tick until it is written and plotted [bytes] (measured)."""
 
 _SAMPLE_B: Final = 50
-"""And each of its samples of acceleration [bytes]."""
+"""Memory of each acceleration sample [bytes] (measured)."""
 
 _FEEL_B: Final = 800
-"""And what a hand felt of it [bytes]."""
+"""Additional memory of a tick in closed loop [bytes] (measured)."""
 
 
 def _check_memory(count: int, tick_s: float, a_rate_Hz: float, more_B: int = 0) -> None:
-    """Refuse a path of so many ticks, before it is felt, if what is felt does not fit into the memory that is left."""
+    """Raise PathError if the recording of a path of `count` ticks does not fit into the available memory."""
     left_B = memory_left_B()
     each_B = _TICK_B + _SAMPLE_B * tick_s * a_rate_Hz + more_B
     if count * each_B > left_B:
         needed_MB = np.rint(count * each_B / 1e6)
         raise PathError(
-            f"the path lasts {count * tick_s:,.0f} s: what is felt takes {needed_MB:,.9g} MB of memory, and "
-            f"{left_B / 1e6:,.0f} are left, enough for {left_B / each_B * tick_s:,.0f} s: cut it into shorter ones"
+            f"the path is too long: its recording of {count * tick_s:,.0f} s needs {needed_MB:,.9g} MB of memory, and "
+            f"{left_B / 1e6:,.0f} MB are available, enough for {left_B / each_B * tick_s:,.0f} s: split the path"
         )
 
 
@@ -287,39 +300,39 @@ def touch(
     bridge: "MuJoCo | None" = None,
     fidelity: "Fidelity | str | Path | None" = None,
 ) -> list[Path]:
-    """Touch a scene along a path and write `MADE` into a folder: all of it, or, where it fails, nothing.
+    """Touch a scene along a path and write the files `MADE` to a folder; if it fails, nothing is written.
 
     Args:
-        scene: what to touch.
-        out: the folder; files in it that bear other names stay.
-        p_WT: (n, 3) the tool's path, a row per tick [m].
-        t_s: (n,) times of the ticks on the path's own clock [s]; else from 0.
-        effects: names of effect plugins; else the renderer's own choice.
-        settings: of the scene's effects, as `Renderer` has them.
-        seed: of what effects draw at random.
+        scene: scene to touch.
+        out: output folder; other files in it are kept.
+        p_WT: (n, 3) path of the tool, one row per tick [m].
+        t_s: (n,) times of the ticks [s]; None to start at 0.
+        effects: names of effect plugins; None for the default effects.
+        settings: settings of the effects, see `Renderer`.
+        seed: seed of random numbers in effects.
         tick_s: period of a tick [s].
-        a_rate_Hz: rate of the acceleration channel [Hz].
-        title: what the plots and the summary call the scene.
-        with_picture: whether to draw scene.png. Where it cannot be drawn, `say` gets one line why.
-        dark: whether pictures are on dark ground.
-        say: is given the progress, piece by piece.
-        caution: is given each of `cautions`, a sentence; else `say` is.
-        bridge: whose scene it is, and which goes on meanwhile; pictures show it as it was at first.
-        fidelity: how finely it is felt, or the file that says it; a touched face is then one of the coarser mesh.
+        a_rate_Hz: sample rate of the acceleration channel [Hz].
+        title: name of the scene in plots and summary.
+        with_picture: draw scene.png. If it cannot be drawn, `say` is called with the reason.
+        dark: use a dark background in pictures.
+        say: called with progress messages.
+        caution: called with each of `cautions`; None for `say`.
+        bridge: MuJoCo model of the scene, which is simulated meanwhile; pictures show its initial state.
+        fidelity: level of detail, or its file. Faces in the recording are then those of the coarser mesh.
 
     Returns:
         The files written.
 
     Raises:
-        HapsceneError: a fidelity of another scene, an unknown effect, a rate that does not fit, a path that is not
-            finite, or too long for the memory that is left.
+        HapsceneError: the fidelity belongs to another scene, an effect is unknown, a rate is invalid, or the path is
+            not finite or too long for the available memory.
         OSError: the folder cannot be written.
     """
     from hapscene.render.renderer import EFFECTS, Renderer
 
     _check_memory(len(p_WT), tick_s, a_rate_Hz)
     with whole_folder(out, ours=MADE) as folder:
-        with step(say, f"readying {_counted(scene)}"):
+        with step(say, f"preparing {_describe_size(scene)}"):
             names = EFFECTS if effects is None else effects
             renderer = Renderer(
                 scene, names, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz, settings=settings, fidelity=fidelity
@@ -345,21 +358,21 @@ def touch_by_hand(
     say: Callable[[str], None] = lambda text: None,
     caution: Callable[[str], None] | None = None,
     bridge: "MuJoCo | None" = None,
-    **told: Any,
+    **more: Any,
 ) -> list[Path]:
-    """Touch a scene in closed loop, contact forces moving the tool; write `MADE_BY_HAND` into a folder, or nothing.
+    """Touch a scene in closed loop with a simulated hand and device; write the files `MADE_BY_HAND`, or nothing.
 
     Args:
-        scene, out, title, with_picture, dark, say, caution, bridge: as `touch` has them.
-        intent: what the hand means to do.
-        ready: makes the twin.
-        told: goes into the summary's `hand`.
+        scene, out, title, with_picture, dark, say, caution, bridge: see `touch`.
+        intent: reference trajectory of the hand.
+        ready: makes the simulated twin.
+        more: further entries of `hand` in the summary.
 
     Returns:
         The files written.
 
     Raises:
-        HapsceneError: what the twin refuses.
+        HapsceneError: the twin cannot be made or run.
         OSError: the folder cannot be written.
     """
     from hapscene.loop.result import summarise_result
@@ -368,34 +381,34 @@ def touch_by_hand(
     _check_memory(len(intent), TICK_S, ACCELERATION_RATE_HZ, _FEEL_B)
 
     with whole_folder(out, ours=MADE_BY_HAND) as folder:
-        with step(say, f"readying {_counted(scene)}"):
+        with step(say, f"preparing {_describe_size(scene)}"):
             twin = ready()
-        with step(say, f"living through {len(intent) * twin.renderer.tick_s:.1f} s"):
-            feel = twin.run(intent) if bridge is None else bridge.live(twin, intent)
-        _give_cautions(scene, feel.recording, say, caution)
-        hand = {**told, **summarise_result(feel)}
+        with step(say, f"simulating {len(intent) * twin.renderer.tick_s:.1f} s"):
+            result = twin.run(intent) if bridge is None else bridge.live(twin, intent)
+        _give_cautions(scene, result.recording, say, caution)
+        hand = {**more, **summarise_result(result)}
         missing = write_touch(
-            scene, feel.recording, folder, title, with_picture, say, feel.a_handle_m_s2, dark, hand=hand
+            scene, result.recording, folder, title, with_picture, say, result.a_handle_m_s2, dark, hand=hand
         )
         with step(say, "writing hand.npz, hand.png"):
-            feel.save(folder / "hand.npz")
-            write_hand_plot(feel, folder / "hand.png", title, dark)
+            result.save(folder / "hand.npz")
+            write_hand_plot(result, folder / "hand.png", title, dark)
     return _made(out, MADE_BY_HAND, missing, say)
 
 
 def _made(out: str | Path, names: Sequence[str], missing: Mapping[str, str], say: Callable[[str], None]) -> list[Path]:
-    """The files that were written; why the others were not is said."""
+    """The files that were written; prints the reasons for missing ones."""
     for name, reason in missing.items():
         say(f"without {name}: {reason}\n")
     return [file for name in names if (file := Path(out) / name).exists()]
 
 
 LIMITED_SHARE: Final = 0.05
-"""Share of the ticks in contact from which a force that is cut to the device's limit is warned about [1]."""
+"""Fraction of the ticks in contact with limited force above which a caution is given [1]."""
 
 
 def cautions(scene: "Scene", recording: Recording) -> list[str]:
-    """Why a touch may not be what was meant, a sentence each: nothing touched, no sound, a force that was cut."""
+    """Reasons why a touch may not be as intended: no contact, no sound, or a limited force."""
     touching = recording.touching
     count = int(np.count_nonzero(touching))
     if count == 0:
@@ -406,9 +419,9 @@ def cautions(scene: "Scene", recording: Recording) -> list[str]:
     limited = int(np.count_nonzero(touching & (recording.flags & Flag.FORCE_LIMITED != 0)))
     if limited > LIMITED_SHARE * count:
         found.append(
-            f"the force was cut to the device's limit in {limited:,} of {count:,} ticks in contact "
-            f"({100 * limited / count:.0f} %): walls feel softer there than they are; press less deep, or choose a "
-            "stronger device (--device)"
+            f"the force was limited to the device's maximum in {limited:,} of {count:,} ticks in contact "
+            f"({100 * limited / count:.0f} %), where surfaces feel too soft: reduce the depth, or choose a stronger "
+            "device (--device)"
         )
     return found
 
@@ -417,10 +430,11 @@ def _why_silent(scene: "Scene", recording: Recording) -> str:
     touched = {recording.swatch_names[i] for i in np.unique(recording.swatch[recording.touching])}
     swatches = [swatch for swatch in scene.swatches if swatch.name in touched]
     if any(swatch.texture is not None or swatch.taps is not None for swatch in swatches):
-        return f"the effects {', '.join(recording.effects)} make no vibration; lpc_texture and tap do (--effects)"
+        effects = ", ".join(recording.effects)
+        return f"the effects {effects} produce no vibration: add lpc_texture or tap (--effects)"
     return (
-        f"no swatch that was touched ({', '.join(sorted(touched))}) has a texture or taps; paint one onto the scene, "
-        "or choose one for the whole mesh, as --swatch wood; `hapscene swatch list` names them"
+        f"no touched swatch ({', '.join(sorted(touched))}) has a texture or taps: paint another swatch onto the scene, "
+        "or choose one for the whole mesh, such as --swatch wood (`hapscene swatch list`)"
     )
 
 
@@ -435,7 +449,7 @@ def _give_cautions(
 
 
 def why_nothing(scene: "Scene", p_WT: NDArray[np.float64]) -> str:
-    """Why a path (n, 3) [m] touches nothing of a scene, and what to do: a sentence."""
+    """Why a path (n, 3) [m] has no contact with a scene, and what to do."""
     from hapscene.render.renderer import Renderer
     from hapscene.scene.mesh_report import length
 
@@ -445,8 +459,8 @@ def why_nothing(scene: "Scene", p_WT: NDArray[np.float64]) -> str:
     if met.touching.any():
         name = met.body_names[int(met.body[met.touching][0])]
         return (
-            f"the path goes through {name!r} from behind its faces, which are felt from outside alone; feel both sides "
-            '(--two-sided, or in a scene file "two_sided": true), or see what `hapscene check` says of the mesh'
+            f"the path crosses {name!r} from behind its faces, which have contact from outside only: make the body "
+            'two-sided (--two-sided, or "two_sided": true in the scene file), or run `hapscene check`'
         )
     gaps_m = {}
     for body in scene.bodies:
@@ -455,20 +469,22 @@ def why_nothing(scene: "Scene", p_WT: NDArray[np.float64]) -> str:
         gaps_m[body.name] = float(np.linalg.norm(np.maximum(np.maximum(low_m - p_BT, p_BT - high_m), 0), axis=1).min())
     name = min(gaps_m, key=gaps_m.__getitem__)
     size = length(scene.body(name).mesh.diagonal_m)
-    how_near = f"stays {length(gaps_m[name])} off the box around" if gaps_m[name] > 0 else "misses all faces of"
+    distance = (
+        f"stays {length(gaps_m[name])} away from the bounding box of" if gaps_m[name] > 0 else "misses all faces of"
+    )
     return (
-        f"the path {how_near} {name!r}, the nearest body, which is {size} across; are both in the same place, "
-        "the path in m, the mesh in its right unit (--unit)?"
+        f"the path {distance} the nearest body {name!r}, whose size is {size}: check the position and unit (m) of the "
+        "path, and the unit of the mesh (--unit)"
     )
 
 
-def _counted(scene: "Scene") -> str:
+def _describe_size(scene: "Scene") -> str:
     body_count = len(scene.bodies)
     face_count = sum(len(body.mesh.faces) for body in scene.bodies)
     return f"{body_count} {'body' if body_count == 1 else 'bodies'} of {face_count:,} faces"
 
 
 def speak(text: str) -> None:
-    """Progress to standard output at once, also through a pipe."""
+    """Write progress to standard output and flush it."""
     sys.stdout.write(text)
     sys.stdout.flush()

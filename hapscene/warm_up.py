@@ -1,4 +1,4 @@
-"""Compile everything beforehand: use each compiled feature once, on a small scene, so that no first use waits."""
+"""Compile all features in advance, by using each once with a small scene, so that the first use is not delayed."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -32,7 +32,7 @@ __all__ = ["warm_up"]
 
 SWATCH: Final = "wood"
 ABOVE_M: Final = (0.0, 0.0, 0.06)
-"""A place over the box [m]: whose top is at 0.05 m."""
+"""A position above the box [m], whose top is at 0.05 m."""
 
 ALL_EFFECTS: Final = (*EFFECTS, "puncture", "guide", "magnet", "viscosity", "weight")
 _SETTINGS: Final = {"guide": {"points_m": [[0.0, 0.0, 1.0]]}, "magnet": {"points_m": [[0.0, 0.0, 1.0]]}}
@@ -41,11 +41,11 @@ _FIRST: Final = (tick, run_ticks, place_proxy)
 _LATER: Final = (
     *(place_bodies, couple, control_passivity, shade, render_fields, drive, operate, step_leader, step_follower),
 )
-"""What is declared, so that the progress line knows its total: the large functions."""
+"""Large functions, declared in advance so that the progress line shows their total number."""
 
 
 def warm_up(quick: bool = False) -> None:
-    """Compile what is not cached yet: all there is, or with `quick` what a first touch needs.
+    """Compile all features that are not cached yet; with `quick`, only those of a first touch.
 
     Raises:
         HapsceneError: a feature does not compile or cannot be set up, such as shared memory for the servo.
@@ -78,7 +78,7 @@ def _touch(scene: Scene) -> None:
 
 
 def _touch_with_everything(scene: Scene) -> None:
-    """All effects, virtual coupling and passivity controller, felt edges, and bodies that move, deform, disappear."""
+    """All effects, virtual coupling, passivity controller, creases, and bodies that move, deform and are removed."""
     limits = replace(IDEAL, coupling_N_m=1000.0, passivity_Ns_m=1.0)
     renderer = Renderer(scene, ALL_EFFECTS, limits=limits, crease_rad=0.5, settings=_SETTINGS)
     renderer.step(ABOVE_M, {"other": scene.body("other").X_WB})
@@ -151,7 +151,7 @@ def _teleoperate() -> None:
 
 
 def _play_on_handle() -> None:
-    """A recording, a live stream, the simulated handle that is identified, and a texture that is synthesized."""
+    """Playback of a recording and a live stream, a simulated handle for identification, and texture synthesis."""
     from hapscene.capture.fit.synthesis import synthesize
     from hapscene.handle import Plant
     from hapscene.handle.force_source import SimulatedSource

@@ -169,9 +169,9 @@ def test_a_path_that_touches_nothing_is_told_why(tmp_path: Path, scene: Scene) -
 
 def test_faces_that_are_turned_away_are_told_of() -> None:
     into = line((0.001, 0.002, 0.02), (0.001, 0.002, 0.001))
-    assert "goes through 'bowl' from behind its faces" in why_nothing(bowl(), into)
+    assert "crosses 'bowl' from behind its faces" in why_nothing(bowl(), into)
     both_sides = why_nothing(bowl(two_sided=True), line((0.0, 0.0, 0.001), (0.0, 0.0, 0.002)))
-    assert "misses all faces of 'bowl'" in both_sides
+    assert "misses all faces of the nearest body 'bowl'" in both_sides
 
 
 def test_a_hand_that_touches_nothing_is_told_why(tmp_path: Path) -> None:
@@ -188,7 +188,7 @@ def test_a_hand_that_touches_nothing_is_told_why(tmp_path: Path) -> None:
     touch_by_hand(
         made_of, tmp_path / "out", ReferenceTrajectory.along(into, "light"), ready, with_picture=False, say=said.append
     )
-    assert "nothing was touched: the path goes through 'bowl'" in "".join(said)
+    assert "nothing was touched: the path crosses 'bowl'" in "".join(said)
 
 
 def test_silence_is_told_with_what_would_sound(scene: Scene, p_WT: np.ndarray) -> None:

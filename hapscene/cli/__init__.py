@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 from hapscene import __version__
 from hapscene.cli.console import complain, note, note_little_memory, ready_streams
 from hapscene.errors import HapsceneError
-from hapscene.interrupt import insisting, interrupted_by_ends
+from hapscene.interrupt import interrupted_by_ends, reraise_swallowed_interrupt
 
 if TYPE_CHECKING:
     from cyclopts import App, CycloptsError
@@ -73,7 +73,7 @@ def _guarded(words: list[str], debug: bool) -> int:
     """The exit code of a command; an error becomes one line."""
     ready_streams()
     try:
-        with insisting():
+        with reraise_swallowed_interrupt():
             return _run(words)
     except KeyboardInterrupt as interrupt:
         if debug:

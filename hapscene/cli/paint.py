@@ -14,8 +14,8 @@ from cyclopts import Parameter
 from hapscene.cli.console import say
 from hapscene.cli.inputs import check_scene, find_asset, tell_size
 from hapscene.cli.options import Grip, Help, InFile, MeshOptions, PageOptions
-from hapscene.constants import DEFAULT_GRIP
-from hapscene.interrupt import heard
+from hapscene.constants import BUNDLE_SUFFIX, DEFAULT_GRIP, SCENE_SUFFIX
+from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
     from hapscene.paint.web.page import Page
@@ -101,9 +101,9 @@ def _open_page(
 
     server = ends.enter_context(PageServer(page.host, page.port))
     if not page.no_browser:
-        is_scene = scene is not None and scene.endswith(".scene.json")
+        is_scene = scene is not None and scene.endswith(SCENE_SUFFIX)
         lead_browser(server.url, Path(str(scene)).parent if is_scene else Path(), ends)
-    from hapscene.paint.model.document import earlier_words
+    from hapscene.paint.model.document import describe_scene_file
     from hapscene.paint.opening import earlier_scenes, open_session
     from hapscene.paint.web.hand import HandConfig
     from hapscene.paint.web.page import Page
@@ -117,8 +117,8 @@ def _open_page(
         paint_by_picture(painted, None, picture)
         session.painting.take_painting(painted, f"picture {picture.name}")
     tell_size(session.scene, scene or "", hand.device)
-    for earlier in earlier_scenes(session.path, str(scene).endswith(".scene.zip")):
-        say(f"{earlier_words(earlier)} To continue it: hapscene paint {earlier}\n")
+    for earlier in earlier_scenes(session.path, str(scene).endswith(BUNDLE_SUFFIX)):
+        say(f"{describe_scene_file(earlier)} To continue it: hapscene paint {earlier}\n")
     return Page(session, with_hand=not hand.no_hand, hand=config, server=server)
 
 
@@ -138,7 +138,7 @@ def _paint_until_ended(page: "Page") -> None:
                     say(f"{problem}\n" if problem else "")
                     shown = problem
         except KeyboardInterrupt:
-            heard()
+            clear_interrupt()
     session = page.context.session
     if page.kept:
         say(f"not saved: kept beside {session.path}, and offered the next time it is painted\n")

@@ -7,11 +7,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Final
 
+from hapscene.constants import SCENE_SUFFIXES
 from hapscene.errors import HapsceneError
 
 __all__ = ["SCENES", "base_name", "check_out_folder", "check_swatch", "check_there", "missing", "new_file"]
 
-SCENES: Final = (".scene.json", ".scene.zip")
+SCENES: Final = SCENE_SUFFIXES
 """Ends of the names of scene files."""
 
 STEM_NEAR: Final = 0.75

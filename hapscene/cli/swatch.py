@@ -13,7 +13,7 @@ from hapscene.cli.console import complain, note, say, size_words, table, tell
 from hapscene.cli.options import AsJson, Help, InFiles, InFolder, InPaths, OutFolder, RecordingOptions
 from hapscene.cli.paths import check_swatch, check_there
 from hapscene.errors import SwatchError
-from hapscene.interrupt import heard
+from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
     from hapscene.capture.report.compare import ComparedSurface, Comparison, Difference
@@ -183,7 +183,7 @@ def import_files(
     try:
         import_many(files, str(out), lambda line: say(f"{line}\n"), outcome)
     except KeyboardInterrupt:
-        heard()
+        clear_interrupt()
         complain(f"interrupted; the {len(outcome.made)} swatches named above are complete")
         return 130
     print(f"{len(outcome.made)} made, {len(outcome.broken)} broken")

@@ -70,7 +70,7 @@ class DiskCache(_Cache):  # type: ignore[misc]
         for path in self._places(signature, target_context):
             content = _whole_content(path)
             if content is not None:
-                with suppress(Exception):  # of another build of a library: compiled anew
+                with suppress(Exception):  # made by another build of a library: recompile
                     found = compiler.CompileResult._rebuild(target_context, *pickle.loads(content))
                     with suppress(OSError):
                         os.utime(path)

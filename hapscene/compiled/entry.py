@@ -8,14 +8,17 @@ from typing import Any, Final
 
 from llvmlite import ir
 from numba import typeof, types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 from hapscene.compiled.native import INTERPRETED, CFunction
 
-__all__ = ["address_of", "call_entry", "call_flags", "entry_of"]
+__all__ = ["address_of", "c_caller", "call_entry", "call_flags", "entry_of"]
 
 _typeof: Any = typeof
 _intrinsic: Any = intrinsic
+_tuple: Any = types.Tuple  # numba's stubs type neither
+_unpack: Any = cgutils.unpack_tuple
 
 _compiled: Final[dict[tuple[Any, ...], CFunction]] = {}
 _interpreted: Final[list[Callable[..., Any]]] = []
@@ -71,3 +74,31 @@ else:
             return builder.call(builder.inttoptr(values[0], function_type.as_pointer()), parts)
 
         return types.int64(types.int64, arguments), generate
+
+
+def c_caller(result: Any, *arguments: Any) -> Callable[..., Any]:
+    """Return a function that calls C functions of a signature (numba types) as `call(address, (a, b, …))`.
+
+    Pointers have the type `types.uintp`: pass `array.ctypes.data`. Structures by value are not supported, because
+    their calling conventions differ between systems.
+    """
+    declared = tuple(arguments)
+    given_type = _tuple(declared)
+
+    def call(typing: Any, address: Any, given: Any) -> Any:
+        signature = result(types.uintp, given_type)
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            parts = _unpack(builder, values[1]) if declared else []
+            function_type = ir.FunctionType(
+                ir.VoidType() if result == types.void else context.get_value_type(result),
+                [context.get_value_type(kind) for kind in declared],
+            )
+            function = builder.inttoptr(values[0], function_type.as_pointer())
+            returned = builder.call(function, parts)
+            return context.get_dummy_value() if result == types.void else returned
+
+        return signature, generate
+
+    caller: Callable[..., Any] = _intrinsic(call)
+    return caller

@@ -28,9 +28,9 @@ __all__ = ["BLOCKED", "OVER", "PAST", "SETTLED", "UNKNOWN", "cross_edges", "lies
 
 SETTLED: Final = 0
 """The proxy is in equilibrium on other faces."""
+
 BLOCKED: Final = 1
 """A face stopped the proxy; the search continues from there."""
-"""It has met a face, and goes on from there."""
 
 UNKNOWN: Final = 2
 """Adjacency does not give the answer; the caller must search with casts."""

@@ -25,8 +25,7 @@ from hapscene.loop.session_log import SessionLog, log_of, note_order
 from hapscene.loop.shared_memory import read_text
 from hapscene.loop.timing import TimingStatistics
 from hapscene.records import block_of
-from hapscene.render.contact_events import ContactEvent, events_of
-from hapscene.render.contact_info import Impulse
+from hapscene.render.contact_info import ContactEvent, Impulse, events_of
 from hapscene.render.renderer import OTHER_BODIES
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import Painting
@@ -348,18 +347,19 @@ class Servo(ServoConnection):
 
     def tune(self, swatch: str, **numbers: float) -> None:
         """Change parameters of a swatch while ticks run; see `Renderer.tune`."""
-        self._order("tune", swatch, numbers)
-        note_order(self._tuned, "tune", swatch, numbers)
+        self._change("tune", swatch, numbers)
 
     def tune_field(self, effect: str, **numbers: float) -> None:
         """Change parameters of an effect of the scene while ticks run; see `Renderer.tune_field`."""
-        self._order("tune_field", effect, numbers)
-        note_order(self._tuned, "tune_field", effect, numbers)
+        self._change("tune_field", effect, numbers)
 
     def mute(self, effect: str, muted: bool = True) -> None:
         """Exclude an effect from the sum, or include it again, while ticks run; see `Renderer.mute`."""
-        self._order("mute", effect, muted)
-        note_order(self._tuned, "mute", effect, {"muted": muted})
+        self._change("mute", effect, {"muted": muted})
+
+    def _change(self, order: str, name: str, arguments: dict[str, Any]) -> None:
+        self._order("change", order, name, arguments)
+        note_order(self._tuned, order, name, arguments)
 
     def repaint(self, scene: Scene) -> None:
         """Change the swatches and painted faces of the same bodies.
@@ -484,7 +484,7 @@ class Servo(ServoConnection):
         over = max(int(shared.channel[0].done) + 1 - self._length - first, 0)  # overwritten meanwhile
         return TickLog(first + over, *(part[over:] for part in taken))
 
-    def session_log(self, reason: str = "asked for") -> SessionLog:
+    def session_log(self, reason: str = "requested") -> SessionLog:
         """Return the last ticks (`ring_s`) and what is needed to replay them; also after the process has ended.
 
         Raises:
@@ -494,7 +494,7 @@ class Servo(ServoConnection):
             raise HapsceneError("this servo is closed, and its session log was discarded: save it before closing")
         return log_of(self._opened, self.scene, self._renderer_arguments, self._tuned, reason)
 
-    def save_log(self, folder: "str | os.PathLike[str]", reason: str = "asked for") -> None:
+    def save_log(self, folder: "str | os.PathLike[str]", reason: str = "requested") -> None:
         """Write `session_log` to a folder; `hapscene play --replay FOLDER` replays it.
 
         Raises:

@@ -300,25 +300,14 @@ class OrderHandler:
                     self.pause()
                     self._note_fault(error)
 
-    def tune(self, swatch: str, numbers: Mapping[str, float]) -> None:
-        """Change parameters of a swatch. The loop continues, because single numbers are written atomically."""
-        for renderer in self._renderers:
-            renderer.tune(swatch, **numbers)
-        note_order(self._tuned, "tune", swatch, numbers)
-        self._note_change()
+    def change(self, order: str, name: str, arguments: Mapping[str, Any]) -> None:
+        """Change parameters of a swatch or effect, by one of the methods `ORDERS` of the renderer.
 
-    def tune_field(self, effect: str, numbers: Mapping[str, float]) -> None:
-        """Change parameters of an effect of the scene."""
+        The loop continues, because single numbers are written atomically.
+        """
         for renderer in self._renderers:
-            renderer.tune_field(effect, **numbers)
-        note_order(self._tuned, "tune_field", effect, numbers)
-        self._note_change()
-
-    def mute(self, effect: str, muted: bool) -> None:
-        """Exclude an effect from the sum, or include it again."""
-        for renderer in self._renderers:
-            renderer.mute(effect, muted)
-        note_order(self._tuned, "mute", effect, {"muted": muted})
+            getattr(renderer, order)(name, **arguments)
+        note_order(self._tuned, order, name, arguments)
         self._note_change()
 
     def repaint(self, swatches: Sequence[Swatch], painted: Sequence[Painting]) -> None:

@@ -1,15 +1,15 @@
-"""The painter: paint swatches onto a scene, in a program (`model`) or in the browser (`web`).
+"""The painter: paint swatches onto a scene, from a program (`model`) or in the browser (`web`).
 
 ```python
 import hapscene
 session = hapscene.paint.Session(hapscene.load_scene(hapscene.assets.path("demo")))
 session.begin_stroke("wood", radius_m=0.004)
-session.drag_to(origin_W_m=(0.0, 0.0, 0.1), direction_W=(0.0, 0.0, -1.0))  # as often as the pointer moves
+session.drag_to(origin_W_m=(0.0, 0.0, 0.1), direction_W=(0.0, 0.0, -1.0))  # once for each pointer move
 session.end_stroke()
 session.save("cup.scene.json")
 ```
 
-`model.session` is the start; only the modules of `web` import viser.
+Start with `model.session`. Only the modules of `web` import viser.
 """
 
 import lazy_loader

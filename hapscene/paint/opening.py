@@ -1,4 +1,4 @@
-"""Opening what is painted: a scene, a mesh as a new scene, several meshes, a bundle, or a copy of the demo scene."""
+"""Open a scene to paint: a scene file, one or several meshes, a bundle, or a copy of the demo scene."""
 
 import re
 import shutil
@@ -19,7 +19,7 @@ __all__ = ["earlier_scenes", "open_session"]
 UNITLESS: Final = (".stl", ".obj", ".ply", ".off")
 
 DEMO: Final = Path("hapscene-demo")
-"""Where the demo scene is copied to."""
+"""Folder for the copy of the demo scene."""
 
 
 def open_session(
@@ -30,14 +30,14 @@ def open_session(
     say: Callable[[str], None] = lambda text: None,
     **reading: Any,
 ) -> Session:
-    """The session of a scene and further meshes; without a name, of a copy of the demo scene.
+    """Open a painting session.
 
     Args:
-        name: scene, bundle or mesh file.
+        name: scene, bundle or mesh file; None for a copy of the demo scene.
         more: further meshes for the same scene.
-        accept_changed: as `Session.open`.
-        say: is given the progress.
-        reading: how meshes are read, as `open_scene`. Among several, `unit` is for those that carry none.
+        accept_changed: see `Session.open`.
+        say: called with progress messages.
+        reading: options of `open_scene`. With several meshes, `unit` applies to formats without a unit.
 
     Raises:
         HapsceneError: a file cannot be loaded.
@@ -49,15 +49,17 @@ def open_session(
 
     if name is None:
         name = str(_copy_demo(DEMO))
-        say(f"the demo scene, in {name}\n")
+        say(f"demo scene: {name}\n")
     with step(say, f"loading {name}"):
         if name.endswith(ZIP_SUFFIX):
             name = str(unpacked_beside(Path(name)))
-            say(f"unpacked into {Path(name).parent}\n")
+            say(f"unpacked to {Path(name).parent}\n")
         changes = reading | {"scale": reading.get("scale", 1.0) != 1.0, "accept_damaged": False}
         is_scene = name.endswith(SUFFIX) and (bool(more) or not any(changes.values()))
-        # `opened` refuses the options of a scene file
-        session = Session.open(Path(name), accept_changed) if is_scene else Session(opened(name), _free(Path(name)))
+        # with options for a mesh, a scene file goes through `opened`, which raises the error
+        session = (
+            Session.open(Path(name), accept_changed) if is_scene else Session(opened(name), _free_path(Path(name)))
+        )
     for other in more:
         with step(say, f"loading {other}"):
             session.composing.add(opened(other))
@@ -67,7 +69,7 @@ def open_session(
 
 
 def _copy_demo(folder: Path) -> Path:
-    """The demo scene in a folder of the user's; as it was painted, where it is there already."""
+    """Copy the demo scene to a folder unless it is there already; returns the scene file."""
     scene, source = folder / f"demo{SUFFIX}", assets.path("demo")
     if not scene.exists():
         (folder / "meshes").mkdir(parents=True, exist_ok=True)
@@ -78,25 +80,26 @@ def _copy_demo(folder: Path) -> Path:
     return scene
 
 
-def _free(mesh: Path) -> Path:
-    """Where the scene of a mesh is saved: in the working folder, replacing no other."""
+def _free_path(mesh: Path) -> Path:
+    """An unused path in the working folder for the scene of a mesh."""
     return next(path for path in _names(mesh.name.removesuffix(SUFFIX).removesuffix(mesh.suffix)) if not path.exists())
 
 
 def _names(stem: str, suffix: str = SUFFIX) -> Iterator[Path]:
-    """The names of a mesh's scenes, one after the other: cube, cube_2, cube_3."""
+    """Successive scene names of a mesh: cube, cube_2, cube_3."""
     return (Path(name + suffix) for name in (stem, *(f"{stem}_{i}" for i in range(2, 10_000))))
 
 
 def earlier_scenes(path: Path | None, unpacked: bool = False) -> list[Path]:
-    """Scene files that were painted of a mesh before the one that would be made of it now.
+    """Scene files from earlier sessions with the same mesh, which the user may want to continue.
 
-    The command prints them, so that work can be continued after a crash. A bundle
-    that was `unpacked` just now was unpacked before into folders of such names.
+    Args:
+        path: path of the new scene.
+        unpacked: whether it is a bundle that was just unpacked into a new folder; earlier folders are searched then.
     """
     if path is None or (path.exists() and not unpacked):
         return []
-    mine, suffix = (path.parent, "") if unpacked else (path, SUFFIX)
-    stem = re.sub(r"_\d{1,4}$", "", mine.name.removesuffix(suffix))
-    before = takewhile(lambda other: other != mine, _names(stem, suffix))
-    return [file for other in before if (file := other / path.name if unpacked else other).is_file()]
+    new, suffix = (path.parent, "") if unpacked else (path, SUFFIX)
+    stem = re.sub(r"_\d{1,4}$", "", new.name.removesuffix(suffix))
+    earlier = takewhile(lambda other: other != new, _names(stem, suffix))
+    return [file for other in earlier if (file := other / path.name if unpacked else other).is_file()]

@@ -1,1 +1,1 @@
-"""Playing with what stands on the desk: what a terminal or a page shows while a device is felt."""
+"""Interactive sessions with a device: terminal monitor, first run, and the page of `hapscene play`."""

@@ -1,6 +1,7 @@
-"""`hapscene device try`: the first run with a device, step by step, each before the next can hurt.
+"""`hapscene device try`: the first run with a device, in steps of increasing risk.
 
-Looks, then moves, then pushes, never with more than `FORCE_N` until that is confirmed; the servo's safety is between.
+The steps check the position, then movement, then a small force. The force is limited to `FORCE_N` until the user
+confirms more, and the safety functions of the servo apply.
 """
 
 import time
@@ -14,49 +15,49 @@ from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.errors import DeviceError
 from hapscene.flags import Flag
 from hapscene.loop import Servo
-from hapscene.play.monitor import WHY
+from hapscene.play.monitor import FLAG_TEXTS
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 
 __all__ = ["FORCE_N", "try_device"]
 
 FORCE_N: Final = 0.5
-"""Most force before more is confirmed [N]: a 50 g weight, which no grip loses."""
+"""Force limit until the user confirms more [N]: the weight of 50 g."""
 
 PUSH_N: Final = 0.3
-"""Force of the first push [N]: twice what a hand on a device notices."""
+"""Force of the first push [N]: twice what a hand on a device notices (assumed)."""
 
 READY_S: Final = 60.0
-"""How long a device may take to be calibrated or homed [s]."""
+"""Time limit for calibration or homing [s]."""
 
 LOOK_S: Final = 4.0
-"""How long a movement, or a force, is looked at [s]: the ramp is 2."""
+"""Duration of a measurement of movement or force [s]; the force ramp takes 2 s."""
 
 MOVED_MM: Final = 1.0
-"""Least way of a handle that is moved [mm]: more than encoders flicker."""
+"""Smallest movement of the handle that counts [mm]: above encoder noise."""
 
 MISSED_MAX: Final = 0.01
-"""Largest share of ticks that may be missed [1]: some are on a machine that does much else."""
+"""Largest acceptable fraction of missed ticks [1]; a busy machine misses some."""
 
 GRAVITY_M_S2: Final = 9.81
 
 
 def try_device(name: str, options: Mapping[str, Any], say: Callable[[str], None], wait: bool = True) -> int:
-    """Try a device; returns 0 where all was as it should be, else 1.
+    """Try a device; returns 0 if all checks passed, else 1.
 
     Args:
-        name: of its driver.
-        options: of the driver.
-        say: is given what is to be told; a line that waits for an answer has no end.
-        wait: each step begins when Enter is pressed; without, nothing over `FORCE_N` is given.
+        name: name of the driver.
+        options: options of the driver.
+        say: called with output; a prompt has no newline at the end.
+        wait: wait for Enter before each step; without, the force never exceeds `FORCE_N`.
 
     Raises:
-        DeviceError: it cannot be opened, is not ready in time, or goes away.
+        DeviceError: the device cannot be opened, is not ready in time, or is disconnected.
     """
     driver = DRIVERS.load(name)
     say(f"{driver.name}: {driver.summary}\n")
     for one in driver.assumptions:
-        say(f"  assumed, not yet seen on one: {one}\n")
+        say(f"  assumed, not yet confirmed on a device: {one}\n")
     choice = DeviceChoice(name, dict(options))
     report: list[tuple[str, bool]] = []
 
@@ -71,19 +72,19 @@ def try_device(name: str, options: Mapping[str, Any], say: Callable[[str], None]
         report += _look_at_moves(servo, driver)
         if driver.force:
             weight_g = 1e3 * PUSH_N / GRAVITY_M_S2
-            pause(f"Hold it loosely, in the middle. A weight of {weight_g:.0f} g comes onto it, slowly.")
+            pause(f"Hold the handle loosely in the middle. A weight of {weight_g:.0f} g will slowly pull it down.")
             report += _look_at_push(servo, say)
             servo.pause()
-            report.append(("no force in a pause", not np.any(servo.device_state().f_D_N)))
-    if driver.force and wait and _asks(say, "All as it should be? Then feel a wall, with the device's own force"):
+            report.append(("no force while paused", not np.any(servo.device_state().f_D_N)))
+    if driver.force and wait and _asks(say, "If all was correct, feel a wall with the full force of the device"):
         _feel_wall(choice, say)
     for words, good in report:
-        say(f"  {'good' if good else 'NOT AS IT SHOULD BE'}: {words}\n")
+        say(f"  {'ok' if good else 'FAILED'}: {words}\n")
     return 0 if all(good for _, good in report) else 1
 
 
 def _plate() -> Scene:
-    """Something far below, so that nothing is touched."""
+    """A scene with a plate far below, so that there is no contact."""
     scene = Scene()
     pose = np.eye(4)
     pose[2, 3] = -10.0
@@ -93,14 +94,15 @@ def _plate() -> Scene:
 
 def _await_ready(servo: Servo, needs: str, say: Callable[[str], None]) -> None:
     end_s = time.monotonic() + READY_S
-    said = ""
+    shown = ""
     while servo.device_state().ready == 0:
-        notice = servo.notice or "waiting until it is calibrated"
-        if notice != said:
+        notice = servo.notice or "waiting for calibration"
+        if notice != shown:
             say(f"{notice}\n")
-            said = notice
+            shown = notice
         if time.monotonic() > end_s:
-            raise DeviceError(f"not ready after {READY_S:g} s: {notice}" + (f"; it needs {needs}" if needs else ""))
+            hint = f"; the device requires {needs}" if needs else ""
+            raise DeviceError(f"the device is not ready after {READY_S:g} s: {notice}{hint}")
         time.sleep(0.05)
     say("ready\n")
 
@@ -118,17 +120,20 @@ def _look_at_moves(servo: Servo, driver: Any) -> list[tuple[str, bool]]:
     worst = servo.timing().since(late)
     flags = int(np.bitwise_or.reduce(log.rows["flags"]))
     steps_mm = 1e3 * np.abs(np.diff(p, axis=0)).max(axis=1)
-    told = [
-        (f"{rate_Hz:.0f} positions a second", rate_Hz > 100.0),
+    checks = [
+        (f"{rate_Hz:.0f} positions per second", rate_Hz > 100.0),
         (
-            "moved {:.0f} mm along x, {:.0f} along y, {:.0f} along z".format(*way_mm),
-            bool(driver.simulated or way_mm.max() > MOVED_MM),  # where nobody moves it, nothing is known of it
+            "moved {:.0f} mm along x, {:.0f} mm along y, {:.0f} mm along z".format(*way_mm),
+            bool(driver.simulated or way_mm.max() > MOVED_MM),
         ),
-        (f"largest step {steps_mm.max():.2f} mm a tick", bool(steps_mm.max() < 1e3 * driver.speed_m_s * servo.tick_s)),
+        (
+            f"largest step {steps_mm.max():.2f} mm per tick",
+            bool(steps_mm.max() < 1e3 * driver.speed_m_s * servo.tick_s),
+        ),
         (f"{worst.missed} of {len(p)} ticks missed", worst.missed <= MISSED_MAX * len(p)),
     ]
-    told += [(why, False) for flag, why in WHY.items() if flags & flag & ~int(Flag.RAMPED)]
-    return told
+    checks += [(text, False) for flag, text in FLAG_TEXTS.items() if flags & flag & ~int(Flag.RAMPED)]
+    return checks
 
 
 def _look_at_push(servo: Servo, say: Callable[[str], None]) -> list[tuple[str, bool]]:
@@ -140,10 +145,10 @@ def _look_at_push(servo: Servo, say: Callable[[str], None]) -> list[tuple[str, b
     p = log.rows["p_WT_m"]
     sank_mm = 1e3 * float(p[0, 2] - p[-1, 2])
     servo.tune_field("weight", mass_kg=0.0)
-    say(f"it sank by {sank_mm:.1f} mm\n")
+    say(f"the handle moved down by {sank_mm:.1f} mm\n")
     flags = int(np.bitwise_or.reduce(log.rows["flags"][-100:]))
-    told = [(f"{PUSH_N} N asked for, {-sent[2]:.2f} N sent, downwards", abs(-sent[2] - PUSH_N) < 0.05)]
-    return told + [(why, False) for flag, why in WHY.items() if flags & flag]
+    checks = [(f"commanded {PUSH_N} N, sent {-sent[2]:.2f} N downwards", abs(-sent[2] - PUSH_N) < 0.05)]
+    return checks + [(text, False) for flag, text in FLAG_TEXTS.items() if flags & flag]
 
 
 def _feel_wall(choice: DeviceChoice, say: Callable[[str], None]) -> None:
@@ -151,16 +156,16 @@ def _feel_wall(choice: DeviceChoice, say: Callable[[str], None]) -> None:
     scene.pose("plate", np.eye(4))
     with Servo(scene, choice, effects=["wall"]) as servo:
         servo.start((0.0, 0.0, 0.03))
-        _enter(say, "A plate lies 20 mm below the middle of the workspace. Feel it; Enter ends.")
+        _enter(say, "A plate is 20 mm below the middle of the workspace.")
 
 
 def _enter(say: Callable[[str], None], words: str) -> None:
-    say(f"{words} Then press Enter … ")
+    say(f"{words} Press Enter to continue … ")
     _input()
 
 
 def _asks(say: Callable[[str], None], words: str) -> bool:
-    say(f"{words}: y and Enter … ")
+    say(f"{words}? Type y and press Enter … ")
     return _input().strip().lower().startswith("y")
 
 
@@ -168,4 +173,4 @@ def _input() -> str:
     try:
         return input()
     except EOFError:
-        raise DeviceError("nobody is there to press Enter; --yes goes on by itself") from None
+        raise DeviceError("standard input is closed: run the command in a terminal, or use --yes") from None

@@ -1,4 +1,4 @@
-"""Keys of a terminal, while a scene is played."""
+"""Key presses in the terminal during `hapscene play`."""
 
 import os
 import sys
@@ -10,7 +10,7 @@ __all__ = ["pressed_keys"]
 
 @contextmanager
 def pressed_keys() -> Iterator[Callable[[], str]]:
-    """A function that returns the keys pressed since its last call; none where standard input is no terminal."""
+    """A function that returns the keys pressed since its last call; "" if standard input is not a terminal."""
     try:
         import select
         import termios

@@ -1,4 +1,4 @@
-"""What `hapscene play` shows of a servo: how well it keeps time, what is felt, what is limited and why."""
+"""Terminal monitor of `hapscene play`: timing statistics, force and contact, limits and their causes."""
 
 import math
 import time
@@ -12,39 +12,39 @@ from hapscene.loop import Servo, TimingStatistics
 from hapscene.loop.empty_loop import EmptyLoop
 from hapscene.loop.timing import BIN_NS, BINS_PER_OCTAVE
 
-__all__ = ["WHY", "Monitor", "later_than"]
+__all__ = ["FLAG_TEXTS", "Monitor", "deadline_misses"]
 
-WHY: Final = {
-    Flag.TOOL_NOT_FINITE: "the device gave no number for its position",
-    Flag.UNSETTLED: "the proxy did not settle",
-    Flag.EFFECT_MUTED: "an effect gave no number, and is mute",
-    Flag.FORCE_LIMITED: "force at the device's limit",
-    Flag.SLEW_LIMITED: "force changes as fast as the device may",
-    Flag.ACCELERATION_LIMITED: "acceleration at the handle's limit",
-    Flag.ENERGY_DAMPED: "a wall was damped, so as not to buzz",
-    Flag.CROWDED: "more bodies here than a tick asks",
-    Flag.POSE_REFUSED: "a body was given an invalid pose",
-    Flag.OUT_OF_WORKSPACE: "no force: the tool is out of the device's workspace",
-    Flag.TOO_FAST: "no force: the tool moved faster than a hand",
-    Flag.FORCE_NOT_FINITE: "no force: it was no number",
-    Flag.PEAK_LIMITED: "force at the most that the device is ever sent",
-    Flag.HEAT_LIMITED: "the motors are warm: less force until they have cooled",
-    Flag.STEP_LIMITED: "force sent changes as fast as the device may",
-    Flag.RAMPED: "force rises or falls",
-    Flag.APPLICATION_SILENT: "no force: the application stood still",
-    Flag.DEVICE_NOT_READY: "no force: the device is not ready",
-    Flag.STALLED: "the loop stood still: the force begins anew",
+FLAG_TEXTS: Final = {
+    Flag.TOOL_NOT_FINITE: "device position is not a finite number",
+    Flag.UNSETTLED: "proxy did not settle",
+    Flag.EFFECT_MUTED: "effect muted: its output was not a finite number",
+    Flag.FORCE_LIMITED: "force limited to the device's maximum",
+    Flag.SLEW_LIMITED: "force slew rate limited to the device's maximum",
+    Flag.ACCELERATION_LIMITED: "acceleration limited to the handle's maximum",
+    Flag.ENERGY_DAMPED: "passivity controller active: a wall was damped",
+    Flag.CROWDED: "too many bodies near the tool: some are ignored",
+    Flag.POSE_REFUSED: "invalid pose of a body ignored",
+    Flag.OUT_OF_WORKSPACE: "no force: tool outside the workspace of the device",
+    Flag.TOO_FAST: "no force: tool speed above the limit",
+    Flag.FORCE_NOT_FINITE: "no force: force is not a finite number",
+    Flag.PEAK_LIMITED: "force limited to the peak force",
+    Flag.HEAT_LIMITED: "force reduced: motors are warm",
+    Flag.STEP_LIMITED: "change of the sent force limited",
+    Flag.RAMPED: "force ramp",
+    Flag.APPLICATION_SILENT: "no force: application does not respond",
+    Flag.DEVICE_NOT_READY: "no force: device not ready",
+    Flag.STALLED: "loop was stalled: force ramps up again",
 }
-"""What each flag says to who holds the device."""
+"""Description of each flag for the user."""
 
 BARS: Final = " ▁▂▃▄▅▆▇█"
 
 EDGES_US: Final = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, math.inf)
-"""Upper edges of the histogram that is shown [µs]."""
+"""Upper edges of the bins of the histogram [µs]."""
 
 
 class Monitor:
-    """Looks at a servo now and then, and tells in a few lines what has happened since."""
+    """Summarises the state of a servo in a few lines."""
 
     def __init__(self, servo: Servo) -> None:
         self._servo = servo
@@ -52,19 +52,19 @@ class Monitor:
         self._since = max(servo.state().tick + 1, 0)
         self._at_s = time.monotonic()
         self._late, self._idle = servo.timing(), self._empty.timing()
-        self._mute = ""  # why a real handle plays no more
-        self._worst = (0, -1, 0)  # longest tick [ns], its number, of it finding the contact [ns]
+        self._mute = ""  # why a hardware handle stopped
+        self._worst = (0, -1, 0)  # longest tick [ns], its number, and the part for finding the contact [ns]
         self.first_late, self.first_idle, self.first_tick = self._late, self._idle, self._since
 
     def close(self) -> None:
-        """Look no more."""
+        """Stop the reference loop."""
         self._empty.stop()
 
     def lines(self) -> list[str]:
-        """What has happened since the last look.
+        """Lines on the time since the last call.
 
         Raises:
-            HapsceneError: the servo's process has ended, or its device is gone.
+            HapsceneError: the process of the servo has ended, or its device is disconnected.
         """
         servo = self._servo
         log, now_s = servo.read(self._since), time.monotonic()
@@ -74,42 +74,42 @@ class Monitor:
         self._note_worst(log)
         state, device = servo.state(), servo.device_state()
         most_N = np.linalg.norm(log.rows["f_W_N"], axis=1).max(initial=0.0)
-        force = f"{np.linalg.norm(state.f_W_N):5.2f} N" + (f", most {most_N:.2f} N" if len(log.rows) else "")
-        where = f"touching {servo.body_names[state.body]}" if state.touching else "in the air"
-        told = [
+        force = f"{np.linalg.norm(state.f_W_N):5.2f} N" + (f", max {most_N:.2f} N" if len(log.rows) else "")
+        where = f"touching {servo.body_names[state.body]}" if state.touching else "no contact"
+        lines = [
             f"{rate_Hz:5.0f} ticks/s   {force}   {where}" + _warmth(device) + _buttons(device),
-            f"late     {_bars(late.since(self._late))}  {_percentiles(late.since(self._late))}",
-            f"empty    {_bars(idle.since(self._idle))}  {_percentiles(idle.since(self._idle))}",
-            self._told_worst(),
+            f"latency  {_bars(late.since(self._late))}  {_percentiles(late.since(self._late))}",
+            f"idle     {_bars(idle.since(self._idle))}  {_percentiles(idle.since(self._idle))}",
+            self._worst_tick(),
         ]
         self._late, self._idle = late, idle
         flags = int(np.bitwise_or.reduce(log.rows["flags"])) if len(log.rows) else 0
-        told += [why for flag, why in WHY.items() if flags & flag]
-        return told + [trouble for trouble in (servo.notice, self._handle_trouble()) if trouble]
+        lines += [text for flag, text in FLAG_TEXTS.items() if flags & flag]
+        return lines + [problem for problem in (servo.notice, self._handle_problem()) if problem]
 
     def summary(self) -> list[str]:
-        """What happened since the beginning.
+        """Lines on the whole session.
 
         Raises:
-            HapsceneError: as `lines`.
+            HapsceneError: see `lines`.
         """
         late = self._servo.timing().since(self.first_late)
         idle = self._empty.timing().since(self.first_idle)
         count = int(late.delay.sum())
         return [
             f"{count:,} ticks, {late.missed} missed",
-            f"later than a period: {later_than(late, self._servo.tick_s)}; an empty loop beside it: "
-            f"{later_than(idle, self._servo.tick_s)}",
-            f"late by {_percentiles(late)}; the empty loop by {_percentiles(idle)}",
-            self._told_worst(),
+            f"deadline misses (latency above one period): {deadline_misses(late, self._servo.tick_s)}; idle loop: "
+            f"{deadline_misses(idle, self._servo.tick_s)}",
+            f"latency: {_percentiles(late)}; idle loop: {_percentiles(idle)}",
+            self._worst_tick(),
         ]
 
-    def _handle_trouble(self) -> str:
+    def _handle_problem(self) -> str:
         if not self._mute:
             try:
                 self._servo.handle_report()
             except HandleError as error:
-                self._mute = f"nothing is heard: {error}"
+                self._mute = f"handle stopped: {error}"
         return self._mute
 
     def _note_worst(self, log: Any) -> None:
@@ -118,22 +118,25 @@ class Monitor:
             row = log.rows[at]
             self._worst = max(self._worst, (int(row.tick_ns), log.first + at, int(row.contact_ns)))
 
-    def _told_worst(self) -> str:
+    def _worst_tick(self) -> str:
         tick_ns, number, contact_ns = self._worst
         if number < 0:
-            return "worst tick: none yet"
-        cause = "finding the contact" if contact_ns > tick_ns / 2 else "effects, or another program"
-        return f"worst tick {number:,}: {tick_ns / 1e3:.1f} µs, {contact_ns / 1e3:.1f} of them contact: {cause}"
+            return "longest tick: no ticks yet"
+        cause = "contact search" if contact_ns > tick_ns / 2 else "effects or another program"
+        return (
+            f"longest tick {number:,}: {tick_ns / 1e3:.1f} µs, contact search {contact_ns / 1e3:.1f} µs; "
+            f"main cause: {cause}"
+        )
 
 
-def later_than(late: TimingStatistics, span_s: float) -> int:
-    """How many ticks began later than that, to the 9 % of a bin."""
+def deadline_misses(late: TimingStatistics, span_s: float) -> int:
+    """Number of ticks with a latency above a limit, to the 9 % resolution of the histogram."""
     first = math.ceil(BINS_PER_OCTAVE * math.log2(span_s * 1e9 / BIN_NS)) + 1
     return int(late.delay[first:].sum()) + late.missed
 
 
 def _bars(late: TimingStatistics) -> str:
-    """A histogram in eight signs, of counts on a logarithmic scale."""
+    """Histogram as eight characters, with counts on a logarithmic scale."""
     upper_us = BIN_NS * 2.0 ** (np.arange(len(late.delay)) / BINS_PER_OCTAVE) / 1e3
     edges = np.searchsorted(upper_us, EDGES_US)
     counts = np.diff(np.concatenate([[0], np.cumsum(late.delay)])[[0, *np.minimum(edges + 1, len(late.delay))]])
@@ -142,11 +145,11 @@ def _bars(late: TimingStatistics) -> str:
 
 
 def _percentiles(late: TimingStatistics) -> str:
-    return f"{late.delay_us():.3g} µs, p99 {late.delay_us(0.99):.3g}, most {late.delay_us(1.0):.3g}"
+    return f"median {late.delay_us():.3g} µs, p99 {late.delay_us(0.99):.3g} µs, max {late.delay_us(1.0):.3g} µs"
 
 
 def _warmth(device: Any) -> str:
-    return f"   motors at {100 * float(device.heat):.0f} %" if device.heat >= 0.0 else ""
+    return f"   motor heat {100 * float(device.heat):.0f} %" if device.heat >= 0.0 else ""
 
 
 def _buttons(device: Any) -> str:

@@ -1,4 +1,4 @@
-// Takes what the pointers do, as often as the browser tells, to the server; draws what it tells is felt.
+// Sends pointer events to the server, and draws the touch that the server reports.
 
 const $ = (id) => document.getElementById(id);
 const pad = $("pad"), ink = pad.getContext("2d"), dark = matchMedia("(prefers-color-scheme: dark)");
@@ -7,7 +7,7 @@ let state = { size: [4, 3], width_m: 0.16, depth_max_m: 0.003, tools: 1, swatche
 let felt = [], socket = null, open = false;
 const start = { depth: $("depth").value, volume: $("volume").value };
 
-// --- the picture, turned where the page is high and the scene is wide
+// --- the picture, rotated if the page is high and the scene is wide
 
 const picture = new Image();
 picture.onload = () => { picture.ready = true; };
@@ -15,22 +15,22 @@ picture.onerror = () => { picture.ready = false; };
 const load = () => { picture.ready = false; picture.src = dark.matches ? "dark.png" : "light.png"; };
 dark.addEventListener("change", load);
 
-function place() { // where the picture lies in the canvas [CSS pixels]
+function place() { // position of the picture in the canvas [CSS pixels]
   const box = pad.getBoundingClientRect(), [pw, ph] = state.size;
   const size = (w, h) => Math.min(box.width / w, box.height / h), turned = size(ph, pw) > 1.2 * size(pw, ph);
   const [w, h] = turned ? [ph, pw] : [pw, ph], scale = size(w, h);
   return { box, turned, w: w * scale, h: h * scale, x: (box.width - w * scale) / 2, y: (box.height - h * scale) / 2 };
 }
 
-function toPicture(event) { // u, v of the picture, 0 … 1; null beside it
+function toPicture(event) { // u, v in the picture, 0 to 1; null outside
   const at = place(), x = (event.clientX - at.box.left - at.x) / at.w, y = (event.clientY - at.box.top - at.y) / at.h;
   if (!(x >= 0 && x <= 1 && y >= 0 && y <= 1)) return null;
   return at.turned ? [y, 1 - x] : [x, y];
 }
 
-// --- pointers: what is down, and how deep
+// --- pointers
 
-const down = new Map(); // pointer: [u, v, share of the deepest], what was sent last
+const down = new Map(); // by pointer id: [u, v, depth relative to the maximum]
 const waiting = new Set();
 let sentAt = 0, timer = 0;
 
@@ -67,8 +67,8 @@ function up(event) {
 pad.addEventListener("pointerdown", (event) => {
   if (event.button !== 0) return;
   event.preventDefault();
-  document.activeElement?.blur(); // so that Space is not a button's
-  try { pad.setPointerCapture(event.pointerId); } catch { /* it is gone already */ }
+  document.activeElement?.blur(); // so that Space does not press a button
+  try { pad.setPointerCapture(event.pointerId); } catch { /* the pointer has been released */ }
   take(event);
 });
 const moved = (event) => { if (down.has(event.pointerId)) take(event); };
@@ -80,7 +80,7 @@ pad.addEventListener("wheel", (event) => {
   event.preventDefault();
   $("depth").value = +$("depth").value - Math.sign(event.deltaY) * 0.1;
   deepen();
-  send({ here: true });
+  send({ active: true });
 }, { passive: false });
 
 function deepen() {
@@ -95,7 +95,7 @@ setInterval(() => { for (const id of down.keys()) soon(id); }, REPEAT_MS);
 document.addEventListener("visibilitychange", () => { if (document.hidden) lift(); });
 addEventListener("pagehide", lift);
 
-// --- keys, switches
+// --- keys and switches
 
 addEventListener("keydown", (event) => {
   if (event.key === "Escape") lift();
@@ -107,14 +107,14 @@ addEventListener("keydown", (event) => {
 for (const button of document.querySelectorAll("[data-effect]"))
   button.addEventListener("click", () => send({ switch: [button.dataset.effect, !state.effects[button.dataset.effect]] }));
 $("pause").addEventListener("click", () => send({ pause: !state.paused }));
-$("sound").addEventListener("click", () => send({ hear: [!state.sound, +$("volume").value] }));
+$("sound").addEventListener("click", () => send({ sound: [!state.sound, +$("volume").value] }));
 $("volume").addEventListener("input", () => {
   $("volumenum").value = `${Math.round($("volume").value * 100)} %`;
-  if (state.sound !== null) send({ hear: [state.sound, +$("volume").value] });
+  if (state.sound !== null) send({ sound: [state.sound, +$("volume").value] });
 });
-$("depth").addEventListener("input", () => { deepen(); send({ here: true }); });
+$("depth").addEventListener("input", () => { deepen(); send({ active: true }); });
 
-// --- what is felt
+// --- state and traces
 
 const traces = { f: { least: 1, unit: "N" }, a: { least: 5, unit: "m/s²", both: true }, v: { least: 100, unit: "mm/s", factor: 1e3 } };
 for (const trace of Object.values(traces)) trace.values = [];
@@ -126,10 +126,10 @@ function takeState(next) {
   for (const button of document.querySelectorAll("[data-effect]"))
     button.setAttribute("aria-pressed", state.effects[button.dataset.effect]);
   $("pause").setAttribute("aria-pressed", state.paused);
-  $("pause").textContent = state.paused ? "go on" : "pause";
+  $("pause").textContent = state.paused ? "resume" : "pause";
   $("sound").disabled = $("volume").disabled = state.sound === null;
   $("sound").setAttribute("aria-pressed", !!state.sound);
-  $("sound").textContent = state.sound === null ? "no sound here" : state.sound ? "stop sound" : "start sound";
+  $("sound").textContent = state.sound === null ? "sound not available" : state.sound ? "stop sound" : "start sound";
   say(state.said || (!state.ready ? "starting …" : state.paused ? "paused" : ""), !!state.said);
   if (reset) {
     for (const trace of Object.values(traces)) trace.values.length = 0;
@@ -149,34 +149,34 @@ function takeFelt(next) {
 }
 
 function say(text, wrong) {
-  if ($("said").textContent !== text) $("said").textContent = text; // else a screen reader would repeat it
+  if ($("said").textContent !== text) $("said").textContent = text; // otherwise a screen reader would repeat it
   $("said").classList.toggle("wrong", !!wrong);
 }
 
-const SILENT_MS = 2000; // after which a server that told thirty times a second counts as gone
+const SILENT_MS = 2000; // time without messages after which the connection counts as lost; the server sends at 30 Hz
 
-let heard = 0; // when it last told what is felt [ms]; 0 where it does not
+let received = 0; // time of the last trace message [ms]; 0 if it does not exist
 
 function connect() {
   socket = new WebSocket(new URL("socket", location.href.replace(/^http/, "ws")));
   socket.onopen = () => { open = true; say(""); };
   socket.onmessage = (event) => {
     const message = JSON.parse(event.data);
-    if ("felt" in message) { heard = performance.now(); takeFelt(message); }
+    if ("felt" in message) { received = performance.now(); takeFelt(message); }
     else if ("size" in message) takeState(message);
-    else { heard = 0; say(message.said, true); }
+    else { received = 0; say(message.said, true); }
   };
   socket.onclose = lose;
 }
 
 function lose() {
-  if (open) say("not connected: the program has ended, or the network is gone", true);
-  open = false; heard = 0; felt = []; down.clear();
+  if (open) say("Connection lost: the program has ended, or the network is down", true);
+  open = false; received = 0; felt = []; down.clear();
   setTimeout(connect, 1000);
 }
 
-setInterval(() => { // a network that is gone closes nothing
-  if (!heard || performance.now() - heard < SILENT_MS) return;
+setInterval(() => { // a network failure does not close the socket
+  if (!received || performance.now() - received < SILENT_MS) return;
   socket.onclose = socket.onmessage = null;
   socket.close();
   lose();
@@ -186,7 +186,7 @@ setInterval(() => { // a network that is gone closes nothing
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-function fitted(canvas) { // its size [CSS pixels], its pixels those of the screen
+function fitted(canvas) { // matches the canvas to the screen pixels; returns context and size [CSS pixels]
   const { clientWidth: w, clientHeight: h } = canvas, ratio = devicePixelRatio || 1, pen = canvas.getContext("2d");
   const [W, H] = [Math.round(w * ratio), Math.round(h * ratio)];
   if (canvas.width !== W || canvas.height !== H) { canvas.width = W; canvas.height = H; }
@@ -233,7 +233,7 @@ function draw() {
   drawPad();
   for (const [name, trace] of Object.entries(traces)) drawTrace(name, trace);
   const last = felt[felt.length - 1], swatch = last && state.swatches[last[4]];
-  $("swatch").value = swatch ? swatch[0] : last ? "surface" : "in the air";
+  $("swatch").value = swatch ? swatch[0] : last ? "surface" : "no contact";
   $("chip").style.setProperty("--chip", swatch ? swatch[1] : "transparent");
   $("numbers").value = last ? `${last[2].toFixed(1)} N, ${last[3].toFixed(1)} mm` : "";
   const recent = traces.a.values.slice(-Math.ceil(0.1 / state.bin_s));

@@ -1,6 +1,6 @@
-"""The page on which a scene is touched: a `hapscene.web.server.WebServer` and what its messages do.
+"""Server of the page of `hapscene play`: a `hapscene.web.server.WebServer` and the handlers of its messages.
 
-A page may send anything: each field of a message is checked.
+Messages of pages are not trusted: each field is checked.
 """
 
 import math
@@ -28,49 +28,49 @@ if TYPE_CHECKING:
 __all__ = ["DEPTH_MAX_M", "STALE_S", "PageServer"]
 
 DEPTH_MAX_M: Final = 0.003
-"""How deep a pen goes at full pressure [m]: 1 to 2 N on the swatches that are shipped."""
+"""Depth of a pen at full pressure [m]: gives 1 to 2 N on the shipped swatches."""
 
 STALE_S: Final = 0.5
-"""After how long without a word a finger that is down counts as gone [s]: a page repeats it ten times a second."""
+"""Time without a message after which a finger counts as lifted [s]; a page repeats its messages at 10 Hz."""
 
 BEAT_S: Final = 0.03
-"""How often pages and drivers are told the newest [s]."""
+"""Period of updates to pages and drivers [s]."""
 
 BIN: Final = 3
-"""Ticks for each value of a trace [count]."""
+"""Number of ticks for each value of a trace [count]."""
 
 BINS_MAX: Final = 400
-"""Most values that a page is sent at once [count]: what it missed longer ago than that it never draws."""
+"""Largest number of values sent at once [count]; older values are dropped."""
 
 SWITCHES: Final = ("wall", "friction", "lpc_texture", "tap")
-"""Effects that the page switches off and on."""
+"""Effects that the page can turn on and off."""
 
 PICTURES: Final = {"light.png": LIGHT, "dark.png": DARK}
 
 Sound = Callable[[bool, float], None]
-"""Has sound start or stop, at a volume 0 … 1; raises HapsceneError where that fails."""
+"""Starts or stops sound at a volume of 0 to 1; raises HapsceneError on failure."""
 
 
 class PageServer:
-    """Serves the page while it is open, and moves the tools of a servo by it.
+    """Serves the page while it is open, and moves the tools of a servo.
 
     Args:
-        scene: what is touched, as it stands now; None for a flat pad, for a driver that is opened alone.
-        title: of the page.
-        tools: how many fingers touch at a time.
-        host, port: where to listen; port 0 for any that is free.
-        kiosk_s: after how long without input all is as at the start [s]; infinite for never.
-        tick_s: of the servo.
-        clock: measures how long pages say nothing.
+        scene: touched scene; None for a flat pad.
+        title: title of the page.
+        tools: number of fingers that can touch at the same time.
+        host, port: address to listen at; port 0 for any free one.
+        kiosk_s: time without input after which the page is reset [s]; infinite for never.
+        tick_s: tick period of the servo [s].
+        clock: measures the time without messages.
 
     Attributes:
-        url: of the page, with its token: whoever has it may touch, nobody else.
-        public: whether it is served to others than this machine.
-        devices: what the servo is made with, one for each tool.
-        sound: has sound started and stopped; None where there is none.
+        url: address of the page with its token, which gives access.
+        public: whether other machines can reach the page.
+        devices: devices for the servo, one for each tool.
+        sound: starts and stops sound; None without sound.
 
     Raises:
-        HapsceneError: websockets is missing; the port is taken, the host not ours.
+        HapsceneError: websockets is not installed, the port is in use, or the host is not an address of this machine.
     """
 
     def __init__(
@@ -103,17 +103,17 @@ class PageServer:
         )
         self.address, self.url, self.public = self._server.address, self._server.url, self._server.public
         self.link = PointerLink(tools, self.frame.clear_m)
-        told = {"door": self.link.port, "key": self.link.key, "tick_s": tick_s}
-        self.devices: list[DeviceChoice] = [choose("pointer", tool=tool, **told) for tool in range(tools)]
+        options = {"door": self.link.port, "key": self.link.key, "tick_s": tick_s}
+        self.devices: list[DeviceChoice] = [choose("pointer", tool=tool, **options) for tool in range(tools)]
         self._painters = ThreadPoolExecutor(1, "pictures")
         self._beats = Thread(target=self._beat_on)
         self._ended = Event()
         self._servo: Servo | None = None
-        # what the pages have done
+        # state set by the pages
         self._lock = RLock()
         self._held: dict[tuple[PageConnection, int], tuple[int, float]] = {}  # tool, time of the last message
         self._input_s = self._clock.now_s()
-        self._touched = False  # since all was as at the start
+        self._touched = False  # whether there was input since the last reset
         self._version = 0
         self._resets = 0
         self._start_values()
@@ -133,12 +133,12 @@ class PageServer:
         self.close()
 
     def attach(self, servo: "Servo") -> None:
-        """Show what this servo feels, which was made with `devices` and started at 0, and order it."""
+        """Connect a servo, which was made with `devices` and started at the origin."""
         self._servo = servo
         self._version += 1
 
     def close(self) -> None:
-        """Close it, every connection, and lift the tools; twice does no harm."""
+        """Close every connection and lift the tools. A second call has no effect."""
         if self._ended.is_set():
             return
         self._ended.set()
@@ -152,7 +152,7 @@ class PageServer:
     # --- requests and connections
 
     def _picture(self, name: str) -> tuple[bytes, str] | None:
-        """The scene from above; without GL it cannot be drawn, and the page has a plain ground."""
+        """Picture of the scene from above; without OpenGL, raises ViewError, and the page shows a frame instead."""
         return (self._pictures[name].result(), "image/png") if name in self._pictures else None
 
     def _beat_on(self) -> None:
@@ -165,18 +165,18 @@ class PageServer:
             since = self._send_felt(since)
 
     def beat(self) -> None:
-        """Send the drivers a heartbeat; lift tools without messages; reset a kiosk that nobody has touched for long."""
+        """Send the drivers a heartbeat, lift tools without messages, and reset a kiosk without input."""
         self.link.beat()
         with self._lock:
             now_s = self._clock.now_s()
-            for (page, pointer), (_, heard_s) in list(self._held.items()):
-                if now_s - heard_s > STALE_S:
+            for (page, pointer), (_, message_s) in list(self._held.items()):
+                if now_s - message_s > STALE_S:
                     self._release(page, pointer)
             if self._touched and now_s - self._input_s > self._kiosk_s:
                 self.reset()
 
     def _send_felt(self, since: int) -> int:
-        """Send all pages what was felt from tick `since` on; return the tick at which the next message begins."""
+        """Send traces from tick `since` on to all pages; returns the tick at which the next message begins."""
         if self._servo is None or not self._server.pages:
             return -1
         try:
@@ -186,15 +186,15 @@ class PageServer:
         self._server.send(felt)
         return since
 
-    # --- what pages say
+    # --- messages of pages
 
-    def take(self, page: PageConnection, said: Any) -> None:
-        """Do what a message of a page says; an invalid one has no effect."""
-        if not isinstance(said, dict) or len(said) > 8:
+    def take(self, page: PageConnection, message: Any) -> None:
+        """Handle a message of a page; an invalid message has no effect."""
+        if not isinstance(message, dict) or len(message) > 8:
             return
         with self._lock:
             self._input_s, self._touched = self._clock.now_s(), True
-            for order, value in said.items():
+            for order, value in message.items():
                 do = ORDERS.get(order)
                 if do is None:
                     continue
@@ -206,7 +206,7 @@ class PageServer:
                     pass
 
     def _points(self, page: PageConnection, value: Any) -> None:
-        """[[pointer, u, v, depth as a share of the deepest], …]"""
+        """Handle [[pointer, u, v, depth relative to DEPTH_MAX_M], …]."""
         for pointer, u, v, depth in () if self._paused else value[:10]:
             u, v, depth = float(u), float(v), float(depth)
             if not (isinstance(pointer, int) and 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0 and 0.0 <= depth <= 1.0):
@@ -230,14 +230,13 @@ class PageServer:
             self._release(page, int(pointer))
 
     def _switch(self, page: PageConnection, value: Any) -> None:
-        """[effect, whether it is on]"""
+        """Handle [effect, whether it is on]."""
         effect, on = value
         if effect in SWITCHES and isinstance(on, bool):
-            self._put(effect, on)
+            self._set_effect(effect, on)
             self._say("")
 
-    def _put(self, effect: str, on: bool) -> None:
-        """Switch an effect."""
+    def _set_effect(self, effect: str, on: bool) -> None:
         servo = self._servo
         if servo is None or self._on[effect] == on:
             return
@@ -245,7 +244,7 @@ class PageServer:
         self._on[effect] = on
 
     def _pause(self, page: PageConnection, value: Any) -> None:
-        """Whether to pause."""
+        """Handle whether to pause."""
         if isinstance(value, bool):
             self._set_paused(value)
 
@@ -260,8 +259,8 @@ class PageServer:
         self._paused = paused
         self._say("")
 
-    def _hear(self, page: PageConnection, value: Any) -> None:
-        """[whether there is sound, its volume]"""
+    def _sound(self, page: PageConnection, value: Any) -> None:
+        """Handle [whether sound is on, volume]."""
         on, volume = value
         if isinstance(on, bool) and 0.0 <= float(volume) <= 1.0:
             self._set_sound(on, float(volume))
@@ -273,7 +272,7 @@ class PageServer:
             self._say("")
 
     def lift(self, page: PageConnection | None = None) -> None:
-        """Lift all tools, or those of a page."""
+        """Lift all tools, or the tools of a page."""
         with self._lock:
             for held in [key for key in self._held if page in (None, key[0])]:
                 self._release(*held)
@@ -284,13 +283,13 @@ class PageServer:
             self.link.send(tool, False, (0.0, 0.0, 0.0), 0.0)
 
     def reset(self) -> None:
-        """All as at the start: tools lifted, effects on, no sound, not paused; pages clear their traces."""
+        """Restore the initial state: tools lifted, effects on, sound off, not paused, traces cleared."""
         with self._lock:
             self._touched = False
             self.lift()
             try:
                 for effect in SWITCHES:
-                    self._put(effect, True)
+                    self._set_effect(effect, True)
                 self._set_paused(False)
                 if self._sounds:
                     self._set_sound(False, self._volume)
@@ -301,14 +300,14 @@ class PageServer:
             self._say(self._said)
 
     def _say(self, text: str) -> None:
-        """Have all pages told the state, and a sentence."""
+        """Send the state and a message to all pages."""
         self._said = text
         self._version += 1
 
-    # --- what pages are told
+    # --- messages to pages
 
     def state(self) -> dict[str, Any]:
-        """What a page is told first, and after each change."""
+        """State that a page receives first, and after each change."""
         swatches = [] if self._scene is None else self._scene.swatches
         return {
             "title": self.title,
@@ -329,7 +328,7 @@ class PageServer:
         }
 
     def _felt(self, servo: "Servo", since: int) -> tuple[dict[str, Any], int]:
-        """Traces from tick `since` on, of all tools together, where they are; and from which tick on to ask then."""
+        """Traces of all tools from tick `since` on, with their positions; and the tick for the next call."""
         states = [servo.state(tool=tool) for tool in range(self.tools)]
         done = states[0].tick + 1
         count = min(max(done - since, 0) // BIN, BINS_MAX) if since >= 0 else 0
@@ -337,7 +336,7 @@ class PageServer:
         for tool in range(self.tools) if count else ():
             log = servo.read(done - (done - since) % BIN - count * BIN, tool=tool)
             if len(log.rows) < count * BIN:
-                continue  # written over: a page that hung
+                continue  # the log was overwritten because this call came too late
             rows = log.rows[: count * BIN]
             binned = np.linalg.norm(rows["f_W_N"], axis=1).reshape(count, BIN)
             force = np.maximum(force, binned.max(axis=1))
@@ -352,8 +351,8 @@ class PageServer:
                 newtons = float(np.linalg.norm(state.f_W_N))
                 tools.append([round(u, 5), round(v, 5), round(newtons, 3), round(1e3 * state.depth_m, 3), state.swatch])
         traces = {"f": force, "a": shake, "v": slip}
-        told: dict[str, Any] = {name: np.nan_to_num(trace).round(4).tolist() for name, trace in traces.items()}
-        return told | {"felt": tools}, done - (done - max(since, 0)) % BIN
+        message: dict[str, Any] = {name: np.nan_to_num(trace).round(4).tolist() for name, trace in traces.items()}
+        return message | {"felt": tools}, done - (done - max(since, 0)) % BIN
 
 
 ORDERS: Final[dict[str, Callable[[PageServer, PageConnection, Any], None]]] = {
@@ -362,7 +361,7 @@ ORDERS: Final[dict[str, Callable[[PageServer, PageConnection, Any], None]]] = {
     "lift": lambda server, page, value: server.lift(),
     "switch": PageServer._switch,
     "pause": PageServer._pause,
-    "hear": PageServer._hear,
-    "here": lambda server, page, value: None,  # somebody is: a kiosk waits on
+    "sound": PageServer._sound,
+    "active": lambda server, page, value: None,  # input on the page itself, which postpones the reset of a kiosk
 }
-"""What a page may say: {"points": …, "up": …}."""
+"""Handlers of messages such as {"points": …, "up": …}."""

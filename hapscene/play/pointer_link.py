@@ -1,7 +1,7 @@
-"""What passes between the page's server and the device `pointer` in the servo's process: datagrams on this machine.
+"""Datagrams between the page server and the device `pointer` in the process of the servo, on this machine.
 
-The driver says hello, with a key that the server gave it; from then on the server sends it places, the newest one again
-and again: a driver that hears nothing for `SILENCE_S` lifts its tool.
+The driver sends a hello message with a key that it got from the server. From then on the server repeatedly sends the
+latest target position. A driver that receives no message for `SILENCE_S` lifts its tool.
 """
 
 import secrets
@@ -14,24 +14,24 @@ from typing import Final, NamedTuple
 __all__ = ["HELLO", "PLACE", "SILENCE_S", "Place", "PointerLink"]
 
 SILENCE_S: Final = 0.25
-"""After how long without a word the tool is lifted [s]: the application is gone, stopped or too busy."""
+"""Time without a message after which the tool is lifted [s], because the application has ended or does not respond."""
 
 HELLO: Final = struct.Struct("<16sB")
-"""Key, tool."""
+"""Hello message: key, tool."""
 
 PLACE: Final = struct.Struct("<I?5d")
-"""A `Place`."""
+"""Target message: the fields of a `Place`."""
 
 
 class Place(NamedTuple):
-    """Where a tool shall be.
+    """Target position of a tool.
 
     Attributes:
-        number: one more with each place.
-        down: whether it touches; else it is held over the scene.
-        x_m, y_m, z_m: the surface under the pointer, in W.
-        depth_m: how far below it.
-        clear_m: height over everything.
+        number: sequence number.
+        down: whether the tool touches; otherwise it is held above the scene.
+        x_m, y_m, z_m: surface point under the pointer, in W.
+        depth_m: depth below the surface.
+        clear_m: height above the whole scene.
     """
 
     number: int
@@ -44,10 +44,10 @@ class Place(NamedTuple):
 
 
 class PointerLink:
-    """The server's end.
+    """The server's side of the link.
 
     Attributes:
-        port, key: what drivers are told.
+        port, key: options for the drivers.
     """
 
     def __init__(self, tools: int, clear_m: float) -> None:
@@ -61,35 +61,36 @@ class PointerLink:
         self._lock = Lock()
 
     def send(self, tool: int, down: bool, place_m: tuple[float, float, float], depth_m: float) -> None:
-        """Have a tool go to a place."""
+        """Set the target of a tool and send it."""
         with self._lock:
             before = self._places[tool]
             self._places[tool] = Place((before.number + 1) % 2**32, down, *place_m, depth_m, before.clear_m)
             self._send(tool)
 
     def beat(self) -> None:
-        """Hear who came, and tell all where their tools shall be; many times within `SILENCE_S`."""
+        """Receive hello messages and repeat all targets. Call this several times within `SILENCE_S`."""
         with self._lock:
             for _ in range(64):
                 try:
-                    said, address = self._socket.recvfrom(HELLO.size + 1)
+                    message, address = self._socket.recvfrom(HELLO.size + 1)
                 except BlockingIOError:
                     break
-                except OSError:  # a driver that is gone
+                except OSError:  # a driver has ended
                     continue
-                if len(said) == HELLO.size:
-                    key, tool = HELLO.unpack(said)
+                if len(message) == HELLO.size:
+                    key, tool = HELLO.unpack(message)
                     if secrets.compare_digest(key, self.key.encode()) and tool < len(self._places):
                         self._drivers[tool] = address
             for tool in self._drivers:
                 self._send(tool)
 
     def close(self) -> None:
+        """Close the socket."""
         with self._lock:
             self._socket.close()
             self._drivers.clear()
 
     def _send(self, tool: int) -> None:
         if tool in self._drivers:
-            with suppress(OSError):  # it is gone, or this is closed
+            with suppress(OSError):  # the driver has ended, or the socket is closed
                 self._socket.sendto(PLACE.pack(*self._places[tool]), self._drivers[tool])

@@ -1,4 +1,4 @@
-"""Starting a servo for a person: with a device, or behind a page in the browser."""
+"""Start a servo for `hapscene play`, with a device or with a page in the browser."""
 
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["log_folder", "on_page", "with_device"]
 
 FINGERS: Final = 2
-"""Fingers that touch at a time on the page [count]: each takes 10 µs of a tick."""
+"""Number of fingers that can touch at the same time on the page [count]: each takes 10 µs of a tick."""
 
 
 @contextmanager
@@ -30,13 +30,13 @@ def with_device(
     say: Callable[[str], None],
     **made: Any,
 ) -> Iterator[Servo]:
-    """A servo that runs with a device.
+    """A running servo with a device.
 
     Args:
-        scene, device: as `Servo` has them.
-        at: centre of the device's workspace in the scene [m]; else the middle of the scene's top.
-        say: is given the progress.
-        made: more arguments of `Servo`.
+        scene, device: see `Servo`.
+        at: centre of the device's workspace in the scene [m]; None for the centre of the scene's top.
+        say: called with progress messages.
+        made: further arguments of `Servo`.
     """
     with ExitStack() as stack:
         with step(say, f"starting {device if isinstance(device, str) else device.name}"):
@@ -49,24 +49,24 @@ def with_device(
 def on_page(
     scene: Scene, place: Mapping[str, Any], with_browser: bool, say: Callable[[str], None], **made: Any
 ) -> Iterator[Servo]:
-    """A servo that runs behind a page, whose address is given to `say`, and opened in the browser.
+    """A running servo that is controlled by a page.
 
     Args:
-        scene: as `Servo` has it.
+        scene: see `Servo`.
         place: arguments of `PageServer`.
-        with_browser: whether to open the browser.
-        say: is given the progress.
-        made: more arguments of `Servo`.
+        with_browser: open the page in the browser.
+        say: called with the address of the page and progress messages.
+        made: further arguments of `Servo`.
     """
     from hapscene.play.page_server import PageServer
 
     with PageServer(scene, tools=FINGERS, **place) as page, ExitStack() as stack:
         say(f"{page.url}   (Ctrl-C ends)\n")
         if page.public:
-            say("open to the network: whoever has this address may touch\n")
+            say("open to the network: anyone with this address can touch the scene\n")
         if with_browser:
             webbrowser.open(page.url)
-        with step(say, "starting"):  # the page shows the picture meanwhile
+        with step(say, "starting"):  # the page already shows the picture
             servo = stack.enter_context(Servo(scene, page.devices, **made))
             servo.start([(0.0, 0.0, 0.0)] * page.tools)
         if servo.handle_report():
@@ -77,12 +77,12 @@ def on_page(
 
 
 def log_folder() -> Path:
-    """Where session logs of this user are kept."""
+    """Folder of the session logs of this user."""
     return user_state_path("hapscene", appauthor=False) / "logs"
 
 
 def middle_of_top(scene: Scene) -> tuple[float, float, float]:
-    """The middle of a scene, at the height of its top [m]: what a hand reaches first."""
+    """Centre of the scene in x and y, at the height of its top [m]."""
     corners = [
         body.mesh.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3] for body in scene.bodies if len(body.mesh.faces)
     ]

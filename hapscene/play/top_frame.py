@@ -1,4 +1,4 @@
-"""A scene straight from above: its picture, and where in it is which place of the surface."""
+"""Top view of a scene: its picture, and the mapping between the picture and the surface."""
 
 from io import BytesIO
 from typing import TYPE_CHECKING, Final
@@ -18,27 +18,27 @@ if TYPE_CHECKING:
 __all__ = ["TopFrame"]
 
 WIDTH: Final = 1400
-"""Of the picture [pixels]."""
+"""Width of the picture [pixels]."""
 
 HEIGHT_SHARES: Final = (0.3, 1.4)
-"""Least and greatest height of the picture over its width [1]."""
+"""Smallest and largest ratio of height to width of the picture [1]."""
 
 PAD_M: Final = (0.16, 0.12)
-"""Width and height of the flat pad that there is without a scene [m]."""
+"""Width and height of the flat pad that is shown without a scene [m]."""
 
 CLEAR_M: Final = 0.02
-"""How far over everything a lifted tool is held [m]."""
+"""Height of a lifted tool above the scene [m]."""
 
 OVERSAMPLING: Final = 2
 
 
 class TopFrame:
-    """The orthographic frame of the picture: u from left to right, v from top to bottom, both 0 … 1.
+    """Orthographic top view with coordinates u from left to right and v from top to bottom, 0 to 1.
 
     Attributes:
-        size: of the picture [pixels].
-        size_m: width and height of what it shows.
-        clear_m: height over everything.
+        size: width and height of the picture [pixels].
+        size_m: width and height of the shown area.
+        clear_m: height above the whole scene.
     """
 
     def __init__(self, scene: "Scene | None") -> None:
@@ -48,7 +48,7 @@ class TopFrame:
             corners_m = np.array([bounds_of(body) for body in scene.bodies])
             bounds_m = np.array([corners_m[:, 0].min(axis=0), corners_m[:, 1].max(axis=0)])
             self._look = look_from_above(scene)
-            self._look(*corners_m[:, :, :2].mean(axis=1).T)  # builds the searches, which the first touch would wait for
+            self._look(*corners_m[:, :, :2].mean(axis=1).T)  # builds the search structures before the first touch
         self._middle_m = bounds_m.mean(axis=0)
         span_m = np.maximum(np.ptp(bounds_m, axis=0), 1e-9)
         self.size = WIDTH, round(WIDTH * float(np.clip(span_m[1] / span_m[0], *HEIGHT_SHARES)))
@@ -58,7 +58,7 @@ class TopFrame:
         self._corners_m = bounds_m
 
     def find(self, u: float, v: float) -> tuple[float, float, float] | None:
-        """The place of the surface under a point of the picture, in W [m]; None beside everything."""
+        """Surface point under a point of the picture, in W [m]; None outside all bodies."""
         x_m, y_m = self._middle_m[:2] + np.multiply((u - 0.5, 0.5 - v), self.size_m)
         if self._scene is None:
             return float(x_m), float(y_m), 0.0
@@ -66,17 +66,17 @@ class TopFrame:
         return None if np.isnan(z_m) else (float(x_m), float(y_m), z_m)
 
     def point(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Where in the picture a place is."""
+        """Coordinates u, v of a point in W."""
         return (
             float(0.5 + (x_m - self._middle_m[0]) / self.size_m[0]),
             float(0.5 - (y_m - self._middle_m[1]) / self.size_m[1]),
         )
 
     def picture(self, theme: Theme) -> bytes:
-        """The scene as `hapscene view` colours it, as PNG; nothing where there is none.
+        """Picture of the scene as PNG; empty without a scene.
 
         Raises:
-            ViewError: no GL can draw here.
+            ViewError: OpenGL is not available.
         """
         if self._scene is None:
             return b""

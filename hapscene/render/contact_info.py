@@ -1,7 +1,8 @@
-"""The contact that `Renderer.step` reports: touched body, position, and the force of the tool on the body."""
+"""The contact that `Renderer.step` reports, and contact events found in the rows of ticks."""
 
+from collections.abc import Sequence
 from struct import Struct
-from typing import Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.geometry import numbers
 from hapscene.records import ROW
 
-__all__ = ["Contact", "Impulse"]
+__all__ = ["Contact", "ContactEvent", "Impulse", "events_of"]
 
 Vector3 = NDArray[np.float64]
 
@@ -115,3 +116,55 @@ class Contact:
     def _float(self, name: str) -> float:
         number: float = _FLOAT(self._row, _OFFSET[name])[0]
         return number
+
+
+_EVENT_FIELDS: Final = ("body", "swatch", "began", "approach_m_s")
+
+Kind = Literal["began", "crossed", "ended"]
+
+
+class ContactEvent(NamedTuple):
+    """One contact event.
+
+    Attributes:
+        tick: number of the tick.
+        kind: "began", "crossed" (to another body or swatch without leaving the surface) or "ended".
+        body, swatch: names of what is touched, or was touched if the contact ended.
+        approach_m_s: speed into the surface if the contact began, otherwise 0 [m/s].
+    """
+
+    tick: int
+    kind: Kind
+    body: str
+    swatch: str
+    approach_m_s: float
+
+
+def events_of(
+    rows: Any, first: int, since: int, body_names: Sequence[str], swatch_names: Sequence[str]
+) -> list[ContactEvent]:
+    """Return the events from tick `since` on in rows (n,) ROW, of which the first is tick number `first`.
+
+    A contact that continues in the first row is no event, unless that row is tick 0.
+    """
+    found = []
+    before = (-1, -1)
+    for tick, row in enumerate(zip(*(rows[name].tolist() for name in _EVENT_FIELDS), strict=True), first):
+        body, swatch, began, approach_m_s = row
+        now = body, swatch
+        if tick == first > 0:
+            before = now
+        kind: Kind | None = None
+        if now[0] >= 0 and (began or before[0] < 0):
+            kind = "began"
+        elif now[0] < 0 <= before[0]:
+            kind = "ended"
+        elif now != before and now[0] >= 0:
+            kind = "crossed"
+        if kind is not None and tick >= since:
+            at = before if kind == "ended" else now
+            name = swatch_names[at[1]] if at[1] < len(swatch_names) else ""
+            speed = approach_m_s if kind == "began" else 0.0
+            found.append(ContactEvent(tick, kind, body_names[at[0]], name, speed))
+        before = now
+    return found

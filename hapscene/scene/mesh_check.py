@@ -5,6 +5,7 @@ import warnings
 from pathlib import Path
 from typing import Any, Final
 
+from hapscene.constants import SCENE_SUFFIXES
 from hapscene.errors import HapsceneError, printable
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_doctor import examine
@@ -27,7 +28,7 @@ CODES: Final = {OK: 0, NOTES: 0, FAULTS: 1, UNTOUCHABLE: 1, UNREADABLE: 2}
 def mesh_sources(name: str) -> list[tuple[Path, Mesh | None]]:
     """Return the mesh files of a folder; the meshes of a scene, with body names as paths; or the file itself."""
     path = Path(name)
-    if name.endswith((".scene.json", ".scene.zip")):
+    if name.endswith(SCENE_SUFFIXES):
         return [(Path(body.name), body.mesh) for body in load_scene(path).bodies]
     if not path.is_dir():
         return [(path, None)]

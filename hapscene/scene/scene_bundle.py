@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
+from hapscene.constants import BUNDLE_SUFFIX as ZIP_SUFFIX
 from hapscene.errors import FormatError, SceneError
 from hapscene.io.files import check_memory, open_zip, refusing, whole_file
 from hapscene.scene.mesh import Mesh
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
 __all__ = ["ZIP_SUFFIX", "read_bundle", "save_bundle", "unpack_bundle", "unpacked_beside"]
-
-ZIP_SUFFIX: Final = ".scene.zip"
 
 UNPACKED_MAX_B: Final = 2_000_000_000
 """Maximum unpacked size of a bundle [bytes]."""

@@ -35,6 +35,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.constants import SCENE_SUFFIX as SUFFIX
 from hapscene.errors import SceneError, warn
 from hapscene.io.files import check_file, naming, read_bytes, refusing, write_whole
 from hapscene.scene.body import Body
@@ -69,8 +70,6 @@ __all__ = [
 # content
 # has a different name, so no file is overwritten, and a scene file always refers to what was saved with it.
 
-
-SUFFIX: Final = ".scene.json"
 
 NAMING: Final = (SUFFIX, ".fidelity.json")
 """Suffixes of files that refer to sidecar files: a sidecar file is removed only if none of them refers to it."""

@@ -51,10 +51,7 @@ def paint_at(leaf: Any, low: int, high: int, bary: Any) -> int:
 
 @native
 def take_paint(touch: np.record, memory: np.record, states: NDArray[np.uint8], passed_on: Any, paint: int) -> None:
-    """Write the swatches of a paint, the weight of the second one, and changes to `touch`.
-
-    The weight follows that of the paint at a limited rate (`BLEND_S`), except in the first tick of a contact.
-    """
+    """Write the swatches of a paint to `touch`; the weight of the second one follows within `BLEND_S`."""
     swatch, other, wanted = paint & 0xFFFF, paint >> 16 & 0xFFFF, (paint >> 32) / 256.0
     if wanted == 0.0:
         other = -1

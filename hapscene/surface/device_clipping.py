@@ -44,10 +44,8 @@ class Clip:
     Attributes:
         swatch: name of the swatch or effect.
         number: name of the parameter, which ends in its unit.
-        asked: value in the swatch.
-        given: value that is rendered.
-        device: name of the device in messages.
-        rate_Hz: tick rate.
+        asked, given: value in the swatch, and value that is rendered.
+        device, rate_Hz: name of the device in messages, and tick rate.
         whose: "swatch" or "effect".
     """
 
@@ -86,16 +84,11 @@ def _figure(value: float) -> str:
 def clip_to_device(limits: Limits, effects: Sequence[Effect], asked: Mapping[tuple[int, str], float]) -> Numbers:
     """Return the parameters of a swatch within the limits of a device.
 
-    - A stiffness above the limit without damping gets the damping that makes it stable: the wall by `damping_Ns_m` of
-    any
-      effect, an effect's own `…_stiffness_N_m` by its `…_damping_Ns_m`. Without a damping parameter the stiffness is
-      reduced.
-    - Damping is limited to what the device can render. This includes damping that grows with depth, at the largest
-    depth
-      that the device can be pressed to, and viscous friction, at the largest normal force.
-    - Adhesion gets weaker and wider until its steepest slope is below the stiffness limit without damping. The work
-    to
-      detach stays the same.
+    - A stiffness above the limit without damping gets the damping that makes it stable (`damping_Ns_m` of any effect
+      for the wall, `…_damping_Ns_m` for `…_stiffness_N_m` of an effect), or is reduced without such a parameter.
+    - Damping is limited to what the device can render. Damping that grows with depth counts at the largest depth that
+      the device can be pressed to, viscous friction at the largest normal force.
+    - Adhesion gets weaker and wider, at the same work, until its steepest slope is below the limit without damping.
     """
     numbers = {
         (e, n): min(value, limits.damping_Ns_m) if n.endswith(DAMPING) else value for (e, n), value in asked.items()
@@ -132,8 +125,7 @@ class ClippedSwatches:
 
     Attributes:
         names: names of the swatches.
-        asked: parameters of each swatch.
-        given: parameters of each swatch that are rendered.
+        asked, given: parameters of each swatch, and those that are rendered.
 
     Raises:
         EffectError: a parameter is out of range.
@@ -271,7 +263,7 @@ def share_of(texture: "Texture", mass_kg: float, own_damping_Ns_m: float, tick_s
     farther = bool(np.any(texture.exponents != 0.0))
     shares = (*FORCE_SHARES, BEYOND) if farther else FORCE_SHARES
     top = (BEYOND if farther else 1.0) * texture.speed_max_m_s
-    spread = 0.0 if texture.modulation is None else texture.modulation.log_spread
+    spread = texture.log_spread
     swell = math.exp(max(0.0, spread - spread**2))  # one standard deviation of the amplitude modulation above the mean
     speed = np.linspace(min(SPEED_MIN_M_S, 0.5 * top), top, SPEED_COUNT)
     worst = TextureShare(1.0)

@@ -40,8 +40,7 @@ class GainModulation:
 
     Attributes:
         spread: (k,) standard deviation of each process [1], ≥ 0; k is 1 to `LIFE_MAX`.
-        decay_1_s: (k,) decorrelation rate of each process over time [1/s], ≥ 0.
-        decay_1_m: (k,) decorrelation rate of each process over distance [1/m], ≥ 0; not both are 0.
+        decay_1_s, decay_1_m: (k,) decorrelation rates over time [1/s] and distance [1/m], ≥ 0, not both 0.
 
     Raises:
         SwatchError: arrays have inconsistent shapes, or numbers are out of range or not finite.

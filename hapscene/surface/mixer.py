@@ -30,12 +30,10 @@ _ADDED = -1
 def render_contact(surface: "Surface") -> int:
     """Call the effects of contact with the parameters of the touched swatch; sum to `surface.total[0]`; return flags.
 
-    Each effect writes to a cleared record, so that one that returns NaN or infinity is identified. It is muted until
-    the next reset, and the other effects continue.
+    Each effect writes to a cleared record. One that returns NaN or infinity is muted until the next reset.
 
-    Where two swatches are blended, the effects are called for each. Forces are summed by weight. Accelerations are
-    summed by the square root of the weight: the two signals are independent, so the power spectrum of the sum is the
-    sum of their power spectra by weight.
+    Where two swatches are blended, the effects are called for each. Forces are summed by weight, accelerations by the
+    square root of the weight: the signals are independent, so that power spectra are summed by weight.
     """
     touch, part, total, memory = surface.touch[0], surface.part[0], surface.total[0], surface.memory[0]
     swatch, bank, blended = touch.swatch, memory.bank, touch.other >= 0
@@ -78,7 +76,12 @@ def render_contact(surface: "Surface") -> int:
 def render_fields(world: "World", surface: "Surface") -> int:
     """Call the effects of the scene and add their outputs to `surface.total[0]`; return flags."""
     touch, part, total = surface.touch[0], surface.part[0], surface.total[0]
-    read_poses(world, surface)
+    for k in range(len(surface.frame_body)):  # poses that these effects read from their tables
+        start, body = surface.frame_at[k], world.bodies[surface.frame_body[k]]
+        for i in range(3):
+            for j in range(3):
+                surface.tables[start + 3 * i + j] = body.R_WB[i, j]
+            surface.tables[start + 9 + i] = body.p_WB_m[i]
     flags = 0
     for e in range(surface.contact_count[0], len(surface.effects)):
         outcome = _call(surface, e, len(surface.stiffness_N_m), 0)
@@ -116,17 +119,6 @@ def _call(surface: "Surface", e: int, swatch: int, first_state: int) -> int:
         surface.muted[e] = FAILED
         return _MUTED
     return _ADDED
-
-
-@native
-def read_poses(world: "World", surface: "Surface") -> None:
-    """Write the poses that effects of the scene read to their tables."""
-    for k in range(len(surface.frame_body)):
-        start, body = surface.frame_at[k], world.bodies[surface.frame_body[k]]
-        for i in range(3):
-            for j in range(3):
-                surface.tables[start + 3 * i + j] = body.R_WB[i, j]
-            surface.tables[start + 9 + i] = body.p_WB_m[i]
 
 
 @inlined

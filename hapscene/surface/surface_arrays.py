@@ -160,7 +160,10 @@ def build_surface(
     paint, leaf, leaf_start = _leaves(scene)
     contact = effects[: len(effects) - len(fields)]
     params = _by_row(
-        [[_params(effect, swatch) for effect in contact] for swatch in swatches],
+        [
+            [_packed(e, {p.name: swatch.parameter(e.name, p.name, p.default) for p in e.params}) for e in contact]
+            for swatch in swatches
+        ],
         [_packed(e, field.numbers) for e, field in zip(effects[len(contact) :], fields, strict=True)],
         np.uint8,
     )
@@ -231,13 +234,8 @@ def put_numbers(surface: Surface, effects: Sequence[Effect], swatch: int, number
         if e == WALL:
             surface.stiffness_N_m[swatch] = value
         else:
-            _row(surface, effects[e], swatch, e)[name] = value
-
-
-def _row(surface: Surface, effect: Effect, swatch: int, e: int) -> Any:
-    """Return a view of the parameters of an effect on a swatch, (1,) of its `param_dtype`."""
-    start = surface.param_start[swatch, e]
-    return surface.params[start : start + effect.param_dtype.itemsize].view(effect.param_dtype)
+            start, dtype = surface.param_start[swatch, e], effects[e].param_dtype
+            surface.params[start : start + dtype.itemsize].view(dtype)[name] = value
 
 
 def clear_states(surface: Surface, effects: Sequence[Effect], seed: int) -> None:
@@ -288,10 +286,6 @@ def _leaves(scene: "Scene") -> tuple[NDArray[np.int32], Any, NDArray[np.int64]]:
             at += len(body.fine)
         face += len(body.face_swatch)
     return paint, leaf, np.concatenate([*first, [at]])
-
-
-def _params(effect: Effect, swatch: "Swatch") -> NDArray[np.uint8]:
-    return _packed(effect, {p.name: swatch.parameter(effect.name, p.name, p.default) for p in effect.params})
 
 
 def _packed(effect: Effect, numbers: Mapping[str, float]) -> NDArray[np.uint8]:

@@ -42,9 +42,8 @@ VERSION: Final = 4
 adds tools and tips; swatches without them are written as version 2 or 3."""
 
 BYTES_MAX: Final = 32 * 1024 * 1024
-"""Largest file that is opened [bytes]. A swatch of 100 models of order 120 has 0.3 MB; the largest that is allowed,
-with `NUMBER_MAX` frequencies, has 21 MB. Memory use is bounded by this limit and those of `hapscene.io.files`: 175 MB
-for the largest valid file, 330 MB for the worst file found."""
+"""Largest file that is opened [bytes]: 100 models of order 120 have 0.3 MB, `NUMBER_MAX` frequencies 21 MB. With the
+limits of `hapscene.io.files`, opening takes at most 175 MB for a valid file, 330 MB for the worst file found."""
 
 NUMBER_MAX: Final = 256 * MODEL_MAX
 """Most numbers in a list of a texture [count]: `MODEL_MAX` models of order 256, or fewer of a higher order."""

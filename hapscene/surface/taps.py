@@ -51,8 +51,7 @@ class Taps:
     Attributes:
         approach_m_s: (k,) approach speeds, ascending, > 0.
         amplitude_m_s2: (k,) amplitude A of the acceleration, ≥ 0.
-        frequency_Hz: (k,) frequency f, > 0.
-        decay_1_s: (k,) decay rate β, > 0.
+        frequency_Hz, decay_1_s: (k,) frequency f and decay rate β, > 0.
         wave_m_s2: (k, m) measured transient at each speed, from its onset, or None.
         wave_rate_Hz: sample rate of the transients; 0 without them.
 

@@ -126,8 +126,7 @@ def _opened(triangles: NDArray[np.int32], silent: NDArray[np.bool_]) -> NDArray[
 # | `direct` | coefficients a_k, as in Culbertson, Unwin & Kuchenbecker 2014 | after correction, see below |
 # | `hatt` | line spectral frequencies and variance of the excitation, as in the Penn toolkit | always |
 #
-# The first three blend the power of the output and choose the excitation to match. The last blends the excitation, as
-# the files of the toolkit require.
+# The first three blend the power of the output and choose the excitation to match; the last blends the excitation.
 #
 # A weighted mean of the coefficients of stable filters can be unstable: between random pairs, it is somewhere in 13, 73
 # and 99 % of cases at order 3, 8 and 20. The poles of an unstable mean are moved towards the origin, a_k ← γ^k a_k,
@@ -209,8 +208,7 @@ class Texture:
 
     Attributes:
         rate_Hz: sample rate of the models.
-        force_N: (m,) normal force of each model, ≥ 0.
-        speed_m_s: (m,) slip speed of each model, ≥ 0.
+        force_N, speed_m_s: (m,) normal force and slip speed of each model, ≥ 0.
         triangles: (t, 3) indices of the models at the corners; together they cover the rectangle up to the maxima.
         lsf_rad: (m, p) line spectral frequencies of each model, ascending in (0, π).
         variance_m2_s4: (m,) variance of the white excitation [(m/s²)²]; 0 for silence.

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from hapscene.errors import ViewError
-from hapscene.interrupt import heard
+from hapscene.interrupt import clear_interrupt
 from hapscene.io.confined import import_path
 from hapscene.render.recording import Recording
 from hapscene.view.figure_parts import FigureParts, make_figure_parts
@@ -95,7 +95,7 @@ def _run(job: bytes) -> str:
             complaint = process.stderr.read()
             return last_line(complaint, process.returncode) if process.wait() else ""
         except KeyboardInterrupt:
-            heard()
+            clear_interrupt()
             return ""
         finally:
             process.kill()

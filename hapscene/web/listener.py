@@ -23,7 +23,7 @@ CLOSE_S: Final = 5.0
 
 
 class WebListener:
-    """Binds its port at once and answers from `open` on, each connection in a thread of its own.
+    """Listens for WebSocket connections and handles each in a thread. The port is bound at once, served after `open`.
 
     Args:
         talk: called with each connection; the connection is closed when it returns.
@@ -56,7 +56,7 @@ class WebListener:
             raise HapsceneError(f"{what} needs one more package: pip install 'hapscene[serve]'")
         from websockets.sync.server import serve
 
-        log = logging.getLogger(__name__)  # errors of strangers are answered, not printed
+        log = logging.getLogger(__name__)  # errors in requests are answered, not printed
         log.addHandler(logging.NullHandler())
         log.propagate = False
         try:
@@ -76,7 +76,7 @@ class WebListener:
         self._thread.start()
 
     def close(self) -> None:
-        """Close the port and every connection, and wait for their threads, up to `CLOSE_S`."""
+        """Close the port and every connection; wait for their threads, up to `CLOSE_S`."""
         self._closed.set()
         self._listener.shutdown()
         if self._thread.ident is not None:
@@ -112,7 +112,7 @@ def refusal_reason(headers: Mapping[str, str], names: Collection[str], public: b
     Args:
         headers: of the request.
         names: accepted host names.
-        public: accept any IP address as host, too: unlike a name, an address cannot be rebound to this machine.
+        public: also accept any IP address as host. Unlike a name, an address cannot be redirected by DNS rebinding.
         upgrade: the request asks for a WebSocket; its origin must be the same host.
     """
     host = headers.get("Host", "")

@@ -1,7 +1,7 @@
 """A web server for one page: its files, and a WebSocket on which the page and the program exchange JSON.
 
-Every request must have the token that is drawn at the start and name an accepted host; a WebSocket must come from a
-page of that same host. What a page sends may be anything: messages are limited in size and rate.
+Every request must contain the token that is drawn at the start and name an accepted host; a WebSocket must come from a
+page of the same host. Messages of pages are not trusted: they are limited in size and rate.
 """
 
 import contextlib
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 __all__ = ["PageConnection", "WebServer"]
 
 CONNECTIONS_MAX: Final = 32
-"""Most open connections [count]: a page opens some for its files, and keeps one."""
+"""Largest number of open connections [count]: a page opens some for its files and keeps one."""
 
 MESSAGES_MAX_HZ: Final = 600.0
-"""Most messages of a page per second [1/s]; pages send up to 250."""
+"""Largest rate of messages of a page [1/s]; pages send up to 250."""
 
 WAITING_MAX: Final = 256
-"""Messages that may wait for a page that does not read [count]; beyond, it is disconnected and connects again."""
+"""Largest number of unsent messages [count]; a page that reads too slowly is disconnected, and connects again."""
 
 CLOSE_S: Final = 1.0
 """Longest wait, when the server closes, until a page has received what was sent [s]."""
@@ -49,7 +49,7 @@ CONTENT_TYPES: Final = {
 
 
 class PageConnection:
-    """The WebSocket of one open page. Sending never blocks: a thread sends what waits."""
+    """The WebSocket of one open page. Sending never blocks: a thread sends the queued messages."""
 
     def __init__(self, connection: "ServerConnection") -> None:
         self._connection = connection
@@ -69,7 +69,7 @@ class PageConnection:
                 self._connection.socket.shutdown(socket.SHUT_RDWR)
 
     def close(self, timeout_s: float | None = None) -> None:
-        """Close the connection after what waits, and wait for that, at most so long [s]."""
+        """Close the connection after the queued messages are sent; wait for that, up to a time limit [s]."""
         self._waiting.put(None)
         self._sender.join(timeout_s)
 
@@ -103,7 +103,7 @@ class WebServer:
         clock: measures the rate of messages.
 
     Attributes:
-        url: address of the page with its token; only whoever has it is let in.
+        url: address of the page with its token, which gives access.
         address: host and port.
         public: whether other machines can reach it.
 
@@ -155,7 +155,7 @@ class WebServer:
         self._listener.open()
 
     def close(self) -> None:
-        """Send what waits, then close every connection."""
+        """Send queued messages, then close every connection."""
         for page in self.pages:
             page.close(CLOSE_S)
         self._listener.close()
@@ -202,8 +202,10 @@ class WebServer:
         finally:
             with self._lock:
                 self._pages.discard(page)
-            self._left(page)
-            page.close()
+            try:
+                self._left(page)
+            finally:  # ends the thread of the page even if the callback raises
+                page.close()
 
     def _take_text(self, page: PageConnection, text: str | bytes) -> None:
         try:
@@ -238,7 +240,7 @@ class WebServer:
         token = request.path.partition("?")[0][1:].rpartition("/")[0]
         if hmac.compare_digest(token.encode(errors="replace"), self._token.encode()):
             return None
-        return "invalid token: open the whole address that the terminal printed"
+        return "invalid token: open the complete address that the terminal printed"
 
 
 def _response(status: http.HTTPStatus, content: bytes, content_type: str = "text/plain; charset=utf-8") -> "Response":

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numba import carray, types  # type: ignore[attr-defined]  # numba does not declare the export
 
-from hapscene.compiled.c_call import c_caller
+from hapscene.compiled.entry import c_caller
 from hapscene.compiled.native import CFunction, native
 from hapscene.device.driver import DEVICE_STATE
 

@@ -317,11 +317,7 @@ def test_a_model_is_touched_from_the_command_line(
     Path("empty.xml").write_text("<mujoco/>")
     assert main(["touch", "empty.xml"]) == 2
     said = capsys.readouterr().err
-    assert (
-        "leave --unit out" in said
-        and "bad.xml: MuJoCo says" in said
-        and "empty.xml: the model has no geom to touch" in said
-    )
+    assert "--unit" in said and "bad.xml: MuJoCo says" in said and "empty.xml: the model has no geom to touch" in said
 
 
 @pytest.mark.parametrize(

@@ -61,10 +61,10 @@ class Still:
     def aim(self, p_WT: Any, grip: str) -> None:
         self.grips.append(grip)
 
-    def move(self, body: str, X_WB: Any, *, seen: Impulse, **how: Any) -> None:
-        self.seen = np.concatenate(seen)
+    def move(self, body: str, X_WB: Any, *, applied: Impulse, **how: Any) -> None:
+        self.seen = np.concatenate(applied)
 
-    def free(self, body: str, mass_kg: float, **how: Any) -> None:
+    def set_mass(self, body: str, mass_kg: float, **how: Any) -> None:
         if body != "crate":
             raise SceneError("no body; there are: " + 10_000 * "crate, ")
         self.mass_kg = mass_kg

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from hapscene.cli import main
-from hapscene.paint.model.document import stamp_of
+from hapscene.paint.model.document import file_hash
 from hapscene.scene.scene import Scene
 
 
@@ -93,7 +93,7 @@ def test_nor_beside_a_scene_that_is_saved(folder: Path, unhung: None) -> None:
     os.mkfifo("y.scene.json")
     scene.save("y.scene.json")
     with pytest.raises(Exception, match=r"other\.scene\.json: cannot be read: not a file"):
-        stamp_of(Path("other.scene.json"))
+        file_hash(Path("other.scene.json"))
 
 
 def test_a_link_that_leads_nowhere_is_not_what_was_meant(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -39,7 +39,7 @@ def test_there_and_back(suffix: str, desk: Path, capsys: pytest.CaptureFixture[s
     ("arguments", "message"),
     [
         (["SCENE", "desk.fbx"], "'.fbx'"),
-        (["SCENE", "desk.glb", "--unit", "mm"], "leave --unit out"),
+        (["SCENE", "desk.glb", "--unit", "mm"], "--unit"),
         (["none.scene.json", "desk.glb"], "none.scene.json"),
         (["none.glb", "desk.scene.json"], "no such file"),
         (["SCENE", "other.scene.json"], "is a scene already"),

@@ -16,7 +16,7 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 from hapscene.cli import main
 from hapscene.cli.paint import lead_browser, rare_collections
 from hapscene.errors import SceneError
-from hapscene.paint.model.document import earlier_words
+from hapscene.paint.model.document import describe_scene_file
 from hapscene.paint.opening import DEMO, _copy_demo, earlier_scenes, open_session
 from hapscene.scene.mesh import MeshWarning
 from hapscene.scene.scene_bundle import save_bundle
@@ -79,11 +79,11 @@ def test_without_a_name_a_copy_of_the_demo_is_painted(folder: Path) -> None:
     [
         (["none.scene.json"], "none.scene.json"),
         (["cube.ply"], "unit"),
-        (["cube.ply", "--unit", "m", "--device", "ideal"], "no mass to move"),
+        (["cube.ply", "--unit", "m", "--device", "ideal"], "'ideal'"),
         (["cube.ply", "--unit", "m", "--device", "omi"], "no device 'omi'; there are: omni, omni-point"),
         (["cube.ply", "--unit", "m", "--grip", "tight"], "no grip 'tight'; there are: firm, light, medium"),
         (["cube.ply", "--unit", "m", "--compensator", "none"], "no compensator 'none'; there are: adaptive"),
-        (["made.scene.json", "--unit", "m"], "leave --unit out"),
+        (["made.scene.json", "--unit", "m"], "--unit"),
     ],
 )
 def test_what_cannot_be_painted_is_one_line(
@@ -139,7 +139,7 @@ def test_what_was_painted_of_a_mesh_before_is_found(folder: Path) -> None:
         session.save()
     assert earlier_scenes(Path("cube_4.scene.json")) == [Path(f"cube{n}.scene.json") for n in ("", "_2", "_3")]
     assert earlier_scenes(Path("cube_2.scene.json")) == []  # it is there, and opened itself
-    assert "cube.scene.json was saved at" in earlier_words(Path("cube.scene.json"))
+    assert "cube.scene.json was saved at" in describe_scene_file(Path("cube.scene.json"))
     save_bundle(session.scene, Path("all.scene.zip"))
     for expected, before in (("all", []), ("all_2", ["all"]), ("all_3", ["all", "all_2"])):
         path = open_session("all.scene.zip").path

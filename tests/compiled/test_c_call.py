@@ -7,7 +7,7 @@ import math
 import pytest
 from numba import types
 
-from hapscene.compiled.c_call import c_caller
+from hapscene.compiled.entry import c_caller
 from hapscene.compiled.native import INTERPRETED, native
 
 pytestmark = pytest.mark.skipif(INTERPRETED, reason="only compiled code calls by address")

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from hapscene.cli import main
-from hapscene.interrupt import AGAIN_S, ENDS, heard, interrupt_noted, interrupted_by_ends
+from hapscene.interrupt import AGAIN_S, ENDS, clear_interrupt, interrupt_noted, interrupted_by_ends
 
 pty = pytest.importorskip("pty", reason="this platform has no pseudo-terminals")
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
@@ -173,7 +173,7 @@ def test_interrupt_is_not_raised_again_during_cleanup() -> None:
                         time.sleep(5 * AGAIN_S)
                         order.append("an except clause")
         except KeyboardInterrupt:
-            heard()
+            clear_interrupt()
         time.sleep(5 * AGAIN_S)
     assert order == ["an except clause", "an exit"]
 

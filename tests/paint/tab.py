@@ -17,6 +17,7 @@ from hapscene.paint.web.page import Page
 from hapscene.paint.web.server import SOCKET_PATH
 
 SIZE = (800, 600)
+TRIPS_MAX = 50_000
 
 
 class Tab:
@@ -89,14 +90,16 @@ class Tab:
 
     def choose(self, name: str) -> None:
         """Take a swatch to paint with: press its card on the shelf."""
-        self.send("shelf", act="use", name=name)
+        self.send("library", act="use", name=name)
         self.settle()
 
     def wait(self, true: Callable[[], Any]) -> Any:
-        """Go there and back until something is true; what it then is. What never comes true ends at pytest's limit."""
-        while not (found := true()):
+        """The value of a condition once it is true, asked after each of at most `TRIPS_MAX` round trips to the page."""
+        for _ in range(TRIPS_MAX):
+            if found := true():
+                return found
             self._go_there_and_back()
-        return found
+        raise AssertionError("the condition did not become true")
 
     def settle(self) -> None:
         """Until the page has done all that was sent on both sockets so far, and all that it told of that has come."""

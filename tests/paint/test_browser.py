@@ -33,7 +33,7 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     assert (page.context.session.scene.bodies[0].face_swatch == 2).all()
     assert np.abs(window.pixels() - first).max(axis=2).mean() > 1.0
 
-    tab.get_by_role("tab", name="Feel").click()
+    tab.get_by_role("tab", name="Haptics").click()
     field = tab.locator("input[inputmode=decimal]:visible").first
     field.fill("222")
     field.press("Enter")
@@ -46,11 +46,11 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     tab.keyboard.down("Shift")
     tab.mouse.move(*window.at(FRONT))
     tab.mouse.down()
-    window.wait("window.hapscene.state.word.startsWith('epoxy:')")
+    window.wait("window.hapscene.state.status.startsWith('epoxy:')")
     window.wait("Math.max(...window.hapscene.trace.force) > 0.5")
     for x_m in np.tile(np.linspace(0.0, 0.008, 12), 40):
         tab.mouse.move(*window.at(np.add(FRONT, (x_m, 0.0, 0.0))))
-        if window.ask("window.hapscene.sound.heard > 5000 && window.hapscene.sound.peak > 0.05"):
+        if window.ask("window.hapscene.sound.played > 5000 && window.hapscene.sound.peak > 0.05"):
             break
     tab.mouse.up()
     tab.keyboard.up("Shift")

@@ -35,7 +35,7 @@ def test_the_oldest_steps_go_when_memory_is_full() -> None:
     assert 2 <= len(kept) < 30
     assert kept == [f"step {i}" for i in range(60 - len(kept), 60)]
     base = None
-    while history.back() is not None:
+    while history.undo() is not None:
         base = history.state
     assert base not in (0, None)  # not where it began: that is forgotten
     history.add(noise(99))
@@ -58,10 +58,10 @@ def test_the_state_is_the_same_when_the_scene_is() -> None:
         states.append(history.state)
     assert len(set(states)) == 4
     for state in reversed(states[:-1]):
-        history.back()
+        history.undo()
         assert history.state == state
     for state in states[1:]:
-        history.forward()
+        history.redo()
         assert history.state == state
 
 

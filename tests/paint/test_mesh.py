@@ -12,7 +12,7 @@ from trimesh.creation import annulus, box, cylinder, icosphere
 from hapscene.paint.model.mesh import (
     FACING_RAD,
     PaintableMesh,
-    face_centre,
+    face_centre_hit,
     pick,
     project_to_surface,
     segment_triangle,
@@ -75,7 +75,7 @@ def test_of_several_bodies_the_nearest(tmp_path) -> None:
     np.testing.assert_allclose(X_WB[:3, :3] @ below.p_B_m + X_WB[:3, 3], below.p_W_m, atol=1e-12)
     for bad in (np.zeros(3), np.array([np.nan, 0.0, 1.0])):
         assert pick(scene.bodies, session.shapes, np.zeros(3), bad) is None
-    assert face_centre(scene.bodies, session.shapes, 1, 5).face == 5
+    assert face_centre_hit(scene.bodies, session.shapes, 1, 5).face == 5
 
 
 @pytest.mark.parametrize("angle_rad", [0.0, 0.05, 0.2, 1.6, 3.14])
@@ -239,7 +239,7 @@ def test_a_ring_lies_on_a_ball(scene) -> None:
 def test_beside_the_body_a_ring_stays_in_its_plane(scene) -> None:
     shapes = [PaintableMesh(body.mesh) for body in scene.bodies]
     top = int(np.argmax(shapes[1].centroid_m @ [0.0, 0.0, 1.0] + 1e-3 * (shapes[1].centroid_m[:, 0] < -0.019)))
-    hit = face_centre(scene.bodies, shapes, 1, top)
+    hit = face_centre_hit(scene.bodies, shapes, 1, top)
     ring = hit.p_W_m + circle(0.005)
     laid = project_to_surface(scene.bodies[1], shapes[1], hit, ring, 0.005)
     np.testing.assert_allclose(laid, ring, atol=1e-9)

@@ -30,7 +30,7 @@ def test_what_is_given_is_what_the_renderer_gives(scene) -> None:
     found = by_name(HARD, "omni")
     assert clipped["stiffness_N_m"] == found["stiffness_N_m"].given == limits_of("omni", 1e-3).stiffness_N_m
     assert found["stiffness_N_m"].value == 5000.0
-    assert "more than the omni holds" in found["stiffness_N_m"].note
+    assert "omni" in found["stiffness_N_m"].note
     for name, given_value in clipped.items():
         assert found[name].given == given_value
 
@@ -86,11 +86,11 @@ def test_what_was_measured_is_no_longer_said_of_what_was_turned() -> None:
 @pytest.mark.parametrize(
     ("numbers", "message"),
     [
-        ({"texture_gain": 11.0}, "texture_gain of swatch 'hard' must lie between 0 and 10, is 11"),
-        ({"stiffness_N_m": -1.0}, "between 0 and inf, is -1"),
-        ({"stiffness_N_m": float("inf")}, "is inf"),
-        ({"friction_static": float("nan")}, "is nan"),
-        ({"hardness": 1.0}, "no parameter 'hardness'; there are: .*stiffness_N_m"),
+        ({"texture_gain": 11.0}, "'hard'.*texture_gain = 11.*0 to 10"),
+        ({"stiffness_N_m": -1.0}, "stiffness_N_m = -1"),
+        ({"stiffness_N_m": float("inf")}, "stiffness_N_m = inf"),
+        ({"friction_static": float("nan")}, "friction_static = nan"),
+        ({"hardness": 1.0}, "'hardness'.*stiffness_N_m"),
     ],
 )
 def test_what_no_swatch_can_have(numbers, message) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.path import Path as Line
 
-from hapscene.paint.model.regions import Outline, TurnedBox
+from hapscene.paint.model.regions import OrientedBox, Outline
 
 from .conftest import turned
 
@@ -27,7 +27,7 @@ def test_no_distance_is_more_than_the_true_one() -> None:
     rng = np.random.default_rng(1)
     for region in (
         Outline(turned(0.4, (0.01, 0.02, 0.3)), STAR),
-        TurnedBox(turned(0.7, (0.0, 0.1, 0.0)), np.full(3, 0.2)),
+        OrientedBox(turned(0.7, (0.0, 0.1, 0.0)), np.full(3, 0.2)),
     ):
         a, b = rng.uniform(-0.5, 0.5, (2, 20_000, 3))
         b = a + (b - a) * rng.uniform(0, 1, (len(a), 1)) ** 4  # near ones too

@@ -5,7 +5,7 @@ import pytest
 from trimesh.creation import box, icosphere
 
 from hapscene.paint.model.session import Session
-from hapscene.paint.model.visibility import seen_places
+from hapscene.paint.model.visibility import visible_points
 from hapscene.scene.fine_paint import finest_of, parts
 from hapscene.scene.scene import Scene
 
@@ -28,7 +28,7 @@ def test_the_back_of_a_face_is_not_hit_and_a_two_sided_one_is() -> None:
         scene.add(bowl(), name="bowl", swatch="wood", two_sided=two_sided)
         session = Session(scene)
         assert session.pick(EYE, DOWN) is not None
-        assert (session.pick(EYE, DOWN, seen=True) is not None) is two_sided
+        assert (session.pick(EYE, DOWN, visible_only=True) is not None) is two_sided
         session.begin_stroke("plain", 0.004)
         assert (session.drag_to(EYE, DOWN) is not None) is two_sided
         assert bool(session.end_stroke()) is two_sided
@@ -63,7 +63,7 @@ def test_against_rays_over_all_faces(away_m: float) -> None:
     eye = np.array([0.3, 0.2, 1.0]) * away_m
     for body in scene.bodies:
         p_W = body.mesh.triangles_m.mean(axis=1) + body.X_WB[:3, 3]
-        found = seen_places(scene.bodies, session.shapes, p_W, eye)
+        found = visible_points(scene.bodies, session.shapes, p_W, eye)
         for p, seen in zip(p_W, found, strict=True):
             hidden = False
             for other in scene.bodies:

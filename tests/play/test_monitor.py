@@ -19,4 +19,4 @@ def test_a_handle_that_is_gone_is_told_and_its_first_reason_kept() -> None:
     monitor = Monitor.__new__(Monitor)
     monitor._servo, monitor._mute = MuteServo(), ""  # type: ignore[assignment]
     for _ in range(2):
-        assert monitor._handle_trouble() == "nothing is heard: dualsense: plays no more: was it unplugged?"
+        assert "was it unplugged?" in monitor._handle_problem()

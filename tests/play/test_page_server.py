@@ -124,7 +124,7 @@ def test_invalid_messages_have_no_effect(page: PageServer) -> None:
     before = page.state()
     for value in values:
         page.take(1, value)
-        for order in ("points", "up", "switch", "pause", "hear", "x", ""):
+        for order in ("points", "up", "switch", "pause", "sound", "x", ""):
             page.take(1, {order: value})
     page.take(1, {"points": [[1, 0.5, 0.5, 0.5]], **{str(number): 0 for number in range(8)}})  # too many orders
     assert page.state() == before and downs(page) == [False, False]
@@ -154,7 +154,7 @@ def test_effects_are_switched_and_a_kiosk_puts_all_back(page: PageServer, clock:
     heard: list[Any] = []
     page.attach(servo)
     page.sound = lambda on, volume: heard.append((on, volume))
-    page.take(1, {"switch": ["friction", False], "hear": [True, 0.5]})
+    page.take(1, {"switch": ["friction", False], "sound": [True, 0.5]})
     page.take(1, {"switch": ["friction", False]})  # it is off already
     assert servo.orders == [("friction", True)]
     page.take(1, {"points": [[1, 0.5, 0.5, 0.5]]})
@@ -182,7 +182,7 @@ def test_what_an_order_is_refused_for_is_told(page: PageServer) -> None:
         raise HapsceneError("no card")
 
     page.sound = refuse
-    page.take(1, {"hear": [True, 0.5]})
+    page.take(1, {"sound": [True, 0.5]})
     assert page.state()["said"] == "no card"
     assert page.state()["sound"] is False
 

@@ -5,7 +5,7 @@ import trimesh
 
 import hapscene
 from hapscene.records import ROW, records
-from hapscene.render.contact_events import ContactEvent, events_of
+from hapscene.render.contact_info import ContactEvent, events_of
 
 BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
 

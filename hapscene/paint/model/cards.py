@@ -1,4 +1,4 @@
-"""All swatches to paint with: those of the scene, of the user's library, and the shipped ones."""
+"""Cards: swatches that the painter offers, from the scene, the user's library and the shipped libraries."""
 
 import re
 from collections.abc import Iterable
@@ -19,23 +19,23 @@ __all__ = ["SORTS", "Card", "all_cards", "matching", "ordered", "scene_cards"]
 Place = Literal["scene", "yours", "shipped", "computed"]
 
 SORTS: Final = ("place", "name", "roughness", "loudness")
-"""What cards are sorted by: place is as `all_cards` gives them; roughness and loudness (of taps) from the least."""
+"""Sort orders: "place" keeps the order of `all_cards`; roughness and loudness of taps are ascending."""
 
 GREY: Final = (0.7, 0.7, 0.7)
-"""Colour of a swatch that cannot be loaded."""
+"""Colour shown for a swatch that cannot be loaded."""
 
 
 @dataclass(frozen=True, eq=False)
 class Card:
-    """A swatch to paint with.
+    """A swatch that the painter offers.
 
     Attributes:
-        entry: what is known of it without loading it: name, provenance, licence, figures.
-        place: where it is from.
-        index: in the scene; None where it is not in it.
-        source: what `Session.add_swatch` takes.
-        own: the library folder of the user's that holds it; None where none does.
-        folder: its name within the library; "" for the library itself.
+        entry: metadata that is read without loading the swatch: name, provenance, licence, figures.
+        place: where the swatch comes from.
+        index: index in the scene; None if the scene does not use the swatch.
+        source: argument for `Session.add_swatch`.
+        own: folder of the user's library that holds the swatch; None if it is not in the user's library.
+        folder: name of that folder within the library; "" for the top folder.
     """
 
     entry: LibraryEntry
@@ -45,31 +45,28 @@ class Card:
     own: Path | None = None
     folder: str = ""
 
-    def __repr__(self) -> str:
-        return f"<Card {self.name!r}, {self.place}>"
-
     @property
     def name(self) -> str:
-        """What the surface is called."""
+        """Name of the swatch."""
         return self.entry.name
 
     @cached_property
     def swatch(self) -> Swatch:
-        """The swatch itself, loaded when it is asked for.
+        """The swatch, loaded on first use.
 
         Raises:
-            SwatchError: its file is gone or broken.
+            SwatchError: the file is missing or damaged.
         """
         return self.source if isinstance(self.source, Swatch) else _loaded(self.source, self.entry.sha256)
 
     @property
     def phrases(self) -> tuple[Phrase, ...]:
-        """What it feels like."""
+        """Words and figures that describe how the swatch feels."""
         return phrases(self.swatch)
 
     @property
     def albedo_rgb(self) -> tuple[float, float, float]:
-        """Its colour, 0 to 1 each; grey where it cannot be loaded."""
+        """Colour, each channel 0 to 1; `GREY` if the swatch cannot be loaded."""
         try:
             return self.swatch.albedo_rgb
         except SwatchError:
@@ -77,12 +74,14 @@ class Card:
 
 
 def scene_cards(scene: Scene) -> list[Card]:
-    """Those of the scene's swatches."""
+    """Cards of the swatches in a scene."""
     return [Card(entry_of(swatch, b""), "scene", index, swatch) for index, swatch in enumerate(scene.swatches)]
 
 
 def all_cards(scene: Scene) -> list[Card]:
-    """All cards. One of the scene hides those of its name in the library: it may be tuned.
+    """Cards of the scene, the user's library, the shipped and the computed swatches.
+
+    Names are unique: a swatch of the scene, which may have been tuned, hides library swatches of the same name.
 
     Raises:
         SwatchError: the index of the library is damaged.
@@ -123,31 +122,33 @@ def ordered(cards: Iterable[Card], by: str) -> list[Card]:
 
 @lru_cache(maxsize=1024)
 def _loaded(source: str | Path, sha256: str) -> Swatch:
-    """A swatch's file, read once as long as its content is the same."""
+    """The swatch in a file, cached until the content of the file changes."""
     return load_swatch(source)
 
 
 def matching(cards: Iterable[Card], text: str) -> list[Card]:
-    """The cards that meet all words and bounds of a search: "wood", "grippy", "friction<0.3", "loud stiffness>=500".
+    """The cards that match every term of a search, such as "wood", "friction<0.3" or "loud stiffness>=500".
+
+    A term is a word or a bound on a figure.
 
     Raises:
-        SwatchError: a malformed bound, or one on an unknown figure.
+        SwatchError: a bound is malformed or names an unknown figure.
     """
     every = list(cards)
     text = re.sub(r"\s*([<>]=?)\s*", r"\1", text)
     bounds = [term for term in text.split() if set(term) & set("<>") or term.casefold().startswith(("tool:", "tip:"))]
-    words = [term for term in text.split() if term not in bounds]
+    terms = [term for term in text.split() if term not in bounds]
     held = {id(entry) for entry in library.search([card.entry for card in every], bounds)}
-    return [card for card in every if id(card.entry) in held and all(_has(card, w.casefold()) for w in words)]
+    return [card for card in every if id(card.entry) in held and all(_has(card, term.casefold()) for term in terms)]
 
 
 def _has(card: Card, word: str) -> bool:
-    """Whether a word is in the name, begins one of what it feels like, or is one of where it comes from."""
+    """Whether a word is part of the name, starts a descriptive word, or equals a word of the metadata."""
     try:
-        said = [phrase.word for phrase in card.phrases]
+        descriptions = [phrase.word for phrase in card.phrases]
     except SwatchError:
-        said = card.entry.words
-    if word in card.name.casefold() or any(token.startswith(word) for token in _tokens(*said)):
+        descriptions = card.entry.words
+    if word in card.name.casefold() or any(token.startswith(word) for token in _tokens(*descriptions)):
         return True
     entry = card.entry
     return word in _tokens(touched_with(entry), entry.provenance, entry.licence, card.folder, *entry.tags)
@@ -159,5 +160,5 @@ def _tokens(*texts: str) -> list[str]:
 
 @cache
 def _shipped() -> tuple[LibraryEntry, ...]:
-    """The shipped ones, read once: they do not change."""
+    """Entries of the shipped library, read once."""
     return tuple(library.shipped_entries())

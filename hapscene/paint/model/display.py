@@ -1,4 +1,9 @@
-"""Display of a painted scene for any viewer: reduced meshes in chunks, one mesh for each swatch of a chunk."""
+"""Display meshes of a painted scene: reduced meshes, split into chunks, with one mesh for each swatch of a chunk.
+
+Large meshes are reduced for the viewer. Along borders between swatches, where the reduced mesh is too coarse, faces of
+the full mesh are drawn slightly above it. Faces that are painted finer than a face are subdivided; their pieces, called
+subfaces here (the leaves of the subdivision tree of `hapscene.scene.fine_paint`), are drawn instead of the face.
+"""
 
 import math
 from collections.abc import Sequence
@@ -12,29 +17,39 @@ from numpy.typing import NDArray
 from hapscene.compiled.native import native
 from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import ViewError
-from hapscene.paint.model.history import leaf_marks
+from hapscene.paint.model.history import subface_hashes
 from hapscene.paint.model.mesh import PaintableMesh
-from hapscene.paint.model.painting import Changes, Painting, forget_unworn
+from hapscene.paint.model.painting import Changes, Painting, drop_unused_meshes
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import LEVEL_MAX, NOTHING, FinePaint, blend, parts
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.topology import area_of, unit
 from hapscene.view.body_triangles import shade_of
 
-__all__ = ["CHUNK", "COLOURS", "LEAVES_MAX", "ChunkKey", "Display", "FileLook", "ShownBody", "reduce_mesh", "shares"]
+__all__ = [
+    "CHUNK",
+    "COLOURS",
+    "SUBFACES_MAX",
+    "ChunkKey",
+    "Display",
+    "FileColours",
+    "ShownBody",
+    "reduce_mesh",
+    "triangle_shares",
+]
 
 COLOURS: Final = 16
-"""Most colours that a file's own are brought down to [count]: each is drawn as a mesh of its own."""
+"""Largest number of colours to which the colours of a mesh file are reduced [count]: each is drawn as one mesh."""
 
 
 @dataclass(frozen=True, eq=False)
-class FileLook:
-    """A file's colours.
+class FileColours:
+    """Colours that a mesh file gives its faces, reduced to a palette.
 
     Attributes:
-        rgb: (k, 3) the few, 0 to 1.
-        shade: (k,) what each makes of a swatch's colour, as a factor.
-        tint: (M,) uint8, which of them each face has.
+        rgb: (k, 3) palette, channels 0 to 1.
+        shade: (k,) factor by which each palette entry brightens or darkens a swatch's colour.
+        tint: (M,) uint8 palette index of each face.
     """
 
     rgb: NDArray[np.float64]
@@ -42,8 +57,8 @@ class FileLook:
     tint: NDArray[np.uint8]
 
     @staticmethod
-    def of(mesh: Mesh) -> "FileLook | None":
-        """That of a mesh; None where its file has no colours."""
+    def of(mesh: Mesh) -> "FileColours | None":
+        """Colours of a mesh; None if its file has no colours."""
         if mesh.colour_rgb is None:
             return None
         from PIL import Image
@@ -54,36 +69,39 @@ class FileLook:
         count = np.bincount(tint)
         sums = [np.bincount(tint, mesh.colour_rgb[:, k]) / np.maximum(count, 1) for k in range(3)]
         rgb = np.stack(sums, axis=1)
-        return FileLook(rgb / 255, shade_of(rgb, mesh.colour_rgb), tint)
+        return FileColours(rgb / 255, shade_of(rgb, mesh.colour_rgb), tint)
 
 
 PATCHES: Final = 64
-"""About how many patches the large faces of a body are cut into [count]: a stroke changes a few, and each is sent in
+"""Approximate number of patches for the large faces of a body [count]: a stroke changes a few, and sending one takes
 some milliseconds."""
 
 PATCH_BITS: Final = 8
-"""Most cuts from a face to a patch of it [count]."""
+"""Largest number of bisections from a face to one of its patches [count]."""
 
 LARGE: Final = 1 << 32
-"""Patches of large faces are numbered from here; of small ones below 0; chunks of whole faces lie between."""
+"""First number of a patch of a large face. Patches of small faces are below 0; chunks are between."""
 
-LEAVES_MAX: Final = 2_000
-"""Most leaves of a patch that are shown [count]: where it has more, the smallest are shown as the first of them is."""
+SUBFACES_MAX: Final = 2_000
+"""Largest number of subfaces shown of one patch [count]; beyond, the smallest are merged."""
 
 OVERLAP: Final = 1e-4
-"""How far leaves reach over their borders, in diagonals of the body [1]: a twentieth of a pixel, as finely as triangles
-are placed; so there are no hairline cracks between a leaf and the smaller ones beside it."""
+"""Enlargement of each subface, in diagonals of the body [1]: a twentieth of a pixel, which closes the hairline cracks
+between subfaces of different size."""
 
 
-class ShownLeaves:
-    """The leaves of a body.
+class ShownSubfaces:
+    """Subfaces of a body, grouped into patches that are sent to the viewer one by one.
 
-    A patch is a piece of a large face, or the leaves of all small faces of one group. It is known by a number.
+    A patch is a part of a large face, or the subfaces of all small faces of one group. It is identified by a number.
 
     Args:
-        body: whose they are.
-        area_m2: (M,) of its faces [m²].
-        group: (M,) of neighbours that each face is in, from 0.
+        body: the body.
+        area_m2: (M,) areas of its faces [m²].
+        group: (M,) group of neighbouring faces that each face belongs to, counted from 0.
+
+    Attributes:
+        has: (M,) bool, whether each face is subdivided.
     """
 
     def __init__(self, body: Body, area_m2: NDArray[np.float64], group: NDArray[np.int32]) -> None:
@@ -94,14 +112,14 @@ class ShownLeaves:
         self.has = np.zeros(len(group), np.bool_)
 
     def update(self, faces: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.integer]]:
-        """Look again at faces (n,): the patches that became others, and the faces that won or lost their leaves."""
+        """Update faces (n,); returns the changed patches, and the faces that are newly or no longer subdivided."""
         fine = self._body.fine or NOTHING
         if fine is self._shown:
             return np.zeros(0, np.int64), faces[:0]
         faces = np.unique(faces)
         old, new = self._shown.of_faces(faces), fine.of_faces(faces)
         self._shown = fine
-        one, other = leaf_marks(old), leaf_marks(new)
+        one, other = subface_hashes(old), subface_hashes(new)
         changed = [self._patch(old[~np.isin(one, other)]), self._patch(new[~np.isin(other, one)])]
         before = self.has[faces]
         self.has[faces] = False
@@ -109,92 +127,92 @@ class ShownLeaves:
         return np.unique(np.concatenate(changed)), faces[before != self.has[faces]]
 
     def patches(self) -> NDArray[np.int64]:
-        """Those that there are."""
+        """Numbers of the patches that have subfaces."""
         return np.unique(self._patch(self._shown))
 
-    def leaves(self, patch: int) -> FinePaint:
-        """The leaves of a patch, no more than are shown."""
+    def of_patch(self, patch: int) -> FinePaint:
+        """Subfaces of a patch, merged until there are at most `SUBFACES_MAX`."""
         if patch >= LARGE:
-            leaves = self._shown.of_faces([(patch - LARGE) >> PATCH_BITS])
+            subfaces = self._shown.of_faces([(patch - LARGE) >> PATCH_BITS])
         else:
-            leaves = self._shown.of_faces(np.flatnonzero(self.has & (self._group == -1 - patch)))
-        leaves = leaves[self._patch(leaves) == patch]
-        while len(leaves) > LEAVES_MAX and leaves.level.any():
-            leaves = _coarser(leaves)
-        return leaves
+            subfaces = self._shown.of_faces(np.flatnonzero(self.has & (self._group == -1 - patch)))
+        subfaces = subfaces[self._patch(subfaces) == patch]
+        while len(subfaces) > SUBFACES_MAX and subfaces.level.any():
+            subfaces = _merge_smallest(subfaces)
+        return subfaces
 
-    def _patch(self, leaves: FinePaint) -> NDArray[np.int64]:
-        """The patch (k,) of each leaf."""
-        bits = self._bits[leaves.face]
-        piece = leaves.path.astype(np.int64) >> (LEVEL_MAX - bits)
-        large = LARGE + (leaves.face.astype(np.int64) << PATCH_BITS | piece)
-        return np.where(bits > 0, large, -1 - self._group[leaves.face].astype(np.int64))
+    def _patch(self, subfaces: FinePaint) -> NDArray[np.int64]:
+        """Patch (k,) of each subface."""
+        bits = self._bits[subfaces.face]
+        piece = subfaces.path.astype(np.int64) >> (LEVEL_MAX - bits)
+        large = LARGE + (subfaces.face.astype(np.int64) << PATCH_BITS | piece)
+        return np.where(bits > 0, large, -1 - self._group[subfaces.face].astype(np.int64))
 
 
-def leaf_triangles(leaves: FinePaint, corner_m: NDArray[np.floating], overlap_m: float) -> NDArray[np.float32]:
-    """Corners (k, 3, 3) [m] of leaves, of faces with corners (k, 3, 3) [m], a little larger than they are."""
-    corners = leaves.corners() @ corner_m
+def subface_triangles(subfaces: FinePaint, corner_m: NDArray[np.floating], overlap_m: float) -> NDArray[np.float32]:
+    """Corners (k, 3, 3) of subfaces [m], moved outwards by `overlap_m`; `corner_m` (k, 3, 3) is of their faces [m]."""
+    corners = subfaces.corners() @ corner_m
     out = corners - corners.mean(axis=1, keepdims=True)
     length = np.linalg.norm(out, axis=2, keepdims=True)
     return np.asarray(corners + out * (overlap_m / np.maximum(length, overlap_m)), np.float32)
 
 
-def _coarser(leaves: FinePaint) -> FinePaint:
-    """Without the last cut: of its pieces the first stands for all."""
-    level = int(leaves.level.max()) - 1
-    piece = leaves.path & np.uint32((2**level - 1) << (LEVEL_MAX - level))
-    key = leaves.face.astype(np.uint64) << np.uint64(32) | np.where(leaves.level > level, piece, leaves.path)
+def _merge_smallest(subfaces: FinePaint) -> FinePaint:
+    """Undo the last level of bisection: the first piece represents both."""
+    level = int(subfaces.level.max()) - 1
+    piece = subfaces.path & np.uint32((2**level - 1) << (LEVEL_MAX - level))
+    key = subfaces.face.astype(np.uint64) << np.uint64(32) | np.where(subfaces.level > level, piece, subfaces.path)
     kept = np.concatenate([[True], key[1:] != key[:-1]])
-    return replace(leaves, level=np.minimum(leaves.level, level).astype(np.uint8))[kept]
+    return replace(subfaces, level=np.minimum(subfaces.level, level).astype(np.uint8))[kept]
 
 
 SHOWN_MAX: Final = 60_000
-"""Most triangles shown of a whole scene [count]."""
+"""Largest number of triangles shown of a scene [count]."""
 
 SLACK: Final = 2.5
-"""How many times too many, or too few, triangles a body may go on with when others come or go [1]: to reduce a large
-mesh anew takes seconds."""
+"""Factor by which a body's triangle count may differ from its share before its mesh is reduced again [1]: reducing a
+large mesh takes seconds."""
 
 CHUNK: Final = 3_000
-"""Most triangles of a chunk [count]: some 60 kB to send, and twenty chunks of the largest scene. Over them are drawn as
-many of the full mesh at most; where a painting is more chequered, the shown faces must do."""
+"""Largest number of triangles of a chunk [count]: about 60 kB to send, and twenty chunks for the largest scene. At most
+as many faces of the full mesh are drawn over a chunk; with more borders, only the reduced mesh is shown."""
 
 BACK_SHARE: Final = 0.01
-"""From how far behind its point a ray starts, in its length [1]: where both surfaces are one, it must meet it."""
+"""Distance behind its point at which a ray starts, in ray lengths [1], so that it meets a surface at the point."""
 
 NORMAL_EDGES: Final = 2.0
-"""How far apart two faces of one place count when one looks to the side of the other, in edges of the shown mesh [1]:
-enough for the two sides of a wall thinner than an edge not to be taken for each other."""
+"""Distance assigned to perpendicular normals in the search for the nearest shown face, in edges of the shown mesh [1]:
+keeps the two sides of a thin wall apart."""
 
 NEAR: Final = 0.02
-"""How far from the mesh what is shown of it is looked for, in its diagonals [1]: it is never reduced by as much."""
+"""Largest distance at which the reduced mesh is searched, in diagonals [1]; reduction stays below it."""
 
 RAISED: Final = 3e-4
-"""How far the full mesh is raised over the shown one, in its diagonals [1]: seen from afar, the picture's depth cannot
-tell less apart, and as much is a quarter of a pixel."""
+"""Offset of full-mesh faces above the reduced mesh, in diagonals [1]: a quarter of a pixel, which the depth buffer can
+still resolve from afar."""
 
 SLIVER_SINE: Final = 0.045
-"""Sine of the angle, 2.6°, under which fast-simplification keeps a triangle as it is [1]: where half of what may be
-shown are such slivers, it tries for long and gets nowhere."""
+"""Sine of the angle, 2.6°, below which fast-simplification does not collapse a triangle [1]. If slivers make up half of
+the permitted triangles, it runs for long without result."""
 
 GRID_MAX: Final = 4096
-"""Most cells along the longest side of a mesh whose vertices are clustered [count]: finer than a screen."""
+"""Largest number of grid cells along the longest side for vertex clustering [count]: finer than a screen."""
 
 FIRST: Final = 4
-"""How many times too many faces are left by clusters of vertices, before the better way takes its turn [1]."""
+"""Face count after clustering, relative to the target, when clustering is followed by edge collapse [1]."""
 
 SOME: Final = 50_000
-"""Faces that are looked at to know the others [count]."""
+"""Number of faces sampled for statistics of a mesh [count]."""
 
 EXCESS: Final = 1.2
-"""How many times too many faces may be left [1], before the other way is taken."""
+"""Face count after edge collapse, relative to the target, above which clustering is used instead [1]."""
 
 Places = NDArray[np.float64]
 Faces = NDArray[np.int32]
 
 
 class ChunkKey(NamedTuple):
-    """A chunk: index of its body, and its number there."""
+    """Identifies a chunk: index of the body, and number of the chunk or patch within the body."""
 
     body: int
     chunk: int
@@ -202,15 +220,15 @@ class ChunkKey(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """The part of a chunk that wears one paint, in the body's frame B.
+    """The part of a chunk with one paint and one file colour, in the body's frame B.
 
     Attributes:
-        paint: a swatch, or a blend of two: see `hapscene.scene.fine_paint.parts`.
-        tint: which of the file's own colours it has: see `FileLook`; 0 where the file has none.
-        vertices_m: (v, 3) float32 [m], those in use.
+        paint: a swatch or a blend of two: see `hapscene.scene.fine_paint.parts`.
+        tint: index of the file colour: see `FileColours`; 0 if the file has no colours.
+        vertices_m: (v, 3) float32 vertices in use [m].
         faces: (f, 3) uint32.
-        shown: (s,) int64, which shown faces of the body the first of them are.
-        over: (f − s,) int64, which faces of the full mesh, whole or in leaves, the others are.
+        shown: (s,) int64, faces of the reduced mesh that the first s faces are.
+        over: (f − s,) int64, faces of the full mesh that the other faces are, or are subfaces of.
     """
 
     paint: int
@@ -222,21 +240,22 @@ class Layer:
 
     @property
     def swatch(self) -> int:
-        """Index in the scene; of a blend, the heavier one's."""
+        """Index of the swatch in the scene; of a blend, the swatch with the larger weight."""
         return int(parts(self.paint)[0])
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedMesh:
-    """What is shown of a mesh, in the body's frame B.
+    """The reduced mesh of a body, in the body's frame B; its faces are called shown faces.
 
     Attributes:
         vertices_m: (V, 3) float32 [m].
         faces: (S, 3) int32.
-        shown_of: (M,) int32, the one shown face that stands for each face of the mesh.
-        lent: (k, 2) int32, shown faces that stand for none, and the face of the mesh whose colour each wears.
-        under: (N,) int32, the shown face under or over each vertex of the mesh; −1 where there is none.
-        raised_m: (N, 3) float32, these vertices lifted off what is shown [m]; None where that is the mesh itself.
+        shown_of: (M,) int32, the shown face that represents each face of the full mesh.
+        lent: (k, 2) int32, shown faces that represent no face, and the face of the full mesh whose colour each takes.
+        under: (N,) int32, the shown face below or above each vertex of the full mesh; −1 if it does not exist.
+        raised_m: (N, 3) float32, vertices of the full mesh raised above the shown faces [m]; None if the mesh is not
+            reduced.
     """
 
     vertices_m: NDArray[np.float32]
@@ -248,17 +267,17 @@ class ReducedMesh:
 
 
 class Display:
-    """What of a painted scene is shown.
+    """Display meshes of a painted scene, kept up to date.
 
     Args:
-        painting: the scene.
-        shown_max: most triangles of all bodies together.
+        painting: the painted scene.
+        shown_max: largest number of triangles of all bodies together.
 
     Attributes:
-        bodies: as they are shown, in the scene's order.
+        bodies: display state of each body, in the order of the scene.
 
     Raises:
-        ViewError: a mesh must be reduced, and the package that does it is missing.
+        ViewError: a mesh must be reduced, and the package fast-simplification is missing.
     """
 
     def __init__(self, painting: Painting, shown_max: int = SHOWN_MAX) -> None:
@@ -269,25 +288,25 @@ class Display:
         self.compose()
 
     def prepare(self, meshes: Sequence[Mesh]) -> None:
-        """Reduce meshes that bodies will come with, in any thread: it takes seconds for a large one."""
+        """Reduce the meshes of bodies that are about to be added. Thread-safe; takes seconds for a large mesh."""
         known = [len(body.mesh.faces) for body in self._painting.scene.bodies]
-        counts = shares([*known, *(len(mesh.faces) for mesh in meshes)], self._shown_max)[len(known) :]
+        counts = triangle_shares([*known, *(len(mesh.faces) for mesh in meshes)], self._shown_max)[len(known) :]
         for mesh, count in zip(meshes, counts, strict=True):
             if id(mesh) not in self._made:
                 shape = self._painting.shape_of(mesh)
                 self._made[id(mesh)] = shape, reduce_mesh(shape, count)
 
     def compose(self) -> list[ChunkKey]:
-        """Show the bodies that the scene has now; of those that are kept, the chunks that are to be drawn anew."""
+        """Update `bodies` after bodies changed; returns the changed chunks of bodies that were shown before."""
         painting, bodies = self._painting, self._painting.scene.bodies
-        counts = shares([len(body.mesh.faces) for body in bodies], self._shown_max)
+        counts = triangle_shares([len(body.mesh.faces) for body in bodies], self._shown_max)
         known, self._known = self._known, {}
         changed: list[ChunkKey] = []
         with painting.lock:
             for i, (body, shape, count) in enumerate(zip(bodies, painting.shapes, counts, strict=True)):
                 mesh = self._made.get(id(body.mesh), (shape, None))[1]
-                few = count / SLACK, min(count * SLACK, len(body.mesh.faces))
-                if mesh is None or not few[0] <= len(mesh.faces) <= few[1]:
+                low, high = count / SLACK, min(count * SLACK, len(body.mesh.faces))
+                if mesh is None or not low <= len(mesh.faces) <= high:
                     mesh = reduce_mesh(shape, count)
                     self._made[id(body.mesh)] = shape, mesh
                 old = known.get(id(body))
@@ -297,22 +316,22 @@ class Display:
                 else:
                     shown = ShownBody(shape, mesh, body)
                 self._known[id(body)] = body, mesh, shown
-        forget_unworn(self._made, bodies)
+        drop_unused_meshes(self._made, bodies)
         self.bodies = [self._known[id(body)][2] for body in bodies]
         return changed
 
     def chunks(self) -> list[ChunkKey]:
-        """All chunks."""
+        """All chunks and patches."""
         return [ChunkKey(b, c) for b, body in enumerate(self.bodies) for c in body.chunks()]
 
     def layers(self, key: ChunkKey) -> list[Layer]:
-        """The meshes that a chunk is drawn as, one for each paint and tint in it."""
+        """Meshes of a chunk, one for each paint and tint."""
         return self.bodies[key.body].layers(key.chunk)
 
     def update(self, changes: Changes) -> list[ChunkKey]:
-        """Take note of what changed; the chunks to be drawn anew.
+        """Update painted faces; returns the chunks that must be drawn again.
 
-        A swatch whose colour changed alone changes no chunk: it is the view that gives layers their colours.
+        A change of a swatch's colour alone changes no chunk: the view assigns the colours of layers.
         """
         return [
             ChunkKey(body, int(c)) for body, faces in changes.faces.items() for c in self.bodies[body].update(faces)
@@ -320,14 +339,14 @@ class Display:
 
 
 class ShownBody:
-    """A body as it is shown.
+    """Display state of a body.
 
     Attributes:
-        mesh: what is shown of its mesh.
-        look: the colours of its file; None where it has none.
-        swatch: (S,) int16 that each shown face wears.
-        chunk: (S,) int32 that it is in.
-        chunk_count: how many there are.
+        mesh: the reduced mesh.
+        file_colours: colours of the mesh file; None if it has none.
+        swatch: (S,) int16 swatch of each shown face.
+        chunk: (S,) int32 chunk of each shown face.
+        chunk_count: number of chunks.
     """
 
     def __init__(self, shape: PaintableMesh, mesh: ReducedMesh, body: Body) -> None:
@@ -335,7 +354,7 @@ class ShownBody:
         self._shape = shape
         self._face_swatch = body.face_swatch
         self._drawn = body.face_swatch.copy()
-        # where none has an area, what is painted decides still
+        # the lower bound lets faces without area still take part in the choice of a swatch
         self._area_m2 = np.maximum(area_of(shape.corner_m), np.finfo(np.float64).tiny)
         self._full = np.argsort(mesh.shown_of, kind="stable")
         count = np.bincount(mesh.shown_of, minlength=len(mesh.faces))
@@ -345,21 +364,21 @@ class ShownBody:
         self.chunk_count = int(self.chunk.max()) + 1
         self.swatch = np.zeros(len(mesh.faces), np.int16)
         self._assign_swatches(np.arange(len(mesh.faces)))
-        self.look = FileLook.of(body.mesh)
-        self._tint = np.zeros(len(self._drawn), np.uint8) if self.look is None else self.look.tint
+        self.file_colours = FileColours.of(body.mesh)
+        self._tint = np.zeros(len(self._drawn), np.uint8) if self.file_colours is None else self.file_colours.tint
         self._shown_tint = self._tint if mesh.raised_m is None else self._tint[self._first_full()]
         group = _chunk_of(middle_m, len(mesh.faces) // PATCHES + 1)[mesh.shown_of]
-        self._leaves = ShownLeaves(body, self._area_m2, group)
-        self._leaves.update(np.arange(len(self._drawn)))
+        self._subfaces = ShownSubfaces(body, self._area_m2, group)
+        self._subfaces.update(np.arange(len(self._drawn)))
         self._over = self._drawn_whole()
 
     def chunks(self) -> list[int]:
-        """Numbers of the chunks, and of the patches of leaves."""
-        return [*range(self.chunk_count), *self._leaves.patches().tolist()]
+        """Numbers of the chunks and of the patches of subfaces."""
+        return [*range(self.chunk_count), *self._subfaces.patches().tolist()]
 
     def update(self, faces: NDArray[np.integer]) -> NDArray[np.int64]:
-        """Look again at faces (n,) of the full mesh; the chunks that became others."""
-        patches, turned = self._leaves.update(faces)
+        """Update faces (n,) of the full mesh; returns the changed chunks and patches."""
+        patches, turned = self._subfaces.update(faces)
         faces = faces[self._drawn[faces] != self._face_swatch[faces]]
         if not len(faces) and not len(turned):
             return patches
@@ -377,19 +396,17 @@ class ShownBody:
         return np.unique(np.concatenate([patches, self.chunk[changed]])).astype(np.int64)
 
     def layers(self, chunk: int) -> list[Layer]:
-        """The meshes that a chunk is drawn as, one for each paint and tint in it."""
+        """Meshes of a chunk or patch, one for each paint and tint."""
         if not 0 <= chunk < self.chunk_count:
-            return self._leaf_layers(chunk)
+            return self._subface_layers(chunk)
         inside = np.flatnonzero(self.chunk == chunk)
-        if self.mesh.raised_m is None:  # a face in leaves is drawn as these
-            inside = inside[~self._leaves.has[inside]]
+        if self.mesh.raised_m is None:  # a subdivided face is drawn by its subfaces
+            inside = inside[~self._subfaces.has[inside]]
         over = np.flatnonzero(self._over)
         over = over[self.chunk[self.mesh.shown_of[over]] == chunk]
         over = over if len(over) <= CHUNK else over[:0]
-        kind, kind_over = (
-            _kind(self.swatch[inside], self._shown_tint[inside]),
-            _kind(self._drawn[over], self._tint[over]),
-        )
+        kind = _kind(self.swatch[inside], self._shown_tint[inside])
+        kind_over = _kind(self._drawn[over], self._tint[over])
         found = []
         for one in np.unique(np.concatenate([kind, kind_over])):
             shown, fine = inside[kind == one], over[kind_over == one]
@@ -401,35 +418,38 @@ class ShownBody:
             found.append(Layer(*_of_kind(one), vertices_m, faces.astype(np.uint32), shown, fine))
         return found
 
-    def _leaf_layers(self, patch: int) -> list[Layer]:
-        leaves, mesh = self._leaves.leaves(patch), self._shape.mesh
+    def _subface_layers(self, patch: int) -> list[Layer]:
+        subfaces, mesh = self._subfaces.of_patch(patch), self._shape.mesh
         vertices_m = mesh.vertices_m if self.mesh.raised_m is None else self.mesh.raised_m
-        corner_m = leaf_triangles(leaves, vertices_m[mesh.faces[leaves.face]], OVERLAP * mesh.diagonal_m)
-        kind, found = _kind(_fewer_weights(leaves.paint), self._tint[leaves.face]), []
+        corner_m = subface_triangles(subfaces, vertices_m[mesh.faces[subfaces.face]], OVERLAP * mesh.diagonal_m)
+        kind, found = _kind(_fewer_weights(subfaces.paint), self._tint[subfaces.face]), []
         for one in np.unique(kind):
             mine = np.flatnonzero(kind == one)
             faces = np.arange(3 * len(mine), dtype=np.uint32).reshape(-1, 3)
-            over = leaves.face[mine].astype(np.int64)
+            over = subfaces.face[mine].astype(np.int64)
             found.append(Layer(*_of_kind(one), corner_m[mine].reshape(-1, 3), faces, mine[:0], over))
         return found
 
     def _first_full(self) -> NDArray[np.int64]:
-        """A face of the full mesh for each shown one (S,), whose tint that has."""
+        """The face (S,) of the full mesh whose tint each shown face takes."""
         first = self._full[np.minimum(self._start[:-1], len(self._full) - 1)]
         first[self.mesh.lent[:, 0]] = self.mesh.lent[:, 1]
         return np.asarray(first)
 
     def _drawn_whole(self) -> NDArray[np.bool_]:
-        """Whether each face (M,) of the full mesh is drawn itself: at a border, or where what is shown is wrong."""
+        """Whether each face (M,) of the full mesh is drawn: at borders, and where the shown face has another swatch."""
         mesh, wrong = self.mesh, np.zeros(len(self._drawn), np.bool_)
         if mesh.raised_m is not None:
             args = self._face_swatch, self.swatch, mesh.shown_of, mesh.under, self._shape.mesh.faces, self._shape.pairs
             mark_wrong(*args, wrong, np.zeros_like(wrong))
-            wrong &= ~self._leaves.has
+            wrong &= ~self._subfaces.has
         return wrong
 
     def _assign_swatches(self, shown: NDArray[np.integer]) -> None:
-        """Give shown faces (n,) the swatch of most of the area that they stand for; the lower number where equal."""
+        """Give shown faces (n,) the swatch with the largest area among the faces that they represent.
+
+        If two areas are equal, the swatch with the lower index is used.
+        """
         length = self._start[shown + 1] - self._start[shown]
         row = np.repeat(np.arange(len(shown)), length)
         within = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
@@ -447,20 +467,20 @@ class ShownBody:
 def mark_wrong(
     swatch: Any, shown_swatch: Any, shown_of: Any, under: Any, faces: Any, pairs: Any, wrong: Any, beside: Any
 ) -> None:
-    """Set `wrong` (M,) of faces that are not seen in their swatch (M,), or lie at a border.
+    """Set `wrong` for faces whose shown face has another swatch, and for faces next to a border.
 
     Args:
-        swatch, shown_swatch: (M,), (S,) of the faces of the full mesh and of what is shown of it.
-        shown_of, under: (M,), (N,) the shown face that stands for each face, and under each vertex.
-        faces, pairs: (M, 3), (n, 2) of the full mesh, and which of them lie side by side.
-        wrong, beside: (M,) bool, written; false before.
+        swatch, shown_swatch: (M,), (S,) swatches of the full and of the reduced mesh.
+        shown_of, under: (M,), (N,) shown face that represents each face, and below each vertex.
+        faces, pairs: (M, 3), (n, 2) faces of the full mesh, and pairs of adjacent faces.
+        wrong, beside: (M,) bool, output and scratch; all false before.
     """
     for i in range(len(faces)):
         wrong[i] = shown_swatch[shown_of[i]] != swatch[i]
         for k in range(3):
             shown = under[faces[i, k]]
             wrong[i] |= shown >= 0 and shown_swatch[shown] != swatch[i]
-    for i in range(len(pairs)):  # tips of shown faces lie between corners
+    for i in range(len(pairs)):  # a shown face may end between the corners of a face: mark the neighbours, too
         one, other = pairs[i, 0], pairs[i, 1]
         if wrong[one] or wrong[other] or swatch[one] != swatch[other]:
             beside[one] = beside[other] = True
@@ -469,30 +489,31 @@ def mark_wrong(
 
 
 WEIGHTS: Final = 8
-"""Weights of a blend that are told apart by the eye [count]: each is a mesh of its own."""
+"""Number of distinct weights shown of a blend [count]: each is drawn as one mesh."""
 
 _TINT_BITS: Final = 8
 
 
 def _fewer_weights(paint: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Paints with their weights rounded to those that are told apart."""
+    """Paints with their blend weights rounded to multiples of 1 / `WEIGHTS`."""
     a, b, weight = parts(paint)
     return np.asarray(blend(a, np.where(weight > 0, b, a), np.rint(weight * WEIGHTS) / WEIGHTS))
 
 
 def _kind(paint: NDArray[np.integer], tint: NDArray[np.integer]) -> NDArray[np.int64]:
-    """One number for paint and tint (n,): what is drawn as one mesh."""
+    """Paint and tint (n,) packed into one number (n,); faces with the same number are drawn as one mesh."""
     return np.asarray(paint.astype(np.int64) << _TINT_BITS | tint)
 
 
 def _of_kind(kind: int) -> tuple[int, int]:
+    """Paint and tint of a number from `_kind`."""
     return int(kind) >> _TINT_BITS, int(kind) & ((1 << _TINT_BITS) - 1)
 
 
-def shares(counts: list[int], most: int) -> list[int]:
-    """How many triangles are shown of bodies of `counts` faces: `most` in all, and 1 at least of each.
+def triangle_shares(counts: list[int], most: int) -> list[int]:
+    """Number of triangles shown of bodies with `counts` faces: at most `most` in total, at least 1 each.
 
-    The small ones are shown whole, and those that are reduced alike.
+    Small bodies are shown in full; the others get equal shares.
     """
     found, left = list(counts), most
     order = sorted(range(len(counts)), key=counts.__getitem__)
@@ -503,13 +524,13 @@ def shares(counts: list[int], most: int) -> list[int]:
 
 
 def _used(vertices_m: NDArray[np.float32], faces: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Of vertices those that faces (n, 3) use, and the faces in these."""
+    """The vertices that faces (n, 3) use, and the faces with indices into those vertices."""
     used, index = np.unique(faces, return_inverse=True)
     return vertices_m[used], index.reshape(-1, 3)
 
 
 def _chunk_of(centroid_m: NDArray[np.floating], most: int = CHUNK) -> NDArray[np.int32]:
-    """A chunk (S,) for each place (S, 3): halved across the longest side until none has more than `most`."""
+    """Chunk (S,) of each point (S, 3): points are bisected across the longest side until none has more than `most`."""
     chunk = np.zeros(len(centroid_m), np.int32)
     waiting, count = [np.arange(len(centroid_m))], 0
     while waiting:
@@ -526,36 +547,36 @@ def _chunk_of(centroid_m: NDArray[np.floating], most: int = CHUNK) -> NDArray[np
     return chunk
 
 
-# How a mesh is reduced, and where what is shown of it lies over the full one.
+# --- mesh reduction, and the mapping between the full and the reduced mesh ---
 
 
 def reduce_mesh(shape: PaintableMesh, count: int) -> ReducedMesh:
-    """A mesh with about `count` faces at most; itself, where it has no more.
+    """Reduce a mesh to about `count` faces; a mesh with no more faces is kept.
 
-    By quadric error metrics (Garland & Heckbert 1997, fast-simplification); by clusters of vertices (Rossignac & Borrel
-    1993), where slivers keep those from it. A face of the mesh is stood for by the shown face over or under its
-    centroid; where there is none, by the one nearest by centroid and normal.
+    The method is edge collapse by quadric error metrics (Garland & Heckbert 1997, fast-simplification), or vertex
+    clustering (Rossignac & Borrel 1993) for meshes with many slivers. A face of the full mesh is represented by the
+    shown face above or below its centroid; if it does not exist, by the nearest one in centroid and normal.
 
     Raises:
-        ViewError: the package that reduces is not there.
+        ViewError: the package fast-simplification is missing.
     """
     mesh = shape.mesh
     if len(mesh.faces) <= count:
         every, none = np.arange(len(mesh.faces), dtype=np.int32), np.zeros(0, np.int32)
         return ReducedMesh(mesh.vertices_m.astype(np.float32), mesh.faces, every, none.reshape(0, 2), none, None)
     corners = shape.welded[mesh.faces]
-    worn = np.zeros(len(mesh.vertices_m), np.bool_)
-    worn[corners] = True
-    vertices_m, faces = mesh.vertices_m[worn], (np.cumsum(worn) - 1)[corners].astype(np.int32)
+    used = np.zeros(len(mesh.vertices_m), np.bool_)
+    used[corners] = True
+    vertices_m, faces = mesh.vertices_m[used], (np.cumsum(used) - 1)[corners].astype(np.int32)
     found = None
     some = shape.corner_m[:: max(len(faces) // SOME, 1)]
     if np.count_nonzero(_smallest_sine(some) < SLIVER_SINE) * len(faces) / len(some) < count / 2:
         left = vertices_m, faces
-        if len(faces) > 2 * FIRST * count:  # clusters are quicker by much, and as good as long as they are small
+        if len(faces) > 2 * FIRST * count:  # small clusters lose nothing visible, and are much faster
             span_m = float(np.ptp(vertices_m, axis=0).max())
             area_m2 = float(area_of(some).sum()) * len(faces) / len(some)
-            look = _look(faces, shape.normal, len(vertices_m))
-            left = _grouped(vertices_m, faces, look, span_m * math.sqrt(FIRST * count / (2 * area_m2)))
+            direction = _direction(faces, shape.normal, len(vertices_m))
+            left = _grouped(vertices_m, faces, direction, span_m * math.sqrt(FIRST * count / (2 * area_m2)))
         found = _collapsed(*left, count)
     if found is None or len(found[1]) > EXCESS * count:
         found = _clustered(vertices_m, faces, shape.normal, count)
@@ -567,8 +588,8 @@ def _collapsed(vertices_m: Places, faces: Faces, count: int) -> tuple[Places, Fa
         from fast_simplification import simplify
     except ImportError:
         raise ViewError(
-            f"a mesh of {len(faces):,} faces is too large to show whole, and what reduces it is missing: "
-            "pip install 'hapscene[paint]'"
+            f"a mesh of {len(faces):,} faces must be reduced to be shown, and the package fast-simplification is "
+            "missing: pip install 'hapscene[paint]'"
         ) from None
     centre_m = vertices_m.mean(axis=0)
     vertices, left = simplify(vertices_m - centre_m, faces, target_count=count)
@@ -576,13 +597,13 @@ def _collapsed(vertices_m: Places, faces: Faces, count: int) -> tuple[Places, Fa
 
 
 def _clustered(vertices_m: Places, faces: Faces, normal: NDArray[np.float64], count: int) -> tuple[Places, Faces]:
-    """Vertices of one cell of a grid, looking the same way, become one in their middle; the finest such grid."""
-    look = _look(faces, normal, len(vertices_m))
+    """Vertex clustering on the finest grid that leaves at most `count` faces."""
+    direction = _direction(faces, normal, len(vertices_m))
     coarse, fine = 1.0, float(GRID_MAX)  # cells along the longest side
     best = vertices_m, faces
     while fine / coarse > 1.05:
         cells = math.sqrt(coarse * fine)
-        found = _grouped(vertices_m, faces, look, cells)
+        found = _grouped(vertices_m, faces, direction, cells)
         if len(found[1]) <= count:
             coarse = cells
         else:
@@ -592,44 +613,44 @@ def _clustered(vertices_m: Places, faces: Faces, normal: NDArray[np.float64], co
     return best
 
 
-def _look(faces: Faces, normal: NDArray[np.float64], count: int) -> NDArray[np.int64]:
-    """Which of 27 ways the faces around each vertex (count,) look."""
+def _direction(faces: Faces, normal: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+    """Which of 27 directions the normal at each vertex (count,) is nearest to."""
     around = _around(faces, normal, count)
     way = np.rint(around / np.maximum(np.abs(around).max(axis=1, keepdims=True), 1e-300)).astype(np.int64) + 1
     return np.asarray(way @ np.array([9, 3, 1]))
 
 
-def _grouped(vertices_m: Places, faces: Faces, look: NDArray[np.int64], cells: float) -> tuple[Places, Faces]:
-    """Vertices of one cell of a grid that look the same way become one; so many cells along the longest side."""
+def _grouped(vertices_m: Places, faces: Faces, direction: NDArray[np.int64], cells: float) -> tuple[Places, Faces]:
+    """Merge vertices with the same grid cell and direction into their mean; `cells` along the longest side."""
     low_m, span_m = vertices_m.min(axis=0), float(np.ptp(vertices_m, axis=0).max())
     key = np.zeros(len(vertices_m), np.int64)
     for cell in ((vertices_m - low_m) / span_m * cells).astype(np.int64).T:
         key = key * (GRID_MAX + 1) + cell
-    cluster = np.unique(key * 27 + look, return_inverse=True)[1]
+    cluster = np.unique(key * 27 + direction, return_inverse=True)[1]
     size = np.bincount(cluster)
     middle_m = np.stack([np.bincount(cluster, vertices_m[:, k]) / size for k in range(3)], axis=1)
     return middle_m, _once(cluster[faces]).astype(np.int32)
 
 
 def _once(corners: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Faces (M, 3) without those that have lost a side, each once."""
+    """Faces (M, 3) without degenerate and duplicate ones."""
     whole = corners[(corners != corners[:, (1, 2, 0)]).all(axis=1)]
     row, low = np.arange(len(whole)), np.argmin(whole, axis=1)
-    turned = np.stack([whole[row, (low + k) % 3] for k in range(3)], axis=1)  # the lowest first: wound as it was
+    turned = np.stack([whole[row, (low + k) % 3] for k in range(3)], axis=1)  # lowest index first, winding kept
     size = int(corners.max()) + 1
     key = (turned[:, 0] * size + turned[:, 1]) * size + turned[:, 2]
     return np.asarray(turned[np.unique(key, return_index=True)[1]])
 
 
 def _smallest_sine(corner_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sine (M,) of the smallest angle of triangles (M, 3, 3); 0 for those without area."""
+    """Sine (M,) of the smallest angle of triangles (M, 3, 3); 0 for degenerate ones."""
     side = np.sort(np.linalg.norm(corner_m - corner_m[:, (1, 2, 0)], axis=2), axis=1)
     product = side[:, 1] * side[:, 2]
     return np.asarray(np.divide(2 * area_of(corner_m), product, out=np.zeros(len(side)), where=product > 0))
 
 
 def _around(faces: NDArray[np.integer], normal: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """The sum (count, 3) of the normals (M, 3) of the faces at each vertex."""
+    """Sum (count, 3) of the normals (M, 3) of the faces at each vertex."""
     corners = faces.ravel()
     return np.stack([np.bincount(corners, np.repeat(normal[:, k], 3), count) for k in range(3)], axis=1)
 
@@ -637,16 +658,16 @@ def _around(faces: NDArray[np.integer], normal: NDArray[np.float64], count: int)
 def _compared(
     shape: PaintableMesh, vertices_m: Places, faces: Faces
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
-    """`ReducedMesh.shown_of`, `lent`, `under` and `raised_m` of a mesh and what is shown of it."""
+    """`ReducedMesh.shown_of`, `lent`, `under` and `raised_m` of a mesh and its reduced mesh."""
     mesh = shape.mesh
     corner = vertices_m[faces]
     normal = unit(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
-    look = Search(vertices_m, faces, 0.0)
-    shown_of, over_face_m = _under(look, normal, shape.centroid_m, shape.normal, NEAR * mesh.diagonal_m)
+    search = Search(vertices_m, faces, 0.0)
+    shown_of, over_face_m = _under(search, normal, shape.centroid_m, shape.normal, NEAR * mesh.diagonal_m)
     shown_of, lent = _stand_for(shape, corner, normal, shown_of)
     place = shape.welded
     up = unit(_around(place[mesh.faces], shape.normal, len(place)))[place]
-    under, above_m = _under(look, normal, mesh.vertices_m, up, NEAR * mesh.diagonal_m)
+    under, above_m = _under(search, normal, mesh.vertices_m, up, NEAR * mesh.diagonal_m)
     lift_m = np.maximum(above_m, 0.0)
     for corners in place[mesh.faces].T:
         np.maximum.at(lift_m, corners, over_face_m)
@@ -655,20 +676,20 @@ def _compared(
 
 
 def _under(
-    look: Search, shown_normal: NDArray[np.float64], points_m: Places, normals: NDArray[np.float64], far_m: float
+    search: Search, shown_normal: NDArray[np.float64], points_m: Places, normals: NDArray[np.float64], far_m: float
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """The shown face (n,) over or under each point, −1 where there is none, and how high above it that is (n,) [m]."""
+    """Shown face (n,) above or below each point, −1 if it does not exist, and its height above the point (n,) [m]."""
     face, above_m = np.zeros(len(points_m), np.int32), np.zeros(len(points_m))
-    overlay_faces(look.handle, new_ray(), points_m - look.center_m, normals, shown_normal, far_m, face, above_m)
+    overlay_faces(search.handle, new_ray(), points_m - search.center_m, normals, shown_normal, far_m, face, above_m)
     return face, above_m
 
 
 def _stand_for(
     shape: PaintableMesh, corner_m: NDArray[np.float64], normal: NDArray[np.float64], shown_of: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The shown face (M,) for every face, those of −1 found by centroid and normal; and for those idle, `lent`."""
+    """Complete `shown_of` (M,) where it is −1, by centroid and normal; and find `ReducedMesh.lent`."""
     edge_m = float(np.median(np.linalg.norm(corner_m[:, 1] - corner_m[:, 0], axis=1)))
-    scale_m = NORMAL_EDGES / 2 * edge_m  # normals that oppose are 2 apart
+    scale_m = NORMAL_EDGES / 2 * edge_m  # opposite unit normals are 2 apart
     shown = np.hstack([corner_m.mean(axis=1), scale_m * normal])
     full = np.hstack([shape.centroid_m, scale_m * shape.normal])
     lost = np.flatnonzero(shown_of < 0)
@@ -683,15 +704,15 @@ def _stand_for(
 def overlay_faces(
     search: int, ray: Any, points_m: Any, normals: Any, shown_normals: Any, far_m: float, faces: Any, above_m: Any
 ) -> None:
-    """Write which shown face lies over or under each point, −1 where none does, and how high above the point.
+    """Find the shown face above or below each point, along its normal.
 
     Args:
-        search, ray: as `first_face` has them.
+        search, ray: see `first_face`.
         points_m: (n, 3) in the centred frame of the search structure [m].
-        normals: (n, 3) unit normals there; zero where none is known.
-        shown_normals: (S, 3) of the shown faces; one that looks away from the point's normal is another surface.
-        far_m: how far a ray goes to either side [m].
-        faces, above_m: (n,), (n,), written [m].
+        normals: (n, 3) unit normals at the points; zero if unknown.
+        shown_normals: (S, 3) normals of the shown faces; a face that points away from the normal is ignored.
+        far_m: length of a ray to either side [m].
+        faces, above_m: (n,), (n,) output: face, −1 if it does not exist, and its height above the point [m].
     """
     back_m = BACK_SHARE * far_m
     for i in range(len(points_m)):

@@ -1,10 +1,10 @@
-"""The scene file of a painting: save without overwriting the work of others, autosave, recovery after a crash.
+"""The scene file of a painting: saving without overwriting changes of others, autosave, recovery after a crash.
 
-Unsaved work is written beside the scene within a second, and offered after a crash. Beside cup.scene.json a folder
-.cup.autosave holds a lock, which the system releases when the process ends, however it ends; and one folder for each
-painter, with the scene as it is painted, in the format of any scene file. After saving or closing, the painter's folder
-is removed. Folders that do not belong to the holder of the lock come from painters that were killed; they stay until
-the user decides about them.
+Unsaved work is written next to the scene file every second and offered for recovery after a crash. For cup.scene.json,
+the folder .cup.autosave contains a lock file, which the operating system releases when the process ends for any reason,
+and one folder per painter process with the present scene as an ordinary scene file. After saving or closing, the folder
+of the process is removed. Folders of other processes were left by painters that were killed; they are kept until the
+user recovers or discards them.
 """
 
 import hashlib
@@ -28,26 +28,26 @@ from hapscene.scene.ply import save_mesh
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.scene.scene_file import SUFFIX, check_scene_path, is_own
 
-__all__ = ["Autosave", "Document", "Recovery", "autosave_folder", "earlier_words", "find_recovery", "stamp_of"]
+__all__ = ["Autosave", "Document", "Recovery", "autosave_folder", "describe_scene_file", "file_hash", "find_recovery"]
 
 AUTOSAVE_INTERVAL_S: Final = 1.0
-"""Period of the autosave [s]: with the time to write, at most two seconds of work are lost."""
+"""Period of the autosave [s]: including the time to write, at most two seconds of work are lost."""
 
 LOCK_WAIT_S: Final = 0.2
-"""Longest wait of the autosave for a scene that is being changed [s]; it tries again in the next period."""
+"""Longest wait of the autosave for the lock of the scene [s]; it tries again in the next period."""
 
 LOCK: Final = "lock"
 
 
-def stamp_of(path: Path) -> str:
-    """SHA-256 of a file, to detect changes; "" where there is no file.
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file, to detect changes; "" if the file does not exist.
 
     Raises:
-        SceneError: it cannot be read.
+        SceneError: the file cannot be read.
     """
     try:
         if path.exists() and not path.is_file():
-            raise SceneError(f"{path}: cannot be read: not a file")
+            raise SceneError(f"{path}: cannot be read: it is not a file; give the name of a scene file")
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except FileNotFoundError:
@@ -57,19 +57,19 @@ def stamp_of(path: Path) -> str:
 
 
 def _check_unchanged(path: Path, known: str | None) -> None:
-    """Raise SaveConflict if a file does not have the known stamp, or exists although no stamp is known."""
-    now = stamp_of(path)
+    """Raise SaveConflict if a file does not have the known hash, or exists although none is known."""
+    now = file_hash(path)
     if now == (known or ""):
         return
     if known is None:
-        raise SaveConflict(f"{path}: is there already; save over it, or under another name")
+        raise SaveConflict(f"{path}: the file already exists; overwrite it or choose another name")
     if not known:
-        raise SaveConflict(f"{path}: was made by someone else meanwhile; save over it, or under another name")
+        raise SaveConflict(f"{path}: another program has created this file; overwrite it or choose another name")
     if not now:
-        raise SaveConflict(f"{path}: was removed or renamed meanwhile; save it anew, or under another name")
+        raise SaveConflict(f"{path}: the file has been removed or renamed; save it again or choose another name")
     raise SaveConflict(
-        f"{path}: was changed by someone else since it was opened; save over it, save under another name, or open "
-        "it again and lose what was painted here"
+        f"{path}: another program has changed this file since it was opened; overwrite it, choose another name, or "
+        "reload the file and discard your changes"
     )
 
 
@@ -83,8 +83,8 @@ class Recovery:
     """Unsaved work of a painter that was killed.
 
     Attributes:
-        path: its scene file.
-        file: the scene that was autosaved.
+        path: scene file that was painted.
+        file: autosaved scene.
         saved_s: time of the autosave, seconds since 1970.
     """
 
@@ -98,10 +98,10 @@ class Recovery:
         return _when(self.saved_s)
 
     def load(self) -> Scene:
-        """Load the scene, independent of the autosave's files.
+        """Load the autosaved scene, without references to files in the autosave folder.
 
         Raises:
-            HapsceneError: it cannot be loaded.
+            HapsceneError: the scene cannot be loaded.
         """
         scene = load_scene(self.file)
         folder = self.file.parent.resolve()
@@ -115,13 +115,13 @@ class Recovery:
         return scene
 
     def discard(self) -> None:
-        """Remove it."""
+        """Delete the autosaved scene."""
         shutil.rmtree(self.file.parent, ignore_errors=True)
         _remove_if_empty(autosave_folder(self.path))
 
 
 def find_recovery(path: Path) -> Recovery | None:
-    """The newest unsaved work on a scene file; None without, or while another painter has the file open."""
+    """The newest unsaved work on a scene file; None if it does not exist or another painter has the file open."""
     folder = autosave_folder(path)
     try:
         lock = _lock(folder) if folder.is_dir() else None
@@ -130,20 +130,20 @@ def find_recovery(path: Path) -> Recovery | None:
         found = _recoveries(path)
         lock.release()
     except OSError:
-        return None  # of another user
+        return None  # the folder belongs to another user
     _remove_if_empty(folder)
     return found[0] if found else None
 
 
-def earlier_words(path: Path) -> str:
-    """State of a scene file that was painted before, in a sentence."""
-    told = f"{path} was saved at {_when(path.stat().st_mtime)}"
-    left = find_recovery(path)
-    if left is not None:
-        told += f"; a session of it ended without saving, and its work up to {left.when} is still there"
+def describe_scene_file(path: Path) -> str:
+    """A sentence on when a scene file was saved, and whether there is unsaved work or another painter has it open."""
+    text = f"{path} was saved at {_when(path.stat().st_mtime)}"
+    recovery = find_recovery(path)
+    if recovery is not None:
+        text += f"; there is unsaved work of {recovery.when} that you can recover"
     elif autosave_folder(path).exists():
-        told += ", and is open in another painter"
-    return f"{told}."
+        text += ", and is open in another painter"
+    return f"{text}."
 
 
 def _when(time_s: float) -> str:
@@ -151,7 +151,7 @@ def _when(time_s: float) -> str:
 
 
 def _recoveries(path: Path) -> list[Recovery]:
-    """Unsaved work on a scene file, the newest first; empty folders of painters are removed."""
+    """Unsaved work on a scene file, newest first; removes empty autosave folders."""
     found = []
     for folder in filter(Path.is_dir, autosave_folder(path).iterdir()):
         file = folder / path.name
@@ -163,7 +163,7 @@ def _recoveries(path: Path) -> list[Recovery]:
 
 
 def _remove_if_empty(folder: Path) -> None:
-    """Remove the folder of autosaves if it is empty and no painter has it."""
+    """Remove the autosave folder if it is empty and not locked."""
     with suppress(OSError):
         if any(file.name != LOCK for file in folder.iterdir()):
             return
@@ -175,7 +175,7 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 def _lock(folder: Path) -> FileLock | None:
-    """Lock a folder until the lock is released or the process ends; None where another painter holds it."""
+    """Lock a folder until the lock is released or the process ends; None if another painter holds the lock."""
     lock = FileLock(folder / LOCK, timeout=0, thread_local=False)
     try:
         lock.acquire()
@@ -185,35 +185,35 @@ def _lock(folder: Path) -> FileLock | None:
 
 
 class Snapshot(NamedTuple):
-    """What there is to write: a copy of the scene, None where all is saved; and a value that identifies its state."""
+    """A copy of the scene to autosave, None if everything is saved; and a value that identifies its state."""
 
     scene: Scene | None
     state: object
 
 
 class Autosave:
-    """Writes a scene beside its file while it is painted.
+    """Periodically writes unsaved work to the autosave folder of a scene file.
 
     Args:
         path: the scene file.
-        take_snapshot: what to write; None while the scene is busy.
-        interval_s: period.
+        take_snapshot: returns the snapshot to write, or None while the scene is locked.
+        interval_s: period [s].
 
     Attributes:
-        file: where it is written.
-        recoveries: unsaved work of killed painters, the newest first.
-        problem: why the last attempt failed, in a sentence; None where it did not.
+        file: the autosaved scene.
+        recoveries: unsaved work of killed painters, newest first.
+        problem: why the last attempt failed; None if it succeeded.
 
     Raises:
-        SceneError: another painter has that file open, or the folder cannot be written.
+        SceneError: another painter has the file open, or the folder cannot be written.
     """
 
     def __init__(self, path: Path, take_snapshot: Callable[[], Snapshot | None], interval_s: float) -> None:
         self.path, self.interval_s = path, interval_s
         self.problem: str | None = None
         self._take_snapshot = take_snapshot
-        self._meshes: dict[int, tuple[Mesh, Mesh]] = {}  # by id: meshes in memory, and as they are in the folder
-        self._written: object = self  # equal to no state
+        self._meshes: dict[int, tuple[Mesh, Mesh]] = {}  # by id: mesh in memory, and its copy in the folder
+        self._written: object = self  # differs from every state
         self._writing = threading.Lock()
         folder = autosave_folder(path)
         lock = None
@@ -221,20 +221,21 @@ class Autosave:
             folder.mkdir(exist_ok=True)
             lock = _lock(folder)
             if lock is None:
-                raise SceneError(f"{path}: is open in another painter: close that one, or paint a copy")
+                raise SceneError(f"{path}: the file is open in another painter: close that painter or paint a copy")
             self.recoveries = _recoveries(path)
             self.file = Path(tempfile.mkdtemp(prefix="", dir=folder)) / path.name
         except OSError as error:
             if lock is not None:
                 lock.release()
-            raise SceneError(f"{folder}: no autosave: cannot be written: {error.strerror}") from None
+            reason = f"{folder}: autosave failed: {error.strerror}; make the folder writable or save elsewhere"
+            raise SceneError(reason) from None
         self._lock = lock
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="hapscene autosave", daemon=True)
         self._thread.start()
 
     def close(self, keep: bool = False) -> bool:
-        """Stop; with `keep`, unsaved work stays to be offered next time. Returns whether there is such work."""
+        """Stop. With `keep`, unsaved work is kept for recovery; returns whether there is such work."""
         self._end.set()
         self._thread.join()
         if keep:
@@ -247,7 +248,7 @@ class Autosave:
         return kept
 
     def write(self) -> bool:
-        """Write now, if something has changed; returns whether everything is written."""
+        """Write now if the scene has changed; returns whether everything is written."""
         with self._writing:
             snapshot = self._take_snapshot()
             if snapshot is None:
@@ -261,8 +262,8 @@ class Autosave:
                     self._keep_meshes(snapshot.scene)
                     snapshot.scene.save(self.file)
                 self._written, self.problem = snapshot.state, None
-            except Exception as error:  # whatever fails: the next attempt may succeed, and must come
-                self.problem = f"no autosave: {error}"
+            except Exception as error:  # any failure: the thread must survive to try again
+                self.problem = f"autosave failed: {error}"
             return self.problem is None
 
     def _run(self) -> None:
@@ -270,7 +271,7 @@ class Autosave:
             self.write()
 
     def _keep_meshes(self, scene: Scene) -> None:
-        """Write meshes without a file, or with one that the scene owns, once, not with each autosave."""
+        """Write meshes that have no file, or one that the scene owns, once instead of with every autosave."""
         for body in scene.bodies:
             if body.mesh.path is None or is_own(body.mesh.path):
                 if id(body.mesh) not in self._meshes:
@@ -282,33 +283,29 @@ class Autosave:
 
 
 class Document:
-    """The file that a painting is saved to, and its autosave.
+    """The scene file of a painting, and its autosave.
 
     Args:
-        painting: what is saved.
-        path: the scene file it was loaded from, or will be saved to; None where that is not known yet.
-        stamp: stamp of the file when it was loaded, from `stamp_of`; None for its stamp now.
-        changed: whether it counts as changed already.
+        painting: the painting to save.
+        path: scene file that it was loaded from or will be saved to; None if not known yet.
+        loaded_hash: `file_hash` of the file when it was loaded; None for its present hash.
+        changed: whether the painting already differs from the file.
 
     Attributes:
-        path: where `save` writes.
-        autosave: writes unsaved work beside the scene; None while it is off.
+        path: file that `save` writes.
+        autosave: the running autosave; None while it is off.
     """
 
     def __init__(
-        self, painting: Painting, path: Path | None = None, stamp: str | None = None, changed: bool = False
+        self, painting: Painting, path: Path | None = None, loaded_hash: str | None = None, changed: bool = False
     ) -> None:
         self.path = path
         self._painting = painting
-        self._stamp = stamp_of(path) if stamp is None and path is not None else stamp
+        self._hash = file_hash(path) if loaded_hash is None and path is not None else loaded_hash
         self._saved = (-1, 0) if changed else painting.state
         self.autosave: Autosave | None = None
         self._problem: str | None = None
-        self._interval_s: float | None = None  # of the autosave, where one is wanted
-
-    def __repr__(self) -> str:
-        kept = ", autosaved" if self.autosave is not None else ""
-        return f"<Document {self.path or 'without a file'}: {'not saved' if self.dirty else 'saved'}{kept}>"
+        self._interval_s: float | None = None  # period of the autosave; None while it is off
 
     @property
     def changed(self) -> bool:
@@ -317,68 +314,71 @@ class Document:
 
     @property
     def dirty(self) -> bool:
-        """Whether there is something to save: it was changed, or it has no file yet."""
-        return self.changed or not self._stamp
+        """Whether there is something to save: the painting was changed, or has no file yet."""
+        return self.changed or not self._hash
 
     def save(self, path: str | Path | None = None, force: bool = False) -> Path:
-        """Save the scene, to `path` from now on if it is given; returns the file.
+        """Save the scene; returns the file.
 
         Args:
-            path: NAME.scene.json, or NAME alone; None for the present one.
-            force: overwrite a file that is not the one that was loaded.
+            path: NAME.scene.json or NAME, which becomes the file of the document; None for the present file.
+            force: overwrite a file that was not loaded here, or was changed by another program.
 
         Raises:
-            SaveConflict: the file changed since it was loaded; or another is there, or unsaved work of a killed
-                painter of it: ask the user, then force.
-            SceneError: no path, another suffix, it is open in another painter, or cannot be written.
+            SaveConflict: the file was changed since it was loaded, another file exists, or there is unsaved work on it.
+                Ask the user, then use `force`.
+            SceneError: there is no path, the suffix is invalid, the file is open in another painter, or it cannot be
+                written.
         """
         with self._painting.lock:
             self._painting.end_step()
             target = Path(path) if path is not None else self.path
             if target is None:
-                raise SceneError("where shall the scene be saved? give a file NAME.scene.json")
+                raise SceneError("the scene has no file: give a file name, such as NAME.scene.json")
             if target.name and not target.suffix:
                 target = target.with_name(target.name + SUFFIX)
             same = self.path is not None and target.resolve() == self.path.resolve()
             check_scene_path(target)
             old = autosave = self.autosave
             if self._interval_s is not None and (old is None or not same):
-                autosave = Autosave(target, self._take_snapshot, self._interval_s)  # its lock first
+                autosave = Autosave(
+                    target, self._take_snapshot, self._interval_s
+                )  # locks the target before it is written
             try:
                 if not force:
-                    self._check(target, same, autosave)
+                    self._check_target(target, same, autosave)
                 self._painting.scene.save(target)
             except BaseException:
                 if autosave is not None and autosave is not old:
                     autosave.close()
                 raise
-            self.path, self._stamp, self.autosave = target, stamp_of(target), autosave
+            self.path, self._hash, self.autosave = target, file_hash(target), autosave
             self._saved, self._problem = self._painting.state, None
         if old is not None:
-            old.write() if same else old.close()  # all is saved: it removes its files
+            old.write() if same else old.close()  # removes its files, since everything is saved
         return target
 
-    def _check(self, target: Path, same: bool, autosave: Autosave | None) -> None:
+    def _check_target(self, target: Path, same: bool, autosave: Autosave | None) -> None:
         if not same and (find_recovery(target) if autosave is None else autosave.recoveries):
             raise SaveConflict(
-                f"{target}: was painted and not saved, for its painter was killed; open it to recover that, or save "
-                "over it, which leaves that to be recovered"
+                f"{target}: there is unsaved work on this file from a painter that was killed; open the file to "
+                "recover the work, or overwrite the file and recover it later"
             )
-        _check_unchanged(target, self._stamp if same else None)
+        _check_unchanged(target, self._hash if same else None)
 
     def recovery(self) -> Recovery | None:
-        """The newest unsaved work of a killed painter of this scene; None without."""
+        """The newest unsaved work of a killed painter on this scene; None if it does not exist."""
         if self.autosave is not None:
             return self.autosave.recoveries[0] if self.autosave.recoveries else None
         return find_recovery(self.path) if self.path is not None else None
 
     def recover(self, recovery: Recovery) -> str:
-        """Bring unsaved work back, as one step that can be undone; returns its name.
+        """Restore unsaved work in one step, which can be undone; returns the description of the step.
 
-        It is removed once it is autosaved here, and offered again until then.
+        The recovered files are removed once the work is autosaved here; until then it is offered again.
 
         Raises:
-            HapsceneError: it cannot be loaded, or has other bodies.
+            HapsceneError: the work cannot be loaded, or has different bodies.
         """
         scene = recovery.load()
         try:
@@ -391,7 +391,7 @@ class Document:
         return what
 
     def discard_recovery(self, recovery: Recovery) -> None:
-        """Remove unsaved work of a killed painter."""
+        """Delete unsaved work of a killed painter."""
         recovery.discard()
         self._forget(recovery)
 
@@ -400,13 +400,13 @@ class Document:
             self.autosave.recoveries = [left for left in self.autosave.recoveries if left != recovery]
 
     def start_autosave(self, interval_s: float = AUTOSAVE_INTERVAL_S) -> None:
-        """Write unsaved work beside the scene file from now on.
+        """Start the autosave.
 
-        Nothing is written without a path, nor in a folder that cannot be written, which `problem` reports, until the
+        It is inactive while the document has no path. If the folder is not writable, `problem` reports it until the
         scene is saved elsewhere.
 
         Raises:
-            SceneError: another painter has that file open.
+            SceneError: another painter has the file open.
         """
         self._interval_s = interval_s
         if self.path is None or self.autosave is not None:
@@ -415,18 +415,18 @@ class Document:
         if os.access(folder, os.W_OK):
             self.autosave = Autosave(self.path, self._take_snapshot, interval_s)
         else:
-            self._problem = f"no autosave: nothing may be written into {folder}; save the scene elsewhere"
+            self._problem = f"autosave is off: {folder} is not writable; save the scene elsewhere"
 
     @property
     def problem(self) -> str | None:
-        """Why the last autosave failed, in a sentence; None where it did not."""
+        """Why the last autosave failed; None if it succeeded."""
         return self.autosave.problem if self.autosave is not None else self._problem
 
     def close(self, keep: bool = False) -> bool:
-        """Stop the autosave. Unsaved work is lost; or (`keep`) it is written, and offered at the next start.
+        """Stop the autosave. With `keep`, unsaved work is kept for recovery; else it is deleted.
 
         Returns:
-            Whether there is something to offer.
+            Whether there is work to recover.
         """
         self._interval_s = None
         if self.autosave is None:
@@ -436,8 +436,8 @@ class Document:
         return kept
 
     def _take_snapshot(self) -> Snapshot | None:
-        """Unsaved work for the autosave; None while the scene is held for longer than `LOCK_WAIT_S`."""
-        if not self._painting.lock.acquire(timeout=LOCK_WAIT_S):  # its holder may wait for the autosave
+        """Snapshot for the autosave; None if the scene stays locked for `LOCK_WAIT_S`."""
+        if not self._painting.lock.acquire(timeout=LOCK_WAIT_S):  # no endless wait: the holder may wait for us
             return None
         try:
             if not self.changed:

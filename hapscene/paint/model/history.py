@@ -1,4 +1,4 @@
-"""Undo and redo: packed differences of faces, swatches and bodies before and after each step."""
+"""Undo history: compressed differences of faces, swatches and bodies before and after each step."""
 
 import zlib
 from dataclasses import dataclass, field, replace
@@ -22,21 +22,21 @@ __all__ = [
     "SwatchState",
     "columns_of",
     "face_count_text",
-    "leaf_marks",
+    "subface_hashes",
 ]
 
 Paint = tuple[NDArray[np.int16], FinePaint | None]
-"""How a body is painted: `Body.face_swatch` and `Body.fine`."""
+"""Painting of a body: `Body.face_swatch` and `Body.fine`."""
 
 BYTES_MAX: Final = 64 * 1024 * 1024
-"""Most memory that the packed steps may take [bytes]. A stroke of 5,000 faces takes some 10 kB, filling a body of
-330 k faces 1 kB: thousands of steps fit."""
+"""Memory limit of the history [bytes]. A stroke over 5,000 faces takes about 10 kB, filling a body of 330,000 faces
+1 kB: thousands of steps fit."""
 
 STEP_MAX: Final = 10_000
-"""Most steps that can be undone [count]: bounds those that hold swatches, whose size is shared with the scene."""
+"""Largest number of steps that can be undone [count]; limits steps with swatches, whose memory is not counted."""
 
 STEP_BYTES: Final = 500
-"""What a step takes besides its faces [bytes]: the objects themselves."""
+"""Memory of a step without its faces [bytes]."""
 
 Source = str | Path | None
 """Where a swatch was loaded from, as in `Scene.swatch_source`."""
@@ -44,23 +44,23 @@ Source = str | Path | None
 
 @dataclass(frozen=True)
 class FaceDelta:
-    """Faces of a body that changed: their indices, their swatches and their leaves before and after, packed."""
+    """Changed faces of a body: indices, and swatches and subfaces before and after, compressed."""
 
     body: int
     packed: bytes = field(repr=False)
     count: int
-    leaves: tuple[bytes, bytes] = field(default=(b"", b""), repr=False)
+    subfaces: tuple[bytes, bytes] = field(default=(b"", b""), repr=False)
 
     @staticmethod
     def between(body: int, old: Paint, new: Paint) -> "FaceDelta | None":
-        """What differs in the swatches (M,) and leaves of a body's faces; None where nothing does."""
+        """Difference between two paintings of a body; None if they are equal."""
         differs = old[0] != new[0]
         was, now = old[1] or NOTHING, new[1] or NOTHING
         if was is not now:
-            differs[other_faces(was, now)] = True
+            differs[changed_faces(was, now)] = True
         faces = np.flatnonzero(differs)
-        leaves = (was.of_faces(faces), now.of_faces(faces)) if was is not now else (NOTHING, NOTHING)
-        return FaceDelta.pack(body, faces, old[0][faces], new[0][faces], *leaves) if len(faces) else None
+        subfaces = (was.of_faces(faces), now.of_faces(faces)) if was is not now else (NOTHING, NOTHING)
+        return FaceDelta.pack(body, faces, old[0][faces], new[0][faces], *subfaces) if len(faces) else None
 
     @staticmethod
     def pack(
@@ -71,57 +71,57 @@ class FaceDelta:
         was: FinePaint = NOTHING,
         now: FinePaint = NOTHING,
     ) -> "FaceDelta":
-        """Of faces (n,), ascending, their swatches (n,), and all their leaves."""
-        steps = np.diff(faces, prepend=0).astype(np.int32)  # small numbers, mostly ones: they pack well
+        """Compress faces (n,), ascending, their swatches (n,) before and after, and their subfaces."""
+        steps = np.diff(faces, prepend=0).astype(np.int32)  # differences are small numbers, which compress well
         content = steps.tobytes() + old.tobytes() + new.tobytes()
-        return FaceDelta(body, zlib.compress(content, 1), len(faces), (pack_leaves(was), pack_leaves(now)))
+        return FaceDelta(body, zlib.compress(content, 1), len(faces), (pack_subfaces(was), pack_subfaces(now)))
 
     def unpack(self) -> tuple[NDArray[np.int64], NDArray[np.int16], NDArray[np.int16]]:
-        """Faces, and their swatches before and after, (count,) each."""
+        """Faces, and their swatches before and after (count,)."""
         content, n = zlib.decompress(self.packed), self.count
         faces = np.cumsum(np.frombuffer(content, np.int32, n), dtype=np.int64)
         return faces, np.frombuffer(content, np.int16, n, 4 * n), np.frombuffer(content, np.int16, n, 6 * n)
 
-    def put(self, body: Body, back: bool) -> NDArray[np.int64]:
-        """Paint a body as the faces were, or (not `back`) became; which they are."""
+    def apply(self, body: Body, undo: bool) -> NDArray[np.int64]:
+        """Paint the faces of a body as they were before (`undo`) or after the step; returns the faces."""
         faces, old, new = self.unpack()
-        body.face_swatch[faces] = old if back else new
-        fine = (body.fine or NOTHING).with_faces(faces, unpack_leaves(self.leaves[0 if back else 1]))
+        body.face_swatch[faces] = old if undo else new
+        fine = (body.fine or NOTHING).with_faces(faces, unpack_subfaces(self.subfaces[0 if undo else 1]))
         body.fine = fine if len(fine) else None
         return faces
 
     @property
     def size(self) -> int:
-        """Memory that it takes [bytes]."""
-        return len(self.packed) + len(self.leaves[0]) + len(self.leaves[1])
+        """Memory [bytes]."""
+        return len(self.packed) + len(self.subfaces[0]) + len(self.subfaces[1])
 
 
-def other_faces(one: FinePaint, other: FinePaint) -> NDArray[np.int32]:
-    """Faces whose leaves are not the same in both, ascending."""
-    a, b = leaf_marks(one), leaf_marks(other)
+def changed_faces(one: FinePaint, other: FinePaint) -> NDArray[np.int32]:
+    """Faces whose subfaces differ, ascending."""
+    a, b = subface_hashes(one), subface_hashes(other)
     return np.union1d(one.face[~np.isin(a, b)], other.face[~np.isin(b, a)])
 
 
-def leaf_marks(leaves: FinePaint) -> NDArray[np.uint64]:
-    """A number (k,) for each leaf with its paint that no other has, but by a chance of one in 2^64."""
-    found = leaves.face.astype(np.uint64) << np.uint64(32) | leaves.path
-    for values in (leaves.level, leaves.paint):
+def subface_hashes(subfaces: FinePaint) -> NDArray[np.uint64]:
+    """A 64-bit hash (k,) of each subface with its paint."""
+    found = subfaces.face.astype(np.uint64) << np.uint64(32) | subfaces.path
+    for values in (subfaces.level, subfaces.paint):
         found = (found ^ found >> np.uint64(29)) * np.uint64(0x9E3779B97F4A7C15) + values.astype(np.uint64)
     return found * np.uint64(0xBF58476D1CE4E5B9)
 
 
-def columns_of(leaves: FinePaint) -> tuple[NDArray[Any], ...]:
-    """The arrays of leaves."""
-    return leaves.face, leaves.path, leaves.edge, leaves.level, leaves.paint
+def columns_of(subfaces: FinePaint) -> tuple[NDArray[Any], ...]:
+    """The arrays of a `FinePaint`."""
+    return subfaces.face, subfaces.path, subfaces.edge, subfaces.level, subfaces.paint
 
 
-def pack_leaves(leaves: FinePaint) -> bytes:
-    """Leaves as few bytes."""
-    return zlib.compress(b"".join(column.tobytes() for column in columns_of(leaves)), 1) if len(leaves) else b""
+def pack_subfaces(subfaces: FinePaint) -> bytes:
+    """Compress subfaces."""
+    return zlib.compress(b"".join(column.tobytes() for column in columns_of(subfaces)), 1) if len(subfaces) else b""
 
 
-def unpack_leaves(packed: bytes) -> FinePaint:
-    """What was packed."""
+def unpack_subfaces(packed: bytes) -> FinePaint:
+    """Reverse `pack_subfaces`."""
     if not packed:
         return NOTHING
     content, found, at = zlib.decompress(packed), [], 0
@@ -135,12 +135,12 @@ def unpack_leaves(packed: bytes) -> FinePaint:
 
 @dataclass(frozen=True, eq=False)
 class SwatchState:
-    """A swatch of the scene at one time.
+    """State of a swatch of the scene.
 
     Attributes:
-        swatch: as it is.
-        source: where it was loaded from; None where it was changed or made here.
-        original: what `reset` brings back; None for itself.
+        swatch: the swatch.
+        source: where it was loaded from; None if it was changed or created here.
+        original: the state that `reset` restores; None for this state.
     """
 
     swatch: Swatch
@@ -150,7 +150,7 @@ class SwatchState:
 
 @dataclass(frozen=True)
 class SwatchDelta:
-    """A swatch of the scene before and after; None where there was, or is, none."""
+    """A swatch of the scene before and after a step; None before it is added and after it is removed."""
 
     index: int
     old: SwatchState | None
@@ -159,9 +159,9 @@ class SwatchDelta:
 
 @dataclass(frozen=True, eq=False)
 class BodyDelta:
-    """A body of the scene before and after; None where there was, or is, none: those behind it have moved up.
+    """A body of the scene before and after a step; None before it is added and after it is deleted.
 
-    Of a body that goes on, both are copies that tell its name, mesh, pose and parent; `FaceDelta` its painting.
+    For a body that stays, both are copies with its name, mesh, pose and parent; `FaceDelta` holds its painting.
     """
 
     index: int
@@ -170,22 +170,22 @@ class BodyDelta:
 
     @property
     def size(self) -> int:
-        """Memory that it takes [bytes]: a body that is gone is kept by its step alone."""
+        """Memory [bytes]: a deleted body is kept alive by its step."""
         gone = self.old if self.new is None else None
         return 0 if gone is None else gone.face_swatch.nbytes + gone.mesh.vertices_m.nbytes + gone.mesh.faces.nbytes
 
 
 @dataclass(frozen=True)
 class Step:
-    """What one undo takes back.
+    """The changes that one undo reverts.
 
     Attributes:
-        what: in words for the user: "brush, 812 faces".
-        swatches: changed first when done, last when undone: faces refer to them.
-        bodies: changed next, in this order: faces refer to them.
-        faces: of one or more bodies.
-        key: what the step went on changing, so that the next of the same key may join it; None for what stands alone.
-        number: tells it from all others; set by the history.
+        what: description for the user: "brush, 812 faces".
+        swatches: applied first and reverted last, since faces refer to them.
+        bodies: applied next, in this order.
+        faces: changed faces of one or more bodies.
+        key: steps with the same key may be joined; None for a step that is never joined.
+        number: unique number, set by the history.
     """
 
     what: str
@@ -197,26 +197,26 @@ class Step:
 
     @property
     def face_count(self) -> int:
-        """How many faces it changed."""
+        """Number of faces that the step changed."""
         return sum(delta.count for delta in self.faces)
 
     @property
     def size(self) -> int:
-        """Memory that it takes [bytes]."""
+        """Memory [bytes]."""
         return STEP_BYTES + sum(delta.size for delta in self.faces) + sum(delta.size for delta in self.bodies)
 
 
 def face_count_text(count: int) -> str:
-    """A number of faces in words."""
+    """A face count as text: "1 face", "2,000 faces"."""
     return f"{count:,} face{'' if count == 1 else 's'}"
 
 
 class History:
-    """Steps done and undone.
+    """Stacks of steps that can be undone and redone.
 
     Attributes:
-        done: steps that can be undone, the oldest first.
-        undone: steps that can be done again, the next one last.
+        done: steps that can be undone, oldest first.
+        undone: steps that can be redone, the next one last.
     """
 
     def __init__(self, bytes_max: int = BYTES_MAX) -> None:
@@ -225,42 +225,39 @@ class History:
         self.bytes_max = bytes_max
         self._size = 0
         self._count = 0
-        self._ground = 0  # number of the last step that was forgotten
-
-    def __repr__(self) -> str:
-        return f"<History: {len(self.done)} to undo, {len(self.undone)} to redo, {self.size / 1e3:.1f} kB>"
+        self._base = 0  # number of the newest step that was dropped
 
     @property
     def state(self) -> int:
-        """A number for where the scene stands: the same again after an undo and a redo."""
-        return self.done[-1].number if self.done else self._ground
+        """Identifies the state of the scene; undo followed by redo returns to the same value."""
+        return self.done[-1].number if self.done else self._base
 
     @property
     def size(self) -> int:
-        """Memory that the steps take [bytes]."""
+        """Memory of all steps [bytes]."""
         return self._size
 
     def add(self, step: Step) -> None:
-        """A step was done: what was undone before cannot be done again."""
+        """Add a step that was done. Steps that were undone can no longer be redone."""
         self._size -= sum(s.size for s in self.undone)
         self.undone.clear()
         self.done.append(self._numbered(step))
         self._size += step.size
-        forgotten = 0
-        while len(self.done) - forgotten > 1 and (self._size > self.bytes_max or len(self.done) - forgotten > STEP_MAX):
-            self._size -= self.done[forgotten].size
-            self._ground = self.done[forgotten].number
-            forgotten += 1
-        del self.done[:forgotten]
+        dropped = 0
+        while len(self.done) - dropped > 1 and (self._size > self.bytes_max or len(self.done) - dropped > STEP_MAX):
+            self._size -= self.done[dropped].size
+            self._base = self.done[dropped].number
+            dropped += 1
+        del self.done[:dropped]
 
     def clear(self) -> None:
-        """Forget all: where the scene stands is where it began."""
+        """Drop all steps: the present state becomes the initial state."""
         self.done.clear()
         self.undone.clear()
-        self._size = self._ground = 0
+        self._size = self._base = 0
 
     def replace_last(self, step: Step) -> None:
-        """The last step went on: it is now this one."""
+        """Replace the last step by one that includes further changes."""
         self._size += step.size - self.done[-1].size
         self.done[-1] = self._numbered(step)
 
@@ -268,15 +265,15 @@ class History:
         self._count += 1
         return replace(step, number=self._count)
 
-    def back(self) -> Step | None:
-        """The step to undo, or None."""
+    def undo(self) -> Step | None:
+        """Move the last step to `undone` and return it; None if it does not exist."""
         if not self.done:
             return None
         self.undone.append(self.done.pop())
         return self.undone[-1]
 
-    def forward(self) -> Step | None:
-        """The step to do again, or None."""
+    def redo(self) -> Step | None:
+        """Move the last undone step back to `done` and return it; None if it does not exist."""
         if not self.undone:
             return None
         self.done.append(self.undone.pop())

@@ -1,4 +1,4 @@
-"""A mesh prepared for painting: ray picking, and the faces that a brush or a fill reaches."""
+"""A mesh prepared for painting: ray picking, and selection of the faces under a brush or a fill."""
 
 import math
 from collections.abc import Sequence
@@ -24,36 +24,36 @@ __all__ = [
     "Hit",
     "Mask",
     "PaintableMesh",
-    "face_centre",
+    "face_centre_hit",
     "pick",
     "project_to_surface",
     "segment_triangle",
 ]
 
-# The brush's walk over the surface, compiled: from face to face while they are under it.
+# Faces under a brush, compiled.
 #
-# A brush of radius r moves along a segment. The walk starts at the faces at its two ends and goes on to every face that
-# shares a vertex with one already reached, is nearer than r to the segment (triangle against segment, after Ericson,
-# Real-Time Collision Detection (2005), 5.1.9 and 5.1.10), and looks the same way as one of the ends.
+# A brush of radius r moves along a segment. A flood fill starts at the faces at both ends and continues to every face
+# that shares a vertex with a reached face, is nearer than r to the segment (distance of triangle and segment after
+# Ericson, Real-Time Collision Detection (2005), 5.1.9 and 5.1.10), and faces the same way as one of the ends.
 
 
 @native
 def _share(ap: Vector, ab: Vector) -> float:
-    """Where on a segment a point is nearest to, 0 to 1."""
+    """Parameter, 0 to 1, of the point of a segment that is nearest to a point."""
     length2 = dot(ab, ab)
     return min(max(dot(ap, ab) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
 
 
 @native
 def _off(ap: Vector, ab: Vector, t: float) -> float:
-    """Squared distance from a + t ab."""
+    """Squared distance of a point from a + t ab [m²]."""
     gap = along(ap, -t, ab)
     return dot(gap, gap)
 
 
 @native
 def segment_segment(p: Vector, q: Vector, a: Vector, b: Vector) -> float:
-    """Squared distance [m²] of two segments."""
+    """Squared distance of two segments [m²]."""
     d1, d2, r = sub(q, p), sub(b, a), sub(p, a)
     l1, l2, f = dot(d1, d1), dot(d2, d2), dot(d2, r)
     if l1 == 0.0:
@@ -75,7 +75,7 @@ def segment_segment(p: Vector, q: Vector, a: Vector, b: Vector) -> float:
 
 @native
 def _inside(ap: Vector, ab: Vector, ac: Vector) -> tuple[bool, float, float]:
-    """Whether the foot of a point on a triangle's plane is inside it, and where: a + v ab + w ac."""
+    """Whether the projection a + v ab + w ac of a point onto the plane of a triangle is inside the triangle; v, w."""
     bb, bc, cc, pb, pc = dot(ab, ab), dot(ab, ac), dot(ac, ac), dot(ap, ab), dot(ap, ac)
     det = bb * cc - bc * bc
     if det <= 0.0:
@@ -86,7 +86,7 @@ def _inside(ap: Vector, ab: Vector, ac: Vector) -> tuple[bool, float, float]:
 
 @native
 def _over_triangle(ap: Vector, ab: Vector, ac: Vector) -> float:
-    """Squared distance [m²] of a point from a triangle that it is over; infinite where it is beside it."""
+    """Squared distance of a point from a triangle [m²]; infinite if its projection is outside the triangle."""
     inside, v, w = _inside(ap, ab, ac)
     gap = along(along(ap, -v, ab), -w, ac)
     return dot(gap, gap) if inside else np.inf
@@ -94,7 +94,7 @@ def _over_triangle(ap: Vector, ab: Vector, ac: Vector) -> float:
 
 @native
 def pierces(p: Vector, q: Vector, a: Vector, b: Vector, c: Vector) -> bool:
-    """Whether a segment goes through a triangle."""
+    """Whether a segment intersects a triangle."""
     ab, ac, pq, ap = sub(b, a), sub(c, a), sub(q, p), sub(p, a)
     n = cross(ab, ac)
     over, under = dot(n, ap), dot(n, pq)
@@ -105,7 +105,7 @@ def pierces(p: Vector, q: Vector, a: Vector, b: Vector, c: Vector) -> bool:
 
 @native
 def segment_triangle(p: Vector, q: Vector, a: Vector, b: Vector, c: Vector) -> float:
-    """Squared distance [m²] of a segment from a triangle: from an edge, if neither end is over it."""
+    """Squared distance of a segment from a triangle [m²]."""
     if pierces(p, q, a, b, c):
         return 0.0
     ab, ac = sub(b, a), sub(c, a)
@@ -127,17 +127,17 @@ def _corner(corner_m: Any, face: int, k: int) -> Vector:
 def faces_under_brush(
     shape: Any, net: Any, work: Any, number: int, ends: Any, points: Any, radius_m: float, facing_cos: float
 ) -> int:
-    """Write the faces that the brush touches into the last array of `work`; returns how many they are.
+    """Write the faces under the brush into the last array of `work`; returns their number.
 
     Args:
-        shape: corners (M, 3, 3) [m] and unit normals (M, 3).
-        net: welded vertices (M, 3), and face corners around each vertex: (3M,) from (N + 1,) on.
-        work: of the faces and of the vertices in which round they were seen (M,), (N,); a list of faces (M,).
-        number: of this round, above all before it.
-        ends: faces at both ends of the way.
-        points: places there [m].
-        radius_m: of the brush [m].
-        facing_cos: cosine of the most that a face may be turned from both ends' [1].
+        shape: corners (M, 3, 3) [m] and unit normals (M, 3) of the faces.
+        net: welded vertices (M, 3), and corners around each vertex: (3M,) with start indices (N + 1,).
+        work: number of the call that last visited each face (M,) and vertex (N,); queue of faces (M,).
+        number: number of this call, larger than all before.
+        ends: faces at both ends of the segment.
+        points: end points of the segment [m].
+        radius_m: radius of the brush [m].
+        facing_cos: cosine of the largest angle between a face's normal and that of an end [1].
     """
     corner_m, normal = shape
     vertex, around, start = net
@@ -180,59 +180,58 @@ def faces_under_brush(
 Row = NDArray[np.float64]
 
 FACING_RAD: Final = math.radians(80.0)
-"""Most that a face may be turned from where a brush touches, to be painted by it [rad]. Under 90°, so that a brush near
-an edge stays on its side of it, and never reaches the back of a wall; far enough that a scan's roughness leaves no
-holes."""
+"""Largest angle between the normal of a painted face and the normal under the brush [rad]. Below 90°, a brush near an
+edge stays on its side of the edge and never reaches the back of a wall; the noise of a scan leaves no holes."""
 
 BEND_ROUNDING_RAD: Final = 1e-9
-"""What a facet's angle is widened by [rad], as `hapscene.scene.region.Facet` does."""
+"""Tolerance added to the angle of a facet [rad], as in `hapscene.scene.region.Facet`."""
 
 
 class PaintableMesh:
-    """A mesh with what picking, brush and bucket need.
+    """A mesh with the data structures for picking, brush and fill.
 
     Attributes:
-        mesh: in the body's frame B.
-        corner_m: (M, 3, 3) float64, corners of every face [m].
-        centroid_m: (M, 3) of every face [m].
-        normal: (M, 3) unit normals; zero where a face has no area.
-        welded: (N,) int64, the first vertex at the place of each one: `hapscene.scene.topology.weld`.
-        pairs: (n, 2) int64, faces on both sides of every edge that has just two.
-        search: Embree's, of the mesh.
+        mesh: the mesh, in the body's frame B.
+        corner_m: (M, 3, 3) float64 corners of the faces [m].
+        centroid_m: (M, 3) centroids of the faces [m].
+        normal: (M, 3) unit normals; zero for a face without area.
+        welded: (N,) int64, first vertex at the position of each vertex: see `hapscene.scene.topology.weld`.
+        pairs: (n, 2) int64, the two faces of every edge with exactly two faces.
+        search: Embree search structure of the mesh.
     """
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.corner_m = np.ascontiguousarray(mesh.triangles_m)
-        lane = ThreadPoolExecutor(1)  # Embree builds while the rest is made
+        lane = ThreadPoolExecutor(1)  # Embree builds in parallel with the rest
         search = lane.submit(Search, mesh.vertices_m, mesh.faces, SKIN_RATIO * mesh.diagonal_m)
         lane.shutdown(wait=False)
         self.centroid_m = (self.corner_m[:, 0] + self.corner_m[:, 1] + self.corner_m[:, 2]) / 3
         self.normal = normals_of(self.corner_m)
         self._ray, self._fronts = new_ray(), fronts_only()
         self.welded = weld(mesh.vertices_m)
-        self._vertex = self.welded[mesh.faces].astype(np.int32)  # faces meet where their corners are at one place
+        self._vertex = self.welded[mesh.faces].astype(np.int32)  # faces are adjacent if they share a position
         self._around = np.argsort(self._vertex.ravel(), kind="stable").astype(np.int32)
         count = np.bincount(self._vertex.ravel(), minlength=len(mesh.vertices_m))
         self._start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
         self._seen_face = np.zeros(len(mesh.faces), np.int32)
         self._seen_vertex = np.zeros(len(mesh.vertices_m), np.int32)
         self._queue = np.zeros(len(mesh.faces), np.int32)
-        self._round = 0
+        self._call = 0  # number of calls of `brush`
         self.pairs, self._bend_rad = self._edges()
         self.search = search.result()
-        here = self.centroid_m[0]
-        self.brush((0, 0), (here, here), mesh.diagonal_m * 1e-9)  # compiles the walk now, not in the first stroke
+        start = self.centroid_m[0]
+        self.brush((0, 0), (start, start), mesh.diagonal_m * 1e-9)  # compiles now instead of in the first stroke
 
     def pick(self, origin_B_m: Row, direction_B: Row, fronts: bool = False) -> tuple[int, float, Row] | None:
-        """The first face along a ray from a point (3,) [m], its distance [m] and the point (3,) on it; None without.
+        """The first face along a ray from a point (3,) [m], its distance [m] and the hit point (3,); None if none.
 
-        Faces are met from both sides, or with `fronts` from outside alone. Embree (float32) names the face; the point
-        is computed in float64 on its plane.
+        Both sides of a face are hit, or with `fronts` only the outer side. Embree finds the face in float32; the hit
+        point is computed in float64 in the plane of the face.
         """
         direction = direction_B / np.linalg.norm(direction_B)
         origin = origin_B_m - self.search.center_m
-        # near the mesh the ray has more digits: it starts where it enters the ball around it
+        # the ray starts at the bounding sphere, where float32 has more digits
         ahead = max(0.0, float(np.linalg.norm(origin)) - 1.01 * self.search.radius_m)
         start = origin + ahead * direction
         far = float(np.linalg.norm(start)) + 2.0 * self.search.radius_m
@@ -252,18 +251,18 @@ class PaintableMesh:
     def brush(
         self, faces: tuple[int, int], ends_B_m: tuple[Row, Row], radius_m: float, facing_rad: float = FACING_RAD
     ) -> NDArray[np.int64]:
-        """Faces (n,) under a brush that moves from one place on the surface to another, each given by face and point.
+        """Faces (n,) under a brush that moves between two points on the surface, each given by face and position.
 
-        These are the faces that the capsule of that radius about the path touches, if the surface leads there from
-        either end inside the capsule and is turned by at most `facing_rad` from it. So a brush does not reach through
-        a thin wall.
+        These are the faces that intersect the capsule around the segment, are connected with an end inside the
+        capsule, and whose normals differ by at most `facing_rad` from that at an end. So a brush does not paint the
+        other side of a thin wall.
         """
-        self._round += 1
+        self._call += 1
         count = faces_under_brush(
             (self.corner_m, self.normal),
             (self._vertex, self._around, self._start),
             (self._seen_face, self._seen_vertex, self._queue),
-            self._round,
+            self._call,
             (int(faces[0]), int(faces[1])),
             (tuple(ends_B_m[0].tolist()), tuple(ends_B_m[1].tolist())),
             float(radius_m),
@@ -272,13 +271,13 @@ class PaintableMesh:
         return np.sort(self._queue[:count]).astype(np.int64)
 
     def near(self, region: Volume) -> NDArray[np.int64]:
-        """Faces (n,) that a region in B may reach a part of, ascending."""
-        slack_m = 1e-9 * self.mesh.diagonal_m  # a region that ends in a face's plane has it
+        """Faces (n,) that a region in B may intersect, ascending."""
+        slack_m = 1e-9 * self.mesh.diagonal_m  # includes faces in a boundary plane of the region
         return np.flatnonzero(region.distance_m(self.centroid_m) < self.reach_m + slack_m)
 
     @cached_property
     def reach_m(self) -> Row:
-        """How far corners are from the middle of each face (M,) [m]."""
+        """Largest distance of a corner from the centroid of each face (M,) [m]."""
         return np.asarray(np.linalg.norm(self.corner_m - self.centroid_m[:, None], axis=2).max(axis=1))
 
     def bary(self, face: int, p_B_m: Row) -> Row:
@@ -288,31 +287,31 @@ class PaintableMesh:
         return np.array([1.0 - v - w, v, w])
 
     def facet(self, face: int, angle_rad: float) -> NDArray[np.bool_]:
-        """Faces (M,) connected with one over edges that bend by at most an angle, as `region.Facet` picks them."""
+        """Mask (M,) of the faces connected with a face over edges that bend by at most an angle; see `region.Facet`."""
         label = connected(self.pairs[self._bend_rad <= angle_rad + BEND_ROUNDING_RAD], len(self.mesh.faces))
         return np.asarray(label == label[face])
 
     def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Faces on both sides (n, 2) of each edge with just two, and by how much it bends (n,) [rad]."""
-        pairs, alike = edges_of(self.mesh.faces, self.welded).pairs()
-        other = np.where(alike, 1.0, -1.0)[:, None] * self.normal[pairs[:, 1]]
+        """The two faces (n, 2) of each edge with exactly two faces, and the angle between their normals (n,) [rad]."""
+        pairs, same_winding = edges_of(self.mesh.faces, self.welded).pairs()
+        other = np.where(same_winding, 1.0, -1.0)[:, None] * self.normal[pairs[:, 1]]
         chord = np.linalg.norm(self.normal[pairs[:, 0]] - other, axis=1)
         return pairs, 2 * np.arcsin(np.minimum(chord / 2, 1.0))
 
 
-# Where on a scene's surface a ray from the eye falls.
+# --- picking in a scene ---
 
 
 @dataclass(frozen=True, eq=False)
 class Hit:
-    """A place on the surface.
+    """A point on the surface of a scene.
 
     Attributes:
         body: index of the body.
-        face: of its mesh.
-        p_W_m, p_B_m: (3,) the place in W and in the body's frame [m].
-        nhat_W: (3,) outward normal of the face.
-        distance_m: from the ray's origin [m].
+        face: face of its mesh.
+        p_W_m, p_B_m: (3,) position in W and in the body's frame [m].
+        nhat_W: (3,) outward unit normal of the face.
+        distance_m: distance from the origin of the ray [m].
     """
 
     body: int
@@ -328,26 +327,26 @@ def pick(
     shapes: Sequence[PaintableMesh],
     origin_W_m: NDArray[np.float64],
     direction_W: NDArray[np.float64],
-    seen: bool = False,
+    visible_only: bool = False,
 ) -> Hit | None:
-    """The nearest place along a ray (3,), (3,); None where there is none, or no ray.
+    """The nearest hit along a ray with origin (3,) and direction (3,); None without a hit, or for an invalid ray.
 
-    Faces are met from both sides; with `seen`, only those that are drawn: not the backs of one-sided bodies.
+    Both sides of a face are hit; with `visible_only`, back faces of one-sided bodies are not, since they are not drawn.
     """
     if not (np.isfinite(origin_W_m).all() and np.isfinite(direction_W).all() and direction_W.any()):
         return None
     best: Hit | None = None
     for index, (body, shape) in enumerate(zip(bodies, shapes, strict=True)):
         R, p = body.X_WB[:3, :3], body.X_WB[:3, 3]
-        found = shape.pick((origin_W_m - p) @ R, direction_W @ R, seen and not body.two_sided)
+        found = shape.pick((origin_W_m - p) @ R, direction_W @ R, visible_only and not body.two_sided)
         if found is not None and (best is None or found[1] < best.distance_m):
             face, distance, p_B = found
             best = Hit(index, face, R @ p_B + p, p_B, R @ shape.normal[face], distance)
     return best
 
 
-def face_centre(bodies: Sequence[Body], shapes: Sequence[PaintableMesh], body: int, face: int) -> Hit:
-    """The middle of a face as a place."""
+def face_centre_hit(bodies: Sequence[Body], shapes: Sequence[PaintableMesh], body: int, face: int) -> Hit:
+    """The centroid of a face as a `Hit`."""
     shape, X_WB = shapes[body], bodies[body].X_WB
     p_B = shape.centroid_m[face]
     p_W = X_WB[:3, :3] @ p_B + X_WB[:3, 3]
@@ -357,18 +356,18 @@ def face_centre(bodies: Sequence[Body], shapes: Sequence[PaintableMesh], body: i
 def project_to_surface(
     body: Body, shape: PaintableMesh, hit: Hit, p_W_m: NDArray[np.float64], reach_m: float
 ) -> NDArray[np.float64]:
-    """Places (n, 3) in the plane of a hit laid down on its body, along the hit's normal; as they are beside it.
+    """Project points (n, 3) in the tangent plane of a hit onto the body, along the normal of the hit.
 
-    Each goes to the first face under or over it, from `reach_m` above the plane to as much below.
+    A point moves to the first face within `reach_m` above or below the plane; else it stays.
     """
     R, p = body.X_WB[:3, :3], body.X_WB[:3, 3]
     down_B = -hit.nhat_W @ R
-    laid = np.array(p_W_m)
+    projected = np.array(p_W_m)
     for i, start_B_m in enumerate((p_W_m - p) @ R - reach_m * down_B):
         found = shape.pick(start_B_m, down_B)
         if found is not None and found[1] <= 2 * reach_m:
-            laid[i] = R @ found[2] + p
-    return laid
+            projected[i] = R @ found[2] + p
+    return projected
 
 
 Mask = NDArray[np.bool_]

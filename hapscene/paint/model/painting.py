@@ -1,4 +1,4 @@
-"""A scene that is painted in steps that can be undone. Watches report what changed to views and to the hand."""
+"""A painted scene: steps that can be undone, and a record of changes for the view and the simulated hand."""
 
 import threading
 from collections.abc import Mapping, Sequence
@@ -21,95 +21,55 @@ from hapscene.paint.model.history import (
     face_count_text,
 )
 from hapscene.paint.model.mesh import Hit, PaintableMesh, pick
-from hapscene.paint.model.visibility import Sight
+from hapscene.paint.model.visibility import Visibility
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import NOTHING, blend, paint_faces, paint_region, parts, set_subfaces
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Volume
 from hapscene.scene.scene import Scene
 
-__all__ = ["ERASE", "UNWORN_MAX", "Changes", "Painting", "forget_unworn", "know_default"]
+__all__ = ["ERASE", "UNUSED_MESHES_MAX", "Changes", "Painting", "drop_unused_meshes", "set_default_swatch"]
 
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """What is different since the last look.
+    """Changes of a painting since the last call of `Painting.changes`.
 
     Attributes:
-        faces: by index of the body, faces (n,) int64, ascending, whose swatch may be another one.
-        swatches: indices of swatches whose numbers, name or colour are others, or that are new.
-        shelf: whether the list of the scene's swatches is another one: some came, went, or were renamed.
-        bodies: whether some bodies came, went, or have another mesh or name; then `faces` tells of none.
-        poses: whether some are elsewhere, or hang on others.
+        faces: by index of the body, faces (n,) int64, ascending, whose painting may have changed.
+        swatches: indices of swatches that are new or whose parameters, name or colour changed.
+        swatch_list: whether swatches of the scene were added, removed or renamed.
+        bodies: whether bodies were added, deleted or renamed, or have another mesh; `faces` is empty then.
+        poses: whether bodies were moved, attached, hidden or locked.
     """
 
     faces: dict[int, NDArray[np.int64]]
     swatches: tuple[int, ...]
-    shelf: bool
+    swatch_list: bool
     bodies: bool = False
     poses: bool = False
 
-    def __repr__(self) -> str:
-        counts = {body: len(faces) for body, faces in self.faces.items()}
-        more = "".join(f", the {name}" for name in ("shelf", "bodies", "poses") if getattr(self, name))
-        return f"<Changes: faces by body {counts}, swatches {list(self.swatches)}{more}>"
-
     def __bool__(self) -> bool:
-        return bool(self.faces or self.swatches or self.shelf or self.bodies or self.poses)
-
-
-class Watch:
-    """Gathers what changes until it is taken: a bit a face, however long nobody looks."""
-
-    def __init__(self, face_counts: list[int]) -> None:
-        self._faces = [np.zeros(count, np.bool_) for count in face_counts]
-        self._touched: set[int] = set()
-        self._swatches: set[int] = set()
-        self._shelf = self._bodies = self._poses = False
-
-    def note_bodies(self, face_counts: list[int]) -> None:
-        """There are other bodies."""
-        self._faces = [np.zeros(count, np.bool_) for count in face_counts]
-        self._touched = set()
-        self._bodies = True
-
-    def note_poses(self) -> None:
-        """Bodies are elsewhere."""
-        self._poses = True
-
-    def note_faces(self, body: int, faces: NDArray[np.integer]) -> None:
-        """Faces (n,) of a body were painted."""
-        if len(faces):
-            self._faces[body][faces] = True
-            self._touched.add(body)
-
-    def note_swatch(self, swatch: int, shelf: bool) -> None:
-        """A swatch has other numbers, or (`shelf`) is new, gone or renamed."""
-        self._swatches.add(swatch)
-        self._shelf |= shelf
-
-    def take(self, swatch_count: int) -> Changes:
-        """What was gathered; from now on anew."""
-        faces = {body: np.flatnonzero(self._faces[body]) for body in sorted(self._touched)}
-        for body in self._touched:
-            self._faces[body][:] = False
-        swatches = tuple(sorted(i for i in self._swatches if i < swatch_count))
-        found = Changes(faces, swatches, self._shelf, self._bodies, self._poses)
-        self._touched, self._swatches = set(), set()
-        self._shelf = self._bodies = self._poses = False
-        return found
+        return bool(self.faces or self.swatches or self.swatch_list or self.bodies or self.poses)
 
 
 ERASE: Final = -1
-"""In the place of a swatch: each body's default."""
+"""Index that stands for the default swatch of each body."""
 
-UNWORN_MAX: Final = 4
-"""How many meshes that no body wears any more stay prepared [count]: some 0.3 GB each, of a million faces."""
+UNUSED_MESHES_MAX: Final = 4
+"""Number of prepared meshes kept although no body uses them any more [count]: about 0.3 GB each for a million faces."""
 
 
 @dataclass(eq=False)
 class _OpenStep:
-    """A step that goes on: what it is, what it paints with, bodies as they were before, how often it changed faces."""
+    """A step in progress.
+
+    Attributes:
+        what: description for the user.
+        swatch: swatch that it paints with.
+        before: painting of each changed body before the step.
+        changes: number of changes so far.
+    """
 
     what: str
     swatch: int | str
@@ -118,91 +78,94 @@ class _OpenStep:
 
 
 class Painting:
-    """A scene whose faces and swatches change in steps that can be undone.
+    """A scene whose faces, swatches and bodies change in steps that can be undone.
 
     Attributes:
-        scene: painted in place; nobody else should change it meanwhile.
-        shapes: of its bodies, in their order; bodies that share a mesh share one.
-        defaults: what the eraser brings back, a swatch for each body: what it is made of; where nobody has said, that
-            of all its faces at the start, or plain.
-        swatches: the scene's swatches, with what `reset` brings back.
-        history: what can be undone and done again.
-        hidden, locked: names of bodies that are not seen, and that stay as they are; neither is painted. Not saved.
-        lock: held while anything changes; hold it to read several things that belong together.
+        scene: the scene, changed in place; do not change it elsewhere.
+        shapes: prepared meshes of the bodies, in their order; bodies with the same mesh share one.
+        defaults: swatch of each body that the eraser restores: `Body.made_of`, or the swatch of all its faces at the
+            start, or plain.
+        swatches: state of the scene's swatches, with the original that `reset` restores.
+        history: steps that can be undone and redone.
+        hidden, locked: names of hidden and of locked bodies, which are not painted. Not saved with the scene.
+        lock: held during each change; hold it to read several values consistently.
 
     Raises:
-        SceneError: a scene without bodies.
+        SceneError: the scene has no bodies.
     """
 
     def __init__(self, scene: Scene) -> None:
         if not scene.bodies:
-            raise SceneError("the scene has no bodies to paint: add one with scene.add(mesh, name=…)")
+            raise SceneError("the scene has no bodies: add one with scene.add(mesh, name=…)")
         self.scene = scene
         self._made: dict[int, PaintableMesh] = {}
         self.shapes = [self.shape_of(body.mesh) for body in scene.bodies]
         self.hidden: set[str] = set()
         self.locked: set[str] = set()
         for body in scene.bodies:
-            know_default(body)
+            set_default_swatch(body)
         self.defaults = [body.made_of or 0 for body in scene.bodies]
         self.history = History()
         self.swatches = _swatch_states(scene)
         self.lock = threading.RLock()
         self._open: _OpenStep | None = None
-        self._watches: list[Watch] = []
-        self._own_watch = self.watch()
+        self._changed_swatches: set[int] = set()
+        self._list_changed = self._bodies_changed = self._poses_changed = False
+        self._reset_changed_faces()
 
-    def __repr__(self) -> str:
-        faces = sum(len(body.face_swatch) for body in self.scene.bodies)
-        bodies = ", ".join(body.name for body in self.scene.bodies[:3]) + ", …" * (len(self.scene.bodies) > 3)
-        return f"<Painting of {bodies}: {faces:,} faces, {len(self.swatches)} swatches>"
-
-    # --- who watches ---
-
-    def watch(self) -> Watch:
-        """A watch of one's own; `changes_of` it tells what changed since the last time."""
-        watch = Watch(self._face_counts())
-        self._watches.append(watch)
-        return watch
+    # --- record of changes ---
 
     def changes(self) -> Changes:
-        """What changed since the last call: what a view has to show anew."""
-        return self.changes_of(self._own_watch)
-
-    def changes_of(self, watch: Watch) -> Changes:
-        """What changed since the last call with this watch, which `watch` made."""
+        """Changes since the last call, for the view."""
         with self.lock:
-            return watch.take(len(self.scene.swatches))
+            faces = {body: np.flatnonzero(self._changed_faces[body]) for body in sorted(self._painted_bodies)}
+            swatches = tuple(sorted(i for i in self._changed_swatches if i < len(self.scene.swatches)))
+            found = Changes(faces, swatches, self._list_changed, self._bodies_changed, self._poses_changed)
+            self._changed_swatches.clear()
+            self._list_changed = self._bodies_changed = self._poses_changed = False
+            for body in self._painted_bodies:
+                self._changed_faces[body][:] = False
+            self._painted_bodies.clear()
+            return found
 
-    # --- what is where ---
+    def note_poses(self) -> None:
+        """Record that bodies were moved, attached, hidden or locked."""
+        self._poses_changed = True
 
-    def is_kept(self, body: Body) -> bool:
-        """Whether nothing is painted on a body now: it is locked, or hidden."""
+    def _note_faces(self, body: int, faces: NDArray[np.integer]) -> None:
+        if len(faces):
+            self._changed_faces[body][faces] = True
+            self._painted_bodies.add(body)
+
+    def _reset_changed_faces(self) -> None:
+        self._changed_faces = [np.zeros(len(body.mesh.faces), np.bool_) for body in self.scene.bodies]
+        self._painted_bodies: set[int] = set()
+
+    # --- queries ---
+
+    def is_protected(self, body: Body) -> bool:
+        """Whether a body cannot be painted because it is locked or hidden."""
         return body.name in self.locked or body.name in self.hidden
 
-    def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike, seen: bool = False) -> Hit | None:
-        """The nearest place on the surface along a ray, met from outside or inside; None where there is none.
+    def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike, visible_only: bool = False) -> Hit | None:
+        """The nearest point on the surface along a ray; None without a hit. Hidden bodies are ignored.
 
         Args:
-            origin_W_m: (3,) where it starts [m].
-            direction_W: (3,) where it goes, of any length.
-            seen: whether what is not drawn, the inside of a one-sided body, is gone through.
+            origin_W_m: (3,) origin of the ray [m].
+            direction_W: (3,) direction of the ray, of any length.
+            visible_only: ignore back faces of one-sided bodies, which are not drawn.
         """
         with self.lock:  # a shape has one ray buffer
-            there = [i for i, body in enumerate(self.scene.bodies) if body.name not in self.hidden]
-            bodies, shapes = [self.scene.bodies[i] for i in there], [self.shapes[i] for i in there]
-            hit = pick(bodies, shapes, floats(origin_W_m), floats(direction_W), seen)
-            return None if hit is None else replace(hit, body=there[hit.body])
-
-    def sight(self, body: int, eye_W_m: ArrayLike) -> Sight:
-        """What is seen of a body from a point (3,) in W [m]."""
-        return Sight(self.scene.bodies, self.shapes, body, eye_W_m, self.hidden)
+            shown = [i for i, body in enumerate(self.scene.bodies) if body.name not in self.hidden]
+            bodies, shapes = [self.scene.bodies[i] for i in shown], [self.shapes[i] for i in shown]
+            hit = pick(bodies, shapes, floats(origin_W_m), floats(direction_W), visible_only)
+            return None if hit is None else replace(hit, body=shown[hit.body])
 
     def swatch_index(self, swatch: int | str, body: int = 0) -> int:
-        """The swatch that a body is painted with, by its name or index: `ERASE` is its default, any other is itself.
+        """Index of a swatch, given by name or index; `ERASE` is the default swatch of the body.
 
         Raises:
-            SceneError: no such swatch.
+            SceneError: the scene has no such swatch.
         """
         if isinstance(swatch, str):
             named = self.swatch_named(swatch)
@@ -212,69 +175,74 @@ class Painting:
         if swatch == ERASE:
             return self.defaults[body]
         if not 0 <= swatch < len(self.scene.swatches):
-            raise SceneError(f"no swatch {swatch}; the scene has {len(self.scene.swatches)}, counted from 0")
+            count = len(self.scene.swatches)
+            raise SceneError(f"swatch index {swatch} is out of range: expected 0 to {count - 1}")
         return int(swatch)
 
     def swatch_named(self, name: str) -> int | None:
-        """Index of the scene's swatch of that name; None where there is none."""
+        """Index of the scene's swatch with that name; None if it does not exist."""
         names = [swatch.name for swatch in self.scene.swatches]
         return names.index(name) if name in names else None
 
     def snapshot(self) -> Scene:
-        """A copy of the scene as it is now."""
+        """A copy of the present scene."""
         with self.lock:
             return self.scene.copy()
 
     # --- undo and redo ---
 
     def undo(self) -> str | None:
-        """Take the last step back, an open one first of all; what it was, or None where there is none."""
+        """Undo the last step, including one in progress; returns its description, or None if it does not exist."""
         with self.lock:
             self.end_step()
-            step = self.history.back()
+            step = self.history.undo()
             if step is None:
                 return None
             for delta in reversed(step.faces):
-                self._put_faces(delta, back=True)
-            self._put_bodies([(delta.index, delta.new, delta.old) for delta in reversed(step.bodies)])
+                self._apply_faces(delta, undo=True)
+            self._apply_bodies([(delta.index, delta.new, delta.old) for delta in reversed(step.bodies)])
             for change in reversed(step.swatches):
-                self._put_swatch(change.index, change.old)
+                self._set_swatch(change.index, change.old)
             return step.what
 
     def redo(self) -> str | None:
-        """Do again what was undone last; what it was, or None where there is nothing."""
+        """Redo the step undone last; returns its description, or None if it does not exist."""
         with self.lock:
             self.end_step()
-            step = self.history.forward()
+            step = self.history.redo()
             if step is None:
                 return None
-            self._do(step)
+            self._apply(step)
             return step.what
 
     @property
     def undo_text(self) -> str | None:
-        """What `undo` would take back; None where there is nothing."""
+        """Description of the step that `undo` would revert; None if it does not exist."""
         if self._open is not None and self._open.changes:
             return "stroke"
         return self.history.done[-1].what if self.history.done else None
 
     @property
     def redo_text(self) -> str | None:
-        """What `redo` would do again; None where there is nothing."""
+        """Description of the step that `redo` would apply; None if it does not exist."""
         return self.history.undone[-1].what if self.history.undone else None
 
     @property
     def state(self) -> tuple[int, int]:
-        """Another value whenever the scene is another; the old one when it is again as it was."""
+        """Identifies the state of the scene: equal states after undo and redo have equal values."""
         return self.history.state, self._open.changes if self._open is not None else 0
 
     # --- steps ---
 
     def begin_step(self, what: str, swatch: int | str) -> None:
-        """Open a step: all that `paint_faces` paints until `end_step`. Whatever else is done ends it.
+        """Begin a step that collects all painting until `end_step`. Any other operation ends it, too.
+
+        Args:
+            what: description for the user.
+            swatch: name or index of the swatch to paint with.
 
         Raises:
-            SceneError: no such swatch.
+            SceneError: the scene has no such swatch.
         """
         with self.lock:
             self.swatch_index(swatch)
@@ -283,28 +251,27 @@ class Painting:
 
     @property
     def step_is_open(self) -> bool:
-        """Whether a step goes on."""
+        """Whether a step is in progress."""
         return self._open is not None
 
     def paint_faces(self, body: int, faces: NDArray[np.integer]) -> int:
-        """Paint faces (n,) of a body in the open step; how many became others.
+        """Paint faces (n,) of a body in the open step; returns the number of faces that changed.
 
         Raises:
             SceneError: no step is open.
         """
         with self.lock:
-            if self._open is None:
-                raise SceneError("no step to paint in: begin one first")
+            step = self._open_step()
             painted = self.scene.bodies[body]
-            if self.is_kept(painted):
+            if self.is_protected(painted):
                 return 0
-            swatch = self.swatch_index(self._open.swatch, body)
-            other = painted.face_swatch[faces] != swatch
+            swatch = self.swatch_index(step.swatch, body)
+            differs = painted.face_swatch[faces] != swatch
             if painted.fine is not None:
-                other |= np.isin(faces, painted.fine.faces)
-            faces = faces[other]
+                differs |= np.isin(faces, painted.fine.faces)
+            faces = faces[differs]
             if len(faces):
-                self._keep(self._open, body)
+                self._keep_before(step, body)
                 paint_faces(painted, faces, swatch)
                 self._note_faces(body, faces)
             return len(faces)
@@ -317,33 +284,33 @@ class Painting:
         falloff_m: float = 0.0,
         opacity: float = 1.0,
         *,
-        swatch: int | None = None,
-        over: int | None = None,
         eye_W_m: ArrayLike | None = None,
     ) -> int:
-        """Paint what a region in a body's frame cuts out of its faces, or of those (n,), in the open step.
+        """Paint the part of a body that is inside a region, in the open step; returns the number of faces reached.
 
-        With its swatch, unless another is given; from an eye at a point (3,) in W [m], what is seen of it alone.
-        Soft borders, opacity and `over` are those of `hapscene.scene.fine_paint.paint_region`.
-
-        Returns:
-            how many faces it reached.
+        Args:
+            body: index of the body.
+            region: region in the body's frame.
+            faces: (n,) restrict painting to these faces; None for all.
+            falloff_m: width of the soft border [m]; see `hapscene.scene.fine_paint.paint_region`.
+            opacity: weight of the swatch over the present painting [0, 1].
+            eye_W_m: (3,) paint only what is visible from this point [m]; None to ignore occlusion.
 
         Raises:
-            SceneError: no step is open, or the border needs too many pieces.
+            SceneError: no step is open, or the border needs too many subfaces.
         """
         with self.lock:
-            if self._open is None:
-                raise SceneError("no step to paint in: begin one first")
-            painted, step = self.scene.bodies[body], self._open
-            if self.is_kept(painted):
+            step = self._open_step()
+            painted = self.scene.bodies[body]
+            if self.is_protected(painted):
                 return 0
-            before = self._keep(step, body)
-            swatch = self.swatch_index(step.swatch if swatch is None else swatch, body)
-            sight = None if eye_W_m is None else self.sight(body, eye_W_m)
-            if sight is not None:
-                faces = sight.facing(np.arange(len(painted.face_swatch)) if faces is None else faces)
-            more: dict[str, Any] = {"falloff_m": falloff_m, "opacity": opacity, "over": over, "sight": sight}
+            before = self._keep_before(step, body)
+            swatch = self.swatch_index(step.swatch, body)
+            visibility = None
+            if eye_W_m is not None:
+                visibility = Visibility(self.scene.bodies, self.shapes, body, eye_W_m, self.hidden)
+                faces = visibility.facing(np.arange(len(painted.face_swatch)) if faces is None else faces)
+            more: dict[str, Any] = {"falloff_m": falloff_m, "opacity": opacity, "sight": visibility}
             faces = paint_region(painted, region, swatch, faces=faces, **more)
             if len(faces):
                 self._note_faces(body, faces)
@@ -353,24 +320,25 @@ class Painting:
             return len(faces)
 
     def replace_swatch(self, body: int, old: int) -> int:
-        """Paint what wears a swatch, whole faces and leaves, blends too, in the open step; how many faces it reached.
+        """Replace a swatch on a body, in faces, subfaces and blends, in the open step; returns the faces reached.
 
         Raises:
             SceneError: no step is open.
         """
         with self.lock:
+            step = self._open_step()
             painted = self.scene.bodies[body]
-            if self.is_kept(painted):
+            if self.is_protected(painted):
                 return 0
-            leaves = painted.fine or NOTHING
-            whole = painted.face_swatch == old
-            whole[leaves.faces] = False
-            count = self.paint_faces(body, np.flatnonzero(whole))
-            heavier, lighter, weight = parts(leaves.paint)
-            worn = (heavier == old) | ((lighter == old) & (weight > 0))
-            if self._open is not None and worn.any():
-                self._keep(self._open, body)
-                new, found = self.swatch_index(self._open.swatch, body), leaves.of_faces(np.unique(leaves.face[worn]))
+            subfaces = painted.fine or NOTHING
+            undivided = painted.face_swatch == old
+            undivided[subfaces.faces] = False
+            count = self.paint_faces(body, np.flatnonzero(undivided))
+            heavier, lighter, weight = parts(subfaces.paint)
+            uses = (heavier == old) | ((lighter == old) & (weight > 0))
+            if uses.any():
+                self._keep_before(step, body)
+                new, found = self.swatch_index(step.swatch, body), subfaces.of_faces(np.unique(subfaces.face[uses]))
                 heavier, lighter, weight = parts(found.paint)
                 paint = blend(np.where(heavier == old, new, heavier), np.where(lighter == old, new, lighter), weight)
                 set_subfaces(painted, replace(found, paint=paint))
@@ -378,8 +346,13 @@ class Painting:
                 count += len(found.faces)
             return count
 
-    def _keep(self, step: _OpenStep, body: int) -> Paint | None:
-        """Keep how a body was before a step, unless that is known; what was known."""
+    def _open_step(self) -> _OpenStep:
+        if self._open is None:
+            raise SceneError("there is no open step to paint in: call begin_step first")
+        return self._open
+
+    def _keep_before(self, step: _OpenStep, body: int) -> Paint | None:
+        """Store the painting of a body before the step changes it first; returns what was stored already."""
         known, painted = step.before.get(body), self.scene.bodies[body]
         if known is None:
             step.before[body] = painted.face_swatch.copy(), painted.fine
@@ -387,7 +360,7 @@ class Painting:
         return known
 
     def end_step(self) -> int:
-        """End the open step, if there is one; how many faces it changed."""
+        """End the step in progress, if any; returns the number of faces that it changed."""
         with self.lock:
             step, self._open = self._open, None
             if step is None:
@@ -401,10 +374,10 @@ class Painting:
             return count
 
     def paint(self, what: str, chosen: Mapping[int, NDArray[np.bool_]], swatch: int | str) -> int:
-        """One step: paint faces (M,) bool of bodies; how many became others.
+        """Paint masks of faces (M,) bool, by body, in one step; returns the number of faces that changed.
 
         Raises:
-            SceneError: no such swatch.
+            SceneError: the scene has no such swatch.
         """
         with self.lock:
             self.begin_step(what, swatch)
@@ -421,7 +394,13 @@ class Painting:
         key: object = None,
         join: bool = False,
     ) -> None:
-        """One step: put swatches, then bodies, in this order; with `join`, part of the last step if its key is equal.
+        """Change swatches, then bodies, in one step.
+
+        Args:
+            what: description for the user.
+            swatches, bodies: changes, applied in this order.
+            key: identifies steps that may be joined.
+            join: extend the last step, if it has the same key, instead of adding one.
 
         Raises:
             SceneError: no body would be left.
@@ -429,10 +408,10 @@ class Painting:
         with self.lock:
             self.end_step()
             if len(self.scene.bodies) + sum((d.old is None) - (d.new is None) for d in bodies) < 1:
-                raise SceneError("a scene has one body at least: add another one first")
+                raise SceneError("cannot delete the last body: add another body first")
             last = self.history.done[-1] if self.history.done else None
             step = Step(what, tuple(swatches), bodies=tuple(bodies), key=key)
-            self._do(step)
+            self._apply(step)
             joins = join and last is not None and last.key == key and not self.history.undone
             if joins and last is not None and [d.index for d in last.bodies] == [d.index for d in bodies]:
                 put = tuple(replace(new, old=old.old) for old, new in zip(last.swatches, step.swatches, strict=True))
@@ -442,20 +421,23 @@ class Painting:
                 self.history.add(step)
 
     def take_painting(self, scene: Scene, what: str, *, composed: bool = False) -> str:
-        """One step: paint as another scene of the same bodies is painted, with its swatches; what the step is called.
+        """Take over the painting and the swatches of another scene with the same bodies, in one step.
 
-        With `composed`, some bodies may be others, or elsewhere, which they are here then.
+        Args:
+            scene: the other scene.
+            what: description for the user, which is returned.
+            composed: also take over bodies that were added, deleted or moved.
 
         Raises:
-            SceneError: other bodies.
+            SceneError: the bodies differ.
         """
         with self.lock:
             self.end_step()
             mine, theirs = ([_shape(body) for body in s.bodies] for s in (self.scene, scene))
             shapes = [shape[:2] for shape in mine]
-            others = composed and mine != theirs and not set(shapes).isdisjoint(shape[:2] for shape in theirs)
-            if not others and [shape[:2] for shape in theirs] != shapes:
-                raise SceneError(f"{what}: its bodies are not those of this scene: open it by itself")
+            differ = composed and mine != theirs and not set(shapes).isdisjoint(shape[:2] for shape in theirs)
+            if not differ and [shape[:2] for shape in theirs] != shapes:
+                raise SceneError(f"{what}: the bodies differ from those of this scene: open that scene instead")
             wanted, known = _swatch_states(scene), len(self.swatches)
             changes = [SwatchDelta(i, self.swatches[i], None) for i in reversed(range(len(wanted), known))]
             for i, new in enumerate(wanted):
@@ -464,7 +446,7 @@ class Painting:
                     changes.append(SwatchDelta(i, old, new))
             bodies: list[BodyDelta] = []
             found: list[FaceDelta | None] = []
-            if not others:
+            if not differ:
                 pairs = enumerate(zip(self.scene.bodies, scene.bodies, strict=True))
                 found = [FaceDelta.between(body, _paint_of(mine), _paint_of(other)) for body, (mine, other) in pairs]
             else:
@@ -476,84 +458,72 @@ class Painting:
                 bodies += [BodyDelta(i, None, body) for i, body in enumerate(scene.bodies)]
             step = Step(what, tuple(changes), tuple(delta for delta in found if delta is not None), tuple(bodies))
             if step.swatches or step.faces or step.bodies:
-                self._do(step)
+                self._apply(step)
                 self.history.add(step)
             return what
 
-    def _do(self, step: Step) -> None:
+    def _apply(self, step: Step) -> None:
         for change in step.swatches:
-            self._put_swatch(change.index, change.new)
-        self._put_bodies([(delta.index, delta.old, delta.new) for delta in step.bodies])
+            self._set_swatch(change.index, change.new)
+        self._apply_bodies([(delta.index, delta.old, delta.new) for delta in step.bodies])
         for delta in step.faces:
-            self._put_faces(delta, back=False)
+            self._apply_faces(delta, undo=False)
 
-    def _put_faces(self, delta: FaceDelta, back: bool) -> None:
-        self._note_faces(delta.body, delta.put(self.scene.bodies[delta.body], back))
+    def _apply_faces(self, delta: FaceDelta, undo: bool) -> None:
+        self._note_faces(delta.body, delta.apply(self.scene.bodies[delta.body], undo))
 
-    def _put_bodies(self, changes: Sequence[tuple[int, Body | None, Body | None]]) -> None:
-        """Put bodies, each (index, what is there, what comes)."""
-        others = False
+    def _apply_bodies(self, changes: Sequence[tuple[int, Body | None, Body | None]]) -> None:
+        """Replace bodies, each given by index, present body and new body."""
+        replaced = False
         for index, old, new in changes:
             bodies = [] if new is None else [new]
-            if old is not None and new is not None:  # the same one goes on
+            if old is not None and new is not None:  # the body stays: views keep references to it
                 bodies = self.scene.bodies[index : index + 1]
                 for name in ("name", "mesh", "X_WB", "parent"):
                     setattr(bodies[0], name, getattr(new, name))
-            there = slice(index, index + (old is not None))
-            self.scene.bodies[there] = bodies
-            self.shapes[there] = [self.shape_of(body.mesh) for body in bodies]
-            self.defaults[there] = [body.made_of or 0 for body in bodies]
-            others |= old is None or new is None or old.mesh is not new.mesh or old.name != new.name
+            span = slice(index, index + (old is not None))
+            self.scene.bodies[span] = bodies
+            self.shapes[span] = [self.shape_of(body.mesh) for body in bodies]
+            self.defaults[span] = [body.made_of or 0 for body in bodies]
+            replaced |= old is None or new is None or old.mesh is not new.mesh or old.name != new.name
             for names in (self.hidden, self.locked):
                 if old is not None and old.name in names:
                     names.remove(old.name)
                     names |= {body.name for body in bodies}
         if changes:
-            forget_unworn(self._made, self.scene.bodies)
+            drop_unused_meshes(self._made, self.scene.bodies)
             self.scene.pose_count += 1
-            for watch in self._watches:
-                watch.note_poses()
-                if others:
-                    watch.note_bodies(self._face_counts())
+            self.note_poses()
+            if replaced:
+                self._bodies_changed = True
+                self._reset_changed_faces()
 
     def shape_of(self, mesh: Mesh) -> PaintableMesh:
-        """A mesh prepared to be painted; the same for all bodies that share it. It takes seconds for a large one."""
+        """The prepared form of a mesh, shared by all bodies with that mesh. Takes seconds for a large mesh."""
         known = self._made.get(id(mesh))
-        return known or self._made.setdefault(id(mesh), PaintableMesh(mesh))  # which holds the mesh: its id stays
+        return known or self._made.setdefault(
+            id(mesh), PaintableMesh(mesh)
+        )  # it refers to the mesh: the id stays valid
 
-    def note_marks(self) -> None:
-        """Other bodies are hidden, or locked."""
-        for watch in self._watches:
-            watch.note_poses()
-
-    def _face_counts(self) -> list[int]:
-        return [len(body.mesh.faces) for body in self.scene.bodies]
-
-    def _put_swatch(self, index: int, state: SwatchState | None) -> None:
+    def _set_swatch(self, index: int, state: SwatchState | None) -> None:
         known = self.swatches[index].swatch.name if index < len(self.swatches) else None
         self.swatches[index:] = [] if state is None else [state, *self.swatches[index + 1 :]]
         self.scene.swatches[:] = [s.swatch for s in self.swatches]
         self.scene.swatch_source[:] = [s.source for s in self.swatches]
-        shelf = state is None or known != state.swatch.name
-        for watch in self._watches:
-            watch.note_swatch(index, shelf)
-
-    def _note_faces(self, body: int, faces: NDArray[np.integer]) -> None:
-        for watch in self._watches:
-            watch.note_faces(body, faces)
+        self._changed_swatches.add(index)
+        self._list_changed |= state is None or known != state.swatch.name
 
 
-def know_default(body: Body) -> None:
-    """Have a body that is painted all over with one swatch made of it, if nobody has said of what: the eraser brings
-    back the same the next time."""
+def set_default_swatch(body: Body) -> None:
+    """Set `Body.made_of` of a body that has one swatch all over, if it is not set, for the eraser."""
     if body.made_of is None and (body.face_swatch == body.face_swatch[0]).all():
         body.made_of = int(body.face_swatch[0])
 
 
-def forget_unworn(made: dict[int, Any], bodies: Sequence[Body]) -> None:
-    """Of what was made of meshes, by their ids, keep what bodies wear, and the last few besides: undo may want them."""
-    worn = {id(body.mesh) for body in bodies}
-    for key in [key for key in list(made) if key not in worn][:-UNWORN_MAX]:
+def drop_unused_meshes(made: dict[int, Any], bodies: Sequence[Body]) -> None:
+    """Drop entries, keyed by mesh id, whose mesh no body uses; the last `UNUSED_MESHES_MAX` are kept for undo."""
+    used = {id(body.mesh) for body in bodies}
+    for key in [key for key in list(made) if key not in used][:-UNUSED_MESHES_MAX]:
         del made[key]
 
 
@@ -562,7 +532,7 @@ def _paint_of(body: Body) -> Paint:
 
 
 def _shape(body: Body) -> tuple[object, ...]:
-    """What tells bodies apart, but for their painting."""
+    """Everything that identifies a body except its painting."""
     pose = body.X_WB.tobytes()
     return body.name, len(body.mesh.faces), body.mesh.digest, pose, body.two_sided, body.parent
 

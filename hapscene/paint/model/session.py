@@ -1,4 +1,7 @@
-"""A painting session without a browser: every operation is a step that can be undone."""
+"""A painting session: load a scene, paint it, save it. Each operation is a step that can be undone.
+
+A session needs no browser; the web page is built on it.
+"""
 
 import math
 from collections.abc import Callable
@@ -9,17 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import TICK_S
-from hapscene.device.model import DeviceLike, Limits
+from hapscene.device.model import DeviceLike
 from hapscene.errors import SceneError, no_such
 from hapscene.geometry import rigid
 from hapscene.paint.model.composing import Composing
-from hapscene.paint.model.document import Document, stamp_of
-from hapscene.paint.model.mesh import Hit, Mask, face_centre
+from hapscene.paint.model.document import Document, file_hash
+from hapscene.paint.model.mesh import Hit, Mask, face_centre_hit
 from hapscene.paint.model.painting import ERASE, Painting
-from hapscene.paint.model.regions import TurnedBox, near_border
-from hapscene.paint.model.strokes import NONE, Brush, Stroke, Symmetry
+from hapscene.paint.model.regions import OrientedBox
+from hapscene.paint.model.strokes import Brush, Stroke, mirror_images_W
 from hapscene.paint.model.tuning import SwatchTuning
-from hapscene.scene.fine_paint import parts, swatches_of
+from hapscene.scene.fine_paint import parts
 from hapscene.scene.region import Sphere, Volume
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.scene.scene_file import SUFFIX
@@ -28,33 +31,31 @@ from hapscene.surface.swatch import Swatch, SwatchLike
 __all__ = ["ERASE", "Hit", "Session"]
 
 FILLS: Final = ("facet", "whole body", "material", "same swatch")
-"""What the bucket fills from a place."""
+"""What the fill tool fills from a point."""
 
 FACET_RAD: Final = math.radians(10.0)
-"""Angle of the bucket unless told otherwise [rad], as `hapscene.scene.region.Facet` has it."""
+"""Default angle of a facet for the fill tool [rad], as in `hapscene.scene.region.Facet`."""
 
 
 class Session:
     """A scene that is being painted.
 
     Args:
-        scene: painted in place; nobody else should change it meanwhile.
-        path: the scene file it was loaded from, or shall be saved to; None where that is not known yet.
-        device: whose limits the parameters show, by its name or itself.
+        scene: the scene, painted in place; do not change it elsewhere.
+        path: scene file that it was loaded from or will be saved to; None if not known yet.
+        device: device whose limits apply to the parameters of swatches.
         tick_s: period of the force channel [s].
 
     Attributes:
-        painting: the scene, its steps, and who watches; `history`, what can be undone, is its.
-        document: the file: saving, autosave, recovery.
-        tuning: the swatches and their numbers.
-        composing: the bodies: what comes, goes and moves.
-        scene, shapes, defaults, history, lock: those of the painting: see `hapscene.paint.model.painting.Painting`.
-        path, dirty: those of the document: where `save` writes, and whether there is something to save.
-        device, limits: those of the tuning.
+        painting: the scene and the steps that can be undone.
+        document: the scene file: saving, autosave, recovery.
+        tuning: the swatches and their parameters.
+        composing: the bodies: add, delete, move, attach.
+        scene, shapes, defaults, history, lock: see `hapscene.paint.model.painting.Painting`.
 
     Raises:
-        SceneError: a scene without bodies.
-        HapsceneError: no such device.
+        SceneError: the scene has no bodies.
+        HapsceneError: the device is unknown.
     """
 
     def __init__(
@@ -77,142 +78,128 @@ class Session:
 
     @classmethod
     def open(cls, path: str | Path, accept_changed: bool = False) -> Self:
-        """Load a scene file to paint it.
+        """Load a scene file.
 
         Args:
             path: NAME.scene.json.
-            accept_changed: as `hapscene.load_scene` has it; then there is something to save: the file knows the old
-                meshes.
+            accept_changed: see `hapscene.load_scene`. The session is then unsaved, since the file refers to the
+                previous meshes.
 
         Raises:
-            SceneError, MeshError, SwatchError: as `hapscene.load_scene`.
+            SceneError, MeshError, SwatchError: see `hapscene.load_scene`.
         """
         path = Path(path)
         real = path.resolve()
         if not path.is_symlink() or not real.name.endswith(SUFFIX):
             real = path
-        stamp = stamp_of(path)  # before it is read: what changes meanwhile counts as changed
+        loaded_hash = file_hash(path)  # taken before loading, so that later changes of the file are detected
         session = cls(load_scene(path, accept_changed))
-        session.document = Document(session.painting, real, stamp, changed=accept_changed)  # of the file, not of a link
+        session.document = Document(session.painting, real, loaded_hash, changed=accept_changed)
         return session
 
-    # --- what its parts do ---
+    # --- shortcuts to the parts ---
 
     def add_swatch(self, swatch: SwatchLike) -> int:
-        """Put a swatch into the scene, unless it is there; its index: see `SwatchTuning.add_swatch`."""
+        """Add a swatch to the scene unless it is there; returns its index. See `SwatchTuning.add_swatch`."""
         return self.tuning.add_swatch(swatch)
 
     def tune(self, swatch: int | str, **numbers: float) -> Swatch:
-        """Change numbers of a swatch; the swatch as it is now: see `SwatchTuning.tune`."""
+        """Change parameters of a swatch; returns the new swatch. See `SwatchTuning.tune`."""
         return self.tuning.tune(swatch, **numbers)
 
-    def recolour(self, swatch: int | str, albedo_rgb: tuple[float, float, float]) -> Swatch:
-        """Give a swatch another colour; the swatch as it is now: see `SwatchTuning.recolour`."""
-        return self.tuning.recolour(swatch, albedo_rgb)
-
     def undo(self) -> str | None:
-        """Take the last step back, a stroke in progress first of all; what it was, or None where there is none."""
+        """Undo the last step, including a stroke in progress; returns its description, or None."""
         return self.painting.undo()
 
     def redo(self) -> str | None:
-        """Do again what was undone last; what it was, or None where there is nothing."""
+        """Redo the step undone last; returns its description, or None."""
         return self.painting.redo()
 
     def save(self, path: str | Path | None = None, force: bool = False) -> Path:
-        """Save the scene, to `path` from now on where one is given; its file: see `Document.save`."""
+        """Save the scene; returns the file. See `Document.save`."""
         return self.document.save(path, force)
 
     @property
     def path(self) -> Path | None:
-        """Where `save` writes; None where that is not known yet."""
+        """File that `save` writes; None if not known yet."""
         return self.document.path
 
     @property
     def dirty(self) -> bool:
-        """Whether there is something to save: it was changed, or there is no file of it yet."""
+        """Whether there is something to save: the scene was changed, or has no file yet."""
         return self.document.dirty
-
-    @property
-    def device(self) -> str:
-        """Whose limits the parameters show."""
-        return self.tuning.device
-
-    @property
-    def limits(self) -> Limits:
-        """Those of the device."""
-        return self.tuning.limits
 
     # --- the brush ---
 
     def begin_stroke(self, swatch: int | str, radius_m: float, **more: Any) -> None:
-        """Put the brush down; nothing is painted until it moves. A stroke in progress ends.
+        """Begin a stroke and end a stroke in progress. `stroke_to` and `drag_to` paint.
 
         Args:
-            swatch: what to paint with.
-            radius_m: of the brush [m].
-            more: softness, opacity, through, symmetry: see `hapscene.paint.model.strokes.Brush`.
+            swatch: swatch to paint with.
+            radius_m: radius of the brush [m].
+            more: falloff, opacity, ignore_occlusion, mirrors: see `hapscene.paint.model.strokes.Brush`.
 
         Raises:
-            SceneError: no such swatch, or no such brush.
+            SceneError: the swatch is unknown, or a setting of the brush is out of range.
         """
         with self.lock:
             self._stroke = Stroke(self.painting, swatch, Brush(radius_m, **more))
 
     def stroke_to(self, hit: Hit | None) -> int:
-        """Draw from the last place to this one, on the surface; how many faces it reached. None lifts the brush.
+        """Paint from the last point of the stroke to this one; returns the number of faces reached.
 
-        Where the last place was on another body, or none, only this place is painted.
+        None lifts the brush. If it was lifted or on another body, only the new point is painted.
 
         Raises:
-            SceneError: no stroke was begun.
+            SceneError: no stroke is in progress.
         """
         with self.lock:
-            return self._begun().to(hit)
+            return self._present_stroke().to(hit)
 
     def drag_to(self, origin_W_m: ArrayLike, direction_W: ArrayLike) -> Hit | None:
-        """Draw to where a ray from the eye through the pointer meets the surface; that place, or None beside it.
+        """Paint to the point where a ray from the eye meets the surface; returns that point, or None without a hit.
 
-        A long move is split: rays between the last one and this one find the way on the surface that the eye saw.
+        A long move is split by rays between the last ray and this one, so that the stroke follows the visible surface.
 
         Raises:
-            SceneError: no stroke was begun.
+            SceneError: no stroke is in progress.
         """
         with self.lock:
-            return self._begun().drag_to(origin_W_m, direction_W)
+            return self._present_stroke().drag_to(origin_W_m, direction_W)
 
     def end_stroke(self) -> int:
-        """Lift the brush: the stroke is one step; how many faces it changed."""
+        """End the stroke, which becomes one step; returns the number of faces that it changed."""
         return self.painting.end_step()
 
     @property
     def stroking(self) -> bool:
-        """Whether a stroke is in progress: whatever else is done ends it."""
+        """Whether a stroke is in progress. Any other operation ends it."""
         return self.painting.step_is_open
 
-    def _begun(self) -> Stroke:
+    def _present_stroke(self) -> Stroke:
         if self._stroke is None or not self.stroking:
-            raise SceneError("no stroke to go on with: begin one first")
+            raise SceneError("there is no stroke in progress: call begin_stroke first")
         return self._stroke
 
-    # --- fill: each returns how many faces changed ---
+    # --- fills; each returns the number of faces that changed ---
 
     def fill_at(self, hit: Hit, what: str, swatch: int | str, angle_rad: float = FACET_RAD) -> int:
-        """Fill from a place.
+        """Fill from a point.
 
         Args:
-            hit: the place.
-            what: one of `FILLS`: a facet is connected over edges that bend by at most an angle.
-            swatch: what to paint with.
-            angle_rad: of the facet [rad].
+            hit: the point.
+            what: one of `FILLS`. A facet consists of faces connected over edges that bend by at most an angle.
+            swatch: swatch to paint with.
+            angle_rad: angle of the facet [rad].
 
         Raises:
-            SceneError: the angle is not between 0 and π.
+            SceneError: the angle is out of range.
         """
         if what == "same swatch":
             return self.fill_swatch(hit.body, self.swatch_at(hit), swatch)
         degrees = math.degrees(angle_rad)
         if not 0.0 <= angle_rad <= math.pi:
-            raise SceneError(f"a facet's angle must be between 0° and 180°, is {degrees:g}°")
+            raise SceneError(f"facet angle {degrees:g}° is out of range: expected 0° to 180°")
         where = {"whole body": what, "material": repr(self.group_at(hit))}.get(what, f"facet within {degrees:.3g}°")
         return self._fill(where, hit.body, swatch, lambda index: self._faces_at(hit, what, angle_rad))
 
@@ -225,77 +212,46 @@ class Session:
         return shape.facet(hit.face, angle_rad)
 
     def fill_body(self, body: int | str, swatch: int | str) -> int:
-        """Paint a whole body."""
+        """Paint a body all over."""
         return self._fill("whole body", body, swatch, lambda index: np.ones(len(self.shapes[index].normal), np.bool_))
 
     def fill_group(self, body: int | str, name: str, swatch: int | str) -> int:
-        """Paint the faces of a group, material or object of the mesh's file, by its name or a part of that.
+        """Paint a group, material or object of the mesh file, given by its name or a part of the name.
 
         Raises:
-            MeshError: no face has that name.
+            MeshError: no group has that name.
         """
         return self._fill(repr(name), body, swatch, lambda index: self.shapes[index].mesh.faces_of(name))
 
     def fill_swatch(self, body: int | str | None, old: int | str, swatch: int | str) -> int:
-        """Paint what is painted with one swatch with another: of one body, or (None) of all."""
+        """Replace one swatch by another on a body, or on all bodies (None)."""
         index = self.painting.swatch_index(old)
         with self.lock:
-            self.painting.begin_step(f"{_verb(swatch)} swatch for swatch", swatch)
+            self.painting.begin_step(f"{_verb(swatch)} same swatch", swatch)
             for i in self._chosen(body):
                 self.painting.replace_swatch(i, index)
             return self.painting.end_step()
 
-    def grow(self, swatch: int | str, by_m: float, *, body: int | str | None = None) -> int:
-        """Paint a band along all that a swatch is painted on: of one body, or (None) of all; how many faces it reaches.
-
-        Args:
-            swatch: which.
-            by_m: how wide a band [m]. Below 0 it shrinks: what is beside it is painted over it.
-            body: of which body; None for all.
-
-        Raises:
-            SceneError: the width is 0 or no number, or the border too long.
-        """
-        if not (math.isfinite(by_m) and by_m):
-            raise SceneError(f"how far a swatch grows must be a number other than 0 mm, is {by_m * 1e3:g} mm")
-        painting, index = self.painting, self.painting.swatch_index(swatch)
-        with self.lock:
-            what = (
-                f"{'grow' if by_m > 0.0 else 'shrink'} {self.scene.swatches[index].name!r} by {abs(by_m) * 1e3:.3g} mm"
-            )
-            painting.begin_step(what, index)
-            count = 0
-            for i in self._chosen(body):
-                one = self.scene.bodies[i]
-                others = [None] if by_m > 0.0 else [k for k in swatches_of(one).tolist() if k != index]
-                bands = [(other, near_border(one, self.shapes[i], index, other, abs(by_m))) for other in others]
-                for other, band in bands:  # as they were before any was painted
-                    if band is not None:
-                        over = index if by_m < 0.0 else None
-                        count += painting.paint_region(i, *band, swatch=other, over=over)
-            painting.end_step()
-            return count
-
     def fill_sphere(
         self, centre_W_m: ArrayLike, radius_m: float, swatch: int | str, *, body: int | str | None = None, **more: Any
     ) -> int:
-        """Paint what is within a distance of a point in W: of one body, or (None) of all; how many faces it reaches.
+        """Paint the inside of a sphere; returns the number of faces reached.
 
         Args:
-            centre_W_m: (3,) the point [m].
-            radius_m: the distance [m].
-            swatch: what to paint with.
-            body: of which body; None for all.
-            more: as `fill_region` has them.
+            centre_W_m: (3,) centre [m].
+            radius_m: radius [m].
+            swatch: swatch to paint with.
+            body: body to paint; None for all.
+            more: see `fill_region`.
 
         Raises:
-            SceneError: the centre is not three finite numbers, or the radius not positive.
+            SceneError: the centre or the radius is invalid.
         """
         centre = np.asarray(centre_W_m, np.float64)
         if centre.shape != (3,) or not np.isfinite(centre).all():
-            raise SceneError(f"a sphere's centre must be three finite numbers, is {centre_W_m!r}")
+            raise SceneError(f"invalid sphere centre {centre_W_m!r}: expected three finite numbers")
         if not (math.isfinite(radius_m) and radius_m > 0.0):
-            raise SceneError(f"a sphere's radius must be above 0 mm, is {radius_m * 1e3:g} mm")
+            raise SceneError(f"sphere radius {radius_m * 1e3:g} mm is out of range: expected more than 0 mm")
         return self.fill_region(
             "sphere", lambda X_BW: Sphere(X_BW[:3, :3] @ centre + X_BW[:3, 3], radius_m), swatch, body=body, **more
         )
@@ -303,22 +259,22 @@ class Session:
     def fill_box(
         self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int | str, *, body: int | str | None = None, **more: Any
     ) -> int:
-        """Paint what is in a box: of one body, or (None) of all; how many faces it reaches.
+        """Paint the inside of a box; returns the number of faces reached.
 
         Args:
-            X_WK: (4, 4) pose of the box in W: its middle, and its axes.
-            size_m: (3,) its edges [m].
-            swatch: what to paint with.
-            body: of which body; None for all.
-            more: as `fill_region` has them.
+            X_WK: (4, 4) pose of the box: its centre and axes.
+            size_m: (3,) edge lengths [m].
+            swatch: swatch to paint with.
+            body: body to paint; None for all.
+            more: see `fill_region`.
 
         Raises:
-            SceneError: the pose is not rigid, or an edge not positive.
+            SceneError: the pose is not rigid, or an edge length is invalid.
         """
         pose, size = rigid(X_WK, "box"), np.asarray(size_m, np.float64)
         if size.shape != (3,) or not (np.isfinite(size).all() and (size > 0.0).all()):
-            raise SceneError(f"a box has three edges above 0 mm, not {size_m!r}")
-        return self.fill_region("box", lambda X_BW: TurnedBox(X_BW @ pose, size), swatch, body=body, **more)
+            raise SceneError(f"invalid box size {size_m!r}: expected three edge lengths above 0 m")
+        return self.fill_region("box", lambda X_BW: OrientedBox(X_BW @ pose, size), swatch, body=body, **more)
 
     def fill_region(
         self,
@@ -329,24 +285,24 @@ class Session:
         body: int | str | None = None,
         eye_W_m: ArrayLike | None = None,
         opacity: float = 1.0,
-        symmetry: Symmetry = NONE,
+        mirrors: str = "",
     ) -> int:
-        """Paint a region of space, through faces: one step; how many faces it reaches.
+        """Paint the inside of a region in one step, cutting faces; returns the number of faces reached.
 
         Args:
-            where: what the step is called.
-            region_of: the region in a frame, given the map (4, 4) from W to it, which may turn and mirror.
-            swatch: what to paint with.
-            body: of which body; None for all.
-            eye_W_m: (3,) paint only what is seen from there [m]; None for all.
-            opacity: how much of the swatch is put over what is there [0, 1].
-            symmetry: where else it is painted; of each body.
+            where: description of the region for the user.
+            region_of: returns the region in a frame, given the map (4, 4) from W to it, which may contain a mirror.
+            swatch: swatch to paint with.
+            body: body to paint; None for all.
+            eye_W_m: (3,) paint only what is visible from this point [m]; None to ignore occlusion.
+            opacity: weight of the swatch over the present painting [0, 1].
+            mirrors: axes of each body along which the region is mirrored.
         """
         with self.lock:
             self.painting.begin_step(f"{_verb(swatch)} {where}", swatch)
             count = 0
             for i in self._chosen(body):
-                for image in symmetry.images_W(self.scene.bodies[i]):
+                for image in mirror_images_W(self.scene.bodies[i], mirrors):
                     region = region_of(np.linalg.inv(self.scene.bodies[i].X_WB) @ image)
                     faces: NDArray[np.integer] = self.shapes[i].near(region)
                     eye = None if eye_W_m is None else image[:3, :3] @ np.asarray(eye_W_m) + image[:3, 3]
@@ -360,34 +316,34 @@ class Session:
             return self.painting.paint(f"{_verb(swatch)} {where}", {index: pick(index)}, swatch)
 
     def _chosen(self, body: int | str | None) -> list[int]:
-        """Index of a body, or (None) those of all."""
+        """Index of a body, or of all bodies (None)."""
         return list(range(len(self.shapes))) if body is None else [self.body_index(body)]
 
-    # --- what is there ---
+    # --- queries ---
 
-    def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike, seen: bool = False) -> Hit | None:
-        """The nearest place on the surface along a ray; None where there is none: see `Painting.pick`."""
-        return self.painting.pick(origin_W_m, direction_W, seen)
+    def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike, visible_only: bool = False) -> Hit | None:
+        """The nearest point on the surface along a ray; None without a hit. See `Painting.pick`."""
+        return self.painting.pick(origin_W_m, direction_W, visible_only)
 
     def hit_at(self, body: int | str, face: int) -> Hit:
-        """The middle of a face as a place on the surface.
+        """The centroid of a face as a point on the surface.
 
         Raises:
-            SceneError: no such body, or face.
+            SceneError: the body or face does not exist.
         """
         index = self.body_index(body)
         count = len(self.shapes[index].normal)
         if not 0 <= face < count:
             raise SceneError(
-                f"no face {face} of body {self.scene.bodies[index].name!r}; its faces are 0 to {count - 1}"
+                f"body {self.scene.bodies[index].name!r}: face {face} is out of range: expected 0 to {count - 1}"
             )
-        return face_centre(self.scene.bodies, self.shapes, index, int(face))
+        return face_centre_hit(self.scene.bodies, self.shapes, index, int(face))
 
     def body_index(self, body: int | str) -> int:
-        """Index of a body by its name, or as given.
+        """Index of a body, given by name or index.
 
         Raises:
-            SceneError: there is none.
+            SceneError: there is no such body.
         """
         bodies = self.scene.bodies
         if isinstance(body, str):
@@ -396,23 +352,17 @@ class Session:
                 raise SceneError(no_such("body", body, names))
             return names.index(body)
         if not 0 <= body < len(bodies):
-            raise SceneError(f"no body {body}; there are {len(bodies)}, counted from 0")
+            raise SceneError(f"body index {body} is out of range: expected 0 to {len(bodies) - 1}")
         return int(body)
 
     def swatch_at(self, hit: Hit) -> int:
-        """The swatch that a place is painted with; of a blend, the heavier one."""
+        """Index of the swatch at a point; of a blend, the swatch with the larger weight."""
         body = self.scene.bodies[hit.body]
         found = None if body.fine is None else body.fine.at(hit.face, self.shapes[hit.body].bary(hit.face, hit.p_B_m))
         return int(body.face_swatch[hit.face] if found is None else parts(found)[0])
 
-    def groups(self, body: int | str) -> list[tuple[str, int]]:
-        """Names of a body's groups, materials and objects, and how many faces each has."""
-        mesh = self.scene.bodies[self.body_index(body)].mesh
-        counts = np.bincount(mesh.group, minlength=len(mesh.group_names))
-        return [(name, int(n)) for name, n in zip(mesh.group_names, counts, strict=True) if n]
-
     def group_at(self, hit: Hit) -> str:
-        """Name of the group that a place is in."""
+        """Name of the group of the mesh file at a point."""
         mesh = self.scene.bodies[hit.body].mesh
         return str(mesh.group_names[mesh.group[hit.face]])
 

@@ -1,4 +1,4 @@
-"""The brush: the path of a stroke over the surface, its mirror images and rotations."""
+"""The brush: the path of a stroke over the surface, and its mirror images."""
 
 import math
 from dataclasses import dataclass, field
@@ -14,114 +14,86 @@ from hapscene.paint.model.painting import ERASE, Painting
 from hapscene.scene.body import Body
 from hapscene.scene.region import Tube
 
-__all__ = ["NONE", "Brush", "Stroke", "Symmetry"]
-
-TURNS_MAX: Final = 64
-"""Most images around an axis [count]."""
-
-
-@dataclass(frozen=True)
-class Symmetry:
-    """Mirrors and turns, through the middle of a body, along its axes.
-
-    Attributes:
-        mirrors: axes, of "xyz", that are mirrored: "x" paints right what is painted left.
-        turns: how many images there are around the axis; 1 for none.
-        axis: "x", "y" or "z".
-
-    Raises:
-        SceneError: an axis is none, or there are too many turns.
-    """
-
-    mirrors: str = ""
-    turns: int = 1
-    axis: str = "z"
-
-    def __post_init__(self) -> None:
-        if not set(self.mirrors) <= set("xyz") or self.axis not in ("x", "y", "z"):
-            raise SceneError(f"an axis is x, y or z; the mirrors are {self.mirrors!r}, the axis is {self.axis!r}")
-        if not 1 <= self.turns <= TURNS_MAX:
-            raise SceneError(f"there are 1 to {TURNS_MAX} images around an axis, not {self.turns}")
-
-    def images_W(self, body: Body) -> list[NDArray[np.float64]]:
-        """Maps (4, 4) in W from a place to each of its images; the first is where it is itself."""
-        around = "xyz".index(self.axis)
-        i, j = (around + 1) % 3, (around + 2) % 3
-        maps = []
-        for k in range(self.turns):
-            c, s = math.cos(2 * math.pi * k / self.turns), math.sin(2 * math.pi * k / self.turns)
-            turn = np.eye(3)
-            turn[[i, i, j, j], [i, j, i, j]] = c, -s, s, c
-            maps.append(turn)
-        for axis in sorted(set(self.mirrors)):
-            mirror = np.eye(3)
-            mirror["xyz".index(axis), "xyz".index(axis)] = -1.0
-            maps += [mirror @ found for found in maps]
-        different: list[NDArray[np.float64]] = []
-        for found in maps:  # an even number of turns has some mirrors' images already
-            if not any(np.allclose(found, other) for other in different):
-                different.append(found)
-        used_m = body.mesh.vertices_m[np.unique(body.mesh.faces)] if different[1:] else np.zeros((1, 3))
-        middle_m = (used_m.min(axis=0) + used_m.max(axis=0)) / 2
-        X_BW = np.linalg.inv(body.X_WB)
-        return [body.X_WB @ _about(found, middle_m) @ X_BW for found in different]
-
-
-NONE: Final = Symmetry()
-"""Each place is its only image."""
-
-
-def _about(R: NDArray[np.float64], middle_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The map (4, 4) that turns or mirrors about a point (3,)."""
-    found = np.eye(4)
-    found[:3, :3], found[:3, 3] = R, middle_m - R @ middle_m
-    return found
+__all__ = ["Brush", "Stroke", "mirror_images_W"]
 
 
 Ray = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""From where (3,) [m], and which way (3,), a unit vector."""
+"""Origin (3,) [m] and direction (3,), a unit vector."""
 
 SPLIT_MAX: Final = 64
-"""Most pieces that one move of the pointer is split into [count]: a sweep over a window's width at some 20 pixels."""
+"""Largest number of parts of one pointer move [count]: a sweep over the width of a window in steps of 20 pixels."""
 
 STEP_SHARE: Final = 0.5
-"""Longest way between two places of a stroke before the move is split, in radii of the brush [1]: a surface curved like
-the brush itself is left by 3 % of the radius."""
+"""Longest step between two points of a stroke, in radii of the brush [1]; longer moves are split. On a surface with the
+curvature of the brush, a step then deviates from the surface by 3 % of the radius."""
+
+
+def mirror_images_W(body: Body, mirrors: str) -> list[NDArray[np.float64]]:
+    """Maps (4, 4) in W from a point to its images, mirrored through the centre of a body; the first is the identity.
+
+    Args:
+        body: the body.
+        mirrors: axes of the body, such as "x" or "xz", along which to mirror.
+
+    Raises:
+        SceneError: an axis is not x, y or z.
+    """
+    _check_mirrors(mirrors)
+    maps = [np.eye(3)]
+    for axis in sorted(set(mirrors)):
+        mirror = np.eye(3)
+        mirror["xyz".index(axis), "xyz".index(axis)] = -1.0
+        maps += [mirror @ known for known in maps]
+    used_m = body.mesh.vertices_m[np.unique(body.mesh.faces)] if mirrors else np.zeros((1, 3))
+    middle_m = (used_m.min(axis=0) + used_m.max(axis=0)) / 2
+    X_BW = np.linalg.inv(body.X_WB)
+    images = []
+    for R in maps:
+        about = np.eye(4)
+        about[:3, :3], about[:3, 3] = R, middle_m - R @ middle_m
+        images.append(body.X_WB @ about @ X_BW)
+    return images
+
+
+def _check_mirrors(mirrors: str) -> None:
+    if not set(mirrors) <= set("xyz"):
+        raise SceneError(f"invalid mirrors {mirrors!r}: expected axes of x, y and z, such as 'x' or 'xz'")
 
 
 @dataclass(frozen=True)
 class Brush:
-    """A brush.
+    """Settings of the brush.
 
     Attributes:
-        radius_m: how far it paints [m].
-        softness: what share of the radius its border goes over, inwards [0, 1]: 0 is sharp.
-        opacity: how much of its swatch it puts over what is there [0, 1].
-        through: whether it paints all that is within its radius: also what the eye does not see.
-        symmetry: where else it paints.
+        radius_m: radius [m].
+        falloff: width of the soft border inside the radius, as a fraction of it [0, 1]; 0 is a sharp border.
+        opacity: weight of the swatch over the present painting [0, 1].
+        ignore_occlusion: paint everything within the radius, including hidden surfaces and back faces.
+        mirrors: axes of the body along which the stroke is mirrored, such as "x" or "xz".
 
     Raises:
-        SceneError: a number is out of its range.
+        SceneError: a setting is out of range.
     """
 
     radius_m: float
-    softness: float = 0.0
+    falloff: float = 0.0
     opacity: float = 1.0
-    through: bool = False
-    symmetry: Symmetry = NONE
+    ignore_occlusion: bool = False
+    mirrors: str = ""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.radius_m) and self.radius_m > 0.0):
-            raise SceneError(f"a brush's radius must be above 0 mm, is {self.radius_m * 1e3:g} mm")
-        if not (0.0 <= self.softness <= 1.0 and 0.0 < self.opacity <= 1.0):
-            raise SceneError(
-                f"softness is 0 to 1 and opacity above 0 to 1, they are {self.softness:g} and {self.opacity:g}"
-            )
+            raise SceneError(f"brush radius {self.radius_m * 1e3:g} mm is out of range: expected more than 0 mm")
+        if not 0.0 <= self.falloff <= 1.0:
+            raise SceneError(f"brush falloff {self.falloff:g} is out of range: expected 0 to 1")
+        if not 0.0 < self.opacity <= 1.0:
+            raise SceneError(f"brush opacity {self.opacity:g} is out of range: expected more than 0, up to 1")
+        _check_mirrors(self.mirrors)
 
 
 @dataclass(eq=False)
 class _Tip:
-    """The brush itself, or one of its images: where it was last, and the ray that led there."""
+    """The brush or one of its mirror images: its map, its last point, and the ray to that point."""
 
     image_W: NDArray[np.float64]
     last: Hit | None = None
@@ -129,10 +101,10 @@ class _Tip:
 
 
 class Stroke:
-    """Where the brush goes while it is down: opens a step of the painting, and paints in it at once.
+    """A stroke in progress: begins a step of the painting and paints in it.
 
     Raises:
-        SceneError: no such swatch.
+        SceneError: the scene has no such swatch.
     """
 
     def __init__(self, painting: Painting, swatch: int | str, brush: Brush) -> None:
@@ -141,7 +113,7 @@ class Stroke:
         self._tips: list[_Tip] = []
 
     def to(self, hit: Hit | None) -> int:
-        """Draw to a place, or lift the brush: see `Session.stroke_to`."""
+        """Paint up to a point, or lift the brush: see `Session.stroke_to`."""
         tips = self._tips_of(hit)
         count = self._draw(tips[0], [hit])
         for tip in tips[1:]:
@@ -153,8 +125,8 @@ class Stroke:
         return count
 
     def drag_to(self, origin_W_m: ArrayLike, direction_W: ArrayLike) -> Hit | None:
-        """Draw to where a ray from the eye meets the surface: see `Session.drag_to`."""
-        hit = self._painting.pick(origin_W_m, direction_W, seen=True)
+        """Paint up to the point where a ray from the eye meets the surface: see `Session.drag_to`."""
+        hit = self._painting.pick(origin_W_m, direction_W, visible_only=True)
         origin, direction = np.asarray(origin_W_m, np.float64), np.asarray(direction_W, np.float64)
         length = float(np.linalg.norm(direction))
         if length > 0.0:
@@ -174,21 +146,21 @@ class Stroke:
         self._draw(tip, [*way, hit], ray[0])
 
     def _pick(self, first: Hit | None, origin_W_m: NDArray[np.float64], direction_W: NDArray[np.float64]) -> Hit | None:
-        """What a tip's ray meets; of an image, on the body that the brush itself is on."""
-        hit = self._painting.pick(origin_W_m, direction_W, seen=True)
+        """Hit of a tip's ray; for a mirror image, only on the body that the brush itself is on."""
+        hit = self._painting.pick(origin_W_m, direction_W, visible_only=True)
         return hit if len(self._tips) == 1 or (hit and first and hit.body == first.body) else None
 
     def _tips_of(self, hit: Hit | None) -> list[_Tip]:
-        """The brush and its images, which are those of the body that it met first."""
-        if not self._tips or (hit is not None and len(self._tips) == 1 and self._brush.symmetry != NONE):
-            bodies, symmetry = self._painting.scene.bodies, self._brush.symmetry
-            images = [np.eye(4)] if hit is None else symmetry.images_W(bodies[hit.body])
+        """The brush and its mirror images, about the body that the stroke meets first."""
+        if not self._tips or (hit is not None and len(self._tips) == 1 and self._brush.mirrors):
+            bodies = self._painting.scene.bodies
+            images = [np.eye(4)] if hit is None else mirror_images_W(bodies[hit.body], self._brush.mirrors)
             known = self._tips[:1]
             self._tips = [*known, *map(_Tip, images[len(known) :])]
         return self._tips
 
     def _draw(self, tip: _Tip, way: list[Hit | None], eye_W_m: NDArray[np.float64] | None = None) -> int:
-        """Paint from where a tip was over places, lifted at each None; how many faces it reached."""
+        """Paint from the last point of a tip along points, lifting at each None; returns the faces reached."""
         count, line = 0, [tip.last] if tip.last is not None else []
         for hit in way:
             if line and (hit is None or hit.body != line[0].body):
@@ -201,12 +173,12 @@ class Stroke:
         return count
 
     def _paint(self, line: list[Hit], eye_W_m: NDArray[np.float64] | None) -> int:
-        """Paint along places on one body; how many faces it reached."""
+        """Paint along points on one body; returns the number of faces reached."""
         brush, body, shape = self._brush, line[0].body, self._painting.shapes[line[0].body]
-        falloff_m = brush.softness * brush.radius_m  # inwards: nothing outside of the ring
+        falloff_m = brush.falloff * brush.radius_m  # the border is inside the radius
         points_m = np.array([hit.p_B_m for hit in line])
         region = Tube(points_m, brush.radius_m - falloff_m / 2)
-        if brush.through:
+        if brush.ignore_occlusion:
             faces: NDArray[np.integer] = shape.near(Tube(points_m, brush.radius_m))
             return self._painting.paint_region(body, region, faces, falloff_m, brush.opacity)
         ends = pairwise(line) if len(line) > 1 else [(line[0], line[0])]
@@ -215,7 +187,7 @@ class Stroke:
         return self._painting.paint_region(body, region, faces, falloff_m, brush.opacity, eye_W_m=eye_W_m)
 
     def _pieces(self, tip: _Tip, now: Ray, hit: Hit | None) -> int:
-        """How many pieces a move is split into."""
+        """Number of parts into which a move is split."""
         known = [h for h in (hit, tip.last) if h is not None]
         was = tip.ray
         if not known or was is None:

@@ -1,4 +1,4 @@
-"""Swatches of a painting: add, copy, tune within the limits of the device, reset, save to the library."""
+"""Swatches of a painting: add, copy, tune within the limits of the device, reset, save to the user's library."""
 
 import math
 import time
@@ -28,25 +28,25 @@ STIFFNESS: Final = "stiffness_N_m"
 SHOWN: Final = {
     "stiffness_N_m": ("stiffness", 3000.0),
     "damping_Ns_m": ("damping", 20.0),
-    "friction_static": ("friction, at rest", 2.0),
-    "friction_dynamic": ("friction, sliding", 2.0),
+    "friction_static": ("static friction", 2.0),
+    "friction_dynamic": ("dynamic friction", 2.0),
     "texture_gain": ("texture gain", 4.0),
-    "texture_life": ("texture life", math.inf),
+    "texture_life": ("texture modulation", math.inf),
     "tap_gain": ("tap gain", 4.0),
-    "tangential_stiffness_N_m": ("stiffness while it sticks", 3000.0),
-    "tangential_damping_Ns_m": ("damping while it sticks", 20.0),
-    "hunt_crossley_Ns_m2": ("damping, growing with depth", 2000.0),
-    "friction_stribeck_m_s": ("speed of falling friction", 0.2),
-    "friction_viscous_s_m": ("friction, growing with speed", 2.0),
-    "breakaway_1_kg": ("sound of breaking loose", 100.0),
-    "breakaway_Hz": ("frequency of breaking loose", 1000.0),
-    "breakaway_decay_1_s": ("decay of breaking loose", 500.0),
+    "tangential_stiffness_N_m": ("stick stiffness", 3000.0),
+    "tangential_damping_Ns_m": ("stick damping", 20.0),
+    "hunt_crossley_Ns_m2": ("Hunt–Crossley damping", 2000.0),
+    "friction_stribeck_m_s": ("Stribeck speed", 0.2),
+    "friction_viscous_s_m": ("viscous friction", 2.0),
+    "breakaway_1_kg": ("breakaway transient", 100.0),
+    "breakaway_Hz": ("breakaway frequency", 1000.0),
+    "breakaway_decay_1_s": ("breakaway decay", 500.0),
     "adhesion_N": ("adhesion", 3.0),
-    "adhesion_range_m": ("range of adhesion", 0.01),
+    "adhesion_range_m": ("adhesion range", 0.01),
 }
-"""Label of each number, and the end of its slider where the device sets no limit: about twice what is called rigid, the
-friction of rubber on rubber, 12 dB of gain. A larger number makes the slider longer. Numbers of other effects are shown
-by their own names."""
+"""Label of each parameter, and the end of its slider if the device sets no limit: about twice the stiffness that feels
+rigid, the friction of rubber on rubber, 12 dB of gain. A larger value extends the slider. Parameters of other effects
+are shown by their names."""
 
 _NEEDS: Final[Mapping[str, Callable[[Swatch], bool]]] = {
     "texture_gain": lambda swatch: swatch.texture is not None,
@@ -57,19 +57,19 @@ _NEEDS: Final[Mapping[str, Callable[[Swatch], bool]]] = {
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of a swatch as a slider shows it.
+    """A parameter of a swatch, as shown by a slider.
 
     Attributes:
-        name: as `tune` takes it; ends in its unit.
-        label: for the eye.
-        value: what the swatch has.
-        given: what the device is rendered with.
-        unit: "N/m", "1" for none.
-        minimum, maximum: ends of the slider, value within; maximum is what the device holds, where that is less.
-        reset: what `reset` brings back.
-        meaning: in a sentence.
-        applies: False where it does nothing, as the gain of a texture that is not there.
-        note: what the device makes of the value, where that is another one; else "".
+        name: name for `tune`; ends in the unit.
+        label: label for the user.
+        value: value of the swatch.
+        given: value that is rendered, within the limits of the device.
+        unit: unit, such as "N/m"; "1" for a dimensionless parameter.
+        minimum, maximum: range of the slider, which contains the value and ends at the limit of the device.
+        reset: value that `reset` restores.
+        meaning: description in one sentence.
+        applies: whether the parameter has an effect; False for the gain of a texture that the swatch does not have.
+        note: explanation if the rendered value differs from the swatch's; else "".
     """
 
     name: str
@@ -88,20 +88,20 @@ class Parameter:
 def parameters_of(
     swatch: Swatch, original: Swatch, effects: list[Effect], limits: Limits, tick_s: float
 ) -> tuple[Parameter, ...]:
-    """All numbers of a swatch that can be turned, stiffness first.
+    """All parameters of a swatch that can be tuned, stiffness first.
 
     Args:
-        swatch: as it is.
-        original: as it was before it was turned.
-        effects: that render it.
-        limits: of the device.
+        swatch: the swatch.
+        original: the swatch before it was tuned.
+        effects: effects that render it.
+        limits: limits of the device.
         tick_s: period of the force channel [s].
     """
     alone: Any = SimpleNamespace(swatches=[swatch])
     fit = ClippedSwatches(alone, effects, limits, tick_s)
     notes = {clip.number: str(clip) for clip in fit.clips(0)}
     rows: list[tuple[int, str, str, str, float, float, float]] = [
-        (WALL, STIFFNESS, "N/m", "force over depth: how hard it is to press in", 0.0, math.inf, 0.0)
+        (WALL, STIFFNESS, "N/m", "normal force divided by penetration depth", 0.0, math.inf, 0.0)
     ]
     for e, effect in enumerate(effects):
         for p in effect.params:
@@ -131,20 +131,20 @@ def parameters_of(
 
 
 def _held(name: str, limits: Limits) -> float:
-    """How much of a number the device holds: an effect's own spring is one as the wall is."""
+    """Limit of the device for a parameter. Springs and dampers of effects have the limits of the wall."""
     if name.endswith("stiffness_N_m"):
         return limits.stiffness_N_m
     return limits.damping_Ns_m if name.endswith("damping_Ns_m") else math.inf
 
 
 def tuned(swatch: Swatch, numbers: Mapping[str, float], effects: list[Effect]) -> Swatch:
-    """The swatch with other numbers, by the names of its parameters.
+    """The swatch with new values of parameters, given by name.
 
-    Of the two frictions the one that is not given follows, so that sliding never takes more than breaking away. What
-    was measured of a number is no longer said of it.
+    If only one of the two friction coefficients is given, the other is adjusted so that dynamic friction does not
+    exceed static friction. Measured intervals of changed parameters are dropped.
 
     Raises:
-        EffectError: a name that nothing has, or a value outside its limits.
+        EffectError: a parameter is unknown, or its value is out of range.
     """
     own: dict[str, float] = {}
     by_effect = {effect: dict(values) for effect, values in swatch.effects.items()}
@@ -156,11 +156,13 @@ def tuned(swatch: Swatch, numbers: Mapping[str, float], effects: list[Effect]) -
         low = max([p.minimum for _, p in holders], default=0.0)
         high = min([p.maximum for _, p in holders], default=math.inf)
         if not (low <= value <= high and math.isfinite(value)):
-            raise EffectError(f"{name} of swatch {swatch.name!r} must lie between {low:g} and {high:g}, is {value:g}")
+            raise EffectError(
+                f"swatch {swatch.name!r}: {name} = {value:g} is out of range: expected {low:g} to {high:g}"
+            )
         if name in OWN_PARAMETERS:
             own[name] = float(value)
             for values in by_effect.values():
-                values.pop(name, None)  # an effect's own number would hide the swatch's
+                values.pop(name, None)  # a value stored for an effect would override the swatch's
         else:
             for effect, _ in holders:
                 by_effect.setdefault(effect, {})[name] = float(value)
@@ -171,37 +173,39 @@ def tuned(swatch: Swatch, numbers: Mapping[str, float], effects: list[Effect]) -
             own["friction_static"] = dynamic
         else:
             own["friction_dynamic"] = static
-    gone = {name for name, value in own.items() if value != getattr(swatch, name)}
+    changed = {name for name, value in own.items() if value != getattr(swatch, name)}
     fields: dict[str, Any] = dict(own)
     return replace(
         swatch,
         **fields,
         effects={effect: values for effect, values in by_effect.items() if values},
-        intervals={name: pair for name, pair in swatch.intervals.items() if name not in gone},
-        absent={name: reason for name, reason in swatch.absent.items() if name not in gone},
+        intervals={name: pair for name, pair in swatch.intervals.items() if name not in changed},
+        absent={name: reason for name, reason in swatch.absent.items() if name not in changed},
     )
 
 
-FIXED: Final = "'plain' stays as it is, for it is what every face has until it is painted: make a copy of it to tune"
+FIXED: Final = (
+    "the swatch 'plain' cannot be changed, since it is the default of unpainted faces: tune a copy of it instead"
+)
 
 JOIN_S: Final = 1.0
-"""How soon a slider must go on to stay in one step of undo [s]."""
+"""Longest pause between changes of a slider that are undone together [s]."""
 
 
 class SwatchTuning:
-    """The swatches of a painting, and their numbers.
+    """Edits the swatches of a painting.
 
     Args:
-        painting: whose swatches.
-        device: whose limits the parameters show, by its name or itself.
+        painting: the painted scene.
+        device: device whose limits apply to the parameters.
         tick_s: period of the force channel [s].
 
     Attributes:
-        device, limits: name and limits of the one chosen; see `choose_device`.
-        clock: tells what is done within a second, and so is one step [s].
+        device, limits: name and limits of the device; see `choose_device`.
+        clock: returns the time by which successive changes are joined into one step [s].
 
     Raises:
-        HapsceneError: no such device.
+        HapsceneError: the device is unknown.
     """
 
     def __init__(self, painting: Painting, device: DeviceLike = "omni", tick_s: float = TICK_S) -> None:
@@ -212,25 +216,24 @@ class SwatchTuning:
         self._effects: list[Effect] | None = None
         self._tuned_s = -math.inf
 
-    def __repr__(self) -> str:
-        names = ", ".join(state.swatch.name for state in self._painting.swatches)
-        return f"<SwatchTuning of {names} within the limits of {self.device}>"
-
     def choose_device(self, device: DeviceLike) -> None:
-        """Show the limits of another device from now on.
+        """Choose the device whose limits apply to the parameters.
 
         Raises:
-            HapsceneError: no such device.
+            HapsceneError: the device is unknown.
         """
         self.limits = limits_of(device, self.tick_s)
         self.device = device_of(device).name
 
     def add_swatch(self, swatch: SwatchLike) -> int:
-        """Put a swatch of the library, a file, or one made here into the scene, unless it is there; its index.
+        """Add a swatch to the scene unless it is there; returns its index.
+
+        Args:
+            swatch: name of a library swatch, a file, or a swatch.
 
         Raises:
-            SwatchError: it is unknown or broken.
-            SceneError: another swatch of its name is in the scene.
+            SwatchError: the swatch is unknown or damaged.
+            SceneError: the scene has a different swatch of that name.
         """
         with self._painting.lock:
             self._painting.end_step()
@@ -242,11 +245,11 @@ class SwatchTuning:
             return index
 
     def copy_swatch(self, swatch: int | str, name: str) -> int:
-        """A new swatch of the scene that begins as another one, in a colour of its own while there are any; its index.
+        """Copy a swatch under a new name and with a distinct colour; returns the index of the copy.
 
         Raises:
-            SwatchError: the name is none.
-            SceneError: another swatch of the scene has it.
+            SwatchError: the name is invalid.
+            SceneError: another swatch of the scene has that name.
         """
         with self._painting.lock:
             self._check_free(name, None)
@@ -258,18 +261,18 @@ class SwatchTuning:
             return index
 
     def parameters(self, swatch: int | str) -> tuple[Parameter, ...]:
-        """The numbers of a swatch that can be turned, with units and the limits of the device."""
+        """Parameters of a swatch that can be tuned, with units and the limits of the device."""
         now = self._painting.swatches[self._painting.swatch_index(swatch)]
         original = (now.original or now).swatch
         found = parameters_of(now.swatch, original, self._effect_list(), self.limits, self.tick_s)
         return tuple(replace(p, applies=False, note=FIXED) for p in found) if now.swatch is PLAIN else found
 
     def tune(self, swatch: int | str, **numbers: float) -> Swatch:
-        """Change numbers of a swatch; the swatch as it is now. What a slider does within a second is one step.
+        """Change parameters of a swatch; returns the new swatch. Changes within a second are joined into one step.
 
         Raises:
-            EffectError: a name that nothing has, or a value outside its limits.
-            SceneError: it is plain, which stays.
+            EffectError: a parameter is unknown, or its value is out of range.
+            SceneError: the swatch is plain, which cannot be changed.
         """
         with self._painting.lock:
             index = self._tunable(swatch)
@@ -279,11 +282,11 @@ class SwatchTuning:
             return self._alter(index, new, what, ("tune", index, *sorted(numbers)))
 
     def recolour(self, swatch: int | str, albedo_rgb: tuple[float, float, float]) -> Swatch:
-        """Give a swatch another colour; the swatch as it is now. What a picker does within a second is one step.
+        """Change the colour of a swatch; returns the new swatch. Changes within a second are joined into one step.
 
         Raises:
-            SwatchError: it is not three numbers from 0 to 1.
-            SceneError: it is plain, which stays.
+            SwatchError: the colour is not three numbers from 0 to 1.
+            SceneError: the swatch is plain, which cannot be changed.
         """
         with self._painting.lock:
             index = self._tunable(swatch)
@@ -291,11 +294,11 @@ class SwatchTuning:
             return self._alter(index, replace(old, albedo_rgb=albedo_rgb), f"colour of {old.name!r}", ("colour", index))
 
     def set_picture(self, swatch: int | str, albedo_png: bytes) -> Swatch:
-        """Have a swatch look like a picture, the content of a PNG file, and its colour be the picture's mean.
+        """Set the picture of a swatch from the content of a PNG file, and its colour to the mean of the picture.
 
         Raises:
-            SwatchError: it is no picture that a look may have.
-            SceneError: it is plain, which stays.
+            SwatchError: the picture is invalid.
+            SceneError: the swatch is plain, which cannot be changed.
         """
         with self._painting.lock:
             index = self._tunable(swatch)
@@ -303,13 +306,13 @@ class SwatchTuning:
             look = replace(old.look or plain_look(old), albedo_png=albedo_png)
             pixels = look.albedo()
             if pixels is None:
-                raise SwatchError("the picture is damaged")
+                raise SwatchError(f"swatch {old.name!r}: the picture is damaged: expected a PNG file")
             red, green, blue = (float(c) for c in pixels.mean(axis=(0, 1)))
             new = replace(old, look=look, albedo_rgb=(red, green, blue))
             return self._alter(index, new, f"picture of {old.name!r}", ("picture", index))
 
     def _alter(self, index: int, swatch: Swatch, what: str, key: object) -> Swatch:
-        """Put a swatch in place of what is there: one step with what was done of the same key within a second."""
+        """Replace a swatch; joined with the last step if that has the same key and is at most `JOIN_S` old."""
         old = self._painting.swatches[index]
         now_s = self.clock()
         join, self._tuned_s = now_s - self._tuned_s <= JOIN_S, now_s
@@ -319,7 +322,7 @@ class SwatchTuning:
         return swatch
 
     def reset(self, swatch: int | str) -> bool:
-        """Bring back the numbers and the colour that a swatch had before; whether they were others."""
+        """Restore the original parameters and colour of a swatch; returns whether it had been changed."""
         with self._painting.lock:
             index = self._painting.swatch_index(swatch)
             old = self._painting.swatches[index]
@@ -329,19 +332,19 @@ class SwatchTuning:
             return True
 
     def save_swatch_as(self, swatch: int | str, name: str, path: Path | None = None, replace_old: bool = False) -> Path:
-        """Save a swatch as it is now under a new name, which it has in the scene from now on; its file.
+        """Save a swatch under a new name and rename it in the scene; returns the file.
 
-        Undone, the scene has the old one again; the file stays.
+        Undo restores the old name in the scene and keeps the file.
 
         Args:
-            swatch: which.
-            name: the new name.
-            path: of its file, .swatch; None for the library, where it is on every shelf.
-            replace_old: write over a swatch of that name, or that file.
+            swatch: name or index of the swatch.
+            name: new name.
+            path: .swatch file; None for the user's library.
+            replace_old: overwrite a swatch of that name, or that file.
 
         Raises:
-            SwatchError: the name is none, or taken; the file cannot be written.
-            SceneError: another swatch of the scene has that name; or it is plain, which stays.
+            SwatchError: the name is invalid or taken, or the file cannot be written.
+            SceneError: another swatch of the scene has that name, or the swatch is plain.
         """
         with self._painting.lock:
             self._painting.end_step()
@@ -354,8 +357,8 @@ class SwatchTuning:
             self._painting.change(what, [SwatchDelta(index, old, SwatchState(named, source))])
             return file
 
-    def let_go_of(self, name: str) -> None:
-        """Keep a swatch in the scene's own files from now on: the library's file of it has moved, or is gone."""
+    def detach_from_library(self, name: str) -> None:
+        """Store a swatch with the scene from now on, because its library file was moved or deleted."""
         with self._painting.lock:
             index = self._painting.swatch_named(name)
             old = None if index is None else self._painting.swatches[index]
@@ -372,7 +375,7 @@ class SwatchTuning:
 
     def _check_free(self, name: str, index: int | None) -> None:
         if self._painting.swatch_named(name) not in (None, index):
-            raise SceneError(f"another swatch named {name!r} is in the scene; choose another name")
+            raise SceneError(f"the scene already has a swatch {name!r}: choose another name")
 
     def _effect_list(self) -> list[Effect]:
         if self._effects is None:
@@ -384,18 +387,18 @@ class SwatchTuning:
 
 
 def write_swatch(swatch: Swatch, path: Path | None, replace_old: bool) -> tuple[str | Path, Path]:
-    """Write a swatch to a file, or (None) into the library; what `Scene.swatch_source` calls it, and its file.
+    """Write a swatch to a file, or to the user's library (None); returns its `Scene.swatch_source` and its file.
 
     Raises:
-        SwatchError: the name or the file is taken, and not to be replaced; it cannot be written.
+        SwatchError: the name or the file exists already, or the file cannot be written.
     """
     if path is None:
         if find(swatch.name) is not None and not replace_old:
-            raise SwatchError(f"{swatch.name!r} is in the library already: choose another name")
+            raise SwatchError(f"the library already has a swatch {swatch.name!r}: choose another name")
         entry = add(swatch, replace=replace_old)
         file = library_folder() / entry.file
         return file.resolve(), file
     if path.exists() and not replace_old:
-        raise SwatchError(f"{path}: is there already; save over it, or under another name")
+        raise SwatchError(f"{path}: the file already exists; overwrite it or choose another name")
     save_swatch(swatch, path)
     return path.resolve(), path

@@ -1,4 +1,4 @@
-"""Visibility of a scene from the eye: by default the tools paint visible surface only."""
+"""Visibility of a body from the eye. By default the tools paint only visible surface."""
 
 from collections.abc import Container, Sequence
 from typing import Any, Final
@@ -11,31 +11,32 @@ from hapscene.contact.embree import first_face, fronts_only, new_ray
 from hapscene.paint.model.mesh import PaintableMesh
 from hapscene.scene.body import Body
 
-__all__ = ["Sight", "seen_places"]
+__all__ = ["Visibility", "visible_points"]
 
 NEAR_SHARE: Final = 3e-4
-"""How far before a place a surface must be to hide it, in radii of the body that hides [1]: more than a ray's rounding;
-nearer is the place itself, or what is drawn as one with it."""
+"""Smallest distance between a point and a surface that hides it, in radii of the hiding body [1]: above the rounding of
+a ray, so that a point is not hidden by its own face."""
 
 WIDE: Final = 1 / 32
-"""Widest piece that is looked at as it is, in its distance from the eye [1]; a wider one is cut first."""
+"""Largest subface that is tested, in distances from the eye [1]; a larger one is subdivided first."""
 
 PIXEL: Final = 1 / 1000
-"""Width of a face that is looked at in its middle alone, in its distance from the eye [1]: a pixel of a window."""
+"""Size of a face that is tested at its centroid only, in distances from the eye [1]: a pixel of a window."""
 
 LATTICE_COUNT: Final = 6
-"""Steps along a side at which a wide piece is looked at [count]: what hides it is missed if it is smaller than a
-200th of its distance from the eye, 6 pixels of a window."""
+"""Number of steps along a side at which a large subface is tested [count]. An occluder smaller than 1/200 of its
+distance from the eye, 6 pixels of a window, may be missed."""
 
 MANY_SHARE: Final = 2 / LATTICE_COUNT
-"""From what size on a piece is looked at so, of the widest [1]; a smaller one in its middle and near its corners."""
+"""Size from which a subface is tested on the lattice, relative to the largest [1]; smaller ones are tested at the
+centroid and near the corners."""
 
 MANY: Final = 8000
-"""Most pieces that are looked at so [count]: the more a mesh has, long slivers say, the wider they may be."""
+"""Largest number of subfaces that are tested on the lattice [count]: beyond, the size limits grow in proportion."""
 
 STEPS: Final = range(LATTICE_COUNT + 1)
 INSET: Final = 0.1
-"""How far from the corners towards the middle a piece is looked at [1]: on the edge itself the face beyond is seen."""
+"""Distance of the test points from the corners towards the centroid [1]: a ray to an edge may hit the adjacent face."""
 
 CORNERS: Final = (1 - INSET) * np.eye(3) + INSET / 3
 LATTICE: Final = (
@@ -45,14 +46,14 @@ LATTICE: Final = (
 )
 
 
-class Sight:
-    """What an eye sees of one body: drawn, and hidden by nothing.
+class Visibility:
+    """Tests which parts of a body are visible from a point. Back faces of one-sided bodies hide nothing.
 
     Args:
-        bodies, shapes: of the scene.
-        body: index of the one that is looked at.
-        eye_W_m: (3,) in W [m].
-        hidden: names of bodies that are not drawn. They hide nothing, nor do backs of one-sided bodies.
+        bodies, shapes: bodies and prepared meshes of the scene.
+        body: index of the body.
+        eye_W_m: (3,) position of the eye [m].
+        hidden: names of hidden bodies, which hide nothing.
     """
 
     def __init__(
@@ -67,10 +68,10 @@ class Sight:
         self._eye_W_m = np.asarray(eye_W_m, np.float64)
         self._X_WB = self._body.X_WB
         self._eye_B_m = (self._eye_W_m - self._X_WB[:3, 3]) @ self._X_WB[:3, :3]
-        self._there = [(b, shape) for b, shape in zip(bodies, shapes, strict=True) if b.name not in hidden]
+        self._drawn = [(b, shape) for b, shape in zip(bodies, shapes, strict=True) if b.name not in hidden]
 
     def facing(self, faces: NDArray[np.integer]) -> NDArray[np.integer]:
-        """Those of the body's faces (n,) that are drawn, seen from there: a one-sided body's backs are not."""
+        """The subset of faces (n,) whose outer side is turned to the eye; all faces of a two-sided body."""
         if self._body.two_sided:
             return faces
         towards_m = self._eye_B_m - self._shape.centroid_m[faces]
@@ -79,7 +80,11 @@ class Sight:
     def __call__(
         self, where_m: NDArray[np.float64], level: NDArray[np.uint8]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Of pieces of its faces (n, 3, 3) [m], cut so often (n,): whether the middle is seen, and a part not alike."""
+        """Test subfaces (n, 3, 3) [m] of subdivision levels (n,).
+
+        Returns:
+            Whether the centroid of each is visible, and whether another part of it has the opposite visibility.
+        """
         middle_m = where_m.mean(axis=1)
         side_m = np.linalg.norm(where_m - np.roll(where_m, 1, axis=1), axis=2).max(axis=1)
         away_m = np.linalg.norm(middle_m - self._eye_B_m, axis=1)
@@ -93,31 +98,35 @@ class Sight:
         return seen, partly
 
     def _see(self, p_B_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        bodies, shapes = zip(*self._there, strict=True) if self._there else ((), ())
-        return seen_places(bodies, shapes, p_B_m @ self._X_WB[:3, :3].T + self._X_WB[:3, 3], self._eye_W_m)
+        bodies, shapes = zip(*self._drawn, strict=True) if self._drawn else ((), ())
+        return visible_points(bodies, shapes, p_B_m @ self._X_WB[:3, :3].T + self._X_WB[:3, 3], self._eye_W_m)
 
 
-def seen_places(
+def visible_points(
     bodies: Sequence[Body], shapes: Sequence[PaintableMesh], p_W_m: NDArray[np.float64], eye_W_m: ArrayLike
 ) -> NDArray[np.bool_]:
-    """Which of places (n, 3) on the surface nothing that is drawn hides from a point (3,) in W [m]."""
+    """Whether each point (n, 3) on the surface is visible from an eye (3,), both in W [m]."""
     seen = np.ones(len(p_W_m), np.bool_)
     ray, fronts = new_ray(), fronts_only()
     for body, shape in zip(bodies, shapes, strict=True):
         R, p, search = body.X_WB[:3, :3], body.X_WB[:3, 3], shape.search
         points_m = np.ascontiguousarray((p_W_m - p) @ R - search.center_m)
         eye_m = np.ascontiguousarray((np.asarray(eye_W_m, np.float64) - p) @ R - search.center_m)
-        hide_places(
+        mark_hidden_points(
             search.handle, ray, points_m, eye_m, search.radius_m, 0 if body.two_sided else fronts.ctypes.data, seen
         )
     return seen
 
 
 @native
-def hide_places(search: int, ray: Any, points_m: Any, eye_m: Any, radius_m: float, arguments: int, seen: Any) -> None:
-    """Clear `seen` (n,) of points (n, 3) that a surface lies before, as looked at from `eye_m` (3,), centred [m]."""
+def mark_hidden_points(
+    search: int, ray: Any, points_m: Any, eye_m: Any, radius_m: float, arguments: int, seen: Any
+) -> None:
+    """Clear `seen` (n,) for points (n, 3) hidden from `eye_m` (3,), both in the centred frame of the search [m]."""
     ex, ey, ez = eye_m[0], eye_m[1], eye_m[2]
-    ahead = max(0.0, np.sqrt(ex * ex + ey * ey + ez * ez) - 1.01 * radius_m)  # rays start near: they have more digits
+    ahead = max(
+        0.0, np.sqrt(ex * ex + ey * ey + ez * ez) - 1.01 * radius_m
+    )  # rays start near the mesh, where float32 has more digits
     for i in range(len(points_m)):
         x, y, z = points_m[i, 0] - ex, points_m[i, 1] - ey, points_m[i, 2] - ez
         away = np.sqrt(x * x + y * y + z * z)

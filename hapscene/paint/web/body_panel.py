@@ -1,7 +1,7 @@
-"""The tab Bodies: what the scene is composed of, as a tree; where each body is, how large, and what it hangs on.
+"""The tab Bodies: a tree of the bodies of the scene, and the name, parent, pose and size of the selected one.
 
-The tree and its fields are a piece of HTML of ours, whose buttons and fields `bodies.js` tells of: viser has no tree,
-and its number fields count at every key.
+Tree and fields are custom HTML, whose events body_tree.js sends to the server: viser has no tree, and its number fields
+send a value with every key.
 """
 
 import asyncio
@@ -29,30 +29,30 @@ __all__ = ["BESIDE", "MESHES", "BodyPanel"]
 
 MESHES: Final = tuple(f".{suffix}" for suffix in FORMATS if suffix != "zip")
 BESIDE: Final = (".mtl", ".bin", ".png", ".jpg", ".jpeg")
-"""Files that a mesh names beside itself, and that are no meshes."""
+"""Suffixes of files that a mesh may refer to."""
 
 ROW_MAX: Final = 200
-"""Most bodies that the tree shows [count]."""
+"""Largest number of bodies in the tree [count]."""
 
 UNITS: Final = ("mm", "cm", "m", "in")
-"""Units that are offered for a mesh whose file says none."""
+"""Units offered for a mesh whose file has no unit."""
 
 ASK_MAX: Final = 3
-"""Most bodies whose size is asked for at once [count]: of a whole assembly's parts, the tab tells."""
+"""Largest number of questions about the size of bodies [count]; for more bodies, the tab shows the advice."""
 
 AXES: Final = "xyz"
 
 
 class BodyPanel:
-    """The tree of bodies, and the fields of the one that is chosen.
+    """Tree of bodies, and fields of the selected body.
 
     Args:
         context: the page.
         container: the tab.
 
     Attributes:
-        chosen: name of the body whose fields are seen; None for none.
-        dragging: whether its handles are held.
+        chosen: name of the selected body, or None.
+        dragging: whether its transform handles are being dragged.
     """
 
     def __init__(self, context: PageContext, container: Any) -> None:
@@ -68,26 +68,25 @@ class BodyPanel:
             "choose": self._choose,
             "hide": lambda name, _: self._composing.hide(name, name not in context.session.painting.hidden),
             "lock": lambda name, _: self._composing.lock(name, name not in context.session.painting.locked),
-            "isolate": self._isolate,
-            "copy": lambda name, _: self._take_up(self._composing.copy(name)),
+            "copy": lambda name, _: self._select(self._composing.copy(name)),
             "delete": lambda name, _: self._composing.delete(name),
-            "handles": self._turn_handles,
+            "handles": self._toggle_handles,
             "name": self._rename,
-            "parent": lambda name, value: self._composing.hang(name, value or None),
+            "parent": lambda name, value: self._composing.attach(name, value or None),
             "scale": lambda name, value: self._scale(name, _number(value) / self._composing.scale_of(name)),
             "fit": lambda name, value: self._fit(name, _number(value)),
-            **{f"place {axis}": self._move_to for axis in AXES},
-            **{f"turn {axis}": self._turn_to for axis in AXES},
+            **{f"position {axis}": self._move_to for axis in AXES},
+            **{f"rotation {axis}": self._turn_to for axis in AXES},
             **{f"size {axis}": self._resize for axis in AXES},
         }
         self._what = ""
         self.show()
 
     async def act(self, message: Mapping[str, Any]) -> None:
-        """Do what a button or field of the tab says.
+        """Handle a message of a button or field of the tab.
 
         Raises:
-            SceneError: what the scene refuses.
+            SceneError: the operation is invalid.
         """
         self._what, name, value = (str(message.get(key, ""))[:1000] for key in ("act", "body", "value"))
         if self._what in self._acts:
@@ -97,7 +96,7 @@ class BodyPanel:
                 await result
 
     def show(self) -> None:
-        """Have tree and fields as the scene is."""
+        """Update tree and fields from the scene."""
         bodies = {body.name: body for body in self._context.session.scene.bodies}
         if self.chosen not in bodies:
             self.chosen = None
@@ -105,25 +104,22 @@ class BodyPanel:
         set_html(self._fields, "" if self.chosen is None else self._fields_html(bodies[self.chosen]))
         locked = self.chosen in self._context.session.painting.locked
         if not self.dragging:
-            held = None if self.chosen is None or locked or not self._handles else bodies[self.chosen]
-            self._context.view.show_handles(None if held is None else held.X_WB @ _middle(held), self._drag)
+            body = None if self.chosen is None or locked or not self._handles else bodies[self.chosen]
+            self._context.view.show_handles(None if body is None else body.X_WB @ _middle(body), self._drag)
 
-    # --- what is done ---
+    # --- actions ---
 
     def _choose(self, name: str, _: str) -> None:
         self.chosen = None if name == self.chosen else self._context.session.scene.body(name).name
 
-    def _take_up(self, name: str) -> None:
+    def _select(self, name: str) -> None:
         self.chosen = name
 
     def _rename(self, name: str, value: str) -> None:
         self._composing.rename(name, value)
         self.chosen = value
 
-    def _isolate(self, name: str, _: str) -> None:
-        self._composing.isolate(None if self._context.session.painting.hidden else name)
-
-    def _turn_handles(self, name: str, _: str) -> None:
+    def _toggle_handles(self, name: str, _: str) -> None:
         self._handles = not self._handles
 
     def _move_to(self, name: str, value: str) -> None:
@@ -138,7 +134,7 @@ class BodyPanel:
         self._composing.move(name, _turned(body, rotation(angles)))
 
     async def _scale(self, name: str, factor: float, beside: bool = False) -> None:
-        """Have a body another size; what takes long is done beside."""
+        """Scale a body; a large mesh is prepared in another thread."""
         composing, view = self._composing, self._context.view
         await asyncio.to_thread(lambda: view.prepare([composing.scaled_mesh(name, factor)]))
         composing.scale(name, factor, beside=beside)
@@ -146,11 +142,11 @@ class BodyPanel:
     async def _resize(self, name: str, value: str) -> None:
         size_m = np.ptp(self._context.session.scene.body(name).mesh.bounds_m, axis=0)[AXES.index(self._what[-1])]
         if not size_m > 0.0:
-            raise SceneError(f"body {name!r} is flat along {self._what[-1]}: give another of its sizes")
+            raise SceneError(f"body {name!r} is flat along {self._what[-1]}: set its size along another axis")
         await self._scale(name, 1e-3 * _number(value) / float(size_m))
 
     def _drag(self, phase: str, X_WG: NDArray[np.float64]) -> None:
-        """The handles were taken, moved, or let go."""
+        """Handle the start, update and end of a drag of the transform handles."""
         if phase == "start" or not self.dragging:
             self._composing.begin_move()
         self.dragging = phase != "end"
@@ -159,24 +155,24 @@ class BodyPanel:
             self._composing.move(self.chosen, X_WG @ np.linalg.inv(_middle(body)), goes_on=True)
         self._context.refresh()
 
-    # --- meshes from files ---
+    # --- adding meshes from files ---
 
     async def take(self, files: Sequence[Path]) -> None:
-        """Add meshes that were dropped on the page: they are copied into the scene's folder.
+        """Add meshes that were dropped on the page. The files are copied into the folder of the scene.
 
         Raises:
-            HapsceneError: one that cannot be loaded; those before it are added.
+            HapsceneError: a mesh cannot be loaded; those before it are added.
         """
         meshes = [file for file in files if file.suffix.lower() in MESHES]
         if not meshes:
-            raise MeshError(f"{files[0].name}: goes with a mesh: drop both together")
+            raise MeshError(f"{files[0].name}: this file belongs to a mesh: drop it together with the mesh file")
         path = self._context.session.path
         assert path is not None
-        folder, loose = path.parent, len(meshes) == len(files)
-        if not loose:  # what a mesh names beside itself keeps its name there
+        folder, meshes_only = path.parent, len(meshes) == len(files)
+        if not meshes_only:  # files that a mesh refers to must keep their names: they get a folder
             folder = folder / numbered(meshes[0].stem, [other.name for other in folder.iterdir()])
             folder.mkdir()
-        made = await asyncio.to_thread(lambda: [_put(file, folder) for file in files])
+        made = await asyncio.to_thread(lambda: [_copy_into(file, folder) for file in files])
         copied = {file.name: copy for file, (copy, _) in zip(files, made, strict=True)}
         try:
             for mesh in meshes:
@@ -184,11 +180,11 @@ class BodyPanel:
         except BaseException as error:
             used = {body.mesh.path for body in self._context.session.scene.bodies}
             for copy, is_new in made:
-                if is_new and copy not in used and loose:
+                if is_new and copy not in used and meshes_only:
                     copy.unlink(missing_ok=True)
-            if not loose and not any(copy in used for copy, _ in made):
+            if not meshes_only and not any(copy in used for copy, _ in made):
                 shutil.rmtree(folder, ignore_errors=True)
-            if isinstance(error, HapsceneError):  # of the file that was dropped: its copy is gone
+            if isinstance(error, HapsceneError):  # name the dropped file, since its copy has been removed
                 raise MeshError(str(error).replace(f"{folder}/", "")) from None
             raise
 
@@ -217,7 +213,7 @@ class BodyPanel:
         self.ask_sizes(scene.bodies)
 
     def ask_sizes(self, bodies: Sequence[Body]) -> None:
-        """Ask of each body that has no size for a hand and its device whether to have it in another."""
+        """Suggest another size for each body that is too large or too small for the hand and the device."""
         asked = []
         for body in bodies:
             advice = size_advice(body.mesh, self._context.touch.config.limits)
@@ -227,17 +223,17 @@ class BodyPanel:
                 )
         for name, words, scale, size_m in reversed(asked if len(asked) <= ASK_MAX else []):
             self._context.ask(
-                "Is it of that size?",
+                "Check the size",
                 f"{words}.",
-                (f"Make it {dimensions(scale * size_m)}", None, partial(self._fit, name, scale)),
-                ("Leave it", "gray", lambda: None),
+                (f"Scale to {dimensions(scale * size_m)}", None, partial(self._fit, name, scale)),
+                ("Keep the size", "gray", lambda: None),
             )
 
     async def _fit(self, name: str, scale: float) -> None:
         await self._scale(name, scale, beside=True)
 
     async def _ask_unit(self, name: str, raw: Mesh) -> str:
-        """The unit of a mesh whose file says none, loaded as if in metres."""
+        """Ask for the unit of a mesh whose file has none; `raw` is loaded in metres."""
         answer: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         size_m = np.ptp(raw.bounds_m, axis=0)
         diagonal_m = float(np.linalg.norm(size_m))
@@ -251,18 +247,18 @@ class BodyPanel:
             return lambda: None if answer.done() else answer.set_result(unit)
 
         self._context.ask(
-            "Which unit?",
-            f"{name} does not say the unit of its numbers. How large is it?",
-            *((text, colour, choose(unit)) for text, colour, unit in (*choices, ("Do not add it", "gray", ""))),
+            "Choose the unit",
+            f"{name} does not contain a unit. Choose the unit that gives the right size.",
+            *((text, colour, choose(unit)) for text, colour, unit in (*choices, ("Cancel", "gray", ""))),
         )
         question = self._context.questions[-1]
         while not answer.done() and not question.closed:  # Escape closes it
             await asyncio.wait([answer], timeout=0.3)
         if not answer.done() or not answer.result():
-            raise MeshError(f"{name}: not added")
+            raise MeshError(f"{name}: cancelled, the mesh was not added")
         return answer.result()
 
-    # --- what is seen ---
+    # --- HTML ---
 
     def _tree_html(self) -> str:
         painting, tree = self._context.session.painting, self._composing.tree()
@@ -275,14 +271,14 @@ class BodyPanel:
                 "Show" if hidden else "Hide",
                 name,
                 hidden,
-                "It is not seen, nor painted: no step, so undo leaves it, and it is not saved",
+                "Hidden bodies are neither drawn nor painted",
             )
             marks += _button(
                 "lock",
                 "Unlock" if locked else "Lock",
                 name,
                 locked,
-                "It is not painted, nor moved: no step, so undo leaves it, and it is not saved",
+                "Locked bodies are neither painted nor moved",
             )
             rows.append(
                 f'<div role="treeitem" aria-level="{depth + 1}" aria-selected="{aria(body.name == self.chosen)}" '
@@ -293,9 +289,9 @@ class BodyPanel:
         accept = ",".join((*MESHES, *BESIDE))
         return (
             f'<div class="hs-bodies"><div role="tree" aria-label="Bodies of the scene">{"".join(rows)}</div>'
-            f'<p><button data-upload="{accept}" title="STL, OBJ, PLY, glTF, STEP …">Add meshes …</button>'
-            '</p><p class="dim">Or drop mesh files onto the page. They are copied beside the scene.</p>'
-            '<p class="dim">What is hidden, alone or locked is part of the view: neither undone nor saved.</p></div>'
+            f'<p><button data-upload="{accept}" title="STL, OBJ, PLY, glTF, STEP …">Add meshes…</button>'
+            '</p><p class="dim">You can also drop mesh files onto the page. They are copied to the folder of the scene.'
+            '</p><p class="dim">Hiding and locking are not saved with the scene and cannot be undone.</p></div>'
         )
 
     def _fields_html(self, body: Body) -> str:
@@ -310,12 +306,12 @@ class BodyPanel:
         rows = [
             ("Name", f'<input data-body-set="name" data-body="{name}" value="{name}" aria-label="Name">'),
             (
-                "Hangs on",
-                f'<select data-body-set="parent" data-body="{name}" aria-label="Hangs on"><option value="">nothing'
+                "Parent",
+                f'<select data-body-set="parent" data-body="{name}" aria-label="Parent"><option value="">none'
                 f"</option>{parents}</select>",
             ),
-            ("Place [mm]", _three("place", name, 1e3 * body.X_WB[:3, 3])),
-            ("Turn [°]", _three("turn", name, _angles(body))),
+            ("Position [mm]", _three("position", name, 1e3 * body.X_WB[:3, 3])),
+            ("Rotation [°]", _three("rotation", name, _angles(body))),
             ("Size [mm]", _three("size", name, 1e3 * size_m)),
             ("Scale", _field("scale", name, self._composing.scale_of(body.name))),
         ]
@@ -324,27 +320,19 @@ class BodyPanel:
         advice, hint = size_advice(body.mesh, device), ""
         if advice.scale is not None:
             fitting = dimensions(advice.scale * size_m)
-            hint = f'<p class="dim">It is {escape_html(advice.size)}. '
-            hint += _button("fit", f"Make it {fitting}", name, None, escape_html(advice.words), f"{advice.scale!r}")
+            hint = f'<p class="dim">The body is {escape_html(advice.size)}. '
+            hint += _button("fit", f"Scale to {fitting}", name, None, escape_html(advice.words), f"{advice.scale!r}")
             hint += "</p>"
-        hidden = bool(self._context.session.painting.hidden)
         buttons = [
-            _button("copy", "Copy", name, None, "Another body of the same mesh, beside it"),
-            _button("delete", "Delete", name, None, "Ctrl Z brings it back"),
-            _button(
-                "isolate",
-                "Show all" if hidden else "Isolate",
-                name,
-                None,
-                "See this body alone, or all again; undo leaves it",
-            ),
-            _button("handles", "Handles", name, self._handles, "Arrows and rings in the picture that move and turn it"),
+            _button("copy", "Copy", name, None, "Add a copy next to this body"),
+            _button("delete", "Delete", name, None, "Delete this body"),
+            _button("handles", "Handles", name, self._handles, "Show arrows and rings that move and rotate the body"),
         ]
         return f'<div class="hs-bodies"><table>{table}</table>{hint}<p>{"".join(buttons)}</p></div>'
 
 
 def _button(act: str, text: str, name: str, pressed: bool | None, title: str, value: str = "") -> str:
-    """A button of the tab, of escaped texts."""
+    """HTML of a button; all texts must be escaped."""
     held = "" if pressed is None else f' aria-pressed="{aria(pressed)}"'
     return f'<button data-body-act="{act}" data-body="{name}" value="{value}" title="{title}"{held}>{text}</button>'
 
@@ -365,34 +353,34 @@ def _number(text: str) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value) or abs(value) > 1e9:
-        raise SceneError(f"{text!r:.40} is no number")
+        raise SceneError(f"{text!r:.40} is not a number: enter a number such as 12.5")
     return value
 
 
 def _angles(body: Body) -> NDArray[np.float64]:
-    """By how much a body is turned about x, then y, then z [°]."""
+    """Rotation of a body about x, then y, then z [°]."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_matrix(body.X_WB[:3, :3]).as_euler("xyz", degrees=True, suppress_warnings=True))
 
 
 def _middle(body: Body) -> NDArray[np.float64]:
-    """X_BG (4, 4) of a frame in the middle of a body."""
+    """Pose X_BG (4, 4) of a frame at the centre of a body."""
     X_BG = np.eye(4)
     X_BG[:3, 3] = body.mesh.bounds_m.mean(axis=0)
     return X_BG
 
 
 def _turned(body: Body, R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Its pose turned to R, its middle where it is."""
+    """Pose of a body with rotation R about its centre."""
     X_BG = _middle(body)
     X_WG = body.X_WB @ X_BG
     X_WG[:3, :3] = R
     return np.asarray(X_WG @ np.linalg.inv(X_BG))
 
 
-def _put(file: Path, folder: Path) -> tuple[Path, bool]:
-    """Copy a file into a folder, over no other; the copy, and whether it is new: one of that content may be there."""
+def _copy_into(file: Path, folder: Path) -> tuple[Path, bool]:
+    """Copy a file into a folder under a free name; returns the copy, and False if an identical file was there."""
     there = folder / file.name
     if there.is_file() and there.stat().st_size == file.stat().st_size and there.read_bytes() == file.read_bytes():
         return there, False

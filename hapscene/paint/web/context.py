@@ -1,4 +1,4 @@
-"""Context that the panels of the page share: session, view, tools, hand, socket, dialogs and callbacks."""
+"""Objects that the panels of the page share: session, view, tools, simulated hand, socket, dialogs, callbacks."""
 
 import html
 import inspect
@@ -19,13 +19,13 @@ __all__ = ["PageContext", "aria", "bounded", "card_html", "escape_html", "set_ht
 
 @dataclass(frozen=True)
 class PageContext:
-    """What makes up the page.
+    """Objects of the page.
 
     Attributes:
-        server: viser's.
-        session, view, tools, touch, socket: one of each.
-        refresh: shows what changed; called after whatever may have changed something.
-        questions: dialogs that stand, the last on top.
+        server: viser server.
+        session, view, tools, touch, socket: one object each.
+        refresh: updates the page; call it after each operation that may have changed the scene.
+        questions: open dialogs, the topmost last.
     """
 
     server: Any
@@ -38,9 +38,9 @@ class PageContext:
     questions: list[Any] = field(default_factory=list)
 
     def callback(self, act: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        """A callback for viser that runs in its event loop, in the order of the events.
+        """A viser callback that runs in the event loop and shows errors of `act` to the user.
 
-        What `act` refuses is shown to the user. Values that the page itself sets are no events.
+        It ignores changes of values that the program makes itself.
         """
 
         async def run(event: Any) -> None:
@@ -57,9 +57,12 @@ class PageContext:
         return run
 
     def ask(self, title: str, question: str, *choices: tuple[str, str | None, Callable[[], Any]]) -> None:
-        """Ask a question; each answer with its colour and what it does. It stands until one of them succeeded.
+        """Open a dialog with a question, which stays until an answer succeeds. Escape closes it without an answer.
 
-        Enter gives the first: one that loses nothing. Escape does nothing of it.
+        Args:
+            title: title of the dialog.
+            question: text of the dialog.
+            choices: label, colour and action of each answer. Enter chooses the first, which must lose no data.
         """
         modal = self.open_dialog(title)
 
@@ -78,23 +81,23 @@ class PageContext:
                 self.server.gui.add_button(label, color=colour).on_click(answer(act))
 
     def open_dialog(self, title: str) -> Any:
-        """An empty dialog of viser's, which Escape closes."""
+        """Open an empty dialog. Escape closes it."""
         self.questions.append(self.server.gui.add_modal(title))
         return self.questions[-1]
 
     def close_dialog(self, dialog: Any) -> None:
-        """Close a dialog, if it is not closed yet."""
+        """Close a dialog unless it is closed already."""
         if dialog in self.questions:
             self.questions.remove(dialog)
             dialog.close()
 
     def dismiss(self) -> None:
-        """Close the dialog on top, unanswered."""
+        """Close the topmost dialog without an answer."""
         if self.questions:
             self.questions.pop().close()
 
     def downloading(self, make: Callable[[], Awaitable[tuple[str, bytes]]]) -> Callable[[Any], Any]:
-        """A callback for viser that has the browser of whoever pressed download a file, by its name and content."""
+        """A viser callback that makes the browser of the user download a file, given by name and content."""
 
         async def run(event: Any) -> None:
             if event.client is None:
@@ -108,28 +111,28 @@ class PageContext:
 
 
 def escape_html(text: str) -> str:
-    """A text from a file, to be put into HTML."""
+    """Escape a text for HTML."""
     return html.escape(text, quote=True)
 
 
 def set_html(handle: Any, content: str) -> None:
-    """Have a piece of HTML say something; nothing is sent where it does already."""
+    """Set the content of an HTML element; nothing is sent if it is unchanged."""
     if handle.content != content:
         handle.content = content
 
 
 def card_html(content: str, dim: bool = False) -> str:
-    """A paragraph of the panel, of HTML; nothing of nothing."""
+    """A paragraph of the panel with HTML content; "" for empty content."""
     return content and f'<div class="hs-card{" dim" * dim}">{content}</div>'
 
 
 def bounded(value: Any, low: float, high: float, otherwise: float) -> float:
-    """A number from a page within bounds; `otherwise` where it is none."""
+    """A value from a page, limited to a range; `otherwise` if it is not a number."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return otherwise
     return min(max(float(value), low), high)
 
 
 def aria(value: bool) -> str:
-    """Yes or no as HTML's aria- attributes have it."""
+    """A boolean as the value of an aria- attribute."""
     return "true" if value else "false"

@@ -14,39 +14,40 @@ from hapscene.scene.scene_file import SUFFIX
 
 __all__ = ["FilePanel"]
 
-ALONE: Final = (
-    "This page is open to this computer alone. To share it on your network, start it with <code>--host 0.0.0.0</code>."
+PRIVATE: Final = (
+    "This page can only be opened on this computer. To share it on your network, start it with "
+    "<code>--host 0.0.0.0</code>."
 )
-OPEN: Final = (
-    "Whoever on your network opens this address may do all that you can here: paint, touch, save and export over your "
-    "files, and change your library. It holds a secret, drawn anew at each start; send it to no one else."
+PUBLIC: Final = (
+    "Anyone on your network with this address can paint, touch, overwrite your files and change your library. The "
+    "address contains a token that changes with each start; share it only with people you trust."
 )
 ADDRESS: Final = (
     '<input readonly aria-label="Address" style="display:block;width:100%" value="{}" onfocus="this.select()">'
 )
 
-AUTOSAVED: Final = "A copy is kept beside the file every second, and offered after a crash."
+AUTOSAVED: Final = "Unsaved changes are backed up every second and can be recovered after a crash."
 
 
 class FilePanel:
-    """Saving, recovery, export, and the looks of the page.
+    """Controls for saving, recovery, export, sharing, and the theme of the page.
 
     Args:
         context: the page.
         container: the tab.
-        path: where the scene is saved unless the user gives another file.
-        addresses: addresses that open the page from other computers; none where it is open to this one alone.
+        path: present scene file.
+        addresses: addresses that open the page from other computers; empty if it is private.
     """
 
     def __init__(self, context: PageContext, container: Any, path: Path, addresses: Sequence[str]) -> None:
         self._context = context
         self._path = path
-        self._look_chosen = False
-        self._lost_of: object = None
+        self._theme_chosen = False
+        self._losses_of: object = None  # format and state of the scene for which the losses are shown
         gui, callback = context.server.gui, context.callback
         with container:
-            self._file = gui.add_text("Scene file", str(path), hint=f"Ends in {SUFFIX}")
-            save = gui.add_button("Save", hint="Into the scene file that is named above; key Ctrl S")
+            self._file = gui.add_text("Scene file", str(path), hint=f"File name, which ends in {SUFFIX}")
+            save = gui.add_button("Save", hint="Save to the scene file above (Ctrl S)")
             save.on_click(callback(lambda target: self.save()))
             self._status = gui.add_html("")
             self._exports = _exports()
@@ -55,29 +56,29 @@ class FilePanel:
                     self._format = gui.add_dropdown("Format", tuple(self._exports))
                     self._losses = gui.add_html("")
                     self._target = gui.add_text("File", "")
-                    gui.add_button("Export", hint="Into the file that is named above").on_click(callback(self._export))
+                    gui.add_button("Export", hint="Export to the file above").on_click(callback(self._export))
                     self._format.on_update(callback(lambda target: self._show_format()))
                     self._show_format()
-            with gui.add_folder("Looks"):
-                self._dark = gui.add_checkbox("Dark", False)
-                self._dark.on_update(callback(lambda target: self.prefer_look(self.dark, chosen=True)))
+            with gui.add_folder("Appearance"):
+                self._dark = gui.add_checkbox("Dark theme", False)
+                self._dark.on_update(callback(lambda target: self.prefer_theme(self.dark, chosen=True)))
             with gui.add_folder("Share", expand_by_default=False):
-                hint = f"All in one file, NAME{ZIP_SUFFIX}: hapscene paint opens it anywhere"
+                hint = f"Scene, meshes and swatches in one file, NAME{ZIP_SUFFIX}, for hapscene paint"
                 down = gui.add_button("Download scene", hint=hint)
                 down.on_click(context.downloading(self._bundle))
                 links = "".join(ADDRESS.format(escape_html(url)) for url in addresses)
-                gui.add_html(card_html(f"{OPEN}{links}" if addresses else ALONE))
+                gui.add_html(card_html(f"{PUBLIC}{links}" if addresses else PRIVATE))
         self._apply_theme()
 
     @property
     def dark(self) -> bool:
-        """Whether the page is dark."""
+        """Whether the dark theme is on."""
         return bool(self._dark.value)
 
-    def prefer_look(self, dark: bool, chosen: bool = False) -> None:
-        """Set light or dark: the preference of the first browser holds until the user chooses."""
-        if chosen or not self._look_chosen:
-            self._look_chosen, self._dark.value = True, dark
+    def prefer_theme(self, dark: bool, chosen: bool = False) -> None:
+        """Set the theme: the preference of the first browser applies until the user chooses one."""
+        if chosen or not self._theme_chosen:
+            self._theme_chosen, self._dark.value = True, dark
             self._apply_theme()
 
     def _apply_theme(self) -> None:
@@ -86,17 +87,17 @@ class FilePanel:
         )
 
     def show(self) -> None:
-        """Show whether everything is saved, and whether the autosave works."""
+        """Update the status of saving and autosave."""
         document = self._context.session.document
-        text = "● Not saved yet. " if document.dirty else "✓ Everything is saved. "
+        text = "● Unsaved changes. " if document.dirty else "✓ All changes saved. "
         if document.changed:
-            text += escape_html(document.problem or (AUTOSAVED if document.autosave else "No copy of it is kept."))
+            text += escape_html(document.problem or (AUTOSAVED if document.autosave else "Autosave is off."))
         set_html(self._status, card_html(text))
-        if self._exports and self._lost_of != (self._format.value, self._context.session.history.state):
+        if self._exports and self._losses_of != (self._format.value, self._context.session.history.state):
             self._show_losses()
 
     async def save(self) -> None:
-        """Save to the file in the field; ask first if that is not the one that was loaded."""
+        """Save to the file in the field; ask before overwriting a file that was not loaded here."""
         session, path = self._context.session, Path(str(self._file.value).strip())
         await self._write(lambda force: f"Saved: {session.save(path, force)}")
 
@@ -104,7 +105,7 @@ class FilePanel:
         from hapscene.exchange import export_scene, losses
 
         if self._format.value not in self._exports:
-            raise SceneError("no such format")
+            raise SceneError(f"unknown export format: choose one of {', '.join(self._exports)}")
         name, file = self._format.value, Path(str(self._target.value).strip())
         session = self._context.session
 
@@ -112,23 +113,23 @@ class FilePanel:
             scene = session.painting.snapshot()
             made = export_scene(scene, file, name, replace=force)
             lost = ", ".join(losses(scene, name)) or "nothing"
-            return f"Exported: {', '.join(str(path) for path in made)}. Not in it: {lost}"
+            return f"Exported: {', '.join(str(path) for path in made)}. Not included: {lost}"
 
         await self._write(write)
 
     async def _write(self, write: Callable[[bool], str], force: bool = False) -> None:
-        """Call `write` and show its message; ask, then call it with force, where that would overwrite a file."""
+        """Call `write` and show its message; if it would overwrite a file, ask and call it with force."""
         try:
-            said = await asyncio.to_thread(write, force)
+            message = await asyncio.to_thread(write, force)
         except SaveConflict as conflict:
             self._context.ask(
-                "Save over it?",
+                "Overwrite the file?",
                 f"{conflict}.",
-                ("Do not save; I will give another name", None, lambda: None),
-                ("Save over it", "red", lambda: self._write(write, True)),
+                ("Cancel", None, lambda: None),
+                ("Overwrite", "red", lambda: self._write(write, True)),
             )
             return
-        self._context.socket.say(said)
+        self._context.socket.say(message)
         self._show_path()
 
     async def _bundle(self) -> tuple[str, bytes]:
@@ -142,7 +143,7 @@ class FilePanel:
         return name, await asyncio.to_thread(make)
 
     def offer_recovery(self) -> None:
-        """Ask about the work of each session that ended without saving, one after the other."""
+        """Offer to recover unsaved work of each session that ended without saving, one after the other."""
         document = self._context.session.document
         recovery = document.recovery()
         if recovery is None:
@@ -157,11 +158,11 @@ class FilePanel:
 
         name = recovery.path.name.removesuffix(SUFFIX)
         self._context.ask(
-            "Recover your work?",
-            f"A session of {name} ended without saving. Its work up to {recovery.when} is still there.",
-            ("Recover it", None, then_next(document.recover)),
-            ("Ask me the next time", "gray", lambda: None),
-            ("Discard it", "red", then_next(document.discard_recovery)),
+            "Recover unsaved work?",
+            f"A session with {name} ended without saving. Changes up to {recovery.when} can be recovered.",
+            ("Recover", None, then_next(document.recover)),
+            ("Ask again next time", "gray", lambda: None),
+            ("Discard", "red", then_next(document.discard_recovery)),
         )
 
     def _show_path(self) -> None:
@@ -185,20 +186,20 @@ class FilePanel:
         self._target.value = str(next((file for file in files if not is_mesh_of(scene, file)), ""))
 
     def _show_losses(self) -> None:
-        """Show what of the scene the chosen format will not hold."""
+        """Show which parts of the scene the selected format cannot store."""
         from hapscene.exchange import losses
 
         session, export = self._context.session, self._exports.get(self._format.value)
         if export is None:
             return
         with session.lock:
-            self._lost_of = self._format.value, session.history.state
+            self._losses_of = self._format.value, session.history.state
             lost = ", ".join(losses(session.scene, self._format.value)) or "nothing"
-        set_html(self._losses, card_html(f"{escape_html(export.summary)}.<br>Will not be in it: {escape_html(lost)}."))
+        set_html(self._losses, card_html(f"{escape_html(export.summary)}.<br>Not included: {escape_html(lost)}."))
 
 
 def _exports() -> Mapping[str, Any]:
-    """Export formats by name; none where the package of the formats is missing."""
+    """Export formats by name; empty if a package for them is missing."""
     try:
         from hapscene.exchange.format_registry import EXPORTS
     except ImportError:

@@ -1,4 +1,4 @@
-"""The simulated hand behind the page: its device, grip and handle, and the servo that renders its touch."""
+"""The simulated hand of the page: its device, grip and handle, and the servo that renders its touch."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
@@ -39,7 +39,7 @@ __all__ = [
 
 
 class HandDevice(NamedTuple):
-    """A device that the hand can hold: whose limits it has, a name of `DEVICES`; and how it moves."""
+    """A device that the hand can hold: the name in `DEVICES` of its limits, and its dynamic model."""
 
     limits: str
     model: PointMass | Omni
@@ -53,33 +53,33 @@ HAND_DEVICES: Final[Mapping[str, HandDevice]] = {
         if device.point is not None
     },
 }
-"""By name: the whole Omni, as `hapscene touch` has it, and every device as a mass with friction and encoders."""
+"""Devices by name: the full model of the Omni, and every device as a point mass with friction and encoders."""
 
 GRIP_NAMES: Final = tuple(name for name in GRIPS if name != "none")
 
 NO_HANDLE: Final = "no-handle"
 
 COMPENSATOR_HINTS: Final[Mapping[str, str]] = {
-    "adaptive": "what the handle gives whose drive learns from its own accelerometer",
-    "flat": "what the handle gives, driven by the inverse of its model: even from 20 Hz on",
-    "inverse": "what the handle gives, driven by the inverse of its model: weaker the slower it shakes",
-    "naive": "what the handle gives, driven by its mass times what is asked for: its spring and the grip are forgotten",
-    NO_HANDLE: "what the swatches ask for, as if a perfect handle gave it",
+    "adaptive": "the acceleration of the handle, whose compensator adapts to its accelerometer",
+    "flat": "the acceleration of the handle, compensated by its inverse model to be flat from 20 Hz on",
+    "inverse": "the acceleration of the handle, compensated by its inverse model, attenuated at low frequency",
+    "naive": "the acceleration of the handle, driven by its mass alone, without its spring and the grip",
+    NO_HANDLE: "the acceleration commanded by the swatches, as of an ideal handle",
 }
-"""What is heard and plotted, by compensator. `none` of `hapscene touch` is left out: the handle would stay silent."""
+"""Content of sound and plots for each compensator. `none` of `hapscene touch` is omitted, since it is silent."""
 
 
 @dataclass(frozen=True)
 class HandConfig:
-    """What the hand holds.
+    """Configuration of the simulated hand.
 
     Attributes:
         device: a name of `HAND_DEVICES`.
-        grip: how firmly, one of `GRIP_NAMES`.
-        compensator: what drives the handle, a name of `COMPENSATOR_HINTS`.
+        grip: firmness of the grip, a name of `GRIP_NAMES`.
+        compensator: compensator of the handle, a name of `COMPENSATOR_HINTS`.
 
     Raises:
-        HapsceneError: no such name.
+        HapsceneError: a name is unknown.
     """
 
     device: str = "omni"
@@ -88,15 +88,17 @@ class HandConfig:
 
     def __post_init__(self) -> None:
         if self.device == "ideal":
-            raise HapsceneError(f"an ideal device has no mass to move; choose one of {', '.join(HAND_DEVICES)}")
+            raise HapsceneError(
+                f"the device 'ideal' cannot be simulated, since it has no mass: choose one of {', '.join(HAND_DEVICES)}"
+            )
         for kind, known in (("device", HAND_DEVICES), ("grip", GRIP_NAMES), ("compensator", COMPENSATOR_HINTS)):
             name = getattr(self, kind)
-            if name not in tuple(known):  # a page may send anything
+            if name not in tuple(known):  # in a tuple, since a page may send an unhashable value
                 raise HapsceneError(no_such(kind, name, known))
 
     @property
     def limits(self) -> str:
-        """Whose limits apply, a name of `DEVICES`."""
+        """Name in `DEVICES` of the device whose limits apply."""
         return HAND_DEVICES[self.device].limits
 
     def __str__(self) -> str:
@@ -104,15 +106,15 @@ class HandConfig:
         return f"{self.device}, {self.grip} grip, {handle}"
 
     def reaches(self, from_W_m: Any, p_W_m: Any) -> bool:
-        """Whether an arm whose tool began at `from_W_m` (3,) gets it to `p_W_m` (3,) [m]; a point mass always does."""
+        """Whether the tool, which started at `from_W_m` (3,), can reach `p_W_m` (3,) [m]; always for a point mass."""
         if not isinstance(HAND_DEVICES[self.device].model, Omni):
             return True
-        X_WD = stand(from_W_m)  # as the servo's twin places it
+        X_WD = stand(from_W_m)  # the pose that the servo gives the device
         return bool(reachable(X_WD[:3, :3].T @ (p_W_m - X_WD[:3, 3])))
 
 
 def make_servo(scene: Scene, config: HandConfig, tick_s: float, servo: type[Servo] = Servo) -> Servo:
-    """A servo with a hand that holds this; an arm is placed anew for each touch, so that it begins in the middle."""
+    """A servo with a simulated hand; the device is placed for each touch so that it starts mid-workspace."""
     handle: dict[str, Any] = {}
     if config.compensator != NO_HANDLE:
         handle = {"handle": Plant(), "compensator": config.compensator}
@@ -121,38 +123,37 @@ def make_servo(scene: Scene, config: HandConfig, tick_s: float, servo: type[Serv
 
 
 HOVER_M: Final = 0.002
-"""How far over the surface the hand waits before a touch [m]: from higher up it lands with more than it means to."""
+"""Height above the surface at which a touch starts [m]: from higher up, the hand would land with too much force."""
 
 LIFT_M: Final = 0.006
-"""How far it means to go off the surface after a touch [m]: even a light grip takes the Omni off against its friction.
-"""
+"""Target height above the surface after a touch [m]: enough for a light grip to overcome the friction of the Omni."""
 
 IDLE_S: Final = 1.5
-"""How long after a touch the ticks go on [s], so that what rings dies away and is seen to."""
+"""Time for which the servo runs on after a touch [s], so that vibrations decay and are shown."""
 
 REACTION_S: Final = 0.15
-"""How long after it meets or leaves the surface the hand begins to mind its force [s]: what touch takes to react."""
+"""Delay of the force control after contact begins or ends [s]: the reaction time of touch."""
 
 NOTICED_SHARE: Final = 0.05
-"""Error of force that the hand leaves as it is [1]: no more than is noticed (7 %, Pang, Tan & Durlach 1991)."""
+"""Relative error of the force that is not corrected [1]: below the JND (7 %, Pang, Tan & Durlach 1991)."""
 
 ADDED_N: Final = 0.5
-"""Most that the hand adds in the air, and to a lighter force than this [N]: what the Omni's friction, 0.26 N, takes,
-and some more. On the surface it adds no more than the force itself."""
+"""Limit of the force correction in the air and for smaller forces [N]: above the friction of the Omni, 0.26 N. On the
+surface, the correction is at most the force itself."""
 
 CORRECTION_1_S: Final = 8.0
-"""How fast an error of force is made up for [1/s]: most of it in 0.2 s, slowly against the hand's own 17 ms."""
+"""Rate at which a force error is corrected [1/s]: mostly within 0.2 s, which is slow against the 17 ms of the hand."""
 
 ARM_ENDS: Final = (
-    "The Omni's arm ends here: from where you pressed it reaches 80 mm along x, 35 mm along y, 60 mm along z. "
-    "Press anew to go on from here; or choose omni-point in the tab Feel, which reaches everywhere."
+    "End of the Omni's workspace, which extends 80 mm along x, 35 mm along y and 60 mm along z from where you pressed. "
+    "Release and press again to continue here, or choose omni-point in the tab Haptics for an unlimited workspace."
 )
 
 Vector = NDArray[np.float64]
 
 
 class Contact(NamedTuple):
-    """Where the hand means to touch, the outward normal there, how hard, and how stiff it is."""
+    """Target of a touch: position, outward normal, force, and stiffness of the surface."""
 
     p_W_m: Vector
     nhat_W: Vector
@@ -161,22 +162,22 @@ class Contact(NamedTuple):
 
 
 class TouchHand:
-    """A simulated hand with what it holds, in a process of its own.
+    """A simulated hand that touches the scene through a servo in a separate process.
 
-    Orders that wait for an answer go through a thread, one after the other; those of a kind that wait while one is
-    under way become one. Methods are called in the server's event loop.
+    Calls that wait for the servo run in one thread, in order; pending updates are merged. The methods must be called in
+    the event loop of the server.
 
     Args:
-        say: shows a line to the user, with its kind.
-        config: what it holds at first.
-        servo: makes the servo of a scene and what is held; another one for another kind of hand.
+        say: shows a message to the user; the second argument is "error" or "".
+        config: initial configuration.
+        servo: makes the servo for a scene, a configuration and a tick period.
 
     Attributes:
         status: "starting", "ready", "failed" or "closed".
-        problem: why it failed, in a sentence; else nothing.
-        touching: whether the button is held.
-        on_felt: is given what was felt, whenever some was.
-        config: what it holds: another grip at once, all else from the next `open` on.
+        problem: why the hand failed; else "".
+        touching: whether the pointer button is held.
+        on_samples: called with the log of new ticks.
+        config: configuration. A change of the grip takes effect at once, other changes with the next `open`.
     """
 
     def __init__(
@@ -192,26 +193,26 @@ class TouchHand:
         self._servo_made: Any = None
         self.status, self.problem = "closed", ""
         self.touching = False
-        self.on_felt: Callable[[TickLog], None] = lambda felt: None
+        self.on_samples: Callable[[TickLog], None] = lambda log: None
         self.config = config
-        self._contact: Contact | None = None  # waits until the start is through
-        self._from_W_m = np.zeros(3)  # where the touch began
-        self._end_said = False
-        self._deeper_m = 0.0
-        self._on_surface, self._surface_tick = False, 0  # whether it is on the surface, and from which tick on
+        self._contact: Contact | None = None  # target; used once the servo has started
+        self._from_W_m = np.zeros(3)  # start of the touch
+        self._limit_reported = False
+        self._deeper_m = 0.0  # additional depth from the force control
+        self._on_surface, self._surface_tick = False, 0  # whether in contact, and the tick of the last change
         self._starting = False
         self._since = 0
         self._last_s = -np.inf
         self._running = False
-        self._numbers: dict[str, dict[str, float]] = {}
+        self._parameters: dict[str, dict[str, float]] = {}  # pending, by swatch
         self._scene: Scene | None = None
         self._sending = False
-        self._felt: dict[str, Body] = {}  # as the servo has them
+        self._servo_bodies: dict[str, Body] = {}  # bodies as the servo knows them
         self._wanted: tuple[Scene, HandConfig, float] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def open(self, scene: Scene, tick_s: float) -> None:
-        """Start the process, in place of one that is there; says so if it cannot. The last of several orders counts."""
+        """Start the servo, replacing a running one, and show failures. Of several calls, the last counts."""
         self.status, self.problem = "starting", ""
         self._servo, self._running, self.touching = None, False, False
         opening = self._wanted is not None
@@ -223,22 +224,22 @@ class TouchHand:
                 self.status, self._since = "ready", 0
             except (HapsceneError, OSError) as error:
                 servo = None
-                self._fail(f"The hand cannot touch: {error}")
+                self._fail(f"The simulated hand failed to start: {error}")
             if self._wanted is wanted:
                 self._wanted, self._servo = None, servo
-                self._send()  # what changed meanwhile
+                self._send()  # changes since the call
 
     def _start(self, scene: Scene, config: HandConfig, tick_s: float) -> Any:
         if self._servo_made is not None:
             self._servo_made.close()
-        self._servo_made = self._make(scene, config, tick_s)  # known to `close`, whoever still waits for it
-        self._felt = {body.name: body for body in scene.bodies}
+        self._servo_made = self._make(scene, config, tick_s)  # stored at once, so that `close` can end it
+        self._servo_bodies = {body.name: body for body in scene.bodies}
         if self.status == "closed":
             raise HapsceneError("the page is closed")
         return self._servo_made.__enter__()
 
     def close(self) -> None:
-        """End the process. Called from any thread, once nothing else calls."""
+        """Stop the servo. May be called from any thread, after the last call of other methods."""
         starting, self.status = self.status == "starting", "closed"
         if starting and self._servo_made is not None:
             self._servo_made.cancel()
@@ -249,7 +250,7 @@ class TouchHand:
 
     @property
     def servo(self) -> Any:
-        """The servo of the hand; None until it is ready."""
+        """The servo; None until it is ready."""
         return self._servo
 
     @property
@@ -259,10 +260,10 @@ class TouchHand:
     # --- the hand ---
 
     def press(self, p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float) -> bool:
-        """Come down on a place of the surface, as soon as the hand is there; whether there is one."""
+        """Start a touch at a point of the surface; returns whether the hand is available."""
         if self._servo is None or not self._alive():
             return False
-        self.touching, self._end_said, self._deeper_m = True, False, 0.0
+        self.touching, self._limit_reported, self._deeper_m = True, False, 0.0
         if not self._starting:
             self._starting, self._from_W_m = True, p_W_m + HOVER_M * nhat_W
             self._start_task(self._come_down(self._servo, self._from_W_m))
@@ -280,70 +281,71 @@ class TouchHand:
             self._aim()
 
     def move(self, p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float) -> None:
-        """Stroke on to a place of the surface; says so where the arm does not reach it."""
+        """Move the touch to a point of the surface; shows a message if it is outside the workspace."""
         if not self.touching:
             return
         if self.config.reaches(self._from_W_m, p_W_m):
             self._contact = Contact(p_W_m, nhat_W, force_N, stiffness_N_m)
             self._aim()
-        elif not self._end_said:
-            self._end_said = True
+        elif not self._limit_reported:
+            self._limit_reported = True
             self._say(ARM_ENDS, "error")
 
     def _aim(self) -> None:
         if self.touching and self._contact is not None and self._servo is not None and not self._starting:
             aim = aim_point(*self._contact, self.config.grip) - self._deeper_m * self._contact.nhat_W
-            self._order(partial(self._servo.aim, aim, self.config.grip))
+            self._call(partial(self._servo.aim, aim, self.config.grip))
 
     def lift(self, now_s: float) -> None:
-        """Off the surface."""
+        """End the touch and lift the tool off the surface."""
         if not self.touching:
             return
         self.touching, self._last_s = False, now_s
         if self._servo is not None and not self._starting and self._running:
-            self._order(partial(self._go_off, self._servo))
+            self._call(partial(self._lift_off, self._servo))
 
-    def _go_off(self, servo: Any) -> None:
+    def _lift_off(self, servo: Any) -> None:
         state = servo.state()
         servo.aim(state.p_WP_m + LIFT_M * state.nhat_W, self.config.grip)
 
     def read(self, now_s: float) -> tuple[ServoState, NDArray[Any], NDArray[Any]] | None:
-        """The newest tick, force (n,) [N] and acceleration (n, block) [m/s²] since the last look; None at rest.
+        """State of the last tick, and force (n,) [N] and acceleration (n, block) [m/s²] since the last call.
 
-        The acceleration is the handle's, or that asked for where there is no handle.
+        The acceleration is that of the handle, or the commanded one without a handle. Returns None while the hand is
+        idle.
         """
         if self._servo is None or not self._running or not self._alive():
             return None
         try:
-            felt, state = self._servo.read(self._since), self._servo.state()
+            log, state = self._servo.read(self._since), self._servo.state()
         except HapsceneError:
             if self._alive():
                 raise
             return None
-        self._since = felt.first + len(felt.rows)
-        self.on_felt(felt)
+        self._since = log.first + len(log.rows)
+        self.on_samples(log)
         if state.touching != self._on_surface:
             self._on_surface, self._surface_tick = state.touching, state.tick
-            if not state.touching and self._deeper_m < 0.0:  # it bounced: so it might stay off the surface
+            if not state.touching and self._deeper_m < 0.0:  # after a bounce, the tool could stay off the surface
                 self._deeper_m = 0.0
                 self._aim()
-        long_so = state.tick - self._surface_tick > REACTION_S / self.tick_s
-        if self.touching and not self._starting and long_so and len(felt.rows):
-            felt_N = float((felt.rows["f_W_N"] * felt.rows["nhat_W"]).sum(axis=1).mean())
-            self._correct_force(felt_N, len(felt.rows) * self.tick_s)
+        reacted = state.tick - self._surface_tick > REACTION_S / self.tick_s
+        if self.touching and not self._starting and reacted and len(log.rows):
+            normal_N = float((log.rows["f_W_N"] * log.rows["nhat_W"]).sum(axis=1).mean())
+            self._correct_force(normal_N, len(log.rows) * self.tick_s)
         if not self.touching and not self._starting and now_s - self._last_s > IDLE_S:
             self._running = False
             self._start_task(self._in_thread(self._servo.pause))
-        return state, np.linalg.norm(felt.rows["f_W_N"], axis=1), felt.a_handle_m_s2
+        return state, np.linalg.norm(log.rows["f_W_N"], axis=1), log.a_handle_m_s2
 
-    def _correct_force(self, felt_N: float, over_s: float) -> None:
-        """Press deeper, or less deep, than the springs ask for: friction and an arm that bends take their part.
+    def _correct_force(self, normal_N: float, over_s: float) -> None:
+        """Adjust the target depth so that the normal force reaches its target despite friction and compliance.
 
-        In the air nothing is felt: a light press goes on until it is through the arm's friction.
+        In the air the force is 0, so that a light press increases until it overcomes the friction of the device.
         """
         assert self._contact is not None
         force_N = self._contact.force_N
-        missing_N = force_N - felt_N
+        missing_N = force_N - normal_N
         if abs(missing_N) > NOTICED_SHARE * force_N:
             compliance = compliance_m_N(self._contact.stiffness_N_m, self.config.grip)
             deeper_m = self._deeper_m + min(CORRECTION_1_S * over_s, 0.5) * missing_N * compliance
@@ -351,17 +353,17 @@ class TouchHand:
             self._deeper_m = min(max(deeper_m, -force_N * compliance), most_N * compliance)
             self._aim()
 
-    # --- what is felt ---
+    # --- updates of the scene ---
 
     def tune(self, swatch: str, numbers: Mapping[str, float]) -> None:
-        """Have numbers of a swatch changed, at once."""
-        self._numbers.setdefault(swatch, {}).update(numbers)
+        """Change parameters of a swatch in the servo."""
+        self._parameters.setdefault(swatch, {}).update(numbers)
         self._send()
 
     def repaint(self, scene: Scene) -> None:
-        """Have another painting felt, and other bodies, or elsewhere; with it all numbers are as the scene has them."""
+        """Update painting, bodies, poses and swatches in the servo from a scene."""
         self._scene = scene
-        self._numbers.clear()
+        self._parameters.clear()
         self._send()
 
     def _send(self) -> None:
@@ -370,73 +372,73 @@ class TouchHand:
             self._start_task(self._send_all())
 
     async def _send_all(self) -> None:
-        """Send what waits, the painting first; what the servo refuses is told, and holds up nothing."""
+        """Send pending updates, the scene first; errors of the servo are shown and do not stop later updates."""
         try:
-            while self._servo is not None and (self._scene is not None or self._numbers):
+            while self._servo is not None and (self._scene is not None or self._parameters):
                 servo, scene, self._scene = self._servo, self._scene, None
                 if scene is not None:
-                    order = partial(self._take_scene, servo, scene)
+                    update = partial(self._update_scene, servo, scene)
                 else:
-                    swatch = next(iter(self._numbers))
-                    order = partial(servo.tune, swatch, **self._numbers.pop(swatch))
+                    swatch = next(iter(self._parameters))
+                    update = partial(servo.tune, swatch, **self._parameters.pop(swatch))
                 try:
-                    await self._in_thread(order)
+                    await self._in_thread(update)
                 except HapsceneError as error:
-                    if scene is not None and any(body.name not in self._felt for body in scene.bodies):
-                        await self.open(scene, servo.tick_s)  # far larger than what was there: with it from the start
+                    if scene is not None and any(body.name not in self._servo_bodies for body in scene.bodies):
+                        await self.open(scene, servo.tick_s)  # too large to be added to the running servo
                     else:
-                        self._refused(error)
+                        self._report(error)
         finally:
             self._sending = False
 
-    def _take_scene(self, servo: Any, scene: Scene) -> None:
-        """Have the servo feel a scene: bodies that are gone, new or elsewhere, then the painting. Called in the thread.
+    def _update_scene(self, servo: Any, scene: Scene) -> None:
+        """Remove, add and move bodies of the servo, then update the painting. Called in the thread.
 
-        A mesh of another size is another body to it.
+        A body whose mesh was scaled is removed and added again.
         """
         bodies = {body.name: body for body in scene.bodies}
-        for name, known in list(self._felt.items()):
+        for name, known in list(self._servo_bodies.items()):
             if name not in bodies or bodies[name].mesh is not known.mesh:
                 servo.remove(name)
-                del self._felt[name]
+                del self._servo_bodies[name]
         for name, body in bodies.items():
-            if name not in self._felt:
+            if name not in self._servo_bodies:
                 servo.add(body.mesh, name, pose=body.X_WB, two_sided=body.two_sided)
-            elif not np.array_equal(self._felt[name].X_WB, body.X_WB):
+            elif not np.array_equal(self._servo_bodies[name].X_WB, body.X_WB):
                 servo.move(name, body.X_WB, teleport=True)
-            self._felt[name] = body
+            self._servo_bodies[name] = body
         servo.repaint(scene)
 
-    def _start_task(self, order: Awaitable[Any]) -> None:
-        """Have an order done without waiting for it; the user is told what it refuses."""
+    def _start_task(self, work: Awaitable[Any]) -> None:
+        """Start work without waiting for it; errors are shown to the user."""
 
-        async def told() -> None:
+        async def run() -> None:
             try:
-                await order
+                await work
             except HapsceneError as error:
-                self._refused(error)
+                self._report(error)
 
-        task = asyncio.get_running_loop().create_task(told())
+        task = asyncio.get_running_loop().create_task(run())
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    def _refused(self, error: HapsceneError) -> None:
+    def _report(self, error: HapsceneError) -> None:
         if self.status == "ready":
-            self._say(f"The hand: {error}", "error")
+            self._say(f"Simulated hand: {error}", "error")
 
     def _alive(self) -> bool:
         if self._servo.alive:
             return True
         if self.status == "ready":
-            self._fail("The hand's process has ended; to start a new one choose another device, then this one.")
+            self._fail("The process of the simulated hand has ended. To restart it, choose another device.")
         return False
 
     def _fail(self, problem: str) -> None:
         self.status, self.problem, self._running, self.touching = "failed", problem, False, False
         self._say(problem, "error")
 
-    def _order(self, order: Callable[[], Any]) -> None:
-        """Have the hand do something; nothing where its process has ended, which is told once."""
+    def _call(self, order: Callable[[], Any]) -> None:
+        """Call the servo, unless its process has ended, which is reported once."""
         if self._alive():
             try:
                 order()
@@ -449,13 +451,13 @@ class TouchHand:
 
 
 def aim_point(p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float, grip: str) -> Vector:
-    """Where the hand must mean the tool to be for a wall at `p_W_m` to push back with `force_N`.
+    """Target position of the hand (3,) at which a wall at `p_W_m` reacts with `force_N` [m].
 
-    The depth that the springs of grip and wall, in line, give the force at.
+    The depth follows from the springs of grip and wall in series.
     """
     return np.asarray(p_W_m - force_N * compliance_m_N(stiffness_N_m, grip) * nhat_W)
 
 
 def compliance_m_N(stiffness_N_m: float, grip: str) -> float:
-    """How far grip and wall give together [m/N]."""
+    """Compliance of grip and wall in series [m/N]."""
     return 1.0 / GRIPS[grip].k_N_m + 1.0 / max(stiffness_N_m, 1.0)

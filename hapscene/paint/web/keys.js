@@ -1,34 +1,32 @@
-// The keys of the page, and the dialog that lists them.
+// Dialog with the keyboard shortcuts of the page.
 const KEYS = [
   ["Tools", [
-    ["1 … 9", "brush, fill, box, sphere, eraser, pick, touch, lasso, polygon"],
-    ["I", "take the swatch under the pointer"],
-    ["Enter, Esc", "close a polygon, or drop it"],
+    ["1 … 8", "brush, fill, box, sphere, eraser, pick, touch, lasso"],
     ["Shift + drag", "use the tool on the surface"],
-    ["L", "a plain drag uses the tool, and Shift + drag turns the view"],
-    ["[  ]", "smaller, larger brush"],
-    ["Esc", "cancel what is being drawn; close a dialog"],
-    ["K", "paint by keys: arrows move, with Shift in larger steps; hold Space to use the tool"],
+    ["L", "lock Shift: drag to use the tool, Shift + drag to rotate the view"],
+    ["[  ]", "decrease, increase the brush size"],
+    ["Esc", "cancel the operation; close a dialog"],
+    ["K", "keyboard pointer: arrow keys move it (with Shift in larger steps), hold Space to use the tool"],
   ]],
   ["View", [
-    ["drag, right drag, wheel", "turn, move, zoom"],
-    ["F", "frame the chosen body, or the one under the pointer, or all"],
-    ["Home", "see all, as at first"],
+    ["drag, right drag, wheel", "rotate, pan, zoom"],
+    ["F", "frame the selected body, the body under the pointer, or the scene"],
+    ["Home", "reset the view"],
     ["Shift + 1 … 7", "front, back, left, right, top, bottom, perspective"],
-    ["W A S D Q E, arrows", "walk and turn"],
+    ["W A S D Q E, arrows", "move and rotate the camera"],
   ]],
-  ["Work", [
+  ["General", [
     ["Ctrl Z, Ctrl Y", "undo, redo"],
     ["Ctrl S", "save"],
     ["P", "show or hide the plots"],
-    ["H", "show or hide the hint"],
-    ["?", "this list"],
+    ["H", "show or hide the instructions"],
+    ["?", "show the keyboard shortcuts"],
   ]],
 ];
 
 export function newKeyList(make) {
   const close = make("button", { type: "button", onclick: () => list.close() }, "Close");
-  const list = make("dialog", { id: "hs-keys" }, make("h2", { id: "hs-keys-title" }, "Keys"));
+  const list = make("dialog", { id: "hs-keys" }, make("h2", { id: "hs-keys-title" }, "Keyboard shortcuts"));
   list.setAttribute("aria-labelledby", "hs-keys-title");
   for (const [group, rows] of KEYS) {
     const body = make("tbody", {});
@@ -36,6 +34,6 @@ export function newKeyList(make) {
     list.append(make("table", {}, make("caption", {}, group), body));
   }
   list.append(close);
-  list.addEventListener("click", (event) => { if (event.target === list) list.close(); });  // beside it
+  list.addEventListener("click", (event) => { if (event.target === list) list.close(); });  // a click outside
   return list;
 }

@@ -1,4 +1,4 @@
-"""Live monitor: shows the touch of the hand on the scene and in a line, and streams it to plots and sound."""
+"""Monitor of the simulated hand: shows the touch in the view and the status line, and streams it to plots and sound."""
 
 import asyncio
 import time
@@ -14,21 +14,21 @@ from hapscene.paint.web.context import PageContext
 __all__ = ["Monitor"]
 
 MONITOR_S: Final = 0.015
-"""Period of the stream [s]; with the browser's own 35 ms, sound is about 60 ms after the touch."""
+"""Period of the stream [s]. With 35 ms in the browser, the latency of sound is about 60 ms."""
 
 STATUS_S: Final = 0.2
-"""Period of the line under the picture [s]: any faster cannot be read."""
+"""Period of the status line [s]: faster changes could not be read."""
 
 
 class Monitor:
-    """Reads the hand and shows it.
+    """Reads the state of the hand and shows it.
 
     Args:
         context: the page.
-        on_status: called whenever the status may have changed.
+        on_status: called when the status may have changed.
 
     Attributes:
-        status: the touch, in a line.
+        status: status line.
     """
 
     def __init__(self, context: PageContext, on_status: Callable[[], None]) -> None:
@@ -38,24 +38,24 @@ class Monitor:
         self._shown = False
         self.status = ""
 
-    async def watch(self) -> None:
+    async def run(self) -> None:
         """Show and stream the touch until cancelled."""
         while True:
             await asyncio.sleep(MONITOR_S)
-            self.look(time.monotonic())
+            self.update(time.monotonic())
 
-    def look(self, now_s: float) -> None:
+    def update(self, now_s: float) -> None:
         """Show and stream the touch since the last call."""
         touch, view, socket = self._context.touch, self._context.view, self._context.socket
         try:
-            felt = touch.read(now_s)
+            samples = touch.read(now_s)
         except HapsceneError as error:
             socket.say(str(error), "error")
             return
-        state = None if felt is None or felt[0].tick < 0 else felt[0]
-        if felt is not None and state is not None:
-            if len(felt[1]):
-                socket.trace(felt[1], felt[2], self._context.session.tuning.tick_s)
+        state = None if samples is None or samples[0].tick < 0 else samples[0]
+        if samples is not None and state is not None:
+            if len(samples[1]):
+                socket.trace(samples[1], samples[2], self._context.session.tuning.tick_s)
             view.show_touch(state.p_WT_m, state.p_WP_m, state.f_W_N)
         elif self._shown:
             view.show_touch(None)
@@ -68,13 +68,13 @@ class Monitor:
     def _status_of(self, state: ServoState | None) -> str:
         swatches, touch = self._context.session.scene.swatches, self._context.touch
         if touch.status == "starting":
-            return "The hand gets ready …"
+            return "Starting the simulated hand …"
         if touch.status != "ready":
-            return touch.problem or "There is no hand to touch with."
+            return touch.problem or "The simulated hand is off."
         if state is None:
-            return "The hand is ready: press 7, hold Shift and drag on the surface."
+            return "Ready to touch: press 7, hold Shift and drag on the surface."
         if not state.touching or not 0 <= state.swatch < len(swatches):
-            return f"In the air · {touch.config}"
+            return f"No contact · {touch.config}"
         force_N = float(np.linalg.norm(state.f_W_N))
         name = swatches[state.swatch].name
         return f"{name}: {force_N:.2f} N · {1e3 * state.depth_m:.2f} mm deep · {1e3 * state.slip_m_s:.0f} mm/s"

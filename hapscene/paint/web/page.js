@@ -1,67 +1,66 @@
-// The part of the page that viser has not: pointer and keys on the canvas, the tools over it, traces, spectrum and sound.
-// Speaks JSON with the server (`socket.py`); numbers come as little-endian float32, kind first.
+// Extends viser's page by pointer and key handling, the toolbar, plots and sound.
+// Exchanges JSON with the server (socket.py). Binary messages are little-endian float32, with the kind of message first.
 import { newCursor } from "/hapscene-cursor.js";
 import { newKeyList } from "/hapscene-keys.js";
 import { showOutline } from "/hapscene-outline.js";
 import { newTrace } from "/hapscene-plot.js";
-import { Wait } from "/hapscene-ear.js";
-import { mend, sheetHeight, tellTips } from "/hapscene-viser.js";
+import { JitterBuffer } from "/hapscene-audio_monitor.js";
+import { fixPage, sheetHeight, showTips } from "/hapscene-viser.js";
 
 const TOOLS = [
-  ["brush", "Brush", "1", "Shift-drag paints the swatch on the surface"],
-  ["fill", "Fill", "2", "Shift-click fills a facet, a body or a material"],
-  ["box", "Box", "3", "Shift-drag from corner to corner; what is inside is painted"],
-  ["sphere", "Sphere", "4", "Shift-drag from the middle outward; what is inside is painted"],
-  ["eraser", "Eraser", "5", "Shift-drag brings back what the body was made of"],
-  ["pick", "Pick", "6", "Shift-click takes the swatch that is painted there"],
-  ["lasso", "Lasso", "8", "Shift-drag around what is seen; all inside is painted"],
-  ["polygon", "Polygon", "9", "Shift-click the corners; Enter paints what is seen inside"],
-  ["touch", "Touch", "7", "Hold Shift and drag: a simulated hand strokes the surface"],
+  ["brush", "Brush", "1", "Paint with the selected swatch: Shift + drag"],
+  ["fill", "Fill", "2", "Fill a facet, a body or a material: Shift + click"],
+  ["box", "Box", "3", "Paint inside a box: Shift + drag between opposite corners"],
+  ["sphere", "Sphere", "4", "Paint inside a sphere: Shift + drag outward from the centre"],
+  ["eraser", "Eraser", "5", "Restore the default swatch: Shift + drag"],
+  ["pick", "Pick", "6", "Select the swatch under the pointer: Shift + click"],
+  ["lasso", "Lasso", "8", "Paint the visible surface inside an outline: Shift + drag"],
+  ["touch", "Touch", "7", "Stroke the surface with a simulated hand: Shift + drag"],
 ];
 const VIEWS = ["front", "back", "left", "right", "top", "bottom", "perspective"];  // Shift 1 to 7
-const LOST = "The connection to the painter is lost; nothing that you painted is. If it does not come back in some seconds, start the painter again in the terminal and open the address that it prints.";
-const FINGERS = matchMedia("(pointer: coarse)").matches;  // and no Shift
+const LOST = "Connection lost. Your changes are kept. If the connection is not restored within some seconds, start hapscene paint again and open the address that it prints.";
+const TOUCH_SCREEN = matchMedia("(pointer: coarse)").matches;  // has no Shift key
 const HINT = [
-  "Choose a swatch at the right; ▶ plays how it sounds.",
-  FINGERS ? "Tap <b>Lock Shift</b> and drag on the surface to paint; tap it again to turn the view." :
-    "Hold <b>Shift</b> and drag on the surface to paint. Drag alone turns the view; the wheel zooms.",
-  "Press <b>7</b> to touch: hold Shift and drag, feel and hear it. <b>Ctrl S</b> saves.",
+  "Select a swatch on the right; ▶ plays its sound.",
+  TOUCH_SCREEN ? "Tap <b>Lock Shift</b> and drag on the surface to paint; tap it again to rotate the view." :
+    "Hold <b>Shift</b> and drag on the surface to paint. Drag to rotate the view, scroll to zoom.",
+  "Press <b>7</b>, then hold Shift and drag to touch the surface. <b>Ctrl S</b> saves.",
 ];
-const HOVER_MS = 40, LATE_S = 0.1, HURRY = 0.08, SLOW_COUNT = 3;
+const HOVER_MS = 40, DELAY_MAX_S = 0.1, HURRY = 0.08, GAPS_MAX = 3;
 const make = (tag, attributes = {}, ...inside) => {
   const node = Object.assign(document.createElement(tag), attributes);
   node.append(...inside);
   return node;
 };
-let state = {}, held = null, lock = false, lastHover = 0, waiting = null, over = null, lost = false;
+let state = {}, pressed = null, lock = false, lastHover = 0, waiting = null, over = null, lost = false;
 
-// --- the server ---
+// --- connection to the server ---
 
-const link = new Worker("/hapscene-sound.js");  // has the socket: what is heard must not wait for what is drawn
+const link = new Worker("/hapscene-socket_worker.js");  // owns the socket, so that sound does not wait for drawing
 const send = (message) => link.postMessage({ text: JSON.stringify(message) });
 link.onmessage = ({ data }) => {
-  if (data.text !== undefined) hear(JSON.parse(data.text));
-  else if (data.buffer) take(data.buffer, data.came);
-  else if (data.open) greet();
+  if (data.text !== undefined) onMessage(JSON.parse(data.text));
+  else if (data.buffer) onSamples(data.buffer, data.received);
+  else if (data.open) onOpen();
   else { lost = true; say(LOST, "error", Infinity); }
 };
-function greet() {
-  if (lost) say("Connected again.");
+function onOpen() {
+  if (lost) say("Connection restored.");
   lost = false;
-  send({ do: "look", dark: matchMedia("(prefers-color-scheme: dark)").matches });
+  send({ do: "theme", dark: matchMedia("(prefers-color-scheme: dark)").matches });
 }
-function hear(message) {
+function onMessage(message) {
   if (message.state) { state = message.state; show(); }
   if (message.say !== undefined) say(message.say, message.kind);
 }
-function take(buffer, came) {
+function onSamples(buffer, received) {
   const kind = new Float32Array(buffer, 0, 1)[0];
   if (kind === 1) {
     const [, tick_s, n, block] = new Float32Array(buffer, 0, 4);
     const force = new Float32Array(buffer, 16, n), a = new Float32Array(buffer, 16 + 4 * n, n * block);
-    trace.add(force, a, tick_s, block, came);
-    if (sound.ear) sound.note(a);
-    else sound.stream(a, block / tick_s, came);
+    trace.add(force, a, tick_s, block);
+    if (sound.monitor) sound.note(a);
+    else sound.stream(a, block / tick_s, received);
   } else if (kind === 2) {
     const [, rate] = new Float32Array(buffer, 0, 2);
     const a = new Float32Array(buffer, 8);
@@ -70,7 +69,7 @@ function take(buffer, came) {
   }
 }
 
-// --- pointer and keys: what the tool gets, the camera does not ---
+// --- pointer and keys: events for the tools are not passed on to viser's camera controls ---
 
 const canvas = () => document.querySelector("canvas[data-engine]") || document.querySelector("canvas");
 const client = () => { const tag = document.getElementById("hs-client"); return tag ? Number(tag.dataset.id) : -1; };
@@ -79,26 +78,26 @@ function place(event) {
   return { x: (event.clientX - box.left) / box.width, y: (event.clientY - box.top) / box.height, w: box.width, h: box.height, client: client() };
 }
 const onCanvas = (event) => { const c = canvas(); return c && (event.target === c || c.parentElement.contains(event.target)); };
-const mine = (event) => { event.stopImmediatePropagation(); event.preventDefault(); };
-function flush() { waiting = null; if (held) { send({ do: "move", ...held.place }); } }
+const consume = (event) => { event.stopImmediatePropagation(); event.preventDefault(); };
+function flush() { waiting = null; if (pressed) { send({ do: "move", ...pressed.place }); } }
 window.addEventListener("pointerdown", (event) => {
   if (event.button !== 0 || !onCanvas(event) || event.ctrlKey || event.metaKey) return;
-  if (event.shiftKey === lock) {  // turns the view, as viser does without Shift
+  if (event.shiftKey === lock) {  // rotates the view, as viser does without Shift
     Object.defineProperty(event, "shiftKey", { value: false });
     return;
   }
-  mine(event);
+  consume(event);
   if (document.activeElement && document.activeElement !== document.body) document.activeElement.blur();
   press(event);
-  try { canvas().setPointerCapture(event.pointerId); } catch (_) { /* a pointer of a script */ }
+  try { canvas().setPointerCapture(event.pointerId); } catch (_) { /* a synthetic event */ }
 }, true);
 function press(event) {
   sound.wake();
-  held = { id: event.pointerId, place: place(event) };
-  send({ do: "down", ...held.place });
+  pressed = { id: event.pointerId, place: place(event) };
+  send({ do: "down", ...pressed.place });
 }
 function draw(event) {
-  held.place = place(event);
+  pressed.place = place(event);
   if (waiting === null) waiting = requestAnimationFrame(flush);
 }
 function hover(event) {
@@ -108,66 +107,65 @@ function hover(event) {
 }
 window.addEventListener("pointermove", (event) => {
   over = onCanvas(event) ? event : null;
-  if (held && event.pointerId === held.id) { mine(event); draw(event); }
+  if (pressed && event.pointerId === pressed.id) { consume(event); draw(event); }
   else if (!event.buttons && over) hover(event);
 }, true);
 function release(how, event) {
   if (waiting !== null) { cancelAnimationFrame(waiting); waiting = null; }
   send({ do: how, ...(event && place(event)) });
-  held = null;
+  pressed = null;
 }
 const lift = (event) => {
-  if (!held || event.pointerId !== held.id) return;
-  mine(event);
+  if (!pressed || event.pointerId !== pressed.id) return;
+  consume(event);
   release(event.type === "pointerup" ? "up" : "leave", event);
 };
 window.addEventListener("pointerup", lift, true);
 window.addEventListener("pointercancel", lift, true);
-window.addEventListener("blur", () => { if (held) release("leave"); });
-const asked = () => document.querySelector(".mantine-Modal-content") !== null;  // a question stands, and comes first
+window.addEventListener("blur", () => { if (pressed) release("leave"); });
+const dialogOpen = () => document.querySelector(".mantine-Modal-content") !== null;  // whether a dialog is open
 window.addEventListener("keydown", (event) => {
   const typing = /^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName || "") && event.target.type !== "range";
-  const order = event.ctrlKey || event.metaKey;
+  const control = event.ctrlKey || event.metaKey;
   const key = event.key.toLowerCase();
-  if (keyList.open) { if (key === "?") { mine(event); keyList.close(); } return; }
-  if (order && key === "s") { mine(event); if (!asked()) { event.target.blur(); send({ do: "save" }); } }
-  else if (key === "escape" && asked()) { mine(event); send({ do: "dismiss" }); }
+  if (keyList.open) { if (key === "?") { consume(event); keyList.close(); } return; }
+  if (control && key === "s") { consume(event); if (!dialogOpen()) { event.target.blur(); send({ do: "save" }); } }
+  else if (key === "escape" && dialogOpen()) { consume(event); send({ do: "dismiss" }); }
   else if (typing) {
     const field = event.target;
     if (key === "enter" || key === "escape") setTimeout(() => field.blur(), 0);
-  } else if (asked()) return;
+  } else if (dialogOpen()) return;
   else if (event.altKey) return;
-  else if (order && key === "z") { mine(event); send({ do: event.shiftKey ? "redo" : "undo" }); }
-  else if (order && key === "y") { mine(event); send({ do: "redo" }); }
-  else if (order) return;
-  else if (cursor.take(event)) mine(event);
-  else if (key === "escape" && state.outline && !held) { mine(event); send({ do: "leave" }); }
+  else if (control && key === "z") { consume(event); send({ do: event.shiftKey ? "redo" : "undo" }); }
+  else if (control && key === "y") { consume(event); send({ do: "redo" }); }
+  else if (control) return;
+  else if (cursor.take(event)) consume(event);
+
   else if (key === "escape") release("cancel");
-  else if (event.shiftKey && /^Digit[1-7]$/.test(event.code)) { mine(event); look(VIEWS[event.code[5] - 1]); }
-  else if (key === "home") { mine(event); look("perspective"); }
-  else if (key === "f") { mine(event); look("", over); }
-  else if (key === "k") { mine(event); cursor.node.focus(); }
-  else if (key === "p") { mine(event); showPlots(plots.hidden); }
-  else if (key === "[" || key === "]") { mine(event); send({ do: "size", factor: key === "[" ? 0.8 : 1.25 }); }
-  else if (key === "i") { mine(event); send({ do: "sample", client: client() }); }
-  else if (key === "enter" && state.outline) { mine(event); send({ do: "close" }); }
-  else if (key === "l") { mine(event); setLock(!lock); }
-  else if (key === "?") { mine(event); keyList.showModal(); }
-  else if (key === "h") { mine(event); hint.hidden = !hint.hidden; }
-  else { const tool = TOOLS.find((t) => t[2] === key); if (tool) { mine(event); send({ do: "tool", name: tool[0] }); } }
+  else if (event.shiftKey && /^Digit[1-7]$/.test(event.code)) { consume(event); look(VIEWS[event.code[5] - 1]); }
+  else if (key === "home") { consume(event); look("perspective"); }
+  else if (key === "f") { consume(event); look("", over); }
+  else if (key === "k") { consume(event); cursor.node.focus(); }
+  else if (key === "p") { consume(event); showPlots(plots.hidden); }
+  else if (key === "[" || key === "]") { consume(event); send({ do: "size", factor: key === "[" ? 0.8 : 1.25 }); }
+
+  else if (key === "l") { consume(event); setLock(!lock); }
+  else if (key === "?") { consume(event); keyList.showModal(); }
+  else if (key === "h") { consume(event); hint.hidden = !hint.hidden; }
+  else { const tool = TOOLS.find((t) => t[2] === key); if (tool) { consume(event); send({ do: "tool", name: tool[0] }); } }
 }, true);
 
-document.body.addEventListener("keydown", (event) => {  // keys that move a slider turn no view
+document.body.addEventListener("keydown", (event) => {  // keys that move a slider must not move the camera
   if (event.target.closest("[role=slider], [role=tab], dialog")) event.stopPropagation();
 });
-function look(name, event) {  // at the body under the pointer, or at all; where there is none, or another view is asked for
+function look(name, event) {  // a named view; without a name, frames the body under the pointer
   const box = canvas().getBoundingClientRect();
   send({ do: "view", name, ...place(event ?? { clientX: box.left - box.width, clientY: box.top }) });
 }
 
-// --- what is over the canvas ---
+// --- toolbar, instructions, status line and plots over the canvas ---
 
-const root = make("main", { id: "hs", ariaLabel: "Painter" });
+const root = make("main", { id: "hs", ariaLabel: "3-D view" });
 const bar = make("div", { id: "hs-bar", role: "toolbar", ariaLabel: "Tools" });
 const tipped = (node, tip) => { node.dataset.tip = tip; return node; };
 const button = (text, key, tip, act, into = bar) => {
@@ -181,7 +179,7 @@ const tools = new Map(TOOLS.map(([name, text, key, title]) => [name, button(text
 const ink = make("span", { id: "hs-ink" });
 bar.append(ink);
 gap();
-const lockButton = button("Lock Shift", "L", "Plain drags use the tool, and Shift with a drag turns the view", () => setLock(!lock));
+const lockButton = button("Lock Shift", "L", "Drag to use the tool, Shift + drag to rotate the view", () => setLock(!lock));
 gap();
 const undo = button("Undo", "Ctrl Z", "", () => send({ do: "undo" }));
 const redo = button("Redo", "Ctrl Y", "", () => send({ do: "redo" }));
@@ -191,33 +189,33 @@ const save = button("Save", "Ctrl S", "", () => send({ do: "save" }));
 const saved = make("output", { id: "hs-saved" });
 bar.append(saved);
 gap();
-const viewButton = button("View", "", "Views from all sides: show or hide their buttons", () => showViews(views.hidden));
+const viewButton = button("View", "", "Show or hide the view buttons", () => showViews(views.hidden));
 const keyList = newKeyList(make);
-button("Keys", "?", "All keys: ?", () => keyList.showModal()).dataset.brief = "?";
+button("Keys", "?", "Show the keyboard shortcuts", () => keyList.showModal()).dataset.brief = "?";
 const views = make("div", { id: "hs-views", role: "toolbar", ariaLabel: "Views" });
-button("Home", "Home", "See all, as at first", () => look("perspective"), views);
-button("Frame", "F", "The chosen body, or all, from here; the key F also frames the body under the pointer", () => look(""), views);
-VIEWS.forEach((name, i) => button(name[0].toUpperCase() + name.slice(1), `⇧${i + 1}`, `See all: ${name}, Shift + ${i + 1}`, () => look(name), views));
+button("Home", "Home", "Reset the view", () => look("perspective"), views);
+button("Frame", "F", "Frame the selected body or the scene; the key F also frames the body under the pointer", () => look(""), views);
+VIEWS.forEach((name, i) => button(name[0].toUpperCase() + name.slice(1), `⇧${i + 1}`, `View from: ${name} (Shift + ${i + 1})`, () => look(name), views));
 const hint = make("div", { id: "hs-hint" });
 HINT.forEach((line, i) => hint.append(make("p", { innerHTML: `<b>${i + 1}</b>${line.replace(/<b>/g, "<kbd>").replace(/<\/b>/g, "</kbd>")}` })));
-hint.append(tipped(make("button", { type: "button", ariaLabel: "Hide the hint", onclick: () => { hint.hidden = true; } }, "×"), "Hide the hint; H shows it again"));
+hint.append(tipped(make("button", { type: "button", ariaLabel: "Hide the instructions", onclick: () => { hint.hidden = true; } }, "×"), "Hide the instructions (H)"));
 const toast = make("div", { id: "hs-say", role: "status" });
 const monitor = make("div", { id: "hs-monitor" });
 const line = make("div", { id: "hs-line" });
-const word = make("output", {}, "…"), tip = make("span", { id: "hs-tip" });
-const soundButton = tipped(make("button", { type: "button", onclick: () => sound.toggle() }), "Hear what the hand feels, its acceleration");
-const volume = tipped(make("input", { type: "range", min: -30, max: 20, value: 0, oninput: () => sound.turn() }), "Loudness [dB]");
+const status = make("output", {}, "…"), tip = make("span", { id: "hs-tip" });
+const soundButton = tipped(make("button", { type: "button", onclick: () => sound.toggle() }), "Play the acceleration of the handle as sound");
+const volume = tipped(make("input", { type: "range", min: -30, max: 20, value: 0, oninput: () => sound.turn() }), "Volume [dB]");
 const level = make("span", {}, "");
 const plots = make("div", { id: "hs-plots", hidden: true });
-line.append(word, tip, soundButton, make("label", {}, "loudness", volume, level));
-const plotButton = button("Plots", "P", "Force, acceleration and spectrum of what the hand feels", () => showPlots(plots.hidden), line);
+line.append(status, tip, soundButton, make("label", {}, "volume", volume, level));
+const plotButton = button("Plots", "P", "Force, acceleration and spectrum of the touch", () => showPlots(plots.hidden), line);
 const trace = newTrace(plots);
 monitor.append(line, plots);
 const cursor = newCursor({
-  canvas, begin: press, move: (event) => (held ? draw(event) : hover(event)), end: (event) => { if (held) release("up", event); },
+  canvas, begin: press, move: (event) => (pressed ? draw(event) : hover(event)), end: (event) => { if (pressed) release("up", event); },
 });
 root.append(bar, make("div", { id: "hs-space" }, hint, views), toast, monitor, cursor.node);
-const tellTip = tellTips(tip, () => state.hints ?? {});
+const updateTip = showTips(tip, () => state.hints ?? {});
 const outline = showOutline(canvas, client);
 let toastTimer = null;
 function say(text, kind, for_ms = kind === "error" ? 9000 : 4000) {
@@ -232,23 +230,23 @@ function showViews(open) { unfold(views, viewButton, open); }
 function setLock(on) {
   lock = on;
   lockButton.setAttribute("aria-pressed", String(on));
-  say(on ? "Plain drags use the tool now; Shift and drag turns the view." : "Hold Shift to use the tool; plain drags turn the view.");
+  say(on ? "Drag to use the tool, Shift + drag to rotate the view." : "Shift + drag to use the tool, drag to rotate the view.");
 }
 function show() {
   for (const [name, node] of tools) node.setAttribute("aria-pressed", String(name === state.tool));
   ink.textContent = state.swatch || "";
-  ink.dataset.tip = `The swatch that is painted with: ${state.swatch}`;
+  ink.dataset.tip = `Selected swatch: ${state.swatch}`;
   ink.style.setProperty("--chip", state.colour || "transparent");
   undo.disabled = !state.undo;
   redo.disabled = !state.redo;
   undo.dataset.tip = state.undo ? `Undo: ${state.undo}` : "Nothing to undo";
   redo.dataset.tip = state.redo ? `Redo: ${state.redo}` : "Nothing to redo";
   save.classList.toggle("due", !!state.dirty);
-  save.dataset.tip = state.dirty ? `Save ${state.title}` : `Everything is saved in ${state.title}`;
-  saved.textContent = state.dirty ? "Not saved" : "Saved";
-  if (state.undo && !show.undone) { show.undone = true; hint.hidden = true; }  // it has been understood
+  save.dataset.tip = state.dirty ? `Save ${state.title}` : `All changes are saved in ${state.title}`;
+  saved.textContent = state.dirty ? "Unsaved" : "Saved";
+  if (state.undo && !show.painted) { show.painted = true; hint.hidden = true; }  // after the first stroke
   document.title = `${state.dirty ? "• " : ""}${state.title} – hapscene paint`;
-  word.textContent = state.word || "";
+  status.textContent = state.status || "";
   outline(state.outline);
   const c = canvas();
   if (c) c.style.cursor = state.tool === "touch" ? "crosshair" : "";
@@ -258,15 +256,15 @@ function fit() {
   if (!c) return;
   const sheet_px = sheetHeight(), box = c.getBoundingClientRect();
   const settled = box.bottom <= innerHeight - sheet_px + 1;
-  if (!fit.told && settled && state.tool && box.width && client() >= 0) { fit.told = true; send({ do: "frame", client: client(), w: box.width, h: box.height }); }
+  if (!fit.sent && settled && state.tool && box.width && client() >= 0) { fit.sent = true; send({ do: "frame", client: client(), w: box.width, h: box.height }); }
   if (box.width !== fit.width) { fit.width = box.width; trace.fresh = true; }
   Object.assign(root.style, { left: `${box.left}px`, top: `${box.top}px`, width: `${box.width}px`, height: `${box.height}px` });
 }
 
-// --- sound: buffers one after the other, at the channel's own rate ---
+// --- sound ---
 
 const sound = {
-  on: true, context: null, gain: null, ear: null, next: 0, gaps: 0, heard: 0, peak: 0, full: 20, slow: [], quiet_ms: 0, wait: new Wait(),
+  on: true, context: null, gain: null, monitor: null, next: 0, gaps: 0, played: 0, peak: 0, full: 20, gapTimes: [], quiet_ms: 0, jitter: new JitterBuffer(),
   wake() {
     if (!this.on || this.context) { if (this.on && this.context.state === "suspended") this.context.resume(); return; }
     const Context = window.AudioContext || window.webkitAudioContext;
@@ -275,7 +273,7 @@ const sound = {
     this.gain = this.context.createGain();
     const press = this.context.createDynamicsCompressor();
     this.gain.connect(press).connect(this.context.destination);
-    if (this.context.audioWorklet) this.hear();  // by http from another machine there is none
+    if (this.context.audioWorklet) this.startMonitor();  // browsers have none for plain HTTP from another computer
     this.turn();
   },
   turn() {
@@ -284,25 +282,25 @@ const sound = {
   },
   toggle() { this.on = !this.on; this.wake(); this.turn(); this.label(); },
   label() { soundButton.textContent = this.on ? "Sound: on" : "Sound: off"; soundButton.setAttribute("aria-pressed", String(this.on)); },
-  async hear() {
-    await this.context.audioWorklet.addModule("/hapscene-ear.js");
+  async startMonitor() {
+    await this.context.audioWorklet.addModule("/hapscene-audio_monitor.js");
     const { port1, port2 } = new MessageChannel();
-    this.ear = new AudioWorkletNode(this.context, "hapscene-sound", { numberOfInputs: 0 });
-    this.ear.port.onmessage = ({ data }) => this.told(data);
-    this.ear.port.postMessage({ wire: port1 }, [port1]);
-    link.postMessage({ ear: port2 }, [port2]);
-    this.ear.connect(this.gain);
+    this.monitor = new AudioWorkletNode(this.context, "hapscene-audio-monitor", { numberOfInputs: 0 });
+    this.monitor.port.onmessage = ({ data }) => this.countGaps(data);
+    this.monitor.port.postMessage({ wire: port1 }, [port1]);
+    link.postMessage({ monitor: port2 }, [port2]);
+    this.monitor.connect(this.gain);
   },
-  told({ gaps }) {
+  countGaps({ gaps }) {
     const now_ms = performance.now();
-    for (; this.gaps < gaps; this.gaps++) this.slow.push(now_ms);
-    this.slow = this.slow.filter((at_ms) => now_ms - at_ms < 60e3);
-    if (this.slow.length < SLOW_COUNT || now_ms < this.quiet_ms) return;
+    for (; this.gaps < gaps; this.gaps++) this.gapTimes.push(now_ms);
+    this.gapTimes = this.gapTimes.filter((at_ms) => now_ms - at_ms < 60e3);
+    if (this.gapTimes.length < GAPS_MAX || now_ms < this.quiet_ms) return;
     this.quiet_ms = now_ms + 60e3;
-    say(`This computer is too busy for sound without gaps: ${this.slow.length} in the last minute. Close what else runs on it.`);
+    say(`Sound had ${this.gapTimes.length} gaps in the last minute, because this computer is too busy. Close other programs.`);
   },
   note(a) {
-    this.heard += a.length;
+    this.played += a.length;
     for (const v of a) if (Math.abs(v) > this.peak) this.peak = Math.abs(v);
   },
   play(a, rate, at, speed = 1) {
@@ -317,26 +315,26 @@ const sound = {
   },
   stream(a, rate, { count }) {
     if (!this.on || !this.context || this.context.state !== "running" || !a.length) return;
-    const now = this.context.currentTime, late_s = now - this.next, dry = late_s > 0 && late_s < 5 * LATE_S;
-    if (late_s >= 5 * LATE_S) this.wait.begin();
-    this.wait.note(-late_s, a.length / rate);
-    const { ahead_s } = this.wait;
-    if (late_s > 0) { this.next = now + ahead_s; this.wait.begin(); }  // at first, and where it ran dry
-    const over_s = this.next - now - ahead_s;  // what came at once after a pause waits: hurry, or it stays late for good
-    this.told({ count, lead_s: this.next - now, gaps: this.gaps + dry });
-    if (over_s > LATE_S) return;
-    const speed = 1 + HURRY * Math.min(Math.max(over_s / ahead_s, -1), 1);
+    const now = this.context.currentTime, late_s = now - this.next, dry = late_s > 0 && late_s < 5 * DELAY_MAX_S;
+    if (late_s >= 5 * DELAY_MAX_S) this.jitter.begin();
+    this.jitter.note(-late_s, a.length / rate);
+    const { target_s } = this.jitter;
+    if (late_s > 0) { this.next = now + target_s; this.jitter.begin(); }  // at the start, and after an underrun
+    const over_s = this.next - now - target_s;  // after a pause, the backlog is played faster to restore the latency
+    this.countGaps({ count, gaps: this.gaps + dry });
+    if (over_s > DELAY_MAX_S) return;
+    const speed = 1 + HURRY * Math.min(Math.max(over_s / target_s, -1), 1);
     this.play(a, rate, this.next, speed);
     this.next += a.length / rate / speed;
   },
-  once(a, rate) { this.wake(); if (!this.on) say("The sound is off: switch it on below."); if (this.on && this.context) this.play(a, rate, this.context.currentTime + 0.02); },
+  once(a, rate) { this.wake(); if (!this.on) say("Sound is off. Turn it on in the status line."); if (this.on && this.context) this.play(a, rate, this.context.currentTime + 0.02); },
 };
 
-// --- go ---
+// --- start ---
 
-function askFirst() {  // or what is typed goes into a field behind the question
+function blurBehindDialog() {  // otherwise text would be typed into a field behind the dialog
   const field = document.activeElement;
-  if (asked() && field.matches("input, textarea") && !field.closest(".mantine-Modal-content")) field.blur();
+  if (dialogOpen() && field.matches("input, textarea") && !field.closest(".mantine-Modal-content")) field.blur();
 }
 
 window.addEventListener("pointerdown", () => sound.wake());
@@ -351,7 +349,7 @@ function start() {
   const home = location.href.split(/[?#]/)[0].replace(/\/*$/, "/");
   link.postMessage({ url: `${home.replace(/^http/, "ws")}hapscene` });
   localStorage.setItem("hapscene", new URL(home).pathname);  // for a reload and other tabs: see server.py
-  const hide = setInterval(() => {  // the token, once viser has taken its own address from it
+  const hide = setInterval(() => {  // hides the token from the address bar, once viser has connected
     if (client() < 0) return;
     clearInterval(hide);
     history.replaceState(null, "", "/");
@@ -359,8 +357,8 @@ function start() {
   new ResizeObserver(fit).observe(document.body);
   let due = false;
   new MutationObserver(() => {
-    askFirst();
-    if (!due) requestAnimationFrame(() => { due = false; mend(say); fit(); tellTip(); });
+    blurBehindDialog();
+    if (!due) requestAnimationFrame(() => { due = false; fixPage(say); fit(); updateTip(); });
     due = true;
   }).observe(document.body, { childList: true, subtree: true });
   new MutationObserver(() => { trace.fresh = true; }).observe(document.documentElement, { attributes: true });

@@ -1,7 +1,7 @@
-"""The page that `hapscene paint` serves: one scene, painted and touched in the browser by all who have it open.
+"""The page of `hapscene paint`: one scene, painted and touched in the browser.
 
-Everything happens in the event loop of the server, one thing after the other; what takes long runs beside it. The scene
-is in the server alone: a closed tab loses nothing, and a second one shows the same.
+All events are handled in order in the event loop of the server; long operations run in threads. The scene is stored in
+the server: closing a browser tab loses nothing, and all open tabs show the same scene.
 """
 
 import asyncio
@@ -16,9 +16,9 @@ from hapscene.paint.model.display import Display
 from hapscene.paint.model.session import Session
 from hapscene.paint.web.body_panel import BESIDE, MESHES, BodyPanel
 from hapscene.paint.web.context import PageContext
-from hapscene.paint.web.feel_panel import HandPanel, NumberPanel
 from hapscene.paint.web.file_panel import FilePanel
 from hapscene.paint.web.hand import HandConfig, TouchHand
+from hapscene.paint.web.haptics_panel import HandPanel, ParameterPanel
 from hapscene.paint.web.monitor import Monitor
 from hapscene.paint.web.server import SOCKET_PATH, PageServer, button_hints
 from hapscene.paint.web.socket import PIXEL_MAX, UPLOAD_PATH, Message, PageSocket, Uploads, number, pointer_of
@@ -30,40 +30,40 @@ from hapscene.surface.swatch_file import SUFFIX as SWATCH_SUFFIX
 
 __all__ = ["HOST", "PORT", "Page"]
 
-TABS: Final = ("Paint", "Bodies", "Feel", "File")
+TABS: Final = ("Paint", "Bodies", "Haptics", "File")
 """Tabs of the panel, from left to right."""
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 8080
 
 SHOWN_S: Final = 2.0
-"""Longest wait of the hand's start for a page that shows the scene [s]."""
+"""Longest time for which the start of the hand waits for a page that shows the scene [s]."""
 
 DRAWN_S: Final = 0.3
-"""Time from a page's connection until its panel is drawn [s]: about."""
+"""Approximate time from the connection of a page until its panel is drawn [s]."""
 
 
 class Page:
-    """The page, served from entry to exit: `with Page(session) as page: print(page.url)`.
+    """The page, served while the context manager is open: `with Page(session) as page: print(page.url)`.
 
     Args:
-        session: the scene, with the file that it is saved to.
-        host: the address to serve at; all but loopback is open to the network.
-        port: the port; a free one near it where it is taken, any for 0.
-        with_hand: whether the hand that touches is started.
-        with_autosave: whether unsaved work is written beside the scene and offered again.
-        hand: what the hand holds at first; None for the session's device.
-        server: the server, if it is open already; it is closed with the page.
+        session: the session, which must have a path.
+        host: address to listen at; any but loopback is open to the network.
+        port: port; if it is in use, a free one near it; 0 for any.
+        with_hand: start the simulated hand.
+        with_autosave: back up unsaved work and offer it for recovery.
+        hand: configuration of the hand; None for the device of the session.
+        server: server that is open already; it is closed with the page.
 
     Attributes:
-        server: viser's.
-        uploads: receives the files that are dropped on the page.
-        context: session, view, tools, touch and socket.
-        kept: after closing, whether there is unsaved work, to be offered the next time.
+        server: viser server.
+        uploads: receives files that are dropped on the page.
+        context: session, view, tools, hand and socket.
+        kept: after closing, whether there is unsaved work to recover.
 
     Raises:
         ViewError: viser is missing, or the port cannot be used.
-        SceneError: no file to save to, or another painter has it open.
+        SceneError: the session has no path, or another painter has the file open.
     """
 
     def __init__(
@@ -77,14 +77,14 @@ class Page:
         server: PageServer | None = None,
     ) -> None:
         if session.path is None:
-            raise SceneError("where shall the scene be saved? give the session a file NAME.scene.json")
+            raise SceneError("the session has no file: give it a path, such as NAME.scene.json")
         self._with_autosave, self._with_hand = with_autosave, with_hand
         self._ready = self.kept = False
         self._ends = ExitStack()
         self._served = server or PageServer(host, port)
         self._ends.callback(self._served.close)
         try:
-            self._begin(session, hand or HandConfig(session.device))
+            self._begin(session, hand or HandConfig(session.tuning.device))
         except BaseException:
             self.close()
             raise
@@ -105,37 +105,37 @@ class Page:
         self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
         self._sent: Message | None = None
-        self._seen = asyncio.Event()
+        self._page_shown = asyncio.Event()
         self._listen()
         view = SceneView(self.server, session.painting, Display(session.painting))
         tools = Tools(session, view, self._touch, self._socket.say)
         self.context = PageContext(self.server, session, view, tools, self._touch, self._socket, self.refresh)
         self._repaint_due = False
-        self._before = 0  # state of the history when the pointer went down
+        self._before = 0  # state of the history when the pointer button was pressed
         self._monitor = Monitor(self.context, self._show_status)
         self._make_panel()
         self._ends.callback(self._swatch_panel.close)
-        if not self._path.exists():  # of meshes that were just opened
+        if not self._path.exists():  # a new scene of meshes
             self._body_panel.ask_sizes(session.scene.bodies)
         self._served.admit()
 
     @property
     def url(self) -> str:
-        """Address of the page, with its token: whoever has it may do all that the page can."""
+        """Address of the page with its token, which gives full access."""
         return self._served.url
 
     @property
     def _path(self) -> Path:
-        assert self.context.session.path is not None  # checked at the start, and never removed
+        assert self.context.session.path is not None  # checked in `__init__`, and never unset
         return self.context.session.path
 
     @property
     def public(self) -> bool:
-        """Whether other computers may reach it."""
+        """Whether other computers can reach the page."""
         return self._served.public
 
     def __enter__(self) -> "Page":
-        self._start(self._monitor.watch())
+        self._start(self._monitor.run())
         if self._with_hand:
             self._touch.status = "starting"
             self._start(self._open_hand())
@@ -143,21 +143,21 @@ class Page:
 
     async def _open_hand(self) -> None:
         with suppress(TimeoutError):
-            await asyncio.wait_for(self._seen.wait(), SHOWN_S)
+            await asyncio.wait_for(self._page_shown.wait(), SHOWN_S)
         session = self.context.session
         await self.context.touch.open(session.painting.snapshot(), session.tuning.tick_s)
 
     def _start(self, task: Coroutine[Any, Any, None]) -> "Future[None]":
         """Run a task in the event loop until the page closes."""
-        going = asyncio.run_coroutine_threadsafe(task, self._loop)
-        self._ends.callback(going.cancel)
-        return going
+        running = asyncio.run_coroutine_threadsafe(task, self._loop)
+        self._ends.callback(running.cancel)
+        return running
 
     def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Stop the server. Unsaved work stays beside the scene, and is offered the next time."""
+        """Stop the server. Unsaved work is kept for recovery."""
         self._ends.close()
 
     def _keep(self, session: Session) -> None:
@@ -167,32 +167,32 @@ class Page:
     # --- events ---
 
     def refresh(self) -> None:
-        """Show what changed, and let the hand feel it. Called in the event loop after anything that may change."""
+        """Show changes of the scene and send them to the hand. Must be called in the event loop."""
         session, tools = self.context.session, self.context.tools
         changes = session.painting.changes()
         if changes:
             self.context.view.update(changes)
-            self.server.flush()  # the picture first, the panel after it
+            self.server.flush()  # updates the view before the panel
         if changes.bodies:
             self._tool_panel.show_bodies()
-        if changes.faces or changes.shelf or changes.bodies or changes.poses:
+        if changes.faces or changes.swatch_list or changes.bodies or changes.poses:
             self._repaint_due = True
-        else:  # numbers alone are much quicker than the whole painting
+        else:  # sending parameters alone is much faster than the painting
             for index in changes.swatches:
-                numbers = {p.name: p.value for p in session.tuning.parameters(index) if p.applies}
-                self.context.touch.tune(session.scene.swatches[index].name, numbers)
+                values = {p.name: p.value for p in session.tuning.parameters(index) if p.applies}
+                self.context.touch.tune(session.scene.swatches[index].name, values)
         busy = self._body_panel.dragging or (tools.client is not None and tools.name in ("brush", "eraser"))
         if self._repaint_due and not busy:
             self._repaint_due = False
             self.context.touch.repaint(session.painting.snapshot())
         self._tool_panel.show()
         self._body_panel.show()
-        self._swatch_panel.show(changes.shelf, changes.swatches)
-        self._number_panel.show()
+        self._swatch_panel.show(changes.swatch_list, changes.swatches)
+        self._parameter_panel.show()
         self._send_state()
 
     async def _act(self, message: Message) -> None:
-        """Do what a message of the page says."""
+        """Handle a message of the page."""
         if not self._ready:
             return
         try:
@@ -204,7 +204,7 @@ class Page:
         self.refresh()
 
     async def _follow_pointer(self, message: Message) -> bool:
-        """Follow the pointer; returns whether nothing can have changed."""
+        """Handle a pointer event; returns whether the scene cannot have changed."""
         tools = self.context.tools
         do = message["do"]
         if do == "down":
@@ -228,16 +228,14 @@ class Page:
         awaited: Mapping[str, Callable[[Message], Awaitable[None]]] = {
             "save": lambda _: self._file_panel.save(),
             "body": self._body_panel.act,
-            "shelf": self._swatch_panel.act,
+            "library": self._swatch_panel.act,
         }
         acts: Mapping[str, Callable[[Message], None]] = {
             "undo": lambda _: self._step_back("undo"),
             "redo": lambda _: self._step_back("redo"),
             "tool": lambda m: tools.choose_tool(m["name"]) if m.get("name") in TOOLS else None,
-            "sample": lambda m: tools.sample(_client(m)),
-            "close": lambda _: tools.close_outline(),
             "dismiss": lambda _: self.context.dismiss(),
-            "look": lambda m: self._file_panel.prefer_look(m.get("dark") is True),
+            "theme": lambda m: self._file_panel.prefer_theme(m.get("dark") is True),
             "view": self._look,
             "frame": self._frame,
             "size": lambda m: tools.resize(tools.radius_m * (number(m, "factor", 0.1, 10.0) or 1.0)),
@@ -251,17 +249,17 @@ class Page:
         session = self.context.session
         self.context.tools.finish()
         what = session.undo() if do == "undo" else session.redo()
-        self._socket.say(f"{'Undone' if do == 'undo' else 'Done again'}: {what}." if what else f"Nothing to {do}.")
+        self._socket.say(f"Nothing to {do}." if what is None else f"{do.capitalize()}: {what}.")
 
     def _frame(self, message: Message) -> None:
-        """Have all in view of a new page, whose picture may be higher than wide."""
+        """Fit the scene into the view of a new page whose canvas is higher than wide."""
         page = self.server.get_clients().get(_client(message))
         width, height = (number(message, key, 1.0, PIXEL_MAX) for key in ("w", "h"))
         if page is not None and width is not None and height is not None and width < height:
             self.context.view.look(page.camera, aspect=width / height)
 
     def _look(self, message: Message) -> None:
-        """Show all from one of the `VIEWS`; else, from here, the chosen body or the one under the pointer."""
+        """Show the scene from one of the `VIEWS`; without a name, frame the selected body or that under the pointer."""
         pointer, name, view = pointer_of(message), str(message.get("name")), self.context.view
         page = self.server.get_clients().get(pointer.client) if pointer is not None else None
         if pointer is None or page is None:
@@ -275,7 +273,7 @@ class Page:
         view.look(page.camera, framed, pointer.width / pointer.height, name)
 
     def _state(self) -> Message:
-        """What the bar over the picture shows."""
+        """State of the toolbar and the status line, sent to the pages."""
         if not self._ready:
             return {}
         session, tools = self.context.session, self.context.tools
@@ -288,8 +286,8 @@ class Page:
             "dirty": session.dirty,
             "hints": button_hints(self.server),
             "title": self._path.name,
-            "word": self._monitor.status,
-            "outline": tools.outline.told,
+            "status": self._monitor.status,
+            "outline": tools.outline.state,
             "hand": self.context.touch.status,
         }
 
@@ -300,7 +298,7 @@ class Page:
             self._socket.send(state=state)
 
     def _show_status(self) -> None:
-        """Show what changes by itself: the touch, and the autosave."""
+        """Show the status of the touch and the autosave."""
         self._file_panel.show()
         self._send_state()
 
@@ -310,14 +308,14 @@ class Page:
         gui = self.server.gui
         gui.main_panel.dock_right()
         tabs = gui.add_tab_group()
-        paint, bodies, feel, file = (tabs.add_tab(name) for name in TABS)
+        paint, bodies, haptics, file = (tabs.add_tab(name) for name in TABS)
         with paint:
-            gui.add_html('<span class="hs-stays"></span>')  # what follows stays while the swatches scroll
+            gui.add_html('<span class="hs-sticky"></span>')  # keeps the next folder in place while the swatches scroll
             self._tool_panel = ToolPanel(self.context)
         self._swatch_panel = SwatchPanel(self.context, paint)
         self._body_panel = BodyPanel(self.context, bodies)
-        HandPanel(self.context, feel)
-        self._number_panel = NumberPanel(self.context, feel)
+        HandPanel(self.context, haptics)
+        self._parameter_panel = ParameterPanel(self.context, haptics)
         self._file_panel = FilePanel(self.context, file, self._path, self._served.addresses())
         gui.set_panel_label(self._path.name)
         if self._with_autosave:
@@ -325,12 +323,12 @@ class Page:
         self._ready = True
 
     def _listen(self) -> None:
-        """Take note of pages that come and go."""
+        """Handle connection and disconnection of pages."""
 
         @self.server.on_client_connect  # type: ignore[untyped-decorator, unused-ignore]
         async def name_client(client: Any) -> None:
             client.gui.add_html(f'<span id="hs-client" data-id="{client.client_id}" hidden></span>')
-            self._loop.call_later(DRAWN_S, self._seen.set)
+            self._loop.call_later(DRAWN_S, self._page_shown.set)
 
         @self.server.on_client_disconnect  # type: ignore[untyped-decorator, unused-ignore]
         async def lift(client: Any) -> None:
@@ -341,6 +339,6 @@ class Page:
 
 
 def _client(message: Message) -> int:
-    """Number of the page that sent a message; −1, which no page has, where it is missing."""
+    """Number of the page that sent a message; −1 if it is missing."""
     client = number(message, "client", 0, 2**53)
     return -1 if client is None else int(client)

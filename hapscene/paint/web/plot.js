@@ -1,4 +1,4 @@
-// Traces of force and acceleration over the last seconds, and the spectrum, on canvases of their own.
+// Plots of force and acceleration over the last seconds, and of the spectrum.
 const TRACE_S = 3, SPECTRUM_COUNT = 2048;
 
 export function newTrace(box) {
@@ -34,7 +34,7 @@ export function newTrace(box) {
       const [level, end_Hz] = this.spectrum();
       plot(spectrumPlot, "Spectrum [dB re 1 mm/s²]", "--spectrum", level, 80, 0, "0 Hz", `${end_Hz} Hz`);
     },
-    spectrum() {  // RMS a bin of the last 0.2 s, Hann
+    spectrum() {  // RMS of each bin over the last 0.2 s, Hann window
       const n = SPECTRUM_COUNT, re = new Float32Array(n), im = new Float32Array(n), start = this.a.length - n;
       for (let i = 0; i < n; i++) re[i] = (this.a[start + i] || 0) * (0.5 - 0.5 * Math.cos((2 * Math.PI * i) / n));
       fft(re, im);
@@ -94,7 +94,7 @@ function plot(node, title, colour, values, high, low, first, last) {
   g.lineWidth = 1.2 * scale;
   g.beginPath();
   const columns = Math.max(1, w - left), each = values.length / columns;
-  for (let c = 0; c < columns; c++) {  // each column from its least to its greatest: no peak is lost
+  for (let c = 0; c < columns; c++) {  // draws each column from minimum to maximum, so that no peak is lost
     let a = Infinity, b = -Infinity;
     for (let i = Math.floor(c * each); i < Math.max(Math.floor((c + 1) * each), Math.floor(c * each) + 1) && i < values.length; i++) { a = Math.min(a, values[i]); b = Math.max(b, values[i]); }
     if (a > b) continue;

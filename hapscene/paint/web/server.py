@@ -1,13 +1,13 @@
-"""HTTP and WebSocket server of the page: viser behind a token, with our own files and sockets on the same port.
+"""HTTP and WebSocket server of the page: viser, protected by a token, with additional files and sockets on its port.
 
-Whoever runs a web page can make a visitor's browser talk to a server on the visitor's machine: browsers allow a
-WebSocket to a foreign origin, and DNS rebinding makes even reading possible. So every request must name one of our
-hosts, and a WebSocket must come from a page of the same host.
+Any web page can make a visitor's browser connect to a server on the visitor's computer: browsers allow WebSockets to
+other origins, and DNS rebinding even allows reading. Therefore every request must name an accepted host, and a
+WebSocket must come from a page of the same host.
 
-A program can send any host and origin, and all users of a computer reach its ports. So the address of the page holds a
-token, drawn at each start: scene and sockets are below it, and whoever has it may do all that the page can. It is not a
-cookie, which a browser would send to all other ports of the computer too. The page keeps it in the browser's storage
-and removes it from the address bar. Our own files, the same for everybody, need no token.
+A program can send any host and origin, and all users of a computer can reach its ports. Therefore the address of the
+page contains a token, drawn at each start, which gives full access. It is not a cookie, since browsers send cookies to
+all ports of a host. The page stores the token in the browser and removes it from the address bar. The static files of
+this package need no token.
 """
 
 import asyncio
@@ -30,7 +30,7 @@ from hapscene.web.listener import refusal_reason
 __all__ = ["SOCKET_PATH", "PageServer", "button_hints", "host_names", "own_addresses"]
 
 SOCKET_PATH: Final = "/hapscene"
-"""Path of our own WebSocket; viser has every other path."""
+"""Path of the WebSocket for `PageSocket`; all other paths belong to viser."""
 
 LOOPBACK: Final = frozenset({"localhost", "127.0.0.1", "::1"})
 
@@ -38,34 +38,38 @@ POLICY: Final = (
     "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval'; "
     "connect-src 'self' data: blob:; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
 )
-"""Content security policy: the page loads from this server only, and no other page shows it in a frame."""
+"""Content security policy: the page loads from this server only and cannot be shown in a frame."""
 
 FRAME_BYTES_MAX: Final = 1 << 20
-"""Longest message that is received [bytes]; a page sends some hundred."""
+"""Longest message that is received [bytes]; pages send some hundred."""
 
-DOOR: Final = b"""<!doctype html><meta charset="utf-8"><title>hapscene paint</title>
-<p>This page opens at the address that the terminal printed, with all its letters: use that one.</p>
+NO_TOKEN_PAGE: Final = b"""<!doctype html><meta charset="utf-8"><title>hapscene paint</title>
+<p>The token is missing or invalid. Open the complete address that the terminal printed.</p>
 <script>
 const known = localStorage.getItem("hapscene");
 if (known && known !== location.pathname) location.replace(known);
 </script>
 """
-"""Answer to a request without the token; a browser that had the token before finds the page again."""
+"""Answer to a request without a valid token; it redirects a browser that has stored the token."""
 
 MIME_TYPES: Final = {"css": "text/css; charset=utf-8", "js": "application/javascript; charset=utf-8"}
 
-SCRIPTS: Final = ("bodies", "cursor", "ear", "keys", "outline", "plot", "shelf", "sound", "upload", "viser")
+SCRIPTS: Final = (
+    *("audio_monitor", "body_tree", "cursor", "keys", "outline", "plot", "socket_worker", "swatch_library"),
+    *("upload", "viser"),
+)
 
 HEAD: Final = b"""<link rel="stylesheet" href="/hapscene.css"><script>
 const real = matchMedia.bind(window);
 window.matchMedia = (query) => real(query === "(max-width: 36em)" ? "(max-width: 760px)" : query);
 </script><script src="/hapscene.js" type="module"></script>
-<link rel="stylesheet" href="/hapscene-shelf.css"><script src="/hapscene-shelf.js" type="module"></script>
-<script src="/hapscene-upload.js" type="module"></script><script src="/hapscene-bodies.js" type="module"></script>"""
-"""Inserted into viser's page. In a window too narrow for both, the panel is a sheet below the picture."""
+<link rel="stylesheet" href="/hapscene-swatch_library.css">
+<script src="/hapscene-swatch_library.js" type="module"></script>
+<script src="/hapscene-upload.js" type="module"></script><script src="/hapscene-body_tree.js" type="module"></script>"""
+"""Inserted into viser's page. The script widens the window size up to which viser shows the panel below the view."""
 
 TOKEN_BYTES: Final = 16
-"""Length of the token [bytes]: 128 bits cannot be guessed."""
+"""Length of the token [bytes]."""
 
 Answer = tuple[http.HTTPStatus, str, bytes]
 """Status, MIME type and content."""
@@ -76,38 +80,38 @@ _patching = threading.Lock()
 
 
 def host_names(host: str) -> frozenset[str]:
-    """Host names of this server, lower case; a public server is also called by its addresses."""
+    """Accepted host names, in lower case. A public server also accepts IP addresses."""
     if host in LOOPBACK:
         return LOOPBACK
     return LOOPBACK | {host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()}
 
 
 def _check_host(host: str) -> None:
-    """Raise ViewError if a host is not this computer: viser, which tries the next port, would try for ever."""
+    """Raise ViewError if a host is not an address of this computer: viser would try one port after the other."""
     try:
         places = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
         for family, *_, address in places:
             socket.create_server(address, family=family).close()
     except (OSError, ValueError) as error:
         raise ViewError(
-            f"the page cannot be served at {host[:60]!r}: {getattr(error, 'strerror', None) or error}; give an address "
-            "of this computer: --host 127.0.0.1 for it alone, 0.0.0.0 for the network"
+            f"the page cannot be served at {host[:60]!r}: {getattr(error, 'strerror', None) or error}; expected an "
+            "address of this computer: use --host 127.0.0.1 (this computer only) or 0.0.0.0 (network)"
         ) from None
 
 
 class PageServer:
-    """viser's server behind the token, with our page and sockets.
+    """A viser server protected by a token, with additional files and sockets.
 
-    It starts before the scene is loaded: a browser fetches and compiles viser's page meanwhile. Connections wait until
-    `admit`.
+    It can be started before the scene is loaded, so that the browser loads viser's page meanwhile; connections wait
+    until `admit`.
 
     Args:
-        host: the address to serve at.
-        port: the port; a free one near it where it is taken, any for 0.
+        host: address to listen at.
+        port: port; if it is in use, a free one near it; 0 for any.
 
     Attributes:
-        viser: the server.
-        handlers: handle the connections that are not viser's, by path; whoever shows something adds them.
+        viser: the viser server.
+        handlers: handlers of additional WebSockets, by path.
 
     Raises:
         ViewError: viser is missing, or the host or port cannot be used.
@@ -117,7 +121,9 @@ class PageServer:
         try:
             import viser
         except ImportError:
-            raise ViewError("the painter needs viser, which is missing: pip install 'hapscene[paint]'") from None
+            raise ViewError(
+                "the painter needs the package viser, which is not installed: pip install 'hapscene[paint]'"
+            ) from None
         self.handlers: dict[str, Handler] = {}
         self._names, self._token, self._files = host_names(host), secrets.token_urlsafe(TOKEN_BYTES), _static_files()
         self._admitted, self._closed = asyncio.Event(), False
@@ -134,50 +140,52 @@ class PageServer:
         self.close()
 
     def admit(self) -> None:
-        """Handle connections from now on, those that wait too."""
+        """Start to handle connections, including those that wait."""
         self.viser.get_event_loop().call_soon_threadsafe(self._admitted.set)
 
     def close(self) -> None:
-        """Stop the server, without messages on the terminal; does nothing the second time."""
+        """Stop the server, without output on the terminal. A second call has no effect."""
         if self._closed:
             return
         self._closed = True
-        self.admit()  # those that still wait can end
+        self.admit()  # so that waiting connections can end
         with contextlib.redirect_stdout(io.StringIO()):
             warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # a drawing thread may still send
             self.viser.stop()
 
     @property
     def url(self) -> str:
-        """Address of the page, with its token: whoever has it may do all that the page can."""
+        """Address of the page with its token, which gives full access."""
         host = self.viser.get_host()
-        return self._below({"0.0.0.0": "localhost", "::": "localhost"}.get(host, host))
+        return self._address({"0.0.0.0": "localhost", "::": "localhost"}.get(host, host))
 
     def addresses(self) -> list[str]:
-        """Addresses that open the page from other computers; none where it is served to this one alone."""
+        """Addresses that open the page from other computers; empty if it is private."""
         host = self.viser.get_host()
-        return [self._below(name) for name in (own_addresses() if host in ("0.0.0.0", "::") else [host]) if self.public]
+        return [
+            self._address(name) for name in (own_addresses() if host in ("0.0.0.0", "::") else [host]) if self.public
+        ]
 
     @property
     def public(self) -> bool:
-        """Whether other computers may reach it."""
+        """Whether other computers can reach the page."""
         return self.viser.get_host() not in LOOPBACK
 
-    def _below(self, name: str) -> str:
+    def _address(self, name: str) -> str:
         return f"http://{f'[{name}]' if ':' in name else name}:{self.viser.get_port()}/{self._token}/"
 
     @contextlib.contextmanager
     def _guarding(self, public: bool) -> Iterator[None]:
-        """Have a viser server that is made meanwhile check host, origin and token, and print nothing.
+        """Make viser servers that are created meanwhile check host, origin and token, and print nothing.
 
-        viser has no check of hosts or origins and no way to add one, so its call of `websockets.serve` is replaced.
+        viser has no such checks and no hook for them, so its call of `websockets.serve` is replaced.
         """
         import websockets.asyncio.server as asyncio_server
         from websockets.datastructures import Headers
         from websockets.http11 import Response
 
         real = asyncio_server.serve
-        log = logging.Logger("hapscene.paint")  # errors of strangers are answered to them alone
+        log = logging.Logger("hapscene.paint")  # errors in requests are not printed
         log.addHandler(logging.NullHandler())
 
         def serve(viser_handler: Handler, *place: Any, process_request: Any, **options: Any) -> Any:
@@ -206,20 +214,20 @@ class PageServer:
                 asyncio_server.serve = real  # type: ignore[misc]
 
     def _answer(self, request: Any, public: bool, of_viser: Callable[[], Any]) -> Any:
-        """An `Answer` of ours, one of viser's, or None for a WebSocket that is let in."""
+        """An `Answer`, a response of viser, or None for a WebSocket that is accepted."""
         upgrade = request.headers.get("Upgrade", "").lower() == "websocket"
         try:
-            why = refusal_reason(request.headers, self._names, public, upgrade)
-        except (LookupError, ValueError):  # a header that occurs twice or cannot be read
-            why = "this request is not understood"
-        if why is not None:
-            return http.HTTPStatus.FORBIDDEN, "text/plain; charset=utf-8", why.encode()
+            reason = refusal_reason(request.headers, self._names, public, upgrade)
+        except (LookupError, ValueError):  # a header that occurs twice or cannot be parsed
+            reason = "invalid request"
+        if reason is not None:
+            return http.HTTPStatus.FORBIDDEN, "text/plain; charset=utf-8", reason.encode()
         path = request.path.partition("?")[0]
         if path in self._files and not upgrade:
             return self._files[path]
         given, _, rest = path[1:].partition("/")
         if not hmac.compare_digest(given.encode(errors="replace"), self._token.encode()):
-            return http.HTTPStatus.FORBIDDEN, "text/html; charset=utf-8", DOOR
+            return http.HTTPStatus.FORBIDDEN, "text/html; charset=utf-8", NO_TOKEN_PAGE
         request.path = path = f"/{rest}"
         if upgrade:
             return None
@@ -229,14 +237,18 @@ class PageServer:
             return http.HTTPStatus.OK, "text/html; charset=utf-8", page
         try:
             return of_viser()
-        except OSError:  # of the system, such as a name that is too long
-            return http.HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"there is no such file"
+        except OSError:  # for example, the file name is too long
+            return http.HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"no such file"
 
 
 def _static_files() -> Mapping[str, Answer]:
-    """Our own files by their paths."""
+    """Static files of this package, by URL path."""
     folder = resources.files("hapscene.paint.web")
-    names = {"/hapscene.css": "page.css", "/hapscene.js": "page.js", "/hapscene-shelf.css": "shelf.css"}
+    names = {
+        "/hapscene.css": "page.css",
+        "/hapscene.js": "page.js",
+        "/hapscene-swatch_library.css": "swatch_library.css",
+    }
     names |= {f"/hapscene-{name}.js": f"{name}.js" for name in SCRIPTS}
     return {
         path: (http.HTTPStatus.OK, MIME_TYPES[name.split(".")[1]], (folder / name).read_bytes())
@@ -245,10 +257,10 @@ def _static_files() -> Mapping[str, Answer]:
 
 
 def own_addresses() -> list[str]:
-    """IPv4 addresses that other computers may find this one by, the likeliest first."""
+    """IPv4 addresses of this computer, the most likely one for other computers first."""
     found = []
     with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.connect(("192.0.2.1", 9))  # sends nothing: it selects the address that looks outward
+        probe.connect(("192.0.2.1", 9))  # sends nothing: it selects the address of the default route
         found.append(probe.getsockname()[0])
     with contextlib.suppress(OSError):
         found += [place[4][0] for place in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
@@ -256,7 +268,7 @@ def own_addresses() -> list[str]:
 
 
 def button_hints(server: Any) -> dict[str, str]:
-    """Hints of viser's buttons by their ids in the page: viser itself does not show them."""
+    """Hints of viser's buttons by element id: viser itself does not show them."""
     from viser import GuiButtonHandle
 
     handles = server.gui._gui_input_handle_from_uuid.items()

@@ -1,4 +1,4 @@
-"""WebSockets of the page: input events and uploads come in; state, traces and sound go out."""
+"""WebSockets of the page: receive input events and uploads; send state, traces and sound."""
 
 import contextlib
 import json
@@ -16,13 +16,13 @@ from hapscene.errors import HapsceneError
 from hapscene.io.files import short
 from hapscene.paint.web.view import Pointer
 
-__all__ = ["UPLOAD_PATH", "PageSocket", "Uploads", "listed", "number", "parse", "pointer_of", "safe_name"]
+__all__ = ["UPLOAD_PATH", "PageSocket", "Uploads", "number", "parse", "parse_file_list", "pointer_of", "safe_name"]
 
 MESSAGE_BYTES_MAX: Final = 10_000
-"""Longest message that is read [bytes]; a page sends some hundred."""
+"""Longest message that is parsed [bytes]; pages send some hundred."""
 
 BACKLOG_BYTES_MAX: Final = 500_000
-"""Most that may wait for a page that does not read [bytes]: some seconds of traces. Further traces are dropped."""
+"""Largest backlog of a page that does not read [bytes]: some seconds of traces. Further traces are dropped."""
 
 PIXEL_MAX: Final = 1e5
 """Largest canvas that is accepted [pixels]."""
@@ -31,21 +31,21 @@ Message = Mapping[str, Any]
 
 
 class PageSocket:
-    """The sockets of all open pages, beside viser's. Its methods are called in the server's event loop.
+    """The sockets of all open pages, in addition to those of viser. Must be used in the event loop of the server.
 
     Args:
-        act: does what a message says.
-        state: the first thing that a new page receives.
+        act: handles a message of a page.
+        state: returns the state that a new page receives first.
     """
 
     def __init__(self, act: Callable[[Message], Awaitable[None]], state: Callable[[], Message]) -> None:
         self._act, self._state = act, state
         self._sockets: set[Any] = set()
         self.refused = 0
-        """Messages that were not understood [count]."""
+        """Number of invalid messages [count]."""
 
     async def serve(self, connection: Any) -> None:
-        """Serve a page until it leaves, one message after the other."""
+        """Handle the messages of a page in order until it disconnects."""
         from websockets.exceptions import ConnectionClosed
 
         self._sockets.add(connection)
@@ -67,7 +67,7 @@ class PageSocket:
         self._broadcast(json.dumps(content))
 
     def say(self, text: str, kind: str = "") -> None:
-        """Show a line on all pages; `kind` is "error" or empty."""
+        """Show a message on all pages; `kind` is "error" or ""."""
         self.send(say=text, kind=kind)
 
     def trace(self, force_N: NDArray[Any], a_m_s2: NDArray[Any], tick_s: float) -> None:
@@ -88,16 +88,16 @@ class PageSocket:
 
         waits = connection.transport.get_write_buffer_size()
         if isinstance(content, bytes) and waits >= BACKLOG_BYTES_MAX:
-            return  # a trace or a sound; a text is sent once
+            return  # drop traces and sound, but not state and messages
         if waits >= 10 * BACKLOG_BYTES_MAX:
-            connection.transport.abort()  # it does not read any more
+            connection.transport.abort()  # the page does not read any more
             return
         with contextlib.suppress(RuntimeError):  # it is closing
             broadcast([connection], content)
 
 
 def parse(raw: str | bytes) -> dict[str, Any] | None:
-    """Decode a message: a small JSON object whose "do" is a text; else None."""
+    """Parse a message, a JSON object with a string "do"; None for anything else."""
     if not isinstance(raw, str) or len(raw) > MESSAGE_BYTES_MAX:
         return None
     try:
@@ -108,7 +108,7 @@ def parse(raw: str | bytes) -> dict[str, Any] | None:
 
 
 def number(message: Message, key: str, low: float, high: float) -> float | None:
-    """A number of a message within bounds; None where there is no such number."""
+    """A number of a message; None if it is missing, not a number or out of range."""
     value = message.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         return None
@@ -116,7 +116,7 @@ def number(message: Message, key: str, low: float, high: float) -> float | None:
 
 
 def pointer_of(message: Message) -> Pointer | None:
-    """The pointer position of a message; None where it has none."""
+    """The pointer position of a message; None if it has no valid position."""
     client = number(message, "client", 0, 2**53)
     x, y = number(message, "x", -10.0, 10.0), number(message, "y", -10.0, 10.0)
     width, height = number(message, "w", 1.0, PIXEL_MAX), number(message, "h", 1.0, PIXEL_MAX)
@@ -125,48 +125,50 @@ def pointer_of(message: Message) -> Pointer | None:
     return Pointer(int(client), x, y, width, height)
 
 
-# Uploads: files that are dropped on the page or chosen there, bounded, into a folder of their own. A drop is one
-# WebSocket: first a text with the names and sizes of its files, then their bytes, one after the other.
+# Uploads of files that the user drops on the page or selects. Each upload uses one WebSocket: first a text message with
+# the names and sizes of the files, then their content in order.
 
 
 UPLOAD_PATH: Final = "/hapscene-upload"
-"""Path of the WebSocket of a drop."""
+"""Path of the WebSocket of an upload."""
 
 BYTES_MAX: Final = 512 * 1024 * 1024
-"""Largest drop [bytes]: a scan of ten million faces."""
+"""Largest upload [bytes]: a scan of ten million faces."""
 
 FILES_MAX: Final = 200
-"""Most files of a drop [count]: a folder of the Penn toolkit's models."""
+"""Largest number of files of an upload [count]."""
 
-DROPS_MAX: Final = 4
-"""Most drops at once [count]."""
+UPLOADS_MAX: Final = 4
+"""Largest number of uploads at the same time [count]."""
+
+INVALID_LIST: Final = "Invalid upload: expected a list of files."
 
 Take = Callable[[Sequence[Path]], Awaitable[None]]
-"""Takes the files of a drop that have its suffixes; they are removed when it returns."""
+"""Handles uploaded files with certain suffixes; the files are deleted when it returns."""
 
 
 class Uploads:
-    """Receives the files that are dropped on the page.
+    """Receives uploaded files and passes them to handlers by suffix.
 
     Args:
-        say: shows a line on the page; the second argument is "error" or empty.
+        say: shows a message on the page; the second argument is "error" or "".
     """
 
     def __init__(self, say: Callable[[str, str], None]) -> None:
         self._say = say
         self._takers: list[tuple[tuple[str, ...], Take]] = []
-        self._drops = 0
+        self._running = 0
 
     def take(self, suffixes: Sequence[str], taker: Take) -> None:
-        """Give files of these suffixes to `taker` from now on."""
+        """Register the handler of files with these suffixes."""
         self._takers.append((tuple(suffixes), taker))
 
     async def serve(self, connection: Any) -> None:
-        """Receive one drop, and pass its files on."""
-        if self._drops >= DROPS_MAX:
-            self._say("Too many files come at once: drop these again in a while.", "error")
+        """Receive one upload and pass its files to their handlers."""
+        if self._running >= UPLOADS_MAX:
+            self._say("Too many uploads at the same time: wait until they finish, then try again.", "error")
             return
-        self._drops += 1
+        self._running += 1
         folder = Path(tempfile.mkdtemp(prefix="hapscene-"))
         try:
             files = await self._receive(connection, folder)
@@ -178,21 +180,21 @@ class Uploads:
         except (HapsceneError, OSError) as error:
             self._say(str(error), "error")
         finally:
-            self._drops -= 1
+            self._running -= 1
             shutil.rmtree(folder, ignore_errors=True)
 
     async def _receive(self, connection: Any, folder: Path) -> list[Path]:
-        """The files of a drop; none where it broke off or was invalid."""
+        """The files of an upload; empty if it was interrupted or invalid."""
         from websockets.exceptions import ConnectionClosed
 
         with contextlib.suppress(ConnectionClosed):
-            wanted = listed(await connection.recv())
+            wanted = parse_file_list(await connection.recv())
             if isinstance(wanted, str):
                 self._say(wanted, "error")
                 return []
             if not any(self._taker(Path(name)) for name in wanted):
                 known = ", ".join(sorted({suffix for suffixes, _ in self._takers for suffix in suffixes}))
-                self._say(f"{short(next(iter(wanted)))}: files that end in {known} can be dropped here.", "error")
+                self._say(f"{short(next(iter(wanted)))}: unsupported file type; expected {known}.", "error")
                 return []
             for name, size in wanted.items():
                 with (folder / name).open("wb") as file:
@@ -204,7 +206,7 @@ class Uploads:
                         file.write(data)
                         left -= len(data)
             return [folder / name for name in wanted]
-        self._say("The files did not come whole: drop them again.", "error")
+        self._say("The upload was interrupted: try again.", "error")
         return []
 
     def _taker(self, file: Path) -> Take | None:
@@ -212,26 +214,26 @@ class Uploads:
         return next((taker for suffixes, taker in self._takers if suffix in suffixes), None)
 
 
-def listed(text: Any) -> Mapping[str, int] | str:
-    """Names and sizes of a drop's files from a stranger's message; or why it is invalid."""
+def parse_file_list(text: Any) -> Mapping[str, int] | str:
+    """Names and sizes of the files of an upload; or an error message."""
     try:
         if not isinstance(text, str) or len(text) > 100_000:
-            return "These are not files."
+            return INVALID_LIST
         files: Any = json.loads(text)["files"]
         wanted = {safe_name(str(file["name"])): file["size"] for file in files}
     except (ValueError, TypeError, KeyError, RecursionError):
-        return "These are not files."
+        return INVALID_LIST
     if not 1 <= len(wanted) == len(files) <= FILES_MAX:
-        return f"1 to {FILES_MAX} files of different names can be dropped at once."
+        return f"Invalid upload: expected 1 to {FILES_MAX} files with different names."
     if not all(type(size) is int and size >= 0 for size in wanted.values()):
-        return "These are not files."
+        return INVALID_LIST
     if sum(wanted.values()) > BYTES_MAX:
-        return f"{BYTES_MAX >> 20} MiB can be dropped at once; open larger files from the terminal."
+        return f"The files are too large: at most {BYTES_MAX >> 20} MiB can be uploaded; use hapscene paint FILE."
     return wanted
 
 
 def safe_name(name: str) -> str:
-    """A plain file name from a stranger's: no folder, nothing hidden, no unusual characters."""
+    """A safe file name: without folders, leading dots and unusual characters."""
     plain = re.sub(r"[^\w .()+-]", "_", re.split(r"[/\\]", name)[-1]).strip(" .")
     stem, dot, suffix = plain.rpartition(".")
     return f"{(stem or 'file')[:100]}{dot}{suffix[:12]}" if dot else plain[:100] or "file"

@@ -1,4 +1,4 @@
-"""The swatch library panel of the tab Paint: search, sort, listen, compare, choose, edit and import swatches."""
+"""The swatch library panel of the tab Paint: search, sort, play, select, edit and import swatches."""
 
 import asyncio
 import base64
@@ -27,16 +27,16 @@ from hapscene.view.palette import rgb
 __all__ = ["LOOK", "SwatchPanel"]
 
 CARD_MAX: Final = 60
-"""Most swatches that are shown at once [count]: some screens full; the search finds the others."""
+"""Largest number of swatches shown at once [count]; the search finds the others."""
 
 BALLS_AT_ONCE: Final = 9
-"""How many balls are drawn before they are shown [count]: a screen of them."""
+"""Number of preview spheres that are rendered before the list is updated [count]: one screen."""
 
 LOOK: Final = ".look"
-"""Suffix that the page adds to a picture that becomes the look of the chosen swatch."""
+"""Suffix that the page adds to an uploaded picture for the selected swatch."""
 
 DELETE: Final = "Delete"
-SURELY: Final = "Delete for good: no undo, and scenes saved with it lack it"
+CONFIRM_DELETE: Final = "Delete permanently? Scenes that use it will lack it"
 
 PLACES: Final = {"scene": "in the scene", "yours": "in your library", "shipped": "measured", "computed": "computed"}
 
@@ -44,13 +44,13 @@ ALL: Final = "all"
 
 
 class SwatchPanel:
-    """Cards of swatches: a picture of each; words, numbers and actions for the chosen one.
+    """Swatch library panel: a card for each swatch, and details and actions of the selected one.
 
-    The cards are our own HTML, whose buttons call `act` (shelf.js).
+    The cards are custom HTML, whose buttons call `act` through swatch_library.js.
 
     Args:
         context: the page.
-        container: the tab of the cards.
+        container: the tab.
     """
 
     def __init__(self, context: PageContext, container: Any) -> None:
@@ -59,10 +59,11 @@ class SwatchPanel:
         self._shown_for: tuple[Any, ...] = ()
         self._balls: dict[tuple[Any, ...], str] = {}
         self._drawing: Future[None] | None = None
+        self._shown_cards: Sequence[Card] = ()
         self._where, self._sort = ALL, SORTS[0]
         gui, callback = context.server.gui, context.callback
         with container, gui.add_folder("Swatches"):
-            self._search = gui.add_text("Search", "", hint="A name, a word or a bound: rough, soft, friction<0.3")
+            self._search = gui.add_text("Search", "", hint="A name, a word or a bound, such as rough or friction<0.3")
             self._search.on_update(callback(lambda target: self.show()))
             self._bar = gui.add_html("")
             self._detail = gui.add_html("")
@@ -71,20 +72,25 @@ class SwatchPanel:
         self.show(True)
 
     def close(self) -> None:
-        """Stop drawing."""
+        """Stop rendering previews."""
         if self._drawing is not None:
             self._drawing.cancel()
 
-    def show(self, others: bool = False, swatches: Collection[int] = ()) -> None:
-        """Update the cards; `others` if the list has changed, `swatches` if some of the scene's have new numbers."""
+    def show(self, reload: bool = False, swatches: Collection[int] = ()) -> None:
+        """Update the panel.
+
+        Args:
+            reload: read the library again, because the list of swatches has changed.
+            swatches: indices of swatches of the scene with changed parameters.
+        """
         scene = self._context.session.scene
-        if others:
+        if reload:
             self._cards = self._all()
-        elif swatches:  # the library is not read again, which takes long
+        elif swatches:  # reading the library again would take long
             new: dict[int | None, Any] = {index: scene.swatches[index] for index in swatches}
             self._cards = [replace(c, source=new[c.index]) if c.index in new else c for c in self._cards]
         wanted = (self._context.tools.chosen, self._search.value, self._where, self._sort)
-        if not (others or swatches) and wanted == self._shown_for:
+        if not (reload or swatches) and wanted == self._shown_for:
             return
         self._shown_for = wanted
         found, problem = self._match()
@@ -98,12 +104,12 @@ class SwatchPanel:
         set_html(self._detail, self._detail_html(chosen) if chosen else "")
         self._show_cards(shown)
         left = len(found) - len(shown)
-        more = f"… and {left} more: search for a name or a word." if left else ""
-        told = problem or (more if found else "No swatch matches. Search for less, or for another word.")
-        set_html(self._rest, card_html(escape_html(told), dim=True))
+        more = f"… and {left} more. Use the search to find them." if left else ""
+        text = problem or (more if found else "No swatch matches the search.")
+        set_html(self._rest, card_html(escape_html(text), dim=True))
 
     def _all(self) -> list[Card]:
-        """All cards; those of the scene alone, with a message, where the library is damaged."""
+        """All cards; if the library is damaged, shows an error and returns the cards of the scene."""
         scene = self._context.session.scene
         try:
             return all_cards(scene)
@@ -112,7 +118,7 @@ class SwatchPanel:
             return scene_cards(scene)
 
     def _match(self) -> tuple[list[Card], str]:
-        """The search result; or all cards and why the search is invalid: a bound may be half typed."""
+        """The search result; for an invalid search, such as an incomplete bound, all cards and the error."""
         try:
             return matching(self._cards, str(self._search.value)), ""
         except SwatchError as error:
@@ -121,11 +127,12 @@ class SwatchPanel:
     # --- HTML ---
 
     def _show_cards(self, shown: Sequence[Card]) -> None:
-        """Show balls that are drawn already at once, the others as soon as they are, drawn beside."""
+        """Show the cards; previews that are not cached are rendered in a thread and shown later."""
+        self._shown_cards = shown
         keys = [self._ball_key(card) for card in shown]
         missing = [(key, card) for key, card in zip(keys, shown, strict=True) if key not in self._balls]
         cards = "".join(self._card_html(card, self._balls.get(key, "")) for key, card in zip(keys, shown, strict=True))
-        set_html(self._list, f'<ul class="hs-shelf" aria-label="Swatches">{cards}</ul>' if cards else "")
+        set_html(self._list, f'<ul class="hs-library" aria-label="Swatches">{cards}</ul>' if cards else "")
         if self._drawing is not None:
             self._drawing.cancel()
             self._drawing = None
@@ -136,11 +143,12 @@ class SwatchPanel:
     async def _draw(self, missing: Sequence[tuple[tuple[Any, ...], Card]], shown: Sequence[Card]) -> None:
         for key, card in missing[:BALLS_AT_ONCE]:
             self._balls[key] = await asyncio.to_thread(_ball, card, key[-1])
-        self._drawing = None
-        self._show_cards(shown)  # and the next
+        if shown is self._shown_cards:  # a cancellation may come too late to stop the previews of an earlier list
+            self._drawing = None
+            self._show_cards(shown)  # renders the next ones
 
     def _ball_key(self, card: Card) -> tuple[Any, ...]:
-        """What a ball depends on; last of it its colour."""
+        """Cache key of a preview: everything that it depends on; the last item is the colour."""
         colours = self._context.view.colours
         colour = None if card.index is None else colours[card.index]
         return (card.name, card.entry.sha256, id(card.source) if card.index is not None else 0, colour)
@@ -152,54 +160,55 @@ class SwatchPanel:
         chip = "" if card.index is None else f'<i class="chip" style="background:{self._colour(card)}"></i> '
         picture += f"<span>{chip}{name}</span>"
         return (
-            f'<li><button type="button" class="hs-pick" data-shelf="use" data-name="{name}" '
+            f'<li><button type="button" class="hs-pick" data-library="use" data-name="{name}" '
             f'aria-pressed="{aria(chosen)}" title="Paint with {name}: {escape_html(feel)}">{picture}</button>'
-            f'<button type="button" class="hs-hear" data-shelf="play" data-name="{name}" aria-label="Play {name}" '
+            f'<button type="button" class="hs-play" data-library="play" data-name="{name}" aria-label="Play {name}" '
             f'title="Play {name}">▶</button></li>'
         )
 
     def _bar_html(self) -> str:
-        """What is shown, how it is sorted, and the button to bring files in."""
+        """HTML of the filter, the sort order and the import button."""
         places = dict.fromkeys([ALL, *(_place(card) for card in self._cards)])
+        where = _select("where", places, self._where, "Filter by source")
         return (
-            f'<div class="hs-shelf-bar"><label>Show {_select("where", places, self._where, "All, or some")}</label>'
-            f"<label>Sort {_select('sort', SORTS, self._sort, 'In which order')}</label>"
-            f'<button type="button" data-upload="{SUFFIX}" title="Add swatch files to your library, or drop them '
-            f'on the page. hapscene capture fit makes them of recordings">Import…</button></div>'
+            f'<div class="hs-library-bar"><label>Show {where}</label>'
+            f"<label>Sort {_select('sort', SORTS, self._sort, 'Sort order')}</label>"
+            f'<button type="button" data-upload="{SUFFIX}" title="Add swatch files to your library. You can also '
+            f'drop them onto the page">Import…</button></div>'
         )
 
     def _detail_html(self, card: Card) -> str:
-        """The swatch that is painted with: its words and numbers, and what can be done with it."""
+        """HTML of the description and the actions of the selected swatch."""
         try:
-            said = [f"{escape_html(p.word)} {_figure_html(p)}" for p in card.phrases]
+            lines = [f"{escape_html(p.word)} {_figure_html(p)}" for p in card.phrases]
         except SwatchError as error:
-            said = [escape_html(str(error))]
+            lines = [escape_html(str(error))]
         name, tags = escape_html(card.name), "".join(f" · {escape_html(tag)}" for tag in card.entry.tags)
         acts = [
-            ("play", "▶ Play", "Hear it tapped and stroked"),
-            *([("edit", "Edit…", "Name, tags and folder in your library; or delete it")] if card.own else []),
+            ("play", "▶ Play", "Play the sound of a tap and a stroke"),
+            *([("edit", "Edit…", "Change name, tags and folder, or delete the swatch")] if card.own else []),
         ]
         buttons = "".join(
-            f'<button type="button" data-shelf="{act}" data-name="{name}" aria-label="{word.strip("▶ ")} {name}" '
+            f'<button type="button" data-library="{act}" data-name="{name}" aria-label="{word.strip("▶ ")} {name}" '
             f'title="{tip}">{word}</button>'
             for act, word, tip in acts
         )
         buttons += (
-            f'<button type="button" data-upload="image/*" data-as="{LOOK}" title="A picture that {name} looks like, '
-            f'{1e3 * Look.size_m:g} mm wide; or drop one here">Picture…</button>'
+            f'<button type="button" data-upload="image/*" data-as="{LOOK}" title="Set a picture of the surface, '
+            f'{1e3 * Look.size_m:g} mm wide. You can also drop one here">Picture…</button>'
         )
         where = escape_html(" · ".join(filter(None, (_place(card), touched_with(card.entry))))) + tags
         return (
             f'<div class="hs-swatch chosen" data-as="{LOOK}"><div><b>{name}</b> <span class="dim">{where} · '
-            f"painting with it</span><br>{'<br>'.join(said)}</div><div class='hs-acts'>{buttons}</div></div>"
+            f"selected</span><br>{'<br>'.join(lines)}</div><div class='hs-acts'>{buttons}</div></div>"
         )
 
     def _colour(self, card: Card) -> str:
-        """As on the scene, where it is in it."""
+        """Colour of a card for CSS; for a swatch of the scene, the colour in the view."""
         return f"rgb{rgb_bytes(card.albedo_rgb)}" if card.index is None else self._context.view.colours[card.index]
 
     def colour_of(self, name: str) -> str:
-        """The colour of a swatch, for CSS; "" where there is none of that name."""
+        """Colour of a swatch for CSS; "" if there is no swatch of that name."""
         return next((self._colour(card) for card in self._cards if card.name == name), "")
 
     def _card(self, name: Any) -> Card:
@@ -211,7 +220,7 @@ class SwatchPanel:
     # --- actions ---
 
     async def act(self, message: Mapping[str, Any]) -> None:
-        """Do what the shelf's own HTML was pressed for: a message of the page.
+        """Handle a message of a button or a selection of the panel.
 
         Raises:
             SwatchError: there is no such swatch.
@@ -236,18 +245,18 @@ class SwatchPanel:
             tools.choose_tool("brush")
 
     async def _play(self, card: Card) -> None:
-        """Play a tap and a stroke of a swatch in the browser."""
+        """Play the sound of a tap and a stroke in the browser."""
         sound = await asyncio.to_thread(lambda: swatch_sound(card.swatch))
         self._context.socket.sound(sound.a_m_s2, sound.rate_Hz)
         if not sound.a_m_s2.any():
-            self._context.socket.say(f"{card.name} is silent: it has neither texture nor taps.")
+            self._context.socket.say(f"{card.name} makes no sound: it has neither a texture nor taps.")
 
     def _edit(self, card: Card) -> None:
-        """Ask for another name, tags or folder of a swatch of the user's library; or to delete it."""
+        """Open a dialog to rename, tag, move or delete a swatch of the user's library."""
         if card.own is None:
-            raise SwatchError(f"{card.name!r} is not in your library: save it as new first (tab Feel)")
+            raise SwatchError(f"{card.name!r} is not in your library: use Save as new in the tab Haptics first")
         gui, callback = self._context.server.gui, self._context.callback
-        modal = self._context.open_dialog(f"{card.name} in your library")
+        modal = self._context.open_dialog(f"Edit {card.name}")
 
         def save(target: Any) -> None:
             new = str(name.value).strip()
@@ -258,26 +267,24 @@ class SwatchPanel:
 
         def delete(target: Any) -> None:
             if target.label == DELETE:
-                target.label = SURELY
+                target.label = CONFIRM_DELETE
                 return
             library.remove(card.name)
             self._let_go(card, card.name)
-            self._context.socket.say(f"{card.name!r} is no longer in your library.")
+            self._context.socket.say(f"Deleted {card.name!r} from your library.")
             self._context.close_dialog(modal)
 
         with modal:
             name = gui.add_text("Name", card.name)
-            tags = gui.add_text(
-                "Tags", ", ".join(card.entry.tags), hint="Words to find it by, with commas between them"
-            )
-            folder = gui.add_text("Folder", card.folder, hint="A folder of your library, as metals; none for its top")
+            tags = gui.add_text("Tags", ", ".join(card.entry.tags), hint="Words to search for, separated by commas")
+            folder = gui.add_text("Folder", card.folder, hint="Folder in your library; empty for the top folder")
             gui.add_button("Save").on_click(callback(save))
             gui.add_button(DELETE, color="red").on_click(callback(delete))
             gui.add_button("Cancel", color="gray").on_click(callback(lambda target: self._context.close_dialog(modal)))
 
     def _let_go(self, card: Card, name: str) -> None:
-        """A file of the library has moved, or is gone: the scene keeps what it has of it as its own."""
-        self._context.session.tuning.let_go_of(card.name)
+        """Store the swatch with the scene, because its library file was moved or deleted."""
+        self._context.session.tuning.detach_from_library(card.name)
         if self._context.tools.chosen == card.name and card.index is None:
             self._cards = self._all()
             there = next((c for c in self._cards if c.name == name), self._cards[-1])
@@ -287,10 +294,10 @@ class SwatchPanel:
     # --- import ---
 
     async def take(self, files: Sequence[Path]) -> None:
-        """Add swatch files to the user's library, under free names.
+        """Add swatch files to the user's library under free names.
 
         Raises:
-            SwatchError: one cannot be read; those before it are added.
+            SwatchError: a file cannot be read; those before it are added.
         """
         names = []
         for file in files:
@@ -299,38 +306,38 @@ class SwatchPanel:
         self._search.value, self._where = "", ALL
         self.show(True)
         self._use(self._card(names[0]))
-        self._context.socket.say(f"In your library: {', '.join(names)}.")
+        self._context.socket.say(f"Added to your library: {', '.join(names)}.")
         self._context.refresh()
 
     async def take_picture(self, files: Sequence[Path]) -> None:
-        """Make a picture the look of the chosen swatch.
+        """Set the picture of the selected swatch.
 
         Raises:
-            HapsceneError: it cannot be read, or the swatch is plain.
+            HapsceneError: the picture cannot be read, or the swatch is plain.
         """
         file = files[0].rename(files[0].with_suffix(""))
         made = await asyncio.to_thread(lambda: picture_png(read_picture(file)))
         tools = self._context.tools
         self._context.session.tuning.set_picture(tools.ensure_swatch(), made)
-        self._context.socket.say(f"{tools.chosen} looks like {file.name} now.")
+        self._context.socket.say(f"Set the picture of {tools.chosen} to {file.name}.")
         self._context.refresh()
 
 
 def _figure_html(phrase: Phrase) -> str:
-    """Return the figure of a phrase as HTML, with line breaks only between numbers; empty if there is none."""
+    """HTML of the figure of a phrase, with line breaks only between numbers; "" if the word is sufficient."""
     if not phrase.figure:
         return ""
-    kept = escape_html(phrase.figure).replace(" ", "&nbsp;").replace(",&nbsp;", ", ")
-    return f"<span class='dim'>{kept}</span>"
+    figure = escape_html(phrase.figure).replace(" ", "&nbsp;").replace(",&nbsp;", ", ")
+    return f"<span class='dim'>{figure}</span>"
 
 
 def _place(card: Card) -> str:
-    """Where a swatch is, in words: its folder of the user's library besides."""
+    """Source of a swatch as text, with the folder in the user's library."""
     return f"your library: {card.folder}" if card.place == "yours" and card.folder else PLACES[card.place]
 
 
 def _ball(card: Card, colour: str | None) -> str:
-    """A picture of a swatch as an address; empty where it cannot be loaded."""
+    """Data URL of the preview of a swatch; "" if it cannot be loaded."""
     try:
         own = None if colour is None else tuple(rgb(colour).tolist())
         return f"data:image/png;base64,{base64.b64encode(ball_png(card.swatch, own)).decode('ascii')}"
@@ -340,11 +347,11 @@ def _ball(card: Card, colour: str | None) -> str:
 
 def _select(act: str, options: Collection[str], chosen: str, tip: str) -> str:
     items = "".join(f"<option{' selected' * (o == chosen)}>{escape_html(o)}</option>" for o in options)
-    return f'<select data-shelf="{act}" title="{tip}">{items}</select>'
+    return f'<select data-library="{act}" title="{tip}">{items}</select>'
 
 
 def _free_name(name: str) -> str:
-    """The name, or with the first free number behind it: "oak 2"."""
+    """The name, or the name with the first free number, such as "oak 2"."""
     stem = re.sub(r" \d+$", "", name)
     shipped = {*library.shipped_swatches(), *(entry.name for entry in library.computed_entries())}
     names = chain((name,), (f"{stem} {i}" for i in count(2)))

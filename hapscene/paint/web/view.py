@@ -1,4 +1,4 @@
-"""The 3-D view in the browser: bodies in the colours of their swatches, cursor, tool and force; rays from the eye."""
+"""The 3-D view in the browser: bodies, brush ring, tool and force, camera; rays from the eye through the pointer."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,25 +20,25 @@ from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours, linear, rg
 __all__ = ["VIEWS", "Pointer", "SceneView", "rgb_bytes", "rotation"]
 
 SHOWN: Final = 3.0
-"""How large a scene is shown, its diagonal in viser's units: what the browser's near plane and keys are made for."""
+"""Diagonal of the scene in viser's units: suits viser's near plane and keyboard navigation."""
 
 FOV_RAD: Final = float(np.radians(50.0))
-"""Of the camera, from top to bottom [rad]."""
+"""Vertical field of view of the camera [rad]."""
 
 ASPECT_MIN: Final = 0.1
-"""Narrowest canvas that the camera goes back for [1]."""
+"""Smallest aspect ratio of the canvas for which the camera distance is adapted [1]."""
 
 GROWN: Final = 2.0
-"""How many times as large, or as small, a scene becomes before it is shown at another size [1]."""
+"""Factor by which the scene must grow or shrink before the view is rescaled [1]."""
 
 RING_COUNT: Final = 64
-"""Corners of the brush's ring [count]."""
+"""Number of corners of the brush ring [count]."""
 
 DASH: Final = 4
-"""Sides of the ring that are dark, and then bright [count]."""
+"""Number of consecutive dark, then bright sides of the ring [count]."""
 
 ARROW_N: Final = 2.0
-"""Force that is shown as long as an eighth of the scene's diagonal [N]: a firm stroke is about as much."""
+"""Force whose arrow has an eighth of the length of the scene's diagonal [N]: about that of a firm stroke."""
 
 VIEWS: Final[Mapping[str, tuple[float, float, float]]] = {
     "front": (0.0, -1.0, 0.0),
@@ -49,17 +49,17 @@ VIEWS: Final[Mapping[str, tuple[float, float, float]]] = {
     "bottom": (0.0, -1e-4, -1.0),
     "perspective": (0.35, -0.8, 0.6),
 }
-"""Directions from the scene to the eye, z up; slightly off the poles, so that the front is at the picture's foot."""
+"""Directions from the scene to the eye; slightly off the z axis for top and bottom, so that the front is below."""
 
 ROOM: Final = 1.1
-"""Distance of the eye from what it frames, in distances from which that would just fit [1]."""
+"""Distance of the eye from framed bodies, relative to the distance at which they would just fit [1]."""
 
 Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Pointer:
-    """Where the pointer is on a page's canvas: from left and top, in shares of its size in pixels."""
+    """Position of the pointer on the canvas of a page, as fractions of its width and height in pixels."""
 
     client: int
     x: float
@@ -69,7 +69,7 @@ class Pointer:
 
 
 class BodyFrame(NamedTuple):
-    """Where a body is drawn: viser's node and its number, what is shown there, and by chunk its layers' meshes."""
+    """Scene node of a body: viser's handle, its number, the display state, and mesh handles by chunk and layer."""
 
     node: Any
     number: int
@@ -78,17 +78,17 @@ class BodyFrame(NamedTuple):
 
 
 class SceneView:
-    """The 3-D part of the page, shared by all who look.
+    """The 3-D view, shared by all open pages.
 
     Args:
-        server: viser's.
-        painting: what is shown.
-        display: of it.
+        server: viser server.
+        painting: painted scene.
+        display: display meshes of the painting.
 
     Attributes:
-        diagonal_m: of the scene [m].
-        colours: of the scene's swatches, "#rrggbb": their own, but none like an earlier one's.
-        file_colours: whether what is unpainted is shown as its file colours it; else all in the colours of swatches.
+        diagonal_m: diagonal of the scene [m].
+        colours: colours of the scene's swatches, "#rrggbb", changed where two would be similar.
+        file_colours: whether unpainted faces have the colours of the mesh file.
     """
 
     def __init__(self, server: Any, painting: Painting, display: Display) -> None:
@@ -98,7 +98,7 @@ class SceneView:
         self._display = display
         self.colours = self._distinct()
         self.file_colours = True
-        self._frames: dict[int, BodyFrame] = {}  # by id of what is shown in it
+        self._frames: dict[int, BodyFrame] = {}  # by id of the `ShownBody`
         self._frame_count = 0
         self._handles: Any = None
         self._place_camera()
@@ -116,8 +116,8 @@ class SceneView:
     # --- the bodies ---
 
     def update(self, changes: Changes) -> None:
-        """Show what changed: only chunks that look different are sent again."""
-        if changes.swatches or changes.shelf:
+        """Show changes; only changed chunks are sent."""
+        if changes.swatches or changes.swatch_list:
             self.colours = self._distinct()
         if changes.bodies:
             changed = self._display.compose()
@@ -126,15 +126,15 @@ class SceneView:
         elif changes.poses:
             self._place_bodies()
         self._draw(self._display.update(changes))
-        if changes.swatches or changes.shelf:
+        if changes.swatches or changes.swatch_list:
             self._recolour()
 
     def prepare(self, meshes: Sequence[Mesh]) -> None:
-        """Have meshes ready to be shown, in any thread; bodies come with them soon."""
+        """Reduce the meshes of bodies that are about to be added. Thread-safe."""
         self._display.prepare(meshes)
 
     def _compose(self) -> None:
-        """Have a frame for each body, and all that is shown in it; those that are as they were keep theirs."""
+        """Create, keep or remove the scene nodes so that there is one for each body."""
         bounds = np.array([bounds_of(body) for body in self._painting.scene.bodies])
         size_m = float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
         if not 1 / GROWN <= size_m / self.diagonal_m <= GROWN:
@@ -146,7 +146,7 @@ class SceneView:
                 self.look(client.camera)
         frames, self._frames, shown = self._frames, {}, self._display.bodies
         for key in frames.keys() - set(map(id, shown)):
-            frames[key].node.remove()  # with all that is in it
+            frames[key].node.remove()  # with its children
         fresh = set()
         for index, body in enumerate(shown):
             frame = frames.get(id(body))
@@ -159,21 +159,21 @@ class SceneView:
         self._draw([key for key in self._display.chunks() if key.body in fresh])
 
     def _place_bodies(self) -> None:
-        """Have the bodies where they are; the hidden ones are not seen."""
+        """Update poses and visibility of the bodies."""
         for body, shown in zip(self._painting.scene.bodies, self._display.bodies, strict=True):
             node = self._frames[id(shown)].node
             node.wxyz, node.position = quaternion(body.X_WB[:3, :3]), self.to_view(body.X_WB[:3, 3])
             node.visible = body.name not in self._painting.hidden
 
     def show_file_colours(self, on: bool) -> None:
-        """Show what is unpainted as its file colours it, or in the colour of its swatch."""
+        """Show unpainted faces in the colours of the mesh file, or in the colour of their swatch."""
         self.file_colours = on
         self._recolour()
 
     @property
     def has_file_colours(self) -> bool:
-        """Whether the file of any body has colours."""
-        return any(body.look is not None for body in self._display.bodies)
+        """Whether the mesh file of any body has colours."""
+        return any(body.file_colours is not None for body in self._display.bodies)
 
     def _recolour(self) -> None:
         for index, shown in enumerate(self._display.bodies):
@@ -185,7 +185,7 @@ class SceneView:
                         mesh.color = colour
 
     def _colour(self, body: int, paint: int, tint: int) -> tuple[int, int, int]:
-        """Of a layer: of its swatches by their weights."""
+        """Colour of a layer: its swatches, mixed by weight."""
         heavier, lighter, weight = parts(paint)
         if weight == 0:
             return rgb_bytes(self._swatch_colour(body, int(heavier), tint))
@@ -193,12 +193,12 @@ class SceneView:
         return rgb_bytes((1 - weight) * mixed[0] + weight * mixed[1])
 
     def _swatch_colour(self, body: int, swatch: int, tint: int) -> Vector:
-        """Of a swatch under the light and dark of a body's file, or, unpainted, the file's own (3,)."""
-        look = self._display.bodies[body].look if self.file_colours else None
-        if look is not None and swatch == self._painting.defaults[body]:
-            return np.asarray(look.rgb[tint])
+        """Colour (3,) of a swatch, shaded by the file colours; for the default swatch, the file colour itself."""
+        palette = self._display.bodies[body].file_colours if self.file_colours else None
+        if palette is not None and swatch == self._painting.defaults[body]:
+            return np.asarray(palette.rgb[tint])
         colour = rgb(self.colours[swatch])
-        return colour if look is None else np.clip(colour * look.shade[tint], 0.0, 1.0)
+        return colour if palette is None else np.clip(colour * palette.shade[tint], 0.0, 1.0)
 
     def _draw(self, keys: list[ChunkKey]) -> None:
         for key in keys:
@@ -219,37 +219,39 @@ class SceneView:
                         receive_shadow=False,
                         scale=self._scale,
                     )
-                for gone in old.keys() - new.keys():
-                    old[gone].remove()
+                for kind in old.keys() - new.keys():
+                    old[kind].remove()
             frame.layers[key.chunk] = new
 
     def _distinct(self) -> list[str]:
         swatches = self._painting.scene.swatches
         return distinct_colours(swatches, range(len(swatches)))
 
-    # --- between W and what is shown ---
+    # --- between W and the view ---
 
     def to_view(self, p_W_m: Any) -> Vector:
-        """Places (…, 3) in W [m] as viser has them."""
+        """Points (…, 3) in W [m] in the coordinates of viser."""
         return np.asarray((np.asarray(p_W_m) - self.middle_W_m) * self._scale)
 
     def eye(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
-        """Pose (4, 4) of a page's eye in W [m], z into the picture and y down, and how far its picture reaches to the
-        right and down (2,) at z = 1; None where that page is not there."""
+        """Pose (4, 4) of the eye of a page, and half the width and height (2,) of its picture at z = 1.
+
+        The z axis of the pose points into the picture, the y axis down. None if the page is not connected.
+        """
         client = self._server.get_clients().get(pointer.client)
         if client is None:
             return None
         camera = client.camera
         place = np.concatenate([np.ravel(camera.wxyz), np.ravel(camera.position), [camera.fov]])
         if place.shape != (8,) or not np.isfinite(place).all() or not 0.0 < camera.fov < np.pi or not place[:4].any():
-            return None  # a browser sends no such camera
+            return None  # an invalid camera
         X_WE = np.eye(4)
         X_WE[:3, :3] = _rotation(place[:4])
         X_WE[:3, 3] = place[4:7] / self._scale + self.middle_W_m
         return X_WE, np.tan(camera.fov / 2) * np.array([pointer.width / pointer.height, 1.0])
 
     def ray(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
-        """From the eye through the pointer: a point in W [m] and a direction; None where that page is not there."""
+        """Ray from the eye through the pointer: origin in W [m] and direction; None if the page is not connected."""
         eye = self.eye(pointer)
         if eye is None:
             return None
@@ -257,10 +259,10 @@ class SceneView:
         direction = X_WE[:3, :3] @ np.array([*((2 * np.array([pointer.x, pointer.y]) - 1) * slope), 1.0])
         return X_WE[:3, 3], direction / np.linalg.norm(direction)
 
-    # --- marks ---
+    # --- markers ---
 
     def show_ring(self, hit: Hit | None, radius_m: float) -> None:
-        """The brush's ring around a place, laid on the surface; None hides it."""
+        """Show the ring of the brush, projected onto the surface; None hides it."""
         self._ring.visible = hit is not None
         if hit is None:
             return
@@ -274,7 +276,7 @@ class SceneView:
         self._ring.points = np.stack([laid, np.roll(laid, -1, axis=0)], axis=1).astype(np.float32)
 
     def show_box(self, size_m: NDArray[np.float64] | None, X_WK: NDArray[np.float64] | None = None) -> None:
-        """The edges of a box: its size (3,) [m] and pose (4, 4); None hides it."""
+        """Show the edges of a box of size (3,) [m] at a pose (4, 4); None hides it."""
         self._box.visible = size_m is not None
         if size_m is None or X_WK is None:
             return
@@ -283,14 +285,14 @@ class SceneView:
         self._box.scale = tuple((np.maximum(size_m, 1e-9) * self._scale).tolist())
 
     def show_sphere(self, centre_W_m: Vector | None, radius_m: float = 0.0) -> None:
-        """A ball; None hides it."""
+        """Show a sphere; None hides it."""
         self._sphere.visible = centre_W_m is not None
         if centre_W_m is not None:
             self._sphere.position = self.to_view(centre_W_m)
             self._sphere.scale = max(radius_m * self._scale, 1e-3)
 
     def show_touch(self, p_WT_m: Vector | None, p_WP_m: Vector | None = None, f_W_N: Vector | None = None) -> None:
-        """Tool, proxy and force of a touch; None hides them."""
+        """Show tool, proxy and force of a touch; None hides them."""
         for mark in (self._tool, self._proxy, self._arrow):
             mark.visible = p_WT_m is not None
         if p_WT_m is None or p_WP_m is None or f_W_N is None:
@@ -306,11 +308,11 @@ class SceneView:
             self._arrow.scale = (1.0, 1.0, length)
 
     def show_handles(self, X_WG: NDArray[np.float64] | None, moved: Callable[[str, NDArray[np.float64]], None]) -> None:
-        """Arrows and rings that a body is moved by, at a pose; None hides them.
+        """Show the transform handles of a body; None hides them.
 
         Args:
-            X_WG: (4, 4) where they are.
-            moved: is told what is done ("start", "update", "end"), and where they are by then.
+            X_WG: (4, 4) pose of the handles.
+            moved: called with the phase of a drag ("start", "update" or "end") and the pose of the handles.
         """
         if X_WG is None:
             if self._handles is not None:
@@ -322,7 +324,7 @@ class SceneView:
             self._handles = self._server.scene.add_transform_controls("/handles", size, depth_test=False)
 
             @self._handles.on_update  # type: ignore[untyped-decorator, unused-ignore]
-            async def tell(event: Any) -> None:
+            async def report(event: Any) -> None:
                 wxyz, X = np.asarray(event.target.wxyz), np.eye(4)
                 if np.linalg.norm(wxyz) > 0.5:
                     X[:3, :3] = _rotation(wxyz)
@@ -335,22 +337,22 @@ class SceneView:
         if not np.allclose(turn, self._handles.wxyz, atol=1e-6):
             self._handles.wxyz = turn
 
-    # --- how it is set up ---
+    # --- set-up ---
 
     def _place_camera(self) -> None:
-        """Set the first view: from the front, a little from the right and above, all in view."""
+        """Set the initial view."""
         self._server.scene.set_up_direction("+z")
         self._server.initial_camera.fov = FOV_RAD
         self.look(self._server.initial_camera)
 
     def look(self, camera: Any, bodies: Sequence[Body] = (), aspect: float = 1.0, name: str = "perspective") -> None:
-        """Have a camera look at bodies, all of each in view.
+        """Move a camera so that bodies fit into the view.
 
         Args:
-            camera: viser's, of a page.
-            bodies: which; none for all that are not hidden.
-            aspect: width of the picture in its heights.
-            name: one of `VIEWS`; else the direction stays as it is.
+            camera: viser camera of a page.
+            bodies: bodies to frame; empty for all that are not hidden.
+            aspect: width divided by height of the canvas.
+            name: one of `VIEWS`; for any other value the direction is kept.
         """
         every = self._painting.scene.bodies
         bodies = bodies or [body for body in every if body.name not in self._painting.hidden] or every
@@ -360,10 +362,10 @@ class SceneView:
         away = ROOM * max(float(np.linalg.norm(high - low)), 1e-6) / (2 * np.tan(FOV_RAD / 2))
         away /= min(max(aspect, ASPECT_MIN), 1.0)
         camera.position = (low + high) / 2 + away * way / max(float(np.linalg.norm(way)), 1e-9)
-        camera.look_at = (low + high) / 2  # second, since a new position moves it along
+        camera.look_at = (low + high) / 2  # after the position, which moves it along
 
     def _light(self) -> None:
-        """Soft from everywhere, and a key light from above left: every face is seen, and its shape."""
+        """Set up lights: diffuse light from all sides, a key light from the upper left, and a fill light."""
         scene = self._server.scene
         scene.configure_default_lights(enabled=False)
         scene.configure_environment_map(None)
@@ -373,7 +375,7 @@ class SceneView:
 
     def _make_marks(self) -> None:
         scene, ink = self._server.scene, _rgb(OKABE_ITO["purple"])
-        dashes = np.where(np.arange(RING_COUNT) // DASH % 2, 255, 20).astype(np.uint8)  # seen on every colour
+        dashes = np.where(np.arange(RING_COUNT) // DASH % 2, 255, 20).astype(np.uint8)  # visible on every colour
         line = {"thickness": 2.5, "thickness_units": "screen"}
         ring, colours = np.zeros((RING_COUNT, 2, 3), np.float32), np.repeat(dashes, 6).reshape(-1, 2, 3)
         self._ring = scene.add_line_segments("/mark/ring", ring, colours, **line)
@@ -392,23 +394,23 @@ class SceneView:
 
 
 def rgb_bytes(colour: Iterable[float]) -> tuple[int, int, int]:
-    """Of three numbers from 0 to 1."""
+    """Three channels from 0 to 1 as bytes."""
     red, green, blue = (round(255 * float(c)) for c in colour)
     return red, green, blue
 
 
 def _rgb(colour: str) -> tuple[int, int, int]:
-    """Of "#rrggbb"."""
+    """A colour "#rrggbb" as bytes."""
     return rgb_bytes(rgb(colour))
 
 
 def _linear(colour: str) -> tuple[int, int, int]:
-    """Of "#rrggbb", for what viser takes in linear light: arrows."""
+    """A colour "#rrggbb" as bytes of linear light, which viser expects for arrows."""
     return rgb_bytes(linear(rgb(colour)))
 
 
 def _turn_to(nhat: Vector) -> Vector:
-    """Quaternion (w, x, y, z) that turns z to a unit vector, the shortest way."""
+    """Quaternion (w, x, y, z) of the shortest rotation from the z axis to a unit vector."""
     w = 1.0 + float(nhat[2])
     if w < 1e-9:
         return np.array([0.0, 1.0, 0.0, 0.0])
@@ -417,17 +419,17 @@ def _turn_to(nhat: Vector) -> Vector:
 
 
 def _rotation(wxyz: Vector) -> Vector:
-    """Rotation (3, 3) of a quaternion (w, x, y, z)."""
+    """Rotation matrix (3, 3) of a quaternion (w, x, y, z)."""
     return np.asarray(scipy.spatial.transform.Rotation.from_quat(wxyz, scalar_first=True).as_matrix())
 
 
 def rotation(angles_deg: Vector) -> NDArray[np.float64]:
-    """A rotation (3, 3) about x, then y, then z."""
+    """Rotation matrix (3, 3) for rotations about x, then y, then z [°]."""
     return np.asarray(scipy.spatial.transform.Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix())
 
 
 def quaternion(R: NDArray[np.float64]) -> Vector:
-    """Quaternion (w, x, y, z) of a rotation (3, 3)."""
-    from viser.transforms import SO3  # is there; SciPy's takes a tenth of a second to import
+    """Quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
+    from viser.transforms import SO3  # imported already; SciPy's module takes 0.1 s to import
 
     return np.asarray(SO3.from_matrix(R).wxyz)

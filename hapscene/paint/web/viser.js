@@ -1,5 +1,5 @@
-// What is put right of viser's own page: names and roles for who cannot see it, its notices, and what is not for our users.
-const SHEET = '.mantine-Paper-root[style*="position: fixed"]';  // what viser's panel is on a narrow window
+// Fixes of viser's page: accessible names and roles, notifications, tooltips, and elements that are not for users.
+const SHEET = '.mantine-Paper-root[style*="position: fixed"]';  // viser's panel in a narrow window
 const set = (node, key, value) => { if (value && node.getAttribute(key) !== value) node.setAttribute(key, value); };
 const name = (node, text) => { if (!node.getAttribute("aria-label")) set(node, "aria-label", text); };
 const write = (node, text) => { if (node.textContent !== text) node.textContent = text; };
@@ -13,16 +13,16 @@ const asButton = (node, label) => {
   });
 };
 
-export function mend(say) {
-  for (const label of document.querySelectorAll("label[for]")) {  // which names no field: viser's are called otherwise
+export function fixPage(say) {
+  for (const label of document.querySelectorAll("label[for]")) {  // viser's labels refer to no field
     const row = label.closest(".mantine-Text-root")?.parentElement?.parentElement;
     if (!row) continue;
     const fields = row.querySelectorAll("[role=slider], input, textarea, button"), many = row.querySelectorAll("input").length > 2;
     fields.forEach((field, i) => field.matches("button:not(:has(svg))") || name(field, many ? `${label.textContent} ${"xyzw"[i] ?? i + 1}` : label.textContent));
   }
   for (const arrow of document.querySelectorAll(".mantine-Paper-root > .mantine-Paper-root > svg")) {
-    const head = arrow.parentElement;  // of a folder
-    asButton(head, `${head.textContent}: fold or unfold`);
+    const head = arrow.parentElement;  // header of a folder
+    asButton(head, `${head.textContent}: expand or collapse`);
     set(head, "aria-expanded", String(arrow.classList.contains("tabler-icon-chevron-up")));
   }
   const sheet = document.querySelector(SHEET);
@@ -31,37 +31,37 @@ export function mend(say) {
   const panel = sheet ?? document.querySelector("[role=tablist]")?.closest(".mantine-Paper-root");
   if (panel && !panel.getAttribute("role")) { panel.setAttribute("role", "region"); name(panel, "Panel"); }
   for (const canvas of document.querySelectorAll("#root canvas")) {
-    if (canvas.dataset.engine) { canvas.setAttribute("role", "img"); name(canvas, "The scene"); } else canvas.setAttribute("aria-hidden", "true");
+    if (canvas.dataset.engine) { canvas.setAttribute("role", "img"); name(canvas, "Scene"); } else canvas.setAttribute("aria-hidden", "true");
   }
   for (const node of document.querySelectorAll("#root [title]")) {
-    if (node.title !== node.textContent) node.dataset.tip = node.title;  // which would be laid over what is near
+    if (node.title !== node.textContent) node.dataset.tip = node.title;  // native tooltips would cover controls
     node.removeAttribute("title");
   }
-  for (const choice of document.querySelectorAll(".mantine-Switch-root"))  // the axes where the eye turns about
+  for (const choice of document.querySelectorAll(".mantine-Switch-root"))  // turns off viser's crosshair
     if (choice.textContent === "Show Orbit Crosshair" && choice.querySelector("input").checked) choice.querySelector("input").click();
-  for (const note of document.querySelectorAll(".mantine-Notification-root:not([data-said])")) {
-    note.dataset.said = "";  // viser's notices do not show: they are told where all is told
+  for (const note of document.querySelectorAll(".mantine-Notification-root:not([data-shown])")) {
+    note.dataset.shown = "";  // viser's notifications are hidden by page.css and shown as messages instead
     if (!note.textContent.startsWith("Software WebGL")) say(note.textContent, "error");
   }
 }
 
 let last_px = 0;
-export function sheetHeight() {  // [px], and told to the stylesheet
+export function sheetHeight() {  // [px]; also sets a CSS variable
   const sheet_px = document.querySelector(SHEET)?.getBoundingClientRect().height ?? 0;
   if (sheet_px !== last_px) document.documentElement.style.setProperty("--sheet", `${sheet_px}px`);
   return (last_px = sheet_px);
 }
 
-// Tips stand in a line of ours, which covers nothing: those of our buttons, of viser's, and what viser would lay over.
-export function tellTips(line, hints) {
-  const tell = (event) => {
+// Shows tooltips in the status line, where they cover nothing: hints of buttons, and viser's own tooltips.
+export function showTips(line, hints) {
+  const update = (event) => {
     const node = event.target.closest?.("[data-tip], button") ?? event.target;
     const hint = node.dataset?.tip ?? hints()[node.id] ?? "";
     if (hint && node.id) node.setAttribute("aria-description", hint);
     write(line, hint);
   };
-  window.addEventListener("pointerover", tell, true);
-  window.addEventListener("focusin", tell, true);
+  window.addEventListener("pointerover", update, true);
+  window.addEventListener("focusin", update, true);
   let shown = null;
   return () => {
     const over = document.querySelector(".mantine-Tooltip-tooltip");

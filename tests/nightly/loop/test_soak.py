@@ -14,7 +14,7 @@ import hapscene
 from hapscene.device import choose
 from hapscene.loop import Servo
 from hapscene.loop.empty_loop import EmptyLoop
-from hapscene.play.monitor import later_than
+from hapscene.play.monitor import deadline_misses
 from hapscene.view.picture import write_picture
 
 MINUTES = float(os.environ.get("SOAK_MINUTES", "10"))
@@ -86,7 +86,7 @@ def test_delays_equal_those_of_an_empty_loop(device: str, tmp_path: Path, monkey
             for thread in threads:
                 thread.join()
             empty.stop()
-    more, less = (later_than(late, 1e-3) for late in (ours, theirs))
+    more, less = (deadline_misses(late, 1e-3) for late in (ours, theirs))
     late = [(round(ours.delay_us(share), 1), round(theirs.delay_us(share), 1)) for share in (0.5, 0.99, 0.999, 0.9999)]
     print(f"\n{device}: {int(ours.delay.sum()):,} ticks, {more} later than a period, of the empty loop {less}")
     print(f"late by, and the empty loop [µs]: {late}; missed {ours.missed}, {theirs.missed}")

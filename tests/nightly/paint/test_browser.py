@@ -170,13 +170,13 @@ def test_while_a_question_stands_keys_wait(window: Window) -> None:
     assert page.context.session.dirty
     path.write_text(path.read_text() + "\n")
     tab.keyboard.press("Control+s")
-    tab.get_by_text("Save over it?").first.wait_for()
+    tab.get_by_text("Overwrite the file?").first.wait_for()
     for keys in ("Control+s", "Control+z", "2"):
         tab.keyboard.press(keys)
-    tab.get_by_role("button", name="Do not save").click()
+    tab.get_by_role("button", name="Cancel").click()
     window.wait("!document.querySelector('.mantine-Modal-content')")
     tab.keyboard.press("Control+s")
-    tab.get_by_text("Save over it?").first.wait_for()
+    tab.get_by_text("Overwrite the file?").first.wait_for()
     tab.keyboard.press("Escape")
     window.wait("!document.querySelector('.mantine-Modal-content')")
     assert page.context.session.dirty and not page.context.questions
@@ -203,7 +203,7 @@ def test_the_shelf_by_keyboard_and_a_file_dropped_on_the_page(window: Window) ->
     )
     window.wait("window.hapscene.state.swatch === 'gift'")
     window.wait("document.querySelector('.hs-pick[data-name=gift]') && document.getElementById('hs-drop').hidden")
-    tab.locator("select[data-shelf=where]").select_option("computed")
+    tab.locator("select[data-library=where]").select_option("computed")
     window.wait(
         "document.querySelectorAll('.hs-pick').length > 24 && !document.querySelector('.hs-pick[data-name=gift]')"
     )

@@ -53,8 +53,9 @@ class Top:
         self.page = page
         page.see_bodies()
         page.choose(CUBE)
-        page.press("isolate", CUBE)
-        page.tab.locator('[data-body-act="isolate"]', has_text="Show all").wait_for()
+        for body in ("bunny", "Duck"):
+            page.press("hide", body)
+            page.tab.locator(f'[data-body-act="hide"][data-body="{body}"]', has_text="Show").wait_for()
         page.press("choose", CUBE)  # let go: no handles before it
         page.tab.get_by_role("tab", name="Paint").click()
         page.tab.mouse.move(5, 300)
@@ -152,28 +153,33 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
         tab = page.tab
         tab.get_by_text("bunny.ply is 156 × 153 × 121 µm in size").wait_for()
         keep(page, "1-wrong-unit")
-        tab.get_by_role("button", name="Make it 156 × 153 × 121 mm").click()
+        tab.get_by_role("button", name="Scale to 156 × 153 × 121 mm").click()
         page.did("scale 'bunny'")
         page.see_bodies()
         page.drop(meshes / "Duck.glb")
         page.bodies(CUBE, "bunny", "Duck")
-        tab.get_by_role("dialog").get_by_role("button", name="Make it 82.7 × 57.6 × 77 mm").click()
+        tab.get_by_role("dialog").get_by_role("button", name="Scale to 82.7 × 57.6 × 77 mm").click()
         page.has("scale", "0.05")
         keep(page, "2-three-files")
 
-        for field, value in (("turn z", "-40"), ("place x", "150"), ("place y", "-150"), ("place z", "-60")):
+        for field, value in (
+            ("rotation z", "-40"),
+            ("position x", "150"),
+            ("position y", "-150"),
+            ("position z", "-60"),
+        ):
             page.put(field, value)
             page.has(field, value)
         page.choose(CUBE)
         tab.locator('select[data-body-set="parent"]').select_option("bunny")
         page.bodies("bunny", CUBE, "Duck")
         page.has("parent", "bunny")
-        page.put("place y", "-200")
+        page.put("position y", "-200")
         page.did(f"move '{CUBE}'")
         page.choose("bunny")
-        rise_m = 0.02 - 1e-3 * float(page.value("place z"))
-        page.put("place z", "20")  # with the cube on it
-        page.has("place z", "20")
+        rise_m = 0.02 - 1e-3 * float(page.value("position z"))
+        page.put("position z", "20")  # with the cube on it
+        page.has("position z", "20")
         page.tab.keyboard.press("Home")
         keep(page, "3-composed")
 
@@ -187,7 +193,7 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
         np.testing.assert_allclose(top.borders_mm(DAB), RADIUS_MM, atol=CLOSE_MM)
         keep(page, "5-border")
 
-        type_in(page, "Softness [%]", "100")
+        type_in(page, "Falloff [%]", "100")
         pick(page, "leather")
         top.drag(np.add(SOFT, (0, -4)), np.add(SOFT, (0, 4)))
         until(lambda: (top.colour(SOFT) != plain).any())
@@ -197,8 +203,8 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
         assert (np.diff(share) < 0).all() and len(np.unique(share.round(2))) == 9  # it fades
         keep(page, "6-soft")
 
-        tab.locator('.hs-hear[data-name="leather"]').click()
-        page.wait("window.hapscene.sound.heard > 5000")
+        tab.locator('.hs-play[data-name="leather"]').click()
+        page.wait("window.hapscene.sound.played > 5000")
         tab.wait_for_function("window.hapscene.state.hand === 'ready'", timeout=1e3 * COMPILE_S)
         tab.keyboard.press("7")
         page.wait("window.hapscene.state.tool === 'touch'")
@@ -209,8 +215,8 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
         words, end_s = set(), time.monotonic() + COMPILE_S
         for x_mm in cycle(np.concatenate([np.linspace(0, 3.2, 16), np.linspace(3.2, 0, 16)])):
             tab.mouse.move(*top.at(np.add(DAB, (-x_mm, 0))))
-            words.add(tab.evaluate("window.hapscene.state.word").partition(":")[0])
-            heard = tab.evaluate("window.hapscene.sound.heard > 5000 && window.hapscene.sound.peak > 0.05")
+            words.add(tab.evaluate("window.hapscene.state.status").partition(":")[0])
+            heard = tab.evaluate("window.hapscene.sound.played > 5000 && window.hapscene.sound.peak > 0.05")
             if heard and "sandpaper-p60" in words:
                 break
             assert time.monotonic() < end_s, f"not felt and heard: {words}"
@@ -232,9 +238,9 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
 
     with painter(folder, *command) as (process, url):  # the same words again
         page = Composer(browser, url)
-        page.tab.get_by_text("It was painted before").wait_for()
+        page.tab.get_by_text("Recover unsaved work?").wait_for()
         keep(page, "9-again")
-        page.tab.get_by_role("button", name=f"Recover the copy of {file.name}").click()
+        page.tab.get_by_role("button", name="Recover", exact=True).click()
         page.wait("window.hapscene.state.undo === 'recovered painting'")
         page.see_bodies()
         page.bodies("bunny", CUBE, "Duck")

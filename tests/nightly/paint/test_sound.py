@@ -23,8 +23,8 @@ NOTHING = np.zeros(0)
 RENDER = """
 async ([blocks, rate, seconds, later, later_s]) => {
   const context = new OfflineAudioContext(1, seconds * rate, rate);
-  await context.audioWorklet.addModule("/hapscene-ear.js");
-  const player = new AudioWorkletNode(context, "hapscene-sound", { numberOfInputs: 0 });
+  await context.audioWorklet.addModule("/hapscene-audio_monitor.js");
+  const player = new AudioWorkletNode(context, "hapscene-audio-monitor", { numberOfInputs: 0 });
   const { port1, port2 } = new MessageChannel(), told = [];
   const all = new Promise((done) => {
     player.port.onmessage = ({ data }) => { told.push(data); if (told.length === blocks.length) done(); };
@@ -105,29 +105,29 @@ def test_what_comes_too_late_is_bridged_without_a_click_and_counted_once(tab: An
 
 WAIT = """
 async ([late_s, seconds]) => {
-  const { Wait } = await import("/hapscene-ear.js"), wait = new Wait(), ahead_s = [];
+  const { JitterBuffer } = await import("/hapscene-audio_monitor.js"), wait = new JitterBuffer(), target_s = [];
   let waits_s = 0.1, last_s = 0;
   for (let tick = 1; tick * 0.015 < seconds; tick++) {
     const at_s = tick * 0.015, blocked = late_s.some(([from_s, for_s]) => from_s <= at_s && at_s < from_s + for_s);
     if (blocked) continue;
     wait.note(waits_s - (at_s - last_s), at_s - last_s);
     last_s = at_s;
-    ahead_s.push(wait.ahead_s);
+    target_s.push(wait.target_s);
   }
-  return ahead_s;
+  return target_s;
 }
 """
 
 
 def test_as_much_waits_as_what_waits_falls_but_for_the_worst_of_a_minute(tab: Any) -> None:
-    def ahead_s(late_s: list[tuple[float, float]], seconds: float) -> float:
+    def target_s(late_s: list[tuple[float, float]], seconds: float) -> float:
         return float(tab.evaluate(WAIT, [late_s, seconds])[-1])
 
-    assert 0.02 < ahead_s([], 100.0) < 0.03  # messages come every 15 ms
-    assert ahead_s([(50.0, 0.3)], 70.0) < 0.05  # once a minute is let go
-    assert 0.12 < ahead_s([(50.0, 0.12), (55.0, 0.3)], 70.0) < 0.16
-    assert ahead_s([(5.0, 0.12), (8.0, 0.3)], 80.0) < 0.05  # and forgotten
-    assert ahead_s([(t, 2.0) for t in range(10, 40, 5)], 45.0) < 0.6  # there is an end
+    assert 0.02 < target_s([], 100.0) < 0.03  # messages come every 15 ms
+    assert target_s([(50.0, 0.3)], 70.0) < 0.05  # once a minute is let go
+    assert 0.12 < target_s([(50.0, 0.12), (55.0, 0.3)], 70.0) < 0.16
+    assert target_s([(5.0, 0.12), (8.0, 0.3)], 80.0) < 0.05  # and forgotten
+    assert target_s([(t, 2.0) for t in range(10, 40, 5)], 45.0) < 0.6  # there is an end
 
 
 def test_it_fades_where_it_runs_dry(tab: Any) -> None:

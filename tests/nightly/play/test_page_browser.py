@@ -145,7 +145,7 @@ def test_escape_lifts_space_pauses_and_a_closed_page_lifts(live: Live, browser: 
     until(lambda: not servo.state().touching)
     tab.mouse.up()
     tab.keyboard.press("Space")
-    expect(tab.locator("#pause")).to_have_text("go on")
+    expect(tab.locator("#pause")).to_have_text("resume")
     until(lambda: servo.state().age_s > 0.05)
     tab.keyboard.press("Space")
     until(lambda: servo.state().age_s < 0.02)

@@ -58,14 +58,14 @@ def test_what_was_asked_about_is_written_over(page: Page, tab: Tab) -> None:
     Path("asked.scene.json").write_text("theirs")
     Path("precious.scene.json").write_text("precious")
     save_as(tab, "asked.scene.json")
-    tab.control("Save over it")
+    tab.control("Overwrite")
     tab.set("Scene file", "precious.scene.json")
     tab.settle()
-    tab.set("Save over it", True)
+    tab.set("Overwrite", True)
     said(tab, "Saved: asked.scene.json")
     assert Path("precious.scene.json").read_text() == "precious"
     hapscene.load_scene("asked.scene.json")
-    tab.wait(lambda: not asked(tab, "Save over it"))
+    tab.wait(lambda: not asked(tab, "Overwrite"))
 
 
 def test_an_export_is_asked_for_where_a_file_is(page: Page, tab: Tab) -> None:
@@ -74,16 +74,16 @@ def test_an_export_is_asked_for_where_a_file_is(page: Page, tab: Tab) -> None:
     tab.settle()
     tab.wait(lambda: tab.control("File")["value"] == "ball.ply")
     tab.set("Export", True)
-    tab.control("Save over it")
+    tab.control("Overwrite")
     assert Path("ball.ply").read_text() == "theirs"
-    tab.set("Save over it", True)
+    tab.set("Overwrite", True)
     said(tab, "Exported: ball.ply")
     assert Path("ball.ply").read_bytes().startswith(b"ply")
 
 
 def test_what_an_export_loses_of_this_very_scene_is_told_before(page: Page, tab: Tab) -> None:
     tab.set("Format", "stl")
-    tab.wait(lambda: told(tab, "Will not be in it: bodies and their names"))
+    tab.wait(lambda: told(tab, "Not included: bodies and their names"))
     assert not told(tab, "paint of subdivided faces")
     tab.choose("wood")
     tab.point("down", (0.01, 0.0, 0.02))
@@ -102,7 +102,7 @@ def test_a_mesh_of_the_scene_is_neither_offered_nor_written_over(page: Page, tab
     tab.settle()
     tab.set("Export", True)
     said(tab, "is a mesh of a scene")
-    assert Path("ball.obj").read_bytes() == before and not asked(tab, "Save over it")
+    assert Path("ball.obj").read_bytes() == before and not asked(tab, "Overwrite")
 
 
 def test_after_another_name_exports_go_there(page: Page, tab: Tab) -> None:
@@ -118,15 +118,15 @@ def test_what_cannot_be_done_leaves_the_question_open(page: Page, tab: Tab) -> N
     other = Session.open(Path("ball.scene.json"))
     other.save(Path("cup.scene.json"))
     save_as(tab, "cup.scene.json")
-    tab.control("Save over it")
+    tab.control("Overwrite")
     other.document.start_autosave(60.0)
-    tab.set("Save over it", True)
+    tab.set("Overwrite", True)
     said(tab, "open in another painter")
-    assert asked(tab, "Save over it")
+    assert asked(tab, "Overwrite")
     other.document.close()
-    tab.set("Save over it", True)
+    tab.set("Overwrite", True)
     said(tab, "Saved: cup.scene.json")
-    tab.wait(lambda: not asked(tab, "Save over it"))
+    tab.wait(lambda: not asked(tab, "Overwrite"))
 
 
 @pytest.fixture
@@ -147,27 +147,27 @@ def killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_while_it_is_asked_all_is_kept(killed: Path) -> None:
     with Page(Session.open(killed), port=0, with_hand=False) as page:
         tab = Tab(page)
-        tab.control("Recover it")
+        tab.control("Recover")
         assert page.context.session.document.autosave
         page.context.session.fill_body("plate", 0)
-        tab.wait(lambda: told(tab, "A copy is kept beside the file"))
-        tab.set("Recover it", True)
-        said(tab, "its bodies are not those of this scene")
+        tab.wait(lambda: told(tab, "backed up every second"))
+        tab.set("Recover", True)
+        said(tab, "bodies differ")
         tab.settle()
-        assert asked(tab, "Recover it")
-        tab.set("Ask me the next time", True)
-        tab.wait(lambda: not asked(tab, "Recover it"))
+        assert asked(tab, "Recover")
+        tab.set("Ask again next time", True)
+        tab.wait(lambda: not asked(tab, "Recover"))
         tab.close()
     assert page.kept
     assert [b.name for b in find_recovery(killed).load().bodies] == ["ball", "plate"]  # the last one first
     with Page(Session.open(killed), port=0, with_hand=False) as page:
         tab = Tab(page)
-        tab.set("Recover it", True)
+        tab.set("Recover", True)
         tab.wait(lambda: (page.context.session.scene.body("plate").face_swatch == 0).all())
         tab.wait(lambda: len(page.context.session.document.autosave.recoveries) == 1)  # and the other is asked for
         tab.settle()
-        tab.set("Discard it", True)
-        tab.wait(lambda: not asked(tab, "Discard it"))
+        tab.set("Discard", True)
+        tab.wait(lambda: not asked(tab, "Discard"))
         tab.send("save")
         said(tab, "Saved")
         tab.close()
@@ -178,7 +178,7 @@ def test_without_autosave_no_copy_is_promised(killed: Path) -> None:
     with Page(Session.open(killed), port=0, with_hand=False, with_autosave=False) as page:
         tab = Tab(page)
         page.context.session.fill_body("plate", 0)
-        tab.wait(lambda: told(tab, "No copy of it is kept"))
-        assert not asked(tab, "Recover it")
+        tab.wait(lambda: told(tab, "Autosave is off"))
+        assert not asked(tab, "Recover")
         tab.close()
     assert not page.kept

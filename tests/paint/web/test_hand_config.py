@@ -24,10 +24,10 @@ def test_every_device_that_moves_and_every_compensator_can_be_held() -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"device": "ideal"}, "no mass to move; choose one of omni, omni-point"),
-        ({"device": "omi"}, "no device 'omi'"),
-        ({"grip": "none"}, "no grip 'none'"),
-        ({"compensator": ["flat"]}, "no compensator"),
+        ({"device": "ideal"}, "'ideal'.*omni, omni-point"),
+        ({"device": "omi"}, "'omi'"),
+        ({"grip": "none"}, "'none'"),
+        ({"compensator": ["flat"]}, "compensator"),
     ],
 )
 def test_what_cannot_be_held_is_refused(given: dict[str, Any], said: str) -> None:

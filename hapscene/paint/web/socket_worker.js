@@ -1,9 +1,9 @@
-// Our socket, in a worker: what is heard must not wait for the page's drawing.
+// Worker that owns the WebSocket, so that sound does not wait for drawing. It passes messages to the page, and
+// accelerations also directly to the audio monitor.
 "use strict";
 
-// Passes on to the page what the server says; accelerations go straight to the ear besides.
 function listen() {
-  let socket = null, ear = null, count = 0;
+  let socket = null, monitor = null, count = 0;
   function connect(url) {
     socket = new WebSocket(url);
     socket.binaryType = "arraybuffer";
@@ -11,17 +11,17 @@ function listen() {
     socket.onclose = () => { postMessage({ open: false }); setTimeout(connect, 1000, url); };
     socket.onmessage = ({ data }) => {
       if (typeof data === "string") { postMessage({ text: data }); return; }
-      const came = { count: ++count, at_ms: performance.timeOrigin + performance.now() };
-      if (ear && new Float32Array(data, 0, 1)[0] === 1) {
+      const received = { count: ++count, at_ms: performance.timeOrigin + performance.now() };
+      if (monitor && new Float32Array(data, 0, 1)[0] === 1) {
         const [, tick_s, n, block] = new Float32Array(data, 0, 4);
-        ear.postMessage({ a: new Float32Array(data, 16 + 4 * n, n * block), rate: block / tick_s, count });
+        monitor.postMessage({ a: new Float32Array(data, 16 + 4 * n, n * block), rate: block / tick_s, count });
       }
-      postMessage({ buffer: data, came }, [data]);
+      postMessage({ buffer: data, received }, [data]);
     };
   }
   onmessage = ({ data }) => {
     if (data.url) connect(data.url);
-    else if (data.ear) ear = data.ear;
+    else if (data.monitor) monitor = data.monitor;
     else if (socket && socket.readyState === 1) socket.send(data.text);
   };
 }

@@ -1,31 +1,31 @@
-// The tree of bodies in viser's panel: its buttons and fields are HTML of ours; what is done with them is told here.
-const tell = (act, node, value) => window.hapscene.send({ do: "body", act, body: node.dataset.body || "", value });
-let last = "";
-let typed = null;  // what is being typed: a field that is made anew meanwhile goes on with it
+// Sends events of the buttons and fields in the tab Bodies to the server. The server replaces the HTML after each change,
+// so this script restores the keyboard focus and text that is being typed.
+const sendAction = (act, node, value) => window.hapscene.send({ do: "body", act, body: node.dataset.body || "", value });
+let last = "";  // selector of the element used last
+let typed = null;  // field that is being edited: { node, field, value }
 document.addEventListener("click", (event) => {
   const node = event.target.closest && event.target.closest("button[data-body-act]");
-  if (node) { last = name(node); tell(node.dataset.bodyAct, node, node.value); }
+  if (node) { last = selector(node); sendAction(node.dataset.bodyAct, node, node.value); }
 });
 document.addEventListener("input", ({ target: node }) => {
-  if (node.tagName === "INPUT" && node.dataset.bodySet) typed = { node, field: name(node), value: node.value };
+  if (node.tagName === "INPUT" && node.dataset.bodySet) typed = { node, field: selector(node), value: node.value };
 });
-const set = ({ target: node }) => {
-  if (!node.dataset || !node.dataset.bodySet || (node.dataset.bodySet === "shape" && !node.value)) return;
-  last = name(node);
+const submit = ({ target: node }) => {
+  if (!node.dataset || !node.dataset.bodySet) return;
+  last = selector(node);
   typed = null;
-  tell(node.dataset.bodySet, node, node.value);
-  if (node.dataset.bodySet === "shape") node.value = "";
+  sendAction(node.dataset.bodySet, node, node.value);
 };
-document.addEventListener("change", set);
-document.addEventListener("focusout", (event) => { if (typed && typed.node === event.target && typed.node.isConnected) set(event); });
+document.addEventListener("change", submit);
+document.addEventListener("focusout", (event) => { if (typed && typed.node === event.target && typed.node.isConnected) submit(event); });
 document.addEventListener("keydown", (event) => {
   const node = event.target;
   if (!node.dataset || !node.dataset.bodySet || node.tagName !== "INPUT") return;
   if (event.key === "Escape") { typed = null; node.value = node.defaultValue; node.blur(); }
   if (event.key === "Enter") node.blur();
 }, true);
-const name = ({ dataset }) => `[data-body-${dataset.bodyAct ? "act" : "set"}="${dataset.bodyAct || dataset.bodySet}"]`;
-new MutationObserver(() => {  // made anew: the keyboard stays where it was
+const selector = ({ dataset }) => `[data-body-${dataset.bodyAct ? "act" : "set"}="${dataset.bodyAct || dataset.bodySet}"]`;
+new MutationObserver(() => {  // the HTML was replaced: restore text and focus
   if (typed && !typed.node.isConnected) {
     const fields = [...document.querySelectorAll(`.hs-bodies input${typed.field}`)];
     const again = fields.find((node) => node.dataset.body === typed.node.dataset.body);

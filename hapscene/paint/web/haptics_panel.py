@@ -1,4 +1,4 @@
-"""The tab Feel: device, grip and handle of the hand, and the parameters of the chosen swatch."""
+"""The tab Haptics: device, grip and handle of the simulated hand, and the parameters of the selected swatch."""
 
 import math
 from dataclasses import replace
@@ -13,77 +13,77 @@ from hapscene.paint.web.hand import COMPENSATOR_HINTS, GRIP_NAMES, HAND_DEVICES
 from hapscene.paint.web.view import rgb_bytes
 from hapscene.surface.swatch import Swatch
 
-__all__ = ["HandPanel", "NumberPanel"]
+__all__ = ["HandPanel", "ParameterPanel"]
 
 
 class HandPanel:
-    """Choice of device, grip and handle.
+    """Controls for device, grip and handle.
 
     Args:
         context: the page.
-        container: the tab it is in.
+        container: the tab.
     """
 
     def __init__(self, context: PageContext, container: Any) -> None:
         self._context = context
         gui, callback, config = context.server.gui, context.callback, context.touch.config
-        with container, gui.add_folder("Hand"):
+        with container, gui.add_folder("Simulated hand"):
             device = gui.add_dropdown(
                 "Device",
                 tuple(HAND_DEVICES),
                 initial_value=config.device,
-                hint="What the hand holds; its limits apply. omni is the whole arm, with its friction, bending and "
-                "motors; the others are a mass with friction that reaches everywhere",
+                hint="Haptic device that the hand holds, with its limits. omni models the whole arm with friction, "
+                "compliance and motors; the others are a point mass with friction and an unlimited workspace",
             )
-            grip = gui.add_dropdown("Grip", GRIP_NAMES, initial_value=config.grip, hint="How firmly the hand holds it")
+            grip = gui.add_dropdown("Grip", GRIP_NAMES, initial_value=config.grip, hint="Firmness of the grip")
             handle = gui.add_dropdown(
                 "Handle",
                 tuple(COMPENSATOR_HINTS),
                 initial_value=config.compensator,
-                hint="What drives the voice coil in the handle, which makes textures and taps; or no handle at all",
+                hint="Compensator of the haptography handle, which plays textures and taps; or no handle",
             )
-            self._heard = gui.add_html("")
+            self._output = gui.add_html("")
         context.session.tuning.choose_device(config.limits)
         device.on_update(callback(partial(self._choose, "device")))
         grip.on_update(callback(self._choose_grip))
         handle.on_update(callback(partial(self._choose, "compensator")))
-        self._show_heard()
+        self._show_output()
 
-    def _show_heard(self) -> None:
+    def _show_output(self) -> None:
         hint = COMPENSATOR_HINTS[self._context.touch.config.compensator]
-        self._heard.content = card_html(f"Heard and plotted: {escape_html(hint)}.")
+        self._output.content = card_html(f"Sound and plots show {escape_html(hint)}.")
 
     def _choose_grip(self, target: Any) -> None:
         touch = self._context.touch
         touch.config = replace(touch.config, grip=target.value)
 
     async def _choose(self, what: str, target: Any) -> None:
-        """Hold something else: the hand starts again, the painting stays."""
+        """Change the device or the handle, which restarts the hand."""
         session, touch = self._context.session, self._context.touch
         touch.config = replace(touch.config, **{what: target.value})
         session.tuning.choose_device(touch.config.limits)
-        self._show_heard()
-        self._context.refresh()  # with the new limits at once
+        self._show_output()
+        self._context.refresh()  # shows the new limits
         if touch.status != "closed":
             await touch.open(session.painting.snapshot(), session.tuning.tick_s)
 
 
 STEP_COUNT: Final = 200
-"""About how many steps a slider has [count]: finer than the JND of stiffness, 2 %, at its middle."""
+"""Approximate number of steps of a slider [count]: at its middle, finer than 2 % of the value."""
 
 FIGURES: Final = 4
-"""Digits of a number that a field shows [count]."""
+"""Significant digits shown in a field [count]."""
 
 NAME_MAX: Final = 24
-"""Longest name over the sliders [characters]: a longer one would run out of the panel."""
+"""Longest name that fits above the sliders [characters]."""
 
 
-class NumberPanel:
-    """Sliders of the chosen swatch; made anew when another is chosen.
+class ParameterPanel:
+    """Sliders for the parameters of the selected swatch.
 
     Args:
         context: the page.
-        container: the tab they are in.
+        container: the tab.
     """
 
     def __init__(self, context: PageContext, container: Any) -> None:
@@ -97,27 +97,27 @@ class NumberPanel:
         self.show()
 
     def show(self) -> None:
-        """Have the sliders as the swatch is."""
+        """Update the sliders from the swatch, and rebuild them if another swatch is selected."""
         context = self._context
         index = context.tools.swatch
-        if index is None:  # not painted with yet, or that was undone
+        if index is None:  # the scene does not use it yet, or no longer after an undo
             chosen = escape_html(context.tools.chosen)
-            self._clear(f"<b>{chosen}</b> has its numbers here as soon as it is painted with.")
+            self._clear(f"Paint with <b>{chosen}</b> to edit its parameters here.")
             return
         found = [p for p in context.session.tuning.parameters(index) if p.applies]
         swatch = context.session.scene.swatches[index]
-        shape = (index, swatch.name, context.session.device, *((p.name, p.minimum, p.maximum) for p in found))
+        shape = (index, swatch.name, context.session.tuning.device, *((p.name, p.minimum, p.maximum) for p in found))
         if shape != self._shown:
             self._make(found, swatch)
             self._shown = shape
-        told = (
-            f"as it is painted with; every change is felt and heard at once. Limits are those of the "
-            f"{escape_html(context.session.device)}."
+        device = escape_html(context.session.tuning.device)
+        text = (
+            f": changes take effect at once, also where the swatch is painted. The limits of the {device} apply."
             if found
-            else "is what every face has until it is painted, and stays as it is. A copy of it can be tuned."
+            else " is the default of unpainted faces and cannot be changed. You can tune a copy."
         )
         notes = "".join(f"<br>⚠ {escape_html(p.note)}" for p in found if p.note)
-        set_html(self._head, card_html(f"<b>{escape_html(swatch.name)}</b> {told}{notes}"))
+        set_html(self._head, card_html(f"<b>{escape_html(swatch.name)}</b>{text}{notes}"))
         for p in found:
             slider = self._sliders[p.name]
             if slider.value != _rounded(p.value):
@@ -129,7 +129,7 @@ class NumberPanel:
         gui, callback, name = self._context.server.gui, self._context.callback, swatch.name
         self._clear()
         with self._container:
-            self._folder = gui.add_folder(f"Numbers of {_short(name)}")
+            self._folder = gui.add_folder(f"Parameters of {_short(name)}")
         with self._folder:
             for p in found:
                 step = _step(p.maximum - p.minimum)
@@ -140,18 +140,20 @@ class NumberPanel:
                     max=max(math.floor(p.maximum / step + 1e-9) * step, _rounded(p.value)),
                     step=step,
                     initial_value=_rounded(p.value),
-                    hint=f"{_capital(p.meaning)}; {p.reset:.4g} to begin with",
+                    hint=f"{_capital(p.meaning)}. Default: {p.reset:.4g}",
                 )
-                slider.precision = FIGURES  # of its field, which else rounds to the step
+                slider.precision = FIGURES  # by default, the field would round to the step
                 slider.on_update(callback(partial(self._tune, p)))
                 self._sliders[p.name] = slider
             if found:
-                self._colour = gui.add_rgb("Colour", rgb_bytes(swatch.albedo_rgb), hint="As it is shown, and exported")
+                self._colour = gui.add_rgb(
+                    "Colour", rgb_bytes(swatch.albedo_rgb), hint="Colour in the view and in exported files"
+                )
                 self._colour.on_update(callback(self._recolour))
             taken = [known.name for known in self._context.session.scene.swatches]
             own = name if name.startswith("my ") else f"my {name}"
             self._name = gui.add_text("New name", numbered(own, taken))
-            for label, hint, act in BUTTONS[: None if found else 1]:  # plain can only be copied
+            for label, hint, act in BUTTONS[: None if found else 1]:  # the swatch plain can only be copied
                 gui.add_button(label, hint=hint).on_click(callback(partial(act, self)))
 
     def _clear(self, text: str = "") -> None:
@@ -166,11 +168,12 @@ class NumberPanel:
 
     def _recolour(self, target: Any) -> None:
         red, green, blue = target.value
-        self._context.session.recolour(self._context.tools.ensure_swatch(), (red / 255, green / 255, blue / 255))
+        colour = red / 255, green / 255, blue / 255
+        self._context.session.tuning.recolour(self._context.tools.ensure_swatch(), colour)
 
     def _reset(self, target: Any) -> None:
         if not self._context.session.tuning.reset(self._context.tools.ensure_swatch()):
-            self._context.socket.say("These are the numbers that it came with.")
+            self._context.socket.say("The parameters already have their original values.")
 
     def _copy(self, target: Any) -> None:
         session, name = self._context.session, self._new_name()
@@ -180,7 +183,7 @@ class NumberPanel:
     def _new_name(self) -> str:
         name = str(self._name.value).strip()
         if not name:
-            raise SwatchError("give the new swatch a name")
+            raise SwatchError("the new swatch has no name: enter a name in the field New name")
         return name
 
     def _save(self, target: Any) -> None:
@@ -188,7 +191,7 @@ class NumberPanel:
         index = self._context.tools.ensure_swatch()
         file = self._context.session.tuning.save_swatch_as(index, name)
         self._context.tools.choose_swatch(name, self._context.session.scene.swatches[index])
-        self._context.socket.say(f"{name!r} is in your library: {file}")
+        self._context.socket.say(f"Saved {name!r} to your library: {file}")
 
 
 def _step(span: float) -> float:
@@ -201,19 +204,19 @@ def _step(span: float) -> float:
 
 
 def _rounded(value: float) -> float:
-    """What a field shows of a number; the swatch keeps it all."""
+    """A value rounded as a field shows it."""
     return float(f"{value:.{FIGURES}g}")
 
 
 def _short(name: str) -> str:
-    """A name that a folder's head has room for."""
+    """A name, cut to `NAME_MAX` characters."""
     return name if len(name) <= NAME_MAX else name[: NAME_MAX - 1] + "…"
 
 
 BUTTONS: Final = (
-    ("Copy", "A second swatch, to tune and to paint with; what is painted stays as it is", NumberPanel._copy),
-    ("Save as new", "Into your library under the new name, which it has from now on", NumberPanel._save),
-    ("Reset", "Back to what the swatch came with", NumberPanel._reset),
+    ("Copy", "Add a copy of the swatch to the scene; painted faces keep the present swatch", ParameterPanel._copy),
+    ("Save as new", "Save the swatch to your library under the new name", ParameterPanel._save),
+    ("Reset", "Restore the original parameters and colour", ParameterPanel._reset),
 )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from trimesh.creation import box
 
-from hapscene.paint.model.display import COLOURS, LEAVES_MAX, Display, FileLook
+from hapscene.paint.model.display import COLOURS, SUBFACES_MAX, Display, FileColours
 from hapscene.paint.model.session import Session
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -70,7 +70,7 @@ def test_no_patch_is_too_large_to_be_sent(session: Session) -> None:
         dab(session, x, y, 0.0004)
     display.update(session.painting.changes())
     counts = [sum(len(layer.faces) for layer in display.layers(key)) for key in display.chunks()]
-    assert max(counts) <= LEAVES_MAX < len(session.scene.bodies[0].fine)
+    assert max(counts) <= SUBFACES_MAX < len(session.scene.bodies[0].fine)
 
 
 def test_a_file_has_few_colours_near_its_own() -> None:
@@ -78,7 +78,7 @@ def test_a_file_has_few_colours_near_its_own() -> None:
     grey = np.linspace(0, 255, len(cube.faces)).astype(np.uint8)
     rgb = np.stack([grey, 255 - grey, np.full_like(grey, 80)], axis=1)
     mesh = Mesh(vertices_m=np.asarray(cube.vertices), faces=np.asarray(cube.faces, np.int32), colour_rgb=rgb)
-    look = FileLook.of(mesh)
+    look = FileColours.of(mesh)
     assert look is not None and 4 <= len(look.rgb) <= COLOURS
     assert np.abs(255 * look.rgb[look.tint] - rgb).max() < 30
     assert look.shade[look.tint[-1]] == pytest.approx(look.shade[look.tint[0]], abs=0.1)  # as light, in another colour
@@ -88,4 +88,4 @@ def test_a_file_has_few_colours_near_its_own() -> None:
     layers = [layer for key in display.chunks() for layer in display.layers(key)]
     assert {layer.tint for layer in layers} == set(look.tint.tolist())
     assert sum(len(layer.faces) for layer in layers) == len(mesh.faces)
-    assert FileLook.of(mesh_of(cube)) is None
+    assert FileColours.of(mesh_of(cube)) is None

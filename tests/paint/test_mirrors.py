@@ -1,4 +1,4 @@
-"""Symmetry: images of places, and strokes that are painted at all of them."""
+"""Mirrored strokes, and the border of a soft brush."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from trimesh.creation import box
 
 from hapscene.errors import SceneError
 from hapscene.paint.model.session import Session
-from hapscene.paint.model.strokes import Brush, Symmetry
+from hapscene.paint.model.strokes import Brush
 from hapscene.scene.scene import Scene
 
 from .conftest import mesh_of, turned
@@ -37,18 +37,13 @@ def painted(session: Session, p_m: np.ndarray) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("symmetry", "images"),
-    [
-        (Symmetry(), [(1, 1)]),
-        (Symmetry("x"), [(1, 1), (-1, 1)]),
-        (Symmetry("xy"), [(1, 1), (-1, 1), (1, -1), (-1, -1)]),
-        (Symmetry(turns=2), [(1, 1), (-1, -1)]),
-    ],
+    ("mirrors", "images"),
+    [("", [(1, 1)]), ("x", [(1, 1), (-1, 1)]), ("xy", [(1, 1), (-1, 1), (1, -1), (-1, -1)])],
 )
-def test_a_stroke_is_painted_at_its_images_and_nowhere_else(session: Session, symmetry: Symmetry, images) -> None:
+def test_a_stroke_is_painted_at_its_mirror_images_only(session: Session, mirrors: str, images) -> None:
     top = np.array([0.012, 0.007, 0.02])
     p_W = POSE[:3, :3] @ (top + MIDDLE) + POSE[:3, 3]
-    session.begin_stroke("wood", 0.003, symmetry=symmetry)
+    session.begin_stroke("wood", 0.003, mirrors=mirrors)
     session.drag_to(p_W + 0.2 * POSE[:3, 2], -POSE[:3, 2])
     session.end_stroke()
     for sx in (1, -1):
@@ -58,15 +53,13 @@ def test_a_stroke_is_painted_at_its_images_and_nowhere_else(session: Session, sy
     assert session.undo() is not None and session.scene.bodies[0].fine is None
 
 
-def test_a_box_goes_round_the_axis_and_an_eye_with_it(session: Session) -> None:
+def test_a_box_and_the_eye_are_mirrored(session: Session) -> None:
     side = np.array([0.02, 0.01, 0.0])
     pose = POSE @ turned(0.0, tuple(side + MIDDLE))
     eye = POSE[:3, :3] @ np.array([0.5, 0.0, 0.0]) + POSE[:3, 3]
-    session.fill_box(pose, [0.004] * 3, "wood", eye_W_m=eye, symmetry=Symmetry(turns=4))
-    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    for _ in range(4):
-        assert painted(session, side) and not painted(session, side * [1, -1, 1])
-        side = turn @ side
+    session.fill_box(pose, [0.004] * 3, "wood", eye_W_m=eye, mirrors="x")
+    for image in (side, side * [-1, 1, 1]):
+        assert painted(session, image) and not painted(session, image * [1, -1, 1])
 
 
 def test_soft_and_thin_paint_is_a_blend_that_ends_at_the_ring(session: Session) -> None:
@@ -74,7 +67,7 @@ def test_soft_and_thin_paint_is_a_blend_that_ends_at_the_ring(session: Session) 
 
     p_W = POSE[:3, :3] @ np.array([0.1, 0.0, 0.02]) + POSE[:3, 3]
     for opacity in (0.25, 0.25, 0.4):  # a stroke over another does not add to it
-        session.begin_stroke("wood", 0.008, softness=1.0, opacity=opacity)
+        session.begin_stroke("wood", 0.008, falloff=1.0, opacity=opacity)
         session.drag_to(p_W + 0.2 * POSE[:3, 2], -POSE[:3, 2])
         session.end_stroke()
         body = session.scene.bodies[0]
@@ -84,10 +77,7 @@ def test_soft_and_thin_paint_is_a_blend_that_ends_at_the_ring(session: Session) 
         assert (weight[away_m > 0.0082] == 0.0).all() and (weight[away_m < 0.006] > 0.0).all()
 
 
-def test_a_brush_and_a_symmetry_are_checked() -> None:
-    for bad, message in (({"mirrors": "w"}, "an axis is x, y or z"), ({"turns": 65}, "1 to 64 images")):
-        with pytest.raises(SceneError, match=message):
-            Symmetry(**bad)
-    for softness, opacity in ((1.1, 1.0), (0.0, 0.0), (np.nan, 1.0)):
-        with pytest.raises(SceneError, match="softness is 0 to 1 and opacity above 0"):
-            Brush(0.001, softness, opacity)
+@pytest.mark.parametrize("setting", [{"mirrors": "w"}, {"falloff": 1.1}, {"falloff": np.nan}, {"opacity": 0.0}])
+def test_settings_of_the_brush_are_checked(setting) -> None:
+    with pytest.raises(SceneError, match=next(iter(setting))):
+        Brush(0.001, **setting)

@@ -1,0 +1,27 @@
+// Sends events of the buttons and selections of the swatch library panel to the server, and keeps the keyboard focus.
+const act = (message) => window.hapscene && window.hapscene.send({ do: "library", ...message });
+let last = null;  // focused element of the panel
+document.addEventListener("click", (event) => {
+  const button = event.target.closest && event.target.closest("button[data-library]");
+  if (!button) return;
+  act({ act: button.dataset.library, name: button.dataset.name });
+});
+document.addEventListener("change", (event) => {
+  if (event.target.matches && event.target.matches("select[data-library]")) act({ act: event.target.dataset.library, value: event.target.value });
+});
+document.addEventListener("focusin", (event) => { last = event.target.dataset && event.target.dataset.library ? event.target : null; });
+new MutationObserver(() => {  // the HTML was replaced: restore the focus
+  if (!last || last.isConnected || document.activeElement !== document.body) return;
+  const { library, name } = last.dataset;
+  const same = [...document.querySelectorAll("[data-library]")].find((node) => node.dataset.library === library && node.dataset.name === name);
+  last = null;
+  if (same) same.focus({ preventScroll: true });
+}).observe(document.body, { childList: true, subtree: true });
+document.addEventListener("keydown", (event) => {  // arrow keys move the focus between cards
+  const here = event.target.closest && event.target.closest(".hs-pick");
+  const step = { ArrowRight: 1, ArrowLeft: -1, ArrowDown: 3, ArrowUp: -3 }[event.key];
+  if (!here || !step) return;
+  const cards = [...document.querySelectorAll(".hs-pick")];
+  const next = cards[cards.indexOf(here) + step];
+  if (next) { event.preventDefault(); event.stopPropagation(); next.focus(); }
+}, true);
