@@ -12,7 +12,7 @@ ball on a hand-held tool that slides over it:
    valleys narrower than its chord: for a random profile a is at least √(2 R h), where h is the rms height.
 3. **Speed.** f = q v: a spectral line of period λ is at v/λ, a corner of length L at v/L.
 4. **Tool.** The mass of the tool on the Hertzian contact stiffness k = (6 E*² R F)^⅓, in series with the stiffness of
-   the tool, follows the profile below its resonance and is isolated from it above. Acceleration is (2π f)² times height.
+   the tool, follows the profile below its resonance and is isolated from it above. Acceleration is (2π f)² · height.
 5. **Level.** The pressing force bounds the acceleration: P = P₀/(1 + P₀/A²) with A = F/(c m), where c is the crest
    factor: √2 for spectral lines, 3 for noise.
 

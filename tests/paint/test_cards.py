@@ -29,15 +29,15 @@ def test_a_swatch_in_words() -> None:
     assert bare == ["firm", "no texture", "slippery", "no taps"]
 
 
-def test_gains_are_heard_in_the_words() -> None:
+def test_descriptions_include_the_gains() -> None:
     session = Session(_scene())
     wood = session.painting.swatch_named("wood")
     session.tune(wood, texture_gain=4.0, tap_gain=0.1)
     said = {phrase.quality: phrase.word for phrase in phrases(session.scene.swatches[wood])}
     assert said["texture"] == "very rough" and said["taps"] == "faint knocking taps"
     session.tune(wood, texture_gain=0.0, tap_gain=0.0)
-    told = [phrase.word for phrase in phrases(session.scene.swatches[wood])]
-    assert told == ["firm", "no texture", "sliding easily", "no taps"]
+    described = [phrase.word for phrase in phrases(session.scene.swatches[wood])]
+    assert described == ["firm", "no texture", "sliding easily", "no taps"]
 
 
 def _scene() -> hapscene.Scene:

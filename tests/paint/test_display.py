@@ -119,10 +119,10 @@ def test_reduced_it_wears_the_larger_part_through_strokes_and_undo(session) -> N
     for step in range(8):
         before = now
         stroke(session, rng, (wood, paper)[step % 2])
-        told = set(display.update(session.painting.changes()))
+        updated = set(display.update(session.painting.changes()))
         now = {key: drawn(display, key) for key in display.chunks()}
         both = now.keys() | before.keys()
-        assert {key for key in both if now.get(key, []) != before.get(key, [])} == told
+        assert {key for key in both if now.get(key, []) != before.get(key, [])} == updated
     for b in range(2):
         assert display.bodies[b].swatch.tolist() == majority(session, display, b)
     while session.undo() is not None:
@@ -177,8 +177,8 @@ def test_a_reduced_mesh_stays_near_and_keeps_its_sides(thickness_m: float) -> No
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
     flat = np.abs(shape.normal[:, 2]) > 0.9
-    alike = np.einsum("ij,ij->i", normal[made.shown_of], shape.normal)
-    assert (alike[flat] > -0.1).all()  # no face of the front is shown by one of the back
+    cosine = np.einsum("ij,ij->i", normal[made.shown_of], shape.normal)
+    assert (cosine[flat] > -0.1).all()  # no front face is represented by a back face
     ball = reduce_mesh(PaintableMesh(BALL), 1000)
     assert np.linalg.norm(ball.vertices_m, axis=1) == pytest.approx(0.02, rel=0.02)
     middle = PaintableMesh(BALL).centroid_m

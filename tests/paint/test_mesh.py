@@ -89,7 +89,7 @@ def test_facets_are_those_of_regions(angle_rad: float) -> None:
 # The brush: distances against sampling, what is painted against its definition, walls, gaps and seams.
 
 
-coordinate = st.integers(-4, 4).map(float)  # whole numbers: parallel, touching and degenerate cases come often
+coordinate = st.integers(-4, 4).map(float)  # integers make parallel, touching and degenerate cases frequent
 vector = st.tuples(coordinate, coordinate, coordinate)
 
 

@@ -316,14 +316,14 @@ def test_a_new_swatch_begins_as_a_copy(scene) -> None:
     assert not any(parameter.applies for parameter in session.tuning.parameters(0))
 
 
-def test_what_a_session_is_made_of_is_told_in_a_line(scene, tmp_path) -> None:
+def test_repr_summarises_the_session_in_one_line(scene, tmp_path) -> None:
     session = Session(scene, tmp_path / "cup.scene.json")
     assert repr(session) == "<Session cup.scene.json: 2 bodies, 2,048 faces, 2 swatches, not saved>"
     session.fill_body("plate", session.add_swatch("wood"))
 
 
-def test_a_group_that_is_clicked_is_filled_alone(scene) -> None:
-    """Another whose name holds its name, as `fill_group` takes parts of names, stays."""
+def test_click_fills_only_the_group_with_exactly_that_name(scene) -> None:
+    """`fill_group` also matches parts of names; a click must not."""
     ball = scene.bodies[0].mesh
     mesh = Mesh(ball.vertices_m, ball.faces, (np.arange(len(ball.faces)) % 3).astype(np.int16), ("lid", "box/lid", "x"))
     scene.add(mesh, name="box")

@@ -149,11 +149,11 @@ class FakeServo:
         return SimpleNamespace(tick=0, touching=False)
 
 
-def test_effects_are_switched_and_a_kiosk_puts_all_back(page: PageServer, clock: VirtualClock) -> None:
+def test_kiosk_resets_effects_and_sound(page: PageServer, clock: VirtualClock) -> None:
     servo: Any = FakeServo(make_scene())
-    heard: list[Any] = []
+    switched: list[Any] = []
     page.attach(servo)
-    page.sound = lambda on, volume: heard.append((on, volume))
+    page.sound = lambda on, volume: switched.append((on, volume))
     page.take(1, {"switch": ["friction", False], "sound": [True, 0.5]})
     page.take(1, {"switch": ["friction", False]})  # it is off already
     assert servo.orders == [("friction", True)]
@@ -170,14 +170,14 @@ def test_effects_are_switched_and_a_kiosk_puts_all_back(page: PageServer, clock:
     page.beat()
     assert page.state()["resets"] == 1
     assert servo.orders == [("friction", False), "resume"]
-    assert heard == [(True, 0.5), (False, 0.5)]
+    assert switched == [(True, 0.5), (False, 0.5)]
     assert page.state()["effects"]["friction"]
     clock.sleep_s(2.0 * KIOSK_S)
     page.beat()
-    assert page.state()["resets"] == 1  # not again before somebody came
+    assert page.state()["resets"] == 1  # no second reset without a visitor
 
 
-def test_what_an_order_is_refused_for_is_told(page: PageServer) -> None:
+def test_refused_order_reports_the_reason(page: PageServer) -> None:
     def refuse(on: bool, volume: float) -> None:
         raise HapsceneError("no card")
 

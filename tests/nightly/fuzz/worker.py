@@ -1,7 +1,7 @@
 """Worker process of the fuzzer: reads damaged files under resource limits and reports each result.
 
-Each line on standard input names a format and a file; each line on standard output is the result in JSON. A crash of the
-reader ends only this process.
+Each line on standard input names a format and a file; each line on standard output is the result in JSON.
+A crash of the reader ends only this process.
 """
 
 import json
@@ -28,7 +28,7 @@ READABLE = tuple(map(str, (TEMPORARY, ROOT, sys.prefix, sys.base_prefix, "/proc"
 WRITABLE = (str(TEMPORARY), os.devnull)
 
 _forbidden: list[str] = []
-"""Forbidden actions of the reader since the last file: accesses outside the permitted folders, processes, connections."""
+"""Forbidden actions of the reader since the last file: access outside its folders, processes, connections."""
 _watch: dict[str, Any] = {"folder": None, "roams": False}
 
 

@@ -1,4 +1,4 @@
-"""A scene composed in a real browser, of files that nobody here chose; ended by kill -9, and found again."""
+"""A scene is composed from third-party meshes in a real browser and recovered after kill -9."""
 
 import signal
 import sys

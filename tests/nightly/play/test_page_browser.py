@@ -111,7 +111,7 @@ def test_a_pen_presses_as_hard_as_it_is_pressed(live: Live, tab: Page) -> None:
     felt_N = []
     pen("mousePressed", 0.1)
     for force in (0.1, 0.3, 0.6, 1.0):
-        x += 0.25  # a move that is none is not told
+        x += 0.25  # the browser sends no event without a movement
         pen("mouseMoved", force)
         tab.wait_for_timeout(150)
         felt_N.append(float(settled(servo).f_W_N[2]))
@@ -159,9 +159,7 @@ def test_escape_lifts_space_pauses_and_a_closed_page_lifts(live: Live, browser: 
     until(lambda: not servo.state().touching)
 
 
-def test_a_page_that_hears_no_more_says_so_and_comes_back(
-    live: Live, tab: Page, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_page_reports_a_lost_connection_and_reconnects(live: Live, tab: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     back, felt = Event(), live[0]._felt
     expect(tab.locator("#said")).to_have_text("")
     monkeypatch.setattr(live[0], "_felt", lambda servo, since: felt(servo, since) if back.wait(120.0) else None)

@@ -79,13 +79,13 @@ def test_buttons_and_fields_do_what_they_say(page: Page, tab: Tab) -> None:
         ("copy", "", "", "no body ''"),
     ],
 )
-def test_what_a_field_cannot_be_is_one_sentence(
+def test_invalid_value_of_a_field_gives_one_message(
     page: Page, tab: Tab, what: str, body: str, value: str, said: str
 ) -> None:
     before = page.context.session.painting.state
     act(tab, what, body, value)
-    told = [text for text in tab.said if said in text]
-    assert len(told) == 1 and "\n" not in told[0] and page.context.session.painting.state == before
+    matching = [text for text in tab.said if said in text]
+    assert len(matching) == 1 and "\n" not in matching[0] and page.context.session.painting.state == before
 
 
 def test_what_is_no_act_does_nothing(page: Page, tab: Tab) -> None:

@@ -40,7 +40,7 @@ def test_the_painters_hand_holds_as_that_of_a_touch() -> None:
         assert HandConfig() == HandConfig(options.device, options.grip, options.compensator)
 
 
-def test_a_hold_is_told_in_words() -> None:
+def test_str_names_device_grip_and_handle() -> None:
     assert str(HandConfig()) == "omni, light grip, adaptive handle"
     assert str(HandConfig("premium-1.5", "firm", NO_HANDLE)) == "premium-1.5, firm grip, no handle"
     assert HandConfig("omni-point").limits == "omni"

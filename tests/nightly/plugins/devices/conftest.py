@@ -24,9 +24,8 @@ class Emulated:
         self.log = folder / f"{name}.log"
         self.place = str(folder / name)
         command = [sys.executable, str(EMULATORS / f"{name}.py"), str(self.log), self.place]
-        beside = {
-            name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"
-        }  # emulator.py is imported from its folder
+        # the emulator imports emulator.py from its folder
+        beside = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
         pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
         self.process = subprocess.Popen(command, env=beside, **pipes)
         said = self.process.stdout.readline().strip()  # type: ignore[union-attr]
