@@ -127,7 +127,7 @@ def move_proxy(world: "World", tool_W: Vector) -> bool:
 
 @inlined
 def _dominant_plane(world: "World", p_W: Vector) -> int:
-    """Return the plane that pushes most among those whose face lies below the proxy, or among all planes."""
+    """Return the plane with the largest constraint force, preferring planes with their face below the proxy."""
     proxy = world.proxy[0]
     dominant, most = 0, -1.0
     for i in range(proxy.count):

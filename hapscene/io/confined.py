@@ -37,13 +37,13 @@ Reader = Callable[..., Mapping[str, NDArray[Any]]]
 It raises `FormatError` for invalid files; the message is passed on."""
 
 TIME_MAX_S: Final = 120.0
-"""Maximum time for a file [s]; a STEP file with 8,000 faces takes two."""
+"""Maximum time to read a file [s]. A STEP file with 8,000 faces takes 2 s."""
 
 CLOCK_RATIO: Final = 4.0
 """Ratio of the limits on wall-clock time and processor time [1], since other processes share the machine."""
 
 SAID_MAX_B: Final = 16_384
-"""Maximum length of the output that is kept [bytes]."""
+"""Maximum length of the stored output of the reader [bytes]."""
 
 _PR_SET_PDEATHSIG: Final = 1
 _SIGXCPU: Final = 24

@@ -227,7 +227,7 @@ BINS: Final = 512
 
 @dataclass(frozen=True)
 class TextureShare:
-    """TextureShare of a texture that motors can render, and the stroke that limits it.
+    """Share of a texture that motors can render, and the stroke that limits it.
 
     Attributes:
         share: share of its acceleration [1].
