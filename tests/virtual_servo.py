@@ -37,7 +37,7 @@ class VirtualServo(Servo):
             raise
         self._renderer_arguments = self._wire.handler.made
         self._asked = np.zeros(1, np.int64)
-        self._heartbeat = shared.channel["heartbeat"].view(np.ndarray)
+        self._heartbeat_count = shared.channel["heartbeat"].view(np.ndarray)
 
     @property
     def handler(self) -> OrderHandler:
@@ -50,7 +50,7 @@ class VirtualServo(Servo):
         with self._wire.lock:
             for _ in range(ticks):
                 if not self.alone:
-                    self._heartbeat[0] += 1
+                    self._heartbeat_count[0] += 1
                 self.handler.advance(1)
 
     def until(self, true: Callable[[], Any], ticks: int = TICKS_MAX) -> Any:
