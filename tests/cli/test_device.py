@@ -41,7 +41,7 @@ def test_its_recordings_give_it_again(folder: Path, tmp_path: Path, capsys: pyte
     assert "b.handle  (" in capsys.readouterr().out
 
 
-def test_a_seed_gives_the_same_again(folder: Path, tmp_path: Path) -> None:
+def test_equal_seeds_give_equal_results(folder: Path, tmp_path: Path) -> None:
     words = ["device", "identify", "--simulated", *SHORT, "--name", "ours"]
     assert main([*words, "-o", str(tmp_path / "a.handle")]) == 0
     assert main([*words, "--seed", "1", "-o", str(tmp_path / "b.handle")]) == 0

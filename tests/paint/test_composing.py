@@ -106,7 +106,7 @@ def test_copies_share_a_mesh_and_not_their_painting(session: Session) -> None:
     assert (other.face_swatch == 1).all() and (one.face_swatch == 0).all()
 
 
-def test_what_would_be_in_another_body_comes_beside_it_and_as_low(session: Session) -> None:
+def test_added_body_is_moved_beside_an_overlapping_body(session: Session) -> None:
     composing = session.composing
     inside, outside, far = ball("inside"), ball("outside"), ball("far")
     inside.bodies[0].X_WB[:3, 3] = session.scene.body("ball").X_WB[:3, 3]
@@ -235,7 +235,7 @@ def test_sizes_that_were_tried_are_not_kept_prepared_for_ever(session: Session) 
     assert session.shapes[1].mesh is session.scene.body("plate").mesh
 
 
-def test_an_added_body_that_nobody_said_is_of_anything_is_plain(session: Session) -> None:
+def test_added_body_without_swatch_is_plain(session: Session) -> None:
     other = ball()
     other.bodies[0].made_of = None
     other.bodies[0].face_swatch[1:] = 0  # its first face alone is of wood
@@ -244,7 +244,7 @@ def test_an_added_body_that_nobody_said_is_of_anything_is_plain(session: Session
 
 
 @pytest.mark.parametrize(("size_m", "factor"), [(1e-4, 1e3), (20.0, 5e-3)])
-def test_a_wrong_unit_mended_leaves_a_body_beside_the_others(session: Session, size_m: float, factor: float) -> None:
+def test_corrected_unit_keeps_the_body_beside_the_others(session: Session, size_m: float, factor: float) -> None:
     session.composing.delete("plate")
     scene = hapscene.Scene()
     scene.add(mesh_of(box((size_m,) * 3)), name="cube")
@@ -255,7 +255,7 @@ def test_a_wrong_unit_mended_leaves_a_body_beside_the_others(session: Session, s
     assert 0.0 <= apart_m < 3.0 and cube_low[2] == pytest.approx(low[2])
 
 
-def test_the_last_body_stays_and_a_name_is_one(session: Session) -> None:
+def test_last_body_cannot_be_deleted_and_invalid_names_are_refused(session: Session) -> None:
     composing = session.composing
     composing.delete("plate")
     with pytest.raises(SceneError):
@@ -266,7 +266,7 @@ def test_the_last_body_stays_and_a_name_is_one(session: Session) -> None:
             composing.rename("ball", name)
 
 
-def test_another_swatch_of_the_same_name_comes_under_a_name_of_its_own(session: Session) -> None:
+def test_different_swatch_with_an_existing_name_is_renamed(session: Session) -> None:
     strange = ball()
     strange.swatches[1] = hapscene.Swatch(name="paper", stiffness_N_m=321.0)
     (name,) = session.composing.add(strange)

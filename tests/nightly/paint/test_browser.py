@@ -31,7 +31,7 @@ def test_page_cannot_connect_to_other_servers(window: Window) -> None:
     del window.troubles[before:]  # the browser tells of it
 
 
-def test_the_address_bar_hides_the_token_and_this_browser_alone_knows_it(window: Window) -> None:
+def test_token_is_hidden_in_the_address_bar_and_stored_in_this_browser_only(window: Window) -> None:
     page, tab = window.page, window.tab
     before, home, token = len(window.troubles), page.url.rsplit("/", 2)[0] + "/", page.url.split("/")[-2]
     tab.wait_for_url(home)
@@ -119,7 +119,7 @@ def test_all_of_a_stroke_is_drawn_by_keys(window: Window) -> None:
     page.context.tools.choose_swatch(chosen, chosen)
 
 
-def test_a_lost_connection_says_what_to_do_until_it_is_back(window: Window) -> None:
+def test_lost_connection_shows_instructions_until_reconnected(window: Window) -> None:
     before, socket_ = len(window.troubles), window.page.context.socket
     window.ask(
         "window.said = []; new MutationObserver(() => said.push(document.getElementById('hs-say').textContent))"

@@ -131,7 +131,7 @@ def test_text_is_readable_and_whole(tab: Any) -> None:
         assert tab.evaluate(CUT) == [], name
 
 
-def test_the_model_is_seen_between_tools_and_panel_in_windows_of_all_sizes(tab: Any) -> None:
+def test_model_is_visible_between_tools_and_panel_in_all_window_sizes(tab: Any) -> None:
     for width, height in WIDTHS.items():
         tab.set_viewport_size({"width": width, "height": height})
         tab.wait_for_function(SETTLED, arg=width)
@@ -174,7 +174,7 @@ def test_no_line_break_between_number_and_unit() -> None:
     assert _figure_html(Phrase("taps", "taps not measured", "")) == ""
 
 
-def test_what_is_not_saved_is_marked_and_no_tool(tab: Any, page: Page) -> None:
+def test_unsaved_state_is_marked(tab: Any, page: Page) -> None:
     save = tab.locator("#hs-bar button", has_text="Save")
     assert page.context.session.dirty and tab.inner_text("#hs-saved") == "Not saved"
     assert save.evaluate("n => n.classList.contains('due') && !n.hasAttribute('aria-pressed')")

@@ -88,7 +88,7 @@ def test_invalid_value_of_a_field_gives_one_message(
     assert len(matching) == 1 and "\n" not in matching[0] and page.context.session.painting.state == before
 
 
-def test_what_is_no_act_does_nothing(page: Page, tab: Tab) -> None:
+def test_unknown_action_is_ignored(page: Page, tab: Tab) -> None:
     before = page.context.session.painting.state
     for message in ({"act": "_tree_html"}, {"act": {}}, {"act": "choose", "body": ["ball"]}, {"act": None}):
         tab.send("body", **message)
@@ -96,7 +96,7 @@ def test_what_is_no_act_does_nothing(page: Page, tab: Tab) -> None:
     assert page.context.session.painting.state == before
 
 
-def test_a_name_is_no_html(page: Page, tab: Tab) -> None:
+def test_names_are_escaped_in_html(page: Page, tab: Tab) -> None:
     act(tab, "name", "ball", '"><img src=x onerror=alert(1)>')
     act(tab, "choose", '"><img src=x onerror=alert(1)>')
     content = html_of(tab, "Parent") + html_of(tab, 'role="tree"')

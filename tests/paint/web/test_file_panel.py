@@ -68,7 +68,7 @@ def test_file_is_overwritten_after_confirmation(page: Page, tab: Tab) -> None:
     tab.wait(lambda: not asked(tab, "Overwrite"))
 
 
-def test_an_export_is_asked_for_where_a_file_is(page: Page, tab: Tab) -> None:
+def test_export_over_an_existing_file_needs_confirmation(page: Page, tab: Tab) -> None:
     Path("ball.ply").write_text("theirs")
     tab.set("Format", "ply")
     tab.settle()
@@ -93,7 +93,7 @@ def test_panel_lists_what_the_chosen_format_cannot_store(page: Page, tab: Tab) -
     tab.wait(lambda: not displayed(tab, "paint of subdivided faces"))
 
 
-def test_a_mesh_of_the_scene_is_neither_offered_nor_written_over(page: Page, tab: Tab) -> None:
+def test_export_never_overwrites_a_mesh_of_the_scene(page: Page, tab: Tab) -> None:
     before = Path("ball.obj").read_bytes()
     tab.set("Format", "obj")
     tab.settle()
@@ -114,7 +114,7 @@ def test_after_another_name_exports_go_there(page: Page, tab: Tab) -> None:
     assert not autosave_folder(Path("ball.scene.json")).exists()
 
 
-def test_what_cannot_be_done_leaves_the_question_open(page: Page, tab: Tab) -> None:
+def test_failed_answer_keeps_the_dialog_open(page: Page, tab: Tab) -> None:
     other = Session.open(Path("ball.scene.json"))
     other.save(Path("cup.scene.json"))
     save_as(tab, "cup.scene.json")

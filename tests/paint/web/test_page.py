@@ -79,7 +79,7 @@ def test_paint_undo_redo_save_load(page: Page, tab: Tab) -> None:
         assert np.array_equal(a.face_swatch, b.face_swatch)
 
 
-def test_a_page_half_as_wide_as_high_sees_all_from_twice_as_far(page: Page, tab: Tab) -> None:
+def test_narrow_page_doubles_the_camera_distance(page: Page, tab: Tab) -> None:
     for bad in ({"client": 99}, {"w": 0}, {"w": 5e-324}, {"w": "x"}, {"h": -1.0}, {"h": None}):
         tab.send("frame", **{"client": tab.client, "w": 400, "h": 800, **bad})
     tab.settle()
@@ -93,7 +93,7 @@ def test_a_page_half_as_wide_as_high_sees_all_from_twice_as_far(page: Page, tab:
     )
 
 
-def test_a_view_frames_all_or_the_body_under_the_pointer(page: Page, tab: Tab) -> None:
+def test_view_fits_the_scene_or_the_body_under_the_pointer(page: Page, tab: Tab) -> None:
     camera = page.server.get_clients()[tab.client].camera
     for bad in ({"client": 99}, {"w": 0}, {"x": "x"}, {"name": None, "x": None}, {"h": -1.0}):
         tab.send("view", **{"client": tab.client, "w": 800, "h": 600, "x": 0.5, "y": 0.5, "name": "top", **bad})
@@ -335,7 +335,7 @@ def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: P
     assert not list(Path(tempfile.gettempdir()).glob("hapscene-*/bad.swatch"))
 
 
-def test_a_picture_becomes_the_look_of_the_chosen_swatch_and_undo_takes_it_back(page: Page, tab: Tab) -> None:
+def test_image_sets_the_appearance_of_the_selected_swatch_and_can_be_undone(page: Page, tab: Tab) -> None:
     tab.choose("wood")
     before = page.context.session.scene.swatches[-1]
     rng = np.random.default_rng(0)
@@ -370,7 +370,7 @@ def drop(page: Page, files: Mapping[str, bytes | int]) -> None:
                 wire.recv(30.0)
 
 
-def test_a_file_that_changed_meanwhile_is_asked_about(page: Page, tab: Tab) -> None:
+def test_saving_over_a_changed_file_needs_confirmation(page: Page, tab: Tab) -> None:
     tab.choose("wood")
     stroke(tab)
     path = page.context.session.path
@@ -384,7 +384,7 @@ def test_a_file_that_changed_meanwhile_is_asked_about(page: Page, tab: Tab) -> N
     assert path.read_bytes() != before
 
 
-def test_a_second_tab_sees_the_same_and_a_closed_one_loses_nothing(page: Page, tab: Tab) -> None:
+def test_second_tab_shows_the_same_state_and_closing_one_loses_nothing(page: Page, tab: Tab) -> None:
     other = Tab(page)
     tab.choose("wood")
     tab.set("Size [mm]", 7.0)
@@ -402,7 +402,7 @@ def test_a_second_tab_sees_the_same_and_a_closed_one_loses_nothing(page: Page, t
     third.close()
 
 
-def test_what_was_not_saved_is_offered_to_the_next_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_next_page_offers_to_recover_unsaved_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     make_scene(tmp_path).save(tmp_path / "made.scene.json")
     session = Session.open(tmp_path / "made.scene.json")
@@ -423,9 +423,7 @@ def test_what_was_not_saved_is_offered_to_the_next_page(tmp_path: Path, monkeypa
         tab.close()
 
 
-def test_a_page_that_cannot_be_made_leaves_nothing_and_the_next_can(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failed_page_releases_its_resources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*arguments: Any) -> Any:
         raise ViewError("no picture")
 

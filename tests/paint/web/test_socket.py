@@ -58,7 +58,7 @@ def test_slow_client_loses_traces_but_no_messages(waiting_bytes: int, count: int
     ]
 
 
-def test_who_reads_nothing_at_all_is_left() -> None:
+def test_client_that_reads_nothing_is_disconnected() -> None:
     """What waits for it would fill the memory."""
     live, page = PageSocket(nothing, dict), Slow(10 * BACKLOG_BYTES_MAX)
     live._sockets.add(page)

@@ -115,7 +115,7 @@ def test_on_a_scene_without_swatches_the_first_stroke_is_seen(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("tool", "mark"), [("box", "/mark/box"), ("sphere", "/mark/sphere")])
-def test_a_region_is_seen_from_the_press_on(page: Page, tab: Tab, tool: str, mark: str) -> None:
+def test_region_is_displayed_from_the_press_on(page: Page, tab: Tab, tool: str, mark: str) -> None:
     seen: list[bool] = []
     node = {"box": page.context.view._box, "sphere": page.context.view._sphere}[tool]
     tab.send("tool", name=tool)
@@ -126,7 +126,7 @@ def test_a_region_is_seen_from_the_press_on(page: Page, tab: Tab, tool: str, mar
     assert seen == [False, True, False] and node.name == mark
 
 
-def test_a_stroke_that_was_saved_in_the_middle_has_painted(page: Page, tab: Tab) -> None:
+def test_saving_during_a_stroke_includes_it(page: Page, tab: Tab) -> None:
     page.context.tools.choose_swatch("wood", "wood")
     tab.point("down", TOP)
     tab.settle()

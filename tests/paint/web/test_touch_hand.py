@@ -109,7 +109,7 @@ async def settle(touch: TouchHand) -> None:
 
 @pytest.mark.parametrize("stiffness_N_m", [100.0, 700.0])
 @pytest.mark.parametrize("grip", ["light", "firm"])
-def test_the_hand_aims_as_deep_as_makes_the_force(stiffness_N_m: float, grip: str) -> None:
+def test_target_depth_gives_the_requested_force(stiffness_N_m: float, grip: str) -> None:
     """At rest the grip's pull is the wall's push: k (depth − x) = K x = force."""
     depth_m = float((PLACE - aim_point(PLACE, UP, 1.5, stiffness_N_m, grip)) @ UP)
     k = GRIPS[grip].k_N_m
@@ -117,7 +117,7 @@ def test_the_hand_aims_as_deep_as_makes_the_force(stiffness_N_m: float, grip: st
     assert stiffness_N_m * x_m == pytest.approx(1.5)
 
 
-def test_a_touch_comes_down_strokes_and_lifts_and_then_rests() -> None:
+def test_hand_presses_strokes_lifts_and_stops() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         assert touch.read(0.0) is None
         assert touch.press(PLACE, UP, 1.0, 500.0)
@@ -152,7 +152,7 @@ def test_numbers_that_wait_become_one_order() -> None:
     run(act)
 
 
-def test_of_many_devices_the_last_is_held_and_what_was_painted_meanwhile_is_felt() -> None:
+def test_last_selected_device_is_opened_with_the_latest_painting() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         scene = Scene()
         touch.repaint(scene)
@@ -170,7 +170,7 @@ def test_of_many_devices_the_last_is_held_and_what_was_painted_meanwhile_is_felt
     run(act)
 
 
-def test_what_the_servo_refuses_is_said() -> None:
+def test_error_of_the_servo_is_reported() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         assert touch.status == "failed" and "no arm" in said[0]
         assert not touch.press(PLACE, UP, 1.0, 500.0)
@@ -178,7 +178,7 @@ def test_what_the_servo_refuses_is_said() -> None:
     run(act, refuse="no arm")
 
 
-def test_what_is_refused_holds_up_nothing_behind_it() -> None:
+def test_refused_order_does_not_block_later_orders() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         touch.tune("gone", {"stiffness_N_m": 1.0})
         touch.tune("wood", {"stiffness_N_m": 300.0})
