@@ -63,7 +63,7 @@ operation = hapscene.teleoperation.Operation(robot, leader_m, coupling=coupling,
 offset_m = data.body("tip").xpos - leader_m
 
 
-def move(*points: tuple[float, float, float]) -> hapscene.teleoperation.Operated:
+def move(*points: tuple[float, float, float]) -> hapscene.teleoperation.OperationResult:
     """Move the hand along points (x, z, t): displacement from the leader's start [mm], time [s]."""
     x, z, t_s = np.transpose(points)
     now_s = np.arange(0.0, t_s[-1], 1e-3)

@@ -14,7 +14,7 @@ Modules: `render/tick.py` contains one haptic tick and is a good start for readi
 `capture/` fits swatches to recordings; `device/` devices, simulations and limits; `handle/` the haptography handle;
 `loop/` the servo and the simulated closed loop; `stability/` stability analysis; `teleoperation/` leader and follower;
 `paint/` the painter; `play/` interactive sessions; `view/` pictures, plots and sound; `exchange/` painted scenes for
-other programs; `motion/` tool paths; `dsp/` signal processing. See `docs/architecture.md`.
+other programs; `motion/` tool paths; `dsp/` signal processing. See `docs/explanation/architecture.md`.
 """
 
 import lazy_loader

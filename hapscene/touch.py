@@ -384,7 +384,7 @@ def touch_by_hand(
         with step(say, f"preparing {_describe_size(scene)}"):
             twin = ready()
         with step(say, f"simulating {len(intent) * twin.renderer.tick_s:.1f} s"):
-            result = twin.run(intent) if bridge is None else bridge.live(twin, intent)
+            result = twin.run(intent) if bridge is None else bridge.run_twin(twin, intent)
         _give_cautions(scene, result.recording, say, caution)
         hand = {**more, **summarise_result(result)}
         missing = write_touch(

@@ -26,7 +26,8 @@ from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.mixer import render_fields
-from hapscene.teleoperation.bilateral_loop import operate, step_follower, step_leader
+from hapscene.teleoperation.bilateral_loop import operate
+from hapscene.teleoperation.leader_follower import step_follower, step_leader
 
 __all__ = ["warm_up"]
 
@@ -131,25 +132,23 @@ def _serve(scene: Scene) -> None:
 def _teleoperate() -> None:
     from hapscene.handle import Plant
     from hapscene.handle.handle_loop import new_handle
-    from hapscene.teleoperation.body_follower import sense
+    from hapscene.teleoperation.body_follower import read_accelerometer
     from hapscene.teleoperation.datagram import SAMPLE_COUNT
     from hapscene.teleoperation.endpoint import Coupling
     from hapscene.teleoperation.leader_follower import new_follower, new_leader
-    from hapscene.teleoperation.link import Impairment, new_link
-    from hapscene.teleoperation.operation import UP, Operation, world_of
-    from hapscene.teleoperation.test_plate import START_M, plate
+    from hapscene.teleoperation.operation import UP, Operation, follower_renderer
+    from hapscene.teleoperation.plate import START_M, plate
 
     scene, coupling, intent = plate(SWATCH), Coupling(), ReferenceTrajectory.hold(START_M, 2)
     Operation(scene, START_M).run(intent)
-    link = new_link(Impairment(), TICK_S, 0, "forth")
-    world = world_of(scene)  # owns memory that the compiled tick of the follower reads
-    follower = new_follower(world, Omni(), coupling, START_M, UP)
-    step_follower(follower, link, 0)
-    sense(follower.tool, np.array([START_M]), TICK_S, np.zeros(SAMPLE_COUNT))
+    renderer = follower_renderer(scene)  # owns the memory that the compiled tick of the follower reads
+    follower = new_follower(renderer, Omni(), coupling, START_M, UP)
+    step_follower(follower, 0)
+    read_accelerometer(follower.tool, np.array([START_M]), TICK_S, np.zeros(SAMPLE_COUNT))
     handle = new_handle(Plant(), Plant(), "adaptive", ACCELERATION_RATE_HZ, 0)
     leader = new_leader(Omni(), handle, coupling, START_M, UP)
     hand = (intent.target_W_m, intent.grip, intent.push_W_N)
-    step_leader(leader, hand, 0, link, 0)
+    step_leader(leader, hand, 0, 0)
 
 
 def _play_on_handle() -> None:

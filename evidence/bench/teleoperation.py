@@ -15,8 +15,8 @@ from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling
-from hapscene.teleoperation.operation import Operated, Operation
-from hapscene.teleoperation.test_plate import START_M, Gesture, explore, plate
+from hapscene.teleoperation.operation import Operation, OperationResult
+from hapscene.teleoperation.plate import START_M, Gesture, explore, plate
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def _render(swatch: str | Swatch, compensator: str, coupling: Coupling, gesture:
     return Rendering(compensator, desired, rendered, operated.latency_s, errors)
 
 
-def align(operated: Operated) -> tuple[Array, Array]:
+def align(operated: OperationResult) -> tuple[Array, Array]:
     """Return desired and rendered acceleration (n,), the rendered one advanced by the latency."""
     delay = round(operated.latency_s * ACCELERATION_RATE_HZ)
     desired = operated.a_follower_m_s2.ravel()

@@ -50,7 +50,7 @@ def error(device: str, rate_Hz: float, quick: bool = False) -> dict[str, float]:
     point, grip = _point(device), GRIPS["light"]
     found = {
         "closed": limit_of_small_motion(point.mass_kg, point.b_Ns_m, 1.0 / rate_Hz),
-        "buzz": max(LEAST_MM_S, 1e3 * try_wall(Rig(point, 1.0 / rate_Hz), BUZZ_N_M, 0.0, grip).late_m_s),
+        "buzz": max(LEAST_MM_S, 1e3 * try_wall(Rig(point, 1.0 / rate_Hz), BUZZ_N_M, 0.0, grip).end_speed_m_s),
         "force": held_force_jnd(rate_Hz),
     }
     if not quick:

@@ -1,5 +1,5 @@
-"""Other programs, whose bodies are touched: MuJoCo, whatever has the three methods of `Simulation`, and by a socket
-whatever speaks `docs/bridge-protocol.md`.
+"""Connection of haptic rendering to other programs: MuJoCo, any simulation with the methods of `Simulation`, and game
+engines over a socket, as specified in docs/reference/bridge-protocol.md.
 
 ```python
 import hapscene
@@ -10,7 +10,7 @@ model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{crate}</worldbody><
 data = mujoco.MjData(model)
 bridge = hapscene.bridge.MuJoCo(model, data, swatches={"crate": "wood"})
 renderer = hapscene.Renderer(bridge.scene)
-command = bridge.step(renderer, (0.0, 0.0, 0.06))  # a step of MuJoCo, the ticks in it, and what the tool pushes
+command = bridge.step(renderer, (0.0, 0.0, 0.06))  # one step of MuJoCo, with the haptic ticks in it
 ```
 """
 

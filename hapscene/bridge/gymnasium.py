@@ -1,4 +1,4 @@
-"""Touch as something to learn: a `gymnasium.Env` in which a tool is moved, and what it feels is observed."""
+"""A reinforcement-learning environment: a `gymnasium.Env` in which a tool is moved and its contact is observed."""
 
 from collections.abc import Callable
 from functools import partial
@@ -27,14 +27,28 @@ def touch_env(
     restart: Callable[[np.random.Generator], ArrayLike] | None = None,
     count: int = 20,
 ) -> "Env[Array, Array]":
-    """An environment in which the tool goes to a place (3,) in a box [m], straight, in `count` ticks, or steps of the
-    `simulation` that moves bodies. Observed (12,): the tool [m], the force on the hand [N], the surface's normal; depth
-    [m], slip [m/s], 1 where it touches: what `reward` and `terminated` are of. `restart`, given the generator, puts the
-    simulation back and says where the tool begins (3,); without it, that is anywhere in the box."""
+    """Return an environment in which an agent moves a tool and observes contact.
+
+    An action is a position (3,) in a box [m], to which the tool moves linearly in `count` ticks. An observation (12,)
+    has the position of the tool [m], the force on the hand [N], the surface normal, penetration depth [m], slip speed
+    [m/s], and 1 in contact.
+
+    Args:
+        renderer: renderer of the scene.
+        low_m, high_m: (3,) corners of the box.
+        reward, terminated: functions of an observation.
+        simulation: simulation that moves the bodies; then `count` is the number of its steps.
+        restart: resets the simulation with the given random generator, and returns the start position (3,); by default
+            the start is random in the box.
+        count: number of ticks, or of simulation steps, per action.
+
+    Raises:
+        SceneError: gymnasium is not installed.
+    """
     try:
         from gymnasium import Env, spaces
     except ImportError:
-        raise SceneError("to learn by touch needs one more package: pip install 'hapscene[gymnasium]'") from None
+        raise SceneError("gymnasium is not installed; run: pip install 'hapscene[gymnasium]'") from None
 
     class TouchEnv(Env[Array, Array]):
         action_space = spaces.Box(np.array(low_m, np.float64), np.array(high_m, np.float64), dtype=np.float64)

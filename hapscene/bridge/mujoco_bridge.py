@@ -1,4 +1,4 @@
-"""A model of MuJoCo, touched: a scene of its geoms, and what the tool does to its bodies."""
+"""MuJoCo models: a scene of their geoms, and the contact forces of the tool on their bodies."""
 
 import os
 from collections.abc import Mapping
@@ -24,14 +24,14 @@ Array = NDArray[np.float64]
 def load_mujoco(
     path: str | os.PathLike[str], swatches: Mapping[str, SwatchLike] | SwatchLike | None = None
 ) -> "MuJoCo":
-    """A model from its MJCF or URDF file, at its start.
+    """Load a model from an MJCF or URDF file, in its initial state.
 
     Args:
         path: the file.
-        swatches: see `MuJoCo`.
+        swatches: as in `MuJoCo`.
 
     Raises:
-        SceneError: MuJoCo is not installed, or does not take the file; what `MuJoCo` refuses.
+        SceneError: MuJoCo is not installed, or refuses the file; or as for `MuJoCo`.
     """
     model = load_model(path)
     import mujoco
@@ -42,38 +42,40 @@ def load_mujoco(
 
 STEP_MIN_S: Final = 1e-5
 STEP_MAX_S: Final = 1.0
-"""What a timestep may be [s]: at a hundredth of a tick it takes for ever, at more than a second nothing moves."""
+"""Range of the timestep [s]. Shorter steps would take too long; with longer ones nothing moves."""
 
 
 class MuJoCo(Bridge):
-    """A model of MuJoCo that is touched: a body of the scene for each of its bodies that has geoms.
+    """A MuJoCo model that a tool can touch: the scene has a body for each of its bodies with geoms.
 
-    `step`, `run`, `live` and `teleport` are those of `Bridge`. What the tool gives the bodies is added to
-    `data.xfrc_applied` for a step, and taken out again. `mj_resetData` is seen: bodies appear where they began.
+    `step`, `run`, `run_twin` and `teleport` are inherited from `Bridge`. The wrench of the tool is added to
+    `data.xfrc_applied` for one step, and removed afterwards. `mj_resetData` is detected: bodies reappear at their start
+    without contact on the way.
 
-    Felt is the surface of each geom as MuJoCo has it, of a mesh its faces, while MuJoCo lets bodies meet by its convex
-    hull. What is static is felt where it is, body "world" among it. A geom's name, or else its material's, names its
-    faces (`scene.paint("table", "oak", "top")`). Flexes, skins and signed distance fields are not felt.
+    Contact is rendered with the exact surface of each geom, and with the faces of a mesh, while MuJoCo collides bodies
+    by their convex hulls. Static geoms, such as those of the body "world", are rendered as well. The name of a geom, or
+    of its material, is the name of its face group (`scene.paint("table", "oak", "top")`). Flexes, skins and signed
+    distance fields are not rendered.
 
     Args:
-        model, data: `mujoco.MjModel` and its `MjData`; both stay yours.
-        swatches: by name of geom, material or body, in this order of precedence, and "default" for the others; or one
-            for all.
-        visual: also the geoms that take no part in collisions (contype and conaffinity 0), which are left out.
+        model, data: `mujoco.MjModel` and its `MjData`; the caller keeps them.
+        swatches: swatches by name of geom, material or body, in this order of precedence, and "default" for the others;
+            or one swatch for all.
+        visual: whether to include geoms without collisions (contype and conaffinity 0).
 
     Attributes:
         model, data: as given.
-        scene: the bodies, where they are now.
-        names: of the bodies that can move.
-        step_s: the model's timestep [s].
+        scene: the bodies at their present poses.
+        names: names of the bodies that can move.
+        step_s: timestep of the model [s].
 
     Raises:
-        SceneError: MuJoCo is not installed, data of another model, a swatch for a name that the model lacks, or no
-            geom to touch.
-        SwatchError: an unknown or broken swatch.
+        SceneError: MuJoCo is not installed, the data belongs to another model, a swatch is given for an unknown name,
+            or no geom can be touched.
+        SwatchError: an unknown or invalid swatch.
 
     Warns:
-        MeshWarning: a geom of a kind that has no mesh.
+        MeshWarning: a geom of a type that has no mesh.
     """
 
     def __init__(
@@ -89,12 +91,15 @@ class MuJoCo(Bridge):
 
         self.model, self.data = model, data
         if not (isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData)):
-            raise SceneError("expected a mujoco.MjModel and its MjData")
+            given = f"{type(model).__name__} and {type(data).__name__}"
+            raise SceneError(f"got {given}; expected mujoco.MjModel and mujoco.MjData")
         if (len(data.qpos), len(data.xpos), len(data.geom_xpos)) != (model.nq, model.nbody, model.ngeom):
-            raise SceneError("the data is of another model; make it by mujoco.MjData(model)")
+            raise SceneError("the data belongs to another model; create it by mujoco.MjData(model)")
         self.step_s = float(model.opt.timestep)
-        if not STEP_MIN_S <= self.step_s <= STEP_MAX_S:  # NaN is not, either
-            raise SceneError(f"its timestep is {self.step_s:g} s; expected {STEP_MIN_S:g} to {STEP_MAX_S:g} s")
+        if not STEP_MIN_S <= self.step_s <= STEP_MAX_S:  # also true for NaN
+            raise SceneError(
+                f"the timestep of the model is {self.step_s:g} s; expected {STEP_MIN_S:g} to {STEP_MAX_S:g} s"
+            )
         mujoco.mj_forward(model, data)
         worn = swatches if isinstance(swatches, Mapping) else {"default": swatches} if swatches else {}
         self.scene, moving = _scene(model, data, worn, visual)
@@ -107,7 +112,7 @@ class MuJoCo(Bridge):
         return f"<MuJoCo: {count} moving {'body' if count == 1 else 'bodies'}; {self.scene!r}>"
 
     def read(self, X_WB: Array) -> None:
-        """Write the present poses of the moving bodies into X_WB (n, 4, 4)."""
+        """Write the present poses of the moving bodies to X_WB (n, 4, 4)."""
         import mujoco
 
         model, data = self.model, self.data
@@ -119,7 +124,7 @@ class MuJoCo(Bridge):
         X_WB[:, :3, 3] = data.xpos[self._ids]
 
     def mobility(self, body: int) -> Array:
-        """How a body gives way to a wrench (6, 6), with its joints and what is tied to it, but none of its contacts."""
+        """The mobility (6, 6) of a body, including its joints and constraints but not its contacts."""
         import mujoco
 
         model, data = self.model, self.data
@@ -132,21 +137,21 @@ class MuJoCo(Bridge):
         return np.asarray(jacobian @ response.T)
 
     def advance(self, wrench_W: Array) -> None:
-        """One `mj_step` under forces on the moving bodies and torques about their origins (n, 6)."""
+        """Run one `mj_step` with wrenches (n, 6) on the moving bodies: forces, and torques about their origins."""
         import mujoco
 
         data, bodies, theirs = self.data, self._ids, self.data.xfrc_applied.copy()
         force, torque = wrench_W[:, :3], wrench_W[:, 3:]
-        data.xfrc_applied[bodies, :3] += force  # at the centre of mass
+        data.xfrc_applied[bodies, :3] += force  # MuJoCo applies it at the centre of mass
         data.xfrc_applied[bodies, 3:] += torque
         data.xfrc_applied[bodies, 3:] -= (crosses(data.xipos[bodies] - data.xpos[bodies]) @ force[:, :, None])[:, :, 0]
         ours = data.xfrc_applied.copy()
         mujoco.mj_step(self.model, data)
-        untouched = data.xfrc_applied == ours  # a model that has diverged is reset by MuJoCo, and its forces with it
+        untouched = data.xfrc_applied == ours  # if the model diverges, MuJoCo resets it together with the forces
         data.xfrc_applied[untouched] = theirs[untouched]
 
     def contact(self, body: int) -> Array:
-        """Force (3,) by which other bodies of the model touched a body in the last step, in W [N]."""
+        """Force (3,) of other bodies of the model on a body in the last step, in W [N]."""
         import mujoco
 
         force_N, total_N = np.zeros(6), np.zeros(3)
@@ -154,13 +159,13 @@ class MuJoCo(Bridge):
             contact = self.data.contact[i]
             sides = self.model.geom_bodyid[[contact.geom1, contact.geom2]] == self._ids[body]
             if sides.any():
-                mujoco.mj_contactForce(self.model, self.data, i, force_N)  # of the first on the second
+                mujoco.mj_contactForce(self.model, self.data, i, force_N)  # force of geom1 on geom2
                 total_N += (int(sides[1]) - int(sides[0])) * (force_N[:3] @ contact.frame.reshape(3, 3))
         return total_N
 
 
 def _scene(model: Any, data: Any, swatches: Mapping[str, SwatchLike], visual: bool) -> tuple[Scene, dict[str, int]]:
-    """A scene of a model's geoms, and the bodies of it that can move: their numbers in the model."""
+    """The scene of a model's geoms, and the indices of the bodies that can move."""
     import mujoco
 
     kinds = mujoco.mjtObj
@@ -172,7 +177,7 @@ def _scene(model: Any, data: Any, swatches: Mapping[str, SwatchLike], visual: bo
     scene, moving, taken = Scene(), {}, set[str]()
     for body in range(model.nbody):
         body_name = name_of(kinds.mjOBJ_BODY, body, f"body_{body}")
-        while body_name in taken:  # another one is called as this is numbered
+        while body_name in taken:  # a named body may have the default name of this one
             body_name += "_"
         taken.add(body_name)
         parts, chosen = [], []
@@ -187,7 +192,7 @@ def _scene(model: Any, data: Any, swatches: Mapping[str, SwatchLike], visual: bo
                 continue
             made = geom_mesh(model, geom)
             if made is None:
-                warn(f"geom {names[0]!r} of body {body_name!r} is not felt: its kind has no mesh", MeshWarning)
+                warn(f"geom {names[0]!r} of body {body_name!r} is not rendered: its type has no mesh", MeshWarning)
                 continue
             R = np.zeros(9)
             mujoco.mju_quat2Mat(R, model.geom_quat[geom])
@@ -207,12 +212,12 @@ def _scene(model: Any, data: Any, swatches: Mapping[str, SwatchLike], visual: bo
     for name in swatches.keys() - known:
         raise SceneError(no_such("geom, material or body", name, known))
     if not scene.bodies:
-        raise SceneError("the model has no geom to touch; those without collisions are felt with visual=True")
+        raise SceneError("the model has no geom that collides; to render its visual geoms, use visual=True")
     return scene, moving
 
 
 def _merged(parts: list[tuple[Array, NDArray[np.int64], str]]) -> Mesh:
-    """One mesh of vertices, faces and names, a group each."""
+    """Merge parts, each with vertices, faces and a name, to one mesh with a group per part."""
     first = np.cumsum([0, *(len(vertices) for vertices, _, _ in parts[:-1])])
     return Mesh(
         np.vstack([vertices for vertices, _, _ in parts]),

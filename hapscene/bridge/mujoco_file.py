@@ -1,7 +1,7 @@
-"""Files of MuJoCo models, possibly from strangers: compiled by MuJoCo in a separate process (`hapscene.io.confined`).
+"""Loading of MuJoCo files, which may be untrusted: MuJoCo compiles them in a separate process (`hapscene.io.confined`).
 
-On a height field of 2³¹ rows it crashes, and `<replicate count="1000000000">` never ends. The process imports this
-file, so it stands alone, with little to import.
+MuJoCo crashes on a height field of 2³¹ rows, and `<replicate count="1000000000">` never ends. The process imports
+this module, which therefore imports little.
 """
 
 import importlib.util
@@ -20,17 +20,17 @@ from hapscene.io.files import refusing
 __all__ = ["check_installed", "load_model"]
 
 MEMORY_MAX_B: Final = 4_000_000_000
-"""Most memory that MuJoCo may take to compile a file, and its model [bytes]: meshes are in other files."""
+"""Memory limit for compiling a file, and for the model [bytes]."""
 
 TIME_MAX_S: Final = 30.0
-"""Longest time that it may take [s]: most take less than one."""
+"""Time limit for compiling a file [s]; most take less than one."""
 
 
 def load_model(path: str | os.PathLike[str]) -> Any:
-    """A `mujoco.MjModel` from its MJCF or URDF file.
+    """Load a `mujoco.MjModel` from an MJCF or URDF file.
 
     Raises:
-        SceneError: MuJoCo is not installed, or does not take the file.
+        SceneError: MuJoCo is not installed, or refuses the file.
     """
     where = os.fspath(path)
     check_installed(f"{where}: ")
@@ -47,19 +47,20 @@ def load_model(path: str | os.PathLike[str]) -> Any:
 
 
 def compile_model(file: BinaryIO, path: str) -> Mapping[str, NDArray[Any]]:
-    """In the process: a model as MuJoCo's own binary format; its file names others by its own folder."""
+    """Compile a model to MuJoCo's binary format, in the separate process. File names in it are relative to its own
+    folder."""
     import mujoco
 
     try:
         model = mujoco.MjModel.from_xml_path(path)
     except (ValueError, RuntimeError) as error:
-        raise FormatError(f"MuJoCo says {' '.join(str(error).split())!r}") from None
+        raise FormatError(f"error of MuJoCo: {' '.join(str(error).split())!r}") from None
     made = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, made)
     return {"model": made}
 
 
 def check_installed(where: str) -> None:
-    """Raise a `SceneError` where MuJoCo is not."""
+    """Raise SceneError if MuJoCo is not installed."""
     if importlib.util.find_spec("mujoco") is None:
-        raise SceneError(f"{where}models of MuJoCo need one more package: pip install 'hapscene[mujoco]'")
+        raise SceneError(f"{where}MuJoCo is not installed; run: pip install 'hapscene[mujoco]'")

@@ -1,4 +1,6 @@
-"""Geoms of MuJoCo as meshes. Round ones are of flat faces that lie inside, by at most `SAG` of their radius."""
+"""Meshes of MuJoCo geoms. Round geoms are approximated by flat faces that lie inside by at most `SAG` of the
+radius.
+"""
 
 from typing import Any, Final
 
@@ -13,23 +15,23 @@ __all__ = ["SAG", "geom_mesh"]
 Array = NDArray[np.float64]
 
 AROUND: Final = 64
-"""Faces around a cylinder or capsule [count]."""
+"""Number of faces around a cylinder or capsule [count]."""
 
 SUBDIVISIONS: Final = 4
-"""Of a sphere: 5,120 faces."""
+"""Number of subdivisions of a sphere [count]: 5,120 faces."""
 
 SAG: Final = 1.3e-3
-"""Most by which the faces of a round geom lie inside it, of its radius [1]: 1 − cos(π/64) around, a sphere's too."""
+"""Largest distance of the faces from a round geom, relative to its radius [1]: 1 − cos(π/64), also for a sphere."""
 
 FIELD_MAX: Final = 4_000_000
-"""Most points of a height field [count]: four faces each, 0.2 kB a face."""
+"""Most points of a height field [count]; each has four faces of 0.2 kB."""
 
 PLANE_RATIO: Final = 5.0
-"""Half the width that an endless plane is given, of the model's extent [1]."""
+"""Half the width of an infinite plane, relative to the extent of the model [1]."""
 
 
 def geom_mesh(model: Any, geom: int) -> tuple[Array, NDArray[np.int64]] | None:
-    """Vertices (n, 3) [m], in the geom's frame, and faces (m, 3), outward; None for a kind that has no mesh."""
+    """Vertices (n, 3) [m] in the frame of the geom, and outward faces (m, 3); None for a type without a mesh."""
     import mujoco
 
     kinds = mujoco.mjtGeom
@@ -58,7 +60,7 @@ def geom_mesh(model: Any, geom: int) -> tuple[Array, NDArray[np.int64]] | None:
 
 
 def _asset(model: Any, mesh: int) -> tuple[Array, NDArray[np.int64]]:
-    """A mesh as MuJoCo keeps it: turned and moved to its own axes, which the geom's frame takes back."""
+    """A mesh asset, in the principal axes to which MuJoCo has transformed it."""
     vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
     return (
         model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]].astype(np.float64),
@@ -67,10 +69,10 @@ def _asset(model: Any, mesh: int) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _field(model: Any, field: int) -> tuple[Array, NDArray[np.int64]]:
-    """A height field, closed by its sides and base."""
+    """A height field, closed by sides and a base."""
     rows, columns, first = (int(a[field]) for a in (model.hfield_nrow, model.hfield_ncol, model.hfield_adr))
     if rows * columns > FIELD_MAX:
-        raise SceneError(f"a height field of {rows:,} × {columns:,} points; at most {FIELD_MAX:,} are felt")
+        raise SceneError(f"a height field has {rows:,} × {columns:,} points; expected at most {FIELD_MAX:,}")
     x, y, high, low = model.hfield_size[field]
     z = high * model.hfield_data[first : first + rows * columns].astype(np.float64)
     across, along = np.meshgrid(np.linspace(-x, x, columns), np.linspace(-y, y, rows))
@@ -81,7 +83,7 @@ def _field(model: Any, field: int) -> tuple[Array, NDArray[np.int64]]:
     below = top * (1.0, 1.0, 0.0) - (0.0, 0.0, low)
     count = len(top)
     grid = np.arange(count).reshape(rows, columns)
-    i = np.concatenate((grid[0, :-1], grid[:-1, -1], grid[-1, :0:-1], grid[:0:-1, 0]))  # around, seen from above
+    i = np.concatenate((grid[0, :-1], grid[:-1, -1], grid[-1, :0:-1], grid[:0:-1, 0]))  # border vertices in order
     j = np.roll(i, -1)
     sides = np.vstack((np.column_stack((j, i, i + count)), np.column_stack((j, i + count, j + count))))
     return np.vstack((top, below)), np.vstack((faces, faces[:, ::-1] + count, sides))

@@ -1,6 +1,6 @@
-"""What clients may order, over UDP or WebSocket, in their own frame and unit; carried out one at a time.
+"""Orders of clients, received over UDP or WebSocket in client coordinates, and executed one at a time.
 
-In a thread of its own: a body that takes a second to be added holds up no FRAME.
+They run in a separate thread, so that an order that takes long, such as adding a body, does not delay FRAME packets.
 """
 
 import inspect
@@ -27,35 +27,35 @@ from hapscene.scene.mesh import Mesh
 __all__ = ["Orders"]
 
 FACE_MAX: Final = 10_000_000
-"""Faces that clients may add in all [count]: what is removed keeps its memory."""
+"""Most faces that clients can add in total [count]; removed bodies keep their memory."""
 
 
 T = TypeVar("T")
 
 
 class Orders:
-    """The orders of a servo, and what they change of what its clients are told.
+    """Executes the orders of clients on a servo.
 
     Args:
-        servo: entered before the first order.
+        servo: the servo; it must be entered before the first order.
 
     Attributes:
-        names: the bodies that are there, by their numbers; another dict after each change.
-        grip: of the hand that aims.
-        before: (room, 6) what is added to a body's impulse since the last start to have its total.
-        freed: names of the bodies that may be pushed.
-        counts: messages by what became of them.
-        moment: held while a FRAME is taken in, and by what no FRAME may see half done.
+        names: present bodies by their numbers; replaced by a new dict after each change.
+        grip: grip of the hand that follows the aim.
+        impulse_offset: (room, 6) offset that is added to the impulse of a body since the last start to get its total.
+        freed: names of the bodies that can be pushed.
+        counts: number of messages by result.
+        lock: held while a FRAME is processed, and during changes that a FRAME must not see incomplete.
     """
 
     def __init__(self, servo: Servo) -> None:
         self.servo = servo
         self.names = {number: body.name for number, body in enumerate(servo.scene.bodies)}
         self.grip: str = DEFAULT_GRIP
-        self.before = np.zeros((len(self.names) + BODY_ROOM, 6))
+        self.impulse_offset = np.zeros((len(self.names) + BODY_ROOM, 6))
         self.freed: set[str] = set()
         self.counts: Counter[str] = Counter()
-        self.moment = Lock()
+        self.lock = Lock()
         self._faces_left = FACE_MAX
         self._thread = ThreadPoolExecutor(1, "orders")
 
@@ -65,15 +65,15 @@ class Orders:
     def __exit__(self, *error: object) -> None:
         self._thread.shutdown(cancel_futures=True)
 
-    def submit(self, to: Convention, read: Callable[[], Any], tell: Callable[[dict[str, Any]], T]) -> "Future[T]":
-        """Have an order of a client whose frame is `to` be read and done when its turn comes.
+    def submit(self, to: Convention, read: Callable[[], Any], encode: Callable[[dict[str, Any]], T]) -> "Future[T]":
+        """Queue an order of a client.
 
         Args:
-            to: its frame.
-            read: has the order, or raises PacketError.
-            tell: makes the answer of `done` or `error`.
+            to: coordinate convention of the client.
+            read: returns the order, or raises PacketError.
+            encode: makes the answer from the result with `done` or `error`.
         """
-        return self._thread.submit(lambda: tell(self._run(to, read)))
+        return self._thread.submit(lambda: encode(self._run(to, read)))
 
     def _run(self, to: Convention, read: Callable[[], Any]) -> dict[str, Any]:
         try:
@@ -81,32 +81,32 @@ class Orders:
         except PacketError as error:
             self.counts["no orders"] += 1
             return {"error": str(error)}
-        except Exception:  # a fault of ours
+        except Exception:  # a defect of the server
             self.counts["failed"] += 1
-            return {"error": "this order failed in the server"}
+            return {"error": "internal error of the server in this order"}
 
     def carry_out(self, to: Convention, order: dict[str, Any]) -> dict[str, Any]:
-        """Do it now; whatever it holds, the answer is a sentence."""
+        """Execute an order immediately, and return the result; never raises for an invalid order."""
         self.counts["orders"] += 1
         given = dict(order)
         name = given.pop("order", None)
         do = ORDERS.get(name) if isinstance(name, str) else None
         if do is None:
-            return {"error": f"no order {name!r:.40}; there are: {', '.join(ORDERS)}"}
+            return {"error": f"unknown order {name!r:.40}; expected one of: {', '.join(ORDERS)}"}
         with warnings.catch_warnings(record=True) as noted:
             warnings.simplefilter("always")
             try:
-                told = {"done": name} | (do(self, to, **given) or {})
+                result = {"done": name} | (do(self, to, **given) or {})
             except HapsceneError as error:
                 return {"error": f"{error!s:.1000}"}
             except (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError):
-                takes = ", ".join([*inspect.signature(do).parameters][2:]) or "nothing"
-                return {"error": f"order {name!r} lacks something, or has it wrong; it takes: {takes}"}
+                fields = ", ".join([*inspect.signature(do).parameters][2:]) or "no fields"
+                return {"error": f"order {name!r}: a field is missing or invalid; expected: {fields}"}
         notes = [f"{note.message!s:.1000}" for note in noted if issubclass(note.category, UserWarning)]
-        return told | ({"notes": notes} if notes else {})
+        return result | ({"notes": notes} if notes else {})
 
     def welcome(self) -> dict[str, Any]:
-        """What a client is told first."""
+        """The first message to a client."""
         return {
             "version": VERSION,
             "bodies": [self.names.get(number, "") for number in range(len(self.servo.scene.bodies))],
@@ -115,33 +115,33 @@ class Orders:
         }
 
     def total(self, number: int) -> NDArray[np.float64]:
-        """What the tool has given a body in this session (6,); one that was removed keeps what it had."""
-        total: NDArray[np.float64] = self.before[number].copy()
+        """Total impulse (6,) of the tool on a body in this session; a removed body keeps its total."""
+        total: NDArray[np.float64] = self.impulse_offset[number].copy()
         if number in self.names:
             total += np.concatenate(self.servo.impulse(self.names[number]))
         return total
 
     def given(self) -> NDArray[np.float64]:
-        """What the tool has given the bodies since the servo started (room, 6)."""
-        given = np.zeros_like(self.before)
+        """Impulses (room, 6) of the tool on the bodies since the start of the servo."""
+        given = np.zeros_like(self.impulse_offset)
         for number, name in self.names.items():
             given[number] = np.concatenate(self.servo.impulse(name))
         return given
 
     def fix_all(self) -> None:
-        """Nothing is pushed any more."""
+        """Fix all bodies, so that they cannot be pushed."""
         for name in self.freed:
             self.servo.set_mass(name, np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
         self.freed.clear()
 
-    # --- the orders: what they are given is what a client said, of any type
+    # --- the orders; their arguments come from a client, and may be of any type
 
     def _start(self, to: Convention, p: Any, grip: Any = DEFAULT_GRIP) -> None:
-        with self.moment:
+        with self.lock:
             given = self.given()
-            self.servo.start(to.place(p), str(grip))
+            self.servo.start(to.position(p), str(grip))
             self.grip = str(grip)
-            self.before += given  # the servo begins at 0 again, the session's totals go on
+            self.impulse_offset += given  # the servo restarts at 0; the totals of the session continue
 
     def _pause(self, to: Convention) -> None:
         self.servo.pause()
@@ -157,8 +157,8 @@ class Orders:
 
     def _free(self, to: Convention, body: Any, mass: Any, inertia: Any, com: Any = (0.0, 0.0, 0.0)) -> None:
         mass_kg, inertia_B = float(mass), to.inertia(numbers(inertia))
-        with self.moment:
-            self.servo.set_mass(str(body), mass_kg, inertia_B_kg_m2=inertia_B, com_B_m=to.place(com))
+        with self.lock:
+            self.servo.set_mass(str(body), mass_kg, inertia_B_kg_m2=inertia_B, com_B_m=to.position(com))
             self.freed.add(str(body))
 
     def _add(
@@ -175,11 +175,11 @@ class Orders:
         clockwise: Any = False,
     ) -> dict[str, Any]:
         if (like is None) == (vertices is None or faces is None):
-            raise SceneError("to add a body, give vertices and faces, or like: the name of a body of the same shape")
+            raise SceneError("expected either vertices and faces, or like: the name of a body with the same shape")
         if like is None:
-            mesh = Mesh(to.place(_rows(vertices, "<f4")), _whole(faces)[:, :: -1 if clockwise else 1])
+            mesh = Mesh(to.position(_rows(vertices, "<f4")), _face_indices(faces)[:, :: -1 if clockwise else 1])
             if len(mesh.faces) > self._faces_left:
-                raise MeshError(f"clients may add {FACE_MAX:,} faces in all; {self._faces_left:,} are left")
+                raise MeshError(f"clients can add {FACE_MAX:,} faces in total; {self._faces_left:,} are left")
         else:
             mesh = self.servo.scene.bodies[self._number(like)].mesh
         wears = None if swatch is None else _named(swatch)
@@ -191,8 +191,8 @@ class Orders:
 
     def _remove(self, to: Convention, body: Any) -> None:
         number = self._number(body)
-        with self.moment:
-            self.before[number] = self.total(number)
+        with self.lock:
+            self.impulse_offset[number] = self.total(number)
             self.names = {at: name for at, name in self.names.items() if at != number}
             self.freed.discard(body)
         self.servo.remove(body)
@@ -207,7 +207,7 @@ class Orders:
 
     def _deform(self, to: Convention, body: Any, vertices: Any) -> None:
         self._number(body)
-        self.servo.deform(body, to.place(_rows(vertices, "<f4")))
+        self.servo.deform(body, to.position(_rows(vertices, "<f4")))
 
     def _bodies(self, to: Convention) -> dict[str, Any]:
         bodies = self.servo.scene.bodies
@@ -244,23 +244,23 @@ def _floats(given: Any) -> dict[str, float]:
 
 
 def _named(swatch: Any) -> str:
-    """A swatch by its name: no file is read for a client."""
+    """Check the name of a swatch; clients cannot make the server read a file."""
     if not isinstance(swatch, str) or swatch.endswith(".swatch") or {"/", "\\", os.sep} & {*swatch}:
-        raise SwatchError(f"a swatch is said by its name, not {swatch!r:.60}")
+        raise SwatchError(f"swatch {swatch!r:.60}: expected the name of a swatch, not a file")
     return swatch
 
 
 def _rows(given: Any, packed: str) -> NDArray[np.float64]:
-    """Numbers (n, 3), as lists or, which is read twenty times as fast, packed little-endian as Base64."""
+    """Numbers (n, 3), from lists, or from little-endian Base64, which is twenty times as fast."""
     if isinstance(given, str):
         given = np.frombuffer(b64decode(given, validate=True), packed).reshape(-1, 3)
     return numbers(given)
 
 
-def _whole(faces: Any) -> NDArray[np.int32]:
-    """Indices (m, 3)."""
+def _face_indices(faces: Any) -> NDArray[np.int32]:
+    """Vertex indices (m, 3) of faces."""
     read = _rows(faces, "<u4")
     whole = np.isfinite(read).all() and (read == np.floor(read)).all() and (np.abs(read) < 2**31).all()
     if read.ndim != 2 or not whole:
-        raise MeshError("faces are three whole numbers each, (m, 3): places in the list of vertices, from 0")
+        raise MeshError("faces: expected integers (m, 3), indices of vertices from 0")
     return read.astype(np.int32)

@@ -1,4 +1,4 @@
-"""The bridge's packets, byte for byte as `docs/bridge-protocol.md` has them: little-endian, version 1."""
+"""Packets of the bridge protocol, version 1, little-endian, as specified in docs/reference/bridge-protocol.md."""
 
 import json
 import struct
@@ -39,10 +39,10 @@ MAGIC: Final = b"HSB1"
 HELLO, WELCOME, FRAME, STATE, ORDER, ANSWER, BYE, REFUSED = range(1, 9)
 
 SIZE_MAX: Final = 32_768
-"""Longest packet [bytes]: what a datagram on one's own machine takes, twice over."""
+"""Longest packet [bytes]: half of the largest datagram on the local host."""
 
 EVENTS_MAX: Final = 64
-"""Most events of a state [count]; the others follow."""
+"""Most events in a STATE [count]; further events follow in the next one."""
 
 _HEAD: Final = struct.Struct("<4sBBHQI")
 _CHECK: Final = struct.Struct("<I")
@@ -54,17 +54,17 @@ _EVENT: Final = struct.Struct("<QBBHHHd")
 
 
 class PacketError(FormatError):
-    """Bytes that are no packet of this protocol."""
+    """Bytes that are not a valid packet of the protocol."""
 
 
 class Packet(NamedTuple):
-    """One datagram.
+    """One packet.
 
     Attributes:
         kind: HELLO … REFUSED.
-        key: of the session, 0 before there is one.
-        sequence: counts up from 1, by the client; an answer has the number of what it answers.
-        payload: bytes.
+        key: key of the session; 0 before it begins.
+        sequence: number from 1, counted by the client; an answer has the number of the packet that it answers.
+        payload: content.
     """
 
     kind: int
@@ -74,7 +74,8 @@ class Packet(NamedTuple):
 
 
 class BodyFrame(NamedTuple):
-    """Where a body is, in the client's frame and unit: quaternion x y z w; velocities None where it says none."""
+    """Pose and velocity of a body in client coordinates; the quaternion is x y z w, velocities are None if not
+    given."""
 
     body: int
     teleport: bool
@@ -82,11 +83,11 @@ class BodyFrame(NamedTuple):
     q: tuple[float, ...]
     v: tuple[float, ...] | None
     w: tuple[float, ...] | None
-    seen: tuple[float, ...]
+    applied: tuple[float, ...]
 
 
 class Frame(NamedTuple):
-    """What a client says, as often as it draws: where the hand aims (None: as before), bodies, events it has got."""
+    """Content of a FRAME: target of the hand (None: unchanged), number of received events, bodies."""
 
     aim: tuple[float, ...] | None
     event_count: int
@@ -94,7 +95,8 @@ class Frame(NamedTuple):
 
 
 class Event(NamedTuple):
-    """A change of contact: kind 1 began, 2 crossed, 3 ended; indices into the lists of the WELCOME."""
+    """A change of contact: kind 1 began, 2 crossed to another swatch, 3 ended; indices into the lists of the
+    WELCOME."""
 
     tick: int
     kind: int
@@ -104,7 +106,7 @@ class Event(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a client is told, in its frame and unit; forces in N, impulses in N·s."""
+    """Content of a STATE, in client coordinates; forces in N, impulses in N·s."""
 
     tick: int
     age_s: float
@@ -124,28 +126,28 @@ class State(NamedTuple):
 
 
 def pack(packet: Packet) -> bytes:
-    """The bytes of a packet."""
+    """Encode a packet."""
     size = _HEAD.size + _CHECK.size + len(packet.payload)
     if size > SIZE_MAX:
-        raise PacketError(f"a packet of {size} bytes; expected at most {SIZE_MAX}")
+        raise PacketError(f"packet of {size} bytes; expected at most {SIZE_MAX}")
     head = _HEAD.pack(MAGIC, packet.kind, 0, size, packet.key, packet.sequence)
     return head + _CHECK.pack(zlib.crc32(head + packet.payload)) + packet.payload
 
 
 def unpack(data: bytes) -> Packet:
-    """The packet of bytes that came from anybody.
+    """Decode a packet from an untrusted source.
 
     Raises:
-        PacketError: they are none.
+        PacketError: invalid bytes.
     """
     start = _HEAD.size + _CHECK.size
     if not start <= len(data) <= SIZE_MAX:
-        raise PacketError(f"{len(data)} bytes; expected {start} to {SIZE_MAX}")
+        raise PacketError(f"packet of {len(data)} bytes; expected {start} to {SIZE_MAX}")
     magic, kind, _, size, key, sequence = _HEAD.unpack_from(data)
     if magic != MAGIC or size != len(data) or not HELLO <= kind <= REFUSED:
-        raise PacketError("no packet of version 1")
+        raise PacketError("invalid header; expected a packet of version 1")
     if zlib.crc32(data[: _HEAD.size] + data[start:]) != _CHECK.unpack_from(data, _HEAD.size)[0]:
-        raise PacketError("a wrong checksum")
+        raise PacketError("wrong checksum")
     return Packet(kind, key, sequence, data[start:])
 
 
@@ -154,10 +156,10 @@ def pack_json(content: dict[str, Any]) -> bytes:
 
 
 def unpack_json(payload: bytes | str) -> dict[str, Any]:
-    """An object.
+    """Decode a JSON object.
 
     Raises:
-        PacketError: it is none.
+        PacketError: invalid JSON, or another type.
     """
     try:
         content = json.loads(payload)
@@ -169,16 +171,16 @@ def unpack_json(payload: bytes | str) -> dict[str, Any]:
 
 
 def unpack_frame(payload: bytes) -> Frame:
-    """A frame.
+    """Decode the content of a FRAME.
 
     Raises:
-        PacketError: its length is not that of the bodies it counts.
+        PacketError: the length does not match the number of bodies.
     """
     if len(payload) < _AIM.size:
-        raise PacketError("a frame that is cut short")
+        raise PacketError("truncated FRAME")
     aims, count, _, event_count, *aim = _AIM.unpack_from(payload)
     if len(payload) != _AIM.size + count * _BODY.size:
-        raise PacketError(f"a frame of {count} bodies in {len(payload)} bytes")
+        raise PacketError(f"FRAME of {count} bodies has {len(payload)} bytes")
     bodies = []
     for at in range(_AIM.size, len(payload), _BODY.size):
         body, bits, _, *n = _BODY.unpack_from(payload, at)

@@ -1,4 +1,4 @@
-"""A servo behind a socket: what a game engine or simulator says by UDP, and what it is told. One client at a time."""
+"""The UDP server of the bridge: connects a servo with one client, such as a game engine or simulator."""
 
 import math
 import secrets
@@ -42,31 +42,35 @@ from hapscene.errors import HapsceneError
 from hapscene.render.contact_info import Impulse
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["FLOOD", "SILENT_S", "Answer", "BridgeServer"]
+__all__ = ["BATCH_MAX", "SILENT_S", "Answer", "BridgeServer"]
 
 SILENT_S: Final = 2.0
-"""How long a client may be silent before another one may come [s]."""
+"""Time without packets after which another client can connect [s]."""
 
 EVENT_COUNT: Final = 4096
-"""Events that wait for a client to get them [count]; of more the oldest are lost, which their numbers tell."""
+"""Most events that wait for the client [count]. The oldest are dropped, which the client detects by the numbering."""
 
 ANSWER_COUNT: Final = 64
-"""Answers that are kept for orders that come again, and orders that wait [count]."""
+"""Most answers that are kept for repeated orders, and most waiting orders [count]."""
 
-NAP_S: Final = 0.2
-"""How often it is looked whether to end [s]."""
+POLL_S: Final = 0.2
+"""Polling interval for the end of the server [s]."""
 
-FLOOD: Final = 1000
-"""Packets that are answered before it is looked again whether to end [count]."""
+BATCH_MAX: Final = 1000
+"""Most packets that are answered before the server checks whether to end [count]."""
 
 KINDS: Final = {"began": 1, "crossed": 2, "ended": 3}
 
+BUSY: Final = "another client is here"
+NO_SESSION: Final = "no such session"
+"""Errors that clients recognise by their text (docs/reference/bridge-protocol.md): part of the protocol."""
+
 Answer = bytes | Future[bytes] | None
-"""What goes back: at once, when an order is done, or nothing."""
+"""The answer to a packet: immediate, after an order is executed, or none."""
 
 
 class _Session(NamedTuple):
-    """What belongs to one client."""
+    """State of the connected client."""
 
     key: int
     nonce: Any
@@ -75,24 +79,24 @@ class _Session(NamedTuple):
     welcome: bytes
     events: deque[Event]
     answers: dict[int, bytes | None]  # None: it is not done yet
-    known: list[int]  # how many bodies and swatches it has been told of
+    known: list[int]  # numbers of bodies and swatches that the client knows
 
 
 class BridgeServer:
-    """Answers the datagrams of one client; moves bodies of a servo that runs, and tells what the tool does to them.
+    """Answers the packets of one client: moves bodies of a running servo, and reports contact and impulses.
 
-    Whatever is no packet, is of another session, or came before, changes nothing and is counted.
+    Invalid, foreign and repeated packets have no effect and are counted.
 
     Args:
-        orders: of a servo, which is entered before the first packet is answered.
-        host, port: where to listen; port 0 for any that is free.
-        clock: measures how long a client is silent.
+        orders: executes orders; its servo must be entered before the first packet is answered.
+        host, port: address to listen at; port 0 selects a free one.
+        clock: measures the silence of a client.
 
     Attributes:
-        address: where it listens.
+        address: the address of the server.
 
     Raises:
-        HapsceneError: the port is taken, the host not ours; more names than a packet takes.
+        HapsceneError: the address cannot be used, or the names of the scene do not fit into a packet.
     """
 
     def __init__(self, orders: Orders, host: str, port: int, clock: Clock = CLOCK) -> None:
@@ -104,12 +108,12 @@ class BridgeServer:
             self._socket.bind((host, port))
         except OSError as error:
             self._socket.close()
-            another = f"cannot listen at {host}:{port}: {error.strerror}; say another --udp port or --host"
-            raise HapsceneError(another) from None
+            text = f"{host}:{port}: cannot listen: {error.strerror}; choose another --udp port or --host"
+            raise HapsceneError(text) from None
         self._socket.setblocking(False)
         self.address: tuple[str, int] = self._socket.getsockname()
         self._session: _Session | None = None
-        self._forget()
+        self._reset_client()
 
     def _welcome(self, key: int, sequence: int) -> bytes:
         payload = pack_json(self.orders.welcome())
@@ -119,12 +123,12 @@ class BridgeServer:
             scene = self.servo.scene
             raise HapsceneError(
                 f"the names of {len(scene.bodies):,} bodies and {len(scene.swatches):,} swatches take "
-                f"{len(payload):,} bytes, and a packet holds {SIZE_MAX:,}; give them shorter names"
+                f"{len(payload):,} bytes; expected at most {SIZE_MAX:,}; use shorter names"
             ) from None
 
-    def _forget(self) -> None:
-        """Nothing is known of a client yet."""
-        self._heard_s = -math.inf
+    def _reset_client(self) -> None:
+        """Reset the state of the client."""
+        self._received_s = -math.inf
         self._last = self._last_order = self._first_event = 0
         self._events_from = 0
 
@@ -135,25 +139,25 @@ class BridgeServer:
         self._socket.close()
 
     def serve(self, over: Callable[[], bool]) -> None:
-        """Answer until it is over.
+        """Answer packets until `over` returns true.
 
         Raises:
             HapsceneError: the servo has ended.
         """
         while not over():
-            if select.select([self._socket], [], [], NAP_S)[0]:
+            if select.select([self._socket], [], [], POLL_S)[0]:
                 self.answer_all()
             else:
-                self.servo.state()  # raises where it has ended
+                self.servo.state()  # raises if the servo has ended
 
     def answer_all(self) -> None:
-        """Answer all that has come; of a flood, some at a time."""
-        for _ in range(FLOOD):
+        """Answer the received packets, at most `BATCH_MAX`."""
+        for _ in range(BATCH_MAX):
             try:
                 data, address = self._socket.recvfrom(SIZE_MAX + 1)
             except BlockingIOError:
                 return
-            except OSError:  # an answer that could not be delivered is told here, on some systems
+            except OSError:  # some systems report here that an earlier answer could not be delivered
                 continue
             answer = self.answer(data, address)
             if isinstance(answer, Future):
@@ -172,8 +176,8 @@ class BridgeServer:
             self.counts["unsent"] += 1
 
     def answer(self, data: bytes, address: Hashable) -> Answer:
-        """What goes back for a packet from anywhere, also from another thread."""
-        with self.orders.moment:
+        """Return the answer to a packet from any source. Can be called from any thread."""
+        with self.orders.lock:
             try:
                 return self._answer(unpack(data), address)
             except PacketError:
@@ -181,50 +185,50 @@ class BridgeServer:
                 return None
 
     def _answer(self, packet: Packet, address: Hashable) -> Answer:
-        """What is sent back.
+        """Return the answer to a packet.
 
         Raises:
             PacketError: an invalid payload.
         """
         if packet.kind == HELLO:
-            return self._greet(packet, address)
+            return self._welcome_client(packet, address)
         session = self._session
         if session is None or (packet.key, address) != (session.key, session.address):
             self.counts["forged"] += 1
-            return self._refuse(packet, "no such session") if packet.kind in (FRAME, ORDER) else None
-        self._heard_s = self._clock.now_s()
+            return self._refuse(packet, NO_SESSION) if packet.kind in (FRAME, ORDER) else None
+        self._received_s = self._clock.now_s()
         if packet.kind == FRAME:
-            return self._take_frame(session, packet)
+            return self._process_frame(session, packet)
         if packet.kind == ORDER:
-            return self._take_order(session, packet)
+            return self._process_order(session, packet)
         if packet.kind == BYE:
             self._session = None
             self.counts["bye"] += 1
             return None
-        raise PacketError("a kind that servers send")
+        raise PacketError(f"packet kind {packet.kind} is only sent by servers")
 
-    def _greet(self, packet: Packet, address: Hashable) -> bytes:
+    def _welcome_client(self, packet: Packet, address: Hashable) -> bytes:
         hello = unpack_json(packet.payload)
         session = self._session
         if session is not None and (session.nonce, session.address) == (hello.get("nonce"), address):
-            return session.welcome  # the first was lost on its way
-        if session is not None and self._clock.now_s() - self._heard_s < SILENT_S:
+            return session.welcome  # the first answer was lost
+        if session is not None and self._clock.now_s() - self._received_s < SILENT_S:
             self.counts["busy"] += 1
-            return self._refuse(packet, "another client is here")
+            return self._refuse(packet, BUSY)
         if hello.get("version") != VERSION:
-            return self._refuse(packet, f"version {VERSION} is spoken here")
+            return self._refuse(packet, f"unsupported protocol version; expected {VERSION}")
         key = secrets.randbits(64) or 1
         try:
             frame, welcome = Convention.of(hello), self._welcome(key, packet.sequence)
         except HapsceneError as error:
             return self._refuse(packet, str(error))
-        self._forget()
+        self._reset_client()
         self._events_from = self.servo.state().tick + 1
-        self.orders.before[:] = -self.orders.given()  # totals are of the session
+        self.orders.impulse_offset[:] = -self.orders.given()  # the totals of a new session begin at 0
         self.orders.fix_all()
         known = [len(self.servo.scene.bodies), len(self.servo.scene.swatches)]
         self._session = _Session(key, hello.get("nonce"), address, frame, welcome, deque(maxlen=EVENT_COUNT), {}, known)
-        self._heard_s = self._clock.now_s()
+        self._received_s = self._clock.now_s()
         self.counts["hello"] += 1
         return welcome
 
@@ -234,11 +238,11 @@ class BridgeServer:
 
     # --- frames
 
-    def _take_frame(self, session: _Session, packet: Packet) -> bytes | None:
-        """Move what moves; tell the newest tick."""
+    def _process_frame(self, session: _Session, packet: Packet) -> bytes | None:
+        """Move bodies and the hand, and return the newest state."""
         frame = unpack_frame(packet.payload)
         if any(body.body >= len(self.servo.scene.bodies) for body in frame.bodies):
-            raise PacketError("no such body")
+            raise PacketError("unknown body")
         if packet.sequence <= self._last:
             self.counts["replayed"] += 1
             return None
@@ -248,7 +252,7 @@ class BridgeServer:
             self._move(session.frame, body)
         if frame.aim is not None:
             try:
-                self.servo.aim(session.frame.place(frame.aim), self.orders.grip)
+                self.servo.aim(session.frame.position(frame.aim), self.orders.grip)
             except HapsceneError:
                 self.counts["bad"] += 1
         return pack(Packet(STATE, session.key, packet.sequence, pack_state(self._state(session, frame))))
@@ -258,15 +262,15 @@ class BridgeServer:
         if name is None:
             self.counts["removed"] += 1
             return
-        seen, before = np.array(body.seen), self.orders.before[body.body]
+        applied, before = np.array(body.applied), self.orders.impulse_offset[body.body]
         moving = {}
         if body.v is not None:
-            moving = {"v_W_m_s": frame.place(body.v), "w_W_rad_s": frame.turning(body.w)}
+            moving = {"v_W_m_s": frame.position(body.v), "w_W_rad_s": frame.angular(body.w)}
         try:
             self.servo.move(
                 name,
                 frame.pose(body.p, body.q),
-                applied=Impulse(frame.force(seen[:3]) - before[:3], frame.turning(seen[3:]) - before[3:]),
+                applied=Impulse(frame.vector(applied[:3]) - before[:3], frame.angular(applied[3:]) - before[3:]),
                 teleport=body.teleport,
                 **moving,
             )
@@ -282,7 +286,7 @@ class BridgeServer:
             index = _last(self.servo.body_names, event.body)
             swatch = _last([swatch.name for swatch in self.servo.scene.swatches], event.swatch)
             if index >= session.known[0] or swatch >= session.known[1]:
-                continue  # clients look their numbers up
+                continue  # the client does not know this index yet
             if len(session.events) == EVENT_COUNT:
                 self._first_event += 1
             speed = event.approach_m_s / to.metre
@@ -294,14 +298,14 @@ class BridgeServer:
         for body in frame.bodies:
             total = self.orders.total(body.body)
             linear, angular = total[:3], total[3:]
-            impulses.append((body.body, (*to.told_force(linear), *to.told_turning(angular))))
+            impulses.append((body.body, (*to.client_vector(linear), *to.client_angular(angular))))
         return State(
             max(state.tick, 0),
             state.age_s if state.tick >= 0 else 0.0,
-            to.told_place(state.p_WT_m),
-            to.told_place(state.p_WP_m),
-            to.told_force(state.nhat_W),
-            to.told_force(state.f_W_N),
+            to.client_position(state.p_WT_m),
+            to.client_position(state.p_WP_m),
+            to.client_vector(state.nhat_W),
+            to.client_vector(state.f_W_N),
             state.depth_m / to.metre,
             state.slip_m_s / to.metre,
             state.body,
@@ -315,37 +319,37 @@ class BridgeServer:
 
     # --- orders
 
-    def _take_order(self, session: _Session, packet: Packet) -> Answer:
-        """Have what is asked be done once, however often it comes."""
+    def _process_order(self, session: _Session, packet: Packet) -> Answer:
+        """Execute an order once, even if it is received repeatedly."""
         if packet.sequence in session.answers:
             return session.answers[packet.sequence]
         if packet.sequence <= self._last_order:
             self.counts["replayed"] += 1
             return None
         if list(session.answers.values()).count(None) == ANSWER_COUNT:
-            return None  # it comes again
+            return None  # too many waiting orders; the client repeats it
         self._last_order = packet.sequence
         session.answers[packet.sequence] = None
 
-        def tell(told: dict[str, Any]) -> bytes:
-            if told.get("done") == "bodies":
-                session.known[:] = len(told["bodies"]), len(told["swatches"])
-            answer = session.answers[packet.sequence] = _pack_answer(session.key, packet.sequence, told)
+        def encode(result: dict[str, Any]) -> bytes:
+            if result.get("done") == "bodies":
+                session.known[:] = len(result["bodies"]), len(result["swatches"])
+            answer = session.answers[packet.sequence] = _pack_answer(session.key, packet.sequence, result)
             if len(session.answers) > ANSWER_COUNT:
                 del session.answers[min(session.answers)]
             return answer
 
-        return self.orders.submit(session.frame, lambda: unpack_json(packet.payload), tell)
+        return self.orders.submit(session.frame, lambda: unpack_json(packet.payload), encode)
 
 
-def _pack_answer(key: int, sequence: int, told: dict[str, Any]) -> bytes:
+def _pack_answer(key: int, sequence: int, result: dict[str, Any]) -> bytes:
     try:
-        return pack(Packet(ANSWER, key, sequence, pack_json(told)))
+        return pack(Packet(ANSWER, key, sequence, pack_json(result)))
     except PacketError:
-        why = f"the answer is longer than a packet of {SIZE_MAX:,} bytes; ask over WebSocket"
+        why = f"the answer exceeds the packet size of {SIZE_MAX:,} bytes; send the order over WebSocket"
         return pack(Packet(ANSWER, key, sequence, pack_json({"error": why})))
 
 
 def _last(names: Sequence[str], name: str) -> int:
-    """The number of the last that has a name: of two that had the same one in turn, the later."""
+    """The index of the last body or swatch with a name; names can be reused after removal."""
     return next((k for k in range(len(names) - 1, -1, -1) if names[k] == name), 0xFFFF)

@@ -1,9 +1,10 @@
-"""A simulation that moves the bodies of a scene, and a renderer that touches them, in one loop of two rates.
+"""Two-rate coupling of haptic rendering with a simulation that moves the bodies of a scene.
 
-In each step of the simulation its poses are felt for as many ticks as it lasts, and what the tool gave to each body in
-them is applied to it as a wrench over the step, so that what the hand loses the body gets. A simulation slower than the
-tick is predicted between its steps: a body goes on with its velocity, under the tool's force and what held against it
-in the last step, and is led to where the simulation has it within the next one. Poses held would make steps of force.
+During each simulation step, its poses are rendered for as many ticks as it lasts. The impulse of the tool on each
+body is applied as a constant wrench in the next step, so that the momentum that the hand loses goes to the body. If
+steps are longer than ticks, poses are predicted: a body continues with its velocity, under the force of the tool and
+the other forces of the last step, and is led to the simulated pose within the next step. Constant poses would cause
+force steps.
 """
 
 import math
@@ -32,20 +33,20 @@ __all__ = ["RATIO_MAX", "Array", "Bridge", "ChatterWarning", "Simulation", "cros
 Array = NDArray[np.float64]
 
 RATIO_MAX: Final = 4.0
-"""Most K T²/m of a spring K to a mass m, its force held for a step T of the semi-implicit Euler method [1]: there the
-eigenvalues of [[1 − K T²/m, 1], [−K T²/m, 1]] leave the unit circle, through −1."""
+"""Largest stable K T²/m of a spring K and a mass m, with the force held over a step T of the semi-implicit Euler
+method [1]. There, the eigenvalues of [[1 − K T²/m, 1], [−K T²/m, 1]] leave the unit circle through −1."""
 
 
 class ChatterWarning(UserWarning):
-    """A body that is too light for its stiffness and the simulation's step: pushed, it will chatter."""
+    """A body is too light for its stiffness and the simulation step: it will chatter when it is pushed."""
 
 
 class Simulation(Protocol):
-    """What a bridge needs of a simulation: three methods, and two numbers that stay.
+    """The interface of a simulation: three methods, and two constant attributes.
 
     Attributes:
-        names: of the bodies that it moves, as the scene calls them.
-        step_s: how long one of its steps is [s].
+        names: names of the bodies that it moves, as in the scene.
+        step_s: length of a step [s].
     """
 
     @property
@@ -55,29 +56,29 @@ class Simulation(Protocol):
     def step_s(self) -> float: ...
 
     def read(self, X_WB: Array) -> None:
-        """Write the present poses of the bodies into X_WB (n, 4, 4)."""
+        """Write the present poses of the bodies to X_WB (n, 4, 4)."""
 
     def mobility(self, body: int) -> ArrayLike:
-        """How the body of this index gives way now: a wrench (6,) times it (6, 6) is acceleration (6,).
+        """The present mobility (6, 6) of a body: it maps a wrench (6,) to an acceleration (6,).
 
-        First three numbers of the body's origin, then three of rotation, all in W: N, N·m, m/s², rad/s². Of a free
-        body: `free_mobility`. Of one that no force moves: zeros.
+        The first three components are of the body's origin, the others of the rotation, all in W: N, N·m, m/s²,
+        rad/s². For a free body, see `free_mobility`; for a body that forces do not move, zeros.
         """
 
     def advance(self, wrench_W: Array) -> None:
-        """One step, under forces on the bodies and torques about their origins (n, 6) [N, N·m]."""
+        """Run one step with wrenches (n, 6): forces on the bodies, and torques about their origins [N, N·m]."""
 
 
 def free_mobility(
     mass_kg: float, inertia_B_kg_m2: ArrayLike, R_WB: ArrayLike, com_B_m: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Array:
-    """Mobility (6, 6) of a body that nothing holds: see `Simulation.mobility`.
+    """Mobility (6, 6) of a free body, as `Simulation.mobility` returns it.
 
     Args:
         mass_kg: its mass.
-        inertia_B_kg_m2: (3, 3), or (3,) of the principal axes, about its centre of mass, in its frame.
-        R_WB: (3, 3) its rotation.
-        com_B_m: (3,) its centre of mass.
+        inertia_B_kg_m2: inertia about the centre of mass in the body frame, (3, 3), or (3,) if the axes are principal.
+        R_WB: (3, 3) rotation of the body.
+        com_B_m: (3,) centre of mass in the body frame.
     """
     inertia, R = np.asarray(inertia_B_kg_m2, np.float64), np.asarray(R_WB, np.float64)
     turn = R @ np.linalg.inv(np.diag(inertia) if inertia.ndim == 1 else inertia) @ R.T
@@ -87,12 +88,12 @@ def free_mobility(
 
 @cache
 def ratio_max(count: int) -> float:
-    """Most K T²/m of a spring K to a mass m that is simulated in steps T of `count` ticks [1]: beyond, it chatters.
+    """Largest stable K T²/m of a spring K and a mass m that is simulated in steps T of `count` ticks [1].
 
-    Of one tick it is `RATIO_MAX`. Of more, the body is predicted: where it is felt, x, its velocity v, and where it is
-    simulated, p, to which it is led by p − x within the step, in units of a step. A tick is the first matrix below, the
-    end of the step the second; together they hold until an eigenvalue leaves the unit circle: at 1.75 for two ticks,
-    at 2.24 for many.
+    For one tick it is `RATIO_MAX`. For more, the body is predicted. With the rendered position x, its velocity v and
+    the simulated position p, to which it is led by p − x within the step, in units of a step: a tick is the first
+    matrix below, the end of a step the second. The limit is where an eigenvalue leaves the unit circle: 1.75 for two
+    ticks, 2.24 for many.
     """
     if count < 2:
         return RATIO_MAX
@@ -112,10 +113,10 @@ def ratio_max(count: int) -> float:
 
 
 class Bridge:
-    """A renderer and a simulation, step by step.
+    """Couples a renderer with a simulation.
 
     Args:
-        simulation: anything with the three methods of `Simulation`.
+        simulation: an object with the methods of `Simulation`.
 
     Attributes:
         simulation: as given.
@@ -136,19 +137,19 @@ class Bridge:
         p_WT: "ArrayLike | Callable[[], ArrayLike]",
         each: "Callable[[Command], None] | None" = None,
     ) -> "Command":
-        """One step of the simulation, and the ticks that fall into it; the last one's command.
+        """Run one step of the simulation with the haptic ticks in it; return the command of the last tick.
 
-        Where steps are shorter than ticks, some have no tick: the last command stays.
+        If steps are shorter than ticks, some have no tick, and the last command is returned again.
 
         Args:
-            renderer: of a scene with the simulation's bodies.
-            p_WT: (3,) where the tool is at the step's end [m], to which it goes straight; or what reads it, tick by
-                tick.
-            each: is given the command of each tick, for a device.
+            renderer: renderer of a scene with the bodies of the simulation.
+            p_WT: (3,) position of the tool at the end of the step [m], to which it moves linearly; or a function that
+                returns the position at each tick.
+            each: called with the command of each tick, for a device.
 
         Raises:
             PathError: a position that is not three numbers.
-            SceneError: the scene lacks a body of the simulation.
+            SceneError: a body of the simulation is not in the scene.
         """
         bodies = self._bind(renderer)
         count = self._count(renderer.tick_s)
@@ -163,11 +164,11 @@ class Bridge:
         return self._command
 
     def run(self, renderer: "Renderer", p_WT: ArrayLike) -> "Recording":
-        """Touch along a path (n, 3) [m], a position per tick, while the simulation goes on; what was felt.
+        """Render a path (n, 3) [m], one position per tick, while the simulation runs; return the recording.
 
         Raises:
             PathError: a path that is empty, of another shape, or not finite.
-            SceneError: the scene lacks a body of the simulation.
+            SceneError: a body of the simulation is not in the scene.
         """
         path = positions(np.ascontiguousarray(numbers(p_WT)))
         n, done = len(path), 0
@@ -185,11 +186,11 @@ class Bridge:
         renderer._ticks -= n
         return renderer.recording(rows, a_m_s2)
 
-    def live(self, twin: "Twin", intent: "ReferenceTrajectory") -> "ClosedLoopResult":
-        """Live through an intention of a hand in closed loop, while the simulation goes on: see `Twin.run`.
+    def run_twin(self, twin: "Twin", intent: "ReferenceTrajectory") -> "ClosedLoopResult":
+        """Simulate a reference trajectory of a hand in closed loop, as `Twin.run`, while the simulation runs.
 
         Raises:
-            SceneError: the twin's scene lacks a body of the simulation.
+            SceneError: a body of the simulation is not in the scene.
         """
         from hapscene.loop.twin import Run
 
@@ -203,40 +204,40 @@ class Bridge:
         return run.result()
 
     def teleport(self, name: str) -> None:
-        """In the next step the body appears where the simulation has put it, touching nothing on its way.
+        """Move a body to its simulated pose in the next step, without contact on the way.
 
         Raises:
-            SceneError: the simulation moves no such body.
+            SceneError: the simulation does not move such a body.
         """
         if name not in self.simulation.names:
             raise SceneError(no_such("moving body", name, self.simulation.names))
         self._jumps.add(name)
 
     def _bind(self, renderer: "Renderer") -> "MovingBodies":
-        """The slots of the bodies; anew for another renderer."""
+        """The slots of the bodies in the renderer; created for each new renderer."""
         if self._bodies is None or renderer is not self._renderer:
             n = len(self.simulation.names)
             self._renderer, self._bodies = renderer, renderer.moving_bodies(self.simulation.names)
             self._jumps = set(self.simulation.names)
-            self._late_s = max(0.0, renderer.tick_s - self.simulation.step_s)  # the first step has a tick
+            self._pending_s = max(0.0, renderer.tick_s - self.simulation.step_s)  # so that the first step has a tick
             self._X_WB = np.tile(np.eye(4), (n, 1, 1))
             self._twist, self._push, self._held, self._rest = np.zeros((4, n, 6))
             self._warned: set[int] = set()
         return self._bodies
 
     def _count(self, tick_s: float) -> int:
-        """How many ticks fall into the next step."""
-        self._late_s += self.simulation.step_s
-        count = math.floor(self._late_s / tick_s * (1.0 + 1e-12) + 1e-9)
-        self._late_s = max(0.0, self._late_s - count * tick_s)
+        """Number of ticks in the next step."""
+        self._pending_s += self.simulation.step_s
+        count = math.floor(self._pending_s / tick_s * (1.0 + 1e-12) + 1e-9)
+        self._pending_s = max(0.0, self._pending_s - count * tick_s)
         return count
 
     def _advance(self, renderer: "Renderer", count: int, tick: Callable[[], None]) -> None:
-        """One step: `count` ticks on its bodies, then what they were given goes to the simulation."""
+        """Run `count` ticks, then one step with the impulses of the ticks."""
         assert self._bodies is not None
         simulation, bodies = self.simulation, self._bodies
         slow = simulation.step_s > renderer.tick_s * (1.0 + 1e-9)
-        led = self._see(bodies, slow)
+        led = self._read_poses(bodies, slow)
         dt_s = simulation.step_s / max(count, 1)
         twist, pending, pushed = self._twist.copy(), *np.zeros((2, len(self._twist), 6))
         mobility: dict[int, Array] = {}
@@ -255,15 +256,15 @@ class Bridge:
                 twist += self._rest * dt_s
                 _move(bodies.X_WB, (twist + led) * dt_s)
         self._push = pushed / simulation.step_s
-        # all at once where steps are shorter than ticks: held over a tick, a spring gains energy
+        # if steps are shorter than ticks, the whole impulse goes into one step: a force held over a tick adds energy
         simulation.advance(pending / simulation.step_s)
 
-    def _see(self, bodies: "MovingBodies", slow: bool) -> Array:
-        """Read where the bodies are; the twist (n, 6) that leads the predicted ones there within a step."""
+    def _read_poses(self, bodies: "MovingBodies", slow: bool) -> Array:
+        """Read the poses of the bodies; return the twist (n, 6) that leads predicted bodies there within a step."""
         X_WB = np.empty_like(self._X_WB)
         X_WB[:, 3] = (0.0, 0.0, 0.0, 1.0)
         self.simulation.read(X_WB)
-        lost = [not np.isfinite(X).all() for X in self._X_WB + bodies.X_WB]  # it has burst, and began anew
+        lost = [not np.isfinite(X).all() for X in self._X_WB + bodies.X_WB]  # the simulation diverged and was reset
         jumps = [i for i, name in enumerate(bodies.names) if name in self._jumps or lost[i]]
         bodies.teleported[jumps] = 1
         self._jumps.clear()
@@ -274,14 +275,14 @@ class Bridge:
         twist = _between(self._X_WB, X_WB) / self.simulation.step_s
         twist[jumps] = self._twist[jumps] = self._push[jumps] = self._held[jumps] = 0.0
         rest = (twist - self._twist) / self.simulation.step_s - self._push
-        for part in (slice(0, 3), slice(3, 6)):  # a shock lasts one step, and is not expected again
+        for part in (slice(0, 3), slice(3, 6)):  # an impact lasts one step and is not extrapolated
             size, before = (np.linalg.norm(a[:, part], axis=1) for a in (rest, self._held))
             self._rest[:, part] = rest[:, part] * np.minimum(1.0, before / np.maximum(size, 1e-300))[:, None]
         self._X_WB, self._twist, self._held = X_WB, twist, rest
         return _between(bodies.X_WB, X_WB) / self.simulation.step_s
 
     def _check(self, renderer: "Renderer", bodies: "MovingBodies", mobility: dict[int, Array]) -> None:
-        """Warn of a touched body that is too light, once."""
+        """Warn once of each touched body that is too light."""
         touch = renderer.surface.touch[0]
         if not touch.began:
             return
@@ -297,26 +298,27 @@ class Bridge:
                 self._warned.add(i)
                 least_kg = stiffness_N_m * period_s**2 / most
                 warn(
-                    f"body {bodies.names[i]!r} will chatter: where it is pushed, at {stiffness_N_m:.0f} N/m, it is as "
-                    f"a mass of {1e3 * least_kg * most / ratio:.3g} g, and steps of {1e3 * period_s:.3g} ms hold "
-                    f"{1e3 * least_kg:.3g} g or more: make it heavier, its swatch softer, or the steps "
-                    f"{(ratio / most) ** 0.5:.2g} times as short",
+                    f"body {bodies.names[i]!r} will chatter: its effective mass at the contact is "
+                    f"{1e3 * least_kg * most / ratio:.3g} g; at {stiffness_N_m:.0f} N/m and steps of "
+                    f"{1e3 * period_s:.3g} ms, at least {1e3 * least_kg:.3g} g is stable. Use a heavier body, a softer "
+                    f"swatch, or steps shorter by a factor of {(ratio / most) ** 0.5:.2g}",
                     ChatterWarning,
                 )
 
 
 def _straight(renderer: "Renderer", p_WT: ArrayLike, count: int) -> Callable[[], Array]:
-    """Gives the positions of the next `count` ticks, straight from where the tool was to (3,)."""
+    """Return a function that gives the positions of the next `count` ticks on a line from the present position to
+    (3,)."""
     goal = numbers(p_WT)
     if goal.shape != (3,):
-        raise PathError(f"a position is three numbers in metres; it has {goal.size}")
+        raise PathError(f"the position has {goal.size} numbers; expected three, in metres")
     start = np.array(renderer.surface.memory["p_WT_m"][0]) if renderer._started else goal
     path = iter(start + (goal - start) * (np.arange(1, count + 1) / max(count, 1))[:, None])
     return lambda: next(path)
 
 
 def _between(X_from: Array, X_to: Array) -> Array:
-    """The motions (n, 6), of origin and rotation, from poses to others (n, 4, 4)."""
+    """Motions (n, 6) of origin and rotation between poses (n, 4, 4)."""
     turn = X_to[:, :3, :3] @ X_from[:, :3, :3].transpose(0, 2, 1)
     axis = 0.5 * np.stack(
         [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], 1
@@ -337,7 +339,7 @@ def _move(X_WB: Array, motion: Array) -> None:
 
 
 def crosses(v: ArrayLike) -> Array:
-    """Matrices (n, 3, 3) that do v (n, 3) ×."""
+    """Cross-product matrices (n, 3, 3) of v (n, 3)."""
     x, y, z = np.asarray(v, np.float64).T
     o = np.zeros_like(x)
     return np.array([[o, -z, y], [z, o, -x], [-y, x, o]]).transpose(2, 0, 1)

@@ -1,7 +1,8 @@
-"""The command line: reads the arguments, calls the package that does the work, prints the result.
+"""The command line interface `hapscene`: parses arguments, calls the package, prints results.
 
-Each module declares one group of commands by functions, whose signatures and docstrings are the options and the help.
-`cyclopts` imports a module when its command is used, and each function imports what it needs when it runs.
+Each module declares the commands of one group as functions: the signature of a function defines the options, and its
+docstring is the help. cyclopts imports a module only when one of its commands is used, and each function imports what
+it needs when it runs, so that `hapscene --help` starts fast.
 """
 
 import signal
@@ -13,7 +14,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene import __version__
-from hapscene.cli.console import complain, note, note_little_memory, ready_streams
+from hapscene.cli.console import note_little_memory, print_error, print_note, ready_streams
 from hapscene.errors import HapsceneError
 from hapscene.interrupt import interrupted_by_ends, reraise_swallowed_interrupt
 
@@ -24,84 +25,85 @@ __all__ = ["app", "main"]
 
 COMMANDS: Final = {
     "Start": {
-        "demo": ("touch:demo", "Touch the shipped scene, and write what was felt."),
-        "touch": ("touch:touch", "Touch a scene or a mesh along a path, and write what was felt."),
-        "paint": ("paint:paint", "Paint swatches onto a scene or a mesh in the browser."),
-        "play": ("play:play", "Feel a scene in real time, with a device or in the browser."),
+        "demo": ("touch:demo", "Simulate touching the demo scene; write forces, plots and audio."),
+        "touch": ("touch:touch", "Simulate touching a scene or mesh along a path."),
+        "paint": ("paint:paint", "Paint swatches onto a scene or mesh in the browser."),
+        "play": ("play:play", "Touch a scene yourself, with a haptic device or the mouse."),
     },
     "Scenes and meshes": {
-        "view": ("scenes:view", "Draw a scene, and a touch of it, as a picture or a film."),
-        "check": ("scenes:check", "Examine meshes, and repair them."),
+        "view": ("scenes:view", "Draw a scene, with or without a touch of it, as image or video."),
+        "check": ("scenes:check", "Check meshes for defects, and repair them."),
         "convert": ("scenes:convert", "Convert scenes and swatches to or from other formats."),
     },
     "Surfaces": {
         "swatch": ("swatch:app", "Swatches: list, search, show, add, get, compare, publish."),
-        "capture": ("capture:app", "Haptography: record a surface, fit a swatch to it, judge the fit."),
+        "capture": ("capture:app", "Haptography: record a surface, fit a swatch, evaluate the fit."),
     },
     "Devices and programs": {
         "device": ("device:app", "Haptic devices and handles: list, try, identify, play a file."),
-        "serve": ("play:serve", "Render touch for a game engine or simulator, over a network."),
+        "serve": ("play:serve", "Render touch for a game engine or simulator over the network."),
     },
     "Measure": {
-        "tune": ("lab:tune", "Render no more of a scene than a person can tell."),
-        "lab": ("lab:app", "Effects, stability, benchmarks, charts, studies, teleoperation."),
+        "tune": ("lab:tune", "Simplify a scene as far as a person cannot perceive it."),
+        "lab": ("lab:app", "Stability, benchmarks, user studies, teleoperation, effects."),
     },
 }
-"""The commands by the groups in which the help lists them: module and function, and one line."""
+"""The top-level commands, in the groups of the help: module and function, and the one-line summary."""
 
 SYNONYMS: Final = {"convert": ("import", "export"), "play": ("live", "replay")}
-"""Words for which an unknown command's error suggests a command; groups name their own."""
+"""Words that are no commands, by the command that the error message suggests for them."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; return the exit code.
+    """Run a command and return its exit code.
 
     Args:
         arguments: the words after `hapscene`; by default those of this process.
 
     Returns:
-        0 done, 1 done with a negative verdict, 2 bad input (one line on stderr), 128 and the signal's number where a
-        signal ended it: 130 for Ctrl-C.
+        0 on success; 1 when the command succeeded and its result is negative; 2 on invalid input, with one line on
+        stderr; 128 plus the signal number when a signal ended the command, 130 for Ctrl-C.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    debug = "--debug" in words  # allowed anywhere: it is typed when something went wrong
+    tokens = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in tokens  # accepted at any position: users append it to a command that failed
     with interrupted_by_ends():
-        return _guarded([word for word in words if word != "--debug"], debug)
+        return _guarded([token for token in tokens if token != "--debug"], debug)
 
 
-def _guarded(words: list[str], debug: bool) -> int:
-    """The exit code of a command; an error becomes one line."""
+def _guarded(tokens: list[str], debug: bool) -> int:
+    """Run a command; print its error as one line, and return the exit code."""
     ready_streams()
     try:
         with reraise_swallowed_interrupt():
-            return _run(words)
+            return _run(tokens)
     except KeyboardInterrupt as interrupt:
         if debug:
             raise
-        eval("0")  # otherwise Python ends by SIGINT where it came while a text was executed, as imports do
-        complain("interrupted; nothing was written")
+        # CPython re-raises SIGINT at exit if the interrupt came during exec(), which imports use; eval() clears that
+        eval("0")
+        print_error("interrupted; nothing was written")
         return 128 + int(interrupt.args[0] if interrupt.args else signal.SIGINT)
     except (HapsceneError, OSError, MemoryError) as error:
         if isinstance(error, BrokenPipeError) and error.filename == "standard output":
-            return 1  # the reader of the pipe has gone
+            return 1  # the reader of the pipe has exited
         if debug:
             raise
-        complain(_sentence(error))
+        print_error(_sentence(error))
         return 2
     finally:
         with suppress(OSError):
             sys.stdout.flush()
 
 
-def _run(words: list[str]) -> int:
+def _run(tokens: list[str]) -> int:
     from cyclopts import CycloptsError
 
     warnings.showwarning = _show_warning
     note_little_memory()
     try:
-        code = app()(words)
+        code = app()(tokens)
     except CycloptsError as error:
-        complain(_usage_error(error))
+        print_error(_usage_error(error))
         return 2
     sys.stdout.flush()
     return int(code or 0)
@@ -109,7 +111,7 @@ def _run(words: list[str]) -> int:
 
 @cache
 def app() -> "App":
-    """The tree of commands. Modules are imported here and not above, once Ctrl-C is handled."""
+    """Return the tree of commands. It imports cyclopts here, when Ctrl-C is already handled."""
     from cyclopts import App, Group, Parameter
 
     from hapscene.cli.help import HelpFormatter
@@ -117,9 +119,9 @@ def app() -> "App":
     tree = App(
         name="hapscene",
         help=(
-            "Touch a 3-D scene through a tool, and feel what its surfaces are made of.\n\n"
-            "`hapscene COMMAND --help` has examples. --debug shows the traceback of an error;\n"
-            "--version prints the version."
+            "Haptic rendering of 3-D scenes, with surface textures fitted to recordings.\n\n"
+            "Run `hapscene COMMAND --help` for the options and examples of a command.\n"
+            "--version prints the version. --debug prints the traceback of an error."
         ),
         help_format="plaintext",
         help_formatter=HelpFormatter({name: text for group in COMMANDS.values() for name, (_, text) in group.items()}),
@@ -134,16 +136,24 @@ def app() -> "App":
     for i, (title, commands) in enumerate(COMMANDS.items()):
         group = Group(title, sort_key=i)
         for j, (name, (place, _)) in enumerate(commands.items()):
-            words = {"synonym": SYNONYMS[name]} if name in SYNONYMS else {}
-            tree.command(f"hapscene.cli.{place}", name=name, group=group, sort_key=j, **words)
+            tokens = {"synonym": SYNONYMS[name]} if name in SYNONYMS else {}
+            tree.command(f"hapscene.cli.{place}", name=name, group=group, sort_key=j, **tokens)
     tree["--help"].show = tree["--version"].show = False
     return tree
 
 
 def _usage_error(error: "CycloptsError") -> str:
-    """What is wrong with the arguments, and where to read on."""
+    """The message for invalid arguments, with the command whose help lists the valid ones."""
+    from cyclopts import MissingArgumentError
+    from cyclopts.exceptions import UnusedCliTokensError
+
     command = " ".join(("hapscene", *(error.command_chain or ())))
     text = str(error).partition(" Available commands:")[0].rstrip(".")
+    if isinstance(error, UnusedCliTokensError):
+        text = f"unexpected argument {' '.join(map(repr, error.unused_tokens or ()))}"
+    elif isinstance(error, MissingArgumentError) and error.argument is not None and not error.tokens_so_far:
+        name = error.argument.name
+        text = f"{name} requires a value" if name.startswith("-") else f"missing argument {name}"
     return f"{text}{' See' if text.endswith('?') else '; see'} `{command} --help`"
 
 
@@ -156,5 +166,5 @@ def _sentence(error: BaseException) -> str:
 
 
 def _show_warning(message: Warning | str, category: Any, *place: Any, **more: Any) -> None:
-    """A warning in one line, without its place in the code."""
-    note(str(message))
+    """Print a warning as one line, without its position in the code."""
+    print_note(str(message))

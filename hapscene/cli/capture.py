@@ -1,4 +1,4 @@
-"""`hapscene capture`: record a surface, fit a swatch to it, judge the fit."""
+"""`hapscene capture`: record a surface, fit a swatch, evaluate the fit."""
 
 import time
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from cyclopts import App, Parameter
 
-from hapscene.cli.console import complain, name_made, note, say, tell
+from hapscene.cli.console import print_error, print_files, print_lines, print_note, print_progress
 from hapscene.cli.options import (
     Help,
     InFile,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
-app = App(name="capture", synonym="fit", help="Haptography: record a surface, fit a swatch to it, judge the fit.")
+app = App(name="capture", synonym="fit", help="Haptography: record a surface, fit a swatch, evaluate the fit.")
 
 
 # Fits.
@@ -42,14 +42,14 @@ app = App(name="capture", synonym="fit", help="Haptography: record a surface, fi
 @Parameter(name="*", group="Fit")
 @dataclass(frozen=True)
 class TextureOptions:
-    """How a swatch is fitted, and what it keeps of the recording."""
+    """Options of a fit, and metadata of the swatch."""
 
-    order: Annotated[int | Literal["auto"], Help("Order of the models; auto chooses it on held-out data")] = "auto"
-    tool: Annotated[str, Help("What held the tip, as in 'steel probe'; the swatch keeps it")] = ""
-    tip: Annotated[str, Help("What touched the surface, as in '3.2 mm ball'")] = ""
+    order: Annotated[int | Literal["auto"], Help("AR order; auto selects it on held-out data")] = "auto"
+    tool: Annotated[str, Help("Tool of the recording, as in 'steel probe', stored in the swatch")] = ""
+    tip: Annotated[str, Help("Tip of the tool, as in '3.2 mm ball', stored in the swatch")] = ""
 
     def fitting(self, name: str = "unnamed") -> "FitOptions":
-        """The options of the fit of a swatch of that name."""
+        """The options of a fit for a swatch called `name`."""
         from hapscene.capture.fit.swatch import FitOptions
 
         return FitOptions(name, self.order, tool=self.tool, tip=self.tip)
@@ -61,14 +61,17 @@ def fit(
     /,
     *,
     out: Annotated[OutFile, Help("Swatch file to write (default: NAME.swatch, as oak.swatch)")] = None,
-    name: Annotated[str | None, Help("Name of the surface (default: as the file that is written)")] = None,
-    plot: Annotated[Path | None, Help("Picture of the states of contact over time, .png")] = None,
+    name: Annotated[str | None, Help("Name of the swatch (default: name of the written file)")] = None,
+    plot: Annotated[Path | None, Help("Plot of the contact states over time to write, .png")] = None,
     options: TextureOptions = TextureOptions(),
     reading: RecordingOptions = RecordingOptions(),
 ) -> None:
-    """Fit a swatch to recordings of a tool on one surface.
+    """Fit a swatch to recordings of a tool that touches one surface.
 
-    for example:
+    A recording needs acceleration; force and speed make the texture depend on them.
+    Sliding, taps and pressing are found in the recording.
+
+    examples:
       hapscene capture fit oak.csv --rate 10000 --units acceleration=g,force=N
       hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch \\
           --units 'acceleration=98 m/s2'
@@ -82,13 +85,15 @@ def fit(
 
     out = out or new_file(base_name(recordings[0]) + SUFFIX)
     if out.suffix != SUFFIX:
-        raise SwatchError(f"{out}: a swatch's file name must end in {SUFFIX}; `capture batch` fits many into a folder")
+        raise SwatchError(
+            f"{out}: expected a swatch file name that ends with {SUFFIX}; `capture batch` fits many into a folder"
+        )
     if name is not None and any(sign in name for sign in "/\\"):
-        raise SwatchError(f"--name {name!r}: a surface's name has no slash, for files are called by it")
+        raise SwatchError(f"--name {name!r} contains a slash; expected a name that can be part of a file name")
     swatch = _fitted(recordings, name or out.stem, plot, reading.reading(), options)
     save_swatch(swatch, str(out))
-    tell([verdict(swatch), *lines(swatch)])
-    name_made([out, *([] if plot is None else [plot])])
+    print_lines([verdict(swatch), *lines(swatch)])
+    print_files([out, *([] if plot is None else [plot])])
 
 
 def _fitted(
@@ -104,15 +109,17 @@ def _fitted(
 
     parts = []
     for path in paths:
-        with step(say, f"reading {path}"):
+        with step(print_progress, f"reading {path}"):
             recording = [load_recording(path, **reading)]
             with refusing(CaptureError, path):
-                parts.append(prepare(recording.pop()))  # a long one is as large as what is made of it
+                parts.append(prepare(recording.pop()))  # pop: free the recording, which may be large
         lengths_s = {state: parts[-1][1].seconds(state) for state in InteractionState}
-        say(f"  {', '.join(f'{WORDS[state]} {length_s:.1f} s' for state, length_s in lengths_s.items() if length_s)}\n")
-    if plot is not None:  # before the fit: it shows why one may fail
+        print_progress(
+            f"  {', '.join(f'{WORDS[state]} {length_s:.1f} s' for state, length_s in lengths_s.items() if length_s)}\n"
+        )
+    if plot is not None:  # before the fit, since the plot shows why a fit fails
         write_states(parts, str(plot), [Path(path).name for path in paths])
-    with step(say, "fitting"), refusing(CaptureError, ", ".join(paths)):
+    with step(print_progress, "fitting"), refusing(CaptureError, ", ".join(paths)):
         swatch = fit_recordings(parts, options.fitting(name))
     files = printable(", ".join(Path(path).name for path in paths))
     return replace(swatch, provenance=f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip())
@@ -120,7 +127,7 @@ def _fitted(
 
 @app.command
 def batch(
-    *recordings: Annotated[str, Help("Files, and folders of them")],
+    *recordings: Annotated[str, Help("Recordings, or folders of recordings")],
     out: OutFolder = Path("out/swatches"),
     options: TextureOptions = TextureOptions(),
     reading: RecordingOptions = RecordingOptions(),
@@ -128,12 +135,11 @@ def batch(
 ) -> int:
     """Fit a swatch to each of many recordings; run the same command again to resume.
 
-    The swatches lie below --out as the recordings do below the folder they share,
-    beside journal.jsonl, which lists what was fitted. A recording that
-    was fitted with the same content and settings is skipped. Exit codes: 0 all have
-    swatches, 1 some failed (listed at the end), 130 stopped by Ctrl-C.
+    The folders below --out mirror those of the recordings. journal.jsonl lists the
+    completed fits; a recording with unchanged content and options is skipped. Exit
+    codes: 0 success; 1 some fits failed, listed at the end; 130 Ctrl-C.
 
-    for example:
+    examples:
       hapscene capture batch recordings/ --rate 10000 --units acceleration=g
       hapscene capture batch oak.csv pine.csv --rate 5000 --out swatches --jobs 4
       hapscene capture batch recordings/ --scheduler tcp://head:8786
@@ -144,14 +150,14 @@ def batch(
         check_there(place, "file or folder")
     items = find_recordings(recordings)
     if not items:
-        raise CaptureError("no recordings given: name at least one file or folder")
+        raise CaptureError("no recordings found; expected files, or folders with recordings")
     how = (reading.reading(), options.fitting(), workers.jobs, workers.scheduler)
     try:
         result = fit_batch(items, str(out), *how, _progress(len(items)))
     except KeyboardInterrupt:
-        complain("interrupted; run the same command again to resume")
+        print_error("interrupted; run the same command again to resume")
         return 130
-    tell(
+    print_lines(
         [
             f"{len(result.fitted)} fitted, {len(result.skipped)} skipped, {len(result.failed)} failed",
             *(f"  {reason}" for reason in result.failed),
@@ -164,11 +170,11 @@ def batch(
 
 
 PROGRESS_S: Final = 5.0
-"""Time between two lines of progress [s]."""
+"""Interval between lines of progress [s]."""
 
 
 def _progress(total: int) -> Any:
-    """A function that prints how far a batch is, now and then."""
+    """Return a function that prints the progress of a batch every `PROGRESS_S`."""
     start_s = shown_s = time.monotonic()
 
     def show(result: "BatchResult") -> None:
@@ -177,7 +183,7 @@ def _progress(total: int) -> Any:
         if now_s - shown_s >= PROGRESS_S:
             shown_s = now_s
             rate_1_s = (len(result.fitted) + len(result.failed)) / (now_s - start_s)
-            tell([f"{result.count} of {total}, {len(result.failed)} failed, {rate_1_s:.2g} a second"])
+            print_lines([f"{result.count} of {total}, {len(result.failed)} failed, {rate_1_s:.2g} per second"])
 
     return show
 
@@ -185,15 +191,15 @@ def _progress(total: int) -> Any:
 @app.command
 def report(
     swatch: SwatchName,
-    recording: Annotated[InFile | None, Help("What it was fitted to, or another recording of that surface")] = None,
+    recording: Annotated[InFile | None, Help("Recording of the same surface to compare with")] = None,
     /,
     *,
-    out: Annotated[OutFile, Help("Page to write (default: NAME.html, as oak.html)")] = None,
+    out: Annotated[OutFile, Help("HTML page to write (default: NAME.html, as oak.html)")] = None,
     reading: RecordingOptions = RecordingOptions(),
 ) -> None:
-    """Write one page on how good a swatch is and why: plots, figures, what is absent.
+    """Write a report on the quality of a swatch: verdict, plots, figures, missing measurements.
 
-    for example:
+    examples:
       hapscene capture report wood                             # to wood.html
       hapscene capture report oak.swatch oak.csv --rate 10000 \\
           --units acceleration=m/s2,force=N
@@ -206,29 +212,30 @@ def report(
     fitted = load_swatch(swatch)
     loaded = None if recording is None else load_recording(recording, **reading.reading())
     write_report(fitted, str(out), loaded, "" if recording is None else recording.name)
-    name_made([out])
+    print_files([out])
 
 
 # Recordings.
 
 
 RATE_TOLERANCE: Final = 0.02
-"""Difference between the announced and the measured sample rate from which a note is printed [1]."""
+"""Relative difference between announced and measured sample rate above which a note is printed [1]."""
 
 
 @app.command
 def record(
     *,
-    port: Annotated[str, Help("Serial port of the probe, as /dev/ttyUSB0 or COM3")],
-    out: Annotated[OutFile, Help("New file, .hsrec (crash-safe) or .npz")] = Path("recording.hsrec"),
-    seconds: Annotated[Positive | None, Help("Length [s] (default: until Ctrl-C)")] = None,
-    baud: Annotated[int, Help("Speed of the port [bit/s]")] = BAUD,
+    port: Annotated[str, Help("Serial port of the probe, as in /dev/ttyUSB0 or COM3")],
+    out: Annotated[OutFile, Help("New file, .hsrec (survives a crash) or .npz")] = Path("recording.hsrec"),
+    seconds: Annotated[Positive | None, Help("Duration [s] (default: until Ctrl-C)")] = None,
+    baud: Annotated[int, Help("Baud rate of the port [bit/s]")] = BAUD,
 ) -> int:
     """Record from an accelerometer or force probe on a serial port.
 
-    docs/probe-protocol.md describes what a probe sends.
+    docs/reference/probe-protocol.md specifies the protocol of a probe. Exit codes: 0 success;
+    1 it ended early, for example because the probe was disconnected.
 
-    for example:
+    examples:
       hapscene capture record --port /dev/ttyUSB0
       hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz
     """
@@ -241,29 +248,29 @@ def record(
     was_there = place.exists()
     with interrupt_noted() as stopped:
         try:
-            made = run(port, str(out), baud, seconds, stopped, _say_line)
+            made = run(port, str(out), baud, seconds, stopped, _print_line)
         except KeyboardInterrupt:
             if was_there or not place.exists():
                 raise
-            complain(f"interrupted; {place} holds the samples recorded until then")
+            print_error(f"interrupted; the samples recorded so far are in {place}")
             return 130
-    _say_line(str(made))
+    _print_line(str(made))
     _note_rate(made)
-    name_made([made.path])
+    print_files([made.path])
     return 0 if made.complete else 1
 
 
 def _note_rate(made: "RecordingResult") -> None:
-    """Prints notes about the probe: a sample rate that differs from the announced one, restarts."""
+    """Print a note if the sample rate of the probe is wrong or the probe has restarted."""
     if made.rate_measured_Hz is not None and abs(made.rate_measured_Hz / made.rate_Hz - 1.0) > RATE_TOLERANCE:
-        clock = f"by this computer's clock it is {made.rate_measured_Hz:.4g} Hz"
-        note(f"{made.path.name}: the probe announced {made.rate_Hz:g} Hz; {clock}")
+        measured = f"measured with the clock of this computer: {made.rate_measured_Hz:.4g} Hz"
+        print_note(f"{made.path.name}: sample rate announced by the probe: {made.rate_Hz:g} Hz; {measured}")
     if made.count.restarts:
-        note(f"{made.path.name}: the probe restarted {made.count.restarts} times")
+        print_note(f"{made.path.name}: the probe restarted {made.count.restarts} times")
 
 
-def _say_line(line: str) -> None:
-    say(f"{line}\n")
+def _print_line(line: str) -> None:
+    print_progress(f"{line}\n")
 
 
 @app.command
@@ -272,15 +279,15 @@ def join(
     /,
     *,
     out: Annotated[OutFile, Help("NPZ file to write (default: joined.npz)")] = None,
-    rate: Annotated[Numbers, Help("Sample rates of files that do not say theirs [Hz]: one for all, or one each")] = (),
+    rate: Annotated[Numbers, Help("Sample rates of files that do not store one [Hz]: one for all, or one each")] = (),
 ) -> None:
-    """Join recordings of one event, made by different devices, into one file with one clock.
+    """Align recordings of one event from different devices in time, and join them into one file.
 
-    Offset and drift of the clocks are found by cross-correlation of the channel
-    that the files have in common, else of all their streams. Without a clear peak
-    nothing is written.
+    Offset and drift of the clocks are estimated by cross-correlation of a channel
+    that the files share, or of all their streams. If the correlation has no clear
+    peak, the command fails and writes nothing.
 
-    for example:
+    examples:
       hapscene capture join handle.csv plate.wav -o oak.npz --rate 1000
       hapscene capture join recording-1.hsrec recording-2.hsrec -o oak.npz
       hapscene capture fit oak.npz --units 'acceleration=98 m/s2'
@@ -289,10 +296,10 @@ def join(
 
     out = out or new_file("joined.npz")
     made = run(recordings, str(out), rates_Hz=rate)
-    tell([f"{printable(file.name)}: {known}" for file, known in made.offsets.items()])
-    shared = f"{made.duration_s:.3f} s at {made.rate_Hz:g} Hz, by the clock of {printable(made.leader.name)}"
-    tell([f"{shared}: {', '.join(made.names)}"])
+    print_lines([f"{printable(file.name)}: {known}" for file, known in made.offsets.items()])
+    shared = f"{made.duration_s:.3f} s at {made.rate_Hz:g} Hz, on the clock of {printable(made.leader.name)}"
+    print_lines([f"{shared}: {', '.join(made.names)}"])
     for file, known in made.offsets.items():
         if not known.common:
-            note(f"{file.name}: no common channel; the delay of a sensor's filter counts as offset")
-    name_made([made.path])
+            print_note(f"{file.name}: no common channel; filter delays of the sensors are part of the estimated offset")
+    print_files([made.path])

@@ -1,4 +1,4 @@
-"""What a command says while it works: what is being done and for how long, notes, and what was made."""
+"""Terminal output of the commands: progress, results, notes, warnings and errors."""
 
 import os
 import sys
@@ -11,25 +11,25 @@ from hapscene.errors import Codes, printable
 from hapscene.memory import memory_limit_B
 
 __all__ = [
-    "caution",
-    "complain",
-    "name_made",
-    "note",
+    "format_size",
     "note_little_memory",
+    "print_error",
+    "print_files",
+    "print_in_place",
+    "print_lines",
+    "print_note",
+    "print_progress",
+    "print_warning",
     "ready_streams",
-    "say",
-    "size_words",
     "table",
-    "tell",
-    "tell_over",
 ]
 
 _line_open = False
 _notes: list[str] = []
 
 
-def say(text: str) -> None:
-    """Print progress at once, also through a pipe. A text without a line end leaves its line open for the next one."""
+def print_progress(text: str) -> None:
+    """Print progress text and flush it. Text without a line end leaves the line open for the next call."""
     global _line_open
     line = text.removesuffix("\n")
     sys.stdout.write(printable(line) + text[len(line) :])
@@ -37,47 +37,47 @@ def say(text: str) -> None:
     _line_open = not text.endswith("\n")
     if not _line_open:
         while _notes:
-            note(_notes.pop(0))
+            print_note(_notes.pop(0))
 
 
-def note(text: str) -> None:
-    """A line to standard error beside the result; after the line that is open."""
+def print_note(text: str) -> None:
+    """Print a note to stderr; it waits until an open progress line has ended."""
     if _line_open:
         _notes.append(text)
         return
-    complain(f"note: {text}")
+    print_error(f"note: {text}")
 
 
-def complain(text: str) -> None:
-    """What is wrong, in one line to standard error."""
+def print_error(text: str) -> None:
+    """Print an error as one line to stderr."""
     print(f"hapscene: {' '.join(text.split())}", file=sys.stderr)
 
 
-def caution(text: str) -> None:
-    """A warning to standard error: the result is there, but may not be what was meant."""
-    complain(f"warning: {text}")
+def print_warning(text: str) -> None:
+    """Print a warning to stderr: the command has a result, but probably not the intended one."""
+    print_error(f"warning: {text}")
 
 
-def tell(lines: Iterable[str]) -> None:
-    """A result in lines, each one line whatever the names in it are."""
+def print_lines(lines: Iterable[str]) -> None:
+    """Print lines of a result; line ends and control characters inside a line are escaped."""
     print("\n".join(map(printable, lines)), flush=True)
 
 
-def tell_over(line: str) -> None:
-    """A line of a terminal that is told over and over, each in the place of the last."""
+def print_in_place(line: str) -> None:
+    """Print a line that replaces the previous one on the terminal."""
     sys.stdout.write(Codes("\r"))
     sys.stdout.write(printable(line))
     sys.stdout.write(Codes("\x1b[K"))
     sys.stdout.flush()
 
 
-def name_made(made: Sequence[Path]) -> None:
-    """End a command by naming the files it made."""
-    tell(["made:", *(f"  {file}  ({size_words(file.stat().st_size)})" for file in made)])
+def print_files(made: Sequence[Path]) -> None:
+    """Print the files that a command wrote, with their sizes."""
+    print_lines(["made:", *(f"  {file}  ({format_size(file.stat().st_size)})" for file in made)])
 
 
-def size_words(size_B: float) -> str:
-    """A file's size in three digits: "684 B", "12.3 kB", "65.5 MB"."""
+def format_size(size_B: float) -> str:
+    """Format a file size with three digits: "684 B", "12.3 kB", "65.5 MB"."""
     for unit in ("B", "kB", "MB"):
         if size_B < 999.5:
             return f"{size_B:.3g} {unit}"
@@ -86,44 +86,44 @@ def size_words(size_B: float) -> str:
 
 
 def table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """The lines of a table whose columns have even widths."""
+    """Format rows as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 LITTLE_B: Final = 512 << 20
-"""Memory from which nothing is said [bytes]. A touch of a small scene takes 220 MB that the system cannot take back;
-its first one, when functions are compiled, up to 500 MB."""
+"""Memory limit below which a note is printed [bytes]. Touching a small scene takes 220 MB; the first time, while
+functions are compiled, it takes up to 500 MB."""
 
 
 def note_little_memory() -> None:
-    """Say it where this process may take little memory: who ends it for more says no word."""
+    """Print a note if the memory limit of this process is low: the system kills a process without a message."""
     limit_B = memory_limit_B()
     if limit_B < LITTLE_B:
-        note(
-            f"this process may take {limit_B / 2**20:.0f} MiB of memory; a touch of a small scene takes 256 MiB, its "
-            f"first one up to {LITTLE_B >> 20} MiB: with less it may stand still or be ended without a word"
+        print_note(
+            f"the memory limit of this process is {limit_B / 2**20:.0f} MiB; touching a small scene takes 256 MiB, and "
+            f"up to {LITTLE_B >> 20} MiB the first time. Below that, the system may stall or kill the process"
         )
 
 
-# The streams that all this is written to.
+# Standard output and standard error.
 
 
 def ready_streams() -> None:
-    """Make standard output and error fit for whatever is printed, for as long as the process lives.
+    """Prepare standard output and standard error for the whole process.
 
-    They are there (closed ones lead nowhere, and no file that is opened takes their place), in UTF-8, and what a
-    terminal would obey is shown by its number; but for `Codes`.
+    Closed streams are redirected to the null device, the encoding becomes UTF-8, and control characters are escaped,
+    except in `Codes`.
     """
     for number in (0, 1, 2):
         try:
             os.fstat(number)
-        except OSError:
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest number that is free: this one
+        except OSError:  # closed: open() takes the lowest free number, which is this one
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     for name, place in (("stdout", "standard output"), ("stderr", None)):
         stream: Any = getattr(sys, name)
         if stream is None:
-            stream = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123 - until the process ends
+            stream = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123 - open until the process ends
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(encoding="utf-8", errors="replace")
         if not isinstance(stream, _Printable):
@@ -131,11 +131,11 @@ def ready_streams() -> None:
 
 
 RESET: Final = "\x1b[0m"
-"""What colorama, which numba imports, writes to a terminal at the end: no colours from here on."""
+"""The reset sequence that colorama, imported by numba, writes when the process ends."""
 
 
 class _Printable:
-    """A standard stream to which text is written as it may be shown."""
+    """A standard stream that escapes control characters."""
 
     def __init__(self, stream: Any, place: str | None) -> None:
         self._stream = stream
@@ -157,7 +157,7 @@ class _Printable:
         return getattr(self._stream, name)
 
     def _try(self, do: Callable[..., object], *arguments: str) -> None:
-        """What cannot be written is said once, where it can be; then, and when the process ends, it goes nowhere."""
+        """Write; on failure raise once for standard output, and redirect the stream to the null device."""
         try:
             do(*arguments)
         except OSError as error:

@@ -1,4 +1,4 @@
-"""Plain help pages: two columns, wrapped to the terminal's width."""
+"""Plain-text help pages: two columns, wrapped to the width of the terminal."""
 
 import re
 import shutil
@@ -12,22 +12,23 @@ if TYPE_CHECKING:
 __all__ = ["HelpFormatter"]
 
 LABEL_MAX: Final = 22
-"""Longest label that stands beside its text [characters]; longer ones get a line of their own."""
+"""Longest label printed on the same line as its text [characters]."""
 
 WIDTH_MAX: Final = 100
-"""Longest line of wrapped text [characters], however wide the terminal is."""
+"""Longest line of wrapped text [characters]."""
 
 METAVARS: Final = {"STR": "NAME", "PATH": "FILE", "INT": "COUNT", "FLOAT": "NUMBER"}
-"""What a value is called, by the type that cyclopts names."""
+"""Placeholder of a value in the help, by the placeholder that cyclopts derives from the type."""
 
 HIDDEN_DEFAULTS: Final = (None, "", '""', "()", "False")
+"""Defaults that are not printed."""
 
 
 class HelpFormatter:
-    """Prints a help page for cyclopts, without the boxes and colours of its own formatter.
+    """Formatter of help pages for cyclopts, without boxes and colours.
 
     Args:
-        summaries: one line for each command that is not imported to print the list.
+        summaries: summaries of the commands whose modules are not imported when the list is printed.
     """
 
     def __init__(self, summaries: Mapping[str, str]) -> None:
@@ -38,7 +39,7 @@ class HelpFormatter:
         print(f"usage: {str(usage).strip()}\n")
 
     def render_description(self, console: object, options: object, description: Any) -> None:
-        """Print a command's docstring up to its arguments: summary, details, examples. Its lines stay as they are."""
+        """Print the docstring of a command: the wrapped summary, then details and examples with their line breaks."""
         summary, gap, more = _plain(description).partition("\n\n")
         print(textwrap.fill(summary, _width()) + gap + more.rstrip() + "\n")
 
@@ -59,14 +60,14 @@ class HelpFormatter:
         print()
 
     def _row(self, entry: "HelpEntry") -> tuple[str, str]:
-        """The names of a command or an option, and its text."""
+        """The label of a command or option, and its text."""
         label = ", ".join(entry.display_labels_with_metavar)
         label = re.sub(r"\b[A-Z]+\b", lambda word: METAVARS.get(word[0], word[0]), label)
         return label, _description(entry) or self._summaries.get(label, "")
 
 
 def _description(entry: "HelpEntry") -> str:
-    """What an option is, its choices, and its default."""
+    """The description of an option, with its choices and default."""
     text = " ".join(_plain(entry.description).split()).removesuffix(".")
     if entry.choices and len(entry.choices) > 1:
         text += f"; one of {', '.join(entry.choices)}"
@@ -76,7 +77,7 @@ def _description(entry: "HelpEntry") -> str:
 
 
 def _plain(text: Any) -> str:
-    """The characters of a text that cyclopts has wrapped for rich."""
+    """The plain text inside an object that cyclopts has wrapped for rich."""
     return getattr(getattr(text, "primary_renderable", text), "plain", "")
 
 

@@ -1,10 +1,10 @@
-"""Scenes that a command opens: checked before anything heavy is imported, and loaded."""
+"""Loading of scenes and meshes for the commands, with checks before slow imports."""
 
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from hapscene.cli.console import say, size_words
+from hapscene.cli.console import format_size, print_progress
 from hapscene.cli.options import MeshOptions, ReadOptions
 from hapscene.cli.paths import SCENES, check_there, missing
 from hapscene.errors import MeshError, SceneError
@@ -12,7 +12,7 @@ from hapscene.errors import MeshError, SceneError
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
-__all__ = ["check_scene", "find_asset", "load_input", "loading", "tell_size"]
+__all__ = ["check_scene", "find_asset", "load_input", "loading", "print_size_advice"]
 
 _Options = TypeVar("_Options", bound=ReadOptions)
 
@@ -21,7 +21,11 @@ UNITS: Final = ("m", "cm", "mm", "um", "in", "ft")  # as in scene.mesh
 
 
 def check_scene(path: str, options: ReadOptions | None = None) -> None:
-    """Raise where a scene or mesh is missing, or its unit or swatch is unknown, before it is loaded."""
+    """Check that a scene or mesh exists and that its unit and swatch are known, before it is loaded.
+
+    Raises:
+        HapsceneError: the file is missing, has no unit, or an option names an unknown unit or swatch.
+    """
     check_there(path)
     suffix = Path(path).suffix.lower().lstrip(".")
     unit = None if options is None else options.unit
@@ -32,8 +36,8 @@ def check_scene(path: str, options: ReadOptions | None = None) -> None:
             unit_name(unit)
     elif suffix in UNITLESS and not (suffix == "ply" and _is_painted(path)):
         raise MeshError(
-            f"{path}: {suffix.upper()} files carry no unit of length: say which one its numbers are in, as --unit mm; "
-            f"known are {', '.join(UNITS)}"
+            f"{path}: {suffix.upper()} files do not store a unit of length; add one, as in --unit mm "
+            f"(one of {', '.join(UNITS)})"
         )
     swatch = getattr(options, "swatch", None)
     if swatch is not None:
@@ -43,16 +47,20 @@ def check_scene(path: str, options: ReadOptions | None = None) -> None:
 
 
 def _is_painted(path: str) -> bool:
-    """Whether a PLY file is a painted scene of hapscene, which says its unit."""
+    """Whether a PLY file is a painted scene written by hapscene, which stores its unit."""
     with Path(path).open("rb") as file:
         return b"comment hapscene" in file.read(4096)
 
 
 def find_asset(scene: str, options: _Options) -> tuple[str, _Options]:
-    """The file of a scene or mesh, and how it is read; `scene` is a file, or the name of an asset as demo or toad.
+    """Return the path of a scene or mesh, and the options to read it with.
+
+    Args:
+        scene: a path, or the name of a bundled asset such as demo or toad.
+        options: as given on the command line; an asset sets the unit.
 
     Raises:
-        SceneError: it is a bare name, and there is neither a file nor an asset of this name.
+        SceneError: `scene` is a bare name, and neither a file nor an asset has that name.
     """
     if Path(scene).suffix or Path(scene).name != scene or Path(scene).is_file():
         return scene, options
@@ -65,31 +73,31 @@ def find_asset(scene: str, options: _Options) -> tuple[str, _Options]:
 
 
 def load_input(path: str, options: MeshOptions, device: str = "omni") -> "Scene":
-    """A scene from its file, or around a mesh. Its loading is printed, and a size that does not suit a hand.
+    """Load a scene, or a mesh as a scene; print progress and advice about an unsuitable size.
 
     Raises:
-        HapsceneError: it is missing, or cannot be loaded.
+        HapsceneError: the file is missing or cannot be loaded.
     """
     check_scene(path, options)
     from hapscene.touch import open_scene, step
 
-    with step(say, loading(path)):
-        scene = open_scene(path, options.unit, options.swatch, options.two_sided, say, **options.reading())
-    tell_size(scene, path, device)
+    with step(print_progress, loading(path)):
+        scene = open_scene(path, options.unit, options.swatch, options.two_sided, print_progress, **options.reading())
+    print_size_advice(scene, path, device)
     return scene
 
 
-def tell_size(scene: "Scene", path: str, device: str = "omni") -> None:
-    """Print what to change where a scene's size does not suit a hand and a device."""
+def print_size_advice(scene: "Scene", path: str, device: str = "omni") -> None:
+    """Print advice if the size of a scene does not suit a hand or a device."""
     from hapscene.scene.size_advice import size_advice
 
     files = {body.mesh.path for body in scene.bodies}
     of_meshes = len(files) == len(scene.bodies) and not path.endswith(SCENES)
     for what in [body.mesh for body in scene.bodies] if of_meshes else [scene]:
         if words := size_advice(what, device).words:
-            say(f"{words}\n")
+            print_progress(f"{words}\n")
 
 
 def loading(path: str | Path) -> str:
-    """The progress text of a file that is loaded: "loading bunny.stl (65.5 MB)"."""
-    return f"loading {path} ({size_words(Path(path).stat().st_size)})"
+    """The progress text while a file is loaded: "loading bunny.stl (65.5 MB)"."""
+    return f"loading {path} ({format_size(Path(path).stat().st_size)})"

@@ -1,4 +1,4 @@
-"""`hapscene tune` and `hapscene lab`: what measures: fidelity, effects, stability, benchmarks, charts, the paper."""
+"""`hapscene tune` and `hapscene lab`: fidelity, effects, stability, benchmarks, charts, reproduction of the paper."""
 
 import time
 from collections.abc import Iterator
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from hapscene.cli.console import name_made, note, say, table, tell
-from hapscene.cli.inputs import check_scene, find_asset, load_input, tell_size
+from hapscene.cli.console import print_files, print_lines, print_note, print_progress, table
+from hapscene.cli.inputs import check_scene, find_asset, load_input, print_size_advice
 from hapscene.cli.options import (
     Counts,
     Help,
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 __all__ = ["app", "tune"]
 
 WORDS = ("plugins", "effects", "stability", "study", "teleoperate", "bench", "chart", "reproduce", "warmup")
-STUDY: Final = "Ask people what they can tell apart: a plan, a page to answer on, a report."
-TELEOPERATE: Final = "Teleoperation over UDP: a follower touches a surface, a leader feels it."
-app = App(name="lab", synonym=WORDS, help="Effects, stability, benchmarks, charts, studies, teleoperation.")
+STUDY: Final = "User studies of perception: run a session, write a report."
+TELEOPERATE: Final = "Teleoperation over UDP: a follower touches, a leader renders its contact."
+app = App(name="lab", synonym=WORDS, help="Stability, benchmarks, user studies, teleoperation, effects.")
 app.command("hapscene.cli.sessions:study", name="study", help=STUDY)
 app.command("hapscene.cli.sessions:teleoperate", name="teleoperate", help=TELEOPERATE)
 
@@ -48,9 +48,9 @@ Docs = Annotated[
 
 @app.command
 def effects() -> None:
-    """List the effects: parameters, units, defaults, and where they come from.
+    """List the installed effects with their parameters, units and defaults.
 
-    for example:
+    examples:
       hapscene lab effects
     """
     from hapscene.surface.effect_registry import listed
@@ -58,24 +58,24 @@ def effects() -> None:
     for item in listed().values():
         lines = [f"{item.name}  ({item.distribution} {item.version}, {item.module})"]
         if item.plugin is None:
-            tell([*lines, f"  cannot be used: {item.error}"])
+            print_lines([*lines, f"  cannot be loaded: {item.error}"])
             continue
         lines.append(f"  {item.plugin.summary}")
         if item.plugin.scope == "scene":
             more = "".join(f", {name}" for name in (*item.plugin.arrays, "bodies"))
-            lines.append(f"  effect of the scene: settings={{{item.name!r}: {{…}}}} takes its parameters{more}")
+            lines.append(f"  scene effect: settings={{{item.name!r}: {{…}}}} sets its parameters{more}")
         rows = [(f"  {param.name}", f"{param.default:g}", param.unit, param.meaning) for param in item.plugin.params]
-        tell(lines + (table([("  parameter", "default", "unit", "meaning"), *rows]) if rows else []))
-    print("\nA swatch may set these parameters; `hapscene swatch show NAME` lists them. All effects share its")
-    print("stiffness_N_m. Set effects of the scene by Renderer(settings={…}), or by")
+        print_lines(lines + (table([("  parameter", "default", "unit", "meaning"), *rows]) if rows else []))
+    print("\nA swatch can set the parameters of effects that act at contacts (`hapscene swatch show NAME`). Set the")
+    print("parameters of a scene effect by Renderer(settings={…}), or on the command line:")
     print("`hapscene touch SCENE --effects wall,weight --set weight.mass_kg=0.2`.")
 
 
 @app.command
-def warmup(*, quick: Annotated[bool, Help("Compile only what a first touch needs")] = False) -> None:
-    """Compile beforehand, so that no first use of a feature waits.
+def warmup(*, quick: Annotated[bool, Help("Compile only the functions that a first touch needs")] = False) -> None:
+    """Compile all functions in advance, so that later commands start without delay.
 
-    for example:
+    examples:
       hapscene lab warmup
       hapscene lab warmup --quick
     """
@@ -84,10 +84,10 @@ def warmup(*, quick: Annotated[bool, Help("Compile only what a first touch needs
     from hapscene.warm_up import warm_up
 
     if INTERPRETED:
-        raise HapsceneError("NUMBA_DISABLE_JIT=1 turns compiling off: unset it to compile")
+        raise HapsceneError("NUMBA_DISABLE_JIT=1 disables compilation; unset this environment variable")
     folder = cache_folder()
     if folder is None:
-        raise HapsceneError("the cache cannot be written: set NUMBA_CACHE_DIR to a folder of yours")
+        raise HapsceneError("no folder for the compilation cache is writable; set NUMBA_CACHE_DIR to a writable folder")
     start_s = time.perf_counter()
     warm_up(quick)
     count = sum(1 for _ in folder.glob("*.nbc"))
@@ -102,28 +102,31 @@ Delays = Annotated[Counts, Parameter(validator=Number(gte=0, lte=63), show_defau
 def stability(
     *,
     device: Annotated[str, Help("Simulated device")] = "omni",
-    rate: Annotated[Rates, Help("Rates of the force channel [Hz]")] = (1000.0, 5000.0, 10_000.0),
-    delay: Annotated[Delays, Help("Delays of the loop [ticks]")] = (0, 1),
-    scene: Annotated[str | None, Help("Scene whose swatches are placed (default: all known swatches)")] = None,
+    rate: Annotated[Rates, Help("Rates of the haptic tick [Hz]")] = (1000.0, 5000.0, 10_000.0),
+    delay: Annotated[Delays, Help("Delays of the force [ticks]")] = (0, 1),
+    scene: Annotated[str | None, Help("Scene whose swatches are tested (default: all known swatches)")] = None,
     grip: Annotated[str, Help("Grip of the hand: none, light, medium or firm")] = DEFAULT_GRIP,
     out: OutFolder = Path("out/stability"),
     workers: WorkerOptions = WorkerOptions(),
 ) -> None:
-    """Plot the stability region of a device (Z-width), and list the swatches that would buzz.
+    """Plot the stability region (Z-width) of a device, and list the swatches that are unstable on it.
 
-    for example:
+    For each rate and delay, virtual walls of increasing stiffness and damping are
+    touched in simulation; the region is where the device comes to rest.
+
+    examples:
       hapscene lab stability --device omni --rate 1000,5000,10000 --delay 0,1
       hapscene lab stability --device premium-1.5 --scene demo.scene.json
     """
     from hapscene.device.sim.hand import grip_named
     from hapscene.stability.study import stability as run
 
-    how = (device, rate, delay, grip_named(grip), _swatches(scene), say)
-    name_made(run(out, *how, jobs=workers.jobs, scheduler=workers.scheduler))
+    how = (device, rate, delay, grip_named(grip), _swatches(scene), print_progress)
+    print_files(run(out, *how, jobs=workers.jobs, scheduler=workers.scheduler))
 
 
 def _swatches(scene: str | None) -> "list[Swatch]":
-    """The swatches of a scene, or all that are known."""
+    """The swatches of a scene; without one, all shipped swatches and those of the library."""
     if scene is not None:
         return load_input(*find_asset(scene, MeshOptions())).swatches
     from hapscene.swatches.library import load_swatch, own_entries, shipped_swatches
@@ -137,12 +140,9 @@ ROUNDS: Final = 5
 
 
 def check_evidence() -> None:
-    """Raise where benchmarks and studies are missing: the wheel does not have them."""
+    """Raise HapsceneError if the benchmarks are not installed: they are part of the repository, not of the wheel."""
     if find_spec("hapscene_evidence") is None:
-        raise HapsceneError(
-            "this needs the folder `evidence` of a checkout, which an installed package does not have: clone the "
-            "repository and run `pip install -e .` in it"
-        )
+        raise HapsceneError("the benchmarks are not installed: clone the repository, and run `pip install -e .` in it")
 
 
 @app.command
@@ -152,18 +152,17 @@ def bench(
     quick: Annotated[bool, Help("Measure fewer cases, in a third of the time")] = False,
     docs: Docs = None,
     table: Table = None,
-    zoo: Annotated[InFolder | None, Help("Recorded paths and meshes to run as well")] = None,
-    against: Annotated[InFolder | None, Help("Other checkout, whose tick and step are timed in turn")] = None,
+    zoo: Annotated[InFolder | None, Help("Folder of recorded paths and meshes to measure as well")] = None,
+    against: Annotated[InFolder | None, Help("Another checkout to compare with, measured alternately")] = None,
 ) -> int:
-    """Measure the time per tick on this machine.
+    """Measure the computing time of a haptic tick on this machine.
 
-    Exit codes: 0 done; 1 with --against, this checkout is slower by more than 3 %.
+    Exit codes: 0 success; 1 with --against, this checkout is more than 3 % slower.
 
-    for example:
+    examples:
       hapscene lab bench
       hapscene lab bench --quick --out out/quick
       hapscene lab bench --from out/bench/bench.csv --out out/again
-      hapscene lab bench --against ../hapscene-before
     """
     check_evidence()
     from hapscene_evidence.bench.run import bench as run
@@ -177,26 +176,25 @@ def bench(
 
 @app.command
 def chart(
-    scene: Annotated[str | None, Help("Scene or mesh, where a question is about one")] = None,
+    scene: Annotated[str | None, Help("Scene or mesh to measure, for the questions about a scene")] = None,
     /,
     *,
     out: OutFolder = Path("out/chart"),
-    only: Annotated[Names, Help("Names of the questions (default: all)")] = (),
+    only: Annotated[Names, Help("Names of the questions to answer (default: all)")] = (),
     quick: Annotated[bool, Help("Measure fewer settings, on shorter paths")] = False,
     table: Table = None,
     docs: Docs = None,
     workers: WorkerOptions = WorkerOptions(),
 ) -> None:
-    """Chart speed against accuracy: what each approximation costs and buys, and what to choose.
+    """Chart speed against accuracy of each approximation, and recommend settings.
 
     Each question becomes a picture; chart.html shows all of them, chart.csv has the
-    figures. Run the same command again to resume.
+    figures. If interrupted, run the same command again to resume.
 
-    for example:
+    examples:
       hapscene lab chart
       hapscene lab chart scene.scene.json --only mesh,force-rate --out out/mine
       hapscene lab chart --quick --jobs 1
-      hapscene lab chart --from out/chart/chart.csv --out out/again
     """
     if scene is not None:
         check_scene(scene)
@@ -205,31 +203,31 @@ def chart(
     from hapscene_evidence.chart.run import chart as run
 
     how: dict[str, Any] = {"only": only, "quick": quick, "table": table, "docs": docs}
-    how |= {"jobs": workers.jobs, "scheduler": workers.scheduler, "say": lambda text: tell([text])}
+    how |= {"jobs": workers.jobs, "scheduler": workers.scheduler, "say": lambda text: print_lines([text])}
     try:
         run(out, scene, **how)
     except KeyboardInterrupt:
-        note("what was measured is kept: run the same command again to resume")
+        print_note("completed measurements are kept; run the same command again to resume")
         raise
 
 
 @app.command
 def reproduce(
     *,
-    recordings: Annotated[InFolder | None, Help("Recordings of the shipped swatches (default: synthesised)")] = None,
+    recordings: Annotated[InFolder | None, Help("Folder of recordings (default: synthesised recordings)")] = None,
     out: OutFolder = Path("out/reproduce"),
     docs: Docs = None,
 ) -> None:
-    """Reproduce the haptography paper: its figures and numbers beside those of hapscene, on one page.
+    """Reproduce the haptography paper: figures and numbers beside the published ones, on one page.
 
-    for example:
+    examples:
       hapscene lab reproduce
       hapscene lab reproduce --recordings recordings --out out/paper
     """
     check_evidence()
     from hapscene_evidence.paper.reproduction import reproduce as run
 
-    name_made(run(str(out), recordings, say, docs))
+    print_files(run(str(out), recordings, print_progress, docs))
 
 
 # `hapscene tune`.
@@ -240,19 +238,22 @@ def tune(
     /,
     *,
     out: Annotated[OutFile, Help("Fidelity file to write (default: NAME.fidelity.json beside the scene)")] = None,
-    device: Annotated[str, Help("Device that it is felt with")] = "omni",
-    handle: Annotated[str, Help("What vibrates: ideal, none, or a .handle file")] = "ideal",
-    budget_us: Annotated[Positive, Help("Longest time that a tick may take [µs]")] = 50.0,
-    jnd: Annotated[Positive, Help("Largest perceptible difference [just-noticeable differences]")] = 1.0,
+    device: Annotated[str, Help("Haptic device whose limits apply")] = "omni",
+    handle: Annotated[str, Help("Vibration output: ideal, none, or a .handle file")] = "ideal",
+    budget_us: Annotated[Positive, Help("Time budget of a haptic tick [µs]")] = 50.0,
+    jnd: Annotated[Positive, Help("Largest allowed difference [just-noticeable differences]")] = 1.0,
     seed: Seed = 0,
-    explain: Annotated[bool, Help("Print why each choice was made")] = False,
+    explain: Annotated[bool, Help("Print the reason for each choice")] = False,
     mesh: MeshOptions = MeshOptions(),
 ) -> int:
-    """Measure a scene on this machine, and render no more of it than a person can tell.
+    """Simplify a scene as far as a person cannot perceive the difference.
 
-    Exit codes: 0 error and budget are kept; 1 one of them is exceeded.
+    Finds the coarsest meshes, the lowest texture orders and the slowest filter
+    updates whose difference from the original scene stays below --jnd, and measures
+    the time of a tick on this machine. `hapscene touch --fidelity` applies the
+    result. Exit codes: 0 success; 1 the difference or the time budget is exceeded.
 
-    for example:
+    examples:
       hapscene tune demo.scene.json --explain
       hapscene tune bunny.ply --unit m --swatch wood -o bunny.fidelity.json
       hapscene touch demo.scene.json --fidelity demo.fidelity.json
@@ -260,34 +261,34 @@ def tune(
     scene, mesh = find_asset(scene, mesh)
     check_scene(scene, mesh)
     from hapscene.device.model import device_named
-    from hapscene.fidelity.fidelity_file import check_scene_path, fidelity_beside, save_fidelity
-    from hapscene.fidelity.trial import quietly
+    from hapscene.fidelity.fidelity_file import check_fidelity_path, fidelity_beside, save_fidelity
+    from hapscene.fidelity.trial import without_scene_warnings
     from hapscene.fidelity.tune import reach_m_s2
     from hapscene.fidelity.tune import tune as run
     from hapscene.touch import is_model, open_scene
 
     if is_model(scene):
-        raise HapsceneError(f"{scene}: a model of MuJoCo is not tuned; tune a scene of its meshes")
+        raise HapsceneError(f"{scene}: a MuJoCo model cannot be tuned; expected a scene or a mesh")
     out = out or fidelity_beside(scene)
-    check_scene_path(out)
+    check_fidelity_path(out)
     device_named(device)
     reach_m_s2(handle)
-    with quietly():
+    with without_scene_warnings():
         loaded = open_scene(scene, mesh.unit, mesh.swatch, mesh.two_sided, **mesh.reading())
-    tell_size(loaded, scene, device)
-    found = run(loaded, device=device, handle=handle, budget_us=budget_us, jnd=jnd, seed=seed, say=say)
+    print_size_advice(loaded, scene, device)
+    found = run(loaded, device=device, handle=handle, budget_us=budget_us, jnd=jnd, seed=seed, say=print_progress)
     save_fidelity(found.fidelity, out, loaded)
-    tell(_report(found, explain))
-    name_made([out])
+    print_lines(_report(found, explain))
+    print_files([out])
     if not found.within_jnd:
-        note(f"it feels {found.after['error_jnd']:.2g} JND different, and {jnd:g} were asked for")
+        print_note(f"difference exceeded: {found.after['error_jnd']:.2g} JND; the limit is {jnd:g} JND")
     if not found.within_budget:
-        note(f"the worst tick takes {found.after['tick_worst_us']:.3g} µs, and the budget is {budget_us:g}")
+        print_note(f"budget exceeded: the longest tick takes {found.after['tick_worst_us']:.3g} of {budget_us:g} µs")
     return 0 if found.within_jnd and found.within_budget else 1
 
 
 def _report(found: "Tuned", explain: bool) -> Iterator[str]:
-    """The lines of a report: each choice, and the scene before and after."""
+    """The lines of the report: each choice, then the scene before and after."""
     from hapscene.fidelity.trial import REPEATS, WORST
     from hapscene.fidelity.tune import WITHIN
 
@@ -299,18 +300,18 @@ def _report(found: "Tuned", explain: bool) -> Iterator[str]:
             yield f"       {choice.why}"
     kinds = (
         *(("tick median", "tick_median_us", "µs", 1.0), ("tick p99", "tick_p99_us", "µs", 1.0)),
-        *(("tick worst", "tick_worst_us", "µs", 1.0), ("memory", "memory_B", "MB", 1e-6)),
-        *(("load", "load_s", "ms", 1e3), ("faces", "faces", "", 1.0)),
+        *(("tick longest", "tick_worst_us", "µs", 1.0), ("memory", "memory_B", "MB", 1e-6)),
+        *(("loading time", "load_s", "ms", 1e3), ("faces", "faces", "", 1.0)),
     )
     both = (found.before, found.after)
     figures = [
         (what, *(f"{each[name] * scale:.3g} {unit}".rstrip() for each in both)) for what, name, unit, scale in kinds
     ]
-    yield from table([("the scene", "as it is", "tuned"), *figures])
+    yield from table([("scene", "original", "tuned"), *figures])
     after = found.after
     yield (
-        f"on paths not used to choose, it feels {after['error_jnd']:.2f} JND different or less in {WITHIN:g} % of the "
-        f"ticks in contact: forces {after['force_jnd']:.2f}, vibrations {after['vibration_jnd']:.2f}"
+        f"difference on test paths: at most {after['error_jnd']:.2f} JND in {WITHIN:g} % of the ticks in contact "
+        f"(forces {after['force_jnd']:.2f}, vibrations {after['vibration_jnd']:.2f})"
     )
-    runs = f"{REPEATS} runs, of {3 * REPEATS} where over the budget"
-    yield f"worst: {WORST:g} % of the ticks in contact, each the least of {runs}"
+    runs = f"{REPEATS} runs ({3 * REPEATS} if over budget)"
+    yield f"tick longest: {WORST:g}th percentile of the ticks in contact, each the minimum of {runs}"

@@ -1,4 +1,4 @@
-"""Kinds of option values, and the groups of options that several commands share."""
+"""Types of option values, and groups of options that several commands share."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from hapscene.cli.paths import check_out_folder, check_swatch, check_there
-from hapscene.errors import HapsceneError
+from hapscene.errors import DeviceError, HapsceneError, no_such
 
 if TYPE_CHECKING:
     from cyclopts import Token
@@ -53,18 +53,18 @@ __all__ = [
 LOCALHOST: Final = "127.0.0.1"
 
 HOST: Final = (
-    "Address to serve at; 0.0.0.0 for other devices in the same network: whoever has the printed address may use the "
-    "page, without a password. In the painter that includes saving and exporting to any file that you may write."
+    "Address to serve the page at; 0.0.0.0 admits other devices of the network. Anyone with the address can use "
+    "the page without a password; in the painter that includes writing to any file that you may write."
 )
 
 
 def Help(text: str) -> Parameter:
-    """The help of an option: a noun phrase, and its unit. The default is added where it is not in the text."""
+    """The help text of an option: a noun phrase with its unit. The help page adds the default."""
     return Parameter(help=text)
 
 
 def comma_separated(kind: Callable[[str], Any]) -> Callable[[Any, Sequence["Token"]], tuple[Any, ...]]:
-    """A converter of "1000,5000" to values of a kind, each once."""
+    """Return a converter of text such as "1000,5000" to distinct values of type `kind`."""
 
     def values(type_: Any, tokens: Sequence["Token"]) -> tuple[Any, ...]:
         parts = [part.strip() for part in tokens[0].value.split(",")]
@@ -76,7 +76,7 @@ def comma_separated(kind: Callable[[str], Any]) -> Callable[[Any, Sequence["Toke
 
 
 def _pairs(type_: Any, tokens: Sequence["Token"]) -> dict[str, str]:
-    """Pairs as in "force=N,speed=mm/s"."""
+    """Convert text such as "force=N,speed=mm/s" to a dictionary."""
     found: dict[str, str] = {}
     for item in (item for token in tokens for item in token.value.split(",")):
         key, _, value = (part.strip() for part in item.partition("="))
@@ -100,7 +100,7 @@ Pairs = Annotated[
 
 
 def _check(check: Callable[[str | Path], None]) -> Parameter:
-    """A check of each path of an option, before the command runs."""
+    """Return a parameter that checks each path of an option before the command runs."""
 
     def each(type_: Any, value: Any) -> None:
         for path in value if isinstance(value, (list, tuple)) else [value]:
@@ -114,48 +114,48 @@ InFile = Annotated[Path, _check(check_there)]
 InFiles = Annotated[list[str], _check(check_there), Parameter(consume_multiple=True, metavar="FILE…")]
 InFolder = Annotated[Path, _check(partial(check_there, what="folder")), Parameter(metavar="FOLDER")]
 InPaths = Annotated[list[str], _check(partial(check_there, what="file or folder"))]
-SwatchName = Annotated[str, _check(check_swatch), Help("Swatch: a name, or a .swatch file.")]
+SwatchName = Annotated[str, _check(check_swatch), Help("Name of a swatch, or .swatch file.")]
 OutFile = Annotated[Path | None, Parameter(alias="-o")]
 OutFolder = Annotated[
     Path, _check(check_out_folder), Parameter(alias="-o", metavar="FOLDER", help="Folder for the results.")
 ]
-AsJson = Annotated[bool, Parameter(name="--json", help="Print JSON.")]
-Dark = Annotated[bool, Help("Draw pictures on a dark background.")]
-Table = Annotated[InFile | None, Parameter(name="--from", help="Draw this table of an earlier run; measure nothing.")]
-Seed = Annotated[Count, Help("Seed of the random numbers.")]
+AsJson = Annotated[bool, Parameter(name="--json", help="Print the result as JSON.")]
+Dark = Annotated[bool, Help("Use a dark background for pictures.")]
+Table = Annotated[InFile | None, Parameter(name="--from", help="Table of an earlier run to draw, without measuring.")]
+Seed = Annotated[Count, Help("Seed of the random number generator.")]
 Device = Annotated[str, Help("Simulated device: omni, phantom-1.0 or premium-1.5.")]
-Grip = Annotated[str, Help("Grip of the hand: light, medium or firm.")]
-Compensator = Annotated[str, Help("Compensator of the handle: adaptive, flat, inverse, naive, none.")]
+Grip = Annotated[str, Help("Grip of the simulated hand: light, medium or firm.")]
+Compensator = Annotated[str, Help("Compensator of the handle: adaptive, flat, inverse, naive or none.")]
 
 
 @Parameter(name="*", group="Mesh files")
 @dataclass(frozen=True)
 class ReadOptions:
-    """How a mesh file is read."""
+    """Options for reading a mesh file."""
 
-    unit: Annotated[str | None, Help("Unit of a mesh whose file carries none: m, cm, mm, um, in, ft")] = None
-    up: Annotated[Literal["y", "z"] | None, Help("Axis that points up (default: y in glTF, else z)")] = None
+    unit: Annotated[str | None, Help("Unit of length, if the file does not store it: m, cm, mm, um, in, ft")] = None
+    up: Annotated[Literal["y", "z"] | None, Help("Up axis of the file (default: y in glTF, else z)")] = None
     scale: Annotated[Positive, Help("Scale factor")] = 1.0
-    accept_damaged: Annotated[bool, Help("Load what is readable of a damaged STEP file")] = False
+    accept_damaged: Annotated[bool, Help("Load the readable part of a damaged STEP file")] = False
 
     def reading(self) -> dict[str, Any]:
-        """The keyword arguments of a reader, apart from the unit."""
+        """The keyword arguments of the mesh reader, without the unit."""
         return {"up": self.up, "scale": self.scale, "accept_damaged": self.accept_damaged}
 
 
 @Parameter(name="*", group="Mesh files")
 @dataclass(frozen=True)
 class MeshOptions(ReadOptions):
-    """How a mesh file is read, and what its surface is."""
+    """Options for reading a mesh file and for its surface."""
 
     swatch: Annotated[str | None, Help("Swatch of the whole mesh: a name, or a .swatch file")] = None
-    two_sided: Annotated[bool, Help("Feel the inner side of the mesh as well")] = False
+    two_sided: Annotated[bool, Help("Render contact on the inner side of the mesh as well")] = False
 
 
-@Parameter(name="*", group="Recordings: what their files do not say")
+@Parameter(name="*", group="Recordings: properties that the file does not store")
 @dataclass(frozen=True)
 class RecordingOptions:
-    """What a recording's file does not say."""
+    """Properties of a recording that its file does not store."""
 
     rate: Annotated[Positive | None, Help("Sample rate [Hz]")] = None
     columns: Annotated[Pairs, Help("Column of each quantity, as in acceleration=accel,speed=v")] = None
@@ -166,44 +166,51 @@ class RecordingOptions:
         return {"rate_Hz": self.rate, "columns": self.columns or {}, "units": self.units or {}}
 
 
-@Parameter(name="*", group="Processes")
+@Parameter(name="*", group="Parallel processes")
 @dataclass(frozen=True)
 class WorkerOptions:
-    """Where work is done in parallel."""
+    """Processes that work is distributed to."""
 
     jobs: Annotated[Count | None, Help("Number of processes on this computer (default: one per core)")] = None
-    scheduler: Annotated[str | None, Help("Dask cluster to work on instead, as tcp://host:8786")] = None
+    scheduler: Annotated[str | None, Help("Address of a Dask scheduler to use instead, as tcp://host:8786")] = None
 
     def __post_init__(self) -> None:
         if self.jobs is not None and self.scheduler is not None:
-            raise HapsceneError("--jobs is for processes here, --scheduler for a cluster: give one of the two")
+            raise HapsceneError("--jobs and --scheduler exclude each other: use --jobs for processes on this computer")
 
 
 @Parameter(name="*", group="Page in the browser")
 @dataclass(frozen=True)
 class PageOptions:
-    """Where a page is served."""
+    """Options of a page that is served to the browser."""
 
-    port: Annotated[Port, Help("Port; 0 for any free one")] = 0
+    port: Annotated[Port, Help("TCP port; 0 selects a free one")] = 0
     host: Annotated[str, Help(HOST)] = LOCALHOST
-    no_browser: Annotated[bool, Help("Print the address, and open no browser")] = False
+    no_browser: Annotated[bool, Help("Print the address of the page without opening a browser")] = False
 
 
-@Parameter(name="*", group="Output of the vibrations")
+@Parameter(name="*", group="Vibration output")
 @dataclass(frozen=True)
 class OutputOptions:
-    """What plays the acceleration channel."""
+    """The output that plays the acceleration channel."""
 
-    handle: Annotated[str | None, Help("Output: audio, serial or usb")] = None
-    handle_option: Annotated[Pairs, Help("Options of the output's driver, as port=/dev/ttyACM0")] = None
-    handle_file: Annotated[Path | None, Help("Handle file of `hapscene device identify`, for its compensator")] = None
+    handle: Annotated[str | None, Help("Driver of the output: audio, serial or usb")] = None
+    handle_option: Annotated[Pairs, Help("Options of that driver, as in port=/dev/ttyACM0")] = None
+    handle_file: Annotated[Path | None, Help("Handle file of `device identify`, for its compensator")] = None
 
     def chosen(self) -> "DeviceChoice | None":
-        """The output. Raises DeviceError where it is unknown."""
-        from hapscene.device.driver_registry import DeviceChoice
+        """The chosen output, or None.
+
+        Raises:
+            DeviceError: no driver of a vibration output has that name, or an option is invalid.
+        """
+        from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 
         if self.handle is None:
             return None
+        outputs = [name for name, offer in DRIVERS.listed().items() if offer.plugin and offer.plugin.open_handle]
+        if self.handle not in outputs:
+            raise DeviceError(no_such("vibration output", self.handle, outputs))
         choice = DeviceChoice(self.handle, self.handle_option or {})
         choice.checked(handle=True)
         return choice

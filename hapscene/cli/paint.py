@@ -1,4 +1,4 @@
-"""`hapscene paint`."""
+"""`hapscene paint`: the painter, a page in the browser."""
 
 import gc
 import time
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from cyclopts import Parameter
 
-from hapscene.cli.console import say
-from hapscene.cli.inputs import check_scene, find_asset, tell_size
+from hapscene.cli.console import print_progress
+from hapscene.cli.inputs import check_scene, find_asset, print_size_advice
 from hapscene.cli.options import Grip, Help, InFile, MeshOptions, PageOptions
 from hapscene.constants import BUNDLE_SUFFIX, DEFAULT_GRIP, SCENE_SUFFIX
 from hapscene.interrupt import clear_interrupt
@@ -23,54 +23,51 @@ if TYPE_CHECKING:
 __all__ = ["paint"]
 
 NAP_S: Final = 0.5
-"""How long the main thread sleeps at a time [s]: a signal that comes just before it falls asleep does not wake it."""
+"""Polling interval of the main thread [s]. Short, since a signal that arrives just before a sleep does not end it."""
 
 
-@Parameter(name="*", group="Hand that touches what is painted")
+@Parameter(name="*", group="Simulated hand that touches the painted scene")
 @dataclass(frozen=True)
 class TouchOptions:
-    """What the hand holds."""
+    """Options of the simulated hand of the painter."""
 
     device: Annotated[str, Help("Device: omni, omni-point, phantom-1.0 or premium-1.5")] = "omni"
     grip: Grip = DEFAULT_GRIP
     compensator: Annotated[str, Help("Compensator: adaptive, flat, inverse, naive; or no-handle")] = "adaptive"
-    no_hand: Annotated[bool, Help("Paint only; start no process that touches")] = False
+    no_hand: Annotated[bool, Help("Paint without touching: do not start the process of the hand")] = False
 
 
 def paint(
     scene: Annotated[str | None, Help("Scene, mesh, or name of an asset (default: a copy of the demo)")] = None,
     /,
-    *more: Annotated[str, Help("Further meshes for the same scene")],
+    *more: Annotated[str, Help("More meshes to add to the scene")],
     picture: Annotated[
-        InFile | None, Parameter(name="--map"), Help("Picture over the texture coordinates, to paint by")
+        InFile | None,
+        Parameter(name="--map"),
+        Help("Image over the texture coordinates that assigns swatches, from `convert`"),
     ] = None,
-    accept_changed: Annotated[
-        bool, Help("Keep the painting where the mesh has changed, but not its face count")
-    ] = False,
+    accept_changed: Annotated[bool, Help("Keep the painting of a changed mesh, if its face count is the same")] = False,
     mesh: MeshOptions = MeshOptions(),
     hand: TouchOptions = TouchOptions(),
     page: PageOptions = PageOptions(),
 ) -> None:
-    """Paint swatches onto a scene or a mesh in the browser, and feel it with the mouse.
+    """Paint swatches onto a scene or mesh in the browser, and touch it with the mouse.
 
-    for example:
+    examples:
       hapscene paint                         # a copy of the demo scene
       hapscene paint cup.scene.json
       hapscene paint bunny.ply --unit m --swatch wood
-      hapscene paint cup.scene.json --device premium-1.5 --grip firm
-      hapscene paint duck.glb --map duck.png
-      hapscene paint cup.scene.json --port 9000 --no-browser
     """
     with ExitStack() as ends:
         with rare_collections():
             shown = _open_page(scene, more, picture, accept_changed, mesh, hand, page, ends)
-        gc.freeze()  # what is loaded stays
+        gc.freeze()  # loaded objects live until the end: the collector can skip them
         _paint_until_ended(shown)
 
 
 @contextmanager
 def rare_collections() -> Iterator[None]:
-    """Collect garbage seldom: while modules are imported and a scene is loaded, it takes a fifth of the time."""
+    """Collect garbage less often: while modules are imported and a scene is loaded, it takes a fifth of the time."""
     usual = gc.get_threshold()
     gc.set_threshold(100_000, 50, 100)
     try:
@@ -89,7 +86,7 @@ def _open_page(
     page: PageOptions,
     ends: ExitStack,
 ) -> "Page":
-    """The page of a scene, served until `ends`. The browser fetches it while the scene is loaded."""
+    """Serve the page of a scene until `ends` is closed. The browser fetches the page while the scene is loaded."""
     if scene is not None and (scene != "demo" or Path(scene).exists()):
         scene, mesh = find_asset(scene, mesh)
     else:
@@ -109,56 +106,60 @@ def _open_page(
     from hapscene.paint.web.page import Page
 
     config = HandConfig(hand.device, hand.grip, hand.compensator)
-    session = open_session(scene, more, accept_changed=accept_changed, say=say, **asdict(mesh))
+    session = open_session(scene, more, accept_changed=accept_changed, say=print_progress, **asdict(mesh))
     if picture is not None:
         from hapscene.scene.uv_paint import paint_by_picture
 
         painted = session.painting.snapshot()
         paint_by_picture(painted, None, picture)
         session.painting.take_painting(painted, f"picture {picture.name}")
-    tell_size(session.scene, scene or "", hand.device)
+    print_size_advice(session.scene, scene or "", hand.device)
     for earlier in earlier_scenes(session.path, str(scene).endswith(BUNDLE_SUFFIX)):
-        say(f"{describe_scene_file(earlier)} To continue it: hapscene paint {earlier}\n")
+        print_progress(f"{describe_scene_file(earlier)} To continue it: hapscene paint {earlier}\n")
     return Page(session, with_hand=not hand.no_hand, hand=config, server=server)
 
 
 def _paint_until_ended(page: "Page") -> None:
-    """Serve the page until Ctrl-C, and print what becomes of what is not saved."""
+    """Serve the page until Ctrl-C, then print the state of unsaved changes."""
     with page:
         try:
-            print(f"{page.url}   (Ctrl-C ends)", flush=True)
+            print(f"{page.url}   (press Ctrl-C to end)", flush=True)
             if page.context.session.document.problem:
-                say(f"{page.context.session.document.problem}\n")
+                print_progress(f"{page.context.session.document.problem}\n")
             if page.public:
-                say("open to the network: whoever has this address may paint here, and save over your files\n")
+                print_progress("open to the network: anyone with this address can paint, and overwrite your files\n")
             shown = ""
             while True:
                 time.sleep(NAP_S)
                 if (problem := page.context.touch.problem) != shown:
-                    say(f"{problem}\n" if problem else "")
+                    print_progress(f"{problem}\n" if problem else "")
                     shown = problem
         except KeyboardInterrupt:
             clear_interrupt()
     session = page.context.session
     if page.kept:
-        say(f"not saved: kept beside {session.path}, and offered the next time it is painted\n")
+        print_progress(
+            f"unsaved changes: kept beside {session.path}; the next `hapscene paint` offers to restore them\n"
+        )
     elif session.document.changed:
-        say(f"not saved, and lost: {session.document.problem or 'no copy was kept'}\n")
+        print_progress(f"unsaved changes are lost: {session.document.problem or 'no copy was kept'}\n")
     elif session.dirty:
-        say(f"nothing was painted, so there is no {session.path}\n")
+        print_progress(f"no changes: {session.path} was not written\n")
 
 
 def lead_browser(url: str, folder: Path, ends: ExitStack) -> Path | None:
-    """Open the browser by a file that leads it to the page, there until `ends`; None where it cannot be written.
+    """Open the browser with a private file that redirects to the page; return None if the file cannot be written.
 
-    All users of a computer can read a command line, the browser's too, and the address has the page's token; the file's
-    folder is read by its user alone. A browser may be slow to start: nothing waits for it.
+    The address contains the access token of the page, and other users of the computer can read command lines. The file
+    lies in a folder that only its user can read; it is deleted when `ends` is closed. The browser starts in a thread,
+    since it may be slow.
     """
     import webbrowser
     from tempfile import TemporaryDirectory
 
-    with suppress(OSError):  # the disk is full: the address is on the terminal
-        made = TemporaryDirectory(prefix=".hapscene-", dir=folder, ignore_cleanup_errors=True)  # a browser may hold it
+    with suppress(OSError):  # for example a full disk; the address is printed anyway
+        # a browser may still hold the file open when it is deleted
+        made = TemporaryDirectory(prefix=".hapscene-", dir=folder, ignore_cleanup_errors=True)
         opener = Path(ends.enter_context(made), "open.html")
         opener.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={url}">', encoding="utf-8")
         Thread(target=webbrowser.open, args=(opener.absolute().as_uri(),), daemon=True).start()

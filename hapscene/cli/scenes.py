@@ -1,4 +1,4 @@
-"""`hapscene view`, `hapscene check` and `hapscene convert`: scenes and meshes."""
+"""`hapscene view`, `hapscene check` and `hapscene convert`: commands for scenes and meshes."""
 
 import json
 import math
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from hapscene.cli.console import name_made, say, tell
-from hapscene.cli.inputs import check_scene, find_asset, load_input, loading, tell_size
+from hapscene.cli.console import print_files, print_lines, print_progress
+from hapscene.cli.inputs import check_scene, find_asset, load_input, loading, print_size_advice
 from hapscene.cli.options import AsJson, Dark, Help, InFile, MeshOptions, OutFile, Positive, ReadOptions
 from hapscene.cli.paths import SCENES, base_name, check_swatch, check_there, new_file
 from hapscene.errors import MeshError, SaveConflict, SceneError, ViewError
@@ -30,17 +30,19 @@ def view(
     scene: Annotated[str, Help("Scene (.scene.json), painted scene of another format, mesh, or name of an asset")],
     /,
     *,
-    out: Annotated[OutFile, Help("Picture .png, or film .gif or .mp4 (default: NAME.png)")] = None,
-    touch: Annotated[InFile | None, Help("Touch of the scene, touch.npz: path and forces are drawn")] = None,
-    size: Annotated[Size, Help("Size with the legend, 160 to 4096 [pixels]; of films 800 600 by default")] = None,
+    out: Annotated[OutFile, Help("Image .png, or video .gif or .mp4 (default: NAME.png)")] = None,
+    touch: Annotated[InFile | None, Help("Recorded touch.npz, whose path and forces are drawn")] = None,
+    size: Annotated[Size, Help("Size with the legend, 160 to 4096 [pixels] (default of videos: 800 600)")] = None,
     dark: Dark = False,
-    seconds: Annotated[Positive | None, Help("Length of a film [s] (default: that of the touch, else 6)")] = None,
-    turn: Annotated[float, Help("Angle that a film's camera goes around the scene [degrees]")] = 360.0,
+    seconds: Annotated[
+        Positive | None, Help("Duration of a video [s] (default: duration of the touch, without one 6)")
+    ] = None,
+    turn: Annotated[float, Help("Angle by which the camera of a video turns around the scene [degrees]")] = 360.0,
     mesh: MeshOptions = MeshOptions(),
 ) -> None:
-    """Draw a scene, and a touch of it, as a picture or a film.
+    """Draw a scene, with or without a recorded touch of it, as an image or video.
 
-    for example:
+    examples:
       hapscene view demo
       hapscene view bunny.ply --unit m --swatch wood --out bunny.gif --size 480 360
       hapscene view desk.scene.json --touch out/desk/touch.npz --out desk.mp4
@@ -58,43 +60,43 @@ def view(
 
     kind = out.suffix.lower()
     if kind not in (".png", *RATES_HZ):
-        raise ViewError(f"{out}: unknown kind of picture; end its name with .png, .gif or .mp4")
+        raise ViewError(f"{out}: unknown image format {kind!r}; expected a name that ends with .png, .gif or .mp4")
     if kind == ".png" and seconds:
-        raise ViewError(f"{out}: is a picture; --seconds is for films, .gif and .mp4")
+        raise ViewError(f"{out}: --seconds is only valid for videos; expected a name that ends with .gif or .mp4")
     check_file(out, ViewError)
     theme = DARK if dark else LIGHT
     with ExitStack() as stack:
         stack.enter_context(started_ahead())
         loaded = load_input(scene, mesh)
         recording = None if touch is None else Recording.load(touch)
-        stack.enter_context(step(say, f"drawing {out}"))
+        stack.enter_context(step(print_progress, f"drawing {out}"))
         if kind == ".png":
             write_picture(loaded, recording, out, size=size, theme=theme)
         else:
             film = Film(size or Film.size, seconds, math.radians(turn), theme)
             write_film(loaded, recording, out, film)
-    name_made([out])
+    print_files([out])
 
 
 def check(
-    meshes: Annotated[list[str], Help("Mesh files, folders of them, scenes, or name of an asset")],
+    meshes: Annotated[list[str], Help("Mesh files, folders with mesh files, scenes, or name of an asset")],
     /,
     *,
     as_json: AsJson = False,
-    fix: Annotated[Path | None, Help("Repair what can be repaired safely, into this .ply file")] = None,
+    fix: Annotated[Path | None, Help("File for the repaired mesh, .ply")] = None,
     read: ReadOptions = ReadOptions(),
 ) -> int:
-    """Examine meshes: what is wrong with them, and what that means for touching them.
+    """Check meshes for defects, and report how each defect affects haptic rendering.
 
-    Of several meshes, a folder or a scene, each mesh gets one line. Exit codes:
-    0 nothing is wrong; 1 a mesh has faults or cannot be felt; 2 a file cannot be
-    read; of several meshes the highest.
+    For a single mesh, a full report is printed; for several meshes, a folder or a
+    scene, one line for each mesh. --fix repairs the defects that can be repaired
+    safely. Exit codes: 0 no defects; 1 a mesh has defects or cannot be rendered;
+    2 a file cannot be read; for several meshes, the highest of these.
 
-    for example:
+    examples:
       hapscene check demo
       hapscene check part.stl --unit mm
       hapscene check part.stl --unit mm --fix part_mended.ply
-      hapscene check meshes --unit mm
     """
     if len(meshes) == 1 and not Path(meshes[0]).is_dir():
         path, read = find_asset(meshes[0], read)
@@ -103,7 +105,7 @@ def check(
             return _check_one(path, read, fix, as_json)
         meshes = [path]
     if fix is not None:
-        raise MeshError("--fix repairs one mesh; name one")
+        raise MeshError(f"--fix repairs a single mesh; got {', '.join(meshes)}")
     return _check_all(meshes, read, as_json)
 
 
@@ -119,7 +121,7 @@ def _check_one(path: str, read: ReadOptions, fix: Path | None, as_json: bool) ->
 
     if fix is not None:
         check_file(fix, MeshError)
-    progress = _say_nothing if as_json else say
+    progress = _say_nothing if as_json else print_progress
     with step(progress, loading(path)):
         mesh = load_mesh(path, read.unit, **read.reading())
     with step(progress, f"examining {len(mesh.faces):,} faces"):
@@ -127,17 +129,17 @@ def _check_one(path: str, read: ReadOptions, fix: Path | None, as_json: bool) ->
     if as_json:
         print(json.dumps(json.loads(report.to_json()), indent=2, ensure_ascii=False))
     else:
-        tell(report.text().split("\n"))
+        print_lines(report.text().split("\n"))
         if words := size_advice(mesh).words:
-            tell(["", f"size: {words}"])
+            print_lines(["", f"size: {words}"])
     if fix is None:
         return CODES[verdict_of(report)]
     mended, done = repair(mesh)
     save_mesh(mended, fix)
     if not as_json:
-        tell(["", *(f"mended: {line}" for line in done or ["nothing needed it"])])
-        name_made([fix])
-        print("it is in metres: --unit m")
+        print_lines(["", *(f"repaired: {line}" for line in done or ["nothing; the mesh has no defects to repair"])])
+        print_files([fix])
+        print("its unit is the metre: read it with --unit m")
     return 0
 
 
@@ -150,7 +152,7 @@ def _check_all(meshes: Sequence[str], read: ReadOptions, as_json: bool) -> int:
     sources = [source for name in meshes for source in mesh_sources(name)]
     if not sources:
         raise MeshError(f"{meshes[0]}: no mesh file in this folder")
-    progress = _say_nothing if as_json else say
+    progress = _say_nothing if as_json else print_progress
     results = []
     for file, mesh in sources:
         progress(f"{file}: ")
@@ -165,34 +167,37 @@ def _check_all(meshes: Sequence[str], read: ReadOptions, as_json: bool) -> int:
 
 
 def _say_nothing(text: str) -> None:
-    """No progress: standard output is for the JSON."""
+    """Print no progress: standard output has the JSON."""
 
 
 def convert(
     source: Annotated[str, Help("Scene (.scene.json), .glb, .gltf, .ply, any mesh file, or swatch")],
-    target: Annotated[Path | None, Help("File to write (default: NAME.glb, or NAME.scene.json)")] = None,
+    target: Annotated[
+        Path | None, Help("File to write (default: NAME.glb for a scene, NAME.scene.json for other files)")
+    ] = None,
     /,
     *,
     replace: Annotated[bool, Help("Replace the target if it exists")] = False,
-    body: Annotated[str | None, Help("Body that a .png shows, where several have texture coordinates")] = None,
+    body: Annotated[str | None, Help("Body to draw as .png, if several have texture coordinates")] = None,
     read: ReadOptions = ReadOptions(),
 ) -> None:
-    """Convert a painted scene or a swatch to or from a file of other programs.
+    """Convert a painted scene or a swatch to or from the format of another program.
 
-    The direction follows from the file types: a target .scene.json makes a scene
-    of a file that hapscene wrote, or of a mesh whose material names match swatch
-    names; .glb, .gltf, .ply, .obj and .stl are written from a scene. A target .png
-    is a picture over the texture coordinates of a body, a colour for each swatch,
-    with a legend beside it; `hapscene paint --map` reads it again. A swatch becomes
-    MPEG haptics (.hjif): its texture at 1 N and 0.1 m/s for 2 s, then its taps.
+    The type of the target file selects the conversion:
 
-    for example:
+      .scene.json                     import of a file written by hapscene, or of a
+                                      mesh whose material names match swatch names
+      .glb .gltf .ply .obj .stl       export of a scene
+      .png                            swatches of a body over its texture
+                                      coordinates, a colour each, with a legend;
+                                      `hapscene paint --map` reads it
+      .hjif                           export of a swatch as MPEG haptics: texture at
+                                      1 N and 0.1 m/s for 2 s, then its taps
+
+    examples:
       hapscene convert desk.scene.json              # to desk.glb
       hapscene convert desk.scene.json desk.ply
       hapscene convert desk.glb                     # to desk.scene.json
-      hapscene convert table.obj table.scene.json --unit mm
-      hapscene convert duck.scene.json duck.png     # and its legend, duck.json
-      hapscene convert wood wood.hjif
     """
     if target is not None and target.suffix.lower() == ".hjif":
         _export_swatch(source, target, replace)
@@ -205,11 +210,13 @@ def convert(
     target = target or Path(base_name(source) + (".glb" if source.endswith(SCENES) else ".scene.json"))
     name = "" if target.name.endswith(SCENES) else format_of(target)
     if not name and source.endswith(SCENES):
-        raise SceneError(f"{source}: is a scene already; name a target of another type, as {base_name(source)}.glb")
+        raise SceneError(
+            f"{source}: is already a scene file; name a target of another type, as in {base_name(source)}.glb"
+        )
     for file in (target, target.with_suffix(".json")) if name == "png" else (target,):
         if file.exists() and not replace:
-            raise SaveConflict(f"{file}: is there already; take another name, or replace it (--replace)")
-    with step(say, loading(source)):
+            raise SaveConflict(f"{file}: exists already; choose another name, or add --replace")
+    with step(print_progress, loading(source)):
         opened = open_scene if source.endswith(SCENES) else import_scene
         scene = opened(source, read.unit, **read.reading())
     if not name:
@@ -217,17 +224,17 @@ def convert(
     elif name == "png":
         from hapscene.scene.uv_paint import body_with_uv, save_picture
 
-        name_made(save_picture(scene, body_with_uv(scene, body), target))
+        print_files(save_picture(scene, body_with_uv(scene, body), target))
     else:
-        name_made(export_scene(scene, target, name, replace=replace))
-        print("does not come back from this format: " + ("; ".join(losses(scene, name)) or "nothing is lost"))
+        print_files(export_scene(scene, target, name, replace=replace))
+        print("not stored in this format: " + ("; ".join(losses(scene, name)) or "nothing; all data is kept"))
 
 
 def _save(scene: "Scene", source: str, target: Path) -> None:
-    """Save a scene that was made of another file, and print how much of it is painted."""
-    tell_size(scene, source)
+    """Save an imported scene, and print how many faces are painted."""
+    print_size_advice(scene, source)
     scene.save(target)
-    name_made([target])
+    print_files([target])
     faces = sum(len(body.mesh.faces) for body in scene.bodies)
     painted = sum(int((body.face_swatch != 0).sum()) for body in scene.bodies)
     bodies = "1 body" if len(scene.bodies) == 1 else f"{len(scene.bodies)} bodies"
@@ -235,12 +242,12 @@ def _save(scene: "Scene", source: str, target: Path) -> None:
 
 
 def _export_swatch(source: str, target: Path, replace: bool) -> None:
-    """Write a swatch as MPEG haptics: its texture at 1 N and 0.1 m/s for two seconds, then its taps."""
+    """Write a swatch as MPEG haptics: the texture at 1 N and 0.1 m/s for two seconds, then the taps."""
     check_swatch(source)
     from hapscene.capture.io.hjif import export_hjif
     from hapscene.swatches.library import load_swatch
 
     if target.exists() and not replace:
-        raise SaveConflict(f"{target}: is there already; take another name, or replace it (--replace)")
+        raise SaveConflict(f"{target}: exists already; choose another name, or add --replace")
     export_hjif(load_swatch(source), str(target), force_N=1.0, speed_m_s=0.1, seconds=2.0)
-    name_made([target])
+    print_files([target])

@@ -1,4 +1,4 @@
-"""`hapscene swatch`: the library of swatches, comparison, publishing."""
+"""`hapscene swatch`: the swatch library, comparison of surfaces, publishing."""
 
 import json
 import math
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from cyclopts import App, Parameter
 
-from hapscene.cli.console import complain, note, say, size_words, table, tell
+from hapscene.cli.console import format_size, print_error, print_lines, print_note, print_progress, table
 from hapscene.cli.options import AsJson, Help, InFiles, InFolder, InPaths, OutFolder, RecordingOptions
 from hapscene.cli.paths import check_swatch, check_there
 from hapscene.errors import SwatchError
@@ -22,25 +22,28 @@ __all__ = ["app"]
 
 RECORDINGS: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".parquet", ".hsrec")  # as in capture, slow to import
 
-app = App(name="swatch", help="Swatches: how surfaces feel.")
+app = App(name="swatch", help="Swatches: haptic properties of surfaces, stored in a library.")
 
 Library = Annotated[
     str | None,
-    Parameter(help="Folder of the library (default: that of $HAPSCENE_LIBRARY, else one in your data folder)."),
+    Parameter(help="Folder of the library (default: $HAPSCENE_LIBRARY, else a folder in your data folder)."),
 ]
-NewName = Annotated[str | None, Parameter(help="Name in the library, of a single swatch.")]
+NewName = Annotated[str | None, Parameter(help="Name in the library, if a single swatch is given.")]
 Replace = Annotated[bool, Parameter(help="Replace a swatch of the same name.")]
 
 
 @app.command(name="list", alias="search")
 def list_swatches(
-    *terms: Annotated[str, Help("Word, tool:WORD, tip:WORD, or bound, as stiffness>500")],
+    *terms: Annotated[str, Help("Word, tool:WORD, tip:WORD, or comparison such as stiffness>500")],
     library: Library = None,
     as_json: AsJson = False,
 ) -> int:
-    """List swatches, all or those that match: shipped, computed, and of the library.
+    """List swatches, or search them: shipped ones, computed ones, and those of the library.
 
-    for example:
+    Each term must match: a word in name or description, the tool or tip of the
+    recording, or a comparison of a property. Exit codes: 0 success; 1 no match.
+
+    examples:
       hapscene swatch list
       hapscene swatch search wood "friction<0.4" "roughness>=1"
       hapscene swatch search tool:probe tip:ball
@@ -56,13 +59,13 @@ def list_swatches(
     if not (terms or own or as_json):
         print(f"the library in {known.library_folder(library)} is empty")
     if terms and not any(groups.values()):
-        note("no swatch matches")
+        print_note("no swatch matches")
         return 1
     return 0
 
 
 def _print_entries(groups: Mapping[str, Sequence[Any]], as_json: bool = False) -> None:
-    """One line for each swatch with its source, or JSON."""
+    """Print one line for each swatch with its source, or JSON."""
     from hapscene.surface.swatch import touched_with
 
     entries = [(entry, source) for source, group in groups.items() for entry in group]
@@ -73,14 +76,14 @@ def _print_entries(groups: Mapping[str, Sequence[Any]], as_json: bool = False) -
         return
     for entry, source in entries:
         touched = touched_with(entry)
-        tell([f"{entry.name:<20}  {source:<8}  {', '.join(entry.words)}{f' ({touched})' if touched else ''}"])
+        print_lines([f"{entry.name:<20}  {source:<8}  {', '.join(entry.words)}{f' ({touched})' if touched else ''}"])
 
 
 @app.command
-def show(swatch: Annotated[str, Help("Name, or .swatch file")], /, *, library: Library = None) -> None:
-    """Describe a swatch: words, figures, origin.
+def show(swatch: Annotated[str, Help("Name of a swatch, or .swatch file")], /, *, library: Library = None) -> None:
+    """Print the properties of a swatch, its origin and licence.
 
-    for example:
+    examples:
       hapscene swatch show wood
       hapscene swatch show oak.swatch
     """
@@ -88,7 +91,7 @@ def show(swatch: Annotated[str, Help("Name, or .swatch file")], /, *, library: L
     from hapscene.swatches.library import find, load_swatch
 
     own = find(swatch, library) if library else None
-    tell(lines(load_swatch(own or swatch)))
+    print_lines(lines(load_swatch(own or swatch)))
 
 
 @app.command
@@ -102,50 +105,52 @@ def add(
 ) -> None:
     """Add swatch files to the library.
 
-    for example:
+    examples:
       hapscene swatch add oak.swatch
       hapscene swatch add oak.swatch --name 'oak, oiled'
     """
     from hapscene.swatches import library as known
 
     if name is not None and len(files) > 1:
-        raise SwatchError("--name is for a single file")
-    swatches = [known.load_swatch(Path(file)) for file in files]  # all are read before any is added
+        raise SwatchError(f"--name {name!r} applies to a single file; got {len(files)} files")
+    swatches = [known.load_swatch(Path(file)) for file in files]  # read all files before adding any
     for swatch in swatches:
         entry = known.add(swatch if name is None else changed(swatch, name=name), library, replace)
-        tell([f"{entry.name} → {known.library_folder(library) / entry.file}"])
+        print_lines([f"{entry.name} → {known.library_folder(library) / entry.file}"])
 
 
 @app.command
-def remove(names: Annotated[list[str], Help("Swatches of the library")], /, *, library: Library = None) -> None:
-    """Remove swatches from the library, with their files.
+def remove(names: Annotated[list[str], Help("Names of swatches")], /, *, library: Library = None) -> None:
+    """Remove swatches from the library, and delete their files.
 
-    for example:
+    examples:
       hapscene swatch remove oak
     """
     from hapscene.swatches import library as known
 
     for name in names:
-        tell([f"removed {known.remove(name, library)}"])
+        print_lines([f"removed {known.remove(name, library)}"])
 
 
 @app.command
 def get(
-    *names: Annotated[str, Help("Swatches that its index lists")],
-    url: Annotated[str, Parameter(name="--from", metavar="URL"), Help("Address of the folder of its index.json")],
-    every: Annotated[bool, Parameter(name="--all"), Help("Fetch all swatches that its index lists")] = False,
+    *names: Annotated[str, Help("Names of swatches (default: list the available ones)")],
+    url: Annotated[str, Parameter(name="--from", metavar="URL"), Help("Address of the folder with index.json")],
+    every: Annotated[bool, Parameter(name="--all"), Help("Download all swatches of the index")] = False,
     name: NewName = None,
     replace: Replace = False,
     library: Library = None,
 ) -> int:
-    """Fetch swatches from a library on the web, with their hashes checked; without a name, list what it has.
+    """Download swatches from a published library, and check their hashes.
 
-    for example:
+    Without names, the available swatches are listed.
+
+    examples:
       hapscene swatch get --from https://example.org/swatches/
       hapscene swatch get oak birch --from https://example.org/swatches/
     """
     if name is not None and (every or len(names) != 1):
-        raise SwatchError("--name is for one swatch")
+        raise SwatchError(f"--name {name!r} applies to a single swatch; name exactly one")
     from hapscene.swatches import library as known
 
     address, entries = known.read_index(url)
@@ -157,23 +162,25 @@ def get(
         try:
             entry = known.get(each, address, entries, folder=library, replace=replace, new_name=name)
         except SwatchError as error:
-            complain(str(error))
+            print_error(str(error))
             code = 2
             continue
-        tell([f"{i}/{len(wanted)}  {entry.name} → {known.library_folder(library) / entry.file}"])
+        print_lines([f"{i}/{len(wanted)}  {entry.name} → {known.library_folder(library) / entry.file}"])
     return code
 
 
 @app.command(name="import")
 def import_files(
-    files: Annotated[InPaths, Help("Models_X.xml, Taps_X.xml, and folders of them")],
+    files: Annotated[InPaths, Help("Files Models_X.xml and Taps_X.xml, or folders of them")],
     /,
     *,
     out: OutFolder = Path("out/hatt"),
 ) -> int:
-    """Import files of the Penn Haptic Texture Toolkit: models, with the taps of the same name.
+    """Import textures of the Penn Haptic Texture Toolkit (HaTT) as swatches.
 
-    for example:
+    Models_X.xml and Taps_X.xml of the same X become one swatch.
+
+    examples:
       hapscene swatch import Models_oak.xml Taps_oak.xml -o swatches
       hapscene swatch import Models10000Hz/XML Taps/XML -o swatches
     """
@@ -181,14 +188,14 @@ def import_files(
 
     outcome = ImportOutcome()
     try:
-        import_many(files, str(out), lambda line: say(f"{line}\n"), outcome)
+        import_many(files, str(out), lambda line: print_progress(f"{line}\n"), outcome)
     except KeyboardInterrupt:
         clear_interrupt()
-        complain(f"interrupted; the {len(outcome.made)} swatches named above are complete")
+        print_error(f"interrupted; {len(outcome.made)} swatches were written completely")
         return 130
-    print(f"{len(outcome.made)} made, {len(outcome.broken)} broken")
+    print(f"{len(outcome.made)} swatches written, {len(outcome.broken)} files could not be imported")
     for line in outcome.broken:
-        complain(line)
+        print_error(line)
     return 2 if outcome.broken else 0
 
 
@@ -197,20 +204,21 @@ def import_files(
 
 @app.command
 def compare(
-    surfaces: Annotated[list[str], Help("Swatches, .swatch files, and recordings, to which swatches are fitted")],
+    surfaces: Annotated[list[str], Help("Swatch names, .swatch files, or recordings, which are fitted first")],
     /,
     *,
-    library: Annotated[InFolder | None, Help("Folder of swatches, which are ranked by their distance")] = None,
+    library: Annotated[InFolder | None, Help("Folder of swatches to rank by perceptual distance")] = None,
     as_json: AsJson = False,
     recording: RecordingOptions = RecordingOptions(),
 ) -> None:
-    """Compare how surfaces feel: two side by side, or one with a library.
+    """Compare surfaces perceptually: two side by side, or one against a library.
 
-    for example:
+    Differences are in just-noticeable differences (JND).
+
+    examples:
       hapscene swatch compare wood paper
-      hapscene swatch compare mine.swatch            # with the shipped swatches
+      hapscene swatch compare mine.swatch            # against the shipped swatches
       hapscene swatch compare mine.swatch --library swatches/
-      hapscene swatch compare a.csv b.csv --rate 10000 --units acceleration=g
     """
     for name in surfaces:
         (check_there if Path(name).suffix.lower() in RECORDINGS else check_swatch)(name)
@@ -233,20 +241,20 @@ def compare(
         content |= {"ranked": [[c.as_dict() for c in ranked] for ranked in ranks], "unreadable": broken}
         lines = [line for ranked in ranks for line in _rank_text(ranked)]
         for reason in broken.values():
-            note(reason)
-    tell(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).splitlines() if as_json else lines)
+            print_note(reason)
+    print_lines(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).splitlines() if as_json else lines)
 
 
 def _pair_text(comparison: "Comparison", surfaces: Iterable["ComparedSurface"]) -> list[str]:
-    rows = [("", comparison.first, comparison.second, "difference", "felt from", "")]
+    rows = [("", comparison.first, comparison.second, "difference", "1 JND is", "")]
     rows += [_row(d) for d in comparison.differences]
     lines = [*table(rows), "", _sentence(comparison)]
     if comparison.tools is not None:
         one, two = comparison.tools
-        lines.append(f"touched with different tools ({one}; {two}): that alone may differ as much as surfaces do")
+        lines.append(f"recorded with different tools ({one}; {two}): the tools alone can cause such a difference")
     lines += [f"not compared: {name} ({reason})" for name, reason in comparison.skipped.items()]
     return lines + [
-        f"two halves of {s.swatch.name}'s own recording are {s.repeat_jnd:.1f} JND apart: less may be chance"
+        f"repeatability of {s.swatch.name}: the halves of its recording differ by {s.repeat_jnd:.1f} JND"
         for s in surfaces
         if s.repeat_jnd is not None
     ]
@@ -262,38 +270,39 @@ def _row(d: "Difference") -> tuple[str, str, str, str, str, str]:
 
 
 def _sentence(comparison: "Comparison") -> str:
-    telling = comparison.largest
-    if telling is None:
-        return f"{comparison.first} and {comparison.second} cannot be compared: they have nothing in common"
-    times = f"{comparison.distance_jnd:.1f} times what a person feels"
-    return f"{comparison.second} {comparison.verdict} from {comparison.first}: most by {telling.quantity.name}, {times}"
+    largest = comparison.largest
+    if largest is None:
+        return f"{comparison.first} and {comparison.second} cannot be compared: no property is measured for both"
+    most = f"largest difference: {largest.quantity.name}, {comparison.distance_jnd:.1f} JND"
+    return f"{comparison.second} {comparison.verdict} from {comparison.first}; {most}"
 
 
 def _rank_text(ranked: Sequence["Comparison"]) -> list[str]:
     if not ranked:
-        return ["nothing to compare with: the library holds only this surface"]
-    rows = [("", "surface", "distance", "most by", f"from {ranked[0].first}")]
+        return ["no other surface to compare with in the library"]
+    rows = [("", "surface", "distance", "largest in", f"from {ranked[0].first}")]
     for place, c in enumerate(ranked, 1):
         distance = f"{c.distance_jnd:.1f} JND" if c.largest else ""
         rows.append((str(place), c.second, distance, c.largest.quantity.name if c.largest else "", c.verdict))
-    return [*table(rows), "1 JND is the least difference that a person feels", ""]
+    return [*table(rows), "1 JND is the just-noticeable difference", ""]
 
 
 @app.command
 def publish(
-    folder: Annotated[Path, Help("Folder of the site")],
+    folder: Annotated[Path, Help("Folder of the web site")],
     /,
-    *swatches: Annotated[str, Help("Names, or .swatch files (default: all of the library)")],
+    *swatches: Annotated[str, Help("Swatch names or .swatch files (default: all of the library)")],
     library: Library = None,
     shipped: Annotated[bool, Help("Publish the shipped swatches as well")] = False,
     title: Annotated[str, Help("Title of the first page")] = "Haptic swatches",
 ) -> None:
-    """Publish a library as a web site: pages with picture, spectra, sound and licence, and an index.
+    """Publish a swatch library as a static web site with a page for each swatch.
 
-    Any web server can host it, and the pages can be opened as files. `swatch get`
-    fetches from it. Other files in the folder stay.
+    A page has a picture, spectra, audio and the licence. Any web server can host
+    the site, and the pages also open as local files. `swatch get` downloads from
+    it. Other files in the folder are not changed.
 
-    for example:
+    examples:
       hapscene swatch publish site
       hapscene swatch publish site oak.swatch wood --title "Woods"
       python -m http.server --directory site
@@ -301,9 +310,9 @@ def publish(
     from hapscene.swatches.site import gather
     from hapscene.swatches.site import publish as write_site
 
-    entries = write_site(gather(swatches, library, shipped), str(folder), title, say)
+    entries = write_site(gather(swatches, library, shipped), str(folder), title, print_progress)
     counted = f"{len(entries)} swatch{'es' * (len(entries) != 1)}"
     sizes = [file.stat().st_size for file in folder.iterdir() if file.is_file()]
-    tell([f"made: {folder / 'index.html'}  ({counted}, {size_words(sum(sizes))})"])
+    print_lines([f"made: {folder / 'index.html'}  ({counted}, {format_size(sum(sizes))})"])
     if bare := [entry.name for entry in entries if not entry.licence.strip()]:
-        note(f"no licence is stated for {', '.join(bare[:5])}{' …' if len(bare) > 5 else ''}: others may not use them")
+        print_note(f"without a licence, others may not use: {', '.join(bare[:5])}{' …' if len(bare) > 5 else ''}")

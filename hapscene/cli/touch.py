@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from hapscene.cli.console import caution, name_made, say
+from hapscene.cli.console import print_files, print_progress, print_warning
 from hapscene.cli.inputs import check_scene, find_asset, load_input, loading
 from hapscene.cli.options import (
     Compensator,
@@ -42,39 +42,40 @@ def demo(
     *,
     out: OutFolder = Path("out/demo"),
     dark: Dark = False,
-    live: Annotated[bool, Help("Touch the scene yourself; nothing is written")] = False,
 ) -> None:
-    """Touch the shipped scene: three bodies, four real surfaces, a hand that taps, presses and strokes.
+    """Simulate a hand that taps, presses and strokes the demo scene; write forces, plots and audio.
 
-    for example:
+    The scene has three bodies with four surfaces whose textures were fitted to
+    recordings. To touch it yourself, run `hapscene play`.
+
+    examples:
       hapscene demo
-      hapscene demo --live       # yourself, on a page: `hapscene play`
+      hapscene demo --out out/first --dark
     """
-    if live:
-        from hapscene.cli.play import play
-
-        play()
-        return
     touch("demo", out=out, dark=dark)
 
 
-@Parameter(name="*", group="Closed loop: a hand holds a simulated device, which contact forces move")
+@Parameter(name="*", group="Closed loop: a simulated hand holds a simulated device")
 @dataclass(frozen=True)
 class HandOptions:
-    """What the hand does and holds."""
+    """Options of a simulated hand and the simulated device that it holds."""
 
-    hand: Annotated[str | None, Help("Gesture, as tap, press, stroke, explore; or follow, along --path")] = None
+    hand: Annotated[str | None, Help("Gesture: tap, press, stroke, explore, …; or follow, along --path")] = None
     grip: Grip = DEFAULT_GRIP
     device: Device = "omni"
     compensator: Compensator = "adaptive"
     delay: Annotated[Count, Help("Delay of the force [ticks]")] = 0
 
     def check(self, path: Path | None) -> None:
-        """Raise where an option does not fit another one or the path, or a name is unknown."""
+        """Check the names and the combination of options.
+
+        Raises:
+            HapsceneError: an unknown name, or an option that needs another one.
+        """
         if self.hand is None:
             for option, value in asdict(HandOptions()).items():
                 if getattr(self, option) != value:
-                    raise PathError(f"--{option} is for a touch in closed loop; add --hand, as in --hand stroke")
+                    raise PathError(f"--{option} needs --hand, the gesture of the closed loop, as in --hand stroke")
             return
         from hapscene.device.model import device_named
         from hapscene.device.sim.hand import grip_named
@@ -84,22 +85,22 @@ class HandOptions:
         if self.hand not in (*GESTURES, "follow"):
             raise PathError(no_such("gesture", self.hand, [*GESTURES, "follow"]))
         if (self.hand == "follow") != (path is not None):
-            raise PathError(f"--hand {self.hand}: only the gesture follow takes a --path, and it needs one")
+            raise PathError(f"--hand {self.hand}: --path is required for --hand follow, and invalid for other gestures")
         grip_named(self.grip)
         find_compensator(self.compensator)
         if device_named(self.device).point is None:
-            raise PathError("an ideal device has no mass to move; choose --device omni, phantom-1.0 or premium-1.5")
+            raise PathError("--device ideal has no mass to simulate; choose omni, phantom-1.0 or premium-1.5")
 
 
 def _parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Settings such as "weight.mass_kg=0.2" and "guide.points_m=[[0, 0, 0.1]]", by effect."""
+    """Parse settings such as "weight.mass_kg=0.2" and "guide.points_m=[[0, 0, 0.1]]" into values by effect and name."""
     settings: dict[str, dict[str, Any]] = {}
     for text in texts:
         where, _, value = text.partition("=")
         effect, _, name = where.strip().partition(".")
         if not (effect and name and value.strip()):
             raise EffectError(f"--set {text[:40]}: expected EFFECT.NAME=VALUE, as in weight.mass_kg=0.2")
-        settings.setdefault(effect, {})[name] = value.strip()  # the name of a body, unless it is JSON
+        settings.setdefault(effect, {})[name] = value.strip()  # the name of a body, if it is not valid JSON
         with suppress(ValueError, RecursionError):
             settings[effect][name] = json.loads(value)
     return settings
@@ -110,31 +111,38 @@ def touch(
     /,
     *,
     path: Annotated[
-        InFile | None, Help("Path of the tool, CSV: t,x,y,z in s and m (default: a hand explores the scene)")
+        InFile | None, Help("Path of the tool: CSV with columns t,x,y,z in s and m (default: explores the scene)")
     ] = None,
     out: Annotated[OutFolder | None, Help("Folder for the results (default: out/NAME, as out/bunny)")] = None,
-    effects: Annotated[Names | None, Help("Effects to sum; `hapscene lab effects` lists them")] = None,
+    effects: Annotated[
+        Names | None,
+        Help("Effects, listed by `hapscene lab effects` (default: wall,friction,lpc_texture,tap,adhesion)"),
+    ] = None,
     settings: Annotated[
-        list[str] | None, Parameter(name="--set", metavar="EFFECT.NAME=VALUE"), Help("May be given several times")
+        list[str] | None,
+        Parameter(name="--set", metavar="EFFECT.NAME=VALUE"),
+        Help("Setting of an effect; repeat the option for several"),
     ] = None,
     rate: Annotated[Positive, Help("Sample rate of the acceleration channel [Hz]")] = ACCELERATION_RATE_HZ,
     seed: Seed = 0,
-    fidelity: Annotated[InFile | None, Help("Fidelity file of `hapscene tune`")] = None,
-    no_picture: Annotated[bool, Help("Do not draw scene.png")] = False,
+    fidelity: Annotated[InFile | None, Help("Fidelity file written by `hapscene tune`")] = None,
+    no_picture: Annotated[bool, Help("Skip the picture scene.png")] = False,
     dark: Dark = False,
-    view: Annotated[bool, Help("Play the touch in a window afterwards, in real time")] = False,
+    view: Annotated[bool, Help("Show the touch in a window afterwards, in real time")] = False,
     hand: HandOptions = HandOptions(),
     mesh: MeshOptions = MeshOptions(),
 ) -> None:
-    """Touch a scene or a mesh along a path, and write what was felt.
+    """Simulate a tool that touches a scene or mesh; write forces and vibrations.
 
-    for example:
+    By default, a tool explores the scene from above. --path moves it along a
+    recorded path. --hand closes the loop: a simulated hand holds a simulated
+    device, which contact forces move. The results are touch.npz and touch.csv
+    (every tick), summary.json, plots.png, scene.png and feel.wav (vibration).
+
+    examples:
       hapscene touch demo               # an asset: demo, bracket, plate, toad
       hapscene touch bunny.ply --unit m --swatch wood
       hapscene touch demo.scene.json --path hand.csv --out out/hand
-      hapscene touch demo.scene.json --hand stroke --grip light
-      hapscene touch demo --effects wall,weight --set weight.mass_kg=0.2
-      hapscene touch table.xml --path push.csv    # a MuJoCo model that is pushed
     """
     scene, mesh = find_asset(scene, mesh)
     check_scene(scene, mesh)
@@ -156,35 +164,35 @@ def touch(
             made = _touch_along(loaded, path, out, render | write)
         else:
             made = _touch_by_hand(loaded, path, out, hand, render, write)
-        name_made(made)
+        print_files(made)
         if view:
             _show(loaded, out, dark, hand.hand is not None, f"hapscene: {Path(scene).name}")
 
 
 def _check_effects(effects: Sequence[str], settings: Iterable[str]) -> None:
-    """Raise where an effect is unknown, before a mesh is loaded."""
+    """Check the names of effects before a mesh is loaded. Raises EffectError."""
     from hapscene.surface.effect_registry import load_effect
 
     for name in effects:
         load_effect(name)
     for name in settings:
         if load_effect(name).scope != "scene" or name not in effects:
-            raise EffectError(f"--set {name}: give it to an effect of the scene that --effects names")
+            raise EffectError(f"--set {name}: not a scene effect that --effects lists; add it, as in --effects {name}")
 
 
 def _opened(scene: str, mesh: MeshOptions, device: str) -> "tuple[Scene, MuJoCo | None]":
-    """A scene, and the physics of a MuJoCo model."""
+    """Load a scene and, for a MuJoCo model, its physics."""
     from hapscene.touch import is_model, open_model, step
 
     if not is_model(scene):
         return load_input(scene, mesh, device), None
-    with step(say, loading(scene)):
+    with step(print_progress, loading(scene)):
         bridge = open_model(scene, mesh.unit, mesh.swatch, mesh.two_sided)
     return bridge.scene, bridge
 
 
 def _touch_along(scene: "Scene", path: Path | None, out: Path, how: dict[str, Any]) -> Sequence[Path]:
-    """Touch along a path from a file, or one that explores the scene."""
+    """Render a touch along a path from a file, or along one that explores the scene."""
     from hapscene.motion.hand_path import explore
     from hapscene.motion.path_file import load_path
     from hapscene.touch import step
@@ -192,16 +200,16 @@ def _touch_along(scene: "Scene", path: Path | None, out: Path, how: dict[str, An
 
     if path is not None:
         t_s, p_WT = load_path(path, TICK_S)
-        return run(scene, out, p_WT, t_s=t_s, say=say, caution=caution, **how)
-    with step(say, "no --path: a hand feels it from above"):
+        return run(scene, out, p_WT, t_s=t_s, say=print_progress, caution=print_warning, **how)
+    with step(print_progress, "no --path: exploring the scene from above"):
         p_WT = explore(_aim(scene, how["bridge"]), TICK_S)
-    return run(scene, out, p_WT, say=say, caution=caution, **how)
+    return run(scene, out, p_WT, say=print_progress, caution=print_warning, **how)
 
 
 def _touch_by_hand(
     scene: "Scene", path: Path | None, out: Path, hand: HandOptions, render: dict[str, Any], write: dict[str, Any]
 ) -> Sequence[Path]:
-    """Touch in closed loop."""
+    """Simulate a touch in closed loop."""
     from hapscene.device.model import device_named, limits_of
     from hapscene.device.sim.omni import Omni
     from hapscene.handle import Plant
@@ -212,25 +220,25 @@ def _touch_by_hand(
     from hapscene.touch import step, touch_by_hand
 
     assert hand.hand is not None
-    with step(say, f"the hand: {hand.hand}"):
+    with step(print_progress, f"gesture of the hand: {hand.hand}"):
         if path is None:
             intent = act(hand.hand, _aim(scene, write["bridge"]), TICK_S, grip=hand.grip)
         else:
             intent = ReferenceTrajectory.along(load_path(path, TICK_S)[1], hand.grip)
     device = device_named(hand.device)
     held = Omni() if device.name == "omni" else device.point
-    assert held is not None  # as was checked
+    assert held is not None  # checked by HandOptions.check
     render = render | {"effects": render["effects"] or EFFECTS, "limits": limits_of(device, TICK_S, hand.delay)}
 
     def ready() -> "Twin":
         return Twin(scene, held, delay_ticks=hand.delay, handle=Plant(), compensator=hand.compensator, **render)
 
     write = write | {"title": f"{write['title']}: {hand.hand}, {hand.grip} grip, {hand.device}"}
-    return touch_by_hand(scene, out, intent, ready, say=say, caution=caution, **asdict(hand), **write)
+    return touch_by_hand(scene, out, intent, ready, say=print_progress, caution=print_warning, **asdict(hand), **write)
 
 
 def _aim(scene: "Scene", bridge: "MuJoCo | None") -> "Scene":
-    """What a hand goes for: in a MuJoCo model the bodies that move, if any do."""
+    """The scene that a hand explores: of a MuJoCo model only the moving bodies, if there are any."""
     if bridge is None or not bridge.names:
         return scene
     moving = copy(scene)
@@ -239,7 +247,7 @@ def _aim(scene: "Scene", bridge: "MuJoCo | None") -> "Scene":
 
 
 def _show(scene: "Scene", out: Path, dark: bool, by_hand: bool, title: str) -> None:
-    """Play what was felt in a window, until the window is closed."""
+    """Show a recorded touch in a window until the window is closed."""
     from hapscene.render.recording import Recording
     from hapscene.view.palette import DARK, LIGHT
     from hapscene.view.window import play_in_window, with_hand
@@ -247,5 +255,5 @@ def _show(scene: "Scene", out: Path, dark: bool, by_hand: bool, title: str) -> N
     recording = Recording.load(out / "touch.npz")
     if by_hand:
         recording = with_hand(recording, out / "hand.npz")
-    print("playing it in a window; close the window, or press Ctrl-C, to end", flush=True)
+    print("showing the touch in a window; close the window or press Ctrl-C to end", flush=True)
     play_in_window(scene, recording, title, theme=DARK if dark else LIGHT)

@@ -9,7 +9,7 @@ export_scene(scene, "painted.glb")
 scene = import_scene("painted.glb")
 ```
 
-docs/exchange.md has a table of what each format preserves.
+docs/reference/file-formats.md has a table of what each format preserves.
 """
 
 import lazy_loader

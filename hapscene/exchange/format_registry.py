@@ -33,7 +33,7 @@ class Export:
         suffix: suffix of the file, with the dot.
         summary: one-line description of its use.
         write: writes a scene to a file, completely or not at all; returns the files.
-        loses: properties of a scene that the format does not preserve; see the table in docs/exchange.md.
+        loses: properties of a scene that the format does not preserve; see the table in docs/reference/file-formats.md.
         beside: suffixes of additional files.
     """
 

@@ -1,4 +1,10 @@
-"""No more than a scene needs: how finely each part of a scene is rendered.
+"""Level of detail: simplifies a scene as far as a person cannot perceive the difference.
 
-`fidelity` says what may be coarser, and makes the coarser scene.
+| module | content |
+|---|---|
+| `fidelity`, `fidelity_file` | a fidelity, the level of detail of each body and swatch; its file |
+| `apply` | makes the simplified scene |
+| `coarser_mesh` | reduces a mesh, and keeps the borders of its painting |
+| `trial` | measures how far a simplified scene differs from the original, in JND |
+| `tune` | searches the coarsest level of detail whose difference is not perceptible |
 """

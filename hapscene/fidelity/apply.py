@@ -1,4 +1,4 @@
-"""The scene that a fidelity makes of a scene: coarser meshes, shorter filters, slower updates of filters."""
+"""The simplified scene of a fidelity: coarser meshes, lower texture orders, slower filter updates."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
@@ -17,19 +17,20 @@ if TYPE_CHECKING:
 __all__ = ["apply_level"]
 
 TEXTURE: Final = "lpc_texture"
-"""The effect whose filter follows force and speed every `update_ticks` ticks."""
+"""The effect whose filter adapts to force and speed every `update_ticks` ticks."""
 
 
 def apply_level(scene: Scene, level: "Level") -> Scene:
-    """The scene at a level: the same bodies and swatches by name, in the same order, at the same poses.
+    """Return the scene at a level of detail, with the same bodies and swatches in the same order and at the same poses.
 
-    A body's coarser mesh is painted as its groups say, which are the scene's swatches (`coarser_mesh`); a mesh without
-    groups takes the swatch of a body that has only one. A texture of lower order is that of the first reflection
-    coefficients of each model (`Texture.truncated`). What the level does not name is shared.
+    The groups of a coarser mesh are its painting: the swatches of the scene (`coarser_mesh`). A mesh without groups
+    takes the swatch of a body that has only one. A texture of lower order uses the first reflection coefficients of
+    each model (`Texture.truncated`). Bodies and swatches that the level does not name are shared with the original
+    scene.
 
     Raises:
-        SceneError: a body or swatch that the scene does not have; a coarser mesh without its painting, or of a body
-            that is painted finer than its faces.
+        SceneError: a body or swatch that the scene does not have; a coarser mesh without painting, or for a body that
+            is painted finer than its faces.
         SwatchError: an order below 1.
     """
     at = scene.copy()
@@ -55,8 +56,8 @@ def _put_mesh(body: Body, mesh: Mesh, swatch_names: tuple[str, ...]) -> None:
     """Give a body a coarser mesh with its painting."""
     if body.fine is not None:
         raise SceneError(
-            f"body {body.name!r} is painted finer than its faces, so it has no coarser mesh: leave its mesh out of the "
-            "level, or paint it with resolution_m=math.inf"
+            f"body {body.name!r} is painted finer than its faces and cannot have a coarser mesh: remove its mesh from "
+            "the level, or paint it with resolution_m=math.inf"
         )
     if mesh.group is not None and mesh.group_names == swatch_names:
         body.face_swatch = mesh.group.copy()
@@ -64,8 +65,8 @@ def _put_mesh(body: Body, mesh: Mesh, swatch_names: tuple[str, ...]) -> None:
         body.face_swatch = np.full(len(mesh.faces), body.face_swatch[0])
     else:
         raise SceneError(
-            f"the coarser mesh of body {body.name!r} is not painted: its groups must be the scene's swatches, "
-            f"{', '.join(swatch_names)}"
+            f"the coarser mesh of body {body.name!r} has no painting; expected as its groups the swatches of the "
+            f"scene, {', '.join(swatch_names)}"
         )
     body.mesh = mesh
 

@@ -1,4 +1,4 @@
-"""A mesh of fewer faces: the least change of shape by quadrics, borders of the painting and of the mesh kept."""
+"""Reduction of a mesh to fewer faces by quadric error metrics; borders of the painting and of the mesh are kept."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
@@ -14,38 +14,40 @@ if TYPE_CHECKING:
 __all__ = ["coarser_mesh"]
 
 SIZE: Final = 10.0
-"""Diagonal that a mesh is scaled to while it is reduced [1]: the package takes lengths of 1e-4 to 0.1 for nothing, and
-what is a hand's size has two to three times the error if it is reduced in metres."""
+"""Diagonal to which a mesh is scaled during reduction [1]. fast-simplification treats lengths of 1e-4 to 0.1 as
+zero: a mesh of the size of a hand has two to three times the error if it is reduced in metres."""
 
 HASTE: Final = (3.0, 5.0, 7.0)
-"""How fast it lets the error grow, the next where the one before leaves more than `ENOUGH` times the faces [1]."""
+"""Growth rates of the allowed error; the next is used if the one before leaves more than `ENOUGH` times the faces
+[1]."""
 
 ENOUGH: Final = 1.3
 
 
 def coarser_mesh(body: "Body", count: int, swatches: Sequence[str]) -> Mesh | None:
-    """The mesh of a body in about `count` faces; None where it cannot be had in much fewer than it has.
+    """Return the mesh of a body with about `count` faces.
 
-    Nor where a body is painted finer than its faces: their borders are kept in its own mesh alone.
+    The faces of each swatch are reduced separately (Garland & Heckbert 1997, fast-simplification), and keep their
+    border exactly: no gaps open between two swatches, and borders are rendered where they were painted. The groups of
+    the mesh are the swatches of the scene, its painting.
 
-    Each swatch's faces are reduced by themselves (Garland & Heckbert 1997, fast-simplification) and keep their border
-    to the bit, so that no crack opens between two and a border is felt where it was painted. The groups of the mesh are
-    the scene's swatches, by their names: its painting.
+    Returns:
+        the mesh, or None if it cannot have much fewer faces, or if the body is painted finer than its faces.
 
     Raises:
-        HapsceneError: the package that reduces is not there.
+        HapsceneError: fast-simplification is not installed.
     """
     try:
         from fast_simplification import simplify
     except ImportError:
-        raise HapsceneError("what reduces meshes is missing: pip install 'hapscene[paint]'") from None
+        raise HapsceneError("fast-simplification is not installed; run: pip install 'hapscene[paint]'") from None
     if body.fine is not None:
         return None
     own = body.mesh
-    # corners at one place are one: where a texture's seam parts them, there is no border to be felt
+    # merge vertices at the same position: texture coordinates may split them, but this is no border of the painting
     places, index = np.unique(own.vertices_m, axis=0, return_inverse=True)
     corners = index.reshape(-1)[own.faces]
-    scale = 2.0 ** np.round(np.log2(SIZE / own.diagonal_m))  # a power of two: borders come back to the bit
+    scale = 2.0 ** np.round(np.log2(SIZE / own.diagonal_m))  # a power of two scales without rounding
     pieces, faces, group, start = [], [], [], 0
     for swatch in np.unique(body.face_swatch):
         used, index = np.unique(corners[body.face_swatch == swatch], return_inverse=True)
@@ -61,9 +63,9 @@ def coarser_mesh(body: "Body", count: int, swatches: Sequence[str]) -> Mesh | No
         faces.append(left + start)
         group.append(np.full(len(left), swatch, np.int16))
         start += len(vertices)
-    joined, index = np.unique(np.concatenate(pieces), axis=0, return_inverse=True)
+    concatenated, index = np.unique(np.concatenate(pieces), axis=0, return_inverse=True)
     made = index.reshape(-1)[np.concatenate(faces)].astype(np.int32)
     kept = (made != np.roll(made, 1, axis=1)).all(axis=1)
     if not 0 < np.count_nonzero(kept) < 0.9 * len(own.faces):
         return None
-    return Mesh(joined, made[kept], np.concatenate(group)[kept], tuple(swatches))
+    return Mesh(concatenated, made[kept], np.concatenate(group)[kept], tuple(swatches))

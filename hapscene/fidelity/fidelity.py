@@ -1,4 +1,4 @@
-"""How finely a scene is rendered: the mesh of each body, the texture of each swatch."""
+"""The level of detail of a scene: the mesh of each body, and the texture of each swatch."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,10 +11,10 @@ __all__ = ["BodyFidelity", "Fidelity", "Level", "SwatchFidelity"]
 
 @dataclass(frozen=True)
 class BodyFidelity:
-    """How a body is rendered.
+    """Level of detail of a body.
 
     Attributes:
-        mesh: used in place of its own, its groups the scene's swatches; None for its own.
+        mesh: mesh to use instead of its own, whose groups are the swatches of the scene; None for its own.
     """
 
     mesh: Mesh | None = None
@@ -22,11 +22,11 @@ class BodyFidelity:
 
 @dataclass(frozen=True)
 class SwatchFidelity:
-    """How a swatch is rendered.
+    """Level of detail of a swatch.
 
     Attributes:
-        order: of its texture's models; None for its own.
-        update_ticks: after how many ticks the texture's filter follows force and speed [count].
+        order: order of the texture models; None for their own.
+        update_ticks: interval at which the filter of the texture adapts to force and speed [ticks].
     """
 
     order: int | None = None
@@ -35,25 +35,25 @@ class SwatchFidelity:
 
 @dataclass(frozen=True)
 class Level:
-    """One way to render a scene.
+    """A level of detail of a scene.
 
     Attributes:
-        bodies, swatches: by name; what is not named is as it is.
-        told: what it costs: error [JND] on unseen paths, time [µs], memory [bytes], time to load [s].
+        bodies, swatches: by name; bodies and swatches that are not named are unchanged.
+        cost: difference [JND] on test paths, time of a tick [µs], memory [bytes], loading time [s], by name.
     """
 
     bodies: Mapping[str, BodyFidelity] = field(default_factory=dict)
     swatches: Mapping[str, SwatchFidelity] = field(default_factory=dict)
-    told: Mapping[str, float] = field(default_factory=dict)
+    cost: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Fidelity:
-    """What a scene needs on a machine.
+    """The level of detail that a scene needs, as measured on a machine.
 
     Attributes:
-        level: how the scene is rendered.
-        made: scene's digest, device, handle, budget, JND, machine, versions, seed: by name.
+        level: the level of detail.
+        made: conditions of the measurement by name: device, handle, budget, JND, machine, versions, seed.
     """
 
     level: Level = Level()

@@ -1,4 +1,4 @@
-"""The fidelity file, NAME.fidelity.json: how finely a scene is rendered, and what each choice costs.
+"""The fidelity file NAME.fidelity.json: the level of detail of a scene, and its measured cost.
 
     {
       "format": "hapscene fidelity", "version": 1,
@@ -9,10 +9,11 @@
                   "swatches": {"wood": {"order": 24, "update_ticks": 2}}}]
     }
 
-`scene` is the digest of what was measured (`scene_digest`): a fidelity of another scene, or of one that has changed, is
-refused; poses may differ. A body or swatch that is not named is as it is. Of several `levels`, which earlier versions
-wrote, the first is read, and their `left_out` is ignored. Coarser meshes lie beside the file as PLY, named by their
-content as a scene's own are, with their painting as groups.
+`scene` is the digest of the measured scene (`scene_digest`): a file for another scene, or for one that has changed
+since, is refused; only poses may differ. `told` is the measured cost. Bodies and swatches that are not named are
+unchanged. Files of earlier versions may have several `levels`, of which the first is read; their `left_out` is
+ignored. The coarser meshes are PLY files beside the fidelity file, named by their content, with their painting as
+groups.
 """
 
 import hashlib
@@ -36,35 +37,35 @@ from hapscene.scene.scene import Scene
 if TYPE_CHECKING:
     from hapscene.scene.scene_file import SidecarFiles
 
-__all__ = ["FidelityError", "check_scene_path", "fidelity_beside", "load_fidelity", "save_fidelity"]
+__all__ = ["FidelityError", "check_fidelity_path", "fidelity_beside", "load_fidelity", "save_fidelity"]
 
 FORMAT: Final = "hapscene fidelity"
 VERSION: Final = 1
 SUFFIX: Final = ".fidelity.json"
 
 BYTES_MAX: Final = 16 << 20
-"""Largest fidelity file that is opened [bytes]: 100,000 bodies take that."""
+"""Largest fidelity file [bytes], enough for 100,000 bodies."""
 
 UPDATE_MAX: Final = 1000
-"""Most ticks for which a texture's filter may stay as it is [count]."""
+"""Largest update interval of a texture filter [ticks]."""
 
-TOLD_MAX: Final = 100
-"""Most entries of `told`, of `made`, and of `left_out` [count]."""
+COST_MAX: Final = 100
+"""Most entries of `told` and of `made` [count]."""
 
 
 class FidelityError(FormatError):
-    """A fidelity file that is missing, broken, of a later version, or of another scene."""
+    """A fidelity file that is missing, damaged, of a later version, or of another scene."""
 
 
 def fidelity_beside(scene: str | os.PathLike[str]) -> Path:
-    """Where a scene's fidelity file lies unless it is said: x.fidelity.json of x.scene.json and of x.ply."""
+    """The default path of the fidelity file of a scene: x.fidelity.json for x.scene.json and for x.ply."""
     path = Path(scene)
     name = path.name.removesuffix(".scene.json") if path.name.endswith(".scene.json") else path.stem
     return path.with_name(name + SUFFIX)
 
 
 def scene_digest(scene: Scene) -> str:
-    """SHA-256, in hex, of what a fidelity depends on: meshes, painting, swatches, by name and in order; not poses."""
+    """SHA-256, in hex, of the properties that a fidelity depends on: meshes, painting and swatches, but not poses."""
     from hapscene.surface.swatch_file import swatch_to_json
 
     content = hashlib.sha256()
@@ -79,47 +80,48 @@ def scene_digest(scene: Scene) -> str:
 
 
 def save_fidelity(fidelity: Fidelity, path: str | os.PathLike[str], scene: Scene) -> None:
-    """Write a scene's fidelity, NAME.fidelity.json, and its coarser meshes beside it: whole, or not at all.
+    """Write the fidelity of a scene, NAME.fidelity.json, and its coarser meshes beside it; on failure nothing is
+    written.
 
     Raises:
-        FidelityError: the suffix is another, or the file cannot be written.
+        FidelityError: the name has another suffix, or the file cannot be written.
     """
     from hapscene.scene.scene_file import sidecar_files
 
     path = Path(path)
-    check_scene_path(path)
+    check_fidelity_path(path)
     with sidecar_files(path, SUFFIX) as files:
         content = {
             "format": FORMAT,
             "version": VERSION,
             "scene": scene_digest(scene),
             "made": dict(fidelity.made),
-            "levels": [_level_told(fidelity.level, files)],
+            "levels": [_level_content(fidelity.level, files)],
         }
         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         write_whole(path, text.encode(errors="backslashreplace"), FidelityError)
 
 
-def check_scene_path(path: Path) -> None:
-    """Refuse, before a scene is measured, a path to which its fidelity cannot be saved.
+def check_fidelity_path(path: Path) -> None:
+    """Check a path for a fidelity file before the scene is measured.
 
     Raises:
-        FidelityError: it has another suffix, or is in no folder.
+        FidelityError: the name has another suffix, or the folder does not exist.
     """
     if not path.name.endswith(SUFFIX) or path.name == SUFFIX:
-        raise FidelityError(f"{path}: the name of a fidelity file ends in {SUFFIX}, as in {path.stem}{SUFFIX}")
+        raise FidelityError(f"{path}: expected a file name that ends with {SUFFIX}, as in {path.stem}{SUFFIX}")
     check_file(path, FidelityError)
 
 
-def _level_told(level: Level, files: "SidecarFiles") -> dict[str, Any]:
-    def mesh_told(name: str, mesh: Mesh) -> dict[str, Any]:
+def _level_content(level: Level, files: "SidecarFiles") -> dict[str, Any]:
+    def mesh_content(name: str, mesh: Mesh) -> dict[str, Any]:
         content = mesh_to_ply(mesh)
         file = files.put(name, ".ply", content)
         return {"path": file, "sha256": hashlib.sha256(content).hexdigest(), "face_count": len(mesh.faces)}
 
     return {
-        "told": dict(level.told),
-        "bodies": {name: {"mesh": body.mesh and mesh_told(name, body.mesh)} for name, body in level.bodies.items()},
+        "told": dict(level.cost),
+        "bodies": {name: {"mesh": body.mesh and mesh_content(name, body.mesh)} for name, body in level.bodies.items()},
         "swatches": {
             name: {"order": swatch.order, "update_ticks": swatch.update_ticks}
             for name, swatch in level.swatches.items()
@@ -128,10 +130,10 @@ def _level_told(level: Level, files: "SidecarFiles") -> dict[str, Any]:
 
 
 def load_fidelity(path: str | os.PathLike[str], scene: Scene) -> Fidelity:
-    """Read a scene's fidelity that `save_fidelity` wrote. Safe to call on a file from anybody.
+    """Read the fidelity of a scene. Safe for files from untrusted sources.
 
     Raises:
-        FidelityError: the file is missing, damaged, of a later version, or of another scene; a mesh beside it is.
+        FidelityError: the file or one of its meshes is missing, damaged, of a later version, or of another scene.
     """
     path = Path(path)
     try:
@@ -148,15 +150,15 @@ def load_fidelity(path: str | os.PathLike[str], scene: Scene) -> Fidelity:
 def _read(path: Path, content: dict[str, Any], scene: Scene) -> Fidelity:
     check_keys("", content, ("format", "version", "scene", "made", "levels"))
     if not (isinstance(content["scene"], str) and re.fullmatch("[0-9a-f]{64}", content["scene"])):
-        raise FidelityError(f"scene must be a SHA-256 in hex, is {short(content['scene'])}")
+        raise FidelityError(f"scene is {short(content['scene'])}; expected a SHA-256 in hex")
     if content["scene"] != scene_digest(scene):
         raise FidelityError(
-            "was measured on another scene, or on this one before its meshes, painting or swatches changed: run "
-            "`hapscene tune` on it again"
+            "the scene is not the measured one, or its meshes, painting or swatches have changed; run `hapscene tune` "
+            "again"
         )
     levels = content["levels"]
     if not (isinstance(levels, list) and levels):
-        raise FidelityError(f"levels must be a list of one level, is {_counted(levels)}")
+        raise FidelityError(f"levels is {_counted(levels)}; expected a list of one level")
     made = _flat("made", content["made"], str | int | float | bool | None)
     return Fidelity(_level(levels[0], path, scene), made)
 
@@ -182,37 +184,37 @@ def _level(content: Any, path: Path, scene: Scene) -> Level:
         own = 0 if texture is None else min(texture.order, ORDER_MAX)
         order, ticks = value["order"], value["update_ticks"]
         if order is not None and not (type(order) is int and 1 <= order <= own):
-            raise FidelityError(f"{place}.order must be null or a whole number from 1 to {own}, is {short(order)}")
+            raise FidelityError(f"{place}.order is {short(order)}; expected null or an integer from 1 to {own}")
         if not (type(ticks) is int and 1 <= ticks <= UPDATE_MAX):
-            raise FidelityError(f"{place}.update_ticks must be a whole number from 1 to {UPDATE_MAX}: {short(ticks)}")
+            raise FidelityError(f"{place}.update_ticks is {short(ticks)}; expected an integer from 1 to {UPDATE_MAX}")
         swatches[name] = SwatchFidelity(order, ticks)
     return Level(bodies, swatches, _flat(f"{where}.told", content["told"], int | float))
 
 
-def _mesh(where: str, told: Any, path: Path, meshes: dict[str, Mesh], own_count: int) -> Mesh:
-    """A coarser mesh, from the file beside; each file is read once."""
-    check_keys(where, told, ("path", "sha256", "face_count"))
-    name, count = told["path"], told["face_count"]
+def _mesh(where: str, content: Any, path: Path, meshes: dict[str, Mesh], own_count: int) -> Mesh:
+    """Read a coarser mesh from the file beside; each file is read once."""
+    check_keys(where, content, ("path", "sha256", "face_count"))
+    name, count = content["path"], content["face_count"]
     if not (_name(name) and name.endswith(".ply") and not re.search(r"[/\\:]", name)):
-        raise FidelityError(f"{where}.path must be the name of a PLY file beside this one, is {short(name)}")
+        raise FidelityError(f"{where}.path is {short(name)}; expected the name of a PLY file in the same folder")
     if not (type(count) is int and 1 <= count <= own_count):
-        raise FidelityError(f"{where}.face_count must be from 1 to those of the body, {own_count}, is {short(count)}")
+        raise FidelityError(f"{where}.face_count is {short(count)}; expected 1 to {own_count}, the faces of the body")
     if name not in meshes:
         file = path.with_name(name)
-        # a vertex has 24 bytes, a face 15, and as many vertices as corners at most; and there are the swatches' names
+        # at most: 15 bytes per face, 3 vertices of 24 bytes per face, and the header with the names of swatches
         found = hashlib.sha256(read_bytes(file, HEADER_MAX_B + 87 * count, "mesh of so few faces")).hexdigest()
-        if found != told["sha256"]:
-            raise FidelityError(f"{where}: {file} has changed since: run `hapscene tune` again")
+        if found != content["sha256"]:
+            raise FidelityError(f"{where}: {file} has changed since the measurement; run `hapscene tune` again")
         meshes[name] = load_mesh(file, "m")
     mesh = meshes[name]
     if len(mesh.faces) != count:
-        raise FidelityError(f"{where}.face_count is {count:,}, and {name} has {len(mesh.faces):,} faces")
+        raise FidelityError(f"{where}.face_count is {count:,}, but {name} has {len(mesh.faces):,} faces")
     return mesh
 
 
 def _named(where: str, value: Any, known: Mapping[str, Any], what: str) -> Any:
     if not isinstance(value, dict):
-        raise FidelityError(f"{where} must be an object, is {short(value)}")
+        raise FidelityError(f"{where} is {short(value)}; expected an object")
     for name in value:
         if name not in known:
             raise FidelityError(f"{where}: {no_such(what, name[:60], list(known)[:20])}")
@@ -220,12 +222,12 @@ def _named(where: str, value: Any, known: Mapping[str, Any], what: str) -> Any:
 
 
 def _flat(where: str, value: Any, kind: Any) -> dict[str, Any]:
-    """An object of plain values."""
-    if not (isinstance(value, dict) and len(value) <= TOLD_MAX):
-        raise FidelityError(f"{where} must be an object of at most {TOLD_MAX} entries, is {_counted(value)}")
+    """Check an object of plain values."""
+    if not (isinstance(value, dict) and len(value) <= COST_MAX):
+        raise FidelityError(f"{where} is {_counted(value)}; expected an object of at most {COST_MAX} entries")
     for key, one in value.items():
         if not isinstance(one, kind) or (isinstance(one, float) and not math.isfinite(one)):
-            raise FidelityError(f"{where}[{short(key)}] must be a plain value, is {short(one)}")
+            raise FidelityError(f"{where}[{short(key)}] is {short(one)}; expected a number, text, true, false or null")
     return value
 
 
@@ -234,4 +236,4 @@ def _name(value: Any) -> bool:
 
 
 def _counted(value: Any) -> str:
-    return f"one of {len(value)}" if isinstance(value, list | dict) else short(value)
+    return f"one with {len(value)} entries" if isinstance(value, list | dict) else short(value)

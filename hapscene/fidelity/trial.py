@@ -1,7 +1,8 @@
-"""What a coarser scene costs: the same paths through it and the scene as it is, and how far apart they feel.
+"""Measures how far a simplified scene differs from the original: renders the same paths in both, and compares.
 
-Strokes, taps and presses at places, forces and speeds drawn at random, over the scene as it stands and over each body
-by itself, turned, so that its other sides are felt too. One seed is for choosing, others are for telling.
+The paths are strokes and taps at random positions, forces and speeds, over the whole scene and over each body
+separately, which is also turned so that its other sides are touched. One seed is used for the choice, others for its
+verification.
 """
 
 import time
@@ -15,7 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.constants import TICK_S
 from hapscene.device.model import DeviceWarning, Limits, limits_of
 from hapscene.motion.hand_path import HOVER_M, PathBuilder
 from hapscene.motion.look_from_above import bounds_of, look_from_above, window_of
@@ -34,63 +35,66 @@ __all__ = [
     "WORST",
     "Array",
     "Error",
-    "Felt",
-    "alone",
+    "Rendered",
     "band_power",
     "body_paths",
+    "concatenated",
+    "device_limits",
     "error_of",
-    "feel",
-    "felt_bodies",
     "force_error",
-    "forces",
-    "joined",
-    "limits_here",
+    "largest_bodies",
     "memory_B",
-    "quietly",
-    "ready",
+    "new_renderer",
+    "render",
+    "render_paths",
     "scene_paths",
-    "seconds",
+    "shortest_time_s",
+    "single_body_scene",
     "tick_us",
+    "without_scene_warnings",
 ]
 
 Array = NDArray[np.float64]
 
 FORCE_N: Final = (0.2, 2.0)
-"""Forces of strokes and taps [N]: people feel a texture with 0.3 to 1 N. No more than half of what the device gives."""
+"""Range of forces of strokes and taps [N]: people use 0.3 to 1 N to feel a texture. At most half of the device's
+limit is used."""
 
 SPEED_M_S: Final = (0.05, 0.3)
-"""Mean speeds of strokes [m/s]: slow looking, and rubbing."""
+"""Range of mean speeds of strokes [m/s], from slow exploration to rubbing."""
 
 BODY_PATHS: Final = 4
-"""Paths over a body as it stands, and as many for each way it is turned [count]."""
+"""Paths over a body in its pose, and as many in each turned pose [count]."""
 
 TURN_COUNT: Final = 2
-"""How often a body by itself is turned [count]."""
+"""Number of turned poses of a body [count]."""
 
 SCENE_PATHS: Final = 20
-"""Paths over a scene at least [count]."""
+"""Least number of paths over a scene [count]."""
 
 BODY_MAX: Final = 8
-"""Most bodies that are felt [count], those with most faces; others stay as they are. Bounds the time."""
+"""Most bodies that are simplified [count], those with most faces. Limits the time of a search."""
 
 SEED_COUNT: Final = 12
-"""Runs with other random numbers whose vibrations are averaged [count]: of 12, chance is 0.4 JND."""
+"""Runs with different random numbers over which vibrations are averaged [count]: with 12, the random error is 0.4
+JND."""
 
 WINDOW_S: Final = 0.2
-"""Over which vibrations are compared [s]: the lowest band is 8 Hz wide."""
+"""Window in which vibrations are compared [s]; the lowest band is 8 Hz wide."""
 
 REPEATS: Final = 5
-"""Runs of which each tick's least time counts [count]: what else the machine did is left out, as in the benchmark."""
+"""Runs of which the shortest time of each tick counts [count], which excludes other activity of the machine."""
 
 WORST: Final = 99.9
-"""Share of the ticks in contact within the worst tick [%], as in the benchmark: what is over it is the machine's."""
+"""Percentile of the ticks in contact that counts as the longest tick [%]; times above are caused by the machine."""
 
 EMBREE_B: Final = 90
-"""What Embree takes for a face [bytes]: 88 to 103 by the memory of the process, at 20 k to 1.3 M faces."""
+"""Memory that Embree takes per face [bytes]: 88 to 103 measured for 20 k to 1.3 M faces."""
 
 
 def random_paths(scene: "Scene", index: int, rng: np.random.Generator, limits: Limits, count: int) -> list[Array]:
-    """Paths (n, 3) [m], a row a tick, each a tap and a stroke on a body as it stands; none where it is not seen."""
+    """Random paths (n, 3) [m], one row per tick, each with a tap and a stroke on a body; empty if it is not visible
+    from above."""
     look, body = look_from_above(scene), scene.bodies[index]
     low, high = window_of(bounds_of(body))
     places = rng.uniform(low, high, (400, 2))
@@ -118,15 +122,16 @@ def random_paths(scene: "Scene", index: int, rng: np.random.Generator, limits: L
     return made
 
 
-def reached(scene: "Scene", paths: Sequence[Array], device: str) -> list[Array]:
-    """Those paths on which nothing is pressed harder than the device can: no hand gets into a wall by a centimetre."""
-    renderer, most_N = ready(scene, device, ("wall",)), limits_here(device).force_N
-    pressed = [float(felt.normal_force_N.max()) for felt in forces(renderer, paths)]
+def feasible_paths(scene: "Scene", paths: Sequence[Array], device: str) -> list[Array]:
+    """The paths on which the force does not exceed the limit of the device: a hand does not penetrate a wall by a
+    centimetre."""
+    renderer, most_N = new_renderer(scene, device, ("wall",)), device_limits(device).force_N
+    pressed = [float(rendered.normal_force_N.max()) for rendered in render_paths(renderer, paths)]
     return [path for path, force_N in zip(paths, pressed, strict=True) if 0.0 < force_N <= most_N]
 
 
-def alone(scene: "Scene", name: str, R: Array | None = None) -> "Scene":
-    """A scene of one body, at the origin of the world, turned."""
+def single_body_scene(scene: "Scene", name: str, R: Array | None = None) -> "Scene":
+    """A scene of one body at the origin of the world, with rotation R."""
     made = scene.copy()
     X_WB = np.eye(4)
     X_WB[:3, :3] = np.eye(3) if R is None else R
@@ -135,45 +140,45 @@ def alone(scene: "Scene", name: str, R: Array | None = None) -> "Scene":
 
 
 def body_paths(scene: "Scene", name: str, seed: int, device: str) -> list[Array]:
-    """Paths over a body in its own frame: as it stands, and turned."""
-    rng, limits = np.random.default_rng([seed, *name.encode()]), limits_here(device)
+    """Paths over a body in its own frame, for its pose and for turned poses."""
+    rng, limits = np.random.default_rng([seed, *name.encode()]), device_limits(device)
     turns = [scene.body(name).X_WB[:3, :3], *scipy.spatial.transform.Rotation.random(TURN_COUNT, rng=rng).as_matrix()]
-    drawn = [(R, random_paths(alone(scene, name, R), 0, rng, limits, BODY_PATHS)) for R in turns]
-    return reached(alone(scene, name), [path @ R for R, paths in drawn for path in paths], device)
+    drawn = [(R, random_paths(single_body_scene(scene, name, R), 0, rng, limits, BODY_PATHS)) for R in turns]
+    return feasible_paths(single_body_scene(scene, name), [path @ R for R, paths in drawn for path in paths], device)
 
 
 def scene_paths(scene: "Scene", seed: int, device: str) -> list[Array]:
-    """Paths over a scene as it stands, over each body that is seen as many; `SCENE_PATHS` or more in all."""
-    rng, limits = np.random.default_rng([seed, 1]), limits_here(device)
-    names = felt_bodies(scene)
+    """Paths over a scene, equally many for each body; `SCENE_PATHS` or more in total."""
+    rng, limits = np.random.default_rng([seed, 1]), device_limits(device)
+    names = largest_bodies(scene)
     count = -(-SCENE_PATHS // len(names))
-    felt = [i for i, body in enumerate(scene.bodies) if body.name in names]
-    return reached(scene, [path for i in felt for path in random_paths(scene, i, rng, limits, count)], device)
+    indices = [i for i, body in enumerate(scene.bodies) if body.name in names]
+    return feasible_paths(scene, [path for i in indices for path in random_paths(scene, i, rng, limits, count)], device)
 
 
-def felt_bodies(scene: "Scene") -> list[str]:
-    """The names of those bodies that are felt, of which there are `BODY_MAX` at most."""
+def largest_bodies(scene: "Scene") -> list[str]:
+    """The names of the bodies that are simplified, at most `BODY_MAX`."""
     largest = sorted(scene.bodies, key=lambda body: -len(body.mesh.faces))[:BODY_MAX]
     return [body.name for body in scene.bodies if body in largest]
 
 
 @contextmanager
-def quietly() -> Iterator[None]:
-    """What is warned of the scene was told when it was loaded."""
+def without_scene_warnings() -> Iterator[None]:
+    """Suppress warnings about the scene, which were already issued when it was loaded."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeviceWarning)
         warnings.simplefilter("ignore", MeshWarning)
         yield
 
 
-def ready(scene: "Scene", device: str, effects: Sequence[str] = EFFECTS) -> Renderer:
-    """A renderer of a scene for a device by name."""
-    with quietly():
+def new_renderer(scene: "Scene", device: str, effects: Sequence[str] = EFFECTS) -> Renderer:
+    """A renderer of a scene for a device."""
+    with without_scene_warnings():
         return Renderer(scene, effects, device=device)
 
 
-def forces(renderer: Renderer, paths: Sequence[Array]) -> "list[Recording]":
-    """What is felt along each path, each from rest."""
+def render_paths(renderer: Renderer, paths: Sequence[Array]) -> "list[Recording]":
+    """Render each path from rest."""
     made = []
     for path in paths:
         renderer.reset(path[0])
@@ -181,31 +186,31 @@ def forces(renderer: Renderer, paths: Sequence[Array]) -> "list[Recording]":
     return made
 
 
-def force_error(true: "Sequence[Recording]", felt: "Sequence[Recording]") -> Array:
-    """How far forces are from the true ones [JND], of all ticks of contact (n,)."""
+def force_error(true: "Sequence[Recording]", rendered: "Sequence[Recording]") -> Array:
+    """Difference of the forces [JND] in all ticks in contact (n,)."""
     return np.concatenate(
-        [force_jnd(b.f_W_N, a.f_W_N)[a.touching | b.touching] for a, b in zip(true, felt, strict=True)]
+        [force_jnd(b.f_W_N, a.f_W_N)[a.touching | b.touching] for a, b in zip(true, rendered, strict=True)]
     )
 
 
 @dataclass(frozen=True)
-class Felt:
-    """What is felt along paths: a recording of each, and its vibrations (windows, bands) [(m/s²)²], of many seeds."""
+class Rendered:
+    """Rendered paths: a recording of each, and its vibration power (windows, bands) [(m/s²)²], averaged over seeds."""
 
     recordings: "list[Recording]"
     power: list[Array]
 
 
-def feel(renderer: Renderer, paths: Sequence[Array], seed: int, seed_count: int) -> Felt:
-    """Feel paths, their vibrations with other random numbers again and again."""
+def render(renderer: Renderer, paths: Sequence[Array], seed: int, seed_count: int) -> Rendered:
+    """Render paths, and average their vibrations over random numbers."""
     power: list[Array] = []
     recordings: list[Recording] = []
     for k in range(seed_count):
         renderer.seed = seed + k
-        recordings = forces(renderer, paths)
+        recordings = render_paths(renderer, paths)
         found = [band_power(r.a_m_s2.ravel(), r.a_rate_Hz) for r in recordings]
         power = found if not power else [a + b for a, b in zip(power, found, strict=True)]
-    return Felt(recordings, [p / seed_count for p in power])
+    return Rendered(recordings, [p / seed_count for p in power])
 
 
 def band_power(a_m_s2: Array, rate_Hz: float) -> Array:
@@ -216,7 +221,7 @@ def band_power(a_m_s2: Array, rate_Hz: float) -> Array:
     shape = np.hanning(size)
     density = 2.0 * np.abs(np.fft.rfft(windows * shape, axis=1)) ** 2 / (size * np.sum(shape**2))
     total = np.concatenate((np.zeros((len(windows), 1)), np.cumsum(density, axis=1)), axis=1)
-    edges = band_edges_Hz() / (rate_Hz / size) + 0.5  # a line stands for half a step to either side of it
+    edges = band_edges_Hz() / (rate_Hz / size) + 0.5  # a spectral line represents half a step to either side
     below = np.minimum(edges.astype(int), total.shape[1] - 2)
     at = total[:, below] + (edges - below) * (total[:, below + 1] - total[:, below])
     return np.asarray(np.diff(at, axis=1))
@@ -224,7 +229,8 @@ def band_power(a_m_s2: Array, rate_Hz: float) -> Array:
 
 @dataclass(frozen=True)
 class Error:
-    """How far a scene is from the true one, in the ticks of contact (n,) [JND], and what was touched in them."""
+    """Difference between a scene and the original in the ticks in contact (n,) [JND], and the touched body and
+    swatch."""
 
     force_jnd: Array
     vibration_jnd: Array
@@ -233,14 +239,14 @@ class Error:
 
     @property
     def total_jnd(self) -> Array:
-        """The larger of the two."""
+        """The larger of force and vibration difference."""
         return np.maximum(self.force_jnd, self.vibration_jnd)
 
 
-def error_of(true: Felt, felt: Felt, reach_m_s2: Array) -> Error:
-    """How far what is felt is from the true one; of vibrations, no more than `reach_m_s2` (k,) that a handle gives."""
+def error_of(true: Rendered, rendered: Rendered, reach_m_s2: Array) -> Error:
+    """Difference of rendered paths; vibrations are limited to `reach_m_s2` (k,), the capability of a handle."""
     parts: list[tuple[Array, ...]] = []
-    for a, b, one, two in zip(true.recordings, felt.recordings, true.power, felt.power, strict=True):
+    for a, b, one, two in zip(true.recordings, rendered.recordings, true.power, rendered.power, strict=True):
         window = bands_jnd(np.minimum(np.sqrt(two), reach_m_s2), np.minimum(np.sqrt(one), reach_m_s2), band_edges_Hz())
         middle = np.rint((np.arange(len(a)) * TICK_S - 0.5 * WINDOW_S) / (0.5 * WINDOW_S)).astype(int)
         vibration = window[np.clip(middle, 0, len(window) - 1)]
@@ -250,21 +256,21 @@ def error_of(true: Felt, felt: Felt, reach_m_s2: Array) -> Error:
     return Error(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def joined(errors: Sequence[Error]) -> Error:
+def concatenated(errors: Sequence[Error]) -> Error:
     """Errors of several sets of paths as one."""
     return Error(*(np.concatenate([vars(error)[name] for error in errors]) for name in vars(errors[0])))
 
 
 def tick_us(renderer: Renderer, paths: Sequence[Array], budget_us: float) -> Array:
-    """Times of the ticks in contact (n,) [µs], each the least of `REPEATS` runs.
+    """Times of the ticks in contact (n,) [µs], each the minimum of `REPEATS` runs.
 
-    Of three times as many runs where the worst is over the budget otherwise: other programs only make it longer.
+    If the longest tick exceeds the budget, up to three times as many runs are made: other programs only lengthen ticks.
     """
-    forces(renderer, paths)
+    render_paths(renderer, paths)
     least = np.inf
     for _ in range(3):
         for _ in range(REPEATS):
-            runs = forces(renderer, paths)
+            runs = render_paths(renderer, paths)
             on = np.concatenate([r.touching for r in runs])
             least = np.minimum(least, np.concatenate([r.tick_ns for r in runs])[on] * 1e-3)
         if np.percentile(least, WORST) <= budget_us:
@@ -273,14 +279,14 @@ def tick_us(renderer: Renderer, paths: Sequence[Array], budget_us: float) -> Arr
 
 
 def memory_B(renderer: Renderer) -> int:
-    """What a renderer takes [bytes]: its arrays, and what Embree builds over each mesh, by `EMBREE_B`."""
+    """Memory of a renderer [bytes]: its arrays, and `EMBREE_B` for each face."""
     arrays = [value for part in (renderer.world, renderer.surface) for value in part if isinstance(value, np.ndarray)]
     faces = {id(body.mesh): len(body.mesh.faces) for body in renderer._bodies}
     return sum(array.nbytes for array in arrays) + EMBREE_B * sum(faces.values())
 
 
-def seconds(work: Callable[[], object]) -> float:
-    """The least time that something takes, of four [s]."""
+def shortest_time_s(work: Callable[[], object]) -> float:
+    """The shortest time of four calls [s]."""
     least = np.inf
     for _ in range(4):
         start_s = time.perf_counter()
@@ -289,10 +295,6 @@ def seconds(work: Callable[[], object]) -> float:
     return least
 
 
-def limits_here(device: str) -> Limits:
-    """Limits of a device at the renderer's own rate."""
+def device_limits(device: str) -> Limits:
+    """Limits of a device at the tick of the renderer."""
     return limits_of(device, TICK_S)
-
-
-RATE_HZ: Final = ACCELERATION_RATE_HZ
-"""Rate at which vibrations are judged [Hz]."""

@@ -1,8 +1,8 @@
-"""No more than a scene needs: the coarsest meshes and shortest filters that cannot be told from the scene as it is.
+"""Search for the simplest level of detail that cannot be distinguished from the original scene.
 
-Each body is reduced by halves and each texture's order by bisection until a person would notice on paths drawn for
-that. On other paths the choice is then checked, and taken back by a step where it does not hold; on others again its
-error is measured.
+The faces of each body are halved, and the order of each texture is bisected, until the difference on a set of paths
+becomes perceptible. The choice is then verified on other paths, and made less aggressive where it fails; the
+reported difference is measured on a third set.
 """
 
 import math
@@ -34,53 +34,55 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 
-__all__ = ["WITHIN", "Tuned", "judge_swatch", "reach_m_s2", "tune"]
+__all__ = ["WITHIN", "Tuned", "evaluate_swatch", "reach_m_s2", "tune"]
 
 WITHIN: Final = 95.0
-"""Share of the ticks in contact in which an error must keep to the JND [%]."""
+"""Share of the ticks in contact in which the difference must not exceed the limit [%]."""
 
 CHECKS: Final = 3
-"""Sets of paths on which a choice is checked at most [count]: where it is too much on the one to tell by, that becomes
-one of them, and another is drawn to tell by."""
+"""Most sets of paths for verification [count]. If the choice fails on the test set, that set joins them, and a new
+test set is drawn."""
 
 MARGINS: Final = (0.8, 0.6, 0.3, 0.0)
-"""Shares of the JND that a body or swatch may use on the paths to choose by [1]; the next if it is more."""
+"""Fractions of the limit that a body or swatch may use in the search [1]; the next one is used if verification
+fails."""
 
 HALVINGS: Final = 6
-"""How often a mesh is halved at most [count]."""
+"""Most halvings of the number of faces [count]."""
 
 BISECTIONS: Final = 3
-"""How often it is looked between the last two [count]: to 9 % of the faces."""
+"""Bisections between the last two halvings [count], to 9 % of the faces."""
 
 FACES_MIN: Final = 500
-"""Faces below which a mesh is not reduced [count]: nothing is won."""
+"""Number of faces below which a mesh is not reduced, since nothing is gained [count]."""
 
 ORDER_MIN: Final = 2
-"""Lowest order that is tried [count]."""
+"""Lowest texture order of the search [count]."""
 
 PLACES: Final = 6
-"""Forces and speeds at which a texture is judged [count] each."""
+"""Number of forces and of speeds at which a texture is compared [count]."""
 
 UPDATES: Final = (16, 8, 4)
-"""Ticks between two updates of a texture's filter that are tried [count], the slowest first."""
+"""Update intervals of a texture filter in the search [ticks], the longest first."""
 
 FORCE_N, SPEED_M_S = 10.0, 0.5
-"""Largest force and speed at which a texture is judged."""
+"""Largest force and speed at which a texture is compared."""
 
 LINES: Final = 4096
-"""Lines of the spectrum by which a texture's models are compared [count]: of 1.2 Hz at 10 kHz."""
+"""Spectral lines by which the models of a texture are compared [count]; 1.2 Hz apart at 10 kHz."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What was chosen for a body or a swatch.
+    """The choice for a body or a swatch.
 
     Attributes:
         kind: "body" or "swatch".
-        name: its own.
-        what: from what to what, in words.
-        error_jnd: within it in `WITHIN` % of its ticks in contact on unseen paths; None where it was not touched.
-        why: in words, for --explain.
+        name: its name.
+        what: description of the change.
+        error_jnd: difference that `WITHIN` % of its ticks in contact do not exceed on test paths; None if it was not
+            touched.
+        why: reason, for --explain.
     """
 
     kind: str
@@ -92,13 +94,13 @@ class Choice:
 
 @dataclass(frozen=True)
 class Tuned:
-    """What was found.
+    """The result of `tune`.
 
     Attributes:
-        fidelity: to be saved.
-        choices: body by body, swatch by swatch.
-        before, after: what the scene costs as it is, and as it was chosen, by the names of `Level.told`.
-        within_jnd, within_budget: whether what was asked for is held.
+        fidelity: the fidelity, to be saved.
+        choices: the choice for each body and swatch.
+        before, after: cost of the original and of the simplified scene, by the names of `Level.cost`.
+        within_jnd, within_budget: whether the limits are kept.
     """
 
     fidelity: Fidelity
@@ -109,46 +111,47 @@ class Tuned:
     within_budget: bool
 
 
-class Tried(NamedTuple):
-    """A number of faces, or an order, that was asked for; what was had; and its error."""
+class Candidate(NamedTuple):
+    """A number of faces or an order: requested, obtained, and its difference."""
 
-    asked: int
-    had: int
+    requested: int
+    obtained: int
     error_jnd: float
 
 
-class Judged(NamedTuple):
-    """What was tried of a body or swatch, the finest first; why nothing was."""
+class Evaluation(NamedTuple):
+    """The candidates of a body or swatch, the finest first, or the reason for an empty list."""
 
-    tried: list[Tried]
+    tried: list[Candidate]
     why_not: str
 
     def least(self, most_jnd: float) -> int | None:
-        """The least of all that keeps to an error; None where it stays as it is."""
-        return min((one.asked for one in self.tried if one.error_jnd <= most_jnd), default=None)
+        """The smallest candidate whose difference does not exceed a limit; or None."""
+        return min((one.requested for one in self.tried if one.error_jnd <= most_jnd), default=None)
 
     def why(self, what: str, most_jnd: float) -> str:
-        """Why it was chosen so, in words."""
+        """The reason of the choice."""
         if not self.tried:
             return f"unchanged: {self.why_not}"
-        errors = ", ".join(f"{one.had:,} {what}: {one.error_jnd:.2g} JND" for one in self.tried)
-        return f"asked for {most_jnd:.2g} JND on the paths to choose by; {errors}"
+        errors = ", ".join(f"{one.obtained:,} {what}: {one.error_jnd:.2g} JND" for one in self.tried)
+        return f"limit on the search paths: {most_jnd:.2g} JND; {errors}"
 
 
-def judge_body(scene: Scene, name: str, device: str, seed: int, most_jnd: float) -> Judged:
-    """Errors of ever coarser meshes of a body, until the error is over `most_jnd`, and then between the last two."""
+def evaluate_body(scene: Scene, name: str, device: str, seed: int, most_jnd: float) -> Evaluation:
+    """Measure the difference of coarser meshes of a body until it exceeds `most_jnd`, then bisect between the last
+    two."""
     body = scene.body(name)
     paths = trial.body_paths(scene, name, seed, device)
-    tried: list[Tried] = []
+    tried: list[Candidate] = []
     if not paths or len(body.mesh.faces) < FACES_MIN:
-        return Judged([], "no path from above touches it" if not paths else "it has few faces")
-    alone = trial.alone(scene, name)
+        return Evaluation([], "no path from above touches the body" if not paths else "the mesh has few faces")
+    single_body_scene = trial.single_body_scene(scene, name)
 
-    def felt(mesh: Mesh | None) -> Any:
-        at = apply_level(alone, Level({name: BodyFidelity(mesh)}))
-        return trial.forces(trial.ready(at, device, ("wall", "friction")), paths)
+    def simplified(mesh: Mesh | None) -> Any:
+        at = apply_level(single_body_scene, Level({name: BodyFidelity(mesh)}))
+        return trial.render_paths(trial.new_renderer(at, device, ("wall", "friction")), paths)
 
-    true = felt(None)
+    true = simplified(None)
 
     def error(halvings: float) -> float:
         count = round(len(body.mesh.faces) * 0.5**halvings)
@@ -156,8 +159,8 @@ def judge_body(scene: Scene, name: str, device: str, seed: int, most_jnd: float)
         if mesh is None:
             return math.inf
         touched = any(r.touching.any() for r in true)
-        error_jnd = float(np.percentile(trial.force_error(true, felt(mesh)), WITHIN)) if touched else 0.0
-        tried.append(Tried(count, len(mesh.faces), error_jnd))
+        error_jnd = float(np.percentile(trial.force_error(true, simplified(mesh)), WITHIN)) if touched else 0.0
+        tried.append(Candidate(count, len(mesh.faces), error_jnd))
         return error_jnd
 
     good, bad = 0.0, HALVINGS + 1.0
@@ -169,31 +172,31 @@ def judge_body(scene: Scene, name: str, device: str, seed: int, most_jnd: float)
     for _ in range(BISECTIONS if bad <= HALVINGS else 0):
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if error(middle) <= most_jnd else (good, middle)
-    return Judged(sorted(tried, reverse=True), "" if tried else "its faces are all at borders")
+    return Evaluation(sorted(tried, reverse=True), "" if tried else "all faces are at borders of the painting")
 
 
-def judge_swatch(swatch: Swatch, device: str, reach: Array, most_jnd: float) -> Judged:
-    """Errors of lower orders of a swatch's texture.
+def evaluate_swatch(swatch: Swatch, device: str, reach: Array, most_jnd: float) -> Evaluation:
+    """Measure the difference of lower orders of a texture.
 
-    A texture of lower order is compared with its own by the levels in bands, over the forces and speeds that the device
-    and its models reach.
+    Its levels in bands are compared with those of the original, over the forces and speeds that device and models
+    reach.
     """
     texture = swatch.texture
     if texture is None:
-        return Judged([], "it has no texture")
+        return Evaluation([], "the swatch has no texture")
     share = np.linspace(1 / PLACES, 1.0, PLACES)
-    force_N = share * min(trial.limits_here(device).force_N, FORCE_N, texture.force_max_N)
+    force_N = share * min(trial.device_limits(device).force_N, FORCE_N, texture.force_max_N)
     places = [np.ravel(grid) for grid in np.meshgrid(force_N, share * min(SPEED_M_S, texture.speed_max_m_s))]
     true = np.minimum(texture_rms(swatch, *places), reach)
     tried = []
-    low, high = ORDER_MIN - 1, texture.order  # too low, high enough
+    low, high = ORDER_MIN - 1, texture.order  # low is too low, high is sufficient
     while high - low > 1:
         order = (low + high) // 2
         rms = np.minimum(texture_rms(replace(swatch, texture=texture.truncated(order)), *places), reach)
         error_jnd = float(np.percentile(bands_jnd(rms, true, band_edges_Hz()), WITHIN))
-        tried.append(Tried(order, order, error_jnd))
+        tried.append(Candidate(order, order, error_jnd))
         low, high = (low, order) if error_jnd <= most_jnd else (order, high)
-    return Judged(sorted(tried, reverse=True), "" if tried else "its order is the lowest")
+    return Evaluation(sorted(tried, reverse=True), "" if tried else "the order is already the lowest")
 
 
 def _reduced(scene: Scene, body: Body, count: int) -> Mesh | None:
@@ -201,7 +204,7 @@ def _reduced(scene: Scene, body: Body, count: int) -> Mesh | None:
 
 
 def texture_rms(swatch: Swatch, force_N: Array, speed_m_s: Array) -> Array:
-    """Root mean squares (n, k) in bands [m/s²] of a texture at places (n,)."""
+    """Root mean squares (n, k) in bands [m/s²] of a texture at forces and speeds (n,)."""
     texture = swatch.texture
     assert texture is not None
     line_Hz = texture.rate_Hz / (2 * LINES)
@@ -219,7 +222,7 @@ def texture_rms(swatch: Swatch, force_N: Array, speed_m_s: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What is chosen so far, by name: meshes of bodies, orders of textures, ticks between updates of their filters."""
+    """The present choice, by name: meshes of bodies, orders of textures, update intervals of their filters."""
 
     meshes: Mapping[str, Mesh]
     orders: Mapping[str, int]
@@ -233,49 +236,49 @@ class _Plan:
         return Level({name: BodyFidelity(mesh) for name, mesh in self.meshes.items()}, swatches, cost or {})
 
 
-_Set = tuple[list[Array], trial.Felt]
-"""Paths, and what is felt along them of the scene as it is."""
+_Set = tuple[list[Array], trial.Rendered]
+"""Paths, and the original scene rendered along them."""
 
 
-class _Feeling:
-    """A scene felt along drawn paths: as it is, and as a plan has it."""
+class _Comparison:
+    """Renders a scene along random paths, in its original form and simplified by a plan."""
 
-    def __init__(self, scene: Scene, whole: Renderer, device: str, reach: Array, seed: int) -> None:
-        self.scene, self._whole, self._device, self._reach, self._seed = scene, whole, device, reach, seed
+    def __init__(self, scene: Scene, original: Renderer, device: str, reach: Array, seed: int) -> None:
+        self.scene, self._original, self._device, self._reach, self._seed = scene, original, device, reach, seed
 
     def drawn(self, k: int) -> _Set:
-        """The k-th set."""
+        """The k-th set of paths."""
         paths = trial.scene_paths(self.scene, self._seed + k, self._device)
-        return paths, trial.feel(self._whole, paths, self._seed, trial.SEED_COUNT)
+        return paths, trial.render(self._original, paths, self._seed, trial.SEED_COUNT)
 
     def error(self, sets: Sequence[_Set], plan: _Plan) -> trial.Error:
-        """How far the plan is off the scene as it is."""
-        renderer = trial.ready(apply_level(self.scene, plan.level()), self._device)
-        felt = [(true, trial.feel(renderer, paths, self._seed, trial.SEED_COUNT)) for paths, true in sets]
-        return trial.joined([trial.error_of(true, found, self._reach) for true, found in felt])
+        """Difference between a plan and the original scene."""
+        renderer = trial.new_renderer(apply_level(self.scene, plan.level()), self._device)
+        simplified = [(true, trial.render(renderer, paths, self._seed, trial.SEED_COUNT)) for paths, true in sets]
+        return trial.concatenated([trial.error_of(true, found, self._reach) for true, found in simplified])
 
 
-def _settled(
-    feeling: _Feeling, judged: Mapping[str, Judged], jnd: float, say: Callable[[str], None]
+def _choose(
+    comparison: _Comparison, judged: Mapping[str, Evaluation], jnd: float, say: Callable[[str], None]
 ) -> tuple[_Plan, dict[str, float], _Set, trial.Error]:
-    """The plan that holds on paths that it was not chosen on; what each choice may differ by, those paths, the error.
+    """Return the plan that passes verification, the limit of each choice, the test paths, and the difference on them.
 
-    A choice that fails on them is made again with a smaller margin, and the paths join those that it is checked on.
+    If a choice fails, it is repeated with a smaller margin, and the paths join those of the verification.
     """
     from hapscene.touch import step
 
-    scene, margins = feeling.scene, dict.fromkeys(judged, 0)
-    with step(say, "feeling the scene as it is"):
-        checks, unseen = [feeling.drawn(1)], feeling.drawn(2)
+    scene, margins = comparison.scene, dict.fromkeys(judged, 0)
+    with step(say, "rendering the original scene"):
+        checks, unseen = [comparison.drawn(1)], comparison.drawn(2)
     most_jnd = {key: MARGINS[0] * jnd for key in judged}
     updates: dict[str, int] | None = None
     while True:
-        with step(say, "checking the choice on other paths"):
+        with step(say, "verifying the choice on other paths"):
             plan = _planned(scene, judged, most_jnd)
             if updates is None:
-                updates = _slow_updates(scene, plan, partial(feeling.error, checks), most_jnd)
+                updates = _slow_updates(scene, plan, partial(comparison.error, checks), most_jnd)
             plan = replace(plan, updates=dict(updates))
-            checked = feeling.error(checks, plan)
+            checked = comparison.error(checks, plan)
             failed = _failed(scene, judged, checked, jnd)
             if not failed and np.percentile(checked.total_jnd, WITHIN) > jnd:
                 failed = list(judged)
@@ -286,10 +289,10 @@ def _settled(
                 updates.pop(key.removeprefix("swatch "), None)
             if failed:
                 continue
-            final = feeling.error([unseen], plan)
+            final = comparison.error([unseen], plan)
             if np.percentile(final.total_jnd, WITHIN) <= jnd or len(checks) == CHECKS:
                 return plan, most_jnd, unseen, final
-            checks, unseen = [*checks, unseen], feeling.drawn(len(checks) + 2)
+            checks, unseen = [*checks, unseen], comparison.drawn(len(checks) + 2)
 
 
 def tune(
@@ -302,38 +305,38 @@ def tune(
     seed: int = 0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Tuned:
-    """Measure a scene on this machine, and choose how finely to render it.
+    """Measure a scene on this machine, and choose its level of detail.
 
     Args:
         scene: the scene.
-        device: a name of `hapscene.device.DEVICES`, whose limits hold.
-        handle: what vibrates: "ideal", which gives all that is asked for; "none"; or a .handle file, identified.
-        budget_us: most that the worst tick may take [µs]: `trial.WORST` % of the ticks in contact, each the least of
-            `trial.REPEATS` runs, of three times as many where that is over it.
-        jnd: most that the chosen scene may differ from the untuned one [JND], in `WITHIN` % of ticks in contact.
-        seed: of the paths.
+        device: name of a device in `hapscene.device.DEVICES`, whose limits apply.
+        handle: vibration output: "ideal", without limits; "none"; or a .handle file of an identified handle.
+        budget_us: limit of the longest tick [µs]: the percentile `trial.WORST` of the ticks in contact, each the
+            minimum of `trial.REPEATS` runs, or of three times as many if over budget.
+        jnd: limit of the difference from the original scene [JND], in `WITHIN` % of the ticks in contact.
+        seed: seed of the paths.
         say: called with lines of progress.
 
     Raises:
-        PathError: nothing of the scene can be touched from above.
-        HapsceneError: an unknown device or handle, or what reduces meshes is missing; under NUMBA_DISABLE_JIT=1, where
-            times mean nothing.
+        PathError: nothing in the scene can be touched from above.
+        HapsceneError: an unknown device or handle; fast-simplification is not installed; NUMBA_DISABLE_JIT=1 is set,
+            with which times are meaningless.
     """
     from hapscene.touch import step
 
     if INTERPRETED:
-        raise HapsceneError("tune times compiled code: run it without NUMBA_DISABLE_JIT")
+        raise HapsceneError("`tune` measures compiled code; unset the environment variable NUMBA_DISABLE_JIT")
     reach = reach_m_s2(handle)
-    with step(say, "readying the scene"):
-        whole = trial.ready(scene, device)
-    with step(say, "drawing paths"):
+    with step(say, "preparing the scene"):
+        original = trial.new_renderer(scene, device)
+    with step(say, "generating paths"):
         if not trial.scene_paths(scene, seed + 1, device):
-            raise PathError(f"nothing of the scene is felt by this device: {UNSEEN}")
-    judged = _judge(scene, device, reach, seed, jnd, say)
-    felt = _Feeling(scene, whole, device, reach, seed)
-    plan, most_jnd, unseen, final = _settled(felt, judged, jnd, say)
+            raise PathError(f"the device cannot touch anything in the scene: {UNSEEN}")
+    judged = _evaluate(scene, device, reach, seed, jnd, say)
+    comparison = _Comparison(scene, original, device, reach, seed)
+    plan, most_jnd, unseen, final = _choose(comparison, judged, jnd, say)
     paths = unseen[0]
-    with step(say, "timing"):
+    with step(say, "measuring the time of a tick"):
         before = _cost(scene, Level(), device, paths)
         after = _cost(scene, plan.level(), device, paths, budget_us)
     choices = _choices(scene, plan, judged, final, most_jnd)
@@ -344,15 +347,15 @@ def tune(
         "hapscene": __version__, "python": platform.python_version(),
         **{f"untuned_{name}": value for name, value in before.items()},
     }  # fmt: skip
-    within = level.told["error_jnd"] <= jnd
-    return Tuned(Fidelity(level, made), choices, before, level.told, within, after["tick_worst_us"] <= budget_us)
+    within = level.cost["error_jnd"] <= jnd
+    return Tuned(Fidelity(level, made), choices, before, level.cost, within, after["tick_worst_us"] <= budget_us)
 
 
 def reach_m_s2(handle: str) -> Array:
-    """The loudest vibration (k,) in each band that a handle gives, root mean square [m/s²].
+    """The largest vibration (k,) of a handle in each band, root mean square [m/s²].
 
     Raises:
-        HapsceneError: no such handle.
+        HapsceneError: unknown handle.
     """
     edges = band_edges_Hz()
     if handle == "ideal":
@@ -360,7 +363,9 @@ def reach_m_s2(handle: str) -> Array:
     if handle == "none":
         return np.zeros(len(edges) - 1)
     if not handle.endswith(".handle"):
-        raise HapsceneError(f"no handle {handle!r}; there are: ideal, none, or an identified one's .handle file")
+        raise HapsceneError(
+            f"unknown handle {handle!r}; expected ideal, none, or a .handle file of an identified handle"
+        )
     from hapscene.handle.handle_file import load_handle
 
     plant = load_handle(handle).plant
@@ -368,27 +373,27 @@ def reach_m_s2(handle: str) -> Array:
     return np.asarray(np.abs(plant.response(middle_Hz)) * plant.force_limit_N / np.sqrt(2.0))
 
 
-def _judge(
+def _evaluate(
     scene: Scene, device: str, reach: Array, seed: int, jnd: float, say: Callable[[str], None]
-) -> dict[str, Judged]:
-    """What was found of each body and each painted swatch, by "body NAME" and "swatch NAME"."""
+) -> dict[str, Evaluation]:
+    """The evaluation of each body and each painted swatch, by "body NAME" and "swatch NAME"."""
     most_jnd, found = MARGINS[0] * jnd, {}
-    for name in trial.felt_bodies(scene):
+    for name in trial.largest_bodies(scene):
         say(f"body {name}\n")
-        found[f"body {name}"] = judge_body(scene, name, device, seed, most_jnd)
+        found[f"body {name}"] = evaluate_body(scene, name, device, seed, most_jnd)
     for swatch in painted(scene):
-        found[f"swatch {swatch.name}"] = judge_swatch(swatch, device, reach, most_jnd)
+        found[f"swatch {swatch.name}"] = evaluate_swatch(swatch, device, reach, most_jnd)
     return found
 
 
 def painted(scene: Scene) -> list[Swatch]:
-    """The swatches that the scene is painted with anywhere."""
+    """The swatches that are painted anywhere in the scene."""
     used = {int(index) for body in scene.bodies for index in swatches_of(body)}
     return [swatch for index, swatch in enumerate(scene.swatches) if index in used]
 
 
-def _failed(scene: Scene, judged: Mapping[str, Judged], error: trial.Error, jnd: float) -> list[str]:
-    """The bodies and swatches that differ by more, as keys of what was judged."""
+def _failed(scene: Scene, judged: Mapping[str, Evaluation], error: trial.Error, jnd: float) -> list[str]:
+    """Keys of the bodies and swatches whose difference exceeds the limit."""
     made = []
     for keys, index, off in (
         ([f"body {body.name}" for body in scene.bodies], error.body, error.force_jnd),
@@ -400,10 +405,10 @@ def _failed(scene: Scene, judged: Mapping[str, Judged], error: trial.Error, jnd:
     return made
 
 
-def _planned(scene: Scene, judged: Mapping[str, Judged], most_jnd: Mapping[str, float]) -> _Plan:
-    """The coarsest mesh of each body and the lowest order of each swatch whose errors keep to theirs."""
+def _planned(scene: Scene, judged: Mapping[str, Evaluation], most_jnd: Mapping[str, float]) -> _Plan:
+    """The coarsest mesh of each body and the lowest order of each swatch whose differences keep to their limits."""
     meshes, orders = {}, {}
-    for name in trial.felt_bodies(scene):
+    for name in trial.largest_bodies(scene):
         count = judged[f"body {name}"].least(most_jnd[f"body {name}"])
         mesh = None if count is None else _reduced(scene, scene.body(name), count)
         if mesh is not None:
@@ -418,7 +423,7 @@ def _planned(scene: Scene, judged: Mapping[str, Judged], most_jnd: Mapping[str, 
 def _slow_updates(
     scene: Scene, plan: _Plan, error: Callable[[_Plan], trial.Error], most_jnd: Mapping[str, float]
 ) -> dict[str, int]:
-    """After how many ticks each texture's filter may follow force and speed, so that nobody notices."""
+    """The longest update interval of each texture filter whose difference is not perceptible [ticks]."""
     left, updates = {s.name for s in painted(scene) if s.texture is not None}, dict[str, int]()
     names = [s.name for s in scene.swatches]
     for ticks in UPDATES:
@@ -434,9 +439,9 @@ def _slow_updates(
 
 
 def _cost(scene: Scene, level: Level, device: str, paths: list[Array], budget_us: float = math.inf) -> dict[str, float]:
-    """What a level costs on this machine, by the names of `Level.told`."""
-    load_s = trial.seconds(lambda: trial.ready(apply_level(scene, level), device))
-    renderer = trial.ready(apply_level(scene, level), device)
+    """The cost of a level on this machine, by the names of `Level.cost`."""
+    load_s = trial.shortest_time_s(lambda: trial.new_renderer(apply_level(scene, level), device))
+    renderer = trial.new_renderer(apply_level(scene, level), device)
     times = trial.tick_us(renderer, paths, budget_us)
     median, p99, worst = (round(float(v), 3) for v in np.percentile(times, (50, 99, trial.WORST)))
     faces = sum(len(body.mesh.faces) for body in renderer._bodies)
@@ -445,16 +450,17 @@ def _cost(scene: Scene, level: Level, device: str, paths: list[Array], budget_us
 
 
 def _errors(error: trial.Error, jnd: float) -> dict[str, float]:
-    """Errors by the names of `Level.told`: the `WITHIN` % percentiles, and the share of ticks within the JND."""
+    """Differences by the names of `Level.cost`: the `WITHIN` % percentiles, and the share of ticks within the
+    limit."""
     parts = {"error_jnd": error.total_jnd, "force_jnd": error.force_jnd, "vibration_jnd": error.vibration_jnd}
-    told = {name: round(float(np.percentile(part, WITHIN)), 3) for name, part in parts.items()}
-    return {**told, "share_within": round(float(np.mean(error.total_jnd <= jnd)), 4)}
+    cost = {name: round(float(np.percentile(part, WITHIN)), 3) for name, part in parts.items()}
+    return {**cost, "share_within": round(float(np.mean(error.total_jnd <= jnd)), 4)}
 
 
 def _choices(
-    scene: Scene, plan: _Plan, judged: Mapping[str, Judged], final: trial.Error, most_jnd: Mapping[str, float]
+    scene: Scene, plan: _Plan, judged: Mapping[str, Evaluation], final: trial.Error, most_jnd: Mapping[str, float]
 ) -> list[Choice]:
-    """Each choice, with its error on unseen paths."""
+    """Each choice with its difference on test paths."""
     made = []
     for index, body in enumerate(scene.bodies):
         key, count = f"body {body.name}", len(body.mesh.faces)
@@ -479,10 +485,10 @@ def _error_jnd(error_jnd: Array) -> float | None:
 
 
 def _what_swatch(swatch: Swatch, plan: _Plan) -> str:
-    """What was chosen for a swatch."""
+    """Description of the choice for a swatch."""
     if swatch.texture is None:
         return "unchanged"
     own, order = swatch.texture.order, plan.orders.get(swatch.name, swatch.texture.order)
     ticks = plan.updates.get(swatch.name, 1)
-    said = f"order {own} → {order}" if order < own else f"order {own}"
-    return said + (f", its filter follows every {ticks} ticks" if ticks > 1 else "")
+    text = f"order {own} → {order}" if order < own else f"order {own}"
+    return text + (f", filter update every {ticks} ticks" if ticks > 1 else "")

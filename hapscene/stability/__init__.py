@@ -1,13 +1,13 @@
-"""Where a wall is stable, and where it is not: found by simulation through the real tick, and held to theory.
+"""Stability of virtual walls on a device, found by simulation with the real haptic tick, and compared with theory.
 
-`critical_stiffness` (`critical`) is the stiffest wall at which a device comes to rest; `closed_form` what theory says;
-`rig` the sheet, mass and hand that every wall is tried with.
+`critical_stiffness` (`critical`) returns the largest stiffness at which a device comes to rest; `closed_form` has the
+theoretical limit of small motion; `rig` has the sheet, the mass and the hand of each trial.
 
-| module | does |
+| module | content |
 |---|---|
-| `study` | the Z-width of a device, written into a folder: `hapscene lab stability` |
-| `z_width` | the stability region of a device, and swatches placed in it |
-| `wall_chart` | its chart |
+| `study` | writes the Z-width of a device to a folder: `hapscene lab stability` |
+| `z_width` | the stability region of a device, and the stability of swatches |
+| `wall_chart` | the chart of the region |
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What `hapscene lab stability` writes: a device's Z-width, swatches placed in it, and which of them would buzz."""
+"""`hapscene lab stability`: writes the Z-width of a device, and the stability of swatches on it."""
 
 import csv
 from collections.abc import Callable, Iterable, Sequence
@@ -12,7 +12,7 @@ from hapscene.device.sim.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.io.files import whole_file, whole_folder
 from hapscene.stability.wall_chart import write_z_width_chart
-from hapscene.stability.z_width import DAMPINGS_NS_M, Point, StableRegion, place, say_of, trace_all
+from hapscene.stability.z_width import DAMPINGS_NS_M, Point, StableRegion, describe, place, trace_all
 from hapscene.surface.swatch import Swatch
 
 __all__ = ["stability"]
@@ -22,12 +22,12 @@ FILES: Final = (
     "z_width-dark.png",
     "z_width.csv",
     "swatches.csv",
-    "words.txt",
+    "verdicts.txt",
 )
-"""What may be made."""
+"""Files that may be written."""
 
 Placed = dict[tuple[float, int], list[Point]]
-"""Swatches placed in the region, by rate and delay."""
+"""Swatches in the region, by rate and delay."""
 
 
 def stability(
@@ -42,29 +42,29 @@ def stability(
     jobs: int | None = None,
     scheduler: str | None = None,
 ) -> list[Path]:
-    """Trace a device's Z-width and place swatches in it.
+    """Trace the Z-width of a device, and test swatches.
 
     Args:
-        out: folder to write into.
-        device: its name, of `hapscene.device.model.DEVICES`.
-        rates_Hz, delays: of the force channel, and of the loop in ticks: a panel for each pair.
-        grip: of the hand that tries the walls.
-        swatches: to place.
+        out: folder to write to.
+        device: name of a device in `hapscene.device.model.DEVICES`.
+        rates_Hz, delays: rates of the haptic tick, and delays in ticks; each pair is a panel of the chart.
+        grip: grip of the hand that touches the walls.
+        swatches: swatches to test.
         say: called with lines of progress.
-        dampings_Ns_m: of walls, at which the region is traced.
-        jobs, scheduler: processes here, or a Dask cluster, that trace regions side by side. What a run that was
-            stopped has traced is kept beside `out`, and the same run goes on there.
+        dampings_Ns_m: wall dampings at which the region is traced.
+        jobs, scheduler: processes on this computer, or a Dask scheduler, that trace regions in parallel. An interrupted
+            run keeps its results beside `out`, and the same call resumes it.
 
     Returns:
-        list of Path: the files made.
+        the written files.
 
     Raises:
-        HapsceneError: no such device, or one without a body.
+        HapsceneError: unknown device, or a device without mass.
         OSError: the folder cannot be written.
     """
     point = device_named(device).point
     if point is None:
-        raise HapsceneError(f"device {device!r} has no mass, so no limit of stability: name another")
+        raise HapsceneError(f"device {device!r} has no mass; expected a simulated device with mass, such as omni")
     journal = Path(out).absolute().with_name(f".{Path(out).name}.sweep.jsonl")
     with whole_folder(out, FILES) as folder:
         workers = {"journal": journal, "jobs": jobs, "scheduler": scheduler}
@@ -73,7 +73,7 @@ def stability(
         body = Omni() if device == "omni" else point
         points = {key: place(device, body, *key, grip, swatches) for key in keys}
         _write_z_width(folder, device, regions, points)
-        for line in words(points):
+        for line in verdicts(points):
             say(f"{line}\n")
         names = [file.name for file in sorted(folder.iterdir())]
     journal.unlink(missing_ok=True)
@@ -81,7 +81,7 @@ def stability(
 
 
 def _write_z_width(folder: Path, device: str, regions: list[StableRegion], points: Placed) -> None:
-    """The chart, its regions and swatches as tables, and what is said of the swatches."""
+    """Write the chart, the tables of regions and swatches, and the verdicts."""
     caps = {(rate_Hz, delay): limits_of(device, 1.0 / rate_Hz, delay) for rate_Hz, delay in points}
     write_z_width_chart(folder / "z_width.png", regions, points, caps)
     rows = [
@@ -92,22 +92,22 @@ def _write_z_width(folder: Path, device: str, regions: list[StableRegion], point
     write_table(folder / "z_width.csv", [f.name for f in fields(StableRegion)], rows)
     names = ("rate_Hz", "delay_ticks", *(f.name for f in fields(Point)))
     write_table(folder / "swatches.csv", names, [(*key, *astuple(p)) for key, here in points.items() for p in here])
-    said = "".join(f"{line}\n" for line in words(points))
-    (folder / "words.txt").write_text(said, encoding="utf-8", newline="\n")
+    said = "".join(f"{line}\n" for line in verdicts(points))
+    (folder / "verdicts.txt").write_text(said, encoding="utf-8", newline="\n")
 
 
-def words(points: Placed) -> list[str]:
-    """Which swatches would buzz, by rate and delay, a sentence each; then those that never do."""
-    lines = [say_of(p, *key) for key, here in points.items() for p in here if not (p.stable and p.capped_stable)]
-    buzzing = {p.swatch for here in points.values() for p in here if not (p.stable and p.capped_stable)}
-    still = sorted({p.swatch for here in points.values() for p in here} - buzzing)
-    if still:
-        lines.append(f"at rest at every rate and delay: {', '.join(still)}")
+def verdicts(points: Placed) -> list[str]:
+    """One sentence for each unstable swatch, rate and delay, then the swatches that are always stable."""
+    lines = [describe(p, *key) for key, here in points.items() for p in here if not (p.stable and p.capped_stable)]
+    unstable = {p.swatch for here in points.values() for p in here if not (p.stable and p.capped_stable)}
+    stable = sorted({p.swatch for here in points.values() for p in here} - unstable)
+    if stable:
+        lines.append(f"stable at every rate and delay: {', '.join(stable)}")
     return lines
 
 
 def write_table(path: Path, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """A CSV; numbers with nine figures."""
+    """Write a CSV with nine significant digits."""
     with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(head)

@@ -1,4 +1,4 @@
-"""The chart of a device's stability region (Z-width), with swatches placed in it."""
+"""The chart of the stability region (Z-width) of a device, with swatches in it."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,30 +17,30 @@ if TYPE_CHECKING:
 __all__ = ["write_z_width_chart"]
 
 WIDTH_MAX_IN: Final = 10.0
-"""Widest chart [in]: a page of 830 pixels, as a README is shown, leaves its text 11 pixels high."""
+"""Largest width of the chart [in]: at a page width of 830 pixels its text is 11 pixels high."""
 
 TOP_N_M: Final = 1.15e5
-"""Top of the Z-width's chart [N/m]: what was still stable at the stiffest wall tried is drawn up to it."""
+"""Top of the chart [N/m]. Walls that were stable at the largest tested stiffness are drawn up to it."""
 
 LABEL: Final[dict[str, Any]] = {
     **{"va": "center", "fontsize": 9, "zorder": 4, "bbox": {"facecolor": "white", "linewidth": 0.0, "pad": 0.5}},
     "arrowprops": {"arrowstyle": "-", "color": INK, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2},
 }
-"""How a swatch's name is written beside its place."""
+"""Style of the label of a swatch."""
 
 LABEL_RATIO: Final = 1.42
-"""Least ratio of the heights of two labels on a logarithmic axis [1]: closer ones would overlap."""
+"""Least ratio of the heights of two labels on the logarithmic axis [1]; closer ones would overlap."""
 
 LABELS_MAX: Final = 4
-"""Most swatches at one place that each have a label [count]."""
+"""Most swatches at one position that have separate labels [count]."""
 
 
 def draw_panels(
     path: Path, rows: int, columns: int, size: tuple[float, float], draw: Callable[[Any, Any], None]
 ) -> None:
-    """Write a PNG of rows × columns panels of a size [in], narrower where they would not fit beside each other.
+    """Write a PNG of rows × columns panels of a size [in], narrower if they would exceed `WIDTH_MAX_IN`.
 
-    `draw` is given the figure and its axes (rows, columns).
+    `draw` receives the figure and its axes (rows, columns).
     """
     with new_chart(min(size[0] * columns, WIDTH_MAX_IN), size[1] * rows) as figure:
         draw(figure, figure.subplots(rows, columns, squeeze=False))
@@ -53,7 +53,8 @@ def write_z_width_chart(
     points: dict[tuple[float, int], list[Point]],
     caps: dict[tuple[float, int], Limits],
 ) -> None:
-    """The stable regions: a panel for each rate (across) and delay (down); `points` and `caps` by rate and delay."""
+    """Draw the stable regions: one panel for each rate (across) and delay (down); `points` and `caps` are by rate
+    and delay."""
     rates = sorted({region.rate_Hz for region in regions})
     delays = sorted({region.delay_ticks for region in regions})
 
@@ -65,10 +66,10 @@ def write_z_width_chart(
                 _draw_regions(ax, here)
                 _draw_caps(ax, caps[key])
                 _draw_points(ax, points[key])
-                late = "no delay" if delay == 0 else f"{delay} tick{'s' if delay > 1 else ''} late"
-                ax.set_title(f"{rate_Hz / 1e3:g} kHz, {late}")
-                ax.set_xlabel("damping of the wall [N·s/m]" if row == len(delays) - 1 else "")
-                ax.set_ylabel("stiffness of the wall [N/m]" if column == 0 else "")
+                delay_text = "no delay" if delay == 0 else f"delay {delay} tick{'s' if delay > 1 else ''}"
+                ax.set_title(f"{rate_Hz / 1e3:g} kHz, {delay_text}")
+                ax.set_xlabel("wall damping [N·s/m]" if row == len(delays) - 1 else "")
+                ax.set_ylabel("wall stiffness [N/m]" if column == 0 else "")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(rates)))
 
@@ -76,14 +77,14 @@ def write_z_width_chart(
 
 
 def _draw_regions(ax: "Axes", regions: Sequence[StableRegion]) -> None:
-    """The first device's region filled, the others' as lines, and theory's once."""
+    """Draw the region of the first device filled, of the others as lines, and the closed form."""
     bottom = STIFFNESS_N_M[0]
     for n, region in enumerate(regions):
         B = np.array(region.damping_Ns_m)
         K = np.clip(np.array(region.limit_N_m), bottom, TOP_N_M)
         colour, line = OKABE_ITO[("blue", "orange", "green")[n % 3]], ("o-", "s-", "D-")[n % 3]
         if n == 0:
-            ax.fill_between(B, bottom, K, color=colour, alpha=0.16, linewidth=0, label=f"{region.device}: at rest")
+            ax.fill_between(B, bottom, K, color=colour, alpha=0.16, linewidth=0, label=f"{region.device}: stable")
         ax.plot(B, K, line, color=colour, markersize=3.5, label=f"{region.device}: simulated limit")
     theory = np.array(regions[0].closed_N_m)
     kept = theory > 0.0
@@ -100,20 +101,20 @@ def _draw_regions(ax: "Axes", regions: Sequence[StableRegion]) -> None:
 
 
 def _draw_caps(ax: "Axes", caps: Limits) -> None:
-    """The corner within which the device's own limits keep every wall."""
+    """Draw the range to which the device's own limits restrict each wall."""
     if np.isfinite(caps.stiffness_N_m) and np.isfinite(caps.damping_Ns_m):
         K, B = caps.stiffness_N_m, caps.damping_Ns_m
-        label = "the device's limits in the tick"
+        label = "limits of the device"
         ax.plot((0.0, B, B), (K, K, STIFFNESS_N_M[0]), ":", color=OKABE_ITO["purple"], linewidth=2.2, label=label)
 
 
 def _label(point: Point, points: Sequence[Point]) -> str:
-    """What stands beside a swatch; of many at one place, beside the first, how many they are."""
+    """The label of a swatch; several at one position share one label with their number."""
     here = [other.swatch for other in points if _place(other) == _place(point)]
     if len(here) <= LABELS_MAX:
-        return point.swatch if point.stable else f"{point.swatch} buzzes"
-    told = f"{len(here)} swatches" + " buzz" * (not point.stable)
-    return told if point.swatch == here[0] else ""
+        return point.swatch if point.stable else f"{point.swatch}: unstable"
+    label = f"{len(here)} swatches" + ": unstable" * (not point.stable)
+    return label if point.swatch == here[0] else ""
 
 
 def _place(point: Point) -> tuple[str, str, bool]:
@@ -121,7 +122,7 @@ def _place(point: Point) -> tuple[str, str, bool]:
 
 
 def _draw_points(ax: "Axes", points: Sequence[Point]) -> None:
-    """The swatches, each with its name beside it."""
+    """Draw the swatches with their labels."""
     height = 0.0
     for point in sorted(points, key=lambda p: p.stiffness_N_m):
         K, B = point.stiffness_N_m, point.damping_Ns_m
@@ -133,5 +134,5 @@ def _draw_points(ax: "Axes", points: Sequence[Point]) -> None:
         height = max(K, LABEL_RATIO * height)
         x, align = (1.35 * B, "left") if B > 0.1 else (B - 0.12, "right")
         ax.annotate(name, (B, K), (x, height), ha=align, **LABEL)
-    for label, marker, colour in (("swatch that rests", "o", "green"), ("swatch that buzzes", "X", "vermilion")):
+    for label, marker, colour in (("stable swatch", "o", "green"), ("unstable swatch", "X", "vermilion")):
         ax.plot([], [], marker, color=OKABE_ITO[colour], markersize=7, linestyle="", label=label)

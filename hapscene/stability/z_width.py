@@ -1,13 +1,16 @@
-"""The Z-width of a device: the stiffness and damping of the walls at which it is still, for rates and delays.
+"""The Z-width of a device: the range of wall stiffness and damping at which it is stable, by rate and delay.
 
-Real devices hold walls that are not passive, because friction stops small motion; how much depends on what the hand
-does. So each wall is tried: a hand with a grip taps it at 0.5 m/s and goes on pressing, three times, each time a little
-less hard, since whether friction holds a tool between two encoder steps is a matter of where it stops. **Stable** means
-here that each time
-- the tool comes to rest: over a tenth of a second its speed is under 5 mm/s rms;
-- the motors do too: their force varies by less than 0.07 N rms, for a structure that gives can hide them from the tool;
-- they put no more than 2 mJ into the tool in all.
-Colgate & Brown 1994 named the region.
+Real devices are stable at walls that are not passive, since friction stops small motion; the limit depends on the
+motion of the hand. Each wall is therefore touched in simulation: a hand with a grip taps it at 0.5 m/s and continues to
+press, three times with decreasing depth, since friction may or may not hold the tool between two encoder steps. A wall
+counts as **stable** if in each trial
+
+- the tool comes to rest: its speed over a tenth of a second is below 5 mm/s rms;
+- the motors come to rest: their force varies by less than 0.07 N rms, which the tool speed may not show if the
+  structure is elastic;
+- the motors add at most 2 mJ of energy to the tool in total.
+
+Colgate & Brown 1994 introduced the term.
 """
 
 import math
@@ -34,51 +37,51 @@ __all__ = [
     "WORK_J",
     "Point",
     "StableRegion",
+    "describe",
     "place",
-    "say_of",
     "trace",
     "trace_all",
     "try_wall",
 ]
 
 REST_M_S: Final = 5e-3
-"""Speed of a tool at rest, at most [m/s rms]: half the noise of an encoder of 55 µm at 200 Hz, below what a hand feels
-as buzz."""
+"""Largest speed of a tool at rest [m/s rms]: half the noise of an encoder of 55 µm at 200 Hz, and below the
+perception threshold of buzzing."""
 
 WORK_J: Final = 2e-3
-"""What the motors may put into the tool in all [J]: a weak tap of 0.3 m/s by the Omni's 45 g."""
+"""Largest energy that the motors may add to the tool [J]: a weak tap of 0.3 m/s with the Omni's 45 g."""
 
 STILL_N: Final = 0.07
-"""How much the motors' force may vary at rest [N rms]: 7 % of the newton that is pressed with, the least difference
-that is felt (Pang, Tan & Durlach 1991)."""
+"""Largest variation of the motor force at rest [N rms]: 7 % of the pressing force of 1 N, the just-noticeable
+difference (Pang, Tan & Durlach 1991)."""
 
 ABOVE_M: Final = 5e-3
-"""Where the hand begins, above the sheet [m]."""
+"""Start of the hand above the sheet [m]."""
 
 BELOW_M: Final = (20e-3, 17.3e-3, 14.1e-3)
-"""Where it means the tool to be in the end, each time, below the sheet [m]: 1.2 to 0.85 N with a light grip, no two a
-whole number of encoder steps apart. It moves there at the speed that the limits of devices are made for."""
+"""Target of the hand below the sheet in each trial [m]: 1.2 to 0.85 N with a light grip, and no two an integer
+number of encoder steps apart. The hand moves there at the speed for which device limits are defined."""
 
 PRESS_S: Final = 0.35
-"""How long it stays there [s]. Where the tool is not at rest yet, but calmer each time, it stays as long again."""
+"""Duration of pressing [s]. If the tool is not yet at rest but becomes calmer, pressing is repeated."""
 
 MORE: Final = 10
-"""How often it does [count]: devices with little friction take seconds to rest in a light hand."""
+"""Most repetitions of pressing [count]: devices with little friction take seconds to come to rest in a light grip."""
 
 CALMER: Final = 0.8
-"""Ratio of its speed to that of last time up to which the tool is getting calmer [1]."""
+"""Ratio of the speed to that of the repetition before, up to which the tool counts as becoming calmer [1]."""
 
 LATE_S: Final = 0.1
-"""The end of it, over which the tool has to be at rest [s]."""
+"""Final part of pressing, over which rest is evaluated [s]."""
 
 STIFFNESS_N_M: Final = (50.0, 50_000.0)
-"""Softest and stiffest wall that is tried [N/m]."""
+"""Lowest and highest tested stiffness [N/m]."""
 
 STEP: Final = 2.0
-"""Ratio of the stiffnesses at which the first that buzzes is looked for [1]."""
+"""Ratio of stiffnesses in the search for an unstable one [1]."""
 
 HALVINGS: Final = 5
-"""How often the way from the last stable stiffness to the first that buzzes is halved: to 2 % [count]."""
+"""Bisections between the last stable and the first unstable stiffness [count], to 2 %."""
 
 DAMPINGS_NS_M: Final = (0.0, *(float(f"{B:.3g}") for B in np.geomspace(0.5, 128.0, 9)))
 """Wall dampings at which the region is traced [N·s/m]."""
@@ -86,28 +89,28 @@ DAMPINGS_NS_M: Final = (0.0, *(float(f"{B:.3g}") for B in np.geomspace(0.5, 128.
 
 @dataclass(frozen=True)
 class Trial:
-    """What a hand felt at one wall."""
+    """Result of touching a wall."""
 
-    late_m_s: float
-    late_N: float
+    end_speed_m_s: float
+    end_force_N: float
     work_J: float
 
     @property
     def stable(self) -> bool:
-        return self.late_m_s < REST_M_S and self.late_N < STILL_N and self.work_J <= WORK_J
+        return self.end_speed_m_s < REST_M_S and self.end_force_N < STILL_N and self.work_J <= WORK_J
 
 
 @dataclass(frozen=True)
 class StableRegion:
-    """The stable region of one device at one rate and delay: below `limit_N_m` over `damping_Ns_m`.
+    """The stability region of a device at one rate and delay: stiffness below `limit_N_m` at each `damping_Ns_m`.
 
     Attributes:
-        device: its name.
-        rate_Hz: of the force channel.
-        delay_ticks: of the loop.
-        damping_Ns_m: (n,) of the wall.
-        limit_N_m: (n,) the lowest stiffness that buzzes: 0 where the softest does, inf where none does.
-        closed_N_m: (n,) the limit of small motion without friction and encoder steps, the hand's damping counted.
+        device: name of the device.
+        rate_Hz: rate of the haptic tick.
+        delay_ticks: delay of the force.
+        damping_Ns_m: (n,) wall dampings.
+        limit_N_m: (n,) lowest unstable stiffness; 0 if the lowest tested one is unstable, inf if none is.
+        closed_N_m: (n,) limit of small motion without friction and encoder steps, including the damping of the hand.
     """
 
     device: str
@@ -120,14 +123,14 @@ class StableRegion:
 
 @dataclass(frozen=True)
 class Point:
-    """A swatch in the region: as it is, and as the device's limits make it.
+    """A swatch in the region, without and with the limits of the device.
 
     Attributes:
-        swatch: its name.
-        stiffness_N_m, damping_Ns_m: its own.
-        capped_N_m, capped_Ns_m: at most the device's limits.
-        stable: whether the tool rests at it as it is.
-        capped_stable: whether it does with all that the tick has for the device: limits, damping, passivity controller.
+        swatch: name of the swatch.
+        stiffness_N_m, damping_Ns_m: its own stiffness and damping.
+        capped_N_m, capped_Ns_m: the same, restricted to the limits of the device.
+        stable: whether it is stable without limits.
+        capped_stable: whether it is stable with all measures of the haptic tick: limits, damping, passivity controller.
     """
 
     swatch: str
@@ -140,13 +143,13 @@ class Point:
 
 
 def try_wall(rig: Rig, stiffness_N_m: float, damping_Ns_m: float, grip: Grip) -> Trial:
-    """Tap a wall and press on it."""
+    """Tap a wall, and press on it."""
     rig.tune(stiffness_N_m, damping_Ns_m)
     return touch(rig, grip)
 
 
 def touch(rig: Rig, grip: Grip) -> Trial:
-    """Tap the rig's wall as it is, and press on it: the first time that it is not stable, or the last."""
+    """Tap the present wall and press on it; return the first trial that is not stable, or the last."""
     press = round(PRESS_S / rig.tick_s)
     for below in BELOW_M:
         lower = round((ABOVE_M + below) / TOUCH_SPEED_M_S / rig.tick_s)
@@ -156,7 +159,7 @@ def touch(rig: Rig, grip: Grip) -> Trial:
             if trial.stable or trial.work_J > WORK_J:
                 break
             before, trial = trial, _judged(rig.stay(below, press, grip), rig.tick_s, trial.work_J)
-            if trial.late_m_s > CALMER * before.late_m_s:
+            if trial.end_speed_m_s > CALMER * before.end_speed_m_s:
                 break
         if not trial.stable:
             break
@@ -164,7 +167,7 @@ def touch(rig: Rig, grip: Grip) -> Trial:
 
 
 def _judged(felt: ClosedLoopResult, tick_s: float, work_J: float) -> Trial:
-    """The end of what was felt, and the work of all of it, beside that of before."""
+    """Evaluate the end of a motion, and add its energy to `work_J`."""
     late = round(LATE_S / tick_s)
     speed2 = np.sum(felt.v_W_m_s[-late:] ** 2, axis=1)
     f_N = felt.f_motor_W_N[-late:, 2]
@@ -180,7 +183,7 @@ def trace(
     grip: Grip,
     dampings_Ns_m: Sequence[float] = DAMPINGS_NS_M,
 ) -> StableRegion:
-    """The stable region of a device; the closed form is that of `point`, the device as a point mass."""
+    """Trace the stability region of a device; `point` is the device as a point mass, for the closed form."""
     rig, tick_s = Rig(device, 1.0 / rate_Hz, delay_ticks), 1.0 / rate_Hz
     mass, damping = point.mass_kg + grip.mass_kg, point.b_Ns_m + grip.b_Ns_m
     return StableRegion(
@@ -196,7 +199,7 @@ def trace(
 def place(
     name: str, device: PointMass | Omni, rate_Hz: float, delay_ticks: int, grip: Grip, swatches: Sequence[Swatch]
 ) -> list[Point]:
-    """Try each swatch, as it is and within the limits that the tick has for the named device."""
+    """Test each swatch, without and with the limits of the named device."""
     tick_s = 1.0 / rate_Hz
     limits = limits_of(name, tick_s, delay_ticks)
     free = Rig(device, tick_s, delay_ticks)
@@ -218,17 +221,19 @@ def place(
     return points
 
 
-def say_of(point: Point, rate_Hz: float, delay_ticks: int) -> str:
-    """A swatch's verdict in words: "wood: 5000 N/m buzzes at 1 kHz; the device's cap makes it 700 N/m, which rests"."""
-    where = f"at {rate_Hz / 1e3:g} kHz" + (f", {delay_ticks} tick late" if delay_ticks else "")
+def describe(point: Point, rate_Hz: float, delay_ticks: int) -> str:
+    """The verdict on a swatch: "wood: 5000 N/m is unstable at 1 kHz; the device limits it to 700 N/m, which is
+    stable"."""
+    where = f"at {rate_Hz / 1e3:g} kHz" + (f" with a delay of {delay_ticks} tick" if delay_ticks else "")
     damped = f", {point.damping_Ns_m:g} N·s/m" if point.damping_Ns_m else ""
-    said = f"{point.swatch}: {point.stiffness_N_m:g} N/m{damped} {'rests' if point.stable else 'buzzes'} {where}"
+    verdict = "is stable" if point.stable else "is unstable"
+    text = f"{point.swatch}: {point.stiffness_N_m:g} N/m{damped} {verdict} {where}"
     if (point.capped_N_m, point.capped_Ns_m) == (point.stiffness_N_m, point.damping_Ns_m):
         if point.stable or point.capped_stable:
-            return said + ("" if point.stable else "; with the damping that the tick gives it for the device it rests")
-        return said + "; the device's limits let it"
+            return text + ("" if point.stable else "; with the damping that the haptic tick adds, it is stable")
+        return text + "; it is within the limits of the device"
     cap = f"{point.capped_N_m:g} N/m" + (f", {point.capped_Ns_m:.3g} N·s/m" if point.capped_Ns_m else "")
-    return f"{said}; the device's cap makes it {cap}, which {'rests' if point.capped_stable else 'buzzes too'}"
+    return f"{text}; the device limits it to {cap}, which is {'stable' if point.capped_stable else 'also unstable'}"
 
 
 def trace_all(
@@ -240,17 +245,17 @@ def trace_all(
     dampings_Ns_m: Sequence[float] = DAMPINGS_NS_M,
     **workers: Any,
 ) -> list[StableRegion]:
-    """A region for each delay, rate and model of the named device: as a point mass, and where there is one as an arm.
+    """Trace a region for each delay, rate and model of the device: as a point mass, and for the Omni also as an arm.
 
     Args:
-        device, rates_Hz, delays, grip, dampings_Ns_m: as of `trace`.
-        say: told how far it is.
-        workers: journal, jobs, scheduler: of `hapscene.parallel.run_tasks`.
+        device, rates_Hz, delays, grip, dampings_Ns_m: as in `trace`.
+        say: called with lines of progress.
+        workers: journal, jobs and scheduler of `hapscene.parallel.run_tasks`.
     """
     asked = {"device": device, "grip": asdict(grip), "dampings_Ns_m": list(dampings_Ns_m)}
     pieces = [
         Task(
-            f"{NAMES[arm]} at {rate / 1e3:g} kHz, {delay} late",
+            f"{NAMES[arm]} at {rate / 1e3:g} kHz, delay {delay}",
             trace_piece,
             asked | {"arm": arm, "rate_Hz": rate, "delay_ticks": delay},
         )
@@ -268,13 +273,13 @@ def _region(device: str, rate_Hz: float, delay_ticks: int, *rows: Sequence[float
 
 
 NAMES: Final = {True: "Omni", False: "as a point mass"}
-"""How a region is called, by whether the device is an arm in it."""
+"""Name of a region, by whether the device is modelled as an arm."""
 
 
 def trace_piece(
     device: str, arm: bool, rate_Hz: float, delay_ticks: int, grip: Mapping[str, float], dampings_Ns_m: Sequence[float]
 ) -> tuple[Any, ...]:
-    """`trace` in numbers and names, for a process that is elsewhere."""
+    """`trace` with arguments and result as plain values, for another process."""
     point = device_named(device).point
     assert point is not None
     return astuple(
@@ -283,7 +288,7 @@ def trace_piece(
 
 
 def _limit(rig: Rig, damping_Ns_m: float, grip: Grip) -> float:
-    """The lowest stiffness that buzzes: stiffer and stiffer walls, then halves of the last step."""
+    """The lowest unstable stiffness, by increasing the stiffness, then bisection."""
     low, high = 0.0, STIFFNESS_N_M[0]
     while try_wall(rig, high, damping_Ns_m, grip).stable:
         if high > STIFFNESS_N_M[1]:

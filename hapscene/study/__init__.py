@@ -1,26 +1,26 @@
-"""Perceptual studies: a plan of what is played and asked, one participant's session, and the analysis of answers.
+"""User studies of perception: a plan of stimuli and questions, sessions of participants, and the statistical analysis.
 
 ```python
 import tempfile
 import hapscene
 plan = hapscene.study.parse_plan('''
-title = "Is the amplitude modulation noticed?"
+title = "Is the amplitude modulation perceived?"
 people = 4
-[stimuli.alive]
+[stimuli.modulated]
 swatch = "wood"
 [stimuli.steady]
 swatch = "wood"
 life = false
 [[blocks]]
-name = "livelier"
+name = "modulation"
 kind = "2ifc"
-pairs = [["alive", "steady"]]
-question = "Which of the two is livelier?"
+pairs = [["modulated", "steady"]]
+question = "Which of the two varies more?"
 repeats = 10
 ''')
-with tempfile.TemporaryDirectory() as folder, hapscene.study.Sitting(plan, folder, "P01") as sitting:
-    print(sitting.trial.block.question, [interval.stimulus.name for interval in sitting.trial.intervals])
-    sitting.answer(0, latency_s=1.2)
+with tempfile.TemporaryDirectory() as folder, hapscene.study.Session(plan, folder, "P01") as session:
+    print(session.trial.block.question, [interval.stimulus.name for interval in session.trial.intervals])
+    session.answer(0, latency_s=1.2)
 ```
 """
 

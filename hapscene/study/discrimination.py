@@ -22,7 +22,7 @@ CERTAINTY: Final = 0.95
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and its interval of 95 %; the interval's ends may be infinite."""
+    """An estimate and its 95 % confidence interval, whose ends may be infinite."""
 
     value: float
     low: float
@@ -30,7 +30,7 @@ class Estimate:
 
 
 def proportion(right: int, count: int) -> Estimate:
-    """A share of right answers with its exact interval (Clopper & Pearson 1934), at least 95 %."""
+    """Proportion of correct answers with its exact interval (Clopper & Pearson 1934)."""
     tail, wrong = 0.5 * (1.0 - CERTAINTY), count - right
     low = float(stats.beta.ppf(tail, right, wrong + 1)) if right else 0.0
     high = float(stats.beta.isf(tail, right + 1, wrong)) if wrong else 1.0
@@ -38,29 +38,31 @@ def proportion(right: int, count: int) -> Estimate:
 
 
 def d_prime_of(right: int, count: int) -> Estimate:
-    """d′ of one person: the share of right answers and its Wilson interval, as d′; infinite where all are right."""
+    """d′ of one participant, from the proportion correct and its Wilson interval; infinite if all are correct."""
     interval = stats.binomtest(right, count).proportion_ci(CERTAINTY, "wilson")
     shares = right / count, float(interval.low), float(interval.high)
     return Estimate(*(math.sqrt(2.0) * float(special.ndtri(one)) for one in shares))
 
 
 MEANS: Final = np.linspace(-8.0, 8.0, 321)
-"""Mean d′ that are tried [1]; between them the likelihood is interpolated. 8 is one wrong answer in 100 million."""
+"""Grid of population means of d′ [1], between which the likelihood is interpolated. At 8, one answer in 100 million is
+wrong."""
 
 SPREADS: Final = np.concatenate([[0.0], np.geomspace(0.05, 3.0, 24)])
-"""Standard deviations of d′ over people that are tried [1]."""
+"""Grid of standard deviations of d′ between people [1]."""
 
 
 def d_prime_of_people(right: Sequence[int], count: Sequence[int]) -> Estimate:
-    """Mean d′ of the population that the participants are drawn from.
+    """Mean d′ of the population that the participants are a sample of.
 
-    Each person's d′ is normal about the mean, their right answers are binomial: a mixed model. The profile of its
-    likelihood over the spread between people gives the estimate and its interval. The fall to the interval's ends is
-    that of the mean of so many normal numbers of unknown spread, where it gives Student's interval.
+    Mixed model: d′ is normally distributed over people, the number of correct answers is binomial. The likelihood,
+    maximised over the spread between people, gives the estimate and its interval. The interval ends where the log
+    likelihood has fallen as much as it does at the ends of Student's interval for the mean of as many normal values of
+    unknown spread.
 
     Args:
-        right: right answers of each person.
-        count: answers of each.
+        right: number of correct answers of each participant.
+        count: number of answers of each participant.
     """
     if len(right) == 1:
         return d_prime_of(right[0], count[0])
@@ -84,7 +86,7 @@ def d_prime_of_people(right: Sequence[int], count: Sequence[int]) -> Estimate:
 
 @cache
 def _tables() -> tuple[NDArray[np.float64], ...]:
-    """Weights of what is drawn about the means, log chances to be right and wrong (means, spreads, drawn)."""
+    """Quadrature weights, and log probabilities of correct and wrong answers (means, spreads, nodes)."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(31)
     d = MEANS[:, None, None] + SPREADS[None, :, None] * nodes
     p = np.clip(special.ndtr(d / math.sqrt(2.0)), 1e-12, 1.0 - 1e-12)
@@ -92,7 +94,7 @@ def _tables() -> tuple[NDArray[np.float64], ...]:
 
 
 def _crossing(profile: NDArray[np.float64], best: int, step: int, fall: float) -> float:
-    """Where the profile has fallen by so much from its maximum, going up or down; infinite beyond the grid."""
+    """Where the profile has fallen by `fall` from its maximum in the direction `step`; infinite beyond the grid."""
     least, at = profile[best] - fall, best
     while 0 <= at + step < len(MEANS):
         if profile[at + step] < least:

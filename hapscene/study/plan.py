@@ -1,6 +1,6 @@
-"""The plan of a study: a TOML file that lists the stimuli, the questions and how often each is asked.
+"""The plan of a study: a TOML file that lists the stimuli, the questions and their repetitions.
 
-The annotations are the schema: of a number they give its range, of a text or list its length.
+The annotations are the schema; for numbers they state the range, for texts and lists the length.
 """
 
 import hashlib
@@ -31,13 +31,13 @@ __all__ = [
 ]
 
 PLAN_MAX_B: Final = 1 << 20
-"""Largest plan [bytes]."""
+"""Largest plan file [bytes]."""
 
 TRIALS_MAX: Final = 10_000
-"""Most trials of a participant [count]."""
+"""Most trials per participant [count]."""
 
 _NAME_PATTERN: Final = "^(?!(?i:na|nan|null|none|t|f|true|false|inf|infinity)$)[A-Za-z][A-Za-z0-9_-]{0,63}$"
-"""A letter, then letters, digits, - and _; not what pandas or R would read as missing, logical or a number."""
+"""A letter, then letters, digits, - and _; no word that pandas or R reads as missing, logical or a number."""
 
 _Name = Annotated[str, Meta(pattern=_NAME_PATTERN)]
 _Question = Annotated[str, Meta(min_length=1, max_length=500)]
@@ -46,27 +46,27 @@ _Repeats = Annotated[int, Meta(ge=1, le=1000)]
 
 
 class Stimulus(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What an interval plays: a swatch, a recording, or a swatch along the force and speed of a recording."""
+    """The content of an interval: a swatch, a recording, or a swatch at the force and speed of a recording."""
 
     name: str = ""
     swatch: str = ""
     recording: str = ""
     rate_Hz: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0
-    """Sample rate of the recording; 0: its file has it."""
+    """Sample rate of the recording; 0 if the file stores it."""
     units: dict[str, str] = {}
     columns: dict[str, str] = {}
-    """Unit and column of each quantity of the recording, where its file does not have them."""
+    """Unit and column of each quantity of the recording that its file does not store."""
     force_N: Annotated[float, Meta(ge=0.0, le=100.0)] = 1.0
     speed_m_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.1
     seconds: Annotated[float, Meta(ge=0.05, le=60.0)] = 1.5
     life: bool = True
-    """Whether the texture's amplitude modulation is played."""
+    """Whether the amplitude modulation of the texture is played."""
     gain_dB: Annotated[float, Meta(ge=-120.0, le=40.0)] = 0.0
     compensator: str = ""
 
 
 class Block(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="block"):
-    """Trials of one kind, asked in a row."""
+    """A sequence of trials of one kind."""
 
     name: _Name
     question: _Question = "Which of the two is stronger?"
@@ -78,17 +78,17 @@ class Block(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     @property
     def trial_count(self) -> int:
-        """Number of trials that it asks."""
+        """Number of trials of the block."""
         raise NotImplementedError
 
     @property
     def used(self) -> tuple[str, ...]:
-        """Names of the stimuli that it plays."""
+        """Names of the stimuli that the block plays."""
         raise NotImplementedError
 
 
 class RatingBlock(Block, frozen=True, kw_only=True, tag="rating"):
-    """Each stimulus is rated on a scale."""
+    """Rating of each stimulus on a scale."""
 
     question: _Question = "How real does it feel?"
     stimuli: Annotated[tuple[_Name, ...], Meta(min_length=1, max_length=100)]
@@ -96,38 +96,38 @@ class RatingBlock(Block, frozen=True, kw_only=True, tag="rating"):
     scale: tuple[Annotated[int, Meta(ge=-100, le=100)], Annotated[int, Meta(ge=-100, le=100)]] = (1, 7)
     """Lowest and highest value."""
     labels: tuple[str, str] | None = None
-    """What the ends of the scale mean."""
+    """Meaning of the ends of the scale."""
     margin: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
-    """Difference of ratings below which two stimuli count as equal; 0: never."""
+    """Largest difference of ratings that counts as equivalent; 0 disables the test."""
 
     trial_count = property(lambda self: self.repeats * len(self.stimuli))
     used = property(lambda self: self.stimuli)
 
 
 class ChoiceBlock(Block, frozen=True, kw_only=True, tag="2ifc"):
-    """Two-interval forced choice: which stimulus of a pair?"""
+    """Two-interval forced choice between the stimuli of a pair."""
 
     pairs: Annotated[tuple[tuple[_Name, _Name], ...], Meta(min_length=1, max_length=100)]
-    """What is compared; the first of the two is the right answer."""
+    """Pairs to compare; the first of the two is the correct answer."""
     repeats: _Repeats = 1
     margin: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
-    """d′ below which two stimuli count as equal; 0: never."""
+    """Largest d′ that counts as equivalent; 0 disables the test."""
 
     trial_count = property(lambda self: self.repeats * len(self.pairs))
     used = property(lambda self: tuple(name for pair in self.pairs for name in pair))
 
 
 class StaircaseBlock(Block, frozen=True, kw_only=True, tag="staircase"):
-    """Adaptive threshold of one number of a stimulus, by forced choice between a level and the reference."""
+    """Adaptive threshold of one parameter of a stimulus, by forced choice between a level and the reference."""
 
     stimulus: _Name
     parameter: Literal["force_N", "speed_m_s", "seconds", "gain_dB"]
     reference: float = 0.0
     """Value of the parameter in the other interval."""
     below: bool = False
-    """Whether the levels lie below the reference."""
+    """Whether the levels are below the reference."""
     levels: tuple[float, float, Annotated[int, Meta(ge=2, le=200)]]
-    """Least distance from the reference, greatest, and how many of them."""
+    """Smallest and largest distance from the reference, and the number of levels."""
     trials: Annotated[int, Meta(ge=5, le=1000)] = 40
 
     trial_count = property(lambda self: self.trials)
@@ -135,7 +135,7 @@ class StaircaseBlock(Block, frozen=True, kw_only=True, tag="staircase"):
 
     @property
     def distances(self) -> tuple[float, ...]:
-        """The levels: distances from the reference, ascending, in equal ratios."""
+        """The levels as distances from the reference, ascending in equal ratios."""
         return tuple(np.geomspace(*self.levels).tolist())
 
     def varied(self, stimulus: Stimulus, distance: float) -> Stimulus:
@@ -151,38 +151,38 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     channel: Literal["headphones", "handle"] = "headphones"
     seed: Annotated[int, Meta(ge=0, lt=2**31)] = 0
     people: Annotated[int, Meta(ge=1, le=10_000)]
-    """How many participants are planned."""
+    """Planned number of participants."""
     consent: _Text = ""
-    """What a participant agrees to before the first trial."""
+    """Text that a participant agrees to before the first trial."""
     instructions: _Text = ""
-    """Shown to a participant before the first trial."""
+    """Text shown before the first trial."""
     practice: Annotated[int, Meta(ge=0, le=20)] = 0
-    """Trials of each block that are asked first, with feedback, and not kept [count]."""
+    """Practice trials of each block, with feedback, before the first trial; not recorded [count]."""
     break_every: Annotated[int, Meta(ge=0, le=1000)] = 0
-    """Answers after which there is a break [count]; 0: no breaks."""
+    """Number of answers between breaks [count]; 0 disables breaks."""
     stimuli: Annotated[dict[_Name, Stimulus], Meta(min_length=1, max_length=1000)]
     blocks: Annotated[tuple[RatingBlock | ChoiceBlock | StaircaseBlock, ...], Meta(min_length=1, max_length=100)]
     content: bytes = b""
-    """The file."""
+    """Content of the file."""
     folder: str = "."
-    """Folder of the file, to which paths in it are relative."""
+    """Folder of the file; paths in the plan are relative to it."""
 
     @property
     def sha256(self) -> str:
-        """Of the file, hexadecimal."""
+        """SHA-256 of the file, hexadecimal."""
         return hashlib.sha256(self.content).hexdigest()
 
     @property
     def trial_count(self) -> int:
-        """Number of trials of a participant."""
+        """Number of trials per participant."""
         return sum(block.trial_count for block in self.blocks)
 
 
 def load_plan(path: str | Path) -> Plan:
-    """Read a plan from a TOML file; docs/study.md describes its keys.
+    """Read a plan from a TOML file; docs/how-to/run-a-study.md describes the keys.
 
     Raises:
-        StudyError: no such file, invalid TOML, or a key that is unknown, missing or out of range.
+        StudyError: the file is missing or invalid TOML, or a key is unknown, missing or out of range.
     """
     path = Path(path)
     with refusing(StudyError), naming(path):
@@ -194,16 +194,16 @@ def parse_plan(content: str | bytes, *, folder: str | Path = ".") -> Plan:
 
     Args:
         content: the text.
-        folder: to which paths in it are relative.
+        folder: folder to which paths in the plan are relative.
 
     Raises:
-        StudyError: see `load_plan`.
+        StudyError: as for `load_plan`.
     """
     content = content.encode() if isinstance(content, str) else content
     try:
         plan = msgspec.convert(tomllib.loads(content.decode("utf-8-sig")), Plan)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise StudyError(f"not a plan in TOML: {error}") from None
+        raise StudyError(f"invalid TOML: {error}") from None
     except msgspec.ValidationError as error:
         raise StudyError(f"invalid plan: {error}") from None
     stimuli = {name: replace(stimulus, name=name) for name, stimulus in plan.stimuli.items()}
@@ -214,9 +214,9 @@ def parse_plan(content: str | bytes, *, folder: str | Path = ".") -> Plan:
         _check_block(f"blocks[{number}]", block, stimuli)
     names = [block.name for block in plan.blocks]
     if double := next((name for name in names if names.count(name) > 1), None):
-        raise StudyError(f"blocks: the name {double!r} is used twice")
+        raise StudyError(f"blocks: the name {double!r} is used twice; expected unique names")
     if plan.trial_count > TRIALS_MAX:
-        raise StudyError(f"blocks: {plan.trial_count} trials of a participant; expected at most {TRIALS_MAX}")
+        raise StudyError(f"blocks: {plan.trial_count} trials per participant; expected at most {TRIALS_MAX}")
     return replace(plan, stimuli=stimuli, content=content, folder=str(folder))
 
 
@@ -227,17 +227,17 @@ def _check_block(where: str, block: Block, stimuli: dict[str, Stimulus]) -> None
             raise StudyError(f"{where}: {no_such('stimulus', name, stimuli)}")
     if isinstance(block, RatingBlock):
         if len(set(block.stimuli)) < len(block.stimuli):
-            raise StudyError(f"{where}.stimuli names one twice; repeats = 2 asks each twice")
+            raise StudyError(f"{where}.stimuli has a name twice; to present each stimulus twice, use repeats = 2")
         if not block.scale[0] < block.scale[1] <= block.scale[0] + 20:
-            raise StudyError(f"{where}.scale must be [lowest, highest], 2 to 21 steps, is {list(block.scale)}")
+            raise StudyError(f"{where}.scale is {list(block.scale)}; expected [lowest, highest] with 2 to 21 steps")
     if isinstance(block, ChoiceBlock) and (same := next((a for a, b in block.pairs if a == b), None)):
-        raise StudyError(f"{where}.pairs must have two different stimuli each, has {same!r} twice")
+        raise StudyError(f"{where}.pairs has a pair of {same!r} and {same!r}; expected two different stimuli")
     if isinstance(block, StaircaseBlock):
         stimulus = stimuli[block.stimulus]
         if not 1e-12 <= block.levels[0] < block.levels[1] <= 1e6:
-            raise StudyError(f"{where}.levels must be [least, greatest, count], 0 < least; is {list(block.levels)}")
+            raise StudyError(f"{where}.levels is {list(block.levels)}; expected [lowest, highest, count], 0 < lowest")
         if block.parameter in ("force_N", "speed_m_s") and stimulus.recording:
-            raise StudyError(f"{where}.parameter: {block.parameter} changes nothing where a recording is played")
+            raise StudyError(f"{where}.parameter: {block.parameter} has no effect on a stimulus with a recording")
         for level in (0.0, block.levels[1]):
             try:
                 msgspec.convert(msgspec.to_builtins(block.varied(stimulus, level)), Stimulus)
@@ -246,7 +246,7 @@ def _check_block(where: str, block: Block, stimuli: dict[str, Stimulus]) -> None
 
 
 def check_name(where: str, value: str) -> str:
-    """A name that is written to the results, and that every program reads as text.
+    """Check a name that is written to the results file, and return it.
 
     Raises:
         StudyError: an invalid name.
@@ -254,12 +254,12 @@ def check_name(where: str, value: str) -> str:
     try:
         return msgspec.convert(value, _Name)
     except msgspec.ValidationError:
-        expected = "a name must begin with a letter, and have at most 64 letters, digits, - and _"
-        raise StudyError(f"{where}: {expected}; is {value[:60]!r}") from None
+        expected = "a letter, then up to 63 letters, digits, - and _"
+        raise StudyError(f"{where}: invalid name {value[:60]!r}; expected {expected}") from None
 
 
 def stimuli_sha256(plan: Plan) -> str | None:
-    """SHA-256 over the files that the stimuli are made of, in the plan's order; None if one cannot be read."""
+    """SHA-256 over the files of the stimuli, in the order of the plan; None if one cannot be read."""
     from hapscene.swatches.library import swatch_place
 
     digest, folder = hashlib.sha256(), Path(plan.folder)

@@ -1,4 +1,4 @@
-"""Players of a trial's intervals: headphones or a handle."""
+"""Playback of the intervals of a trial on headphones or on a handle."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -19,27 +19,28 @@ from hapscene.study.stimulus import StimulusMaker, gain_of
 from hapscene.study.trial_order import Interval
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["OutputPlayer", "handle", "headphones"]
+__all__ = ["OutputPlayer", "handle_player", "headphone_player"]
 
 FULL_SCALE: Final = 32_767
 """Largest sample of 16 bits."""
 
 TIMEOUT_S: Final = 10.0
-"""How much longer than it lasts a sound may take before its output counts as disconnected [s]."""
+"""Time beyond the duration of a sound after which its output counts as disconnected [s]."""
 
 POLL_S: Final = 0.005
-"""How often the end of a sound is checked [s]."""
+"""Polling interval for the end of a sound [s]."""
 
 
 class _Samples:
-    """A `Feed`: given samples once, silence otherwise. Each side writes its own fields: no lock is needed."""
+    """A `Feed` that plays given samples once, then silence. Each thread writes its own fields, so that no lock is
+    needed."""
 
     def __init__(self) -> None:
         self._given = self._now = np.zeros(0), Event()
         self._first = 0
 
     def give(self, samples: Array) -> Event:
-        """Have samples played; the event is set once all were pulled."""
+        """Play samples; the returned event is set when all have been read."""
         self._given = samples, Event()
         return self._given[1]
 
@@ -55,22 +56,22 @@ class _Samples:
             ended.set()
 
     def fade_in(self) -> None:
-        """Begin an interrupted sound anew."""
+        """Restart an interrupted sound."""
         if not self._now[1].is_set():
             self._first = 0
 
     def receive_feedback(self, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
-        """Nothing adapts."""
+        """Ignore the measurement: nothing adapts to it."""
 
 
 class OutputPlayer:
-    """Plays on an output that stays open, silent between intervals: no clicks, and no delay at the start.
+    """Plays on an output that stays open and silent between intervals, without clicks and without delay at the start.
 
     Args:
-        output: closed with this.
-        shaped: the values that the output is given for an interval.
-        settings: what `report` has besides the output's own counts.
-        clock: measures how long a sound takes.
+        output: the output; closed with this object.
+        shaped: returns the output values of an interval.
+        settings: settings and counters that `report` returns besides the counters of the output.
+        clock: measures the duration of a sound.
     """
 
     def __init__(
@@ -85,13 +86,13 @@ class OutputPlayer:
         output.start(self._feed)
 
     def ready(self, interval: Interval) -> Callable[[], None]:
-        """Synthesise an interval, which may take long; the result plays it, at once, as often as it is called.
+        """Synthesise an interval, which may take long, and return a function that plays it immediately.
 
-        The result returns when all samples are played, or after `close`; it raises HapsceneError where the output is
-        disconnected.
+        The function may be called repeatedly. It returns when all samples are played or the player is closed, and
+        raises HapsceneError if the output is disconnected.
 
         Raises:
-            HapsceneError: it cannot be synthesised.
+            HapsceneError: the interval cannot be synthesised.
         """
         return partial(self._play, self._shaped(interval))
 
@@ -100,31 +101,31 @@ class OutputPlayer:
         last_s = self._clock.now_s() + len(samples) / output.rate_Hz + TIMEOUT_S
         while not (self._clock.wait(ended, POLL_S) or output.fault or self._closed):
             if self._clock.now_s() > last_s:
-                raise StudyError(f"{output.name}: takes no samples any more: was it unplugged?")
+                raise StudyError(f"{output.name}: the output no longer accepts samples; is it still connected?")
         if output.fault:
             raise StudyError(output.fault)
         self._clock.sleep_s(0.0 if self._closed else output.latency_s)
 
     def close(self) -> None:
-        """End; a sound breaks off. Calling it twice has no effect."""
+        """Close the output; a sound stops. Calling it twice has no effect."""
         self._closed = True
         self._output.close()
 
     def report(self) -> dict[str, float]:
-        """Settings, and counts of errors, by name."""
+        """Settings, and numbers of errors, by name."""
         return {**self._settings, **self._output.counts}
 
 
-def headphones(
+def headphone_player(
     maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], clock: Clock = CLOCK
 ) -> OutputPlayer:
-    """Plays acceleration as sound, rounded to 16 bits, all stimuli at one gain.
+    """Return a player of acceleration as sound with 16 bits, with the same gain for all stimuli.
 
     Raises:
-        HapsceneError: stimuli that cannot be synthesised, or an output that takes no sound.
+        HapsceneError: stimuli that cannot be synthesised, or an output that is not an audio output.
     """
     if output.takes_force:
-        raise StudyError(f'{output.name} takes a force, not sound: it is a handle (channel = "handle")')
+        raise StudyError(f'{output.name} is a handle, not an audio output; set channel = "handle" in the plan')
     gain = gain_of(maker, stimuli, output.rate_Hz)
     counts = {"full_scale_m_s2": 1.0 / gain, "clipped": 0}
 
@@ -136,20 +137,20 @@ def headphones(
     return OutputPlayer(output, shaped, counts, clock)
 
 
-def handle(
+def handle_player(
     maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], file: str = "", clock: Clock = CLOCK
 ) -> OutputPlayer:
-    """Plays the acceleration itself on a handle, by each stimulus's compensator, "flat" by default.
+    """Return a player of acceleration on a handle, with the compensator of each stimulus ("flat" by default).
 
     Args:
-        maker: of the study.
+        maker: synthesises the stimuli.
         output: the handle.
-        stimuli: all that may be played; their compensators are checked.
-        file: of `hapscene device identify`; empty for the nominal handle.
-        clock: measures how long a sound takes.
+        stimuli: all stimuli that may be played; their compensators are checked.
+        file: handle file of `hapscene device identify`; empty for the nominal handle.
+        clock: measures the duration of a sound.
 
     Raises:
-        HapsceneError: an unknown compensator, or a file that cannot be used.
+        HapsceneError: an unknown compensator, or an invalid handle file.
     """
     plant = load_handle(file).plant if file else Plant()
     for stimulus in stimuli:

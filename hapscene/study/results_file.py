@@ -1,6 +1,6 @@
-"""The answers of a study: a CSV (RFC 4180) that is only appended to, one row per answer.
+"""The results file of a study: a CSV (RFC 4180) to which each answer appends a row.
 
-pandas.read_csv and R's read.csv read it as it is: plain header, UTF-8, NA where a column does not apply.
+pandas.read_csv and R's read.csv read it directly: plain header, UTF-8, NA for columns that do not apply.
 """
 
 import csv
@@ -24,37 +24,40 @@ COLUMNS: Final = (
 )
 """`answer` and `correct_answer` are indices of choices from 0; `correct` is 1 or 0; `stimulus_3` is always missing."""
 
+OLD_COLUMNS: Final = tuple(name for name in COLUMNS if name != "stimuli_sha256")
+"""Columns of files from before the content of the stimuli was recorded."""
+
 SHA256_LENGTH: Final = 64
 """Length of the last field of a complete row [characters]."""
 
 RESULTS_MAX_B: Final = 1 << 28
-"""Largest file of results [bytes]: a million answers."""
+"""Largest results file [bytes]: a million answers."""
 
 MISSING: Final = "NA"
-"""Read as missing by pandas and R alike."""
+"""Value that pandas and R both read as missing."""
 
 
 class ResultsFile:
-    """A file of results, opened by one writer at a time.
+    """A results file that one writer has open.
 
     Attributes:
-        rows: what it held when it was opened, by column.
+        rows: rows of the file when it was opened, by column.
     """
 
     rows: Sequence[Mapping[str, str]]
 
     def __init__(self, path: Path) -> None:
-        """Open or create the file; an unfinished last row, of a killed writer, is removed.
+        """Open or create the file. An incomplete last row of an interrupted writer is removed.
 
         Raises:
-            StudyError: open in another writer, not a file of results, or not writable.
+            StudyError: the file is open in another writer, is not a results file, or is not writable.
         """
         self._path, self._lock = path, FileLock(f"{path}.lock")
         try:
             self._lock.acquire(blocking=False)
             self._file = path.open("a+b", buffering=0)
         except Timeout:
-            raise StudyError(f"{path}: another session writes it: end that, or give another folder") from None
+            raise StudyError(f"{path}: in use by another session; end that session, or use another folder") from None
         except OSError as reason:
             self._lock.release()
             raise StudyError(f"{path}: cannot be written: {reason.strerror}") from None
@@ -62,23 +65,23 @@ class ResultsFile:
             content = read_bytes(path, RESULTS_MAX_B, "file of results")
             complete = _complete_rows(content)
             with refusing(StudyError), naming(path):
-                self.rows = _parse(complete)
+                self._columns, self.rows = _parse(complete)
             self._file.truncate(len(complete))
             if not complete:
                 self._write(COLUMNS)
-            elif not complete.endswith(b"\n"):  # an editor has removed the end of the last line
+            elif not complete.endswith(b"\n"):  # an editor may have removed the last line end
                 self._file.write(b"\r\n")
         except BaseException:
             self.close()
             raise
 
     def add(self, row: Mapping[str, object]) -> None:
-        """Append a row; it is on the disk when this returns. Missing and None fields are written as NA.
+        """Append a row and flush it to disk. Missing fields and None are written as NA.
 
         Raises:
-            StudyError: it could not be written; no part of it stays.
+            StudyError: the row could not be written; no part of it remains in the file.
         """
-        self._write([row.get(name) for name in COLUMNS])
+        self._write([row.get(name) for name in self._columns])
 
     def _write(self, row: Sequence[object]) -> None:
         text = io.StringIO()
@@ -93,50 +96,52 @@ class ResultsFile:
             raise StudyError(f"{self._path}: cannot be written: {reason.strerror}") from None
 
     def close(self) -> None:
-        """Let others write; calling it twice has no effect."""
+        """Close the file, and release the lock. Calling it twice has no effect."""
         self._file.close()
         self._lock.release()
 
 
 def load_rows(path: Path) -> list[dict[str, str]]:
-    """The complete rows of a file of results, which may be open in a writer, by column.
+    """Read the complete rows of a results file, by column. A writer may have the file open.
 
     Raises:
-        StudyError: no such file, or not a file of results.
+        StudyError: the file is missing, or is not a results file.
 
     Warns:
-        UserWarning: an unfinished last row is left out.
+        UserWarning: an incomplete last row was skipped.
     """
     with refusing(StudyError), naming(path):
         content = read_bytes(path, RESULTS_MAX_B, "file of results")
         complete = _complete_rows(content)
         if len(complete) < len(content):
-            warn(f"{path}: its last row is unfinished, and is left out", UserWarning)
-        return _parse(complete)
+            warn(f"{path}: the last row is incomplete and was skipped", UserWarning)
+        return _parse(complete)[1]
 
 
 def _complete_rows(content: bytes) -> bytes:
-    """The content without an unfinished last row or header."""
+    """The content without an incomplete last row or header."""
     before, end, last = content.rpartition(b"\n")
     if not last or (not end and not ",".join(COLUMNS).encode().startswith(last)):
         return content
     row = next(csv.reader([last.decode(errors="replace")]), [""])
-    return content if len(row) == len(COLUMNS) and len(row[-1]) == SHA256_LENGTH else before + end
+    count = content.partition(b"\n")[0].count(b",") + 1
+    return content if len(row) == count and len(row[-1]) == SHA256_LENGTH else before + end
 
 
-def _parse(content: bytes) -> list[dict[str, str]]:
-    """The rows by column; errors name the line."""
+def _parse(content: bytes) -> tuple[Sequence[str], list[dict[str, str]]]:
+    """The columns of the file, and its rows by column; columns that an old file lacks are missing values."""
     if not content:
-        return []
+        return COLUMNS, []
     try:
         lines = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
-        header, rows = next(lines), []
-        if tuple(header) != COLUMNS:
-            raise StudyError(f"is not a file of results: its header must be {','.join(COLUMNS)}")
+        columns, rows = tuple(next(lines)), []
+        if columns not in (COLUMNS, OLD_COLUMNS):
+            raise StudyError(f"not a results file: expected the header {','.join(COLUMNS)}")
         for row in filter(None, lines):
-            if len(row) != len(COLUMNS):
-                raise StudyError(f"line {lines.line_num} has {len(row)} fields; expected {len(COLUMNS)}")
-            rows.append({name: cell or MISSING for name, cell in zip(COLUMNS, row, strict=True)})
+            if len(row) != len(columns):
+                raise StudyError(f"line {lines.line_num} has {len(row)} fields; expected {len(columns)}")
+            found = {name: cell or MISSING for name, cell in zip(columns, row, strict=True)}
+            rows.append(dict.fromkeys(COLUMNS, MISSING) | found)
     except (UnicodeDecodeError, csv.Error, StopIteration) as error:
-        raise StudyError(f"is not a file of results in UTF-8: {error}") from None
-    return rows
+        raise StudyError(f"not a results file in UTF-8: {error}") from None
+    return columns, rows

@@ -1,8 +1,8 @@
-"""An adaptive threshold by QUEST+ (Watson 2017, J. Vision 17(3):10): each trial where it is most informative.
+"""Adaptive thresholds by QUEST+ (Watson 2017, J. Vision 17(3):10): each trial uses the most informative level.
 
-The chance to be right in two intervals is a Weibull function of the level, over threshold, slope and lapses
-(Watson & Pelli 1983): 1 − λ − (½ − λ) exp(−(level / threshold)^slope). At the threshold it is 0.82, less a little for
-lapses. All three are estimated; the library questplus keeps their joint posterior.
+The probability of a correct answer in two intervals is a Weibull function of the level (Watson & Pelli 1983): 1 − λ
+− (½ − λ) exp(−(level / threshold)^slope), with threshold, slope and lapse rate λ. At the threshold it is 0.82,
+slightly less with lapses. The library questplus estimates the joint posterior of the three parameters.
 """
 
 import math
@@ -16,24 +16,25 @@ from hapscene.errors import StudyError
 __all__ = ["Staircase", "questplus_module"]
 
 SLOPES: Final = (1.4, 2.0, 2.8, 4.0, 5.6)
-"""Slopes that are considered [1]: 1.3 where d′ grows as the level does, 3.5 for detection (Watson & Pelli 1983).
-With fewer, intervals hold the thresholds of people with other slopes less often; with more, each trial says less."""
+"""Slopes of the grid [1]: 1.3 if d′ is proportional to the level, 3.5 for detection (Watson & Pelli 1983). With fewer
+values, intervals contain the thresholds of people with other slopes less often; with more, each trial is less
+informative."""
 
 LAPSES: Final = (0.0, 0.02, 0.05)
-"""Lapse rates that are considered [1] (Wichmann & Hill 2001: most people's are below 0.05)."""
+"""Lapse rates of the grid [1]; those of most people are below 0.05 (Wichmann & Hill 2001)."""
 
 THRESHOLDS: Final = 80
-"""Thresholds between the least and the most level [count]."""
+"""Number of thresholds between the lowest and the highest level [count]."""
 
 
 class Staircase:
-    """One staircase: `level` is what to play next, `add` takes the answer."""
+    """One staircase: `level` is the next level to play, `add` takes the answer."""
 
     def __init__(self, levels: Sequence[float]) -> None:
         """Begin with a uniform prior.
 
         Args:
-            levels: what can be played, ascending, > 0.
+            levels: levels that can be played, ascending, above 0.
 
         Raises:
             StudyError: questplus is not installed.
@@ -55,16 +56,16 @@ class Staircase:
 
     @property
     def level(self) -> float:
-        """What to play next: where the expected entropy of the posterior is least."""
+        """The next level: the one with the least expected entropy of the posterior."""
         return float(self._quest.next_stim["intensity"])
 
     def add(self, level: float, right: bool) -> None:
-        """Take the answer to a level; one that is not among the levels counts as the nearest."""
+        """Add the answer to a level; a level that is not on the grid counts as the nearest one."""
         nearest = float(self._levels[np.argmin(np.abs(self._levels - level))])
         self._quest.update(stim={"intensity": nearest}, outcome={"response": "right" if right else "wrong"})
 
     def quantile(self, share: float) -> float:
-        """A quantile of the threshold's posterior, in the unit of the levels."""
+        """A quantile of the posterior of the threshold, in the unit of the levels."""
         scale = np.log(self._thresholds)
         half = 0.5 * (scale[1] - scale[0])
         edges = np.concatenate([[scale[0] - half], scale + half])
@@ -75,8 +76,8 @@ class Staircase:
     def interval(self, certainty: float) -> tuple[float, float]:
         """The credible interval of the threshold, in the unit of the levels.
 
-        An end that the levels do not enclose is infinite: people who are never right, or always, have their threshold
-        beyond the levels.
+        An end beyond the range of the levels is infinite: a participant who is never or always right has a threshold
+        outside it.
         """
         tail = 0.5 * (1.0 - certainty)
         low, high = self.quantile(tail), self.quantile(1.0 - tail)
@@ -85,7 +86,7 @@ class Staircase:
 
 
 def questplus_module() -> Any:
-    """The module questplus.
+    """Import the module questplus.
 
     Raises:
         StudyError: it is not installed.
@@ -93,5 +94,5 @@ def questplus_module() -> Any:
     try:
         import questplus
     except ImportError:
-        raise StudyError("a staircase needs the package questplus: pip install 'hapscene[study]'") from None
+        raise StudyError("staircase blocks need the package questplus; run: pip install 'hapscene[study]'") from None
     return questplus

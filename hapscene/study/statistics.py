@@ -1,7 +1,7 @@
-"""Analysis of answers: thresholds, d′, proportions correct and ratings, each with an interval of 95 %.
+"""Analysis of a study: thresholds, d′, proportions correct and ratings, each with a 95 % confidence interval.
 
-Two stimuli are called equal only where the whole interval of their difference lies inside the block's margin. A
-difference that was not found is not called equal.
+Two stimuli count as equivalent only if the whole interval of their difference lies within the margin of the block. A
+difference that is not significant does not count as equivalence.
 """
 
 import math
@@ -20,7 +20,7 @@ from hapscene.io.files import naming, refusing, short
 from hapscene.study.discrimination import CERTAINTY, Estimate, d_prime_of, d_prime_of_people, proportion
 from hapscene.study.plan import ChoiceBlock, Plan, RatingBlock, StaircaseBlock, load_plan
 from hapscene.study.results_file import MISSING, load_rows
-from hapscene.study.sitting import PLAN, RESULTS
+from hapscene.study.session import PLAN, RESULTS
 from hapscene.study.staircase import Staircase
 
 __all__ = ["Analysis", "Finding", "Row", "analyse", "analyse_rows", "mean_of_people", "verdict"]
@@ -34,37 +34,37 @@ class Finding:
 
     block: str
     what: str
-    """Of which stimuli: "alive", "alive − steady", "gain_dB of alive"."""
+    """Stimuli concerned: "alive", "alive − steady", "gain_dB of alive"."""
     person: str
-    """Whose; "" for the population that the participants are drawn from."""
+    """Participant; "" for the population that the participants are a sample of."""
     quantity: str
-    """threshold, d′, right, rating or difference of ratings."""
+    """threshold, d′, right (proportion correct), rating or difference of ratings."""
     unit: str
     method: str
     estimate: Estimate
     answers: int
     verdict: str = ""
-    """Of a comparison, in words: told apart, cannot be told apart, or not decided."""
+    """Result of a comparison: different, equivalent or undecided, with the reason."""
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """A study's findings."""
+    """The findings of a study."""
 
     plan: Plan
     people: tuple[str, ...]
     findings: tuple[Finding, ...]
 
     def find(self, block: str, quantity: str, person: str = "") -> tuple[Finding, ...]:
-        """The findings of a block by quantity, of the population or of one person."""
+        """The findings of a block by quantity, for the population or one participant."""
         return tuple(f for f in self.findings if (f.block, f.quantity, f.person) == (block, quantity, person))
 
 
 def analyse(folder: str | Path) -> Analysis:
-    """Analyse the answers in a study's folder; unfinished sessions are included.
+    """Analyse the answers in the folder of a study, including unfinished sessions.
 
     Raises:
-        StudyError: not a study's folder, or answers that do not fit its plan.
+        StudyError: the folder does not belong to a study, or its answers do not fit the plan.
     """
     folder = Path(folder)
     plan = load_plan(folder / PLAN)
@@ -78,10 +78,10 @@ def analyse_rows(plan: Plan, rows: Sequence[Row]) -> Analysis:
 
     Args:
         plan: the plan.
-        rows: answers by column, see `hapscene.study.results_file`.
+        rows: answers by column, as in `hapscene.study.results_file`.
 
     Raises:
-        StudyError: answers to another plan, or a field that is out of range.
+        StudyError: the answers belong to another plan, or a field is out of range.
     """
     _check(plan, rows)
     findings: list[Finding] = []
@@ -97,14 +97,14 @@ def analyse_rows(plan: Plan, rows: Sequence[Row]) -> Analysis:
 
 
 def _check(plan: Plan, rows: Sequence[Row]) -> None:
-    """Refuse answers that do not fit the plan: a file may have been edited."""
+    """Check that the answers fit the plan; the file may have been edited."""
     blocks, seen = {block.name: block for block in plan.blocks}, set()
     for row in rows:
         where = f"{row['person']}, trial {row['trial']}"
         if row["plan_sha256"] != plan.sha256:
-            raise StudyError(f"{where}: is an answer to another plan")
+            raise StudyError(f"{where}: the answer belongs to another plan")
         if (key := (row["person"], row["trial"])) in seen:
-            raise StudyError(f"{where} appears twice")
+            raise StudyError(f"{where}: there are two answers to this trial; expected one")
         seen.add(key)
         block = blocks.get(row["block"])
         if block is None or row["kind"] != block.kind:
@@ -120,7 +120,7 @@ def _check(plan: Plan, rows: Sequence[Row]) -> None:
             except ValueError:
                 in_range = False
             if not in_range:
-                raise StudyError(f"{where}: {name} must be a number, is {short(row[name])}")
+                raise StudyError(f"{where}: {name} is {short(row[name])}; expected a number of at least 0")
 
 
 def _by_person(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -148,21 +148,21 @@ def _thresholds(block: StaircaseBlock, rows: Sequence[Row]) -> Iterator[Finding]
 
 
 UNITS: Final = {"force_N": "N", "speed_m_s": "m/s", "seconds": "s", "gain_dB": "dB"}
-"""Unit of each parameter that a staircase may vary."""
+"""Unit of each parameter that a staircase can vary."""
 
 
 def mean_of_people(values: Sequence[float] | NDArray[np.float64], step: float = 0.0) -> Estimate:
-    """The mean of the population, by Student's t; of one person without bounds.
+    """Mean of the population with Student's interval; unbounded for a single participant.
 
     Args:
-        values: of each person.
-        step: what answers are rounded to: the spread of people who are all alike is that of the rounding.
+        values: value of each participant.
+        step: step to which answers are rounded. If all participants give equal values, the spread of rounding is used.
     """
     mean = float(np.mean(values))
     if len(values) < 2:
         return Estimate(mean, -math.inf, math.inf)
-    alike = np.ptp(values) < 1e-9  # means of the same ratings differ by rounding
-    spread = step / math.sqrt(12.0) if alike else float(np.std(values, ddof=1))
+    equal = np.ptp(values) < 1e-9  # means of equal ratings may differ by rounding
+    spread = step / math.sqrt(12.0) if equal else float(np.std(values, ddof=1))
     half = float(stats.t.ppf(0.5 + 0.5 * CERTAINTY, len(values) - 1)) * spread / math.sqrt(len(values))
     return Estimate(mean, mean - half, mean + half)
 
@@ -185,22 +185,22 @@ def _choices(block: ChoiceBlock, rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def verdict(estimate: Estimate, margin: float, quantity: str) -> str:
-    """What the interval of a difference says, in words.
+    """State the result of a comparison.
 
     Args:
-        estimate: of the difference.
-        margin: below which two count as equal; 0: never.
-        quantity: its name, for the words.
+        estimate: estimate of the difference.
+        margin: largest difference that counts as equivalent; 0 disables the test of equivalence.
+        quantity: name of the quantity.
     """
     apart = estimate.low > 0.0 or estimate.high < 0.0
     most = max(abs(estimate.low), abs(estimate.high))
     if most < margin:
-        also = ", though a difference was found" if apart else ""
-        return f"cannot be told apart by {quantity} {margin:g}: the interval lies inside{also}"
+        also = ", but a difference was found" if apart else ""
+        return f"equivalent: the interval of {quantity} lies within ±{margin:g}{also}"
     if apart:
-        return f"told apart: the interval of {quantity} excludes 0"
-    could = f"may be as large as {most:.2g}" if math.isfinite(most) else "may be of any size"
-    return f"not decided: the interval of {quantity} holds 0, and the difference {could}"
+        return f"different: the interval of {quantity} excludes 0"
+    could = f"as large as {most:.2g}" if math.isfinite(most) else "of any size"
+    return f"undecided: the interval of {quantity} contains 0; the difference may be {could}"
 
 
 def _ratings(block: RatingBlock, rows: Sequence[Row]) -> Iterator[Finding]:

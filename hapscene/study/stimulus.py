@@ -1,8 +1,8 @@
-"""The samples of an interval of a trial.
+"""Synthesis of the samples of an interval.
 
-A recording is played as it was recorded: an excerpt, chosen by the interval's seed, in which the tool slides
-throughout. A swatch is synthesised at the stimulus's force and speed; with a recording, along the force and speed of
-that same excerpt. The seed is also that of the noise.
+A stimulus with a recording plays an excerpt in which the tool slides throughout; the seed of the interval selects
+it. A stimulus with a swatch is synthesised at its force and speed; with both, at the force and speed of the excerpt.
+The seed also determines the noise.
 """
 
 from collections.abc import Iterable
@@ -26,23 +26,23 @@ from hapscene.swatches.library import load_swatch
 __all__ = ["StimulusMaker", "all_stimuli", "gain_of", "resampled"]
 
 FADE_S: Final = 0.02
-"""Fade-in and fade-out of a sound [s]: no click."""
+"""Duration of fade-in and fade-out, which avoid clicks [s]."""
 
 HEADROOM_DB: Final = 6.0
-"""Headroom above the loudest of these samples [dB]: another noise has other peaks."""
+"""Headroom above the largest measured sample [dB], since other noise has other peaks."""
 
 TRIES: Final = 8
-"""Seeds with which each stimulus is synthesised for its loudest sample [count]."""
+"""Number of seeds with which the largest sample of each stimulus is measured [count]."""
 
 STOP_DB: Final = 110.0
-"""Stop-band attenuation of the resampling [dB]: 14 dB below the rounding to 16 bits."""
+"""Stop-band attenuation of the resampling filter [dB]: 14 dB below the quantisation of 16 bits."""
 
 
 class StimulusMaker:
-    """Synthesises stimuli; recordings and swatches are read once.
+    """Synthesises stimuli; reads each recording and swatch once.
 
     Args:
-        folder: of the plan, to which paths in it are relative.
+        folder: folder of the plan; paths in the plan are relative to it.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -53,19 +53,19 @@ class StimulusMaker:
         """The swatch of a stimulus.
 
         Raises:
-            HapsceneError: a file that cannot be used, or a swatch without a texture.
+            HapsceneError: an invalid file, or a swatch without a texture.
         """
         name = stimulus.swatch
         found = self._loaded(str(self._folder / name) if name.endswith(".swatch") else name)
         if found.texture is None:
-            raise StudyError(f"{stimulus.name}: swatch {name!r} has no texture: there is nothing to play")
+            raise StudyError(f"stimulus {stimulus.name}: swatch {name!r} has no texture to play")
         return found
 
     def samples(self, stimulus: Stimulus, seed: int, rate_Hz: float) -> Array:
-        """Acceleration (n,) [m/s²] of an interval at a rate [Hz], at its gain, faded at both ends.
+        """Acceleration (n,) [m/s²] of an interval at a sample rate [Hz], with its gain, faded at both ends.
 
         Raises:
-            HapsceneError: as `swatch`, or a recording that slides too briefly.
+            HapsceneError: as for `swatch`, or a recording whose slides are too short.
         """
         seconds, gain = stimulus.seconds, float(10.0 ** (stimulus.gain_dB / 20.0))
         excerpt = self._excerpt(stimulus, seed) if stimulus.recording else None
@@ -90,15 +90,15 @@ class StimulusMaker:
         return made
 
     def _excerpt(self, stimulus: Stimulus, seed: int) -> Streams:
-        """A part of a recording in which the tool slides throughout, chosen by the seed."""
+        """An excerpt of a recording in which the tool slides throughout, selected by the seed."""
         channels, states = self._recording(stimulus)
         count, sliding = round(stimulus.seconds * channels.rate_Hz), states.runs(InteractionState.SLIDING)
         runs = [(first, end) for first, end in sliding if end - first >= count]
         if not runs:
             longest = max((end - first for first, end in sliding), default=0) / channels.rate_Hz
             raise StudyError(
-                f"{stimulus.name}: {stimulus.recording} slides for {longest:.2g} s at a stretch at most, shorter "
-                f"than seconds = {stimulus.seconds:g}"
+                f"stimulus {stimulus.name}: the longest slide in {stimulus.recording} takes {longest:.2g} s; expected "
+                f"at least seconds = {stimulus.seconds:g}"
             )
         places = np.concatenate([np.arange(first, end - count + 1) for first, end in runs])
         first = int(np.random.default_rng(seed).choice(places))
@@ -114,7 +114,7 @@ class StimulusMaker:
 
 
 def resampled(samples: Array, rate_Hz: float, wanted_Hz: float) -> Array:
-    """Samples (n,) at another rate: a windowed sinc, nothing shifted in time."""
+    """Resample (n,) samples by a windowed sinc filter without delay."""
     from scipy.signal import firwin, kaiser_beta, resample_poly
 
     ratio = Fraction(wanted_Hz / rate_Hz).limit_denominator(1000)
@@ -126,20 +126,20 @@ def resampled(samples: Array, rate_Hz: float, wanted_Hz: float) -> Array:
 
 
 def gain_of(maker: StimulusMaker, stimuli: Iterable[Stimulus], rate_Hz: float) -> float:
-    """Share of full scale for 1 m/s² at which the loudest of all stimuli leaves `HEADROOM_DB`: one for a whole study.
+    """The gain of a study, in full scale per m/s², at which the loudest stimulus leaves `HEADROOM_DB`.
 
     Raises:
-        HapsceneError: as `StimulusMaker.samples`, or all of them are silent.
+        HapsceneError: as for `StimulusMaker.samples`, or all stimuli are silent.
     """
     peaks = [np.abs(maker.samples(one, seed, rate_Hz)).max() for one in stimuli for seed in range(TRIES)]
     loudest = float(max(peaks, default=0.0))
     if not loudest > 0.0:
-        raise StudyError("all stimuli are silent: there is nothing to play")
+        raise StudyError("all stimuli are silent; expected at least one with vibration")
     return float(10.0 ** (-HEADROOM_DB / 20.0) / loudest)
 
 
 def all_stimuli(plan: Plan) -> list[Stimulus]:
-    """All stimuli that a plan may play, those of staircases at each of their levels."""
+    """All stimuli that a plan can play, including each level of its staircases."""
     staircases = [block for block in plan.blocks if isinstance(block, StaircaseBlock)]
     names = {name for block in plan.blocks if block not in staircases for name in block.used}
     found = [plan.stimuli[name] for name in plan.stimuli if name in names]

@@ -1,13 +1,14 @@
-// Shows what the server asks, has it played, times the answer. It knows nothing of what is compared.
+// The page of a study session: shows the trial, requests playback, measures the response time. It does not receive
+// which stimuli are compared.
 
 const $ = (id) => document.getElementById(id);
 const SCREENS = ["begin", "trial", "break", "end"];
 let state = {}, socket = null, open = false;
-let shown = ""; // the trial whose buttons stand there
-let endedAt = 0; // when what was played last has ended [ms]
+let shown = ""; // the trial whose buttons are on the page
+let endedAt = 0; // end of the last playback [ms]
 
 const send = (message) => { if (open) socket.send(JSON.stringify(message)); };
-const ready = () => state.screen === "trial" && state.heard.length === state.intervals.length && !state.playing;
+const ready = () => state.screen === "trial" && state.played.length === state.intervals.length && !state.playing;
 
 function play(first, end) {
   if (!open || state.screen !== "trial" || state.playing) return;
@@ -22,14 +23,13 @@ function answer(choice) {
   endedAt = 0;
 }
 
-const go = () => send({ go: true });
-for (const id of ["go", "rested"]) $(id).addEventListener("click", go);
+for (const id of ["begin-button", "resume"]) $(id).addEventListener("click", () => send({ continue: true }));
 $("play").addEventListener("click", () => play(0, state.intervals.length));
 
 addEventListener("keydown", (event) => {
   if (event.repeat || event.ctrlKey || event.metaKey || event.altKey || state.screen !== "trial") return;
   if (event.key === " ") {
-    event.preventDefault(); // no button is pressed by it, nor the page scrolled
+    event.preventDefault(); // it neither presses a button nor scrolls the page
     play(0, state.intervals.length);
     return;
   }
@@ -38,43 +38,43 @@ addEventListener("keydown", (event) => {
 });
 addEventListener("keyup", (event) => { if (event.key === " " && state.screen === "trial") event.preventDefault(); });
 
-function keys() { // which key gives which choice
+function keys() { // the key of each choice
   return state.choices.map((choice, k) => state.kind === "pair" ? `${k + 1}` : choice.length === 1 ? choice : "");
 }
 
-// --- what is shown
+// --- display
 
-function take(next) {
+function update(next) {
   const before = state;
   state = next;
   if (state.screen !== "trial" || before.number !== state.number) endedAt = 0;
   else if (before.playing && !state.playing) endedAt = performance.now();
-  if (ready() && !endedAt) endedAt = performance.now(); // the page is new, or the connection was gone
+  if (ready() && !endedAt) endedAt = performance.now(); // the page was reloaded, or the connection was interrupted
   draw();
   if (state.screen !== before.screen) $(state.screen).querySelector("button.main")?.focus();
 }
 
 function draw() {
   document.title = $("title").textContent = state.title;
-  $("said").hidden = !state.said;
-  $("said").textContent = state.said;
+  $("error").hidden = !state.error;
+  $("error").textContent = state.error;
   for (const screen of SCREENS) $(screen).hidden = screen !== state.screen;
   $("progress").hidden = state.screen === "begin";
   $("bar").max = state.total;
   $("bar").value = state.done;
   $("count").textContent = `${state.done} of ${state.total}`;
-  const told = state.screen === "break" || state.screen === "trial" && !state.playing && !state.heard.length;
-  $("status").textContent = told ? state.feedback : ""; // of the practice before
+  const idle = state.screen === "break" || state.screen === "trial" && !state.playing && !state.played.length;
+  $("status").textContent = idle ? state.feedback : ""; // feedback on the last practice trial
   if (state.screen === "begin") drawBegin();
   if (state.screen === "trial") drawTrial();
 }
 
 function drawBegin() {
   for (const id of ["consent", "instructions"]) $(id).textContent = state[id];
-  const again = state.done ? `Welcome back: ${state.done} of ${state.total} are answered. ` : "";
-  const practice = state.practices ? `It begins with ${state.practices} for practice.` : "";
-  $("practices").textContent = again + practice;
-  $("go").textContent = state.consent ? "I agree: begin" : state.done ? "Go on" : "Begin";
+  const again = state.done ? `Welcome back. You have answered ${state.done} of ${state.total} questions. ` : "";
+  const practice = state.practices ? `The session starts with ${state.practices} practice ${state.practices === 1 ? "question" : "questions"}.` : "";
+  $("practice-count").textContent = again + practice;
+  $("begin-button").textContent = state.consent ? "I agree; begin" : state.done ? "Continue" : "Begin";
 }
 
 function drawTrial() {
@@ -92,24 +92,24 @@ function drawTrial() {
     $("ends").hidden = state.ends.length !== 2;
     [low.textContent, high.textContent] = state.ends.length === 2 ? [`${state.choices[0]}: ${state.ends[0]}`, `${state.choices.at(-1)}: ${state.ends[1]}`] : ["", ""];
   }
-  const all = ready(), any = state.heard.length > 0;
+  const all = ready(), any = state.played.length > 0;
   $("play").disabled = state.playing;
-  $("play").firstElementChild.textContent = state.playing ? (state.felt ? "feel it now …" : "listen …") : any ? "Play again" : "Play";
+  $("play").firstElementChild.textContent = state.playing ? (state.handle ? "Feel the handle now …" : "Listen now …") : any ? "Play again" : "Play";
   [...$("intervals").children].forEach((one, k) => {
     one.disabled = state.playing || !all;
     one.classList.toggle("playing", state.playing && state.plays === k);
-    one.classList.toggle("heard", state.heard.includes(k));
+    one.classList.toggle("played", state.played.includes(k));
   });
   for (const one of $("choices").children) one.disabled = !all;
-  const said = keys().filter(Boolean), pressed = said.length > 2 ? `${said[0]} to ${said.at(-1)}` : said.join(" or ");
-  $("hint").textContent = all && pressed ? `Answer by a button, or by the keys ${pressed}.` : "";
+  const known = keys().filter(Boolean), range = known.length > 2 ? `${known[0]} to ${known.at(-1)}` : known.join(" or ");
+  $("hint").textContent = all && range ? `Press a button, or key ${range}.` : "";
 }
 
-function button(text, press, told) {
+function button(text, press, label) {
   const made = document.createElement("button");
   made.type = "button";
   made.textContent = text;
-  if (told) made.setAttribute("aria-label", told);
+  if (label) made.setAttribute("aria-label", label);
   made.addEventListener("click", press);
   return made;
 }
@@ -121,13 +121,13 @@ function connect() {
   socket.onopen = () => { open = true; };
   socket.onmessage = (event) => {
     const message = JSON.parse(event.data);
-    if ("plays" in message) { state.plays = message.plays; state.playing = true; draw(); } else take(message);
+    if ("plays" in message) { state.plays = message.plays; state.playing = true; draw(); } else update(message);
   };
   socket.onclose = () => {
     open = false;
     if (state.screen === "end") return;
-    $("said").hidden = false;
-    $("said").textContent = "Not connected: please call whoever leads the study. Your answers so far are kept.";
+    $("error").hidden = false;
+    $("error").textContent = "No connection to the study program. Please tell the experimenter. Your answers so far are saved.";
     setTimeout(connect, 1000);
   };
 }

@@ -1,4 +1,4 @@
-"""The report on a study: one HTML page with verdicts, estimates and intervals, and what the answers do not show."""
+"""The report on a study: one HTML page with verdicts, estimates with intervals, and limitations."""
 
 import math
 from collections import Counter
@@ -13,15 +13,15 @@ from hapscene.errors import StudyError
 from hapscene.io.files import write_whole
 from hapscene.study.discrimination import Estimate
 from hapscene.study.results_file import load_rows
-from hapscene.study.sitting import RESULTS
+from hapscene.study.session import RESULTS
 from hapscene.study.statistics import Analysis, Finding, Row, analyse
 from hapscene.view.chart import inline_svg, new_chart
 from hapscene.view.palette import INK, OKABE_ITO
 
-__all__ = ["report", "shown", "write_report"]
+__all__ = ["format_estimate", "report", "write_report"]
 
 PLOTTED: Final = {"rating": "rating", "2ifc": "d′", "staircase": "threshold"}
-"""The quantity that the plot of a block shows, by the block's kind."""
+"""Quantity that the plot of a block shows, by the kind of the block."""
 
 PAGE: Final = """<!doctype html>
 <html lang="en">
@@ -46,28 +46,29 @@ svg {{ width: 100%; max-width: 36em; height: auto; }}
 
 
 def write_report(folder: Path, path: Path) -> None:
-    """Write the report on the study in `folder` to `path`, an HTML file, whole or not at all.
+    """Write the report on the study in `folder` to the HTML file `path`.
 
     Raises:
-        StudyError: not a study's folder, no answer yet, or the file cannot be written.
+        StudyError: the folder does not belong to a study, has no answers, or the file cannot be written.
     """
     write_whole(path, report(folder).encode(errors="backslashreplace"), StudyError)
 
 
 def report(folder: Path) -> str:
-    """The page that `write_report` writes.
+    """The HTML page that `write_report` writes.
 
     Raises:
-        StudyError: not a study's folder, no answer yet, or answers that do not fit its plan.
+        StudyError: the folder does not belong to a study, has no answers, or has answers that do not fit its plan.
     """
     analysis, rows = analyse(folder), load_rows(folder / RESULTS)
     if not rows:
-        raise StudyError(f"{folder}: no answers yet")
+        raise StudyError(f"{folder}: the study has no answers yet")
     plan = analysis.plan
     most = plan.trial_count
     channels = ", ".join(sorted({row["channel"] for row in rows}))
     lead = (
-        f"{len(analysis.people)} of {plan.people} participants; {len(rows)} answers, at most {most} each; {channels}."
+        f"{len(analysis.people)} of {plan.people} participants; {len(rows)} answers, up to {most} each; output: "
+        f"{channels}."
     )
     body = [_paragraph(lead), _list(_verdicts(analysis.findings))]
     for number, block in enumerate(plan.blocks):
@@ -75,13 +76,17 @@ def report(folder: Path) -> str:
         body.append(f"<h2>{escape(f'{block.name}: {block.question}')}</h2>")
         body.append(_plot(number, found, PLOTTED[block.kind]) if found else _paragraph("No answers yet."))
         cells = [
-            (one.what, f"{one.quantity} {shown(one.estimate, one.unit)}", f"{one.method}; {one.answers} answers")
+            (
+                one.what,
+                f"{one.quantity} {format_estimate(one.estimate, one.unit)}",
+                f"{one.method}; {one.answers} answers",
+            )
             for one in found
             if not one.person
         ]
         body.append(_table(block.name, ("stimuli", "estimate (95 %)", "method"), cells))
     body += ["<h2>Participants</h2>", _people(analysis, rows, most)]
-    body += ["<h2>What the answers do not show</h2>", _list(_limits(analysis, rows, most))]
+    body += ["<h2>Limitations</h2>", _list(_limits(analysis, rows, most))]
     body += [f"<h2>Plan {plan.sha256}</h2>", f"<pre>{escape(plan.content.decode(errors='replace'))}</pre>"]
     return PAGE.format(title=escape(plan.title), body="\n".join(filter(None, body)))
 
@@ -99,7 +104,7 @@ def _list(lines: Sequence[str]) -> str:
 
 
 def _table(name: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table that can be scrolled by keys where it is wider than the page."""
+    """A table that can be scrolled by keyboard if it is wider than the page."""
     if not rows:
         return ""
     top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
@@ -108,18 +113,16 @@ def _table(name: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str
     return f'<div class="table" tabindex="0" role="group" aria-label="{escape(name)}">{table}</div>'
 
 
-def shown(estimate: Estimate, unit: str = "") -> str:
-    """A number with its interval, as 1.2 dB (0.9 to 1.6)."""
+def format_estimate(estimate: Estimate, unit: str = "") -> str:
+    """Format an estimate with its interval, as in 1.2 dB (0.9 to 1.6)."""
     value, low, high = (f"{x:.3g}".replace("-", "−").replace("inf", "∞") for x in vars(estimate).values())
     return f"{value}{f' {unit}' if unit else ''} ({low} to {high})"
 
 
 def _plot(number: int, found: Sequence[Finding], quantity: str) -> str:
-    """Estimates of one quantity with their intervals, one below the other; those of single persons are grey."""
+    """Plot estimates of one quantity with their intervals; those of single participants are grey."""
     rows = [one for one in found if one.quantity == quantity]
-    ends = [v for one in rows for v in (one.estimate.value, one.estimate.low, one.estimate.high) if math.isfinite(v)]
-    room = 0.12 * (max(ends) - min(ends)) or 0.5 if ends else 0.5
-    edges = (min(ends) - room, max(ends) + room) if ends else (0.0, 1.0)
+    edges = _axis_limits([one.estimate for one in rows])
     with new_chart(6.0, 0.9 + 0.28 * len(rows)) as figure:
         axes = figure.subplots()
         for place, one in enumerate(rows):
@@ -132,8 +135,17 @@ def _plot(number: int, found: Sequence[Finding], quantity: str) -> str:
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.set_xlabel(f"{quantity} [{rows[0].unit}]" if rows[0].unit else quantity)
         drawing = inline_svg(figure, f"block{number}")
-    told = "; ".join(f"{one.person} {one.what} {shown(one.estimate, one.unit)}".strip() for one in rows)
-    return drawing.replace("<svg", f'<svg role="img" aria-label="{escape(told)}"', 1)
+    label = "; ".join(f"{one.person} {one.what} {format_estimate(one.estimate, one.unit)}".strip() for one in rows)
+    return drawing.replace("<svg", f'<svg role="img" aria-label="{escape(label)}"', 1)
+
+
+def _axis_limits(estimates: Sequence[Estimate]) -> tuple[float, float]:
+    """Limits of an axis that contains all finite values, with a margin of 12 %."""
+    values = [v for one in estimates for v in (one.value, one.low, one.high) if math.isfinite(v)]
+    if not values:
+        return 0.0, 1.0
+    margin = 0.12 * (max(values) - min(values)) or 0.5
+    return min(values) - margin, max(values) + margin
 
 
 def _people(analysis: Analysis, rows: Sequence[Row], most: int) -> str:
@@ -148,17 +160,17 @@ def _people(analysis: Analysis, rows: Sequence[Row], most: int) -> str:
 def _limits(analysis: Analysis, rows: Sequence[Row], most: int) -> list[str]:
     """What the answers do not show."""
     plan, people = analysis.plan, len(analysis.people)
-    limits = ["A difference that was not found may exist: equality is only claimed where a block has a margin."]
+    limits = ["An undecided comparison does not show equality; equivalence is only tested if a block has a margin."]
     if people < 2:
-        limits.append("One participant answered: the results do not extend to others.")
+        limits.append("There is one participant: the results do not generalise to other people.")
     elif people < plan.people:
-        limits.append(f"{people} of {plan.people} participants answered: orders are not balanced yet.")
+        limits.append(f"{people} of {plan.people} participants took part: the orders are not balanced yet.")
     if short := sorted(p for p, n in Counter(row["person"] for row in rows).items() if n < most):
-        limits.append(f"Not finished: {', '.join(short)}; their answers so far are included.")
+        limits.append(f"Incomplete sessions: {', '.join(short)}; their answers so far are included.")
     if (tests := len(_verdicts(analysis.findings))) > 1:
         limits.append(
-            f"{tests} comparisons are listed, each at 95 % by itself: of twenty, one is significant by chance."
+            f"{tests} comparisons are listed, each with its own 95 % interval: one in twenty differs by chance."
         )
     if any(row["channel"] == "headphones" for row in rows):
-        limits.append("Stimuli were heard, not felt: the skin discriminates other differences than the ear.")
+        limits.append("Stimuli were presented as sound: hearing and touch do not discriminate the same differences.")
     return limits

@@ -1,7 +1,7 @@
-"""The server of the page on which a person is asked: one sitting, one trial at a time.
+"""The page server of a study session: shows one trial at a time, plays its intervals, and records the answers.
 
-The page is told nothing of what is compared: neither names nor levels nor blocks, nor which answer is right. It may
-send anything: each field of a message is checked.
+The page receives nothing about what is compared: no names, levels or blocks, and not the correct answer. Each field
+of a message from the page is checked.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from typing import Any, Final
 from hapscene.errors import HapsceneError
 from hapscene.study.plan import Plan
 from hapscene.study.playing import OutputPlayer
-from hapscene.study.sitting import Sitting
+from hapscene.study.session import Session
 from hapscene.study.trial_order import Trial, trials
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene.web.server import PageConnection, WebServer
@@ -25,39 +25,39 @@ GAP_S: Final = 0.4
 """Silence between the intervals of a trial [s]."""
 
 LATENCY_MAX_S: Final = 86_400.0
-"""Longest time that an answer is believed to take [s]."""
+"""Longest accepted response time [s]."""
 
 MESSAGE_MAX: Final = 1024
-"""Longest message [bytes]; a page sends some fifty."""
+"""Longest message from a page [bytes]; usual messages have about fifty."""
 
 
 class StudyServer:
-    """Serves the page of a sitting while it is open, and plays what is asked about.
+    """Serves the page of a session, and plays the intervals of its trials.
 
     Args:
-        sitting: that is gone on with; it stays the caller's to close.
-        player: what plays; the caller's, too.
-        host, port: where to listen; port 0 for any that is free.
+        session: the session; the caller closes it.
+        player: plays the intervals; closed with the server.
+        host, port: address to listen at; port 0 selects a free one.
         clock: measures the silence between intervals.
 
     Attributes:
-        url: of the page, with its token: whoever has it may answer, nobody else.
-        public: whether it is served to others than this machine.
-        ended: set once all is answered.
-        fault: what broke: the answers so far are kept. Empty while all is well.
+        url: address of the page, with its access token.
+        public: whether other computers can reach the page.
+        ended: set when all trials are answered.
+        fault: message of an error that stopped the session; empty without one. The answers so far are kept.
 
     Raises:
-        HapsceneError: websockets is missing; the port is taken, the host not ours.
+        HapsceneError: websockets is not installed, or the address cannot be used.
     """
 
     def __init__(
-        self, sitting: Sitting, player: OutputPlayer, *, host: str = "127.0.0.1", port: int = 0, clock: Clock = CLOCK
+        self, session: Session, player: OutputPlayer, *, host: str = "127.0.0.1", port: int = 0, clock: Clock = CLOCK
     ) -> None:
-        self._sitting, self._player, self._clock = sitting, player, clock
-        self._practice = [] if sitting.done else practice_trials(sitting.plan)
-        self._begun, self._rested, self._feedback = False, sitting.done, ""
-        self._heard: dict[int, int] = {}  # of this trial: how often each interval was played to its end
-        self._ready: list[Callable[[], None]] = []  # plays each interval; all are made before the first is heard
+        self._session, self._player, self._clock = session, player, clock
+        self._practice = [] if session.done else practice_trials(session.plan)
+        self._begun, self._resumed_at, self._feedback = False, session.done, ""
+        self._played: dict[int, int] = {}  # how often each interval of this trial was played completely
+        self._ready: list[Callable[[], None]] = []  # play functions of the intervals
         self._lock, self._lane = RLock(), ThreadPoolExecutor(1, "study")
         self._playing, self.ended, self.fault = False, Event(), ""
         self._server = WebServer(
@@ -70,7 +70,7 @@ class StudyServer:
             message_max=MESSAGE_MAX,
         )
         self.url, self.public = self._server.url, self._server.public
-        self._look()
+        self._check_end()
 
     def __enter__(self) -> "StudyServer":
         self._server.open()
@@ -80,40 +80,39 @@ class StudyServer:
         self.close()
 
     def close(self) -> None:
-        """Close it, and every connection; what is played breaks off. Twice does no harm."""
+        """Stop playing, and close the server and its connections. Calling it twice has no effect."""
         self._player.close()
         self._lane.shutdown(cancel_futures=True)
         self._server.close()
 
-    # --- where the person is
+    # --- progress of the participant
 
     @property
     def _trial(self) -> Trial | None:
-        """What is asked now, if the person is not elsewhere."""
-        if not self._begun or self._due:
+        """The trial on the screen; None before the start, in a break and at the end."""
+        if not self._begun or self._break_due:
             return None
-        return self._practice[0] if self._practice else self._sitting.trial
+        return self._practice[0] if self._practice else self._session.trial
 
     @property
-    def _due(self) -> bool:
-        """Whether a break is due."""
-        every, done = self._sitting.plan.break_every, self._sitting.done
-        return bool(every) and done > self._rested and done % every == 0 and self._sitting.trial is not None
+    def _break_due(self) -> bool:
+        every, done = self._session.plan.break_every, self._session.done
+        return bool(every) and done > self._resumed_at and done % every == 0 and self._session.trial is not None
 
     def state(self) -> dict[str, Any]:
-        """What the page is told."""
-        plan, trial = self._sitting.plan, self._trial
-        told: dict[str, Any] = {
+        """The state that the page shows."""
+        plan, trial = self._session.plan, self._trial
+        state: dict[str, Any] = {
             "title": plan.title,
-            "done": self._sitting.done,
-            "total": self._sitting.total,
-            "felt": plan.channel != "headphones",
+            "done": self._session.done,
+            "total": self._session.total,
+            "handle": plan.channel != "headphones",
             "feedback": self._feedback,
-            "said": self.fault,
+            "error": self.fault,
         }
         if trial is not None:
             practising = bool(self._practice)
-            return told | {
+            return state | {
                 "screen": "trial",
                 "number": -len(self._practice) if practising else trial.number,
                 "practice": practising,
@@ -122,74 +121,75 @@ class StudyServer:
                 "ends": getattr(trial.block, "labels", None) or (),
                 "kind": "rating" if trial.block.kind == "rating" else "pair",
                 "intervals": ("",) if trial.block.kind == "rating" else ("1", "2"),
-                "heard": sorted(self._heard),
+                "played": sorted(self._played),
                 "playing": self._playing,
             }
         if not self._begun:
             texts = {"consent": plan.consent, "instructions": plan.instructions, "practices": len(self._practice)}
-            return told | {"screen": "begin", **texts}
-        return told | {"screen": "break" if self._due else "end"}
+            return state | {"screen": "begin", **texts}
+        return state | {"screen": "break" if self._break_due else "end"}
 
-    def _look(self) -> None:
-        if self._sitting.trial is None:
+    def _check_end(self) -> None:
+        if self._session.trial is None:
             self._begun = True
             self.ended.set()
 
-    # --- what pages say
+    # --- messages from pages
 
     def _join(self, page: PageConnection) -> None:
         with self._lock:
             page.send(self.state())
 
-    def take(self, said: Any) -> None:
-        """Do what a message of a page says; an invalid one has no effect."""
+    def take(self, message: object) -> None:
+        """Process a message from a page; an invalid one has no effect."""
         with self._lock:
-            if not isinstance(said, dict) or self._playing or self.fault:
+            if not isinstance(message, dict) or self._playing or self.fault:
                 return
             try:
-                self._do(said)
+                self._process(message)
             except (TypeError, ValueError, LookupError, OverflowError):
                 return
             except HapsceneError as error:
                 self.fault = str(error)
             self._server.send(self.state())
 
-    def _do(self, said: dict[str, Any]) -> None:
-        """{"go": true}; {"play": [trial, first interval, end]}; {"answer": [trial, choice, seconds]}."""
-        if said.get("go") is True:
-            self._begun, self._rested = True, self._sitting.done
+    def _process(self, message: dict[str, Any]) -> None:
+        """Process {"continue": true}, {"play": [trial, first, end]} or {"answer": [trial, choice, seconds]}."""
+        if message.get("continue") is True:
+            self._begun, self._resumed_at = True, self._session.done
         trial, number = self._trial, self.state().get("number")
         if trial is None:
             return
-        if "play" in said:
-            asked, first, end = said["play"]
+        if "play" in message:
+            asked, first, end = message["play"]
             if asked == number and type(first) is type(end) is int and 0 <= first < end <= len(trial.intervals):
                 self._playing = True
                 self._lane.submit(self._play, trial, range(first, end))
-        if "answer" in said:
-            asked, choice, latency_s = said["answer"]
+        if "answer" in message:
+            asked, choice, latency_s = message["answer"]
             known = asked == number and type(choice) is int and 0 <= choice < len(trial.choices)
-            if known and len(self._heard) == len(trial.intervals) and 0.0 <= float(latency_s) <= LATENCY_MAX_S:
+            if known and len(self._played) == len(trial.intervals) and 0.0 <= float(latency_s) <= LATENCY_MAX_S:
                 self._answer(trial, choice, float(latency_s))
 
     def _answer(self, trial: Trial, choice: int, latency_s: float) -> None:
-        replays = sum(self._heard.values()) - len(trial.intervals)
-        self._heard, self._ready, self._feedback = {}, [], ""
+        replays = sum(self._played.values()) - len(trial.intervals)
+        self._played, self._ready, self._feedback = {}, [], ""
         if self._practice:
             self._practice.pop(0)
             if trial.correct is not None:
                 right = trial.choices[trial.correct]
-                self._feedback = "That was right." if choice == trial.correct else f"It was the other one: {right}."
+                self._feedback = "Correct." if choice == trial.correct else f"Not correct; the answer is: {right}."
             return
-        self._sitting.answer(choice, latency_s=latency_s, replays=replays)
-        self._look()
+        self._session.answer(choice, latency_s=latency_s, replays=replays)
+        self._check_end()
 
-    # --- what is played
+    # --- playing
 
     def _play(self, trial: Trial, which: range) -> None:
-        """Play some intervals of a trial, one after the other, and tell the pages.
+        """Play intervals of a trial one after the other, and send the progress to the pages.
 
-        What a stimulus takes to be made is in no silence between two: it would tell which is which.
+        All intervals are synthesised before the first is played: otherwise the synthesis time between two would give
+        away which of them takes longer.
         """
         try:
             self._ready = self._ready or [self._player.ready(interval) for interval in trial.intervals]
@@ -199,10 +199,10 @@ class StudyServer:
                 self._server.send({"plays": place})
                 self._ready[place]()
                 with self._lock:
-                    self._heard[place] = self._heard.get(place, 0) + 1
+                    self._played[place] = self._played.get(place, 0) + 1
         except HapsceneError as error:
             self.fault = str(error)
-        except Exception as error:  # a fault of ours: it is told, and nothing more is asked
+        except Exception as error:  # a defect of the program: shown on the page, and the session stops
             self.fault = f"{type(error).__name__}: {error}"
         with self._lock:
             self._playing = False
@@ -210,7 +210,7 @@ class StudyServer:
 
 
 def practice_trials(plan: Plan) -> list[Trial]:
-    """The first trials of each block, in an order and with noise that no participant has."""
+    """The first trials of each block, with an order and noise that no participant gets."""
     if not plan.practice:
         return []
     found, answers = list[Trial](), trials(plan, "practice", 0)

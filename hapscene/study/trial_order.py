@@ -1,7 +1,7 @@
-"""The trials of a participant in their order: balanced over participants by Latin squares, the rest by the seed.
+"""The order of a participant's trials: balanced over participants by Latin squares, otherwise random by the seed.
 
-The squares are those of Williams (1949): in as many rows as there are conditions (twice as many if their number is
-odd), each condition has each place equally often, and follows each other one equally often.
+The squares are those of Williams (1949): each condition has each position equally often, and follows each other
+condition equally often. They have as many rows as conditions, or twice as many if that number is odd.
 """
 
 import hashlib
@@ -24,7 +24,8 @@ class Interval:
 
     stimulus: Stimulus
     seed: int
-    """Of the noise of this presentation: each has its own, so that nobody compares the noise."""
+    """Seed of the noise of this presentation. It differs between presentations, so that the noise cannot be
+    recognised."""
 
 
 @dataclass(frozen=True)
@@ -32,32 +33,32 @@ class Trial:
     """One question to one participant."""
 
     number: int
-    """In this participant's sequence, from 0."""
+    """Number in the sequence of this participant, from 0."""
     block: Block
     intervals: tuple[Interval, ...]
-    """One to rate, or two to choose from."""
+    """One interval to rate, or two to choose from."""
     choices: tuple[str, ...]
     correct: int | None
-    """Index of the right choice; None of a rating."""
+    """Index of the correct choice; None for a rating."""
     level: float | None = None
-    """Of a staircase: the distance from the reference."""
+    """Distance from the reference, for a staircase."""
 
 
 Answer = tuple[int, float | None]
 
 BOTH: Final = ("first", "second")
-"""The choices between two intervals."""
+"""The choices of a comparison of two intervals."""
 
 
 def trials(plan: Plan, person: str, place: int) -> Generator[Trial, Answer, None]:
-    """The trials of a participant, one after the other; each is sent its answer before the next one comes.
+    """Generate the trials of a participant. Send the answer to each before the next is generated.
 
-    Sent is the index of the choice, and the level that was played, None for the trial's own.
+    An answer is the index of the choice, and the level that was played; None stands for the level of the trial.
 
     Args:
         plan: the plan.
-        person: name of the participant, which with the plan's seed seeds all that is random.
-        place: number of participants who began before: the row in the squares.
+        person: name of the participant; it seeds the random numbers together with the seed of the plan.
+        place: number of participants who began before; selects the row of the squares.
     """
     if any(isinstance(block, StaircaseBlock) for block in plan.blocks):
         questplus_module()  # raises before the first answer if it is missing
@@ -72,7 +73,7 @@ def trials(plan: Plan, person: str, place: int) -> Generator[Trial, Answer, None
 
 
 def order(count: int, place: int, seed: int) -> list[int]:
-    """The order of `count` conditions for a participant: a row of a Williams square, shuffled by the seed."""
+    """Order of `count` conditions for a participant: a row of a Williams square, shuffled by the seed."""
     rng = np.random.default_rng([seed, count])
     rows = williams(count)
     name = rng.permutation(count)
@@ -81,7 +82,7 @@ def order(count: int, place: int, seed: int) -> list[int]:
 
 
 def williams(count: int) -> list[list[int]]:
-    """A balanced Latin square (Williams 1949) of 0 … count − 1: a row for each order, twice as many if odd."""
+    """A balanced Latin square (Williams 1949) of 0 … count − 1, one row per order."""
     first = [(place + 1) // 2 if place % 2 else -(place // 2) % count for place in range(count)]
     rows = [[(one + row) % count for one in first] for row in range(count)]
     return rows + [row[::-1] for row in rows] if count % 2 and count > 1 else rows
@@ -114,7 +115,7 @@ def _fixed(
 
 
 def balanced(count: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Random sides 0 and 1 (count,), equally often up to one."""
+    """Random sides 0 and 1 (count,), each equally often; for an odd count, one side once more."""
     rounds = [rng.permutation(2) for _ in range((count + 1) // 2)]
     return rng.permutation(np.concatenate(rounds)[:count])
 

@@ -1,9 +1,4 @@
-"""One tick of each end, and both ends in one compiled loop: many times faster than real time.
-
-The simulation and the network session (`udp_session`) run the same steps: `receive` hands messages to an end,
-`step_leader` and `step_follower` tick it and post its message to the link from there. In the simulation the peer
-receives from that link; over the network a socket carries what leaves it.
-"""
+"""Leader and follower in one compiled loop, many times faster than real time."""
 
 from typing import Any, Final, NamedTuple
 
@@ -13,23 +8,23 @@ from hapscene.compiled.native import native
 from hapscene.device.sim.arm import find_tip
 from hapscene.geometry import Vector
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
-from hapscene.teleoperation.endpoint import hear
-from hapscene.teleoperation.leader_follower import follow, intend, lead
-from hapscene.teleoperation.link import collect, post
+from hapscene.teleoperation.endpoint import receive_message
+from hapscene.teleoperation.leader_follower import step_follower, step_leader
+from hapscene.teleoperation.link import Link, collect, post
 
-__all__ = ["HAPPENED", "Line", "operate", "receive", "step_follower", "step_leader"]
+__all__ = ["TICK_RECORD", "Line", "operate", "receive"]
 
-HAPPENED: Final = np.dtype(
+TICK_RECORD: Final = np.dtype(
     [
-        ("leader_W_m", "f8", (3,)),  # tools, true, at the tick's start
+        ("leader_W_m", "f8", (3,)),  # exact tool positions at the start of the tick
         ("follower_W_m", "f8", (3,)),
-        ("f_leader_W_N", "f8", (3,)),  # motors
+        ("f_leader_W_N", "f8", (3,)),  # motor forces
         ("f_follower_W_N", "f8", (3,)),
-        ("f_contact_W_N", "f8", (3,)),  # of the surface on the follower's tool, at the tick's end
+        ("f_contact_W_N", "f8", (3,)),  # force of the surface on the follower's tool, at the end of the tick
         ("touching", "i8"),
-        ("a_follower_m_s2", "f8", (SAMPLE_COUNT,)),  # what the follower's accelerometer read
-        ("a_tip_m_s2", "f8", (SAMPLE_COUNT,)),  # of the leader's tip, by its base motors and the hand
-        ("a_handle_m_s2", "f8", (SAMPLE_COUNT,)),  # of its handle, by the voice coil
+        ("a_follower_m_s2", "f8", (SAMPLE_COUNT,)),  # accelerometer of the follower
+        ("a_tip_m_s2", "f8", (SAMPLE_COUNT,)),  # tip of the leader, moved by base motors and hand
+        ("a_handle_m_s2", "f8", (SAMPLE_COUNT,)),  # handle of the leader relative to the tip, moved by the voice coil
     ],
     align=True,
 )
@@ -37,27 +32,29 @@ HAPPENED: Final = np.dtype(
 
 
 class Line(NamedTuple):
-    """The line both ways, and the message that has just come out of it."""
+    """The links in both directions, and storage for a received message."""
 
-    forth: Any  # Link to the follower
-    back: Any  # Link to the leader
+    to_follower: Link
+    to_leader: Link
     message: Any  # (1,) MESSAGE
 
 
 @native
-def operate(leader: Any, follower: Any, line: Any, first: int, hand: Any, happened: Any) -> None:
-    """Ticks from number `first` on, one for each row of `happened` (n,), which it fills.
+def operate(leader: Any, follower: Any, line: Any, first: int, hand: Any, rows: Any) -> None:
+    """Run one tick for each row of `rows` (n,) TICK_RECORD, from tick `first` on, and fill the rows.
 
-    `hand`: target, grip and push of the leader's hand (see `twin.intent.ReferenceTrajectory`).
+    `hand` has target, grip and push of the leader's hand, as in the reference trajectory.
     """
-    for k in range(len(happened)):
-        now, row = first + k, happened[k]
-        receive(follower.end, line.forth, now, line.message)  # both, before either sends
-        receive(leader.end, line.back, now, line.message)
-        _note(row.leader_W_m, find_tip(leader.arm))
-        _note(row.follower_W_m, find_tip(follower.arm))
-        _note(row.f_follower_W_N, step_follower(follower, line.back, now))
-        _note(row.f_leader_W_N, step_leader(leader, hand, k, line.forth, now))
+    for k in range(len(rows)):
+        now, row = first + k, rows[k]
+        receive(follower.end, line.to_follower, now, line.message)  # both receive before either sends
+        receive(leader.end, line.to_leader, now, line.message)
+        _set(row.leader_W_m, find_tip(leader.arm))
+        _set(row.follower_W_m, find_tip(follower.arm))
+        _set(row.f_follower_W_N, step_follower(follower, now))
+        post(line.to_leader, now, follower.outgoing)
+        _set(row.f_leader_W_N, step_leader(leader, hand, k, now))
+        post(line.to_follower, now, leader.outgoing)
         row.touching = follower.row[0].touching
         for i in range(3):
             row.f_contact_W_N[i] = follower.row[0].f_W_N[i]
@@ -69,28 +66,11 @@ def operate(leader: Any, follower: Any, line: Any, first: int, hand: Any, happen
 
 @native
 def receive(end: Any, link: Any, now: int, message: Any) -> None:
-    """Hand an end the messages that its incoming link has delivered by tick `now`."""
+    """Pass the messages that a link has delivered by tick `now` to an end."""
     while collect(link, now, message, 0):
-        hear(end, now, message[0])
+        receive_message(end, now, message[0])
 
 
 @native
-def step_leader(leader: Any, hand: Any, row: int, link: Any, now: int) -> Vector:
-    """Tick `now` of a leader whose hand does row `row` of its intention; the force of its motors [N]."""
-    intend(leader, hand[0], hand[1], hand[2], row)
-    force = lead(leader, now)
-    post(link, now, leader.told)
-    return force
-
-
-@native
-def step_follower(follower: Any, link: Any, now: int) -> Vector:
-    """Tick `now` of a follower; the force of its motors [N]."""
-    force = follow(follower, now)
-    post(link, now, follower.told)
-    return force
-
-
-@native
-def _note(place: Any, vector: Vector) -> None:
-    place[0], place[1], place[2] = vector[0], vector[1], vector[2]
+def _set(target: Any, vector: Vector) -> None:
+    target[0], target[1], target[2] = vector[0], vector[1], vector[2]

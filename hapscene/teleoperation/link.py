@@ -1,8 +1,4 @@
-"""A bad line, simulated: delay, jitter, loss and reordering, from a seeded generator, compiled.
-
-The closed loop in one process sends its messages through it; over UDP it stands before the socket, so that two
-processes on one machine can be tried as if an ocean lay between them.
-"""
+"""A simulated network link with delay, jitter, loss and reordering, from a seeded random number generator."""
 
 import math
 from dataclasses import dataclass
@@ -20,16 +16,16 @@ from hapscene.teleoperation.datagram import MESSAGE
 __all__ = ["JITTER_MOST", "SLOT_COUNT", "Impairment", "Link", "collect", "new_link", "post"]
 
 SLOT_COUNT: Final = 1024
-"""Messages that can be under way at once [count]: a second at 1 kHz. More are lost, as in a full router."""
+"""Capacity for messages in transit [count]: a second at 1 kHz. More are lost, as in a full router."""
 
 DELAY_MAX_S: Final = 0.5
-"""Longest delay, and longest jitter, that a line may have [s]. With more the slots would run out."""
+"""Longest delay and longest jitter of a link [s]; limited by the capacity."""
 
 JITTER_MOST: Final = 4.0
-"""Where the tail of the jitter ends [times its mean]: beyond lie 2 % of an exponential distribution."""
+"""Upper end of the jitter distribution [times its mean]; 2 % of an exponential distribution lie beyond."""
 
 HELD_BACK_S: Final = 0.005
-"""How long a message that is to be overtaken waits [s]: at 1 kHz five others pass it."""
+"""Additional delay of a reordered message [s]: at 1 kHz five others overtake it."""
 
 LINE: Final = np.dtype(
     [
@@ -39,8 +35,8 @@ LINE: Final = np.dtype(
         ("loss", "f8"),
         ("reorder", "f8"),
         ("rng", "u8", (4,)),
-        ("head", "i8"),  # oldest message that may still be under way
-        ("tail", "i8"),  # next free number; number n lies in slot n % SLOT_COUNT
+        ("head", "i8"),  # number of the oldest message that may still be in transit
+        ("tail", "i8"),  # number of the next message; message n is in slot n % SLOT_COUNT
         ("lost", "i8"),
     ],
     align=True,
@@ -49,14 +45,14 @@ LINE: Final = np.dtype(
 
 @dataclass(frozen=True)
 class Impairment:
-    """How bad a line is, one way.
+    """Delay, jitter, loss and reordering of a link in one direction.
 
     Attributes:
-        delay_s: what every message waits, 0 to 0.5.
-        jitter_s: mean of a further wait, drawn for each message from an exponential distribution that ends at four
-            times its mean. Messages overtake each other where it is longer than a tick.
-        loss: share of messages that never arrive, 0 to 1.
-        reorder: share that is held back for 5 ms, so that the next ones arrive before it, 0 to 1.
+        delay_s: delay of every message, 0 to 0.5.
+        jitter_s: mean of an additional delay, drawn for each message from an exponential distribution that ends at four
+            times its mean. Messages overtake each other if it is longer than a tick.
+        loss: share of messages that are lost, 0 to 1.
+        reorder: share of messages that are delayed by another 5 ms, so that later ones arrive first, 0 to 1.
 
     Raises:
         HapsceneError: a number out of range.
@@ -71,19 +67,19 @@ class Impairment:
         most = {"delay_s": DELAY_MAX_S, "jitter_s": DELAY_MAX_S / JITTER_MOST, "loss": 1.0, "reorder": 1.0}
         for name, limit in most.items():
             if not 0.0 <= getattr(self, name) <= limit:
-                raise HapsceneError(f"a line's {name} must lie between 0 and {limit:g}, is {getattr(self, name):g}")
+                raise HapsceneError(f"impairment: {name} must be from 0 to {limit:g}, is {getattr(self, name):g}")
 
 
 class Link(NamedTuple):
-    """A line, one way."""
+    """A link in one direction, and the messages in transit."""
 
     line: Any  # (1,) LINE
     messages: Any  # (SLOT_COUNT,) MESSAGE
-    arrival_tick: NDArray[np.float64]  # (SLOT_COUNT,); infinite once it has arrived
+    arrival_tick: NDArray[np.float64]  # (SLOT_COUNT,); infinite once the message has arrived
 
 
 def new_link(impairment: Impairment, tick_s: float, seed: int, name: str) -> Link:
-    """An empty line; the same seed and name lose and delay the same messages."""
+    """Return an empty link. Links of the same seed and name lose and delay the same messages."""
     line = records(1, LINE)
     line.delay_ticks = impairment.delay_s / tick_s
     line.jitter_ticks = impairment.jitter_s / tick_s
@@ -95,7 +91,7 @@ def new_link(impairment: Impairment, tick_s: float, seed: int, name: str) -> Lin
 
 @native
 def post(link: Any, tick: int, message: Any) -> None:
-    """Give the line a message (1,) in tick `tick` of the sender."""
+    """Send a message (1,) over a link, in tick `tick` of the sender."""
     line = link.line[0]
     delay = line.delay_ticks
     if line.jitter_ticks > 0.0:
@@ -112,8 +108,8 @@ def post(link: Any, tick: int, message: Any) -> None:
 
 
 @native
-def collect(link: Any, tick: int, messages: Any, place: int) -> bool:
-    """Take the next message that has arrived by tick `tick`, in order of arrival, into `messages[place]`.
+def collect(link: Any, tick: int, messages: Any, set_start: int) -> bool:
+    """Move the next message that has arrived by tick `tick`, in order of arrival, to `messages[place]`.
 
     Returns whether there was one.
     """
@@ -125,7 +121,7 @@ def collect(link: Any, tick: int, messages: Any, place: int) -> bool:
             first, slot = link.arrival_tick[candidate], candidate
     if first > tick:
         return False
-    messages[place] = link.messages[slot]
+    messages[set_start] = link.messages[slot]
     link.arrival_tick[slot] = math.inf
     while line.head < line.tail and link.arrival_tick[line.head % SLOT_COUNT] == math.inf:
         line.head += 1

@@ -1,4 +1,4 @@
-"""Teleoperation in one process: a leader in a hand, a line, a follower on a scene."""
+"""Teleoperation in one process: a leader in a simulated hand, a simulated link, and a follower in a scene."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,43 +17,40 @@ from hapscene.records import records
 from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect
-from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate, receive, step_leader
+from hapscene.teleoperation.bilateral_loop import TICK_RECORD, Line, operate, receive
 from hapscene.teleoperation.body_follower import BodyFollower
 from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.endpoint import Coupling
-from hapscene.teleoperation.leader_follower import Follower, Leader, new_follower, new_leader
+from hapscene.teleoperation.leader_follower import Follower, Leader, new_follower, new_leader, step_leader
 from hapscene.teleoperation.link import Impairment, new_link, post
 
 if TYPE_CHECKING:
     from hapscene.bridge.simulation import Simulation
 
-__all__ = ["UP", "Operated", "Operation", "world_of"]
+__all__ = ["UP", "Operation", "OperationResult", "follower_renderer"]
 
 Array = NDArray[np.float64]
 
 UP: Final = (0.0, 0.0, 1.0)
 """Default direction of the handle in W: upright on a horizontal surface."""
 
-REST_S: Final = 1.0
-"""End of an operation, in which all should be at rest [s]."""
-
 
 @dataclass(frozen=True, eq=False)
-class Operated:
-    """What happened, n ticks: SI units, vectors in W.
+class OperationResult:
+    """The recorded quantities of n ticks, in SI units and world coordinates W.
 
     Attributes:
         t_s: (n,) start of each tick.
-        leader_W_m, follower_W_m: (n, 3) the tools, true.
-        f_leader_W_N, f_follower_W_N: (n, 3) forces of the motors, held over the tick.
-        f_contact_W_N: (n, 3) of the surface on the follower's tool, at the tick's end; NaN where a simulation is
-            followed that does not say it.
-        touching: (n,) whether the follower touches.
-        a_follower_m_s2: (n, SAMPLE_COUNT) what the follower's accelerometer read, along the handle.
+        leader_W_m, follower_W_m: (n, 3) exact tool positions.
+        f_leader_W_N, f_follower_W_N: (n, 3) motor forces, held over the tick.
+        f_contact_W_N: (n, 3) force of the surface on the follower's tool, at the end of the tick; NaN if a simulation
+            is followed that does not provide it.
+        touching: (n,) whether the follower is in contact.
+        a_follower_m_s2: (n, SAMPLE_COUNT) accelerometer of the follower, along the handle.
         a_tip_m_s2: (n, SAMPLE_COUNT) acceleration of the leader's tip, by base motors and hand.
-        a_handle_m_s2: (n, SAMPLE_COUNT) of the handle on it, by the voice coil.
-        latency_s: from a sample at the follower to the same at the leader's handle.
-        work_J: (n,) of both devices' motors since the start. What rises above 0 was generated.
+        a_handle_m_s2: (n, SAMPLE_COUNT) acceleration of the handle relative to the tip, by the voice coil.
+        latency_s: latency from the follower's accelerometer to the leader's handle.
+        work_J: (n,) work of the motors of both devices since the start; positive if they generate energy.
     """
 
     t_s: Array
@@ -71,42 +68,31 @@ class Operated:
 
     def __repr__(self) -> str:
         touching = int(self.touching.sum())
-        return f"<Operated: {len(self.t_s):,} ticks, {touching:,} touching; {1e3 * self.latency_s:.3g} ms late>"
-
-    @property
-    def rest_m_s(self) -> float:
-        """Root mean square of the faster tool's speed at the end [m/s]."""
-        late = self.t_s >= self.t_s[-1] - REST_S
-        speeds = [np.diff(p[late], axis=0) / TICK_S for p in (self.leader_W_m, self.follower_W_m)]
-        return max(float(np.sqrt((v**2).sum(axis=1).mean())) for v in speeds)
-
-    @property
-    def energy_out_J(self) -> float:
-        """The most energy that both devices' motors together had given out at any time [J]."""
-        return max(float(self.work_J.max()), 0.0)
+        latency = f"latency {1e3 * self.latency_s:.3g} ms"
+        return f"<OperationResult: {len(self.t_s):,} ticks, {touching:,} in contact, {latency}>"
 
 
 class Operation:
-    """A hand that feels a scene through a leader, a line and a follower.
+    """A simulated hand that touches a scene through a leader, a link and a follower.
 
     Args:
-        scene: what the follower touches; or a simulation of which a body is the follower, a robot of
-            `hapscene.bridge.MuJoCo` say: its motors are a force at the body's origin, and what it touches is the
-            simulation's.
-        p_WT: (3,) where both tools are at the start; a body follows from where it is.
-        coupling: how the ends are tied together.
-        line: how bad the line is, each way.
-        device: of both ends; of the leader, where a body follows.
-        compensator: of the leader's handle, a name of `hapscene.handle.compensator.COMPENSATORS`; "none" leaves it to
-            the base motors.
-        plant: the handle; the compensator believes in `Plant()`.
-        effects, seed: as `Renderer` has them.
-        axis_W: (3,) along the handle.
-        body: of a simulation, the one that follows; may be left out where it has but one.
+        scene: scene that the follower touches; or a simulation, such as a robot in `hapscene.bridge.MuJoCo`, of which a
+            body is the follower: its motors exert a force at the origin of the body, and it touches objects of the
+            simulation.
+        p_WT: (3,) start position of both tools. A body starts where it is.
+        coupling: coupling of the ends.
+        line: impairment of the link in each direction.
+        device: device of both ends; for a body, only of the leader.
+        compensator: compensator of the leader's handle, a name of `hapscene.handle.compensator.COMPENSATORS`; "none"
+            renders with the base motors alone.
+        plant: the actual handle; the compensator assumes `Plant()`.
+        effects, seed: as in `Renderer`.
+        axis_W: (3,) direction of the handle.
+        body: name of the following body of a simulation; optional if there is only one.
 
     Raises:
-        HapsceneError: a start out of the device's reach, an unknown compensator, or what `Renderer` refuses; an
-            unknown body, or a simulation whose steps do not fit into a tick.
+        HapsceneError: a start position out of reach of the device, an unknown compensator or body, a simulation
+            whose steps do not divide a tick, or an argument that `Renderer` refuses.
     """
 
     def __init__(
@@ -127,52 +113,54 @@ class Operation:
         coupling, line, device = coupling or Coupling(), line or Impairment(), simulated_device(device or "omni")
         self.follower: Follower | BodyFollower
         if isinstance(scene, Scene):
-            self.renderer = world_of(scene, effects, seed)
+            self.renderer = follower_renderer(scene, effects, seed)
             self.follower = new_follower(self.renderer, device, coupling, p_WT, axis_W)
         else:
             self.follower = BodyFollower(scene, body, coupling, axis_W)
         handle = new_handle(plant or Plant(), Plant(), compensator, ACCELERATION_RATE_HZ, seed)
         self.leader: Leader = new_leader(device, handle, coupling, p_WT, axis_W)
-        forth, back = (new_link(line, TICK_S, seed, name) for name in ("forth", "back"))
-        self.line = Line(forth, back, records(1, MESSAGE))
+        # "forth" and "back" seed the random streams of the links: other names give other results
+        to_follower, to_leader = (new_link(line, TICK_S, seed, name) for name in ("forth", "back"))
+        self.line = Line(to_follower, to_leader, records(1, MESSAGE))
         self._ticks = 0
 
     def __repr__(self) -> str:
         return f"<Operation: {self.follower if isinstance(self.follower, BodyFollower) else self.renderer!r}>"
 
-    def run(self, intent: ReferenceTrajectory) -> Operated:
-        """Simulate a reference trajectory of the leader's hand, a tick for each of its rows, from the present state."""
+    def run(self, intent: ReferenceTrajectory) -> OperationResult:
+        """Simulate a reference trajectory of the leader's hand, one tick per row, from the present state."""
         n = len(intent)
-        happened = records(n, HAPPENED)
+        rows = records(n, TICK_RECORD)
         hand = (intent.target_W_m, intent.grip, intent.push_W_N)
         if isinstance(self.follower, BodyFollower):
-            self._operate(self.follower, hand, happened)
+            self._operate(self.follower, hand, rows)
         else:
-            operate(self.leader, self.follower, self.line, self._ticks, hand, happened)
+            operate(self.leader, self.follower, self.line, self._ticks, hand, rows)
         t_s = np.asarray((self._ticks + np.arange(n)) * TICK_S, np.float64)
         self._ticks += n
-        column: dict[str, Any] = {name: np.ascontiguousarray(happened[name]) for name in HAPPENED.names or ()}
+        column: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in TICK_RECORD.names or ()}
         column["touching"] = column["touching"].astype(bool)
         leader_J = _work(column["leader_W_m"], column["f_leader_W_N"])
         follower_J = _work(column["follower_W_m"], column["f_follower_W_N"])
-        return Operated(
+        return OperationResult(
             t_s=t_s,
             **column,
             latency_s=self.latency_s,
             work_J=leader_J + follower_J,
         )
 
-    def _operate(self, follower: BodyFollower, hand: tuple[Array, Array, Array], happened: Any) -> None:
-        """`bilateral_loop.operate` with a follower that is not compiled."""
+    def _operate(self, follower: BodyFollower, hand: tuple[Array, Array, Array], rows: Any) -> None:
+        """Do the same as `bilateral_loop.operate` for a follower that is not compiled."""
         leader, line = self.leader, self.line
-        for k, row in enumerate(happened):
+        for k, row in enumerate(rows):
             now = self._ticks + k
-            receive(follower.end, line.forth, now, line.message)
-            receive(leader.end, line.back, now, line.message)
+            receive(follower.end, line.to_follower, now, line.message)
+            receive(leader.end, line.to_leader, now, line.message)
             row.leader_W_m, row.follower_W_m = find_tip(leader.arm), follower.p_W_m
-            row.f_follower_W_N = follower.follow(now)
-            post(line.back, now, follower.told)
-            row.f_leader_W_N = step_leader(leader, hand, k, line.forth, now)
+            row.f_follower_W_N = follower.step(now)
+            post(line.to_leader, now, follower.outgoing)
+            row.f_leader_W_N = step_leader(leader, hand, k, now)
+            post(line.to_follower, now, leader.outgoing)
             row.f_contact_W_N = follower.contact()
             row.touching = np.abs(row.f_contact_W_N).max() > 0.0
             row.a_follower_m_s2, row.a_tip_m_s2 = follower.read_m_s2, leader.tip_m_s2
@@ -180,19 +168,19 @@ class Operation:
 
     @property
     def latency_s(self) -> float:
-        """Present latency from the follower's accelerometer to the handle: a tick until a sample is sent, the jitter
-        buffer, and the handle's look-ahead."""
+        """Present latency from the follower's accelerometer to the handle: one tick to send, the jitter buffer, and the
+        look-ahead of the handle."""
         queue: Any = self.leader.end.queue[0]
         ticks = 1 + int(queue.lag_ticks) + int(queue.a_extra_ticks)
         return ticks * TICK_S + int(self.leader.handle[0].delay) / ACCELERATION_RATE_HZ
 
 
-def world_of(scene: Scene, effects: Sequence[str | Effect] = EFFECTS, seed: int = 0) -> Renderer:
-    """The scene as a world that a follower's tool meets: a tick for each sample of the accelerometer."""
+def follower_renderer(scene: Scene, effects: Sequence[str | Effect] = EFFECTS, seed: int = 0) -> Renderer:
+    """Return a renderer whose tick lasts one sample of the follower's accelerometer."""
     return Renderer(scene, effects, seed=seed, tick_s=1.0 / ACCELERATION_RATE_HZ, a_rate_Hz=ACCELERATION_RATE_HZ)
 
 
 def _work(p_W_m: Array, f_W_N: Array) -> Array:
-    """(n,) work of a held force on a tool since the start; that of the last tick is not known yet."""
+    """(n,) work of a held force on a tool since the start. The work of the last tick is not included."""
     done = np.einsum("ij,ij->i", f_W_N[:-1], np.diff(p_W_m, axis=0))
     return np.append(0.0, np.cumsum(done))

@@ -1,7 +1,7 @@
 """A device on another computer, through the bridge's UDP protocol: it sends its position and receives the force.
 
-Any client of the bridge (`docs/bridge-protocol.md`, `examples/engines`) can be this device. The aim in its FRAME is the
-device position relative to the middle of the workspace. The STATE that answers the newest FRAME contains the force, in
+Any client of the bridge (`docs/reference/bridge-protocol.md`, `examples/engines`) can be this device. The aim in its
+FRAME is the device position relative to the middle of the workspace. The STATE that answers the newest FRAME contains the force, in
 the axes and unit of its HELLO. The client provides no bodies: the scene is on this side.
 
 A network adds latency: walls are soft, and a client that sends nothing for 20 ms gets no force. Only one client can be
@@ -112,7 +112,7 @@ class NetworkConnection(Connection):
             frame = unpack_frame(packet.payload)
             if frame.aim is None:
                 return
-            p = self._convention.place(frame.aim)
+            p = self._convention.position(frame.aim)
             if not float(np.abs(p).max()) <= REACH_M:  # false for NaN
                 return
             self._last = self._waiting = packet.sequence
@@ -157,8 +157,8 @@ class NetworkConnection(Connection):
         """Send the force, in the STATE that answers the newest FRAME."""
         size = float(np.sqrt(force @ force))
         force = force * min(1.0, FORCE_N / size) if 0.0 < size < math.inf else np.zeros(3)
-        place, zero = self._convention.told_place(self.state.p_DT_m[0]), (0.0, 0.0, 0.0)
-        sent = self._convention.told_force(force)
+        place, zero = self._convention.client_position(self.state.p_DT_m[0]), (0.0, 0.0, 0.0)
+        sent = self._convention.client_vector(force)
         state = State(self._tick, 0.0, place, place, zero, sent, 0.0, 0.0, -1, -1, -1, 0, 0, (), ())
         self._send(Packet(STATE, self._key, self._waiting, pack_state(state)), self._client)
         self._waiting = 0

@@ -18,7 +18,7 @@ The coefficient at the slip speed v (`touch.slip_m_s`) includes the Stribeck eff
 
 and is µ_d by default. It applies only while the proxy slips, so a sticking proxy does not creep. If friction falls with
 speed faster than device and hand damp, the tool oscillates (stick–slip), as on the real surface; the low-pass on v
-delays this slightly (`docs/stability.md`).
+delays this slightly (`docs/results/stability.md`).
 
 The proxy sticks again when |f| falls below µ_d F_n: when the hand reverses or presses harder or, with a Stribeck curve,
 when v falls below `REST` times v_s. If v_s, µ_v and the damping are 0, the force depends only on displacement, so

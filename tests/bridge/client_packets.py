@@ -1,4 +1,4 @@
-"""What clients pack and unpack, the other way round from the server."""
+"""Encoding and decoding of packets on the client side."""
 
 from hapscene.bridge.packets import _AIM, _BODY, _EVENT, _IMPULSE, _STATE, Event, Frame, PacketError, State
 
@@ -9,7 +9,7 @@ def pack_frame(frame: Frame) -> bytes:
     for body in frame.bodies:
         bits = body.teleport | 2 * (body.v is not None)
         v, w = body.v or (0.0,) * 3, body.w or (0.0,) * 3
-        parts.append(_BODY.pack(body.body, bits, 0, *body.p, *body.q, *v, *w, *body.seen))
+        parts.append(_BODY.pack(body.body, bits, 0, *body.p, *body.q, *v, *w, *body.applied))
     return b"".join(parts)
 
 

@@ -1,4 +1,4 @@
-"""The bridge in this process: its servo ticks at a virtual time, and what is sent is answered at once."""
+"""The bridge in this process: its servo runs in virtual time, and packets are answered immediately."""
 
 import socket
 import sys
@@ -13,7 +13,7 @@ import trimesh
 import hapscene
 from hapscene.bridge.orders import Orders
 from hapscene.bridge.server import BridgeServer
-from hapscene.bridge.web_door import WebDoor
+from hapscene.bridge.websocket import WebSocketBridge
 from tests.virtual_servo import VirtualServo
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples" / "engines" / "python"))
@@ -37,12 +37,12 @@ class Here:
         self._open.enter_context(self.servo)
         orders = self._open.enter_context(Orders(self.servo))
         self.server = self._open.enter_context(BridgeServer(orders, "127.0.0.1", 0, self.servo.clock))
-        self.door = self._open.enter_context(WebDoor(self.server, "127.0.0.1", 0)) if ws else None
+        self.door = self._open.enter_context(WebSocketBridge(self.server, "127.0.0.1", 0)) if ws else None
         self.ws = "ws://{}:{}".format(*self.door.address) if self.door else ""
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages by what became of them."""
+        """Number of messages by result."""
         return dict(self.server.orders.counts)
 
     def close(self) -> None:
@@ -84,7 +84,7 @@ class Client(client_file.Client):
         return Line(self.here)  # type: ignore[return-value]
 
     def feel(self, ticks: int = 16, **frame: Any) -> dict[str, Any]:
-        """Send a frame, let ticks go by, and send it again: what is told then."""
+        """Send a frame, let ticks go by, and send it again: and return the new state."""
         self.frame(**frame)
         self.here.servo.advance(ticks)
         self.frame(**frame)

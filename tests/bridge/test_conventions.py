@@ -1,4 +1,4 @@
-"""Frames of programs: places, turnings and forces of four of them, against rotations of SciPy."""
+"""Coordinate conventions of four programs, against rotations of SciPy."""
 
 import numpy as np
 import pytest
@@ -11,38 +11,38 @@ FRAMES = [("z", "right", 1.0), ("y", "right", 1.0), ("y", "left", 1.0), ("z", "l
 
 
 @pytest.mark.parametrize(("up", "handed", "metres"), FRAMES)
-def test_up_is_up_and_what_turns_keeps_its_sense(up: str, handed: str, metres: float) -> None:
+def test_vectors_and_angular_quantities(up: str, handed: str, metres: float) -> None:
     frame = Convention.of({"up": up, "handed": handed, "metres": metres})
     axis = np.array([0.0, 0.0, 1.0] if up == "z" else [0.0, 1.0, 0.0])
-    np.testing.assert_allclose(frame.place(axis), [0, 0, metres])
+    np.testing.assert_allclose(frame.position(axis), [0, 0, metres])
     assert np.linalg.det(frame.C) == pytest.approx(1.0 if handed == "right" else -1.0)
     rng = np.random.default_rng(4)
     p, f, L, v = rng.normal(size=(4, 3))
-    for there, back in ((frame.place, frame.told_place), (frame.force, frame.told_force)):
+    for there, back in ((frame.position, frame.client_position), (frame.vector, frame.client_vector)):
         np.testing.assert_allclose(back(there(v)), v)
-    np.testing.assert_allclose(frame.told_turning(frame.turning(L)), L)
+    np.testing.assert_allclose(frame.client_angular(frame.angular(L)), L)
     # a moment is the product of arm and force, whatever the hand
-    np.testing.assert_allclose(frame.turning(np.cross(p, f)) * metres, np.cross(frame.place(p), frame.force(f)))
+    np.testing.assert_allclose(frame.angular(np.cross(p, f)) * metres, np.cross(frame.position(p), frame.vector(f)))
 
 
 @pytest.mark.parametrize(("up", "handed", "metres"), FRAMES)
-def test_a_pose_takes_points_where_the_program_has_them(up: str, handed: str, metres: float) -> None:
-    """A quaternion is (axis sin ½φ, cos ½φ) in any frame: as a matrix it takes the program's points to its points."""
+def test_pose(up: str, handed: str, metres: float) -> None:
+    """The rotation matrix of a quaternion maps the points of the client to its points."""
     frame = Convention.of({"up": up, "handed": handed, "metres": metres})
     R, p, x = Rotation.from_rotvec([0.3, -0.7, 1.1]), np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.2, -0.4])
     X_WB = frame.pose(p, 3.0 * R.as_quat())  # of any length
-    np.testing.assert_allclose((X_WB @ [*frame.place(x), 1.0])[:3], frame.place(R.apply(x) + p), atol=1e-12)
+    np.testing.assert_allclose((X_WB @ [*frame.position(x), 1.0])[:3], frame.position(R.apply(x) + p), atol=1e-12)
     inertia = np.diag([1.0, 2.0, 3.0])
     np.testing.assert_allclose(frame.inertia([1.0, 2.0, 3.0]), frame.C @ inertia @ frame.C.T)
 
 
-def test_what_is_no_rotation_is_left_to_be_flagged() -> None:
+def test_an_invalid_quaternion_gives_nan() -> None:
     frame = Convention.of({})
     assert np.isnan(frame.pose((0, 0, 0), (0, 0, 0, 0))).any()
     assert np.isnan(frame.pose((0, 0, 0), (np.nan, 0, 0, 1))).any()
 
 
 @pytest.mark.parametrize("hello", [{"up": "x"}, {"metres": True}])
-def test_another_frame_is_refused(hello: dict) -> None:
+def test_invalid_conventions(hello: dict) -> None:
     with pytest.raises(PacketError):
         Convention.of(hello)

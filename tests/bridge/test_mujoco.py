@@ -1,4 +1,4 @@
-"""Models of MuJoCo: their geoms where MuJoCo's own rays meet them, what is pushed, and by how much."""
+"""MuJoCo models: geoms against MuJoCo's own rays, pushed bodies, errors."""
 
 import itertools
 from pathlib import Path
@@ -33,7 +33,7 @@ GEOM = """<mujoco>
     <hfield name="hills" nrow="4" ncol="3" size=".04 .03 .02 .01" elevation="0 1 0  2 0 1  0 3 1  1 0 0"/>
   </asset>
   <worldbody>
-    <body name="thing" pos=".1 -.2 .3" euler="20 40 60">%s
+    <body name="part" pos=".1 -.2 .3" euler="20 40 60">%s
       <geom name="part" pos=".02 .01 -.03" euler="50 10 -30" %s/>
     </body>
   </worldbody>
@@ -87,12 +87,12 @@ def met_at(mesh: trimesh.Trimesh, start: NDArray[np.float64], to: NDArray[np.flo
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_geom_is_where_rays_of_mujoco_meet_it(kind: str) -> None:
+def test_geoms_agree_with_rays_of_mujoco(kind: str) -> None:
     free = kind not in ("plane", "hfield")  # which MuJoCo has in static bodies alone
     model, data = compiled(GEOM % ("<freejoint/>" if free else "", KINDS[kind]))
     if free:
         data.qpos[:] += np.random.default_rng(1).normal(0.0, 0.3, 7)
-    body = hapscene.bridge.MuJoCo(model, data).scene.body("thing")
+    body = hapscene.bridge.MuJoCo(model, data).scene.body("part")
     mesh, rng, hit = solid(body), np.random.default_rng(2), np.zeros(1, np.int32)
     middle, reach = mesh.bounds.mean(axis=0), float(np.linalg.norm(mesh.extents))
     sag_m = 0.03 * SAG if kind in ("sphere", "capsule", "cylinder", "ellipsoid") else 1e-8
@@ -115,7 +115,7 @@ def test_a_geom_is_where_rays_of_mujoco_meet_it(kind: str) -> None:
         assert 1e-3 - sag_m <= along <= 1e-3 + 1e-8, i
 
 
-def test_all_geoms_of_a_body_are_one_body_and_swatches_go_by_name() -> None:
+def test_geoms_of_a_body_and_swatches_by_name() -> None:
     model, data = compiled("""<mujoco>
       <asset><material name="steel"/></asset>
       <worldbody>
@@ -145,14 +145,14 @@ def test_all_geoms_of_a_body_are_one_body_and_swatches_go_by_name() -> None:
     whole = hapscene.bridge.MuJoCo(model, data, visual=True).scene.body("cart")
     assert len(whole.mesh.faces) == len(cart.mesh.faces) + 12
     for one, name in (("wood", "wood"), (swatches["handle"], "cork")):
-        alike = hapscene.bridge.MuJoCo(model, data, one).scene
-        assert {alike.swatches[i].name for body in alike.bodies for i in body.face_swatch} == {name}
+        same = hapscene.bridge.MuJoCo(model, data, one).scene
+        assert {same.swatches[i].name for body in same.bodies for i in body.face_swatch} == {name}
     with pytest.raises(hapscene.HapsceneError, match=r"no geom, material or body 'craet'; there are: .*cart"):
         hapscene.bridge.MuJoCo(model, data, {"craet": "wood"})
 
 
 @pytest.mark.parametrize("step_s", [1e-3, 1 / 60])
-def test_a_body_in_free_space_has_the_impulse_that_is_told(step_s: float) -> None:
+def test_momentum_of_a_free_body(step_s: float) -> None:
     model, data = crates(step_s, height=1.0)
     bridge = hapscene.bridge.MuJoCo(model, data, {"default": soft()})
     renderer = hapscene.Renderer(bridge.scene)
@@ -169,7 +169,7 @@ def test_a_body_in_free_space_has_the_impulse_that_is_told(step_s: float) -> Non
         assert spin[2] == pytest.approx(impulse.angular_N_m_s[2], rel=1e-12)
 
 
-def test_what_others_apply_to_bodies_stays() -> None:
+def test_other_applied_forces_are_kept() -> None:
     model, data = crates(1e-3, height=1.0)
     bridge = hapscene.bridge.MuJoCo(model, data, {"default": soft()})
     renderer = hapscene.Renderer(bridge.scene)
@@ -184,7 +184,7 @@ def test_what_others_apply_to_bodies_stays() -> None:
 
 @pytest.mark.parametrize(("step_s", "most_N"), [(1e-3, 0.01), (2e-3, 0.01), (1 / 60, 0.1)])
 def test_a_box_on_the_floor_is_pushed_smoothly(step_s: float, most_N: float) -> None:
-    """0.2 kg at 650 N/m for 3 s: at 60 Hz, poses held between steps give steps of 0.2 N."""
+    """0.2 kg at 650 N/m for 3 s; at 60 Hz, constant poses would cause force steps of 0.2 N."""
     model, data = crates(step_s, -9.81)
     bridge = hapscene.bridge.MuJoCo(model, data, {"default": soft()})
     renderer, felt, tick = hapscene.Renderer(bridge.scene), list[hapscene.Command](), itertools.count()
@@ -197,7 +197,7 @@ def test_a_box_on_the_floor_is_pushed_smoothly(step_s: float, most_N: float) -> 
     assert -f_N[-500:, 0].mean() == pytest.approx(0.2 * 9.81, rel=0.5)  # what MuJoCo's friction has at most
 
 
-def test_after_a_reset_bodies_appear_where_they_began() -> None:
+def test_reset() -> None:
     model, data = crates(1 / 60, -9.81)
     bridge = hapscene.bridge.MuJoCo(model, data, {"default": soft()})
     renderer = hapscene.Renderer(bridge.scene)
@@ -209,7 +209,7 @@ def test_after_a_reset_bodies_appear_where_they_began() -> None:
     assert abs(data.qpos[0]) < 1e-9
 
 
-def test_a_simulation_that_burst_and_began_anew_is_felt_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_diverged_and_reset_simulation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo writes a log of it
     model, data = crates(0.002)
     bridge = hapscene.bridge.MuJoCo(model, data)
@@ -221,15 +221,15 @@ def test_a_simulation_that_burst_and_began_anew_is_felt_again(tmp_path: Path, mo
     assert command.flags == 0
 
 
-def test_what_is_no_model_with_its_data_is_told() -> None:
+def test_invalid_models_and_data() -> None:
     model, _ = crates(0.002)
-    with pytest.raises(hapscene.HapsceneError, match="of another model"):
+    with pytest.raises(hapscene.HapsceneError, match="another model"):
         hapscene.bridge.MuJoCo(model, compiled("<mujoco/>")[1])
-    with pytest.raises(hapscene.HapsceneError, match=r"expected a mujoco\.MjModel"):
+    with pytest.raises(hapscene.HapsceneError, match="NoneType"):
         hapscene.bridge.MuJoCo(model, None)
 
 
-def test_a_hinged_door_gives_way_as_its_joint_has_it() -> None:
+def test_mobility_of_a_hinged_body() -> None:
     model, data = compiled("""<mujoco><option gravity="0 0 0"/><worldbody>
       <body name="door"><joint name="hinge" axis="0 0 1"/>
         <geom type="box" pos=".4 0 0" size=".4 .01 .5" mass="5"/></body>
@@ -245,9 +245,9 @@ def test_a_hinged_door_gives_way_as_its_joint_has_it() -> None:
     assert data.qvel[0] > 0.1
 
 
-def test_what_touches_a_body_is_told_by_its_force() -> None:
+def test_contact_force() -> None:
     model, data = crates(1e-3, -9.81)
-    data.qpos[7:10] = (0.0, 0.0, 0.15)  # the second on the crate, which so is of both sides
+    data.qpos[7:10] = (0.0, 0.0, 0.15)  # the second body stands on the crate
     bridge = hapscene.bridge.MuJoCo(model, data)
     for _ in range(500):
         bridge.advance(np.zeros((2, 6)))
@@ -255,11 +255,11 @@ def test_what_touches_a_body_is_told_by_its_force() -> None:
         assert bridge.contact(body) == pytest.approx([0.0, 0.0, 9.81 * mass_kg], abs=1e-3)
 
 
-def test_a_mass_too_light_is_told_by_its_name() -> None:
+def test_a_light_body_is_warned_of() -> None:
     model, data = compiled(CRATE.format(step_s=1 / 60, gravity=0, height=1.0).replace('mass=".2"', 'mass=".02"'))
     bridge = hapscene.bridge.MuJoCo(model, data, {"default": soft()})
     renderer = hapscene.Renderer(bridge.scene)
-    with pytest.warns(hapscene.bridge.ChatterWarning, match=r"body 'crate' .* as a mass of 20 g, and steps of 16.7 ms"):
+    with pytest.warns(hapscene.bridge.ChatterWarning, match="crate"):
         bridge.step(renderer, (-0.06, 0.0, 1.0))
         bridge.step(renderer, (-0.045, 0.0, 1.0))
 
@@ -270,12 +270,12 @@ FIELD = '<mujoco><asset><hfield name="a" nrow="{0}" ncol="{0}" size="1 1 1 1"/><
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (FIELD.format(2**31 - 1), "MuJoCo (failed on it|says)"),  # which crashes MuJoCo 4.0
-        ('<mujoco><size nuser_geom="2147483647"/><worldbody><geom size="1"/></worldbody></mujoco>', "MuJoCo says"),
+        (FIELD.format(2**31 - 1), ".*MuJoCo"),  # crashes MuJoCo 4.0
+        ('<mujoco><size nuser_geom="2147483647"/><worldbody><geom size="1"/></worldbody></mujoco>', ".*MuJoCo"),
         (None, "cannot be read: No such file"),
     ],
 )
-def test_a_strangers_model_that_ends_mujoco_is_one_error(tmp_path: Path, text: str | None, says: str) -> None:
+def test_a_model_that_crashes_mujoco_is_an_error(tmp_path: Path, text: str | None, says: str) -> None:
     path = tmp_path / "their model.xml"
     if text is not None:
         path.write_text(text)
@@ -283,9 +283,7 @@ def test_a_strangers_model_that_ends_mujoco_is_one_error(tmp_path: Path, text: s
         hapscene.bridge.load_mujoco(path)
 
 
-def test_a_model_is_the_same_from_its_file_with_what_it_includes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_load_mujoco(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     trimesh.creation.icosphere(1, 0.05).export(tmp_path / "ball.stl")
     (tmp_path / "inner.xml").write_text('<mujoco><asset><mesh name="m" file="ball.stl"/></asset></mujoco>')
     body = '<body name="b"><freejoint/><geom type="mesh" mesh="m"/></body>'
@@ -298,7 +296,7 @@ def test_a_model_is_the_same_from_its_file_with_what_it_includes(
         assert np.array_equal(getattr(bridge.model, name), getattr(direct, name)), name
 
 
-def test_a_model_is_touched_from_the_command_line(
+def test_touch_of_a_model_on_the_command_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -308,7 +306,7 @@ def test_a_model_is_touched_from_the_command_line(
     assert main(["touch", "table.xml", "--path", "push.csv", "--swatch", "wood", "--no-picture"]) == 0
     recording = hapscene.load_touch("out/table/touch.npz")
     assert recording.swatch_names[recording.swatch[-1]] == "wood" and recording.touching[-1]
-    assert 1e-3 < recording.p_WP_m[-1, 0] - recording.p_WP_m[np.argmax(recording.touching), 0] < 0.05  # it went along
+    assert 1e-3 < recording.p_WP_m[-1, 0] - recording.p_WP_m[np.argmax(recording.touching), 0] < 0.05  # it moved
     assert main(["touch", "table.xml", "--hand", "press", "--out", "hand", "--no-picture"]) == 0
     assert hapscene.load_touch("hand/touch.npz").touching.any()
     assert main(["touch", "table.xml", "--unit", "mm"]) == 2
@@ -316,28 +314,30 @@ def test_a_model_is_touched_from_the_command_line(
     assert main(["touch", "bad.xml"]) == 2
     Path("empty.xml").write_text("<mujoco/>")
     assert main(["touch", "empty.xml"]) == 2
-    said = capsys.readouterr().err
-    assert "--unit" in said and "bad.xml: MuJoCo says" in said and "empty.xml: the model has no geom to touch" in said
+    text = capsys.readouterr().err
+    assert (
+        "leave --unit out" in text and "bad.xml: error of MuJoCo" in text and "empty.xml: the model has no geom" in text
+    )
 
 
 @pytest.mark.parametrize(
     ("xml", "says"),
     [
-        ('<option timestep="0"/><worldbody><geom size=".1"/></worldbody>', "its timestep is 0 s; expected 1e-05 to 1"),
+        ('<option timestep="0"/><worldbody><geom size=".1"/></worldbody>', "timestep"),
         (
             '<asset><hfield name="h" nrow="2100" ncol="2000" size="1 1 1 .1"/></asset>'
             '<worldbody><geom type="hfield" hfield="h"/></worldbody>',
-            "a height field of 2,100 × 2,000 points; at most 4,000,000",
+            "2,100 × 2,000",
         ),
     ],
 )
-def test_a_model_that_would_take_for_ever_is_refused(xml: str, says: str) -> None:
+def test_a_model_that_would_take_too_long_is_refused(xml: str, says: str) -> None:
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
     with pytest.raises(hapscene.errors.SceneError, match=says):
         hapscene.bridge.MuJoCo(model, mujoco.MjData(model))
 
 
-def test_a_body_without_a_name_is_called_as_no_other() -> None:
+def test_unnamed_bodies_have_unique_names() -> None:
     bodies = '<body><geom size=".1"/></body><body name="body_1"><geom size=".1"/></body>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     assert len({part.name for part in hapscene.bridge.MuJoCo(model, mujoco.MjData(model)).scene.bodies}) == 2

@@ -1,4 +1,4 @@
-"""The bridge's packets: to and fro, byte for byte as documented, and whatever anybody sends."""
+"""Packets of the bridge: round trips, documented layout, invalid bytes."""
 
 import random
 import struct
@@ -35,7 +35,7 @@ def vector(count: int) -> st.SearchStrategy[tuple[float, ...]]:
 
 
 BODY = st.builds(
-    lambda index, jumps, p, q, moving, seen: BodyFrame(index, jumps, p, q, *(moving or (None, None)), seen),
+    lambda index, jumps, p, q, moving, applied: BodyFrame(index, jumps, p, q, *(moving or (None, None)), applied),
     st.integers(0, 65535),
     st.booleans(),
     vector(3),
@@ -64,16 +64,16 @@ STATES = st.builds(
 
 
 @given(FRAMES)
-def test_a_frame_comes_back(frame: Frame) -> None:
+def test_frame_round_trip(frame: Frame) -> None:
     assert unpack_frame(pack_frame(frame)) == frame
 
 
 @given(STATES)
-def test_a_state_comes_back(state: State) -> None:
+def test_state_round_trip(state: State) -> None:
     assert unpack_state(pack_state(state)) == state
 
 
-def test_bytes_are_where_the_document_has_them() -> None:
+def test_layout() -> None:
     body = BodyFrame(7, True, (1, 2, 3), (0, 0, 0, 1), (4, 5, 6), (7, 8, 9), (1.5, 0, 0, 0, 0, 2.5))
     data = pack(Packet(FRAME, 0x1122334455667788, 9, pack_frame(Frame((0.1, 0.2, 0.3), 3, (body,)))))
     assert data[:6] == b"HSB1\x03\0" and len(data) == 24 + 32 + 160
@@ -84,13 +84,13 @@ def test_bytes_are_where_the_document_has_them() -> None:
     assert struct.unpack_from("<HH", data, 56) == (7, 3)
     assert struct.unpack_from("<19d", data, 64) == (1, 2, 3, 0, 0, 0, 1, 4, 5, 6, 7, 8, 9, 1.5, 0, 0, 0, 0, 2.5)
     state = State(5, 0.001, *[(float(k),) * 3 for k in range(4)], 0.25, 0.5, 1, 2, 3, 4, 6, ((7, (1.0,) * 6),), ())
-    told = pack_state(state)
-    assert len(told) == 152 + 56 and struct.unpack_from("<iiiIIHH", told, 128) == (1, 2, 3, 4, 6, 0, 1)
-    assert struct.unpack_from("<H", told, 152)[0] == 7
+    answer = pack_state(state)
+    assert len(answer) == 152 + 56 and struct.unpack_from("<iiiIIHH", answer, 128) == (1, 2, 3, 4, 6, 0, 1)
+    assert struct.unpack_from("<H", answer, 152)[0] == 7
 
 
-def test_what_is_no_packet_is_refused() -> None:
-    """Packets with some bytes changed, some cut or lengthened: a checksum of 32 bits accepts none."""
+def test_damaged_packets_are_refused() -> None:
+    """Packets with changed, missing or additional bytes."""
     good = pack(Packet(FRAME, 1, 1, pack_frame(Frame((0.0, 0.0, 0.1), 0, ()))))
     rng = random.Random(3)
     for k in range(2_000):
@@ -105,7 +105,7 @@ def test_what_is_no_packet_is_refused() -> None:
             unpack(bytes(data))
 
 
-def test_what_fits_its_checksum_and_not_itself_is_refused() -> None:
+def test_inconsistent_packets_are_refused() -> None:
     with pytest.raises(PacketError, match="expected at most"):
         pack(Packet(FRAME, 1, 1, bytes(SIZE_MAX)))
     frame = pack_frame(Frame(None, 0, (BodyFrame(0, False, (0,) * 3, (0,) * 4, None, None, (0,) * 6),)))

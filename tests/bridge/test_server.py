@@ -1,4 +1,4 @@
-"""The bridge: a client in one file pushes a body, on a good line and on a bad one."""
+"""The bridge server with the client of the examples, on a good and on a bad line."""
 
 import random
 from collections.abc import Iterator
@@ -35,18 +35,18 @@ def client(served: Here) -> Iterator[Client]:
 
 
 def push(client: Client, seconds: float = 2.0) -> tuple[float, np.ndarray, list[float]]:
-    """A crate that slides along x, pushed by the hand; its velocity, the impulse it was told, forces that were seen."""
+    """A crate that slides along x, pushed by the hand; its velocity, the impulse it received, forces that were seen."""
     client.order("free", body="crate", mass=MASS_KG, inertia=[1e-4] * 3)
     client.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 1), True)])
     client.order("start", p=[-0.03, 0.0, 0.0])
     client.totals.clear()
-    x = v = told = 0.0
+    x = v = answer = 0.0
     forces = []
     for k in range(round(60 * seconds)):
         client.here.servo.advance(16 + (k % 3 > 0))
         client.poll()
         given = client.impulse("crate")[0]
-        v, told = v + (given - told) / MASS_KG, given
+        v, answer = v + (given - answer) / MASS_KG, given
         x += v / 60
         aim = (-0.03 + 0.05 * k / 60, 0.0, 0.0)
         client.frame(aim=aim, bodies=[("crate", (x, 0, 0), (0, 0, 0, 1), (v, 0, 0), (0, 0, 0))])
@@ -56,18 +56,18 @@ def push(client: Client, seconds: float = 2.0) -> tuple[float, np.ndarray, list[
     return v, np.array(client.impulse("crate")), forces
 
 
-def test_a_crate_is_pushed_and_its_momentum_is_what_was_told(client: Client) -> None:
+def test_momentum_of_a_pushed_crate(client: Client) -> None:
     assert client.bodies == ["crate"] and client.swatches == ["plain", "wood"]
-    v, told, forces = push(client)
-    assert v > 0.01 and MASS_KG * v == pytest.approx(told[0], rel=0.05)  # what came after the last frame is not in it
-    assert min(forces) < -0.05 and max(np.abs(told[1:3])) < 0.1 * told[0]
+    v, answer, forces = push(client)
+    assert v > 0.01 and MASS_KG * v == pytest.approx(answer[0], rel=0.05)  # what came after the last frame is not in it
+    assert min(forces) < -0.05 and max(np.abs(answer[1:3])) < 0.1 * answer[0]
     kinds = [event[1] for event in client.events]
     assert kinds[0] == "began" and client.events[0][2:4] == ("crate", "wood")
     assert all(a != b for a, b in pairwise(kinds))
 
 
-def test_on_a_line_that_loses_doubles_and_overtakes_totals_and_events_are_whole(client: Client) -> None:
-    """Packets of both ways are lost (5 %), doubled (5 %) or held up (10 %): in the end the client knows the same."""
+def test_totals_and_events_are_complete_on_a_bad_line(client: Client) -> None:
+    """5 % of the packets in each direction are lost, 5 % duplicated, 10 % delayed."""
     rng, held, real = random.Random(7), [], client.socket
 
     class Bad:
@@ -113,7 +113,7 @@ def test_on_a_line_that_loses_doubles_and_overtakes_totals_and_events_are_whole(
     assert [event[0] for event in client.events] == sorted(event[0] for event in client.events)
 
 
-def test_what_is_forged_replayed_or_broken_changes_nothing_and_is_counted(served: Here, client: Client) -> None:
+def test_invalid_packets_are_counted_without_effect(served: Here, client: Client) -> None:
     client.order("start", p=[0.0, 0.2, 0.0])
     client.feel(aim=(0.0, 0.2, 0.0))
     before = client.order("counts")["counts"]
@@ -139,7 +139,7 @@ def test_what_is_forged_replayed_or_broken_changes_nothing_and_is_counted(served
     assert client.state["tool"] == pytest.approx((0.0, 0.2, 0.0), abs=5e-3)
 
 
-def test_another_client_waits_until_the_first_is_gone(served: Here, client: Client) -> None:
+def test_there_is_one_client_at_a_time(served: Here, client: Client) -> None:
     with pytest.raises(ConnectionError, match="another client is here"):
         Client(served, patience_s=0.3)
     served.servo.clock.sleep_s(SILENT_S)
@@ -148,12 +148,12 @@ def test_another_client_waits_until_the_first_is_gone(served: Here, client: Clie
     client.close()
     other = Client(served)
     other.close()
-    with pytest.raises(ConnectionError, match="up is y or z"):
+    with pytest.raises(ConnectionError, match="up 'x'"):
         Client(served, up="x")
     client.__init__(served)  # type: ignore[misc]  # for the fixture to close
 
 
-def test_a_bad_pose_is_flagged_and_a_strange_body_is_no_packet(client: Client) -> None:
+def test_invalid_poses_and_bodies(client: Client) -> None:
     client.order("start", p=[0.0, 0.2, 0.0])
     client.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 0))])
     assert client.feel(1)["flags"] & Flag.POSE_REFUSED
@@ -165,13 +165,13 @@ def test_a_bad_pose_is_flagged_and_a_strange_body_is_no_packet(client: Client) -
     assert client.order("counts")["counts"]["bad"] == bad + 1
 
 
-def test_more_names_than_a_packet_holds_are_refused_before_anybody_comes() -> None:
+def test_too_many_names_are_an_error() -> None:
     scene = SimpleNamespace(bodies=[SimpleNamespace(name=f"{k:040}") for k in range(1000)], swatches=[])
     with pytest.raises(HapsceneError, match=r"names of 1,000 bodies .* shorter names"):
         BridgeServer(Orders(SimpleNamespace(tick_s=1e-3, scene=scene)), "127.0.0.1", 0)  # type: ignore[arg-type]
 
 
-def test_the_client_knows_the_same_bytes() -> None:
+def test_the_client_uses_the_same_layout() -> None:
     from hapscene.bridge import packets
 
     for kind in ("HELLO", "WELCOME", "FRAME", "STATE", "ORDER", "ANSWER", "BYE", "REFUSED"):

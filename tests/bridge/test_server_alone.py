@@ -1,4 +1,4 @@
-"""The server without sockets or a servo's process: what clients may say, and what becomes of the totals."""
+"""The bridge server without sockets and servo process: invalid messages, order of messages, totals."""
 
 from collections.abc import Iterator
 from concurrent.futures import Future
@@ -28,7 +28,7 @@ from hapscene.bridge.packets import (
     unpack,
     unpack_json,
 )
-from hapscene.bridge.server import FLOOD, BridgeServer
+from hapscene.bridge.server import BATCH_MAX, BridgeServer
 from hapscene.device.sim.hand import grip_named
 from hapscene.errors import SceneError
 from hapscene.flags import Flag
@@ -42,12 +42,12 @@ NONCES = count()
 
 
 class Still:
-    """In the place of a servo: nothing ticks; notes what it is told."""
+    """A servo without a loop, which records the calls."""
 
     alive, tick_s = True, 1e-3
 
     def __init__(self) -> None:
-        self.total, self.seen, self.grips, self.mass_kg = np.zeros(6), np.zeros(6), ["light"], np.inf
+        self.total, self.applied, self.grips, self.mass_kg = np.zeros(6), np.zeros(6), ["light"], np.inf
         self.scene = hapscene.Scene()
         self.scene.add(trimesh.creation.box((0.05, 0.05, 0.05)), "crate", unit="m")
 
@@ -62,7 +62,7 @@ class Still:
         self.grips.append(grip)
 
     def move(self, body: str, X_WB: Any, *, applied: Impulse, **how: Any) -> None:
-        self.seen = np.concatenate(applied)
+        self.applied = np.concatenate(applied)
 
     def set_mass(self, body: str, mass_kg: float, **how: Any) -> None:
         if body != "crate":
@@ -84,13 +84,13 @@ def server() -> Iterator[BridgeServer]:
 
 
 class Talk:
-    """A client that is always heard."""
+    """A connected client."""
 
     def __init__(self, server: BridgeServer, **hello: Any) -> None:
         self.server, self.key, self.sequence = server, 0, 0
-        server._heard_s = -np.inf  # whoever was here is gone
+        server._received_s = -np.inf  # any earlier client is disconnected
         welcome = self.say(HELLO, pack_json({"version": 1, "nonce": next(NONCES), **hello}))
-        self.key, self.kind, self.told = welcome.key, welcome.kind, unpack_json(welcome.payload)
+        self.key, self.kind, self.answer = welcome.key, welcome.kind, unpack_json(welcome.payload)
 
     def say(self, kind: int, payload: bytes) -> Packet:
         self.sequence += 1
@@ -110,7 +110,7 @@ class Talk:
         return unpack_state(self.say(FRAME, pack_frame(Frame((0.0,) * 3, 0, (body,)))).payload)
 
 
-def test_who_has_no_session_is_told_and_counted(server: BridgeServer) -> None:
+def test_packets_without_a_session(server: BridgeServer) -> None:
     talk = Talk(server)
     for kind, payload in ((FRAME, pack_frame(Frame(None, 0, ()))), (ORDER, b"{}")):
         asked = Packet(kind, talk.key ^ 1, 7, payload)
@@ -122,7 +122,7 @@ def test_who_has_no_session_is_told_and_counted(server: BridgeServer) -> None:
     assert (server.counts["forged"], server.counts["bad"]) == (3, 2)
 
 
-def test_a_slow_order_holds_up_no_frame_and_comes_before_the_next(server: BridgeServer) -> None:
+def test_a_slow_order_does_not_delay_frames(server: BridgeServer) -> None:
     servo: Any = server.servo
     begun, going = Event(), Event()
     servo.tune = lambda swatch, **numbers: (begun.set(), going.wait(120.0))
@@ -147,18 +147,18 @@ def test_a_slow_order_holds_up_no_frame_and_comes_before_the_next(server: Bridge
         b'{"order": "free", "body": "ghost", "mass": 1, "inertia": [1, 1, 1]}',  # of a scene of many names
     ],
 )
-def test_orders_that_are_wrong_in_any_way_are_answered(server: BridgeServer, order: bytes) -> None:
+def test_invalid_orders_are_answered(server: BridgeServer, order: bytes) -> None:
     assert "error" in Talk(server).order(order)
 
 
-def test_a_start_that_is_refused_leaves_the_grip(server: BridgeServer) -> None:
+def test_a_refused_start_keeps_the_grip(server: BridgeServer) -> None:
     talk = Talk(server)
     assert "error" in talk.order(b'{"order": "start", "p": [0, 0, 0], "grip": "iron"}')
     talk.frame()
     assert server.servo.grips[-1] == "light"  # type: ignore[attr-defined]
 
 
-def test_totals_go_on_over_a_start_and_begin_anew_with_a_client(server: BridgeServer) -> None:
+def test_totals_continue_over_a_start_and_restart_with_a_client(server: BridgeServer) -> None:
     servo: Any = server.servo
     talk = Talk(server)
     servo.total[:] = 1.0
@@ -166,15 +166,15 @@ def test_totals_go_on_over_a_start_and_begin_anew_with_a_client(server: BridgeSe
     assert first == (1.0,) * 6
     talk.order(b'{"order": "start", "p": [0, 0, 0]}')
     assert talk.frame(first).impulses[0][1] == first
-    assert not servo.seen.any()  # all of it, none since the start
+    assert not servo.applied.any()  # all of it, none since the start
     servo.total[:] = 0.5
     assert talk.frame(first).impulses[0][1] == (1.5,) * 6
     other = Talk(server, up="y", handed="left")
     assert other.frame().impulses[0][1] == (0.0,) * 6
-    np.testing.assert_array_equal(servo.seen, 0.5)
+    np.testing.assert_array_equal(servo.applied, 0.5)
 
 
-def test_what_one_client_frees_is_not_pushed_with_the_next(server: BridgeServer) -> None:
+def test_bodies_are_fixed_for_a_new_client(server: BridgeServer) -> None:
     servo: Any = server.servo
     Talk(server).order(b'{"order": "free", "body": "crate", "mass": 0.2, "inertia": [1, 1, 1]}')
     assert servo.mass_kg == 0.2
@@ -182,10 +182,10 @@ def test_what_one_client_frees_is_not_pushed_with_the_next(server: BridgeServer)
     assert servo.mass_kg == np.inf
 
 
-def test_a_flood_does_not_keep_it_from_ending(server: BridgeServer) -> None:
+def test_the_server_ends_during_a_flood(server: BridgeServer) -> None:
     class Flood:
         def recvfrom(self, size: int) -> tuple[bytes, tuple[str, int]]:
-            assert server.counts["bad"] < 10 * FLOOD, "for ever"
+            assert server.counts["bad"] < 10 * BATCH_MAX, "for ever"
             return b"", HERE
 
     server._socket, real = Flood(), server._socket  # type: ignore[assignment]

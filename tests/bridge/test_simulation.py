@@ -1,4 +1,4 @@
-"""The loop of two rates, with a simulation of some lines: momentum, prediction, and which masses chatter."""
+"""The two-rate coupling with a simple simulation: momentum, prediction, chatter."""
 
 import itertools
 import warnings
@@ -18,7 +18,7 @@ SIDE_M = 0.1
 
 
 class Box:
-    """A box that slides and turns, by the semi-implicit Euler method, under a constant force and dry friction."""
+    """A box that slides and turns under a constant force and dry friction, by the semi-implicit Euler method."""
 
     names = ("box",)
 
@@ -53,7 +53,7 @@ def scene() -> hapscene.Scene:
 
 
 @pytest.mark.parametrize("step_s", [2.5e-4, 1e-3, 1.5e-3, 1 / 60])
-def test_what_the_hand_loses_the_body_gets(scene: hapscene.Scene, step_s: float) -> None:
+def test_momentum_is_conserved(scene: hapscene.Scene, step_s: float) -> None:
     box = Box(0.2, step_s)
     bridge, renderer = hapscene.bridge.Bridge(box), hapscene.Renderer(scene)
     hand = np.zeros(3)
@@ -72,7 +72,7 @@ def test_what_the_hand_loses_the_body_gets(scene: hapscene.Scene, step_s: float)
 
 
 @pytest.mark.parametrize(("step_s", "ticks"), [(1e-3, 1000), (4e-4, 400), (1.5e-3, 1500), (1 / 60, 1000)])
-def test_as_many_ticks_as_the_time_takes(scene: hapscene.Scene, step_s: float, ticks: int) -> None:
+def test_number_of_ticks(scene: hapscene.Scene, step_s: float, ticks: int) -> None:
     bridge, renderer, counted = hapscene.bridge.Bridge(Box(0.2, step_s)), hapscene.Renderer(scene), []
     for _ in range(round(ticks * 1e-3 / step_s)):
         bridge.step(renderer, (-0.1, 0.0, 0.0), counted.append)
@@ -97,7 +97,7 @@ def held_against_the_tool(scene: hapscene.Scene, ratio: float, count: int) -> tu
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("count", [1, 2, 4, 17])
-def test_it_chatters_from_the_ratio_on_that_is_warned_of(scene: hapscene.Scene, count: int) -> None:
+def test_chatter_starts_at_the_warned_ratio(scene: hapscene.Scene, count: int) -> None:
     most = ratio_max(count)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -109,14 +109,14 @@ def test_it_chatters_from_the_ratio_on_that_is_warned_of(scene: hapscene.Scene, 
     assert not touching[half:].all()
 
 
-def test_the_most_that_holds_is_that_of_the_semi_implicit_method() -> None:
+def test_ratio_max_of_one_tick() -> None:
     assert ratio_max(1) == RATIO_MAX == 4.0
     assert ratio_max(2) == pytest.approx(1.754, abs=1e-3)
     assert ratio_max(1000) == pytest.approx(2.237, abs=2e-3)
 
 
-def test_prediction_leaves_no_steps_of_force(scene: hapscene.Scene) -> None:
-    """Pushed at 60 Hz against friction as strong as the push: what holds against a body is expected to go on."""
+def test_prediction_avoids_force_steps(scene: hapscene.Scene) -> None:
+    """Pushed at 60 Hz against friction; the friction is extrapolated."""
     bridge = hapscene.bridge.Bridge(Box(0.2, 1 / 60, drag_N=2.0, turns=False))
     renderer, felt, at = hapscene.Renderer(scene, effects=["wall"]), list[hapscene.Command](), itertools.count()
     for _ in range(180):
@@ -127,7 +127,7 @@ def test_prediction_leaves_no_steps_of_force(scene: hapscene.Scene) -> None:
     assert np.count_nonzero(np.diff([c.contact is not None for c in felt])) == 1
 
 
-def test_a_body_that_is_put_elsewhere_appears_there(scene: hapscene.Scene) -> None:
+def test_teleport(scene: hapscene.Scene) -> None:
     box = Box(0.2, 1 / 60)
     bridge, renderer, felt = hapscene.bridge.Bridge(box), hapscene.Renderer(scene), list[hapscene.Command]()
     for _ in range(3):
@@ -141,8 +141,8 @@ def test_a_body_that_is_put_elsewhere_appears_there(scene: hapscene.Scene) -> No
         bridge.teleport("bux")
 
 
-def test_a_pose_that_is_none_is_forgotten_with_the_next(scene: hapscene.Scene) -> None:
-    """As of a simulation that blew up, and was begun anew."""
+def test_recovery_from_an_invalid_pose(scene: hapscene.Scene) -> None:
+    """As after a simulation that diverged and was reset."""
     box = Box(0.2, 0.01)
     bridge, renderer = hapscene.bridge.Bridge(box), hapscene.Renderer(scene)
     for x, flagged in ((0.0, False), (np.nan, True), (0.02, False), (0.02, False)):
@@ -151,9 +151,9 @@ def test_a_pose_that_is_none_is_forgotten_with_the_next(scene: hapscene.Scene) -
     assert renderer.world.bodies[0].p_WB_m[0] == 0.02
 
 
-def test_what_does_not_fit_is_said(scene: hapscene.Scene) -> None:
+def test_invalid_arguments(scene: hapscene.Scene) -> None:
     bridge = hapscene.bridge.Bridge(Box(0.2, 1e-3))
-    with pytest.raises(hapscene.HapsceneError, match="three numbers in metres; it has 2"):
+    with pytest.raises(hapscene.HapsceneError, match="2 numbers"):
         bridge.step(hapscene.Renderer(scene), (0.0, 1.0))
     other = hapscene.Scene()
     other.add(trimesh.creation.box(3 * [SIDE_M]), name="bux", unit="m")

@@ -1,4 +1,4 @@
-"""Command lines of documents, parsed without being run."""
+"""Parsing of command lines without running them."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -12,13 +12,13 @@ __all__ = ["all_commands", "parse"]
 
 
 def parse(words: Sequence[str]) -> None:
-    """Parse the words after `hapscene`. Raises CycloptsError where they are not understood; files may be missing."""
+    """Parse the words after `hapscene`. Raises CycloptsError for invalid ones; files may be missing."""
     with suppress(HapsceneError):
         app().parse_args(list(words))
 
 
 def all_commands(tree: App | None = None, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """The words of each command that does something."""
+    """The words of each command that can be run."""
     tree = app() if tree is None else tree
     if tree.default_command is not None:
         yield words

@@ -1,4 +1,4 @@
-"""`hapscene capture fit`, as typed."""
+"""`hapscene capture`."""
 
 import sys
 from pathlib import Path
@@ -25,7 +25,7 @@ def write(path: Path, seed: int = 0, count: int = 4000) -> Path:
     return path
 
 
-def test_a_swatch_a_plot_and_the_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     oak, plot = tmp_path / "oak.swatch", tmp_path / "states.png"
     options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS)
     assert run(str(write(tmp_path / "a.csv")), "--name", "Eiche", "-o", str(oak), "--plot", str(plot), *options) == 0
@@ -33,14 +33,14 @@ def test_a_swatch_a_plot_and_the_numbers(tmp_path: Path, capsys: pytest.CaptureF
     assert swatch.name == "Eiche" and swatch.texture is not None
     assert "a.csv" in swatch.provenance
     assert swatch.friction_dynamic == pytest.approx(0.4, rel=1e-6)
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for text in (
         "of order",
         "0.4 dynamic (95 %: 0.4 to 0.4)",
         "taps        not measured: no tap",
         "oak.swatch",
     ):
-        assert text in said
+        assert text in output
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
@@ -61,18 +61,16 @@ def test_several_recordings_are_pooled(tmp_path: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_a_batch_gives_each_recording_a_swatch_and_is_resumed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_batch_and_resuming(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, out = tmp_path / "in", tmp_path / "swatches"
     folder.mkdir()
     options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4", "--jobs", "1")
-    for count, said in ((2, "2 fitted"), (3, "1 fitted, 2 skipped, 0 failed")):
+    for count, output in ((2, "2 fitted"), (3, "1 fitted, 2 skipped, 0 failed")):
         for i in range(count):
             if not (folder / f"r{i}.csv").exists():
                 write(folder / f"r{i}.csv", i)
         assert main(["capture", "batch", str(folder), "--out", str(out), *options]) == 0
-        assert said in capsys.readouterr().out
+        assert output in capsys.readouterr().out
     assert [load_swatch(out / f"r{i}.swatch").name for i in range(3)] == ["r0", "r1", "r2"]
 
 
@@ -81,12 +79,12 @@ def test_a_batch_gives_each_recording_a_swatch_and_is_resumed(
     [
         (["fit", "a.csv"], "a.csv: no such file"),
         (["fit"], "RECORDINGS"),
-        (["fit", __file__, "-o", "oak"], "must end in .swatch"),
+        (["fit", __file__, "-o", "oak"], "oak: "),
         (["batch", "none", "-o", "out/"], "none: no such file or folder"),
         (["batch", "-o", "out/"], "no recordings"),
     ],
 )
-def test_options_that_do_not_fit_together(
+def test_invalid_options(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     words: list[str],
@@ -99,10 +97,10 @@ def test_options_that_do_not_fit_together(
     assert not list(tmp_path.iterdir())
 
 
-def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_input_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = str(write(tmp_path / "a.csv")), str(tmp_path / "oak.swatch")
     given = ("--columns", "acceleration=accel", "--units", UNITS)
-    for words, said in (
+    for words, output in (
         ((path, *given), "--rate HZ"),
         ((path, "--rate", "2000", "--columns", "acceleration=accel"), "--units acceleration=m/s2"),
         ((path, "--rate", "2000", "--units", UNITS), "--columns acceleration=accel"),
@@ -110,12 +108,12 @@ def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path, capsys: 
         ((str(write(tmp_path / "b.csv", count=100)), "--rate", "2000", *given), "at least 0.5 s"),
     ):
         assert run(*words, "-o", out) == 2
-        assert said in capsys.readouterr().err
+        assert output in capsys.readouterr().err
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.csv", "b.csv"]
 
 
 @pytest.mark.nightly
-def test_without_a_name_the_swatch_is_called_as_the_recording_and_replaces_none(
+def test_default_name_of_a_swatch(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -135,13 +133,13 @@ def run_report(*words: str) -> int:
     return main(["capture", "report", *words])
 
 
-def test_a_swatch_alone_makes_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_without_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_report("wood", "-o", str(tmp_path / "wood.html")) == 0
     assert "wood.html" in capsys.readouterr().out
     assert (tmp_path / "wood.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
-def test_a_recording_is_named_on_the_page(tmp_path: Path) -> None:
+def test_report_with_a_recording(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).standard_normal(4000)
     np.savetxt(tmp_path / "noise.csv", noise, header="a", comments="")
     options = ("--rate", "2000", "--columns", "acceleration=a", "--units", "acceleration=m/s2")
@@ -149,24 +147,22 @@ def test_a_recording_is_named_on_the_page(tmp_path: Path) -> None:
     assert "noise.csv: 2.00 s at 2000 Hz" in (tmp_path / "wood.html").read_text(encoding="utf-8")
 
 
-def test_a_report_on_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "a.html"
     (tmp_path / "silent.csv").write_text("acceleration\n" + "0\n" * 2000)
     silent = [str(tmp_path / "silent.csv"), "--rate", "1000", "--units", "acceleration=g"]
-    for words, said in (
+    for words, output in (
         (["oka"], "no swatch 'oka'"),
         (["wood", "none.csv"], "none.csv"),
         (["wood", *silent], "silent"),
     ):
         assert run_report(*words, "-o", str(page)) == 2
-        assert said in capsys.readouterr().err
+        assert output in capsys.readouterr().err
     assert not page.exists()
 
 
 @pytest.mark.nightly
-def test_tool_tip_and_what_was_recorded_beside_are_kept_and_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_tool_and_tip_are_stored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = np.loadtxt(write(tmp_path / "a.csv"), delimiter=",", skiprows=1)
     more = np.stack([np.linspace(3.0, 8.0, len(table)), np.linspace(0.0, 25.0, len(table))], axis=1)
     head = "speed,force,acceleration,friction,grip_force,contact_angle"
@@ -175,9 +171,9 @@ def test_tool_tip_and_what_was_recorded_beside_are_kept_and_told(
     oak = tmp_path / "oak.swatch"
     words = [str(tmp_path / "b.csv"), "-o", str(oak), "--tool", "steel probe", "--tip", "3.2 mm ball", *options]
     assert run(*words) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for text in ("steel probe", "3.2 mm ball", "grip force 3.25 to 7.75 N, contact angle 1.25"):
-        assert text in said
+        assert text in output
     swatch = load_swatch(oak)
     assert (swatch.tool, swatch.tip) == ("steel probe", "3.2 mm ball")
     assert "contact angle 1.25 to 23.7°." in "".join(lines(swatch))

@@ -1,49 +1,55 @@
-"""What a command says while it works, to a pipe and to a terminal."""
+"""Terminal output."""
 
 import sys
 
 import pytest
 
-from hapscene.cli.console import complain, note, ready_streams, say, size_words, tell, tell_over
+from hapscene.cli.console import (
+    format_size,
+    print_error,
+    print_in_place,
+    print_lines,
+    print_note,
+    print_progress,
+    ready_streams,
+)
 
 
 @pytest.mark.parametrize(
-    ("size_B", "told"),
+    ("size_B", "expected"),
     [(0, "0 B"), (464, "464 B"), (1000, "1 kB"), (12_345, "12.3 kB"), (999_600, "1 MB"), (65_536_084, "65.5 MB")],
 )
-def test_sizes_have_three_digits(size_B: float, told: str) -> None:
-    assert size_words(size_B) == told
+def test_sizes_have_three_digits(size_B: float, expected: str) -> None:
+    assert format_size(size_B) == expected
 
 
-def test_a_pipe_gets_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
-    say("loading … ")
-    say("1.20 s\n")
+def test_progress_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:
+    print_progress("loading … ")
+    print_progress("1.20 s\n")
     assert capsys.readouterr().out == "loading … 1.20 s\n"
 
 
-def test_one_line_is_one_line_whatever_is_in_it(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("sys.stdout", sys.stdout)  # as they were, afterwards
+def test_control_characters_are_escaped(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdout", sys.stdout)  # restored afterwards
     monkeypatch.setattr("sys.stderr", sys.stderr)
     ready_streams()
-    say("reading a\nb\x1b[2J … ")
-    say("1.20 s\n")
-    tell(["made:", "  a\nmade:\x9b"])
-    complain("a\nb\x1b")
+    print_progress("reading a\nb\x1b[2J … ")
+    print_progress("1.20 s\n")
+    print_lines(["made:", "  a\nmade:\x9b"])
+    print_error("a\nb\x1b")
     print("a\x1b\u202e\nb", file=sys.stdout)
     sys.stdout.writelines(["a\x07\n"])
-    said = capsys.readouterr()
-    told = "reading a\\nb\\x1b[2J … 1.20 s\nmade:\n  a\\nmade:\\u009b\na\\x1b\\u202e\nb\na\\x07\n"
-    assert (said.out, said.err) == (told, "hapscene: a b\\x1b\n")
-    tell_over("50\r %")
+    output = capsys.readouterr()
+    expected = "reading a\\nb\\x1b[2J … 1.20 s\nmade:\n  a\\nmade:\\u009b\na\\x1b\\u202e\nb\na\\x07\n"
+    assert (output.out, output.err) == (expected, "hapscene: a b\\x1b\n")
+    print_in_place("50\r %")
     assert capsys.readouterr().out == "\r50\\r %\x1b[K"
 
 
 def test_a_note_waits_for_the_end_of_the_line(capsys: pytest.CaptureFixture[str]) -> None:
-    note("first")
-    say("loading … ")
-    note("second")
+    print_note("first")
+    print_progress("loading … ")
+    print_note("second")
     assert capsys.readouterr().err == "hapscene: note: first\n"
-    say("1.20 s\n")
+    print_progress("1.20 s\n")
     assert capsys.readouterr().err == "hapscene: note: second\n"

@@ -1,4 +1,4 @@
-"""`hapscene demo --live`, with a simulated servo."""
+"""`hapscene play` with the mouse, on a simulated servo."""
 
 import os
 import signal
@@ -15,7 +15,7 @@ from tests.virtual_clock import PATIENCE_S
 
 
 class FakeServo:
-    """Is started, and is asked how it is until Ctrl-C."""
+    """A servo without a process, which records the calls."""
 
     def __init__(self, scene: Any, devices: Any, **made: Any) -> None:
         self.scene, self.tick_s, self.tools, self.closed = scene, 1e-3, len(devices), False
@@ -35,6 +35,9 @@ class FakeServo:
     def turn_handle(self, volume: float) -> None:
         self.volumes.append(volume)
 
+    def stop_force(self) -> None:
+        """There is no force."""
+
     def start(self, places: Any) -> None:
         assert len(places) == self.tools
 
@@ -43,7 +46,7 @@ class FakeServo:
 
 
 class FakeMonitor:
-    """Fetches the page when it is asked first, and ends the command."""
+    """Fetches the page at the first poll, and ends the command."""
 
     def __init__(self, servo: FakeServo) -> None:
         self._servo = servo
@@ -66,18 +69,18 @@ made_servos: list[FakeServo] = []
 urls: list[str] = []
 
 
-def test_demo_live_serves_the_page_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_play_serves_the_page_and_writes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hapscene.play.start.Servo", FakeServo)
     monkeypatch.setattr("hapscene.play.monitor.Monitor", FakeMonitor)
     monkeypatch.setattr("hapscene.cli.play.QUIET_S", 0.0)
     monkeypatch.setattr("hapscene.play.top_frame.TopFrame.picture", lambda frame, theme: b"")
     monkeypatch.setattr("webbrowser.open", urls.append)
     before = set(threading.enumerate())
-    assert main(["demo", "--live"]) == 0
+    assert main(["play"]) == 0
     (servo,) = made_servos
     assert b"<canvas" in servo.pages[0]
     assert servo.closed
-    assert servo.volumes == [0.0]  # until somebody starts it
+    assert servo.volumes == [0.0]  # until the user starts it
     others = "Dask"  # another test's
     for thread in set(threading.enumerate()) - before:
         if not thread.name.startswith(others):

@@ -1,4 +1,4 @@
-"""The command line, as a user meets it."""
+"""The command line interface."""
 
 import json
 import re
@@ -18,7 +18,7 @@ PATH = "t,x,y,z\n" + "".join(f"{k / 1000},0,0,{0.012 - 0.00001 * k:.6f}\n" for k
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a mesh and a path, and nowhere to draw a picture."""
+    """A folder with a mesh and a path."""
     trimesh.creation.box((0.02, 0.02, 0.02)).export(tmp_path / "cube.ply")
     trimesh.creation.box((20, 20, 20)).export(tmp_path / "cube.stl")
     (tmp_path / "path.csv").write_text(PATH)
@@ -31,8 +31,8 @@ TOUCH = ["touch", "cube.ply", "--unit", "m", "--out", "out", "--no-picture"]
 
 def test_touch_along_a_path(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*TOUCH, "--path", "path.csv", "--seed", "5", "--effects", "wall", "--rate", "5000"]) == 0
-    said = capsys.readouterr().out
-    assert "rendering 0.3 s of path … " in said and said.splitlines()[-1].strip().startswith("out")
+    output = capsys.readouterr().out
+    assert "rendering 0.3 s of path … " in output and output.splitlines()[-1].strip().startswith("out")
     summary = json.loads((folder / "out" / "summary.json").read_text(encoding="utf-8"))
     assert summary["effects"] == ["wall"] and summary["seed"] == 5 and summary["a_rate_Hz"] == 5000
     assert summary["ticks"] == 300 and summary["ticks_in_contact"] > 50
@@ -49,7 +49,7 @@ def test_touch_sets_effects_of_the_scene(folder: Path, capsys: pytest.CaptureFix
 
 def test_touch_without_a_path(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(TOUCH) == 0
-    assert "a hand feels it from above" in capsys.readouterr().out
+    assert "exploring the scene from above" in capsys.readouterr().out
     assert json.loads((folder / "out" / "summary.json").read_text(encoding="utf-8"))["ticks_in_contact"] > 500
 
 
@@ -65,7 +65,7 @@ def test_touch_without_a_path(folder: Path, capsys: pytest.CaptureFixture[str]) 
         ["check", "cube.ply", "--unit", "m", "--fix", "no/x.ply"],
     ],
 )
-def test_bad_input_is_one_line_and_leaves_nothing(
+def test_invalid_input_is_one_line_and_writes_nothing(
     folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
 ) -> None:
     before = {file: file.stat().st_mtime_ns for file in folder.iterdir()}
@@ -76,7 +76,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "expected"),
     [
         (["tuch", "cube.ply"], 'Did you mean "touch"? See `hapscene --help`'),
         (["export"], 'Did you mean "convert"?'),
@@ -99,12 +99,12 @@ def test_bad_input_is_one_line_and_leaves_nothing(
         (["lab", "stability", "--delay", "64"], "--delay"),
     ],
 )
-def test_wrong_words_are_one_line_with_the_nearest_and_exit_with_2(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], told: str
+def test_usage_errors_suggest_the_nearest(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str
 ) -> None:
     assert main(arguments) == 2
     error = capsys.readouterr().err
-    assert error.startswith("hapscene: ") and error.count("\n") == 1 and told in error
+    assert error.startswith("hapscene: ") and error.count("\n") == 1 and expected in error
 
 
 @pytest.mark.parametrize(
@@ -118,24 +118,22 @@ def test_wrong_words_are_one_line_with_the_nearest_and_exit_with_2(
         (["touch", "dmo"], "demo"),
     ],
 )
-def test_a_wrong_name_suggests_the_nearest(words: list[str], near: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_name_suggests_the_nearest(words: list[str], near: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words) == 2
     assert f"did you mean {near!r}?" in capsys.readouterr().err
 
 
-def test_alone_it_lists_the_commands_in_groups_one_line_each(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_list_of_commands(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     assert main([]) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     names = [name for group in COMMANDS.values() for name in group]
-    assert re.findall(r"^  (\w+)  +\S", said, re.MULTILINE) == names and len(names) <= 13
-    assert all(f"{title}:\n" in said for title in COMMANDS)
-    assert main(["--help"]) == 0 and capsys.readouterr().out == said
+    assert re.findall(r"^  (\w+)  +\S", output, re.MULTILINE) == names and len(names) <= 13
+    assert all(f"{title}:\n" in output for title in COMMANDS)
+    assert main(["--help"]) == 0 and capsys.readouterr().out == output
 
 
-def test_every_command_has_help_with_an_example_in_80_columns(
+def test_every_command_has_help_with_examples_in_80_columns(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
@@ -143,16 +141,19 @@ def test_every_command_has_help_with_an_example_in_80_columns(
     assert len(commands) > 30
     for words in commands:
         assert main([*words, "--help"]) == 0
-        said = capsys.readouterr().out
-        assert f"for example:\n  hapscene {' '.join(words)}" in said, words
-        assert all(len(line) <= 80 for line in said.splitlines()), words
+        output = capsys.readouterr().out
+        assert f"examples:\n  hapscene {' '.join(words)}" in output, words
+        assert all(len(line) <= 80 for line in output.splitlines()), words
 
 
 @pytest.mark.parametrize("group", ["swatch", "capture", "device", "lab", "lab teleoperate"])
-def test_a_group_alone_prints_its_help(group: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_group_prints_its_help(group: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(group.split()) == 0
-    said = capsys.readouterr().out
-    assert said.startswith(f"usage: hapscene {group} COMMAND") and "\n\n" not in said.partition("Commands:")[2].rstrip()
+    output = capsys.readouterr().out
+    assert (
+        output.startswith(f"usage: hapscene {group} COMMAND")
+        and "\n\n" not in output.partition("Commands:")[2].rstrip()
+    )
 
 
 @pytest.mark.parametrize(
@@ -179,21 +180,23 @@ def test_a_group_alone_prints_its_help(group: str, capsys: pytest.CaptureFixture
         ["lab", "stability", "--scene", "none.scene.json"],
     ],
 )
-def test_a_missing_file_is_told_in_one_way(folder: Path, capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
+def test_missing_files_have_the_same_message(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
     assert main(words) == 2
     missing = next(word for word in words if word.startswith("none"))
     assert capsys.readouterr() == ("", f"hapscene: {missing}: no such file\n")
 
 
-def test_results_go_into_a_folder_that_is_called_as_the_scene(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_default_output_folder(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["touch", "cube.ply", "--unit", "m", "--path", "path.csv", "--no-picture"]) == 0
-    said = capsys.readouterr().out
-    assert re.search(r"loading cube.ply \(\d+ B\) … (compiling, once; half a minute to two … )?[\d.]+ s\n", said)
-    assert f"  {Path('out/cube/touch.npz')}  (" in said and "\r" not in said and "\b" not in said
+    output = capsys.readouterr().out
+    assert re.search(r"loading cube.ply \(\d+ B\) … (compiling, once; half a minute to two … )?[\d.]+ s\n", output)
+    assert f"  {Path('out/cube/touch.npz')}  (" in output and "\r" not in output and "\b" not in output
     assert (folder / "out" / "cube" / "summary.json").is_file()
 
 
-def test_a_file_written_by_default_replaces_none(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_default_output_files_are_not_replaced(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "cube.png").write_text("theirs")
     (folder / "wood.html").write_text("theirs")
     (folder / "cube.scene.json").write_text("theirs")
@@ -203,7 +206,7 @@ def test_a_file_written_by_default_replaces_none(folder: Path, capsys: pytest.Ca
         (["convert", "cube.ply", "--unit", "m"], "cube.scene.json"),
     ):
         assert main(words) == 2
-        assert f"{name}: is there already" in capsys.readouterr().err
+        assert f"{name}: exists already" in capsys.readouterr().err
         assert (folder / name).read_text() == "theirs"
 
 
@@ -233,22 +236,22 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_effects_are_listed_with_units(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["lab", "effects"]) == 0
-    said = capsys.readouterr().out
-    assert "wall  (hapscene" in said and "damping_Ns_m" in said and "N·s/m" in said
-    assert "settings={'guide': {…}} takes its parameters, points_m, normal, bodies\n" in said
+    output = capsys.readouterr().out
+    assert "wall  (hapscene" in output and "damping_Ns_m" in output and "N·s/m" in output
+    assert "settings={'guide': {…}} sets its parameters, points_m, normal, bodies\n" in output
 
 
-def test_check_examines_and_mends(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_and_fix(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "cube.stl", "--unit", "mm", "--fix", "mended.ply"]) == 0
-    said = capsys.readouterr().out
-    assert "20 mm × 20 mm × 20 mm" in said and "mended: " in said and "mended.ply" in said
+    output = capsys.readouterr().out
+    assert "20 mm × 20 mm × 20 mm" in output and "repaired: " in output and "mended.ply" in output
     assert main(["check", "mended.ply", "--unit", "m", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["closed"] is True and report["vertex_count"] == 8
     np.testing.assert_allclose(report["size_m"], 0.02)
 
 
-def test_demo_feels_three_bodies_and_four_swatches(
+def test_demo_touches_three_bodies_and_four_swatches(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from hapscene.errors import ViewError
@@ -259,8 +262,8 @@ def test_demo_feels_three_bodies_and_four_swatches(
 
     monkeypatch.setattr("hapscene.view.picture.write_picture", write_picture)
     assert main(["demo", "--out", str(tmp_path / "demo")]) == 0
-    said = capsys.readouterr().out
-    assert "without scene.png: not drawn in this test" in said and "made:" in said
+    output = capsys.readouterr().out
+    assert "without scene.png: not drawn in this test" in output and "made:" in output
     recording = Recording.load(tmp_path / "demo" / "touch.npz")
     held = recording.touching
     assert len(np.unique(recording.body[held])) >= 3
@@ -315,7 +318,7 @@ def test_invalid_options_of_touch_are_found_before_the_mesh_is_loaded(
 
 
 EVIL = "e\x1b]0;title\x07\x9b2J\u202e\nhapscene: forged"
-"""A name that sets a terminal's title, empties its screen, turns its writing and makes a line of its own."""
+"""A name with control characters that would set the title, clear the screen, reverse text and forge a line."""
 
 
 def _evil_names(folder: Path) -> None:
@@ -351,11 +354,9 @@ def _evil_names(folder: Path) -> None:
         ["capture", "fit", f"{EVIL}.csv", "-o", "a.swatch"],
     ],
 )
-def test_nothing_from_outside_steers_the_terminal(
-    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str]
-) -> None:
+def test_control_characters_are_escaped(folder: Path, capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
     _evil_names(folder)
     main(words)
-    said = capsys.readouterr()
-    assert said.out + said.err
-    assert all(line.isprintable() and line != "hapscene: forged" for line in (said.out + said.err).splitlines())
+    output = capsys.readouterr()
+    assert output.out + output.err
+    assert all(line.isprintable() and line != "hapscene: forged" for line in (output.out + output.err).splitlines())

@@ -1,4 +1,4 @@
-"""`hapscene paint` as a process, and what it opens."""
+"""`hapscene paint`."""
 
 import gc
 import json
@@ -29,7 +29,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_mesh_becomes_a_scene_beside_no_other(folder: Path) -> None:
+def test_a_mesh_becomes_a_new_scene(folder: Path) -> None:
     session = open_session("cube.ply", unit="m", swatch="wood")
     assert session.path == Path("cube.scene.json")
     assert session.scene.swatches[1].name == "wood" and (session.scene.bodies[0].face_swatch == 1).all()
@@ -39,24 +39,22 @@ def test_a_mesh_becomes_a_scene_beside_no_other(folder: Path) -> None:
     assert again.scene.swatches[1].name == "wood"
 
 
-def test_the_browser_is_led_to_the_page_by_a_file_that_no_other_user_reads(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its command line holds no token."""
+def test_the_browser_is_opened_with_a_private_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command line of the browser does not contain the token."""
     led: SimpleQueue[str] = SimpleQueue()
     monkeypatch.setattr("webbrowser.open", led.put)
     url = "http://127.0.0.1:1/secret/"
     with ExitStack() as ends:
         opener = lead_browser(url, Path(), ends)
         assert opener is not None and url in opener.read_text()
-        told = led.get(timeout=60.0)
-        assert told == opener.absolute().as_uri() and "secret" not in told
+        output = led.get(timeout=60.0)
+        assert output == opener.absolute().as_uri() and "secret" not in output
         assert sys.platform == "win32" or stat.S_IMODE(opener.parent.stat().st_mode) == 0o700
         assert lead_browser(url, folder / "cube.ply", ends) is None  # where nothing can be written
     assert not opener.parent.exists() and led.empty()
 
 
-def test_garbage_is_seldom_looked_for_until_the_page_is_there_and_as_before_after_it() -> None:
+def test_garbage_collection_is_rare_while_loading() -> None:
     usual = gc.get_threshold()
     with pytest.raises(SceneError), rare_collections():
         assert gc.get_threshold() > usual
@@ -64,7 +62,7 @@ def test_garbage_is_seldom_looked_for_until_the_page_is_there_and_as_before_afte
     assert gc.get_threshold() == usual
 
 
-def test_without_a_name_a_copy_of_the_demo_is_painted(folder: Path) -> None:
+def test_default_is_a_copy_of_the_demo(folder: Path) -> None:
     session = open_session(None)
     assert session.path == Path("hapscene-demo/demo.scene.json")
     session.path.write_text(session.path.read_text(encoding="utf-8") + " ", encoding="utf-8")
@@ -75,7 +73,7 @@ def test_without_a_name_a_copy_of_the_demo_is_painted(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "output"),
     [
         (["none.scene.json"], "none.scene.json"),
         (["cube.ply"], "unit"),
@@ -86,16 +84,16 @@ def test_without_a_name_a_copy_of_the_demo_is_painted(folder: Path) -> None:
         (["made.scene.json", "--unit", "m"], "--unit"),
     ],
 )
-def test_what_cannot_be_painted_is_one_line(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+def test_invalid_input_is_one_line(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], output: str
 ) -> None:
     open_session("cube.ply", unit="m").save(folder / "made.scene.json")
     assert main(["paint", *arguments, "--no-browser"]) == 2
     error = capsys.readouterr().err
-    assert said in error and error.count("\n") == 1
+    assert output in error and error.count("\n") == 1
 
 
-def test_a_mesh_that_was_exported_anew_keeps_its_painting_if_told(folder: Path) -> None:
+def test_accept_changed(folder: Path) -> None:
     open_session("cube.ply", unit="m", swatch="wood").save()
     trimesh.creation.box((0.02, 0.02, 0.03)).export("cube.ply")
     with pytest.raises(SceneError, match="--accept-changed"):
@@ -105,7 +103,7 @@ def test_a_mesh_that_was_exported_anew_keeps_its_painting_if_told(folder: Path) 
     assert (session.scene.bodies[0].face_swatch == 1).all()
 
 
-def test_several_meshes_are_one_new_scene_beside_each_other(folder: Path) -> None:
+def test_several_meshes(folder: Path) -> None:
     trimesh.creation.icosphere(radius=0.01).export(folder / "ball.stl")
     session = open_session("cube.ply", unit="m", more=["ball.stl", "cube.ply"])
     assert session.path == Path("cube.scene.json") and session.painting.undo_text is None
@@ -120,7 +118,7 @@ def test_several_meshes_are_one_new_scene_beside_each_other(folder: Path) -> Non
     assert again.scene.bodies[-1].name == "ball 2" and again.undo() == "add 'ball 2'"
 
 
-def test_among_several_meshes_the_unit_is_of_those_that_say_none(folder: Path) -> None:
+def test_unit_of_several_meshes(folder: Path) -> None:
     trimesh.creation.box((20.0, 20.0, 20.0)).export(folder / "part.stl")
     trimesh.creation.box((0.03, 0.03, 0.03)).export(folder / "cup.glb")
     for first, second in (("part.stl", "cup.glb"), ("cup.glb", "part.stl")):
@@ -131,7 +129,7 @@ def test_among_several_meshes_the_unit_is_of_those_that_say_none(folder: Path) -
         }
 
 
-def test_what_was_painted_of_a_mesh_before_is_found(folder: Path) -> None:
+def test_earlier_painting_is_offered(folder: Path) -> None:
     assert earlier_scenes(None) == earlier_scenes(Path("cube.scene.json")) == []
     for expected in ("cube", "cube_2", "cube_3"):
         session = open_session("cube.ply", unit="m")

@@ -1,4 +1,4 @@
-"""`hapscene play` as a user calls it."""
+"""`hapscene play`."""
 
 import math
 import os
@@ -22,32 +22,32 @@ compiled = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes lon
 
 @pytest.mark.nightly
 @compiled
-def test_a_scene_is_played_for_a_while_and_told(capfd: pytest.CaptureFixture[str]) -> None:
+def test_play_for_a_second(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["play", DEMO, "--device", "simulated", "--seconds", "1", "--option", "grip=firm"]) == 0
     told = capfd.readouterr().out
     assert "ticks, " in told and "deadline misses" in told and "longest tick " in told
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "output"),
     [
         (["--device", "omny"], "no device 'omny'"),
         (["--device", "falcon", "--option", "colour=red"], "no option 'colour'"),
         (["--device", "haply2diy", "--option", "hardware=v9"], "one of v3, v2"),
         (["--option", "red"], "expected NAME=VALUE"),
         (["--force", "-1"], "--force"),
-        (["--handle", "falcon"], "'falcon' plays no acceleration"),
-        (["--device", "audio"], "'audio' has no position"),
+        (["--handle", "falcon"], "no vibration output 'falcon'; there are: audio"),
+        (["--device", "audio"], "'audio'"),
     ],
 )
-def test_wrong_words_meet_one_line(words: list[str], said: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_invalid_options(words: list[str], output: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["play", DEMO, *words]) == 2
     errors = capfd.readouterr().err
-    assert said in errors and errors.count("\n") == 1
+    assert output in errors and errors.count("\n") == 1
 
 
 class FakeServo:
-    """What is asked of it, in order."""
+    """Records the calls."""
 
     def __init__(self) -> None:
         self.asked: list[str] = []
@@ -77,13 +77,13 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 
 @terminals
-def test_no_key_is_lost_and_no_line_is_broken_by_the_terminal(terminal: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keys_and_status_line(terminal: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "tcgetpgrp", lambda fd: os.getpgrp())
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
-    monkeypatch.setattr(play, "LOOK_S", 0.01)
+    monkeypatch.setattr(play, "POLL_S", 0.01)
     servo = FakeServo()
     shown: list[str] = []
-    monkeypatch.setattr(play, "tell_over", shown.append)
+    monkeypatch.setattr(play, "print_in_place", shown.append)
     with pressed_keys() as keys:
         looks = iter([b"", b"  ", b" q"])
 
@@ -98,13 +98,13 @@ def test_no_key_is_lost_and_no_line_is_broken_by_the_terminal(terminal: int, mon
 
 
 @terminals
-def test_in_the_background_the_terminal_is_left_alone(terminal: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_background_process_does_not_change_the_terminal(terminal: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "tcgetpgrp", lambda fd: os.getpgrp() + 1)
     with pressed_keys() as keys:
         assert termios.tcgetattr(sys.stdin)[3] & termios.ICANON
         assert keys() == ""
 
 
-def test_a_log_that_is_not_there_is_reported(capfd: pytest.CaptureFixture[str]) -> None:
+def test_missing_log(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["play", "--replay", "nowhere"]) == 2
     assert "nowhere" in capfd.readouterr().err

@@ -11,9 +11,7 @@ from hapscene_evidence.paper.prediction_figure import two_materials
 from hapscene_evidence.paper.reproduction import END, FILES, START
 
 
-def test_writes_a_page_and_its_numbers(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_page_and_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reproduction, "FIGURES", {"fig2": ("two materials", two_materials)})
     assert main(["lab", "reproduce", "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
@@ -42,7 +40,7 @@ def test_installed_package_reports_that_a_checkout_is_needed(
     monkeypatch.setattr("hapscene.cli.lab.find_spec", lambda name: None)
     for command in ("bench", "chart", "reproduce"):
         assert main(["lab", command, "--out", str(tmp_path / "out")]) == 2
-        assert "checkout" in capsys.readouterr().err
+        assert "clone" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
@@ -56,7 +54,7 @@ def test_interrupt_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "output"),
     [
         (["--recordings", "missing"], "missing: no such folder"),
         (["--recordings", "empty"], "empty: no recording found; expected one or more of cdp_wood.csv"),
@@ -64,11 +62,15 @@ def test_interrupt_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         (["--out", "file"], "file: is a file; expected a folder"),
     ],
 )
-def test_refuses(
-    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_invalid_options(
+    arguments: list[str],
+    output: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").touch()
     assert main(["lab", "reproduce", *arguments]) == 2
-    assert said in capsys.readouterr().err and not (tmp_path / "out").exists()
+    assert output in capsys.readouterr().err and not (tmp_path / "out").exists()

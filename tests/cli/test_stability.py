@@ -14,26 +14,24 @@ from hapscene.surface.swatch import Swatch
 pytestmark = pytest.mark.nightly
 
 
-def test_writes_chart_tables_and_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_writes_chart_tables_and_verdicts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from hapscene.device.sim.hand import grip_named
 
     swatches = [Swatch("steel", 20_000.0), Swatch("felt", 200.0)]
     args = ("premium-1.5", (1000.0,), (0,), grip_named("light"), swatches)
     made = stability(tmp_path / "out", *args, dampings_Ns_m=(0.0, 2.0))
     charts = {"z_width.png", "z_width-dark.png"}
-    assert {file.name for file in made} == {*charts, "z_width.csv", "swatches.csv", "words.txt"}
+    assert {file.name for file in made} == {*charts, "z_width.csv", "swatches.csv", "verdicts.txt"}
     with (tmp_path / "out" / "z_width.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["damping_Ns_m"]) for row in rows] == [0.0, 2.0]
     assert float(rows[1]["limit_N_m"]) > float(rows[0]["limit_N_m"]) > z_width.STIFFNESS_N_M[0]
-    words = (tmp_path / "out" / "words.txt").read_text(encoding="utf-8")
-    assert "steel: 20000 N/m buzzes at 1 kHz; the device's cap makes it" in words
+    words = (tmp_path / "out" / "verdicts.txt").read_text(encoding="utf-8")
+    assert "steel: 20000 N/m is unstable at 1 kHz; the device limits it to" in words
     assert "felt" in words
 
 
-def test_what_was_traced_before_it_was_stopped_is_not_traced_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_run_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from hapscene.device.sim.hand import grip_named
 
     args = ("premium-1.5", (1000.0,), (0, 1), grip_named("light"), [])
@@ -52,20 +50,20 @@ def test_what_was_traced_before_it_was_stopped_is_not_traced_again(
     assert not (tmp_path / "out").exists()
     stability(tmp_path / "out", *args, dampings_Ns_m=(2.0,), jobs=1)
     assert traced == [(1000.0, 0), (1000.0, 1), (1000.0, 1)]
-    assert [file.name for file in tmp_path.iterdir()] == ["out"]  # the journal is gone
+    assert [file.name for file in tmp_path.iterdir()] == ["out"]  # the journal is deleted
     with (tmp_path / "out" / "z_width.csv").open(encoding="utf-8") as file:
         assert [row["delay_ticks"] for row in csv.DictReader(file)] == ["0", "1"]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "output"),
     [
         (["--device", "onmi"], "no device 'onmi'; there are: ideal, omni"),
         (["--device", "ideal"], "has no mass"),
         (["--grip", "soft"], "no grip 'soft'"),
     ],
 )
-def test_refuses(arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_options(arguments: list[str], output: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["lab", "stability", "--out", str(tmp_path / "out"), *arguments]) == 2
-    assert said in capsys.readouterr().err
+    assert output in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -1,4 +1,4 @@
-"""`hapscene lab study`, as a user meets it: asked over the page, ended by Ctrl-C, gone on with."""
+"""`hapscene lab study`."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ question = "Which is rougher?"
 """
 
 CARD = '''
-"""As much of sounddevice as headphones use: a card that is none."""
+"""The part of sounddevice that headphones use, with a simulated sound card."""
 import threading, time
 from types import SimpleNamespace
 import numpy as np
@@ -39,7 +39,7 @@ default = SimpleNamespace(device=(-1, 0))
 def query_devices(): return [{"name": "Headphones", "max_output_channels": 2}]
 class OutputStream:
     latency = 0.01
-    def __init__(self, callback, channels, **told):
+    def __init__(self, callback, channels, **settings):
         self.callback, self.out, self.runs = callback, np.zeros((480, channels), np.int16), True
     def start(self):
         self.thread = threading.Thread(target=self.run, daemon=True)
@@ -62,26 +62,26 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("plan", EXAMPLES, ids=lambda path: path.stem)
-def test_an_example_is_a_plan(plan: Path) -> None:
+def test_examples_are_valid_plans(plan: Path) -> None:
     assert load_plan(plan).blocks
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "output"),
     [
         (["run", "none.toml"], "none.toml: no such file"),
         (["reprot", "out"], 'Did you mean "report"?'),
-        (["run", "plan.toml", "--persn", "P01"], "Did you mean --person?"),
-        (["run", "plan.toml", "--person", "7", "--no-browser"], "person: a name must begin with a letter"),
+        (["run", "plan.toml", "--particpant", "P01"], "Did you mean --participant?"),
+        (["run", "plan.toml", "--participant", "7", "--no-browser"], "invalid name"),
         (["run", "plan.toml", "--handle", "serial", "--handle-option", "port=none", "--no-browser"], "none"),
-        (["run", "plan.toml", "--handle", "falcon", "--no-browser"], "plays no vibrations"),
+        (["run", "plan.toml", "--handle", "falcon", "--no-browser"], "no vibration output 'falcon'"),
         (["report", "none"], "none: no such folder"),
         (["report", "."], "results.csv: no such file"),
     ],
 )
-def test_what_is_wrong_is_said_in_a_line(
-    folder: Path, words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+def test_invalid_input_is_one_line(
+    folder: Path, words: list[str], output: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["lab", "study", *words]) == 2
     errors = capsys.readouterr().err
-    assert said in errors and errors.count("\n") == 1
+    assert output in errors and errors.count("\n") == 1

@@ -1,4 +1,4 @@
-"""`hapscene swatch compare`, as typed."""
+"""`hapscene swatch compare`."""
 
 import json
 from dataclasses import replace
@@ -13,29 +13,27 @@ from hapscene.swatches.library import load_swatch
 
 @pytest.fixture(autouse=True)
 def _no_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The user's own library stays out of it."""
+    """Use an empty library."""
     monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path / "library"))
 
 
-def test_two_surfaces_are_set_side_by_side(capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_surfaces(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["swatch", "compare", "wood", "paper"]) == 0
     text = capsys.readouterr().out
-    assert "paper is clearly different from wood: most by" in text
+    assert "paper is clearly different from wood" in text
     for unit in ("m/s²", "dB", "%", "Hz"):
         assert unit in text
-    assert "not compared: compliance" in text  # assumed, not recorded, in both
+    assert "not compared: compliance" in text  # assumed, not measured, in both
 
 
-def test_the_same_surface_cannot_be_told_apart(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_same_surface(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["swatch", "compare", "wood", "wood", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["verdict"] == "cannot be distinguished" and found["distance_jnd"] == 0.0
+    assert found["distance_jnd"] == 0.0
     assert {row["unit"] for row in found["differences"]} == {"dB", "%"}
 
 
-def test_one_surface_is_ranked_against_the_shipped_and_the_own(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_surface_is_ranked_against_the_library(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "library").mkdir()
     wood = load_swatch("wood")
     grippier = 1.17 * wood.friction_dynamic
@@ -43,15 +41,15 @@ def test_one_surface_is_ranked_against_the_shipped_and_the_own(
     save_swatch(oak, tmp_path / "library" / "oak.swatch")
     (tmp_path / "library" / "broken.swatch").write_text("{}")
     assert main(["swatch", "compare", "wood", "--json"]) == 0
-    told = capsys.readouterr()
-    ranked = json.loads(told.out)["ranked"][0]
+    output = capsys.readouterr()
+    ranked = json.loads(output.out)["ranked"][0]
     assert ranked[0]["second"] == "oak" and len(ranked) == 4
-    assert "broken.swatch" in told.err
+    assert "broken.swatch" in output.err
     assert main(["swatch", "compare", "wood", "--library", str(tmp_path / "library")]) == 0
-    assert "can be distinguished" in capsys.readouterr().out
+    assert "1.4 JND" in capsys.readouterr().out
 
 
-def test_several_are_ranked(capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_surfaces_are_ranked(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["swatch", "compare", "wood", "leather", "wood"]) == 0
     assert capsys.readouterr().out.splitlines()[1].startswith("1  wood")
 
@@ -63,7 +61,7 @@ def test_several_are_ranked(capsys: pytest.CaptureFixture[str]) -> None:
         (["wood", "--library", "/none"], "no such folder"),
     ],
 )
-def test_errors_are_one_sentence(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["swatch", "compare", *words]) == 2
-    told = capsys.readouterr()
-    assert message in told.err and told.out == ""
+    output = capsys.readouterr()
+    assert message in output.err and output.out == ""

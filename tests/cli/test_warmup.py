@@ -8,7 +8,7 @@ from hapscene.compiled import cache
 from hapscene.compiled.native import INTERPRETED
 
 
-def test_it_says_where_compiled_code_lies(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_warmup_prints_the_folder(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[bool] = []
     monkeypatch.setattr(warm_up, "warm_up", asked.append)
     assert main(["lab", "warmup", "--quick"]) == (2 if INTERPRETED else 0)
@@ -16,7 +16,7 @@ def test_it_says_where_compiled_code_lies(capsys: pytest.CaptureFixture[str], mo
         assert str(cache.cache_folder()) in capsys.readouterr().out.splitlines()[-1] and asked == [True]
 
 
-def test_without_a_cache_it_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_warmup_without_a_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cache, "cache_folder", lambda: None)
     monkeypatch.setattr(warm_up, "warm_up", lambda quick: pytest.fail("compiles"))
     assert main(["lab", "warmup"]) == 2

@@ -1,4 +1,4 @@
-"""A scene of three shapes, and a coarser level of detail of each."""
+"""A scene of three shapes, and a simplified version of each."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from hapscene.scene.mesh import Mesh
 
 
 def meshes(kind):
-    """One shape, ever coarser; the box is the same in any number of faces."""
+    """One shape with decreasing numbers of faces; all boxes have the same shape."""
     creation = trimesh.creation
     if kind == "sphere":
         made = [creation.icosphere(subdivisions=n, radius=0.05) for n in (4, 3, 2)]
@@ -30,7 +30,7 @@ def scene_of(kind, swatch="wood"):
 
 @pytest.fixture(scope="session")
 def fidelity():
-    """The fidelity of a kind of scene: a coarser mesh and a shorter filter."""
+    """The fidelity of a kind of scene: a coarser mesh and a lower order."""
 
     def make(kind):
         return Fidelity(Level({"body": BodyFidelity(meshes(kind)[1])}, {"wood": SwatchFidelity(order=5)}))
@@ -39,7 +39,7 @@ def fidelity():
 
 
 def stroke(kind, seed, count=1500):
-    """A random stroke over a shape, in and out of it, from 2 mm above to 2 mm below."""
+    """A random stroke over a shape, from 2 mm above to 2 mm below its surface."""
     rng = np.random.default_rng(seed)
     t = np.arange(count) / 1000.0
     turn = rng.uniform(0.5, 2.0, 3) @ np.sin(np.outer(rng.uniform(0.5, 3.0, 3), t) + rng.uniform(0, 6, (3, 1)))

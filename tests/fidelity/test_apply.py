@@ -1,4 +1,4 @@
-"""A level is the same scene with less in it: painting, spectrum and power are carried over."""
+"""Simplified scenes: painting, spectrum and power are kept."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def scene():
     return scene
 
 
-def test_nothing_named_is_the_scene_itself(scene):
+def test_an_empty_level_changes_nothing(scene):
     at = apply_level(scene, Level())
     assert at.swatches == scene.swatches
     for ours, theirs in zip(at.bodies, scene.bodies, strict=True):
@@ -36,7 +36,7 @@ def test_nothing_named_is_the_scene_itself(scene):
         np.testing.assert_array_equal(ours.face_swatch, theirs.face_swatch)
 
 
-def test_a_coarser_mesh_brings_its_painting_or_takes_the_only_swatch(scene):
+def test_painting_of_a_coarser_mesh(scene):
     names = tuple(swatch.name for swatch in scene.swatches)
     coarse, plain = sphere(2), sphere(0)
     group = (coarse.triangles_m.mean(axis=1)[:, 2] > 0.01) * np.int16(names.index("leather"))
@@ -49,14 +49,14 @@ def test_a_coarser_mesh_brings_its_painting_or_takes_the_only_swatch(scene):
     assert len(scene.body("ball").face_swatch) == len(scene.body("ball").mesh.faces)  # the scene stays as it is
 
 
-def test_updates_of_a_filter_are_a_number_of_its_effect(scene):
+def test_update_interval(scene):
     wood = apply_level(scene, Level(swatches={"wood": SwatchFidelity(update_ticks=4)})).swatches[1]
     assert wood.parameter("lpc_texture", "update_ticks", 1.0) == 4.0 and wood.texture is scene.swatches[1].texture
 
 
 @pytest.mark.parametrize("name", ["wood", "epoxy"])
-def test_a_shorter_filter_is_the_best_of_its_order_for_the_same_signal(name):
-    """Against a fit of that order to the signal's autocorrelation on its own axis, taken from its spectrum."""
+def test_a_truncated_model_is_the_best_of_its_order(name):
+    """Against a fit of that order to the autocorrelation of the signal."""
     texture = hapscene.load_swatch(name).texture
     short = texture.truncated(5)
     assert short.order == 5
@@ -70,20 +70,20 @@ def test_a_shorter_filter_is_the_best_of_its_order_for_the_same_signal(name):
         assert left == pytest.approx(v * power_gain(one, texture.warp) / power_gain(want, texture.warp), rel=1e-6)
 
 
-def test_a_texture_no_longer_than_asked_stays_itself():
+def test_a_texture_of_that_order_is_unchanged():
     texture = hapscene.load_swatch("paper").texture
     assert texture.truncated(texture.order) is texture
 
 
 @pytest.mark.parametrize(
-    ("level", "said"),
+    ("level", "expected"),
     [
         (Level(bodies={"bal": BodyFidelity()}), "no body 'bal'"),
         (Level(swatches={"oka": SwatchFidelity()}), "no swatch 'oka'"),
-        (Level(bodies={"ball": BodyFidelity(sphere(2))}), "is not painted"),
-        (Level(swatches={"wood": SwatchFidelity(order=0)}), "1 or more, not 0"),
+        (Level(bodies={"ball": BodyFidelity(sphere(2))}), "no painting"),
+        (Level(swatches={"wood": SwatchFidelity(order=0)}), "order"),
     ],
 )
-def test_what_the_scene_has_not_is_refused(scene, level, said):
-    with pytest.raises(HapsceneError, match=said):
+def test_invalid_levels(scene, level, expected):
+    with pytest.raises(HapsceneError, match=expected):
         apply_level(scene, level)

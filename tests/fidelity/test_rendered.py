@@ -1,4 +1,4 @@
-"""A scene that is rendered with a fidelity: the same as the coarser scene by itself."""
+"""Rendering with a fidelity gives the same results as the simplified scene."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from .conftest import meshes, scene_of, stroke
 
 
 @pytest.mark.parametrize("kind", ["sphere", "box", "torus"])
-def test_it_is_the_scene_at_that_level(kind, fidelity):
+def test_results_are_those_of_the_simplified_scene(kind, fidelity):
     scene, path = scene_of(kind), stroke(kind, 0)
     want = hapscene.Renderer(apply_level(scene, fidelity(kind).level)).run(path)
     got = hapscene.Renderer(scene, fidelity=fidelity(kind)).run(path)
@@ -19,7 +19,7 @@ def test_it_is_the_scene_at_that_level(kind, fidelity):
         np.testing.assert_array_equal(getattr(got, name), getattr(want, name))
 
 
-def test_it_is_tuned_and_painted(fidelity):
+def test_tune_and_repaint(fidelity):
     scene = scene_of("box")
     renderer = hapscene.Renderer(scene, fidelity=fidelity("box"))
     p = np.tile([0.0, 0.0, 0.0395], (50, 1))
@@ -32,7 +32,7 @@ def test_it_is_tuned_and_painted(fidelity):
     assert renderer.run(p).swatch[-1] == other.swatches.index(hapscene.load_swatch("paper"))
 
 
-def test_what_is_not_done_is_refused(fidelity):
+def test_unsupported_operations(fidelity):
     scene = scene_of("sphere")
     renderer = hapscene.Renderer(scene, fidelity=fidelity("sphere"))
     with pytest.raises(HapsceneError):

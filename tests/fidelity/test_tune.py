@@ -1,4 +1,4 @@
-"""What a scene needs: the search finds it, holds it on paths that it has not seen, and says so."""
+"""The search for the level of detail of a scene."""
 
 import json
 from dataclasses import replace
@@ -37,7 +37,7 @@ def names(scene):
     return [swatch.name for swatch in scene.swatches]
 
 
-def test_a_coarser_mesh_keeps_the_border_of_its_painting_and_has_no_crack():
+def test_a_coarser_mesh_keeps_borders_and_is_closed():
     scene = painted()
     body = scene.bodies[0]
     mesh = coarser_mesh(body, 640, names(scene))
@@ -61,7 +61,7 @@ def test_a_coarser_mesh_keeps_the_border_of_its_painting_and_has_no_crack():
     assert np.array_equal(at.bodies[0].face_swatch, mesh.group)
 
 
-def test_faces_in_one_plane_are_given_up_without_a_difference():
+def test_coplanar_faces_are_removed_without_a_difference():
     box = hapscene.Scene()
     made = trimesh.creation.box((0.08, 0.08, 0.04))
     for _ in range(5):
@@ -72,13 +72,13 @@ def test_faces_in_one_plane_are_given_up_without_a_difference():
     assert len(mesh.faces) < 400
     paths = trial.scene_paths(box, 5, "omni")[:6]
     felt = [
-        trial.forces(trial.ready(scene, "omni", ("wall", "friction")), paths)
+        trial.render_paths(trial.new_renderer(scene, "omni", ("wall", "friction")), paths)
         for scene in (box, apply_level(box, Level({"body": BodyFidelity(mesh)})))
     ]
     assert np.percentile(trial.force_error(*felt), 99) < 1e-3
 
 
-def test_a_sine_has_its_power_in_its_band():
+def test_band_power_of_a_sine():
     t_s = np.arange(8000) / 10_000.0
     power = trial.band_power(3.0 * np.sin(2 * np.pi * 250.0 * t_s), 10_000.0)
     band = np.searchsorted(band_edges_Hz(), 250.0) - 1
@@ -87,13 +87,13 @@ def test_a_sine_has_its_power_in_its_band():
     assert np.delete(power, band, axis=1).max() < 0.02
 
 
-def test_an_error_is_told_in_jnd_of_what_was_planted():
+def test_errors_in_jnd():
     scene = scene_of("sphere")
-    renderer = trial.ready(scene, "omni")
+    renderer = trial.new_renderer(scene, "omni")
     paths = trial.scene_paths(scene, 3, "omni")[:2]
-    felt = trial.feel(renderer, paths, 0, 2)
-    true = trial.Felt(felt.recordings, [1e6 * p + 1.0 for p in felt.power])  # all over its threshold
-    louder = trial.Felt(
+    felt = trial.render(renderer, paths, 0, 2)
+    true = trial.Rendered(felt.recordings, [1e6 * p + 1.0 for p in felt.power])  # all over its threshold
+    louder = trial.Rendered(
         [replace(r, f_W_N=1.14 * r.f_W_N) for r in true.recordings], [p * 10 ** (0.3 * BAND_DB) for p in true.power]
     )
     found = trial.error_of(true, louder, NEVER)
@@ -104,21 +104,27 @@ def test_an_error_is_told_in_jnd_of_what_was_planted():
     assert trial.error_of(true, louder, np.zeros(12)).vibration_jnd.max() == 0.0
 
 
-def test_the_order_is_the_smallest_that_keeps_to_the_error():
+def test_the_lowest_order_within_the_limit():
     a = ar_from_reflection(0.6 * 0.93 ** np.arange(30) * np.cos(2.1 * np.arange(30)))
     rough = Texture.from_models(1e4, [1.0], [0.1], a=a[None], variance_m2_s4=[100.0 / power_gain(a)])
     swatch, every = Swatch("rough", texture=rough), np.full(12, np.inf)
-    found = {most: tune.judge_swatch(swatch, "omni", every, most) for most in (0.3, 0.8)}
+    found = {most: tune.evaluate_swatch(swatch, "omni", every, most) for most in (0.3, 0.8)}
     orders = {most: judged.least(most) for most, judged in found.items()}
     assert orders[0.8] < orders[0.3] < 30
-    assert dict((one.asked, one.error_jnd) for one in found[0.8].tried)[orders[0.8] - 1] > 0.8
+    assert dict((one.requested, one.error_jnd) for one in found[0.8].tried)[orders[0.8] - 1] > 0.8
     assert "coefficients" in found[0.3].why("coefficients", 0.3)
-    assert tune.judge_swatch(Swatch("plain"), "omni", every, 1.0).least(1.0) is None
+    assert tune.evaluate_swatch(Swatch("plain"), "omni", every, 1.0).least(1.0) is None
+
+
+def test_progress_names_each_body():
+    lines = []
+    tune._evaluate(scene_of("box"), "omni", NEVER, 0, 1.0, lines.append)
+    assert lines == ["body body\n"]
 
 
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
-    """A scene that was tuned in a few short paths, and what the command said."""
+    """A scene that was tuned on a few short paths, and the exit code."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(trial, "SCENE_PATHS", 6)
         patch.setattr(trial, "SEED_COUNT", 4)
@@ -133,23 +139,23 @@ def tuned(tmp_path_factory):
     return folder, scene, code
 
 
-def test_a_tuned_scene_feels_the_same_on_other_paths_and_is_half_as_large(tuned):
+def test_a_tuned_scene_is_within_the_limit_on_other_paths(tuned):
     folder, scene, code = tuned
     assert code == 0
     fidelity = load_fidelity(folder / "x.fidelity.json", scene)
-    told, made = fidelity.level.told, fidelity.made
-    assert told["error_jnd"] <= 1.0 and told["share_within"] >= 0.95
-    assert told["memory_B"] <= 0.5 * made["untuned_memory_B"]
+    cost, made = fidelity.level.cost, fidelity.made
+    assert cost["error_jnd"] <= 1.0 and cost["share_within"] >= 0.95
+    assert cost["memory_B"] <= 0.5 * made["untuned_memory_B"]
     assert made["device"] == "omni" and made["seed"] == 0
     paths = trial.scene_paths(scene, 99, "omni")
     felt = [
-        trial.forces(trial.ready(s, "omni", ("wall", "friction")), paths)
+        trial.render_paths(trial.new_renderer(s, "omni", ("wall", "friction")), paths)
         for s in (scene, apply_level(scene, fidelity.level))
     ]
     assert np.percentile(trial.force_error(*felt), 95) <= 1.0
 
 
-def test_a_touch_renders_it_and_refuses_another_scenes_file(tuned, tmp_path, capsys):
+def test_touch_with_a_fidelity_file(tuned, tmp_path, capsys):
     folder, scene, _ = tuned
     words = ["touch", str(folder / "x.scene.json"), "--no-picture"]
     assert main([*words, "--out", str(tmp_path / "a"), "--fidelity", str(folder / "x.fidelity.json")]) == 0
@@ -166,32 +172,32 @@ def test_a_touch_renders_it_and_refuses_another_scenes_file(tuned, tmp_path, cap
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (["--device", "omny"], "no device 'omny'; there are: ideal, omni"),
-        (["--handle", "paper"], "no handle 'paper'; there are: ideal, none"),
+        (["--handle", "paper"], "unknown handle 'paper'"),
         (["--handle", "none.handle"], "none.handle: no such file"),
-        (["-o", "x.json"], "ends in .fidelity.json"),
+        (["-o", "x.json"], "ends with .fidelity.json"),
         (["--jnd", "0"], "--jnd"),
         (["--budget-us", "fast"], "--budget-us"),
     ],
 )
-def test_wrong_words_meet_a_sentence(tmp_path, capsys, words, said):
+def test_invalid_options(tmp_path, capsys, words, expected):
     scene_of("sphere").save(tmp_path / "x.scene.json")
     try:
         code = main(["tune", str(tmp_path / "x.scene.json"), *words])
     except SystemExit as end:
         code = end.code
     assert code == 2
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
-def test_what_is_never_seen_cannot_be_tuned():
+def test_a_scene_without_contact():
     scene = hapscene.Scene()
     mesh = scene_of("sphere").bodies[0].mesh
     with pytest.warns(hapscene.scene.mesh.MeshWarning):
         scene.add(replace(mesh, faces=mesh.faces[:, ::-1]), name="inside out", swatch="wood")
-    with pytest.raises(HapsceneError, match="nothing of the scene is felt"):
+    with pytest.raises(HapsceneError, match="cannot touch"):
         tune.tune(scene)
 
 
@@ -233,7 +239,7 @@ def foreign(name):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("name", ["demo", "fandisk", "cycloidal", "duck", "knot", "primitives"])
-def test_scenes_of_others_keep_to_a_jnd_and_need_half(name):
+def test_various_scenes(name):
     found = tune.tune(foreign(name))
     print(name, dict(found.before), dict(found.after))
     assert found.within_jnd and found.after["share_within"] >= 0.95

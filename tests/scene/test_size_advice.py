@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.cli.inputs import load_input, tell_size
+from hapscene.cli.inputs import load_input, print_size_advice
 from hapscene.cli.options import MeshOptions
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.scene import Scene
@@ -81,5 +81,5 @@ def test_commands_print_advice_once(wide: Path, tmp_path: Path, capsys: pytest.C
     both = Scene()
     both.add(wide, unit="m")
     both.add(tmp_path / "speck.stl", unit="mm")
-    tell_size(both, str(wide))
+    print_size_advice(both, str(wide))
     assert capsys.readouterr().out.startswith("speck.stl is 160 × 150 × 120 µm")

@@ -1,4 +1,4 @@
-"""The critical stiffness against formulas that the simulation does not know."""
+"""The critical stiffness from simulation against closed forms."""
 
 import math
 
@@ -8,7 +8,8 @@ import pytest
 from hapscene.device.model import stability_border
 from hapscene.errors import HapsceneError
 from hapscene.stability import critical_stiffness
-from hapscene.stability.closed_form import (
+from hapscene.stability.critical import growth
+from tests.stability.closed_form import (
     limit_of_passivity,
     limit_of_rest,
     limit_of_small_motion,
@@ -16,7 +17,6 @@ from hapscene.stability.closed_form import (
     limit_with_wall_damping,
     limit_without_delay,
 )
-from hapscene.stability.critical import growth
 
 
 def test_device_damping_alone() -> None:
@@ -26,7 +26,7 @@ def test_device_damping_alone() -> None:
         )
 
 
-def test_one_tick_late() -> None:
+def test_delay_of_one_tick() -> None:
     assert critical_stiffness(0.05, 0.1, 2e-4, delay_ticks=1) == pytest.approx(
         limit_with_one_delay(0.05, 0.1, 2e-4), rel=1e-7
     )
@@ -39,8 +39,8 @@ def test_wall_damping_alone() -> None:
         )
 
 
-def test_scales_as_units_do() -> None:
-    """m, b, B times s and T as it is: K times s; T times s: K over s² where b and B go as 1/s."""
+def test_scaling_with_units() -> None:
+    """Masses and dampings times s: K times s. T times s and dampings over s: K over s²."""
     base = critical_stiffness(0.1, 0.2, 1e-3, delay_ticks=2, wall_damping_Ns_m=0.5)
     assert critical_stiffness(0.3, 0.6, 1e-3, delay_ticks=2, wall_damping_Ns_m=1.5) == pytest.approx(
         3.0 * base, rel=1e-7
@@ -61,7 +61,7 @@ def test_any_delay_and_damping() -> None:
         )
 
 
-def test_nothing_takes_energy() -> None:
+def test_without_dissipation() -> None:
     assert critical_stiffness(1.0, 0.0, 1.0) == 0.0
     assert critical_stiffness(0.05, 0.0, 1e-3, delay_ticks=2) == 0.0
 
@@ -71,8 +71,8 @@ def test_wall_damping_beyond_the_largest() -> None:
     assert critical_stiffness(1.0, 0.0, 1.0, delay_ticks=1, wall_damping_Ns_m=0.85) == 0.0
 
 
-def test_next_to_the_largest_damping_of_the_wall() -> None:
-    """A mode that alternates from tick to tick dies as slowly there as those of the spring."""
+def test_near_the_largest_wall_damping() -> None:
+    """A mode that alternates from tick to tick decays as slowly as those of the spring."""
     for delay, damping, share in (
         (0, 1e-3, 0.999),
         (0, 0.0, 0.9997),
@@ -98,21 +98,21 @@ def test_long_delays(delay: int, damping: float, share: float) -> None:
     )
 
 
-def test_rest_over_an_edge() -> None:
-    """Whatever b, T and d: it is a question of friction and steps alone."""
+def test_rest_between_encoder_steps() -> None:
+    """Depends on friction and encoder step only, not on b, T and d."""
     for damping, tick, delay in ((0.005, 1e-3, 0), (1.0, 1e-4, 0), (0.1, 1e-3, 2)):
         found = critical_stiffness(0.05, damping, tick, delay_ticks=delay, coulomb_N=0.2, quantum_m=4e-5)
         assert found == pytest.approx(limit_of_rest(0.2, 4e-5), rel=1e-4)
 
 
-def test_rest_far_above_passivity() -> None:
-    """Friction holds a wall at rest that is no longer passive."""
+def test_rest_above_the_limit_of_passivity() -> None:
+    """Friction holds the tool at walls that are not passive."""
     found = critical_stiffness(0.072, 0.005, 1e-3, coulomb_N=0.038, quantum_m=3e-5)
     assert found > 100.0 * limit_of_passivity(0.005, 0.0, 1e-3)
 
 
-def test_damping_of_the_wall_kicks_at_an_edge() -> None:
-    """A backward difference over an edge of the encoder is a kick of BΔ/T: above friction it costs stiffness."""
+def test_wall_damping_reduces_the_limit_at_an_encoder_step() -> None:
+    """The backward difference gives a force impulse BΔ/T at an encoder step."""
     free = critical_stiffness(0.045, 0.1, 1e-3, delay_ticks=1, wall_damping_Ns_m=0.0, coulomb_N=0.26, quantum_m=5.5e-5)
     assert (
         critical_stiffness(0.045, 0.1, 1e-3, delay_ticks=1, wall_damping_Ns_m=2.0, coulomb_N=0.26, quantum_m=5.5e-5)
@@ -120,7 +120,7 @@ def test_damping_of_the_wall_kicks_at_an_edge() -> None:
     )
 
 
-def test_friction_or_steps_alone() -> None:
+def test_friction_or_encoder_steps_alone() -> None:
     assert critical_stiffness(0.05, 0.1, 1e-3, coulomb_N=0.1) == math.inf
     assert critical_stiffness(0.05, 0.1, 1e-3, quantum_m=1e-5) == 0.0
 
@@ -137,15 +137,16 @@ def test_friction_or_steps_alone() -> None:
         ({"delay_ticks": 256}, "delay_ticks"),
         ({"delay_ticks": 0.5}, "delay_ticks"),
         ({"delay_ticks": math.nan}, "delay_ticks"),
-        ({"mass_kg": 1e-300}, "is a unit wrong"),
-        ({"damping_Ns_m": 1e300}, "is a unit wrong"),
-        ({"damping_Ns_m": 1e-300}, "is a unit wrong"),
-        ({"tick_s": 1e-300}, "is a unit wrong"),
+        ({"mass_kg": 1e-300}, "check the units"),
+        ({"damping_Ns_m": 1e300}, "check the units"),
+        ({"damping_Ns_m": 1e-300}, "check the units"),
+        ({"tick_s": 1e-300}, "check the units"),
     ],
 )
 def test_numbers_out_of_range(numbers: dict[str, float], name: str) -> None:
+    defaults = {"mass_kg": 0.05, "damping_Ns_m": 0.1, "tick_s": 1e-3}
     with pytest.raises(HapsceneError, match=name):
-        critical_stiffness(**({"mass_kg": 0.05, "damping_Ns_m": 0.1, "tick_s": 1e-3} | numbers))  # type: ignore[arg-type]
+        critical_stiffness(**(defaults | numbers))  # type: ignore[arg-type]
 
 
 def test_growth_of_known_modes() -> None:

@@ -1,4 +1,4 @@
-"""The rig every wall is tried on: the hand that leads, lets go and pushes, against mechanics."""
+"""The setup of stability trials: guiding, releasing and pushing hand, against mechanics."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def rig(delay_ticks: int = 0, b_Ns_m: float = 0.0) -> Rig:
     return Rig(PointMass(MASS_KG, b_Ns_m), TICK_S, delay_ticks, stiffness_N_m=200.0)
 
 
-def test_the_sheet_is_flat_felt_from_above_and_touched_inside_a_face() -> None:
+def test_sheet() -> None:
     (body,) = sheet(Swatch("wall"), 0.1).bodies
     assert body.mesh.bounds_m[:, :2].tolist() == [[-0.05, -0.05], [0.05, 0.05]] and not np.ptp(
         body.mesh.vertices_m[:, 2]
@@ -28,10 +28,10 @@ def test_the_sheet_is_flat_felt_from_above_and_touched_inside_a_face() -> None:
 
 @pytest.mark.parametrize("delay_ticks", [0, 2])
 @pytest.mark.parametrize("speed_m_s", [0.0, 0.1, -0.2])
-def test_it_lets_go_at_the_depth_and_speed_that_were_asked_for(speed_m_s: float, delay_ticks: int) -> None:
-    """From then on there are only the wall's held force and the push: the first tick by hand."""
-    found = rig(delay_ticks).let_go(0.01, speed_m_s, 3.0, 40)
-    acted = 200.0 * (0.01 - speed_m_s * TICK_S * delay_ticks)  # of as many ticks before
+def test_release(speed_m_s: float, delay_ticks: int) -> None:
+    """After the release, only the held wall force and the push act; the first tick is computed by hand."""
+    found = rig(delay_ticks).release(0.01, speed_m_s, 3.0, 40)
+    acted = 200.0 * (0.01 - speed_m_s * TICK_S * delay_ticks)  # the wall force, delayed
     speed = speed_m_s + (3.0 - acted) / MASS_KG * TICK_S
     assert -found.v_W_m_s[0, 2] == pytest.approx(speed, abs=2e-3)
     assert -found.p_W_m[0, 2] == pytest.approx(0.01 + 0.5 * (speed_m_s + speed) * TICK_S, abs=4e-6)
@@ -39,39 +39,39 @@ def test_it_lets_go_at_the_depth_and_speed_that_were_asked_for(speed_m_s: float,
     np.testing.assert_allclose(found.p_W_m[:, :2], np.tile(AT_M, (40, 1)), atol=1e-12)
 
 
-def test_a_push_as_strong_as_the_wall_s_force_leaves_it_there() -> None:
-    found = rig(b_Ns_m=1.0).let_go(0.01, 0.0, 2.0, 200)
+def test_equilibrium() -> None:
+    found = rig(b_Ns_m=1.0).release(0.01, 0.0, 2.0, 200)
     assert -found.p_W_m[:, 2] == pytest.approx(0.01, abs=1e-6)
     tuned = rig(b_Ns_m=1.0)
     tuned.tune(1000.0, 0.5)
-    assert -tuned.let_go(0.01, 0.0, 10.0, 200).p_W_m[:, 2] == pytest.approx(0.01, abs=1e-6)
+    assert -tuned.release(0.01, 0.0, 10.0, 200).p_W_m[:, 2] == pytest.approx(0.01, abs=1e-6)
 
 
-def test_pushing_on_goes_on_from_where_it_was() -> None:
-    whole = rig().let_go(0.01, 0.05, 3.0, 60)
+def test_push_on_continues() -> None:
+    whole = rig().release(0.01, 0.05, 3.0, 60)
     cut = rig()
-    parts = [cut.let_go(0.01, 0.05, 3.0, 25), cut.push_on(3.0, 35)]
+    parts = [cut.release(0.01, 0.05, 3.0, 25), cut.push_on(3.0, 35)]
     assert np.array_equal(np.concatenate([part.p_W_m for part in parts]), whole.p_W_m)
 
 
-def test_a_thrown_mass_flies_free_and_lands_in_time() -> None:
+def test_throw() -> None:
     found = rig().throw(0.01, 0.5, 60)
     z = found.p_W_m[:, 2]
     landed = int(np.argmax(z < 0.0))
     assert landed == pytest.approx(0.01 / 0.5 / TICK_S, abs=1)
-    assert z[:landed] == pytest.approx(0.01 - 0.5 * TICK_S * np.arange(landed), abs=1e-9)  # nothing pulls it down
+    assert z[:landed] == pytest.approx(0.01 - 0.5 * TICK_S * np.arange(landed), abs=1e-9)  # no gravity
     assert not found.f_hand_W_N.any() and found.recording.touching[landed + 1]
 
 
-def test_a_hand_follows_and_stays() -> None:
+def test_follow_and_stay() -> None:
     depth = np.concatenate((np.full(5, -0.002), np.linspace(-0.002, 0.003, 50)))
     tool = rig()
     followed, stayed = tool.follow(depth, GRIPS["firm"]), tool.stay(0.003, 2000, GRIPS["firm"])
     assert followed.p_W_m[0] == pytest.approx([*AT_M, 0.002], abs=1e-6)
-    assert -stayed.p_W_m[-1, 2] == pytest.approx(0.003 * 500.0 / (500.0 + 200.0), rel=1e-3)  # two springs
+    assert -stayed.p_W_m[-1, 2] == pytest.approx(0.003 * 500.0 / (500.0 + 200.0), rel=1e-3)  # springs in series
 
 
-def test_the_hand_that_leads_is_stiffer_than_all_it_meets_and_critically_damped() -> None:
+def test_the_guiding_hand_is_stiff_and_critically_damped() -> None:
     for stiffness, damping in ((200.0, 0.0), (1e6, 0.0), (200.0, 500.0)):
         tool = Rig(PointMass(MASS_KG, 0.3), TICK_S, stiffness_N_m=stiffness, damping_Ns_m=damping)
         grip = tool._lead()
@@ -80,6 +80,6 @@ def test_the_hand_that_leads_is_stiffer_than_all_it_meets_and_critically_damped(
         assert grip.b_Ns_m / (2.0 * np.sqrt(grip.k_N_m * MASS_KG)) == pytest.approx(1.0)
 
 
-def test_an_omni_has_no_small_motion_of_a_point() -> None:
-    with pytest.raises(HapsceneError, match="small motion is looked at on a point mass"):
-        Rig(Omni(), TICK_S).let_go(0.01, 0.0, 1.0, 5)
+def test_release_requires_a_point_mass() -> None:
+    with pytest.raises(HapsceneError, match="Omni"):
+        Rig(Omni(), TICK_S).release(0.01, 0.0, 1.0, 5)

@@ -1,4 +1,4 @@
-"""The walls with known answers, through the real tick; and that a tick that is wrong would miss them."""
+"""Walls with known limits, found by simulation with the real haptic tick."""
 
 import json
 from pathlib import Path
@@ -8,20 +8,20 @@ import pytest
 
 from hapscene.device.model import DEVICES
 from hapscene.device.sim.point import PointMass
-from hapscene.stability import closed_form
 from hapscene.stability.critical import comes_to_rest, critical_stiffness
 from hapscene.stability.rig import Rig
+from tests.stability import closed_form
 from tests.stability.wall_cases import bounce, found, largest_beta, passivity_limit, peak_speed
 
 LARGEST_BETA = (2.0, 0.8284, 0.5359, 0.3978)
-"""Largest BT/m at which any wall rests, at a delay of 0 to 3 ticks, for b = 0: reference table, W5."""
+"""Largest BT/m of a stable wall for delays of 0 to 3 ticks and b = 0: reference table, W5."""
 
 KINDS = {"damping": 1e-6, "delay": 1e-6, "wall damping": 1e-6, "encoder": 1e-4, "speed": 0.05}
-"""Kinds of random limits: what holds the tool, and the largest relative error."""
+"""Kinds of random limits, by the dissipation, with the largest relative error."""
 
 
 @pytest.mark.nightly
-def test_all_cases_of_the_reference(shared: Path) -> None:
+def test_reference_cases(shared: Path) -> None:
     cases = json.loads((shared / "reference" / "wall_cases.json").read_text())
     assert len(cases) == 45
     for case in cases:
@@ -32,7 +32,7 @@ def test_all_cases_of_the_reference(shared: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_tools_rest_over_an_encoder_s_edge_up_to_the_closed_form() -> None:
+def test_limit_of_rest_of_each_device() -> None:
     for device in (named.point for named in DEVICES.values() if named.point is not None):
         limit_N_m = closed_form.limit_of_rest(device.c_N, device.quantum_m)
         friction = {"coulomb_N": device.c_N, "quantum_m": device.quantum_m}
@@ -44,14 +44,14 @@ def test_tools_rest_over_an_encoder_s_edge_up_to_the_closed_form() -> None:
 
 
 @pytest.mark.nightly
-def test_no_wall_rests_beyond_the_largest_damping() -> None:
+def test_largest_wall_damping() -> None:
     assert [largest_beta(delay) for delay in range(4)] == pytest.approx(LARGEST_BETA, rel=2e-4)
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize(("count", "seed"), [(1, 5), pytest.param(48, 4, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("kind", KINDS)
-def test_random_limits_are_as_predicted(kind: str, count: int, seed: int) -> None:
+def test_random_limits(kind: str, count: int, seed: int) -> None:
     rng = np.random.default_rng([seed, *kind.encode()])
     for _ in range(count):
         predicted, simulated = random_limit(kind, rng)
@@ -73,7 +73,7 @@ def random_limit(kind: str, rng: np.random.Generator) -> tuple[float, float]:
     damping = drawn(1e-4, 0.3) * mass / tick
     delay = 0 if kind == "damping" else int(rng.integers(0, 5))
     coulomb, quantum = drawn(0.02, 0.5), drawn(5e-6, 1e-4)
-    most = mass / tick * (2.0 if delay == 0 else 0.75 / delay)  # somewhat below the largest of each delay
+    most = mass / tick * (2.0 if delay == 0 else 0.75 / delay)  # slightly below the largest stable one of each delay
     wall = drawn(0.02, 0.9) * most if kind == "wall damping" else 0.0
     if kind in ("damping", "delay", "wall damping"):
         predicted = closed_form.limit_of_small_motion(mass, damping, tick, delay, wall)
@@ -83,14 +83,14 @@ def random_limit(kind: str, rng: np.random.Generator) -> tuple[float, float]:
         simulated = critical_stiffness(mass, damping, tick, delay_ticks=delay, coulomb_N=coulomb, quantum_m=quantum)
     else:
         stiffness = mass * (drawn(0.05, 0.25) / tick) ** 2
-        damping = drawn(1e-3, 0.9) * 0.5 * stiffness * tick  # less than what the wall feeds
+        damping = drawn(1e-3, 0.9) * 0.5 * stiffness * tick  # less than the energy that the wall adds
         predicted = closed_form.peak_speed(coulomb, stiffness, tick, damping)
         simulated = peak_speed({"m": mass, "b": damping, "c": coulomb, "T": tick, "K": stiffness})
     return predicted, simulated
 
 
-def test_passivity_counts_wall_damping() -> None:
-    """Colgate & Schenkel: damping of the wall costs stiffness."""
+def test_passivity_with_wall_damping() -> None:
+    """Colgate & Schenkel: wall damping reduces the passive stiffness."""
     setup = {"m": 0.05, "b": 0.5, "T": 1e-3, "B": 0.2}
     assert passivity_limit(setup) == pytest.approx(closed_form.limit_of_passivity(0.5, 0.2, 1e-3), rel=1e-6)
 
@@ -106,18 +106,18 @@ def test_bounce_with_damping() -> None:
 
 
 def test_friction_stops_small_motion_at_any_wall() -> None:
-    """Why the critical stiffness is infinite with friction and exact encoders."""
+    """The reason why the critical stiffness is infinite with friction and without encoder steps."""
     rig = Rig(PointMass(0.05, 0.0, 0.1), 1e-3, 1)
     for stiffness in (1e3, 1e4, 1e5):
         rig.tune(stiffness)
-        felt = rig.let_go(1e-2, 1e-6, stiffness * 1e-2, 500)
+        felt = rig.release(1e-2, 1e-6, stiffness * 1e-2, 500)
         assert (felt.v_W_m_s[-100:, 2] == 0.0).all()
 
 
-def test_the_tool_is_let_go_where_and_as_asked() -> None:
+def test_release_depth_and_speed() -> None:
     rig = Rig(PointMass(0.05, 0.3), 1e-3)
     rig.tune(500.0)
-    felt = rig.let_go(0.02, 0.4, 10.0, 4)
-    assert -felt.p_W_m[0, 2] == pytest.approx(0.0204, rel=1e-3)  # a tick after
+    felt = rig.release(0.02, 0.4, 10.0, 4)
+    assert -felt.p_W_m[0, 2] == pytest.approx(0.0204, rel=1e-3)  # one tick later
     assert -felt.v_W_m_s[0, 2] == pytest.approx(0.4, rel=2e-2)
     np.testing.assert_array_equal(felt.f_hand_W_N[:, 2], -10.0)

@@ -1,4 +1,4 @@
-"""Walls with known answers, each answer found by simulation through the real tick: W1 to W8 of the reference."""
+"""Walls with known limits, W1 to W8 of the reference table, each found by simulation with the real haptic tick."""
 
 import math
 from collections.abc import Callable
@@ -12,24 +12,22 @@ from hapscene.stability.critical import critical_stiffness, limit_of_motion, mot
 from hapscene.stability.rig import AT_M, Rig
 
 CYCLES: Final = 40
-"""Cycles after which motion with friction is called growing or dying [count]: near the limit it changes slowly."""
+"""Cycles after which motion with friction is classified [count]; near the limit it changes slowly."""
 
 PHASES: Final = 16
-"""Bounces that a restitution is the mean of [count], the tool meeting the wall at as many instants of a tick."""
+"""Bounces averaged for a restitution [count], with contact at equally many phases of a tick."""
 
 
 def found(case: dict[str, Any]) -> tuple[float, ...]:
-    """The answer of a case of wall_cases.json: one number; of the apex of a region two, stiffness and damping."""
+    """The result of a case of wall_cases.json: a number, or for the apex of a region stiffness and damping."""
     if case["id"].startswith("W5-apex"):
         return apex(case["setup"]["delay"])
     return (_FOUND[case["id"][:2]](case["setup"]),)
 
 
 def apex(delay_ticks: int) -> tuple[float, float]:
-    """The stiffest wall that any damping lets rest on a device of m = T = 1 and b = 0: K and its B.
-
-    The top is found by a search, then as that of the polynomial through the limits beside it, which is smooth: from
-    values alone its place would have half their digits.
+    """The stiffest wall that is stable with any damping on a device of m = T = 1 and b = 0: K and B. The maximum of
+    a polynomial through limits near it; a direct search would lose half of the digits of B.
     """
 
     def limit(damping_Ns_m: float) -> float:
@@ -48,17 +46,13 @@ def apex(delay_ticks: int) -> tuple[float, float]:
 
 
 def largest_beta(delay_ticks: int) -> float:
-    """The largest B at which some wall rests, for m = T = 1 and b = 0: that of a wall of almost no stiffness."""
+    """The largest B of a stable wall for m = T = 1 and b = 0, at nearly zero stiffness."""
     rig, stiffness = Rig(PointMass(1.0), 1.0, delay_ticks), 1e-5
     return float(scipy.optimize.brentq(lambda B: motion_growth(rig, stiffness, B), 0.05, 3.0, xtol=1e-6))
 
 
 def passivity_limit(setup: dict[str, float]) -> float:
-    """The stiffness at which a triangle wave at half the tick rate gets no energy out of the wall [N/m] (W3).
-
-    The real tick runs along the wave; its forces, held over a tick, do work on the tool, and the device's own damping
-    takes what it takes at the wave's speed.
-    """
+    """The stiffness at which a triangle wave at half the tick rate extracts no energy from the wall [N/m] (W3)."""
     tick_s, b, amplitude = setup["T"], setup["b"], 1e-4
     rig = Rig(PointMass(setup["m"]), tick_s)
     wave = 10.0 * amplitude + amplitude * (-1.0) ** np.arange(201)
@@ -76,7 +70,7 @@ def passivity_limit(setup: dict[str, float]) -> float:
 
 
 def peak_speed(setup: dict[str, float]) -> float:
-    """The speed up to which motion in contact dies by friction, where it would grow without [m/s] (W7)."""
+    """The largest speed of motion in contact that friction damps, where it would grow without friction [m/s] (W7)."""
     rig = Rig(PointMass(setup["m"], setup["b"], setup["c"]), setup["T"], int(setup.get("delay", 0)))
     stiffness = setup["K"]
     rig.tune(stiffness, setup.get("B", 0.0))
@@ -85,7 +79,7 @@ def peak_speed(setup: dict[str, float]) -> float:
 
     def grows(speed_m_s: float) -> bool:
         depth = 3.0 * speed_m_s / turn_1_s
-        felt = rig.let_go(depth, speed_m_s, stiffness * depth, CYCLES * cycle)
+        felt = rig.release(depth, speed_m_s, stiffness * depth, CYCLES * cycle)
         speed = np.abs(felt.v_W_m_s[:, 2])
         return bool(speed[-cycle:].max() > speed[:cycle].max() or not felt.recording.touching.all())
 
@@ -101,7 +95,7 @@ def peak_speed(setup: dict[str, float]) -> float:
 
 
 def bounce(setup: dict[str, float]) -> float:
-    """The speed at which a free mass leaves the wall, over that at which it met it [1] (W8)."""
+    """Speed of a free mass after contact with the wall over the speed before [1] (W8)."""
     rig = Rig(PointMass(setup["m"], setup["b"]), setup["T"], int(setup["delay"]))
     rig.tune(setup["K"], setup["B"])
     speed, contact = 0.1, math.pi * math.sqrt(setup["m"] / setup["K"]) / setup["T"]

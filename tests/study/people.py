@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 
 from hapscene.study.plan import Plan
-from hapscene.study.sitting import Sitting
+from hapscene.study.session import Session
 from hapscene.study.trial_order import Trial
 
 
@@ -81,6 +81,6 @@ def people_like(truth: Truth, count: int, *, seed: int = 0) -> list[SimulatedPer
 def simulate(plan: Plan, folder: str | Path, *, people: int, truth: Truth, seed: int = 0) -> None:
     """Have simulated people, S001 and so on, answer a plan, one after the other."""
     for number, person in enumerate(people_like(truth, people, seed=seed), 1):
-        with Sitting(plan, folder, f"S{number:03}") as sitting:
-            while sitting.trial is not None:
-                sitting.answer(person.answer(sitting.trial), latency_s=1.0)
+        with Session(plan, folder, f"S{number:03}") as session:
+            while session.trial is not None:
+                session.answer(person.answer(session.trial), latency_s=1.0)

@@ -46,9 +46,9 @@ trials = 20
 
 def one_block(kind: str, repeats: int) -> Plan:
     """A plan with a single block, of "alive" and "steady"."""
-    things = '["alive", "steady"]' if kind == "rating" else '[["alive", "steady"]]'
+    names = '["alive", "steady"]' if kind == "rating" else '[["alive", "steady"]]'
     name = "stimuli" if kind == "rating" else "pairs"
-    block = f'[[blocks]]\nname = "one"\nkind = "{kind}"\n{name} = {things}\nrepeats = {repeats}\n'
+    block = f'[[blocks]]\nname = "one"\nkind = "{kind}"\n{name} = {names}\nrepeats = {repeats}\n'
     return parse_plan(TEXT.split("[[blocks]]")[0] + block)
 
 

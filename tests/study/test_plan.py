@@ -11,7 +11,7 @@ from hapscene.study.plan import TRIALS_MAX, Stimulus, load_plan, parse_plan
 from .plans import TEXT
 
 
-def test_a_plan_is_read_whole(tmp_path: Path) -> None:
+def test_a_plan_is_read(tmp_path: Path) -> None:
     path = tmp_path / "life.toml"
     path.write_text(TEXT, encoding="utf-8")
     plan = load_plan(path)
@@ -59,33 +59,33 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_what_is_wrong_is_named(case: str) -> None:
-    there, instead, said = WRONG[case]
+def test_invalid_keys_are_named(case: str) -> None:
+    there, instead, expected = WRONG[case]
     assert there in TEXT
     text = TEXT.replace(there, instead, 1)
     text = text.replace('"gain_dB"', '"force_N"') if case == "without effect" else text
     tomllib.loads(text)  # it is the plan that is wrong, not the TOML
     with pytest.raises(StudyError) as fault:
         parse_plan(text)
-    assert said in str(fault.value) and "\n" not in str(fault.value)
+    assert expected in str(fault.value) and "\n" not in str(fault.value)
 
 
-def test_a_file_that_is_no_plan_is_refused_by_its_name(tmp_path: Path) -> None:
+def test_invalid_files(tmp_path: Path) -> None:
     path = tmp_path / "life.toml"
-    for content, said in (
-        (b"title = ", "not a plan in TOML"),
-        (b"\xff", "not a plan in TOML"),
+    for content, expected in (
+        (b"title = ", "TOML"),
+        (b"\xff", "TOML"),
         (b"a=" + b"[" * 5000, ""),
     ):
         path.write_bytes(content)
         with pytest.raises(StudyError, match=str(path)) as fault:
             load_plan(path)
-        assert said in str(fault.value)
+        assert expected in str(fault.value)
     with pytest.raises(StudyError, match="no such file"):
         load_plan(tmp_path / "other.toml")
 
 
-def test_a_person_is_not_asked_for_days() -> None:
+def test_the_number_of_trials_is_limited() -> None:
     many = "".join(
         f'[[blocks]]\nname = "b{k}"\nkind = "rating"\nstimuli = ["alive"]\nrepeats = 1000\n' for k in range(11)
     )

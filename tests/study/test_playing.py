@@ -1,4 +1,4 @@
-"""What an output is given for an interval."""
+"""Playback of intervals on outputs."""
 
 from pathlib import Path
 from threading import Event
@@ -11,7 +11,7 @@ from hapscene.errors import HapsceneError, StudyError
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play
 from hapscene.study.plan import Stimulus
-from hapscene.study.playing import FULL_SCALE, TIMEOUT_S, _Samples, handle, headphones
+from hapscene.study.playing import FULL_SCALE, TIMEOUT_S, _Samples, handle_player, headphone_player
 from hapscene.study.stimulus import StimulusMaker
 from hapscene.study.trial_order import Interval
 from tests.virtual_clock import BEGIN_NS, VirtualClock
@@ -22,7 +22,7 @@ def stimulus(**keys: Any) -> Stimulus:
 
 
 class FakeOutput(VirtualClock):
-    """Pulls a block whenever somebody waits, on its own clock, and keeps what is not silent."""
+    """An output with a virtual clock, which reads a block at each wait and records it."""
 
     name, reads_back, gain, ceiling, highpass_Hz, lag_s = "fake", False, 0.02, 0.99, 15.0, 0.0
     latency_s = 0.0
@@ -48,8 +48,8 @@ class FakeOutput(VirtualClock):
         self.feed = None
 
     @property
-    def heard(self) -> np.ndarray:
-        """All that was pulled, from its first to its last sample that is none of silence."""
+    def played(self) -> np.ndarray:
+        """The recorded samples, without silence at the start and end."""
         samples = np.concatenate(self.blocks)
         (loud,) = np.nonzero(samples)
         return samples[loud[0] : loud[-1] + 1]
@@ -60,64 +60,64 @@ def maker(tmp_path: Path) -> StimulusMaker:
     return StimulusMaker(tmp_path)
 
 
-def test_headphones_are_given_whole_steps_of_16_bits_from_the_first_to_the_last(maker: StimulusMaker) -> None:
+def test_headphones_get_all_samples_in_steps_of_16_bits(maker: StimulusMaker) -> None:
     one, two = (stimulus(swatch=name, seconds=0.3) for name in ("wood", "paper"))
     output = FakeOutput()
-    player = headphones(maker, output, [one, two], clock=output)
-    told = player.report()
-    for count, (told_of, seed) in enumerate(((one, 5), (two, 6), (one, 5))):
+    player = headphone_player(maker, output, [one, two], clock=output)
+    shown = player.report()
+    for count, (presented, seed) in enumerate(((one, 5), (two, 6), (one, 5))):
         output.blocks.clear()
-        player.ready(Interval(told_of, seed))()
-        exact = maker.samples(told_of, seed, 48_000.0) / told["full_scale_m_s2"]
+        player.ready(Interval(presented, seed))()
+        exact = maker.samples(presented, seed, 48_000.0) / shown["full_scale_m_s2"]
         wanted = np.rint(FULL_SCALE * exact)
         (loud,) = np.nonzero(wanted)
-        np.testing.assert_array_equal(np.rint(FULL_SCALE * output.heard), wanted[loud[0] : loud[-1] + 1], str(count))
-        assert np.abs(output.heard - exact[loud[0] : loud[-1] + 1]).max() <= 0.5000001 / FULL_SCALE
+        np.testing.assert_array_equal(np.rint(FULL_SCALE * output.played), wanted[loud[0] : loud[-1] + 1], str(count))
+        assert np.abs(output.played - exact[loud[0] : loud[-1] + 1]).max() <= 0.5000001 / FULL_SCALE
     player.close()
     player.close()
     assert player.report()["clipped"] == 0 and player.report()["underruns"] == 0
 
 
-def test_a_handle_is_given_the_force_of_its_compensator(maker: StimulusMaker) -> None:
+def test_a_handle_gets_the_force_of_its_compensator(maker: StimulusMaker) -> None:
     flat, naive = (stimulus(swatch="wood", seconds=0.3, compensator=name) for name in ("", "naive"))
     output = FakeOutput(takes_force=True, rate_Hz=10_000.0)
     output.gain, output.ceiling = 1.0, 5.0  # type: ignore[misc]
-    player = handle(maker, output, [flat, naive], clock=output)
-    heard = {}
-    for told_of, name in ((flat, "flat"), (naive, "naive")):
+    player = handle_player(maker, output, [flat, naive], clock=output)
+    played = {}
+    for presented, name in ((flat, "flat"), (naive, "naive")):
         output.blocks.clear()
-        player.ready(Interval(told_of, 3))()
-        wanted = play(maker.samples(told_of, 3, 1e4), 1e4, Plant(), compensator=name, nominal=Plant(), seed=3).force_N
+        player.ready(Interval(presented, 3))()
+        wanted = play(maker.samples(presented, 3, 1e4), 1e4, Plant(), compensator=name, nominal=Plant(), seed=3).force_N
         (loud,) = np.nonzero(wanted)
-        np.testing.assert_array_equal(output.heard, wanted[loud[0] : loud[-1] + 1])
-        heard[name] = output.heard
-    assert len(heard["flat"]) != len(heard["naive"]) or not np.allclose(heard["flat"], heard["naive"])
+        np.testing.assert_array_equal(output.played, wanted[loud[0] : loud[-1] + 1])
+        played[name] = output.played
+    assert len(played["flat"]) != len(played["naive"]) or not np.allclose(played["flat"], played["naive"])
     player.close()
 
 
-def test_what_an_output_cannot_play_is_said(maker: StimulusMaker) -> None:
-    with pytest.raises(StudyError, match=r'takes a force, not sound: .*channel = "handle"'):
-        headphones(maker, FakeOutput(takes_force=True), [stimulus(swatch="wood")])
+def test_unsuitable_outputs_and_faults(maker: StimulusMaker) -> None:
+    with pytest.raises(StudyError, match='channel = "handle"'):
+        headphone_player(maker, FakeOutput(takes_force=True), [stimulus(swatch="wood")])
     with pytest.raises(HapsceneError, match="no compensator 'flatt'"):
-        handle(maker, FakeOutput(), [stimulus(swatch="wood", compensator="flatt")])
+        handle_player(maker, FakeOutput(), [stimulus(swatch="wood", compensator="flatt")])
     output = FakeOutput()
-    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
+    player = headphone_player(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
     output.fault = "fake: plays no more: was it unplugged?"
     with pytest.raises(StudyError, match="was it unplugged"):
         player.ready(Interval(stimulus(swatch="wood", seconds=0.1), 1))()
     player.close()
 
 
-def test_an_output_that_takes_no_samples_any_more_is_not_waited_for(maker: StimulusMaker) -> None:
+def test_a_stalled_output_is_an_error(maker: StimulusMaker) -> None:
     output = FakeOutput()
-    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
+    player = headphone_player(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
     output.close()
-    with pytest.raises(StudyError, match="fake: takes no samples any more"):
+    with pytest.raises(StudyError, match="fake: "):
         player.ready(Interval(stimulus(swatch="wood", seconds=0.1), 1))()
     assert output.now_s() == pytest.approx(1e-9 * BEGIN_NS + 0.1 + TIMEOUT_S, abs=0.02)
 
 
-def test_a_sound_that_is_closed_breaks_off(maker: StimulusMaker) -> None:
+def test_close_stops_the_sound(maker: StimulusMaker) -> None:
     class Closing(FakeOutput):
         def wait(self, event: Event, timeout_s: float) -> bool:
             if len(self.blocks) == 10:
@@ -125,17 +125,17 @@ def test_a_sound_that_is_closed_breaks_off(maker: StimulusMaker) -> None:
             return super().wait(event, timeout_s)
 
     output = Closing()
-    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
+    player = headphone_player(maker, output, [stimulus(swatch="wood", seconds=0.1)], clock=output)
     player.ready(Interval(stimulus(swatch="wood", seconds=60.0), 1))()
     assert len(output.blocks) == 10 and not output.fault
 
 
-def test_a_sound_that_is_given_in_the_middle_of_a_pull_is_played_whole() -> None:
+def test_samples_given_during_a_read_are_played_completely() -> None:
     feed, out = _Samples(), np.full(7, np.nan)
     ended = []
 
     class Out:
-        """Memory of a card that is written to as the next sound is given."""
+        """Memory of a sound card that is filled while the next sound is given."""
 
         def __len__(self) -> int:
             return len(out)
@@ -149,12 +149,12 @@ def test_a_sound_that_is_given_in_the_middle_of_a_pull_is_played_whole() -> None
     assert not out.any() and not ended[0].is_set()
     feed.pull(out)
     np.testing.assert_array_equal(out, np.arange(1.0, 8.0))
-    feed.fade_in()  # it was lost: it begins anew
-    heard = []
+    feed.fade_in()  # after an interruption, the sound restarts
+    played = []
     while not ended[0].is_set():
         feed.pull(out)
-        heard.append(out.copy())
-    np.testing.assert_array_equal(np.concatenate(heard), [*np.arange(1.0, 11.0), 0.0, 0.0, 0.0, 0.0])
+        played.append(out.copy())
+    np.testing.assert_array_equal(np.concatenate(played), [*np.arange(1.0, 11.0), 0.0, 0.0, 0.0, 0.0])
     feed.fade_in()
     feed.pull(out)
     assert not out.any()

@@ -1,4 +1,4 @@
-"""Answers: plain CSV for pandas and R, a torn last line cut, one writer at a time."""
+"""The results file: plain CSV, incomplete rows, one writer at a time."""
 
 import csv
 import io
@@ -22,8 +22,8 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "results.csv"
 
 
-def test_it_is_a_csv_by_the_standard(path: Path) -> None:
-    """RFC 4180: lines end in CR LF, a plain header, as many fields in each, quotes doubled; UTF-8 without a mark."""
+def test_format_is_rfc_4180(path: Path) -> None:
+    """CR LF line ends, a plain header, equal numbers of fields, doubled quotes, UTF-8 without a byte order mark."""
     content = path.read_bytes()
     assert content.decode("utf-8") and not content.startswith(b"\xef\xbb\xbf")
     assert content.count(b"\r\n") == content.count(b"\n") == 4 and content.endswith(b"\r\n")
@@ -33,7 +33,7 @@ def test_it_is_a_csv_by_the_standard(path: Path) -> None:
     assert b'"so, ""so"""' in content and load_rows(path)[1]["choice"] == 'so, "so"'
 
 
-def test_a_torn_last_line_is_cut_wherever_it_is_torn(path: Path) -> None:
+def test_an_incomplete_last_row_is_removed(path: Path) -> None:
     content = path.read_bytes()
     last = content.rstrip().rindex(b"\n") + 1
     for end in range(last, len(content)):
@@ -45,28 +45,28 @@ def test_a_torn_last_line_is_cut_wherever_it_is_torn(path: Path) -> None:
         assert path.read_bytes() == content
 
 
-def test_a_torn_header_is_written_anew(path: Path) -> None:
+def test_an_incomplete_header_is_replaced(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:20])
     ResultsFile(path).close()
     assert path.read_bytes() == ",".join(COLUMNS).encode() + b"\r\n"
 
 
-def test_who_reads_is_told_of_a_torn_line(path: Path) -> None:
+def test_reading_warns_of_an_incomplete_row(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-3])
-    with pytest.warns(UserWarning, match="its last row is unfinished"):
+    with pytest.warns(UserWarning):
         assert len(load_rows(path)) == 2
 
 
-def test_one_writes_at_a_time(path: Path) -> None:
+def test_there_is_one_writer_at_a_time(path: Path) -> None:
     file = ResultsFile(path)
-    with pytest.raises(StudyError, match="another session writes it"):
+    with pytest.raises(StudyError, match=r"results\.csv"):
         ResultsFile(path)
-    assert len(load_rows(path)) == 3  # who only reads may
+    assert len(load_rows(path)) == 3
     file.close()
     ResultsFile(path).close()
 
 
-def test_other_files_are_left_as_they_are(tmp_path: Path) -> None:
+def test_other_files_are_not_changed(tmp_path: Path) -> None:
     path = tmp_path / "results.csv"
     for content in (b"a,b\r\n1,2\r\n", b"\xff\xfe\r\n", ",".join(COLUMNS).encode() + b"\r\n1,2\r\n3"):
         path.write_bytes(content)
@@ -90,8 +90,8 @@ def _fill(path: Path) -> None:
     file.add(ROW)
 
 
-def test_a_full_disk_leaves_no_half_row(path: Path) -> None:
-    """A limit to the file's size stands for it: ten bytes would have had room."""
+def test_a_full_disk_leaves_no_incomplete_row(path: Path) -> None:
+    """Simulated by a limit of the file size, with room for ten more bytes."""
     pytest.importorskip("resource")
     process = multiprocessing.get_context("fork").Process(target=_fill, args=(path,))
     process.start()
@@ -100,7 +100,7 @@ def test_a_full_disk_leaves_no_half_row(path: Path) -> None:
     assert len(load_rows(path)) == 4 and path.read_bytes().endswith(b"\r\n")
 
 
-def test_a_whole_last_row_stays_that_an_editor_left_without_an_end(path: Path) -> None:
+def test_a_complete_last_row_without_a_line_end_is_kept(path: Path) -> None:
     with_sha = ROW | {"stimuli_sha256": "a" * 64, "plan_sha256": "b" * 64}
     with_file = ResultsFile(path)
     with_file.add(with_sha | {"trial": 3})
@@ -112,15 +112,31 @@ def test_a_whole_last_row_stays_that_an_editor_left_without_an_end(path: Path) -
     file.add(with_sha | {"trial": 4})
     file.close()
     assert [row["trial"] for row in load_rows(path)] == ["0", "1", "2", "3", "4"]
-    # torn after the first of the two hashes, a row is half
+    # a row that ends after the first of the two hashes is incomplete
     path.write_bytes(content.rstrip()[:-65])
     assert len(ResultsFile(path).rows) == 3
 
 
 @pytest.mark.parametrize("content", [b"my own notes", b"x" * 200_000, b"person;place\r\n", "person".encode("utf-16")])
-def test_another_file_is_refused_and_not_changed(path: Path, content: bytes) -> None:
+def test_another_file_is_refused(path: Path, content: bytes) -> None:
     path.write_bytes(content)
     for read in (load_rows, ResultsFile):
-        with pytest.raises(StudyError, match="is not a file of results"):
+        with pytest.raises(StudyError, match=r"results\.csv"):
             read(path)
     assert path.read_bytes() == content
+
+
+def test_a_file_without_the_column_stimuli_sha256_is_read_and_continued(path: Path) -> None:
+    """Files of early versions lack this column."""
+    rows = load_rows(path)
+    columns = [name for name in COLUMNS if name != "stimuli_sha256"]
+    with path.open("w", encoding="utf-8", newline="") as old:
+        writer = csv.DictWriter(old, columns, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+    file = ResultsFile(path)
+    assert file.rows == rows
+    file.add(ROW | {"trial": 9, "stimuli_sha256": "a" * 64})
+    file.close()
+    assert load_rows(path) == [*rows, rows[0] | {"trial": "9"}]
+    assert path.read_text(encoding="utf-8").splitlines()[0] == ",".join(columns)

@@ -26,8 +26,8 @@ def run(threshold: float, slope: float, lapse: float, seed: int) -> Staircase:
     return staircase
 
 
-def test_it_asks_where_most_is_learnt() -> None:
-    """Against the same said otherwise: the level whose answer has most mutual information with the parameters."""
+def test_the_next_level_is_the_most_informative() -> None:
+    """Against the same expected otherwise: the level whose answer has most mutual information with the parameters."""
     threshold, slope, lapse = (
         one.ravel() for one in np.meshgrid(np.geomspace(0.25, 8.0, 80), SLOPES, LAPSES, indexing="ij")
     )
@@ -40,9 +40,9 @@ def test_it_asks_where_most_is_learnt() -> None:
 
     staircase = Staircase(LEVELS)
     for right in (True, True, False, True, False, False, True, True, True, False):
-        told = entropy(p @ posterior) - entropy(p) @ posterior
-        index = int(np.argmax(told))
-        assert told[int(np.argmin(abs(LEVELS - staircase.level)))] == pytest.approx(told[index], rel=1e-9)
+        shown = entropy(p @ posterior) - entropy(p) @ posterior
+        index = int(np.argmax(shown))
+        assert shown[int(np.argmin(abs(LEVELS - staircase.level)))] == pytest.approx(shown[index], rel=1e-9)
         staircase.add(staircase.level, right)
         posterior *= p[index] if right else 1.0 - p[index]
         posterior /= posterior.sum()
@@ -51,7 +51,7 @@ def test_it_asks_where_most_is_learnt() -> None:
     assert below == pytest.approx(0.3, abs=0.06)  # the grid's half step
 
 
-def test_a_planted_threshold_is_found() -> None:
+def test_a_known_threshold_is_found() -> None:
     """Eight people; one of them is 8 % off at the median (the long test below), their mean a third of that."""
     found = [run(2.0, 3.5, 0.02, seed) for seed in range(8)]
     assert abs(np.mean([math.log(one.quantile(0.5) / 2.0) for one in found])) < 0.1
@@ -59,7 +59,7 @@ def test_a_planted_threshold_is_found() -> None:
         assert one.quantile(0.025) < one.quantile(0.5) < one.quantile(0.975)
 
 
-def test_the_answers_alone_make_it_up_again() -> None:
+def test_answers_determine_the_state() -> None:
     """As in resuming and in the statistics: no level is asked for, and the posterior is the same to the bit."""
     rng = np.random.default_rng(1)
     first, again = Staircase(LEVELS), Staircase(LEVELS)
@@ -70,7 +70,7 @@ def test_the_answers_alone_make_it_up_again() -> None:
     assert again.level == first.level and again.quantile(0.1) == first.quantile(0.1)
 
 
-def test_who_always_errs_and_who_never_does() -> None:
+def test_participants_who_are_never_or_always_right() -> None:
     for right, end in ((True, 0.25), (False, 8.0)):
         staircase = Staircase(LEVELS)
         for _ in range(15):
@@ -83,8 +83,8 @@ def test_who_always_errs_and_who_never_does() -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("slope", [3.5, 5.0])
-def test_200_people_are_found_within_10_percent(slope: float) -> None:
-    """Each with a threshold of their own, anywhere from 0.6 to 4; 40 trials. Flatter slopes are told, not promised."""
+def test_thresholds_of_200_participants_within_10_percent(slope: float) -> None:
+    """Thresholds from 0.6 to 4, 40 trials each. Flatter slopes are less accurate."""
     planted = np.exp(np.random.default_rng(1).uniform(np.log(0.6), np.log(4.0), 200))
     found = [run(float(one), slope, 0.02, seed) for seed, one in enumerate(planted)]
     ratio = np.array([one.quantile(0.5) for one in found]) / planted

@@ -26,7 +26,7 @@ from .plans import TEXT, asked, one_block
 pytestmark = pytest.mark.nightly
 
 
-def test_intervals_of_the_mean_of_people_are_students() -> None:
+def test_mean_has_students_interval() -> None:
     values = [1.0, 2.0, 4.0, 3.5]
     known = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
     found = mean_of_people(values)
@@ -35,21 +35,21 @@ def test_intervals_of_the_mean_of_people_are_students() -> None:
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "margin", "said"),
+    ("low", "high", "margin", "expected"),
     [
-        (0.2, 1.0, 0.0, "told apart"),
-        (-1.0, -0.2, 0.5, "told apart"),
-        (-0.2, 0.3, 0.0, "not decided"),
-        (-0.2, 0.3, 0.5, "cannot be told apart"),
-        (0.0, 0.5, 0.5, "not decided"),
-        (0.1, 0.3, 0.5, "cannot be told apart"),
-        (0.1, math.inf, 0.5, "told apart"),
-        (0.0, math.inf, 0.5, "not decided"),
+        (0.2, 1.0, 0.0, "different"),
+        (-1.0, -0.2, 0.5, "different"),
+        (-0.2, 0.3, 0.0, "undecided"),
+        (-0.2, 0.3, 0.5, "equivalent"),
+        (0.0, 0.5, 0.5, "undecided"),
+        (0.1, 0.3, 0.5, "equivalent"),
+        (0.1, math.inf, 0.5, "different"),
+        (0.0, math.inf, 0.5, "undecided"),
     ],
 )
-def test_words_follow_from_the_interval_alone(low: float, high: float, margin: float, said: str) -> None:
+def test_verdicts(low: float, high: float, margin: float, expected: str) -> None:
     words = verdict(Estimate(0.5 * (low + min(high, 9.0)), low, high), margin, "d′")
-    assert words.startswith(said)
+    assert words.startswith(expected)
 
 
 PLAN = parse_plan(TEXT.replace("trials = 20", "trials = 30").replace("repeats = 8", "repeats = 16\nmargin = 0.8"))
@@ -75,15 +75,15 @@ def analysis(folder: Path) -> Analysis:
     return analyse(folder)
 
 
-def test_what_simulated_people_are_is_found(analysis: Analysis) -> None:
+def test_parameters_of_simulated_participants_are_found(analysis: Analysis) -> None:
     assert analysis.people == ("S001", "S002", "S003", "S004")
     (threshold,) = analysis.find("gain", "threshold")
     assert threshold.estimate.low < 1.5 < threshold.estimate.high and threshold.unit == "dB"
     assert threshold.estimate.value == pytest.approx(1.5, rel=0.25)
     (rated,) = [f for f in analysis.find("real", "difference of ratings") if "alive − st" in f.what]
-    assert rated.estimate.value == pytest.approx(3.0, abs=0.7) and rated.verdict.startswith("told apart")
+    assert rated.estimate.value == pytest.approx(3.0, abs=0.7) and rated.verdict.startswith("different")
     (life,) = analysis.find("life", "d′")
-    assert life.estimate.low < 2.0 < life.estimate.high and life.verdict.startswith("told apart")
+    assert life.estimate.low < 2.0 < life.estimate.high and life.verdict.startswith("different")
     assert analysis.find("life", "right")[0].answers == 64
     louder = {f.what: f.estimate for f in analysis.find("louder", "d′")}
     assert louder["alive − steady"].low < 2.0 < louder["alive − steady"].high
@@ -96,7 +96,7 @@ def test_answers_to_another_plan_are_refused(folder: Path) -> None:
         analyse_rows(parse_plan(TEXT), rows)
 
 
-def test_pandas_and_r_find_the_same_numbers(folder: Path, analysis: Analysis) -> None:
+def test_pandas_and_r_read_the_same_numbers(folder: Path, analysis: Analysis) -> None:
     """Of the file as it is: R's read.csv takes the same text, plain header and NA."""
     pandas = pytest.importorskip("pandas")
     frame = pandas.read_csv(folder / "results.csv")
@@ -112,7 +112,7 @@ def test_pandas_and_r_find_the_same_numbers(folder: Path, analysis: Analysis) ->
 
 
 @pytest.mark.parametrize(
-    ("kind", "change", "said"),
+    ("kind", "change", "expected"),
     [
         ("2ifc", {"correct": "TRUE"}, "correct is 'TRUE'"),
         ("2ifc", {"stimulus_2": "nope"}, "stimulus_2 is 'nope'"),
@@ -124,11 +124,11 @@ def test_pandas_and_r_find_the_same_numbers(folder: Path, analysis: Analysis) ->
         ("staircase", {}, "appears twice"),
     ],
 )
-def test_an_edited_answer_is_refused_and_named(folder: Path, kind: str, change: dict[str, str], said: str) -> None:
+def test_invalid_answers_are_refused(folder: Path, kind: str, change: dict[str, str], expected: str) -> None:
     rows = load_rows(folder / "results.csv")
     found = next(k for k, row in enumerate(rows) if row["kind"] == kind)
     edited = [*rows[:found], rows[found] | change, *rows[found + 1 :]] if change else [*rows, rows[found]]
-    with pytest.raises(StudyError, match="S001, trial .*" + said):
+    with pytest.raises(StudyError, match="S001, trial .*" + expected):
         analyse_rows(PLAN, edited)
 
 
@@ -138,18 +138,18 @@ def same(plan: Plan, people: int, answer: Callable[[Trial], int]) -> Analysis:
     for k in range(people):
         for trial, choice in asked(plan, f"P{k}", k, answer):
             names = [one.stimulus.name for one in trial.intervals] + ["NA"] * (3 - len(trial.intervals))
-            told = {f"stimulus_{n}": name for n, name in enumerate(names, 1)}
+            shown = {f"stimulus_{n}": name for n, name in enumerate(names, 1)}
             right = "NA" if trial.correct is None else int(choice == trial.correct)
-            told |= {"answer": choice, "correct_answer": trial.correct, "correct": right}
-            told |= {"person": f"P{k}", "trial": trial.number, "block": trial.block.name, "kind": trial.block.kind}
-            told |= {"level": trial.level, "latency_s": "2.0", "replays": 0, "plan_sha256": plan.sha256}
-            told["rating"] = trial.choices[choice] if trial.block.kind == "rating" else "NA"
-            rows.append({name: str(value) for name, value in told.items()})
+            shown |= {"answer": choice, "correct_answer": trial.correct, "correct": right}
+            shown |= {"person": f"P{k}", "trial": trial.number, "block": trial.block.name, "kind": trial.block.kind}
+            shown |= {"level": trial.level, "latency_s": "2.0", "replays": 0, "plan_sha256": plan.sha256}
+            shown["rating"] = trial.choices[choice] if trial.block.kind == "rating" else "NA"
+            rows.append({name: str(value) for name, value in shown.items()})
     return analyse_rows(plan, rows)
 
 
-def test_of_people_beyond_all_levels_no_threshold_is_made() -> None:
-    """Always right, or never: each one's threshold is open, and there is none of the population."""
+def test_thresholds_beyond_the_levels() -> None:
+    """Participants who are always or never right have an open interval, and the population has no estimate."""
     text = TEXT.split("[[blocks]]")[0] + "[[blocks]]" + TEXT.split("[[blocks]]")[-1]
     for wrong in (False, True):
         analysis = same(parse_plan(text), 2, lambda trial, wrong=wrong: int(trial.correct == (not wrong)))
@@ -158,15 +158,15 @@ def test_of_people_beyond_all_levels_no_threshold_is_made() -> None:
         assert (found.estimate.high if wrong else -found.estimate.low) == math.inf
 
 
-def test_two_people_who_rate_alike_decide_nothing() -> None:
+def test_two_participants_with_equal_ratings() -> None:
     plan = parse_plan(one_block("rating", 4).content.decode() + "margin = 0.5\n")
-    for steps, few, many in ((0, "not decided", "cannot be told apart"), (1, "not decided", "told apart")):
+    for steps, few, many in ((0, "undecided", "equivalent"), (1, "undecided", "different")):
 
         def answer(trial: Trial, steps: int = steps) -> int:
             return 3 + steps * (trial.intervals[0].stimulus.name == "alive")
 
-        for people, said in ((2, few), (12, many)):
+        for people, expected in ((2, few), (12, many)):
             (found,) = same(plan, people, answer).find("one", "difference of ratings")
-            assert found.estimate.value == steps and found.verdict.startswith(said)
-    thirds = mean_of_people([7 / 3 - 4 / 3, 1.0], step=math.sqrt(2.0))  # alike but for rounding
+            assert found.estimate.value == steps and found.verdict.startswith(expected)
+    thirds = mean_of_people([7 / 3 - 4 / 3, 1.0], step=math.sqrt(2.0))  # equal up to rounding
     assert thirds.low == pytest.approx(mean_of_people([1.0, 1.0], step=math.sqrt(2.0)).low) and thirds.low < -1.0

@@ -66,7 +66,7 @@ MADE = {
 }
 
 
-def test_an_interval_is_the_synthesis_of_its_swatch_resampled_and_faded(maker: StimulusMaker) -> None:
+def test_a_swatch_is_synthesised_resampled_and_faded(maker: StimulusMaker) -> None:
     made = maker.samples(stimulus(swatch="wood", force_N=0.8, speed_m_s=0.12, seconds=1.5), 7, RATE_HZ)
     rate_Hz = load_swatch("wood").texture.rate_Hz  # type: ignore[union-attr]
     count = round(1.5 * rate_Hz)
@@ -76,13 +76,13 @@ def test_an_interval_is_the_synthesis_of_its_swatch_resampled_and_faded(maker: S
     known[:edge] *= np.sin(0.5 * np.pi * np.arange(edge) / edge) ** 2
     known[-edge:] *= np.sin(0.5 * np.pi * np.arange(edge) / edge)[::-1] ** 2
     lines = slice(30, 6000)  # 20 Hz to 4 kHz
-    heard, wanted = np.fft.rfft(made)[lines] / RATE_HZ, np.fft.rfft(known)[lines] / rate_Hz
-    assert np.abs(heard - wanted).max() < 1e-3 * np.abs(wanted).max()
+    found, wanted = np.fft.rfft(made)[lines] / RATE_HZ, np.fft.rfft(known)[lines] / rate_Hz
+    assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()
     edge = round(FADE_S * RATE_HZ)
     assert made[0] == 0.0 and abs(made[-1]) < 1e-4 and np.abs(made[: edge // 8]).max() < 0.05 * np.abs(made).max()
 
 
-def test_the_seed_is_the_noise_s(maker: StimulusMaker) -> None:
+def test_the_seed_determines_the_noise(maker: StimulusMaker) -> None:
     one = stimulus(swatch="wood")
     first, again, other = (maker.samples(one, seed, RATE_HZ) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
@@ -94,7 +94,7 @@ def test_gain_is_in_dB(maker: StimulusMaker) -> None:
     np.testing.assert_allclose(louder, 10.0 ** (6.0 / 20.0) * plain, rtol=1e-12, atol=1e-15)
 
 
-def test_without_life_the_level_is_steady(maker: StimulusMaker) -> None:
+def test_life_false_disables_amplitude_modulation(maker: StimulusMaker) -> None:
     def unsteadiness(life: bool) -> float:
         levels = []
         for seed in range(6):
@@ -105,7 +105,7 @@ def test_without_life_the_level_is_steady(maker: StimulusMaker) -> None:
     assert unsteadiness(True) > 3.0 * unsteadiness(False)
 
 
-def test_a_recording_is_played_as_it_is(recorded: Path, of_it: StimulusMaker) -> None:
+def test_a_recording_is_played_unchanged(recorded: Path, of_it: StimulusMaker) -> None:
     raw = np.genfromtxt(recorded / "made.csv", delimiter=",", names=True)["acceleration"]
     raw = filtered(raw, 1e4, 20.0, "highpass")  # as for a fit
     made = of_it.samples(stimulus(**MADE), 5, 1e4)[400:-400]
@@ -113,7 +113,7 @@ def test_a_recording_is_played_as_it_is(recorded: Path, of_it: StimulusMaker) ->
     assert match.max() > 0.999  # an excerpt of the file
 
 
-def test_a_swatch_is_played_along_the_force_and_speed_of_a_recording(recorded: Path, of_it: StimulusMaker) -> None:
+def test_a_swatch_at_the_force_and_speed_of_a_recording(recorded: Path, of_it: StimulusMaker) -> None:
     along = stimulus(**MADE, swatch="wood")
     excerpt = of_it._excerpt(along, 9)
     known = synthesize("wood", excerpt.force_N, excerpt.speed_m_s, seed=9)
@@ -124,18 +124,18 @@ def test_a_swatch_is_played_along_the_force_and_speed_of_a_recording(recorded: P
 
 
 @pytest.mark.parametrize(
-    ("told", "words"),
+    ("shown", "match"),
     [
-        ({**MADE, "seconds": 20.0}, "made.csv slides for .* s at a stretch at most, shorter than seconds = 20"),
+        ({**MADE, "seconds": 20.0}, "made.csv"),
         ({**MADE, "units": {}}, "unit"),
         ({**MADE, "recording": "none.csv"}, "none.csv"),
         ({"swatch": "oka"}, "no swatch 'oka'"),
         ({"swatch": "./oka.swatch"}, "oka.swatch"),
     ],
 )
-def test_what_cannot_be_made_is_said_in_words(recorded: Path, told: dict[str, Any], words: str) -> None:
-    with pytest.raises(HapsceneError, match=words):
-        StimulusMaker(recorded).samples(stimulus(**told), 0, RATE_HZ)
+def test_invalid_stimuli(recorded: Path, shown: dict[str, Any], match: str) -> None:
+    with pytest.raises(HapsceneError, match=match):
+        StimulusMaker(recorded).samples(stimulus(**shown), 0, RATE_HZ)
 
 
 def test_a_tone_is_resampled_to_16_bits() -> None:
@@ -146,7 +146,7 @@ def test_a_tone_is_resampled_to_16_bits() -> None:
         assert np.abs(made - known)[2000:-2000].max() < 0.5 / 32_767
 
 
-def test_all_stimuli_of_a_study_have_one_gain(maker: StimulusMaker) -> None:
+def test_all_stimuli_have_the_same_gain(maker: StimulusMaker) -> None:
     stimuli = [stimulus(swatch=name, seconds=0.5) for name in ("wood", "paper")]
     peak = max(np.abs(maker.samples(one, seed, RATE_HZ)).max() for one in stimuli for seed in range(TRIES))
     assert 20.0 * np.log10(gain_of(maker, stimuli, RATE_HZ) * peak) == pytest.approx(-HEADROOM_DB)
@@ -154,7 +154,7 @@ def test_all_stimuli_of_a_study_have_one_gain(maker: StimulusMaker) -> None:
         gain_of(maker, [], RATE_HZ)
 
 
-def test_a_staircase_s_levels_are_all_made(maker: StimulusMaker) -> None:
+def test_all_levels_of_a_staircase_are_stimuli(maker: StimulusMaker) -> None:
     plan = parse_plan(
         """
         title = "t"

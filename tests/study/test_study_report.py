@@ -1,4 +1,4 @@
-"""The report on a study: its numbers are those of the statistics, and it claims no more."""
+"""The study report: its numbers are those of the statistics."""
 
 import re
 from collections.abc import Callable
@@ -13,9 +13,9 @@ pytest.importorskip("questplus", reason="questplus is not installed: pip install
 from hapscene.errors import StudyError
 from hapscene.study.discrimination import Estimate
 from hapscene.study.plan import parse_plan
-from hapscene.study.sitting import Sitting
+from hapscene.study.session import Session
 from hapscene.study.statistics import analyse
-from hapscene.study.study_report import report, shown, write_report
+from hapscene.study.study_report import _axis_limits, format_estimate, report, write_report
 
 from .people import Truth, simulate
 
@@ -72,13 +72,13 @@ def page(folder: Path) -> str:
 
 @pytest.fixture
 def answered(tmp_path: Path) -> Callable[..., Path]:
-    """A folder in which one person has given so many answers, all of them right."""
+    """A folder in which one participant has given `count` correct answers."""
 
     def answer(count: int, text: str = PLAN) -> Path:
-        with Sitting(parse_plan(text), tmp_path / "answers", "P01") as sitting:
+        with Session(parse_plan(text), tmp_path / "answers", "P01") as session:
             for _ in range(count):
-                assert sitting.trial is not None
-                sitting.answer(sitting.trial.correct or 0, latency_s=2.5, replays=1)
+                assert session.trial is not None
+                session.answer(session.trial.correct or 0, latency_s=2.5, replays=1)
         return tmp_path / "answers"
 
     return answer
@@ -88,12 +88,12 @@ def text_of(page: str) -> str:
     return " ".join(unescape(re.sub("<[^>]*>", " ", re.sub(r"(?s)<(style|svg).*?</\1>", " ", page))).split())
 
 
-def test_its_numbers_are_those_of_the_statistics(folder: Path, page: str) -> None:
+def test_numbers_are_those_of_the_statistics(folder: Path, page: str) -> None:
     page, findings = text_of(page), analyse(folder).findings
     together = [one for one in findings if not one.person]
     assert {one.quantity for one in together} >= {"threshold", "d′", "right", "rating", "difference of ratings"}
     for one in together:
-        assert f"{one.quantity} {shown(one.estimate, one.unit)}" in page, one
+        assert f"{one.quantity} {format_estimate(one.estimate, one.unit)}" in page, one
     judged = [one for one in findings if one.verdict]
     assert {(one.block, one.quantity) for one in judged} == {
         ("real", "difference of ratings"),
@@ -104,47 +104,54 @@ def test_its_numbers_are_those_of_the_statistics(folder: Path, page: str) -> Non
         assert f"{one.block}, {one.what}: {one.verdict} ({one.method})" in page, one
 
 
-def test_it_is_one_page_that_fetches_nothing_and_runs_nothing(page: str) -> None:
+def test_the_page_has_no_scripts_and_loads_nothing(page: str) -> None:
     assert "<script" not in page and "<b>" not in page and "&lt;b&gt;Surfaces&lt;/b&gt; &amp; more" in page
     assert not re.findall(r'(?:src|href)="(?!#|data:)[^"]*"', page) and "default-src 'none'" in page
 
 
-def test_a_person_alone_says_nothing_of_others(answered: Callable[..., Path]) -> None:
+def test_a_single_participant(answered: Callable[..., Path]) -> None:
     page = text_of(report(answered(34)))
-    assert "1 of 8 participants; 34 answers" in page and "do not extend to others" in page
+    assert "1 of 8 participants; 34 answers" in page and "do not generalise" in page
     assert "P01 34 of 34 2.5 s" in page and "(−∞ to ∞)" in page
 
 
 def test_an_unfinished_session_is_named(answered: Callable[..., Path]) -> None:
-    assert "Not finished: P01" in text_of(report(answered(5)))
+    assert "Incomplete sessions: P01" in text_of(report(answered(5)))
 
 
-def test_what_was_played_on_is_told_not_what_the_plan_says(answered: Callable[..., Path]) -> None:
+def test_outputs_are_those_of_the_answers(answered: Callable[..., Path]) -> None:
     folder = answered(3)
-    with Sitting(replace(parse_plan(PLAN), channel="handle"), folder, "P02") as sitting:
-        sitting.answer(0, latency_s=2.0)
+    with Session(replace(parse_plan(PLAN), channel="handle"), folder, "P02") as session:
+        session.answer(0, latency_s=2.0)
     page = text_of(report(folder))
-    assert "2 of 8 participants; 4 answers, at most 34 each; handle, headphones." in page
-    assert "heard, not felt" in page
+    assert "2 of 8 participants; 4 answers, up to 34 each; output: handle, headphones." in page
+    assert "presented as sound" in page
 
 
-def test_equality_is_claimed_within_a_margin_alone(tmp_path: Path) -> None:
+def test_equivalence_requires_a_margin(tmp_path: Path) -> None:
     same = Truth({"alive": 1.0, "steady": 1.0}, {"alive": 4.0, "steady": 4.0}, {"gain": 2.0})
     plan = PLAN.replace("repeats = 8", "repeats = 60").replace("trials = 12", "trials = 5")
     simulate(parse_plan(plan), tmp_path / "a", people=10, truth=same, seed=2)
     page = text_of(report(tmp_path / "a"))
-    assert "cannot be told apart by d′ 1" in page  # of the block that has a margin
-    assert "stronger, alive − steady: not decided" in page
+    assert "equivalent: the interval of d′ lies within ±1" in page
+    assert "stronger, alive − steady: undecided" in page
 
 
-def test_without_an_answer_there_is_no_report(tmp_path: Path) -> None:
-    with Sitting(parse_plan(PLAN), tmp_path / "a", "P01"):
+def test_a_report_needs_answers(tmp_path: Path) -> None:
+    with Session(parse_plan(PLAN), tmp_path / "a", "P01"):
         pass
     with pytest.raises(StudyError, match="no answers yet"):
         write_report(tmp_path / "a", tmp_path / "report.html")
     assert not (tmp_path / "report.html").exists()
 
 
-def test_a_number_is_shown_with_its_interval() -> None:
-    assert shown(Estimate(1.234, -0.5, 2.0), "dB") == "1.23 dB (−0.5 to 2)"
-    assert shown(Estimate(3.0, -float("inf"), 4.0)) == "3 (−∞ to 4)"
+def test_format_estimate() -> None:
+    assert format_estimate(Estimate(1.234, -0.5, 2.0), "dB") == "1.23 dB (−0.5 to 2)"
+    assert format_estimate(Estimate(3.0, -float("inf"), 4.0)) == "3 (−∞ to 4)"
+
+
+def test_axis_limits_have_a_margin() -> None:
+    assert _axis_limits([Estimate(0.0, -float("inf"), 10.0)]) == (-1.2, 11.2)
+    assert _axis_limits([Estimate(2.0, 2.0, 2.0)]) == (1.5, 2.5)
+    assert _axis_limits([Estimate(float("inf"), 2.0, float("inf"))]) == (1.5, 2.5)
+    assert _axis_limits([]) == (0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The page of a study: over its socket as anybody might use it."""
+"""The page server of a study session, driven by messages and over its socket."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 from hapscene.errors import StudyError
 from hapscene.study.plan import parse_plan
 from hapscene.study.results_file import load_rows
-from hapscene.study.sitting import Sitting
+from hapscene.study.session import Session
 from hapscene.study.study_server import StudyServer, practice_trials
 from hapscene.study.trial_order import Interval
 from tests.virtual_clock import VirtualClock
@@ -56,7 +56,7 @@ repeats = 2
 
 
 class FakePlayer:
-    """Plays in no time, unless it is held."""
+    """Plays in zero time, unless it is blocked."""
 
     def __init__(self) -> None:
         self.played: list[Interval] = []
@@ -82,138 +82,138 @@ class FakePlayer:
         return {}
 
 
-Asked = tuple[StudyServer, Sitting, FakePlayer]
+Asked = tuple[StudyServer, Session, FakePlayer]
 
 
 @pytest.fixture
 def ask(tmp_path: Path) -> Iterator[Callable[..., Asked]]:
-    """Sits a person down to a plan; the page is open."""
+    """Starts the session of a participant, with an open page."""
     opened: list[Any] = []
 
     def begin(text: str = PLAN, person: str = "P01") -> Asked:
-        sitting, player = Sitting(parse_plan(text), tmp_path / "answers", person), FakePlayer()
-        server = StudyServer(sitting, player, clock=VirtualClock())
+        session, player = Session(parse_plan(text), tmp_path / "answers", person), FakePlayer()
+        server = StudyServer(session, player, clock=VirtualClock())
         server.__enter__()
-        opened[:] = [server, sitting]
-        return server, sitting, player
+        opened[:] = [server, session]
+        return server, session, player
 
     yield begin
     for one in opened:
         one.close()
 
 
-def order(server: StudyServer, **said: Any) -> None:
-    server.take(said)
+def order(server: StudyServer, **expected: Any) -> None:
+    server.take(expected)
 
 
 def await_play(server: StudyServer) -> None:
-    """Wait until all is played that was asked for."""
+    """Wait until the requested intervals are played."""
     server._lane.submit(bool).result(PATIENCE_S)
     assert not server.state()["playing"]
 
 
-def hear(server: StudyServer) -> dict[str, Any]:
-    """Have all intervals of the trial played."""
+def play_all(server: StudyServer) -> dict[str, Any]:
+    """Play all intervals of the trial."""
     state = server.state()
     order(server, play=[state["number"], 0, len(state["intervals"])])
     await_play(server)
     return server.state()
 
 
-def answer_all(server: StudyServer, sitting: Sitting, upto: int | None = None) -> None:
-    while sitting.trial is not None and sitting.done != upto:
+def answer_all(server: StudyServer, session: Session, upto: int | None = None) -> None:
+    while session.trial is not None and session.done != upto:
         state = server.state()
         if state["screen"] != "trial":
-            order(server, go=True)
+            order(server, **{"continue": True})
             continue
-        hear(server)
+        play_all(server)
         order(server, answer=[state["number"], 0, 0.5])
 
 
-def test_a_person_is_taken_through_and_every_answer_is_kept(ask: Callable[..., Asked], tmp_path: Path) -> None:
-    server, sitting, player = ask()
-    answer_all(server, sitting)
+def test_a_complete_session(ask: Callable[..., Asked], tmp_path: Path) -> None:
+    server, session, player = ask()
+    answer_all(server, session)
     rows = load_rows(tmp_path / "answers" / "results.csv")
-    assert len(rows) == sitting.total == 8 and server.ended.is_set() and server.state()["screen"] == "end"
+    assert len(rows) == session.total == 8 and server.ended.is_set() and server.state()["screen"] == "end"
     assert {row["latency_s"] for row in rows} == {"0.500"} and {row["replays"] for row in rows} == {"0"}
-    practised = [interval for trial in practice_trials(sitting.plan) for interval in trial.intervals]
-    assert player.played[: len(practised)] == practised  # and of what then was asked, all in its order
+    practised = [interval for trial in practice_trials(session.plan) for interval in trial.intervals]
+    assert player.played[: len(practised)] == practised  # then the intervals of the trials, in order
     names = [interval.stimulus.name for interval in player.played[len(practised) :]]
     asked = [row[f"stimulus_{k}"] for row in rows for k in (1, 2, 3) if row[f"stimulus_{k}"] != "NA"]
     assert names == asked
 
 
-def test_the_page_is_told_nothing_of_what_is_compared(ask: Callable[..., Asked]) -> None:
-    server, sitting, _ = ask()
-    told: list[str] = []
+def test_the_page_does_not_receive_what_is_compared(ask: Callable[..., Asked]) -> None:
+    server, session, _ = ask()
+    shown: list[str] = []
     origin: Any = "/".join(server.url.split("/")[:3])
     with connect(server.url.replace("http", "ws") + "socket", origin=origin) as tab:
-        told.append(str(tab.recv()))
-        while sitting.trial is not None:
+        shown.append(str(tab.recv()))
+        while session.trial is not None:
             state = server.state()
             if state["screen"] != "trial":
-                tab.send('{"go": true}')
+                tab.send('{"continue": true}')
             else:
                 tab.send(json.dumps({"play": [state["number"], 0, len(state["intervals"])]}))
-                while json.loads(told[-1]).get("heard") != list(range(len(state["intervals"]))):
-                    told.append(str(tab.recv()))
+                while json.loads(shown[-1]).get("played") != list(range(len(state["intervals"]))):
+                    shown.append(str(tab.recv()))
                 tab.send(json.dumps({"answer": [state["number"], 0, 1.0]}))
-            told.append(str(tab.recv()))
-    assert len(told) > 40
-    for text in told:
+            shown.append(str(tab.recv()))
+    assert len(shown) > 40
+    for text in shown:
         assert not any(secret in text for secret in SECRETS), text
         assert not {"correct", "level", "block", "stimulus", "seed"} & json.loads(text).keys()
 
 
-def test_nobody_answers_before_they_have_heard_all_nor_twice(ask: Callable[..., Asked]) -> None:
-    server, sitting, _ = ask(PLAN.replace("practice = 1", ""))
-    order(server, go=True)
+def test_an_answer_needs_all_intervals_and_counts_once(ask: Callable[..., Asked]) -> None:
+    server, session, _ = ask(PLAN.replace("practice = 1", ""))
+    order(server, **{"continue": True})
     number = server.state()["number"]
     order(server, answer=[number, 0, 1.0])
-    assert sitting.done == 0
-    hear(server)
+    assert session.done == 0
+    play_all(server)
     for choice, latency_s in ((-1, 1.0), (99, 1.0), (True, 1.0), (0, -1.0), (0, 1e9), (0, "x"), (0, None), (0.0, 1.0)):
         order(server, answer=[number, choice, latency_s])
     order(server, answer=[number + 1, 0, 1.0])
-    assert sitting.done == 0
+    assert session.done == 0
     order(server, answer=[number, 0, 1.0])
-    order(server, answer=[number, 0, 1.0])  # a key that was pressed twice
-    assert sitting.done == 1
+    order(server, answer=[number, 0, 1.0])  # the key was pressed twice
+    assert session.done == 1
 
 
-def test_what_was_played_again_is_counted_whoever_asks_for_it(ask: Callable[..., Asked], tmp_path: Path) -> None:
-    server, sitting, player = ask(PLAN.replace("practice = 1", ""))
-    order(server, go=True)
-    count = len(hear(server)["intervals"])
-    hear(server)
+def test_replays_are_counted(ask: Callable[..., Asked], tmp_path: Path) -> None:
+    server, session, player = ask(PLAN.replace("practice = 1", ""))
+    order(server, **{"continue": True})
+    count = len(play_all(server)["intervals"])
+    play_all(server)
     order(server, play=[server.state()["number"], 0, 1])
     await_play(server)
     order(server, answer=[server.state()["number"], 0, 1.0])
     assert load_rows(tmp_path / "answers" / "results.csv")[0]["replays"] == str(count + 1)
-    assert len(player.played) == 2 * count + 1 and sitting.done == 1
+    assert len(player.played) == 2 * count + 1 and session.done == 1
 
 
-def test_all_of_a_trial_is_made_once_and_before_the_first_is_heard(ask: Callable[..., Asked]) -> None:
-    """Else the silence between two would tell which of them takes longer to make."""
-    server, sitting, player = ask(PLAN.replace("practice = 1", ""))
-    order(server, go=True)
-    heard = 0
-    while sitting.trial is not None:
+def test_intervals_are_synthesised_once_before_playing(ask: Callable[..., Asked]) -> None:
+    """Otherwise the silence between two would show which takes longer to synthesise."""
+    server, session, player = ask(PLAN.replace("practice = 1", ""))
+    order(server, **{"continue": True})
+    played = 0
+    while session.trial is not None:
         if server.state()["screen"] == "break":
-            order(server, go=True)
-        trial = sitting.trial
-        hear(server)
-        hear(server)  # and once more
-        assert player.made == [(interval, heard) for interval in trial.intervals]
-        heard += 2 * len(trial.intervals)
+            order(server, **{"continue": True})
+        trial = session.trial
+        play_all(server)
+        play_all(server)  # again
+        assert player.made == [(interval, played) for interval in trial.intervals]
+        played += 2 * len(trial.intervals)
         player.made.clear()
         order(server, answer=[trial.number, 0, 1.0])
 
 
-def test_while_it_plays_nothing_else_is_done(ask: Callable[..., Asked]) -> None:
-    server, sitting, player = ask(PLAN.replace("practice = 1", ""))
-    order(server, go=True)
-    hear(server)
+def test_messages_during_playback_have_no_effect(ask: Callable[..., Asked]) -> None:
+    server, session, player = ask(PLAN.replace("practice = 1", ""))
+    order(server, **{"continue": True})
+    play_all(server)
     player.free.clear()
     number = server.state()["number"]
     order(server, play=[number, 0, 1])
@@ -222,70 +222,70 @@ def test_while_it_plays_nothing_else_is_done(ask: Callable[..., Asked]) -> None:
     order(server, play=[number, 0, 1])
     player.free.set()
     await_play(server)
-    assert sitting.done == 0 and len(player.played) == len(server.state()["intervals"]) + 1
+    assert session.done == 0 and len(player.played) == len(server.state()["intervals"]) + 1
 
 
-def test_who_goes_on_is_at_the_next_trial_without_practice(ask: Callable[..., Asked]) -> None:
-    server, sitting, _ = ask()
-    answer_all(server, sitting, upto=3)
+def test_a_resumed_session_has_no_practice(ask: Callable[..., Asked]) -> None:
+    server, session, _ = ask()
+    answer_all(server, session, upto=3)
     server.close()
-    sitting.close()
+    session.close()
     again, resumed, _ = ask()
     assert resumed.done == 3 and again.state()["screen"] == "begin" and again.state()["practices"] == 0
-    order(again, go=True)
+    order(again, **{"continue": True})
     assert again.state()["number"] == 3
     answer_all(again, resumed)
     assert resumed.done == 8
 
 
-def test_there_is_a_break_when_one_is_due_and_only_then(ask: Callable[..., Asked]) -> None:
-    server, sitting, _ = ask(PLAN.replace("practice = 1", "").replace("break_every = 4", "break_every = 3"))
-    order(server, go=True)
+def test_breaks(ask: Callable[..., Asked]) -> None:
+    server, session, _ = ask(PLAN.replace("practice = 1", "").replace("break_every = 4", "break_every = 3"))
+    order(server, **{"continue": True})
     screens = []
-    while sitting.trial is not None:
-        screens.append((sitting.done, server.state()["screen"]))
+    while session.trial is not None:
+        screens.append((session.done, server.state()["screen"]))
         if server.state()["screen"] == "break":
-            order(server, play=[sitting.done, 0, 1])
-            order(server, answer=[sitting.done, 0, 1.0])  # not now
-            order(server, go=True)
+            order(server, play=[session.done, 0, 1])
+            order(server, answer=[session.done, 0, 1.0])  # ignored in a break
+            order(server, **{"continue": True})
         else:
-            hear(server)
+            play_all(server)
             order(server, answer=[server.state()["number"], 0, 1.0])
     assert [done for done, screen in screens if screen == "break"] == [3, 6]
 
 
-def test_practice_is_told_right_or_wrong_and_not_kept(ask: Callable[..., Asked]) -> None:
-    server, sitting, _ = ask()
-    order(server, go=True)
-    told = []
-    for trial in practice_trials(sitting.plan):
+def test_practice_has_feedback_and_is_not_recorded(ask: Callable[..., Asked]) -> None:
+    server, session, _ = ask()
+    order(server, **{"continue": True})
+    shown = []
+    for trial in practice_trials(session.plan):
         assert server.state()["practice"] and server.state()["question"] == trial.block.question
-        hear(server)
+        play_all(server)
         order(server, answer=[server.state()["number"], trial.correct or 0, 1.0])
-        told.append(server.state()["feedback"])
-        assert ("right" in told[-1]) == (trial.correct is not None)
-    assert len(told) == 3 and sitting.done == 0 and not server.state().get("practice")
+        shown.append(server.state()["feedback"])
+        assert ("orrect" in shown[-1]) == (trial.correct is not None)
+    assert len(shown) == 3 and session.done == 0 and not server.state().get("practice")
 
 
-def test_what_breaks_is_told_and_what_was_answered_is_kept(ask: Callable[..., Asked]) -> None:
-    server, sitting, player = ask()
-    answer_all(server, sitting, upto=2)
+def test_a_fault_is_shown_and_answers_are_kept(ask: Callable[..., Asked]) -> None:
+    server, session, player = ask()
+    answer_all(server, session, upto=2)
     player.fault = "headphones: plays no more: was it unplugged?"
-    order(server, go=True)
+    order(server, **{"continue": True})
     order(server, play=[server.state()["number"], 0, 1])
     await_play(server)
-    assert "was it unplugged" in server.state()["said"] and sitting.done == 2
+    assert "was it unplugged" in server.state()["error"] and session.done == 2
     order(server, answer=[server.state()["number"], 0, 1.0])
-    assert sitting.done == 2
+    assert session.done == 2
 
 
-def test_garbage_breaks_nothing(ask: Callable[..., Asked]) -> None:
-    server, sitting, _ = ask()
-    order(server, go=True)
+def test_invalid_messages_have_no_effect(ask: Callable[..., Asked]) -> None:
+    server, session, _ = ask()
+    order(server, **{"continue": True})
     values: list[Any] = [None, True, -1, 10**400, "x", "", [], {}, [[]], [1, 2, 3], [None] * 3, [0, 0, float("nan")]]
-    for key in ("go", "play", "answer", "said"):
+    for key in ("go", "play", "answer", "error"):
         for value in values:
             order(server, **{key: value})
     for value in ("", [], 7, None):
         server.take(value)
-    assert server.state()["screen"] == "trial" and not server.fault and sitting.done == 0
+    assert server.state()["screen"] == "trial" and not server.fault and session.done == 0

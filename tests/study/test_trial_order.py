@@ -44,7 +44,7 @@ def test_a_williams_square_is_balanced(count: int) -> None:
 
 @given(count=some.integers(1, 9), seed=some.integers(0, 2**31 - 1))
 @settings(max_examples=40, deadline=None)
-def test_orders_of_as_many_people_as_rows_are_the_square(count: int, seed: int) -> None:
+def test_orders_of_as_many_participants_as_rows_are_the_square(count: int, seed: int) -> None:
     rows = len(williams(count))
     orders = [order(count, place, seed) for place in range(rows)]
     assert len({tuple(one) for one in orders}) == rows
@@ -52,7 +52,7 @@ def test_orders_of_as_many_people_as_rows_are_the_square(count: int, seed: int) 
     assert orders[0] == order(count, rows, seed)
 
 
-def test_blocks_and_stimuli_are_balanced_over_people() -> None:
+def test_blocks_and_stimuli_are_balanced_over_participants() -> None:
     plan = parse_plan(TEXT.replace('"staircase"', '"rating"').split('stimulus = "alive"')[0] + 'stimuli = ["alive"]')
     people = [sequence(plan, f"P{place}", place) for place in range(12)]
     firsts = Counter(asked[0].block.name for asked in people)
@@ -69,7 +69,7 @@ def test_sides_come_equally_often(count: int) -> None:
     assert seen.sum() == count and abs(seen[0] - seen[1]) <= 1
 
 
-def test_what_is_right_stands_on_either_side_equally_often() -> None:
+def test_correct_answers_are_balanced_over_sides() -> None:
     for place in range(3):
         asked = sequence(PLAN, "P", place)
         for trial in (t for t in asked if t.block.kind == "2ifc"):
@@ -78,7 +78,7 @@ def test_what_is_right_stands_on_either_side_equally_often() -> None:
         assert Counter(t.correct for t in asked if t.block.kind == "2ifc") == {0: 8, 1: 8}
 
 
-def test_a_staircase_puts_the_level_into_the_right_interval() -> None:
+def test_a_staircase_puts_the_level_into_the_correct_interval() -> None:
     for below, sign in (("false", 1), ("true", -1)):
         plan = parse_plan(TEXT.replace("trials = 20", f"trials = 6\nreference = -3.0\nbelow = {below}"))
         for trial in (t for t in sequence(plan, "P", 0) if t.block.kind == "staircase"):
@@ -86,13 +86,13 @@ def test_a_staircase_puts_the_level_into_the_right_interval() -> None:
             assert gains[trial.correct] == pytest.approx(-3.0 + sign * trial.level) and gains[1 - trial.correct] == -3.0
 
 
-def test_a_missing_library_is_said_before_the_first_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_library_is_an_error_before_the_first_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "questplus", None)
     with pytest.raises(StudyError, match=r"pip install 'hapscene\[study\]'"):
         next(trials(PLAN, "P", 0))
 
 
-def test_the_seed_gives_the_same_and_nobody_hears_the_same_noise() -> None:
+def test_the_seed_determines_trials_and_distinct_noise() -> None:
     assert sequence(PLAN, "P01", 3) == sequence(PLAN, "P01", 3)
     other = parse_plan(TEXT.replace("seed = 1", "seed = 2").replace("trials = 20", "trials = 5"))
     seeds = [

@@ -1,4 +1,4 @@
-"""Landings and swings over a line with delay, and the stiffness felt through it, beside its closed form."""
+"""Contact and free motion over a link with delay, and the rendered stiffness beside its closed form."""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -12,22 +12,22 @@ from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.link import Impairment
-from hapscene.teleoperation.operation import Operated, Operation
-from hapscene.teleoperation.test_plate import plate
+from hapscene.teleoperation.operation import Operation, OperationResult
+from hapscene.teleoperation.plate import plate
 
 BAD: Final = {"jitter_s": 0.005, "loss": 0.05, "reorder": 0.05}
-"""The bad line: what comes to each delay."""
+"""Impairments of the bad link, in addition to its delay."""
 
 
 def land(grip: str) -> ReferenceTrajectory:
-    """Come down at 0.2 m/s, aim 2 cm below the surface and stay: a hard contact, then a hand that insists."""
+    """Move down at 0.2 m/s to a target 2 cm below the surface, and stay: a hard contact."""
     t_s = np.arange(4.0 / TICK_S) * TICK_S
     z_m = np.maximum(0.03 - 0.2 * np.maximum(t_s - 0.2, 0.0), -0.02)
     return ReferenceTrajectory.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
 
 
 def swing(grip: str) -> ReferenceTrajectory:
-    """Swing 1 cm up and down at 3 Hz in the air for two seconds, then be still."""
+    """Swing 1 cm up and down at 3 Hz in the air for two seconds, then stop."""
     t_s = np.arange(4.0 / TICK_S) * TICK_S
     z_m = 0.03 + 0.01 * np.sin(6.0 * np.pi * t_s) * np.minimum(5.0 * t_s, 1.0) * (t_s < 2.0)
     return ReferenceTrajectory.along(np.column_stack((0.0 * t_s, 0.0 * t_s, z_m)), grip)
@@ -36,17 +36,17 @@ def swing(grip: str) -> ReferenceTrajectory:
 CASES: Final[dict[str, Callable[[str], ReferenceTrajectory]]] = {"land": land, "swing": swing}
 
 REST_MAX_M_S: Final = 0.005
-"""Speed of the faster tool, root mean square over the last second, above which it is not at rest [m/s]."""
+"""Largest speed of a tool at rest, root mean square over the last second [m/s]."""
 
 ENERGY_MAX_J: Final = 2e-3
-"""Energy given out above which a run is not passive [J]: the allowances of both ends."""
+"""Largest energy output of a passive run [J]: the allowances of both ends."""
 
 WALL_N_M: Final = 500.0
-"""Stiffness of the plate where the stiffness felt is measured [N/m]."""
+"""Stiffness of the plate in the measurement [N/m]."""
 
 
-def operate_case(scheme: str, delay_s: float, bad: bool, case: str, grip: str, seed: int = 0) -> Operated:
-    """One run of the study."""
+def operate_case(scheme: str, delay_s: float, bad: bool, case: str, grip: str, seed: int = 0) -> OperationResult:
+    """One simulation."""
     intent = CASES[case](grip)
     line = Impairment(delay_s, **BAD) if bad else Impairment(delay_s)
     start = intent.target_W_m[0]
@@ -55,17 +55,15 @@ def operate_case(scheme: str, delay_s: float, bad: bool, case: str, grip: str, s
 
 
 def predict_stiffness(delay_s: float, coupling: Coupling | None = None) -> float:
-    """Stiffness that a hand feels through waves, in closed form [N/m].
-
-    At rest the line is a spring of b/d. In series with the follower's spring and the wall,
-    1/K = 1/K_wall + 1/K_c + d/b; without delay it is the stiffness of the position–position controller.
+    """Stiffness rendered through waves, in closed form [N/m]. At rest the link is a spring b/d, in series with the
+    spring of the follower and the wall: 1/K = 1/K_wall + 1/K_c + d/b.
     """
     tied = coupling or Coupling()
     return 1.0 / (1.0 / WALL_N_M + 1.0 / tied.stiffness_N_m + delay_s / tied.impedance_Ns_m)
 
 
 def measure_stiffness(coupling: Coupling, delay_s: float) -> tuple[float, float]:
-    """Stiffness felt at the leader [N/m], and how long a wave was under way, mean of both ways [s]."""
+    """Stiffness rendered at the leader [N/m], and the mean delay of a wave [s]."""
     scene = plate(Swatch("wall", stiffness_N_m=WALL_N_M))
     start = (0.0, 0.0, 0.002)
     bare: dict[str, Any] = {"device": PointMass(0.045, 0.1), "compensator": "none", "effects": ("wall",)}
@@ -78,3 +76,15 @@ def measure_stiffness(coupling: Coupling, delay_s: float) -> tuple[float, float]
     lag_s = float(np.mean([int(queue.lag_ticks) for queue in queues])) * 1e-3
     (f0, z0), (f1, z1) = found
     return float((f1 - f0) / (z1 - z0)), lag_s
+
+
+def final_speed_m_s(result: OperationResult) -> float:
+    """Root mean square of the speed of the faster tool over the last second [m/s]."""
+    final = result.t_s >= result.t_s[-1] - 1.0
+    speeds = [np.diff(p[final], axis=0) / TICK_S for p in (result.leader_W_m, result.follower_W_m)]
+    return max(float(np.sqrt((v**2).sum(axis=1).mean())) for v in speeds)
+
+
+def energy_out_J(result: OperationResult) -> float:
+    """Largest energy that the motors of both devices together had given out at any time [J]."""
+    return max(float(result.work_J.max()), 0.0)

@@ -1,4 +1,4 @@
-"""The two ends: wave variables against their laws, whatever the line does; the timeout; the plain controller."""
+"""Endpoints: passivity with wave variables on any link, timeout, position–position controller."""
 
 import math
 from typing import Any
@@ -13,7 +13,16 @@ from hapscene.compiled.native import native
 from hapscene.errors import HapsceneError
 from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE
-from hapscene.teleoperation.endpoint import ALLOWANCE_J, Coupling, Endpoint, control, hear, new_endpoint, place, tell
+from hapscene.teleoperation.endpoint import (
+    ALLOWANCE_J,
+    Coupling,
+    Endpoint,
+    control,
+    fill_message,
+    new_endpoint,
+    receive_message,
+    set_start,
+)
 from hapscene.teleoperation.link import Impairment, collect, new_link, post
 
 Array = NDArray[np.float64]
@@ -30,29 +39,31 @@ def drive(
     f_N: Array,
     energy_J: Array,
 ) -> None:
-    """Both ends with their devices on given paths x_m (n, 2); their forces (n, 2), and told and spent energy (n, 4)."""
+    """Run both ends along given paths x_m (n, 2); forces (n, 2), transmitted and applied energy (n, 4)."""
     for k in range(len(x_m)):
         for i in range(2):
             while collect(links[1 - i], k, out, 0):
-                hear(ends[i], k, out[0])
+                receive_message(ends[i], k, out[0])
         for i in range(2):
             f_N[k, i] = control(ends[i], k, x_m[k, i], 0.0, 0.0)[0]
         for i in range(2):
-            tell(ends[i], k, out)
+            fill_message(ends[i], k, out)
             post(links[i], k, out)
             energy_J[k, i] = out[0].wave_J
-            energy_J[k, 2 + i] = ends[i].port[0].spent_J
+            energy_J[k, 2 + i] = ends[i].state[0].spent_J
 
 
 def run(
     x_m: Array, coupling: Coupling, line: Impairment, seed: int = 0, unlimited: bool = False
 ) -> tuple[tuple[Endpoint, Endpoint], Array, Array]:
-    """The ends afterwards, their forces (n, 2), told and spent energy (n, 4); `unlimited`: energy enough."""
+    """The ends afterwards, their forces (n, 2), transmitted and applied energy (n, 4); `unlimited` gives enough
+    energy.
+    """
     ends = new_endpoint(coupling, "leader", TICK_S), new_endpoint(coupling, "follower", TICK_S)
     for i, end in enumerate(ends):
-        place(end, x_m[0, i], 0.0, 0.0)
+        set_start(end, x_m[0, i], 0.0, 0.0)
         if unlimited:
-            end.port.allowance_J, end.port.reserve_J = 1.0, 10.0
+            end.state.allowance_J, end.state.reserve_J = 1.0, 10.0
     links = new_link(line, TICK_S, seed, "forth"), new_link(line, TICK_S, seed, "back")
     f_N, energy_J = np.zeros((len(x_m), 2)), np.zeros((len(x_m), 4))
     drive(ends, links, records(1, MESSAGE), x_m, f_N, energy_J)
@@ -60,7 +71,7 @@ def run(
 
 
 def wander(seed: int, count: int = 1500) -> Array:
-    """Two devices that are moved about at random, smoothly (n, 2)."""
+    """Smooth random motion of two devices (n, 2)."""
     rng = np.random.default_rng(seed)
     t_s = np.arange(count) * TICK_S
     x = np.zeros((count, 2))
@@ -82,19 +93,19 @@ lines = st.builds(
 @pytest.mark.nightly
 @given(lines, st.integers(0, 10_000))
 @settings(max_examples=60, deadline=None)
-def test_no_more_energy_comes_out_of_the_line_than_went_in(line: Impairment, seed: int) -> None:
-    """Whatever the line loses, delays, turns round or repeats, and however the devices are moved."""
+def test_the_link_is_passive(line: Impairment, seed: int) -> None:
+    """For any loss, delay, order or repetition of messages, and any motion."""
     _, _, energy_J = run(wander(seed), Coupling(), line, seed)
-    told, spent = np.maximum.accumulate(energy_J[:, :2], axis=0), energy_J[:, 2:]
-    assert (spent[:, 0] <= told[:, 1] + 1e-12).all()
-    assert (spent[:, 1] <= told[:, 0] + 1e-12).all()
+    outgoing, spent = np.maximum.accumulate(energy_J[:, :2], axis=0), energy_J[:, 2:]
+    assert (spent[:, 0] <= outgoing[:, 1] + 1e-12).all()
+    assert (spent[:, 1] <= outgoing[:, 0] + 1e-12).all()
 
 
 @pytest.mark.nightly
 @given(lines, st.integers(0, 10_000))
 @settings(max_examples=60, deadline=None)
-def test_an_end_tells_of_no_energy_that_was_not_there(line: Impairment, seed: int) -> None:
-    """Told is at most what arrived, less the work of the motors, exact for a held force, and the allowance."""
+def test_transmitted_energy_was_available(line: Impairment, seed: int) -> None:
+    """At most the received energy, less the work of the motors, exact for a held force, and the allowance."""
     x_m = wander(seed)
     _, f_N, energy_J = run(x_m, Coupling(), line, seed)
     work_J = np.cumsum(np.vstack((np.zeros(2), f_N[:-1] * np.diff(x_m, axis=0))), axis=0)
@@ -102,12 +113,12 @@ def test_an_end_tells_of_no_energy_that_was_not_there(line: Impairment, seed: in
 
 
 @pytest.mark.parametrize("delay_ms", [1, 7, 60])
-def test_over_a_line_that_only_delays_waves_come_out_as_they_went_in(delay_ms: int) -> None:
+def test_constant_delay_transmits_waves_unchanged(delay_ms: int) -> None:
     x_m = wander(1)
     (leader, follower), f_N, _ = run(x_m, Coupling(), Impairment(delay_ms * TICK_S), unlimited=True)
-    assert leader.port[0].short == follower.port[0].short == 0
+    assert leader.state[0].short == follower.state[0].short == 0
     # the leader's law, from what the follower sent `delay` ago: F = b v − √(2b) v̂, f = −F
-    b, smoothing = Coupling().impedance_Ns_m, leader.port[0].smoothing
+    b, smoothing = Coupling().impedance_Ns_m, leader.state[0].smoothing
     smooth = np.zeros(len(x_m))
     for k in range(1, len(x_m)):
         smooth[k] = smooth[k - 1] + smoothing * (x_m[k, 0] - x_m[0, 0] - smooth[k - 1])
@@ -125,7 +136,7 @@ def simulate_follower(
     f_l: Array,
     delay: int,
 ) -> Array:
-    """What the follower sends: v = û − √(2/b) F, with û = √(2b) v − v̂ of the leader `delay` ago, v̂ from its force."""
+    """The waves of the follower: v = û − √(2/b) F, with û = √(2b) v − v̂ of the leader `delay` ticks before."""
     b = Coupling().impedance_Ns_m
     root = math.sqrt(2 * b)
     back = (f_l + b * v_leader) / root
@@ -135,53 +146,46 @@ def simulate_follower(
     return arrived - 2.0 / root * f_N
 
 
-def test_the_plain_controller_is_the_papers() -> None:
+def test_position_controller() -> None:
     """f = K (x_peer − x) + B (v_peer − v)."""
     coupling = Coupling("position", stiffness_N_m=400.0, damping_Ns_m=2.0)
-    end, told = new_endpoint(coupling, "leader", TICK_S), records(1, MESSAGE)
-    place(end, 0.01, 0.0, 0.0)
-    told[0].p_WT_m = (0.03, 0.0, 0.0)
-    hear(end, 0, told[0])  # engages where they are: no force
+    end, outgoing = new_endpoint(coupling, "leader", TICK_S), records(1, MESSAGE)
+    set_start(end, 0.01, 0.0, 0.0)
+    outgoing[0].p_WT_m = (0.03, 0.0, 0.0)
+    receive_message(end, 0, outgoing[0])  # engages where they are: no force
     assert abs(control(end, 0, 0.01, 0.0, 0.0)[0]) < 1e-12
-    told[0].tick, told[0].p_WT_m, told[0].v_WT_m_s = 1, (0.031, 0.002, 0.0), (0.1, 0.0, 0.0)
-    hear(end, 1, told[0])
+    outgoing[0].tick, outgoing[0].p_WT_m, outgoing[0].v_WT_m_s = 1, (0.031, 0.002, 0.0), (0.1, 0.0, 0.0)
+    receive_message(end, 1, outgoing[0])
     f = control(end, 1, 0.01, 0.0, 0.0)
     assert f == pytest.approx((400.0 * 0.001 + 2.0 * 0.1, 400.0 * 0.002, 0.0), abs=1e-12)
 
 
 @pytest.mark.parametrize("scheme", ["wave", "position"])
-def test_the_motors_let_go_when_the_peer_is_silent_and_take_up_without_a_jerk(scheme: str) -> None:
+def test_force_is_zero_after_the_timeout_and_when_the_peer_returns(scheme: str) -> None:
     coupling = Coupling(scheme, timeout_s=0.05)
     end = new_endpoint(coupling, "follower", TICK_S)
-    told = records(1, MESSAGE)
+    outgoing = records(1, MESSAGE)
     for k in range(100):
-        told[0].tick, told[0].p_WT_m = k, (k * 1e-5, 0.0, 0.0)
-        told[0].wave_sqrtJs, told[0].wave_J = (k * 1e-3, 0.0, 0.0), k * 5e-4
-        hear(end, k, told[0])
+        outgoing[0].tick, outgoing[0].p_WT_m = k, (k * 1e-5, 0.0, 0.0)
+        outgoing[0].wave_sqrtJs, outgoing[0].wave_J = (k * 1e-3, 0.0, 0.0), k * 5e-4
+        receive_message(end, k, outgoing[0])
         force = control(end, k, 0.0, 0.0, 0.0)
     assert abs(force[0]) > 0.1
     forces = [control(end, 100 + k, 0.0, 0.0, 0.0)[0] for k in range(100)]
     assert forces[60:] == [0.0] * 40
-    told[0].tick, told[0].p_WT_m, told[0].wave_sqrtJs = 200, (0.05, 0.0, 0.0), (5.0, 0.0, 0.0)
-    hear(end, 200, told[0])
+    outgoing[0].tick, outgoing[0].p_WT_m, outgoing[0].wave_sqrtJs = 200, (0.05, 0.0, 0.0), (5.0, 0.0, 0.0)
+    receive_message(end, 200, outgoing[0])
     assert control(end, 200, 0.0, 0.0, 0.0)[0] == 0.0
 
 
 @given(st.floats(0.5, 5.0), st.integers(0, 100))
 @settings(max_examples=20, deadline=None)
-def test_forces_stay_within_the_motors_limit(limit_N: float, seed: int) -> None:
+def test_force_limit(limit_N: float, seed: int) -> None:
     _, f_N, _ = run(20.0 * wander(seed, 400), Coupling(force_limit_N=limit_N), Impairment(0.02, 0.005, 0.2))
     assert np.abs(f_N).max() <= limit_N * (1.0 + 1e-12)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "says"),
-    [
-        ({"scheme": "naive"}, "no scheme 'naive'"),
-        ({"stiffness_N_m": 0.0}, "above 0"),
-        ({"damping_Ns_m": -1.0}, "at least 0"),
-    ],
-)
-def test_a_coupling_that_cannot_be_is_refused(wrong: dict[str, Any], says: str) -> None:
-    with pytest.raises(HapsceneError, match=says):
+@pytest.mark.parametrize("wrong", [{"scheme": "naive"}, {"stiffness_N_m": 0.0}, {"damping_Ns_m": -1.0}])
+def test_coupling_out_of_range(wrong: dict[str, Any]) -> None:
+    with pytest.raises(HapsceneError, match=next(iter(wrong)).partition("_")[0]):
         Coupling(**wrong)

@@ -1,4 +1,4 @@
-"""The queue: order, turns, and what is late or missing."""
+"""The jitter buffer: order, delay, and late or missing messages."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.jitter_buffer import (
     A_EXTRA_MAX,
-    call,
+    advance_queue,
     new_queue,
     next_wave,
     play_samples,
@@ -20,58 +20,58 @@ from hapscene.teleoperation.jitter_buffer import (
 
 
 def message(tick: int) -> Any:
-    """A message whose wave totals and samples tell its tick."""
-    told = records(1, MESSAGE)[0]
-    told.tick = tick
-    told.wave_sqrtJs = (tick, 0.0, 0.0)
-    told.wave_J = tick
-    told.a_m_s2 = tick + np.arange(SAMPLE_COUNT) / SAMPLE_COUNT
-    return told
+    """A message whose wave totals and samples encode its tick."""
+    outgoing = records(1, MESSAGE)[0]
+    outgoing.tick = tick
+    outgoing.wave_sqrtJs = (tick, 0.0, 0.0)
+    outgoing.wave_J = tick
+    outgoing.a_m_s2 = tick + np.arange(SAMPLE_COUNT) / SAMPLE_COUNT
+    return outgoing
 
 
 def test_a_missing_message_is_bridged_by_the_next() -> None:
     queue = new_queue()
     for tick in (0, 1, 3):
         store(queue[0], 2 + tick, message(tick))
-    call(queue[0], 4)  # the turn of 2, which is lost
+    advance_queue(queue[0], 4)  # message 2 is due, and lost
     ticks, wave, energy = next_wave(queue[0])
     assert (ticks, wave[0], energy) == (2, 3.0, 3.0)
 
 
-def test_what_comes_out_of_order_is_put_in_order() -> None:
+def test_messages_are_reordered() -> None:
     queue, samples, played = new_queue(), np.zeros(SAMPLE_COUNT), []
     for now, ticks in enumerate(([0, 2, 1], [3], [5], [4], [6], [7], [8]), 2):
         for tick in ticks:
             store(queue[0], now, message(tick))
-        call(queue[0], now)
+        advance_queue(queue[0], now)
         play_samples(queue[0], samples)
         played.append(int(samples[0]))
     assert played == [0, 1, 2, 3, 4, 5, 6]
 
 
-def test_turns_move_back_when_nothing_came_in_time_and_forward_again() -> None:
+def test_lag_grows_and_shrinks_with_the_delay() -> None:
     queue = new_queue()
     for now in range(2000):
         late = 8 if now < 300 else 0
         if now >= late:
             store(queue[0], now, message(now - late))
-        call(queue[0], now)
+        advance_queue(queue[0], now)
         if now == 299:
             assert queue[0].lag_ticks == 8
     assert queue[0].lag_ticks <= 1
 
 
-def test_silence_is_played_where_samples_are_lost() -> None:
+def test_lost_samples_are_zero() -> None:
     queue, samples = new_queue(), np.ones(SAMPLE_COUNT)
     for now, tick in enumerate((0, 1, 3), 1):
         store(queue[0], now, message(tick))
-    call(queue[0], 3)
+    advance_queue(queue[0], 3)
     play_samples(queue[0], samples)
     assert not samples.any() and queue[0].missed == 1
 
 
 def play_late(late_ticks: int, count: int, queue: Any) -> list[float]:
-    """What is played of messages of which every tenth comes so late; −1 for silence."""
+    """The played samples if every tenth message is late; −1 for silence."""
     samples, played = np.zeros(SAMPLE_COUNT), []
     arrivals: dict[int, list[int]] = {}
     for tick in range(count):
@@ -79,7 +79,7 @@ def play_late(late_ticks: int, count: int, queue: Any) -> list[float]:
     for now in range(count):
         for tick in arrivals.get(now, []):
             store(queue[0], now, message(tick))
-        call(queue[0], now)
+        advance_queue(queue[0], now)
         missed = queue[0].missed
         play_samples(queue[0], samples)
         played.append(-1.0 if queue[0].missed > missed else samples[0])
@@ -87,31 +87,31 @@ def play_late(late_ticks: int, count: int, queue: Any) -> list[float]:
 
 
 @pytest.mark.parametrize("late_ticks", [1, 7, A_EXTRA_MAX + 1])
-def test_samples_wait_as_much_longer_as_the_latest_come_late(late_ticks: int) -> None:
-    """Waves wait a tick, for they bridge what is late; samples come whole, once it is known how late they may be."""
+def test_samples_wait_for_late_messages(late_ticks: int) -> None:
+    """Waves wait a tick, since they can be interpolated; samples wait until the latest have arrived."""
     queue = new_queue()
     played = np.array(play_late(late_ticks, 600, queue))
     assert (int(queue[0].lag_ticks), int(queue[0].a_extra_ticks)) == (1, late_ticks - 1)
     assert played[200:].tolist() == list(range(200 - late_ticks, 600 - late_ticks))
-    assert queue[0].turn - queue[0].a_turn == late_ticks - 1
+    assert queue[0].due_tick - queue[0].a_due_tick == late_ticks - 1
 
 
-def test_samples_wait_no_longer_than_needed_once_the_line_is_good_again() -> None:
+def test_the_additional_delay_ends_with_the_jitter() -> None:
     queue = new_queue()
     play_late(20, 300, queue)
     for tick in range(300, 900):
         store(queue[0], tick, message(tick))
-        call(queue[0], tick)
+        advance_queue(queue[0], tick)
     assert queue[0].a_extra_ticks == 0
 
 
 @given(st.lists(st.tuples(st.integers(0, 30), st.booleans()), min_size=30, max_size=80))
 @settings(max_examples=25, deadline=None)
-def test_whatever_the_line_does_turns_only_go_forward_and_reach_the_newest(
+def test_due_ticks_increase_and_reach_the_newest_message(
     fates: list[tuple[int, bool]],
 ) -> None:
-    """Each message has a delay and may be lost; when the line falls still, the queue has come to the newest total."""
-    queue, turn, newest = new_queue(), -(2**40), -1
+    """For any delays and losses; at the end the last total is the newest one."""
+    queue, due_tick, newest = new_queue(), -(2**40), -1
     arrivals: dict[int, list[int]] = {}
     for tick, (delay, lost) in enumerate(fates):
         if not lost:
@@ -121,10 +121,10 @@ def test_whatever_the_line_does_turns_only_go_forward_and_reach_the_newest(
         for tick in arrivals.get(now, []):
             store(queue[0], now, message(tick))
             newest = max(newest, tick)
-        call(queue[0], now)
+        advance_queue(queue[0], now)
         if queue[0].started:
-            assert queue[0].turn >= turn
-            turn = queue[0].turn
+            assert queue[0].due_tick >= due_tick
+            due_tick = queue[0].due_tick
         ticks, wave, _ = next_wave(queue[0])
         if ticks:
             assert ticks >= 1 and wave[0] <= newest

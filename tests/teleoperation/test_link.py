@@ -1,4 +1,4 @@
-"""The simulated line against what it was told to do."""
+"""The simulated link: delay, jitter, loss and reordering have the requested statistics."""
 
 import math
 
@@ -14,60 +14,56 @@ TICK_S = 1e-3
 
 
 def carry(link: Link, count: int, wait: int = 700) -> list[tuple[int, int]]:
-    """Post a message a tick; what arrives: (tick of arrival, tick of the message)."""
-    out, told, arrived = records(1, MESSAGE), records(1, MESSAGE), []
+    """Post a message per tick; return (tick of arrival, tick of the message) of each that arrives."""
+    message, sent, arrived = records(1, MESSAGE), records(1, MESSAGE), []
     for now in range(count + wait):
-        while collect(link, now, out, 0):
-            arrived.append((now, int(out[0].tick)))
+        while collect(link, now, message, 0):
+            arrived.append((now, int(message[0].tick)))
         if now < count:
-            told[0].tick = now
-            post(link, now, told)
+            sent[0].tick = now
+            post(link, now, sent)
     return arrived
 
 
 @pytest.mark.parametrize("delay_ms", [0, 5, 100])
-def test_a_line_that_only_delays_keeps_order_and_time(delay_ms: int) -> None:
+def test_constant_delay_keeps_order(delay_ms: int) -> None:
     count = SLOT_COUNT // 2 + 100
     arrived = carry(new_link(Impairment(delay_ms * 1e-3), TICK_S, 0, "a"), count)
     assert arrived == [(k + max(delay_ms, 1), k) for k in range(count)]
 
 
-def test_loss_and_jitter_have_the_statistics_asked_for() -> None:
-    link = new_link(Impairment(0.02, 0.01, 0.1, 0.0), TICK_S, 3, "a")
-    arrived = np.array(carry(link, 8_000))
-    lost = 1.0 - len(arrived) / 8_000
-    assert lost == pytest.approx(0.1, abs=4.0 * math.sqrt(0.1 * 0.9 / 8_000))
-    late = arrived[:, 0] - arrived[:, 1]
-    assert late.min() == 21 and late.max() == 20 + 10 * JITTER_MOST
-    # an exponential that ends at four means, rounded up to ticks: 10 (1 − e⁻⁴), and half a tick
-    assert late.mean() == pytest.approx(20 + 10 * (1 - math.exp(-JITTER_MOST)) + 0.5, abs=0.4)
+def test_loss_and_jitter_statistics() -> None:
+    arrived = np.array(carry(new_link(Impairment(0.02, 0.01, 0.1, 0.0), TICK_S, 3, "a"), 8_000))
+    assert 1.0 - len(arrived) / 8_000 == pytest.approx(0.1, abs=4.0 * math.sqrt(0.1 * 0.9 / 8_000))
+    delay = arrived[:, 0] - arrived[:, 1]
+    assert delay.min() == 21 and delay.max() == 20 + 10 * JITTER_MOST
+    # an exponential distribution truncated at four means, rounded up to ticks: 10 (1 − e⁻⁴), and half a tick
+    assert delay.mean() == pytest.approx(20 + 10 * (1 - math.exp(-JITTER_MOST)) + 0.5, abs=0.4)
     assert len(set(arrived[:, 1].tolist())) == len(arrived)
 
 
-def test_what_is_held_back_is_overtaken_by_five() -> None:
-    link = new_link(Impairment(0.01, 0.0, 0.0, 0.05), TICK_S, 1, "a")
-    late = {sent: now - sent for now, sent in carry(link, 5000)}
-    assert set(late.values()) == {10, 15}
-    share = sum(wait == 15 for wait in late.values()) / 5000
+def test_reordered_messages_are_overtaken_by_five() -> None:
+    delay = {sent: now - sent for now, sent in carry(new_link(Impairment(0.01, 0.0, 0.0, 0.05), TICK_S, 1, "a"), 5000)}
+    assert set(delay.values()) == {10, 15}
+    share = sum(wait == 15 for wait in delay.values()) / 5000
     assert share == pytest.approx(0.05, abs=4.0 * math.sqrt(0.05 * 0.95 / 5000))
 
 
-def test_the_same_seed_loses_the_same_messages() -> None:
+def test_seed_determines_the_losses() -> None:
     bad = Impairment(0.01, 0.005, 0.2, 0.1)
-    assert carry(new_link(bad, TICK_S, 5, "a"), 500) == carry(new_link(bad, TICK_S, 5, "a"), 500)
-    assert carry(new_link(bad, TICK_S, 5, "a"), 500) != carry(new_link(bad, TICK_S, 6, "a"), 500)
+    runs = [carry(new_link(bad, TICK_S, seed, "a"), 500) for seed in (5, 5, 6)]
+    assert runs[0] == runs[1] != runs[2]
 
 
-def test_a_line_that_is_full_loses_and_goes_on() -> None:
+def test_full_link_drops_messages() -> None:
     link = new_link(Impairment(0.5), TICK_S, 0, "a")
-    told = records(1, MESSAGE)
     for _ in range(SLOT_COUNT + 10):
-        post(link, 0, told)
+        post(link, 0, records(1, MESSAGE))
     assert link.line[0].lost == 10
     assert collect(link, 500, records(1, MESSAGE), 0)
 
 
 @pytest.mark.parametrize("bad", [{"loss": 1.5}, {"jitter_s": math.nan}])
-def test_a_line_out_of_range_is_refused(bad: dict[str, float]) -> None:
-    with pytest.raises(HapsceneError, match="must lie between 0 and"):
+def test_impairment_out_of_range(bad: dict[str, float]) -> None:
+    with pytest.raises(HapsceneError, match=next(iter(bad))):
         Impairment(**bad)

@@ -1,4 +1,4 @@
-"""Wave variables by their laws: what goes in comes out, along every axis alike, and the net under them."""
+"""Wave variables: power, isotropy, and the limits on transmitted and received energy."""
 
 import math
 from typing import Any
@@ -10,16 +10,24 @@ from hypothesis import strategies as st
 
 from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE
-from hapscene.teleoperation.endpoint import Coupling, Endpoint, control, hear, new_endpoint, place, tell
+from hapscene.teleoperation.endpoint import (
+    Coupling,
+    Endpoint,
+    control,
+    fill_message,
+    new_endpoint,
+    receive_message,
+    set_start,
+)
 from hapscene.teleoperation.wave import (
-    GIFT_J,
-    REPAY_NS_M,
-    arrive,
-    energy_to_tell,
+    CREDIT_J,
+    DEBT_DAMPING_NS_M,
+    couple_follower,
+    couple_leader,
+    damp_debt,
+    energy_to_send,
     limit_force,
-    repay,
-    tie_follower,
-    tie_leader,
+    receive_wave,
 )
 
 TICK_S = 1e-3
@@ -30,80 +38,80 @@ vectors = st.tuples(numbers, numbers, numbers)
 
 
 def make_port(role: str = "leader", **values: float) -> Any:
-    port = new_endpoint(Coupling(), role, TICK_S).port[0]
+    state = new_endpoint(Coupling(), role, TICK_S).state[0]
     for name, value in {"force_limit_N": math.inf, **values}.items():
-        port[name] = value
-    return port
+        state[name] = value
+    return state
 
 
-def sent_wave(port: Any) -> np.ndarray:
+def sent_wave(state: Any) -> np.ndarray:
     """The wave of the first tick [√W]."""
-    return np.array(port.sent) / TICK_S
+    return np.array(state.sent) / TICK_S
 
 
 @given(vectors, vectors, st.floats(0.5, 10.0))
 @settings(max_examples=50)
-def test_the_leaders_waves_carry_the_power_at_its_motors(v_m_s: Any, back: Any, b: float) -> None:
-    """½u² − ½v̂² = F·v, where −F would be the motors' force: along each axis."""
-    port = make_port(impedance_Ns_m=b)
-    port.v_m_s = v_m_s
-    tie_leader(port, back)
-    wave, force_N = sent_wave(port), -np.array(port.f_N)
+def test_waves_of_the_leader_transport_the_power_of_its_motors(v_m_s: Any, back: Any, b: float) -> None:
+    """½u² − ½v̂² = F·v for each axis, with motor force −F."""
+    state = make_port(impedance_Ns_m=b)
+    state.v_m_s = v_m_s
+    couple_leader(state, back)
+    wave, force_N = sent_wave(state), -np.array(state.f_N)
     power_W = 0.5 * wave**2 - 0.5 * np.square(back)
     assert power_W == pytest.approx(force_N * np.array(v_m_s), abs=1e-9)
     root = math.sqrt(2.0 * b)  # and back: û of v and F is what was sent, and v̂ what arrived
     assert (b * np.array(v_m_s) + force_N) / root == pytest.approx(wave, abs=1e-9)
     assert (b * np.array(v_m_s) - force_N) / root == pytest.approx(back, abs=1e-9)
-    assert port.sent_J == pytest.approx(0.5 * TICK_S * (wave**2).sum())
+    assert state.sent_J == pytest.approx(0.5 * TICK_S * (wave**2).sum())
 
 
 @given(vectors, vectors, vectors, st.floats(0.5, 10.0))
 @settings(max_examples=50)
-def test_the_followers_waves_carry_the_power_that_draws_its_device(
+def test_waves_of_the_follower_transport_the_power_on_its_device(
     wave: Any, stretch_mm: Any, v_m_s: Any, b: float
 ) -> None:
-    """½û² − ½v² = F·ẋ_d, with F that of spring and damper at the tick's end: along each axis."""
-    port = make_port("follower", impedance_Ns_m=b)
-    port.v_m_s, port.x_d_m = v_m_s, np.array(stretch_mm) * 1e-3
-    before = np.array(port.x_d_m)
-    tie_follower(port, wave)
-    back, force_N = sent_wave(port), np.array(port.f_N)
-    speed = (np.array(port.x_d_m) - before) / TICK_S
+    """½û² − ½v² = F·ẋ_d for each axis, with F of spring and damper at the end of the tick."""
+    state = make_port("follower", impedance_Ns_m=b)
+    state.v_m_s, state.x_d_m = v_m_s, np.array(stretch_mm) * 1e-3
+    before = np.array(state.x_d_m)
+    couple_follower(state, wave)
+    back, force_N = sent_wave(state), np.array(state.f_N)
+    speed = (np.array(state.x_d_m) - before) / TICK_S
     assert 0.5 * np.square(wave) - 0.5 * back**2 == pytest.approx(force_N * speed, abs=1e-8)
-    drawn_N = port.stiffness_N_m * np.array(port.x_d_m) + port.damping_Ns_m * (speed - np.array(v_m_s))
+    drawn_N = state.stiffness_N_m * np.array(state.x_d_m) + state.damping_Ns_m * (speed - np.array(v_m_s))
     assert force_N == pytest.approx(drawn_N, abs=1e-8)
 
 
 def make_end(role: str, x_m: Any, scheme: str = "wave", **values: float) -> Endpoint:
     end = new_endpoint(Coupling(scheme), role, TICK_S)
     for name, value in values.items():
-        end.port[name] = value
-    place(end, *x_m)
+        end.state[name] = value
+    set_start(end, *x_m)
     return end
 
 
 def tie(directions: np.ndarray, scheme: str = "wave") -> np.ndarray:
-    """Forces (n, 2, 3) of two ends moved along `directions` (2, 3); each hears of the other a tick later."""
+    """Forces (n, 2, 3) of two ends moved along `directions` (2, 3), with a delay of one tick."""
     ends = [make_end(role, (0.0, 0.0, 0.0), scheme) for role in ("leader", "follower")]
-    told, forces = [records(1, MESSAGE) for _ in ends], []
+    outgoing, forces = [records(1, MESSAGE) for _ in ends], []
     for k in range(400):
         t_s, row = k * TICK_S, []
         if k:
-            for end, message in zip(ends, reversed(told), strict=True):
-                hear(end, k, message[0])
+            for end, message in zip(ends, reversed(outgoing), strict=True):
+                receive_message(end, k, message[0])
         for end, direction, f_Hz in zip(ends, directions, (4.0, 7.0), strict=True):
             row.append(control(end, k, *(0.01 * math.sin(2 * math.pi * f_Hz * t_s) * direction)))
-        told = [records(1, MESSAGE) for _ in ends]
-        for end, message in zip(ends, told, strict=True):
-            tell(end, k, message)
+        outgoing = [records(1, MESSAGE) for _ in ends]
+        for end, message in zip(ends, outgoing, strict=True):
+            fill_message(end, k, message)
         forces.append(row)
     return np.array(forces)
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("scheme", ["wave", "position"])
-def test_all_axes_are_alike(scheme: str) -> None:
-    """Turned about (1, 1, 1), what is felt is turned; a motion along one axis is felt along it alone."""
+def test_isotropy(scheme: str) -> None:
+    """Rotation about (1, 1, 1) rotates the forces; motion along one axis has a force along that axis only."""
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(2, 3))
     felt = tie(directions, scheme)
@@ -115,111 +123,114 @@ def test_all_axes_are_alike(scheme: str) -> None:
         assert np.abs(along[:, :, axis]).max() > 0.1 and not np.delete(along, axis, axis=2).any()
 
 
-# The net: energy told and observed.
+# Transmitted and observed energy.
 
 
-def test_the_damper_is_on_while_less_energy_was_given_than_the_waves_took_and_the_gift() -> None:
-    port = make_port(allowance_J=1e-3)
-    for observed_J, damped in ((0.0, True), (GIFT_J - 1e-3 - 1e-9, True), (GIFT_J - 1e-3 + 1e-9, False)):
-        port.v_m_s, port.f_N, port.sent_J, port.observed_J = (0.1, -0.2, 0.3), (1.0, 1.0, 1.0), 0.05, observed_J + 0.05
-        repay(port)
-        expected = 1.0 - REPAY_NS_M * np.array(port.v_m_s) if damped else np.ones(3)
-        assert np.array(port.f_N) == pytest.approx(expected, abs=1e-15)
-        taken_W = (np.ones(3) - np.array(port.f_N)) @ np.array(port.v_m_s)
+def test_damping_is_active_while_there_is_an_energy_debt() -> None:
+    state = make_port(allowance_J=1e-3)
+    for observed_J, damped in ((0.0, True), (CREDIT_J - 1e-3 - 1e-9, True), (CREDIT_J - 1e-3 + 1e-9, False)):
+        state.v_m_s, state.f_N, state.sent_J, state.observed_J = (
+            (0.1, -0.2, 0.3),
+            (1.0, 1.0, 1.0),
+            0.05,
+            observed_J + 0.05,
+        )
+        damp_debt(state)
+        expected = 1.0 - DEBT_DAMPING_NS_M * np.array(state.v_m_s) if damped else np.ones(3)
+        assert np.array(state.f_N) == pytest.approx(expected, abs=1e-15)
+        taken_W = (np.ones(3) - np.array(state.f_N)) @ np.array(state.v_m_s)
         assert (taken_W > 0.0) == damped  # it only ever takes
 
 
-def test_a_device_that_gave_less_than_its_waves_took_is_damped_by_the_loop_itself() -> None:
-    """Two leaders, moved alike; the one that is in debt brakes harder, by the damper, until it is paid."""
+def test_control_damps_an_energy_debt() -> None:
+    """Two leaders with the same motion; the one with a debt is damped."""
     forces, ends = [], []
     for debt_J in (0.0, 0.01):
         end, message = make_end("leader", (0.0, 0.0, 0.0), allowance_J=0.01), records(1, MESSAGE)
-        hear(end, 0, message[0])
-        end.port[0].observed_J = 0.0
-        end.port[0].sent_J += debt_J
+        receive_message(end, 0, message[0])
+        end.state[0].observed_J = 0.0
+        end.state[0].sent_J += debt_J
         for k in range(3):
             force = control(end, k, 0.0, 0.0, 1e-4 * k)
         forces.append(force[2])
-        ends.append(end.port[0])
+        ends.append(end.state[0])
     brake_N = forces[0] - forces[1]
-    assert brake_N == pytest.approx(REPAY_NS_M * ends[0].v_m_s[2]) and brake_N > 0.0
+    assert brake_N == pytest.approx(DEBT_DAMPING_NS_M * ends[0].v_m_s[2]) and brake_N > 0.0
 
 
-def test_the_damper_keeps_to_the_motors_limit() -> None:
-    port = make_port(force_limit_N=2.0)
-    port.v_m_s, port.f_N, port.sent_J = (0.0, 0.0, -5.0), (0.0, 0.0, 1.9), 1.0
-    repay(port)
-    assert port.f_N[2] == pytest.approx(2.0)
+def test_damping_respects_the_force_limit() -> None:
+    state = make_port(force_limit_N=2.0)
+    state.v_m_s, state.f_N, state.sent_J = (0.0, 0.0, -5.0), (0.0, 0.0, 1.9), 1.0
+    damp_debt(state)
+    assert state.f_N[2] == pytest.approx(2.0)
 
 
 @given(vectors, st.floats(0.1, 10.0))
 @settings(max_examples=50)
 def test_a_limited_force_keeps_its_direction(force_N: Any, limit_N: float) -> None:
-    port = make_port(force_limit_N=limit_N)
-    port.f_N = force_N
-    limit_force(port)
+    state = make_port(force_limit_N=limit_N)
+    state.f_N = force_N
+    limit_force(state)
     size = np.linalg.norm(force_N)
     expected = np.array(force_N) * (limit_N / size if size > limit_N else 1.0)
-    assert np.array(port.f_N) == pytest.approx(expected, rel=1e-12, abs=1e-300)
+    assert np.array(state.f_N) == pytest.approx(expected, rel=1e-12, abs=1e-300)
 
 
 @pytest.mark.parametrize(
-    ("sent_J", "observed_J", "told_J"),
-    [(0.1, 1.0, 0.1 + GIFT_J), (0.1, 0.05, 0.05 + 1e-3), (0.0, -0.5, -0.5 + 1e-3)],
+    ("sent_J", "observed_J", "expected_J"),
+    [(0.1, 1.0, 0.1 + CREDIT_J), (0.1, 0.05, 0.05 + 1e-3), (0.0, -0.5, -0.5 + 1e-3)],
 )
-def test_no_more_energy_is_told_than_was_sent_and_a_gift_nor_than_was_observed(
-    sent_J: float, observed_J: float, told_J: float
-) -> None:
-    port = make_port(allowance_J=1e-3)
-    port.sent_J, port.observed_J = sent_J, observed_J
-    assert energy_to_tell(port) == pytest.approx(told_J)
+def test_transmitted_energy_is_limited(sent_J: float, observed_J: float, expected_J: float) -> None:
+    state = make_port(allowance_J=1e-3)
+    state.sent_J, state.observed_J = sent_J, observed_J
+    assert energy_to_send(state) == pytest.approx(expected_J)
 
 
-# What arrives: never more than there is energy for, and position is caught up with.
+# Received waves: limited by energy; position errors are made up.
 
 
-def heard_end(total: Any, total_J: float, **coupling: float) -> Endpoint:
-    """A follower that has engaged, and then heard of these totals."""
+def receiving_end(total: Any, total_J: float, **coupling: float) -> Endpoint:
+    """A follower that has engaged and received these totals."""
     end, message = make_end("follower", (0.0, 0.0, 0.0), **coupling), records(1, MESSAGE)
-    hear(end, 0, message[0])
+    receive_message(end, 0, message[0])
     control(end, 0, 0.0, 0.0, 0.0)
     message[0].tick, message[0].wave_sqrtJs, message[0].wave_J = 1, total, total_J
-    hear(end, 1, message[0])
+    receive_message(end, 1, message[0])
     return end
 
 
 def called(end: Endpoint, now: int) -> Any:
-    from hapscene.teleoperation.jitter_buffer import call
+    from hapscene.teleoperation.jitter_buffer import advance_queue
 
-    call(end.queue[0], now)
-    return np.array(arrive(end.port[0], end.queue[0]))
+    advance_queue(end.queue[0], now)
+    return np.array(receive_wave(end.state[0], end.queue[0]))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0, 4.0])
-def test_a_wave_is_played_as_far_as_its_energy_reaches(share: float) -> None:
+def test_a_wave_is_limited_by_its_energy(share: float) -> None:
     total = np.array([1e-3, -2e-3, 3e-3])
     needed_J = 0.5 * (total**2).sum() / TICK_S
-    end = heard_end(total, share * needed_J, reserve_J=10.0)
+    end = receiving_end(total, share * needed_J, reserve_J=10.0)
     wave = called(end, 1)
     assert wave * TICK_S == pytest.approx(min(math.sqrt(share), 1.0) * total, abs=1e-15)
-    assert end.port[0].short == (share < 0.8)
-    assert end.port[0].spent_J == pytest.approx(min(share, 1.0) * needed_J)
-    assert end.port[0].observed_J == pytest.approx(min(share, 1.0) * needed_J)
+    assert end.state[0].short == (share < 0.8)
+    assert end.state[0].spent_J == pytest.approx(min(share, 1.0) * needed_J)
+    assert end.state[0].observed_J == pytest.approx(min(share, 1.0) * needed_J)
 
 
 @pytest.mark.parametrize("axis", AXES)
-def test_what_was_short_of_energy_is_caught_up_with(axis: int) -> None:
-    """The integral that arrived is the integral played in the end, once there is energy."""
+def test_position_is_made_up_when_energy_arrives(axis: int) -> None:
+    """The applied integral reaches the received one."""
     total = 5e-3 * np.eye(3)[axis]
-    end, message, played = heard_end(total, 0.0, reserve_J=10.0), records(1, MESSAGE), np.zeros(3)
+    end, message, played = receiving_end(total, 0.0, reserve_J=10.0), records(1, MESSAGE), np.zeros(3)
     for now in range(1, 400):
         played += called(end, now) * TICK_S
         message[0].tick, message[0].wave_sqrtJs, message[0].wave_J = now + 1, total, 1.0 if now > 5 else 0.0
-        hear(end, now + 1, message[0])
+        receive_message(end, now + 1, message[0])
     assert played == pytest.approx(total, abs=1e-7)
 
 
-def test_energy_that_nothing_used_is_not_kept_beyond_the_reserve() -> None:
-    end = heard_end((0.0, 0.0, 0.0), 5.0, reserve_J=0.02)
+def test_unused_energy_beyond_the_reserve_is_discarded() -> None:
+    end = receiving_end((0.0, 0.0, 0.0), 5.0, reserve_J=0.02)
     called(end, 1)
-    assert end.port[0].spent_J == pytest.approx(5.0 - 0.02)
+    assert end.state[0].spent_J == pytest.approx(5.0 - 0.02)

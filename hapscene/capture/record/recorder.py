@@ -189,7 +189,7 @@ def _wait_for_header(
             reason = f"no data in {silence_s:g} s; expected a {line}: check the cable and that the probe runs"
             if decoder.byte_count:
                 found = f"{decoder.byte_count} bytes in {silence_s:g} s at {baud} baud"
-                reason = f"{found}, but no {line}: check --baud and docs/probe-protocol.md"
+                reason = f"{found}, but no {line}: check --baud and docs/reference/probe-protocol.md"
             raise CaptureError(f"{port}: {reason}")
 
 

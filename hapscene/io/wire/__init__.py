@@ -3,6 +3,6 @@
 | module | content |
 |---|---|
 | `port` | serial port that is read by a thread |
-| `protocol` | line protocol of docs/probe-protocol.md, which docs/reference/handle-protocol.md extends |
+| `protocol` | line protocol of docs/reference/probe-protocol.md, which docs/reference/handle-protocol.md extends |
 | `unit` | units of recorded quantities |
 """

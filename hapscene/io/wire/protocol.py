@@ -1,4 +1,4 @@
-"""Line protocol of probes, version 1, as specified in docs/probe-protocol.md.
+"""Line protocol of probes, version 1, as specified in docs/reference/probe-protocol.md.
 
 A header line declares the rate and the columns. Each sample is a line: its number modulo 65,536 and integers, which the
 scales in the header convert to units. Every line ends with a checksum.

@@ -1,4 +1,4 @@
-"""Orders broken in any way, over WebSocket and UDP, against a servo that is touched: none crashes it, none is felt."""
+"""Invalid orders over WebSocket and UDP, against a servo in contact: the servo is not affected."""
 
 import json
 import random
@@ -20,7 +20,7 @@ from hapscene.bridge.server import BridgeServer
 from hapscene.loop import Servo
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
-from hapscene.bridge.web_door import WebDoor
+from hapscene.bridge.websocket import WebSocketBridge
 
 BOX = trimesh.creation.box((0.05, 0.05, 0.05))
 VERTICES, FACES = BOX.vertices.tolist(), BOX.faces.tolist()
@@ -66,7 +66,7 @@ def broken(rng: random.Random) -> str:
 
 
 @pytest.fixture(scope="module")
-def touched() -> Iterator[tuple[WebDoor, Servo]]:
+def touched() -> Iterator[tuple[WebSocketBridge, Servo]]:
     scene = hapscene.Scene()
     scene.add(BOX, "crate", unit="m")
     scene.add(BOX, "other", unit="m", swatch="wood", pose=np.eye(4) + np.pad([[3.0]], ((0, 3), (3, 0))))
@@ -75,11 +75,11 @@ def touched() -> Iterator[tuple[WebDoor, Servo]]:
         servo.aim((0.0, 0.0, 0.01))
         while not servo.state().touching or servo.state().tick < 1000:
             pass
-        with WebDoor(server, "127.0.0.1", 0) as door:
+        with WebSocketBridge(server, "127.0.0.1", 0) as door:
             yield door, servo
 
 
-def break_many(touched: tuple[WebDoor, Servo], seed: int, count: int) -> None:
+def break_many(touched: tuple[WebSocketBridge, Servo], seed: int, count: int) -> None:
     door, servo = touched
     rng, to, orders = random.Random(seed), Convention.of({}), door._orders
     here = ("127.0.0.1", 1)
@@ -89,14 +89,14 @@ def break_many(touched: tuple[WebDoor, Servo], seed: int, count: int) -> None:
     for k in range(count):
         text = broken(rng)
         if k % 2:
-            told = json.loads(door._order(to, text).result(30.0))
+            answer = json.loads(door._order(to, text).result(30.0))
         else:
             packet = pack(Packet(ORDER, key, k + 1, text.encode(errors="surrogatepass")))
             answer: Any = door._server.answer(packet, here)
-            told = unpack_json(unpack(answer.result(30.0)).payload)
-        assert ("done" in told) != ("error" in told)
-        assert not any(word in told.get("error", "") for word in ("Error", "Traceback", "object at"))
-        done += "done" in told
+            answer = unpack_json(unpack(answer.result(30.0)).payload)
+        assert ("done" in answer) != ("error" in answer)
+        assert not any(word in answer.get("error", "") for word in ("Error", "Traceback", "object at"))
+        done += "done" in answer
         if k % 500 == 0 or k == count - 1:
             rows = servo.read(since).rows
             since = servo.state().tick
@@ -116,10 +116,10 @@ def resource_kB(servo: Servo) -> tuple[int, int]:
     return tuple(kB * int(path.read_text().split()[1]) for path in (Path("/proc/self/statm"), statm))
 
 
-def test_broken_orders_are_answered_and_not_felt(touched: tuple[WebDoor, Servo]) -> None:
+def test_invalid_orders_do_not_affect_the_servo(touched: tuple[WebSocketBridge, Servo]) -> None:
     break_many(touched, 5, 1500)
 
 
 @pytest.mark.soak
-def test_a_hundred_thousand_broken_orders_leave_memory_as_it_was(touched: tuple[WebDoor, Servo]) -> None:
+def test_memory_after_a_hundred_thousand_invalid_orders(touched: tuple[WebSocketBridge, Servo]) -> None:
     break_many(touched, 6, 100_000)

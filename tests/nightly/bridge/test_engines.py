@@ -1,4 +1,4 @@
-"""Engines that push a body over the bridge, each with its client in one file: its momentum is what it was told."""
+"""Clients of engines, each in one file, push a body over the bridge; its momentum is the received impulse."""
 
 import re
 import shutil
@@ -88,11 +88,11 @@ def pushed(engine: list[object], port: int) -> subprocess.CompletedProcess[str]:
 
 def test_an_engine_pushes_a_crate(served: Served, engine: list[object]) -> None:
     done = pushed(engine, served.port)
-    said = done.stdout
-    assert done.returncode == 0, said + done.stderr
-    told = re.search(r"momentum ([-\d.e]+) received ([-\d.e]+)", said)
-    assert told is not None and "began, crate, wood" in said, said
-    momentum, got = (float(number) for number in told.groups())
+    output = done.stdout
+    assert done.returncode == 0, output + done.stderr
+    found = re.search(r"momentum ([-\d.e]+) received ([-\d.e]+)", output)
+    assert found is not None and "began, crate, wood" in output, output
+    momentum, got = (float(number) for number in found.groups())
     assert momentum > 1e-3 and momentum == pytest.approx(got, abs=1.1e-6)  # printed to six digits, kept in float32
 
 
@@ -122,27 +122,27 @@ class Restarted:
             self.hellos += packet.kind == HELLO
             known = known and packet.kind != FRAME
             kind, key = REFUSED, 0
-            told: dict[str, Any] = {"error": "no such session"}
+            answer: dict[str, Any] = {"error": "no such session"}
             if packet.kind == HELLO and self.hellos <= self.busy:
-                told = {"error": "another client is here"}
+                answer = {"error": "another client is here"}
             elif packet.kind == HELLO:
                 kind, key = WELCOME, 7
-                told = {"version": 1, "bodies": ["crate"], "swatches": ["plain", "wood"], "tick_s": 1e-3}
+                answer = {"version": 1, "bodies": ["crate"], "swatches": ["plain", "wood"], "tick_s": 1e-3}
             elif packet.kind == ORDER and known:
-                kind, key, told = ANSWER, 7, {"done": "free"}
+                kind, key, answer = ANSWER, 7, {"done": "free"}
             elif packet.kind not in (FRAME, ORDER):
                 continue
-            self.socket.sendto(pack(Packet(kind, key, packet.sequence, pack_json(told))), came[1])
+            self.socket.sendto(pack(Packet(kind, key, packet.sequence, pack_json(answer))), came[1])
 
 
-def test_an_engine_waits_for_its_turn_and_says_that_its_session_is_lost(engine: list[object]) -> None:
+def test_an_engine_retries_and_reports_a_lost_session(engine: list[object]) -> None:
     with Restarted(busy=2) as server:
         done = pushed(engine, server.port)
     assert server.hellos == 3
     assert done.returncode != 0 and "the session is lost" in done.stdout + done.stderr
 
 
-def test_a_client_in_python_can_greet_again() -> None:
+def test_a_python_client_can_reconnect() -> None:
     with Restarted(busy=0) as server:
         client = Client(port=server.port)
         assert client.order("free") == {"done": "free"}

@@ -1,4 +1,4 @@
-"""An environment for learning: what its checker asks, what it shows, seeds, a simulation that is put back."""
+"""The reinforcement-learning environment: checker, observations, seeds, reset of a simulation."""
 
 import sys
 import warnings
@@ -52,7 +52,7 @@ def env_of(renderer: hapscene.Renderer, **more: Any) -> Any:
 
 
 @pytest.mark.parametrize("moves", [False, True])
-def test_the_checker_has_nothing_against_it(renderer: hapscene.Renderer, moves: bool) -> None:
+def test_checker_of_gymnasium(renderer: hapscene.Renderer, moves: bool) -> None:
     puck = Puck()
     env = env_of(renderer, simulation=puck, restart=puck.back) if moves else env_of(renderer)
     with warnings.catch_warnings():
@@ -61,7 +61,7 @@ def test_the_checker_has_nothing_against_it(renderer: hapscene.Renderer, moves: 
         check_env(env)
 
 
-def test_what_is_observed_is_what_is_felt(renderer: hapscene.Renderer) -> None:
+def test_observations(renderer: hapscene.Renderer) -> None:
     env = env_of(renderer, terminated=lambda seen: bool(seen[11]))
     seen, _ = env.reset(seed=3)
     assert (seen[:3] == env.np_random.__class__(np.random.PCG64(3)).uniform(LOW_M, HIGH_M)).all()
@@ -74,7 +74,7 @@ def test_what_is_observed_is_what_is_felt(renderer: hapscene.Renderer) -> None:
     assert seen[6:] == pytest.approx([0.0, 0.0, 1.0, 1e-3, 0.0, 1.0], abs=1e-6) and ended
 
 
-def test_a_simulation_is_pushed_and_put_back_and_a_seed_gives_the_same_bits(renderer: hapscene.Renderer) -> None:
+def test_reset_of_a_simulation_and_seeds(renderer: hapscene.Renderer) -> None:
     puck = Puck()
     env = env_of(renderer, simulation=puck, restart=puck.back)
     episodes = []
@@ -87,9 +87,7 @@ def test_a_simulation_is_pushed_and_put_back_and_a_seed_gives_the_same_bits(rend
     assert episodes[0].tobytes() == episodes[1].tobytes()
 
 
-def test_without_gymnasium_it_is_told_what_to_install(
-    renderer: hapscene.Renderer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_gymnasium(renderer: hapscene.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gymnasium", None)
     with pytest.raises(hapscene.HapsceneError, match=r"pip install 'hapscene\[gymnasium\]'"):
         env_of(renderer)

@@ -1,4 +1,4 @@
-"""Ten minutes of play: the servo behind its socket, a game engine that pushes, and Python that never rests."""
+"""Ten minutes of a servo with its socket, a game engine that pushes, and busy Python code."""
 
 import os
 import shutil
@@ -22,7 +22,7 @@ MINUTES = float(os.environ.get("SOAK_MINUTES", "10"))
 
 @pytest.mark.soak
 @pytest.mark.skipif(shutil.which("godot3-server") is None, reason="no Godot here: apt-get install godot3-server")
-def test_ticks_beside_a_game_and_busy_python_are_as_late_as_an_empty_loop(tmp_path: Path) -> None:
+def test_latency_with_a_game_and_busy_python(tmp_path: Path) -> None:
     shutil.copytree(GODOT, tmp_path / "godot")
     scene = Scene()
     scene.add(trimesh.creation.box((0.05, 0.05, 0.05)), name="crate", unit="m", swatch="wood")

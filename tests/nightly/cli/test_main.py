@@ -1,4 +1,4 @@
-"""The command line, as a user meets it."""
+"""The command line interface as a process."""
 
 import subprocess
 import sys
@@ -16,16 +16,14 @@ PATH = "t,x,y,z\n" + "".join(f"{k / 1000},0,0,{0.012 - 0.00001 * k:.6f}\n" for k
 
 
 @pytest.mark.parametrize("command", ["touch", "view", "paint", "check", "convert"])
-def test_the_unit_is_asked_for_before_anything_is_imported(folder: Path, command: str) -> None:
+def test_a_missing_unit_is_an_error_before_slow_imports(folder: Path, command: str) -> None:
     code = (
         f"import sys\nfrom hapscene.cli import main\nassert main(['{command}', 'cube.stl']) == 2\n"
         "assert not {'numpy', 'numba', 'scipy', 'trimesh', 'matplotlib'} & set(sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert (
-        done.stderr.startswith("hapscene: cube.stl: STL files carry no unit of length") and "--unit mm" in done.stderr
-    )
+    assert done.stderr.startswith("hapscene: cube.stl: ") and "--unit mm" in done.stderr
 
 
 def test_process_ends_with_the_code_and_no_traceback(folder: Path) -> None:
@@ -35,7 +33,7 @@ def test_process_ends_with_the_code_and_no_traceback(folder: Path) -> None:
     assert done.stderr.count("\n") == 1
 
 
-def test_help_and_version_load_nothing_heavy() -> None:
+def test_help_and_version_are_fast() -> None:
     code = (
         "import sys\nfrom hapscene.cli import main\n"
         "assert main(['touch', '--help']) == 0\n"
@@ -43,7 +41,7 @@ def test_help_and_version_load_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "for example:\n  hapscene touch" in done.stdout
+    assert "examples:\n  hapscene touch" in done.stdout
 
 
 CODE = "import sys; from hapscene.cli import main; sys.exit(main(sys.argv[1:]))"
@@ -51,7 +49,7 @@ CODE = "import sys; from hapscene.cli import main; sys.exit(main(sys.argv[1:]))"
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
 @pytest.mark.parametrize(
-    ("words", "shell", "code", "said"),
+    ("words", "shell", "code", "output"),
     [
         ("swatch list", ">&-", 0, ""),
         ("--help", ">&-", 0, ""),
@@ -65,20 +63,20 @@ CODE = "import sys; from hapscene.cli import main; sys.exit(main(sys.argv[1:]))"
         ("check cube.stl --unit mm --fix mended.ply", ">&-", 0, ""),
     ],
 )
-def test_streams_that_are_closed_or_full(folder: Path, words: str, shell: str, code: int, said: str) -> None:
+def test_streams_that_are_closed_or_full(folder: Path, words: str, shell: str, code: int, output: str) -> None:
     if "/dev/full" in shell and not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
     command = f'exec "{sys.executable}" -c "{CODE}" {words} {shell}'
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, encoding="utf-8", check=False)
     assert done.returncode == code, done.stderr
-    assert done.stdout + done.stderr == said
+    assert done.stdout + done.stderr == output
     if "--fix" in words:  # what is opened meanwhile does not become standard output
         assert (folder / "mended.ply").read_bytes()[:4] == b"ply\n"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
 @pytest.mark.parametrize("words", ["swatch list", "--help"])
-def test_a_reader_that_leaves_is_told_nothing(words: str) -> None:
+def test_a_closed_pipe_prints_nothing(words: str) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", CODE, *words.split()], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:

@@ -1,4 +1,4 @@
-"""`hapscene paint` as a process, and what it opens."""
+"""`hapscene paint` as a process."""
 
 import errno
 import os
@@ -44,7 +44,7 @@ def served(folder: Path, *command: str) -> Iterator[tuple[subprocess.Popen[str],
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="pages are reserved on Linux")
-def test_a_hand_that_cannot_start_is_told_on_terminal_and_page(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_that_cannot_start_is_reported(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*asked: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -54,26 +54,26 @@ def test_a_hand_that_cannot_start_is_told_on_terminal_and_page(folder: Path, mon
             return super().__enter__()
 
     def nap(time_s: float) -> None:
-        if time.monotonic() > end_s or any(pages[0]._state()["word"] + "\n" == text for text in said):
+        if time.monotonic() > end_s or any(pages[0]._state()["word"] + "\n" == text for text in output):
             raise KeyboardInterrupt
         time.sleep(0.01)
 
     pages: list[Page] = []
-    said: list[str] = []
+    output: list[str] = []
     end_s = time.monotonic() + 60.0
     monkeypatch.setattr(os, "posix_fallocate", fail)
     monkeypatch.setattr("hapscene.paint.web.page.Page", Watched)
     monkeypatch.setattr(paint, "time", SimpleNamespace(sleep=nap))
-    monkeypatch.setattr(paint, "say", said.append)
+    monkeypatch.setattr(paint, "say", output.append)
     assert main(["paint", "cube.ply", "--unit", "m", "--port", "0", "--no-browser"]) == 0
     assert time.monotonic() < end_s
-    (line,) = (text for text in said if text.startswith("The hand cannot touch: the servo needs "))
+    (line,) = (text for text in output if text.startswith("The hand cannot touch: the servo needs "))
     assert "/dev/shm has " in line and line.count("\n") == 1
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is no signal there")
 @pytest.mark.parametrize("kind", ENDS)
-def test_it_serves_until_it_is_ended_and_leaves_nothing_behind(folder: Path, kind: signal.Signals) -> None:
+def test_signals_end_the_painter_without_files(folder: Path, kind: signal.Signals) -> None:
     with served(folder, "-m", "hapscene") as (process, url):
         with urllib.request.urlopen(url, timeout=60.0) as answer:
             assert b"/hapscene.js" in answer.read()
@@ -86,7 +86,7 @@ def test_it_serves_until_it_is_ended_and_leaves_nothing_behind(folder: Path, kin
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is no signal there")
-def test_what_is_not_saved_is_kept_when_it_is_ended(folder: Path) -> None:
+def test_unsaved_changes_are_kept(folder: Path) -> None:
     (folder / "painter.py").write_text(
         "import sys\n"
         "from hapscene.cli import main\n"
@@ -101,7 +101,7 @@ def test_what_is_not_saved_is_kept_when_it_is_ended(folder: Path) -> None:
     )
     with served(folder, "painter.py") as (process, _):
         process.send_signal(signal.SIGTERM)
-        said, complained = process.communicate(timeout=120.0)
-    assert process.returncode == 0 and complained == "" and "offered the next time" in said
+        output, complained = process.communicate(timeout=120.0)
+    assert process.returncode == 0 and complained == "" and "offered the next time" in output
     kept = find_recovery(folder / "cube.scene.json")
     assert kept is not None and [s.name for s in kept.load().swatches][1:] == ["wood"]

@@ -1,4 +1,4 @@
-"""`hapscene play`, `replay`, `devices` as a user calls them."""
+"""`hapscene play` as a process."""
 
 import os
 import subprocess

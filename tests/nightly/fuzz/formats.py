@@ -39,14 +39,14 @@ from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.study.plan import load_plan
 from hapscene.study.results_file import load_rows
-from hapscene.study.sitting import Sitting
+from hapscene.study.session import Session
 from hapscene.study.statistics import analyse
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 from hapscene.swatches import library
-from hapscene.teleoperation.datagram import MESSAGE, Gate, pack
+from hapscene.teleoperation.datagram import MESSAGE, DatagramFilter, pack
 
 Files = Mapping[str, bytes]
 """Contents by file name: first the file to damage, then the files it refers to."""
@@ -336,7 +336,7 @@ def datagram() -> Files:
 
 def read_datagram(path: Path) -> None:
     message = np.zeros(1, MESSAGE)[0]
-    Gate(0).admit(path.read_bytes(), message)
+    DatagramFilter(0).accept(path.read_bytes(), message)
     assert all(np.isfinite(message[name]).all() for name in MESSAGE.names or ()), "accepted, but not finite"
 
 
@@ -381,9 +381,9 @@ def answers() -> Files:
         (Path(folder) / "x.toml").write_bytes(STUDY)
         plan = load_plan(Path(folder) / "x.toml")
         for person in ("P01", "P02"):
-            with Sitting(plan, Path(folder) / "x", person) as sitting:
-                while sitting.trial is not None:
-                    sitting.answer(sitting.trial.number % 2, latency_s=1.0)
+            with Session(plan, Path(folder) / "x", person) as session:
+                while session.trial is not None:
+                    session.answer(session.trial.number % 2, latency_s=1.0)
         return {"results.csv": (Path(folder) / "x" / "results.csv").read_bytes(), "plan.toml": STUDY}
 
 

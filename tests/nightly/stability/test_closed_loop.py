@@ -1,4 +1,4 @@
-"""Closed loops through the real tick against closed forms: friction, deep damping, fields, fast tools, handles."""
+"""Closed loops with the real haptic tick against closed forms: friction, deep damping, fields, fast tools, handles."""
 
 import math
 from dataclasses import replace
@@ -20,15 +20,15 @@ from hapscene.handle.sensor import ACCELEROMETER_HZ, Sensor
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.loop.twin import Twin
 from hapscene.render.renderer import Renderer
-from hapscene.stability.closed_form import limit_of_small_motion, limit_with_one_delay, limit_without_delay
 from hapscene.stability.critical import DEPTH_M, growth, limit_of_motion
 from hapscene.stability.rig import AT_M, Rig, sheet
 from hapscene.surface.field_frame import EASE_S, FADED_MOST
 from hapscene.surface.swatch import Swatch
 from hapscene_evidence.bench.handle import PARAMETERS, signals
+from tests.stability.closed_form import limit_of_small_motion, limit_with_one_delay, limit_without_delay
 
 LEAD = Grip(2e3, 20.0)
-"""The hand that brings the tool onto the surface."""
+"""The hand that guides the tool onto the surface."""
 
 PRESS = (0.0, 0.0, -1.0)
 """Push of the hand while the tool slides [N]."""
@@ -48,8 +48,8 @@ def rough(device: PointMass | Omni, damping_Ns_m: float = 0.0) -> Twin:
 
 
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.103, 0.2037])
-def test_a_sliding_mass_stops_in_the_ticks_of_the_closed_form_and_rests(speed_m_s: float) -> None:
-    """F4: ⌈v₀m/(F_cT)⌉ ticks, no reversal of the force, and rest (Kikuuwe et al. 2006)."""
+def test_stopping_time_of_a_sliding_mass(speed_m_s: float) -> None:
+    """F4: ⌈v₀m/(F_cT)⌉ ticks, no reversal of the force, then rest (Kikuuwe et al. 2006)."""
     twin = rough(PointMass(0.045), 9.0)
     ramp = np.linspace(0.0, 1.0, 300)
     path = np.tile((*AT_M, -2e-3), (301, 1))
@@ -67,7 +67,7 @@ def test_a_sliding_mass_stops_in_the_ticks_of_the_closed_form_and_rests(speed_m_
     assert np.abs(v[400:]).max() < 1e-6
 
 
-def test_an_omni_neither_drifts_nor_chatters_at_half_its_friction() -> None:
+def test_an_omni_at_half_its_friction_is_at_rest() -> None:
     felt = rough(Omni()).run(
         ReferenceTrajectory.hold((*AT_M, 0.0), 12_000, "none", push_W_N=(0.5 * COULOMB, 0.0, -1.0))
     )
@@ -76,7 +76,7 @@ def test_an_omni_neither_drifts_nor_chatters_at_half_its_friction() -> None:
 
 
 class DeepRig(Rig):
-    """The rig of a wall whose damping is that at the depth at which small motion is looked at."""
+    """A rig whose wall damping depends on depth, with the given value at the depth of small motion."""
 
     def tune(self, stiffness_N_m: float, damping_Ns_m: float = 0.0) -> None:
         super().tune(stiffness_N_m)
@@ -85,7 +85,7 @@ class DeepRig(Rig):
 
 
 @pytest.mark.parametrize("delay", [0, 1])
-def test_damping_with_depth_holds_the_wall_that_its_damping_there_holds(delay: int) -> None:
+def test_stability_with_depth_dependent_damping(delay: int) -> None:
     for damping_Ns_m in (5e-3, 0.5):
         known = limit_of_small_motion(0.045, 0.1, TICK_S, delay, damping_Ns_m)
         found = limit_of_motion(DeepRig(PointMass(0.045, 0.1), TICK_S, delay), damping_Ns_m)
@@ -93,7 +93,7 @@ def test_damping_with_depth_holds_the_wall_that_its_damping_there_holds(delay: i
 
 
 @pytest.mark.parametrize("speed_m_s", [0.2, 1.0])
-def test_damping_with_depth_bounces_as_hunt_and_crossley_say(speed_m_s: float) -> None:
+def test_restitution_of_hunt_and_crossley(speed_m_s: float) -> None:
     """a − ln(1 + a) = −a e − ln(1 − a e), a = χ v/K, of a free mass."""
     a = 500.0 * speed_m_s / 500.0
     known = brentq(lambda e: a - math.log1p(a) + a * e + math.log1p(-a * e), 1e-9, min(1.0, (1.0 - 1e-12) / a))
@@ -105,7 +105,7 @@ def test_damping_with_depth_bounces_as_hunt_and_crossley_say(speed_m_s: float) -
 
 @pytest.mark.parametrize("delay", [0, 1])
 @pytest.mark.parametrize("field", ["guide", "magnet"])
-def test_a_field_rings_from_the_stiffness_of_a_wall_on(field: str, delay: int) -> None:
+def test_a_field_has_the_stability_limit_of_a_wall(field: str, delay: int) -> None:
     """W1 and W2: small motion in a field is that on a spring."""
     here, reach_m = (0.0, 0.0, 0.05), 0.01
     name, scale = ("stiffness_N_m", 1.0) if field == "guide" else ("strength_N", FADED_MOST * reach_m)
@@ -125,8 +125,8 @@ def test_a_field_rings_from_the_stiffness_of_a_wall_on(field: str, delay: int) -
 
 
 @pytest.mark.parametrize("speed_m_s", [1.0, 4.0])
-def test_a_tool_that_flies_through_a_wall_gains_at_most_the_passivity_controller_s_bound(speed_m_s: float) -> None:
-    """F v T in the mean where only the force is cut; K v² T² + F Δ at most with the controller."""
+def test_energy_of_fast_tools_is_bounded(speed_m_s: float) -> None:
+    """F v T on average with the force limit alone; at most K v² T² + F Δ with the passivity controller."""
     limits, way = limits_of("omni", TICK_S), speed_m_s * TICK_S
     deep = math.ceil(3.0 * limits.force_N / 500.0 / way)
 
@@ -145,10 +145,8 @@ def test_a_tool_that_flies_through_a_wall_gains_at_most_the_passivity_controller
 
 
 @pytest.mark.parametrize(("late_s", "bandwidth", "most"), [(1e-4, 0.5, 0.25), (3e-4, 0.5, 1.05), (2e-3, 1.0, 1.05)])
-def test_learning_with_a_sensor_that_is_not_as_believed_does_little_harm(
-    late_s: float, bandwidth: float, most: float
-) -> None:
-    """Error of the learning compensator over that of `flat`, which has no sensor, on a handle 30 % off."""
+def test_adaptive_compensator_with_a_wrong_sensor_model(late_s: float, bandwidth: float, most: float) -> None:
+    """Error of the adaptive compensator relative to `flat`, which has no sensor, on a handle 30 % off."""
     desired, believed = signals()["white"][:10_000], Sensor(delay_s=5e-4)
     plant = replace(Plant(), **{name: 0.7 * getattr(Plant(), name) for name in PARAMETERS})
     sensor = Sensor(delay_s=5e-4 + late_s, bandwidth_Hz=bandwidth * ACCELEROMETER_HZ)

@@ -18,10 +18,10 @@ __all__ = ["ask"]  # fixtures
 
 
 @pytest.mark.parametrize(("scheme", "width"), [("light", 1000), ("dark", 390)])
-def test_a_person_answers_by_keys_and_buttons(
+def test_answers_by_keys_and_buttons(
     ask: Callable[..., Asked], browser: Any, scheme: str, width: int, tmp_path: Path
 ) -> None:
-    server, sitting, _ = ask()
+    server, session, _ = ask()
     with browser.new_context(viewport={"width": width, "height": 844}, color_scheme=scheme) as context:
         context.set_default_timeout(120_000)
         tab, wrong = context.new_page(), []
@@ -36,15 +36,15 @@ def test_a_person_answers_by_keys_and_buttons(
             assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth"), screen
 
         looked_at("begin")
-        assert "free will" in tab.inner_text("#consent") and "3 for practice" in tab.inner_text("#practices")
-        tab.click("text=I agree: begin")
+        assert "free will" in tab.inner_text("#consent") and "3 practice questions" in tab.inner_text("#practice-count")
+        tab.click("text=I agree; begin")
         tab.wait_for_selector("#trial:not([hidden])")
         looks, asked = set(), 0
-        while sitting.trial is not None:
+        while session.trial is not None:
             state = server.state()
             if state["screen"] == "break":
                 looked_at("break")
-                tab.click("#rested")
+                tab.click("#resume")
                 tab.wait_for_selector("#trial:not([hidden])")
                 continue
             at = [state["number"], state["practice"]]
@@ -56,14 +56,14 @@ def test_a_person_answers_by_keys_and_buttons(
             tab.keyboard.press("2")
             tab.keyboard.press("Space")
             tab.wait_for_selector("#choices button:enabled")
-            before = sitting.done, len(server._practice)
+            before = session.done, len(server._practice)
             if asked % 2:
                 tab.locator("#choices button").nth(1).click()
             else:
                 tab.keyboard.press("2")
-            until(lambda: (sitting.done, len(server._practice)) != before)  # noqa: B023
+            until(lambda: (session.done, len(server._practice)) != before)  # noqa: B023
             asked += 1
-            if asked == 5:  # the tab is closed by mistake
+            if asked == 5:  # the tab was closed
                 tab.reload()
                 tab.wait_for_selector("#trial:not([hidden]), #break:not([hidden])")
         looked_at("end")
@@ -73,25 +73,23 @@ def test_a_person_answers_by_keys_and_buttons(
     assert all(0.0 <= float(row["latency_s"]) < 120.0 for row in rows)
 
 
-def test_the_page_times_the_answer_from_the_end_of_what_was_played(
-    ask: Callable[..., Asked], browser: Any, tmp_path: Path
-) -> None:
-    server, sitting, player = ask(PLAN.replace("practice = 1", ""))
+def test_response_time_starts_at_the_end_of_playback(ask: Callable[..., Asked], browser: Any, tmp_path: Path) -> None:
+    server, session, player = ask(PLAN.replace("practice = 1", ""))
     with browser.new_context() as context:
         context.set_default_timeout(120_000)
         tab = context.new_page()
         tab.goto(server.url)
-        tab.click("#go")
+        tab.click("#begin-button")
         tab.wait_for_selector("#trial:not([hidden])")
         player.free.clear()
         tab.keyboard.press("Space")
-        time.sleep(3.0)  # it plays
+        time.sleep(3.0)  # playing
         player.free.set()
         tab.wait_for_selector("#choices button:enabled")
         ended_s = time.monotonic()
         time.sleep(0.5)
         tab.locator("#choices button").first.click()
-        until(lambda: sitting.done == 1)
+        until(lambda: session.done == 1)
         most_s = time.monotonic() - ended_s
     latency_s = float(load_rows(tmp_path / "answers" / "results.csv")[0]["latency_s"])
-    assert 0.5 <= latency_s < most_s + 2.5  # the time in which it played is not in it
+    assert 0.5 <= latency_s < most_s + 2.5  # playback is not included

@@ -1,4 +1,4 @@
-"""The report on a study: its numbers are those of the statistics, and it claims no more."""
+"""The study report in a browser."""
 
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ __all__ = ["folder"]  # fixtures
 
 
 @pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not here: sh .ci/node-packages")
-def test_it_is_read_by_who_cannot_see_and_on_a_phone(folder: Path, browser: Any) -> None:
+def test_accessibility_and_narrow_screens(folder: Path, browser: Any) -> None:
     write_report(folder, folder / "report.html")
     for scheme, width in (("light", 1200), ("dark", 390)):
         looks = {"viewport": {"width": width, "height": 844}, "color_scheme": scheme, "bypass_csp": True}

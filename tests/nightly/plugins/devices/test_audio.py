@@ -108,12 +108,12 @@ import sys, time
 from pathlib import Path
 from hapscene.handle.live_process import open_output
 from hapscene.study.plan import load_plan
-from hapscene.study.playing import headphones
+from hapscene.study.playing import headphone_player
 from hapscene.study.stimulus import StimulusMaker, all_stimuli
 from hapscene.study.trial_order import trials
 plan = load_plan(sys.argv[1])
 output = open_output("audio", {"device": "dualsense", "channels": "1,2", "buffer_s": sys.argv[2], "block": 480})
-player = headphones(StimulusMaker(plan.folder), output, all_stimuli(plan))
+player = headphone_player(StimulusMaker(plan.folder), output, all_stimuli(plan))
 for interval in next(trials(plan, "P01", 0)).intervals:
     time.sleep(0.3)
     player.ready(interval)()

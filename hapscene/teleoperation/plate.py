@@ -1,4 +1,4 @@
-"""What is touched in the experiments, and the hand that touches it: a flat plate, taps, a press and strokes."""
+"""A plate, and a hand that explores it by taps, a press and strokes."""
 
 from typing import Final, NamedTuple
 
@@ -21,26 +21,26 @@ SIDE_M: Final = 0.2
 """Side of the plate [m]: wider than an Omni reaches."""
 
 THICK_M: Final = 0.02
-"""Thickness of the plate [m]: a tool that is pushed 2 cm deep comes out below."""
+"""Thickness of the plate [m]. A tool that penetrates 2 cm comes out below."""
 
 HOVER_M: Final = 0.006
-"""Height over the plate at which a hand begins and ends [m]."""
+"""Height of the hand above the plate at the start and at the end [m]."""
 
 START_M: Final = (0.0, 0.0, HOVER_M)
-"""Where both tools are at the start, in W [m]: the plate's top is z = 0."""
+"""Start position of both tools in W [m]; the top of the plate is z = 0."""
 
 PRESS_N: Final = 1.0
-"""What the hand presses with [N]: people who feel a texture press with 0.3 to 1 N."""
+"""Pressing force of the hand [N]: people press with 0.3 to 1 N to feel a texture."""
 
 SPAN_M: Final = 0.03
-"""Half a stroke's length [m]: an Omni reaches 8 cm to either side."""
+"""Half the length of a stroke [m]; an Omni reaches 8 cm to either side."""
 
 REST_S: Final = 1.5
-"""How long the hand is still at the end [s]."""
+"""Time for which the hand is at rest at the end [s]."""
 
 
 class Gesture(NamedTuple):
-    """What a hand means to do, and when: first and last tick of each part by its name."""
+    """A reference trajectory, and the first and last tick of each part by the part's name."""
 
     intent: ReferenceTrajectory
     parts: dict[str, list[tuple[int, int]]]
@@ -58,19 +58,19 @@ def plate(swatch: str | Swatch) -> Scene:
 
 
 def explore(grip: str, give_N_m: float, taps: int = 3, strokes: int = 4) -> Gesture:
-    """Taps, a press, strokes to and fro, and rest where it began.
+    """Return a gesture of taps, a press and strokes in both directions that ends at rest where it began.
 
     Args:
-        grip: how firmly the tool is held; a name of `hapscene.device.sim.hand.GRIPS` with a spring.
-        give_N_m: stiffness of all that gives between the hand and the plate: to press, it aims so much deeper.
-        taps, strokes: how many, 2 or more and up to 5; the haptography paper has two taps and five drags.
+        grip: grip of the hand; a name of `hapscene.device.sim.hand.GRIPS` that has a stiffness.
+        give_N_m: stiffness of everything between hand and plate; the target of the hand is deeper by its compression.
+        taps, strokes: numbers of taps (at least 2) and strokes (at most 5); the haptography paper has two and five.
 
     Raises:
-        HapsceneError: no such grip, or one without a spring.
+        HapsceneError: unknown grip, or a grip without stiffness.
     """
     hand, held = PathBuilder(START_M, TICK_S, _flat, HOVER_M), grip_named(grip)
     if held.k_N_m == 0.0:
-        raise HapsceneError(f"a hand with grip {grip!r} does not hold the tool; choose light, medium or firm")
+        raise HapsceneError(f"grip {grip!r} does not hold the tool; expected light, medium or firm")
     depth_m = PRESS_N * (1.0 / held.k_N_m + 1.0 / give_N_m)
     parts: dict[str, list[tuple[int, int]]] = {"tap": [], "stroke": []}
     hand.rest(0.2)
@@ -88,10 +88,10 @@ def explore(grip: str, give_N_m: float, taps: int = 3, strokes: int = 4) -> Gest
 
 
 STROKES: Final = ((-SPAN_M, 0.06), (SPAN_M, 0.1), (-SPAN_M, 0.15), (SPAN_M, 0.2), (-SPAN_M, 0.1))
-"""Where each stroke begins [m], and its mean speed [m/s]."""
+"""Start of each stroke [m], and its mean speed [m/s]."""
 
 
 def _flat(x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> TopView:
-    """The plate as it is seen from above."""
+    """The height map of the plate."""
     count = len(x_m)
     return TopView(np.zeros(count), np.zeros(count, np.int64), np.zeros(count, np.int64))

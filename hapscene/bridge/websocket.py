@@ -1,7 +1,7 @@
-"""The bridge over WebSocket: a designer's page or script gives orders as JSON; a game in a browser sends its packets.
+"""The bridge over WebSocket: JSON orders from a web page or script, and binary packets from a game in the browser.
 
-Any web page may have a browser open a WebSocket to this machine: so only pages of this machine, or of the host that is
-listened at, are let in. What is no browser says no Origin.
+Any web page can open a WebSocket to this computer. Therefore, only pages of this computer and of the served host are
+accepted; programs other than browsers send no Origin.
 """
 
 import json
@@ -17,37 +17,37 @@ from hapscene.web.listener import WebListener
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
 
-__all__ = ["CONNECTIONS_MAX", "MESSAGE_MAX", "WebDoor"]
+__all__ = ["CONNECTIONS_MAX", "MESSAGE_MAX", "WebSocketBridge"]
 
 MESSAGE_MAX: Final = 32 * 1024 * 1024
 """Longest message [bytes]: a mesh of half a million faces."""
 
 CONNECTIONS_MAX: Final = 8
-"""Connections at a time [count]; each may have two of the longest messages wait."""
+"""Most simultaneous connections [count]; each can have two messages of full length waiting."""
 
 OPEN_S: Final = 5.0
-"""How long a connection may take to say what it wants [s]."""
+"""Time limit for the handshake of a connection [s]."""
 
 
-class WebDoor:
-    """Takes connections while it is open, each in a thread of its own.
+class WebSocketBridge:
+    """Accepts connections while it is open, each in a separate thread.
 
     Args:
-        server: whose orders are given, and whose packets are taken in binary messages.
-        host, port: where to listen; port 0 for any that is free.
+        server: the bridge; executes orders, and answers packets in binary messages.
+        host, port: address to listen at; port 0 selects a free one.
 
     Attributes:
-        address: where it listens.
+        address: the address of the server.
 
     Raises:
-        HapsceneError: websockets is missing; the port is taken, the host not ours.
+        HapsceneError: websockets is not installed, or the address cannot be used.
     """
 
     def __init__(self, server: BridgeServer, host: str, port: int) -> None:
         ours = "|".join(re.escape(name) for name in ("localhost", "127.0.0.1", "[::1]", host))
         self._server, self._orders = server, server.orders
         self._listener = WebListener(
-            self._talk,
+            self._serve_client,
             host,
             port,
             connections_max=CONNECTIONS_MAX,
@@ -61,21 +61,21 @@ class WebDoor:
         )
         self.address = self._listener.address
 
-    def __enter__(self) -> "WebDoor":
-        """Open it: the servo runs by now."""
+    def __enter__(self) -> "WebSocketBridge":
+        """Open it; the servo must be running."""
         self._listener.open()
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Close it, and every connection."""
+        """Close it, and all connections."""
         self._listener.close()
 
     def _count(self, let_in: bool) -> None:
         self._orders.counts["web"] += 1
         self._orders.counts["web full"] += not let_in
 
-    def _talk(self, connection: "ServerConnection") -> None:
-        """Answer one client until it goes."""
+    def _serve_client(self, connection: "ServerConnection") -> None:
+        """Answer the messages of a client until it disconnects."""
         from websockets.exceptions import ConnectionClosed
 
         self._orders.counts["web let in"] += 1
@@ -87,8 +87,8 @@ class WebDoor:
                 if isinstance(message, bytes):
                     answer = self._server.answer(message, connection.id)
                 elif to is None:
-                    to, told = self._greet(message)
-                    answer = json.dumps(told)
+                    to, content = self._welcome_client(message)
+                    answer = json.dumps(content)
                 else:
                     answer = self._order(to, message)
                 if isinstance(answer, Future):
@@ -98,15 +98,15 @@ class WebDoor:
         except ConnectionClosed as error:
             if error.sent is not None and not error.rcvd_then_sent:
                 self._orders.counts["web bad"] += 1
-        except (CancelledError, RuntimeError):  # it ends
+        except (CancelledError, RuntimeError):  # the server is closing
             pass
 
-    def _greet(self, message: str) -> tuple[Convention | None, dict[str, Any]]:
-        """A client's frame, None where it says none, and what it is told."""
+    def _welcome_client(self, message: str) -> tuple[Convention | None, dict[str, Any]]:
+        """The convention of a client, None if it is invalid, and the answer."""
         try:
             hello = unpack_json(message)
             if hello.get("version") != VERSION:
-                raise PacketError(f"version {VERSION} is spoken here: say it first, with your frame")
+                raise PacketError(f"unsupported protocol version; expected a first message with version {VERSION}")
             return Convention.of(hello), self._orders.welcome()
         except PacketError as error:
             self._orders.counts["no orders"] += 1
@@ -115,13 +115,13 @@ class WebDoor:
     def _order(self, to: Convention, message: str) -> "Future[str]":
         number: Any = None
 
-        def read() -> dict[str, Any]:  # in its turn: of several long messages one at a time is taken apart
+        def read() -> dict[str, Any]:  # runs in the thread of the orders, so that only one long message is parsed
             nonlocal number
             order = unpack_json(message)
-            asked = order.pop("id", None)
-            if not isinstance(asked, int | str):
-                raise PacketError("an order has an id, a whole number or a text")
-            number = asked
+            identifier = order.pop("id", None)
+            if not isinstance(identifier, int | str):
+                raise PacketError("id: expected an integer or a text")
+            number = identifier
             return order
 
-        return self._orders.submit(to, read, lambda told: json.dumps({"id": number} | told))
+        return self._orders.submit(to, read, lambda result: json.dumps({"id": number} | result))

@@ -1,4 +1,6 @@
-"""`hapscene serve --ws`: a designer adds, tunes, paints, deforms and removes bodies while a game feels them by UDP."""
+"""`hapscene serve --ws`: a designer adds, tunes, paints, deforms and removes bodies while a game touches them over
+UDP.
+"""
 
 import json
 import socket
@@ -17,7 +19,7 @@ sync = pytest.importorskip(
 from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus  # noqa: E402
 
 from hapscene.bridge.packets import FRAME, HELLO, ORDER, STATE, Frame, Packet, pack, pack_json, unpack  # noqa: E402
-from hapscene.bridge.web_door import CONNECTIONS_MAX, MESSAGE_MAX  # noqa: E402
+from hapscene.bridge.websocket import CONNECTIONS_MAX, MESSAGE_MAX  # noqa: E402
 
 from .client_packets import pack_frame, unpack_state  # noqa: E402
 from .here import PATIENCE_S, Client, Here, Line  # noqa: E402
@@ -26,7 +28,7 @@ BOX = trimesh.creation.box((0.1, 0.1, 0.1))
 
 
 class Designer:
-    """A connection that gives orders; y is up in its frame, and its unit is a centimetre."""
+    """A connection that sends orders; y is up in its coordinates, and its unit is the centimetre."""
 
     def __init__(self, served: Here, **hello: Any) -> None:
         self.wire = sync.connect(served.ws)
@@ -35,14 +37,14 @@ class Designer:
 
     def say(self, what: Any) -> dict[str, Any]:
         self.wire.send(what if isinstance(what, str) else json.dumps(what))
-        told: dict[str, Any] = json.loads(self.wire.recv(PATIENCE_S))
-        return told
+        answer: dict[str, Any] = json.loads(self.wire.recv(PATIENCE_S))
+        return answer
 
     def order(self, order: str, **what: Any) -> dict[str, Any]:
         self.number += 1
-        told = self.say({"id": self.number, "order": order, **what})
-        assert told.pop("id") == self.number
-        return told
+        answer = self.say({"id": self.number, "order": order, **what})
+        assert answer.pop("id") == self.number
+        return answer
 
 
 @pytest.fixture(scope="module")
@@ -66,9 +68,7 @@ def game(served: Here) -> Iterator[Client]:
     made.close()
 
 
-def test_a_body_is_added_felt_tuned_painted_deformed_and_removed_while_a_game_plays(
-    served: Here, designer: Designer, game: Client
-) -> None:
+def test_all_orders_while_a_game_plays(served: Here, designer: Designer, game: Client) -> None:
     """The game aims 15 mm below the top of a box of 100 mm that the designer, whose y is up, puts 1 m aside."""
     assert designer.welcome["bodies"] == ["crate"] and designer.welcome["swatches"] == ["plain", "wood"]
     box_cm = {"vertices": (100 * BOX.vertices[:, [0, 2, 1]] * (1, 1, -1)).tolist(), "faces": BOX.faces.tolist()}
@@ -107,23 +107,23 @@ def test_a_body_is_added_felt_tuned_painted_deformed_and_removed_while_a_game_pl
     assert game.state["body"] == 1  # contact is kept
     assert not game.events  # of numbers that it cannot look up
 
-    told = designer.order("bodies")
-    assert (told["bodies"], told["faces"]) == (["crate", "box"], [12, 12])
-    assert told["swatches"] == ["plain", "wood", "leather"] and game.order("bodies") == told
-    game.bodies, game.swatches = told["bodies"], told["swatches"]
+    answer = designer.order("bodies")
+    assert (answer["bodies"], answer["faces"]) == (["crate", "box"], [12, 12])
+    assert answer["swatches"] == ["plain", "wood", "leather"] and game.order("bodies") == answer
+    game.bodies, game.swatches = answer["bodies"], answer["swatches"]
     game.frame(bodies=[("box", (1, 0, 0), (0, 0, 0, 1))])
     assert game.poll()
     total = game.impulse("box")
     assert total[2] < -0.001
     assert designer.order("remove", body="box") == {"done": "remove"}
     until(lambda: game.state["body"] == -1 and game.events and game.events[-1][1:3] == ("ended", "box"))
-    game.frame(bodies=[("box", (1, 0, 0), (0, 0, 0, 1))])  # it has not heard of it yet, and goes on
+    game.frame(bodies=[("box", (1, 0, 0), (0, 0, 0, 1))])  # the client does not know this body yet
     assert game.poll() and game.impulse("box")[2] <= total[2]
     assert designer.order("bodies")["bodies"] == ["crate", ""]
     assert designer.order("add", name="box", like="crate")["body"] == 2
 
 
-def test_a_game_in_a_browser_sends_its_packets_as_binary_messages(served: Here, designer: Designer) -> None:
+def test_packets_in_binary_messages(served: Here, designer: Designer) -> None:
     wire = designer.wire
 
     def ask(kind: int, key: int, sequence: int, payload: bytes) -> Packet:
@@ -135,9 +135,9 @@ def test_a_game_in_a_browser_sends_its_packets_as_binary_messages(served: Here, 
     frames = count(1)
 
     def tool() -> tuple[float, ...]:
-        told = ask(FRAME, key, next(frames), pack_frame(Frame((0.0, 0.0, 0.1), 0, ())))
-        assert told.kind == STATE
-        return unpack_state(told.payload).tool
+        answer = ask(FRAME, key, next(frames), pack_frame(Frame((0.0, 0.0, 0.1), 0, ())))
+        assert answer.kind == STATE
+        return unpack_state(answer.payload).tool
 
     tool()
     served.servo.advance(16)
@@ -152,53 +152,53 @@ def test_a_game_in_a_browser_sends_its_packets_as_binary_messages(served: Here, 
 @pytest.mark.parametrize(
     ("order", "says"),
     [
-        ({"order": "add", "name": "x"}, "give vertices and faces, or like"),
+        ({"order": "add", "name": "x"}, "vertices and faces"),
         ({"order": "add", "name": "x", "like": "ghost"}, "no body 'ghost'; there are: "),
         ({"order": "add", "name": "crate", "like": "crate"}, "crate"),
-        ({"order": "add", "name": "x", "like": "crate", "swatch": "/etc/passwd"}, "said by its name"),
-        ({"order": "add", "name": "x", "like": "crate", "mesh": "crate.stl"}, "it takes: name, vertices, faces"),
-        ({"order": "add", "name": "x", "vertices": [[0, 0, 0]], "faces": [[0, 0, 0.5]]}, "three whole numbers"),
-        ({"order": "add", "name": "x", "vertices": [[0, 0, 0]] * 3, "faces": [[0, 1, 3]]}, "3"),
+        ({"order": "add", "name": "x", "like": "crate", "swatch": "/etc/passwd"}, "name of a swatch"),
+        ({"order": "add", "name": "x", "like": "crate", "mesh": "crate.stl"}, "expected: name, vertices, faces"),
+        ({"order": "add", "name": "x", "vertices": [[0, 0, 0]], "faces": [[0, 0, 0.5]]}, "faces"),
+        ({"order": "add", "name": "x", "vertices": [[0, 0, 0]] * 3, "faces": [[0, 1, 3]]}, "vert"),
         ({"order": "paint", "body": "crate", "swatch": "wood", "faces": [12]}, "12"),
-        ({"order": "deform", "body": "crate", "vertices": [[0, 0, 0]]}, "vertices_m"),
+        ({"order": "deform", "body": "crate", "vertices": [[0, 0, 0]]}, "vertices"),
         ({"order": "tune_field", "effect": "weight", "numbers": {}}, "no effect of the scene 'weight'"),
-        ({"order": "remove"}, "it takes: body"),
-        ({"order": "fly"}, "no order 'fly'; there are: start"),
-        ({"order": "start"}, "lacks something"),
+        ({"order": "remove"}, "expected: body"),
+        ({"order": "jump"}, "unknown order 'jump'"),
+        ({"order": "start"}, "missing or invalid"),
         ({"order": "tune", "swatch": "oka", "numbers": {}}, "no swatch 'oka'"),
         ({"order": "free", "body": "crate", "mass": -1, "inertia": [1, 1, 1]}, "must be above 0"),
         ("{", "a JSON object"),
-        ({"id": [1]}, "a whole number or a text"),
+        ({"id": [1]}, "id: "),
     ],
 )
-def test_orders_that_are_wrong_are_answered_in_sentences(designer: Designer, order: Any, says: str) -> None:
-    told = designer.say({"id": 1} | order if isinstance(order, dict) else order)
-    assert says in told["error"] and "Error" not in told["error"]
-    assert "bodies" in designer.order("bodies")  # it goes on
+def test_invalid_orders_are_answered(designer: Designer, order: Any, says: str) -> None:
+    answer = designer.say({"id": 1} | order if isinstance(order, dict) else order)
+    assert says in answer["error"] and "Error" not in answer["error"]
+    assert "bodies" in designer.order("bodies")
 
 
-def test_a_mesh_wound_the_other_way_is_told_and_said(designer: Designer) -> None:
+def test_inward_faces_are_noted(designer: Designer) -> None:
     box = {"vertices": (100 * BOX.vertices).tolist(), "faces": BOX.faces[:, ::-1].tolist(), "p": [0, -500, 0]}
     assert "wound inward" in designer.order("add", name="inward", **box)["notes"][0]
     assert "notes" not in designer.order("add", name="turned", clockwise=True, **box)
 
 
-def test_pages_of_strangers_are_not_let_in(served: Here) -> None:
+def test_foreign_origins_are_rejected(served: Here) -> None:
     for origin in ("https://example.com", "null", "http://localhost.example.com", "http://127.0.0.1.example.com:80"):
         with pytest.raises(InvalidStatus, match="403"):
             sync.connect(served.ws, origin=origin)
     sync.connect(served.ws, origin="http://localhost:8000").close()
 
 
-def test_who_says_no_frame_of_axes_is_told_and_may_say_it(served: Here) -> None:
+def test_an_invalid_convention_can_be_corrected(served: Here) -> None:
     designer = Designer(served, up="x")
-    assert "up is y or z" in designer.welcome["error"]
-    assert "version 1 is spoken here" in designer.say({"order": "counts"})["error"]
+    assert "up 'x'" in designer.welcome["error"]
+    assert "version 1" in designer.say({"order": "counts"})["error"]
     assert designer.say({"version": 1})["version"] == 1
     designer.wire.close()
 
 
-def test_too_long_a_message_and_too_many_connections_are_refused_and_counted() -> None:
+def test_limits_are_enforced_and_counted() -> None:
     served = Here(ws=True)
     designer, long = Designer(served), Designer(served)
     talks = list(served.door._listener._threads.values())
@@ -216,7 +216,7 @@ def test_too_long_a_message_and_too_many_connections_are_refused_and_counted() -
     served.close()
 
 
-def test_it_ends_while_somebody_is_there() -> None:
+def test_close_with_open_connections() -> None:
     served = Here(ws=True)
     designer = Designer(served)
     place = ("127.0.0.1", int(served.ws.rpartition(":")[2]))

@@ -1,4 +1,4 @@
-"""One participant's session: the present trial, and answers on the disk; after an interruption it resumes."""
+"""The session of one participant: the present trial, answers on disk, and resuming after an interruption."""
 
 import math
 from collections.abc import Mapping
@@ -12,20 +12,21 @@ from hapscene.study.plan import PLAN_MAX_B, Plan, check_name, stimuli_sha256
 from hapscene.study.results_file import MISSING, ResultsFile
 from hapscene.study.trial_order import Trial, trials
 
-__all__ = ["PLAN", "RESULTS", "Sitting"]
+__all__ = ["PLAN", "RESULTS", "Session"]
 
 RESULTS: Final = "results.csv"
 PLAN: Final = "plan.toml"
 
 
-class Sitting:
-    """One participant's session, as a context or until `close`: begins, or resumes at the next trial.
+class Session:
+    """The session of one participant; begins, or resumes at the next unanswered trial. Use as a context, or call
+    `close`.
 
-    The folder holds a copy of the plan, and `results.csv`, to which every answer appends a row. One session at a time
-    writes into a folder; the place at which a participant began balances the orders.
+    The folder contains a copy of the plan, and `results.csv`, to which every answer appends a row. Only one session at
+    a time can write to a folder. The order in which participants begin balances the orders of trials.
 
     Attributes:
-        trial: the present trial; None at the end.
+        trial: the present trial; None when all are answered.
         done: number of answers.
         total: number of trials of this participant.
     """
@@ -35,16 +36,16 @@ class Sitting:
     total: int
 
     def __init__(self, plan: Plan, folder: str | Path, person: str) -> None:
-        """Begin or resume.
+        """Begin or resume a session.
 
         Args:
-            plan: the plan.
-            folder: where the answers are kept; made when it is missing.
-            person: the participant's name, or better a number such as P01.
+            plan: plan of the study.
+            folder: folder for the answers; created if necessary.
+            person: name of the participant; preferably a pseudonym such as P01.
 
         Raises:
-            StudyError: a folder of another plan, open in another session, whose answers do not fit the plan, or whose
-                recordings or swatches have changed.
+            StudyError: the folder belongs to another plan or is in use by another session, the answers in it do not
+                fit the plan, or recordings or swatches have changed since they were given.
         """
         self.plan, self.folder, self.person = plan, Path(folder), check_name("person", person)
         _keep_plan(plan, self.folder)
@@ -61,11 +62,11 @@ class Sitting:
             if row["stimuli_sha256"] not in (MISSING, self._sha256):
                 raise StudyError(
                     f"{self.folder / RESULTS}: {row['person']}, trial {row['trial']}: a recording or swatch of the "
-                    "plan has changed since; restore it, or take another folder"
+                    "plan has changed since this answer; restore the file, or use another folder"
                 )
         mine = [row for row in rows if row["person"] == self.person]
         others = {row["person"] for row in rows} - {self.person}
-        self._place = _whole(mine[0], "place") if mine else len(others)
+        self._place = _integer(mine[0], "place") if mine else len(others)
         self._trials = trials(self.plan, self.person, self._place)
         self.trial, self.done = next(self._trials, None), 0
         self.total = self.plan.trial_count
@@ -73,23 +74,25 @@ class Sitting:
             self._replay(row)
 
     def answer(self, choice: int, *, latency_s: float, replays: int = 0) -> None:
-        """Answer the trial; the answer is on the disk when this returns, and `trial` is the next one.
+        """Record the answer to the present trial; it is on disk when this returns, and `trial` is the next one.
 
         Args:
-            choice: index into the trial's choices.
-            latency_s: from the end of the last interval to the answer [s].
-            replays: how often an interval was played again [count].
+            choice: index of a choice of the trial.
+            latency_s: response time from the end of the last interval [s].
+            replays: number of repeated intervals [count].
 
         Raises:
-            StudyError: choice or latency out of range, no trial is left, or the answer could not be written.
+            StudyError: an argument is out of range, no trial is left, or the answer could not be written.
         """
         trial = self.trial
         if trial is None:
-            raise StudyError(f"{self.person}: all {self.done} trials are answered")
+            raise StudyError(f"{self.person} has already answered all {self.done} trials")
         if not 0 <= choice < len(trial.choices):
-            raise StudyError(f"choice must be from 0 to {len(trial.choices) - 1} ({', '.join(trial.choices)})")
+            raise StudyError(
+                f"choice {choice} is out of range; expected 0 to {len(trial.choices) - 1} ({', '.join(trial.choices)})"
+            )
         if not 0.0 <= latency_s < math.inf:
-            raise StudyError(f"latency_s must be a time in seconds, is {latency_s:g}")
+            raise StudyError(f"latency_s is {latency_s:g}; expected a finite time of at least 0 s")
         self._file.add(
             {
                 **self._expected(trial),
@@ -107,7 +110,7 @@ class Sitting:
         self._advance(choice, None)
 
     def _expected(self, trial: Trial) -> dict[str, object]:
-        """The fields of a row that follow from the plan, and must be the same when a session resumes."""
+        """The fields of a row that follow from the plan. They must be equal when a session resumes."""
         return {
             "person": self.person,
             "place": self._place,
@@ -129,24 +132,24 @@ class Sitting:
         self.done += 1
 
     def _replay(self, row: Mapping[str, str]) -> None:
-        """Answer the present trial as a row of the file has it."""
+        """Answer the present trial as recorded in a row of the file."""
         where = f"{self.folder / RESULTS}: {self.person}, trial {row['trial']}"
         if self.trial is None:
-            raise StudyError(f"{where}: the plan has no more trials; take another folder")
+            raise StudyError(f"{where}: the plan has fewer trials; use another folder")
         for name, value in self._expected(self.trial).items():
             if row[name] != (MISSING if value is None else str(value)):
-                raise StudyError(f"{where}: {name} is {row[name]!r}, by the plan it is {value!r}; take another folder")
-        choice = _whole(row, "answer")
+                raise StudyError(f"{where}: {name} is {row[name]!r}; the plan has {value!r}; use another folder")
+        choice = _integer(row, "answer")
         if not 0 <= choice < len(self.trial.choices):
-            raise StudyError(f"{where}: answer: {choice} is out of range")
+            raise StudyError(f"{where}: answer {choice} is out of range; expected 0 to {len(self.trial.choices) - 1}")
         try:
             level = None if self.trial.level is None else float(row["level"])
         except ValueError:
-            raise StudyError(f"{where}: level must be a number, is {row['level']!r}") from None
+            raise StudyError(f"{where}: level is {row['level']!r}; expected a number") from None
         self._advance(choice, level)
 
     def close(self) -> None:
-        """Let another session write into the folder."""
+        """Close the results file, so that another session can use the folder."""
         self._file.close()
 
     def __enter__(self) -> Self:
@@ -157,23 +160,23 @@ class Sitting:
 
 
 def _keep_plan(plan: Plan, folder: Path) -> None:
-    """Make the folder and put a copy of the plan into it; refuse one that holds another plan."""
+    """Create the folder and copy the plan into it; refuse a folder of another plan."""
     path = folder / PLAN
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as reason:
-        raise StudyError(f"{folder}: cannot be made: {reason.strerror}") from None
+        raise StudyError(f"{folder}: cannot be created: {reason.strerror}") from None
     if not path.exists():
         if (folder / RESULTS).exists():
-            raise StudyError(f"{folder}: has answers, but not their {PLAN}; take another folder")
+            raise StudyError(f"{folder}: has answers but no {PLAN}; use another folder")
         write_whole(path, plan.content, StudyError)
     with refusing(StudyError):
         if read_bytes(path, PLAN_MAX_B, "plan of a study") != plan.content:
-            raise StudyError(f"{folder}: holds another plan, {path}; give another folder, or that plan")
+            raise StudyError(f"{folder}: belongs to another plan, {path}; use that plan, or another folder")
 
 
-def _whole(row: Mapping[str, str], name: str) -> int:
+def _integer(row: Mapping[str, str], name: str) -> int:
     try:
         return int(row[name])
     except ValueError:
-        raise StudyError(f"{RESULTS}: trial {row['trial']}: {name} must be a whole number, is {row[name]!r}") from None
+        raise StudyError(f"{RESULTS}: trial {row['trial']}: {name} is {row[name]!r}; expected an integer") from None
