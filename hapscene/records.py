@@ -43,7 +43,7 @@ TOUCH: Final = np.dtype(
         ("depth_rate_m_s", "f8"),  # backward difference of depth within a contact, 0 in the first tick
         ("approach_m_s", "f8"),  # speed into the surface when the contact began, ≥ 0
         ("leaving_m_s", "f8"),  # speed out of the surface when the last contact ended, ≥ 0
-        ("left_body", "i8"),  # body that the tool left last; −1 if there is none, or it was teleported or removed
+        ("left_body", "i8"),  # body that the tool left last; −1 at the start, or after it was teleported or removed
         ("left_W_m", "f8", (3,)),  # point on that body where the tool left it; moves with the body
         ("slip_W_m", "f8", (3,)),  # movement of the proxy over the body in this tick, tangential
         ("slip_m_s", "f8"),  # slip speed, low-passed at SLIP_CUTOFF_HZ, ≥ 0

@@ -42,7 +42,7 @@ MOVE_MIN = 1e-3
 """Shortest distance that counts as a move [skins]."""
 
 EDGE_TRIES_MAX = 2
-"""How often per tick the proxy follows face adjacency before it searches with casts alone [count]."""
+"""Most times per tick that the proxy follows face adjacency before it uses casts only [count]."""
 
 EDGE_BODIES_MAX = 16
 """Most nearby bodies with which adjacency is followed [count]: one attempt may cast 17 times, which would exceed

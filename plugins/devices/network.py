@@ -1,8 +1,8 @@
 """A device on another computer, through the bridge's UDP protocol: it sends its position and receives the force.
 
 Any client of the bridge (`docs/reference/bridge-protocol.md`, `examples/engines`) can be this device. The aim in its
-FRAME is the device position relative to the middle of the workspace. The STATE that answers the newest FRAME contains the force, in
-the axes and unit of its HELLO. The client provides no bodies: the scene is on this side.
+FRAME is the device position relative to the middle of the workspace. The STATE that answers the newest FRAME contains
+the force, in the axes and unit of its HELLO. The client provides no bodies: the scene is on this side.
 
 A network adds latency: walls are soft, and a client that sends nothing for 20 ms gets no force. Only one client can be
 connected. Another one can connect after a BYE, or after two seconds without a message.
