@@ -90,7 +90,7 @@ def test_each_finger_has_a_tool_and_one_too_many_has_none(page: PageServer) -> N
     assert downs(page) == [False, False]
 
 
-def test_a_page_that_goes_away_lifts_its_tools(page: PageServer) -> None:
+def test_closed_page_lifts_its_tools(page: PageServer) -> None:
     tab = connect(page)
     assert json.loads(tab.recv(PATIENCE_S))["title"] == "a plate"
     tab.send('{"points": [[1, 0.5, 0.5, 0.5]]}')
@@ -103,7 +103,7 @@ def test_a_page_that_goes_away_lifts_its_tools(page: PageServer) -> None:
     assert not downs(page)[0]
 
 
-def test_a_finger_that_says_nothing_more_is_lifted(page: PageServer, clock: VirtualClock) -> None:
+def test_finger_without_events_is_lifted(page: PageServer, clock: VirtualClock) -> None:
     page.take(1, {"points": [[1, 0.5, 0.5, 0.5]]})
     clock.sleep_s(0.9 * page_server.STALE_S)
     page.beat()
@@ -187,7 +187,7 @@ def test_refused_order_reports_the_reason(page: PageServer) -> None:
     assert page.state()["sound"] is False
 
 
-def test_the_frame_leads_there_and_back() -> None:
+def test_conversion_to_the_page_and_back_is_exact() -> None:
     frame = page_server.TopFrame(make_scene())
     for x_m, y_m in ((0.0, 0.0), (0.05, -0.03)):
         assert frame.find(*frame.point(x_m, y_m)) == pytest.approx((x_m, y_m, 0.0), abs=1e-6)

@@ -41,7 +41,7 @@ def turn_until(device: Any, true: Callable[[], Any]) -> None:
 
 
 @case
-def test_no_force_before_it_is_ready_and_none_after(case: Case, emulate) -> None:
+def test_force_is_zero_unless_the_device_is_ready(case: Case, emulate) -> None:
     emulated = emulate(case.name)
     with case.driver.open(**case.filled(emulated.place, ready=False)) as device:
         turn(device, 60)
@@ -137,7 +137,7 @@ while True:
 
 @case
 @pytest.mark.parametrize("end", ["", "raise KeyError"])
-def test_a_program_that_does_not_close_it_leaves_no_force(case: Case, end: str, emulate) -> None:
+def test_force_is_zero_after_a_program_ends_without_closing(case: Case, end: str, emulate) -> None:
     emulated = emulate(case.name)
     emulated.set(ready=1)
     script = f"""
@@ -239,7 +239,7 @@ def test_an_error_on_opening_names_a_remedy(error, system, words, emulate, monke
 
 
 @pytest.mark.parametrize("name", ["falcon", "woodenhaptics"])
-def test_what_is_closed_is_not_opened_anew_to_be_closed_again(name: str, emulate, monkeypatch) -> None:
+def test_second_close_does_not_open_the_device(name: str, emulate, monkeypatch) -> None:
     emulate(name)
     backend, opened = importlib.import_module("usb_wire").Backend, []
     monkeypatch.setattr(backend, "open_device", lambda self, device: opened.append(device) or device)

@@ -34,7 +34,7 @@ def test_an_unknown_key_of_the_force_is_reported(emulate) -> None:
         assert device.state.trouble[0] == IGNORED and "field=values" in device.reason(IGNORED)
 
 
-def test_one_state_a_message_and_events_are_none(emulate) -> None:
+def test_each_state_message_counts_once_and_events_do_not(emulate) -> None:
     service = emulate("inverse3")
     service.set(ready=1, events=1)
     with DRIVER.open(uri=service.place) as device:
@@ -64,7 +64,7 @@ def test_positions_that_are_moved_take_no_force(emulate) -> None:
         assert device.state.trouble[0] == TRANSFORMED and device.state.ready[0] == 0
 
 
-def test_whoever_else_is_at_that_port_is_no_inverse3() -> None:
+def test_another_service_on_the_port_is_not_an_inverse3() -> None:
     with serve(lambda socket: socket.send('{"inverse3": 5}'), "127.0.0.1", 0) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         assert DRIVER.find(uri=f"ws://127.0.0.1:{server.socket.getsockname()[1]}") == []

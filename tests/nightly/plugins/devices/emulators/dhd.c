@@ -1,4 +1,4 @@
-/* DHD as far as a driver needs it: status, a watchdog that ends the force, returns that say what went wrong. */
+/* Emulates the functions of DHD that the driver uses: status, watchdog, error codes. */
 #include "desk.h"
 
 enum { POWER, CONNECTED, STARTED, RESET, IDLE, FORCE, BRAKE, TORQUE, WRIST, FAULT, GRAVITY, GUARD, INIT, TWICE, CAUSE };
@@ -12,12 +12,12 @@ static int refused(const char *function) {
 
 static int mutated(int good) {
     if (seed == 0 || draw() % 20) return good;
-    int told = draw() % 2 ? -1 : (int)draw();
-    if (told < 0) bad = 1, last = draw() % 40;
-    return told;
+    int code = draw() % 2 ? -1 : (int)draw();
+    if (code < 0) bad = 1, last = draw() % 40;
+    return code;
 }
 
-/* The device's own: whether it has heard of the servo in time. Also for tests, after a servo that was killed. */
+/* Watchdog of the device: removes the force if the servo sends nothing in time. Tests call it after killing a servo. */
 void watch(void) {
     attach();
     if (desk->count == 0 || desk->watchdog == 0 || !desk->status[FORCE]) return;
@@ -70,10 +70,10 @@ int dhdSetForce(double x, double y, double z, char id) {
     if (refused("dhdSetForce")) return -1;
     if (!desk->status[FORCE]) x = y = z = 0;
     note(x, y, z, desk->status[FORCE], bad);
-    int told = desk->saturated ? 2 : 0, before = bad;
-    told = mutated(told);
+    int code = desk->saturated ? 2 : 0, before = bad;
+    code = mutated(code);
     bad = before;
-    return told;
+    return code;
 }
 
 int dhdEnableForce(unsigned char on, char id) {
