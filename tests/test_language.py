@@ -14,23 +14,7 @@ import pytest
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 
-SUFFIXES: Final = {
-    ".py",
-    ".pyi",
-    ".js",
-    ".html",
-    ".css",
-    ".md",
-    ".golden",
-    ".toml",
-    ".jinja",
-    ".yml",
-    ".c",
-    ".h",
-    ".cpp",
-    ".gd",
-    ".cs",
-}
+SUFFIXES: Final = set(".py .pyi .js .html .css .md .golden .toml .jinja .yml .c .h .cpp .gd .cs".split())
 
 BEGIN, END = r"(?<![A-Za-z])", r"(?![a-z])"
 

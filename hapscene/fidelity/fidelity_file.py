@@ -52,8 +52,7 @@ UPDATE_MAX: Final = 1000
 COST_MAX: Final = 100
 """Most entries of `told` and of `made` [count]."""
 
-COST: Final = "told"
-"""Key of the measured cost of a level in the file."""
+COST: Final = "told"  # key of the measured cost
 
 
 class FidelityError(FormatError):

@@ -1,4 +1,5 @@
-"""The driver contract on a connected device: `pytest tests/nightly/plugins/devices/test_connected_device.py --device NAME`.
+"""Tests the driver contract on a connected device: `pytest tests/nightly/plugins/devices/test_connected_device.py
+--device NAME`.
 
 Without `--device`, the simulated device is tested. The force is at most 0.5 N. The result is written to
 `device-report.json`, to be filed with an issue (docs/how-to/set-up-a-device.md).
