@@ -232,8 +232,8 @@ def record(
 ) -> int:
     """Record from an accelerometer or force probe on a serial port.
 
-    docs/reference/probe-protocol.md specifies the protocol of a probe. Exit codes: 0 success;
-    1 it ended early, for example because the probe was disconnected.
+    docs/reference/probe-protocol.md specifies the protocol of a probe. Exit code 1
+    means that the recording ended early: the probe was disconnected.
 
     examples:
       hapscene capture record --port /dev/ttyUSB0

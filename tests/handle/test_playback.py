@@ -109,7 +109,7 @@ def test_invalid_arguments_are_refused() -> None:
         play(np.zeros(9), RATE_HZ, compensator="best")
     with pytest.raises(HandleError, match="rate_Hz"):
         play(np.zeros(9), 1000.0)
-    with pytest.raises(HandleError, match=r"shape \(n,\)"):
+    with pytest.raises(HandleError, match="acceleration_m_s2"):
         play(np.zeros((2, 9)), RATE_HZ)
 
 
