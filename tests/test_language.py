@@ -14,7 +14,9 @@ import pytest
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 
-SUFFIXES: Final = set(".py .pyi .js .html .css .md .golden .toml .jinja .yml .c .h .cpp .gd .cs".split())
+SUFFIXES: Final = {
+    ".py", ".pyi", ".js", ".html", ".css", ".md", ".golden", ".toml", ".jinja", ".yml", ".c", ".h", ".cpp", ".gd", ".cs"
+}  # fmt: skip
 
 BEGIN, END = r"(?<![A-Za-z])", r"(?![a-z])"
 

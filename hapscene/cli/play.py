@@ -187,9 +187,9 @@ def serve(
     """Render touch for another program, over UDP and WebSocket.
 
     A game engine or simulator sends the poses of bodies, and receives forces and
-    contacts. docs/reference/bridge-protocol.md specifies the packets; examples/engines has
-    clients in several languages, and a page that tunes, paints, adds and removes
-    bodies. For a MuJoCo model, its bodies are served without its physics.
+    contacts. docs/reference/bridge-protocol.md specifies the packets;
+    examples/engines has clients in several languages, and a page that tunes,
+    paints, adds and removes bodies. A MuJoCo model is served without its physics.
 
     examples:
       hapscene serve cup.scene.json --ws 47701

@@ -49,10 +49,8 @@ BYTES_MAX: Final = 16 << 20
 UPDATE_MAX: Final = 1000
 """Largest update interval of a texture filter [ticks]."""
 
-COST_MAX: Final = 100
-"""Most entries of `told` and of `made` [count]."""
-
-COST: Final = "told"  # key of the measured cost
+COST: Final = "told"  # key of the measured cost of a level
+COST_MAX: Final = 100  # most entries of `told` and of `made`
 
 
 class FidelityError(FormatError):

@@ -182,7 +182,7 @@ HANDLE: Final = np.dtype(
         # corner rises, for the learnt and for the nominal handle
         *_fields("room room_m yield_m nominal_m room_return impact_N impact_travel", "f8"),
         *_fields("at_bound at_bound_count fallback fallback_least fallback_most", "i8"),
-        *_fields("pause_count pause impact_pause", "i8"),  # samples until estimation resumes; pause between impacts
+        *_fields("pause_count pause impact_pause", "i8"),  # samples until estimation resumes; until an impact counts
         *_fields("forget forget_played", "f8"),
     ],
     align=True,
