@@ -149,7 +149,7 @@ def test_a_fast_amplifier_has_no_interval() -> None:
 
 
 def test_a_system_of_another_kind_shows_in_the_misfit() -> None:
-    """A second resonance at 300 Hz, which eq. 8 has not: the intervals are made wider by what it leaves."""
+    """A second resonance at 300 Hz is not part of eq. 8; its residual must widen the intervals."""
     responses = measured(Plant(), [("a", 200.0, 3.0), ("b", 1500.0, 10.0)], Sweep())
     ratio = [1.0 / (1.0 - (r.frequency_Hz / 300.0) ** 2 + 0.1j * r.frequency_Hz / 300.0) for r in responses]
     other = [replace(r, response=r.response * (1.0 + 0.05 * extra)) for r, extra in zip(responses, ratio, strict=True)]
@@ -160,7 +160,7 @@ def test_a_system_of_another_kind_shows_in_the_misfit() -> None:
 
 
 def test_intervals_include_the_model_error() -> None:
-    """Responses thrice as noisy as their coherence tells: by the Jacobian alone all would be too sure of themselves."""
+    """Responses with three times the noise of their coherence: intervals of the Jacobian alone are too narrow."""
     rng, responses = (
         np.random.default_rng(0),
         measured(Plant(), [("a", 200.0, 3.0), ("b", 1500.0, 10.0)], Sweep(sweep_s=4.0)),

@@ -35,7 +35,7 @@ def test_without_noise_it_is_the_three_systems_in_a_row() -> None:
 
 @pytest.mark.parametrize(("rate_Hz", "tolerance"), [(10_000.0, 4e-5), (5000.0, 4e-4), (3000.0, 2.5e-3)])
 def test_its_response_is_that_of_the_model(rate_Hz: float, tolerance: float) -> None:
-    """The transform of its impulse response against `sampled_response`, within what the latter says it leaves out."""
+    """The transform of the impulse response equals `sampled_response` within its stated error."""
     plant = Plant(k_u_N_m=2000.0, b_u_Ns_m=10.0)
     source = SimulatedSource(plant, rate_Hz, 0.0, tremor_N=0.0)
     impulse = np.zeros(round(4 * rate_Hz))

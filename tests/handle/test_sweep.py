@@ -1,4 +1,4 @@
-"""The swept sine: what it plays, and that it stays inside what the coil can take."""
+"""The swept sine: its band, and the limits of coil travel and force."""
 
 import numpy as np
 import pytest

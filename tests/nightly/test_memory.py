@@ -17,5 +17,5 @@ def test_low_memory_limit_is_reported() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, preexec_fn=limit, encoding="utf-8"
     )
     note, error = done.stderr.splitlines()
-    assert note.startswith("hapscene: note: this process may take 300 MiB of memory; a touch of a small scene takes")
+    assert note.startswith("hapscene: note: the memory limit of this process is 300 MiB; touching a small scene takes")
     assert error == "hapscene: none.stl: no such file"

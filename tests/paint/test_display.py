@@ -1,4 +1,4 @@
-"""What is shown: whole where it is small, reduced where it is large, and always what the painting says."""
+"""The displayed mesh: complete for small scenes, reduced for large ones, always with the current painting."""
 
 import re
 import sys

@@ -1,4 +1,4 @@
-"""The history: what it packs comes back, and it does not grow without bound."""
+"""The undo history restores packed states and limits its memory."""
 
 import numpy as np
 from hypothesis import given, settings

@@ -1,4 +1,4 @@
-"""Steps of a painting: what is open belongs together, ends with whatever else is done, and is undone as one."""
+"""Undo steps of a painting: changes in an open step are undone together; any other edit ends the step."""
 
 import numpy as np
 import pytest

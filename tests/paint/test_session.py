@@ -1,4 +1,4 @@
-"""Operations on a scene: whatever is done can be undone to the bit, done again, saved and loaded."""
+"""Operations on a scene can be undone and redone exactly, saved and loaded."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Fine paint as it is shown: where it is, as what, how much of it is made anew, and in the file's own colours."""
+"""Display of subdivided faces: position, swatch, number of redrawn patches, and colours of the mesh file."""
 
 import numpy as np
 import pytest

@@ -35,7 +35,7 @@ def content(name: str) -> tuple[bytes, str] | None:
 
 @pytest.fixture
 def opened() -> Iterator[Opened]:
-    """A server, and what its pages have sent; each page is greeted, and one that closes is noted."""
+    """A server that greets each page, and records the received messages and closed pages."""
     taken: Queue[Any] = Queue()
     with WebServer(
         resources.files("hapscene.play"),

@@ -372,7 +372,7 @@ def test_apparent_mass_is_the_published_range() -> None:
 
 
 def test_lightest_direction_with_orthogonal_arms_is_the_forearm_s() -> None:
-    """The forearm moves the tip alone there: k7 / l2²."""
+    """In this pose only the forearm moves the tip; its stiffness is k7 / l2²."""
     for angle in (0.2, 0.65, 1.2):
         q = np.array([0.0, angle, angle])
         J = jacobian(q)

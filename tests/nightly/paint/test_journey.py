@@ -47,7 +47,7 @@ COMPILE_S = 300.0
 
 
 class Top:
-    """The top of the cube, looked down on, the cube alone in sight: where its places are in the window."""
+    """View of the top of the cube from above, with the other bodies hidden; converts its points to pixels."""
 
     def __init__(self, page: Composer) -> None:
         self.page = page

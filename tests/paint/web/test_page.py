@@ -355,7 +355,7 @@ def test_image_sets_the_appearance_of_the_selected_swatch_and_can_be_undone(page
 
 
 def drop(page: Page, files: Mapping[str, bytes | int]) -> None:
-    """Drop files on the page, as upload.js does; of those that are a number the size alone, nothing comes."""
+    """Drop files on the page, as upload.js does. An integer in place of content sends the size but no data."""
     host = page.url.removeprefix("http://").rstrip("/")
     origin: Any = f"http://{host.partition('/')[0]}"
     with connect(f"ws://{host}{UPLOAD_PATH}", origin=origin) as wire:

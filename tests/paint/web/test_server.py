@@ -1,4 +1,4 @@
-"""The gate, by itself and before a real server."""
+"""Access control of the server, tested alone and in front of a real server."""
 
 import http.client
 import socket

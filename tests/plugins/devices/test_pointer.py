@@ -35,7 +35,7 @@ def connected(link: PointerLink, monkeypatch: pytest.MonkeyPatch, tool: int = 0)
 
 
 def walk(pointer: PointerConnection, ticks: int) -> np.ndarray:
-    """Where it is in each of so many ticks (ticks, 3) [m]."""
+    """Return the position in each tick (ticks, 3) [m]."""
     places = np.zeros((ticks, 3))
     for place in places:
         pointer.read()

@@ -1,4 +1,4 @@
-"""What a page must not do to the painter: it goes on, says one line for each kind, and repeats nothing from outside."""
+"""Hostile clients: the painter keeps running, and logs one line for each kind of error without their content."""
 
 import contextlib
 import http.client
@@ -99,7 +99,7 @@ def painter(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Painter]:
 
 
 def frame(opcode: int, content: bytes, final: bool = True, rsv: int = 0, length: int | None = None) -> bytes:
-    """A frame of a WebSocket, masked with zeros; `length` is what it says of itself."""
+    """Return a WebSocket frame with a zero mask; `length` is the length stated in its header."""
     size = len(content) if length is None else length
     head = bytes([final << 7 | rsv << 4 | opcode])
     if size < 126:

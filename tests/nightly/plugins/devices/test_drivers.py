@@ -1,4 +1,4 @@
-"""What every driver of a real device keeps to, at its wire: a force to what is ready alone, zero on every way out."""
+"""Contract of all drivers: force only while the device is ready, and zero force however the driver ends."""
 
 import errno
 import importlib
