@@ -239,7 +239,7 @@ def _remove_left(part: Path, state: os.stat_result) -> None:
 
 
 def _mode(path: Path) -> int:
-    """Return the permissions for a new file: those of the file that it replaces, else the default."""
+    """Return the permissions for a new file: of the file that it replaces, or the default."""
     if path.is_file() and not path.is_symlink():
         return stat.S_IMODE(path.stat().st_mode)
     return 0o666 & ~_UMASK
