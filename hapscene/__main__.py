@@ -2,7 +2,7 @@
 
 import os
 import sys
-from _signal import SIGINT, signal  # type: ignore[import-not-found]  # the module signal is slow to import
+from _signal import SIG_IGN, SIGINT, signal  # type: ignore[import-not-found]  # the module signal is slow to import
 
 
 def run() -> None:
@@ -11,7 +11,7 @@ def run() -> None:
     from hapscene.cli import main
 
     code = main()
-    signal(SIGINT, lambda kind, frame: None)
+    signal(SIGINT, SIG_IGN)  # Python resets other handlers when it ends, and Ctrl-C would then kill it
     sys.exit(code)
 
 

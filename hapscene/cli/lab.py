@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from hapscene.cli.console import print_files, print_lines, print_note, print_progress, table
+from hapscene.cli.console import print_error, print_files, print_lines, print_note, print_progress, table
 from hapscene.cli.inputs import check_scene, find_asset, load_input, print_size_advice
 from hapscene.cli.options import (
     Counts,
@@ -27,6 +27,7 @@ from hapscene.cli.options import (
 )
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.errors import HapsceneError
+from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
     from hapscene.fidelity.tune import Tuned
@@ -185,7 +186,7 @@ def chart(
     table: Table = None,
     docs: Docs = None,
     workers: WorkerOptions = WorkerOptions(),
-) -> None:
+) -> int:
     """Chart speed against accuracy of each approximation, and recommend settings.
 
     Each question becomes a picture; chart.html shows all of them, chart.csv has the
@@ -207,8 +208,10 @@ def chart(
     try:
         run(out, scene, **how)
     except KeyboardInterrupt:
-        print_note("completed measurements are kept; run the same command again to resume")
-        raise
+        clear_interrupt()
+        print_error("interrupted; completed measurements are kept: run the same command again to resume")
+        return 130
+    return 0
 
 
 @app.command

@@ -121,7 +121,7 @@ def _level_content(level: Level, files: "SidecarFiles") -> dict[str, Any]:
 
     return {
         COST: dict(level.cost),
-        "bodies": {name: {"mesh": body.mesh and mesh_content(name, body.mesh)} for name, body in level.bodies.items()},
+        "bodies": {name: {"mesh": mesh_content(name, body.mesh)} for name, body in level.bodies.items() if body.mesh},
         "swatches": {
             name: {"order": swatch.order, "update_ticks": swatch.update_ticks}
             for name, swatch in level.swatches.items()
@@ -172,10 +172,7 @@ def _level(content: Any, path: Path, scene: Scene) -> Level:
     for name, value in _named(f"{where}.bodies", content["bodies"], known, "body"):
         place = f"{where}.bodies[{short(name)}]"
         check_keys(place, value, ("mesh",))
-        mesh = value["mesh"]
-        if mesh is not None:
-            mesh = _mesh(f"{place}.mesh", mesh, path, meshes, len(known[name].mesh.faces))
-        bodies[name] = BodyFidelity(mesh)
+        bodies[name] = BodyFidelity(_mesh(f"{place}.mesh", value["mesh"], path, meshes, len(known[name].mesh.faces)))
     of_scene = {swatch.name: swatch for swatch in scene.swatches}
     for name, value in _named(f"{where}.swatches", content["swatches"], of_scene, "swatch"):
         place = f"{where}.swatches[{short(name)}]"

@@ -37,10 +37,14 @@ Reader = Callable[..., Mapping[str, NDArray[Any]]]
 It raises `FormatError` for invalid files; the message is passed on."""
 
 TIME_MAX_S: Final = 120.0
-"""Maximum time to read a file [s]. A STEP file with 8,000 faces takes 2 s."""
+"""Maximum processor time to read a file [s]. A STEP file with 8,000 faces takes 2 s."""
 
-CLOCK_RATIO: Final = 4.0
-"""Ratio of the limits on wall-clock time and processor time [1], since other processes share the machine."""
+CLOCK_RATIO: Final = 20.0
+"""Ratio of the limits on wall-clock time and processor time [1]. The processor time decides, so that a valid file is
+read on a busy machine too; the clock ends readers that wait forever."""
+
+_OUT_OF_MEMORY: Final = re.compile(r"bad_alloc|MemoryError|[Oo]ut of memory|Cannot allocate memory")
+"""What native code prints if an allocation fails."""
 
 SAID_MAX_B: Final = 16_384
 """Maximum length of the stored output of the reader [bytes]."""
@@ -121,8 +125,12 @@ def confined(
     text = tail.text()
     if refused is not None:
         raise FormatError(refused)
-    if code == -_SIGXCPU or (code != 0 and time.monotonic() - start_s >= most_s):
-        raise FormatError(f"{by} did not finish within {time_s:.3g} s")
+    if code == -_SIGXCPU:
+        raise FormatError(f"{by} used more than {time_s:.3g} s of processor time, the limit for this file")
+    if code != 0 and time.monotonic() - start_s >= most_s:
+        raise FormatError(f"{by} did not finish within {most_s:.3g} s on the clock, the limit for this file")
+    if code != 0 and _OUT_OF_MEMORY.search(text):
+        raise FormatError(_memory_exceeded(by, memory_B))
     if code != 0 or arrays is None:
         last = f"; its last output: {text.splitlines()[-1][:200]}" if text else ""
         raise FormatError(f"{by} failed on it ({_ending(code)}): the file is damaged{last}")
@@ -185,6 +193,10 @@ def _fill(place: memoryview, pipe: Any) -> None:
         place = place[count:]
 
 
+def _memory_exceeded(what: str, memory_B: int) -> str:
+    return f"{what} needs more than {memory_B >> 20} MiB of memory, the limit for this file: it is damaged or too large"
+
+
 def _ending(code: int) -> str:
     try:
         return signal.Signals(-code).name if code < 0 else f"exit code {code}"
@@ -213,7 +225,7 @@ def _main(order: str) -> None:
     except FormatError as error:
         refused = str(error)
     except MemoryError:
-        refused = f"reading it needs more than {memory_B >> 20} MiB of memory: the file is damaged or too large"
+        refused = _memory_exceeded("reading it", memory_B)
     whole = {key: np.ascontiguousarray(array) for key, array in arrays.items()}
     head = [[key, array.dtype.str, array.shape] for key, array in whole.items()]
     answers.write(json.dumps({"refused": refused, "arrays": head}).encode() + b"\n")

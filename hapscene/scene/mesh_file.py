@@ -27,8 +27,9 @@ from hapscene.scene.mesh import (
     parts_of,
     unit_name,
 )
-from hapscene.scene.obj import LINE_MAX, read_obj
-from hapscene.scene.ply import declared_counts, ply_groups
+from hapscene.scene.obj import read_obj
+from hapscene.scene.off import read_off
+from hapscene.scene.ply import declared_counts, ply_groups, strips_to_faces
 from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.step_file import declared_by, faces_in, step_glb
 from hapscene.scene.topology import edges_of, weld
@@ -59,37 +60,11 @@ def check(suffix: str, content: bytes, where: str) -> int:
     """
     if suffix == "ply":
         return declared_counts(content, where).get("face", 0)
-    if suffix == "off":
-        return _off(content, where)
     if suffix == "stl":
         _stl(content, where)
     elif suffix in ("gltf", "glb"):
         check_gltf(content, suffix == "glb", where, FILE_MAX_B)
     return 0
-
-
-_OFF_HEADER: Final = re.compile(rb"\s*(?:#[^\n]*\n\s*)*[A-Z]*OFF\s+(?:#[^\n]*\n\s*)*(\d{1,18})\s+(\d{1,18})\s")
-
-
-def _off(content: bytes, where: str) -> int:
-    """Check an OFF file; return the number of faces from its header: the word OFF, then vertex and face counts.
-
-    Raises:
-        MeshError: the header is missing, a line is too long, or there are fewer lines than the header declares.
-    """
-    lines = content.splitlines()
-    if max(map(len, lines)) > LINE_MAX:
-        raise MeshError(f"{where}: a line is longer than {LINE_MAX:,} characters")
-    header = _OFF_HEADER.match(content.removeprefix(b"\xef\xbb\xbf"))
-    if header is None:
-        raise MeshError(f"{where}: not a valid OFF file: expected OFF and the numbers of vertices and faces")
-    vertex_count, face_count = int(header[1]), int(header[2])
-    if len(lines) <= vertex_count + face_count:
-        raise MeshError(
-            f"{where}: truncated: the header declares {vertex_count:,} vertices and {face_count:,} faces, "
-            f"but the file has {len(lines):,} lines"
-        )
-    return face_count
 
 
 _FACET: Final = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
@@ -294,6 +269,10 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
         )
     if suffix == "obj":
         return [read_obj(content, str(path), resolver)], None
+    if suffix == "off":
+        return [read_off(content, str(path))], None
+    if suffix == "ply":
+        content = strips_to_faces(content, str(path))
     face_count = check(suffix, content, str(path))
     if suffix == "stl" and not _is_text(content):
         content = content[: _binary_end(content)]  # drop data that some programs append after the faces

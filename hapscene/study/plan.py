@@ -202,10 +202,10 @@ def parse_plan(content: str | bytes, *, folder: str | Path = ".") -> Plan:
     content = content.encode() if isinstance(content, str) else content
     try:
         plan = msgspec.convert(tomllib.loads(content.decode("utf-8-sig")), Plan)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise StudyError(f"invalid TOML: {error}") from None
     except msgspec.ValidationError as error:
         raise StudyError(f"invalid plan: {error}") from None
+    except (ValueError, RecursionError) as error:  # ValueError: also for a number of more than 4300 digits
+        raise StudyError(f"invalid TOML: {str(error).partition('; use sys.')[0]}") from None
     stimuli = {name: replace(stimulus, name=name) for name, stimulus in plan.stimuli.items()}
     for stimulus in stimuli.values():
         if not (stimulus.swatch or stimulus.recording):

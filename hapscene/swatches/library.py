@@ -12,8 +12,8 @@ import operator
 import os
 import re
 import time
-from collections.abc import Callable, Generator, Iterable
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from dataclasses import replace as with_changes
 from functools import cache
@@ -65,6 +65,12 @@ TAG_LENGTH_MAX: Final = 40
 
 INDEX_BYTES_MAX: Final = 8 * 1024 * 1024
 """Maximum size of an index [bytes]: about ten thousand swatches."""
+
+LOCK: Final = ".lock"
+"""File in the folder of the library that a writer locks, so that the changes of several writers are all kept."""
+
+LOCK_WAIT_S: Final = 20.0
+"""Maximum wait for other writers [s]; a change takes a few milliseconds."""
 
 ENVIRONMENT: Final = "HAPSCENE_LIBRARY"
 """Environment variable that names the folder of the library."""
@@ -214,10 +220,12 @@ def add(
         SwatchError: the name is that of a shipped swatch or exists, or the folder cannot be written.
     """
     root = library_folder(folder)
-    old = _found(swatch.name, root)
-    _check_name(swatch.name, taken=old is not None and not replace, known=old is not None)
-    home = old[0] if old is not None else root / _checked_folder(inside)
-    return _put(swatch, home, _checked_tags(tags) or (old[1].tags if old else ()), old)
+    _make_folder(root)
+    with _locked(root):
+        old = _found(swatch.name, root)
+        _check_name(swatch.name, taken=old is not None and not replace, known=old is not None)
+        home = old[0] if old is not None else root / _checked_folder(inside)
+        return _put(swatch, home, _checked_tags(tags) or (old[1].tags if old else ()), old)
 
 
 def edit(
@@ -233,15 +241,16 @@ def edit(
     Raises:
         SwatchError: no such swatch, the name exists, a tag or folder name is invalid, or a file cannot be written.
     """
-    old = _found(name, folder)
-    if old is None:
-        raise SwatchError(_no_own(name, folder))
-    swatch = read_swatch(old[0] / old[1].file)
-    if new_name is not None and new_name != name:
-        _check_name(new_name, taken=_found(new_name, folder) is not None, known=False)
-        swatch = with_changes(swatch, name=new_name)
-    home = old[0] if inside is None else library_folder(folder) / _checked_folder(inside)
-    return _put(swatch, home, old[1].tags if tags is None else _checked_tags(tags), old)
+    with _locked(library_folder(folder)):
+        old = _found(name, folder)
+        if old is None:
+            raise SwatchError(_no_own(name, folder))
+        swatch = read_swatch(old[0] / old[1].file)
+        if new_name is not None and new_name != name:
+            _check_name(new_name, taken=_found(new_name, folder) is not None, known=False)
+            swatch = with_changes(swatch, name=new_name)
+        home = old[0] if inside is None else library_folder(folder) / _checked_folder(inside)
+        return _put(swatch, home, old[1].tags if tags is None else _checked_tags(tags), old)
 
 
 def remove(name: str, folder: str | os.PathLike[str] | None = None) -> Path:
@@ -250,10 +259,11 @@ def remove(name: str, folder: str | os.PathLike[str] | None = None) -> Path:
     Raises:
         SwatchError: no such swatch in the library, or it cannot be deleted.
     """
-    old = _found(name, folder)
-    if old is None:
-        raise SwatchError(_no_own(name, folder))
-    return _take(*old)
+    with _locked(library_folder(folder)):
+        old = _found(name, folder)
+        if old is None:
+            raise SwatchError(_no_own(name, folder))
+        return _take(*old)
 
 
 def _no_own(name: str, folder: str | os.PathLike[str] | None) -> str:
@@ -264,10 +274,58 @@ def _no_own(name: str, folder: str | os.PathLike[str] | None) -> str:
     return no_such("swatch", name, known) + f" in {library_folder(folder)}"
 
 
+@contextmanager
+def _locked(root: Path) -> Iterator[None]:
+    """Context manager: lock the library against other writers, in this process and in others.
+
+    Raises:
+        SwatchError: the folder cannot be written, or others hold the lock for longer than `LOCK_WAIT_S`.
+    """
+    from filelock import FileLock, Timeout
+
+    if not root.is_dir():  # an empty library; `add` creates the folder first
+        yield
+        return
+    lock = FileLock(root / LOCK, timeout=LOCK_WAIT_S)
+    try:
+        lock.acquire(poll_interval=0.01)
+    except Timeout:
+        raise SwatchError(f"{root}: another program has been writing there for {LOCK_WAIT_S:g} s: try again") from None
+    except OSError as error:
+        raise SwatchError(f"{root}: cannot be written: {error.strerror or error}") from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@contextmanager
+def _restored_on_error(*paths: Path) -> Iterator[None]:
+    """Context manager: restore the content of files if an exception leaves it."""
+    before = {path: path.read_bytes() if path.is_file() else None for path in paths}
+    try:
+        yield
+    except BaseException:
+        for path, content in before.items():
+            with suppress(OSError, SwatchError):
+                if content is None:
+                    path.unlink(missing_ok=True)
+                elif path.read_bytes() != content:
+                    write_whole(path, content, SwatchError)
+        raise
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SwatchError(f"{folder}: cannot be written: {error.strerror or error}") from None
+
+
 def _put(
     swatch: Swatch, home: Path, tags: tuple[str, ...], old: tuple[Path, LibraryEntry] | None = None
 ) -> LibraryEntry:
-    """Write a swatch to a library folder, replacing an old entry in any folder."""
+    """Write a swatch to a library folder, replacing an old entry in any folder. If this fails, nothing changes."""
     entries = {entry.name: entry for entry in own_entries(home)}
     here = None
     if old is not None and old[0] == home:
@@ -275,26 +333,26 @@ def _put(
     text = swatch_to_json(swatch).encode("utf-8")
     taken = {entry.file.casefold() for entry in entries.values()} | {f.name.casefold() for f in home.glob("*")}
     entry = entry_of(swatch, text, taken - ({here.file.casefold()} if here else set()), tags)
-    try:
-        home.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SwatchError(f"{home / entry.file}: cannot be written: {error.strerror or error}") from None
-    write_whole(home / entry.file, text, SwatchError)
+    _make_folder(home)
+    with _restored_on_error(home / entry.file, home / INDEX):
+        write_whole(home / entry.file, text, SwatchError)
+        write_index(home, (entries | {entry.name: entry}).values())
+        if old is not None and here is None:
+            _take(*old)
     if here is not None and here.file != entry.file:
-        (home / here.file).unlink(missing_ok=True)
-    write_index(home, (entries | {entry.name: entry}).values())
-    if old is not None and here is None:
-        _take(*old)
+        with suppress(OSError):  # no entry names this file any more
+            (home / here.file).unlink()
     return entry
 
 
 def _take(home: Path, gone: LibraryEntry) -> Path:
-    """Remove a swatch from a library folder."""
-    write_index(home, (entry for entry in own_entries(home) if entry.name != gone.name))
-    try:
-        (home / gone.file).unlink(missing_ok=True)
-    except OSError as error:
-        raise SwatchError(f"{home / gone.file}: cannot be removed: {error.strerror or error}") from None
+    """Remove a swatch from a library folder. If this fails, nothing changes."""
+    with _restored_on_error(home / INDEX):
+        write_index(home, (entry for entry in own_entries(home) if entry.name != gone.name))
+        try:
+            (home / gone.file).unlink(missing_ok=True)
+        except OSError as error:
+            raise SwatchError(f"{home / gone.file}: cannot be removed: {error.strerror or error}") from None
     return home / gone.file
 
 

@@ -1,5 +1,6 @@
 """MuJoCo models: geoms against MuJoCo's own rays, pushed bodies, errors."""
 
+import io
 import itertools
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ import trimesh
 from numpy.typing import NDArray
 
 import hapscene
+from hapscene.bridge.mujoco_file import compile_model
 from hapscene.bridge.mujoco_geom import SAG
 from hapscene.cli import main
+from hapscene.errors import FormatError
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'hapscene[mujoco]'")
 
@@ -339,3 +342,12 @@ def test_unnamed_bodies_have_unique_names() -> None:
     bodies = '<body><geom size=".1"/></body><body name="body_1"><geom size=".1"/></body>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     assert len({part.name for part in hapscene.bridge.MuJoCo(model, mujoco.MjData(model)).scene.bodies}) == 2
+
+
+@pytest.mark.parametrize("counts", [(10**9,), (10**30,), (1000, 1000)])
+def test_replicate_with_too_many_copies_is_an_error(counts: tuple[int, ...]) -> None:
+    text = '<geom type="sphere" size=".1"/>'
+    for count in counts:
+        text = f'<replicate count="{count}">{text}</replicate>'
+    with pytest.raises(FormatError, match="replicate"):
+        compile_model(io.BytesIO(f"<mujoco><worldbody>{text}</worldbody></mujoco>".encode()), "never read")

@@ -196,6 +196,25 @@ def test_interpolated_samples_are_counted(tmp_path: Path) -> None:
     assert recording.bridged == {"acceleration": 2}
 
 
+@pytest.mark.parametrize("value", [1e200, -1e200, np.inf, 1e5])
+@pytest.mark.parametrize("column", ["acceleration_y", "force"])
+def test_invalid_value_raises_with_its_row_and_column(column: str, value: float, tmp_path: Path) -> None:
+    streams = {"acceleration_x": np.ones(2000), "acceleration_y": np.ones(2000), "force": np.ones(2000)}
+    units = {"acceleration": "100 m/s2", "force": "N"}
+    streams[column][76] = value
+    np.savetxt(
+        tmp_path / "r.csv", np.stack([*streams.values()], axis=1), delimiter=",", header=",".join(streams), comments=""
+    )
+    np.savez(tmp_path / "r.npz", **streams)
+    for name in ("r.csv", "r.npz"):
+        if column == "force" and value == 1e5:
+            load_recording(tmp_path / name, 1000.0, units=units)
+            continue
+        with pytest.raises(CaptureError) as caught:
+            load_recording(tmp_path / name, 1000.0, units=units)
+        assert all(word in str(caught.value) for word in (name, column, "row 77", f"{value:g}"))
+
+
 # DFT321 with known results.
 
 

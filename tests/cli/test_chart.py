@@ -63,3 +63,15 @@ def test_table_is_drawn_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert main(["lab", "chart", "--from", str(table), "--out", str(out)]) == 0
     assert "chart.html" in capsys.readouterr().out
     assert {file.name for file in out.iterdir()} == {"chart.csv", "chart.html", "groove.png", "groove-dark.png"}
+
+
+def test_interrupt_is_reported_in_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*arguments: object, **more: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hapscene_evidence.chart.run.chart", interrupt)
+    assert main(["lab", "chart", "--out", str(tmp_path)]) == 130
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "resume" in said and "nothing" not in said

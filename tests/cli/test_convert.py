@@ -1,11 +1,14 @@
 """`hapscene convert`."""
 
 import json
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hapscene.__main__ import run
 from hapscene.cli import main
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene, load_scene
@@ -92,3 +95,27 @@ def test_material_names_select_swatches(desk: Path, capsys: pytest.CaptureFixtur
     assert main(["convert", str(file), str(desk.with_name("part.scene.json")), "--unit", "mm"]) == 0
     assert "1 of 1 faces painted" in capsys.readouterr().out
     assert main(["convert", str(file), str(desk.with_name("part.glb")), "--unit", "mm"]) == 0
+
+
+@pytest.mark.parametrize("suffix", ["glb", "gltf", "obj", "ply", "stl"])
+def test_interrupted_export_leaves_no_file(
+    suffix: str, desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(path: Path, mode: int) -> None:  # of the complete temporary file
+        os.kill(os.getpid(), signal.SIGINT)
+
+    before = sorted(desk.parent.iterdir())
+    monkeypatch.setattr(Path, "chmod", interrupt)
+    assert main(["convert", str(desk), str(desk.with_name(f"desk.{suffix}"))]) == 130
+    assert capsys.readouterr().err.count("\n") == 1 and sorted(desk.parent.iterdir()) == before
+
+
+def test_interrupt_after_the_command_has_no_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr("hapscene.cli.main", lambda: 0)
+    try:
+        with pytest.raises(SystemExit) as ended:
+            run()
+        assert ended.value.code == 0 and signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)

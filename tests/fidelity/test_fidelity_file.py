@@ -57,6 +57,11 @@ def test_round_trip(file, scene, fidelity):
         assert mesh.group_names == body.mesh.group_names and np.array_equal(mesh.group, body.mesh.group)
 
 
+def test_body_without_coarser_mesh_is_not_written(tmp_path, scene):
+    save_fidelity(Fidelity(Level({"body": BodyFidelity()})), tmp_path / "x.fidelity.json", scene)
+    assert load_fidelity(tmp_path / "x.fidelity.json", scene).level.bodies == {}
+
+
 def test_files_of_earlier_versions(file, scene, fidelity):
     content = json.loads(file.read_text())
     content["levels"][0]["swatches"]["wood"]["left_out"] = ["tap"]
@@ -118,6 +123,7 @@ BODY, SWATCH = (*LEVEL, "bodies", "body"), (*LEVEL, "swatches", "wood")
         ((*LEVEL, "bodies", "cup"), {}, "no body 'cup'; there are: body"),
         ((*LEVEL, "swatches", "oak"), {}, "no swatch 'oak'"),
         ((*BODY, "crease_rad"), 0.5, "unknown key"),
+        ((*BODY, "mesh"), None, "mesh must be an object"),
         ((*BODY, "mesh", "path"), "../x.ply", "name of a PLY file"),
         ((*BODY, "mesh", "path"), "x.stl", "name of a PLY file"),
         ((*BODY, "mesh", "path"), "gone.ply", "no such file"),

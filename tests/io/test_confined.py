@@ -6,6 +6,7 @@ import re
 import signal
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -35,6 +36,12 @@ def misbehave(file: BinaryIO, how: str) -> dict[str, Any]:
     elif how == "colour":
         os.write(2, b"\x1b[32;1mred\x1b[0m \7\n")
         os._exit(1)
+    elif how == "abort":
+        os.write(2, b"terminate called after throwing an instance of 'std::bad_alloc'\n")
+        os.abort()
+    elif how == "busy":  # as on a machine whose processors are shared with many other processes
+        time.sleep(1.0)
+        return {}
     elif how == "fill":
         return {"much": np.ones(100_000_000)}
     elif how == "flood":
@@ -88,6 +95,7 @@ def test_arrays_and_output() -> None:
         ("objects", ""),
         ("leave", ""),
         ("divide", "ZeroDivisionError"),
+        ("abort", "190 MiB"),
         pytest.param("fill", "190 MiB", marks=pytest.mark.skipif(sys.platform != "linux", reason="Linux")),
     ],
 )
@@ -98,10 +106,18 @@ def test_failures_raise_format_error(how: str, reason: str) -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("how", ["loop", "sleep"])
-def test_time_limit(how: str) -> None:
-    with pytest.raises(FormatError):
-        _run(misbehave, how, time_s=0.5)
+@pytest.mark.skipif(sys.platform != "linux", reason="processor time is limited on Linux only")
+def test_processor_time_is_limited() -> None:
+    with pytest.raises(FormatError, match="processor"):
+        _run(misbehave, "loop", time_s=0.5)
+
+
+@pytest.mark.nightly
+def test_waiting_takes_no_processor_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _run(misbehave, "busy", time_s=0.5).arrays == {}
+    monkeypatch.setattr("hapscene.io.confined.CLOCK_RATIO", 2.0)
+    with pytest.raises(FormatError, match="clock"):
+        _run(misbehave, "sleep", time_s=0.5)
 
 
 def test_output_is_escaped() -> None:

@@ -198,3 +198,18 @@ def test_ctrl_c_during_start_prints_one_line(tmp_path: Path) -> None:
         done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120.0, cwd=tmp_path)
         ends.append((done.returncode, done.stderr))
     assert ends == [(130, "hapscene: interrupted; nothing was written\n")] * 5
+
+
+def test_ctrl_c_while_python_ends_has_no_effect(tmp_path: Path) -> None:
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os, signal, sys\n"
+        "class Last:\n"
+        "    def __del__(self, kill=os.kill, own=os.getpid(), kind=signal.SIGINT): kill(own, kind)\n"
+        "sys.last_of_all = Last()\n"
+    )
+    place = os.pathsep.join((str(tmp_path), *filter(None, (os.environ.get("PYTHONPATH"), str(Path.cwd())))))
+    command = [sys.executable, "-m", "hapscene", "lab", "effects"]
+    done = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": place}, capture_output=True, text=True, timeout=120.0
+    )
+    assert (done.returncode, done.stderr) == (0, "")

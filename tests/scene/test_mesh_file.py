@@ -160,6 +160,7 @@ BROKEN = {
     "inf.obj": b"v 0 0 0\nv inf 0 0\nv 0 1 0\nf 1 2 3\n",
     "no_faces.ply": ply(faces="", face_count=0),
     "index.ply": ply(faces="3 0 1 3\n"),
+    "long_index.off": b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 99999999999999999999\n",
     "index.off": b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n",
     "huge_count.ply": ply(vertex_count=10**12),
     "huge.obj": b"v 0 0 0\nv 1e30 0 0\nv 0 1 0\nf 1 2 3\n",
@@ -221,6 +222,40 @@ def test_truncated_off_file_raises(tmp_path, end):
     for mark in (b"", b"\xef\xbb\xbf"):  # some programs write a byte-order mark
         (tmp_path / "whole.off").write_bytes(mark + CUT_OFF)
         assert len(load_mesh(tmp_path / "whole.off", "m").faces) == 4
+
+
+FACES_OFF = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 1 2 3\n3 0 2 3\n"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        f"\n\n  \n# OFF of a program\n\n OFF # comment\n\n4 4 6\n{FACES_OFF}\n# end\n",
+        f"OFF 4 4 6\n{FACES_OFF}",
+        f"OFF\n4\n4\n6\n{FACES_OFF}",
+        f"COFF\n4 4\n{FACES_OFF}".replace("0 0 1\n", "0 0 1 255 0 0 255\n").replace("3 0 2 3", "3 0 2 3  255 0 0"),
+        "OFF\n4 4 6\n" + FACES_OFF.replace("3 0 1 3", "3\n0 1\n\n3 # comment").replace("1 0 0", "1\n0 0"),
+    ],
+)
+def test_off_layouts(tmp_path, content):
+    (tmp_path / "a.off").write_text(content)
+    mesh = load_mesh(tmp_path / "a.off", "m")
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 1, 3], [1, 2, 3], [0, 2, 3]]
+    assert mesh.vertices_m.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("counts", "line"), [("4 2 6", 9), ("4 5 6", None), ("3 4 6", 6), ("5 4 6", None), ("x 4 6", 2)]
+)
+def test_off_with_wrong_counts_raises(tmp_path, counts, line):
+    (tmp_path / "a.off").write_text(f"OFF\n{counts}\n{FACES_OFF}")
+    with pytest.raises(MeshError, match=r"a\.off" if line is None else f"line {line}:"):
+        load_mesh(tmp_path / "a.off", "m")
+
+
+def test_off_polygons_become_fans(tmp_path):
+    (tmp_path / "a.off").write_text("OFF\n5 2 0\n0 0 0\n1 0 0\n2 1 0\n1 2 0\n0 1 0\n5 0 1 2 3 4\n3 0 2 4\n")
+    assert load_mesh(tmp_path / "a.off", "m").faces.tolist() == [[0, 2, 4], [0, 1, 2], [0, 2, 3], [0, 3, 4]]
 
 
 def test_mesh_far_from_origin_raises(tmp_path):

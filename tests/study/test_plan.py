@@ -76,6 +76,7 @@ def test_invalid_files(tmp_path: Path) -> None:
         (b"title = ", "TOML"),
         (b"\xff", "TOML"),
         (b"a=" + b"[" * 5000, ""),
+        (b"people = " + b"9" * 5000, "4300 digits"),
     ):
         path.write_bytes(content)
         with pytest.raises(StudyError, match=str(path)) as fault:

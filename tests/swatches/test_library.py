@@ -3,11 +3,14 @@
 import hashlib
 import json
 import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from hapscene import cli
 from hapscene.errors import SwatchError
@@ -16,6 +19,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.swatch_summary import figures, lines, words
 from hapscene.surface.taps import Taps
+from hapscene.swatches import library
 from hapscene.swatches.library import (
     add,
     edit,
@@ -40,6 +44,12 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "home"
 
 
+def files_in(home: Path) -> dict[str, bytes]:
+    """The files of the library by name, without that which writers lock."""
+    files = {f.relative_to(home).as_posix(): f.read_bytes() for f in home.rglob("*") if f.is_file()}
+    return {name: content for name, content in files.items() if name != library.LOCK}
+
+
 def test_add_find_and_remove(home: Path) -> None:
     assert own_entries() == [] and find("oak") is None
     entry = add(OAK)
@@ -48,7 +58,7 @@ def test_add_find_and_remove(home: Path) -> None:
     assert (entry.sha256, entry.bytes) == (hashlib.sha256(data).hexdigest(), len(data))
     assert own_entries() == [entry] and entry.figures["friction_static"] == 0.5
     assert remove("oak") == home / "oak.swatch"
-    assert [f.name for f in home.iterdir()] == ["index.json"] and own_entries() == []
+    assert set(files_in(home)) == {"index.json"} and own_entries() == []
     with pytest.raises(SwatchError, match="oak"):
         load_swatch("oak")
 
@@ -87,10 +97,77 @@ def test_folders_and_tags(home: Path) -> None:
 def test_invalid_edit_raises_and_changes_nothing(home: Path, name: str, changes: dict[str, object]) -> None:
     add(OAK)
     add(replace(OAK, name="ash"))
-    before = {f: f.read_bytes() for f in home.rglob("*") if f.is_file()}
+    before = files_in(home)
     with pytest.raises(SwatchError):
         edit(name, **changes)
-    assert {f: f.read_bytes() for f in home.rglob("*") if f.is_file()} == before
+    assert files_in(home) == before
+
+
+def test_several_writers(home: Path) -> None:
+    def change(i: int) -> None:
+        add(replace(OAK, name=f"oak {i}"), inside="woods" if i % 2 else "")
+        if i % 3 == 0:
+            edit(f"oak {i}", new_name=f"ash {i}", inside="more")
+        if i % 5 == 0:
+            remove(f"ash {i}" if i % 3 == 0 else f"oak {i}")
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(change, range(1, 21)))
+    names = {f"{'ash' if i % 3 == 0 else 'oak'} {i}" for i in range(1, 21) if i % 5}
+    entries = [entry for folder in own_folders() for entry in own_entries(folder)]
+    assert sorted(entry.name for entry in entries) == sorted(names)
+    assert all(load_swatch(name).name == name for name in names) and len(list(home.rglob("*.swatch"))) == len(names)
+
+
+CHANGES: dict[str, Callable[[], object]] = {
+    "add": lambda: add(replace(OAK, name="elm"), inside="other"),
+    "replace": lambda: add(replace(OAK, stiffness_N_m=900.0), replace=True),
+    "rename": lambda: edit("oak", new_name="elm"),
+    "move": lambda: edit("oak", new_name="elm", inside="other"),
+    "remove": lambda: remove("oak"),
+}
+
+
+@pytest.mark.parametrize("step", range(4))
+@pytest.mark.parametrize("change", CHANGES)
+def test_failed_write_changes_nothing(change: str, step: int, home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The write after `step` others fails, and all later ones but those that restore a file."""
+    add(OAK, inside="woods")
+    add(replace(OAK, name="ash"))
+    before, write, left = files_in(home), library.write_whole, [step]
+
+    def fail(path: Path, content: bytes, error: type[Exception]) -> None:
+        if before.get(path.relative_to(home).as_posix()) != content:
+            left[0] -= 1
+            if left[0] < 0:
+                raise error(f"{path}: no space left on the device")
+        write(path, content, error)
+
+    monkeypatch.setattr(library, "write_whole", fail)
+    try:
+        CHANGES[change]()
+    except SwatchError:
+        assert files_in(home) == before
+    else:
+        assert step > 0 and left[0] >= 0
+
+
+def test_failed_removal_changes_nothing(home: Path) -> None:
+    file = home / add(OAK).file
+    file.unlink()
+    file.mkdir()  # cannot be unlinked
+    before = files_in(home)
+    with pytest.raises(SwatchError, match="oak"):
+        remove("oak")
+    assert files_in(home) == before
+
+
+def test_library_locked_by_another_program_raises(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    add(OAK)
+    monkeypatch.setattr(library, "LOCK_WAIT_S", 0.0)
+    with FileLock(home / library.LOCK), pytest.raises(SwatchError, match="home"):
+        remove("oak")
+    assert remove("oak")
 
 
 def test_existing_names(home: Path) -> None:
@@ -115,7 +192,7 @@ def test_file_names_are_safe(home: Path) -> None:
     assert len({entry.file.casefold() for entry in entries}) == len(names)
     assert (home / "oak.swatch").read_text() == "a file of the user's own"
     assert all(load_swatch(name).name == name for name in names)
-    assert {f.name for f in home.iterdir()} == {e.file for e in entries} | {"oak.swatch", "index.json"}
+    assert set(files_in(home)) == {e.file for e in entries} | {"oak.swatch", "index.json"}
     assert [e.name for e in own_entries()] == sorted(names)  # roundtrip
     for name in ("../../etc/passwd", "a\\b", "oak.swatch"):
         with pytest.raises(SwatchError):
@@ -250,6 +327,6 @@ def test_search_by_tool(home: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     printed = capsys.readouterr().out
     assert "  tool        steel probe\n" in printed and "  tip         3.2 mm ball\n" in printed
     assert cli.main(["swatch", "compare", "probed", "bare"]) == 0
-    assert "touched with different tools (steel probe, 3.2 mm ball; finger)" in capsys.readouterr().out
+    assert "different tools (steel probe, 3.2 mm ball; finger)" in capsys.readouterr().out
     assert cli.main(["swatch", "compare", "probed", "oak"]) == 0
     assert "different tools" not in capsys.readouterr().out  # the other tool is unknown

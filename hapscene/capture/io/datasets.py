@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 import scipy
 
-from hapscene.capture.io.formats import Column, RecordingSource, read_recording_source
+from hapscene.capture.io.formats import Column, RecordingSource, check_range, read_recording_source
 from hapscene.capture.io.streams import Array
 from hapscene.errors import CaptureError
 from hapscene.io.files import check_memory, refusing
@@ -104,6 +104,7 @@ def _read(path: Path, match: re.Match[str], dataset: Dataset) -> RecordingSource
 def _column(table: RecordingSource, name: str) -> Column:
     if name not in table.columns:
         raise CaptureError(f"no column {name!r}; found: {', '.join(table.columns)}")
+    check_range(name, table.columns[name])
     if not np.isfinite(table.columns[name]).all():
         raise CaptureError(f"column {name!r} contains values that are not finite")
     return table.columns[name]

@@ -31,10 +31,22 @@ from hapscene.io.confined import confined
 from hapscene.io.files import check_file_size, check_unpacked, memory_most_B, refusing, unpacked_most_B
 from hapscene.io.number_files import TOO_MUCH, lines_of, open_npz
 
-__all__ = ["AXES", "BYTES_MAX", "Column", "RecordingSource", "read_mat", "read_parquet", "read_recording_source"]
+__all__ = [
+    "AXES",
+    "BYTES_MAX",
+    "Column",
+    "RecordingSource",
+    "check_range",
+    "read_mat",
+    "read_parquet",
+    "read_recording_source",
+]
 
 BYTES_MAX: Final = 1 << 30
 """Largest file, and largest unpacked content, that is read [bytes]: 20 minutes of four columns at 10 kHz."""
+
+VALUE_MAX: Final = 1e30
+"""Largest magnitude of any measured number in SI units; larger ones would overflow when they are squared and summed."""
 
 AXES: Final = ("x", "y", "z")
 
@@ -53,6 +65,22 @@ class RecordingSource:
     """factor that is applied to all columns"""
     own_B: int = 0
     """size of the unpacked content of the file [bytes]"""
+
+
+def check_range(name: str, column: Column, scale: float = 1.0, most: float = VALUE_MAX) -> None:
+    """Check that no scaled number of a column is infinite or larger than `most`; NaN marks a missing sample.
+
+    Raises:
+        CaptureError: a number is; it is named by its column and row, counted from 1 after the header.
+    """
+    with np.errstate(invalid="ignore"):
+        beyond = np.flatnonzero(np.abs(scale * np.asarray(column, np.float64)) > most)
+    if len(beyond):
+        first = int(beyond[0])
+        raise CaptureError(
+            f"column {name!r}, row {first + 1}: invalid value {column[first]:g}; expected a finite number up to "
+            f"{most / scale:.3g}: correct the file or its unit"
+        )
 
 
 def read_recording_source(file: Path) -> RecordingSource:

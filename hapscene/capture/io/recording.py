@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 
 from hapscene.capture.io.datasets import read_dataset
-from hapscene.capture.io.formats import AXES, RecordingSource, read_recording_source
-from hapscene.capture.io.streams import Array, direction_of, fill_missing, filtered, speed_of
+from hapscene.capture.io.formats import AXES, VALUE_MAX, RecordingSource, check_range, read_recording_source
+from hapscene.capture.io.streams import ACCELERATION_MAX_M_S2, Array, direction_of, fill_missing, filtered, speed_of
 from hapscene.errors import CaptureError, warn
 from hapscene.io.files import check_memory, refusing
 from hapscene.io.number_files import TOO_MUCH
@@ -214,19 +214,22 @@ class _Reader:
         """Columns (k, n) of a quantity.
 
         Raises:
-            CaptureError: more than `MISSING_MAX` of the samples are missing.
+            CaptureError: a value is infinite or too large, or more than `MISSING_MAX` of the samples are missing.
         """
         made = []
+        scale = self._source.scale * self._scales[quantity]
+        most = ACCELERATION_MAX_M_S2 if quantity == "acceleration" else VALUE_MAX
         for name in self._chosen[quantity]:
             with np.errstate(invalid="ignore"):  # a signalling NaN also marks a missing sample
                 made.append(np.array(self._source.columns[name], np.float64))
+            check_range(name, made[-1], scale, most)
             share = np.count_nonzero(np.isnan(made[-1])) / len(made[-1])
             if share > MISSING_MAX:
-                most = f"at most {100 * MISSING_MAX:g} % can be interpolated"
-                raise CaptureError(f"column {name!r}: {100 * share:.1f} % of the samples are missing; {most}")
+                allowed = f"at most {100 * MISSING_MAX:g} % can be interpolated"
+                raise CaptureError(f"column {name!r}: {100 * share:.1f} % of the samples are missing; {allowed}")
             if missing := fill_missing(made[-1]):
                 self.bridged[name] = missing
-            made[-1] *= self._source.scale * self._scales[quantity]
+            made[-1] *= scale
         return made
 
 

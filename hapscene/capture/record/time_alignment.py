@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 import scipy
 
-from hapscene.capture.io.formats import AXES, RecordingSource, read_recording_source
+from hapscene.capture.io.formats import AXES, RecordingSource, check_range, read_recording_source
 from hapscene.capture.io.hsrec import Record, save_npz
 from hapscene.capture.io.recording import rate_of
 from hapscene.capture.io.streams import Array, fill_missing
@@ -311,8 +311,9 @@ def _sampled(source: RecordingSource, rate_Hz: float | None, wave: bool) -> Samp
         time_s = time_s * UNITS["time"].get(source.units.get("time", "s"), 1.0)
     own_Hz = rate_of(rate_Hz, source, time_s)
     for name, stream in streams.items():
-        if not np.isfinite(stream).sum() > 1 or np.isinf(stream).any():
-            raise CaptureError(f"column {name!r}: expected at least two numbers and no infinite values")
+        check_range(name, stream)
+        if not np.isfinite(stream).sum() > 1:
+            raise CaptureError(f"column {name!r}: expected at least two numbers")
     if not streams:
         raise CaptureError("the file contains no column except times")
     return SampledStreams(own_Hz, streams, {names[name]: unit for name, unit in source.units.items()})
