@@ -220,9 +220,7 @@ def _on_cluster(tasks: Sequence[Task], scheduler: str) -> Iterator[tuple[Task, A
         raise HapsceneError(
             "a cluster needs the package distributed, which is not installed: pip install 'hapscene[cluster]'"
         ) from None
-    logging.getLogger("distributed.client").setLevel(
-        logging.CRITICAL
-    )  # it logs each retry; the errors below report the failure once
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # repeats the errors below
     try:
         distributed.comm.resolve_address(scheduler)  # a client takes 20 s to give up an invalid address
         client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)

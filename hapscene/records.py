@@ -29,10 +29,7 @@ TOUCH: Final = np.dtype(
         ("body", "i8"),  # touched body, −1 in the air
         ("face", "i8"),  # touched face of that body's mesh, −1 in the air
         ("swatch", "i8"),  # touched swatch; in the air the last touched one, −1 before the first contact
-        (
-            "crossed",
-            "i8",
-        ),  # 1 if the swatch has changed since the last tick, or effect states belong to another swatch
+        ("crossed", "i8"),  # 1 if the swatch has changed since the last tick, or effect states are of another swatch
         ("inside", "i8"),  # number of bodies that the tool has penetrated (`release` of `OUTPUT`) and not yet left
         ("bary", "f8", (3,)),  # barycentric coordinates of the proxy on the face
         ("p_WT_m", "f8", (3,)),  # tool

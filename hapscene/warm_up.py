@@ -106,9 +106,7 @@ def _serve(scene: Scene) -> None:
     from hapscene.records import records
 
     clock = new_clock()
-    _beat(
-        np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, np.int64), clock, 0
-    )  # the last argument stops it at once
+    _beat(np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, np.int64), clock, 0)  # returns at once
     paused = records(1, CHANNEL)
     paused.pause = 1
     loop_empty(Timer(paused[0], clock, records(1, TIMING)[0], round(1e9 * TICK_S)))
