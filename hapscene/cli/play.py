@@ -187,7 +187,7 @@ def serve(
     """Render touch for another program, over UDP and WebSocket.
 
     A game engine or simulator sends the poses of bodies, and receives forces and
-    contacts. docs/reference/bridge-protocol.md specifies the packets;
+    contacts. docs/reference/bridge-protocol.md specifies the packets. The folder
     examples/engines has clients in several languages, and a page that tunes,
     paints, adds and removes bodies. A MuJoCo model is served without its physics.
 

@@ -256,7 +256,7 @@ def test_import_of_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     (folder / "Taps_none.xml").write_text("<tapSet/>")
     assert cli.main(["swatch", "import", str(folder), "-o", str(out)]) == 2
     said = capsys.readouterr()
-    assert "57 made, 4 broken" in said.out and "58/58" in said.out
+    assert "57 swatches written, 4 files" in said.out and "58/58" in said.out
     broken = said.err.splitlines()
     assert len(broken) == 4 and all(name in said.err for name in ("_17.xml", "_42.xml", "_55.xml", "Taps_none.xml"))
     assert len(list(out.iterdir())) == 57
@@ -277,7 +277,7 @@ def test_an_interrupted_import_leaves_complete_swatches(
 
     monkeypatch.setattr(hatt, "import_hatt", interrupt)
     assert cli.main(["swatch", "import", str(tmp_path), "-o", str(tmp_path / "out")]) == 130
-    assert "interrupted; the 1 swatches named above are complete" in capsys.readouterr().err
+    assert "interrupted; 1 swatches" in capsys.readouterr().err
     assert [f.name for f in (tmp_path / "out").iterdir()] == ["a.swatch"]
 
 
