@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from hapscene.cli.console import print_error, print_files, print_lines, print_note, print_progress, table
+from hapscene.cli.console import print_files, print_lines, print_note, print_progress, table
 from hapscene.cli.inputs import check_scene, find_asset, load_input, print_size_advice
 from hapscene.cli.options import (
     Counts,
@@ -27,7 +27,6 @@ from hapscene.cli.options import (
 )
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.errors import HapsceneError
-from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
     from hapscene.fidelity.tune import Tuned
