@@ -153,7 +153,7 @@ def rigid(poses: ArrayLike, what: str, count: int | None = None) -> NDArray[np.f
         row = np.abs(flat[:, 3] - _LAST_ROW).max(axis=1)
         mirrored, reach = np.linalg.det(R) < 0.0, np.abs(p).max(axis=1)
         good = (off <= RIGID_TOLERANCE) & (row <= RIGID_TOLERANCE) & ~mirrored & (reach <= REACH_MAX_M)
-    if not good.all():  # false for what is not finite, too
+    if not good.all():  # `good` is also false for values that are not finite
         k = int(good.argmin())
         pose = f"{what}: the pose" + ("" if count is None else f" of tick {k}")
         if not np.isfinite(flat[k]).all():

@@ -107,7 +107,7 @@ def _watch(kind: int) -> bool:
 
 
 def _is_safe(frame: FrameType | None) -> bool:
-    """Whether an interrupt may be raised in a frame: not in the importer, whose cleanup cannot handle it."""
+    """Return whether an interrupt may be raised in a frame. The importer must not be interrupted."""
     return frame is None or frame.f_code.co_filename != IMPORTER
 
 

@@ -39,10 +39,10 @@ class Task:
     """One call of a function.
 
     Attributes:
-        key: its name, unique within a run.
-        function: a function of a module that the workers can import; its result must be what JSON can hold.
-        arguments: keyword arguments, which JSON can hold.
-        alone: run in this process with nothing beside it, because it is timed.
+        key: name of the task, unique within a run.
+        function: a function in a module that the workers can import; its result must be serialisable to JSON.
+        arguments: keyword arguments, serialisable to JSON.
+        alone: run in this process without parallel tasks, so that its time can be measured.
     """
 
     key: str
@@ -51,7 +51,7 @@ class Task:
     alone: bool = False
 
     def digest(self) -> str:
-        """Differs where the function, an argument or the version of hapscene does."""
+        """Return a hash of the function, the arguments and the version of hapscene."""
         name = f"{self.function.__module__}:{self.function.__qualname__}"
         text = json.dumps([name, self.arguments, __version__], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -81,7 +81,7 @@ class Journal:
                 continue
 
     def _note(self, key: str, digest: str, result: Any) -> None:
-        self.results.pop((key, digest), None)  # the newest stands last
+        self.results.pop((key, digest), None)  # keeps the newest result last
         self.results[key, digest] = result
 
     def add(self, task: Task, result: Any) -> None:
@@ -137,7 +137,7 @@ def run_tasks(
 def iterate_results(
     tasks: Sequence[Task], jobs: int | None = None, scheduler: str | None = None
 ) -> Iterator[tuple[Task, Any]]:
-    """Each task with its result as it is done, or with a `TaskError` in its place; arguments as of `run_tasks`."""
+    """Yield each task with its result, or with a `TaskError`, as soon as it ends. Arguments as in `run_tasks`."""
     if scheduler is not None and tasks:
         yield from _on_cluster(tasks, scheduler)
     elif jobs == 1 or len(tasks) < 2:
@@ -181,7 +181,7 @@ def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Any]
             for task, result in _parallel(list(left.values()), n_jobs=jobs, **loky):
                 yield left.pop(task.key), result
         except BrokenProcessPool:
-            under_way = list(left.values())[: 2 * jobs]  # joblib dispatches so many
+            under_way = list(left.values())[: 2 * jobs]  # joblib dispatches this many tasks at once
             for task in under_way:
                 try:
                     ((_, result),) = _parallel([task], n_jobs=2, **loky)
@@ -205,11 +205,11 @@ def begin_process() -> None:
     threading.Thread(target=follow, daemon=True).start()
 
 
-# A Dask cluster. joblib's own backend for Dask waits without end once a worker dies; Dask itself goes on.
+# A Dask cluster. The Dask backend of joblib hangs when a worker dies; Dask itself restarts the task.
 
 
 def _on_cluster(tasks: Sequence[Task], scheduler: str) -> Iterator[tuple[Task, Any]]:
-    """Results by the workers of a scheduler, which gives the tasks of a worker that died to others.
+    """Yield results from the workers of a Dask scheduler, which reassigns the tasks of a worker that dies.
 
     Raises:
         HapsceneError: the package distributed is missing; the scheduler or its workers do not answer.
@@ -220,7 +220,7 @@ def _on_cluster(tasks: Sequence[Task], scheduler: str) -> Iterator[tuple[Task, A
         raise HapsceneError(
             "a cluster needs the package distributed, which is not installed: pip install 'hapscene[cluster]'"
         ) from None
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # the errors below say the same, once
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # repeats the errors below
     try:
         distributed.comm.resolve_address(scheduler)  # a client takes 20 s to give up an invalid address
         client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)

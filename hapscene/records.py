@@ -23,14 +23,14 @@ TOUCH: Final = np.dtype(
         ("tick_s", "f8"),  # period of a tick [s]
         ("rate_Hz", "f8"),  # rate of the acceleration channel [Hz]
         ("block", "i8"),  # acceleration samples in this tick: fill out.a_m_s2[0:block]
-        ("touching", "i8"),  # 1 while the tool is inside a surface; exactly on it rounding decides, and depth is 0
+        ("touching", "i8"),  # 1 while the tool is inside a surface; on the surface, rounding decides, and depth is 0
         ("began", "i8"),  # 1 in the first tick of a contact
         ("ended", "i8"),  # 1 in the first tick after a contact
         ("body", "i8"),  # touched body, −1 in the air
         ("face", "i8"),  # touched face of that body's mesh, −1 in the air
-        ("swatch", "i8"),  # touched swatch; in the air the one touched last, −1 before any
-        ("crossed", "i8"),  # 1 where the swatch is not the last tick's, or its effects' memory was another one's
-        ("inside", "i8"),  # how many bodies have let the tool in (`OUTPUT`'s release) and still hold its shaft
+        ("swatch", "i8"),  # touched swatch; in the air the last touched one, −1 before the first contact
+        ("crossed", "i8"),  # 1 if the swatch has changed since the last tick, or effect states are of another swatch
+        ("inside", "i8"),  # number of bodies that the tool has penetrated (`release` of `OUTPUT`) and not yet left
         ("bary", "f8", (3,)),  # barycentric coordinates of the proxy on the face
         ("p_WT_m", "f8", (3,)),  # tool
         ("p_WP_m", "f8", (3,)),  # proxy: on the surface in contact, at the tool in the air
@@ -40,23 +40,21 @@ TOUCH: Final = np.dtype(
         ("depth_rate_m_s", "f8"),  # backward difference of depth within a contact, 0 in the first tick
         ("approach_m_s", "f8"),  # speed into the surface when the contact began, ≥ 0
         ("leaving_m_s", "f8"),  # speed out of the surface when the last contact ended, ≥ 0
-        ("left_body", "i8"),  # body that the tool left last; −1 before, and once that body jumped or was removed
-        ("left_W_m", "f8", (3,)),  # the place where it left it, on that body as it moves
+        ("left_body", "i8"),  # body that the tool left last; −1 at the start, or after it was teleported or removed
+        ("left_W_m", "f8", (3,)),  # point on that body where the tool left it; moves with the body
         ("slip_W_m", "f8", (3,)),  # movement of the proxy over the body in this tick, tangential
         ("slip_m_s", "f8"),  # slip speed, low-passed at SLIP_CUTOFF_HZ, ≥ 0
         ("stiffness_N_m", "f8"),  # stiffness of the touched swatch
-        ("normal_force_N", "f8"),  # stiffness times depth: what all effects agree to press with, ≥ 0
-        ("force_N", "f8"),  # normal force, low-passed at SLIP_CUTOFF_HZ: what textures are chosen by
-        ("x_WB", "f8", (3,)),  # axes x and y of the touched body; in the air of the one touched last
+        ("normal_force_N", "f8"),  # stiffness times depth, the normal force that all effects use, ≥ 0
+        ("force_N", "f8"),  # normal force, low-passed at SLIP_CUTOFF_HZ; selects the texture model
+        ("x_WB", "f8", (3,)),  # axes x and y of the touched body; in the air, of the last touched body
         ("y_WB", "f8", (3,)),
-        (
-            "other",
-            "i8",
-        ),  # of a blend the swatch that is felt besides, else −1; each swatch's effects see it in `swatch`
-        ("weight", "f8"),  # and its weight [0, 1], which follows that of the paint within BLEND_S
-        # of those that have let it in; last, since few ticks read them
-        ("inside_body", "i8", (PASSED_MAX,)),  # which, in the order of their letting in
-        ("inside_X_WB", "f8", (PASSED_MAX, 12)),  # and their poses: R_WB row by row, p_WB
+        # second swatch of a blend, else −1; each effect runs for both, with `swatch` set to each
+        ("other", "i8"),
+        ("weight", "f8"),  # weight of the second swatch [0, 1]; follows the weight in the paint within BLEND_S
+        # penetrated bodies, in the order of penetration; stored last because few ticks read them
+        ("inside_body", "i8", (PASSED_MAX,)),  # indices of the bodies
+        ("inside_X_WB", "f8", (PASSED_MAX, 12)),  # poses of the bodies: R_WB row by row, p_WB
     ],
     align=True,
 )
@@ -74,8 +72,8 @@ OUTPUT: Final = np.dtype(
 """Output of an effect: force on the hand in W [N], and `block` samples of acceleration along the handle [m/s²].
 
 `f_inside_W_N` is the part of the force that comes from each of `touch.inside_body`; each of these bodies receives the
-opposite force, and the touched body that of the rest. If `release` is not 0, the tool penetrates the touched body from
-the next tick on until it has left the body."""
+opposite force, and the touched body receives the opposite of the rest. If `release` is not 0, the tool penetrates the
+touched body from the next tick on until it has left the body."""
 
 ROW: Final = np.dtype(
     [
@@ -94,8 +92,8 @@ ROW: Final = np.dtype(
         ("approach_m_s", "f8"),  # speed into the surface when the contact began
         ("f_body_W_N", "f8", (3,)),  # on the touched body
         ("flags", "i8"),
-        ("tick_ns", "i8"),  # time of the whole tick
-        ("contact_ns", "i8"),  # of it, finding the contact
+        ("tick_ns", "i8"),  # duration of the tick
+        ("contact_ns", "i8"),  # part of `tick_ns` used to find the contact
     ],
     align=True,
 )

@@ -473,7 +473,7 @@ def why_nothing(scene: "Scene", p_WT: NDArray[np.float64]) -> str:
         f"stays {length(gaps_m[name])} away from the bounding box of" if gaps_m[name] > 0 else "misses all faces of"
     )
     return (
-        f"the path {distance} the nearest body {name!r}, whose size is {size}: check the position and unit (m) of the "
+        f"the path {distance} the nearest body {name!r} of size {size}: check the position and unit (m) of the "
         "path, and the unit of the mesh (--unit)"
     )
 

@@ -106,12 +106,12 @@ def _serve(scene: Scene) -> None:
     from hapscene.records import records
 
     clock = new_clock()
-    _beat(np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, np.int64), clock, 0)  # which stops at once
+    _beat(np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, np.int64), clock, 0)  # returns at once
     paused = records(1, CHANNEL)
     paused.pause = 1
     loop_empty(Timer(paused[0], clock, records(1, TIMING)[0], round(1e9 * TICK_S)))
     virtual = new_clock()
-    virtual[VIRTUAL] = 1  # so that nothing ticks by itself
+    virtual[VIRTUAL] = 1  # a virtual clock: ticks run only on request
     for device in (PointMass(0.045, 0.1, 0.26, 5.5e-5), DeviceChoice("simulated").open()):
         twin = Twin(scene, device)
         twin.safety = simulated_safety()

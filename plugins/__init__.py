@@ -1,1 +1,1 @@
-"""Plugins that come with hapscene, through the same entry points as anybody's."""
+"""Plugins that hapscene ships, registered through the same entry points as third-party plugins."""

@@ -1,26 +1,27 @@
 """Computes the swatches of `swatches/computed`: python swatches/compute.py
 
-No surface was measured. Each is a height profile and an assumed material, slid under a steel ball that a hand holds:
+These swatches are computed, not measured. Each combines a height profile with an assumed material and models a steel
+ball on a hand-held tool that slides over it:
 
-1. **Trace.** The ball (radius R) follows the highest place under it: a profile that repeats is dilated by the ball and
-   cut into its Fourier series h_n; a random one has the self-affine spectrum of heights C(q) ∝ (1 + (q L)²)^−(H + ½)
-   over the spatial frequency q, with the corner at the length L and the Hurst exponent H; a sandpaper's is its grain,
-   with the cusps' slope of −4.
-2. **Contact.** The patch of Hertz's contact, of radius a = (¾ F R/E*)^⅓, averages what is shorter than itself:
-   |W|² = 1/(1 + π/4 (2π q a)³), as rolling noise is reckoned. Nor does the ball reach into a random profile's valleys
-   narrower than its chord: a is √(2 R h) at least, h the rms height.
-3. **Speed.** f = q v: a line of the period λ lies at v/λ, a corner of the length L at v/L.
-4. **Tool.** Its mass on the contact's stiffness k = (6 E*² R F)^⅓, Hertz's too, in series with the tool's own, follows
-   what lies below its resonance, and is isolated from what lies above it. Acceleration is (2π f)² times the height.
-5. **Level.** The tool cannot be thrown harder than it is pressed: P = P₀/(1 + P₀/A²) with A = F/(c m), c the crest
-   factor: √2 of lines, 3 of noise.
+1. **Trace.** The ball (radius R) rests on the highest point below it. A periodic profile is dilated by the ball and
+   expanded into its Fourier series h_n. A random profile has the self-affine height spectrum
+   C(q) ∝ (1 + (q L)²)^−(H + ½) over the spatial frequency q, with the corner length L and the Hurst exponent H. The
+   spectrum of sandpaper has the grain diameter as its corner length and falls with the exponent −4, that of cusps.
+2. **Contact.** The Hertzian contact patch, of radius a = (¾ F R/E*)^⅓, averages wavelengths shorter than itself:
+   |W|² = 1/(1 + π/4 (2π q a)³), the contact filter of rolling-noise models. The ball does not reach the bottom of
+   valleys narrower than its chord: for a random profile a is at least √(2 R h), where h is the rms height.
+3. **Speed.** f = q v: a spectral line of period λ is at v/λ, a corner of length L at v/L.
+4. **Tool.** The mass of the tool on the Hertzian contact stiffness k = (6 E*² R F)^⅓, in series with the stiffness of
+   the tool, follows the profile below its resonance and is isolated from it above. Acceleration is (2π f)² · height.
+5. **Level.** The pressing force bounds the acceleration: P = P₀/(1 + P₀/A²) with A = F/(c m), where c is the crest
+   factor: √2 for spectral lines, 3 for noise.
 
-Speed is geometry, and Hertz's two formulas follow from his F = 4/3 E* √R d^(3/2). The spectrum, the filter of the patch
-and the bound on the level are assumptions, for which no paper was looked up. Each swatch says which of its material's
-numbers are from a table.
+Step 3 is geometry. The two Hertz formulas follow from F = 4/3 E* √R d^(3/2). The spectrum, the filter of the patch and
+the bound on the level are assumptions without a cited source. The provenance of each swatch lists the material
+constants that come from a table.
 
-The models stand at forces and speeds that are spaced evenly in ratio: the line spectral frequencies of a line move in
-proportion to its frequency, so that between two models it lies where it should.
+Forces and speeds of the models are spaced by a constant ratio. The line spectral frequencies of a spectral line are
+proportional to its frequency, so that interpolation between two models puts the line at the correct frequency.
 """
 
 import io
@@ -49,19 +50,19 @@ Array = NDArray[np.float64]
 
 RATE_HZ = 10_000.0
 TIP_M = 1.6e-3  # radius of the steel ball; assumed
-MASS_KG = 0.1  # of the tool and the fingers that move with it; assumed
-TOOL_HZ = 300.0  # where the tool rings on the hardest ground; assumed
-DAMPING = 0.05  # of the hand, beside half of the material's loss factor; assumed
+MASS_KG = 0.1  # mass of the tool and the fingers that move with it; assumed
+TOOL_HZ = 300.0  # resonance of the tool on a rigid surface; assumed
+DAMPING = 0.05  # damping ratio of the hand, added to half the loss factor of the material; assumed
 FORCES_N = (0.25, 1.0, 3.0)
 SPEED_COUNT = 14
 SPEED_MAX_M_S = 0.4
 SPEED_MIN_M_S = 0.01
-FELT_HZ = 20.0  # lines below it are not felt as texture: there the models end
-HEARD = 0.1  # acceleration of a harmonic over the first line's, below which it is left out
-LINE_COUNT = 3  # of a profile that repeats
+FELT_HZ = 20.0  # lower frequencies are not perceived as texture; the models end here
+HARMONIC_MIN = 0.1  # least acceleration of a harmonic, relative to the first line
+LINE_COUNT = 3  # most harmonics of a periodic profile
 NOISE_ORDER = 10
-STIFFNESS_MAX_N_M = 700.0  # what a Phantom Omni renders
-TAP_SHARE = 0.08  # of a free mass's v ω: gives wood the 50 m/s² per m/s of the measured wood's assumption
+STIFFNESS_MAX_N_M = 700.0  # highest stiffness that a Phantom Omni renders
+TAP_SHARE = 0.08  # tap amplitude relative to v ω of a free mass; gives wood 50 m/s² per m/s, as in the measured swatch
 TAP_M_S = 0.3
 TIP = 212e9, 0.293  # steel, as below: Young's modulus [Pa], Poisson's ratio
 LICENCE = "MIT"
@@ -74,7 +75,7 @@ SOURCE = (
 
 ASSUMED = ("elasticity", "loss", "friction", "the filter", "the bound", "mass and damping of tool and hand")
 
-# Where numbers of materials are from: each was looked up, and begins with what it is of.
+# Sources of material constants. Each text begins with the quantity.
 DOWLING = "elasticity by N. E. Dowling, Mechanical Behavior of Materials, table 5.2"
 GERE = "elasticity within the range of J. M. Gere, Mechanics of Materials, 5th ed."
 IRVINE = "loss by T. Irvine, Damping Properties of Materials (2004), table 2"
@@ -87,14 +88,14 @@ SCHNEIDER = (
 
 @dataclass(frozen=True)
 class Material:
-    """What is assumed of a material, and how it looks.
+    """Assumed mechanical constants and appearance of a material.
 
     Attributes:
-        said: its name.
+        said: name of the material in the provenance.
         young_Pa, poisson, loss: Young's modulus, Poisson's ratio, loss factor.
-        friction: on steel, at rest and sliding.
-        albedo_rgb, roughness: colour, and 0 for a mirror to 1 for matt.
-        tables: where numbers are from; the others are assumed.
+        friction: static and dynamic friction coefficient on steel.
+        albedo_rgb, roughness: colour; roughness from 0 (mirror) to 1 (matt).
+        tables: sources of constants; the other constants are assumed.
     """
 
     said: str
@@ -108,7 +109,7 @@ class Material:
 
     @property
     def contact_Pa(self) -> float:
-        """E* of the contact with the tip."""
+        """Effective modulus E* of the contact with the steel tip [Pa]."""
         return 1.0 / ((1 - self.poisson**2) / self.young_Pa + (1 - TIP[1] ** 2) / TIP[0])
 
 
@@ -138,17 +139,16 @@ MATERIALS = {
 
 @dataclass(frozen=True)
 class Surface:
-    """A profile that repeats with a period, or a random one, on a material.
+    """A periodic or random height profile on a material.
 
     Attributes:
-        what: the profile in words.
-        period_m: of a profile that repeats; 0 for a random one.
-        form: "wave", a sinusoid of the depth; "wires", cylinders of that diameter side by side; "ribs", half cylinders
-            of that height on a plane; or "noise".
-        depth_m: of a wave from top to bottom, the diameter of wires, the height of ribs; the rms of a random profile.
-        corner_m, hurst: length L and exponent H of a random profile.
-        grain_m: diameter of the grain that the ball touches one at a time; 0 for none.
-        sharpness: frequency over width of the lines: the evenness of the profile.
+        what: description of the profile in the provenance.
+        period_m: period of the profile; 0 for a random profile.
+        form: "wave" (sinusoid), "wires" (cylinders side by side), "ribs" (half cylinders on a plane) or "noise".
+        depth_m: peak-to-peak height of a wave, diameter of wires, height of ribs, or rms height of noise.
+        corner_m, hurst: corner length L and Hurst exponent H of a random profile.
+        grain_m: diameter of grains that the ball touches one at a time; 0 if the profile has no grains.
+        sharpness: frequency of a spectral line divided by its width; higher for a more regular profile.
     """
 
     what: str
@@ -176,7 +176,7 @@ def mesh(period_mm: float, wire_mm: float) -> Surface:
 
 
 def weave(material: str, period_mm: float, yarn_mm: float, sharpness: float) -> Surface:
-    """A plain weave: its crowns as cylinders of the yarn's diameter, none as even as wires."""
+    """A plain weave, modelled as cylinders of the yarn diameter, less regular than wires."""
     what = f"a plain weave with a crown each {period_mm:g} mm, of yarn of {yarn_mm:g} mm"
     more = " The yarn's elasticity is chosen for a plausible level."
     return Surface(what, material, "wires", 1e-3 * yarn_mm, 1e-3 * period_mm, sharpness=sharpness, more=more)
@@ -189,7 +189,7 @@ def ribs(period_mm: float, height_mm: float) -> Surface:
 
 
 def sandpaper(grit: int, grain_um: float) -> Surface:
-    """Sandpaper: its heights are the ball's sag between two grains, parabolas d²/(8 R)."""
+    """Sandpaper. Its heights are how far the ball sinks between two grains, d²/(8 R)."""
     what = f"sandpaper of FEPA grit P{grit}, grain of {grain_um:g} µm"
     grain = 1e-6 * grain_um
     more = (
@@ -201,7 +201,7 @@ def sandpaper(grit: int, grain_um: float) -> Surface:
 
 
 def noise(what: str, material: str, rms_um: float, corner_mm: float, hurst: float = 0.8) -> Surface:
-    """A random profile; its heights are chosen, not measured."""
+    """A random profile with assumed heights."""
     heights = f"{rms_um:g} µm rms, with a corner at {corner_mm:g} mm and a Hurst exponent of {hurst:g}"
     more = f" Heights chosen so that surfaces order by roughness as they do by hand: {heights}."
     return Surface(what, material, "noise", 1e-6 * rms_um, 0.0, 1e-3 * corner_mm, hurst, more=more)
@@ -234,11 +234,11 @@ SURFACES = {
 
 @cache
 def traced(surface: Surface, count: int = 1024) -> Array:
-    """Amplitudes (n,) [m] of the path of the ball's middle over a profile that repeats: of the lines that are heard."""
+    """Return the amplitudes (n,) [m] of the perceptible harmonics of the ball's path over a periodic profile."""
     p, d = surface.period_m, surface.depth_m
     reach = max(math.ceil(TIP_M / p), 1)
     x = (np.arange(-reach * count, (reach + 1) * count) / count) * p
-    near = (x + p / 2) % p - p / 2  # from the next top
+    near = (x + p / 2) % p - p / 2  # distance from the nearest top
     arc = np.sqrt(np.maximum((d / 2) ** 2 - near**2, 0.0))
     height = {"wave": d / 2 * np.cos(2 * np.pi * x / p), "wires": arc, "ribs": np.minimum(2 * arc, d)}[surface.form]
     ball = np.abs(x) <= TIP_M
@@ -248,32 +248,32 @@ def traced(surface: Surface, count: int = 1024) -> Array:
     path = np.array([np.max(height[(i + offset) % len(x)] + lift) for i in at])
     series = 2.0 * np.abs(np.fft.rfft(path))[1 : LINE_COUNT + 1] / count
     n = np.arange(1, LINE_COUNT + 1)
-    heard = (n**2 * series > HEARD * series[0]) & (n * SPEED_MAX_M_S / p < 0.4 * RATE_HZ)
-    return np.asarray(series[: np.argmin([*heard, False])])
+    perceptible = (n**2 * series > HARMONIC_MIN * series[0]) & (n * SPEED_MAX_M_S / p < 0.4 * RATE_HZ)
+    return np.asarray(series[: np.argmin([*perceptible, False])])
 
 
 def tool_response(surface: Surface, force_N: float, frequency_Hz: Array) -> Array:
-    """Power that the tool's acceleration has of that of the trace, (n,): a damped mass on the contact and the tool."""
+    """Return the power response (n,) of the tool to the trace: a damped mass on the contact and tool stiffness."""
     resonance_Hz, damping = resonance(surface, force_N)
     r = frequency_Hz / resonance_Hz
     return np.asarray((1 + (2 * damping * r) ** 2) / ((1 - r**2) ** 2 + (2 * damping * r) ** 2))
 
 
 def contact_N_m(surface: Surface, force_N: float) -> float:
-    """Stiffness of Hertz's contact [N/m]."""
+    """Return the Hertzian contact stiffness [N/m]."""
     E, R = MATERIALS[surface.material].contact_Pa, _radius_m(surface)
     return float((6 * E**2 * R * force_N) ** (1 / 3))
 
 
 def resonance(surface: Surface, force_N: float) -> tuple[float, float]:
-    """Where the tool rings on the surface [Hz], and its damping ratio."""
+    """Return the resonance of the tool on the surface [Hz] and its damping ratio."""
     tool_N_m = MASS_KG * (2 * math.pi * TOOL_HZ) ** 2
     stiffness = 1 / (1 / contact_N_m(surface, force_N) + 1 / tool_N_m)
     return math.sqrt(stiffness / MASS_KG) / (2 * math.pi), DAMPING + MATERIALS[surface.material].loss / 2
 
 
 def patch_response(surface: Surface, force_N: float, q_1_m: Array) -> Array:
-    """Power that the contact's patch leaves of a spatial frequency, (n,)."""
+    """Return the power response (n,) of the contact patch to spatial frequencies `q_1_m`."""
     E, R = MATERIALS[surface.material].contact_Pa, _radius_m(surface)
     a_m = (0.75 * force_N * R / E) ** (1 / 3)
     if surface.form == "noise" and not surface.grain_m:
@@ -282,19 +282,19 @@ def patch_response(surface: Surface, force_N: float, q_1_m: Array) -> Array:
 
 
 def _radius_m(surface: Surface) -> float:
-    """Of the contact: of the tip, against the grain's where there is one."""
+    """Return the effective radius of the contact [m]: of the tip, or of the tip against a grain."""
     return 1 / (1 / TIP_M + 2 / surface.grain_m) if surface.grain_m else TIP_M
 
 
 def line_powers(surface: Surface, force_N: float, speed_m_s: float) -> Array:
-    """Power of each line (n,) [(m/s²)²], the first at speed/period, without the bound on the level."""
+    """Return the power of each spectral line (n,) [(m/s²)²] before step 5; the first line is at speed/period."""
     f = speed_m_s / surface.period_m * np.arange(1, len(traced(surface)) + 1)
     passed = tool_response(surface, force_N, f) * patch_response(surface, force_N, f / speed_m_s)
     return np.asarray(0.5 * (traced(surface) * (2 * np.pi * f) ** 2) ** 2 * passed)
 
 
 def noise_density(surface: Surface, force_N: float, speed_m_s: float, frequency_Hz: Array) -> Array:
-    """Power spectral density (n,) [(m/s²)²/Hz] of a random profile, without the bound on the level."""
+    """Return the power spectral density (n,) [(m/s²)²/Hz] of a random profile before step 5."""
     q, s = frequency_Hz / speed_m_s, surface.hurst + 0.5
     whole = math.sqrt(math.pi) * gamma(s - 0.5) / (2 * gamma(s)) / surface.corner_m
     height = surface.depth_m**2 / whole * (1 + (q * surface.corner_m) ** 2) ** -s / speed_m_s
@@ -303,19 +303,19 @@ def noise_density(surface: Surface, force_N: float, speed_m_s: float, frequency_
 
 
 def bounded(surface: Surface, power_m2_s4: float, force_N: float) -> float:
-    """The power that the pressing force allows [(m/s²)²]."""
+    """Return the power [(m/s²)²] bounded by the pressing force (step 5)."""
     crest = 3.0 if surface.form == "noise" else math.sqrt(2)
     return power_m2_s4 / (1 + power_m2_s4 * (crest * MASS_KG / force_N) ** 2)
 
 
-# Its models.
+# Texture models.
 
 
 def line_model(surface: Surface, force_N: float, speed_m_s: float) -> tuple[Array, float]:
-    """The warped filter of a profile that repeats, a pair of poles a line, and the power [(m/s²)²].
+    """Return the warped filter of a periodic profile, with one pair of poles a spectral line, and its power [(m/s²)²].
 
-    Poles in cascade have the powers that their widths give them: a line's is its width's inverse over the squared
-    distances from the others. The widths are chosen for the powers, about f/`sharpness` in the mean.
+    In a cascade of resonances, the power of a line is the inverse of its width, divided by the squared distances from
+    the other lines. The widths are chosen to give the required powers; their mean is about f/`sharpness`.
     """
     power = line_powers(surface, force_N, speed_m_s)
     f = speed_m_s / surface.period_m * np.arange(1, len(power) + 1)
@@ -336,11 +336,11 @@ def line_model(surface: Surface, force_N: float, speed_m_s: float) -> tuple[Arra
 
 
 def noise_model(surface: Surface, force_N: float, speed_m_s: float, bins: int = 4096) -> tuple[Array, float]:
-    """The warped filter of a random profile, predicted from its spectrum on the warped axis, and the power."""
+    """Return the warped filter of a random profile, by linear prediction from its warped spectrum, and its power."""
     phase = np.linspace(0.0, np.pi, bins + 1)
     f = warped_angle(phase, -warp_at(RATE_HZ)) * RATE_HZ / (2 * np.pi)
     density = noise_density(surface, force_N, speed_m_s, np.maximum(f, 1.0))
-    density = np.maximum(density, 1e-8 * density.max())  # below what is felt
+    density = np.maximum(density, 1e-8 * density.max())  # limits the dynamic range; lower densities are not perceptible
     r = np.fft.irfft(density)[: NOISE_ORDER + 1]
     r[0] *= 1 + 1e-9
     power = float(np.trapezoid(density, f))
@@ -348,7 +348,7 @@ def noise_model(surface: Surface, force_N: float, speed_m_s: float, bins: int = 
 
 
 def texture_of(surface: Surface) -> Texture:
-    """Models at `FORCES_N` and `SPEED_COUNT` speeds, and the slope of the level at their end as its way beyond."""
+    """Return models at `FORCES_N` and `SPEED_COUNT` speeds, with exponents to extrapolate the level beyond them."""
     slowest = max(FELT_HZ * surface.period_m, SPEED_MIN_M_S)
     speeds = np.geomspace(slowest, SPEED_MAX_M_S, SPEED_COUNT)
     made = line_model if surface.period_m else noise_model
@@ -368,13 +368,13 @@ def texture_of(surface: Surface) -> Texture:
         warp=warp,
         exponents=[round(slope_F, 3), round(slope_v, 3)],
     )
-    lsf = np.round(texture.lsf_rad, 7)  # a text of half the size
+    lsf = np.round(texture.lsf_rad, 7)  # halves the size of the file
     variance = [float(f"{x:.6g}") for x in texture.variance_m2_s4]
     return replace(texture, lsf_rad=lsf, variance_m2_s4=np.array(variance))
 
 
 def look_of(surface: Surface, pixels: int = 40) -> Look:
-    """Wires and yarns have a picture of their relief, over and under each other; others have it of their spectrum."""
+    """Return the appearance: a normal map of the crossing wires or yarns; other surfaces have a roughness only."""
     roughness = MATERIALS[surface.material].roughness
     if surface.form != "wires":
         return Look(roughness)
@@ -398,7 +398,7 @@ def look_of(surface: Surface, pixels: int = 40) -> Look:
 
 
 def compute(name: str) -> Swatch:
-    """The swatch of that name."""
+    """Return the computed swatch of a surface."""
     surface = SURFACES[name]
     material = MATERIALS[surface.material]
     resonance_Hz, damping = resonance(surface, 1.0)
@@ -427,7 +427,7 @@ def compute(name: str) -> Swatch:
 
 
 def main(folder: Path) -> None:
-    """Computes all, and writes them into a folder, with its index: each has a tag of its kind."""
+    """Compute all swatches and write them to a folder with an index; each is tagged with its kind."""
     entries = []
     for name in SURFACES:
         swatch = compute(name)

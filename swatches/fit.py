@@ -1,9 +1,8 @@
-"""Fits the shipped swatches anew: python swatches/fit.py FOLDER_OF_RECORDINGS
+"""Fit the shipped swatches: python swatches/fit.py FOLDER_OF_RECORDINGS
 
 The recordings are public, at the commits that `SOURCES` names, but no licence is stated for them, so they are not in
-this repository; the swatches hold coefficients fitted to them. What was not recorded is assumed, and each swatch says
-so in its provenance. Their order is the smallest that the recording
-supports and whose lack a person cannot tell.
+this repository; the swatches hold coefficients fitted to them. Quantities that were not recorded are assumed; the
+provenance of each swatch lists them. The filter order is the smallest whose error is not perceptible.
 """
 
 import sys
@@ -20,7 +19,7 @@ from hapscene.surface.taps import Taps
 
 LICENCE = "MIT. No licence is stated for the recording; these are coefficients fitted to it."
 RATE_HZ = 10_000.0
-TAP_SPEED_M_S = 0.3  # taps are linear in speed up to here, where a hand seldom gets
+TAP_SPEED_M_S = 0.3  # taps are linear in speed up to here; hands are seldom faster
 
 CDP = (
     "Fitted to the recording of a hand-held tool dragged over {name} in CdpLab/MDTextHaptDisplay at commit cfd968fb, "
@@ -37,7 +36,7 @@ ASSUMED = " Assumed, not recorded: stiffness, taps (form and size after Okamura 
 
 @dataclass(frozen=True)
 class Source:
-    """A recording and what it does not say."""
+    """A recording, and assumptions for the quantities that were not recorded."""
 
     file: str
     provenance: str
@@ -45,8 +44,8 @@ class Source:
     tap_1_s: float  # assumed: amplitude of the tap over approach speed [m/s² per m/s]
     tap_Hz: float  # assumed
     tap_decay_1_s: float  # assumed
-    albedo_rgb: tuple[float, float, float]  # told apart by hue and by lightness, also by the colour-blind
-    friction: tuple[float, float] | None = None  # static and dynamic, where they were not recorded
+    albedo_rgb: tuple[float, float, float]  # colours differ in hue and lightness, for colour-blind users
+    friction: tuple[float, float] | None = None  # static and dynamic; assumed if not recorded
 
 
 SOURCES = {
@@ -61,7 +60,7 @@ SOURCES = {
 
 
 def load_source(name: str, folder: Path) -> SurfaceRecording:
-    """The recording that the swatch of that name was fitted to, in `folder`."""
+    """Load the recording of a swatch from `folder`."""
     path = folder / SOURCES[name].file
     if path.suffix == ".csv":
         columns = {"acceleration": "accel"}
@@ -71,10 +70,10 @@ def load_source(name: str, folder: Path) -> SurfaceRecording:
 
 
 def fit_shipped(name: str, folder: Path) -> Swatch:
-    """The swatch of that name from its recording in `folder`."""
+    """Fit a swatch to its recording in `folder`."""
     source, recording = SOURCES[name], load_source(name, folder)
-    heard = clean(recording.acceleration_m_s2, recording.rate_Hz).acceleration_m_s2
-    order, warp = perceptual_domain(heard, recording.rate_Hz)
+    filtered = clean(recording.acceleration_m_s2, recording.rate_Hz).acceleration_m_s2
+    order, warp = perceptual_domain(filtered, recording.rate_Hz)
     recording = replace(recording, depth_m=None)
     swatch = fit_swatch(recording, FitOptions(name, order, domain="warped" if warp else "plain"))
     static, dynamic = source.friction or (swatch.friction_static, swatch.friction_dynamic)
@@ -92,7 +91,7 @@ def fit_shipped(name: str, folder: Path) -> Swatch:
 
 
 def main(folder: Path) -> None:
-    """Fits all, and writes them next to this file."""
+    """Fit all swatches and write them next to this file."""
     for name in SOURCES:
         swatch = fit_shipped(name, folder)
         texture = swatch.texture

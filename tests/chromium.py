@@ -26,7 +26,7 @@ AXE = Path(__file__).parents[1] / "build" / "node" / "node_modules" / "axe-core"
 
 AXE_RUN = """() => axe.run(document, {resultTypes: ['violations']}).then(found => found.violations
   .map(rule => `${rule.id}: ${rule.nodes.map(node => node.html.slice(0, 200)).join(', ')}`))"""
-"""All that axe-core finds, of whatever weight."""
+"""Script that returns all findings of axe-core, of any severity."""
 
 
 def find_chromium() -> str | None:

@@ -1,4 +1,4 @@
-"""An empty loop beside the servo's, which waits as it does and does nothing else; its process starts from this file."""
+"""A loop with the timing of the servo and an empty tick, in a separate process. Measures the scheduler alone."""
 
 import contextlib
 import multiprocessing
@@ -15,11 +15,11 @@ from hapscene.loop.timing import TIMING, Timer, TimingStatistics
 from hapscene.records import records
 
 _START_S: Final = 60.0
-"""How long the process may take to be ready [s]."""
+"""Longest start of the process [s]."""
 
 
 class IdleLoop:
-    """The loop, as a context: its process starts on entry and ends on exit."""
+    """Context manager of the process: it starts on entry and ends on exit."""
 
     def __enter__(self) -> "IdleLoop":
         self._channel = open_channel(1, 1)
@@ -39,17 +39,17 @@ class IdleLoop:
         self._close()
 
     def start(self) -> None:
-        """Run, its period's phase by chance."""
+        """Start the loop, at an arbitrary phase of its period."""
         self._wire.send(True)
         self._answer()
 
     def rest(self) -> None:
-        """Stop until the next `start`."""
+        """Stop the loop until the next `start`."""
         self._wire.send(False)
         self._answer()
 
     def timing(self) -> TimingStatistics:
-        """As `Servo.timing`; no tick is ever busy."""
+        """Return the timing statistics, as `Servo.timing`; the busy times are 0."""
         channel = self._channel.channel[0]
         return TimingStatistics(channel.late.copy(), channel.busy.copy(), int(channel.missed))
 
@@ -63,7 +63,7 @@ class IdleLoop:
         raise HapsceneError("the empty loop's process does not answer")
 
     def _close(self) -> None:
-        self._wire.close()  # which ends it
+        self._wire.close()  # ends the process
         if self._process.pid is not None:
             self._process.join(_START_S)
             self._process.kill()
@@ -71,11 +71,11 @@ class IdleLoop:
 
 
 def _run(wire: Connection, name: str) -> None:
-    """The process: loops and rests as it is told, until the application is gone."""
+    """Main function of the process: starts and stops the loop on request, and ends when the pipe closes."""
     channel = open_channel(1, 1, name)
     channel.channel.pause = 1
     timer = Timer(channel.channel[0], new_clock(), records(1, TIMING)[0], round(TICK_S * 1e9))
-    loop_empty(timer)  # has it compiled
+    loop_empty(timer)  # compiles the loop
     wire.send(None)
     loop: threading.Thread | None = None
     with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""A screen where there is none, for tests and docs/make_pictures.py alone to open windows on: Xvfb (package xvfb)."""
+"""Virtual X display (Xvfb, package xvfb) for tests and docs/make_pictures.py."""
 
 import os
 import subprocess
@@ -8,16 +8,16 @@ from contextlib import contextmanager
 
 @contextmanager
 def virtual_screen(width: int, height: int) -> Iterator[str]:
-    """The name of a display of an Xvfb of its own, with a number that was free; "" where it does not start.
+    """Start Xvfb on a free display number; yield the name of the display, or "" if Xvfb does not start.
 
     Args:
-        width, height: of the screen [pixels].
+        width, height: size of the screen [pixels].
 
     Raises:
         FileNotFoundError: Xvfb is not installed.
     """
     read, write = os.pipe()
-    # without -noreset it starts anew, deaf for a moment, whenever a screenshot was its only client
+    # without -noreset, Xvfb restarts and refuses connections for a moment when its last client disconnects
     size = ("-screen", "0", f"{width}x{height}x24")
     command = ["Xvfb", "-displayfd", str(write), *size, "-nolisten", "tcp", "-noreset"]
     with subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL) as server:

@@ -58,7 +58,7 @@ EXCEPTIONS = {
 
 @cache
 def imported_modules(source: Path, types: bool = True) -> frozenset[str]:
-    """Full names of all modules that a file imports, wherever in it; without `types`, not for type checkers alone."""
+    """Return the full names of all modules that a file imports; with `types`, also those imported for type checkers."""
     names: set[str] = set()
     tree = ast.parse(source.read_text(encoding="utf-8"))
     checks = (node for node in ast.walk(tree) if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
@@ -80,7 +80,7 @@ def sources(package: str) -> list[Path]:
 
 
 def known(source: Path) -> set[str]:
-    """The packages that a file imports from when it runs; imports for types alone do not count."""
+    """Return the packages that a file imports at run time, without imports for type checkers."""
     names = (name.split(".") for name in imported_modules(source, types=False))
     return {parts[1] for parts in names if parts[0] == "hapscene" and len(parts) > 1}
 

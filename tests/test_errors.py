@@ -20,20 +20,20 @@ STEERING = {
 
 
 @pytest.mark.parametrize("case", STEERING)
-def test_what_steers_a_terminal_is_told_by_its_number(case: str) -> None:
+def test_control_characters_are_replaced_by_their_code(case: str) -> None:
     given, shown = STEERING[case]
     assert printable(given) == shown
 
 
 @pytest.mark.nightly
-def test_every_sign_is_safe_and_what_is_none_of_these_stays() -> None:
+def test_no_control_character_remains_and_printable_ones_are_unchanged() -> None:
     shown = printable("".join(map(chr, range(sys.maxunicode + 1))))
     shown.encode()
     assert not {unicodedata.category(sign) for sign in set(shown)} & {"Cc", "Cf", "Cs", "Zl", "Zp"}
     assert printable("Eiche, geölt µ 木 🪵\u00a0½") == "Eiche, geölt µ 木 🪵\u00a0½"
 
 
-def test_lines_are_kept_where_they_are_ours() -> None:
+def test_line_breaks_are_kept_on_request() -> None:
     assert printable("a\nb\x1b\n", lines=True) == "a\nb\\x1b\n"
 
 

@@ -1,4 +1,4 @@
-"""The programs of examples/ run, and reach what they use through public paths alone."""
+"""The programs in examples/ run and use only public names."""
 
 import ast
 import re

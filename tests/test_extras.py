@@ -1,4 +1,4 @@
-"""What an extra brings is missing: the command line says in its sentence which extra to install."""
+"""If an optional package is missing, the error names the extra to install."""
 
 import sys
 import tomllib

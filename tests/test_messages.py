@@ -87,7 +87,7 @@ def renderer(**options: object) -> hapscene.Renderer:
 
 
 def wound(count: int) -> Mesh:
-    """A ball, so many faces of which are wound inward."""
+    """Return a ball with a number of faces wound inwards."""
     ball = trimesh.creation.icosphere(subdivisions=2)
     faces = np.array(ball.faces)
     faces[:count] = faces[:count, ::-1]

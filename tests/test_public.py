@@ -1,4 +1,4 @@
-"""The public face: reached at once after `import hapscene`, and told in a line."""
+"""Public interface: complete stubs, one-line reprs, few positional arguments, uniform load and save functions."""
 
 import ast
 import inspect
@@ -12,23 +12,23 @@ import pytest
 import hapscene
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = sorted(path.parent.name for path in (ROOT / "hapscene").glob("*/__init__.pyi"))
+PACKAGES = sorted(path.parent.name for path in (ROOT / "hapscene").glob("*/__init__.pyi"))
 LINE_MAX = 260
 
 
-def test_the_face_is_shown_to_completion_and_to_the_type_checker() -> None:
-    told = ast.parse((ROOT / "hapscene" / "__init__.pyi").read_text(encoding="utf-8"))
-    names = {alias.name for node in told.body if isinstance(node, ast.ImportFrom) for alias in node.names}
-    assert {*ROOMS, "Renderer", "load_scene"} <= names <= set(dir(hapscene))
-    for room in ROOMS:
-        stub = ast.parse((ROOT / "hapscene" / room / "__init__.pyi").read_text(encoding="utf-8"))
-        told = {alias.name for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
-        assert told <= set(dir(getattr(hapscene, room)))
+def test_stubs_list_the_public_names() -> None:
+    stub = ast.parse((ROOT / "hapscene" / "__init__.pyi").read_text(encoding="utf-8"))
+    names = {alias.name for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert {*PACKAGES, "Renderer", "load_scene"} <= names <= set(dir(hapscene))
+    for package in PACKAGES:
+        stub = ast.parse((ROOT / "hapscene" / package / "__init__.pyi").read_text(encoding="utf-8"))
+        exported = {alias.name for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+        assert exported <= set(dir(getattr(hapscene, package)))
 
 
 @pytest.fixture(scope="module")
-def things() -> Iterator[list[Any]]:
-    """One of each public thing that holds data."""
+def examples() -> Iterator[list[Any]]:
+    """Return one instance of each public class that holds data."""
     import trimesh
 
     scene = hapscene.Scene()
@@ -75,15 +75,15 @@ def things() -> Iterator[list[Any]]:
     servo.close()
 
 
-def test_repr_is_a_line_that_helps(things: list[Any]) -> None:
-    for thing in things:
-        line = repr(thing)
+def test_repr_is_one_line_with_the_class_name(examples: list[Any]) -> None:
+    for example in examples:
+        line = repr(example)
         assert "\n" not in line and len(line) <= LINE_MAX, line
-        assert type(thing).__name__ in line and " at 0x" not in line, line
+        assert type(example).__name__ in line and " at 0x" not in line, line
 
 
 def test_calls_with_many_arguments_take_them_by_name() -> None:
-    """More than three are not given by place, in what is called to make or do a thing."""
+    """Constructors and functions take at most three positional arguments."""
     for name in ("Renderer", "Scene.add", "loop.Twin", "loop.Servo", "teleoperation.Operation", "capture.fit_swatch"):
         target: Any = hapscene
         for part in name.split("."):
@@ -93,7 +93,7 @@ def test_calls_with_many_arguments_take_them_by_name() -> None:
         assert kinds.count(inspect.Parameter.POSITIONAL_OR_KEYWORD) <= 3, name
 
 
-def test_a_device_is_a_name_or_an_object() -> None:
+def test_device_is_given_by_name_or_object() -> None:
     from hapscene.device.sim.arm import simulated_device
 
     named = hapscene.device.limits_of("omni", 1e-3)
@@ -108,12 +108,12 @@ def test_a_device_is_a_name_or_an_object() -> None:
     assert hapscene.loop.Twin(scene, "omni").renderer.limits == named
     assert hapscene.Renderer(scene, device=hapscene.device.Omni()).limits == named
     slippery = hapscene.device.limits_of(hapscene.device.Omni(friction_N=0.0, damping_Ns_m=0.0), 1e-3)
-    assert slippery.undamped_N_m < named.undamped_N_m  # its own friction and damping are what holds a wall
+    assert slippery.undamped_N_m < named.undamped_N_m  # friction and damping of the device stabilise a wall
     own = hapscene.device.Device("omni", hapscene.device.PointMass(1.0), hapscene.device.Limits())
     assert simulated_device(own) is own.point
 
 
-def test_a_recording_is_what_a_fit_takes(tmp_path: Path) -> None:
+def test_fit_accepts_loaded_and_constructed_recordings(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(20_000)
     table = np.column_stack([noise, np.full(len(noise), 1.0), np.full(len(noise), 0.1)])
@@ -128,17 +128,17 @@ def test_a_recording_is_what_a_fit_takes(tmp_path: Path) -> None:
     assert np.array_equal(found.texture.lsf_rad, hapscene.capture.fit_swatch(arrays, options).texture.lsf_rad)
 
 
-def test_files_are_saved_and_loaded_in_one_shape(tmp_path: Path, things: list[Any]) -> None:
-    """`save_x(x, path)` and `load_x(path)`, a path being a text or a Path, and what comes back is what went in."""
-    scene, mesh, wood, recording = things[0], things[2], things[4], things[8]
+def test_saved_objects_load_unchanged(tmp_path: Path, examples: list[Any]) -> None:
+    """`save_x(x, path)` and `load_x(path)` accept a str or a Path; the loaded object equals the saved one."""
+    scene, mesh, wood, recording = examples[0], examples[2], examples[4], examples[8]
     (tmp_path / "again").mkdir()
     files = {"scene": "a.scene.json", "mesh": "a.ply", "swatch": "a.swatch", "touch": "touch.npz"}
-    for (kind, name), thing in zip(files.items(), (scene, mesh, wood, recording), strict=True):
+    for (kind, name), example in zip(files.items(), (scene, mesh, wood, recording), strict=True):
         save, load = getattr(hapscene, f"save_{kind}"), getattr(hapscene, f"load_{kind}")
-        save(thing, str(tmp_path / name))
+        save(example, str(tmp_path / name))
         more = {"unit": "m"} if kind == "mesh" else {}
         again = load(tmp_path / name, **more)
-        assert repr(again).replace(f" of {tmp_path / name}", "") == repr(thing)
+        assert repr(again).replace(f" of {tmp_path / name}", "") == repr(example)
         save(again, tmp_path / "again" / name)
         assert (tmp_path / "again" / name).stat().st_size > 0
     assert np.array_equal(hapscene.load_mesh(tmp_path / "a.ply", unit="m").vertices_m, mesh.vertices_m)

@@ -1,4 +1,4 @@
-"""Arrays put side by side: as they were, in few pages, and alive as long as one of them."""
+"""Small arrays are packed into one buffer, which lives as long as any of the arrays."""
 
 import gc
 import weakref
@@ -12,7 +12,7 @@ class _Owner:
     pass
 
 
-def test_arrays_put_together_are_as_they_were_side_by_side_and_keep_what_they_own() -> None:
+def test_packed_arrays_are_equal_adjacent_and_keep_their_owner_alive() -> None:
     record, large = records(1, OUTPUT), np.arange(SMALL_B, dtype=np.float64)
     record.f_W_N = 1.0, 2.0, 3.0
     given = [np.arange(6.0).reshape(2, 3), record, np.zeros(0, np.int64), np.array([7], np.uint8), large]
@@ -23,7 +23,7 @@ def test_arrays_put_together_are_as_they_were_side_by_side_and_keep_what_they_ow
         assert type(one) is type(was) and one.dtype == was.dtype and np.array_equal(one, was)
         assert one.flags.c_contiguous and one.flags.aligned and one.flags.writeable
     assert found[-1] is large
-    moved = [one for one in found[:-1] if one.nbytes]  # one of no bytes lies nowhere
+    moved = [one for one in found[:-1] if one.nbytes]  # empty arrays have no address
     assert not any(np.shares_memory(one, was) for one in moved for was in given)
     starts = [one.ctypes.data for one in moved]
     assert starts[0] % 64 == starts[1] % 64 == 0 and starts == sorted(starts)

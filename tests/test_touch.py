@@ -160,21 +160,21 @@ def line(start_m: tuple[float, float, float], end_m: tuple[float, float, float])
     return np.linspace(start_m, end_m, 300)
 
 
-def test_a_path_that_touches_nothing_is_told_why(tmp_path: Path, scene: Scene) -> None:
+def test_path_without_contact_reports_the_reason(tmp_path: Path, scene: Scene) -> None:
     said: list[str] = []
     touch(scene, tmp_path / "out", line((0.0, 0.0, 0.06), (0.0, 0.0, 0.03)), with_picture=False, say=said.append)
     lines = [text for text in said if text.startswith("nothing was touched")]
     assert len(lines) == 1 and "20 mm" in lines[0] and "'plate'" in lines[0] and "142.8 mm" in lines[0]
 
 
-def test_faces_that_are_turned_away_are_told_of() -> None:
+def test_path_through_back_faces_reports_it() -> None:
     into = line((0.001, 0.002, 0.02), (0.001, 0.002, 0.001))
     assert "crosses 'bowl' from behind its faces" in why_nothing(bowl(), into)
     both_sides = why_nothing(bowl(two_sided=True), line((0.0, 0.0, 0.001), (0.0, 0.0, 0.002)))
     assert "misses all faces of the nearest body 'bowl'" in both_sides
 
 
-def test_a_hand_that_touches_nothing_is_told_why(tmp_path: Path) -> None:
+def test_closed_loop_without_contact_reports_the_reason(tmp_path: Path) -> None:
     from hapscene.device.sim.point import PointMass
     from hapscene.loop import ReferenceTrajectory, Twin
 
@@ -191,7 +191,7 @@ def test_a_hand_that_touches_nothing_is_told_why(tmp_path: Path) -> None:
     assert "nothing was touched: the path crosses 'bowl'" in "".join(said)
 
 
-def test_silence_is_told_with_what_would_sound(scene: Scene, p_WT: np.ndarray) -> None:
+def test_silent_recording_suggests_a_textured_swatch(scene: Scene, p_WT: np.ndarray) -> None:
     recording = Renderer(scene).run(p_WT)
     (text,) = cautions(scene, recording)
     assert "silent" in text and "card" in text and "--swatch" in text
@@ -203,18 +203,18 @@ def test_silence_is_told_with_what_would_sound(scene: Scene, p_WT: np.ndarray) -
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.04, 0), (0.06, 1)])
-def test_a_force_that_is_cut_for_long_is_told(scene: Scene, p_WT: np.ndarray, share: float, count: int) -> None:
+def test_long_force_limitation_is_reported(scene: Scene, p_WT: np.ndarray, share: float, count: int) -> None:
     recording = Renderer(scene).run(p_WT)
     recording = replace(recording, a_m_s2=np.ones_like(recording.a_m_s2))
     touching = np.flatnonzero(recording.touching)
     recording.flags[touching[: round(share * len(touching))]] |= np.uint32(Flag.FORCE_LIMITED)
-    recording.flags[~recording.touching] |= np.uint32(Flag.FORCE_LIMITED)  # in the air it is none of this
-    told = cautions(scene, recording)
-    assert len(told) == count
-    assert all(f"of {len(touching)} ticks in contact" in text for text in told)
+    recording.flags[~recording.touching] |= np.uint32(Flag.FORCE_LIMITED)  # flags in the air do not count
+    reported = cautions(scene, recording)
+    assert len(reported) == count
+    assert all(f"of {len(touching)} ticks in contact" in text for text in reported)
 
 
-def test_a_caution_is_a_line_to_standard_error(
+def test_caution_is_one_line_on_standard_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from hapscene.cli import main
@@ -222,6 +222,6 @@ def test_a_caution_is_a_line_to_standard_error(
     trimesh.creation.box((20, 20, 20)).export(tmp_path / "cube.stl")
     monkeypatch.chdir(tmp_path)
     assert main(["touch", "cube.stl", "--unit", "mm", "--no-picture"]) == 0
-    told = capsys.readouterr()
-    assert told.err.startswith("hapscene: warning: feel.wav is silent") and told.err.count("\n") == 1
-    assert "silent" not in told.out
+    reported = capsys.readouterr()
+    assert reported.err.startswith("hapscene: warning: feel.wav is silent") and reported.err.count("\n") == 1
+    assert "silent" not in reported.out

@@ -1,4 +1,4 @@
-"""A clock whose time passes as a test says, for compiled code and for Python."""
+"""Clocks that tests control, for compiled code and for Python."""
 
 import threading
 from collections.abc import Callable
@@ -10,14 +10,14 @@ from hapscene.wall_clock import Clock
 BEGIN_NS = 1_000_000_000_000
 
 PATIENCE_S = 180.0
-"""How long another thread may take on a machine that does much else besides [s]."""
+"""Longest wait for another thread on a busy machine [s]."""
 
 
 class VirtualClock(Clock):
-    """Begins at 1000 s. Who sleeps, or waits for an event in vain, moves it on.
+    """Clock that starts at 1000 s; each sleep, and each wait that times out, advances it without waiting.
 
     Attributes:
-        buffer: the same time for compiled code, as `hapscene.clock.new_clock` has it.
+        buffer: the same time for compiled code; see `hapscene.clock.new_clock`.
     """
 
     def __init__(self) -> None:
@@ -39,11 +39,11 @@ class VirtualClock(Clock):
 
 
 class StillClock(Clock):
-    """Stands still until a test puts it on, so that nobody who is slow counts as silent. Who sleeps does so really.
+    """Clock that only a test advances, so that a slow thread causes no timeout. `sleep_s` also waits in real time.
 
     Attributes:
-        at_s: what it shows.
-        runs: whether a sleep puts it on.
+        at_s: present time of the clock [s].
+        runs: whether `sleep_s` advances the clock.
     """
 
     at_s, runs = BEGIN_NS * 1e-9, False
@@ -57,7 +57,7 @@ class StillClock(Clock):
 
 
 class DrivenClock(Clock):
-    """A clock that one thread moves on, as the one of a simulated wire; the others wait for it, however slow it is."""
+    """Clock that one thread advances, such as a simulated network; the other threads wait for it."""
 
     def __init__(self) -> None:
         self._now_s, self._moved = BEGIN_NS * 1e-9, threading.Condition()
@@ -66,15 +66,15 @@ class DrivenClock(Clock):
         return self._now_s
 
     def move(self, span_s: float) -> None:
-        """Let time pass."""
+        """Advance the clock and wake the waiting threads."""
         with self._moved:
             self._now_s += span_s
             self._moved.notify_all()
 
     def until(self, true: Callable[[], Any]) -> None:
-        """Wait until something is true; it is looked at each time that the clock is moved on."""
+        """Wait until a condition holds; it is checked each time the clock advances."""
         with self._moved:
-            assert self._moved.wait_for(true, PATIENCE_S), "it does not come true"
+            assert self._moved.wait_for(true, PATIENCE_S), f"the condition did not hold within {PATIENCE_S:g} s"
 
     def sleep_s(self, span_s: float) -> None:
         end_s = self._now_s + span_s

@@ -1,4 +1,4 @@
-"""A servo whose loop runs in this process, at a virtual time: it ticks as often as a test says, and only then."""
+"""A servo whose loop runs in the test process on a virtual clock and ticks only when the test calls `advance`."""
 
 from collections import deque
 from collections.abc import Callable
@@ -17,11 +17,11 @@ from hapscene.loop.shared_memory import Channel
 from tests.virtual_clock import VirtualClock
 
 TICKS_MAX = 20_000
-"""How many ticks anything may take that a test waits for [count]."""
+"""Most ticks that `until` runs [count]."""
 
 
 class VirtualServo(Servo):
-    """All that a `Servo` is, but for the processes. The application's heartbeat is that of the clock."""
+    """A `Servo` without processes. `advance` increments the heartbeat of the application."""
 
     def __init__(self, *arguments: Any, clock: VirtualClock | None = None, **made: Any) -> None:
         super().__init__(*arguments, **made)
@@ -31,39 +31,39 @@ class VirtualServo(Servo):
 
     def _begin(self, shared: Channel) -> None:
         try:
-            self._process = self._wire = _Here(self._arguments, shared, self.clock)
+            self._process = self._wire = _LocalProcess(self._arguments, shared, self.clock)
         except HapsceneError:
             self._process = None
             raise
         self._renderer_arguments = self._wire.handler.made
         self._asked = np.zeros(1, np.int64)
-        self._pulse = shared.channel["heartbeat"].view(np.ndarray)
+        self._heartbeat_count = shared.channel["heartbeat"].view(np.ndarray)
 
     @property
     def handler(self) -> OrderHandler:
-        """What answers the orders."""
+        """Handler of the orders that the application sends."""
         handler: OrderHandler = self._wire.handler
         return handler
 
     def advance(self, ticks: int) -> None:
-        """Let so many ticks go by."""
+        """Run a number of ticks."""
         with self._wire.lock:
             for _ in range(ticks):
                 if not self.alone:
-                    self._pulse[0] += 1
+                    self._heartbeat_count[0] += 1
                 self.handler.advance(1)
 
     def until(self, true: Callable[[], Any], ticks: int = TICKS_MAX) -> Any:
-        """Tick until something comes true; what it then is."""
+        """Tick until the condition holds; return its value."""
         for _ in range(ticks):
             if found := true():
                 return found
             self.advance(1)
-        raise AssertionError(f"it does not come true within {ticks} ticks")
+        raise AssertionError(f"the condition did not hold within {ticks} ticks")
 
 
-class _Here:
-    """In the place of the process, and of the pipe to it: each order is answered at once."""
+class _LocalProcess:
+    """Replaces the process of the servo and the pipe to it; answers each order at once."""
 
     exitcode: int | None = None
 
@@ -80,7 +80,7 @@ class _Here:
             self._close()
             raise
         self._answers: deque[Any] = deque()
-        self.lock = Lock()  # an order comes between two ticks
+        self.lock = Lock()  # an order is handled between two ticks, as in the process
 
     def send_bytes(self, pickled: Any) -> None:
         order, arguments = ForkingPickler.loads(pickled)

@@ -52,7 +52,7 @@ class Condition:
     """The actual sensor, the sensor data that the compensator assumes, the signals that are played and their gain."""
 
     sensor: Sensor
-    believed: Sensor
+    nominal_sensor: Sensor
     signals: tuple[str, ...]
     loud: float = 1.0
 
@@ -144,12 +144,14 @@ def judge(
     compensator: str,
     count: int = PLANTS,
     sensor: Sensor | None = None,
-    believed: Sensor | None = None,
+    nominal_sensor: Sensor | None = None,
 ) -> CompensatorErrors:
     """Return the errors of a compensator for a signal (n,) [m/s²], with a sensor and the data assumed about it."""
 
     def error(plant: Plant) -> tuple[float, int]:
-        played = play(desired_m_s2, RATE_HZ, plant, compensator=compensator, sensor=sensor, nominal_sensor=believed)
+        played = play(
+            desired_m_s2, RATE_HZ, plant, compensator=compensator, sensor=sensor, nominal_sensor=nominal_sensor
+        )
         return spectrogram_error(desired_m_s2, played.acceleration_m_s2, RATE_HZ), played.hits
 
     errors, hits = zip(*map(error, (Plant(), firm(Plant()), *plants(count))), strict=True)

@@ -1,14 +1,10 @@
 """Properties of the machine that figures are measured on, without its name."""
 
-import ctypes
 import datetime
-import gc
 import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -50,26 +46,6 @@ def run_python(arguments: list[str], otherwise: str, **environment: str) -> str:
     if done.returncode:
         raise HapsceneError(f"{otherwise}: {done.stderr.strip().splitlines()[-1]}")
     return done.stdout
-
-
-def held_MB(build: Callable[[], object]) -> float:
-    """Return the memory of the object that `build` returns [MB]; NaN if the system does not report memory."""
-    before_B = _resident_B()
-    held = build()
-    grown_B = _resident_B() - before_B
-    del held
-    return max(grown_B, 0.0) / 1e6
-
-
-def _resident_B() -> float:
-    """Return the resident memory of this process, after freed memory is returned to the system."""
-    if not sys.platform.startswith("linux"):
-        return float("nan")
-    gc.collect()
-    with suppress(AttributeError, OSError):
-        ctypes.CDLL(None).malloc_trim(0)  # glibc only
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return float(pages * os.sysconf("SC_PAGE_SIZE"))
 
 
 def _processor() -> str:

@@ -5,13 +5,15 @@ from typing import Final
 
 import numpy as np
 
+from hapscene.constants import ACCELERATION_RATE_HZ as DEFAULT_HZ
 from hapscene.surface.swatch import Swatch
 from hapscene.swatches.library import load_swatch
 
-from .measuring import FINE_HZ, ISRAR, Array, apart_jnd, bands_of, effect_us, enough, texture_bands
+from ..bench.handle import RATE_HZ
+from .measuring import FINE_HZ, ISRAR, Array, apart_jnd, bands_of, texture_bands, texture_us
 from .question import Measure, Point, Question, Setting
 
-RATES_HZ: Final = (2000.0, 3000.0, 4000.0, 5000.0, 8000.0, 10_000.0, 20_000.0)
+RATES_HZ: Final = (20_000.0, 10_000.0, 8000.0, 5000.0, 4000.0, 3000.0, 2000.0)
 
 REFERENCE_HZ: Final = 20_000.0
 """Sample rate of the reference [Hz]."""
@@ -21,14 +23,15 @@ SWATCHES: Final = ("wood", "paper", "leather")
 FORCE_N, SPEED_M_S, TAP_M_S = 1.0, 0.1, 0.2
 """Normal force and speed of the stroke; approach speed of the tap."""
 
-METHODS: Final = {"held": "zero-order hold (converter)", "filtered": "low-pass (sound card)"}
+OUTPUTS: Final = {"held": "zero-order hold (converter)", "filtered": "low-pass (sound card)"}
 """Output stage by its key."""
 
 
-def settings(quick: bool, scene_file: str | None) -> list[Setting]:
-    rates = (2000.0, 5000.0, 20_000.0) if quick else RATES_HZ
+def settings(scene_file: str | None) -> list[Setting]:
     return [
-        Setting(name, f"{r / 1e3:g} kHz", {"rate_Hz": r, "output": o}) for o, name in METHODS.items() for r in rates
+        Setting("Acceleration rate", "", f"{r / 1e3:g} kHz", {"rate_Hz": r, "output": o}, case, r == DEFAULT_HZ)
+        for r in RATES_HZ
+        for o, case in OUTPUTS.items()
     ]
 
 
@@ -57,24 +60,12 @@ def tap_bands(tap_m_s2: Array, rate_Hz: float, held: bool = False) -> Array:
 
 def time(rate_Hz: float, output: str) -> tuple[float, float]:
     swatch = Swatch("timed", texture=load_swatch("wood").texture)
-    return effect_us(swatch, ("wall", "lpc_texture"), ("wall",), a_rate_Hz=rate_Hz)
+    return texture_us(swatch, rate_Hz)
 
 
-def advice(points: Sequence[Point]) -> str:
-    """Recommend the lowest rate of each output stage whose error is below one JND."""
-    found = []
-    for method in METHODS.values():
-        own = [p for p in points if p.method == method]
-        if own:
-            chosen = enough(own, "texture", 1.0)
-            found.append(
-                f"{chosen.label} with {method} ({chosen.errors['texture']:.2g} JND, {chosen.median_us:.2g} µs a block)"
-            )
-    slowest = max(points, key=lambda p: p.median_us)
-    return (
-        f"Lowest sufficient rates: {'; '.join(found)}. {slowest.label} takes {slowest.median_us:.2g} µs per block. Use "
-        "a higher rate if the channel also drives audio, or if a compensator runs at this rate."
-    )
+def caveat(used: Sequence[Point], default: Sequence[Point]) -> str:
+    """Return that compensators are tested at one rate only."""
+    return f"audio or compensators (tested at {RATE_HZ / 1e3:g} kHz only)"
 
 
 QUESTION: Final = Question(
@@ -87,11 +78,10 @@ QUESTION: Final = Question(
     settings=settings,
     error=error,
     time=time,
-    advice=advice,
+    caveat=caveat,
     conditions=(
         f"Shipped swatches {', '.join(SWATCHES)} at {FORCE_N:g} N and {SPEED_M_S:g} m/s, and their taps at "
         f"{TAP_M_S:g} m/s. Error: levels in bands from 20 to 1000 Hz against those at 20 kHz, in closed form. Time: "
         "wood's texture; its order grows with the rate."
     ),
-    per="block",
 )

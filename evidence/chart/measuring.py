@@ -1,10 +1,8 @@
-"""Functions that several questions share: recordings, levels in bands, times, and the choice of a point."""
+"""Functions that several questions share: recordings, levels in bands and times."""
 
-import time
-from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +17,6 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
 from ..bench.tick_time import hot
-from .question import Point
 
 Array = NDArray[np.float64]
 
@@ -39,11 +36,6 @@ ISRAR: Final = "2 dB in a band (Israr, Tan & Reed 2006)"
 
 TICKS: Final = 3000
 """Ticks that are timed [count]; 30 of them exceed the 99th percentile."""
-
-
-def no_recordings() -> str:
-    """Return why questions about recordings are omitted; empty if the recordings are present."""
-    return "" if RECORDINGS.is_dir() else "real recordings in ../shared/data/recordings beside the checkout"
 
 
 @cache
@@ -85,17 +77,6 @@ def spread_us(times_ns: ArrayLike) -> tuple[float, float]:
     return 1e-3 * float(median), 1e-3 * float(p99)
 
 
-def call_us(job: Callable[[], object], per: float = 1.0, repeats: int = 200) -> tuple[float, float]:
-    """Return median and 99th percentile of the time of a call, divided by `per` [µs]."""
-    job()
-    times = []
-    for _ in range(repeats):
-        start_ns = time.perf_counter_ns()
-        job()
-        times.append((time.perf_counter_ns() - start_ns) / per)
-    return spread_us(times)
-
-
 def stroke_path(count: int = TICKS, tick_s: float = 1e-3) -> Array:
     """Return tool positions (n, 3) [m]: strokes over the rig's sheet at up to 0.2 m/s, 1 to 2 mm deep."""
     t = tick_s * np.arange(count)
@@ -104,44 +85,15 @@ def stroke_path(count: int = TICKS, tick_s: float = 1e-3) -> Array:
     return np.column_stack((0.04 * np.sin(5.0 * t), np.full(count, 0.01), -depth))
 
 
-def effect_us(
-    swatch: Any, effects: Sequence[Any], less: Sequence[Any] = (), path: Array | None = None, **rates: Any
-) -> tuple[float, float]:
-    """Return median and 99th percentile of the time of a tick with `effects` minus one with `less` [µs], in contact.
-
-    Times are measured inside the tick, the minimum of several runs each. Without `less` it is the time of the tick.
-    """
-    path = stroke_path() if path is None else path
-    taken = ticks_ns(Renderer(sheet(swatch), list(effects), **rates), path)
-    if not less:
-        return spread_us(taken)
-    return spread_us(
-        np.maximum(taken - float(np.median(ticks_ns(Renderer(sheet(swatch), list(less), **rates), path))), 1.0)
-    )
-
-
 def ticks_ns(renderer: Renderer, path: Array, repeats: int = 9) -> NDArray[np.int64]:
     """Return the time of each tick in contact [ns], the minimum of several runs."""
     return hot(renderer, path, repeats).tick_ns
 
 
-def texture_us(texture: Texture, a_rate_Hz: float = RATE_HZ) -> tuple[float, float]:
-    """Return median and 99th percentile of the time of a block of texture in the tick [µs]."""
-    return effect_us(Swatch("timed", texture=texture), ("wall", "lpc_texture"), ("wall",), a_rate_Hz=a_rate_Hz)
-
-
-def measured(points: Sequence[Point], key: str) -> list[Point]:
-    """Return the points with a finite error of that key."""
-    return [p for p in points if np.isfinite(p.errors.get(key, np.nan))]
-
-
-def best(points: Sequence[Point], key: str) -> Point:
-    """Return the point with the smallest error."""
-    return min(measured(points, key), key=lambda p: p.errors[key])
-
-
-def enough(points: Sequence[Point], key: str, within: float) -> Point:
-    """Return the fastest point whose error is at most `within`, or otherwise the one with the smallest error."""
-    least = best(points, key).errors[key]
-    fit = [p for p in measured(points, key) if p.errors[key] <= max(within, least)]
-    return min(fit, key=lambda p: (p.median_us if p.median_us == p.median_us else np.inf, p.errors[key]))
+def texture_us(swatch: Swatch, a_rate_Hz: float = RATE_HZ) -> tuple[float, float]:
+    """Return median and 99th percentile of the time that the texture of a swatch adds to a tick [µs], in contact."""
+    with_texture, without = (
+        ticks_ns(Renderer(sheet(swatch), effects, a_rate_Hz=a_rate_Hz), stroke_path())
+        for effects in (("wall", "lpc_texture"), ("wall",))
+    )
+    return spread_us(np.maximum(with_texture - float(np.median(without)), 1.0))

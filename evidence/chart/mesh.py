@@ -1,25 +1,25 @@
 """The question of mesh resolution: how many faces a mesh needs."""
 
 import math
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
+from hapscene.fidelity.trial import memory_B
+from hapscene.fidelity.tune import HALVINGS
 from hapscene.perception import DIRECTION_DEG, FORCE, FORCE_LEAST_N
 from hapscene.render.recording import Recording
 from hapscene.render.renderer import Renderer
 from hapscene.surface.swatch import PLAIN
 
 from ..bench.accuracy import angle_deg
-from ..bench.machine import held_MB
 from ..bench.tick_time import hot
 from .measuring import spread_us
-from .question import Measure, Point, Question, Setting
+from .question import Measure, Question, Setting
 from .touched_surface import SPHERE, Array, bodies_of, reduced, touched
 
-DIVISORS: Final = (1, 2, 4, 8, 16, 32, 64)
-"""Factors by which the number of faces is reduced [1]."""
+DIVISORS: Final = tuple(2**k for k in range(HALVINGS + 1))
+"""Factors by which the number of faces is reduced, as in `hapscene tune` [1]."""
 
 CREASE_RAD: Final = math.radians(40.0)
 """Angle below which shading smooths an edge [rad]: a sphere of 100 faces becomes round, a box keeps its edges."""
@@ -30,31 +30,30 @@ DEPTH_M: Final = 1e-4
 FACES_MIN: Final = 40
 """Smallest number of faces of a reduced mesh [count]."""
 
-LEAST: Final = {"direction": 0.01, "force": 0.001, "edge": 0.01, "depth": 0.001}
-"""Smallest errors that are drawn: on flat faces errors are rounding, which would extend the axis."""
-
 PERCENTILE: Final = 95.0
 """Percentile over the ticks in contact that is reported [%]."""
 
 
-def settings(quick: bool, scene_file: str | None) -> list[Setting]:
+def settings(scene_file: str | None) -> list[Setting]:
     names = bodies_of(scene_file)
-    names = ([SPHERE] if scene_file is None else []) + (names[:1] if quick else names)
+    names = ([SPHERE] if scene_file is None else []) + names
     found = []
     for name in names:
         count = len(touched(scene_file, name).body.mesh.faces)
         for shaded in (False, True):
-            for divisor in DIVISORS[::3] if quick else DIVISORS:
-                if count // divisor >= FACES_MIN:
+            for divisor in DIVISORS:
+                if divisor == 1 or count // divisor >= FACES_MIN:
                     arguments = {"scene_file": scene_file, "body": name, "divisor": divisor, "shaded": shaded}
-                    label = f"÷{divisor}" if divisor > 1 else "full"
-                    found.append(Setting(f"{name}, shaded" if shaded else name, label, arguments))
+                    label, method = f"÷{divisor}" if divisor > 1 else "full", "shaded" if shaded else ""
+                    default = divisor == 1 and not shaded
+                    found.append(Setting(f"Mesh of {name}", method, label, arguments, default=default))
     return found
 
 
-def subject(point: Point) -> str:
-    """Return the name of the body of a point."""
-    return point.method.removesuffix(", shaded")
+def program(scene_file: str | None, body: str, divisor: int, shaded: bool) -> bytes:
+    """Return the faces of the reduced mesh."""
+    mesh = reduced(scene_file, body, divisor)
+    return mesh.vertices_m.tobytes() + mesh.faces.tobytes()
 
 
 def renderer_of(scene_file: str | None, body: str, divisor: int, shaded: bool) -> Renderer:
@@ -64,12 +63,10 @@ def renderer_of(scene_file: str | None, body: str, divisor: int, shaded: bool) -
 
 
 def error(scene_file: str | None, body: str, divisor: int, shaded: bool) -> dict[str, float]:
-    """Return the errors of force and depth on the path, and the memory of the mesh."""
-    on = touched(scene_file, body)
-    recording = renderer_of(scene_file, body, divisor, shaded).run(on.p_WT_m)
-    memory_MB = held_MB(lambda: renderer_of(scene_file, body, divisor, shaded))
-    found = force_errors(recording, on.into_m, PLAIN.stiffness_N_m)
-    return {**{key: max(value, LEAST[key]) for key, value in found.items()}, "memory": memory_MB}
+    """Return the errors of the force on the path, and the memory of the mesh."""
+    on, renderer = touched(scene_file, body), renderer_of(scene_file, body, divisor, shaded)
+    errors = force_errors(renderer.run(on.p_WT_m), on.into_m, PLAIN.stiffness_N_m)
+    return {**errors, "memory": 1e-6 * memory_B(renderer)}
 
 
 def force_errors(recording: Recording, into_m: Array, stiffness_N_m: float) -> dict[str, float]:
@@ -90,7 +87,6 @@ def force_errors(recording: Recording, into_m: Array, stiffness_N_m: float) -> d
         "direction": float(np.percentile(turn, PERCENTILE)) if len(turn) else math.nan,
         "force": float(np.percentile(size[on], PERCENTILE)),
         "edge": float(np.max(np.maximum(step - true_step, 0.0)[sliding], initial=0.0)),
-        "depth": 1e3 * float(np.percentile(np.abs(recording.depth_m - depth_m)[on], PERCENTILE)),
     }
 
 
@@ -99,46 +95,22 @@ def time(scene_file: str | None, body: str, divisor: int, shaded: bool) -> tuple
     return spread_us(hot(renderer, touched(scene_file, body).p_WT_m, 3).tick_ns)
 
 
-def advice(points: Sequence[Point]) -> str:
-    """Recommend the coarsest mesh of each body whose errors are not perceptible."""
-    found = []
-    for body in dict.fromkeys(map(subject, points)):
-        of = [p for p in points if p.method == body]
-        fit = [
-            p for p in of if p.errors["force"] <= 1.0 and max(p.errors["direction"], p.errors["edge"]) <= DIRECTION_DEG
-        ]
-        if not fit:
-            found.append(f"{body}: full mesh")
-            continue
-        least, whole = min(fit, key=lambda p: p.errors["memory"]), of[0]
-        found.append(f"{body} {least.label} ({least.errors['memory']:.2g} MB instead of {whole.errors['memory']:.2g})")
-    return (
-        f"Coarsest meshes with force, direction and edges below their limits: {'; '.join(found)}. They save memory and "
-        "loading time; the tick time hardly changes. Shading suits coarse meshes of round shapes: it changes the "
-        "direction of the force, not its size."
-    )
-
-
 QUESTION: Final = Question(
     name="mesh",
     title="Mesh resolution",
     measures=(
-        Measure("direction", "error of the force's direction (95 % of ticks)", "°", DIRECTION_DEG,
-                "Barbagli et al. 2006"),
-        Measure("force", "error of the force's size (95 % of ticks)", "JND", 1.0, "7 %, Pang et al. 1991"),
-        Measure("edge", "edges: largest turn between ticks beyond that of the surface", "°", DIRECTION_DEG,
-                "Barbagli et al. 2006"),
-        Measure("depth", "error of the depth (95 % of ticks)", "mm"),
-        Measure("memory", "memory of the mesh", "MB"),
+        Measure("direction", "direction of the force", "°", DIRECTION_DEG, "Barbagli et al. 2006"),
+        Measure("force", "size of the force", "JND", 1.0, "7 %, Pang et al. 1991"),
+        Measure("edge", "turn at an edge", "°", DIRECTION_DEG, "Barbagli et al. 2006"),
+        Measure("memory", "memory of the renderer", "MB"),
     ),
     settings=settings,
     error=error,
     time=time,
-    advice=advice,
     conditions="Each body alone, its faces reduced by quadric error metrics (fast-simplification), touched with the "
     "wall effect along the path of a hand that explores it from above. Reference: the closest point of the full mesh, "
-    "or of the round sphere. On bumpy bodies the proxy is not always at the closest point, which adds to the error. "
-    "Shaded: edges below 40° are smoothed.",
-    against="memory",
-    subject=subject,
-)  # fmt: skip
+    "or of the round sphere; 95 % of the ticks. Edge: largest turn between ticks beyond that of the surface. On bumpy "
+    "bodies the proxy is not always at the closest point, which adds to the error. Shaded: edges below 40° are "
+    "smoothed.",
+    program=program,
+)

@@ -1,45 +1,51 @@
-"""A question of the chart: methods at several settings, each a point of time against error."""
+"""A question of the chart: one or more levers, each with a default and other settings of known cost and error."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-__all__ = ["Measure", "Point", "Question", "Setting", "cost_key", "cost_of", "front", "fronts"]
+__all__ = ["Measure", "Point", "Question", "Setting", "merge_identical"]
 
 
 class Setting(NamedTuple):
-    """A method at one of its settings."""
+    """A lever at one of its settings, in one case.
 
+    The settings of a method are listed from fine to coarse.
+    """
+
+    lever: str
+    """What is set, such as "mesh of toad"; one row of the table."""
     method: str
-    """Name of the method; one line of the picture."""
+    """Name of the method, such as "shaded"."""
     label: str
-    """Label of the point, such as "order 40" or "÷16"."""
+    """Label of the setting, such as "order 40" or "÷16"; empty for a method without settings."""
     arguments: Mapping[str, Any]
-    """Arguments of the question's `error` and `time`; JSON types."""
+    """Arguments of the question's `error` and `time`."""
+    case: str = ""
+    """Condition such as a device. Cases of a setting cost the same time; the largest error counts."""
+    default: bool = False
+    """Whether hapscene uses this setting unless another one is chosen."""
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A kind of error; one panel of the picture.
+    """A kind of error.
 
     Attributes:
         key: its key in the result of `Question.error`.
         name, unit: as shown.
-        jnd: just-noticeable difference in that unit, or None; smaller errors are not perceptible.
-        source: source of the just-noticeable difference.
-        limit: name of that number in the picture.
-        log: whether the axis is logarithmic.
-        more_is_better: whether larger values are better, as for a stiffness.
+        limit: just-noticeable difference or another limit in that unit; None if the value is not judged.
+        source: source of the limit.
+        excess: judge the value minus the smallest value of the lever. For references that have an error themselves,
+            such as recordings.
     """
 
     key: str
     name: str
     unit: str
-    jnd: float | None = None
+    limit: float | None = None
     source: str = ""
-    log: bool = True
-    more_is_better: bool = False
-    limit: str = "just noticeable"
+    excess: bool = False
 
 
 @dataclass(frozen=True)
@@ -47,75 +53,62 @@ class Point:
     """A measured setting.
 
     Attributes:
-        method, label: of the setting.
-        median_us, p99_us: time per `Question.per` [µs].
-        errors: errors by `Measure.key`.
+        lever, method, label, case, default: of the setting.
+        median_us, p99_us: time per millisecond of touch [µs].
+        noise_us: difference of the medians of repeated measurements [µs].
+        errors: values by `Measure.key`; "memory" is the memory [MB].
     """
 
+    lever: str
     method: str
     label: str
+    case: str
+    default: bool
     median_us: float
     p99_us: float
+    noise_us: float
     errors: Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class Question:
-    """A question: error against time for several methods and settings.
+    """A question: time, memory and error for the settings of one or more levers.
 
     Attributes:
-        name: file name: "mesh", "force-rate".
+        name: name on the command line: "mesh", "force-rate".
         title: heading, such as "Mesh resolution".
-        measures: kinds of error, one panel each.
-        settings: returns the settings to measure; called with whether to measure fewer, and with the scene file (None:
-            the question's default subject).
-        error: returns the errors of a setting by `Measure.key`, against a reference that is independent of the methods.
-            Called in several processes at once.
-        time: returns median and p99 of a setting's time [µs]; called with no other task running.
-        advice: returns a recommendation and its limits, computed from the points.
+        measures: kinds of error.
+        settings: returns the settings to measure; called with the scene file, or None for the default subject.
+        error: returns the values of a setting by `Measure.key`, against a reference that is independent of the
+            methods.
+        time: returns median and p99 of a setting's time per millisecond of touch [µs].
         conditions: subject, path and reference of the measurement.
-        per: what one time refers to.
-        against: key of the measure that replaces time as the cost; empty for time.
-        subject: returns the subject of a point, such as a body; points of different subjects are not compared.
+        program: returns the bytes of the arrays that a setting runs with; settings with equal bytes are measured once.
+        caveat: returns where a setting must not be used although its error is small; computed from its points and those
+            of the default, over all cases.
     """
 
     name: str
     title: str
     measures: tuple[Measure, ...]
-    settings: Callable[[bool, str | None], Sequence[Setting]]
+    settings: Callable[[str | None], Sequence[Setting]]
     error: Callable[..., Mapping[str, float]]
     time: Callable[..., tuple[float, float]]
-    advice: Callable[[Sequence[Point]], str]
     conditions: str
-    per: str = "tick"
-    against: str = ""
-    subject: Callable[[Point], str] = field(default=lambda point: "")
+    program: Callable[..., bytes] | None = None
+    caveat: Callable[[Sequence[Point], Sequence[Point]], str] | None = None
 
 
-def front(points: Sequence[Point], measure: Measure, against: str = "") -> list[Point]:
-    """Return the Pareto front, sorted by cost: points that no other point beats in both cost and error."""
-    sign = -1.0 if measure.more_is_better else 1.0
-    known = [p for p in points if measure.key in p.errors and cost_of(p, against) == cost_of(p, against)]
-    best, kept = float("inf"), []
-    for point in sorted(known, key=lambda p: (cost_of(p, against), sign * p.errors[measure.key])):
-        if sign * point.errors[measure.key] < best:
-            best = sign * point.errors[measure.key]
-            kept.append(point)
-    return kept
+def merge_identical(question: Question, settings: Sequence[Setting]) -> list[Setting]:
+    """Return the settings, with those of a method merged that run the same program.
 
-
-def cost_of(point: Point, against: str = "") -> float:
-    """Return the median time [µs], or the measure that replaces it; NaN if it is unknown."""
-    return point.errors.get(against, float("nan")) if against else point.median_us
-
-
-def fronts(question: Question, points: Sequence[Point], measure: Measure) -> list[list[Point]]:
-    """Return the front of each subject of a question."""
-    subjects = dict.fromkeys(question.subject(p) for p in points)
-    against = cost_key(question, measure)
-    return [front([p for p in points if question.subject(p) == of], measure, against) for of in subjects]
-
-
-def cost_key(question: Question, measure: Measure) -> str:
-    """Return the key of the measure on the cost axis of a panel; empty for time."""
-    return "" if question.against == measure.key else question.against
+    Orders 120, 40, 20 and 6 of a texture of order 6 become one setting, "order 6 and finer".
+    """
+    merged: dict[tuple[str, str, str, object], Setting] = {}
+    for one in settings:
+        program = one.label if question.program is None else question.program(**one.arguments)
+        key = (one.lever, one.method, one.case, program)
+        if key in merged:
+            one = one._replace(label=f"{one.label} and finer", default=merged[key].default or one.default)
+        merged[key] = one
+    return list(merged.values())

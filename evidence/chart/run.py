@@ -1,25 +1,25 @@
-"""The chart: measures every question and writes pictures and page. `QUESTIONS` lists the questions."""
+"""The chart: measures every question and writes table, pictures and page. `QUESTIONS` lists the questions."""
 
-import hashlib
+import math
 import os
 import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from hapscene.compiled.native import INTERPRETED
 from hapscene.errors import HapsceneError, no_such
 from hapscene.io.files import whole_file
-from hapscene.parallel import Task, run_tasks
 
 from ..bench.machine import describe_machine
 from ..bench.sheet import Sheet
 from ..page import Page, shown
-from .drawing import write_picture
-from .question import Point, Question, Setting
-from .table import Table
+from .drawing import draw_rows, draw_settings
+from .question import Point, Question, merge_identical
+from .rows import CHOSEN, HEAD, Row, rows_of, sentences
+from .table import LOAD, LOAD_MAX, Table
 from .touched_surface import BODY_FACES_MIN
 
 __all__ = ["QUESTIONS", "chart", "question"]
@@ -37,9 +37,21 @@ QUESTIONS: Final[Mapping[str, str]] = {
 """Module of each question by its name, in the order of the page."""
 
 TITLE: Final = "Chart: speed against accuracy"
+COMMAND: Final = "hapscene lab chart --docs docs/results"
+PICTURE, SETTINGS = "chart.png", "settings.png"
+"""Picture of the table's rows, and of all settings."""
 
-METHOD: Final = """Each point is a method at one setting: its time, and its error against an independent reference. No
-other point beats a point on the front in both. Errors in the shaded area are not perceptible."""
+METHOD: Final = """Each row is a lever: its default, and a cheaper setting. The error of that setting and of all finer
+ones is at most 1 JND, or another limit (speed at rest, energy), to which errors are relative. A saving counts if it
+exceeds the noise: repetitions, cases that cost the same, and coarser settings that take longer than finer ones."""
+
+NAMED: Final = ("processor", "cores", "date", LOAD, "scene")
+"""Properties of the machine on the page of results; the table has all."""
+
+NO_BODY: Final = f"no body of the scene has at least {BODY_FACES_MIN:,} faces"
+
+ROUNDS: Final = 2
+"""Measurements of each time, one round after the other, so that their difference includes slow changes [count]."""
 
 
 def question(name: str) -> Question:
@@ -54,40 +66,21 @@ def question(name: str) -> Question:
     return found
 
 
-def error_of(name: str, arguments: Mapping[str, Any], stamp: str) -> dict[str, float]:
-    """Return the errors of a setting. The stamp identifies the content of the scene file in the journal."""
-    return {key: float(value) for key, value in question(name).error(**arguments).items()}
-
-
-def time_of(name: str, arguments: Mapping[str, Any], stamp: str) -> list[float]:
-    """Return median and p99 of a setting's time [µs]."""
-    return [float(value) for value in question(name).time(**arguments)]
-
-
 def chart(
     out: Path,
     scene: str | None = None,
     *,
     only: Sequence[str] = (),
-    quick: bool = False,
-    jobs: int | None = None,
-    scheduler: str | None = None,
     table: Path | None = None,
     docs: Path | None = None,
     say: Callable[[str], None] = print,
 ) -> Table:
-    """Measure every question and write chart.csv, a picture of each and chart.html into `out`.
-
-    Finished settings are kept in chart.jsonl until all are done; the same call resumes an interrupted one.
+    """Measure every question and write chart.csv, pictures and chart.html into `out`.
 
     Args:
         out: output folder, created if missing.
         scene: scene file; None for each question's default subject.
         only: names of questions; all if empty.
-        quick: fewer settings, shorter paths.
-        jobs: number of processes that compute errors; None for one per core. Times are measured afterwards in this
-            process, one at a time.
-        scheduler: address of a Dask cluster to use instead; the scene must have the same path there.
         table: an earlier chart.csv to draw instead of measuring.
         docs: the folder docs/results, whose chart.md and chart/ are written as well.
         say: called with each line of progress.
@@ -102,114 +95,77 @@ def chart(
     if docs is not None and not docs.is_dir():
         raise HapsceneError(f"{docs}: no such folder")
     if table is None:
-        out.mkdir(parents=True, exist_ok=True)
-        found = _measure(questions, out / "chart.jsonl", scene, quick, jobs, scheduler, say)
-        questions = [q for q in questions if found.points[q.name]]
+        out.mkdir(parents=True, exist_ok=True)  # before the measurement, so that an invalid folder costs no time
+        found = _measure(questions, scene, say)
     else:
-        found, questions = _read(table, questions)
-        out.mkdir(parents=True, exist_ok=True)
+        found = Table.read(table)
+    questions = [q for q in questions if found.points.get(q.name)]
+    if not questions:
+        raise HapsceneError(f"{table}: no points of these questions; it has points of: {', '.join(found.points)}")
+    _rows(found, questions)  # raises on an incomplete table, before files are written
+    out.mkdir(parents=True, exist_ok=True)
     say("made:")
     for path in _write(found, questions, out, docs):
         say(f"  {path}")
     return found
 
 
-def _read(file: Path, questions: Sequence[Question]) -> tuple[Table, list[Question]]:
-    """Read a table; return it and the questions that it has points of."""
-    found = Table.read(file)
-    present = [q for q in questions if found.points.get(q.name)]
-    if not present:
-        known = ", ".join(found.points) or "none"
-        raise HapsceneError(f"{file}: no points of {', '.join(q.name for q in questions)}; it has points of: {known}")
-    for q in present:
-        try:
-            q.advice(found.points[q.name])
-        except (LookupError, ValueError, ArithmeticError, StopIteration):
-            raise HapsceneError(
-                f"{file}: points or measures of {q.name} are missing: choose other questions with --only"
-            ) from None
-    return found, present
+def _measure(questions: Sequence[Question], scene: str | None, say: Callable[[str], None]) -> Table:
+    """Measure all settings of all questions in this process, one after the other."""
+    settings = [(q, s) for q in questions for s in merge_identical(q, q.settings(scene))]
+    for name in sorted({q.name for q in questions} - {q.name for q, _ in settings}):
+        say(f"{name} omitted: {NO_BODY}")
+    if not settings:
+        raise HapsceneError(f"{scene}: {NO_BODY}: name a scene with a larger body, or omit the scene")
+    rounds, loads = [], []
+    for k in range(ROUNDS):
+        rounds.append([q.time(**s.arguments) for q, s in settings])
+        loads.append(os.getloadavg()[0] / (os.cpu_count() or 1) if hasattr(os, "getloadavg") else math.nan)
+        say(f"times: round {k + 1} of {ROUNDS}")
+    points: dict[str, list[Point]] = {}
+    for (q, s), *times_us in zip(settings, *rounds, strict=True):
+        medians = [median_us for median_us, _ in times_us]
+        noise_us, p99_us = max(medians) - min(medians), min(p99_us for _, p99_us in times_us)
+        errors = {key: float(value) for key, value in q.error(**s.arguments).items()}
+        point = Point(s.lever, s.method, s.label, s.case, s.default, min(medians), p99_us, noise_us, errors)
+        points.setdefault(q.name, []).append(point)
+        say(", ".join(filter(None, (*s[:3], s.case))))
+    return Table(_machine(max(loads), scene), points)
 
 
-def _measure(
-    questions: Sequence[Question],
-    journal: Path,
-    scene: str | None,
-    quick: bool,
-    jobs: int | None,
-    scheduler: str | None,
-    say: Callable[[str], None],
-) -> Table:
-    """Measure all questions."""
-    stamp = "" if scene is None else hashlib.sha256(Path(scene).read_bytes()).hexdigest()[:16]
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
-    settings = {q.name: list(q.settings(quick, scene)) for q in questions}
-    reason = f"no body of the scene has at least {BODY_FACES_MIN:,} faces"
-    if not any(settings.values()):
-        raise HapsceneError(f"{scene}: {reason}: name a scene with a larger body, or omit the scene")
-    pieces = []
-    for q in questions:
-        if not settings[q.name]:
-            say(f"{q.name} omitted: {reason}")
-        for s in settings[q.name]:
-            arguments = {"name": q.name, "arguments": dict(s.arguments), "stamp": stamp}
-            for kind, alone in (("error", False), ("time", True)):
-                pieces.append(Task(_key(q, s, kind), error_of if kind == "error" else time_of, arguments, alone))
-    results = run_tasks(
-        pieces,
-        journal=journal,
-        jobs=jobs,
-        scheduler=scheduler,
-        after=lambda done, count, key: say(f"{done} of {count}  {key}"),
-    )
-    points = {
-        q.name: [_point(s, results[_key(q, s, "time")], results[_key(q, s, "error")]) for s in settings[q.name]]
-        for q in questions
-    }
-    journal.unlink(missing_ok=True)
-    return Table(_machine(load, quick, scene), points)
-
-
-def _point(s: Setting, time_us: Sequence[float], errors: Mapping[str, float]) -> Point:
-    median_us, p99_us = time_us
-    return Point(s.method, s.label, median_us, p99_us, errors)
-
-
-def _key(q: Question, s: Setting, kind: str) -> str:
-    return f"{q.name}: {s.method}, {s.label}: {kind}"
-
-
-def _machine(load_before: float, quick: bool, scene: str | None) -> dict[str, str]:
+def _machine(load: float, scene: str | None) -> dict[str, str]:
     sheet = Sheet()
     describe_machine(sheet)
     found = {f.name: f"{f.value:g}" if isinstance(f.value, float) else f.value for f in sheet}
-    if load_before == load_before:
-        found["load before and after"] = f"{load_before:.1f} and {os.getloadavg()[0]:.1f}"
-    if quick:
-        found["settings"] = "fewer (--quick)"
+    found[LOAD] = f"{load:.1f}"
     if scene is not None:
         found["scene"] = Path(scene).name
     return found
 
 
+def _rows(found: Table, questions: Sequence[Question]) -> list[Row]:
+    return [row for q in questions for row in rows_of(q, found.points[q.name], found.quiet)]
+
+
 def _write(found: Table, questions: Sequence[Question], out: Path, docs: Path | None) -> list[Path]:
     """Write table, pictures and pages; return their paths."""
-    made = [out / "chart.csv"]
+    made = [out / "chart.csv", out / "chart.html"]
     found.write(made[0], questions)
-    for q in questions:
-        made += write_picture(q, found.points[q.name], out / f"{q.name}.png")
-    made.append(out / "chart.html")
-    _write_text(made[-1], page_of(found, questions, out, "chart.csv").html())
+    pictures = draw_rows(_rows(found, questions), out / PICTURE)
+    made += [*pictures, *draw_settings(questions, found.points, out / SETTINGS)]
+    _write_text(made[1], page_of(found, questions, out, "chart.csv", details=True).html())
     if docs is not None:
         folder = docs / "chart"
         folder.mkdir(exist_ok=True)
-        for file in made:
-            if file.suffix == ".png":
-                shutil.copyfile(file, folder / file.name)
+        for old in folder.glob("*.csv"):  # the page has one session on one machine
+            old.unlink()
         kept = folder / f"{machine_slug(found.machine)}.csv"
-        shutil.copyfile(out / "chart.csv", kept)
-        made += [kept, docs / "chart.md"]
-        _write_text(made[-1], page_of(found, questions, folder, f"chart/{kept.name}").markdown(docs))
+        for file, copy in zip((*pictures, made[0]), (*(folder / file.name for file in pictures), kept), strict=True):
+            shutil.copyfile(file, copy)
+            made.append(copy)
+        made.append(docs / "chart.md")
+        page = page_of(found, questions, folder, f"chart/{kept.name}", details=False)
+        _write_text(made[-1], page.markdown(docs))
     return made
 
 
@@ -224,30 +180,46 @@ def machine_slug(machine: Mapping[str, str]) -> str:
     return re.sub(r"[^a-z0-9]+", "-", re.sub(r"\((?:r|tm)\)", "", text.lower())).strip("-")
 
 
-def page_of(found: Table, questions: Sequence[Question], pictures: Path, csv: str) -> Page:
-    """Return the page: picture, conditions and recommendation of each question; in HTML also all points."""
+def page_of(found: Table, questions: Sequence[Question], pictures: Path, csv: str, details: bool) -> Page:
+    """Return the page: one picture, one table and what it recommends; with details also every setting."""
+    rows = _rows(found, questions)
     page = Page(TITLE)
-    page.text(f"Generated by `hapscene lab chart --docs docs/results` from {csv}. {METHOD}")
-    page.text(f"Machine: {'; '.join(f'{name} {value}' for name, value in found.machine.items())}.")
-    for q in questions:
-        points = found.points[q.name]
-        measures = [m for m in q.measures if any(m.key in p.errors for p in points)]
-        page.heading(q.title, key=q.name)
-        page.picture(pictures / f"{q.name}.png", q.title)
-        page.text(q.conditions)
-        page.text(q.advice(points), strong=True)
-        head = (
-            "method",
-            "setting",
-            f"time per {q.per} [µs], median / p99",
-            *(f"{m.name} [{m.unit}]" for m in measures),
+    page.text(
+        f"Generated by `{COMMAND}` from {csv}. {METHOD} "
+        "Settings that run the same program are one. `hapscene lab chart SCENE` charts your scene, with every setting."
+    )
+    if not found.quiet:
+        page.text(
+            f"No advice: other programs ran while times were measured (load {found.machine[LOAD]} per core; at most "
+            f"{LOAD_MAX:g} is valid). Errors and memory are valid. Stop the programs and run `{COMMAND}` again.",
+            strong=True,
         )
-        rows = [
-            (
-                *(p.method, p.label, f"{shown(p.median_us)} / {shown(p.p99_us)}"),
-                *(shown(p.errors[m.key]) if m.key in p.errors else "" for m in measures),
-            )
-            for p in points
-        ]
-        page.table(head, rows, fold="All points")
+    for sentence in sentences(rows):
+        page.text(sentence, strong=True)
+    page.picture(pictures / PICTURE, f"Time and error of the default and of the {CHOSEN[found.quiet]}, for each lever")
+    page.table([*HEAD[:2], CHOSEN[found.quiet], *HEAD[3:]], [row.cells() for row in rows])
+    shown_of_machine = found.machine if details else [name for name in NAMED if name in found.machine]
+    page.text(f"Machine: {'; '.join(f'{name} {found.machine[name]}' for name in shown_of_machine)}.")
+    if details:
+        page.picture(pictures / SETTINGS, "Error and time of every setting")
+        for q in questions:
+            _add_settings(page, q, found.points[q.name])
     return page
+
+
+def _add_settings(page: Page, q: Question, points: Sequence[Point]) -> None:
+    """Add the conditions of a question and a folded table of its settings."""
+    measures = [m for m in q.measures if any(m.key in p.errors for p in points)]
+    page.heading(q.title, key=q.name)
+    page.text(q.conditions)
+    limits = [f"{m.name}: {m.limit:.3g} {m.unit}{f' ({m.source})' if m.source else ''}" for m in measures if m.limit]
+    page.text(f"Limits: {'; '.join(limits)}.")
+    head = ("lever", "setting", "case", "time per ms [µs], median / p99", *(f"{m.name} [{m.unit}]" for m in measures))
+    rows = [
+        (
+            *(p.lever, f"{p.method} {p.label}", p.case, f"{shown(p.median_us)} / {shown(p.p99_us)}"),
+            *(shown(p.errors[m.key]) if m.key in p.errors else "" for m in measures),
+        )
+        for p in points
+    ]
+    page.table(head, rows, fold="All settings")

@@ -12,10 +12,19 @@ from hapscene.io.files import whole_file
 from ..bench.sheet import read_rows
 from .question import Point, Question
 
-COLUMNS: Final = ("question", "method", "label", "measure", "value", "unit", "median_us", "p99_us", "source")
+COLUMNS: Final = (
+    *("question", "lever", "method", "label", "case", "default"),
+    *("measure", "value", "unit", "median_us", "p99_us", "noise_us"),
+)
 
 MACHINE: Final = "machine"
-"""Value of the column `question` in rows about the machine; `method` is the property, `value` its value."""
+"""Value of the column `question` in rows about the machine; `lever` is the property, `value` its value."""
+
+LOAD: Final = "load per core"
+"""Property of the machine: largest load average per core while times were measured [1]."""
+
+LOAD_MAX: Final = 1.0
+"""Load per core above which times are not valid [1]."""
 
 
 @dataclass(frozen=True)
@@ -30,19 +39,24 @@ class Table:
     machine: dict[str, str]
     points: dict[str, list[Point]]
 
+    @property
+    def quiet(self) -> bool:
+        """Return whether the load allowed to measure times."""
+        return not float(self.machine.get(LOAD, "nan")) > LOAD_MAX
+
     def write(self, path: Path, questions: Iterable[Question]) -> None:
         """Write the table as CSV, with a row for each measure of each point."""
         units = {(q.name, measure.key): measure.unit for q in questions for measure in q.measures}
         with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
             rows = csv.writer(file, lineterminator="\n")
             rows.writerow(COLUMNS)
-            rows.writerows((MACHINE, name, "", "", value, "", "", "", "") for name, value in self.machine.items())
+            rows.writerows((MACHINE, name, *[""] * 5, value, *[""] * 4) for name, value in self.machine.items())
             for question, points in self.points.items():
                 for p in points:
-                    times = [f"{time_us:.6g}" for time_us in (p.median_us, p.p99_us)]
+                    setting = (p.lever, p.method, p.label, p.case, "default" if p.default else "")
+                    times = [f"{time_us:.6g}" for time_us in (p.median_us, p.p99_us, p.noise_us)]
                     for key, value in p.errors.items():
-                        unit = units.get((question, key), "")
-                        rows.writerow((question, p.method, p.label, key, f"{value:.6g}", unit, *times, ""))
+                        rows.writerow((question, *setting, key, f"{value:.6g}", units.get((question, key), ""), *times))
 
     @classmethod
     def read(cls, path: Path) -> "Table":
@@ -51,22 +65,23 @@ class Table:
         Raises:
             HapsceneError: the file is not such a table.
         """
-        rows = read_rows(path, COLUMNS, "a chart")
         machine: dict[str, str] = {}
         errors: dict[tuple[str, ...], dict[str, float]] = {}
-        for line, (question, method, label, key, value, _, median_us, p99_us, source) in enumerate(rows, 2):
-            if question == MACHINE:
-                machine[method] = value
-                continue
+        for line, row in enumerate(read_rows(path, COLUMNS, "a chart"), 2):
+            question, lever, key, value = row[0], row[1], row[6], row[7]
             try:
-                of = (question, method, label, str(float(median_us)), str(float(p99_us)))
-                number = float(value)
+                if question == MACHINE:
+                    machine[lever] = value if lever != LOAD else str(float(value))
+                else:
+                    times = (str(float(text)) for text in row[9:])
+                    errors.setdefault((*row[:6], *times), {})[key] = float(value)
             except ValueError:
-                raise HapsceneError(f"{path}, line {line}: expected numbers as value, median_us and p99_us") from None
-            if not source:  # tables of earlier versions also hold points of other renderers
-                errors.setdefault(of, {})[key] = number
+                raise HapsceneError(f"{path}, line {line}: expected numbers as value, load and times") from None
         points: dict[str, list[Point]] = {}
-        for (question, method, label, median_us, p99_us), measured in errors.items():
-            point = Point(method, label, float(median_us), float(p99_us), measured)
-            points.setdefault(question, []).append(point)
+        for (question, *setting, default, median_us, p99_us, noise_us), measured in errors.items():
+            lever, method, label, case = setting
+            times_us = (float(median_us), float(p99_us), float(noise_us))
+            points.setdefault(question, []).append(
+                Point(lever, method, label, case, bool(default), *times_us, errors=measured)
+            )
         return cls(machine, points)

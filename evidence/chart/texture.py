@@ -1,6 +1,6 @@
 """The question of texture order and domain: how many coefficients, and in which form models are interpolated."""
 
-from collections.abc import Sequence
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -11,24 +11,24 @@ from hapscene.capture.fit.windows import AnalysisWindows, cut
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import solve
 from hapscene.dsp.warped_prediction import lag_count, warp_at, warped
+from hapscene.fidelity.tune import painted
+from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
+from hapscene.touch import open_scene
 
 from .measuring import (
     ISRAR,
     RATE_HZ,
+    RECORDINGS,
     STROKES,
     Array,
     apart_jnd,
     bands_of,
-    best,
-    enough,
-    measured,
-    no_recordings,
     recorded,
     texture_bands,
     texture_us,
 )
-from .question import Measure, Point, Question, Setting
+from .question import Measure, Question, Setting
 
 DOMAINS: Final = {
     "lsf": "LSF",
@@ -41,10 +41,12 @@ DOMAINS: Final = {
 """`hapscene.surface.texture.INTERPOLATIONS`; LSF of warped models; the nearest model without interpolation."""
 
 ORDERS: Final[dict[str, tuple[int, ...]]] = {
-    "lsf": (2, 4, 8, 12, 20, 40, 80, 120),
-    "warped": (4, 8, 12, 20, 28, 40),
+    "lsf": (120, 80, 40, 20, 12, 8, 4, 2),
+    "warped": (40, 28, 20, 12, 8, 4),
 }
-"""Orders that are tried in these domains; the others are tried only at `ORDER`."""
+"""Orders that are tried in these domains. The default is the paper's 120; the other domains have `ORDER`."""
+
+ORDER_LEVER: Final = "Texture order (paper: 120)"
 
 ORDER, MODELS, PARTS = 20, 3, 4
 """Order of the other domains; models of a fitted texture; parts of a recording, of which inner ones are left out."""
@@ -58,19 +60,57 @@ PLACES: Final = 40
 FREQUENCY_HZ: Final = np.linspace(0.0, 0.5 * RATE_HZ, 4097)
 
 
-def settings(quick: bool, scene_file: str | None) -> list[Setting]:
+def settings(scene_file: str | None) -> list[Setting]:
+    if scene_file is not None:
+        return [
+            Setting(
+                *(f"Texture order of {swatch.name}", "", f"order {order}"),
+                {"domain": "", "order": order, "scene_file": scene_file, "swatch": swatch.name},
+                default=order == swatch.texture.order,
+            )
+            for swatch in painted(open_scene(scene_file))
+            if swatch.texture is not None
+            for order in sorted({swatch.texture.order, *ORDERS["lsf"]}, reverse=True)
+        ]
     found = []
+    for domain, orders in ORDERS.items():
+        for order in orders:
+            default = domain == "lsf" and order == orders[0]
+            arguments = {"domain": domain, "order": order}
+            found.append(Setting(ORDER_LEVER, DOMAINS[domain], f"order {order}", arguments, default=default))
     for domain, name in DOMAINS.items():
-        orders = ORDERS.get(domain, (ORDER,))
-        orders = orders[1::3] if quick and len(orders) > 1 else orders
-        found += [Setting(name, f"order {order}", {"domain": domain, "order": order}) for order in orders]
+        found.append(Setting("Texture domain", name, "", {"domain": domain, "order": ORDER}, default=domain == "lsf"))
     return found
 
 
-def error(domain: str, order: int) -> dict[str, float]:
-    """Return the errors on a simulated surface between its models, and on left-out parts of recordings [JND]."""
+def program(domain: str, order: int, scene_file: str | None = None, swatch: str = "") -> bytes:
+    """Return the coefficients of the texture."""
+    if scene_file is None:
+        return f"{domain}, {order}".encode()
+    texture = scene_texture(scene_file, swatch).truncated(order)
+    return texture.lsf_rad.tobytes() + texture.variance_m2_s4.tobytes()
+
+
+@cache
+def scene_texture(scene_file: str, swatch: str) -> Texture:
+    """Return the texture of a swatch of a scene."""
+    found = next(each.texture for each in open_scene(scene_file).swatches if each.name == swatch)
+    assert found is not None
+    return found
+
+
+def error(domain: str, order: int, scene_file: str | None = None, swatch: str = "") -> dict[str, float]:
+    """Return the errors on a simulated surface between its models, and on left-out parts of recordings [JND].
+
+    For a swatch of a scene, return the error against its own order, over the forces and speeds of its models.
+    """
+    if scene_file is not None:
+        texture, share = scene_texture(scene_file, swatch), np.linspace(0.2, 1.0, 5)
+        places = [g.ravel() for g in np.meshgrid(share * texture.force_max_N, share * texture.speed_max_m_s)]
+        apart = apart_jnd(texture_bands(texture.truncated(order), *places), texture_bands(texture, *places))
+        return {"own": float(np.percentile(apart, 95))}
     found = {"planted": known_surface_error(domain, order)}
-    if not no_recordings():
+    if RECORDINGS.is_dir():
         found["recorded"] = float(np.sqrt(np.mean([left_out(domain, order, name) ** 2 for name in STROKES])))
     return found
 
@@ -159,42 +199,29 @@ def left_out(domain: str, order: int, name: str) -> float:
     return float(np.sqrt(np.mean(np.square(apart))))
 
 
-def time(domain: str, order: int) -> tuple[float, float]:
-    return texture_us(known_texture(domain, MODELS, order))
-
-
-def advice(points: Sequence[Point]) -> str:
-    """Recommend the fastest method within one JND of the best."""
-    key = "recorded" if measured(points, "recorded") else "planted"
-    least = best(points, key)
-    chosen = enough(points, key, least.errors[key] + 1.0)
-    plain = [p.errors[key] for p in points if p.method != DOMAINS["warped"] and p.label == f"order {ORDER}"]
-    domains = "are not distinguishable" if max(plain) - min(plain) < 1.0 else "differ"
-    return (
-        f"Use {chosen.method} of {chosen.label}: it is the fastest within one JND of the best "
-        f"({chosen.errors[key]:.2g} JND, {chosen.median_us:.2g} µs per block; best: {least.method} of {least.label}, "
-        f"{least.errors[key]:.2g} JND, {least.median_us:.2g} µs). At order {ORDER} the domains {domains}: "
-        f"{min(plain):.2g} to {max(plain):.2g} JND. Use a higher order for sharp spectral lines. Interpolated direct "
-        "coefficients may be unstable."
-    )
+def time(domain: str, order: int, scene_file: str | None = None, swatch: str = "") -> tuple[float, float]:
+    own = None if scene_file is None else scene_texture(scene_file, swatch).truncated(order)
+    texture = own or known_texture(domain, MODELS, order)
+    return texture_us(Swatch("timed", texture=texture))
 
 
 QUESTION: Final = Question(
     name="texture",
     title="Order and interpolation domain of a texture",
     measures=(
-        *(() if no_recordings() else (Measure("recorded", "real recordings, left out", "JND", 1.0, ISRAR),)),
-        Measure("planted", "simulated surface, between its models", "JND", 1.0, ISRAR),
+        Measure("recorded", "recordings, more than the best", "JND", 1.0, ISRAR, excess=True),
+        Measure("planted", "simulated surface", "JND", 1.0, ISRAR),
+        Measure("own", "against the swatch's own order", "JND", 1.0, ISRAR),
     ),
     settings=settings,
     error=error,
     time=time,
-    advice=advice,
     conditions=(
         "Error: levels in twelve bands from 20 to 1000 Hz at conditions that no model was fitted at. Recordings: wood, "
         f"paper and leather without a quarter of their windows, fitted with up to {MODELS} models. Simulated surface: "
         f"five spectral lines, three of which rise with the speed, at {PLACES} conditions between {MODELS} × {MODELS} "
-        "models. A warped model has an allpass instead of each delay (Strube 1980)."
+        "models. A warped model has an allpass instead of each delay (Strube 1980). The domains are compared at order "
+        f"{ORDER}. `hapscene fit` chooses the order of each swatch by held-out windows."
     ),
-    per="block",
+    program=program,
 )

@@ -1,12 +1,12 @@
 """The question of the texture update: how often the filter must follow force and speed."""
 
-from collections.abc import Sequence
 from functools import cache
 from typing import Final
 
 import numpy as np
 
 from hapscene.constants import STIFFNESS_N_M, TICK_S
+from hapscene.fidelity.tune import UPDATES
 from hapscene.motion.hand_path import STROKE_M_S, PathBuilder
 from hapscene.motion.look_from_above import look_from_above
 from hapscene.render.renderer import Renderer
@@ -14,12 +14,12 @@ from hapscene.stability.rig import sheet
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
-from .measuring import ISRAR, Array, apart_jnd, effect_us, enough, texture_bands
-from .question import Measure, Point, Question, Setting
+from .measuring import ISRAR, Array, apart_jnd, texture_bands, texture_us
+from .question import Measure, Question, Setting
 from .texture import known_texture
 
-EVERY: Final = (1, 2, 5, 10, 20, 50)
-"""Ticks between updates of the filter [count]."""
+EVERY: Final = (1, 2, *sorted(UPDATES), 50)
+"""Ticks between updates of the filter [count]: those that `hapscene tune` tries, and others."""
 
 FORCE_N, SHARE, CHANGES_HZ = 1.0, 0.5, 3.0
 """Mean force of the stroking hand [N], relative amplitude of its variation [1], frequency of the variation [Hz]."""
@@ -28,8 +28,8 @@ STROKES: Final = 4
 """Number of strokes forth and back [count]."""
 
 
-def settings(quick: bool, scene_file: str | None) -> list[Setting]:
-    return [Setting("the shipped texture", f"{n} ms", {"every": n}) for n in ((1, 10, 50) if quick else EVERY)]
+def settings(scene_file: str | None) -> list[Setting]:
+    return [Setting("Update of the texture filter", "", f"{n} ms", {"every": n}, default=n == 1) for n in EVERY]
 
 
 @cache
@@ -73,18 +73,7 @@ def followed(level_m_s2: Array, every: int) -> Array:
 
 def time(every: int) -> tuple[float, float]:
     swatch = Swatch("timed", texture=_texture(), effects={"lpc_texture": {"update_ticks": float(every)}})
-    return effect_us(swatch, ("wall", "lpc_texture"), ("wall",))
-
-
-def advice(points: Sequence[Point]) -> str:
-    """Recommend the longest interval whose error is below one JND."""
-    at_once = next(p for p in points if p.label == "1 ms")
-    chosen = enough(points, "p95", 1.0)
-    return (
-        f"Update every {chosen.label} (`update_ticks`): 95 % of the blocks are then within {chosen.errors['p95']:.2g} "
-        f"JND, and the median block takes {chosen.median_us:.2g} µs instead of {at_once.median_us:.2g} with an update "
-        f"in every tick. The 99th percentile is {chosen.p99_us:.2g} instead of {at_once.p99_us:.2g} µs."
-    )
+    return texture_us(swatch)
 
 
 QUESTION: Final = Question(
@@ -92,17 +81,15 @@ QUESTION: Final = Question(
     title="Update interval of the texture filter",
     measures=(
         Measure("p95", "bands, 95 % of the ticks", "JND", 1.0, ISRAR),
-        Measure("median", "bands, median tick", "JND", 1.0, ISRAR),
+        Measure("median", "bands, median tick", "JND"),
     ),
     settings=settings,
     error=error,
     time=time,
-    advice=advice,
     conditions=(
         "A simulated surface whose spectral lines rise with the speed, stroked at 0.12 m/s on average with a force of "
         f"{FORCE_N:g} N that varies by half {CHANGES_HZ:g} times per second. Error: each tick's levels in twelve bands "
         "against those at its force and speed, in closed form. Between updates the filter is constant and the level is "
         "interpolated."
     ),
-    per="block",
 )

@@ -175,7 +175,7 @@ class Orders:
         clockwise: Any = False,
     ) -> dict[str, Any]:
         if (like is None) == (vertices is None or faces is None):
-            raise SceneError("expected either vertices and faces, or like: the name of a body with the same shape")
+            raise SceneError("expected either vertices and faces, or 'like', the name of a body with the same shape")
         if like is None:
             mesh = Mesh(to.position(_rows(vertices, "<f4")), _face_indices(faces)[:, :: -1 if clockwise else 1])
             if len(mesh.faces) > self._faces_left:

@@ -4,12 +4,12 @@ import time
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from hapscene.cli.console import print_error, print_files, print_lines, print_note, print_progress, table
+from hapscene.cli.console import print_files, print_lines, print_note, print_progress, table
 from hapscene.cli.inputs import check_scene, find_asset, load_input, print_size_advice
 from hapscene.cli.options import (
     Counts,
@@ -27,7 +27,6 @@ from hapscene.cli.options import (
 )
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.errors import HapsceneError
-from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
     from hapscene.fidelity.tune import Tuned
@@ -182,20 +181,18 @@ def chart(
     *,
     out: OutFolder = Path("out/chart"),
     only: Annotated[Names, Help("Names of the questions to answer (default: all)")] = (),
-    quick: Annotated[bool, Help("Measure fewer settings, on shorter paths")] = False,
     table: Table = None,
     docs: Docs = None,
-    workers: WorkerOptions = WorkerOptions(),
-) -> int:
-    """Chart speed against accuracy of each approximation, and recommend settings.
+) -> None:
+    """Chart speed against accuracy: what each lever saves, at which error, and which setting to choose.
 
-    Each question becomes a picture; chart.html shows all of them, chart.csv has the
-    figures. If interrupted, run the same command again to resume.
+    chart.html shows a picture and a table of all levers, and every setting; chart.csv has the
+    figures. Stop other programs first: no advice is given if they disturb the times.
 
     examples:
       hapscene lab chart
-      hapscene lab chart scene.scene.json --only mesh,force-rate --out out/mine
-      hapscene lab chart --quick --jobs 1
+      hapscene lab chart scene.scene.json --only mesh,texture --out out/mine
+      hapscene lab chart --from out/chart/chart.csv --out out/again
     """
     if scene is not None:
         check_scene(scene)
@@ -203,15 +200,7 @@ def chart(
     check_evidence()
     from hapscene_evidence.chart.run import chart as run
 
-    how: dict[str, Any] = {"only": only, "quick": quick, "table": table, "docs": docs}
-    how |= {"jobs": workers.jobs, "scheduler": workers.scheduler, "say": lambda text: print_lines([text])}
-    try:
-        run(out, scene, **how)
-    except KeyboardInterrupt:
-        clear_interrupt()
-        print_error("interrupted; completed measurements are kept: run the same command again to resume")
-        return 130
-    return 0
+    run(out, scene, only=only, table=table, docs=docs, say=lambda text: print_lines([text]))
 
 
 @app.command

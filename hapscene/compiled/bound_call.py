@@ -20,7 +20,7 @@ from hapscene.compiled.native import INTERPRETED, CFunction, native
 
 __all__ = ["BoundCall", "loaded"]
 
-_intrinsic: Any = intrinsic  # numba's stubs type neither as it is used
+_intrinsic: Any = intrinsic  # typed as Any, because the stubs of numba reject these uses
 _typeof: Any = typeof
 
 ALIGNED: Final = 64

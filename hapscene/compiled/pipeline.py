@@ -58,10 +58,10 @@ class _PartLibrary(_Library):  # type: ignore[misc]
         return 0
 
     def add_llvm_module(self, ll_module: Any) -> None:
-        self._final_module.link_in(ll_module)  # not optimised here, but with the whole
+        self._final_module.link_in(ll_module)  # optimised once, when the whole is compiled
 
     def own_module(self) -> Any:
-        """Return the module of this part without its callees, to be linked into a whole."""
+        """Return the module of this part without its callees, for linking into the calling function."""
         return super()._get_module_for_linking()
 
     def _get_module_for_linking(self) -> Any:
@@ -155,10 +155,10 @@ class _Whole(compiler.CompilerBase):
 
 
 part_options: dict[str, Any] = {}
-"""Options of `numba.njit` for a part."""
+"""Options of `numba.njit` for a function that other compiled code links."""
 
 whole_options: dict[str, Any] = {}
-"""Options of `numba.njit` for a whole."""
+"""Options of `numba.njit` for a function that Python calls, with all functions it links."""
 
 if SUPPORTED:
     part_options |= {"pipeline_class": _Part, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}

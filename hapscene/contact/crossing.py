@@ -1,11 +1,11 @@
 """Moves the proxy across mesh edges by following face adjacency instead of casting rays downwards.
 
-Without adjacency a proxy that leaves its face needs three casts: over the edge, down until a face stops it, and along
-that face. This module follows the faces from edge to edge until the foot of the new proxy position lies on the faces
-that constrain it. Across a convex edge the next face replaces the last one; across a concave edge both can constrain
-the proxy. A cast along the straight way then proves that no other face blocks it; where that way would cut through a
-crossed edge, it bends above the edge and costs one more cast. If the mesh has no usable neighbour, `cross_edges`
-returns `UNKNOWN` and the caller searches with casts alone.
+Without adjacency, a proxy that leaves its face needs three casts: past the edge, down to the next face, and along that
+face. This module follows the faces from edge to edge until the foot of the new proxy position lies on the faces that
+constrain it. Across a convex edge the next face replaces the last one; across a concave edge both can constrain the
+proxy. A cast along the straight path then checks that no other face blocks it. If that path would cut through a crossed
+edge, it is bent to pass above the edge, which needs a second cast. If the mesh has no usable neighbour, `cross_edges`
+returns `UNKNOWN` and the caller uses casts only.
 """
 
 import math

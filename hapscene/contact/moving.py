@@ -71,7 +71,7 @@ def place_bodies(
             jumps += 1
         nearer = max(nearer, update_ball(body, world.ball_W_m[moving[m]]))
     proxy.near_margin_m -= nearer
-    for i in range(1, last + 1):  # bodies that moved in the last tick and have no pose in this one come to rest
+    for i in range(1, last + 1):  # bodies that moved in the last tick and have no new pose are at rest now
         body = world.bodies[moved[i]]
         if body.moved == MOVED_LAST_TICK:
             _stop(body)

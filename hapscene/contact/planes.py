@@ -197,10 +197,10 @@ def drop_idle(proxy: np.record) -> None:
 
 @inlined
 def drop_unsupported(world: "World", p_W: Vector) -> bool:
-    """Drop the planes whose faces do not reach below the proxy; return whether there was one.
+    """Drop the planes whose faces do not extend below the proxy; return whether any was dropped.
 
-    A plane whose face was met by a ray from the present proxy position is kept wherever its face ends: in a narrow
-    groove the face below the proxy may be a different one.
+    A plane is always kept if a ray from the present proxy position has hit its face: in a narrow groove, the face below
+    the proxy may be a different one.
     """
     proxy = world.proxy[0]
     kept = 0

@@ -42,7 +42,7 @@ MOVE_MIN = 1e-3
 """Shortest distance that counts as a move [skins]."""
 
 EDGE_TRIES_MAX = 2
-"""How often per tick the proxy follows face adjacency before it searches with casts alone [count]."""
+"""Most times per tick that the proxy follows face adjacency before it uses casts only [count]."""
 
 EDGE_BODIES_MAX = 16
 """Most nearby bodies with which adjacency is followed [count]: one attempt may cast 17 times, which would exceed
@@ -127,7 +127,7 @@ def move_proxy(world: "World", tool_W: Vector) -> bool:
 
 @inlined
 def _dominant_plane(world: "World", p_W: Vector) -> int:
-    """Return the plane that pushes most among those whose face lies below the proxy, or among all planes."""
+    """Return the plane with the largest constraint force, preferring planes with their face below the proxy."""
     proxy = world.proxy[0]
     dominant, most = 0, -1.0
     for i in range(proxy.count):

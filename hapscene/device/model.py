@@ -150,8 +150,8 @@ IDEAL: Final = Limits()
 # damping only (b = 0: K T²/m = 2β(2 − β)/(2 + β), β = BT/m).
 #
 # Two properties of real devices are added. Coulomb friction c dissipates as much energy of an oscillation of peak speed
-# v as a damper of 4c/(πv), evaluated at v = `TOUCH_SPEED_M_S`. And where the tool comes to rest, friction must hold the
-# change of the force from one encoder count to the next, (K + B/T)Δ ≤ 2c (Abbott & Okamura 2005, IEEE Trans. Robotics
+# v as a damper of 4c/(πv), evaluated at v = `TOUCH_SPEED_M_S`. At rest, friction must exceed the change of the force
+# between two encoder counts, (K + B/T)Δ ≤ 2c (Abbott & Okamura 2005, IEEE Trans. Robotics
 # 21(5), 952–964, for B = 0).
 
 

@@ -52,7 +52,7 @@ def settle(s: Any) -> None:
 
 @native
 def modulate(s: Any, rates: Any, first: int, count: int, step_s: float, travel_m: float) -> float:
-    """Modulation gain [1] after a time and a distance; `rates[first:]` holds `count` rows for `advance_gain`."""
+    """Advance the modulation by a time and a distance; return its gain [1]. `rates[first:]` has `count` rows."""
     if count == 0 or s.spread_scale == 0.0:
         return 1.0
     if s.processes[0] == 0.0:  # first call: draw the processes

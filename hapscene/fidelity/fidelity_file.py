@@ -49,8 +49,8 @@ BYTES_MAX: Final = 16 << 20
 UPDATE_MAX: Final = 1000
 """Largest update interval of a texture filter [ticks]."""
 
-COST_MAX: Final = 100
-"""Most entries of `told` and of `made` [count]."""
+COST: Final = "told"  # key of the measured cost of a level
+COST_MAX: Final = 100  # most entries of `told` and of `made`
 
 
 class FidelityError(FormatError):
@@ -120,7 +120,7 @@ def _level_content(level: Level, files: "SidecarFiles") -> dict[str, Any]:
         return {"path": file, "sha256": hashlib.sha256(content).hexdigest(), "face_count": len(mesh.faces)}
 
     return {
-        "told": dict(level.cost),
+        COST: dict(level.cost),
         "bodies": {name: {"mesh": mesh_content(name, body.mesh)} for name, body in level.bodies.items() if body.mesh},
         "swatches": {
             name: {"order": swatch.order, "update_ticks": swatch.update_ticks}
@@ -165,7 +165,7 @@ def _read(path: Path, content: dict[str, Any], scene: Scene) -> Fidelity:
 
 def _level(content: Any, path: Path, scene: Scene) -> Level:
     where = "levels[0]"
-    check_keys(where, content, ("told", "bodies", "swatches"))
+    check_keys(where, content, (COST, "bodies", "swatches"))
     bodies, swatches = {}, {}
     meshes: dict[str, Mesh] = {}
     known = {body.name: body for body in scene.bodies}
@@ -185,7 +185,7 @@ def _level(content: Any, path: Path, scene: Scene) -> Level:
         if not (type(ticks) is int and 1 <= ticks <= UPDATE_MAX):
             raise FidelityError(f"{place}.update_ticks is {short(ticks)}; expected an integer from 1 to {UPDATE_MAX}")
         swatches[name] = SwatchFidelity(order, ticks)
-    return Level(bodies, swatches, _flat(f"{where}.told", content["told"], int | float))
+    return Level(bodies, swatches, _flat(f"{where}.{COST}", content[COST], int | float))
 
 
 def _mesh(where: str, content: Any, path: Path, meshes: dict[str, Mesh], own_count: int) -> Mesh:

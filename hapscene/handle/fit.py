@@ -99,8 +99,8 @@ class Identification:
     def sensor(self) -> Sensor:
         """Sensor for a compensator that receives force n together with the acceleration at the start of force n.
 
-        Its delay is `delay_s`, plus what the compensator's discrete model leaves out: half a sample for the force,
-        which is held, and the difference between the pole's time constant and that of its discrete form.
+        Its delay is `delay_s` plus two delays that the discrete model of the compensator omits: half a sample of the
+        zero-order hold of the force, and the difference between the time constants of the pole and its discrete form.
         """
         period_s, pole_s = 1.0 / self.rate_Hz, 0.5 / (np.pi * self.accelerometer_Hz)
         delay_s = self.delay_s + 0.5 * period_s + pole_s - period_s / np.expm1(period_s / pole_s)
@@ -173,7 +173,7 @@ def sampled_response(
 
 
 def _remainder(tau: float, z: Complex, period_s: float) -> Complex:
-    """τ (z−1)/(z−e^(−T/τ)), the part of a step response that is still to come; 0 without a pole."""
+    """τ (z−1)/(z−e^(−T/τ)), the part of a step response after the present sample; 0 without a pole."""
     pole = np.exp(-period_s / tau) if tau > 0.0 else 0.0
     return np.asarray(tau * (z - 1.0) / (z - pole))
 
@@ -182,8 +182,8 @@ def _remainder(tau: float, z: Complex, period_s: float) -> Complex:
 #
 # One grip is not sufficient: eq. 8 over m_c is s⁴ over a polynomial with five coefficients, which depend on six
 # parameters. Each further grip adds two parameters, k_u and b_u, and four coefficients. So different grips are needed
-# to separate the mass of the coil from its spring. The intervals show how well they do; where they do not suffice, the
-# result states it.
+# to separate the mass of the coil from its spring. The intervals show how well the grips determine the parameters; the
+# result lists parameters that they do not determine.
 
 
 GRIP_MAX: Final = 20
@@ -322,7 +322,7 @@ class _Fit:
         return np.asarray(both.mean(axis=0))
 
     def residual(self, x: Array) -> Array:
-        """Weighted residual of the responses, real parts then imaginary parts; then that of the prior."""
+        """Return the weighted residuals: real parts, then imaginary parts of the responses, then the prior."""
         each = zip(self.responses, self.weight, strict=True)
         left = np.concatenate([(response.response - self.model(x, i)) * w for i, (response, w) in enumerate(each)])
         return np.concatenate([left.real, left.imag, (self._logs(x) - self._logs(self.start)) / PRIOR])

@@ -46,8 +46,8 @@ in between. Chosen on taps of 1 to 200 m/s², 100 to 300 Hz: with f₀ = 5 Hz a 
 %, without the rising corner 75 %. Lower values weaken quieter taps; with higher ones the gain falls first."""
 
 RELEASE_S: Final = 0.1
-"""Time constant of the return of the gain [s]: that of the coil's ringing, 2 m_c/b_s. With less, the gain beats with
-the ringing."""
+"""Time constant with which the gain returns [s]: equal to the decay time of the coil, 2 m_c/b_s. With less, the gain
+oscillates with the coil."""
 
 TRAVEL_SHARE: Final = 0.6
 """Share of the travel that the nominal model may use without adaptation [1]. The travel for an acceleration is
@@ -60,9 +60,9 @@ ONE: Final = 1 << 40
 
 @native
 def yield_corner(h: np.record) -> float:
-    """tan(ω₀T/2) of the corner for the next sample: the lowest corner while the coil swings little, otherwise higher.
+    """Return tan(ω₀T/2) of the corner frequency for the next sample: lowest for small coil travel, else higher.
 
-    The swing is that of the nominal handle, or that of the learnt one where it is much larger.
+    The travel is predicted for the nominal handle, or for the estimated handle if that gives much more.
     """
     learnt = _swing2(h, h.demand_x) / (h.yield_m * h.yield_m)
     plain = _swing2(h, h.nominal_x) / (h.nominal_m * h.nominal_m)

@@ -50,8 +50,8 @@ __all__ = ["DESIRED_MAX_M_S2", "command_force", "learn", "vibrate"]
 # lag and snap are correlated not with the measurement but with the response of the nominal handle to the same force,
 # which is free of that noise (instrumental variables: Söderström & Stoica 1983, "Instrumental Variable Methods for
 # System Identification"). The other elements of θ are observed below 50 Hz, where there is little noise and where the
-# nominal handle may respond differently; there the measurement itself is the instrument. The unexplained rest gives the
-# noise.
+# nominal handle may respond differently; there the measurement itself is the instrument. The force that the
+# model does not explain is the estimate of the noise.
 #
 # Measurements act on the force through θ alone, and θ is bounded. The force is therefore a stable filter of the desired
 # acceleration, whatever handle and hand do: there is no feedback loop that could become unstable. Where the model does

@@ -86,7 +86,7 @@ NOISE_WEIGHT: Final = 8.0
 costs 2 % of a quiet texture; with more, the handle is learnt later."""
 
 NOISE_S: Final = 0.2
-"""Averaging time of the noise estimate, which is made from the unexplained force [s]."""
+"""Averaging time of the noise estimate [s], which is the force that the model does not explain."""
 
 SHRINK: Final = 0.045
 """Deviation of θ from the nominal value at which half of it is used [1]. Noise alone causes deviations of this size."""
@@ -118,7 +118,7 @@ def _fields(names: str, *layout: Any) -> list[tuple[Any, ...]]:
 
 
 DELAY_LINE: Final = np.dtype([*_fields("whole count", "i8"), ("taps", "f8", (4,)), ("last", "f8", (RING,))], align=True)
-"""A delay line: whole samples of delay, count of inputs, interpolation weights for the fraction, the last inputs."""
+"""A delay line: integer delay, number of inputs, interpolation weights of the fractional delay, the last inputs."""
 
 HANDLE: Final = np.dtype(
     [
@@ -157,7 +157,7 @@ HANDLE: Final = np.dtype(
         *_fields("when gains", "i8", (RING,)),
         ("total", "i8"),
         ("share", "f8"),
-        # of the samples whose measurement is still to come: acceleration that was due, gain; number of the next sample
+        # samples that are played but not yet measured: desired acceleration, gain; number of the next sample
         *_fields("due_m_s2 due_gain", "f8", (RING,)),
         ("next_sample", "i8"),
         # assumed sensor and amplifier: poles; current, assumed and highest delay [s]; the nominal handle
@@ -182,7 +182,7 @@ HANDLE: Final = np.dtype(
         # corner rises, for the learnt and for the nominal handle
         *_fields("room room_m yield_m nominal_m room_return impact_N impact_travel", "f8"),
         *_fields("at_bound at_bound_count fallback fallback_least fallback_most", "i8"),
-        *_fields("pause_count pause impact_pause", "i8"),  # samples until learning goes on; until an impact counts anew
+        *_fields("pause_count pause impact_pause", "i8"),  # samples until estimation resumes; until an impact counts
         *_fields("forget forget_played", "f8"),
     ],
     align=True,

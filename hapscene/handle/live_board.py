@@ -143,7 +143,7 @@ class LiveBoard(Board):
         self._wire.write(sealed(live_start(self._watchdog_s, self._number)))
 
     def _run(self) -> None:
-        """Thread: receive what was played, and send as many samples again."""
+        """Main function of the thread: for each report of played samples, send the same number of new samples."""
         received_s = self._clock.now_s()
         try:
             while not self._closing.is_set():

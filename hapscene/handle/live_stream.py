@@ -197,7 +197,7 @@ class LiveStream:
 
     @property
     def drift(self) -> float:
-        """Deviation of the channel's clock from the output's, as far as it is corrected [1]."""
+        """Relative deviation of the clock of the channel from the clock of the output, as currently corrected [1]."""
         return float(self._state[0].ratio / self._state[0].nominal - 1.0)
 
     @property

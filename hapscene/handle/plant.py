@@ -80,8 +80,8 @@ class Plant:
                 raise HandleError(f"plant: {name} must be finite and {least}, at most {NUMBER_MAX:g}; is {value!r}")
 
     def denominator(self) -> Array:
-        """Coefficients (5,) of the denominator of eq. 8, that of s⁴ first. Divided by m_c they are those of the
-        inverse."""
+        """Return the coefficients (5,) of the denominator of eq. 8, highest power first. Divided by m_c, they are the
+        coefficients of the inverse."""
         coil = (self.m_c_kg, self.b_s_Ns_m, self.k_s_N_m)
         handle = (self.m_h_kg, self.b_s_Ns_m + self.b_u_Ns_m, self.k_s_N_m + self.k_u_N_m)
         between = np.convolve((self.b_s_Ns_m, self.k_s_N_m), (self.b_s_Ns_m, self.k_s_N_m))

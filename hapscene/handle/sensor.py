@@ -11,10 +11,10 @@ ACCELEROMETER_NOISE_M_S2_RTHZ: Final = 150e-6 * 9.80665
 """Noise density of the accelerometer [m/s²/√Hz]: 150 µg/√Hz, x and y of Analog Devices' ADXL312 (data sheet)."""
 
 ACCELEROMETER_HZ: Final = 1600.0
-"""Bandwidth of the accelerometer, one pole [Hz]: that of the same data sheet at the highest output rate."""
+"""Bandwidth of the accelerometer, one pole [Hz]: from the same data sheet, at the highest output rate."""
 
 DELAY_MAX_S: Final = 0.01
-"""Longest delay of a sensor [s]: ten times that of a bus and a filter. With more, the grip has changed meanwhile."""
+"""Longest supported delay of a sensor [s]: ten times the delay of a bus and a filter."""
 
 
 @dataclass(frozen=True)

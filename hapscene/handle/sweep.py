@@ -16,8 +16,8 @@ BAND_HZ: Final = (10.0, ACCELERATION_BAND_HZ[1])
 at 200 Hz; higher frequencies determine the mass of the handle and the lag of amplifier and accelerometer."""
 
 OVERSHOOT: Final = 1.06
-"""Factor by which the sweep extends beyond either end of its band, for the fades [1]. With less, the ends of the band
-have less force than the rest."""
+"""Factor by which the sweep extends beyond both ends of its band, for the fades [1]. With less, the fades reduce the
+force at the ends of the band."""
 
 REST_S: Final = 1.0
 """Silence after the sweep, in which the handle comes to rest [s]; the assumed handle decays at 10/s. Vibration after

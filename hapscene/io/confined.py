@@ -37,7 +37,7 @@ Reader = Callable[..., Mapping[str, NDArray[Any]]]
 It raises `FormatError` for invalid files; the message is passed on."""
 
 TIME_MAX_S: Final = 120.0
-"""Maximum processor time for a file [s]; a STEP file with 8,000 faces takes two."""
+"""Maximum processor time to read a file [s]. A STEP file with 8,000 faces takes 2 s."""
 
 CLOCK_RATIO: Final = 20.0
 """Ratio of the limits on wall-clock time and processor time [1]. The processor time decides, so that a valid file is
@@ -47,7 +47,7 @@ _OUT_OF_MEMORY: Final = re.compile(r"bad_alloc|MemoryError|[Oo]ut of memory|Cann
 """What native code prints if an allocation fails."""
 
 SAID_MAX_B: Final = 16_384
-"""Maximum length of the output that is kept [bytes]."""
+"""Maximum length of the stored output of the reader [bytes]."""
 
 _PR_SET_PDEATHSIG: Final = 1
 _SIGXCPU: Final = 24

@@ -239,7 +239,7 @@ def _remove_left(part: Path, state: os.stat_result) -> None:
 
 
 def _mode(path: Path) -> int:
-    """Return the permissions for a new file: those of the file that it replaces, else the default."""
+    """Return the permissions for a new file: of the file that it replaces, or the default."""
     if path.is_file() and not path.is_symlink():
         return stat.S_IMODE(path.stat().st_mode)
     return 0o666 & ~_UMASK
@@ -345,7 +345,7 @@ MEMORY_FREE_B: Final = 200_000_000
 """Additional memory that is always allowed [bytes]."""
 
 LISTING_MAX_B: Final = 1_000_000
-"""Maximum size of the directory of an archive [bytes]: 15,000 members, each of which takes ten times that in memory."""
+"""Maximum size of the directory of an archive [bytes]: 15,000 members. In memory it needs ten times as much."""
 
 
 def unpacked_most_B(packed_B: int, most_B: int) -> int:

@@ -228,7 +228,7 @@ class OrderHandler:
             twin.reset((0.0, 0.0, 0.0))
         vendors = [device for device in self._connections if isinstance(device, VendorConnection)]
         if vendors and len(self._twins) > 1:
-            raise DeviceError("a device whose vendor's thread calls the tick is the only one of its servo")
+            raise DeviceError("a device with its own driver thread cannot share a servo: use one servo per device")
         channel.channel.pause = 1
         if self._renderers[0].fidelity is not None:  # a log does not contain it
             channel.channel.changed = NO_REPLAY

@@ -2,8 +2,7 @@
 
 The output of a tick follows from its input and its state. Ring buffers hold the inputs. The loop copies the state to a
 checkpoint every `CHECKPOINT_TICKS`, and after every order that changes the scene or its parameters. `replay` restores a
-checkpoint, runs the recorded inputs through the same tick, and reports whether the output is the same to the bit. File
-names contain "flight", the name of the format before this module existed.
+checkpoint, runs the recorded inputs through the same tick, and reports whether the output is the same to the bit.
 """
 
 import json

@@ -26,7 +26,7 @@ from hapscene.records import ROW
 __all__ = ["Channel", "open_channel", "read_text", "write_text"]
 
 CHECKPOINT_COUNT: Final = 8
-"""Number of checkpoints that are kept [count]: those of the last minute and one more."""
+"""Number of checkpoints in the ring buffer [count]: one minute, and one in progress."""
 
 MEMORY_B: Final = 294_912
 """Size of a checkpoint for one tool [bytes]: 200 bodies, copied in 20 µs. With more bodies a log cannot be replayed."""

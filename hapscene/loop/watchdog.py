@@ -3,8 +3,8 @@
 A servo that ends normally closes its devices and reports it. A servo that is killed, or does not tick for too long,
 cannot: the watchdog then kills it, opens each device that holds its last force, and writes zero (`Driver.release`).
 
-It leads a session of its own, so that a signal to the application's process group does not reach it, asks for real-time
-priority, and imports at its start what the drivers need to open a device: it may be needed on a busy machine.
+It leads a separate POSIX session, so that a signal to the process group of the application does not reach it. It
+requests real-time priority and imports the drivers at its start, so that it reacts quickly on a busy machine.
 """
 
 import gc

@@ -38,7 +38,7 @@ SLOPE_MAX: Final = 0.25
 """Steepest slope at the ends of a line [1]. A compliant hand slides off a steeper slope."""
 
 TOOL_KG: Final = 0.075
-"""Mass of the tool that a gesture assumes [kg]: that of the heaviest device by name."""
+"""Mass of the tool that a gesture assumes [kg]: the largest of the named devices."""
 
 CALM_PERIODS: Final = 1.5
 """Shortest movement in the air, in periods of the tool's oscillation on the spring of the grip [1]. With a third of it,

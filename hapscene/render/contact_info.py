@@ -42,7 +42,7 @@ class Contact:
     __slots__ = ("_bodies", "_floats", "_row", "_swatches")
 
     def __init__(self, row: bytes, bodies: tuple[str, ...], swatches: tuple[str, ...]) -> None:
-        """`row` holds the bytes of one `ROW`: to copy a record takes longer than a tick."""
+        """`row`: bytes of one `ROW`. Copying a record instead of bytes would take longer than a tick."""
         self._row, self._bodies, self._swatches = row, bodies, swatches
         self._floats: Vector3 | None = None  # view of the row as floats, made on demand; all fields have eight bytes
 

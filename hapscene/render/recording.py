@@ -51,8 +51,8 @@ _COLUMNS: Final[dict[str, tuple[str, tuple[int, ...] | None]]] = {
 }
 _SINCE_2: Final = ("began", "f_body_W_N")
 _NAMES: Final = ("body_names", "swatch_names", "effects")
-_CSV_ROWS: Final = 10_000  # converted at once
-_NAME_B: Final = 100  # memory of a name beside its characters
+_CSV_ROWS: Final = 10_000  # rows converted at once
+_NAME_B: Final = 100  # memory of a name in addition to its characters
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class Recording:
     p_WP_m: NDArray[np.float64]
     """(n, 3) proxy: on the surface in contact, at the device position without contact."""
     nhat_W: NDArray[np.float64]
-    """(n, 3) unit normal out of the surface; that of the last contact without contact."""
+    """(n, 3) unit normal out of the surface; in the air, the normal of the last contact."""
     depth_m: NDArray[np.float64]
     """(n,) penetration depth, the distance from the device to the proxy, ≥ 0."""
     touching: NDArray[np.bool_]

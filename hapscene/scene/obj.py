@@ -129,7 +129,7 @@ def _texture(reader: _Reader, tokens: list[str]) -> None:
 
 
 def _normal(reader: _Reader, tokens: list[str]) -> None:
-    """Check a vertex normal, which is not used: the end of a truncated file may be in such a line."""
+    """Check a vertex normal. Normals are not used, but an incomplete line shows that the file is truncated."""
     reader.numbers(tokens, 0, 3, "three numbers after 'vn'")
 
 

@@ -216,7 +216,7 @@ SPEED_COUNT: Final = 16
 """Number of speeds that are tested, up to the highest of the texture [count]."""
 
 FORCE_SHARES: Final = (0.25, 0.5, 1.0)
-"""Normal forces that are tested, relative to the highest of the texture [1]."""
+"""Tested normal forces, relative to the highest force of the texture [1]."""
 
 BEYOND: Final = 2.0
 """Largest tested force and speed, relative to the highest of the texture, if its level grows beyond them [1]."""
@@ -227,7 +227,7 @@ BINS: Final = 512
 
 @dataclass(frozen=True)
 class TextureShare:
-    """TextureShare of a texture that motors can render, and the stroke that limits it.
+    """Share of a texture that motors can render, and the stroke that limits it.
 
     Attributes:
         share: share of its acceleration [1].

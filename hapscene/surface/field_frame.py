@@ -1,7 +1,7 @@
 """Helper functions for effects of the scene: frame, fading, start after a reset, and array settings.
 
-The frame F of an effect is that of the first body in its setting `bodies`, or W. The numbers of its own table follow
-all poses."""
+The frame F of an effect is the frame of the first body in its setting `bodies`, or W without bodies. In the table of
+the effect, the poses of the bodies come first, then the numbers of the effect."""
 
 import math
 from collections.abc import Mapping

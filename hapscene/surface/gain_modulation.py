@@ -1,4 +1,4 @@
-"""Amplitude modulation of a texture: a random slow gain, such as that of grains passing under the tool.
+"""Amplitude modulation of a texture: a slow random gain, as caused by grains that pass under the tool.
 
 The noise of a real surface comes in bursts of some tens of milliseconds, which a filter of a few hundred samples cannot
 produce. A gain produces them: its logarithm is a sum of Ornstein–Uhlenbeck processes, each of which decorrelates with

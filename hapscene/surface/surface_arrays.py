@@ -113,8 +113,8 @@ class Surface(NamedTuple):
     param_start: NDArray[np.int64]  # (s + 1, e)
     tables: NDArray[np.float64]
     table_start: NDArray[np.int64]  # (s + 1, e + 1)
-    frame_body: NDArray[np.int64]  # (k,) bodies whose poses are written to tables
-    frame_at: NDArray[np.int64]  # (k,) and their offsets in `tables`
+    frame_body: NDArray[np.int64]  # (k,) bodies with poses that are written to `tables`
+    frame_at: NDArray[np.int64]  # (k,) offsets of these poses in `tables`
     states: NDArray[np.uint8]  # two banks, one after the other
     state_start: NDArray[np.int64]  # (e + 1,) offsets in a bank
     passed_on: NDArray[np.int64]  # (k, 3) byte ranges of a bank, and COPIED or CLEARED

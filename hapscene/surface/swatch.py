@@ -43,7 +43,7 @@ OWN_PARAMETERS: Final = (
 
 
 TOOL_FIELDS: Final = ("tool", "tip")
-"""Fields about what a surface was recorded with. Its influence is as large as that of the surface."""
+"""Fields that describe the tool of a recording. The tool affects the recording as much as the surface does."""
 
 
 def touched_with(known: Any) -> str:

@@ -85,7 +85,7 @@ def close(force_N: Array, speed_m_s: Array) -> tuple[Array, Array, NDArray[np.in
 
 
 def _beside(place: Array, model: Array) -> Array:
-    """Return the distance (k, m) of each model along the axis that a point lies on, plus a little of that across it."""
+    """Return distances (k, m) of models from points on an axis: along the axis, plus 1 % of the distance across it."""
     off = np.abs(place[:, None] - model)
     on_force_axis = (place[:, 1] == 0.0)[:, None]
     along, across = np.where(on_force_axis, off[..., 0], off[..., 1]), np.where(on_force_axis, off[..., 1], off[..., 0])

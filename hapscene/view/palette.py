@@ -88,7 +88,7 @@ class Theme:
 
     background: str
     page: str
-    """Background of legends and dark charts; that of pages that show Markdown."""
+    """Background of legends and dark charts, equal to the background of pages that render Markdown."""
     ink: str
     tool: str
 

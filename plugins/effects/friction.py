@@ -47,8 +47,8 @@ from hapscene.surface.resonator import RESONATOR, resonate, strike
 from hapscene.surface.swatch import FRICTION_MAX
 
 REST = 0.05
-"""Slip speed below which the proxy sticks again, as a fraction of v_s [1]. µ has then risen to within 0.3 % of its
-value at rest. With 0, imperceptible motion would keep a resting tool slipping."""
+"""Slip speed below which the proxy sticks again, as a fraction of v_s [1]. There, µ is within 0.3 % of its value
+at rest. With 0, imperceptible motion of a resting tool would prevent sticking."""
 
 ROUNDING = 1e-9
 """Relative margin below the limit at which the proxy sticks [1]. A proxy that stops while slipping is at the limit
@@ -57,7 +57,7 @@ except for rounding, and must not have to overcome static friction again."""
 
 @native
 def carry(z_W_m: Any, nhat_W: Any, to_W: Any, slip_W_m: Any) -> float:
-    """Rotates the extension from the plane of `nhat_W` to that of `to_W`, adds the slip, and returns its length [m]."""
+    """Rotate the extension from the plane with normal `nhat_W` to `to_W`, add the slip, and return its length [m]."""
     cosine = along = 0.0
     for i in range(3):
         cosine += nhat_W[i] * to_W[i]

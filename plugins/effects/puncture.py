@@ -75,7 +75,7 @@ _EACH = (PASSED_MAX,)
 
 EFFECT = Effect(
     "puncture",
-    "Lets the tool in above a normal force, then holds its shaft.",
+    "Penetration above a normal force, with friction along the shaft.",
     render,
     params=(
         Param("puncture_force_N", 0.0, "N", "normal force at which the surface breaks; 0: never", 0.0, 1e3),

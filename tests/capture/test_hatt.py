@@ -74,7 +74,7 @@ def values(name: str, numbers: Array, text: str = "{:.6f}") -> str:
 
 
 def filters(rng: np.random.Generator, count: int, pairs: int, low: float, high: float) -> list[Array]:
-    """Line spectral frequencies of filters with so many pairs of roots of radius low to high."""
+    """Return line spectral frequencies of random filters with root pairs of radius `low` to `high`."""
     found = []
     for angle in np.sort(rng.uniform(0.15, 2.9, (count, pairs)), axis=1):
         roots = rng.uniform(low, high, pairs) * np.exp(1j * (0.5 * angle + 0.5 * np.linspace(0.3, 2.7, pairs)))

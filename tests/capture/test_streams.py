@@ -29,7 +29,7 @@ def test_butterworth_there_and_back(cutoff_Hz: float, ratio: float) -> None:
     assert gain(ratio * cutoff_Hz, cutoff_Hz, "highpass") == pytest.approx(1.0 / (1.0 + warped**-8), abs=2e-3)
 
 
-def test_the_high_pass_s_gain_is_that_of_the_cleaned_acceleration() -> None:
+def test_high_pass_gain_matches_the_filtered_acceleration() -> None:
     impulse = np.zeros(8192)
     impulse[4096] = 1.0
     cleaned = clean(impulse, RATE_HZ).acceleration_m_s2
@@ -45,7 +45,7 @@ def test_speed_of_a_circle() -> None:
 
 
 @pytest.mark.parametrize(("count", "rate_Hz", "fits"), [(200, 2000.0, True), (199, 2000.0, False), (200, 400.0, False)])
-def test_what_is_too_short_or_too_slow_for_a_speed(count: int, rate_Hz: float, fits: bool) -> None:
+def test_speed_needs_enough_samples_and_motion(count: int, rate_Hz: float, fits: bool) -> None:
     if fits:
         assert speed_of(np.zeros((2, count)), rate_Hz).tolist() == [0.0] * count
     else:

@@ -19,7 +19,6 @@ def test_unknown_question_is_reported_with_the_known_ones(capsys: pytest.Capture
 @pytest.mark.parametrize(
     ("words", "name"),
     [
-        (["--jobs", "2", "--scheduler", "tcp://a:1"], ""),
         (["none.scene.json"], "none.scene.json"),
         (["--from", "none.csv"], "none.csv"),
         (["--docs", "missing"], "missing"),
@@ -37,41 +36,17 @@ def test_scene_without_large_bodies_is_rejected(tmp_path: Path, capsys: pytest.C
     scene = hapscene.Scene()
     scene.add(tmp_path / "tetrahedron.obj", name="tetrahedron", unit="m", swatch="wood")
     hapscene.save_scene(scene, tmp_path / "small.scene.json")
-    words = ["lab", "chart", str(tmp_path / "small.scene.json"), "--quick", "--out", str(tmp_path / "out")]
+    words = ["lab", "chart", str(tmp_path / "small.scene.json"), "--out", str(tmp_path / "out")]
     assert main([*words, "--only", "mesh"]) == 2
     assert "1,000 faces" in capsys.readouterr().err
     assert not (tmp_path / "out" / "chart.html").exists()
 
 
-@pytest.mark.parametrize("points", [{}, {"groove": [Point("projection, 60°", "1", 0.01, 0.02, {"off": 2})]}])
-def test_incomplete_table_is_rejected(
-    points: dict[str, list[Point]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    table = tmp_path / "chart.csv"
-    Table({"processor": "one"}, points).write(table, [])
-    assert main(["lab", "chart", "--from", str(table), "--out", str(tmp_path / "out")]) == 2
-    assert "chart.csv" in capsys.readouterr().err
-
-
 def test_table_is_drawn_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, out = tmp_path / "chart.csv", tmp_path / "out"
-    points = [
-        Point("active set", "60°", 0.03, 0.05, {"off": 1e-12}),
-        Point("projection, 60°", "1", 0.01, 0.02, {"off": 2}),
-    ]
+    points = [Point("Proxy", "active set", "", "60°", True, 0.03, 0.05, 0.0, {"off": 1e-12})]
     Table({"processor": "one"}, {"groove": points}).write(table, [])
     assert main(["lab", "chart", "--from", str(table), "--out", str(out)]) == 0
     assert "chart.html" in capsys.readouterr().out
-    assert {file.name for file in out.iterdir()} == {"chart.csv", "chart.html", "groove.png", "groove-dark.png"}
-
-
-def test_interrupt_is_reported_in_one_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupt(*arguments: object, **more: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("hapscene_evidence.chart.run.chart", interrupt)
-    assert main(["lab", "chart", "--out", str(tmp_path)]) == 130
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "resume" in said and "nothing" not in said
+    pictures = {"chart.png", "chart-dark.png", "settings.png", "settings-dark.png"}
+    assert {file.name for file in out.iterdir()} == {"chart.csv", "chart.html", *pictures}

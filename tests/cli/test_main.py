@@ -157,7 +157,7 @@ def test_a_group_prints_its_help(group: str, capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.parametrize(
-    "words",
+    "arguments",
     [
         ["touch", "none.xyz"],
         ["touch", "none.scene.json"],
@@ -181,10 +181,10 @@ def test_a_group_prints_its_help(group: str, capsys: pytest.CaptureFixture[str])
     ],
 )
 def test_missing_files_have_the_same_message(
-    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str]
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
 ) -> None:
-    assert main(words) == 2
-    missing = next(word for word in words if word.startswith("none"))
+    assert main(arguments) == 2
+    missing = next(word for word in arguments if word.startswith("none"))
     assert capsys.readouterr() == ("", f"hapscene: {missing}: no such file\n")
 
 

@@ -19,19 +19,19 @@ ODD = ("abc", "nan", "-inf", "inf", "1e999", "0x10", "1.5.2", "²", "1," * 9)
 
 def test_number_options_require_finite_numbers(capsys: pytest.CaptureFixture[str]) -> None:
     tried = 0
-    for words in all_commands():
+    for names in all_commands():
         command = app()
-        for word in words:
+        for word in names:
             command = command[word]
         for argument in command.assemble_argument_collection():
             if argument.hint in (int, float) and argument.name.startswith("--"):
                 for text in ODD:
                     try:
-                        _, bound, _ = app().parse_args([*words, f"{argument.name}={text}"])
+                        _, bound, _ = app().parse_args([*names, f"{argument.name}={text}"])
                     except Exception as error:
                         assert type(error).__name__ in ("CoercionError", "ValidationError", "MissingArgumentError")
                     else:
-                        assert math.isfinite(bound.arguments.get(argument.field_info.name, 0)), (words, argument, text)
+                        assert math.isfinite(bound.arguments.get(argument.field_info.name, 0)), (names, argument, text)
                 tried += 1
     assert tried > 30
 

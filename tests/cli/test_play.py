@@ -24,8 +24,8 @@ compiled = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes lon
 @compiled
 def test_play_for_a_second(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["play", DEMO, "--device", "simulated", "--seconds", "1", "--option", "grip=firm"]) == 0
-    told = capfd.readouterr().out
-    assert "ticks, " in told and "deadline misses" in told and "longest tick " in told
+    output = capfd.readouterr().out
+    assert "ticks, " in output and "deadline misses" in output and "longest tick " in output
 
 
 @pytest.mark.parametrize(

@@ -26,9 +26,9 @@ def test_writes_chart_tables_and_verdicts(tmp_path: Path, capsys: pytest.Capture
         rows = list(csv.DictReader(file))
     assert [float(row["damping_Ns_m"]) for row in rows] == [0.0, 2.0]
     assert float(rows[1]["limit_N_m"]) > float(rows[0]["limit_N_m"]) > z_width.STIFFNESS_N_M[0]
-    words = (tmp_path / "out" / "verdicts.txt").read_text(encoding="utf-8")
-    assert "steel: 20000 N/m is unstable at 1 kHz; the device limits it to" in words
-    assert "felt" in words
+    verdicts = (tmp_path / "out" / "verdicts.txt").read_text(encoding="utf-8")
+    assert "steel: 20000 N/m is unstable at 1 kHz; the device limits it to" in verdicts
+    assert "felt" in verdicts
 
 
 def test_an_interrupted_run_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

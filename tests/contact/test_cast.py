@@ -29,7 +29,7 @@ def test_stop_is_one_skin_above_the_face(world):
         ((0.0, 0.0, 0.03), (0.0, 0.0, 0.03)),  # no motion
     ],
 )
-def test_no_stop_on_a_free_way(world, origin, goal):
+def test_free_cast_reaches_the_goal(world, origin, goal):
     w = world(BOX)
     assert cast(w, origin, goal) == 2.0
     assert w.proxy[0].count == 0

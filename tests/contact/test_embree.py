@@ -86,7 +86,7 @@ def test_ray_buffer_is_aligned():
 
 
 def offset_by_numpy(vertices_m: np.ndarray, faces: np.ndarray, center_m: np.ndarray, overlap_m: float) -> np.ndarray:
-    """What `overlap_faces` says, a step for all faces."""
+    """Reference for `overlap_faces` that tests all faces."""
     corners = vertices_m[faces] - center_m
     edges = np.roll(corners, -1, axis=1) - corners
     lengths = np.linalg.norm(edges, axis=2)

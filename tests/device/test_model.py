@@ -151,7 +151,7 @@ def test_walls_at_the_limit_rest_after_a_brisk_tap(name, delay, damped):
     assert np.cumsum(felt.work_J).max() < 2e-3
 
 
-def test_a_wall_far_beyond_the_limit_does_not_rest():
+def test_wall_far_above_the_stable_stiffness_oscillates():
     """Control for the test above."""
     point = PointMass(0.045, 0.1)
     bare = Device("bare", point, Limits())

@@ -64,7 +64,7 @@ class Bench:
         return self
 
 
-def test_a_force_begins_as_a_ramp_of_two_seconds() -> None:
+def test_force_rises_over_two_seconds_after_the_start() -> None:
     sent, flags = Bench().run(RAMP_S)
     want = np.minimum(np.arange(1, len(sent) + 1) * TICK_S / RAMP_S, 1.0)
     assert sent[:, 2] == pytest.approx(want, abs=1e-9)
@@ -79,7 +79,7 @@ def test_over_the_peak_the_magnitude_is_cut_and_the_direction_kept() -> None:
     assert Flag.PEAK_LIMITED in flags
 
 
-def test_the_force_changes_no_faster_than_the_device_may() -> None:
+def test_rate_of_force_change_is_limited() -> None:
     bench = Bench(Driver("slow", "Slow.", model=Device("slow", None, Limits(force_N=8.0, slew_N_s=100.0))))
     bench.settled((0.0, 0.0, 0.0))
     sent, flags = bench.run(0.1, (0.0, 0.0, 5.0))
@@ -87,7 +87,7 @@ def test_the_force_changes_no_faster_than_the_device_may() -> None:
     assert Flag.STEP_LIMITED in flags
 
 
-def test_a_motor_warms_as_the_square_of_its_force_and_is_kept_at_what_it_bears() -> None:
+def test_motor_heats_with_squared_force_and_is_derated_to_its_continuous_rating() -> None:
     bench = Bench()
     bench.safety.ramp_s = 0.0
     begin_safety(bench.safety)
@@ -108,7 +108,7 @@ def test_a_motor_warms_as_the_square_of_its_force_and_is_kept_at_what_it_bears()
         ({"p_m": (math.nan, 0.0, 0.0)}, Flag.DEVICE_NOT_READY),
     ],
 )
-def test_a_cause_takes_the_force_at_once_and_gives_it_back_slowly(given, flag) -> None:
+def test_fault_removes_the_force_at_once_and_it_returns_slowly(given, flag) -> None:
     bench = Bench().settled()
     if "p_m" in given and not math.isnan(given["p_m"][1]):
         bench.safety.p_DT_m = given["p_m"]  # it did not jump there
@@ -121,7 +121,7 @@ def test_a_cause_takes_the_force_at_once_and_gives_it_back_slowly(given, flag) -
     assert sent[-1] == pytest.approx((0.0, 0.0, 1.0)) and np.diff(sent[:, 2]).max() < 1.01 * TICK_S / RAMP_S
 
 
-def test_a_tool_that_jumps_is_not_moved_by_a_hand() -> None:
+def test_position_jump_is_flagged_as_too_fast() -> None:
     bench = Bench().settled()
     assert bench.tick(p_m=(0.0019, 0.0, 0.0))[1] == Flag(0)
     sent, flags = bench.tick(p_m=(0.0045, 0.0, 0.0))
@@ -129,7 +129,7 @@ def test_a_tool_that_jumps_is_not_moved_by_a_hand() -> None:
 
 
 @pytest.mark.parametrize(("speed_m_s", "flag"), [(1.9, Flag(0)), (2.1, Flag.TOO_FAST)])
-def test_a_tool_whose_place_comes_seldom_may_be_as_fast(speed_m_s: float, flag: Flag) -> None:
+def test_speed_limit_allows_for_a_low_position_rate(speed_m_s: float, flag: Flag) -> None:
     bench, flags = Bench().settled(), Flag(0)
     for tick in range(40):  # a place every five ticks
         flags |= bench.tick(p_m=(speed_m_s * TICK_S * (tick // 5 * 5 + 1), 0.0, 0.0), fresh=tick % 5 == 0)[1]
@@ -148,7 +148,7 @@ def test_after_an_order_the_force_comes_back_without_a_knock_wherever_the_tool_i
     assert bench.run(RAMP_S / 2)[0][-1, 2] == pytest.approx(0.5, abs=0.01)
 
 
-def test_a_late_tick_finds_the_tool_farther_on_and_no_new_state() -> None:
+def test_speed_limit_allows_for_the_delay_of_a_late_tick() -> None:
     bench = Bench().settled()
     bench.safety.late, bench.safety.elapsed_s = 1, 5e-6
     assert bench.tick(p_m=(0.015, 0.0, 0.0))[1] == Flag(0)
@@ -157,7 +157,7 @@ def test_a_late_tick_finds_the_tool_farther_on_and_no_new_state() -> None:
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_a_force_that_is_no_number_is_none(bad: float) -> None:
+def test_nan_force_counts_as_zero(bad: float) -> None:
     sent, flags = Bench().settled().tick((0.0, bad, 1.0))
     assert sent.tolist() == [0.0, 0.0, 0.0] and Flag.FORCE_NOT_FINITE in flags
 
@@ -191,7 +191,7 @@ def test_stop_force_ends_the_force_within_6_ms() -> None:
     assert bench.run(CALM_S + RAMP_S)[0][-1, 2] == pytest.approx(1.0)
 
 
-def test_a_device_that_says_nothing_new_is_not_ready() -> None:
+def test_device_without_new_samples_is_not_ready() -> None:
     bench = Bench().settled()
     sent, flags = bench.run(0.02, fresh=False)
     assert sent[-1].tolist() == [0.0, 0.0, 0.0] and Flag.DEVICE_NOT_READY in flags
@@ -206,7 +206,7 @@ def test_after_a_loop_that_stood_still_the_force_begins_anew() -> None:
     assert Flag.STALLED in flags and sent[2] == 0.0
 
 
-def test_a_simulated_hand_is_kept_from_nothing_but_an_application_that_is_gone() -> None:
+def test_simulated_device_has_only_the_application_watchdog() -> None:
     safety = simulated_safety()[0]
     begin_safety(safety)
     f_N = np.array([1e3, 0.1, -7.0])

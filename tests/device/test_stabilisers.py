@@ -100,7 +100,7 @@ def test_nothing_is_made_of_a_body_that_lifts_the_tool():
     assert not (recording.flags & DAMPED).any()
 
 
-def test_it_only_acts_in_contact_and_never_pulls():
+def test_controller_acts_only_in_contact_and_never_pulls():
     rng = np.random.default_rng(5)
     depth = 1e-3 * np.sin(np.arange(3000) / 8.0) + rng.normal(0.0, 1e-4, 3000)
     recording = hapscene.Renderer(scene(), ["wall"], limits=Limits(passivity_Ns_m=30.0)).run(down(depth))
@@ -137,7 +137,7 @@ def test_without_a_wall_there_is_nothing_to_observe():
 
 @pytest.mark.parametrize("delay", [0, 1])
 @pytest.mark.parametrize("stiffness", [700.0, 2000.0])
-def test_a_wall_that_bounces_for_ever_comes_to_rest(delay, stiffness):
+def test_controller_stabilises_an_oscillating_wall(delay, stiffness):
     point = PointMass(0.045, 0.1)
     guard = Limits(passivity_Ns_m=18.0 if delay == 0 else 7.5, delay_ticks=delay)
     results = {}

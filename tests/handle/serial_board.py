@@ -82,7 +82,7 @@ class Peer:
         self._quiet = 0
 
     def _begin(self, watchdog: int, run: int) -> None:
-        """Starts anew; `watchdog` in samples, 0 for a sweep, as is the number of the run."""
+        """Start a run. `watchdog`: in samples; for a sweep, `watchdog` and the number of the run are 0."""
         if self._played:  # a new sweep: another grip
             self._grip = (self._grip + 1) % len(self._grips)
             self._hold()

@@ -30,7 +30,7 @@ def test_the_inverse_is_tustin_of_its_formula(damping: tuple[float, float]) -> N
     assert np.abs(got / wanted - 1.0).max() < 1e-6
 
 
-def test_it_undoes_the_plant_above_its_corner() -> None:
+def test_compensator_inverts_the_plant_above_its_corner_frequency() -> None:
     frequency = np.geomspace(20.0, 1000.0, 30)
     h = impulse_responses(10.0, BUTTERWORTH) @ weights(Plant(), 10.0)
     inverse = np.exp(-2j * np.pi * frequency[:, None] * np.arange(len(h)) / RATE_HZ) @ h

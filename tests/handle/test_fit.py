@@ -64,7 +64,7 @@ def misses(found: Identification, plant: Plant, grips: list[Hand]) -> list[str]:
     return [name for name, (low, high), truth in pairs if not low <= truth <= high]
 
 
-def test_the_default_handle_comes_back() -> None:
+def test_default_handle_is_identified() -> None:
     found, grips = default()
     off = errors(found, Plant(), grips)
     assert abs(off["m_h_kg"]) < 1e-3
@@ -112,7 +112,7 @@ def test_without_noise_the_answer_is_exact() -> None:
     assert abs(found.plant.m_h_kg / 0.12 - 1.0) < 1e-4
 
 
-def test_the_papers_band_to_200_Hz_does_too() -> None:
+def test_band_of_the_paper_up_to_200_Hz_suffices() -> None:
     found, grips = identified(Plant(), 3, Sweep(high_Hz=200.0, sweep_s=6.0))
     assert abs(errors(found, Plant(), grips)["m_h_kg"]) < 2e-3 and max(found.asymptote_Hz) <= 200.0
     assert all(abs(errors(found, Plant(), grips)[name]) < 0.05 for name in HANDLE_PARAMETERS)
@@ -149,7 +149,7 @@ def test_a_fast_amplifier_has_no_interval() -> None:
 
 
 def test_a_system_of_another_kind_shows_in_the_misfit() -> None:
-    """A second resonance at 300 Hz, which eq. 8 has not: the intervals are made wider by what it leaves."""
+    """A second resonance at 300 Hz is not part of eq. 8; its residual must widen the intervals."""
     responses = measured(Plant(), [("a", 200.0, 3.0), ("b", 1500.0, 10.0)], Sweep())
     ratio = [1.0 / (1.0 - (r.frequency_Hz / 300.0) ** 2 + 0.1j * r.frequency_Hz / 300.0) for r in responses]
     other = [replace(r, response=r.response * (1.0 + 0.05 * extra)) for r, extra in zip(responses, ratio, strict=True)]
@@ -159,8 +159,8 @@ def test_a_system_of_another_kind_shows_in_the_misfit() -> None:
     assert widths[1] > 4.0 * widths[0]
 
 
-def test_no_interval_is_narrower_than_what_the_model_leaves_says() -> None:
-    """Responses thrice as noisy as their coherence tells: by the Jacobian alone all would be too sure of themselves."""
+def test_intervals_include_the_model_error() -> None:
+    """Responses with three times the noise of their coherence: intervals of the Jacobian alone are too narrow."""
     rng, responses = (
         np.random.default_rng(0),
         measured(Plant(), [("a", 200.0, 3.0), ("b", 1500.0, 10.0)], Sweep(sweep_s=4.0)),

@@ -35,7 +35,7 @@ def test_without_noise_it_is_the_three_systems_in_a_row() -> None:
 
 @pytest.mark.parametrize(("rate_Hz", "tolerance"), [(10_000.0, 4e-5), (5000.0, 4e-4), (3000.0, 2.5e-3)])
 def test_its_response_is_that_of_the_model(rate_Hz: float, tolerance: float) -> None:
-    """The transform of its impulse response against `sampled_response`, within what the latter says it leaves out."""
+    """The transform of the impulse response equals `sampled_response` within its stated error."""
     plant = Plant(k_u_N_m=2000.0, b_u_Ns_m=10.0)
     source = SimulatedSource(plant, rate_Hz, 0.0, tremor_N=0.0)
     impulse = np.zeros(round(4 * rate_Hz))
@@ -49,7 +49,7 @@ def test_its_response_is_that_of_the_model(rate_Hz: float, tolerance: float) -> 
     assert np.abs(model / measured - 1.0).max() < tolerance
 
 
-def test_at_a_high_rate_without_lag_it_is_eq_8() -> None:
+def test_high_rate_without_lag_equals_eq_8() -> None:
     plant, frequency = Plant(), np.geomspace(10.0, 1000.0, 50)
     np.testing.assert_allclose(
         sampled_response(plant, frequency, 1e7, 0.0, 0.0, 0.0), plant.response(frequency), rtol=1e-3
@@ -80,7 +80,7 @@ def test_unrest_is_a_force_on_the_handle() -> None:
     assert np.std(positions) * plant.k_u_N_m == pytest.approx(0.05, rel=0.1)
 
 
-def test_a_seed_gives_the_same_again() -> None:
+def test_equal_seeds_give_equal_results() -> None:
     first, second = (SimulatedSource(Plant(), seed=3).play(np.zeros(100))[1] for _ in range(2))
     np.testing.assert_array_equal(first, second)
 

@@ -76,7 +76,7 @@ def test_limits_of_any_handle_hold(
 
 
 @pytest.mark.parametrize("compensator", sorted(COMPENSATORS))
-def test_what_is_not_finite_counts_as_nothing(compensator: str) -> None:
+def test_non_finite_samples_count_as_zero(compensator: str) -> None:
     desired = LOUD["noise"].copy()
     zeroed = desired.copy()
     desired[1000:1100], zeroed[1000:1100] = np.nan, 0.0
@@ -87,7 +87,7 @@ def test_what_is_not_finite_counts_as_nothing(compensator: str) -> None:
 
 
 @pytest.mark.parametrize("compensator", ["flat", "adaptive"])
-def test_a_burst_far_too_loud_makes_no_click(compensator: str) -> None:
+def test_overload_is_attenuated_without_a_click(compensator: str) -> None:
     """What spills over 1 kHz when the force limit is in the way: of the faded signal, and of one that is clipped."""
     window = np.clip(np.minimum((T_S - 0.2) / 0.02, (0.4 - T_S) / 0.02), 0.0, 1.0)
     desired = 300.0 * np.sin(2 * np.pi * 150.0 * T_S) * 0.5 * (1.0 - np.cos(np.pi * window))
@@ -105,7 +105,7 @@ def test_a_burst_far_too_loud_makes_no_click(compensator: str) -> None:
     assert steepest < 1.5 * reach * 2 * np.pi * 150.0 / RATE_HZ  # no faster than the tone itself at full reach
 
 
-def test_the_gain_comes_back() -> None:
+def test_gain_returns_after_an_overload() -> None:
     desired = 3.0 * np.sin(2 * np.pi * 150.0 * np.arange(20_000) / RATE_HZ)
     disturbed = desired.copy()
     disturbed[2000:2200] *= 1000.0
@@ -116,7 +116,7 @@ def test_the_gain_comes_back() -> None:
 
 @pytest.mark.parametrize("swing", [0.0, 0.3, 0.5, 1.0, 1.2, 2.0])
 @pytest.mark.parametrize("turn", [0.0, 1.0, 2.5])
-def test_the_corner_yields_with_the_swing_over_the_room_however_it_swings(swing: float, turn: float) -> None:
+def test_corner_frequency_rises_with_coil_travel(swing: float, turn: float) -> None:
     h = new_handle(Plant(), Plant(), "flat", RATE_HZ)[0]
     h.room = 0.8
     r = swing * h.room * h.room_m

@@ -26,7 +26,9 @@ def at_rest(plant: Plant, rate_Hz: float = RATE_HZ) -> Any:
     st.floats(0.0, 5000.0),
     st.sampled_from([2500.0, 10_000.0, 48_000.0]),
 )
-def test_the_step_is_scipys_matrix_exponential(m_c: float, k_s: float, m_h: float, k_u: float, rate_Hz: float) -> None:
+def test_step_equals_the_matrix_exponential_of_scipy(
+    m_c: float, k_s: float, m_h: float, k_u: float, rate_Hz: float
+) -> None:
     plant = Plant(m_c_kg=m_c, k_s_N_m=k_s, m_h_kg=m_h, k_u_N_m=k_u)
     a, b, *_ = cont2discrete(plant.state_space(), 1.0 / rate_Hz)
     step = at_rest(plant, rate_Hz).step
@@ -35,7 +37,7 @@ def test_the_step_is_scipys_matrix_exponential(m_c: float, k_s: float, m_h: floa
     assert step[4] == pytest.approx([0.0, 0.0, 0.0, 0.0, 1.0])
 
 
-def test_a_firmer_grip_in_place_is_a_handle_made_so() -> None:
+def test_changed_grip_equals_a_new_handle_with_that_grip() -> None:
     firm = Plant(k_u_N_m=2000.0, b_u_Ns_m=20.0)
     handle = at_rest(Plant())
     grip_handle(handle, 2000.0, 20.0)
@@ -72,7 +74,7 @@ def test_acceleration_force_and_travel_are_the_plants() -> None:
     assert played[:-1, 1] == pytest.approx(y[1:, 2], abs=1e-12)  # displacement at the end of the sample
 
 
-def test_the_amplifier_is_one_pole_seen_as_its_mean_over_a_sample() -> None:
+def test_amplifier_is_one_pole_averaged_over_a_sample() -> None:
     handle = at_rest(Plant(amplifier_Hz=2000.0))
     got = np.array([amplify(handle, 1.0) for _ in range(20)])
     t = np.arange(20 * 1000 + 1) / (1000 * RATE_HZ)
@@ -81,7 +83,7 @@ def test_the_amplifier_is_one_pole_seen_as_its_mean_over_a_sample() -> None:
     assert got == pytest.approx(mean, rel=1e-6)
 
 
-def test_a_coil_at_its_stop_stays_there_and_momentum_is_kept() -> None:
+def test_coil_stays_at_its_stop_and_momentum_is_conserved() -> None:
     plant = replace(Plant(), k_u_N_m=1e-6, b_u_Ns_m=0.0, travel_limit_m=0.002)
     handle = at_rest(plant)
     dt, momentum, speeds = 1.0 / RATE_HZ, [], []

@@ -33,7 +33,7 @@ def listen(plant: Plant, desired: Any) -> Any:
 
 @settings(max_examples=15, deadline=None)
 @given(st.lists(st.floats(0.7, 1.3), min_size=6, max_size=6))
-def test_the_mass_is_learnt_in_10_ms_and_the_rest_in_a_second(off: list[float]) -> None:
+def test_mass_is_estimated_in_10_ms_and_other_parameters_in_1_s(off: list[float]) -> None:
     there = {name: getattr(Plant(), name) * factor for name, factor in zip(PARAMETERS, off, strict=True)}
     plant = replace(Plant(), **there)
     true = weights(plant, CORNER_HZ)
@@ -72,7 +72,7 @@ def test_stable_for_every_handle_half_off_and_any_grip(off: list[float], grip: f
     assert np.abs(played.acceleration_m_s2[7000:]).max() < 0.1  # and still when nothing is asked for
 
 
-def test_what_is_learnt_stays_positive_and_bounded_whatever_is_held_and_played() -> None:
+def test_estimates_stay_positive_and_bounded() -> None:
     handle = new_handle(Plant(), Plant(), "adaptive", RATE_HZ)[0]
     rng = np.random.default_rng(0)
     for _ in range(40):
@@ -84,7 +84,7 @@ def test_what_is_learnt_stays_positive_and_bounded_whatever_is_held_and_played()
         assert (handle.theta_low <= handle.theta).all() and (handle.theta <= handle.theta_high).all()
 
 
-def test_a_grip_that_changes_is_followed() -> None:
+def test_estimate_follows_a_changing_grip() -> None:
     handle = new_handle(Plant(), Plant(), "adaptive", RATE_HZ)[0]
     desired = noise(40_000)
     out = np.zeros((4, len(desired)))

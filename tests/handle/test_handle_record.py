@@ -26,7 +26,7 @@ def through(compensator: str, amplifier_Hz: float) -> tuple[np.ndarray, np.ndarr
 
 
 @pytest.mark.parametrize("compensator", sorted(COMPENSATORS))
-def test_the_lead_undoes_the_amplifier_where_it_is_asked_for(compensator: str) -> None:
+def test_optional_lead_compensates_the_amplifier(compensator: str) -> None:
     command, force = through(compensator, 5000.0)
     assert (np.abs(force - command).max() < 1e-12) == (compensator in LEADING)
 
@@ -40,7 +40,7 @@ def test_the_lead_of_a_slow_amplifier_is_bounded(compensator: str) -> None:
     assert ratio[frequency < 1000.0] == pytest.approx(1.0, abs=0.1) and ratio.max() < 3.0
 
 
-def test_what_a_slow_amplifier_takes_from_900_Hz_is_given_back() -> None:
+def test_lead_restores_the_gain_of_a_slow_amplifier_at_900_Hz() -> None:
     desired = np.sin(2.0 * np.pi * 900.0 / RATE_HZ * np.arange(3000))
     for kind in ("inverse", "flat"):
         slow, fast = (Plant(amplifier_Hz=f) for f in (1500.0, 1e6))
@@ -49,7 +49,7 @@ def test_what_a_slow_amplifier_takes_from_900_Hz_is_given_back() -> None:
         assert made == pytest.approx(best, rel=0.02)
 
 
-def test_the_prior_is_the_covariance_of_the_weights_where_the_parameters_scatter() -> None:
+def test_prior_is_the_covariance_of_the_weights_for_scattered_parameters() -> None:
     rng, nominal, tenth = np.random.default_rng(0), Plant(), 0.1
     drawn = []
     for _ in range(4000):

@@ -47,7 +47,7 @@ def rows(said: bytes) -> np.ndarray:
 
 
 class Wire:
-    """A board in memory that keeps time by itself: each look passes 2 ms, unless it `stands`."""
+    """A simulated board with its own clock, which advances 2 ms at each poll unless `stands` is set."""
 
     def __init__(self, peer: Peer) -> None:
         self.peer, self.closed, self.gone, self.silent = peer, False, "", False
@@ -301,7 +301,7 @@ def test_options_out_of_range_are_refused(other: dict[str, float]) -> None:
 
 
 def mutated(rng: np.random.Generator, frame: bytes) -> bytes:
-    """A frame with bytes changed, left out, put in, or torn; a tenth of them sealed anew, so that the sum is right."""
+    """Return a damaged frame; one in ten gets a correct checksum."""
     data = bytearray(frame)
     for _ in range(rng.integers(1, 6)):
         at = int(rng.integers(0, len(data) + 1))
@@ -428,7 +428,7 @@ def sketch(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def both(sketch: Path, script: list[bytes | int]) -> tuple[bytes, bytes]:
-    """What the simulated board and the sketch say where bytes come, or so many samples pass."""
+    """Return the answers of the simulated board and of the sketch to received bytes or elapsed samples."""
     simulated = Peer(Readings(), grip_count=1)  # type: ignore[arg-type]
     simulated.source.plant = Plant(force_limit_N=3.0)
     said, lines = [], []

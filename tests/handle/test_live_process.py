@@ -29,7 +29,7 @@ def where(channel: Channel) -> dict[str, object]:
     return {"length": LENGTH, "block": BLOCK, "name": channel.memory.name}
 
 
-def test_what_the_handle_refuses_is_said_by_the_application(channel: Channel) -> None:
+def test_error_of_the_handle_reaches_the_application(channel: Channel) -> None:
     with pytest.raises(HandleError, match="/dev/none: cannot open the port"):
         LiveHandle(where(channel), 1e4, 0, "serial", {"port": "/dev/none"})
 
@@ -50,7 +50,7 @@ def test_invalid_outputs_and_options_are_errors(name: str, options: dict[str, st
         open_output(name, options)
 
 
-def test_the_newest_ticks_are_taken_and_none_twice(channel: Channel) -> None:
+def test_each_new_tick_is_read_once(channel: Channel) -> None:
     channel.channel[0].done = 3
     source = ChannelSource(channel, 0)
     channel.a_m_s2[0, 3:5] = np.arange(20.0).reshape(2, 10)

@@ -1,4 +1,4 @@
-"""The channel's samples on their way to an output: what is played is what was asked for, and nothing clicks."""
+"""The stream from acceleration channel to output plays the desired samples without clicks."""
 
 from collections.abc import Callable
 from types import SimpleNamespace

@@ -49,7 +49,7 @@ def test_the_references_table(signals: dict[str, Any], compensator: str, wanted:
 
 
 @pytest.mark.parametrize(("amplitude_m_s2", "most"), [(20.0, 12.0), (50.0, 32.0)])
-def test_a_tap_too_loud_for_the_travel_loses_what_is_slow_and_not_itself(amplitude_m_s2: float, most: float) -> None:
+def test_loud_tap_loses_low_frequencies_only(amplitude_m_s2: float, most: float) -> None:
     t_s = np.arange(3000) / RATE_HZ
     tap = np.append(np.zeros(2000), amplitude_m_s2 * np.exp(-60.0 * t_s) * np.sin(2.0 * np.pi * 180.0 * t_s))
     endless = Plant(travel_limit_m=1.0)
@@ -58,7 +58,7 @@ def test_a_tap_too_loud_for_the_travel_loses_what_is_slow_and_not_itself(amplitu
     assert percent(tap, "inverse") < most
 
 
-def test_the_learnt_inverse_meets_the_aims(signals: dict[str, Any]) -> None:
+def test_adaptive_inverse_meets_its_accuracy_goals(signals: dict[str, Any]) -> None:
     for name, most in (("white", 3.0), ("texture", 4.0), ("tap", 5.0), ("chirp", 3.0)):
         judged = bench.judge(signals[name], "adaptive", count=12)
         assert 100.0 * judged.nominal < most
@@ -68,13 +68,13 @@ def test_the_learnt_inverse_meets_the_aims(signals: dict[str, Any]) -> None:
         assert judged.hits == 0
 
 
-def test_it_beats_the_fixed_inverse_where_the_handle_is_another(signals: dict[str, Any]) -> None:
+def test_adaptive_inverse_is_more_accurate_for_a_different_handle(signals: dict[str, Any]) -> None:
     for name in bench.SIGNALS:
         for plant in bench.plants(5, seed=1):
             assert percent(signals[name], "adaptive", plant) < max(0.5 * percent(signals[name], "inverse", plant), 8.0)
 
 
-def test_what_comes_back_is_in_step_with_what_was_asked_for(signals: dict[str, Any]) -> None:
+def test_measured_and_desired_acceleration_are_aligned(signals: dict[str, Any]) -> None:
     played = play(signals["white"], RATE_HZ)
     assert played.latency_s == pytest.approx(LOOK_AHEAD_S)
     lags = range(-10, 11)

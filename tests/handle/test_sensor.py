@@ -57,7 +57,7 @@ def test_a_sensor_that_differs_from_the_assumed_one_costs_little(name: str) -> N
     condition = bench.CONDITIONS[name]
     for signal in condition.signals:
         desired = condition.loud * signals()[signal]
-        got = error(desired, sensor=condition.sensor, nominal_sensor=condition.believed)
+        got = error(desired, sensor=condition.sensor, nominal_sensor=condition.nominal_sensor)
         assert got < flat(signal, condition.loud) + 2.0, signal
 
 

@@ -96,7 +96,7 @@ def felt(force: np.ndarray) -> np.ndarray:
     return SimulatedSource(plant, RATE_HZ, noise_m_s2_rtHz=0.0, tremor_N=0.0).advance(force)[0]
 
 
-def test_what_is_played_comes_out_and_comes_back(wire: Wire) -> None:
+def test_played_samples_are_output_and_measured(wire: Wire) -> None:
     shares: list[float] = []
     wire.play(peer())
     with closing(SerialSource(wire.port, say=shares.append)) as source:
@@ -107,7 +107,7 @@ def test_what_is_played_comes_out_and_comes_back(wire: Wire) -> None:
     assert shares[-1] == 1.0 and shares == sorted(shares)
 
 
-def test_a_second_sweep_begins_anew_past_the_wrap_of_the_count(wire: Wire) -> None:
+def test_second_sweep_works_after_the_sample_counter_wraps(wire: Wire) -> None:
     """70,000 samples: `played` wraps at 65,536; then another, in another grip."""
     wire.play(peer())
     long = np.tile(0.5 * FORCE, 12)[:70_000]
@@ -168,7 +168,7 @@ def test_never_more_than_the_buffer_is_sent_ahead() -> None:
         handle.give(1)
 
 
-def test_an_empty_buffer_is_no_force() -> None:
+def test_empty_buffer_gives_zero_force() -> None:
     handle = peer()
     handle.take(sealed(START) + sample_line(0, [100, 200]))
     rows = [line.split(b"*")[0].split(b",") for line in handle.give(4).split(b"\n") if line and line[:1] != b"#"]

@@ -1,4 +1,4 @@
-"""The swept sine: what it plays, and that it stays inside what the coil can take."""
+"""The swept sine: its band, and the limits of coil travel and force."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from hapscene.handle.sweep import REST_S, TRAVEL_SHARE, Sweep
 RATE_HZ = 10_000.0
 
 
-def test_it_begins_and_ends_in_silence_and_plays_the_whole_band() -> None:
+def test_sweep_covers_its_band_and_starts_and_ends_in_silence() -> None:
     force = Sweep(sweep_s=4.0).force(RATE_HZ, Plant())
     rest = round(REST_S * RATE_HZ)
     assert len(force) == 4 * RATE_HZ + rest and force[0] == 0.0 and not force[-rest:].any()

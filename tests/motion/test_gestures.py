@@ -37,7 +37,7 @@ def dips(intent: ReferenceTrajectory) -> list[tuple[int, int]]:
     [("tap", STROKE_N, 3), ("press", PRESS_N, 1), ("stroke", STROKE_N, 2), ("circle", STROKE_N, 1),
      ("scrub", 2 * STROKE_N, 1), ("hesitate", STROKE_N, 1)],
 )  # fmt: skip
-def test_it_aims_as_deep_as_its_force_asks_for(scene: Scene, name: str, force_N: float, count: int, grip: str) -> None:
+def test_gesture_depth_follows_from_its_force(scene: Scene, name: str, force_N: float, count: int, grip: str) -> None:
     intent = done(scene, name, grip)
     found = dips(intent)
     assert len(found) == count
@@ -47,7 +47,7 @@ def test_it_aims_as_deep_as_its_force_asks_for(scene: Scene, name: str, force_N:
 
 
 @pytest.mark.parametrize("name", GESTURES)
-def test_it_comes_from_above_and_leaves_without_a_leap(scene: Scene, name: str) -> None:
+def test_gesture_approaches_from_above_and_leaves_continuously(scene: Scene, name: str) -> None:
     intent = done(scene, name, "medium")
     assert intent.target_W_m[0, 2] == pytest.approx((2.0 if name == "explore" else 1.0) * HOVER_M)
     assert intent.target_W_m[-1, 2] > -PRESS_N / GRIPS["medium"].k_N_m - 1e-9
@@ -84,7 +84,7 @@ def test_a_hesitating_hand_stops_in_the_middle(scene: Scene) -> None:
     assert intent.target_W_m[start + waits[0], 0] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_who_lets_go_holds_nothing_for_a_while_and_takes_it_again_gently(scene: Scene) -> None:
+def test_released_grip_is_zero_and_returns_smoothly(scene: Scene) -> None:
     intent = done(scene, "let-go", "firm")
     k = intent.grip[:, 0]
     first, last = np.flatnonzero(k == 0.0)[[0, -1]]
@@ -97,7 +97,7 @@ def test_who_lets_go_holds_nothing_for_a_while_and_takes_it_again_gently(scene: 
     assert np.diff(ramp) == pytest.approx(500.0 / (RAMP_S / TICK_S - 1.0)) and np.all(k[last + len(ramp) :] == 500.0)
 
 
-def test_a_firm_grip_is_taken_in_the_middle_of_a_stroke_and_the_force_stays(scene: Scene) -> None:
+def test_grip_change_during_a_stroke_keeps_the_force(scene: Scene) -> None:
     intent = done(scene, "grip-firmly")
     ((start, end),) = dips(intent)
     k, z = intent.grip[:, 0], intent.target_W_m[:, 2]
@@ -110,7 +110,7 @@ def test_a_firm_grip_is_taken_in_the_middle_of_a_stroke_and_the_force_stays(scen
     assert (k * -z)[sliding] == pytest.approx(STROKE_N, rel=0.06)
 
 
-def test_the_looser_the_grip_the_longer_its_movements_through_the_air() -> None:
+def test_looser_grip_takes_longer_to_move_in_the_air() -> None:
     light_s, medium_s, firm_s = (calm_time_s(GRIPS[grip]) for grip in ("light", "medium", "firm"))
     assert light_s > medium_s > firm_s > 0.0
     heavier = Grip(GRIPS["light"].k_N_m, 0.3, 3.0 * TOOL_KG)

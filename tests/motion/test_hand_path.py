@@ -103,7 +103,7 @@ def test_scene_that_shows_nothing_upwards_is_one_error() -> None:
         explore(scene, TICK_S)
 
 
-def test_a_calm_hand_hurries_nowhere_and_is_no_other_on_level_ground() -> None:
+def test_calm_path_starts_later_and_is_equal_on_a_flat_surface() -> None:
     brisk, calm = (PathBuilder((0.0, 0.0, 0.02), TICK_S, flat, calm_s=calm_s) for calm_s in (0.0, 0.4))
     (start, rows), (later, calm_rows) = (
         hand.trace(hand.line((0.01, 0.0), (0.06, 0.0), 0.1), 1e-3) for hand in (brisk, calm)
@@ -113,7 +113,7 @@ def test_a_calm_hand_hurries_nowhere_and_is_no_other_on_level_ground() -> None:
     assert later >= 2 * 400  # across, and down
 
 
-def test_a_calm_hand_climbs_no_faster_than_it_strokes() -> None:
+def test_calm_path_climbs_at_most_at_stroke_speed() -> None:
     def step(x_m: np.ndarray, y_m: np.ndarray) -> TopView:
         return TopView(np.where(x_m > 0.03, 0.02, 0.0), np.zeros(len(x_m), np.int64), np.zeros(len(x_m), np.int64))
 

@@ -40,7 +40,7 @@ def look(scene: Scene, *places: tuple[float, float]) -> TopView:
     return look_from_above(scene)(*np.transpose(places))
 
 
-def test_the_highest_body_is_seen_wherever_it_stands_in_the_list() -> None:
+def test_highest_body_is_visible_in_any_list_order() -> None:
     for order in (1, -1):
         bodies = [("low", posed()), ("high", posed(0.03, 0.04)), ("far up", posed(-0.03, 3.0))]
         scene = Scene()
@@ -52,7 +52,7 @@ def test_the_highest_body_is_seen_wherever_it_stands_in_the_list() -> None:
         assert seen.swatch[3] == -1
 
 
-def test_a_turned_body_is_seen_where_it_lies() -> None:
+def test_rotated_body_is_visible_at_its_pose() -> None:
     """A box on its edge: its top lies half a diagonal up, its sides fall at 45°."""
     scene = Scene()
     scene.add(box(0.02, 0.1, 0.02), name="roof", pose=posed(0.01, 0.005, np.pi / 4))
@@ -66,14 +66,14 @@ def test_a_turned_body_is_seen_where_it_lies() -> None:
 
 
 @pytest.mark.parametrize(("up", "two_sided", "seen"), [(True, False, 0), (False, False, -1), (False, True, 0)])
-def test_an_inner_side_is_not_seen_unless_two_sided(up: bool, two_sided: bool, seen: int) -> None:
+def test_back_faces_are_visible_only_if_two_sided(up: bool, two_sided: bool, seen: int) -> None:
     scene = Scene()
     scene.add(sheet(up), name="sheet", two_sided=two_sided)
     assert look(scene, (0.01, 0.02)).body.tolist() == [seen]
     assert len(list(places_to_feel(scene, look_from_above(scene)))) == 1 + seen
 
 
-def test_the_window_is_what_a_hand_reaches_and_not_the_very_edge() -> None:
+def test_window_excludes_unreachable_points_and_the_border() -> None:
     bounds_m = np.array([(-1.0, 0.0, 0.0), (3.0, 0.1, 0.5)])
     np.testing.assert_allclose(window_of(bounds_m), [(1.0 - WINDOW_M / 2, 0.002), (1.0 + WINDOW_M / 2, 0.098)])
 
@@ -98,7 +98,7 @@ def test_lines_go_through_the_middle_and_keep_off_the_edge() -> None:
     assert lines_of(view_of(PLAIN, ALL), 1, WINDOW) == [] == lines_of(view_of(PLAIN, ~ALL), 0, WINDOW)
 
 
-def test_a_line_that_crosses_more_borders_is_better_than_a_longer_one_and_that_than_one_nearer_the_middle() -> None:
+def test_lines_are_ranked_by_borders_then_length_then_distance_from_the_centre() -> None:
     swatch, seen = PLAIN.copy(), ALL.copy()
     swatch[3, 10:] = 1  # one border along x in row 3; two along y in each column from 10 on
     assert lines_of(view_of(swatch, seen), 0, WINDOW) == [((1.0, 3.0), (23.0, 3.0)), ((12.0, 1.0), (12.0, 23.0))]
@@ -107,7 +107,7 @@ def test_a_line_that_crosses_more_borders_is_better_than_a_longer_one_and_that_t
 
 
 @pytest.mark.parametrize(("width", "line"), [(2, None), (3, (5.0, 7.0)), (6, (5.0, 10.0)), (7, (6.0, 10.0))])
-def test_what_is_narrow_has_no_line_or_a_whole_one(width: int, line: tuple[float, float] | None) -> None:
+def test_narrow_region_has_no_line_or_a_complete_line(width: int, line: tuple[float, float] | None) -> None:
     seen = ~ALL
     seen[:, 5 : 5 + width] = True
     lines = lines_of(view_of(PLAIN, seen), 0, WINDOW)

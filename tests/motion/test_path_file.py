@@ -71,7 +71,7 @@ def test_interpolation_does_not_overshoot(tmp_path: Path) -> None:
         ("\0\x01", ""),
     ],
 )
-def test_an_invalid_path_is_one_line_that_names_the_place(tmp_path: Path, text: str, place: str) -> None:
+def test_invalid_path_error_names_the_row(tmp_path: Path, text: str, place: str) -> None:
     path = write(tmp_path / "path.csv", text)
     with pytest.raises(PathError) as caught:
         load_path(path, TICK_S)

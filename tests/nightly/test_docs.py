@@ -211,7 +211,7 @@ def address(site: Path) -> Iterator[str]:
         thread.join()
 
 
-def test_in_a_browser_it_searches_and_its_pictures_follow_the_palette(address: str, browser: Any) -> None:
+def test_search_works_and_pictures_follow_the_palette(address: str, browser: Any) -> None:
     tab = browser.new_page(color_scheme="dark")
     asked: list[str] = []
     tab.on("request", lambda request: asked.append(request.url))

@@ -1,4 +1,4 @@
-"""The programs of examples/ run, and reach what they use through public paths alone."""
+"""The programs in examples/ run and use only public names."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.py"
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
-def test_it_runs_and_its_own_physics_hold(example: Path, tmp_path: Path) -> None:
+def test_example_runs_with_correct_physics(example: Path, tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, example], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.strip() and "Warning" not in done.stderr, done.stderr

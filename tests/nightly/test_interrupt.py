@@ -15,12 +15,12 @@ import pytest
 from hapscene.cli import main
 from hapscene.interrupt import AGAIN_S, ENDS, clear_interrupt, interrupt_noted, interrupted_by_ends
 
-pty = pytest.importorskip("pty", reason="no terminals of this kind here")
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no process can send these signals there")
+pty = pytest.importorskip("pty", reason="this platform has no pseudo-terminals")
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
 
 
 @pytest.mark.parametrize("kind", ENDS)
-def test_the_first_interrupts_and_those_after_it_do_not(kind: signal.Signals) -> None:
+def test_only_the_first_signal_interrupts(kind: signal.Signals) -> None:
     before = signal.getsignal(kind)
     done = []
     with pytest.raises(KeyboardInterrupt) as caught, interrupted_by_ends():
@@ -30,11 +30,11 @@ def test_the_first_interrupts_and_those_after_it_do_not(kind: signal.Signals) ->
         finally:
             os.kill(os.getpid(), kind)
             os.kill(os.getpid(), signal.SIGTERM)
-            done.append("put in order")
+            done.append("cleaned up")
     assert done and caught.value.args == (kind,) and signal.getsignal(kind) == before
 
 
-def test_what_is_ignored_stays_ignored() -> None:
+def test_ignored_signal_stays_ignored() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
     try:
         with interrupted_by_ends(), interrupt_noted() as noted:
@@ -44,7 +44,7 @@ def test_what_is_ignored_stays_ignored() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
-def test_another_thread_may_run_a_command() -> None:
+def test_command_runs_in_another_thread() -> None:
     codes: list[int] = []
     thread = threading.Thread(target=lambda: codes.append(main(["lab", "effects"])))
     thread.start()
@@ -53,7 +53,7 @@ def test_another_thread_may_run_a_command() -> None:
 
 
 @pytest.mark.parametrize("kind", [signal.SIGINT, *ENDS])
-def test_it_is_noted_and_only_a_second_ctrl_c_interrupts(kind: signal.Signals) -> None:
+def test_first_signal_is_noted_and_second_ctrl_c_interrupts(kind: signal.Signals) -> None:
     with interrupted_by_ends():
         with interrupt_noted() as noted:
             assert not noted()
@@ -67,7 +67,7 @@ def test_it_is_noted_and_only_a_second_ctrl_c_interrupts(kind: signal.Signals) -
             os.kill(os.getpid(), signal.SIGTERM)
 
 
-def test_a_command_says_so_and_tells_by_its_code(
+def test_interrupted_command_reports_it_and_exits_with_the_signal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def end(*arguments: object, **more: object) -> None:
@@ -79,8 +79,8 @@ def test_a_command_says_so_and_tells_by_its_code(
     assert capsys.readouterr().err == "hapscene: interrupted; nothing was written\n"
 
 
-def test_a_terminal_that_is_gone_takes_no_work_along(tmp_path: Path) -> None:
-    """The process leads the session of a terminal that is closed, and speaks before it ends."""
+def test_closed_terminal_does_not_prevent_cleanup(tmp_path: Path) -> None:
+    """The terminal of the process is closed; the process still prints and cleans up before it ends."""
     script = tmp_path / "speaker.py"
     script.write_text(
         "import sys, time\n"
@@ -91,7 +91,7 @@ def test_a_terminal_that_is_gone_takes_no_work_along(tmp_path: Path) -> None:
         "        print('ready', flush=True)\n"
         "        time.sleep(60.0)\n"
         "    except KeyboardInterrupt:\n"
-        "        print('is put in order', flush=True)\n"
+        "        print('cleaned up', flush=True)\n"
         f"        Path({str(tmp_path / 'order')!r}).touch()\n"
     )
     pid, terminal = pty.fork()
@@ -105,12 +105,12 @@ def test_a_terminal_that_is_gone_takes_no_work_along(tmp_path: Path) -> None:
     assert (tmp_path / "order").exists()
 
 
-def test_a_command_that_is_ended_leaves_no_unfinished_folder(tmp_path: Path) -> None:
+def test_terminated_command_leaves_no_unfinished_folder(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hapscene", "demo", "--out", str(tmp_path / "out")]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         end_s = time.monotonic() + 60.0
-        while not list(tmp_path.iterdir()):  # the folder that becomes the one asked for, once all is in it
+        while not list(tmp_path.iterdir()):  # a temporary folder, renamed to the output folder at the end
             assert process.poll() is None and time.monotonic() < end_s
             time.sleep(0.002)
         process.send_signal(signal.SIGTERM)
@@ -131,11 +131,11 @@ TEXT
 """
 
 
-@pytest.mark.timeout(300, method="thread")  # SIGALRM is what is tested
+@pytest.mark.timeout(300, method="thread")  # the test uses SIGALRM
 @pytest.mark.parametrize(
     "text", ["while True: pass", "raise ImportError('half of it is missing')", "exec('raise error')"]
 )
-def test_what_an_import_swallows_comes_again(
+def test_interrupt_that_an_import_catches_is_raised_again(
     text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "swallower.py").write_text(SWALLOWER.replace("TEXT", text))
@@ -149,7 +149,7 @@ def test_what_an_import_swallows_comes_again(
     assert signal.getsignal(signal.SIGALRM) == before and signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
-def test_what_puts_things_in_order_is_not_torn() -> None:
+def test_interrupt_is_not_raised_again_during_cleanup() -> None:
     order = []
 
     @contextmanager
@@ -171,15 +171,15 @@ def test_what_puts_things_in_order_is_not_torn() -> None:
                         raise OSError
                     except OSError:
                         time.sleep(5 * AGAIN_S)
-                        order.append("an error of its own")
+                        order.append("an except clause")
         except KeyboardInterrupt:
             clear_interrupt()
         time.sleep(5 * AGAIN_S)
-    assert order == ["an error of its own", "an exit"]
+    assert order == ["an except clause", "an exit"]
 
 
-def test_ctrl_c_at_any_moment_of_the_start_ends_it_in_one_line(tmp_path: Path) -> None:
-    """A moment is a module that begins to be imported: counted, so that a slow machine has the same ones."""
+def test_ctrl_c_during_start_prints_one_line(tmp_path: Path) -> None:
+    """Interrupts at the n-th import, which does not depend on the speed of the machine."""
     (tmp_path / "sitecustomize.py").write_text(
         "import os, signal, sys\n"
         "class Finder:\n"

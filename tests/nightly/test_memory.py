@@ -1,4 +1,4 @@
-"""How much memory there is: what limits say, what is left of it, and the note where it is little."""
+"""A note reports a memory limit that is too low."""
 
 import subprocess
 import sys
@@ -6,8 +6,8 @@ import sys
 import pytest
 
 
-def test_a_small_ulimit_is_told() -> None:
-    resource = pytest.importorskip("resource", reason="no limits of a process here")
+def test_low_memory_limit_is_reported() -> None:
+    resource = pytest.importorskip("resource", reason="this platform has no limits of processes")
     code = "import sys; from hapscene.cli import main; sys.exit(main(['check', 'none.stl']))"
 
     def limit() -> None:
@@ -17,5 +17,5 @@ def test_a_small_ulimit_is_told() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, preexec_fn=limit, encoding="utf-8"
     )
     note, error = done.stderr.splitlines()
-    assert note.startswith("hapscene: note: this process may take 300 MiB of memory; a touch of a small scene takes")
+    assert note.startswith("hapscene: note: the memory limit of this process is 300 MiB; touching a small scene takes")
     assert error == "hapscene: none.stl: no such file"

@@ -29,7 +29,7 @@ print(json.dumps({name: importlib.import_module(name).__file__ for name in json.
 
 
 def run(*words: str | Path, cwd: Path, said: str | None = None, **more: str) -> str:
-    """Run a command, which must succeed; what it printed. No PYTHONPATH or the like shows it the checkout."""
+    """Run a command that must succeed, without access to the checkout; return its output."""
     clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     done = subprocess.run(words, cwd=cwd, input=said, env={**clean, **more}, capture_output=True, encoding="utf-8")
     assert done.returncode == 0, f"{words}\n{done.stdout}\n{done.stderr}"

@@ -1,4 +1,4 @@
-"""A wheel of `make wheel`: its compiled code is used where it fits, and compiled anew, to the same bits, where not."""
+"""The compiled code in a wheel is used if it fits the machine; else it is compiled again with equal results."""
 
 import os
 import subprocess

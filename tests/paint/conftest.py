@@ -65,7 +65,7 @@ def library_in(folder: Path) -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The user's library: not that of whoever runs the tests."""
+    """Redirect the swatch library of the user to a temporary folder."""
     monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path / "library"))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     return tmp_path / "library"
@@ -73,13 +73,13 @@ def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Scene:
-    """`make_scene`."""
+    """Return the scene of `make_scene`."""
     return make_scene(tmp_path)
 
 
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "Iterator[Page]":
-    """The page of `make_scene`, without a hand, in a folder of its own."""
+    """Serve the page on `make_scene` without a simulated hand, in a temporary folder."""
     from hapscene.paint.model.session import Session
     from hapscene.paint.web.page import Page
 

@@ -1,4 +1,4 @@
-"""A browser's tab without the browser: speaks viser's protocol and the page's own."""
+"""Client of the painter's page without a browser: implements the protocols of viser and of the page."""
 
 import contextlib
 import json
@@ -17,11 +17,11 @@ from hapscene.paint.web.page import Page
 from hapscene.paint.web.server import SOCKET_PATH
 
 SIZE = (800, 600)
-TRIPS_MAX = 50_000
+ROUNDS_MAX = 50_000
 
 
 class Tab:
-    """What a browser would know: the controls, the state, and what was said."""
+    """Connection to a page: holds the controls, the scene nodes, the state and the messages received so far."""
 
     def __init__(self, page: Page) -> None:
         url = page.url.removeprefix("http://").rstrip("/")
@@ -36,21 +36,21 @@ class Tab:
         self.sounds: list[np.ndarray] = []
         self.client = -1
         self._marks = 0
-        self._told = threading.Condition()
+        self._changed = threading.Condition()
         self.viser = connect(f"ws://{url}/", origin=origin, subprotocols=[protocol], max_size=None)
         self.ours = connect(f"ws://{url}{SOCKET_PATH}", origin=origin, max_size=None)
         for read in (self._read_viser, self._read_ours):
             threading.Thread(target=read, daemon=True).start()
         self.look()
-        with self._told:
-            self._told.wait_for(lambda: self.client >= 0 and self.state)
+        with self._changed:
+            self._changed.wait_for(lambda: self.client >= 0 and self.state)
 
     def close(self) -> None:
         self.viser.close()
         self.ours.close()
 
     def look(self, wxyz: Any = None, position: Any = None) -> None:
-        """Send a camera: from above on the middle of the scene, unless told otherwise."""
+        """Send a camera; by default above the centre of the scene, looking down."""
         self.post(
             "ViewerCameraMessage",
             wxyz=[0.0, 1.0, 0.0, 0.0] if wxyz is None else wxyz,
@@ -65,15 +65,15 @@ class Tab:
         )
 
     def post(self, kind: str, **content: Any) -> None:
-        """Send one of viser's messages."""
+        """Send a message of viser's protocol."""
         self.viser.send(msgspec.msgpack.encode({"type": kind, **content}))
 
     def send(self, do: str, **content: Any) -> None:
-        """Send one of the page's own."""
+        """Send a message of the page's protocol."""
         self.ours.send(json.dumps({"do": do, **content}))
 
     def point(self, do: str, p_W_m: Any) -> None:
-        """The pointer over a place of the scene, seen by `look()`'s camera."""
+        """Send a pointer event at a point of the scene, as the camera of `look()` shows it."""
         x, y, z = self.page.context.view.to_view(p_W_m)
         across = 2 * (6.0 - z) * np.tan(0.4)
         self.send(
@@ -81,47 +81,47 @@ class Tab:
         )
 
     def control(self, label: str) -> dict[str, Any]:
-        """The control of that label, when it is there."""
+        """Wait for a control with this label; return it."""
         return self.wait(lambda: [c for c in list(self.controls.values()) if c["props"].get("label") == label])[-1]
 
     def set(self, label: str, value: Any) -> None:
-        """Give a control a value, as the user would."""
+        """Set the value of a control, as the user would."""
         self.post("GuiUpdateMessage", uuid=self.control(label)["uuid"], updates={"value": value})
 
     def choose(self, name: str) -> None:
-        """Take a swatch to paint with: press its card on the shelf."""
+        """Select a swatch to paint with, as a click on its card does."""
         self.send("library", act="use", name=name)
         self.settle()
 
     def wait(self, true: Callable[[], Any]) -> Any:
-        """The value of a condition once it is true, asked after each of at most `TRIPS_MAX` round trips to the page."""
-        for _ in range(TRIPS_MAX):
+        """Wait until a condition holds, checked after each round trip to the page; return its value."""
+        for _ in range(ROUNDS_MAX):
             if found := true():
                 return found
-            self._go_there_and_back()
+            self._round_trip()
         raise AssertionError("the condition did not become true")
 
     def settle(self) -> None:
-        """Until the page has done all that was sent on both sockets so far, and all that it told of that has come."""
+        """Wait until the page has handled all messages sent so far and its answers have arrived."""
         count = self.page.context.socket.refused
-        self.ours.send("no message of ours: it is counted")
+        self.ours.send("invalid message; the page counts it")
         self.wait(lambda: self.page.context.socket.refused > count)
         self._marks += 1
         height, client = 6.0 + 1e-9 * self._marks, self.page.server.get_clients()[self.client]
         self.look(position=[0.0, 0.0, height])
         self.wait(lambda: client.camera.position[2] == height)
-        self._go_there_and_back()
+        self._round_trip()
         shown = self.page.server.gui.add_html(mark := f"shown {self._marks}")
-        with self._told:
-            self._told.wait_for(lambda: any(c["props"].get("content") == mark for c in self.controls.values()))
+        with self._changed:
+            self._changed.wait_for(lambda: any(c["props"].get("content") == mark for c in self.controls.values()))
         shown.remove()
 
-    def _go_there_and_back(self) -> None:
+    def _round_trip(self) -> None:
         self._marks += 1
         mark = f"mark {self._marks}"
         self.page.server.get_event_loop().call_soon_threadsafe(self.page.context.socket.say, mark)
-        with self._told:
-            self._told.wait_for(lambda: mark in self.said)
+        with self._changed:
+            self._changed.wait_for(lambda: mark in self.said)
         self.said.remove(mark)
 
     def _read_viser(self) -> None:
@@ -131,10 +131,10 @@ class Tab:
                 assert isinstance(raw, bytes)
                 size, packed = (int.from_bytes(raw[i : i + 8], "little") for i in (0, 8))
                 batch = msgspec.msgpack.decode(unpack.decompress(raw[16 : 16 + packed], max_output_size=size))
-                with self._told:
+                with self._changed:
                     for message in batch["messages"]:
                         self._take(message)
-                    self._told.notify_all()
+                    self._changed.notify_all()
 
     def _take(self, message: dict[str, Any]) -> None:
         kind = message["type"]
@@ -157,11 +157,11 @@ class Tab:
     def _read_ours(self) -> None:
         with contextlib.suppress(ConnectionClosed):
             for raw in self.ours:
-                with self._told:
-                    self._hear(raw)
-                    self._told.notify_all()
+                with self._changed:
+                    self._receive(raw)
+                    self._changed.notify_all()
 
-    def _hear(self, raw: str | bytes) -> None:
+    def _receive(self, raw: str | bytes) -> None:
         if isinstance(raw, str):
             message = json.loads(raw)
             self.state = message.get("state", self.state)

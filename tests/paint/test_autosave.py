@@ -1,4 +1,4 @@
-"""Autosave: a killed process loses no more than since the last write, and what it left is offered, once, as a step."""
+"""Autosave: after a kill, work up to the last write is offered for recovery once, as one undo step."""
 
 import os
 import re
@@ -54,7 +54,7 @@ def test_recovery_refuses_another_scene(killed, path) -> None:
         session.document.recover(session.document.recovery())
 
 
-def test_what_is_not_wanted_is_removed(killed, path) -> None:
+def test_declined_recovery_is_removed(killed, path) -> None:
     session = Session.open(path)
     left = session.document.recovery()
     session.document.discard_recovery(left)
@@ -62,7 +62,7 @@ def test_what_is_not_wanted_is_removed(killed, path) -> None:
     session.document.discard_recovery(left)  # twice does no harm
 
 
-def test_what_was_found_stays_until_it_is_decided(killed, path) -> None:
+def test_recovery_file_stays_until_the_user_decides(killed, path) -> None:
     session = Session.open(path)
     session.document.start_autosave(interval_s=60.0)
     left = session.document.recovery()
@@ -82,7 +82,7 @@ def test_what_was_found_stays_until_it_is_decided(killed, path) -> None:
     assert not autosave_folder(path).exists()
 
 
-def test_what_cannot_be_recovered_stays(killed, path) -> None:
+def test_recovery_of_another_scene_is_refused_and_kept(killed, path) -> None:
     other = hapscene.Scene()
     other.add(path.parent / "ball.obj", name="cup", unit="mm")
     session = Session(other, path)
@@ -108,7 +108,7 @@ def test_two_painters_of_one_scene(path) -> None:
     second.document.close()
 
 
-def test_what_is_saved_or_undone_is_not_kept(path) -> None:
+def test_saved_or_undone_changes_leave_no_recovery_file(path) -> None:
     session = Session.open(path)
     session.document.start_autosave(interval_s=60.0)
     autosave = session.document.autosave
@@ -147,7 +147,7 @@ def test_a_scene_of_meshes_in_memory_and_a_new_name(scene, tmp_path) -> None:
     session.document.close()
 
 
-def test_a_place_that_cannot_be_written_is_said(path) -> None:
+def test_unwritable_folder_is_reported(path) -> None:
     autosave_folder(path).write_text("a file is in the way")
     with pytest.raises(SceneError):
         Session.open(path).document.start_autosave()
@@ -157,7 +157,7 @@ def test_a_place_that_cannot_be_written_is_said(path) -> None:
     assert session.document.recovery() is None and session.document.problem is None
 
 
-def test_a_folder_that_is_removed_meanwhile_is_said(path) -> None:
+def test_removed_folder_is_reported(path) -> None:
     session = Session.open(path)
     session.document.start_autosave(interval_s=60.0)
     session.fill_body("ball", 1)
@@ -181,7 +181,7 @@ def test_closed_without_saving_it_may_be_kept(path) -> None:
     assert not autosave_folder(path).exists()
 
 
-def test_whoever_holds_the_scene_may_save_and_close(path) -> None:
+def test_painter_that_holds_the_lock_can_save_and_close(path) -> None:
     session = Session.open(path)
     session.document.start_autosave(interval_s=0.001)  # the other thread looks all the time
     with session.lock:

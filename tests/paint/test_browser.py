@@ -1,4 +1,4 @@
-"""The page in a real browser: painted, felt, heard, saved and loaded."""
+"""The painter's page in a real browser: painting, touching, sound, saving and loading."""
 
 import numpy as np
 import pytest

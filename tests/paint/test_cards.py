@@ -18,7 +18,7 @@ def tapped(amplitude_m_s2: float, frequency_Hz: float) -> Swatch:
     return Swatch("t", taps=Taps([0.1], [amplitude_m_s2], [frequency_Hz], [80.0]))
 
 
-def test_a_swatch_in_words() -> None:
+def test_description_of_a_swatch() -> None:
     wood = hapscene.load_swatch("wood")
     said = {phrase.quality: phrase for phrase in phrases(wood)}
     assert (said["hardness"].word, said["hardness"].figure) == ("firm", "650 N/m")
@@ -29,15 +29,15 @@ def test_a_swatch_in_words() -> None:
     assert bare == ["firm", "no texture", "slippery", "no taps"]
 
 
-def test_gains_are_heard_in_the_words() -> None:
+def test_descriptions_include_the_gains() -> None:
     session = Session(_scene())
     wood = session.painting.swatch_named("wood")
     session.tune(wood, texture_gain=4.0, tap_gain=0.1)
     said = {phrase.quality: phrase.word for phrase in phrases(session.scene.swatches[wood])}
     assert said["texture"] == "very rough" and said["taps"] == "faint knocking taps"
     session.tune(wood, texture_gain=0.0, tap_gain=0.0)
-    told = [phrase.word for phrase in phrases(session.scene.swatches[wood])]
-    assert told == ["firm", "no texture", "sliding easily", "no taps"]
+    described = [phrase.word for phrase in phrases(session.scene.swatches[wood])]
+    assert described == ["firm", "no texture", "sliding easily", "no taps"]
 
 
 def _scene() -> hapscene.Scene:
@@ -58,7 +58,7 @@ def test_every_step_is_reached_at_its_bound(steps) -> None:
         low = bound
 
 
-def test_the_scenes_own_are_first(library) -> None:
+def test_swatches_of_the_scene_are_listed_first(library) -> None:
     add(Swatch("foam", stiffness_N_m=80.0, provenance="kitchen"))
     session = Session(_scene())
     session.tune(session.painting.swatch_named("wood"), stiffness_N_m=100.0)
@@ -122,6 +122,6 @@ def test_cards_are_sorted() -> None:
     assert taps == sorted(taps)
 
 
-def test_a_search_that_cannot_be(library) -> None:
+def test_invalid_search_is_refused(library) -> None:
     with pytest.raises(SwatchError, match="'colour'"):
         matching(all_cards(_scene()), "colour<3")

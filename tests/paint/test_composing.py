@@ -1,4 +1,4 @@
-"""What is done to the bodies of a scene: each a step, undone and done again; saved, and felt by nobody here."""
+"""Editing the bodies of a scene: each edit is one undo step and is saved."""
 
 from pathlib import Path
 
@@ -20,12 +20,12 @@ from .conftest import mesh_of, turned
 def session(scene, tmp_path: Path) -> Session:
     made = Session(scene, tmp_path / "made.scene.json")
     ticks = iter(range(0, 10_000, 10))
-    made.composing.clock = lambda: float(next(ticks))  # each a step of its own
+    made.composing.clock = lambda: float(next(ticks))  # edits 10 s apart are separate undo steps
     return made
 
 
-def told(session: Session) -> list[tuple[object, ...]]:
-    """All that a scene file would say of the bodies."""
+def body_rows(session: Session) -> list[tuple[object, ...]]:
+    """Return the stored properties of all bodies."""
     return [
         (b.name, b.mesh.digest, b.X_WB.tobytes(), b.parent, b.made_of, b.face_swatch.tobytes())
         for b in session.scene.bodies
@@ -51,16 +51,16 @@ def ball(name: str = "ball") -> hapscene.Scene:
         ("(*+", ["(*+"], "(*+ 2"),
     ],
 )
-def test_names_count_on(name: str, taken: list[str], free: str) -> None:
+def test_new_name_has_the_next_number(name: str, taken: list[str], free: str) -> None:
     assert numbered(name, taken) == free
 
 
-def test_everything_is_a_step_that_undo_takes_back_and_redo_does_again(session: Session) -> None:
+def test_each_edit_can_be_undone_and_redone(session: Session) -> None:
     composing = session.composing
-    states = [told(session)]
+    states = [body_rows(session)]
 
     def did() -> None:
-        states.append(told(session))
+        states.append(body_rows(session))
         assert states[-1] != states[-2]
 
     (added,) = composing.add(ball("plate"))
@@ -88,11 +88,11 @@ def test_everything_is_a_step_that_undo_takes_back_and_redo_does_again(session: 
     assert session.scene.body("plate 3").parent is None
     for state in reversed(states[:-1]):
         assert session.undo()
-        assert told(session) == state
+        assert body_rows(session) == state
     assert len(session.scene.swatches) == 2 and session.undo() is None
     for state in states[1:]:
         assert session.redo()
-        assert told(session) == state
+        assert body_rows(session) == state
     shapes = session.painting.shapes
     assert [shape.mesh for shape in shapes] == [body.mesh for body in session.scene.bodies]
     assert len(session.defaults) == len(shapes)
@@ -106,7 +106,7 @@ def test_copies_share_a_mesh_and_not_their_painting(session: Session) -> None:
     assert (other.face_swatch == 1).all() and (one.face_swatch == 0).all()
 
 
-def test_what_would_be_in_another_body_comes_beside_it_and_as_low(session: Session) -> None:
+def test_added_body_is_moved_beside_an_overlapping_body(session: Session) -> None:
     composing = session.composing
     inside, outside, far = ball("inside"), ball("outside"), ball("far")
     inside.bodies[0].X_WB[:3, 3] = session.scene.body("ball").X_WB[:3, 3]
@@ -170,10 +170,10 @@ def test_moves_within_a_second_are_one_step_and_a_drag_is_however_long_it_takes(
     np.testing.assert_array_equal(scene.body("ball").X_WB, was)
 
 
-def test_what_is_locked_or_hidden_stays(session: Session) -> None:
+def test_locked_and_hidden_bodies_cannot_be_changed(session: Session) -> None:
     composing, painting = session.composing, session.painting
     composing.lock("ball")
-    before = told(session)
+    before = body_rows(session)
     for act in (
         lambda: composing.move("ball", np.eye(4)),
         lambda: composing.scale("ball", 2.0),
@@ -182,7 +182,7 @@ def test_what_is_locked_or_hidden_stays(session: Session) -> None:
     ):
         with pytest.raises(SceneError, match="'ball'"):
             act()
-    assert session.fill_body("ball", 1) == 0 and told(session) == before
+    assert session.fill_body("ball", 1) == 0 and body_rows(session) == before
     composing.lock("ball", False)
     assert session.fill_body("ball", 1) > 0
 
@@ -196,7 +196,7 @@ def test_what_is_locked_or_hidden_stays(session: Session) -> None:
     assert not painting.hidden and session.pick(eye, (0.0, 0.0, -1.0)) is not None
 
 
-def test_a_scale_keeps_the_middle_and_there_and_back_is_the_same_mesh(session: Session) -> None:
+def test_scaling_keeps_the_centre_and_scaling_back_restores_the_mesh(session: Session) -> None:
     composing, scene = session.composing, session.scene
     (name,) = composing.add(ball("far"))
     one = scene.body(name)
@@ -213,17 +213,17 @@ def test_a_scale_keeps_the_middle_and_there_and_back_is_the_same_mesh(session: S
             composing.scale(name, factor)
 
 
-def test_a_scale_of_a_file_that_has_other_faces_by_now_is_refused(session: Session, tmp_path: Path) -> None:
+def test_scaling_is_refused_when_the_mesh_file_has_changed(session: Session, tmp_path: Path) -> None:
     file = tmp_path / "ball.stl"
     icosphere(subdivisions=1, radius=0.01).export(file)
     other = hapscene.Scene()
     other.add(file, unit="m", scale=2.0, name="file")
     session.composing.add(other)
     icosphere(subdivisions=2, radius=0.01).export(file)
-    before = told(session)
+    before = body_rows(session)
     with pytest.raises(SceneError):
         session.composing.scale("file", 2.0)
-    assert told(session) == before
+    assert body_rows(session) == before
 
 
 def test_sizes_that_were_tried_are_not_kept_prepared_for_ever(session: Session) -> None:
@@ -235,7 +235,7 @@ def test_sizes_that_were_tried_are_not_kept_prepared_for_ever(session: Session) 
     assert session.shapes[1].mesh is session.scene.body("plate").mesh
 
 
-def test_an_added_body_that_nobody_said_is_of_anything_is_plain(session: Session) -> None:
+def test_added_body_without_swatch_is_plain(session: Session) -> None:
     other = ball()
     other.bodies[0].made_of = None
     other.bodies[0].face_swatch[1:] = 0  # its first face alone is of wood
@@ -244,7 +244,7 @@ def test_an_added_body_that_nobody_said_is_of_anything_is_plain(session: Session
 
 
 @pytest.mark.parametrize(("size_m", "factor"), [(1e-4, 1e3), (20.0, 5e-3)])
-def test_a_wrong_unit_mended_leaves_a_body_beside_the_others(session: Session, size_m: float, factor: float) -> None:
+def test_corrected_unit_keeps_the_body_beside_the_others(session: Session, size_m: float, factor: float) -> None:
     session.composing.delete("plate")
     scene = hapscene.Scene()
     scene.add(mesh_of(box((size_m,) * 3)), name="cube")
@@ -255,7 +255,7 @@ def test_a_wrong_unit_mended_leaves_a_body_beside_the_others(session: Session, s
     assert 0.0 <= apart_m < 3.0 and cube_low[2] == pytest.approx(low[2])
 
 
-def test_the_last_body_stays_and_a_name_is_one(session: Session) -> None:
+def test_last_body_cannot_be_deleted_and_invalid_names_are_refused(session: Session) -> None:
     composing = session.composing
     composing.delete("plate")
     with pytest.raises(SceneError):
@@ -266,7 +266,7 @@ def test_the_last_body_stays_and_a_name_is_one(session: Session) -> None:
             composing.rename("ball", name)
 
 
-def test_another_swatch_of_the_same_name_comes_under_a_name_of_its_own(session: Session) -> None:
+def test_different_swatch_with_an_existing_name_is_renamed(session: Session) -> None:
     strange = ball()
     strange.swatches[1] = hapscene.Swatch(name="paper", stiffness_N_m=321.0)
     (name,) = session.composing.add(strange)
@@ -284,14 +284,14 @@ def test_a_composed_scene_is_saved_and_recovered(session: Session, tmp_path: Pat
     composing.scale(name, 2.0)
     composing.copy(name)
     composing.delete("plate")
-    state = [row[:4] for row in told(session)]
+    state = [row[:4] for row in body_rows(session)]
     assert session.document.close(keep=True)
 
     again = Session.open(session.path)
     recovery = again.document.recovery()
     assert recovery is not None
     again.document.recover(recovery)
-    assert [row[:4] for row in told(again)] == state
+    assert [row[:4] for row in body_rows(again)] == state
     assert again.scene.bodies[1].mesh is again.scene.bodies[2].mesh
     path = again.save(tmp_path / "mybunny")
     assert path.name == "mybunny.scene.json"

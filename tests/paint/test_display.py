@@ -1,4 +1,4 @@
-"""What is shown: whole where it is small, reduced where it is large, and always what the painting says."""
+"""The displayed mesh: complete for small scenes, reduced for large ones, always with the current painting."""
 
 import re
 import sys
@@ -32,7 +32,7 @@ def session() -> Session:
     return Session(scene)
 
 
-def test_a_small_scene_is_shown_as_it_is(session) -> None:
+def test_small_scene_is_displayed_unreduced(session) -> None:
     display = Display(session.painting)
     for body, shown in zip(session.scene.bodies, display.bodies, strict=True):
         np.testing.assert_array_equal(shown.mesh.shown_of, np.arange(len(body.mesh.faces)))
@@ -65,7 +65,7 @@ def test_chunks_hold_each_face_once_and_are_small(session) -> None:
         assert sum(len(layer.faces) for layer in leaves) == len(fine) > 0
 
 
-def test_a_body_that_is_painted_as_another_goes_is_drawn_anew(session) -> None:
+def test_painted_body_is_redrawn_while_another_is_deleted(session) -> None:
     session.fill_body("ball", session.add_swatch("wood"))
     session.composing.copy("plate")
     display = Display(session.painting)
@@ -119,10 +119,10 @@ def test_reduced_it_wears_the_larger_part_through_strokes_and_undo(session) -> N
     for step in range(8):
         before = now
         stroke(session, rng, (wood, paper)[step % 2])
-        told = set(display.update(session.painting.changes()))
+        updated = set(display.update(session.painting.changes()))
         now = {key: drawn(display, key) for key in display.chunks()}
         both = now.keys() | before.keys()
-        assert {key for key in both if now.get(key, []) != before.get(key, [])} == told
+        assert {key for key in both if now.get(key, []) != before.get(key, [])} == updated
     for b in range(2):
         assert display.bodies[b].swatch.tolist() == majority(session, display, b)
     while session.undo() is not None:
@@ -166,7 +166,7 @@ def test_a_chequered_chunk_is_not_drawn_twice(session) -> None:
 
 
 @pytest.mark.parametrize("thickness_m", [0.004, 0.0004])  # of the thin one the rim is slivers: see SLIVER_SINE
-def test_a_reduced_mesh_stays_near_and_keeps_its_sides(thickness_m: float) -> None:
+def test_reduced_mesh_is_close_to_the_original_with_equal_sides(thickness_m: float) -> None:
     shape = PaintableMesh(plate_mesh(thickness_m, cells=5))  # 12,288 faces, 1.25 mm on top
     made = reduce_mesh(shape, 1000)
     assert 300 < len(made.faces) <= 1000
@@ -177,8 +177,8 @@ def test_a_reduced_mesh_stays_near_and_keeps_its_sides(thickness_m: float) -> No
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
     flat = np.abs(shape.normal[:, 2]) > 0.9
-    alike = np.einsum("ij,ij->i", normal[made.shown_of], shape.normal)
-    assert (alike[flat] > -0.1).all()  # no face of the front is shown by one of the back
+    cosine = np.einsum("ij,ij->i", normal[made.shown_of], shape.normal)
+    assert (cosine[flat] > -0.1).all()  # no front face is represented by a back face
     ball = reduce_mesh(PaintableMesh(BALL), 1000)
     assert np.linalg.norm(ball.vertices_m, axis=1) == pytest.approx(0.02, rel=0.02)
     middle = PaintableMesh(BALL).centroid_m
@@ -228,7 +228,7 @@ def test_faces_without_area_wear_what_they_are_painted_with() -> None:
         np.testing.assert_array_equal(shown.swatch, scene.bodies[0].face_swatch)
 
 
-def test_the_painter_without_its_page_knows_no_browser() -> None:
+def test_painter_model_does_not_import_the_page() -> None:
     files = sorted((Path(hapscene.__file__).parent / "paint" / "model").glob("*.py"))
     assert len(files) > 5
     for file in files:

@@ -67,7 +67,7 @@ def test_a_scene_without_a_file_is_not_saved(scene, tmp_path) -> None:
     assert Session(scene).dirty
 
 
-def test_a_file_that_changed_meanwhile_is_not_written_over(session) -> None:
+def test_changed_file_is_not_overwritten(session) -> None:
     other = hapscene.load_scene(session.path)
     other.paint("plate", "leather")
     other.save(session.path)
@@ -81,12 +81,12 @@ def test_a_file_that_changed_meanwhile_is_not_written_over(session) -> None:
     session.save()  # from now on it is ours again
 
 
-def test_a_file_that_was_only_touched_is_ours(session) -> None:
+def test_file_with_a_new_time_but_equal_content_is_overwritten(session) -> None:
     os.utime(session.path, ns=(1, 1))
     session.save()
 
 
-def test_a_file_that_is_gone_is_asked_for(session) -> None:
+def test_deleted_file_needs_confirmation(session) -> None:
     session.path.unlink()
     with pytest.raises(SaveConflict):
         session.save()
@@ -142,7 +142,7 @@ def test_another_name_whose_painter_was_killed_is_asked_for(session, scene, tmp_
     assert find_recovery(taken) == left and "leather" in [s.name for s in left.load().swatches]
 
 
-def test_a_new_file_that_someone_makes_first(scene, tmp_path) -> None:
+def test_new_file_created_by_another_program_is_not_overwritten(scene, tmp_path) -> None:
     session = Session(scene, tmp_path / "new.scene.json")
     (tmp_path / "new.scene.json").write_text("{}")
     with pytest.raises(SaveConflict):
@@ -159,7 +159,7 @@ def test_stamps(tmp_path: Path) -> None:
         file_hash(tmp_path)
 
 
-def test_a_swatch_is_not_written_over_another(tmp_path) -> None:
+def test_swatch_file_is_not_overwritten(tmp_path) -> None:
     source, file = write_swatch(Swatch("foam"), tmp_path / "foam.swatch", False)
     assert source == file.resolve()
     with pytest.raises(SwatchError):
@@ -185,7 +185,7 @@ def test_a_scene_is_painted_and_saved_through_a_link(scene, tmp_path, target) ->
     assert (again.scene.body("ball").face_swatch == again.painting.swatch_named("wood")).all()
 
 
-def test_a_scene_taken_with_other_meshes_is_to_be_saved(scene, tmp_path) -> None:
+def test_accepting_changed_meshes_marks_the_scene_as_unsaved(scene, tmp_path) -> None:
     scene.save(tmp_path / "a.scene.json")
     text = (tmp_path / "ball.obj").read_text()
     (tmp_path / "ball.obj").write_text(text.replace("v 0", "v 0.001", 1))

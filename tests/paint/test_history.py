@@ -1,4 +1,4 @@
-"""The history: what it packs comes back, and it does not grow without bound."""
+"""The undo history restores packed states and limits its memory."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -9,7 +9,7 @@ from hapscene.paint.model.history import FaceDelta, History, Step, face_count_te
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 2_000_000), st.integers(0, 32767), st.integers(0, 32767)), max_size=50))
-def test_a_delta_comes_back(rows) -> None:
+def test_delta_is_unpacked_exactly(rows) -> None:
     rows = sorted({face: (face, old, new) for face, old, new in rows}.values())
     faces, old, new = (np.array([row[k] for row in rows], dtype) for k, dtype in enumerate(("i8", "i2", "i2")))
     delta = FaceDelta.pack(3, faces, old, new)
@@ -25,7 +25,7 @@ def noise(seed: int) -> Step:
     return Step(f"step {seed}", faces=(FaceDelta.pack(0, faces, old, new),))
 
 
-def test_the_oldest_steps_go_when_memory_is_full() -> None:
+def test_oldest_steps_are_dropped_when_memory_is_full() -> None:
     history = History(bytes_max=100_000)
     for seed in range(60):
         history.add(noise(seed))
@@ -43,14 +43,14 @@ def test_the_oldest_steps_go_when_memory_is_full() -> None:
     assert history.size == history.done[0].size
 
 
-def test_a_step_larger_than_all_memory_is_kept_alone() -> None:
+def test_step_above_the_memory_limit_is_the_only_one() -> None:
     history = History(bytes_max=10)
     history.add(noise(0))
     history.add(noise(1))
     assert [step.what for step in history.done] == ["step 1"]
 
 
-def test_the_state_is_the_same_when_the_scene_is() -> None:
+def test_equal_scenes_have_equal_states() -> None:
     history = History()
     states = [history.state]
     for seed in range(3):

@@ -25,7 +25,7 @@ from hapscene.scene.scene import Scene
 from .conftest import make_scene, mesh_of, plate_mesh
 
 
-def test_what_a_ray_hits() -> None:
+def test_ray_hits_the_expected_face() -> None:
     ring = annulus(0.01, 0.02, 0.015, sections=48)
     shape = PaintableMesh(mesh_of(ring))
     rng = np.random.default_rng(0)
@@ -61,7 +61,7 @@ def test_the_point_is_exact_from_afar() -> None:
     assert distance == pytest.approx(50.0 - 0.0005, abs=1e-9)
 
 
-def test_of_several_bodies_the_nearest(tmp_path) -> None:
+def test_nearest_of_several_bodies_is_hit(tmp_path) -> None:
     scene = make_scene(tmp_path)
     scene.pose("plate", np.eye(4))
     session = Session(scene)
@@ -89,7 +89,7 @@ def test_facets_are_those_of_regions(angle_rad: float) -> None:
 # The brush: distances against sampling, what is painted against its definition, walls, gaps and seams.
 
 
-coordinate = st.integers(-4, 4).map(float)  # whole numbers: parallel, touching and degenerate cases come often
+coordinate = st.integers(-4, 4).map(float)  # integers make parallel, touching and degenerate cases frequent
 vector = st.tuples(coordinate, coordinate, coordinate)
 
 
@@ -108,7 +108,7 @@ def test_distance_of_segment_and_triangle(p, q, a, b, c) -> None:
     assert sampled - half_step - 1e-9 <= found <= sampled + 1e-9
 
 
-def test_a_triangle_without_area_is_its_edges() -> None:
+def test_degenerate_triangle_counts_as_its_edges() -> None:
     assert segment_triangle((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (3.0, 0.0, 0.0)) == 1.0
     assert segment_triangle((0.0, 2.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) == 1.0
 
@@ -141,7 +141,7 @@ def test_on_a_plate_it_paints_the_capsule_and_the_way(ends, radius_m) -> None:
 PLATE = PaintableMesh(plate_mesh())
 
 
-def test_a_way_over_large_faces_has_no_gaps() -> None:
+def test_stroke_over_large_faces_has_no_gaps() -> None:
     shape = PaintableMesh(plate_mesh(cells=2))  # faces of 10 mm, a brush of 0.5 mm
     (f, p), (g, q) = top_face(shape, -0.019, -0.013), top_face(shape, 0.018, 0.016)
     painted = set(shape.brush((f, g), (p, q), 0.0005).tolist())
@@ -150,7 +150,7 @@ def test_a_way_over_large_faces_has_no_gaps() -> None:
         assert top_face(shape, x, y)[0] in painted
 
 
-def test_the_next_sheet_is_not_reached() -> None:
+def test_brush_does_not_reach_a_nearby_sheet() -> None:
     sheets = [trimesh.creation.box((0.04, 0.04, 1e-4)).subdivide().subdivide().subdivide() for _ in range(2)]
     sheets[1].apply_translation((0.0, 0.0, 3e-4))
     shape = PaintableMesh(mesh_of(trimesh.util.concatenate(sheets)))
@@ -170,7 +170,7 @@ def test_round_a_bend_it_paints_as_far_as_it_looks_the_same_way() -> None:
     np.testing.assert_array_equal(painted, np.flatnonzero(turn <= FACING_RAD))
 
 
-def test_a_way_over_an_edge_paints_both_sides() -> None:
+def test_stroke_over_an_edge_paints_both_sides() -> None:
     shape = PaintableMesh(mesh_of(box((0.04, 0.04, 0.04)).subdivide().subdivide().subdivide()))
     top, p = top_face(shape, 0.018, 0.001)
     side, _, q = shape.pick(np.array([1.0, 0.001, 0.018]), np.array([-1.0, 0.0, 0.0]))  # type: ignore[misc]
@@ -225,7 +225,7 @@ def test_a_ray_falls_on_the_nearest_body(scene) -> None:
     assert pick(scene.bodies, shapes, np.array([0.0, 0.0, np.nan]), np.array([0.0, 0.0, 1.0])) is None
 
 
-def test_a_ring_lies_on_a_ball(scene) -> None:
+def test_ring_is_on_the_surface_of_a_ball(scene) -> None:
     shapes = [PaintableMesh(body.mesh) for body in scene.bodies]
     up = TURN[:3, :3] @ np.array([0.0, 0.0, 1.0])
     hit = pick(scene.bodies, shapes, in_world(np.array([0.0, 0.0, 1.0])), -up)

@@ -53,7 +53,7 @@ def test_a_stroke_is_painted_at_its_mirror_images_only(session: Session, mirrors
     assert session.undo() is not None and session.scene.bodies[0].fine is None
 
 
-def test_a_box_and_the_eye_are_mirrored(session: Session) -> None:
+def test_box_and_eye_position_are_mirrored(session: Session) -> None:
     side = np.array([0.02, 0.01, 0.0])
     pose = POSE @ turned(0.0, tuple(side + MIDDLE))
     eye = POSE[:3, :3] @ np.array([0.5, 0.0, 0.0]) + POSE[:3, 3]

@@ -1,4 +1,4 @@
-"""Steps of a painting: what is open belongs together, ends with whatever else is done, and is undone as one."""
+"""Undo steps of a painting: changes in an open step are undone together; any other edit ends the step."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_an_open_step_is_one_undo_over_all_bodies(painting: Painting) -> None:
     assert painting.redo() is None
 
 
-def test_what_else_is_done_ends_an_open_step(painting: Painting) -> None:
+def test_other_edits_end_an_open_step(painting: Painting) -> None:
     before = swatches_of(painting)
     painting.begin_step("brush", "paper")
     painting.paint_faces(0, np.array([0]))
@@ -51,12 +51,12 @@ def test_what_else_is_done_ends_an_open_step(painting: Painting) -> None:
         painting.paint_faces(0, np.array([0]))
 
 
-def test_a_step_that_changes_nothing_is_none(painting: Painting) -> None:
+def test_step_without_changes_is_not_recorded(painting: Painting) -> None:
     both = {0: np.zeros(12, bool), 1: np.ones(12, bool)}
     assert painting.paint("fill", both, "paper") == 0 and painting.undo() is None
 
 
-def test_the_eraser_gives_each_body_its_own_default(painting: Painting) -> None:
+def test_eraser_restores_the_default_of_each_body(painting: Painting) -> None:
     before = swatches_of(painting)
     painting.paint("fill", {0: np.ones(12, bool)}, "paper")
     painting.paint("fill", {1: np.ones(12, bool)}, 0)

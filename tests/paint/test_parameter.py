@@ -22,7 +22,7 @@ def by_name(swatch: Swatch, device: str = "ideal", original: Swatch | None = Non
     return {p.name: p for p in parameters_of(swatch, original or swatch, ALL, limits, 1e-3)}
 
 
-def test_what_is_given_is_what_the_renderer_gives(scene) -> None:
+def test_displayed_values_equal_the_rendered_values(scene) -> None:
     scene.paint("plate", HARD)
     with pytest.warns(UserWarning, match="hard"):
         renderer = Renderer(scene, device="omni")
@@ -36,7 +36,7 @@ def test_what_is_given_is_what_the_renderer_gives(scene) -> None:
 
 
 @pytest.mark.parametrize("device", ["ideal", "omni", "premium-1.5"])
-def test_a_slider_ends_where_the_device_does(device) -> None:
+def test_slider_range_ends_at_the_device_limit(device) -> None:
     for swatch in (HARD, hapscene.load_swatch("wood"), Swatch("x", stiffness_N_m=0.0)):
         for p in by_name(swatch, device).values():
             assert p.minimum <= p.value <= p.maximum and np.isfinite(p.maximum)
@@ -63,14 +63,14 @@ def test_friction_stays_in_order(numbers, start) -> None:
         assert made.friction_static == numbers["friction_static"]
 
 
-def test_an_effects_own_number_does_not_hide_the_new_one() -> None:
+def test_effect_specific_value_does_not_override_a_new_value() -> None:
     swatch = Swatch("x", effects={"wall": {"damping_Ns_m": 3.0}, "other": {"kept": 1.0}})
     made = tuned(swatch, {"damping_Ns_m": 0.5, "tap_gain": 2.0}, ALL)
     assert by_name(made)["damping_Ns_m"].value == 0.5
     assert made.effects == {"other": {"kept": 1.0}, "tap": {"tap_gain": 2.0}}
 
 
-def test_what_was_measured_is_no_longer_said_of_what_was_turned() -> None:
+def test_changed_parameter_loses_its_measured_interval() -> None:
     swatch = Swatch(
         "x",
         friction_static=0.4,
@@ -93,6 +93,6 @@ def test_what_was_measured_is_no_longer_said_of_what_was_turned() -> None:
         ({"hardness": 1.0}, "'hardness'.*stiffness_N_m"),
     ],
 )
-def test_what_no_swatch_can_have(numbers, message) -> None:
+def test_invalid_parameters_are_refused(numbers, message) -> None:
     with pytest.raises(EffectError, match=message):
         tuned(HARD, numbers, ALL)

@@ -1,4 +1,4 @@
-"""Operations on a scene: whatever is done can be undone to the bit, done again, saved and loaded."""
+"""Operations on a scene can be undone and redone exactly, saved and loaded."""
 
 import math
 from pathlib import Path
@@ -86,7 +86,7 @@ def do(session: Session, kind: int, rng: np.random.Generator, folder: Path) -> N
 
 @settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.integers(0, 13), min_size=1, max_size=14), st.integers(0, 2**32 - 1))
-def test_whatever_is_done_is_undone_and_done_again_to_the_bit(tmp_path, kinds, seed) -> None:
+def test_random_edits_are_undone_and_redone_exactly(tmp_path, kinds, seed) -> None:
     session = Session(make_scene(tmp_path))
     rng = np.random.default_rng(seed)
     first = bits(session)
@@ -136,7 +136,7 @@ def test_a_stroke_is_one_step_and_follows_the_surface(scene) -> None:
     assert not (ball.face_swatch == wood).any() and ball.fine is None
 
 
-def test_a_stroke_leaves_the_surface_and_comes_back(scene) -> None:
+def test_stroke_continues_after_leaving_the_surface(scene) -> None:
     session = Session(scene)
     session.begin_stroke(session.add_swatch("wood"), 0.003)
     assert session.drag_to([0.0, 0.0, 1.0], [0.0, 0.0, 1.0]) is None
@@ -151,7 +151,7 @@ def test_a_stroke_leaves_the_surface_and_comes_back(scene) -> None:
         session.begin_stroke(9, 0.01)
 
 
-def test_the_eraser_brings_back_what_a_body_was(scene) -> None:
+def test_eraser_restores_the_original_swatch(scene) -> None:
     session = Session(scene)
     paper = session.painting.swatch_named("paper")
     assert session.defaults == [0, paper]
@@ -165,7 +165,7 @@ def test_the_eraser_brings_back_what_a_body_was(scene) -> None:
     assert session.painting.undo_text == "erase 'north', 700 faces"
 
 
-def test_the_eraser_brings_back_the_same_after_save_and_load(scene, tmp_path) -> None:
+def test_eraser_restores_the_original_swatch_after_save_and_load(scene, tmp_path) -> None:
     session = Session(scene, tmp_path / "made.scene.json")
     paper = session.painting.swatch_named("paper")
     session.fill_sphere([0.0, 0.08, 0.0], 0.01, session.add_swatch("wood"))
@@ -228,7 +228,7 @@ def test_regions_are_where_they_say(scene) -> None:
         (lambda s: s.save(), "scene.json"),
     ],
 )
-def test_what_cannot_be_done_is_said_and_changes_nothing(scene, act, message) -> None:
+def test_invalid_edit_is_refused_without_changes(scene, act, message) -> None:
     session = Session(scene)
     before = bits(session)
     with pytest.raises(HapsceneError, match=message):
@@ -237,7 +237,7 @@ def test_what_cannot_be_done_is_said_and_changes_nothing(scene, act, message) ->
     assert session.painting.undo_text is None and not session.document.changed
 
 
-def test_a_slider_is_one_step_while_it_moves(scene) -> None:
+def test_slider_movement_is_one_undo_step(scene) -> None:
     session = Session(scene)
     now = [0.0]
     session.tuning.clock = lambda: now[0]
@@ -307,7 +307,7 @@ def test_changes_are_returned_once(scene) -> None:
     assert gone.swatch_list and gone.swatches == () and not gone.faces
 
 
-def test_a_new_swatch_begins_as_a_copy(scene) -> None:
+def test_new_swatch_is_a_copy(scene) -> None:
     session = Session(scene)
     foam = session.tuning.copy_swatch(0, "foam")
     session.tune(foam, stiffness_N_m=80.0)
@@ -316,14 +316,14 @@ def test_a_new_swatch_begins_as_a_copy(scene) -> None:
     assert not any(parameter.applies for parameter in session.tuning.parameters(0))
 
 
-def test_what_a_session_is_made_of_is_told_in_a_line(scene, tmp_path) -> None:
+def test_repr_summarises_the_session_in_one_line(scene, tmp_path) -> None:
     session = Session(scene, tmp_path / "cup.scene.json")
     assert repr(session) == "<Session cup.scene.json: 2 bodies, 2,048 faces, 2 swatches, not saved>"
     session.fill_body("plate", session.add_swatch("wood"))
 
 
-def test_a_group_that_is_clicked_is_filled_alone(scene) -> None:
-    """Another whose name holds its name, as `fill_group` takes parts of names, stays."""
+def test_click_fills_only_the_group_with_exactly_that_name(scene) -> None:
+    """`fill_group` also matches parts of names; a click must not."""
     ball = scene.bodies[0].mesh
     mesh = Mesh(ball.vertices_m, ball.faces, (np.arange(len(ball.faces)) % 3).astype(np.int16), ("lid", "box/lid", "x"))
     scene.add(mesh, name="box")
@@ -336,7 +336,7 @@ def test_a_group_that_is_clicked_is_filled_alone(scene) -> None:
     assert session.fill_group("box", "lid", wood) == 427 + 427
 
 
-def test_a_swatch_is_given_by_its_name_as_by_its_index(scene) -> None:
+def test_swatch_is_given_by_name_or_index(scene) -> None:
     by_name, by_index = Session(scene), Session(Session(scene).painting.snapshot())
     wood = by_index.add_swatch("wood")
     by_name.add_swatch("wood")

@@ -1,4 +1,4 @@
-"""Fine paint as it is shown: where it is, as what, how much of it is made anew, and in the file's own colours."""
+"""Display of subdivided faces: position, swatch, number of redrawn patches, and colours of the mesh file."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_a_dab_on_a_cube_of_twelve_faces_is_a_disc(session: Session) -> None:
     assert area_of(display, 0) == pytest.approx(6 * 0.04**2 - disc, rel=0.01)
 
 
-def test_a_second_dab_far_away_changes_other_patches_and_undo_brings_all_back(session: Session) -> None:
+def test_distant_dab_changes_other_patches_and_can_be_undone(session: Session) -> None:
     display = Display(session.painting)
     first = area_of(display, 0)
     dab(session, 0.012, 0.012)
@@ -73,7 +73,7 @@ def test_no_patch_is_too_large_to_be_sent(session: Session) -> None:
     assert max(counts) <= SUBFACES_MAX < len(session.scene.bodies[0].fine)
 
 
-def test_a_file_has_few_colours_near_its_own() -> None:
+def test_colours_of_a_mesh_file_are_reduced_to_few_similar_ones() -> None:
     cube = box((0.04, 0.04, 0.04)).subdivide().subdivide()
     grey = np.linspace(0, 255, len(cube.faces)).astype(np.uint8)
     rgb = np.stack([grey, 255 - grey, np.full_like(grey, 80)], axis=1)

@@ -10,7 +10,7 @@ from .conftest import turned
 STAR = np.array([(0.5 if k % 2 else 0.2) * np.array([np.cos(k), np.sin(k)]) for k in np.arange(0.0, 6.0, 0.6)])
 
 
-def test_an_outline_holds_what_is_seen_inside_it_and_nothing_behind_the_eye() -> None:
+def test_outline_selects_visible_points_in_front_of_the_eye() -> None:
     X_EB = turned(0.4, (0.01, 0.02, 0.3))
     region = Outline(X_EB, STAR)
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (3000, 3))
@@ -23,7 +23,7 @@ def test_an_outline_holds_what_is_seen_inside_it_and_nothing_behind_the_eye() ->
     assert inside.sum() > 100 and not ahead.all()
 
 
-def test_no_distance_is_more_than_the_true_one() -> None:
+def test_distance_is_a_lower_bound() -> None:
     rng = np.random.default_rng(1)
     for region in (
         Outline(turned(0.4, (0.01, 0.02, 0.3)), STAR),

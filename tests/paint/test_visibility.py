@@ -22,7 +22,7 @@ def bowl() -> object:
     return mesh_of(ball)
 
 
-def test_the_back_of_a_face_is_not_hit_and_a_two_sided_one_is() -> None:
+def test_back_faces_are_hit_only_if_two_sided() -> None:
     for two_sided in (False, True):
         scene = Scene()
         scene.add(bowl(), name="bowl", swatch="wood", two_sided=two_sided)
@@ -34,7 +34,7 @@ def test_the_back_of_a_face_is_not_hit_and_a_two_sided_one_is() -> None:
         assert bool(session.end_stroke()) is two_sided
 
 
-def test_a_thin_wall_keeps_its_other_side_and_hidden_bodies_their_paint() -> None:
+def test_other_side_of_a_thin_wall_and_hidden_bodies_are_not_painted() -> None:
     scene = Scene()
     scene.add(plate_mesh(0.001), name="upper")
     scene.add(plate_mesh(0.001), name="lower", pose=turned(0.0, (0.0, 0.0, -0.003)))
@@ -81,7 +81,7 @@ def test_against_rays_over_all_faces(away_m: float) -> None:
 
 
 @pytest.mark.parametrize("tool", ["box", "brush"])
-def test_a_face_that_is_half_hidden_is_painted_up_to_the_shadow(tool: str) -> None:
+def test_partly_occluded_face_is_painted_where_visible(tool: str) -> None:
     scene = Scene()
     scene.add(mesh_of(box((0.2, 0.2, 0.01))), name="plate")
     scene.add(mesh_of(icosphere(subdivisions=4, radius=0.02)), name="ball", pose=turned(0.0, (0.0, 0.0, 0.06)))
@@ -112,7 +112,7 @@ def test_a_face_that_is_half_hidden_is_painted_up_to_the_shadow(tool: str) -> No
     assert max(wrong_m) < finest_of(body.mesh) + 0.02 * (1 - np.cos(np.pi / 50))  # the ball is of facets
 
 
-def test_what_hides_a_face_narrowly_is_not_missed() -> None:
+def test_narrow_occluder_is_detected() -> None:
     scene = Scene()
     scene.add(mesh_of(box((0.2, 0.2, 0.01))), name="plate")
     scene.add(mesh_of(box((0.0015, 0.3, 0.001))), name="wire", pose=turned(0.0, (0.013, 0.0, 0.06)))

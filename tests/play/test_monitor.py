@@ -15,7 +15,7 @@ class MuteServo:
         raise HandleError("dualsense: plays no more: was it unplugged?" if self.asked == 1 else "has ended")
 
 
-def test_a_handle_that_is_gone_is_told_and_its_first_reason_kept() -> None:
+def test_first_error_of_a_disconnected_handle_is_reported() -> None:
     monitor = Monitor.__new__(Monitor)
     monitor._servo, monitor._mute = MuteServo(), ""  # type: ignore[assignment]
     for _ in range(2):

@@ -90,7 +90,7 @@ def test_each_finger_has_a_tool_and_one_too_many_has_none(page: PageServer) -> N
     assert downs(page) == [False, False]
 
 
-def test_a_page_that_goes_away_lifts_its_tools(page: PageServer) -> None:
+def test_closed_page_lifts_its_tools(page: PageServer) -> None:
     tab = connect(page)
     assert json.loads(tab.recv(PATIENCE_S))["title"] == "a plate"
     tab.send('{"points": [[1, 0.5, 0.5, 0.5]]}')
@@ -103,7 +103,7 @@ def test_a_page_that_goes_away_lifts_its_tools(page: PageServer) -> None:
     assert not downs(page)[0]
 
 
-def test_a_finger_that_says_nothing_more_is_lifted(page: PageServer, clock: VirtualClock) -> None:
+def test_finger_without_events_is_lifted(page: PageServer, clock: VirtualClock) -> None:
     page.take(1, {"points": [[1, 0.5, 0.5, 0.5]]})
     clock.sleep_s(0.9 * page_server.STALE_S)
     page.beat()
@@ -149,11 +149,11 @@ class FakeServo:
         return SimpleNamespace(tick=0, touching=False)
 
 
-def test_effects_are_switched_and_a_kiosk_puts_all_back(page: PageServer, clock: VirtualClock) -> None:
+def test_kiosk_resets_effects_and_sound(page: PageServer, clock: VirtualClock) -> None:
     servo: Any = FakeServo(make_scene())
-    heard: list[Any] = []
+    switched: list[Any] = []
     page.attach(servo)
-    page.sound = lambda on, volume: heard.append((on, volume))
+    page.sound = lambda on, volume: switched.append((on, volume))
     page.take(1, {"switch": ["friction", False], "sound": [True, 0.5]})
     page.take(1, {"switch": ["friction", False]})  # it is off already
     assert servo.orders == [("friction", True)]
@@ -170,14 +170,14 @@ def test_effects_are_switched_and_a_kiosk_puts_all_back(page: PageServer, clock:
     page.beat()
     assert page.state()["resets"] == 1
     assert servo.orders == [("friction", False), "resume"]
-    assert heard == [(True, 0.5), (False, 0.5)]
+    assert switched == [(True, 0.5), (False, 0.5)]
     assert page.state()["effects"]["friction"]
     clock.sleep_s(2.0 * KIOSK_S)
     page.beat()
-    assert page.state()["resets"] == 1  # not again before somebody came
+    assert page.state()["resets"] == 1  # no second reset without a visitor
 
 
-def test_what_an_order_is_refused_for_is_told(page: PageServer) -> None:
+def test_refused_order_reports_the_reason(page: PageServer) -> None:
     def refuse(on: bool, volume: float) -> None:
         raise HapsceneError("no card")
 
@@ -187,7 +187,7 @@ def test_what_an_order_is_refused_for_is_told(page: PageServer) -> None:
     assert page.state()["sound"] is False
 
 
-def test_the_frame_leads_there_and_back() -> None:
+def test_conversion_to_the_page_and_back_is_exact() -> None:
     frame = page_server.TopFrame(make_scene())
     for x_m, y_m in ((0.0, 0.0), (0.05, -0.03)):
         assert frame.find(*frame.point(x_m, y_m)) == pytest.approx((x_m, y_m, 0.0), abs=1e-6)

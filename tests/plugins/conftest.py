@@ -1,4 +1,4 @@
-"""A bench for one effect alone: touches in, outputs out, compiled as the tick compiles it, or interpreted."""
+"""Test bench for a single effect: computes outputs from contacts, compiled as in the tick, or interpreted."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -25,7 +25,7 @@ CASES = {
 @pytest.mark.parametrize("device", ["omni", PointMass(0.045, 0.1)], ids=["omni", "point"])
 @pytest.mark.parametrize("times", [1.0, 2.0])
 @pytest.mark.parametrize("case", CASES)
-def test_it_comes_to_rest(case, times, device):
+def test_tool_comes_to_rest(case, times, device):
     """A light grip moves 12 mm through the field in 0.2 s and then holds for 4 s; also at twice the strength."""
     effect, name, setting = CASES[case]
     default = next(param.default for param in effect.params if param.name == name)

@@ -72,7 +72,7 @@ def test_a_file_of_version_1_is_read(tmp_path: Path) -> None:
         Recording.load(tmp_path / "lacking.npz")
 
 
-def test_csv_round_trip(tmp_path: Path) -> None:
+def test_csv_export_and_import_are_inverse(tmp_path: Path) -> None:
     recording = make_recording()
     recording.save_csv(tmp_path / "touch.csv")
     with (tmp_path / "touch.csv").open(encoding="utf-8", newline="") as file:

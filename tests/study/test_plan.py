@@ -1,4 +1,4 @@
-"""A plan says what it should, or which key does not and what is allowed."""
+"""A valid plan is read; the error of an invalid plan names the key and the permitted values."""
 
 import tomllib
 from pathlib import Path

@@ -19,7 +19,7 @@ PLAN = parse_plan(TEXT.replace("trials = 20", "trials = 5"))
 
 
 def sequence(plan: Plan, person: str, place: int) -> list[Trial]:
-    """All trials of somebody who always says the first."""
+    """Return all trials of a participant who always chooses the first interval."""
     asked = trials(plan, person, place)
     found = [next(asked)]
     try:

@@ -30,7 +30,7 @@ def changed(**keys: object) -> str:
     return json.dumps(content)
 
 
-def test_look_round_trip() -> None:
+def test_written_and_read_look_are_equal() -> None:
     text = swatch_to_json(FELT)
     assert swatch_from_json(text) == FELT and json.loads(text)["version"] == 3
     look = swatch_from_json(text).look

@@ -19,7 +19,7 @@ def talk(connection: ServerConnection) -> None:
         connection.recv()
 
 
-def test_who_comes_while_it_closes_is_not_left_with_an_open_connection() -> None:
+def test_connection_during_shutdown_is_closed() -> None:
     """It is let in, and all is closed before it is served."""
     closers: list[Thread] = []
 

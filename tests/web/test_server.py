@@ -35,7 +35,7 @@ def content(name: str) -> tuple[bytes, str] | None:
 
 @pytest.fixture
 def opened() -> Iterator[Opened]:
-    """A server, and what its pages have sent; each page is greeted, and one that closes is noted."""
+    """A server that greets each page, and records the received messages and closed pages."""
     taken: Queue[Any] = Queue()
     with WebServer(
         resources.files("hapscene.play"),
@@ -100,7 +100,7 @@ def test_messages_reach_the_program_and_every_page(opened: Opened) -> None:
     assert [taken.get(timeout=PATIENCE_S) for _ in range(2)] == ["left", "left"]
 
 
-def test_a_connection_that_breaks_is_noticed(opened: Opened) -> None:
+def test_broken_connection_is_detected(opened: Opened) -> None:
     server, taken = opened
     tab = connect(server)
     assert receive(tab)
@@ -146,7 +146,7 @@ def test_a_page_that_does_not_read_is_disconnected(opened: Opened) -> None:
             tab.recv(PATIENCE_S)
 
 
-def test_what_was_sent_before_the_end_arrives() -> None:
+def test_messages_before_the_end_arrive() -> None:
     joined = Event()
     files = resources.files("hapscene.play")
     server = WebServer(files, "page", take=lambda page, message: None, joined=lambda page: joined.set())

@@ -175,7 +175,7 @@ def _in_band(frequency_Hz: ArrayLike) -> NDArray[np.bool_]:
 
 
 TONE_HZ: Final = 30.0
-"""Width of the band about a frequency with whose median a spectral line is compared [Hz]."""
+"""Width of the band around a spectral line [Hz]; the line is compared with the median of the band."""
 
 TONE_RATIO: Final = 8.0
 """Smallest ratio of a spectral line to that median [1]; noise exceeds it at 0.4 % of all frequencies."""

@@ -125,7 +125,7 @@ def fit_modulation(texture: Texture, stretches: Sequence[Streams]) -> Modulation
     spread = 0.5 * np.sqrt(power)
     whole = float(np.sqrt(np.sum(spread**2)))
     if 2.0 * gain < SUPPORT or whole < SPREAD_LEAST:
-        return ModulationFit(None, reason="the level varies no more than that of stationary noise", ahead=ahead)
+        return ModulationFit(None, reason="the level varies no more than the level of stationary noise", ahead=ahead)
     rng = np.random.default_rng(0)
     chance, kernels = seen.noise, seen.kernels[_KINDS[kind]]
     square = (chance + power @ kernels) * rng.chisquare(1.0, (DRAWS, len(chance)))

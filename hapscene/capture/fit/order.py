@@ -74,7 +74,7 @@ WARPED_MISFIT_DB: Final = 0.35
 of the best plain order; with this value, it is 1.01."""
 
 DISTANCE_RATIO: Final = 1.1
-"""Largest held-out distance relative to that of the best order, if none is within the floor [1]."""
+"""Largest held-out distance, relative to the best order, that is accepted if no order reaches the floor [1]."""
 
 PERCEPTUAL_JND: Final = 0.75
 """Largest difference between a shipped texture and the model of the highest order [JND], rms over the bands."""
@@ -129,8 +129,8 @@ def perceptual_domain(acceleration_m_s2: Array, rate_Hz: float) -> tuple[int, fl
 def search_domain(acceleration_m_s2: Array, rate_Hz: float, domain: str = "auto") -> OrderSearch:
     """Searches the order on the plain or the warped frequency axis; "auto" chooses the axis on held-out data.
 
-    The axis whose band powers are nearer to those of the other half by at least `DOMAIN_JND` is chosen; if the
-    difference is smaller, the one with the lower computing cost. A plain model with sensor noise that fits is kept.
+    Chooses the axis whose band powers predict the held-out half better by at least `DOMAIN_JND`; for smaller
+    differences, the axis with the lower computing cost. If a plain model with sensor noise fits, it is chosen.
     """
     warp = warp_at(rate_Hz)
     if domain == "warped" and warp > 0.0:

@@ -61,8 +61,8 @@ OFF: Final = 0.5
 """Lower threshold of the hysteresis, relative to the upper one [1]."""
 
 LEVEL_RATIO: Final = 12.0
-"""Smallest ratio of the vibration level to that of the quietest parts at which it separates rest from motion [1]. Noise
-20 dB below a stationary vibration gives 13; sliding on the raster plate gives at most 11.7."""
+"""Smallest ratio of the vibration level to its level in the quietest parts that distinguishes motion from rest [1].
+Noise 20 dB below a stationary vibration gives 13; sliding on the raster plate gives at most 11.7."""
 
 LEVEL_S: Final = 0.01
 """Window of the vibration level [s]."""
@@ -242,7 +242,7 @@ def onset(acceleration: Array, quiet: float, rate: float) -> int:
 
 
 def _rung_out(level: Array, onset: int, quiet: float, last: int) -> int:
-    """Sample at which the ringing of an impact ends: the level is near that before it, or below 2 % of its peak."""
+    """Return the sample at which an impact has decayed to the level before it or to 2 % of its peak."""
     part = level[onset:last]
     if not len(part):
         return onset + 1
@@ -252,7 +252,7 @@ def _rung_out(level: Array, onset: int, quiet: float, last: int) -> int:
 
 
 def _vibrating(level: Array, rate: float, air: Mask) -> tuple[bool, Mask]:
-    """Whether the vibration separates rest from motion, and the samples (n,) with vibration."""
+    """Return whether the vibration distinguishes rest from motion, and the mask (n,) of samples with vibration."""
     quiet = float(np.median(level[air])) if np.count_nonzero(air) > 0.1 * rate else float(np.quantile(level, 0.02))
     loud, usual = float(np.quantile(level, 0.95)), float(np.median(level))
     taps_alone = loud < LEVEL_RATIO * quiet and usual < 2.0 * quiet

@@ -72,7 +72,7 @@ SPEED_S: Final = (0.025, 0.006)
 """Start and end, before the onset, of the time in which the approach speed is measured [s]."""
 
 ASSUMED_APPROACH_M_S: Final = 0.1
-"""Assumed approach speed of taps without recorded speed [m/s]: that of drumming fingers."""
+"""Assumed approach speed of taps without recorded speed [m/s]: the speed of drumming fingers."""
 
 FITTED_MAX: Final = 40
 """Largest number of impacts that are fitted, evenly selected over approach speed."""

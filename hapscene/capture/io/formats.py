@@ -71,7 +71,7 @@ def check_range(name: str, column: Column, scale: float = 1.0, most: float = VAL
     """Check that no scaled number of a column is infinite or larger than `most`; NaN marks a missing sample.
 
     Raises:
-        CaptureError: a number is; it is named by its column and row, counted from 1 after the header.
+        CaptureError: a number is infinite or too large; the message has its column and row (1: first row of data).
     """
     with np.errstate(invalid="ignore"):
         beyond = np.flatnonzero(np.abs(scale * np.asarray(column, np.float64)) > most)

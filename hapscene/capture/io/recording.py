@@ -288,7 +288,7 @@ def tilt(quaternion: list[Array]) -> Array:
 
 
 def rate_of(given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
-    """Sample rate: the given one, else that of the file, else that of its time column."""
+    """Return the given sample rate; by default the rate in the file, or the rate of its time column."""
     if given_Hz is not None:
         return float(given_Hz)
     if source.rate_Hz is not None:

@@ -33,13 +33,13 @@ from hapscene.io.wire.unit import UNITS
 __all__ = ["RATIO_MIN", "ClockOffset", "JoinResult", "SampledStreams", "clock_offset", "join"]
 
 OFFSET_MAX_S: Final = 10.0
-"""Largest offset between the starts of two recordings [s]: that of two programs started by one person."""
+"""Largest offset between the starts of two recordings [s], for two programs started by one person."""
 
 DRIFT_MAX: Final = 300e-6
-"""Largest drift [1]: that of two ordinary crystals with errors of 100 ppm, plus temperature."""
+"""Largest drift [1]: two ordinary crystals with errors of 100 ppm each, plus temperature."""
 
 RATIO_MIN: Final = 2.5
-"""Smallest ratio of the largest correlation to the largest one elsewhere [1]. Unrelated recordings have up to 1.5,
+"""Smallest ratio of the correlation peak to the second-largest peak [1]. Unrelated recordings have up to 1.5,
 noise of 1.5 s up to 2.3, strokes 3.5 to 16."""
 
 RATE_MIN_HZ: Final = 100.0

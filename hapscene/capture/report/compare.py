@@ -382,7 +382,7 @@ def load_library(folder: str | os.PathLike[str] | None = None) -> tuple[list[Swa
 
 
 def _folder(path: Path) -> tuple[list[Swatch], dict[str, str]]:
-    """As `load_library`, for one folder, which may be missing."""
+    """Load the swatches of one folder, as `load_library`; a missing folder gives no swatches."""
     found, broken = [], {}
     for file in sorted(path.rglob("*" + SUFFIX)):
         try:

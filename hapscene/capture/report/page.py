@@ -37,10 +37,10 @@ if TYPE_CHECKING:
 __all__ = ["report", "write_report"]
 
 MODULATION_RATIO: Final = 1.6
-"""Largest ratio of modulation depths [1]: that between halves of one second; chance alone gives 1.3 to 1.5."""
+"""Largest accepted ratio of modulation depths [1]. Two halves of a signal of 1 s differ by 1.3 to 1.5 by chance."""
 
 DISTANCE_RATIO: Final = 1.1
-"""Largest ratio of the spectral distance to that of the best order, or to that of the halves [1]."""
+"""Largest accepted spectral distance, relative to the distance at the best order or between the two halves [1]."""
 
 MARKS: Final = {"good": "✓ good", "equal": "≈ as the halves", "short": "✗ insufficient"}
 """Labels of the grades: imperceptible; perceptible, but no larger than between the halves; larger."""
@@ -160,7 +160,7 @@ def rows(comparison: Comparison) -> list[Row]:
 
 
 def _bands_row(measure: str, band_dB: Array, held: HeldOut | None) -> Row:
-    """Number of bands with a perceptible difference of level, compared with that of the halves."""
+    """Count the bands with a perceptible difference in level, and compare with the difference between the halves."""
     count = int(np.count_nonzero(np.abs(band_dB) > BAND_DB))
     largest = float(band_dB[np.argmax(np.abs(band_dB))])
     required = f"0 bands by more than {BAND_DB:g} dB; the largest difference is {signed(largest, 1)} dB"

@@ -95,7 +95,7 @@ def plot_spectra(held_out: HeldOut) -> Plot:
     return Plot(
         "Spectra",
         f"The log-spectral distance between the model of the first half and the second half is "
-        f"{held_out.distance_dB:.2f} dB; that of the two halves is {held_out.floor_dB:.2f} dB.",
+        f"{held_out.distance_dB:.2f} dB; the distance between the two halves is {held_out.floor_dB:.2f} dB.",
         drawn("spectra", draw, columns=1),
         "Power spectral density over frequency of both halves of the recording and of the model.",
     )

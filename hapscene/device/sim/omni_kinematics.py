@@ -139,7 +139,7 @@ def joints_at(x: float, y: float, z: float) -> Vector:
 
 @native
 def leverage(turns: Turns) -> float:
-    """det J relative to that of the nominal posture [1]; 0 in a singular posture."""
+    """Determinant of the Jacobian relative to the nominal posture [1]; 0 in a singular posture."""
     _, _, s2, c2, s3, c3 = turns
     return (UPPER_M * c2 + FOREARM_M * s3) / NOMINAL_LEVER_M[0] * (c3 * c2 + s3 * s2)
 

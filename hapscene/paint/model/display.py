@@ -431,7 +431,7 @@ class ShownBody:
         return found
 
     def _first_full(self) -> NDArray[np.int64]:
-        """The face (S,) of the full mesh whose tint each shown face takes."""
+        """Return the face (S,) of the full mesh that determines the tint of each displayed face."""
         first = self._full[np.minimum(self._start[:-1], len(self._full) - 1)]
         first[self.mesh.lent[:, 0]] = self.mesh.lent[:, 1]
         return np.asarray(first)
@@ -530,7 +530,7 @@ def _used(vertices_m: NDArray[np.float32], faces: NDArray[np.int32]) -> tuple[ND
 
 
 def _chunk_of(centroid_m: NDArray[np.floating], most: int = CHUNK) -> NDArray[np.int32]:
-    """Chunk (S,) of each point (S, 3): points are bisected across the longest side until none has more than `most`."""
+    """Return the chunk (S,) of each point (S, 3). Bisects the points until each chunk has at most `most` points."""
     chunk = np.zeros(len(centroid_m), np.int32)
     waiting, count = [np.arange(len(centroid_m))], 0
     while waiting:
@@ -687,7 +687,7 @@ def _under(
 def _stand_for(
     shape: PaintableMesh, corner_m: NDArray[np.float64], normal: NDArray[np.float64], shown_of: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Complete `shown_of` (M,) where it is −1, by centroid and normal; and find `ReducedMesh.lent`."""
+    """Replace −1 in `shown_of` (M,) by the face nearest in position and normal; compute `ReducedMesh.lent`."""
     edge_m = float(np.median(np.linalg.norm(corner_m[:, 1] - corner_m[:, 0], axis=1)))
     scale_m = NORMAL_EDGES / 2 * edge_m  # opposite unit normals are 2 apart
     shown = np.hstack([corner_m.mean(axis=1), scale_m * normal])

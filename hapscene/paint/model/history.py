@@ -97,7 +97,7 @@ class FaceDelta:
 
 
 def changed_faces(one: FinePaint, other: FinePaint) -> NDArray[np.int32]:
-    """Faces whose subfaces differ, ascending."""
+    """Return the faces with different subfaces, ascending."""
     a, b = subface_hashes(one), subface_hashes(other)
     return np.union1d(one.face[~np.isin(a, b)], other.face[~np.isin(b, a)])
 
@@ -170,7 +170,7 @@ class BodyDelta:
 
     @property
     def size(self) -> int:
-        """Memory [bytes]: a deleted body is kept alive by its step."""
+        """Memory of the step [bytes]; a step that deletes a body stores the body."""
         gone = self.old if self.new is None else None
         return 0 if gone is None else gone.face_swatch.nbytes + gone.mesh.vertices_m.nbytes + gone.mesh.faces.nbytes
 

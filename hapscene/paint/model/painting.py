@@ -521,7 +521,7 @@ def set_default_swatch(body: Body) -> None:
 
 
 def drop_unused_meshes(made: dict[int, Any], bodies: Sequence[Body]) -> None:
-    """Drop entries, keyed by mesh id, whose mesh no body uses; the last `UNUSED_MESHES_MAX` are kept for undo."""
+    """Remove entries (keyed by mesh id) of meshes that no body uses, except the last `UNUSED_MESHES_MAX`, for undo."""
     used = {id(body.mesh) for body in bodies}
     for key in [key for key in list(made) if key not in used][:-UNUSED_MESHES_MAX]:
         del made[key]

@@ -38,7 +38,7 @@ DASH: Final = 4
 """Number of consecutive dark, then bright sides of the ring [count]."""
 
 ARROW_N: Final = 2.0
-"""Force whose arrow has an eighth of the length of the scene's diagonal [N]: about that of a firm stroke."""
+"""Force of an arrow with an eighth of the length of the scene's diagonal [N]: about the force of a firm stroke."""
 
 VIEWS: Final[Mapping[str, tuple[float, float, float]]] = {
     "front": (0.0, -1.0, 0.0),

@@ -70,7 +70,7 @@ def test_stribeck_curve(seed):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_stribeck_and_viscous_friction(seed):
-    """All are found within their intervals, to the 0.5 % by which blocks bend a curve; so is growth alone."""
+    """Parameters are within their intervals plus 0.5 % for averaging over blocks, also with viscous growth only."""
     found = fit_friction(stroke(lambda v: 0.3 + 0.15 * np.exp(-((v / 0.02) ** 2)) + 0.8 * v, seed, 30.0))
     truth = {"friction_dynamic": 0.3, "friction_static": 0.45, "friction_stribeck_m_s": 0.02}
     for name, value in (truth | {"friction_viscous_s_m": 0.8}).items():

@@ -43,7 +43,7 @@ offsets = st.tuples(st.floats(-0.08, 0.08), st.floats(-0.06, 0.06), st.floats(-0
 
 @settings(deadline=None)
 @given(poses, offsets)
-def test_it_starts_where_it_is_put_in_any_pose(pose: Any, offset: tuple[float, ...]) -> None:
+def test_arm_starts_at_the_given_position_and_pose(pose: Any, offset: tuple[float, ...]) -> None:
     X_WD = np.eye(4)
     X_WD[:3, :3], X_WD[:3, 3] = Rotation.from_rotvec(pose[0]).as_matrix(), pose[1]
     p_WT = X_WD[:3, :3] @ (forward(NOMINAL_RAD) + offset) + X_WD[:3, 3]
@@ -77,7 +77,7 @@ def test_motors_do_the_work_of_the_force_they_are_asked_for(
 
 @settings(deadline=None, max_examples=30)
 @given(poses, st.tuples(*[st.floats(-5, 5)] * 3))
-def test_the_hand_s_numbers_are_in_W(pose: Any, push: tuple[float, ...]) -> None:
+def test_hand_values_are_in_the_world_frame(pose: Any, push: tuple[float, ...]) -> None:
     """In any pose of the device the tool, heavy with a hand of 1 kg, starts along push, spring and damper together."""
     X_WD = np.eye(4)
     X_WD[:3, :3], X_WD[:3, 3] = Rotation.from_rotvec(pose[0]).as_matrix(), pose[1]
@@ -91,7 +91,7 @@ def test_the_hand_s_numbers_are_in_W(pose: Any, push: tuple[float, ...]) -> None
     assert holder.target_m[0] == pytest.approx(p_WT + away_m + rate_m_s * 1e-6, abs=1e-15)
 
 
-def test_a_hand_takes_the_tool_where_it_means_it_to_be() -> None:
+def test_hand_pulls_the_tool_to_its_target() -> None:
     omni = Omni(friction_N=0.0).record(ORIGIN)
     holder = hand(k_N_m=200.0, b_Ns_m=5.0, target_m=(0.03, -0.02, 0.04))
     for _ in range(20 if INTERPRETED else 1000):
@@ -146,7 +146,7 @@ def test_encoders_read_whole_counts_of_the_arm() -> None:
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_at_rest_the_tool_is_off_the_arm_by_force_over_stiffness(axis: int) -> None:
+def test_deflection_at_rest_is_force_over_stiffness(axis: int) -> None:
     """Motors hold what the hand pushes: the encoders see nothing, the tool gives by f/k of the data sheet."""
     omni = Omni().record(forward(NOMINAL_RAD), np.eye(4))
     push = np.zeros(3)
@@ -247,7 +247,7 @@ def test_compensated_gravity_holds_the_arm_without_friction() -> None:
     assert fallen[1] > 5e-3
 
 
-def test_a_force_that_is_no_number_is_none() -> None:
+def test_nan_force_counts_as_zero() -> None:
     omni = EXACT.record(ORIGIN)
     hold_omni(omni[0], 0.0, math.nan, 0.0)
     assert omni.trouble[0] == OmniFlag.FORCE_NOT_FINITE
@@ -257,7 +257,7 @@ def test_a_force_that_is_no_number_is_none() -> None:
 
 
 @pytest.mark.parametrize(("push_N", "flagged"), [(90.0, False), (150.0, True)])
-def test_a_hand_stronger_than_any_is_flagged(push_N: float, flagged: bool) -> None:
+def test_hand_force_above_the_limit_is_flagged(push_N: float, flagged: bool) -> None:
     omni = EXACT.record(ORIGIN)
     advance_omni(omni[0], hand(push_N=(push_N, 0.0, 0.0))[0], 1e-3)
     assert bool(omni.trouble[0] & OmniFlag.HAND_LIMITED) is flagged

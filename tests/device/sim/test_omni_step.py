@@ -119,7 +119,7 @@ def test_energy_is_kept_to_second_order(compliant: bool) -> None:
 
 @settings(max_examples=6, deadline=None)
 @given(st.tuples(*[st.floats(-5, 5)] * 3), st.booleans())
-def test_it_only_ever_loses_energy(dq: tuple[float, float, float], compliant: bool) -> None:
+def test_energy_never_increases(dq: tuple[float, float, float], compliant: bool) -> None:
     """Pushed and released: no step gains more than the integrator's error, and friction brings it to rest."""
     omni = Omni(gravity=False, compliant=compliant).record(ORIGIN)
     omni.dq = dq
@@ -177,7 +177,7 @@ def test_with_encoders_halving_the_step_moves_the_tip_by_less_than_a_count() -> 
     assert np.abs(coarse - fine)[:, :3].max() < 5.5e-5
 
 
-def test_a_long_call_is_many_short_ones() -> None:
+def test_one_long_call_equals_many_short_calls() -> None:
     a, b, c = (Omni().record(ORIGIN) for _ in range(3))
     one, other, third = (hand(k_N_m=200.0, b_Ns_m=2.0, target_m_s=(0.1, 0.0, 0.0)) for _ in range(3))
     advance_omni(a[0], one[0], 1e-3)
@@ -193,7 +193,7 @@ def test_a_long_call_is_many_short_ones() -> None:
     assert a.tobytes() == before.tobytes()
 
 
-def test_it_sticks_exactly_and_does_not_creep_under_vibration() -> None:
+def test_static_friction_holds_without_creep_under_vibration() -> None:
     """Reference F3: half of friction's force, and a fifth of it on top at 20 Hz: no joint moves, ever."""
     omni = Omni().record(ORIGIN)
     pusher = hand()
@@ -349,7 +349,7 @@ def test_speeds_and_forces_go_through_the_jacobian(q: NDArray[np.float64], v: ND
 
 
 @given(postures, speeds)
-def test_the_loop_s_coriolis_is_the_matrix_s(q: NDArray[np.float64], dq: NDArray[np.float64]) -> None:
+def test_coriolis_terms_of_loop_and_matrix_are_equal(q: NDArray[np.float64], dq: NDArray[np.float64]) -> None:
     slopes = slopes_at(q[1], q[2], turns_at(*q))
     assert coriolis_at(slopes, *dq) == pytest.approx(coriolis_matrix(q, dq) @ dq, abs=1e-12)
 
@@ -372,7 +372,7 @@ def test_apparent_mass_is_the_published_range() -> None:
 
 
 def test_lightest_direction_with_orthogonal_arms_is_the_forearm_s() -> None:
-    """The forearm moves the tip alone there: k7 / l2²."""
+    """In this pose only the forearm moves the tip; its stiffness is k7 / l2²."""
     for angle in (0.2, 0.65, 1.2):
         q = np.array([0.0, angle, angle])
         J = jacobian(q)

@@ -46,9 +46,7 @@ def test_held_force_on_a_damped_mass_is_exact(m: float, b: float, v: float, f: f
 
 @settings(deadline=None)
 @given(st.floats(20.0, 800.0), st.floats(0.1, 20.0), st.floats(-0.5, 0.5), st.sampled_from((1, 3, 50)))
-def test_a_hand_that_moves_on_is_followed_as_the_matrix_exponential_says(
-    k: float, b: float, u: float, steps: int
-) -> None:
+def test_response_to_a_moving_hand_equals_the_matrix_exponential(k: float, b: float, u: float, steps: int) -> None:
     from scipy.linalg import expm
 
     m, own, t = 0.05, 0.1, 0.02
@@ -111,7 +109,7 @@ def test_impossible_numbers_of_a_point_are_refused_by_name(name: str, value: flo
         PointMass(**{"mass_kg": 0.1, name: value})
 
 
-def test_a_point_may_be_without_friction_but_not_without_mass() -> None:
+def test_friction_may_be_zero_but_mass_must_be_positive() -> None:
     assert PointMass(0.1, 0.0, 0.0, 0.0).b_Ns_m == 0.0
     with pytest.raises(HapsceneError, match="mass_kg must be finite and above 0, is 0"):
         PointMass(0.0)

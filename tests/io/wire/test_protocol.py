@@ -159,7 +159,7 @@ def test_too_long_line_is_discarded() -> None:
 @settings(max_examples=60, deadline=None)
 @given(st.binary(max_size=2000), st.integers(1, 300))
 def test_samples_after_noise_are_decoded(noise: bytes, size: int) -> None:
-    """Intact lines after a line end are decoded, whatever precedes them."""
+    """Intact lines after a line end are decoded, also after damaged data."""
     decoder = Decoder(HEADER)
     decoder.feed(sample_line(0, row(0)), 0.0)
     for i in range(0, len(noise), size):

@@ -1,4 +1,4 @@
-"""Charts and page are generated from the table alone."""
+"""Charts and page are generated from the table of results only."""
 
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every stabiliser in closed loop, against reference results."""
 
-import math
-
 import pytest
 
 from hapscene.device.model import DEVICES
@@ -19,9 +17,6 @@ def test_stabilisers_of_an_unstable_wall(device, gesture, stiffness):
     for name in ("limits", "virtual damping", "passivity"):
         assert found[name].kept == pytest.approx(1.0, abs=1e-3), name
     assert found["coupling"].kept == pytest.approx(200.0 / 2200.0, rel=1e-3)
-    worst = found["passivity, uncapped"]
-    assert worst.energy_J > 10.0 * found["passivity"].energy_J  # the cap prevents this
-    assert found["shading"].rest_speed_m_s > REST_M_S and math.isnan(found["shading"].kept)
 
 
 @pytest.mark.parametrize("gesture", ["tap", "tour"])

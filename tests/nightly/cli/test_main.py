@@ -49,7 +49,7 @@ CODE = "import sys; from hapscene.cli import main; sys.exit(main(sys.argv[1:]))"
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
 @pytest.mark.parametrize(
-    ("words", "shell", "code", "output"),
+    ("arguments", "shell", "code", "output"),
     [
         ("swatch list", ">&-", 0, ""),
         ("--help", ">&-", 0, ""),
@@ -63,14 +63,14 @@ CODE = "import sys; from hapscene.cli import main; sys.exit(main(sys.argv[1:]))"
         ("check cube.stl --unit mm --fix mended.ply", ">&-", 0, ""),
     ],
 )
-def test_streams_that_are_closed_or_full(folder: Path, words: str, shell: str, code: int, output: str) -> None:
+def test_streams_that_are_closed_or_full(folder: Path, arguments: str, shell: str, code: int, output: str) -> None:
     if "/dev/full" in shell and not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
-    command = f'exec "{sys.executable}" -c "{CODE}" {words} {shell}'
+    command = f'exec "{sys.executable}" -c "{CODE}" {arguments} {shell}'
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, encoding="utf-8", check=False)
     assert done.returncode == code, done.stderr
     assert done.stdout + done.stderr == output
-    if "--fix" in words:  # what is opened meanwhile does not become standard output
+    if "--fix" in arguments:  # the file must not get the descriptor of the closed standard output
         assert (folder / "mended.ply").read_bytes()[:4] == b"ply\n"
 
 

@@ -1,4 +1,4 @@
-"""Every format that is read: a small valid file, made by a writer, and its reader."""
+"""File formats to fuzz: for each, a small valid file and its reader."""
 
 import io
 import json
@@ -49,7 +49,7 @@ from hapscene.swatches import library
 from hapscene.teleoperation.datagram import MESSAGE, DatagramFilter, pack
 
 Files = Mapping[str, bytes]
-"""Contents by name: the file that is broken first, then those beside it."""
+"""Contents by file name: first the file to damage, then the files it refers to."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,13 @@ class Format:
     """One format.
 
     Attributes:
-        make: the good file; readers go by the suffix of its name.
-        read: the reader; where it gives a number, that many elements (faces, samples) were read.
-        soak, quick: mutants in the long run and in the short one.
-        left: how many elements a content holds, for text of one line each: cut at the end of a line it is a good file.
-            A file of any other format that was cut and gives fewer than the good one, and no warning, is a lie.
-        roams: whether it may name files anywhere, to be read.
-        file: whether it is a file, which messages name; else what comes over a line.
+        make: returns the valid file; the suffix of its name selects the reader.
+        read: the reader. An integer result is the number of elements (faces, samples) it read.
+        soak, quick: number of mutants in the long run and in the short run.
+        left: counts the elements in a text with one element a line, which is still valid when it is cut after a line.
+            For other formats, reading a cut file without a warning must give all elements of the valid file.
+        roams: whether the file may refer to files in any folder.
+        file: whether error messages must name the file; False for messages of a connection.
     """
 
     make: Callable[[], Files]
@@ -157,8 +157,8 @@ def step() -> Files:
     whole = put("PRODUCT_DEFINITION_SHAPE('','',%s)", put("PRODUCT_DEFINITION('','',%s,%s)", version, design))
     put("SHAPE_DEFINITION_REPRESENTATION(%s,%s)", whole, shape)
     head = "FILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\nFILE_SCHEMA(('AUTOMOTIVE_DESIGN'));"
-    all_of_it = ["ISO-10303-21;\nHEADER;", head, "ENDSEC;\nDATA;", *text, "ENDSEC;\nEND-ISO-10303-21;\n"]
-    return {"x.step": "\n".join(all_of_it).encode()}
+    file_lines = ["ISO-10303-21;\nHEADER;", head, "ENDSEC;\nDATA;", *text, "ENDSEC;\nEND-ISO-10303-21;\n"]
+    return {"x.step": "\n".join(file_lines).encode()}
 
 
 def read_mesh(path: Path) -> int:
@@ -201,7 +201,7 @@ def fidelity(path: Path) -> None:
 
 
 def written(write: Callable[[Path], object], name: str) -> Callable[[], Files]:
-    """What a writer makes, given a place to write to."""
+    """Return a function that runs a writer in a temporary folder and returns the files it wrote."""
 
     def make() -> Files:
         with tempfile.TemporaryDirectory() as place:
@@ -333,7 +333,7 @@ def touch() -> Files:
     return {"x.npz": out.getvalue()}
 
 
-# What comes over a line: a file holds what was received.
+# Messages of a connection: the file holds the received bytes.
 
 
 def serial() -> Files:
@@ -343,7 +343,7 @@ def serial() -> Files:
 
 def read_serial(path: Path) -> None:
     decoder, data = Decoder(), path.read_bytes()
-    for i in range(0, len(data), 37):  # in pieces, as a port gives them
+    for i in range(0, len(data), 37):  # in chunks, as a serial port delivers them
         decoder.feed(data[i : i + 37], 1e-3 * i)
 
 
@@ -356,7 +356,7 @@ def datagram() -> Files:
 def read_datagram(path: Path) -> None:
     message = np.zeros(1, MESSAGE)[0]
     DatagramFilter(0).accept(path.read_bytes(), message)
-    assert all(np.isfinite(message[name]).all() for name in MESSAGE.names or ()), "let in, and no number"
+    assert all(np.isfinite(message[name]).all() for name in MESSAGE.names or ()), "accepted, but not finite"
 
 
 def page() -> Files:
@@ -380,7 +380,7 @@ kind = "rating"
 stimuli = ["a", "b"]
 repeats = 2
 [[blocks]]
-name = "told"
+name = "compared"
 kind = "2ifc"
 pairs = [["a", "b"]]
 repeats = 3

@@ -1,4 +1,4 @@
-"""Sends mutants to a worker process and judges each answer."""
+"""Sends damaged files to a worker process and checks each result."""
 
 import json
 import os
@@ -18,15 +18,15 @@ from formats import FORMATS, Format
 from mutate import mutant
 
 HANG_S = 10.0
-"""Longest processor time that a file may take [s]."""
+"""Longest processor time for reading a file [s]."""
 
 CLOCK_S = 60.0
-"""Longest elapsed time [s], generous for a busy machine."""
+"""Longest elapsed time for reading a file [s]; long, for busy machines."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A file whose reading went wrong."""
+    """A damaged file that the reader did not handle correctly."""
 
     format: str
     kind: str
@@ -38,7 +38,7 @@ class Finding:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Findings of one key are one."""
+        """Key of duplicates: findings with the same key count once."""
         return self.format, self.kind, self.what, self.where
 
     def __str__(self) -> str:
@@ -47,7 +47,7 @@ class Finding:
 
 
 class Worker:
-    """The process that reads, started again after a crash. A context manager."""
+    """Context manager of the worker process, which restarts it after a crash."""
 
     def __enter__(self) -> "Worker":
         self._place = tempfile.TemporaryDirectory()
@@ -67,13 +67,13 @@ class Worker:
             self._warm.clear()
 
     def read(self, name: str, content: bytes | None = None) -> dict[str, Any]:
-        """The result of reading a content of that format; of the valid file where none is given."""
+        """Return the result of reading `content`, or the valid file of the format by default."""
         files = good(name)
         if name not in self._warm:
             for file, held in files.items():
                 self._folder(name).mkdir(exist_ok=True)
                 (self._folder(name) / file).write_bytes(held)
-            self._ask(name, limited=False, most_s=300.0)  # imports and compiling do not count
+            self._ask(name, limited=False, most_s=300.0)  # excludes imports and compilation from the limits
             self._warm.add(name)
         (self._folder(name) / next(iter(files))).write_bytes(next(iter(files.values())) if content is None else content)
         return self._ask(name, limited=True, most_s=CLOCK_S)
@@ -87,7 +87,7 @@ class Worker:
             pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
             worker = [sys.executable, str(Path(__file__).with_name("worker.py"))]
             threads["TMPDIR"] = str(place := Path(self._place.name, "temporary"))
-            place.mkdir(exist_ok=True)  # before an import asks for it, or that takes another
+            place.mkdir(exist_ok=True)  # must exist before `tempfile` chooses a folder
             environment = {**os.environ, **threads, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
             self._process = subprocess.Popen(worker, cwd=self._place.name, env=environment, text=True, **pipes)
         process = self._process
@@ -115,27 +115,27 @@ _GOOD: dict[str, dict[str, bytes]] = {}
 
 
 def good(name: str) -> dict[str, bytes]:
-    """The valid file of a format, and those beside it."""
+    """Return the valid file of a format and the files it refers to."""
     if name not in _GOOD:
         _GOOD[name] = dict(FORMATS[name].make())
     return _GOOD[name]
 
 
-def judged(entry: Format, told: dict[str, Any], content: bytes, cut: bool, whole: int) -> dict[str, Any] | None:
-    """The fault of a result, or None. `whole`: the number of elements of the valid file."""
-    if told["kind"] not in ("loaded", "refused"):
-        return told
-    if told["seconds"] > HANG_S:
-        return told | {"kind": "hang", "text": f"{told['seconds']:.0f} s"}
-    if cut and told["kind"] == "loaded" and not told["warned"]:
+def fault_of(entry: Format, result: dict[str, Any], content: bytes, cut: bool, whole: int) -> dict[str, Any] | None:
+    """Return the result with its fault, or None if it is correct. `whole`: number of elements of the valid file."""
+    if result["kind"] not in ("loaded", "refused"):
+        return result
+    if result["seconds"] > HANG_S:
+        return result | {"kind": "hang", "text": f"{result['seconds']:.0f} s"}
+    if cut and result["kind"] == "loaded" and not result["warned"]:
         least = whole if entry.left is None else entry.left(content)
-        if told["count"] < least:
-            return told | {"kind": "smaller", "text": f"{told['count']} of {least} are read, without a warning"}
+        if result["count"] < least:
+            return result | {"kind": "smaller", "text": f"read {result['count']} of {least} elements without a warning"}
     return None
 
 
 def campaign(worker: Worker, name: str, seed: str, count: int) -> Iterator[Finding]:
-    """Read that many mutants of a format; yields the first finding of each key."""
+    """Read `count` mutants of a format; yield the first finding of each key."""
     entry, found = FORMATS[name], set()
     whole = worker.read(name)
     assert whole["kind"] == "loaded", f"the good file of {name} is not read: {whole}"
@@ -143,7 +143,7 @@ def campaign(worker: Worker, name: str, seed: str, count: int) -> Iterator[Findi
     for i in range(count):
         this = f"{seed}:{name}:{i}"
         content, cut = mutant(first, Random(this))
-        wrong = judged(entry, worker.read(name, content), content, cut, whole["count"])
+        wrong = fault_of(entry, worker.read(name, content), content, cut, whole["count"])
         if wrong is None:
             continue
         finding = Finding(name, wrong["kind"], wrong["what"], wrong["where"], wrong["text"], this, content)

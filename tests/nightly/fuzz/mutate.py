@@ -1,7 +1,7 @@
-"""Mutants of a good file: its bytes, its words and numbers, its JSON; inside of what has a checksum or a length, too.
+"""Damages valid files at random: bytes, words, lines and JSON values.
 
-A shell is taken off (a zip, a GLB, an npy header, ...), one part of it is changed,
-and the shell is put on again with sums and lengths that fit, so that the change arrives where the numbers are read.
+Containers (zip, GLB, npy, ...) are unpacked, one part is changed, and the container is written again with correct
+checksums and lengths, so that the change reaches the code behind these checks.
 """
 
 import contextlib
@@ -40,19 +40,19 @@ MAGIC = (0, 1, 2, 3, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 2**31 - 1, 2**31, 2**32 -
 
 
 def mutant(content: bytes, rng: Random) -> tuple[bytes, bool]:
-    """A changed content; and whether it is the good one with a piece cut out, no more."""
+    """Return damaged content, and whether the only damage is a missing range of bytes."""
     if rng.random() < 0.15:
         a, b = sorted((rng.randrange(len(content) + 1), rng.randrange(len(content) + 1)))
         a, b = (a, len(content)) if rng.random() < 0.5 else (a, min(b, a + rng.choice((1, 7, 300))))
         return content[:a] + content[b:], True
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
-        with contextlib.suppress(RecursionError):  # of a nest that an earlier change has made
+        with contextlib.suppress(RecursionError):  # an earlier change has nested JSON too deeply
             content = changed(content, rng)
     return content, False
 
 
 def changed(content: bytes, rng: Random) -> bytes:
-    """One change, inside of the shell where there is one; most often, for outside the sum finds it."""
+    """Make one change, mostly inside a container: changes outside are caught by its checksum."""
     if (shell := unpacked(content, rng)) and rng.random() < 0.85:
         parts, join = shell
         i = rng.randrange(len(parts))
@@ -67,7 +67,7 @@ def changed(content: bytes, rng: Random) -> bytes:
 
 
 def in_bytes(content: bytes, rng: Random) -> bytes:
-    """A bit, a number of a length, a piece of it."""
+    """Change a bit, a byte or an integer; remove, insert, repeat or copy a range of bytes."""
     data, a = bytearray(content or b"\0"), rng.randrange(max(1, len(content)))
     b = a + rng.choice((1, 2, 4, 8, 80, 300))
     what = rng.randrange(7)
@@ -92,7 +92,7 @@ def in_bytes(content: bytes, rng: Random) -> bytes:
 
 
 def in_words(content: bytes, rng: Random) -> bytes:
-    """A number becomes another one or none, a word another one."""
+    """Replace a number or a word."""
     pattern = rb"-?\d+(\.\d+)?([eE][-+]?\d+)?" if rng.random() < 0.7 else rb"[^\s,;<>=\"'/()]+"
     found = list(re.finditer(pattern, content))
     if not found:
@@ -105,7 +105,7 @@ def in_words(content: bytes, rng: Random) -> bytes:
 
 
 def in_lines(content: bytes, rng: Random) -> bytes:
-    """A line goes, comes twice, or stands elsewhere. Of a text in one line, what lies between two brackets."""
+    """Remove, repeat, swap or cut lines; in a text of one line, the parts between brackets or commas."""
     cut = b"\n" if content.count(b"\n") > 2 else b">" if b">" in content else b","
     lines = content.split(cut)
     i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
@@ -122,7 +122,7 @@ def in_lines(content: bytes, rng: Random) -> bytes:
 
 
 def in_json(content: bytes, rng: Random) -> bytes:
-    """A value of another type, a key that is gone, is called otherwise or stands twice, a nest."""
+    """Replace, remove, copy or rename a JSON value, or replace it by nested lists."""
     try:
         tree = json.loads(content)
     except (ValueError, RecursionError):  # broken by an earlier change
@@ -156,11 +156,11 @@ def in_json(content: bytes, rng: Random) -> bytes:
     return text.replace('"NEST"', "[" * depth + "]" * depth).encode(errors="surrogatepass")
 
 
-# Shells: the parts, and what puts them together again.
+# Containers: each function returns the parts, and a function that joins them again.
 
 
 def unpacked(content: bytes, rng: Random) -> tuple[list[bytes], Join] | None:
-    """The parts of a content that has a shell that is known."""
+    """Return the parts of a known container, or None."""
     for start, shell in SHELLS.items():
         if content.startswith(start):
             try:
@@ -175,7 +175,7 @@ def _zip(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
         names = archive.namelist()
         parts = [archive.read(name) for name in names]
     methods = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
-    method = rng.choices(methods, (8, 8, 2, 1))[0]  # the last takes long
+    method = rng.choices(methods, (8, 8, 2, 1))[0]  # LZMA is slow
     if rng.random() < 0.1:
         i = rng.randrange(len(names))
         names[i] = rng.choice(("../x", "", names[0], names[i].upper(), "A" * 300))
@@ -185,7 +185,7 @@ def _zip(content: bytes, rng: Random) -> tuple[list[bytes], Join]:
 
         out = io.BytesIO()
         with zipfile.ZipFile(out, "w", method) as archive, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of names that stand twice
+            warnings.simplefilter("ignore")  # about duplicate names
             for name, part in zip(names, parts, strict=True):
                 archive.writestr(zipfile.ZipInfo(name), part, method)
         return out.getvalue()

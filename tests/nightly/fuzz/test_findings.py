@@ -1,4 +1,4 @@
-"""Regressions found by fuzzing: the smallest file of each is refused with an error that names the file."""
+"""Regressions found by fuzzing: the reader refuses each file with an error that names the file."""
 
 import io
 import re
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the worker's li
 
 
 def npy(header: str, data: bytes = b"") -> bytes:
-    """An array's file with that header, right or wrong."""
+    """Return an npy file with the given header, which may be invalid."""
     return b"\x93NUMPY\1\0" + struct.pack("<H", len(header)) + header.encode() + data
 
 
@@ -34,18 +34,18 @@ def array() -> bytes:
 
 
 def spoilt(content: bytes, at: int, value: bytes) -> bytes:
-    """Some bytes of it replaced; counted from the end where `at` is below 0."""
+    """Return the content with bytes replaced from `at` on; a negative `at` counts from the end."""
     at = at % len(content)
     return content[:at] + value + content[at + len(value) :]
 
 
 def packed_wrongly(method: int) -> bytes:
-    """An archive whose member's own content is damaged."""
+    """Return an archive with damaged compressed data."""
     return spoilt(archive(array(), method=method), 30 + len("acceleration.npy") + 12, b"\xff\0\xff\0\xff")
 
 
 def declared(flags: int, method: int) -> bytes:
-    """An archive whose member says that it has those flags and that method, at both places."""
+    """Return an archive with these flags and this method in both headers of its member."""
     content, words = archive(array()), struct.pack("<HH", flags, method)
     return spoilt(spoilt(content, 6, words), content.index(b"PK\1\2") + 8, words)
 
@@ -56,7 +56,7 @@ def riff(*chunks: tuple[bytes, bytes]) -> bytes:
 
 
 def sound(channels: int = 1, rate: int = 1000, block: int = 2, bits: int = 16, kind: int = 1) -> bytes:
-    """The chunk that says what kind of sound it is."""
+    """Return the content of the format chunk of a WAV file."""
     return struct.pack("<HHIIHH", kind, channels, rate, rate * block, block, bits)
 
 
@@ -68,7 +68,7 @@ TOKEN = HEADER.replace("<f8", "<U1").replace("20", "1")
 
 
 def touch_with(member: str, content: bytes) -> bytes:
-    """A touch recording, one of whose arrays is another."""
+    """Return a touch recording with one array replaced."""
     out = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(good("touch")["x.npz"])) as whole, zipfile.ZipFile(out, "w") as made:
         for name in whole.namelist():
@@ -83,19 +83,19 @@ def npz_at(rate_Hz: float) -> bytes:
 
 
 def mat_of_tag_11() -> bytes:
-    """The tag miDOUBLE, 9, of the first numbers is made 11, which no type has."""
+    """Replace the first type tag miDOUBLE (9) by 11, which is not a type."""
     content = good("mat")["x.mat"]
     return spoilt(content, content.index(struct.pack("<II", 9, 8)), b"\x0b")
 
 
 def without(name: str, start: int, end: int) -> bytes:
-    """The good file of a format, with a piece cut out."""
+    """Return the valid file of a format without the bytes from `start` to `end`."""
     content = next(iter(good(name).values()))
     return content[:start] + content[end:]
 
 
 def other(name: str, pattern: str, new: str) -> bytes:
-    """The good file, the first such text in it replaced."""
+    """Return the valid file of a format with the first match of a pattern replaced."""
     content = next(iter(good(name).values()))
     changed = re.sub(pattern.encode(), new.encode(), content, count=1)
     assert changed != content
@@ -103,7 +103,7 @@ def other(name: str, pattern: str, new: str) -> bytes:
 
 
 def painted_of_nan() -> bytes:
-    """The first coordinate of the painted glTF is no number."""
+    """Replace the first coordinate of the painted glTF by NaN."""
     content = good("painted-glb")["x.glb"]
     start = 28 + struct.unpack_from("<I", content, 12)[0]
     return spoilt(content, start, struct.pack("<f", np.nan))
@@ -143,7 +143,7 @@ MADE = {
     "painted-glb-nan": ("painted-glb", painted_of_nan),
     "painted-ply-far": ("painted-ply", lambda: other("painted-ply", "(?s)(end_header\n).{8}", r"\1AAAAAA~~")),
 }
-"""Format and content of each file."""
+"""Format and content of each invalid file, by name."""
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +153,7 @@ def worker() -> Iterator[Worker]:
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_an_invalid_file_is_refused(worker: Worker, name: str) -> None:
+def test_invalid_file_is_refused(worker: Worker, name: str) -> None:
     kind, content = MADE[name]
-    told = worker.read(kind, content())
-    assert told["kind"] == "refused" or told.get("warned"), told
+    result = worker.read(kind, content())
+    assert result["kind"] == "refused" or result.get("warned"), result

@@ -1,4 +1,4 @@
-"""Meshes that others made, through `hapscene check`: examined, or refused in a line; the exit code tells which."""
+"""`hapscene check` examines third-party meshes or refuses them in one line, with the matching exit code."""
 
 from pathlib import Path
 
@@ -27,6 +27,6 @@ def meshes(shared: Path) -> list[Path]:
 
 
 @pytest.mark.parametrize("large", [False, pytest.param(True, marks=pytest.mark.soak)])
-def test_meshes_of_others_are_examined(shared: Path, capsys: pytest.CaptureFixture[str], large: bool) -> None:
+def test_third_party_meshes_are_examined(shared: Path, capsys: pytest.CaptureFixture[str], large: bool) -> None:
     for file in (f for f in meshes(shared) if (f.stat().st_size > QUICK_MAX_B) == large):
         checked(file, capsys)

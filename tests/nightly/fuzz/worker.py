@@ -1,6 +1,7 @@
-"""The process that reads mutants: under limits, watched, and not missed when it dies.
+"""Worker process of the fuzzer: reads damaged files under resource limits and reports each result.
 
-A line on standard input names a format and a file; a line on standard output says what became of it.
+Each line on standard input names a format and a file; each line on standard output is the result in JSON.
+A crash of the reader ends only this process.
 """
 
 import json
@@ -17,22 +18,22 @@ from formats import FORMATS
 from hapscene.errors import HapsceneError
 
 MEMORY_FREE_B = 200_000_000
-"""Memory that any file may take [bytes]; beside it, four times its size."""
+"""Memory that reading may allocate in addition to four times the size of the file [bytes]."""
 
 ROOT = Path(__file__).resolve().parents[3]
 TEMPORARY = Path.cwd() / "temporary"
-"""Where files may be made that are gone afterwards."""
+"""Folder in which the reader may create temporary files."""
 
 READABLE = tuple(map(str, (TEMPORARY, ROOT, sys.prefix, sys.base_prefix, "/proc", "/sys", "/dev", "/usr", "/lib")))
 WRITABLE = (str(TEMPORARY), os.devnull)
 
-_deeds: list[str] = []
-"""What the reader did that none may do, since the last file."""
+_forbidden: list[str] = []
+"""Forbidden actions of the reader since the last file: access outside its folders, processes, connections."""
 _watch: dict[str, Any] = {"folder": None, "roams": False}
 
 
 def note(event: str, arguments: tuple[Any, ...]) -> None:
-    """An audit hook: files outside, whatever is written, removed, run or sent."""
+    """Audit hook that records forbidden actions."""
     if _watch["folder"] is None:
         return
     if event == "open" and isinstance(arguments[0], str | bytes):
@@ -40,12 +41,12 @@ def note(event: str, arguments: tuple[Any, ...]) -> None:
         writes = set(mode) & set("wax+") or flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
         known = path.startswith((_watch["folder"], *READABLE)) or _watch["roams"]
         if not (path.startswith(WRITABLE) or "__pycache__" in path if writes else known):
-            _deeds.append(f"{'writes' if writes else 'reads'} {path}")
+            _forbidden.append(f"{'writes' if writes else 'reads'} {path}")
     elif event in ("os.remove", "os.rename", "os.mkdir", "os.system", "pickle.find_class", "socket.connect"):
-        folder = arguments[-1]  # a descriptor, or -1
+        folder = arguments[-1]  # a file descriptor, or -1
         within = Path(f"/proc/self/fd/{folder}").resolve() if isinstance(folder, int) and folder > 0 else Path()
         if not str(within / str(arguments[0])).startswith(WRITABLE) and "__pycache__" not in str(arguments):
-            _deeds.append(f"{event} {arguments}"[:200])
+            _forbidden.append(f"{event} {arguments}"[:200])
 
 
 def address_space_B() -> int:
@@ -57,41 +58,41 @@ def peak_B() -> int:
 
 
 def listed(folder: Path) -> set[str]:
-    """What lies about: beside the file, where the process works, and where only temporary files may be."""
+    """Return the files beside the input file, in the working folder and in the temporary folder."""
     return {str(file) for place in (folder, Path.cwd(), TEMPORARY) for file in place.iterdir()}
 
 
 def raised_in(error: BaseException) -> str:
-    """File and function of ours in which it was raised."""
+    """Return file and function in hapscene that raised the error."""
     ours = [f for f in traceback.extract_tb(error.__traceback__) if f"{os.sep}hapscene{os.sep}" in f.filename]
     return f"{Path(ours[-1].filename).name}:{ours[-1].name}" if ours else "?"
 
 
 def read(name: str, path: Path, limited: bool) -> dict[str, Any]:
-    """What became of a file: `kind` is loaded, refused, or a fault."""
+    """Read a file and return the result: `kind` is "loaded", "refused", or the kind of a fault."""
     entry = FORMATS[name]
-    told: dict[str, Any] = {"kind": "loaded", "what": "", "where": "", "text": "", "count": 0}
+    result: dict[str, Any] = {"kind": "loaded", "what": "", "where": "", "text": "", "count": 0}
     size_B = sum(file.stat().st_size for file in path.parent.iterdir())
     allowed_B = 4 * size_B + MEMORY_FREE_B
-    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
-    before_B, start_s = peak_B(), sum(os.times()[:4])  # by the processor, with processes of its own
+    Path("/proc/self/clear_refs").write_text("5")  # resets the peak of the memory use
+    before_B, start_s = peak_B(), sum(os.times()[:4])  # processor time, child processes included
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-    _deeds.clear()
+    _forbidden.clear()
     files = listed(path.parent)
-    with warnings.catch_warnings(record=True) as heard:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             _watch.update(folder=str(path.parent) if limited else None, roams=entry.roams)
             resource.setrlimit(resource.RLIMIT_AS, (address_space_B() + allowed_B if limited else hard, hard))
-            told["count"] = count if isinstance(count := entry.read(path), int) else 0
+            result["count"] = count if isinstance(count := entry.read(path), int) else 0
         except HapsceneError as error:
-            told |= {"kind": "refused", "text": str(error), "what": type(error).__name__, "where": raised_in(error)}
+            result |= {"kind": "refused", "text": str(error), "what": type(error).__name__, "where": raised_in(error)}
             if not str(error).isprintable():
-                told["kind"] = "unprintable"  # or more than a line
+                result["kind"] = "unprintable"  # control characters, or several lines
             elif entry.file and str(path.parent) not in str(error):
-                told["kind"] = "unnamed"  # which file, of a thousand?
+                result["kind"] = "unnamed"  # a user with many files needs the name
         except BaseException as error:
-            told |= {
+            result |= {
                 "kind": "traceback",
                 "what": type(error).__name__,
                 "where": raised_in(error),
@@ -100,31 +101,31 @@ def read(name: str, path: Path, limited: bool) -> dict[str, Any]:
         finally:
             resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
             _watch["folder"] = None
-    told |= {"warned": bool(heard), "seconds": sum(os.times()[:4]) - start_s, "peak_B": peak_B() - before_B}
-    if told["peak_B"] > allowed_B:
-        told |= {"kind": "memory", "text": f"{told['peak_B']:,} bytes for a file of {size_B:,}"}
+    result |= {"warned": bool(caught), "seconds": sum(os.times()[:4]) - start_s, "peak_B": peak_B() - before_B}
+    if result["peak_B"] > allowed_B:
+        result |= {"kind": "memory", "text": f"{result['peak_B']:,} bytes for a file of {size_B:,}"}
     if listed(path.parent) != files:
-        _deeds.append(f"leaves {', '.join(listed(path.parent) - files)}")
-    if _deeds:
-        told |= {"kind": "deed", "text": "; ".join(_deeds[:3])}
-    return told
+        _forbidden.append(f"leaves {', '.join(listed(path.parent) - files)}")
+    if _forbidden:
+        result |= {"kind": "forbidden", "text": "; ".join(_forbidden[:3])}
+    return result
 
 
 def main() -> None:
     answers = os.fdopen(os.dup(1), "w")
-    said = Path("said").open("w+b")  # noqa: SIM115
-    os.dup2(said.fileno(), 1)  # whatever is printed is seen
+    printed = Path("printed").open("w+b")  # noqa: SIM115
+    os.dup2(printed.fileno(), 1)  # output of the reader goes to a file: a reader must not print
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     sys.addaudithook(note)
     for line in sys.stdin:
         name, path, limited = json.loads(line)
-        told = read(name, Path(path), limited)
+        result = read(name, Path(path), limited)
         sys.stdout.flush()
-        if said.seek(0, os.SEEK_END):
-            told |= {"kind": "printed", "text": f"{said.tell()} bytes on standard output"}
-            said.seek(0)
-            said.truncate()
-        answers.write(json.dumps(told) + "\n")
+        if printed.seek(0, os.SEEK_END):
+            result |= {"kind": "printed", "text": f"{printed.tell()} bytes on standard output"}
+            printed.seek(0)
+            printed.truncate()
+        answers.write(json.dumps(result) + "\n")
         answers.flush()
 
 

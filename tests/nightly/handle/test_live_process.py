@@ -136,9 +136,7 @@ def test_ticks_become_force_and_silence_when_they_stop(board: Board, channel: Ch
     assert not handle._process.is_alive()
 
 
-def test_the_board_s_readings_teach_the_identified_handle_s_compensator(
-    board: Board, channel: Channel, tmp_path: Path
-) -> None:
+def test_compensator_adapts_to_measurements_of_the_board(board: Board, channel: Channel, tmp_path: Path) -> None:
     grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
     heavy = replace(Plant(), m_h_kg=0.156)
     fields = ("ours", heavy, (grip,), {}, {}, 0.12, (100.0, 200.0), 0.0, 1600.0, 5000.0, (10.0, 1000.0), 1.0)
@@ -162,7 +160,7 @@ def test_the_board_s_readings_teach_the_identified_handle_s_compensator(
     ("reads_back", "compensator", "kind"),
     [(True, None, 3), (True, "flat", 2), (False, None, 2), (False, "adaptive", 0)],
 )
-def test_it_learns_where_an_identified_handle_reads_back(
+def test_identified_handle_with_a_sensor_adapts(
     reads_back: bool, compensator: str | None, kind: int, tmp_path: Path
 ) -> None:
     grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
@@ -184,7 +182,7 @@ def test_it_learns_where_an_identified_handle_reads_back(
             compensator_of(output, None, "adaptive")
 
 
-def test_a_killed_application_is_silence_and_nothing_stays_behind(
+def test_killed_application_stops_the_sound_and_leaves_no_process(
     board: Board, channel: Channel, tmp_path: Path, end_in_time: Callable[["subprocess.Popen[str]"], None]
 ) -> None:
     (tmp_path / "application.py").write_text(APPLICATION)
@@ -203,7 +201,7 @@ def test_a_killed_application_is_silence_and_nothing_stays_behind(
     ticks.stop()
 
 
-def test_it_is_turned_down_and_up_while_it_plays(board: Board, channel: Channel) -> None:
+def test_gain_changes_during_playback(board: Board, channel: Channel) -> None:
     ticks = Ticks(channel)
     with LiveHandle(where(channel), 1e4, 0, "serial", {"port": board.port}) as handle:
         board.wait_for_force()

@@ -1,4 +1,4 @@
-"""The page of `hapscene paint`, a process of its own, in a tab of a real browser."""
+"""Controls the page of `hapscene paint`, which runs in a separate process, in a real browser."""
 
 import base64
 import subprocess
@@ -12,7 +12,7 @@ from typing import Any
 from tests.until import until
 
 PATIENCE_S = 180.0
-"""How long anything may take on a machine that does much else besides [s]."""
+"""Longest wait for any step on a busy machine [s]."""
 
 DROP = """(files) => {
   const carried = new DataTransfer();
@@ -48,19 +48,19 @@ class Composer:
 
     def drop(self, *files: Path) -> None:
         """Drop files onto the page."""
-        told = [[file.name, base64.b64encode(file.read_bytes()).decode()] for file in files]
-        self.tab.evaluate(DROP, told)
+        contents = [[file.name, base64.b64encode(file.read_bytes()).decode()] for file in files]
+        self.tab.evaluate(DROP, contents)
 
     def press(self, act: str, body: str) -> None:
         self.tab.locator(f'[data-body-act="{act}"][data-body="{body}"]').first.click()
 
     def choose(self, body: str) -> None:
-        """Choose a body that is not, and wait until its fields are there."""
+        """Select a body and wait until its fields appear."""
         self.press("choose", body)
         self.tab.wait_for_selector(f'[data-body-set="name"][data-body="{body}"]')
 
     def put(self, field: str, value: str) -> None:
-        """Type into a field of the body that is chosen."""
+        """Type into a field of the selected body."""
         at = self.tab.locator(f'input[data-body-set="{field}"]')
         at.fill(value)
         at.press("Enter")
@@ -69,17 +69,17 @@ class Composer:
         return str(self.tab.locator(f'[data-body-set="{field}"]').input_value())
 
     def has(self, field: str, value: str) -> None:
-        """Wait until a field of the body that is chosen shows this."""
+        """Wait until a field of the selected body shows a value."""
         self.wait(f"document.querySelector('[data-body-set=\"{field}\"]')?.value === {value!r}")
 
     def did(self, what: str) -> None:
-        """Wait until this is what undo would take back."""
+        """Wait until this is the step that undo would revert."""
         self.wait(f"(window.hapscene.state.undo || '').includes({what!r})")
 
 
 @contextmanager
 def painter(folder: Path, *words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """`hapscene paint` in a process of its own, and its address."""
+    """Run `hapscene paint` in a separate process; yield the process and its URL."""
     command = [sys.executable, "-m", "hapscene", "paint", *words, "--port", "0", "--no-browser"]
     with subprocess.Popen(command, stdout=-1, stderr=-1, text=True, cwd=folder) as process:
         try:

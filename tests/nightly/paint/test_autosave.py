@@ -1,4 +1,4 @@
-"""Autosave: a killed process loses no more than since the last write, and what it left is offered, once, as a step."""
+"""Autosave: after a kill, work up to the last write is offered for recovery once, as one undo step."""
 
 import subprocess
 import sys

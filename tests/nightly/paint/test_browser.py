@@ -1,4 +1,4 @@
-"""The page in a real browser: Debian's Chromium, headless, drawn without a graphics card, cut off from the net."""
+"""The painter's page in headless Chromium with software rendering and without a network."""
 
 import socket
 from typing import Any
@@ -13,8 +13,8 @@ from tests.paint.window import BESIDE, FRONT, Window
 from tests.until import until
 
 
-def test_the_page_reaches_no_other_server(window: Window) -> None:
-    """Whatever was put into the page, it could tell nobody: not even this computer's other ports."""
+def test_page_cannot_connect_to_other_servers(window: Window) -> None:
+    """The content security policy blocks connections to other servers, also on other ports of this computer."""
     before = len(window.troubles)
     with socket.create_server(("127.0.0.1", 0)) as other:
         other.settimeout(0.5)
@@ -31,7 +31,7 @@ def test_the_page_reaches_no_other_server(window: Window) -> None:
     del window.troubles[before:]  # the browser tells of it
 
 
-def test_the_address_bar_hides_the_token_and_this_browser_alone_knows_it(window: Window) -> None:
+def test_token_is_hidden_in_the_address_bar_and_stored_in_this_browser_only(window: Window) -> None:
     page, tab = window.page, window.tab
     before, home, token = len(window.troubles), page.url.rsplit("/", 2)[0] + "/", page.url.split("/")[-2]
     tab.wait_for_url(home)
@@ -119,7 +119,7 @@ def test_all_of_a_stroke_is_drawn_by_keys(window: Window) -> None:
     page.context.tools.choose_swatch(chosen, chosen)
 
 
-def test_a_lost_connection_says_what_to_do_until_it_is_back(window: Window) -> None:
+def test_lost_connection_shows_instructions_until_reconnected(window: Window) -> None:
     before, socket_ = len(window.troubles), window.page.context.socket
     window.ask(
         "window.said = []; new MutationObserver(() => said.push(document.getElementById('hs-say').textContent))"
@@ -183,7 +183,7 @@ def test_while_a_question_stands_keys_wait(window: Window) -> None:
     assert window.ask("window.hapscene.state.tool") == "brush" and page.context.session.dirty
 
 
-def test_the_shelf_by_keyboard_and_a_file_dropped_on_the_page(window: Window) -> None:
+def test_swatch_panel_by_keyboard_and_by_dropped_file(window: Window) -> None:
     tab = window.tab
     tab.get_by_role("tab", name="Paint").click()
     window.wait("document.querySelectorAll('.hs-pick img').length > 24")

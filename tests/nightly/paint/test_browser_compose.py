@@ -1,4 +1,4 @@
-"""A scene composed in a real browser, of files that nobody here chose; ended by kill -9, and found again."""
+"""A scene is composed from third-party meshes in a real browser and recovered after kill -9."""
 
 import signal
 import sys
@@ -31,7 +31,7 @@ def foreign(tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_scene_is_composed_saved_killed_and_found_again(browser: Any, foreign: Path, tmp_path: Path) -> None:
+def test_composed_scene_is_saved_and_recovered_after_kill(browser: Any, foreign: Path, tmp_path: Path) -> None:
     folder = tmp_path / "work"
     folder.mkdir()
     command = (str(foreign / "cube.stl"), "--unit", "mm", "--no-hand")

@@ -77,11 +77,11 @@ AXE_RUN = """() => axe.run(document, {resultTypes: ['violations']}).then(found =
 """What hinders people who cannot see, or have no pointer: nothing of viser's is left out."""
 
 WIDTHS = {390: 844, 600: 900, 1024: 768, 1280: 800}
-"""Windows, and how high they are [pixels]: a phone upright, half a screen, a tablet, a laptop."""
+"""Width and height of windows [pixels]: phone in portrait, half a screen, tablet, laptop."""
 
 UNTIPPED = """() => [...document.querySelectorAll('#hs button, .hs-bodies button, .mantine-Button-root[id]')]
   .filter(n => n.checkVisibility() && !n.dataset.tip && !window.hapscene.state.hints[n.id]).map(n => n.textContent)"""
-"""Buttons that nothing is told of."""
+"""Script that lists the buttons without a tooltip."""
 
 SETTLED = """width => {
   const box = which => document.querySelector(which)?.getBoundingClientRect();
@@ -131,7 +131,7 @@ def test_text_is_readable_and_whole(tab: Any) -> None:
         assert tab.evaluate(CUT) == [], name
 
 
-def test_the_model_is_seen_between_tools_and_panel_in_windows_of_all_sizes(tab: Any) -> None:
+def test_model_is_visible_between_tools_and_panel_in_all_window_sizes(tab: Any) -> None:
     for width, height in WIDTHS.items():
         tab.set_viewport_size({"width": width, "height": height})
         tab.wait_for_function(SETTLED, arg=width)
@@ -155,7 +155,7 @@ def test_nothing_serious_hinders_who_cannot_see_or_point(tab: Any) -> None:
     assert tab.evaluate(AXE_RUN.replace("document", "'#hs-keys'")) == []
 
 
-def test_the_tools_settings_stay_while_the_shelf_scrolls(tab: Any) -> None:
+def test_tool_settings_stay_visible_while_the_swatches_scroll(tab: Any) -> None:
     tab.get_by_role("tab", name="Paint", exact=True).click()
     size = tab.get_by_role("slider", name="Size [mm]")
     size.wait_for()
@@ -168,13 +168,13 @@ def test_the_tools_settings_stay_while_the_shelf_scrolls(tab: Any) -> None:
     )
 
 
-def test_units_stay_with_their_numbers() -> None:
-    told = _figure_html(Phrase("taps", "clear taps", "5 m/s², 100 Hz at 0.1 m/s"))
-    assert told == "<span class='dim'>5&nbsp;m/s², 100&nbsp;Hz&nbsp;at&nbsp;0.1&nbsp;m/s</span>"
+def test_no_line_break_between_number_and_unit() -> None:
+    text = _figure_html(Phrase("taps", "clear taps", "5 m/s², 100 Hz at 0.1 m/s"))
+    assert text == "<span class='dim'>5&nbsp;m/s², 100&nbsp;Hz&nbsp;at&nbsp;0.1&nbsp;m/s</span>"
     assert _figure_html(Phrase("taps", "taps not measured", "")) == ""
 
 
-def test_what_is_not_saved_is_marked_and_no_tool(tab: Any, page: Page) -> None:
+def test_unsaved_state_is_marked(tab: Any, page: Page) -> None:
     save = tab.locator("#hs-bar button", has_text="Save")
     assert page.context.session.dirty and tab.inner_text("#hs-saved") == "Not saved"
     assert save.evaluate("n => n.classList.contains('due') && !n.hasAttribute('aria-pressed')")

@@ -1,4 +1,4 @@
-"""The player in the browser's audio thread: what comes is heard without clicks, and nothing stays late."""
+"""The audio worklet of the page plays the received samples without clicks and keeps the latency low."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,9 +25,9 @@ async ([blocks, rate, seconds, later, later_s]) => {
   const context = new OfflineAudioContext(1, seconds * rate, rate);
   await context.audioWorklet.addModule("/hapscene-audio_monitor.js");
   const player = new AudioWorkletNode(context, "hapscene-audio-monitor", { numberOfInputs: 0 });
-  const { port1, port2 } = new MessageChannel(), told = [];
+  const { port1, port2 } = new MessageChannel(), reports = [];
   const all = new Promise((done) => {
-    player.port.onmessage = ({ data }) => { told.push(data); if (told.length === blocks.length) done(); };
+    player.port.onmessage = ({ data }) => { reports.push(data); if (reports.length === blocks.length) done(); };
   });
   player.port.postMessage({ wire: port1 }, [port1]);
   player.connect(context.destination);
@@ -39,8 +39,8 @@ async ([blocks, rate, seconds, later, later_s]) => {
     context.resume();
   });
   await Promise.race([all, new Promise((done) => setTimeout(done, 5000))]);
-  const heard = await context.startRendering();
-  return { heard: [...heard.getChannelData(0)], told };
+  const played = await context.startRendering();
+  return { played: [...played.getChannelData(0)], reports };
 }
 """
 
@@ -61,46 +61,46 @@ def tab(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]
 def render(
     tab: Any, a: NDArray[np.float64], seconds: float, later: NDArray[np.float64] = NOTHING, later_s: float = 0.0
 ) -> tuple[NDArray[np.float64], list[dict[str, float]]]:
-    """What is heard (n,) of samples that come all at once, in messages of `BLOCK_S`; and what the player told.
+    """Send samples at once, in messages of `BLOCK_S`; return the played samples (n,) and the reports of the worklet.
 
-    `later` are samples that come after `later_s`.
+    The samples `later` are sent at `later_s`.
     """
     blocks = np.array_split(a, max(round(len(a) / RATE_HZ / BLOCK_S), 1))
     found = tab.evaluate(RENDER, [[block.tolist() for block in blocks], RATE_HZ, seconds, later.tolist(), later_s])
-    return np.array(found["heard"]), found["told"]
+    return np.array(found["played"]), found["reports"]
 
 
-def test_what_comes_at_once_is_heard_whole_a_little_faster_and_without_clicks(tab: Any) -> None:
+def test_burst_is_played_completely_slightly_faster_and_without_clicks(tab: Any) -> None:
     t_s = np.arange(round(0.3 * RATE_HZ)) / RATE_HZ
-    heard, told = render(tab, np.sin(2 * np.pi * 100.0 * t_s), 0.5)
-    sounding = np.flatnonzero(np.abs(heard) > 0.95)  # what bridges the end is softer
+    played, reports = render(tab, np.sin(2 * np.pi * 100.0 * t_s), 0.5)
+    sounding = np.flatnonzero(np.abs(played) > 0.95)  # the fade at the end is quieter
     assert sounding[0] < 0.02 * RATE_HZ
     length_s = (sounding[-1] - sounding[0]) / RATE_HZ
     assert 0.3 / 1.08 - 0.02 < length_s < 0.3
-    assert np.abs(heard).max() == pytest.approx(1.0, abs=0.01)
-    assert np.abs(np.diff(heard)).max() < 1.1 * 2 * np.pi * 100.0 * 1.08 / RATE_HZ
-    assert [t["count"] for t in told] == list(range(len(told)))
-    lead_s = np.array([t["lead_s"] for t in told])
+    assert np.abs(played).max() == pytest.approx(1.0, abs=0.01)
+    assert np.abs(np.diff(played)).max() < 1.1 * 2 * np.pi * 100.0 * 1.08 / RATE_HZ
+    assert [t["count"] for t in reports] == list(range(len(reports)))
+    lead_s = np.array([t["lead_s"] for t in reports])
     assert (np.diff(lead_s) >= 0).all() and lead_s[-1] == pytest.approx(0.3 - BLOCK_S, abs=0.02)
-    assert told[-1]["gaps"] == 0
+    assert reports[-1]["gaps"] == 0
 
 
-def test_more_than_a_second_is_left_out(tab: Any) -> None:
-    heard, told = render(tab, np.ones(2 * RATE_HZ), 1.8)
-    assert np.count_nonzero(heard > 0.9) / RATE_HZ < 1.05
-    assert told[-1]["lead_s"] <= 1.0
+def test_backlog_of_more_than_a_second_is_dropped(tab: Any) -> None:
+    played, reports = render(tab, np.ones(2 * RATE_HZ), 1.8)
+    assert np.count_nonzero(played > 0.9) / RATE_HZ < 1.05
+    assert reports[-1]["lead_s"] <= 1.0
 
 
-def test_what_comes_too_late_is_bridged_without_a_click_and_counted_once(tab: Any) -> None:
+def test_late_samples_cause_one_gap_without_a_click(tab: Any) -> None:
     t_s = np.arange(round(0.4 * RATE_HZ)) / RATE_HZ
     a = np.sin(2 * np.pi * 100.0 * t_s)
     cut = round(0.1 * RATE_HZ)
-    heard, told = render(tab, a[:cut], 0.5, a[cut:], 0.16)
-    steepest = 2 * np.pi * 100.0 * 1.08 / RATE_HZ + 1.0 / (0.005 * RATE_HZ)  # of the tone, and of what fades into it
-    assert np.abs(np.diff(heard)).max() < 1.1 * steepest
-    end = round(0.12 * RATE_HZ)  # it has run dry by then, and more does not come before 0.16 s
-    assert np.abs(heard[end : end + 100]).max() > 0.2
-    assert told[-1]["gaps"] == 1
+    played, reports = render(tab, a[:cut], 0.5, a[cut:], 0.16)
+    steepest = 2 * np.pi * 100.0 * 1.08 / RATE_HZ + 1.0 / (0.005 * RATE_HZ)  # slope of the tone and of the cross-fade
+    assert np.abs(np.diff(played)).max() < 1.1 * steepest
+    end = round(0.12 * RATE_HZ)  # the buffer is empty by then; the next samples arrive at 0.16 s
+    assert np.abs(played[end : end + 100]).max() > 0.2
+    assert reports[-1]["gaps"] == 1
 
 
 WAIT = """
@@ -119,19 +119,19 @@ async ([late_s, seconds]) => {
 """
 
 
-def test_as_much_waits_as_what_waits_falls_but_for_the_worst_of_a_minute(tab: Any) -> None:
+def test_jitter_buffer_covers_all_delays_of_a_minute_except_the_longest(tab: Any) -> None:
     def target_s(late_s: list[tuple[float, float]], seconds: float) -> float:
         return float(tab.evaluate(WAIT, [late_s, seconds])[-1])
 
     assert 0.02 < target_s([], 100.0) < 0.03  # messages come every 15 ms
-    assert target_s([(50.0, 0.3)], 70.0) < 0.05  # once a minute is let go
+    assert target_s([(50.0, 0.3)], 70.0) < 0.05  # one long delay a minute is ignored
     assert 0.12 < target_s([(50.0, 0.12), (55.0, 0.3)], 70.0) < 0.16
-    assert target_s([(5.0, 0.12), (8.0, 0.3)], 80.0) < 0.05  # and forgotten
-    assert target_s([(t, 2.0) for t in range(10, 40, 5)], 45.0) < 0.6  # there is an end
+    assert target_s([(5.0, 0.12), (8.0, 0.3)], 80.0) < 0.05  # delays of more than a minute ago do not count
+    assert target_s([(t, 2.0) for t in range(10, 40, 5)], 45.0) < 0.6  # the buffer is limited
 
 
-def test_it_fades_where_it_runs_dry(tab: Any) -> None:
-    heard, _ = render(tab, np.ones(round(0.1 * RATE_HZ)), 0.4)
-    end = int(np.flatnonzero(heard > 0.99)[-1])
-    assert np.abs(np.diff(heard[end:])).max() < 0.02
-    assert np.abs(heard[-100:]).max() < 1e-3
+def test_output_fades_when_the_buffer_is_empty(tab: Any) -> None:
+    played, _ = render(tab, np.ones(round(0.1 * RATE_HZ)), 0.4)
+    end = int(np.flatnonzero(played > 0.99)[-1])
+    assert np.abs(np.diff(played[end:])).max() < 0.02
+    assert np.abs(played[-100:]).max() < 1e-3

@@ -81,7 +81,7 @@ def settled(servo: Servo, tool: int = 0) -> Any:
     return before
 
 
-def test_a_press_touches_at_its_place_and_depth(live: Live, tab: Page) -> None:
+def test_press_sets_position_and_depth(live: Live, tab: Page) -> None:
     servo = live[1]
     for x_m, y_m, z_m, body in ((0.07, 0.03, 0.0, 0), (0.0, 0.0, 0.03, 1), (0.01, -0.012, 0.0256, 1)):
         x, y = pixel(live, tab, x_m, y_m)
@@ -100,7 +100,7 @@ def test_a_press_touches_at_its_place_and_depth(live: Live, tab: Page) -> None:
         until(lambda: not servo.state().touching)
 
 
-def test_a_pen_presses_as_hard_as_it_is_pressed(live: Live, tab: Page) -> None:
+def test_force_increases_with_pen_pressure(live: Live, tab: Page) -> None:
     servo, cdp = live[1], tab.context.new_cdp_session(tab)
     x, y = pixel(live, tab, 0.07, 0.03)
 
@@ -111,7 +111,7 @@ def test_a_pen_presses_as_hard_as_it_is_pressed(live: Live, tab: Page) -> None:
     felt_N = []
     pen("mousePressed", 0.1)
     for force in (0.1, 0.3, 0.6, 1.0):
-        x += 0.25  # a move that is none is not told
+        x += 0.25  # the browser sends no event without a movement
         pen("mouseMoved", force)
         tab.wait_for_timeout(150)
         felt_N.append(float(settled(servo).f_W_N[2]))
@@ -159,9 +159,7 @@ def test_escape_lifts_space_pauses_and_a_closed_page_lifts(live: Live, browser: 
     until(lambda: not servo.state().touching)
 
 
-def test_a_page_that_hears_no_more_says_so_and_comes_back(
-    live: Live, tab: Page, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_page_reports_a_lost_connection_and_reconnects(live: Live, tab: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     back, felt = Event(), live[0]._felt
     expect(tab.locator("#said")).to_have_text("")
     monkeypatch.setattr(live[0], "_felt", lambda servo, since: felt(servo, since) if back.wait(120.0) else None)
@@ -170,7 +168,7 @@ def test_a_page_that_hears_no_more_says_so_and_comes_back(
     expect(tab.locator("#said")).to_have_text("", timeout=120_000)
 
 
-def test_a_kiosk_resets_what_its_visitor_left(live: Live, tab: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kiosk_mode_resets_after_a_visitor(live: Live, tab: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     page, servo = live
     x, y = pixel(live, tab, -0.08, 0.03)
     tab.mouse.move(x, y)

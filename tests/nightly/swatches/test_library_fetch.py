@@ -115,7 +115,7 @@ def test_download(server: Server, home: Path) -> None:
 
 
 def cut(after: int, resumable: bool, times: int) -> Callable[[Any, bytes], None]:
-    """A transfer that breaks off after so many bytes, so many times."""
+    """Simulate a connection that breaks after a number of bytes, a number of times."""
     left = [times]
 
     def bend(handler: Any, data: bytes) -> None:

@@ -83,7 +83,7 @@ def test_sound_and_search_without_external_requests(site: Path, address: str, br
         assert requests and all(url.startswith(address) for url in requests) and wrong == []
 
 
-def test_it_is_there_without_a_script_and_without_a_server(site: Path, browser: Any) -> None:
+def test_site_works_without_scripts_and_without_a_server(site: Path, browser: Any) -> None:
     with browser.new_context(java_script_enabled=False, offline=True) as context:
         tab = context.new_page()
         tab.goto((site / "index.html").as_uri())

@@ -79,16 +79,16 @@ def test_buttons_and_fields_do_what_they_say(page: Page, tab: Tab) -> None:
         ("copy", "", "", "no body ''"),
     ],
 )
-def test_what_a_field_cannot_be_is_one_sentence(
+def test_invalid_value_of_a_field_gives_one_message(
     page: Page, tab: Tab, what: str, body: str, value: str, said: str
 ) -> None:
     before = page.context.session.painting.state
     act(tab, what, body, value)
-    told = [text for text in tab.said if said in text]
-    assert len(told) == 1 and "\n" not in told[0] and page.context.session.painting.state == before
+    matching = [text for text in tab.said if said in text]
+    assert len(matching) == 1 and "\n" not in matching[0] and page.context.session.painting.state == before
 
 
-def test_what_is_no_act_does_nothing(page: Page, tab: Tab) -> None:
+def test_unknown_action_is_ignored(page: Page, tab: Tab) -> None:
     before = page.context.session.painting.state
     for message in ({"act": "_tree_html"}, {"act": {}}, {"act": "choose", "body": ["ball"]}, {"act": None}):
         tab.send("body", **message)
@@ -96,7 +96,7 @@ def test_what_is_no_act_does_nothing(page: Page, tab: Tab) -> None:
     assert page.context.session.painting.state == before
 
 
-def test_a_name_is_no_html(page: Page, tab: Tab) -> None:
+def test_names_are_escaped_in_html(page: Page, tab: Tab) -> None:
     act(tab, "name", "ball", '"><img src=x onerror=alert(1)>')
     act(tab, "choose", '"><img src=x onerror=alert(1)>')
     content = html_of(tab, "Parent") + html_of(tab, 'role="tree"')

@@ -40,11 +40,11 @@ def said(tab: Tab, text: str) -> None:
 
 
 def asked(tab: Tab, answer: str) -> bool:
-    """Whether a question stands that has that answer."""
+    """Return whether a question with this answer is displayed."""
     return any(c["props"].get("label") == answer for c in list(tab.controls.values()))
 
 
-def told(tab: Tab, text: str) -> bool:
+def displayed(tab: Tab, text: str) -> bool:
     return any(text in c["props"].get("content", "") for c in list(tab.controls.values()))
 
 
@@ -54,7 +54,7 @@ def save_as(tab: Tab, name: str) -> None:
     tab.send("save")
 
 
-def test_what_was_asked_about_is_written_over(page: Page, tab: Tab) -> None:
+def test_file_is_overwritten_after_confirmation(page: Page, tab: Tab) -> None:
     Path("asked.scene.json").write_text("theirs")
     Path("precious.scene.json").write_text("precious")
     save_as(tab, "asked.scene.json")
@@ -68,7 +68,7 @@ def test_what_was_asked_about_is_written_over(page: Page, tab: Tab) -> None:
     tab.wait(lambda: not asked(tab, "Overwrite"))
 
 
-def test_an_export_is_asked_for_where_a_file_is(page: Page, tab: Tab) -> None:
+def test_export_over_an_existing_file_needs_confirmation(page: Page, tab: Tab) -> None:
     Path("ball.ply").write_text("theirs")
     tab.set("Format", "ply")
     tab.settle()
@@ -81,19 +81,19 @@ def test_an_export_is_asked_for_where_a_file_is(page: Page, tab: Tab) -> None:
     assert Path("ball.ply").read_bytes().startswith(b"ply")
 
 
-def test_what_an_export_loses_of_this_very_scene_is_told_before(page: Page, tab: Tab) -> None:
+def test_panel_lists_what_the_chosen_format_cannot_store(page: Page, tab: Tab) -> None:
     tab.set("Format", "stl")
-    tab.wait(lambda: told(tab, "Not included: bodies and their names"))
-    assert not told(tab, "paint of subdivided faces")
+    tab.wait(lambda: displayed(tab, "Not included: bodies and their names"))
+    assert not displayed(tab, "paint of subdivided faces")
     tab.choose("wood")
     tab.point("down", (0.01, 0.0, 0.02))
     tab.point("up", (0.01, 0.0, 0.02))
-    tab.wait(lambda: told(tab, "paint of subdivided faces"))
+    tab.wait(lambda: displayed(tab, "paint of subdivided faces"))
     tab.send("undo")
-    tab.wait(lambda: not told(tab, "paint of subdivided faces"))
+    tab.wait(lambda: not displayed(tab, "paint of subdivided faces"))
 
 
-def test_a_mesh_of_the_scene_is_neither_offered_nor_written_over(page: Page, tab: Tab) -> None:
+def test_export_never_overwrites_a_mesh_of_the_scene(page: Page, tab: Tab) -> None:
     before = Path("ball.obj").read_bytes()
     tab.set("Format", "obj")
     tab.settle()
@@ -114,7 +114,7 @@ def test_after_another_name_exports_go_there(page: Page, tab: Tab) -> None:
     assert not autosave_folder(Path("ball.scene.json")).exists()
 
 
-def test_what_cannot_be_done_leaves_the_question_open(page: Page, tab: Tab) -> None:
+def test_failed_answer_keeps_the_dialog_open(page: Page, tab: Tab) -> None:
     other = Session.open(Path("ball.scene.json"))
     other.save(Path("cup.scene.json"))
     save_as(tab, "cup.scene.json")
@@ -150,7 +150,7 @@ def test_while_it_is_asked_all_is_kept(killed: Path) -> None:
         tab.control("Recover")
         assert page.context.session.document.autosave
         page.context.session.fill_body("plate", 0)
-        tab.wait(lambda: told(tab, "backed up every second"))
+        tab.wait(lambda: displayed(tab, "backed up every second"))
         tab.set("Recover", True)
         said(tab, "bodies differ")
         tab.settle()
@@ -178,7 +178,7 @@ def test_without_autosave_no_copy_is_promised(killed: Path) -> None:
     with Page(Session.open(killed), port=0, with_hand=False, with_autosave=False) as page:
         tab = Tab(page)
         page.context.session.fill_body("plate", 0)
-        tab.wait(lambda: told(tab, "Autosave is off"))
+        tab.wait(lambda: displayed(tab, "Autosave is off"))
         assert not asked(tab, "Recover")
         tab.close()
     assert not page.kept

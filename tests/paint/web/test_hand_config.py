@@ -30,24 +30,24 @@ def test_every_device_that_moves_and_every_compensator_can_be_held() -> None:
         ({"compensator": ["flat"]}, "compensator"),
     ],
 )
-def test_what_cannot_be_held_is_refused(given: dict[str, Any], said: str) -> None:
+def test_unsupported_device_is_refused(given: dict[str, Any], said: str) -> None:
     with pytest.raises(HapsceneError, match=said):
         HandConfig(**given)
 
 
-def test_the_painters_hand_holds_as_that_of_a_touch() -> None:
+def test_painter_and_touch_command_have_the_same_defaults() -> None:
     for options in (TouchOptions(), HandOptions()):
         assert HandConfig() == HandConfig(options.device, options.grip, options.compensator)
 
 
-def test_a_hold_is_told_in_words() -> None:
+def test_str_names_device_grip_and_handle() -> None:
     assert str(HandConfig()) == "omni, light grip, adaptive handle"
     assert str(HandConfig("premium-1.5", "firm", NO_HANDLE)) == "premium-1.5, firm grip, no handle"
     assert HandConfig("omni-point").limits == "omni"
 
 
 @pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (2.0, -1.0, 0.3)])
-def test_the_arm_reaches_its_workspace_about_the_start_and_no_metre(start: tuple[float, ...]) -> None:
+def test_arm_reaches_its_workspace_only(start: tuple[float, ...]) -> None:
     at = np.array(start)
     for way in ((0.08, 0.0, 0.0), (0.0, 0.035, 0.0), (0.0, 0.0, 0.06)):
         assert HandConfig().reaches(at, at + way) and HandConfig().reaches(at, at - way)

@@ -79,7 +79,7 @@ def test_paint_undo_redo_save_load(page: Page, tab: Tab) -> None:
         assert np.array_equal(a.face_swatch, b.face_swatch)
 
 
-def test_a_page_half_as_wide_as_high_sees_all_from_twice_as_far(page: Page, tab: Tab) -> None:
+def test_narrow_page_doubles_the_camera_distance(page: Page, tab: Tab) -> None:
     for bad in ({"client": 99}, {"w": 0}, {"w": 5e-324}, {"w": "x"}, {"h": -1.0}, {"h": None}):
         tab.send("frame", **{"client": tab.client, "w": 400, "h": 800, **bad})
     tab.settle()
@@ -93,7 +93,7 @@ def test_a_page_half_as_wide_as_high_sees_all_from_twice_as_far(page: Page, tab:
     )
 
 
-def test_a_view_frames_all_or_the_body_under_the_pointer(page: Page, tab: Tab) -> None:
+def test_view_fits_the_scene_or_the_body_under_the_pointer(page: Page, tab: Tab) -> None:
     camera = page.server.get_clients()[tab.client].camera
     for bad in ({"client": 99}, {"w": 0}, {"x": "x"}, {"name": None, "x": None}, {"h": -1.0}):
         tab.send("view", **{"client": tab.client, "w": 800, "h": 600, "x": 0.5, "y": 0.5, "name": "top", **bad})
@@ -155,8 +155,8 @@ def test_each_tool_paints_where_it_says(page: Page, tab: Tab) -> None:
     assert tab.state["swatch"] in ("paper", "leather")
 
 
-def test_swatches_of_one_colour_are_told_apart(page: Page, tab: Tab) -> None:
-    for name in ("first", "second"):  # as they are fitted: grey, until they are given a colour
+def test_swatches_with_equal_colours_are_displayed_in_different_colours(page: Page, tab: Tab) -> None:
+    for name in ("first", "second"):  # new swatches are grey
         page.context.tools.choose_swatch(name, Swatch(name))
         stroke(tab)
         page.context.tools.radius_m /= 2
@@ -184,7 +184,7 @@ def test_a_slider_tunes_the_swatch_and_undo_moves_it_back(page: Page, tab: Tab) 
     assert page.context.session.scene.swatches[index].stiffness_N_m <= page.context.session.tuning.limits.stiffness_N_m
 
 
-def test_a_tuned_swatch_is_saved_as_a_new_one_and_is_on_the_shelf(page: Page, tab: Tab, library: Path) -> None:
+def test_tuned_swatch_is_saved_under_a_new_name_and_listed(page: Page, tab: Tab, library: Path) -> None:
     tab.choose("paper")
     tab.set("Stiffness [N/m]", 123.0)
     tab.set("New name", "card <b>board")
@@ -214,7 +214,7 @@ def test_plain_stays_and_a_copy_of_it_is_tuned(page: Page, tab: Tab) -> None:
     assert scene.swatches[-1].name == "softer" and scene.swatches[0].name == "plain"
 
 
-def test_a_copy_leaves_what_is_painted_and_has_a_colour_of_its_own(page: Page, tab: Tab) -> None:
+def test_copy_has_a_different_colour_and_does_not_change_the_painting(page: Page, tab: Tab) -> None:
     tab.choose("paper")
     scene, paper = page.context.session.scene, page.context.session.painting.swatch_named("paper")
     before = scene.swatches[paper]
@@ -226,7 +226,7 @@ def test_a_copy_leaves_what_is_painted_and_has_a_colour_of_its_own(page: Page, t
     colour = rgb_bytes(scene.swatches[-1].albedo_rgb)
     assert (
         np.abs(np.subtract(colour, rgb_bytes(before.albedo_rgb))).max() > 25
-    )  # told apart at once, and in every other scene
+    )  # the copy has a clearly different colour
     tab.set("Colour", [10, 20, 30])
     tab.wait(lambda: scene.swatches[-1].albedo_rgb == (10 / 255, 20 / 255, 30 / 255))
     assert scene.swatches[paper] == before and painted(page, 1, "paper") == len(scene.bodies[1].mesh.faces)
@@ -234,17 +234,17 @@ def test_a_copy_leaves_what_is_painted_and_has_a_colour_of_its_own(page: Page, t
     tab.wait(lambda: tuple(tab.control("Colour")["value"]) == colour)
 
 
-def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
+def test_search_filters_the_swatches(page: Page, tab: Tab) -> None:
     def names() -> list[str]:
         return card_names(tab)
 
     tab.set("Search", "leather")
     tab.wait(lambda: names() == ["leather"])
-    tab.set("Search", "no such thing")
+    tab.set("Search", "no such swatch")
     tab.wait(lambda: not names())
     tab.set("Search", "friction < 0.3")
     tab.wait(lambda: "epoxy" in names() and "wood" not in names())
-    tab.set("Search", "friction<")  # half typed: all are there, and it is told beside them
+    tab.set("Search", "friction<")  # incomplete expression: all swatches are listed, with an error beside the field
     tab.wait(names)
     tab.wait(lambda: any("&#x27;friction&lt;&#x27;" in str(c["props"].get("content")) for c in tab.controls.values()))
     tab.settle()
@@ -254,7 +254,7 @@ def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
 def test_previews_of_an_earlier_search_do_not_bring_its_cards_back(page: Page, tab: Tab) -> None:
     panel, loop = page._swatch_panel, page.server.get_event_loop()
     earlier = panel._cards[:3]
-    tab.set("Search", "no such thing")
+    tab.set("Search", "no such swatch")
     tab.wait(lambda: not card_names(tab))
     asyncio.run_coroutine_threadsafe(panel._draw([], earlier), loop).result()
     tab.settle()
@@ -262,12 +262,12 @@ def test_previews_of_an_earlier_search_do_not_bring_its_cards_back(page: Page, t
 
 
 def card_names(tab: Tab) -> list[str]:
-    """Names on the cards, in their order."""
-    told = "".join(c["props"].get("content") or "" for c in list(tab.controls.values()))
-    return [html.unescape(name) for name in re.findall(r'data-library="use" data-name="([^"]*)"', told)]
+    """Return the names on the cards in display order."""
+    content = "".join(c["props"].get("content") or "" for c in list(tab.controls.values()))
+    return [html.unescape(name) for name in re.findall(r'data-library="use" data-name="([^"]*)"', content)]
 
 
-def test_the_shelf_is_narrowed_and_sorted(page: Page, tab: Tab, library: Path) -> None:
+def test_swatches_are_filtered_and_sorted(page: Page, tab: Tab, library: Path) -> None:
     add(Swatch("sponge", friction_dynamic=0.1, friction_static=0.1), inside="kitchen")
     page.server.get_event_loop().call_soon_threadsafe(page._swatch_panel.show, True)
     tab.send("library", act="where", value="your library: kitchen")
@@ -291,14 +291,14 @@ def test_a_swatch_of_the_library_is_renamed_tagged_moved_and_deleted(page: Page,
     tab.send("save")
     tab.wait(lambda: not tab.state["dirty"])
     tab.send("library", act="edit", name="sponge")
-    tab.control("Cancel")  # the dialog is there, and all in it
+    tab.control("Cancel")  # the dialog is complete
     for label, value in (("Name", "old sponge"), ("Tags", "wet, kitchen"), ("Folder", "kitchen")):
         tab.set(label, value)
-    tab.set("Save", True)  # the newest of its name: that of the question
+    tab.set("Save", True)  # `set` uses the newest control: the one of the dialog
     tab.wait(lambda: "old sponge" in card_names(tab))
     (entry,) = own_entries(library / "kitchen")
     assert (entry.name, entry.tags) == ("old sponge", ("wet", "kitchen")) and not own_entries()
-    assert tab.page.context.tools.chosen == "sponge"  # the scene's stays as it is, in a file of its own from now on
+    assert tab.page.context.tools.chosen == "sponge"  # the swatch of the scene is unchanged and is stored in the scene
     assert page.context.session.dirty
     page.context.session.save()
     assert {s.name for s in load_scene(page.context.session.path).swatches} >= {"sponge"}
@@ -323,7 +323,7 @@ def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: P
     tab.wait(lambda: tab.page.context.tools.chosen == "gift" and "gift" in card_names(tab))
     drop(page, {"again.swatch": gift})
     tab.wait(lambda: {entry.name for entry in own_entries()} == {"gift", "gift 2"})
-    for files, told in (
+    for files, pattern in (
         ({"bad.swatch": b"no"}, "bad.swatch"),
         ({"a.exe": b"no"}, r"a\.exe.*\.swatch"),
         ({f"{i}.swatch": b"" for i in range(201)}, "1 to 200 files"),
@@ -331,11 +331,11 @@ def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: P
         ({"short.swatch": 10}, "interrupted"),
     ):
         drop(page, files)
-        tab.wait(lambda told=told: any(re.search(told, said) for said in list(tab.said)))
+        tab.wait(lambda pattern=pattern: any(re.search(pattern, said) for said in list(tab.said)))
     assert not list(Path(tempfile.gettempdir()).glob("hapscene-*/bad.swatch"))
 
 
-def test_a_picture_becomes_the_look_of_the_chosen_swatch_and_undo_takes_it_back(page: Page, tab: Tab) -> None:
+def test_image_sets_the_appearance_of_the_selected_swatch_and_can_be_undone(page: Page, tab: Tab) -> None:
     tab.choose("wood")
     before = page.context.session.scene.swatches[-1]
     rng = np.random.default_rng(0)
@@ -355,7 +355,7 @@ def test_a_picture_becomes_the_look_of_the_chosen_swatch_and_undo_takes_it_back(
 
 
 def drop(page: Page, files: Mapping[str, bytes | int]) -> None:
-    """Drop files on the page, as upload.js does; of those that are a number the size alone, nothing comes."""
+    """Drop files on the page, as upload.js does. An integer in place of content sends the size but no data."""
     host = page.url.removeprefix("http://").rstrip("/")
     origin: Any = f"http://{host.partition('/')[0]}"
     with connect(f"ws://{host}{UPLOAD_PATH}", origin=origin) as wire:
@@ -370,7 +370,7 @@ def drop(page: Page, files: Mapping[str, bytes | int]) -> None:
                 wire.recv(30.0)
 
 
-def test_a_file_that_changed_meanwhile_is_asked_about(page: Page, tab: Tab) -> None:
+def test_saving_over_a_changed_file_needs_confirmation(page: Page, tab: Tab) -> None:
     tab.choose("wood")
     stroke(tab)
     path = page.context.session.path
@@ -384,7 +384,7 @@ def test_a_file_that_changed_meanwhile_is_asked_about(page: Page, tab: Tab) -> N
     assert path.read_bytes() != before
 
 
-def test_a_second_tab_sees_the_same_and_a_closed_one_loses_nothing(page: Page, tab: Tab) -> None:
+def test_second_tab_shows_the_same_state_and_closing_one_loses_nothing(page: Page, tab: Tab) -> None:
     other = Tab(page)
     tab.choose("wood")
     tab.set("Size [mm]", 7.0)
@@ -402,7 +402,7 @@ def test_a_second_tab_sees_the_same_and_a_closed_one_loses_nothing(page: Page, t
     third.close()
 
 
-def test_what_was_not_saved_is_offered_to_the_next_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_next_page_offers_to_recover_unsaved_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     make_scene(tmp_path).save(tmp_path / "made.scene.json")
     session = Session.open(tmp_path / "made.scene.json")
@@ -423,9 +423,7 @@ def test_what_was_not_saved_is_offered_to_the_next_page(tmp_path: Path, monkeypa
         tab.close()
 
 
-def test_a_page_that_cannot_be_made_leaves_nothing_and_the_next_can(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failed_page_releases_its_resources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*arguments: Any) -> Any:
         raise ViewError("no picture")
 
@@ -475,7 +473,7 @@ def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab)
 
 
 def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
-    """Random events as a browser may send them, and as none does."""
+    """Send random valid and invalid events."""
     dice = random.Random(seed)
     texts = (
         "",

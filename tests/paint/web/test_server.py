@@ -1,4 +1,4 @@
-"""The gate, by itself and before a real server."""
+"""Access control of the server, tested alone and in front of a real server."""
 
 import http.client
 import socket
@@ -38,7 +38,7 @@ def test_a_page_of_another_origin_gets_no_socket(origin: str) -> None:
     assert refusal_reason({"Host": "localhost:80", "Origin": origin}, LOOPBACK, False, upgrade=True)
 
 
-def test_a_public_server_is_called_by_address_or_its_own_name_alone() -> None:
+def test_public_server_accepts_its_address_and_host_name_only() -> None:
     names = host_names("192.168.1.5")
     assert refusal_reason({"Host": "192.168.1.5:80"}, names, True, upgrade=False) is None
     assert refusal_reason({"Host": f"{socket.gethostname()}:80"}, names, True, upgrade=False) is None
@@ -46,13 +46,13 @@ def test_a_public_server_is_called_by_address_or_its_own_name_alone() -> None:
 
 
 @pytest.mark.parametrize("host", ["203.0.113.9", "no-such-host.invalid", "a..b", "x" * 300])
-def test_a_host_that_is_not_here_is_refused_at_once(host: str) -> None:
+def test_address_of_another_machine_is_refused_at_once(host: str) -> None:
     """viser would try a thousand ports, and then wait for ever."""
     with ThreadPoolExecutor(1) as pool, pytest.raises(ViewError, match=r"cannot be served.*--host 127\.0\.0\.1"):
         pool.submit(PageServer, host, 0).result(timeout=60)
 
 
-def test_the_page_may_connect_to_its_own_server_alone() -> None:
+def test_security_policy_allows_only_the_server_of_the_page() -> None:
     allowed = next(part for part in POLICY.split("; ") if part.startswith("connect-src"))
     assert set(allowed.split()[1:]) == {"'self'", "data:", "blob:"}
 
@@ -87,7 +87,7 @@ def ask(server: Any, path: str, host: str | None = None) -> tuple[int, bytes, An
     return answer.status, answer.read(), answer.headers
 
 
-def test_the_page_is_visers_with_ours_in_it(server: Any, token: str) -> None:
+def test_page_of_viser_includes_the_scripts_of_the_painter(server: Any, token: str) -> None:
     status, content, headers = ask(server, f"/{token}/")
     assert status == 200 and b"/hapscene.js" in content and len(content) > 500_000
     assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
@@ -134,7 +134,7 @@ def test_our_own_page_gets_both_sockets(server: Any, token: str) -> None:
         assert isinstance(theirs.recv(timeout=20), bytes)
 
 
-def test_it_is_bound_to_loopback_alone(server: Any) -> None:
+def test_server_is_bound_to_loopback_only(server: Any) -> None:
     with pytest.raises(OSError):  # this computer too, but another address: one bound to all of them would answer
         socket.create_connection(("127.0.0.2", server.get_port()), timeout=2.0)
     socket.create_connection(("127.0.0.1", server.get_port()), timeout=2.0).close()
@@ -147,13 +147,13 @@ def test_no_tunnel_is_opened_on_demand(server: Any) -> None:
     assert _messages.ShareUrlRequest not in handlers and _messages.ShareUrlDisconnect not in handlers
 
 
-def test_a_path_that_is_no_text_is_refused(server: Any) -> None:
+def test_undecodable_path_is_refused(server: Any) -> None:
     with socket.create_connection(("127.0.0.1", server.get_port()), timeout=20) as line:
         line.sendall(b"GET /\xff HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n" % server.get_port())
         assert line.recv(100).startswith(b"HTTP/1.1 403 ")
 
 
-def test_who_comes_before_there_is_something_to_show_gets_the_page_and_waits() -> None:
+def test_early_client_gets_the_page_and_waits() -> None:
     async def greet(connection: Any) -> None:
         await connection.send("hello")
 
@@ -168,7 +168,7 @@ def test_who_comes_before_there_is_something_to_show_gets_the_page_and_waits() -
     made.close()  # once more is nothing
 
 
-def test_who_waits_is_let_go_when_it_ends() -> None:
+def test_waiting_clients_are_released_when_the_server_ends() -> None:
     with PageServer("127.0.0.1", 0) as made:
         place = made.url.removeprefix("http://").rstrip("/")
         host = place.partition("/")[0]

@@ -37,12 +37,12 @@ def wire(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 async def nothing(message: Any) -> None:
-    """Does nothing."""
+    """Ignore a message."""
 
 
 @pytest.mark.parametrize(("waiting_bytes", "count"), [(BACKLOG_BYTES_MAX - 1, 5), (BACKLOG_BYTES_MAX, 3)])
-def test_traces_are_dropped_and_words_are_not(waiting_bytes: int, count: int) -> None:
-    """A trace is old a moment later; a state is told once, and would stay wrong."""
+def test_slow_client_loses_traces_but_no_messages(waiting_bytes: int, count: int) -> None:
+    """A dropped trace is replaced by the next; a dropped state would leave the page wrong."""
     live, page = PageSocket(nothing, dict), Slow(waiting_bytes)
     live._sockets.add(page)
     live.send(state={"undo": "fill"})
@@ -51,14 +51,14 @@ def test_traces_are_dropped_and_words_are_not(waiting_bytes: int, count: int) ->
     live.say("Saved.")
     live.say("Not saved.", "error")
     assert len(page.sent) == count
-    words = [json.loads(content) for content in page.sent if isinstance(content, str)]
-    assert words[0] == {"state": {"undo": "fill"}} and [word.get("say") for word in words[1:]] == [
+    texts = [json.loads(content) for content in page.sent if isinstance(content, str)]
+    assert texts[0] == {"state": {"undo": "fill"}} and [text.get("say") for text in texts[1:]] == [
         "Saved.",
         "Not saved.",
     ]
 
 
-def test_who_reads_nothing_at_all_is_left() -> None:
+def test_client_that_reads_nothing_is_disconnected() -> None:
     """What waits for it would fill the memory."""
     live, page = PageSocket(nothing, dict), Slow(10 * BACKLOG_BYTES_MAX)
     live._sockets.add(page)

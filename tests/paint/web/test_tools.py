@@ -16,13 +16,13 @@ from ..conftest import make_scene
 from ..tab import Tab
 
 TOP = np.array([0.01, 0.0, 0.02])
-"""On top of the ball."""
+"""Point on top of the ball [m]."""
 
 ASIDE = np.array([0.018, 0.0, 0.018])
 
 
 def drawn(page: Page, tab: Tab, *places: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Press at the first place, move over those between, let go at the last; the painting, which is taken back."""
+    """Make a stroke through points; return the painted faces of each body and undo the stroke."""
     tab.point("down", places[0])
     for place in places[1:-1]:
         tab.point("move", place)
@@ -35,7 +35,7 @@ def drawn(page: Page, tab: Tab, *places: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 @pytest.mark.parametrize("tool", ["brush", "box", "sphere"])
-def test_a_flick_ends_where_the_button_went_up(page: Page, tab: Tab, tool: str) -> None:
+def test_fast_stroke_ends_at_the_release_point(page: Page, tab: Tab, tool: str) -> None:
     page.context.tools.choose_swatch("wood", "wood")
     tab.send("tool", name=tool)
     flick, slow = drawn(page, tab, TOP, ASIDE), drawn(page, tab, TOP, ASIDE, ASIDE)
@@ -45,7 +45,7 @@ def test_a_flick_ends_where_the_button_went_up(page: Page, tab: Tab, tool: str) 
 
 
 @pytest.mark.parametrize("tool", ["brush", "fill", "box", "sphere"])
-def test_a_swatch_that_cannot_be_had_is_told_once_and_nothing_is_held(page: Page, tab: Tab, tool: str) -> None:
+def test_missing_swatch_is_reported_once_and_ends_the_stroke(page: Page, tab: Tab, tool: str) -> None:
     page.context.tools.choose_swatch("nowhere", "nowhere")
     tab.send("tool", name=tool)
     tab.point("down", TOP)
@@ -57,16 +57,16 @@ def test_a_swatch_that_cannot_be_had_is_told_once_and_nothing_is_held(page: Page
     assert page.context.tools.client is None and page.context.session.painting.undo_text is None
 
 
-def test_a_damaged_library_is_told_and_the_scene_is_painted_on(page: Page, tab: Tab, library: Path) -> None:
+def test_damaged_library_is_reported_and_painting_continues(page: Page, tab: Tab, library: Path) -> None:
     library.mkdir()
     (library / "index.json").write_text("{")
     page.context.tools.choose_swatch("epoxy", "epoxy")
-    tab.point("down", TOP)  # a new swatch: the shelf is read again
+    tab.point("down", TOP)  # a new swatch: the library is read again
     tab.point("up", TOP)
     tab.wait(lambda: any("index.json" in said for said in tab.said))
     tab.send("undo")
     tab.wait(lambda: tab.state["redo"])
-    tab.settle()  # the socket is alive
+    tab.settle()  # the connection still works
 
 
 def test_the_brush_stays_within_its_bounds(page: Page) -> None:
@@ -77,19 +77,19 @@ def test_the_brush_stays_within_its_bounds(page: Page) -> None:
         assert tools.radius_m == taken
 
 
-def test_a_stroke_that_changes_nothing_says_why(page: Page, tab: Tab) -> None:
+def test_stroke_without_effect_reports_the_reason(page: Page, tab: Tab) -> None:
     page.context.tools.choose_swatch("plain", "plain")
-    for tool, told in (("brush", "plain already"), ("eraser", "nothing to erase")):
+    for tool, message in (("brush", "plain already"), ("eraser", "nothing to erase")):
         tab.send("tool", name=tool)
         tab.point("down", TOP)
         tab.point("up", TOP)
         tab.settle()
-        assert sum(told in said for said in tab.said) == 1
+        assert sum(message in said for said in tab.said) == 1
     assert not page.context.session.document.changed
 
 
 @pytest.mark.parametrize("tool", ["brush", "eraser", "fill", "box", "sphere"])
-def test_who_presses_beside_the_surface_is_told(page: Page, tab: Tab, tool: str) -> None:
+def test_press_beside_the_surface_is_reported(page: Page, tab: Tab, tool: str) -> None:
     tab.send("tool", name=tool)
     tab.point("down", np.array([0.0, 0.9, 0.0]))
     tab.settle()
@@ -115,7 +115,7 @@ def test_on_a_scene_without_swatches_the_first_stroke_is_seen(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("tool", "mark"), [("box", "/mark/box"), ("sphere", "/mark/sphere")])
-def test_a_region_is_seen_from_the_press_on(page: Page, tab: Tab, tool: str, mark: str) -> None:
+def test_region_is_displayed_from_the_press_on(page: Page, tab: Tab, tool: str, mark: str) -> None:
     seen: list[bool] = []
     node = {"box": page.context.view._box, "sphere": page.context.view._sphere}[tool]
     tab.send("tool", name=tool)
@@ -126,7 +126,7 @@ def test_a_region_is_seen_from_the_press_on(page: Page, tab: Tab, tool: str, mar
     assert seen == [False, True, False] and node.name == mark
 
 
-def test_a_stroke_that_was_saved_in_the_middle_has_painted(page: Page, tab: Tab) -> None:
+def test_saving_during_a_stroke_includes_it(page: Page, tab: Tab) -> None:
     page.context.tools.choose_swatch("wood", "wood")
     tab.point("down", TOP)
     tab.settle()

@@ -109,7 +109,7 @@ async def settle(touch: TouchHand) -> None:
 
 @pytest.mark.parametrize("stiffness_N_m", [100.0, 700.0])
 @pytest.mark.parametrize("grip", ["light", "firm"])
-def test_the_hand_aims_as_deep_as_makes_the_force(stiffness_N_m: float, grip: str) -> None:
+def test_target_depth_gives_the_requested_force(stiffness_N_m: float, grip: str) -> None:
     """At rest the grip's pull is the wall's push: k (depth − x) = K x = force."""
     depth_m = float((PLACE - aim_point(PLACE, UP, 1.5, stiffness_N_m, grip)) @ UP)
     k = GRIPS[grip].k_N_m
@@ -117,7 +117,7 @@ def test_the_hand_aims_as_deep_as_makes_the_force(stiffness_N_m: float, grip: st
     assert stiffness_N_m * x_m == pytest.approx(1.5)
 
 
-def test_a_touch_comes_down_strokes_and_lifts_and_then_rests() -> None:
+def test_hand_presses_strokes_lifts_and_stops() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         assert touch.read(0.0) is None
         assert touch.press(PLACE, UP, 1.0, 500.0)
@@ -152,7 +152,7 @@ def test_numbers_that_wait_become_one_order() -> None:
     run(act)
 
 
-def test_of_many_devices_the_last_is_held_and_what_was_painted_meanwhile_is_felt() -> None:
+def test_last_selected_device_is_opened_with_the_latest_painting() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         scene = Scene()
         touch.repaint(scene)
@@ -170,7 +170,7 @@ def test_of_many_devices_the_last_is_held_and_what_was_painted_meanwhile_is_felt
     run(act)
 
 
-def test_what_the_servo_refuses_is_said() -> None:
+def test_error_of_the_servo_is_reported() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         assert touch.status == "failed" and "no arm" in said[0]
         assert not touch.press(PLACE, UP, 1.0, 500.0)
@@ -178,7 +178,7 @@ def test_what_the_servo_refuses_is_said() -> None:
     run(act, refuse="no arm")
 
 
-def test_what_is_refused_holds_up_nothing_behind_it() -> None:
+def test_refused_order_does_not_block_later_orders() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         touch.tune("gone", {"stiffness_N_m": 1.0})
         touch.tune("wood", {"stiffness_N_m": 300.0})
@@ -247,7 +247,7 @@ def test_a_stroke_beyond_the_arms_reach_is_said_once_and_stays_where_it_is(devic
 
 
 @pytest.mark.parametrize("first", ["move", "lift", "read"])
-def test_a_hand_whose_process_dies_is_told_once_whatever_is_asked_of_it(first: str) -> None:
+def test_dead_servo_process_is_reported_once(first: str) -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         def die(*arguments: object) -> None:
             made[0].alive = False
@@ -282,7 +282,7 @@ async def feel(hold: HandConfig, force_N: float) -> tuple[TickLog, list[str]]:
         assert touch.press(place, nhat, force_N, stiffness)
         right, newest = 0, 0
         while right < 300 or newest < 1000:
-            assert newest < TICKS_MAX and not said, "the force never was what was asked for"
+            assert newest < TICKS_MAX and not said, "the requested force was not reached"
             await settle(touch)
             touch.servo.advance(25)
             if (read := touch.read(touch.servo.clock.now_s())) is not None:
@@ -296,8 +296,8 @@ async def feel(hold: HandConfig, force_N: float) -> tuple[TickLog, list[str]]:
         touch.close()
 
 
-def test_with_the_omni_a_press_gives_the_force_asked_for_and_its_handle_is_heard() -> None:
-    """The arm's friction (0.26 N) and its bending would take a quarter of it: the hand minds what it feels."""
+def test_omni_press_reaches_the_requested_force_and_the_handle_plays() -> None:
+    """Without force feedback, friction (0.26 N) and flexibility of the arm would take a quarter of the force."""
     felt, said = asyncio.run(feel(HandConfig("omni", "light", "naive"), 1.0))
     assert not said and np.isfinite(felt.a_handle_m_s2).all()
     assert felt.a_m_s2.std() > 0.05 and felt.a_handle_m_s2.std() > 0.05
@@ -307,8 +307,8 @@ def test_with_the_omni_a_press_gives_the_force_asked_for_and_its_handle_is_heard
 @pytest.mark.parametrize(
     ("grip", "force_N", "peak_N"), [("medium", 0.5, 1.0), ("medium", 1.0, 1.8), ("light", 0.2, 0.6)]
 )
-def test_a_press_arrives_and_lands_softly(grip: str, force_N: float, peak_N: float) -> None:
-    """The arm's friction is 0.26 N: a press lighter than that must go on until it is through it."""
+def test_press_reaches_the_surface_without_a_force_peak(grip: str, force_N: float, peak_N: float) -> None:
+    """A press below the friction of the arm (0.26 N) must increase until the arm moves."""
 
     async def land() -> np.ndarray:
         scene = Scene()
@@ -321,7 +321,7 @@ def test_a_press_arrives_and_lands_softly(grip: str, force_N: float, peak_N: flo
             touch.press(place, nhat, force_N, scene.swatches[1].stiffness_N_m)
             felt_N = np.zeros(0)
             while np.count_nonzero(felt_N) < 500:
-                assert len(felt_N) < TICKS_MAX, "it never arrives"
+                assert len(felt_N) < TICKS_MAX, "no contact"
                 await settle(touch)
                 touch.servo.advance(15)
                 if (read := touch.read(touch.servo.clock.now_s())) is not None:
@@ -333,7 +333,7 @@ def test_a_press_arrives_and_lands_softly(grip: str, force_N: float, peak_N: flo
     assert force_N / 2 < asyncio.run(land()).max() < peak_N
 
 
-def test_without_a_handle_what_is_asked_for_is_heard() -> None:
+def test_without_a_handle_the_commanded_acceleration_is_played() -> None:
     felt, said = asyncio.run(feel(HandConfig("omni-point", "medium", NO_HANDLE), 1.0))
     assert not said and felt.a_m_s2.std() > 0.05
     assert np.array_equal(felt.a_handle_m_s2, felt.a_m_s2)

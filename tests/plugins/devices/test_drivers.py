@@ -1,4 +1,4 @@
-"""What every driver of a real device keeps to, at its wire: a force to what is ready alone, zero on every way out."""
+"""Contract of all drivers: force only while the device is ready, and zero force however the driver ends."""
 
 import importlib
 import sys
@@ -12,7 +12,7 @@ from hapscene.errors import DeviceError
 
 
 class Case(NamedTuple):
-    """A driver with its emulator; `options` name the emulator's place as {place}. `homed`: the user says that it is."""
+    """A driver with its emulator. In `options`, {place} is the address of the emulator. `homed`: the option is set."""
 
     name: str
     options: dict[str, Any]

@@ -102,7 +102,7 @@ def test_force_is_within_the_limit_and_none_that_is_none(device: Any, client: Cl
         assert np.linalg.norm(client_packets.unpack_state(client.receive().payload).force) == pytest.approx(size)
 
 
-def test_a_silent_client_gets_no_force_and_may_go_on(device: Any, client: Client, clock: VirtualClock) -> None:
+def test_silent_client_gets_no_force_until_it_resumes(device: Any, client: Client, clock: VirtualClock) -> None:
     client.hello()
     client.frame(0.0, 0.0, 0.0)
     turn(device)

@@ -35,7 +35,7 @@ def connected(link: PointerLink, monkeypatch: pytest.MonkeyPatch, tool: int = 0)
 
 
 def walk(pointer: PointerConnection, ticks: int) -> np.ndarray:
-    """Where it is in each of so many ticks (ticks, 3) [m]."""
+    """Return the position in each tick (ticks, 3) [m]."""
     places = np.zeros((ticks, 3))
     for place in places:
         pointer.read()
@@ -43,7 +43,7 @@ def walk(pointer: PointerConnection, ticks: int) -> np.ndarray:
     return places
 
 
-def test_it_lands_from_above_at_the_given_depth(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_touch_starts_above_and_reaches_the_given_depth(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
         assert walk(pointer, 5)[-1, 2] == CLEAR_M
         link.send(0, True, (0.02, -0.01, 0.004), 0.001)
@@ -59,7 +59,7 @@ def test_it_lands_from_above_at_the_given_depth(link: PointerLink, monkeypatch: 
         assert pointer.state.buttons[0] == 1
 
 
-def test_it_is_lifted_at_once(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_touch_is_lifted_at_once(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
         link.send(0, True, (0.0, 0.0, 0.0), 0.002)
         walk(pointer, 100)
@@ -89,7 +89,7 @@ def test_steps_of_a_stroke_are_smooth(link: PointerLink, monkeypatch: pytest.Mon
         assert speed == pytest.approx(0.1, rel=0.02)
 
 
-def test_it_is_behind_a_hand_by_little(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lag_behind_a_hand_is_small(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
         for k in range(200):
             link.send(0, True, (4e-4 * k, 0.0, 0.0), 0.001)
@@ -97,7 +97,7 @@ def test_it_is_behind_a_hand_by_little(link: PointerLink, monkeypatch: pytest.Mo
         assert (4e-4 * 199 - last) / 0.1 < 0.022  # [s], at 0.1 m/s
 
 
-def test_an_application_that_is_gone_leaves_no_touch(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_touch_ends_with_the_application(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
     with connected(link, monkeypatch) as pointer:
         link.send(0, True, (0.0, 0.0, 0.0), 0.002)
         assert walk(pointer, 240)[-1, 2] < 0.0

@@ -1,4 +1,4 @@
-"""What a page must not do to the painter: it goes on, says one line for each kind, and repeats nothing from outside."""
+"""Hostile clients: the painter keeps running, and logs one line for each kind of error without their content."""
 
 import contextlib
 import http.client
@@ -99,7 +99,7 @@ def painter(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Painter]:
 
 
 def frame(opcode: int, content: bytes, final: bool = True, rsv: int = 0, length: int | None = None) -> bytes:
-    """A frame of a WebSocket, masked with zeros; `length` is what it says of itself."""
+    """Return a WebSocket frame with a zero mask; `length` is the length stated in its header."""
     size = len(content) if length is None else length
     head = bytes([final << 7 | rsv << 4 | opcode])
     if size < 126:
@@ -130,7 +130,7 @@ def test_with_it_host_and_origin_are_still_looked_at(painter: Painter) -> None:
 @pytest.mark.parametrize(
     "path", ["%2e%2e/%2e%2e/etc/passwd", "..%5c..%5cetc", "//etc/passwd", "%00", "%2fetc%2fpasswd", "." * 3000]
 )
-def test_no_path_leads_out(painter: Painter, path: str) -> None:
+def test_path_traversal_is_refused(painter: Painter, path: str) -> None:
     assert painter.ask(f"/{painter.token}/{path}")[0] == 404
 
 
@@ -153,7 +153,7 @@ def test_no_path_leads_out(painter: Painter, path: str) -> None:
         GET + b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: =\r\nSec-WebSocket-Version: 99\r\n\r\n",
     ],
 )
-def test_what_is_no_request_gets_nothing(painter: Painter, content: bytes) -> None:
+def test_invalid_request_gets_no_response(painter: Painter, content: bytes) -> None:
     assert b" 200 " not in painter.raw(content) and painter.ask("/")[0] == 403
 
 
@@ -171,7 +171,7 @@ def test_what_is_no_request_gets_nothing(painter: Painter, content: bytes) -> No
         (b"\x81\x01x", 1002),  # without a mask
     ],
 )
-def test_what_is_no_frame_ends_its_connection_alone(painter: Painter, opened: Any, content: bytes, code: int) -> None:
+def test_invalid_frame_closes_only_its_connection(painter: Painter, opened: Any, content: bytes, code: int) -> None:
     with opened(painter) as other, opened(painter) as wire:
         assert "permessage-deflate" not in (wire.response and wire.response.headers.get("Sec-WebSocket-Extensions", ""))
         assert painter.ended_by(wire, content) == code

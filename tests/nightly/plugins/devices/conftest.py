@@ -18,20 +18,22 @@ EMULATORS = Path(__file__).parent / "emulators"
 
 
 class Emulated:
-    """An emulator that runs. `place` is where it listens: a path, a port's name, an address."""
+    """A running emulator. `place` is its address: a path, the name of a port, or a network address."""
 
     def __init__(self, name: str, folder: Path) -> None:
         self.log = folder / f"{name}.log"
         self.place = str(folder / name)
         command = [sys.executable, str(EMULATORS / f"{name}.py"), str(self.log), self.place]
-        beside = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}  # emulator.py is
+        # the emulator imports emulator.py from its folder
+        beside = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
         pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
         self.process = subprocess.Popen(command, env=beside, **pipes)
         said = self.process.stdout.readline().strip()  # type: ignore[union-attr]
         assert said, f"the emulator {name} does not start"
         self.place = self.place if said == "up" else said
 
-    def tell(self, **orders: float) -> None:
+    def set(self, **orders: float) -> None:
+        """Set parameters of the emulator, such as faults to inject."""
         for name, value in orders.items():
             self.process.stdin.write(f"{name} {float(value)}\n")  # type: ignore[union-attr]
             self.process.stdin.flush()  # type: ignore[union-attr]
@@ -39,7 +41,7 @@ class Emulated:
             assert said == "done\n" or name == "gone"  # a disconnected emulator may exit without an answer
 
     def rows(self) -> list[list[float]]:
-        """The received forces: ns, and numbers."""
+        """Return the received forces: time [ns] and components."""
         return [[float(part) for part in line.split()] for line in self.log.read_text().splitlines()]
 
     def end(self) -> None:
@@ -51,7 +53,7 @@ class Emulated:
 
 @pytest.fixture
 def emulate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Emulated]]:
-    """Starts the emulator of a name; the USB bus is its bus from then on."""
+    """Return a function that starts an emulator by name and makes it the USB bus."""
     running: list[Emulated] = []
 
     def start(name: str) -> Emulated:
@@ -67,7 +69,7 @@ def emulate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
         emulated.end()
 
 
-# A simulated sound card: PulseAudio with a null sink, and a recording of its input.
+# Simulated sound card: a null sink of PulseAudio, and a recording of what is played.
 
 
 RATE_HZ = 48_000
@@ -77,11 +79,11 @@ NEEDED = {"pulseaudio": "pulseaudio", "parec": "pulseaudio-utils", "pactl": "pul
 ALSA = 'pcm.dualsense { type pulse device dualsense hint { show on description "DualSense" } }\n'
 
 MAP = "front-left,front-right,rear-left,rear-right"
-"""Its channels, as a DualSense's descriptor has them."""
+"""Channels of the sink, as in the USB descriptor of a DualSense."""
 
 
 def missing() -> str:
-    """What is not installed, for a test's skip; empty where all is there."""
+    """Return the missing packages, for the reason of a skip; empty if all are installed."""
     packages = sorted({package for command, package in NEEDED.items() if shutil.which(command) is None})
     try:
         import sounddevice  # noqa: F401
@@ -95,7 +97,7 @@ def missing() -> str:
 
 
 class NullSink:
-    """A sink of four channels, listed as a DualSense."""
+    """Null sink with four channels, listed as a DualSense."""
 
     def __init__(self, folder: Path) -> None:
         runtime = folder / "run"
@@ -118,12 +120,12 @@ class NullSink:
     def _wait(done: Callable[[], bool], what: str) -> None:
         deadline_s = time.monotonic() + 20.0
         while not done():
-            assert time.monotonic() < deadline_s, f"{what} does not come"
+            assert time.monotonic() < deadline_s, f"{what} did not appear within 20 s"
             time.sleep(0.05)
 
     @contextmanager
     def recording(self, file: Path) -> Iterator[None]:
-        """All that is played meanwhile, (n, 4) int16, into a file."""
+        """Record what is played in this context to a file, (n, 4) int16."""
         words = ["parec", "--device=dualsense.monitor", "--format=s16le", f"--rate={RATE_HZ}", "--channels=4", "--raw"]
         words += [f"--channel-map={MAP}", "--latency-msec=20"]
         with file.open("wb") as out, subprocess.Popen(words, env=self.env, stdout=out) as recorder:
@@ -134,7 +136,7 @@ class NullSink:
                 recorder.send_signal(signal.SIGTERM)
 
     def python(self, code: str, *words: str, timeout_s: float = 120.0) -> str:
-        """What a Python prints that has this sound card."""
+        """Run Python code with this sound card; return its standard output."""
         done = subprocess.run(
             [sys.executable, "-c", code, *words], env=self.env, capture_output=True, text=True, timeout=timeout_s
         )
@@ -147,7 +149,7 @@ class NullSink:
 
     @staticmethod
     def recorded(file: Path) -> np.ndarray:
-        """(n, 4) of full scale, rounded to 16 bits by PortAudio."""
+        """Return the recording (n, 4) [1 = full scale], which PortAudio rounds to 16 bits."""
         whole = np.fromfile(file, np.int16)
         return whole[: len(whole) // 4 * 4].reshape(-1, 4) / 32767.0
 

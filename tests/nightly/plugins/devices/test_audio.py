@@ -62,7 +62,7 @@ if __name__ == "__main__":
 """
 
 
-def test_a_dualsense_gets_on_3_and_4_what_was_recorded_to_16_bits(sink: Any, tmp_path: Path) -> None:
+def test_dualsense_plays_a_recording_on_channels_3_and_4_to_16_bits(sink: Any, tmp_path: Path) -> None:
     t_s = np.arange(10_000) / 1e4
     np.save(tmp_path / "chirp.npy", 25.0 * np.sin(2.0 * np.pi * (20.0 + 245.0 * t_s) * t_s))
     wanted_s = np.arange(1200, 47_000) / RATE_HZ
@@ -121,7 +121,7 @@ def test_the_default_buffer_plays_low_frequencies_at_their_level(
     assert (last_s > first_s) == (underruns > 0 or bool(words))
 
 
-def test_a_servo_s_ticks_are_felt_without_a_click_and_end_in_silence(sink: Any, tmp_path: Path) -> None:
+def test_servo_output_has_no_clicks_and_ends_in_silence(sink: Any, tmp_path: Path) -> None:
     (tmp_path / "servo.py").write_text(SERVO)
     for buffer_s in ("0.05", "0.1", "0.2"):  # a busy computer
         with sink.recording(tmp_path / "played"):

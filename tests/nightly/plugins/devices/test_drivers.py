@@ -1,4 +1,4 @@
-"""What every driver of a real device keeps to, at its wire: a force to what is ready alone, zero on every way out."""
+"""Contract of all drivers: force only while the device is ready, and zero force however the driver ends."""
 
 import errno
 import importlib
@@ -41,18 +41,18 @@ def turn_until(device: Any, true: Callable[[], Any]) -> None:
 
 
 @case
-def test_no_force_before_it_is_ready_and_none_after(case: Case, emulate) -> None:
+def test_force_is_zero_unless_the_device_is_ready(case: Case, emulate) -> None:
     emulated = emulate(case.name)
     with case.driver.open(**case.filled(emulated.place, ready=False)) as device:
         turn_until(device, lambda: device.state.trouble[0])
         assert device.state.ready[0] == 0 and device.reason(int(device.state.trouble[0]))
         assert not forces(emulated).any()
     with case.driver.open(**case.filled(emulated.place)) as device:
-        emulated.tell(ready=1)
+        emulated.set(ready=1)
         turn_until(device, lambda: forces(emulated)[-1:].any())
         assert device.state.ready[0] == 1 and device.state.trouble[0] == 0 and device.reason(0) == ""
         if not case.homed:
-            emulated.tell(ready=0)
+            emulated.set(ready=0)
             turn_until(device, lambda: device.state.ready[0] == 0 and not forces(emulated)[-1].any())
             count = len(forces(emulated))
             turn_until(device, lambda: len(forces(emulated)) > count + 5)
@@ -63,7 +63,7 @@ def test_no_force_before_it_is_ready_and_none_after(case: Case, emulate) -> None
 @pytest.mark.parametrize("way", ["close", "close after it is torn out", "an exception"])
 def test_closing_leaves_no_force(case: Case, way: str, emulate) -> None:
     emulated = emulate(case.name)
-    emulated.tell(ready=1)
+    emulated.set(ready=1)
     device = case.driver.open(**case.filled(emulated.place))
     turn_until(device, lambda: forces(emulated)[-1:].any())
     if way == "an exception":
@@ -72,7 +72,7 @@ def test_closing_leaves_no_force(case: Case, way: str, emulate) -> None:
     elif way == "close":
         device.close()
     else:
-        emulated.tell(gone=1)
+        emulated.set(gone=1)
     device.close()
     if way != "close after it is torn out":
         until(lambda: not forces(emulated)[-1].any(), GONE_S)
@@ -81,10 +81,10 @@ def test_closing_leaves_no_force(case: Case, way: str, emulate) -> None:
 @case
 def test_a_disconnected_device_is_an_error_with_its_name(case: Case, emulate) -> None:
     emulated = emulate(case.name)
-    emulated.tell(ready=1)
+    emulated.set(ready=1)
     with case.driver.open(**case.filled(emulated.place)) as device:
         turn(device, 30)
-        emulated.tell(gone=1)
+        emulated.set(gone=1)
         with pytest.raises(DeviceError, match=f"^{case.name}: .*(disconnected|no valid data)"):
             turn(device, 20)  # ticks
 
@@ -98,7 +98,7 @@ def test_a_pause_is_no_timeout(case: Case, emulate, monkeypatch: pytest.MonkeyPa
         ahead[0] = 60.0
         turn(device, 60)
         ahead[0] = 120.0
-        emulated.tell(**case.elsewhere)
+        emulated.set(**case.elsewhere)
         before, count = device.state.p_DT_m[0].copy(), int(device.state.count[0])
         turn(device, 80)
         assert device.state.count[0] > count + 30 and (device.state.p_DT_m[0] != before).any()
@@ -108,7 +108,7 @@ def test_a_pause_is_no_timeout(case: Case, emulate, monkeypatch: pytest.MonkeyPa
 @case
 def test_zero_is_written_to_a_device_whose_driver_was_killed(case: Case, emulate) -> None:
     emulated = emulate(case.name)
-    emulated.tell(ready=1)
+    emulated.set(ready=1)
     options = case.filled(emulated.place)
     script = f"""
 import sys, time
@@ -137,9 +137,9 @@ while True:
 
 @case
 @pytest.mark.parametrize("end", ["", "raise KeyError"])
-def test_a_program_that_does_not_close_it_leaves_no_force(case: Case, end: str, emulate) -> None:
+def test_force_is_zero_after_a_program_ends_without_closing(case: Case, end: str, emulate) -> None:
     emulated = emulate(case.name)
-    emulated.tell(ready=1)
+    emulated.set(ready=1)
     script = f"""
 import hapscene.device
 device = hapscene.device.open({case.name!r}, **{case.filled(emulated.place)!r})
@@ -171,9 +171,9 @@ def beat(case: Case, emulate: Any, count: int) -> None:
     options, device, reopened, worst_s = case.filled(emulated.place, ready=False), None, 0, 0.0
     for i in range(count):
         if device is None:
-            emulated.tell(mangled=0.0)
+            emulated.set(mangled=0.0)
             device = case.driver.open(**options)
-            emulated.tell(mangled=0.5)
+            emulated.set(mangled=0.5)
         start_s = time.monotonic()
         try:
             turn(device, 1, (1.0, 1.0, 1.0))
@@ -194,7 +194,7 @@ def beat(case: Case, emulate: Any, count: int) -> None:
 @case
 def test_forces_that_are_none_are_not_sent(case: Case, emulate) -> None:
     emulated = emulate(case.name)
-    emulated.tell(ready=1)
+    emulated.set(ready=1)
     with case.driver.open(**case.filled(emulated.place)) as device:
         turn_until(device, lambda: forces(emulated)[-1:].any())
         for wrong in ((np.nan, 0.0, 0.0), (np.inf, 1.0, 0.0)):
@@ -210,7 +210,7 @@ def test_find_lists_it(case: Case, emulate) -> None:
 
 
 def test_a_missing_permission_names_the_udev_rule(emulate) -> None:
-    emulate("falcon").tell(refused=1)
+    emulate("falcon").set(refused=1)
     driver = Case("falcon", {}).driver
     (found,) = driver.find(backend="usb_wire")
     assert "Access denied" in found.trouble and 'ATTR{idVendor}=="0403"' in found.remedy
@@ -239,7 +239,7 @@ def test_an_error_on_opening_names_a_remedy(error, system, words, emulate, monke
 
 
 @pytest.mark.parametrize("name", ["falcon", "woodenhaptics"])
-def test_what_is_closed_is_not_opened_anew_to_be_closed_again(name: str, emulate, monkeypatch) -> None:
+def test_second_close_does_not_open_the_device(name: str, emulate, monkeypatch) -> None:
     emulate(name)
     backend, opened = importlib.import_module("usb_wire").Backend, []
     monkeypatch.setattr(backend, "open_device", lambda self, device: opened.append(device) or device)

@@ -17,15 +17,15 @@ def turn(device, count: int) -> None:
 
 def test_boot_handshake_upload_and_run(emulate, tmp_path) -> None:
     falcon = emulate("falcon")
-    falcon.tell(loaded=0)
+    falcon.set(loaded=0)
     with pytest.raises(DeviceError, match="firmware=FILE"):
         DRIVER.open(backend="usb_wire")
     file = tmp_path / "firmware.bin"
     file.write_bytes(np.random.default_rng(0).bytes(7_914))
-    falcon.tell(broken_echo=1)
+    falcon.set(broken_echo=1)
     with pytest.raises(DeviceError, match="byte 0"):
         DRIVER.open(firmware=str(file), backend="usb_wire")
-    falcon.tell(broken_echo=0)
+    falcon.set(broken_echo=0)
     before = len(falcon.rows())
     with DRIVER.open(**DRIVER.read_options({"firmware": str(file), "backend": "usb_wire"})) as device:
         turn(device, 30)
@@ -39,7 +39,7 @@ def test_boot_handshake_upload_and_run(emulate, tmp_path) -> None:
 
 def test_split_and_short_transfers_are_put_together(emulate) -> None:
     falcon = emulate("falcon")
-    falcon.tell(split=1, buttons=5)
+    falcon.set(split=1, buttons=5)
     with DRIVER.open(backend="usb_wire") as device:
         before = int(device.state.count[0])
         turn(device, 60)
@@ -48,7 +48,7 @@ def test_split_and_short_transfers_are_put_together(emulate) -> None:
 
 
 def test_an_invalid_firmware_file_is_refused(emulate, tmp_path) -> None:
-    emulate("falcon").tell(loaded=0)
+    emulate("falcon").set(loaded=0)
     (tmp_path / "empty").write_bytes(b"")
     for name, message in (("none", "cannot be read"), ("empty", "0 bytes")):
         with pytest.raises(DeviceError, match=message):

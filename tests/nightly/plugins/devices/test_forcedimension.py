@@ -71,7 +71,7 @@ def test_forces_on_the_wire(desk, device):
         assert not desk.rows()[-1]["force"].any()
 
 
-def test_what_is_set_as_it_is_opened(desk):
+def test_settings_on_opening(desk):
     lay(desk)
     with connect(gravity="no"):
         pass
@@ -129,7 +129,7 @@ def test_saturated_motors_are_reported(desk, device):
     assert device.state.trouble == 0
 
 
-def test_a_position_that_is_not_new_is_not_counted(desk, device):
+def test_repeated_position_is_not_counted(desk, device):
     desk.set(end_error=1)
     device.read()
     assert device.state.count == 2 and device.state.ready == 1
@@ -171,7 +171,7 @@ def test_a_bad_position_gives_no_force_and_no_state(desk, device):
 @pytest.mark.parametrize(
     ("function", "act"), [("dhdGetPosition", "read"), ("dhdGetStatus", "read"), ("dhdSetForce", "write")]
 )
-def test_a_device_that_is_gone(desk, device, function, act):
+def test_disconnected_device_is_reported(desk, device, function, act):
     """A moment is borne, without force; not more."""
     desk.set(refuse=function.encode(), refuse_code=2)
     getattr(device, act)()
@@ -228,7 +228,7 @@ def test_no_device(desk):
 
 
 @pytest.mark.parametrize("way", ["raise ValueError('seen')", "sys.exit(3)", "os.kill(os.getpid(), signal.SIGKILL)"])
-def test_no_force_is_left(desk, way):
+def test_force_is_zero_after_release(desk, way):
     """Seen by the desk, which outlives the process: by the driver, or by the device's watchdog."""
     lay(desk)
     code = f"""

@@ -26,7 +26,7 @@ def test_place_and_force_on_the_wire(emulate) -> None:
     assert first > 0.0 and second == pytest.approx(-first)  # both arms turn up and back, away from the hand
 
 
-def test_a_board_is_one_programs_alone_and_released_all_the_same(emulate) -> None:
+def test_board_is_exclusive_but_can_be_released_by_another_program(emulate) -> None:
     board = emulate("haply2diy")
     with DRIVER.open(port=board.place) as device:
         with pytest.raises(DeviceError, match="in use"):

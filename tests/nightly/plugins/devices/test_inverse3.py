@@ -19,7 +19,7 @@ def turn(device, count: int) -> None:
 @pytest.mark.parametrize("field", ["vector", "values"])
 def test_force_in_the_service_s_spelling_and_within_its_limit(field: str, emulate) -> None:
     service = emulate("inverse3")
-    service.tell(ready=1, values=field == "values")
+    service.set(ready=1, values=field == "values")
     with DRIVER.open(uri=service.place, field=field) as device:
         turn(device, 20)
         np.testing.assert_allclose(device.state.p_DT_m[0], (0.01, 0.02, -0.01), atol=1e-9)
@@ -28,15 +28,15 @@ def test_force_in_the_service_s_spelling_and_within_its_limit(field: str, emulat
 
 def test_an_unknown_key_of_the_force_is_reported(emulate) -> None:
     service = emulate("inverse3")
-    service.tell(ready=1, values=1)
+    service.set(ready=1, values=1)
     with DRIVER.open(uri=service.place) as device:
         turn(device, 80)
         assert device.state.trouble[0] == IGNORED and "field=values" in device.reason(IGNORED)
 
 
-def test_one_state_a_message_and_events_are_none(emulate) -> None:
+def test_each_state_message_counts_once_and_events_do_not(emulate) -> None:
     service = emulate("inverse3")
-    service.tell(ready=1, events=1)
+    service.set(ready=1, events=1)
     with DRIVER.open(uri=service.place) as device:
         turn(device, 50)
         assert device.state.count[0] <= len(service.rows()) + 1  # and the one as it connects
@@ -47,7 +47,7 @@ def test_buttons_and_orientation_of_both_grips(emulate) -> None:
     service = emulate("inverse3")
     with DRIVER.open(uri=service.place) as device:
         for wireless, buttons in ((0, 1), (1, 5), (1, 2)):
-            service.tell(wireless=wireless, buttons=buttons)
+            service.set(wireless=wireless, buttons=buttons)
             for _ in range(200):  # a command appears in the state after next, or later where the service has no time
                 turn(device, 5)
                 if device.state.buttons[0] == buttons:
@@ -58,13 +58,13 @@ def test_buttons_and_orientation_of_both_grips(emulate) -> None:
 
 def test_positions_that_are_moved_take_no_force(emulate) -> None:
     service = emulate("inverse3")
-    service.tell(ready=1, moved=1)
+    service.set(ready=1, moved=1)
     with DRIVER.open(uri=service.place) as device:
         turn(device, 5)
         assert device.state.trouble[0] == TRANSFORMED and device.state.ready[0] == 0
 
 
-def test_whoever_else_is_at_that_port_is_no_inverse3() -> None:
+def test_another_service_on_the_port_is_not_an_inverse3() -> None:
     with serve(lambda socket: socket.send('{"inverse3": 5}'), "127.0.0.1", 0) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         assert DRIVER.find(uri=f"ws://127.0.0.1:{server.socket.getsockname()[1]}") == []

@@ -113,7 +113,7 @@ def test_forces_on_the_wire(desk, device):
         assert np.array_equal(desk.rows()[-1]["force"], (0.0, 0.0, 0.0))
 
 
-def test_a_weaker_device_is_given_less(desk):
+def test_force_is_limited_to_the_maximum_of_the_device(desk):
     lay(desk, most_force=1.5)
     with connect() as device:
         device.state.f_D_N = (3.0, 0.0, 0.0)
@@ -121,7 +121,7 @@ def test_a_weaker_device_is_given_less(desk):
         assert np.allclose(desk.rows()[-1]["force"], (1.5, 0.0, 0.0))
 
 
-def test_the_vendors_thread_ticks(desk, device):
+def test_vendor_thread_runs_the_tick(desk, device):
     desk.set(position=(10.0, 20.0, 30.0))
     serve(device, 1.0, 0.5, -0.2, 20.0)
     gone(desk)
@@ -183,7 +183,7 @@ def test_errors_end_the_force_and_have_a_name(desk, device, code):
     assert device.state.ready == 1 and device.state.trouble == 0
 
 
-def test_an_error_of_the_frames_end_counts_in_the_next(desk, device):
+def test_error_at_the_end_of_a_frame_is_reported_in_the_next(desk, device):
     serve(device, 1.0)
     desk.set(end_error=0x0200)
     gone(desk)
@@ -241,7 +241,7 @@ def test_mutated_returns(desk, device):
     assert rows["force"][~bad].any() and np.isfinite(rows["force"]).all()
 
 
-def test_the_state_may_lie_elsewhere(desk, device):
+def test_state_can_be_in_shared_memory(desk, device):
     """As the servo puts it into memory that the application sees."""
     desk.set(position=(1.0, 2.0, 3.0))
     device.state = elsewhere = device.state.copy()
@@ -251,7 +251,7 @@ def test_the_state_may_lie_elsewhere(desk, device):
     assert np.allclose(elsewhere.p_DT_m, (0.001, -0.003, 0.002)) and elsewhere.ready == 1
 
 
-def test_a_device_that_is_gone_is_seen(desk, device):
+def test_disconnected_device_is_detected(desk, device):
     serve(device, 1.0)
     device.check()
     desk.set(begin_error=0x0302)
@@ -281,13 +281,13 @@ def test_names_are_tried_in_turn(desk):
     assert desk.tried.decode() == "left;force;clamp;"
 
 
-def test_a_device_that_another_has(desk, device):
+def test_device_in_use_is_reported(desk, device):
     with pytest.raises(DeviceError, match=r"HD_DEVICE_ALREADY_INITIATED"):
         connect()
     device.read()
 
 
-def test_no_device_says_what_was_tried(desk, monkeypatch):
+def test_missing_device_error_lists_the_tried_names(desk, monkeypatch):
     lay(desk, name=b"another")
     monkeypatch.delenv("GTDD_HOME", raising=False)
     with pytest.raises(DeviceError, match=r"NULL: HD_COMM_ERROR.*Phantom4: HD_COMM_ERROR.*library=PATH.*GTDD_HOME"):
@@ -300,7 +300,7 @@ def test_no_device_says_what_was_tried(desk, monkeypatch):
 
 
 @pytest.mark.parametrize("function", ["hdEnable", "hdSetSchedulerRate", "hdStartScheduler", "hdScheduleAsynchronous"])
-def test_what_the_library_refuses(desk, function):
+def test_errors_of_the_library_are_reported(desk, function):
     lay(desk, refuse=function.encode(), refuse_code=0x0600)
     with pytest.raises(DeviceError, match="HD_INVALID_LICENSE"), connect() as device:
         serve(device, 1.0)
@@ -316,7 +316,7 @@ def test_options_that_are_wrong(desk, options, message):
         connect(**options)
 
 
-def test_the_library_is_looked_for(desk, monkeypatch, tmp_path):
+def test_library_is_searched_in_the_standard_locations(desk, monkeypatch, tmp_path):
     lay(desk)
     places = {"libHD.so": emulator("hd")}
     monkeypatch.setattr("hapscene.device.vendor_library.find_library", places.get)
@@ -368,7 +368,7 @@ time.sleep(0.02)
 
 
 @pytest.mark.parametrize("way", WAYS_OUT)
-def test_no_force_is_left(desk, way):
+def test_force_is_zero_after_release(desk, way):
     """Seen by the desk, which outlives the process."""
     lay(desk)
     end_by(WAYS_OUT[way])

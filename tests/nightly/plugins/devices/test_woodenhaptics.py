@@ -28,7 +28,7 @@ def test_place_current_and_watchdog_on_the_wire(emulate) -> None:
 
 
 @pytest.mark.parametrize("f_D_N", [(0.0, 0.0, 2.0), (0.0, 0.0, 0.0)])
-def test_a_tick_waits_for_the_bus_once_at_most(f_D_N: tuple[float, ...], emulate) -> None:
+def test_tick_waits_at_most_once_for_the_bus(f_D_N: tuple[float, ...], emulate) -> None:
     """Two reports in a tick of 1 ms take two: the servo would be late in each, and never give a force."""
     woody = emulate("woodenhaptics")
     with DRIVER.open(homed=True, backend="usb_wire") as device:
@@ -42,7 +42,7 @@ def test_a_tick_waits_for_the_bus_once_at_most(f_D_N: tuple[float, ...], emulate
 
 
 @pytest.mark.parametrize("turns", [60, 61])
-def test_a_force_that_ends_does_not_wait_for_its_turn(turns: int, emulate) -> None:
+def test_zero_force_is_sent_immediately(turns: int, emulate) -> None:
     woody = emulate("woodenhaptics")
     with DRIVER.open(homed=True, backend="usb_wire") as device:
         for turn in range(turns):

@@ -1,5 +1,5 @@
-/* What stands on the emulated desk, in a file that tests map too: faults to switch, forces that were commanded, when.
-   The file is named by the environment, is made by the tests, and outlives the process. */
+/* State of the emulated devices in a file that the tests map into memory too: faults to inject, commanded forces and
+   their times. An environment variable names the file. The tests create it; it outlives the process. */
 #define _GNU_SOURCE
 #include <fcntl.h>
 #include <math.h>
@@ -16,12 +16,12 @@ struct row { double t_s, force[3], spent_s; int64_t ready, bad; };
 
 struct desk {
     double position[3], transform[16], warmth, most_force, workspace[6];
-    double ahead_s;             /* what this clock is put on by */
+    double ahead_s;             /* offset added to this clock */
     int64_t buttons, calibration, style, count, started, disabled, watchdog, status[16];
     int64_t begin_error, end_error, saturated, off;
-    int64_t refuse_code;        /* error of the function that is refused */
-    char refuse[32], name[32];  /* that function; the one name by which the device opens */
-    char tried[256];            /* names that were asked for; functions called to set up */
+    int64_t refuse_code;        /* error code of the function that fails */
+    char refuse[32], name[32];  /* the function that fails; the only device name that opens */
+    char tried[256];            /* requested device names; calls during setup */
     struct row rows[ROWS];
 };
 
@@ -29,12 +29,12 @@ static struct desk *desk;
 
 static void attach(void) {
     static char path[4096];
-    const char *told = getenv("HAPSCENE_EMULATED_DESK");
-    if (told == NULL || (desk != NULL && strcmp(path, told) == 0)) return;
-    int file = open(told, O_RDWR);
+    const char *file_name = getenv("HAPSCENE_EMULATED_DESK");
+    if (file_name == NULL || (desk != NULL && strcmp(path, file_name) == 0)) return;
+    int file = open(file_name, O_RDWR);
     desk = mmap(NULL, sizeof *desk, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, file, 0);
     close(file);
-    strncpy(path, told, sizeof path - 1);
+    strncpy(path, file_name, sizeof path - 1);
 }
 
 static double now(void) {
@@ -50,13 +50,13 @@ static void note(double x, double y, double z, int ready, int bad) {
     desk->count++;
 }
 
-static void tell(const char *word) {
+static void log_call(const char *word) {
     size_t room = sizeof desk->tried - strlen(desk->tried) - 2;
     strncat(desk->tried, word, room);
     strcat(desk->tried, ";");
 }
 
-/* 64 random bits, xorshift; 0 is for: nothing is mutated */
+/* xorshift generator of 64 random bits; seed 0 disables the mutation of values */
 static uint64_t seed;
 
 static uint64_t draw(void) {

@@ -1,4 +1,4 @@
-/* DHD as far as a driver needs it: status, a watchdog that ends the force, returns that say what went wrong. */
+/* Emulates the functions of DHD that the driver uses: status, watchdog, error codes. */
 #include "desk.h"
 
 enum { POWER, CONNECTED, STARTED, RESET, IDLE, FORCE, BRAKE, TORQUE, WRIST, FAULT, GRAVITY, GUARD, INIT, TWICE, CAUSE };
@@ -12,12 +12,12 @@ static int refused(const char *function) {
 
 static int mutated(int good) {
     if (seed == 0 || draw() % 20) return good;
-    int told = draw() % 2 ? -1 : (int)draw();
-    if (told < 0) bad = 1, last = draw() % 40;
-    return told;
+    int code = draw() % 2 ? -1 : (int)draw();
+    if (code < 0) bad = 1, last = draw() % 40;
+    return code;
 }
 
-/* The device's own: whether it has heard of the servo in time. Also for tests, after a servo that was killed. */
+/* Watchdog of the device: removes the force if the servo sends nothing in time. Tests call it after killing a servo. */
 void watch(void) {
     attach();
     if (desk->count == 0 || desk->watchdog == 0 || !desk->status[FORCE]) return;
@@ -43,7 +43,7 @@ int dhdOpenID(char id) {
 }
 
 int dhdClose(char id) { desk->started = 0, desk->disabled++; return 0; }
-int dhdStop(char id) { tell("stop"); desk->status[FORCE] = 0; return 0; }
+int dhdStop(char id) { log_call("stop"); desk->status[FORCE] = 0; return 0; }
 
 int dhdGetStatus(int *status, char id) {
     watch();
@@ -70,19 +70,19 @@ int dhdSetForce(double x, double y, double z, char id) {
     if (refused("dhdSetForce")) return -1;
     if (!desk->status[FORCE]) x = y = z = 0;
     note(x, y, z, desk->status[FORCE], bad);
-    int told = desk->saturated ? 2 : 0, before = bad;
-    told = mutated(told);
+    int code = desk->saturated ? 2 : 0, before = bad;
+    code = mutated(code);
     bad = before;
-    return told;
+    return code;
 }
 
 int dhdEnableForce(unsigned char on, char id) {
-    tell(on ? "force" : "off");
+    log_call(on ? "force" : "off");
     if (!desk->off) desk->status[FORCE] = on, desk->status[CAUSE] = 0;
     return 0;
 }
 
-int dhdSetGravityCompensation(int on, char id) { tell(on ? "gravity" : "weight"); return refused("dhdSetGravityCompensation") ? -1 : 0; }
+int dhdSetGravityCompensation(int on, char id) { log_call(on ? "gravity" : "weight"); return refused("dhdSetGravityCompensation") ? -1 : 0; }
 int dhdSetWatchdog(unsigned char steps, char id) { desk->watchdog = steps; return 0; }
 int dhdSetMaxForce(double most, char id) { desk->most_force = most; return 0; }
 int dhdSetTimeGuard(int us, char id) { return us == 0 ? 0 : -1; }

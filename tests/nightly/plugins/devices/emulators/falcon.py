@@ -54,7 +54,7 @@ class Falcon(Emulator):
             self.out.append(b"?")
 
     def read(self, endpoint, wait_s):
-        """As FTDI's chips do: two bytes of status first, alone where there is nothing else after a millisecond."""
+        """Return two status bytes and the data, like FTDI chips; only the status if there is no data within 1 ms."""
         assert endpoint == 0x81
         if not self.out:
             time.sleep(0.001)

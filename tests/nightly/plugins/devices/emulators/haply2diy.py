@@ -16,12 +16,12 @@ from emulator import Emulator
 class Board(Emulator):
     def __init__(self):
         super().__init__()
-        self.first, self.second = 120.0, 60.0  # its arms [°]
+        self.first, self.second = 120.0, 60.0  # angles of the two arms [°]
         self.setup = b""
         self.fault = 0.0
 
     def answer(self, name):
-        """The answer to a message, or what a fault makes of it."""
+        """Return the answer to a message, damaged if a fault is set."""
         good = struct.pack("<B2f", name, self.second, self.first)
         match int(self.fault):
             case 1:

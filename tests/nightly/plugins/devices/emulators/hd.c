@@ -1,4 +1,4 @@
-/* HDAPI as far as a driver needs it: a scheduler with a thread of its own, frames, an error stack, calibration. */
+/* Emulates the functions of HDAPI that the driver uses: scheduler thread, frames, error stack, calibration. */
 #include "desk.h"
 
 #include <pthread.h>
@@ -35,7 +35,7 @@ error_info hdGetError(void) {
 
 unsigned int hdInitDevice(const char *name) {
     attach();
-    tell(name ? name : "NULL");
+    log_call(name ? name : "NULL");
     if (refused("hdInitDevice") || strcmp(desk->name, name ? name : "NULL")) { push(0x302); return 0xFFFFFFFF; }
     held = open(getenv("HAPSCENE_EMULATED_DESK"), O_RDWR);
     if (flock(held, LOCK_EX | LOCK_NB)) return close(held), push(0x301), 0xFFFFFFFF; /* the dead hold nothing */
@@ -66,7 +66,7 @@ void hdEndFrame(unsigned int device) {
 
 void hdEnable(unsigned int what) {
     if (refused("hdEnable")) return;
-    tell(what == 0x4000 ? "force" : what == 0x4001 ? "clamp" : "?");
+    log_call(what == 0x4000 ? "force" : what == 0x4001 ? "clamp" : "?");
     if (what == 0x4000) enabled = 1;
 }
 
@@ -102,9 +102,9 @@ const char *hdGetString(unsigned int what) { return what == 0x2501 ? "Touch" : "
 
 unsigned int hdCheckCalibration(void) {
     if (seed == 0 || draw() % 20) return desk->calibration;
-    unsigned int told = draw() % 2 ? 0x5000 + draw() % 4 : draw();
-    if (told != 0x5000) bad_frame = 1;
-    return told;
+    unsigned int code = draw() % 2 ? 0x5000 + draw() % 4 : draw();
+    if (code != 0x5000) bad_frame = 1;
+    return code;
 }
 
 void hdUpdateCalibration(unsigned int style) { if (style == desk->style) desk->calibration = 0x5000; else push(0x102); }
@@ -119,9 +119,9 @@ static void call_all(void) {
         if (tasks[i].call == NULL) continue;
         double begun = now();
         int64_t before = desk->count;
-        unsigned int told = tasks[i].call(tasks[i].data);
+        unsigned int code = tasks[i].call(tasks[i].data);
         if (desk->count > before) desk->rows[before % ROWS].spent_s = now() - begun;
-        if (told == 0) tasks[i].call = NULL, tasks[i].over = 1;
+        if (code == 0) tasks[i].call = NULL, tasks[i].over = 1;
     }
     pthread_cond_broadcast(&over);
 }
@@ -188,7 +188,7 @@ void hdUnschedule(unsigned long handle) {
     pthread_mutex_unlock(&lock);
 }
 
-/* For tests: as many periods as told, at once, in the caller's thread, with returns mutated by the seed (0: not). */
+/* For tests: runs a number of periods at once in the calling thread; a seed other than 0 mutates return values. */
 void run_mutated(int count, uint64_t with) {
     pthread_mutex_lock(&lock);
     seed = with;

@@ -1,4 +1,5 @@
-"""The driver contract on a connected device: `pytest tests/nightly/plugins/devices/test_on_the_desk.py --device NAME`.
+"""Tests the driver contract on a connected device: `pytest tests/nightly/plugins/devices/test_connected_device.py
+--device NAME`.
 
 Without `--device`, the simulated device is tested. The force is at most 0.5 N. The result is written to
 `device-report.json`, to be filed with an issue (docs/how-to/set-up-a-device.md).
@@ -30,7 +31,7 @@ def test_it_keeps_the_driver_contract(choice: DeviceChoice) -> None:
 
 
 @pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes longer than a period")
-def test_a_first_run_finds_nothing_wrong(choice: DeviceChoice, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+def test_first_run_passes(choice: DeviceChoice, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     lines: list[str] = []
     code = try_device(choice.name, choice.options, lines.append, wait=False)
     asked = request.config.getoption("--device") is not None
