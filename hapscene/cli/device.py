@@ -131,8 +131,9 @@ def check_device(
 ) -> int:
     """Check that a driver keeps the driver contract, on the connected device or on an emulator.
 
-    Prints one line per check: ok, failed or skipped. The exit code is 1 if a check failed. The connected device
-    receives no force. An emulator receives at most 0.5 N, and also faults: see the tutorial "Write a driver".
+    Prints one line per check: ok, failed or skipped. The exit code is 1 if a check
+    failed. The connected device receives no force. An emulator receives at most
+    0.5 N, and also injects faults: see docs/tutorials/write-a-driver.md.
 
     for example:
       hapscene device check haply2diy --option port=/dev/ttyACM0 --option homed=yes

@@ -186,8 +186,9 @@ def chart(
 ) -> None:
     """Chart speed against accuracy: what each lever saves, at which error, and which setting to choose.
 
-    chart.html shows a picture and a table of all levers, and every setting; chart.csv has the
-    figures. Stop other programs first: no advice is given if they disturb the times.
+    chart.html shows a picture and a table of all levers, and every setting;
+    chart.csv has the figures. Stop other programs first: no advice is given if
+    they disturb the times.
 
     examples:
       hapscene lab chart
