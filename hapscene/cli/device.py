@@ -135,7 +135,7 @@ def check_device(
     failed. The connected device receives no force. An emulator receives at most
     0.5 N, and also injects faults: see docs/tutorials/write-a-driver.md.
 
-    for example:
+    examples:
       hapscene device check haply2diy --option port=/dev/ttyACM0 --option homed=yes
       hapscene device check board_driver:DRIVER --emulator board_driver:Board
     """
