@@ -212,6 +212,8 @@ class Driver:
             servo opens the device and sets the force to 0 (`hapscene.loop.watchdog`).
         release: sets the force of a device to 0 after its driver process has died, with the same options; None if
             closing suffices.
+        prepare_release: opens the device a second time, with the same options, and returns a function that sets the
+            force to 0 without delay. None if the device cannot be opened twice.
         open_handle: opens an output of the acceleration channel, with the options as keyword arguments; None without a
             handle.
         simulated: True if the driver uses no hardware.
@@ -237,6 +239,7 @@ class Driver:
     options: tuple[Option, ...] = ()
     watchdog_s: float = math.inf
     release: Callable[..., None] | None = None
+    prepare_release: Callable[..., Callable[[], object]] | None = None
     open_handle: Callable[..., Any] | None = None
     simulated: bool = False
     assumptions: tuple[str, ...] = ()

@@ -69,10 +69,14 @@ def watch(
     if hasattr(os, "setsid"):
         os.setsid()
     drivers = [(DRIVERS.load(choice.name), choice) for choice in choices]
-    for driver, _ in drivers:
+    prepared = []
+    for driver, choice in drivers:
         for module in driver.imports:
             with suppress(ImportError):  # the servo reports what is missing
                 importlib.import_module(module)
+        if driver.prepare_release is not None:
+            with suppress(Exception):  # `release` is tried in any case
+                prepared.append(driver.prepare_release(**driver.read_options(choice.options)))
     gc.freeze()
     gc.disable()  # a collection takes milliseconds
     request_realtime_priority()
@@ -80,14 +84,18 @@ def watch(
     channel = open_channel(length, block, name, bodies=bodies, tools=tools)
     ready.send(None)
     closed = until_needed(life, channel, pid)
-    channel.close(unlink=False)
     if closed:
+        channel.close(unlink=False)
         return
+    for send_zero in prepared:  # at once: to kill a large process and to open a port takes tens of milliseconds
+        with suppress(Exception):
+            send_zero()
     with suppress(OSError):
         os.kill(pid, signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
     for driver, choice in drivers:
         if driver.release is not None:
             release(driver, choice)
+    channel.close(unlink=False)
 
 
 def _state_of(pid: int) -> str:

@@ -7,7 +7,10 @@ The board has no watchdog: it holds the last torque indefinitely. Therefore ever
 """
 
 import math
+import os
 import struct
+from collections.abc import Callable
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 from hapscene.device.driver import Connection, Driver, Option
@@ -15,6 +18,7 @@ from hapscene.device.model import Device, Limits
 from hapscene.device.response_timeout import ResponseTimeout
 from hapscene.device.serial_port import SERIAL_MODULES, SerialPort, find_ports
 from hapscene.device.sim.point import PointMass
+from hapscene.errors import DeviceError
 from hapscene.wall_clock import CLOCK, Clock
 from hapscene_plugins.devices.haply2diy_kinematics import arm_torques, forward
 
@@ -143,6 +147,15 @@ def release(port: str | None = None, **options: Any) -> None:
         device.close()
 
 
+def prepare_release(port: str | None = None, **options: Any) -> Callable[[], object]:
+    """Open the port a second time for writing; returns a function that sends zero torque."""
+    if os.name != "posix":
+        raise DeviceError("haply2diy: a serial port is opened once only on this system")
+    name = port or str(find_ports()[0].options["port"])
+    file = os.open(name, os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    return partial(os.write, file, run_message((0.0, 0.0)))
+
+
 DRIVER = Driver(
     name="haply2diy",
     summary="Haply 2DIY, versions 2 and 3, planar, over its serial port.",
@@ -163,6 +176,7 @@ DRIVER = Driver(
         Option("homed", False, "whether the arms are at their marks now; without homed=yes it gives no force"),
     ),
     release=release,
+    prepare_release=prepare_release,
     assumptions=(
         "It lies in front of the hand with its arms towards the hand; there is no force along z.",
         "Force, mass, damping and friction are estimates; the firmware limits torques to 0.123 N·m.",

@@ -67,7 +67,7 @@ class Play:
         scene.save(folder / "wall.scene.json")
         self.board = emulator(folder)
         self._log, self._rows = self.board.log.open(), []
-        self.board.tell(**self.angles(FRONT_M - 0.005))
+        self.board.set(**self.angles(FRONT_M - 0.005))
         words = ["play", str(folder / "wall.scene.json"), "--device", "haply2diy", "--at", "0", "0", "0"]
         words += ["--option", f"port={self.board.place},homed=yes", "--log", str(folder / "logs")]
         command = [sys.executable, "-m", "hapscene", *words]
@@ -77,7 +77,7 @@ class Play:
         try:
             until(lambda: len(self.torques()) > 3500)  # the force rises within two seconds
             for y_m in np.linspace(FRONT_M - 0.004, PRESSED_M, 40):
-                self.board.tell(**self.angles(y_m))
+                self.board.set(**self.angles(y_m))
                 time.sleep(0.01)
             until(lambda: abs(self.torques()[-1][1]) > HELD_N_m)
         except AssertionError:
@@ -134,7 +134,7 @@ def killed(who: str, by: signal.Signals) -> Callable[[Play], None]:
 
 
 def board_fault(number: int) -> Callable[[Play], None]:
-    return lambda play: play.board.tell(fault=number)
+    return lambda play: play.board.set(fault=number)
 
 
 EVENTS: Final = {
