@@ -151,6 +151,7 @@ def _write(found: Table, questions: Sequence[Question], out: Path, docs: Path | 
     """Write table, pictures and pages; return their paths."""
     made = [out / "chart.csv", out / "chart.html"]
     found.write(made[0], questions)
+    found = Table.read(made[0])  # the page shows the numbers of the file, which are rounded
     pictures = draw_rows(_rows(found, questions), out / PICTURE)
     made += [*pictures, *draw_settings(questions, found.points, out / SETTINGS)]
     _write_text(made[1], page_of(found, questions, out, "chart.csv", details=True).html())
