@@ -23,13 +23,14 @@ def texture_of(channels: Streams) -> Texture:
 def test_modulation_over_time_and_over_distance_is_recovered(surface: str, by_distance: bool) -> None:
     parts = [simulated(surface, 10.0, seed)[0] for seed in range(4)]
     fit = fit_modulation(texture_of(parts[0]), parts)
-    assert fit.life is not None and fit.reason == ""
-    assert fit.life.log_spread == pytest.approx(0.4, abs=0.06)
+    assert fit.modulation is not None and fit.reason == ""
+    assert fit.modulation.log_spread == pytest.approx(0.4, abs=0.06)
     assert fit.intervals[-1][0] < 0.4 < fit.intervals[-1][1] < fit.intervals[-1][0] + 0.25
     assert (fit.ahead[0] > 0.0) == by_distance
-    own, other = (fit.life.decay_1_m, fit.life.decay_1_s) if by_distance else (fit.life.decay_1_s, fit.life.decay_1_m)
+    found = fit.modulation
+    own, other = (found.decay_1_m, found.decay_1_s) if by_distance else (found.decay_1_s, found.decay_1_m)
     assert np.all(own > 0.0) and np.all(other == 0.0)
-    rate = np.sum(fit.life.spread**2 * own) / np.sum(fit.life.spread**2)
+    rate = np.sum(found.spread**2 * own) / np.sum(found.spread**2)
     assert 0.5 < rate * (0.07 * 0.15 if by_distance else 0.07) < 2.0
 
 
@@ -47,7 +48,7 @@ def test_constant_speed_gives_modulation_over_time() -> None:
     channels, _ = simulated("bursts", 10.0, 5)
     channels = replace(channels, speed_m_s=np.full_like(channels.speed_m_s, 0.1))
     fit = fit_modulation(texture_of(channels), [channels])
-    assert fit.life is not None and np.all(fit.life.decay_1_m == 0.0)
+    assert fit.modulation is not None and np.all(fit.modulation.decay_1_m == 0.0)
     assert fit.ahead[0] == pytest.approx(0.0, abs=1e-6)
 
 
@@ -56,14 +57,14 @@ def test_stationary_noise_has_no_modulation(seconds: float) -> None:
     for seed in range(10 if seconds < 2.0 else 3):
         channels, _ = simulated("steady", seconds, seed)
         fit = fit_modulation(texture_of(channels), [channels])
-        assert fit.life is None and "as steady as" in fit.reason
+        assert fit.modulation is None and "stationary noise" in fit.reason
 
 
 def test_a_dependence_on_force_and_speed_is_no_modulation() -> None:
     channels, _ = simulated("steady", 8.0)
     louder = channels.acceleration_m_s2 * channels.speed_m_s  # power goes with the third power of the speed
     channels = replace(channels, acceleration_m_s2=louder)
-    assert fit_modulation(texture_of(channels), [channels]).life is None
+    assert fit_modulation(texture_of(channels), [channels]).modulation is None
 
 
 def test_short_runs_are_reported() -> None:
@@ -72,4 +73,4 @@ def test_short_runs_are_reported() -> None:
         name: getattr(channels, name)[start : start + 1000] for name in ("acceleration_m_s2", "force_N", "speed_m_s")
     }) for start in (0, 2000)]  # fmt: skip
     fit = fit_modulation(texture_of(channels), short)
-    assert fit.life is None and "0.4 s" in fit.reason
+    assert fit.modulation is None and "0.4 s" in fit.reason

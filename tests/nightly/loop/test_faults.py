@@ -179,7 +179,7 @@ def test_blocked_board_is_reported(rig: Rig) -> None:
 
 
 def test_unplugged_device_is_reported_and_logged(rig: Rig, tmp_path: Path) -> None:
-    rig.board.tell(gone=1)
+    rig.board.set(gone=1)
     _, errors = rig.application.communicate(timeout=PATIENCE_S)
     assert f"haply2diy: {rig.board.place}" in errors and "reconnect it" in errors
     log = log_in(tmp_path / "logs")
@@ -201,7 +201,7 @@ def test_terminal_signals_remove_the_force(rig: Rig, key: signal.Signals) -> Non
 
 def test_servo_reports_a_lost_device(rig: Rig) -> None:
     os.kill(rig.application.pid, signal.SIGSTOP)  # its calls are delayed
-    rig.board.tell(gone=1)
+    rig.board.set(gone=1)
     time.sleep(2.0 * GUARDED_S)  # longer than the patience of the watchdog
     os.kill(rig.application.pid, signal.SIGCONT)
     _, errors = rig.application.communicate(timeout=PATIENCE_S)
