@@ -298,7 +298,6 @@ def paint_region(
     falloff_m: float = 0.0,
     opacity: float = 1.0,
     faces: NDArray[Any] | None = None,
-    over: int | None = None,
     sight: Sight | None = None,
 ) -> NDArray[np.int64]:
     """Paint a region on a body and subdivide the faces along its border.
@@ -314,7 +313,6 @@ def paint_region(
             the transition, such as one in a side of a box, gets half the weight: extend the region beyond the surface.
         opacity: weight of the swatch inside the region [0, 1].
         faces: indices or mask of the faces that may be painted. Default: all.
-        over: index of the only swatch that may be painted over; for blends the heavier swatch counts. Default: any.
         sight: visibility test; invisible parts are not painted. Default: everything is visible.
 
     Returns:
@@ -353,9 +351,6 @@ def paint_region(
     count = len(had) - len(fine)
     while len(front):
         weight, cut = painter.look(where_m, front.level)
-        if over is not None:
-            stays = parts(front.paint)[0] != over
-            weight[stays], cut[stays] = 0.0, False
         paint = paint_over(front.paint, swatch, opacity * weight)
         done.append(replace(front, paint=paint)[~cut])
         reached.append(np.unique(front.face[~cut & (opacity * weight > 0)]))

@@ -310,8 +310,9 @@ class Painting:
             if eye_W_m is not None:
                 visibility = Visibility(self.scene.bodies, self.shapes, body, eye_W_m, self.hidden)
                 faces = visibility.facing(np.arange(len(painted.face_swatch)) if faces is None else faces)
-            more: dict[str, Any] = {"falloff_m": falloff_m, "opacity": opacity, "sight": visibility}
-            faces = paint_region(painted, region, swatch, faces=faces, **more)
+            faces = paint_region(
+                painted, region, swatch, falloff_m=falloff_m, opacity=opacity, faces=faces, sight=visibility
+            )
             if len(faces):
                 self._note_faces(body, faces)
             elif before is None:
