@@ -213,7 +213,8 @@ def _check_options(session: Session) -> str:
         pass
     else:
         raise Failed("the option no_such_option is accepted, expected a DeviceError")
-    for function in (session.driver.open, session.driver.find, session.driver.release):
+    driver = session.driver
+    for function in (driver.open, driver.find, driver.release, driver.prepare_release):
         if function is not None:
             try:
                 inspect.signature(function).bind(**session.options)

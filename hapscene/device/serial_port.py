@@ -16,7 +16,7 @@ try:
 except ImportError:  # Windows has none
     PortError = OSError  # type: ignore[misc,assignment]
 
-__all__ = ["SERIAL_MODULES", "SerialPort", "find_ports"]
+__all__ = ["SERIAL_MODULES", "SerialPort", "chosen_port", "find_ports"]
 
 SERIAL_MODULES: Final = ("serial", "serial.tools.list_ports")
 """Modules that a driver of a serial device imports when it is opened (`Driver.imports`)."""
@@ -52,6 +52,21 @@ def _found(port: str, where: str) -> Found:
     return Found(where, {"port": port}, trouble, remedy)
 
 
+def chosen_port(driver: str, port: str | None) -> str:
+    """The given port, or the only one on USB.
+
+    Raises:
+        DeviceError: no port was named and the number of ports is not one.
+    """
+    if port is not None:
+        return port
+    found = find_ports()
+    if len(found) != 1:
+        names = ", ".join(each.where for each in found) or "not found"
+        raise DeviceError(f"{driver}: name the serial port: --option port=NAME; connected ports: {names}")
+    return str(found[0].options["port"])
+
+
 class SerialPort:
     """An open serial port. Every error is a `DeviceError` that starts with `name`.
 
@@ -76,12 +91,7 @@ class SerialPort:
         """
         import serial
 
-        if port is None:
-            found = find_ports()
-            if len(found) != 1:
-                names = ", ".join(each.where for each in found) or "not found"
-                raise DeviceError(f"{driver}: name the serial port: --option port=NAME; connected ports: {names}")
-            port = str(found[0].options["port"])
+        port = chosen_port(driver, port)
         self.name, self._clock, self._unsent = f"{driver}: {port}", clock, b""
         try:
             exclusive = True if alone and os.name == "posix" else None

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 from hapscene.device.driver import Connection, Driver, Option
 from hapscene.device.model import Device, Limits
 from hapscene.device.response_timeout import ResponseTimeout
-from hapscene.device.serial_port import SERIAL_MODULES, SerialPort, find_ports
+from hapscene.device.serial_port import SERIAL_MODULES, SerialPort, chosen_port, find_ports
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.wall_clock import CLOCK, Clock
@@ -151,8 +151,7 @@ def prepare_release(port: str | None = None, **options: Any) -> Callable[[], obj
     """Open the port a second time for writing; returns a function that sends zero torque."""
     if os.name != "posix":
         raise DeviceError("haply2diy: a serial port is opened once only on this system")
-    name = port or str(find_ports()[0].options["port"])
-    file = os.open(name, os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    file = os.open(chosen_port("haply2diy", port), os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
     return partial(os.write, file, run_message((0.0, 0.0)))
 
 
