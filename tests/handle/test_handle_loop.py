@@ -67,7 +67,8 @@ def test_stable_for_every_handle_half_off_and_any_grip(off: list[float], grip: f
     desired = 0.7 * noise(8000, seed)
     desired[5000:] = 0.0
     played = play(desired, RATE_HZ, firm(replace(Plant(), **there), 4.0**grip))
-    assert spectrogram_error(desired, played.acceleration_m_s2, RATE_HZ) < 0.25
+    limit = 0.12 if off[PARAMETERS.index("m_c_kg")] > 0.75 else 0.25  # 0.23 occurs with half the mass of the coil
+    assert spectrogram_error(desired, played.acceleration_m_s2, RATE_HZ) < limit
     assert np.abs(played.acceleration_m_s2).max() < 2.0 * np.abs(desired).max()
     assert np.abs(played.acceleration_m_s2[7000:]).max() < 0.1  # and still when nothing is asked for
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
@@ -121,6 +121,7 @@ def test_energy_is_kept_to_second_order(compliant: bool) -> None:
 @given(st.tuples(*[st.floats(-5, 5)] * 3), st.booleans())
 def test_energy_never_increases(dq: tuple[float, float, float], compliant: bool) -> None:
     """Pushed and released: no step gains more than the integrator's error, and friction brings it to rest."""
+    assume(max(map(abs, dq)) > 1e-6)  # below, rounding exceeds the energy
     omni = Omni(gravity=False, compliant=compliant).record(ORIGIN)
     omni.dq = dq
     no_hand = hand()
@@ -132,7 +133,7 @@ def test_energy_never_increases(dq: tuple[float, float, float], compliant: bool)
         advance_omni(omni[0], no_hand[0], 2e-3)
         now_J = energy_J(omni, no_hand)
         if not omni.trouble[0] & OmniFlag.AT_STOP:  # a stop's spring stores energy that is not counted
-            assert now_J <= last_J + 1e-6 * start_J + 1e-24  # rounding at rest
+            assert now_J <= last_J + 1e-6 * start_J
         last_J = now_J
     if SHORT == 1:
         assert last_J <= 1e-6 * start_J
