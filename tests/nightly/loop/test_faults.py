@@ -1,9 +1,8 @@
 """Faults in operation: processes are killed and stopped, devices are unplugged. The clock of the board shows when the
-force ended. The board is an emulated 2DIY, which holds its last torques for ever.
+force ended. The board is an emulated 2DIY, which holds its last torques indefinitely.
 """
 
 import contextlib
-import importlib.util
 import os
 import signal
 import subprocess
@@ -11,7 +10,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -19,6 +17,7 @@ import pytest
 
 from hapscene.compiled.native import INTERPRETED
 from hapscene.loop import SessionLog
+from tests.nightly.plugins.devices.conftest import Emulated
 from tests.until import PATIENCE_S, until
 
 if not hasattr(os, "openpty"):
@@ -30,12 +29,11 @@ WITHIN_S = 0.02
 """Time within which the force ends if the application ends or is stopped, see `hapscene.device.safety` [s]."""
 
 GUARDED_S = 0.1
-"""And where the servo is: the guard sees it after 50 ms, and opens the port."""
+"""The same if the servo ends or is stopped: its main thread must get the processor to receive a signal [s]."""
 
 
 def slack_s() -> float:
-    """How late this machine may be now: a loaded one gives the emulated board no time, and ticks that are late do not
-    count the application's silence (`hapscene.device.safety`)."""
+    """Return the additional time for a loaded machine, on which the emulated board gets the processor late [s]."""
     return 0.05 if os.getloadavg()[0] < 0.5 * (os.cpu_count() or 1) else 1.5
 
 
@@ -65,22 +63,11 @@ if __name__ == "__main__":
 """
 
 
-@pytest.fixture
-def emulated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    """Module of the driver tests that starts emulators."""
-    place = Path(__file__).parents[1] / "plugins" / "devices" / "conftest.py"
-    spec = importlib.util.spec_from_file_location("emulated_devices", place)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    yield module
-
-
 class Rig:
     """An emulated board, and an application that exerts a force with it."""
 
-    def __init__(self, emulated: Any, folder: Path) -> None:
-        self.board = emulated.Emulated("haply2diy", folder)
+    def __init__(self, folder: Path) -> None:
+        self.board = Emulated("haply2diy", folder)
         (folder / "application.py").write_text(APPLICATION)
         command = [sys.executable, str(folder / "application.py"), self.board.place, str(folder / "logs")]
         pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
@@ -122,8 +109,8 @@ class Rig:
 
 
 @pytest.fixture
-def rig(emulated: Any, tmp_path: Path) -> Iterator[Rig]:
-    made = Rig(emulated, tmp_path)
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    made = Rig(tmp_path)
     yield made
     made.end()
 

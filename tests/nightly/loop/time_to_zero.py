@@ -1,12 +1,13 @@
 """How long after a fault a device holds torque: `hapscene play` drives an emulated 2DIY, whose own clock decides.
 
-The board holds its last torque for ever. It is pressed against a wall through the arms' angles, then something dies or
-fails. Run: python -m tests.nightly.loop.time_to_zero [BUSY], with so many busy processes beside it; it prints a table.
+The board holds its last torque indefinitely. It is pressed against a wall through the arms' angles, then a process or
+the board fails. Run: python -m tests.nightly.loop.time_to_zero [BUSY [REPEATS]], with BUSY processes that load the
+processor; it prints a table.
 """
 
 import contextlib
-import importlib.util
 import json
+import math
 import os
 import signal
 import subprocess
@@ -16,13 +17,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import trimesh
+from scipy.optimize import brentq
 
 import hapscene
 from hapscene_plugins.devices.haply2diy import HARDWARE, MIDDLE_M, forward
+from tests.nightly.plugins.devices.conftest import Emulated
 from tests.until import until
 
 FRONT_M: Final = -0.035
@@ -37,23 +40,13 @@ HELD_N_m: Final = 0.05
 
 def arm_angle_deg(y_m: float) -> float:
     """The first arm's angle [°] at which the tool is at (0, y): the second arm mirrors it."""
-    angles = np.linspace(91.0, 170.0, 8000)
-    base_m = HARDWARE["v3"].base_m
-    found = []
-    for angle in angles:
-        p = forward((float(np.radians(angle)), float(np.radians(180.0 - angle))), base_m)
-        found.append(np.inf if p is None else abs(MIDDLE_M - p[1] - y_m))
-    return float(angles[np.argmin(found)])
 
+    def off_m(angle: float) -> float:
+        p = forward((math.radians(angle), math.radians(180.0 - angle)), HARDWARE["v3"].base_m)
+        assert p is not None
+        return MIDDLE_M - p[1] - y_m
 
-def emulator(folder: Path) -> Any:
-    """The emulated board, as the tests of the drivers start it."""
-    place = Path(__file__).parents[1] / "plugins" / "devices" / "conftest.py"
-    spec = importlib.util.spec_from_file_location("emulated_devices", place)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.Emulated("haply2diy", folder)
+    return float(brentq(off_m, 95.0, 165.0))
 
 
 class Play:
@@ -65,7 +58,7 @@ class Play:
         scene = hapscene.Scene()
         scene.add(wall, name="wall", unit="m")
         scene.save(folder / "wall.scene.json")
-        self.board = emulator(folder)
+        self.board = Emulated("haply2diy", folder)
         self._log, self._rows = self.board.log.open(), []
         self.board.set(**self.angles(FRONT_M - 0.005))
         words = ["play", str(folder / "wall.scene.json"), "--device", "haply2diy", "--at", "0", "0", "0"]
