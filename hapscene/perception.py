@@ -49,11 +49,6 @@ FRICTION: Final = 0.11
 BAND_DB: Final = 2.0
 """JND of the vibration level in a band [dB]: 1.65 to 2.98 (Israr, Tan & Reed 2006)."""
 
-FLUCTUATION_DB: Final = BAND_DB / (2.0 * 2.0**0.5)
-"""Detection threshold of amplitude modulation, root mean square [dB]: a modulation whose peak and trough differ by
-`BAND_DB`, 0.7 dB and 11 % deep. In Weisenberger 1986, detection was best at some tens of hertz, and better in tones
-than in noise (cited from memory, to be checked), so weaker modulation is hardly felt."""
-
 FREQUENCY: Final = 0.25
 """Weber fraction of a vibration's frequency [1]: the middle of 0.13 to 0.38 (Israr et al. 2006)."""
 
@@ -64,13 +59,6 @@ and his curve rises faster, so weaker vibration is certainly not felt."""
 
 VIBRATION_KNEE_HZ: Final = 300.0
 """Frequency above which the detection threshold rises [Hz]."""
-
-LATENCY_S: Final = 0.040
-"""Latency of a vibration that changes the perceived texture [s]; 0.060 s is noticed as latency (Okamoto et al.
-2009)."""
-
-AUDIO_S: Final = 0.024
-"""JND of the asynchrony of touch and sound [s] (Adelstein et al. 2003); 0.045 s for touch and sight."""
 
 
 def force_jnd(f_N: ArrayLike, true_N: ArrayLike) -> Array:

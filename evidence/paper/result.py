@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.capture.report.plots import drawn as report_plot
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import SPECTROGRAM_S, spectrogram
-from hapscene.view.chart import inline_svg, new_chart
 from hapscene.view.palette import OKABE_ITO
 
 if TYPE_CHECKING:
@@ -22,9 +22,6 @@ COLOURS: Final = tuple(OKABE_ITO[name] for name in ("blue", "vermilion", "green"
 
 WIDTH_IN: Final = 6.4
 """Width of a drawing [in]."""
-
-LINE_IN: Final = 0.19
-"""Height of a line of a legend [in]."""
 
 RANGE_DB: Final = 50.0
 """Range of the spectrograms below their maximum [dB]."""
@@ -75,22 +72,8 @@ class FigureResult:
 
 
 def drawn(name: str, draw: Callable[..., None], height_in: float, panels: tuple[float, ...] = (1,)) -> str:
-    """Return a drawing as an SVG element.
-
-    Args:
-        name: identifier of the drawing, unique on the page.
-        draw: draws into the axes that it is called with, one per panel, from top to bottom.
-        height_in: height without the legend [in].
-        panels: relative heights of the panels.
-    """
-    with new_chart(WIDTH_IN, height_in) as figure:
-        draw(*figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=panels)[:, 0])
-        figure.align_ylabels()
-        count = sum(len(axes.get_legend_handles_labels()[1]) for axes in figure.axes)
-        if count:
-            figure.set_figheight(height_in + LINE_IN * -(-count // 3))
-            figure.legend(loc="outside upper left", ncols=3, fontsize=9, borderpad=0.0, columnspacing=1.2)
-        return inline_svg(figure, name)
+    """Draw a plot in the width of the page, as the report of a fit does; return the SVG element."""
+    return report_plot(name, draw, height_in, 3, panels, WIDTH_IN)
 
 
 def trace_panels(name: str, t_s: Array, signals: Mapping[str, Array], labels: Mapping[str, str] | str) -> str:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Plot", "plot_friction", "plot_models", "plot_order", "plot_plane", "plot_spectra", "plot_taps", "signed"]
 
-
 BLUE, ORANGE, GREEN, PURPLE = (OKABE_ITO[name] for name in ("blue", "vermilion", "green", "purple"))
 
 MUTED: Final = "#707070"
@@ -55,18 +54,19 @@ class Plot:
 
 
 def drawn(
-    name: str, draw: Callable[..., None], height_in: float = 2.9, columns: int = 2, panels: tuple[float, ...] = (1,)
+    name: str,
+    draw: Callable[..., None],
+    height_in: float = 2.9,
+    columns: int = 2,
+    panels: tuple[float, ...] = (1,),
+    width_in: float = WIDTH_IN,
 ) -> str:
-    """Draws a plot with a legend above it, and returns the SVG element.
+    """Draw a plot with a legend of `columns` above it; return the SVG element. `name` is unique on the page.
 
-    Args:
-        name: identifier of the plot, unique on the page.
-        draw: function that draws into the given axes, one for each panel.
-        height_in: height of the plot without legend [in].
-        columns: number of columns of the legend.
-        panels: relative heights of the panels.
+    `draw` is called with one axes for each of `panels`, which are relative heights, from top to bottom. The size
+    [in] excludes the legend.
     """
-    with new_chart(WIDTH_IN, height_in) as figure:
+    with new_chart(width_in, height_in) as figure:
         draw(*figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=panels)[:, 0])
         figure.align_ylabels()
         count = sum(len(axes.get_legend_handles_labels()[1]) for axes in figure.axes)

@@ -306,12 +306,11 @@ class Painting:
                 return 0
             before = self._keep_before(step, body)
             swatch = self.swatch_index(step.swatch, body)
-            visibility = None
-            if eye_W_m is not None:
-                visibility = Visibility(self.scene.bodies, self.shapes, body, eye_W_m, self.hidden)
-                faces = visibility.facing(np.arange(len(painted.face_swatch)) if faces is None else faces)
+            sight = None if eye_W_m is None else Visibility(self.scene.bodies, self.shapes, body, eye_W_m, self.hidden)
+            if sight is not None:
+                faces = sight.facing(np.arange(len(painted.face_swatch)) if faces is None else faces)
             faces = paint_region(
-                painted, region, swatch, falloff_m=falloff_m, opacity=opacity, faces=faces, sight=visibility
+                painted, region, swatch, falloff_m=falloff_m, opacity=opacity, faces=faces, sight=sight
             )
             if len(faces):
                 self._note_faces(body, faces)
