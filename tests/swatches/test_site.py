@@ -157,7 +157,7 @@ def test_library_folder_is_not_replaced(tmp_path: Path) -> None:
     add(Swatch("oak"), tmp_path)
     with pytest.raises(SwatchError, match="not part of an earlier publication"):
         publish(gather(library=tmp_path), tmp_path)
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["index.json", "oak.swatch"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == [".lock", "index.json", "oak.swatch"]
 
 
 @pytest.mark.usefixtures("quick")
@@ -201,7 +201,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["swatch", *words]) == 0
     printed = capsys.readouterr()
     assert "1/1  bare" in printed.out and "index.html  (1 swatches," not in printed.out and "1 swatch, " in printed.out
-    assert "no licence is stated for bare" in printed.err
+    assert "without a licence, others may not use: bare" in printed.err
     assert "<title>Woods</title>" in (tmp_path / "site" / "index.html").read_text()
 
 

@@ -51,7 +51,7 @@ def test_stick_slip_gives_friction_and_no_texture(slipping):
     for name, planted in (("friction_static", 0.45), ("friction_dynamic", 0.3)):
         low, high = swatch.intervals[name]
         assert low <= planted <= high and high - low < 0.1
-    assert swatch.texture is None and "sticks and slips" in swatch.absent["texture"]
+    assert swatch.texture is None and "stick–slip" in swatch.absent["texture"]
 
 
 def test_friction_that_increases_with_speed():
