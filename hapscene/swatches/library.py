@@ -518,8 +518,7 @@ def _text(entry: LibraryEntry) -> str:
 # Download of swatches from a library folder on a web server.
 #
 # Servers are untrusted: names and sizes in the index are checked, at most the declared size is read, hashes must match,
-# and swatches are parsed as untrusted files. Interrupted transfers are resumed, also by later calls, if the server
-# supports it, else restarted.
+# and swatches are parsed as untrusted files. Interrupted transfers are restarted.
 
 
 TIMEOUT_S: Final = 20.0
@@ -557,9 +556,7 @@ def read_index(url: str) -> tuple[str, list[LibraryEntry]]:
         raise SwatchError(f"{url!r} is not a valid address; expected http://… or https://…")
     url = url.removesuffix("index.html")  # the address of a published site in a browser
     address = url if url.endswith(".json") else urljoin(url.rstrip("/") + "/", INDEX)
-    data = bytearray()
-    _retried(address, INDEX_BYTES_MAX, data.__len__, data.extend, data.clear)
-    return address, parse_index(bytes(data), address)
+    return address, parse_index(_downloaded(address, INDEX_BYTES_MAX), address)
 
 
 def get(
@@ -587,82 +584,41 @@ def get(
     entry = next((e for e in entries if e.name == name), None)
     if entry is None:
         raise SwatchError(no_such("swatch", name, (e.name for e in entries)) + f" at {address}")
-    home = library_folder(folder)
     url = urljoin(address, quote(entry.file))
-    try:
-        home.mkdir(parents=True, exist_ok=True)
-        data = _fetched(url, entry, home)
-    except OSError as error:
-        raise SwatchError(f"{url}: cannot be downloaded to {home}: {error.strerror or error}") from None
-    swatch = verified(entry, data, url)
+    swatch = verified(entry, _downloaded(url, entry.bytes), url)
     named = swatch if new_name is None else with_changes(swatch, name=new_name)
-    return add(named, home, replace, tags=entry.tags)
+    return add(named, folder, replace, tags=entry.tags)
 
 
-def _fetched(url: str, entry: LibraryEntry, home: Path) -> bytes:
-    """Download the file of an entry."""
-    part = home / f".{entry.sha256}.part"  # kept after an interrupted transfer, to resume it
-    if part.is_symlink() or (part.exists() and (not part.is_file() or part.stat().st_size > entry.bytes)):
-        part.unlink()
-    with part.open("ab") as file:
-
-        def write(data: bytes) -> None:
-            file.write(data)
-            file.flush()
-
-        def clear() -> None:
-            file.seek(0)
-            file.truncate()
-
-        _retried(url, entry.bytes, file.tell, write, clear)
-        if file.tell() != entry.bytes:
-            clear()
-            raise SwatchError(f"{url}: is shorter than the {entry.bytes} bytes in the index")
-    data = part.read_bytes()
-    part.unlink()
-    return data
-
-
-def _retried(
-    url: str, most: int, held: Callable[[], int], write: Callable[[bytes], object], clear: Callable[[], object]
-) -> None:
-    """Download `url` into a sink with retries; at most `most` bytes are written."""
+def _downloaded(url: str, most: int) -> bytes:
+    """Download at most `most` bytes, with retries."""
     from requests import RequestException
     from urllib3.exceptions import HTTPError
 
-    problem, start_s, first = "", time.monotonic(), held()
+    problem, start_s, data = "", time.monotonic(), bytearray()
 
     def left_s() -> float:
-        arrived_B = max(held() - first, 0)
         took_s = time.monotonic() - start_s
-        if took_s > PATIENCE_S + arrived_B / RATE_MIN_B_S:
-            raise SwatchError(f"{url}: too slow: {arrived_B} bytes in {took_s:.0f} s; try again later")
-        return PATIENCE_S + arrived_B / RATE_MIN_B_S - took_s
+        if took_s > PATIENCE_S + len(data) / RATE_MIN_B_S:
+            raise SwatchError(f"{url}: too slow: {len(data)} bytes in {took_s:.0f} s; try again later")
+        return PATIENCE_S + len(data) / RATE_MIN_B_S - took_s
 
     for _ in range(TRIES):
-        start = held()
-        wanted = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-"} if start else {})
+        data.clear()
         try:
-            with closing(_arriving(url, wanted, most, left_s)) as arriving:
+            with closing(_arriving(url, most, left_s)) as arriving:
                 answer = next(arriving)
-                if answer.status_code == 416 or (answer.status_code == 206 and not _continues(answer, start)):
-                    clear()
-                    problem = "the interrupted download cannot be resumed"
-                    continue
-                if answer.status_code not in (200, 206):
+                if answer.status_code != 200:
                     raise SwatchError(
                         f"{url}: the server returns {answer.status_code} {printable(str(answer.reason), REASON_SHOWN)}"
                     )
                 if answer.headers.get("Content-Encoding", "identity").lower() != "identity":
                     raise SwatchError(f"{url}: the server sends compressed data, which was not requested")
-                if answer.status_code == 200 and start:
-                    clear()
-                for data in arriving:
-                    if held() + len(data) > most:
-                        clear()
+                for part in arriving:
+                    if len(data) + len(part) > most:
                         raise SwatchError(f"{url}: is longer than {most} bytes")
-                    write(data)
-                return
+                    data += part
+                return bytes(data)
         except (RequestException, HTTPError) as error:
             problem = _reason(error)
             if isinstance(error, ValueError):  # such as an invalid address
@@ -670,7 +626,7 @@ def _retried(
     raise SwatchError(f"{url}: cannot be downloaded: {printable(problem)}")
 
 
-def _arriving(url: str, headers: dict[str, str], most: int, left_s: Callable[[], float]) -> Generator[Any, None, None]:
+def _arriving(url: str, most: int, left_s: Callable[[], float]) -> Generator[Any, None, None]:
     """Yield the response, then its content in chunks, up to slightly more than `most` bytes.
 
     A thread waits for the server, since socket timeouts limit each wait but not their sum. It is abandoned when
@@ -678,7 +634,7 @@ def _arriving(url: str, headers: dict[str, str], most: int, left_s: Callable[[],
     """
     found: SimpleQueue[Any] = SimpleQueue()
     left = Event()
-    Thread(target=_ask, args=(url, headers, most, found.put, left.is_set), daemon=True).start()
+    Thread(target=_ask, args=(url, most, found.put, left.is_set), daemon=True).start()
     try:
         while True:
             try:
@@ -694,7 +650,7 @@ def _arriving(url: str, headers: dict[str, str], most: int, left_s: Callable[[],
         left.set()
 
 
-def _ask(url: str, headers: dict[str, str], most: int, put: Callable[[Any], None], left: Callable[[], bool]) -> None:
+def _ask(url: str, most: int, put: Callable[[Any], None], left: Callable[[], bool]) -> None:
     """Pass the response, its content in chunks, and None to `put`; or the exception."""
     import requests
 
@@ -702,7 +658,7 @@ def _ask(url: str, headers: dict[str, str], most: int, put: Callable[[Any], None
         with requests.Session() as session:
             # requests would follow redirections itself and read their content without a limit
             session.get_redirect_target = lambda resp: None  # type: ignore[method-assign]
-            place = url
+            place, headers = url, {"Accept-Encoding": "identity"}
             for _ in range(REDIRECTIONS_MAX + 1):
                 with session.get(place, headers=headers, stream=True, timeout=TIMEOUT_S) as answer:
                     if answer.is_redirect:
@@ -732,11 +688,6 @@ def _redirected(place: str, target: str) -> str:
             f"{place}: is redirected to {printable(found, REASON_SHOWN)}; expected {' or '.join(schemes)}"
         )
     return found
-
-
-def _continues(answer: Any, start: int) -> bool:
-    """Return whether a partial response starts at the requested position."""
-    return str(answer.headers.get("Content-Range", "")).startswith(f"bytes {start}-")
 
 
 def _reason(error: BaseException) -> str:

@@ -10,6 +10,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from html import escape
 from importlib.resources import as_file, files
 from importlib.resources.abc import Traversable
@@ -80,7 +81,7 @@ ASSUMED: Final = {"hardness": "stiffness_N_m", "texture": "texture", "friction":
 
 SOUND_NOTE: Final = (
     f"Each sound is the acceleration of the handle during a tap at {1e3 * TAP_M_S:g} mm/s and, after {START_S:g} s, a "
-    f"stroke with {FORCE_N:g} N at {1e3 * SPEED_M_S:g} mm/s. All sounds have the same scale."
+    f"stroke with {FORCE_N:g} N at {1e3 * SPEED_M_S:g} mm/s. Taps have one scale; strokes are about equally loud."
 )
 
 
@@ -286,7 +287,13 @@ def _tile(swatch: Swatch, entry: LibraryEntry) -> str:
 
 def _audio(stem: str, swatch: Swatch) -> str:
     label = escape(printable(f"{swatch.name}: a tap, then a stroke"))
-    return f'<audio controls preload="none" src="{stem}.wav" aria-label="{label}"></audio>'
+    audio = f'<audio controls preload="none" src="{stem}.wav" aria-label="{label}"></audio>'
+    return f'{audio}<p class="detail">{_levels(swatch)}</p>'
+
+
+@lru_cache(maxsize=4096)
+def _levels(swatch: Swatch) -> str:
+    return swatch_sound(swatch).levels
 
 
 def _licence(swatch: Swatch) -> str:

@@ -19,7 +19,6 @@ from hapscene_swatches import compute
 
 NAMES = [entry.name for entry in computed_entries()]
 TIP_M, MASS_KG, STEEL_PA = 1.6e-3, 0.1, 212e9 / (1 - 0.293**2)
-RATE_HZ = 10_000.0
 
 
 @cache

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 from scipy.io import wavfile
 
 import hapscene
@@ -32,6 +33,7 @@ def test_level_of_the_stroke() -> None:
         level = steady(swatch_sound(swatch, force_N, speed_m_s, 20.0), 20.0).std()
         known = gain * float(np.sqrt(WOOD.texture.power([force_N], [speed_m_s])[0]))  # type: ignore[union-attr]
         assert level == pytest.approx(known, rel=0.1)
+        assert swatch_sound(swatch, force_N, speed_m_s, 0.5).levels.startswith(f"stroke {known:.2g} m/s² rms")
 
 
 def test_tap() -> None:
@@ -49,9 +51,30 @@ def samples(data: bytes) -> tuple[int, np.ndarray]:
     return rate, found
 
 
-def test_common_scale() -> None:
-    soft = replace(WOOD, effects={"lpc_texture": {"texture_gain": 0.25}, "tap": {"tap_gain": 0.25}})
-    first, second = (samples(wav_bytes(swatch_sound(swatch)))[1] for swatch in (WOOD, soft))
+def weighted_dBFS(played: np.ndarray, rate_Hz: float) -> float:
+    """A-weighted level, by the poles of the weighting (IEC 61672-1) in an analogue filter, 0 dB at 1 kHz."""
+    poles_Hz = np.array([20.6, 20.6, 107.7, 737.9, 12194.0, 12194.0])
+    f = np.fft.rfftfreq(len(played), 1.0 / rate_Hz)
+    _, response = signal.freqs_zpk([0] * 4, -2 * np.pi * poles_Hz, 1.0, 2 * np.pi * np.append(f, 1000.0))
+    spectrum = np.abs(np.fft.rfft(played)) * np.abs(response[:-1] / response[-1])
+    return float(10 * np.log10(2 * np.sum(spectrum**2)) - 20 * np.log10(len(played)))
+
+
+@pytest.mark.parametrize("name", ["wood", "glass", "sandpaper-p60", "foam-soft", "grating-2mm-200um"])
+def test_strokes_are_audible_without_clipping(name: str) -> None:
+    """Their true levels differ by 25 dB. Strokes below about 60 Hz are limited by their peaks."""
+    sound = swatch_sound(hapscene.load_swatch(name))
+    rate, found = samples(wav_bytes(sound))
+    played = found[sound.start :] / 32767
+    level_dB, peak_dB = weighted_dBFS(played, rate), 20 * np.log10(np.abs(found).max() / 32767)
+    assert peak_dB < -0.99
+    assert level_dB == pytest.approx(-26.0, abs=0.2) or (level_dB > -33.0 and peak_dB > -1.01)
+    assert sound.levels.endswith(f" m/s² rms, played {20 * np.log10(sound.gain):+.0f} dB")
+
+
+def test_taps_have_one_scale() -> None:
+    soft = replace(WOOD, effects={"tap": {"tap_gain": 0.25}})
+    first, second = (samples(wav_bytes(swatch_sound(swatch)))[1][:2500] for swatch in (WOOD, soft))
     assert second.std() == pytest.approx(0.25 * first.std(), rel=0.01)
 
 
@@ -60,4 +83,5 @@ def test_clipping_and_silence() -> None:
     _, found = samples(wav_bytes(swatch_sound(loud)))
     assert np.abs(swatch_sound(loud).a_m_s2).max() > FULL_SCALE_M_S2
     assert 29_000 < np.abs(found).max() < 32767
+    assert swatch_sound(replace(WOOD, texture=None)).levels == swatch_sound(Swatch("bare")).levels == "no stroke"
     assert not samples(wav_bytes(swatch_sound(Swatch("bare"))))[1].any()

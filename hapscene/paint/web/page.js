@@ -62,10 +62,10 @@ function onSamples(buffer, received) {
     if (sound.monitor) sound.note(a);
     else sound.stream(a, block / tick_s, received);
   } else if (kind === 2) {
-    const [, rate] = new Float32Array(buffer, 0, 2);
-    const a = new Float32Array(buffer, 8);
+    const [, rate, start, gain] = new Float32Array(buffer, 0, 4);
+    const a = new Float32Array(buffer, 16);
     trace.show(a, rate);
-    sound.once(a, rate);
+    sound.once(a.map((v, i) => (i < start ? v : gain * v)), rate);
   }
 }
 

@@ -75,9 +75,9 @@ class PageSocket:
         head = (1.0, tick_s, len(force_N), a_m_s2.shape[1])
         self._broadcast(np.concatenate((head, force_N, a_m_s2.ravel())).astype("<f4").tobytes())
 
-    def sound(self, a_m_s2: NDArray[Any], rate_Hz: float) -> None:
-        """Play an acceleration (n,) [m/s²] at once."""
-        self._broadcast(np.concatenate(((2.0, rate_Hz), a_m_s2)).astype("<f4").tobytes())
+    def sound(self, a_m_s2: NDArray[Any], rate_Hz: float, start: int, gain: float) -> None:
+        """Plot an acceleration (n,) [m/s²], and play it at once, with a gain from the sample `start` on."""
+        self._broadcast(np.concatenate(((2.0, rate_Hz, start, gain), a_m_s2)).astype("<f4").tobytes())
 
     def _broadcast(self, content: str | bytes) -> None:
         for connection in self._sockets:

@@ -246,10 +246,10 @@ class SwatchPanel:
 
     async def _play(self, card: Card) -> None:
         """Play the sound of a tap and a stroke in the browser."""
-        sound = await asyncio.to_thread(lambda: swatch_sound(card.swatch))
-        self._context.socket.sound(sound.a_m_s2, sound.rate_Hz)
-        if not sound.a_m_s2.any():
-            self._context.socket.say(f"{card.name} makes no sound: it has neither a texture nor taps.")
+        sound = await asyncio.to_thread(swatch_sound, card.swatch)
+        self._context.socket.sound(sound.a_m_s2, sound.rate_Hz, sound.start, sound.gain)
+        silent = f"{card.name} makes no sound: it has neither a texture nor taps."
+        self._context.socket.say(f"{card.name}: {sound.levels}" if sound.a_m_s2.any() else silent)
 
     def _edit(self, card: Card) -> None:
         """Open a dialog to rename, tag, move or delete a swatch of the user's library."""

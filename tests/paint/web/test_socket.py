@@ -46,7 +46,7 @@ def test_slow_client_loses_traces_but_no_messages(waiting_bytes: int, count: int
     live, page = PageSocket(nothing, dict), Slow(waiting_bytes)
     live._sockets.add(page)
     live.send(state={"undo": "fill"})
-    live.sound(np.zeros(9), 1e4)
+    live.sound(np.zeros(9), 1e4, 0, 1.0)
     live.trace(np.zeros(3), np.zeros((3, 10)), 1e-3)
     live.say("Saved.")
     live.say("Not saved.", "error")
