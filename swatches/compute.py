@@ -81,7 +81,7 @@ SOURCE = (
     "swatches/compute.py. {level} {tables}Assumed, from no source: {assumed}.{more} "
     "Stiffness is what the contact has at 1 N, and 700 N/m at most, which devices render."
 )
-BOUND = "Level: that of the trace, bounded by the pressing force; it does not fall with force or speed."
+BOUND = "Level: that of the trace, bounded by the pressing force and never falling with force or speed (assumed)."
 HATT = (
     "Level: {level.rms_m_s2:g} m/s² rms at 1 N and 0.1 m/s, its power with the exponents {level.force:g} of force and "
     "{level.speed:g} of speed, as fitted to {level.like} of the Penn Haptic Texture Toolkit (Culbertson, López Delgado "
@@ -254,7 +254,7 @@ def sandpaper(grit: int, grain_um: float) -> Surface:
 
 def noise(what: str, material: str, like: str, corner_mm: float = 20.0, hurst: float = 1.6) -> Surface:
     """A random profile with the level of a measured surface."""
-    more = f" Heights: a corner at {corner_mm:g} mm and a Hurst exponent of {hurst:g}, for a spectrum like its."
+    more = f" Heights: a corner at {corner_mm:g} mm and a Hurst exponent of {hurst:g}, chosen for a spectrum like its."
     return Surface(what, material, level=LIKE[like], corner_m=1e-3 * corner_mm, hurst=hurst, more=more)
 
 
