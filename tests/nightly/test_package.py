@@ -151,7 +151,7 @@ def test_commands_that_need_a_checkout_say_so(installed: Installed) -> None:
         words = (installed.scripts / "hapscene", "lab", command, "--out", "out")
         clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
         done = subprocess.run(words, cwd=installed.work, env=clean, capture_output=True, encoding="utf-8", check=False)
-        assert done.returncode == 2 and "checkout" in done.stderr and "Traceback" not in done.stderr
+        assert done.returncode == 2 and "clone the repository" in done.stderr and "Traceback" not in done.stderr
 
 
 @pytest.mark.soak

@@ -50,7 +50,7 @@ def test_a_page_adds_paints_tunes_and_removes(page: Page) -> None:
     page.locator("#tune input").fill("300")
     expect(text).to_have_text("done: tune")
     page.click("#resume")
-    expect(text).to_contain_text("nothing to resume")
+    expect(text).to_contain_text("never started")
     expect(text).to_have_class("wrong")
     if "HAPSCENE_PICTURE" in os.environ:
         page.screenshot(path=os.environ["HAPSCENE_PICTURE"])

@@ -54,7 +54,7 @@ def test_a_hand_that_cannot_start_is_reported(folder: Path, monkeypatch: pytest.
             return super().__enter__()
 
     def nap(time_s: float) -> None:
-        if time.monotonic() > end_s or any(pages[0]._state()["word"] + "\n" == text for text in output):
+        if time.monotonic() > end_s or any(pages[0].context.touch.problem + "\n" == text for text in output):
             raise KeyboardInterrupt
         time.sleep(0.01)
 
@@ -64,10 +64,10 @@ def test_a_hand_that_cannot_start_is_reported(folder: Path, monkeypatch: pytest.
     monkeypatch.setattr(os, "posix_fallocate", fail)
     monkeypatch.setattr("hapscene.paint.web.page.Page", Watched)
     monkeypatch.setattr(paint, "time", SimpleNamespace(sleep=nap))
-    monkeypatch.setattr(paint, "say", output.append)
+    monkeypatch.setattr(paint, "print_progress", output.append)
     assert main(["paint", "cube.ply", "--unit", "m", "--port", "0", "--no-browser"]) == 0
     assert time.monotonic() < end_s
-    (line,) = (text for text in output if text.startswith("The hand cannot touch: the servo needs "))
+    (line,) = (text for text in output if "the servo needs" in text)
     assert "/dev/shm has " in line and line.count("\n") == 1
 
 
@@ -81,7 +81,7 @@ def test_signals_end_the_painter_without_files(folder: Path, kind: signal.Signal
         assert process.wait(120.0) == 0
         assert process.stderr is not None and process.stderr.read() == ""
         assert process.stdout is not None
-        assert "nothing was painted, so there is no cube.scene.json" in process.stdout.read()
+        assert "cube.scene.json was not written" in process.stdout.read()
     assert sorted(path.name for path in folder.iterdir()) == ["cube.ply"]
 
 
@@ -102,6 +102,6 @@ def test_unsaved_changes_are_kept(folder: Path) -> None:
     with served(folder, "painter.py") as (process, _):
         process.send_signal(signal.SIGTERM)
         output, complained = process.communicate(timeout=120.0)
-    assert process.returncode == 0 and complained == "" and "offered the next time" in output
+    assert process.returncode == 0 and complained == "" and "offers to restore" in output
     kept = find_recovery(folder / "cube.scene.json")
     assert kept is not None and [s.name for s in kept.load().swatches][1:] == ["wood"]

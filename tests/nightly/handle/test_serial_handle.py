@@ -32,4 +32,4 @@ def test_the_simulator_is_identified_as_typed(
     assert found.plant.m_h_kg == pytest.approx(0.12, rel=0.02) and found.plant.k_s_N_m == pytest.approx(250.0, rel=0.1)
     assert found.grips[1].k_u_N_m > 5.0 * found.grips[0].k_u_N_m
     output = capfd.readouterr().out
-    assert "grip light: hold the handle so" in output and "mass of the handle" in output
+    assert "grip light: hold the handle in this grip" in output and "mass of the handle" in output

@@ -127,7 +127,7 @@ def test_lost_connection_shows_instructions_until_reconnected(window: Window) ->
     )
     for connection in list(socket_._sockets):
         connection.transport.abort()
-    window.wait("said.some(text => text.includes('start the painter again in the terminal'))")
+    window.wait("said.some(text => text.includes('start hapscene paint again'))")
     window.wait("said.at(-1) === 'Connected again.' || said.includes('Connected again.')")
     del window.troubles[before:]
 

@@ -55,7 +55,7 @@ def test_composed_scene_is_saved_and_recovered_after_kill(browser: Any, foreign:
         page.press("copy", "ring")
         page.bodies("cube", "cone", "ring", "ring 2")
         page.tab.locator('select[data-body-set="parent"]').select_option("cone")
-        page.did("hang 'ring 2' on 'cone'")
+        page.did("attach 'ring 2' to 'cone'")
         page.bodies("cube", "cone", "ring 2", "ring")  # below what it hangs on
         page.put("name", "brim")
         page.bodies("cube", "cone", "brim", "ring")

@@ -176,7 +176,7 @@ def test_no_line_break_between_number_and_unit() -> None:
 
 def test_unsaved_state_is_marked(tab: Any, page: Page) -> None:
     save = tab.locator("#hs-bar button", has_text="Save")
-    assert page.context.session.dirty and tab.inner_text("#hs-saved") == "Not saved"
+    assert page.context.session.dirty and tab.inner_text("#hs-saved") == "Unsaved"
     assert save.evaluate("n => n.classList.contains('due') && !n.hasAttribute('aria-pressed')")
     marked = save.evaluate("n => getComputedStyle(n, '::before').content + getComputedStyle(n).backgroundColor")
     assert marked == '"●"rgba(0, 0, 0, 0)'

@@ -129,7 +129,7 @@ def test_two_fingers_are_two_tools_and_lie_where_they_lie(live: Live, tab: Page)
         assert settled(servo, tool).p_WT_m[:2] == pytest.approx([x_m, y_m], abs=1e-3)
     tab.wait_for_timeout(700)  # held still longer than what says nothing is believed
     assert servo.state(tool=0).touching and servo.state(tool=1).touching
-    tab.wait_for_function("hapscene.felt.length === 2")
+    until(lambda: tab.evaluate("hapscene.felt.length === 2"))
     tab.evaluate("pad.dispatchEvent(new PointerEvent('pointerup', { pointerId: [...hapscene.down.keys()][0] }))")
     until(lambda: not servo.state(tool=0).touching)
     assert servo.state(tool=1).touching
@@ -163,7 +163,7 @@ def test_page_reports_a_lost_connection_and_reconnects(live: Live, tab: Page, mo
     back, felt = Event(), live[0]._felt
     expect(tab.locator("#said")).to_have_text("")
     monkeypatch.setattr(live[0], "_felt", lambda servo, since: felt(servo, since) if back.wait(120.0) else None)
-    expect(tab.locator("#said")).to_contain_text("not connected", timeout=120_000)
+    expect(tab.locator("#said")).to_contain_text("Connection lost", timeout=120_000)
     back.set()
     expect(tab.locator("#said")).to_have_text("", timeout=120_000)
 
@@ -175,7 +175,8 @@ def test_kiosk_mode_resets_after_a_visitor(live: Live, tab: Page, monkeypatch: p
     tab.mouse.down()
     for k in range(30):
         tab.mouse.move(x + 2 * k, y)
-    tab.wait_for_function("Math.max(...hapscene.traces.a.values) > 0.1 && Math.max(...hapscene.traces.v.values) > 1")
+    moved = "Math.max(...hapscene.traces.a.values) > 0.1 && Math.max(...hapscene.traces.v.values) > 1"
+    until(lambda: tab.evaluate(moved))
     expect(tab.locator("#swatch")).to_have_text("wood")
     tab.mouse.up()
     friction = tab.locator("[data-effect=friction]")
