@@ -239,7 +239,7 @@ class BridgeServer:
     # --- frames
 
     def _process_frame(self, session: _Session, packet: Packet) -> bytes | None:
-        """Move bodies and the hand, and return the newest state."""
+        """Move bodies and the hand, and return the newest state. The servo checks the numbers of the client."""
         frame = unpack_frame(packet.payload)
         if any(body.body >= len(self.servo.scene.bodies) for body in frame.bodies):
             raise PacketError("unknown body")
@@ -248,13 +248,14 @@ class BridgeServer:
             return None
         self._last = packet.sequence
         self.counts["frames"] += 1
-        for body in frame.bodies:
-            self._move(session.frame, body)
-        if frame.aim is not None:
-            try:
-                self.servo.aim(session.frame.position(frame.aim), self.orders.grip)
-            except HapsceneError:
-                self.counts["bad"] += 1
+        with np.errstate(all="ignore"):
+            for body in frame.bodies:
+                self._move(session.frame, body)
+            if frame.aim is not None:
+                try:
+                    self.servo.aim(session.frame.position(frame.aim), self.orders.grip)
+                except HapsceneError:
+                    self.counts["bad"] += 1
         return pack(Packet(STATE, session.key, packet.sequence, pack_state(self._state(session, frame))))
 
     def _move(self, frame: Convention, body: Any) -> None:

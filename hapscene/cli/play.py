@@ -204,7 +204,7 @@ def serve(
 
     loaded = load_input(scene, mesh, device)
     with ExitStack() as stack:
-        orders = Orders(servo := Servo(loaded, device))
+        orders = Orders(servo := Servo(loaded, device, progress=print_progress))
         server = stack.enter_context(BridgeServer(orders, host, udp))
         websocket = None if ws is None else WebSocketBridge(server, host, ws)
         with step(print_progress, f"starting the {device}"):

@@ -63,7 +63,7 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
     """Main function of the process; receives the arguments of `Twin` first.
 
     It ends on the order "stop", when the application has ended, or at SIGTERM. It answers each order with (None,
-    result) or (error text, None).
+    result) or (error text, None). Before it is ready, it sends the stages of the start as (None, text).
 
     Args:
         wire: connection for orders and answers.
@@ -82,9 +82,12 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
     try:
         made = _receive(wire)
         bodies, folder = made.pop("bodies"), made.pop("log_folder")
+        faces = sum(len(body.mesh.faces) for body in made["scene"].bodies)
+        wire.send((None, f"search structures of {faces:,} faces"))
         twins += open_twins(made, opened)
         channel = open_channel(length, twins[0].renderer.block, name, bodies=bodies, tools=len(twins))
         settings = settings_of([twin.renderer for twin in twins], made.get("settings"))
+        wire.send((None, "compiled code, which the first run makes"))
         handler = OrderHandler(made["scene"], twins, channel, folder, settings)
         wire.send((None, handler.made))
         while True:

@@ -17,6 +17,7 @@ __all__ = [
     "BASIC_PARAMETERS",
     "FRICTION_MAX",
     "NAME_MAX",
+    "NUMBER_MAX",
     "OWN_PARAMETERS",
     "PLAIN",
     "TOOL_FIELDS",
@@ -27,6 +28,9 @@ __all__ = [
 
 FRICTION_MAX: Final = 5.0
 """Largest friction coefficient [1]. Rubber on rubber is about 2; a larger value indicates a wrong unit."""
+
+NUMBER_MAX: Final = 1e9
+"""Largest value of a parameter, in its SI unit. A steel ball on steel has a stiffness of about 1e8 N/m."""
 
 NAME_MAX: Final = 200
 """Longest name [characters]."""
@@ -199,8 +203,8 @@ class Swatch:
         return float(getattr(self, param)) if param in OWN_PARAMETERS else default
 
     def _checked(self, what: str, value: float) -> float:
-        if not (math.isfinite(value) and value >= 0.0):
-            raise SwatchError(f"swatch {self.name!r}: {what} must be finite and not negative, is {value}")
+        if not 0.0 <= value <= NUMBER_MAX:  # also true for NaN
+            raise SwatchError(f"swatch {self.name!r}: {what} must be from 0 to {NUMBER_MAX:g}, is {value:g}")
         return float(value)
 
     def __hash__(self) -> int:

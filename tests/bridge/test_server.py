@@ -1,6 +1,7 @@
 """The bridge server with the client of the examples, on a good and on a bad line."""
 
 import random
+import warnings
 from collections.abc import Iterator
 from itertools import pairwise
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ import pytest
 
 from hapscene.bridge.orders import Orders
 from hapscene.bridge.server import SILENT_S, BridgeServer
-from hapscene.errors import HapsceneError
+from hapscene.errors import HapsceneError, UsageWarning
 from hapscene.flags import Flag
 
 from .here import Client, Here, Line, client_file
@@ -155,14 +156,20 @@ def test_there_is_one_client_at_a_time(served: Here, client: Client) -> None:
 
 def test_invalid_poses_and_bodies(client: Client) -> None:
     client.order("start", p=[0.0, 0.2, 0.0])
-    client.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 0))])
-    assert client.feel(1)["flags"] & Flag.POSE_REFUSED
-    client.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 1))])
-    assert not client.feel(1)["flags"] & Flag.POSE_REFUSED
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        for number in (np.nan, np.inf, 1e308, -1e200):  # one warning, none of NumPy
+            three = (number, 0.0, -number)
+            client.totals["crate"] = (number,) * 6
+            client.feel(1, aim=three, bodies=[("crate", three, (number,) * 4, three, three)])
+    assert [note.category for note in given] == [UsageWarning] and "'crate'" in str(given[0].message)
+    client.totals.clear()
     bad = client.order("counts")["counts"].get("bad", 0)
     client.bodies.append("ghost")
     client.frame(bodies=[("ghost", (0, 0, 0), (0, 0, 0, 1))])
     assert client.order("counts")["counts"]["bad"] == bad + 1
+    assert client.feel(1, bodies=[("crate", (0, 0, 0), (0, 0, 0, 0))])["flags"] & Flag.POSE_REFUSED
+    assert not client.feel(1, bodies=[("crate", (0, 0, 0), (0, 0, 0, 1))])["flags"] & Flag.POSE_REFUSED
 
 
 def test_too_many_names_are_an_error() -> None:
