@@ -71,6 +71,23 @@ def test_momentum_is_conserved(scene: hapscene.Scene, step_s: float) -> None:
     assert hand == pytest.approx(-impulse.linear_N_s, rel=1e-9, abs=1e-15)
 
 
+@pytest.mark.parametrize("step_s", [2.5e-4, 1e-3, 1 / 60])
+def test_momentum_of_two_tools(scene: hapscene.Scene, step_s: float) -> None:
+    """They press on opposite sides, one more than the other, beside the centre of mass."""
+    box, tools = Box(0.2, step_s), [hapscene.Renderer(scene), hapscene.Renderer(scene)]
+    bridge, hands = hapscene.bridge.Bridge(box), np.zeros((2, 3))
+    for k in range(round(0.3 / step_s)):
+        s = 0.02 * k * step_s
+        places = np.array([[-0.051 + s, 0.02, 0.01], [0.051 - 0.5 * s, 0.0, -0.01]])
+        bridge.step(tools, places, lambda made: np.add(hands, [1e-3 * c.f_W_N for c in made], out=hands))
+    one, other = (tool.impulse("box") for tool in tools)
+    assert one.linear_N_s[0] > 0.01 and other.linear_N_s[0] < -0.01
+    assert box.mass_kg * box.v_m_s == pytest.approx(one.linear_N_s + other.linear_N_s, rel=1e-9, abs=1e-15)
+    spin = one.angular_N_m_s + other.angular_N_m_s
+    assert box.inertia_kg_m2 * box.w_rad_s == pytest.approx(spin, rel=1e-9, abs=1e-15)
+    assert -hands == pytest.approx(np.array([one.linear_N_s, other.linear_N_s]), rel=1e-9, abs=1e-15)
+
+
 @pytest.mark.parametrize(("step_s", "ticks"), [(1e-3, 1000), (4e-4, 400), (1.5e-3, 1500), (1 / 60, 1000)])
 def test_number_of_ticks(scene: hapscene.Scene, step_s: float, ticks: int) -> None:
     bridge, renderer, counted = hapscene.bridge.Bridge(Box(0.2, step_s)), hapscene.Renderer(scene), []
@@ -155,6 +172,10 @@ def test_invalid_arguments(scene: hapscene.Scene) -> None:
     bridge = hapscene.bridge.Bridge(Box(0.2, 1e-3))
     with pytest.raises(hapscene.HapsceneError, match="2 numbers"):
         bridge.step(hapscene.Renderer(scene), (0.0, 1.0))
+    with pytest.raises(hapscene.HapsceneError, match="3 numbers; expected three for each of 2"):
+        bridge.step([hapscene.Renderer(scene), hapscene.Renderer(scene)], (0.0, 0.0, 1.0))
+    with pytest.raises(hapscene.HapsceneError, match="tick_s"):
+        bridge.step([hapscene.Renderer(scene), hapscene.Renderer(scene, tick_s=2e-3)], np.zeros((2, 3)))
     other = hapscene.Scene()
     other.add(trimesh.creation.box(3 * [SIDE_M]), name="bux", unit="m")
     with pytest.raises(hapscene.HapsceneError, match="no body 'box'; there are: bux"):
