@@ -169,20 +169,37 @@ class Servo(ServoConnection):
         """
         return self._channel.states[self._number(tool)].copy()
 
-    def start(self, p_WT: ArrayLike, grip: str | Grip = "light") -> None:
+    def start(self, p_WT: ArrayLike, grip: str | Grip = "light", *, tool: int | None = None) -> None:
         """Start with the tool at rest at `p_WT` (3,) [m], the target of the hand; several tools at (tools, 3).
+
+        With `tool`, only that tool starts, at (3,). The others go on; those that were never started touch nothing.
 
         Raises:
             PathError: not three finite numbers for each tool.
-            HapsceneError: a position is out of reach of its device.
+            HapsceneError: a position is out of reach of its device, or the tool does not exist.
         """
-        places = positions(numbers(p_WT).reshape(1, -1) if self._tools == 1 else np.atleast_2d(numbers(p_WT)))
-        if len(places) != self._tools:
-            raise PathError(f"p_WT has {len(places)} positions, expected {self._tools}: one for each tool")
+        count = self._tools if tool is None else 1
+        places = positions(numbers(p_WT).reshape(1, -1) if count == 1 else np.atleast_2d(numbers(p_WT)))
+        if len(places) != count:
+            raise PathError(f"p_WT has {len(places)} positions, expected {count}: one for each tool")
         held = grip_named(grip) if isinstance(grip, str) else grip
-        self._order("start", [tuple(p) for p in places.tolist()], held.row())
+        one = None if tool is None else self._number(tool)
+        self._order("start", [tuple(p) for p in places.tolist()], held.row(), one)
         self._channel.channel.stop_force = 0
         self._reported_impulse[:] = 0.0
+
+    def withdraw(self, *, tool: int) -> None:
+        """Let a tool touch nothing until its next `start`; its force ends.
+
+        Raises:
+            HapsceneError: the tool does not exist, or the process has ended.
+        """
+        self._order("withdraw", self._number(tool))
+
+    @property
+    def tools(self) -> int:
+        """Number of tools."""
+        return self._tools
 
     def pause(self) -> None:
         """Stop ticking until the next `start` or `resume`."""
