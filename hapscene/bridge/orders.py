@@ -158,10 +158,9 @@ class Orders:
     def _start(self, to: Convention, p: Any, grip: Any = DEFAULT_GRIP, tool: Any = 0) -> None:
         number = self.tool(tool)
         with self.lock:
-            given = self.given()
-            self.servo.start(to.position(p), str(grip), tool=number if self.servo.tools > 1 else None)
+            given = self.servo.start(to.position(p), str(grip), tool=number if self.servo.tools > 1 else None)
             self.grips[number] = str(grip)
-            self.impulse_offset += given - self.given()  # the servo restarts at 0; the totals continue
+            self.impulse_offset += given  # the servo restarts at 0; the totals continue
 
     def _pause(self, to: Convention) -> None:
         self.servo.pause()

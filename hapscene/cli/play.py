@@ -11,18 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from hapscene.cli.console import print_in_place, print_lines, print_note, print_progress
 from hapscene.cli.inputs import check_scene, find_asset, load_input
-from hapscene.cli.options import (
-    LOCALHOST,
-    Count,
-    Help,
-    MeshOptions,
-    OutputOptions,
-    PageOptions,
-    Pairs,
-    Port,
-    Positive,
-    Vector,
-)
+from hapscene.cli.options import LOCALHOST, Help, MeshOptions, OutputOptions, PageOptions, Pairs, Port, Positive, Vector
 from hapscene.cli.paths import base_name
 from hapscene.errors import DeviceError, HapsceneError, no_such, printable
 from hapscene.interrupt import interrupt_noted
@@ -193,7 +182,7 @@ def serve(
     ws: Annotated[Port | None, Help("WebSocket port; 0 selects a free one (default: no WebSocket)")] = None,
     host: Annotated[str, Help("Address to listen at")] = LOCALHOST,
     device: Annotated[str, Help("Name of a simulated device or of a driver")] = "omni",
-    tools: Annotated[Count, Help("Number of tools, each for one client")] = 1,
+    tools: Annotated[int, Help("Number of tools, each for one client")] = 1,
     mesh: MeshOptions = MeshOptions(),
 ) -> None:
     """Render touch for another program, over UDP and WebSocket.

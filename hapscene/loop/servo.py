@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, REACH_MAX_M, TICK_S
 from hapscene.contact.deformation import shape_of
@@ -169,10 +169,13 @@ class Servo(ServoConnection):
         """
         return self._channel.states[self._number(tool)].copy()
 
-    def start(self, p_WT: ArrayLike, grip: str | Grip = "light", *, tool: int | None = None) -> None:
+    def start(self, p_WT: ArrayLike, grip: str | Grip = "light", *, tool: int | None = None) -> NDArray[np.float64]:
         """Start with the tool at rest at `p_WT` (3,) [m], the target of the hand; several tools at (tools, 3).
 
         With `tool`, only that tool starts, at (3,). The others go on; those that were never started touch nothing.
+
+        Returns:
+            (bodies, 6) impulses of the started tools so far; `impulse` counts theirs from 0 again.
 
         Raises:
             PathError: not three finite numbers for each tool.
@@ -184,9 +187,10 @@ class Servo(ServoConnection):
             raise PathError(f"p_WT has {len(places)} positions, expected {count}: one for each tool")
         held = grip_named(grip) if isinstance(grip, str) else grip
         one = None if tool is None else self._number(tool)
-        self._order("start", [tuple(p) for p in places.tolist()], held.row(), one)
+        given: NDArray[np.float64] = self._order("start", [tuple(p) for p in places.tolist()], held.row(), one)
         self._channel.channel.stop_force = 0
-        self._reported_impulse[:] = 0.0
+        self._reported_impulse = np.zeros_like(given) if one is None else self._reported_impulse - given
+        return given
 
     def withdraw(self, *, tool: int) -> None:
         """Let a tool touch nothing until its next `start`; its force ends.

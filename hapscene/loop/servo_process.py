@@ -43,7 +43,6 @@ from hapscene.render.tick import use_moving_bodies
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import Painting
 from hapscene.scene.scene import Scene
-from hapscene.surface.surface_arrays import ABSENT
 from hapscene.surface.swatch import Swatch
 
 if TYPE_CHECKING:
@@ -54,6 +53,9 @@ __all__ = ["OrderHandler", "open_twins", "run"]
 
 WATCH_S: Final = 0.1
 """Period at which devices are checked for errors [s]."""
+
+ABSENT: Final = 4
+"""Added to the reasons in `Surface.muted` of all effects of a tool that touches nothing."""
 
 SWITCH_S: Final = 1e-4
 """Longest time that another Python thread may delay the thread that reads and writes a device [s]; Python's default is
@@ -271,9 +273,9 @@ class OrderHandler:
         places_m: Sequence[tuple[float, float, float]],
         grip: NDArray[np.float64],
         tool: int | None = None,
-    ) -> None:
+    ) -> NDArray[np.float64]:
         """Start with the tools at rest at their positions (3,), held by a grip (3,) as in `AIM`; or only one tool,
-        while those that were started before go on."""
+        while those that were started before go on. Return the impulse (b, 6) of these tools, which starts from 0."""
         chosen = range(len(self._twins)) if tool is None else [tool]
         for k, place_m in zip(chosen, places_m, strict=True):
             new_arm(self._twins[k].device, place_m, self._twins[k].X_WD)  # raises an error if it is out of reach
@@ -282,11 +284,11 @@ class OrderHandler:
         self._absent.difference_update(chosen)
         running = self.pause() and tool is not None
         self._stopped_ns = int(self._timing.began_ns) if running else 0
+        given: NDArray[np.float64] = self._channel.impulse[list(chosen)].sum(axis=0)
         if tool is None:
-            self._channel.frames["applied"] = 0.0  # impulses start from 0
+            self._channel.frames["applied"] = 0.0
             self._bodies.predicted.view(np.uint8)[:] = 0
-        else:  # those of this tool start from 0; the prediction goes on with those of the others
-            given = self._channel.impulse[tool].copy()
+        else:  # the prediction goes on with the impulses of the other tools
             self._channel.frames["applied"] -= given
             self._bodies.predicted["given"] -= given
             self._bodies.predicted["frame_applied"] -= given
@@ -305,11 +307,13 @@ class OrderHandler:
         for k, twin in enumerate(self._twins):
             (begin_safety if k in chosen or not running else resume_safety)(twin.tool.safety[0])  # ramps up, or goes on
         self._run_loop()
+        return given
 
     def withdraw(self, tool: int) -> None:
         """Let a tool touch nothing until its next start."""
         self._absent.add(tool)
         self._mute_absent()
+        self._note_change()
 
     def _mute_absent(self) -> None:
         for k, renderer in enumerate(self._renderers):

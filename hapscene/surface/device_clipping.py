@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.constants import NUMBER_MAX
 from hapscene.device.model import Limits
 from hapscene.errors import EffectError, no_such
 from hapscene.surface.effect import Effect, check_range
-from hapscene.surface.swatch import NUMBER_MAX
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
 
 __all__ = [
-    "ABSENT",
     "CLEARED",
     "COUPLE",
     "FAILED",
@@ -92,9 +91,6 @@ PHASE_COUNT: Final = 6
 
 SWITCHED_OFF: Final = 2
 """Reason for a muted effect: the user disabled it (`Renderer.mute`)."""
-
-ABSENT: Final = 4
-"""Added to the reasons of all effects of a tool that touches nothing: one of several whose client is not there."""
 
 
 @by_pointer

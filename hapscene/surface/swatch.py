@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from hapscene.constants import DAMPING_NS_M, STIFFNESS_N_M
+from hapscene.constants import DAMPING_NS_M, NUMBER_MAX, STIFFNESS_N_M
 from hapscene.errors import SwatchError
 from hapscene.io.files import short
 from hapscene.surface.look import Look
@@ -17,7 +17,6 @@ __all__ = [
     "BASIC_PARAMETERS",
     "FRICTION_MAX",
     "NAME_MAX",
-    "NUMBER_MAX",
     "OWN_PARAMETERS",
     "PLAIN",
     "TOOL_FIELDS",
@@ -28,9 +27,6 @@ __all__ = [
 
 FRICTION_MAX: Final = 5.0
 """Largest friction coefficient [1]. Rubber on rubber is about 2; a larger value indicates a wrong unit."""
-
-NUMBER_MAX: Final = 1e9
-"""Largest value of a parameter, in its SI unit. A steel ball on steel has a stiffness of about 1e8 N/m."""
 
 NAME_MAX: Final = 200
 """Longest name [characters]."""

@@ -32,6 +32,7 @@ from hapscene.bridge.server import BATCH_MAX, BridgeServer
 from hapscene.device.sim.hand import grip_named
 from hapscene.errors import SceneError
 from hapscene.flags import Flag
+from hapscene.loop.servo import BODY_ROOM
 from hapscene.loop.servo_state import ServoState
 from hapscene.render.contact_info import Impulse
 
@@ -54,9 +55,11 @@ class Still:
     def impulse(self, body: str) -> Impulse:
         return Impulse(self.total[:3].copy(), self.total[3:].copy())
 
-    def start(self, p_WT: Any, grip: str, tool: int | None) -> None:
+    def start(self, p_WT: Any, grip: str, tool: int | None) -> np.ndarray:
         grip_named(grip)
+        given = np.vstack((self.total, np.zeros((BODY_ROOM, 6))))
         self.total[:] = 0.0
+        return given
 
     def aim(self, p_WT: Any, grip: str, tool: int) -> None:
         self.grips.append(grip)
