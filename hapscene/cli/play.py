@@ -203,6 +203,8 @@ def serve(
     from hapscene.loop import Servo
     from hapscene.touch import step
 
+    if tools < 1:
+        raise DeviceError(f"--tools {tools}: expected at least 1")
     loaded = load_input(scene, mesh, device)
     with ExitStack() as stack:
         orders = Orders(servo := Servo(loaded, [device] * tools, progress=print_progress))

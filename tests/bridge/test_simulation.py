@@ -126,6 +126,25 @@ def test_chatter_starts_at_the_warned_ratio(scene: hapscene.Scene, count: int) -
     assert not touching[half:].all()
 
 
+@pytest.mark.parametrize(("part", "chatters"), [(0.93, False), (1.07, True)])
+def test_two_tools_chatter_at_half_the_ratio(scene: hapscene.Scene, part: float, chatters: bool) -> None:
+    """They hold a box between them, as two springs side by side."""
+    step_s = 4e-3
+    box = Box(STIFFNESS_N_M * step_s**2 / (0.5 * part * ratio_max(4)), step_s, turns=False)
+    box.X_WB[0, 3] = 1e-5  # beside the equilibrium
+    tools, felt = [hapscene.Renderer(scene, effects=["wall"]) for _ in range(2)], list[float]()
+    for tool, x_m in zip(tools, (-0.051, 0.051), strict=True):
+        tool.tune("test", damping_Ns_m=0.0)
+        tool.reset((x_m, 0.0, 0.0))
+    bridge, places = hapscene.bridge.Bridge(box), np.array([[-0.0495, 0.0, 0.0], [0.0495, 0.0, 0.0]])
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        for _ in range(400):
+            bridge.step(tools, lambda: places, lambda made: felt.append(made[0].f_W_N[0]))
+    assert [note.category for note in given] == chatters * [hapscene.bridge.ChatterWarning]
+    assert (np.ptp(felt[800:]) > 0.1) == chatters  # 0.5 mN and 0.8 N
+
+
 def test_ratio_max_of_one_tick() -> None:
     assert ratio_max(1) == RATIO_MAX == 4.0
     assert ratio_max(2) == pytest.approx(1.754, abs=1e-3)
