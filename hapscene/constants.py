@@ -16,6 +16,7 @@ __all__ = [
     "LIFE_MAX",
     "LOOK_AHEAD",
     "NEAR_MAX",
+    "NUMBER_MAX",
     "ORDER_MAX",
     "PASSED_MAX",
     "PASS_MAX",
@@ -113,6 +114,10 @@ STIFFNESS_N_M: Final = 500.0
 
 DAMPING_NS_M: Final = 0.0
 """Default damping of a swatch [N·s/m]."""
+
+NUMBER_MAX: Final = 1e9
+"""Largest value of a parameter of a swatch, in its SI unit. Steel on steel, the stiffest contact, has about 1e8 N/m; a
+larger value is a mistake or a wrong unit."""
 
 BLEND_S: Final = 0.01
 """Shortest time of a transition between the swatches of a blend [s]. With a much shorter time, the subfaces of a soft

@@ -24,6 +24,7 @@ __all__ = [
     "SceneError",
     "StudyError",
     "SwatchError",
+    "UsageWarning",
     "ViewError",
 ]
 
@@ -86,6 +87,10 @@ class DeviceError(HapsceneError):
 
 class ViewError(HapsceneError):
     """A picture cannot be drawn, for example because a package is missing."""
+
+
+class UsageWarning(UserWarning):
+    """Valid input that is probably a mistake, such as a position in another unit."""
 
 
 def no_such(kind: str, name: str, known: Iterable[str]) -> str:

@@ -126,13 +126,16 @@ def positions(p_WT: NDArray[np.float64]) -> NDArray[np.float64]:
     return p_WT
 
 
-def rigid(poses: ArrayLike, what: str, count: int | None = None) -> NDArray[np.float64]:
+def rigid(
+    poses: ArrayLike, what: str, count: int | None = None, *, tolerance: float = RIGID_TOLERANCE
+) -> NDArray[np.float64]:
     """Validate and copy a rigid pose (4, 4), or `count` poses (count, 4, 4).
 
     Args:
         poses: homogeneous matrices [1, m].
         what: name of the object, for messages.
         count: number of poses, one for each tick; None for a single pose.
+        tolerance: largest deviation from a rotation and from the last row [1].
 
     Raises:
         SceneError: the shape is wrong, or a matrix is not finite, scales, shears, mirrors, or translates by more than
@@ -152,15 +155,15 @@ def rigid(poses: ArrayLike, what: str, count: int | None = None) -> NDArray[np.f
         off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
         row = np.abs(flat[:, 3] - _LAST_ROW).max(axis=1)
         mirrored, reach = np.linalg.det(R) < 0.0, np.abs(p).max(axis=1)
-        good = (off <= RIGID_TOLERANCE) & (row <= RIGID_TOLERANCE) & ~mirrored & (reach <= REACH_MAX_M)
+        good = (off <= tolerance) & (row <= tolerance) & ~mirrored & (reach <= REACH_MAX_M)
     if not good.all():  # `good` is also false for values that are not finite
         k = int(good.argmin())
         pose = f"{what}: the pose" + ("" if count is None else f" of tick {k}")
         if not np.isfinite(flat[k]).all():
             fault = "has a number that is not finite"
-        elif row[k] > RIGID_TOLERANCE:
-            fault = "has another last row than 0 0 0 1"
-        elif off[k] > RIGID_TOLERANCE:
+        elif row[k] > tolerance:
+            fault = "has another last row than 0 0 0 1 (is it transposed?)"
+        elif off[k] > tolerance:
             fault = "scales or shears; give a rotation, and scale the mesh by its unit"
         elif mirrored[k]:
             fault = "mirrors (determinant -1); give a rotation"

@@ -26,6 +26,7 @@ from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.mixer import render_fields
+from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.bilateral_loop import operate
 from hapscene.teleoperation.leader_follower import step_follower, step_leader
 
@@ -34,6 +35,8 @@ __all__ = ["warm_up"]
 SWATCH: Final = "wood"
 ABOVE_M: Final = (0.0, 0.0, 0.06)
 """A position above the box [m], whose top is at 0.05 m."""
+
+SKIN: Final = Swatch("skin", effects={"puncture": {"puncture_force_N": 1.0}})
 
 ALL_EFFECTS: Final = (*EFFECTS, "puncture", "guide", "magnet", "viscosity", "weight")
 _SETTINGS: Final = {"guide": {"points_m": [[0.0, 0.0, 1.0]]}, "magnet": {"points_m": [[0.0, 0.0, 1.0]]}}
@@ -80,6 +83,7 @@ def _touch(scene: Scene) -> None:
 
 def _touch_with_everything(scene: Scene) -> None:
     """All effects, virtual coupling, passivity controller, creases, and bodies that move, deform and are removed."""
+    scene.add(scene.body("other").mesh, name="skin", swatch=SKIN)
     limits = replace(IDEAL, coupling_N_m=1000.0, passivity_Ns_m=1.0)
     renderer = Renderer(scene, ALL_EFFECTS, limits=limits, crease_rad=0.5, settings=_SETTINGS)
     renderer.step(ABOVE_M, {"other": scene.body("other").X_WB})

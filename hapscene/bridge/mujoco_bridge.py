@@ -70,8 +70,8 @@ class MuJoCo(Bridge):
         step_s: timestep of the model [s].
 
     Raises:
-        SceneError: MuJoCo is not installed, the data belongs to another model, a swatch is given for an unknown name,
-            or no geom can be touched.
+        SceneError: MuJoCo is not installed, the data belongs to another model, a swatch is given for an unknown name
+            or for geoms that are not rendered, or no geom can be touched.
         SwatchError: an unknown or invalid swatch.
 
     Warns:
@@ -173,7 +173,7 @@ def _scene(model: Any, data: Any, swatches: Mapping[str, SwatchLike], visual: bo
     def name_of(kind: Any, index: int, otherwise: str) -> str:
         return mujoco.mj_id2name(model, kind, index) or otherwise
 
-    known = {"default"}
+    known, hidden = {"default"}, set[str]()
     scene, moving, taken = Scene(), {}, set[str]()
     for body in range(model.nbody):
         body_name = name_of(kinds.mjOBJ_BODY, body, f"body_{body}")
@@ -187,9 +187,10 @@ def _scene(model: Any, data: Any, swatches: Mapping[str, SwatchLike], visual: bo
                 name_of(kinds.mjOBJ_GEOM, geom, f"geom_{geom}"),
                 *([name_of(kinds.mjOBJ_MATERIAL, material, f"material_{material}")] if material >= 0 else []),
             ]
-            known |= {body_name, *names}
             if not (visual or model.geom_contype[geom] or model.geom_conaffinity[geom]):
+                hidden |= {body_name, *names}
                 continue
+            known |= {body_name, *names}
             made = geom_mesh(model, geom)
             if made is None:
                 warn(f"geom {names[0]!r} of body {body_name!r} is not rendered: its type has no mesh", MeshWarning)
@@ -210,6 +211,11 @@ def _scene(model: Any, data: Any, swatches: Mapping[str, SwatchLike], visual: bo
         if model.body_weldid[body] != 0 or model.body_mocapid[model.body_rootid[body]] >= 0:
             moving[body_name] = body
     for name in swatches.keys() - known:
+        if name in hidden:
+            raise SceneError(
+                f"the swatch of {name!r} is not used: its geoms do not collide (contype and conaffinity 0) and are not "
+                "rendered; use visual=True to render them, or remove this swatch"
+            )
         raise SceneError(no_such("geom, material or body", name, known))
     if not scene.bodies:
         raise SceneError("the model has no geom that collides; to render its visual geoms, use visual=True")

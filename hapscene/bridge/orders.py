@@ -41,7 +41,7 @@ class Orders:
 
     Attributes:
         names: present bodies by their numbers; replaced by a new dict after each change.
-        grip: grip of the hand that follows the aim.
+        grips: grip of the hand of each tool, which follows the aim.
         impulse_offset: (room, 6) offset that is added to the impulse of a body since the last start to get its total.
         freed: names of the bodies that can be pushed.
         counts: number of messages by result.
@@ -51,7 +51,7 @@ class Orders:
     def __init__(self, servo: Servo) -> None:
         self.servo = servo
         self.names = {number: body.name for number, body in enumerate(servo.scene.bodies)}
-        self.grip: str = DEFAULT_GRIP
+        self.grips = [DEFAULT_GRIP] * servo.tools
         self.impulse_offset = np.zeros((len(self.names) + BODY_ROOM, 6))
         self.freed: set[str] = set()
         self.counts: Counter[str] = Counter()
@@ -112,21 +112,40 @@ class Orders:
             "bodies": [self.names.get(number, "") for number in range(len(self.servo.scene.bodies))],
             "swatches": [swatch.name for swatch in self.servo.scene.swatches],
             "tick_s": self.servo.tick_s,
+            "tools": self.servo.tools,
         }
 
     def total(self, number: int) -> NDArray[np.float64]:
-        """Total impulse (6,) of the tool on a body in this session; a removed body keeps its total."""
+        """Total impulse (6,) of all tools on a body; a removed body keeps its total."""
         total: NDArray[np.float64] = self.impulse_offset[number].copy()
         if number in self.names:
             total += np.concatenate(self.servo.impulse(self.names[number]))
         return total
 
     def given(self) -> NDArray[np.float64]:
-        """Impulses (room, 6) of the tool on the bodies since the start of the servo."""
+        """Impulses (room, 6) of all tools on the bodies since the start of the servo."""
         given = np.zeros_like(self.impulse_offset)
         for number, name in self.names.items():
             given[number] = np.concatenate(self.servo.impulse(name))
         return given
+
+    def tool(self, number: Any) -> int:
+        """The number of a tool that a client sent.
+
+        Raises:
+            PacketError: there is no such tool.
+        """
+        if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < self.servo.tools:
+            raise PacketError(
+                f"tool {number!r:.20}: expected an integer from 0 to {self.servo.tools - 1}; `hapscene serve --tools` "
+                "sets how many there are"
+            )
+        return number
+
+    def withdraw(self, tool: int) -> None:
+        """Let the tool of a client that has left touch nothing, if other clients may be there."""
+        if self.servo.tools > 1:
+            self._thread.submit(self.servo.withdraw, tool=tool)
 
     def fix_all(self) -> None:
         """Fix all bodies, so that they cannot be pushed."""
@@ -136,12 +155,12 @@ class Orders:
 
     # --- the orders; their arguments come from a client, and may be of any type
 
-    def _start(self, to: Convention, p: Any, grip: Any = DEFAULT_GRIP) -> None:
+    def _start(self, to: Convention, p: Any, grip: Any = DEFAULT_GRIP, tool: Any = 0) -> None:
+        number = self.tool(tool)
         with self.lock:
-            given = self.given()
-            self.servo.start(to.position(p), str(grip))
-            self.grip = str(grip)
-            self.impulse_offset += given  # the servo restarts at 0; the totals of the session continue
+            given = self.servo.start(to.position(p), str(grip), tool=number if self.servo.tools > 1 else None)
+            self.grips[number] = str(grip)
+            self.impulse_offset += given  # the servo restarts at 0; the totals continue
 
     def _pause(self, to: Convention) -> None:
         self.servo.pause()

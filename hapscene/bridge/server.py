@@ -1,16 +1,17 @@
-"""The UDP server of the bridge: connects a servo with one client, such as a game engine or simulator."""
+"""The UDP server of the bridge: connects a servo with clients, such as game engines; each tool has one client."""
 
-import math
 import secrets
 import select
 import socket
 from collections import deque
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Future
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.bridge.conventions import Convention
 from hapscene.bridge.orders import Orders
@@ -69,21 +70,31 @@ Answer = bytes | Future[bytes] | None
 """The answer to a packet: immediate, after an order is executed, or none."""
 
 
-class _Session(NamedTuple):
-    """State of the connected client."""
+@dataclass
+class _Session:
+    """State of a connected client."""
 
     key: int
     nonce: Any
     address: Hashable
+    tool: int
     frame: Convention
     welcome: bytes
-    events: deque[Event]
-    answers: dict[int, bytes | None]  # None: it is not done yet
     known: list[int]  # numbers of bodies and swatches that the client knows
+    base: NDArray[np.float64]  # (room, 6) totals of impulse at its beginning
+    events_from: int
+    received_s: float
+    events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENT_COUNT))
+    answers: dict[int, bytes | None] = field(default_factory=dict)  # None: it is not done yet
+    last: int = 0
+    last_order: int = 0
+    first_event: int = 0
 
 
 class BridgeServer:
-    """Answers the packets of one client: moves bodies of a running servo, and reports contact and impulses.
+    """Answers the packets of clients: moves bodies of a running servo, and reports contact and impulses.
+
+    Each tool of the servo has one client at a time. All clients see the same bodies.
 
     Invalid, foreign and repeated packets have no effect and are counted.
 
@@ -112,8 +123,7 @@ class BridgeServer:
             raise HapsceneError(text) from None
         self._socket.setblocking(False)
         self.address: tuple[str, int] = self._socket.getsockname()
-        self._session: _Session | None = None
-        self._reset_client()
+        self._sessions: dict[int, _Session] = {}  # by tool
 
     def _welcome(self, key: int, sequence: int) -> bytes:
         payload = pack_json(self.orders.welcome())
@@ -125,12 +135,6 @@ class BridgeServer:
                 f"the names of {len(scene.bodies):,} bodies and {len(scene.swatches):,} swatches take "
                 f"{len(payload):,} bytes; expected at most {SIZE_MAX:,}; use shorter names"
             ) from None
-
-    def _reset_client(self) -> None:
-        """Reset the state of the client."""
-        self._received_s = -math.inf
-        self._last = self._last_order = self._first_event = 0
-        self._events_from = 0
 
     def __enter__(self) -> "BridgeServer":
         return self
@@ -192,27 +196,32 @@ class BridgeServer:
         """
         if packet.kind == HELLO:
             return self._welcome_client(packet, address)
-        session = self._session
-        if session is None or (packet.key, address) != (session.key, session.address):
+        sender = packet.key, address
+        session = next((one for one in self._sessions.values() if (one.key, one.address) == sender), None)
+        if session is None:
             self.counts["forged"] += 1
             return self._refuse(packet, NO_SESSION) if packet.kind in (FRAME, ORDER) else None
-        self._received_s = self._clock.now_s()
+        session.received_s = self._clock.now_s()
         if packet.kind == FRAME:
             return self._process_frame(session, packet)
         if packet.kind == ORDER:
             return self._process_order(session, packet)
         if packet.kind == BYE:
-            self._session = None
+            self._end(session)
             self.counts["bye"] += 1
             return None
         raise PacketError(f"packet kind {packet.kind} is only sent by servers")
 
     def _welcome_client(self, packet: Packet, address: Hashable) -> bytes:
         hello = unpack_json(packet.payload)
-        session = self._session
+        try:
+            tool = self.orders.tool(hello.get("tool", 0))
+        except PacketError as error:
+            return self._refuse(packet, str(error))
+        session = self._sessions.get(tool)
         if session is not None and (session.nonce, session.address) == (hello.get("nonce"), address):
             return session.welcome  # the first answer was lost
-        if session is not None and self._clock.now_s() - self._received_s < SILENT_S:
+        if session is not None and not self._silent(session):
             self.counts["busy"] += 1
             return self._refuse(packet, BUSY)
         if hello.get("version") != VERSION:
@@ -222,15 +231,30 @@ class BridgeServer:
             frame, welcome = Convention.of(hello), self._welcome(key, packet.sequence)
         except HapsceneError as error:
             return self._refuse(packet, str(error))
-        self._reset_client()
-        self._events_from = self.servo.state().tick + 1
-        self.orders.impulse_offset[:] = -self.orders.given()  # the totals of a new session begin at 0
-        self.orders.fix_all()
-        known = [len(self.servo.scene.bodies), len(self.servo.scene.swatches)]
-        self._session = _Session(key, hello.get("nonce"), address, frame, welcome, deque(maxlen=EVENT_COUNT), {}, known)
-        self._received_s = self._clock.now_s()
+        self._end_silent()
+        if not self._sessions:
+            self.orders.fix_all()
+        self._sessions[tool] = _Session(
+            *(key, hello.get("nonce"), address, tool, frame, welcome),
+            known=[len(self.servo.scene.bodies), len(self.servo.scene.swatches)],
+            base=self.orders.impulse_offset + self.orders.given(),  # the totals of a new session begin at 0
+            events_from=self.servo.state(tool=tool).tick + 1,
+            received_s=self._clock.now_s(),
+        )
         self.counts["hello"] += 1
         return welcome
+
+    def _silent(self, session: _Session) -> bool:
+        return self._clock.now_s() - session.received_s >= SILENT_S
+
+    def _end(self, session: _Session) -> None:
+        del self._sessions[session.tool]
+        self.orders.withdraw(session.tool)
+
+    def _end_silent(self) -> None:
+        """End the sessions of clients that send nothing any more."""
+        for session in [one for one in self._sessions.values() if self._silent(one)]:
+            self._end(session)
 
     @staticmethod
     def _refuse(packet: Packet, why: str) -> bytes:
@@ -239,30 +263,34 @@ class BridgeServer:
     # --- frames
 
     def _process_frame(self, session: _Session, packet: Packet) -> bytes | None:
-        """Move bodies and the hand, and return the newest state."""
+        """Move bodies and the hand, and return the newest state. The servo checks the numbers of the client."""
         frame = unpack_frame(packet.payload)
         if any(body.body >= len(self.servo.scene.bodies) for body in frame.bodies):
             raise PacketError("unknown body")
-        if packet.sequence <= self._last:
+        if packet.sequence <= session.last:
             self.counts["replayed"] += 1
             return None
-        self._last = packet.sequence
+        session.last = packet.sequence
         self.counts["frames"] += 1
-        for body in frame.bodies:
-            self._move(session.frame, body)
-        if frame.aim is not None:
-            try:
-                self.servo.aim(session.frame.position(frame.aim), self.orders.grip)
-            except HapsceneError:
-                self.counts["bad"] += 1
+        self._end_silent()
+        with np.errstate(all="ignore"):
+            for body in frame.bodies:
+                self._move(session, body)
+            if frame.aim is not None:
+                try:
+                    place_m, grip = session.frame.position(frame.aim), self.orders.grips[session.tool]
+                    self.servo.aim(place_m, grip, tool=session.tool)
+                except HapsceneError:
+                    self.counts["bad"] += 1
         return pack(Packet(STATE, session.key, packet.sequence, pack_state(self._state(session, frame))))
 
-    def _move(self, frame: Convention, body: Any) -> None:
+    def _move(self, session: _Session, body: Any) -> None:
         name = self.orders.names.get(body.body)
         if name is None:
             self.counts["removed"] += 1
             return
-        applied, before = np.array(body.applied), self.orders.impulse_offset[body.body]
+        frame, applied = session.frame, np.array(body.applied)
+        before = (self.orders.impulse_offset - session.base)[body.body]
         moving = {}
         if body.v is not None:
             moving = {"v_W_m_s": frame.position(body.v), "w_W_rad_s": frame.angular(body.w)}
@@ -280,23 +308,23 @@ class BridgeServer:
             self.counts["bad"] += 1
 
     def _state(self, session: _Session, frame: Frame) -> State:
-        to, state = session.frame, self.servo.state()
-        found, self._events_from = self.servo.events(self._events_from)
+        to, state = session.frame, self.servo.state(tool=session.tool)
+        found, session.events_from = self.servo.events(session.events_from, tool=session.tool)
         for event in found:
             index = _last(self.servo.body_names, event.body)
             swatch = _last([swatch.name for swatch in self.servo.scene.swatches], event.swatch)
             if index >= session.known[0] or swatch >= session.known[1]:
                 continue  # the client does not know this index yet
             if len(session.events) == EVENT_COUNT:
-                self._first_event += 1
+                session.first_event += 1
             speed = event.approach_m_s / to.metre
             session.events.append(Event(event.tick, KINDS[event.kind], index, swatch, speed))
-        while session.events and self._first_event < frame.event_count:
+        while session.events and session.first_event < frame.event_count:
             session.events.popleft()
-            self._first_event += 1
+            session.first_event += 1
         impulses = []
         for body in frame.bodies:
-            total = self.orders.total(body.body)
+            total = self.orders.total(body.body) - session.base[body.body]
             linear, angular = total[:3], total[3:]
             impulses.append((body.body, (*to.client_vector(linear), *to.client_angular(angular))))
         return State(
@@ -312,7 +340,7 @@ class BridgeServer:
             state.face,
             state.swatch,
             int(state.flags),
-            self._first_event,
+            session.first_event,
             tuple(impulses),
             tuple(session.events)[:EVENTS_MAX],
         )
@@ -323,12 +351,12 @@ class BridgeServer:
         """Execute an order once, even if it is received repeatedly."""
         if packet.sequence in session.answers:
             return session.answers[packet.sequence]
-        if packet.sequence <= self._last_order:
+        if packet.sequence <= session.last_order:
             self.counts["replayed"] += 1
             return None
         if list(session.answers.values()).count(None) == ANSWER_COUNT:
             return None  # too many waiting orders; the client repeats it
-        self._last_order = packet.sequence
+        session.last_order = packet.sequence
         session.answers[packet.sequence] = None
 
         def encode(result: dict[str, Any]) -> bytes:
@@ -339,7 +367,11 @@ class BridgeServer:
                 del session.answers[min(session.answers)]
             return answer
 
-        return self.orders.submit(session.frame, lambda: unpack_json(packet.payload), encode)
+        def read() -> dict[str, Any]:
+            order = unpack_json(packet.payload)
+            return {"tool": session.tool} | order if order.get("order") == "start" else order
+
+        return self.orders.submit(session.frame, read, encode)
 
 
 def _pack_answer(key: int, sequence: int, result: dict[str, Any]) -> bytes:

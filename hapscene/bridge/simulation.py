@@ -10,7 +10,7 @@ force steps.
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -124,43 +124,57 @@ class Bridge:
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
-        self._renderer: Renderer | None = None
-        self._bodies: MovingBodies | None = None
+        self._tools: list[tuple[Renderer, MovingBodies]] = []
         self._jumps: set[str] = set(simulation.names)
 
     def __repr__(self) -> str:
         return f"<Bridge: {len(self.simulation.names)} moving; steps of {1e3 * self.simulation.step_s:g} ms>"
 
+    @overload
     def step(
         self,
         renderer: "Renderer",
         p_WT: "ArrayLike | Callable[[], ArrayLike]",
-        each: "Callable[[Command], None] | None" = None,
-    ) -> "Command":
+        each: "Callable[[Command], object] | None" = None,
+    ) -> "Command": ...
+    @overload
+    def step(
+        self,
+        renderer: "Sequence[Renderer]",
+        p_WT: "ArrayLike | Callable[[], ArrayLike]",
+        each: "Callable[[list[Command]], object] | None" = None,
+    ) -> "list[Command]": ...
+    def step(self, renderer: Any, p_WT: Any, each: Any = None) -> Any:
         """Run one step of the simulation with the haptic ticks in it; return the command of the last tick.
 
         If steps are shorter than ticks, some have no tick, and the last command is returned again.
 
         Args:
-            renderer: renderer of a scene with the bodies of the simulation.
+            renderer: renderer of a scene with the bodies of the simulation; or a list of them, one for each tool, with
+                the same ticks. The bodies get the sum of the forces of all tools.
             p_WT: (3,) position of the tool at the end of the step [m], to which it moves linearly; or a function that
-                returns the position at each tick.
-            each: called with the command of each tick, for a device.
+                returns the position at each tick. For a list of tools, (tools, 3).
+            each: called with the command of each tick, for a device; with a list of commands for a list of tools.
 
         Raises:
-            PathError: a position that is not three numbers.
-            SceneError: a body of the simulation is not in the scene.
+            PathError: positions that are not three numbers for each tool.
+            SceneError: a body of the simulation is not in the scene, or the tools have different ticks.
         """
-        bodies = self._bind(renderer)
-        count = self._count(renderer.tick_s)
-        read = p_WT if callable(p_WT) else _straight(renderer, p_WT, count)
+        several = not hasattr(renderer, "step")
+        tools = self._bind(*renderer) if several else self._bind(renderer)
+        count = self._count(tools[0][0].tick_s)
+        read = p_WT if callable(p_WT) else _straight([one for one, _ in tools], p_WT, count)
 
         def tick() -> None:
-            self._command = renderer.step(read(), bodies)
+            places = numbers(read())
+            if places.size != 3 * len(tools):
+                raise PathError(f"p_WT has {places.size} numbers; expected three for each of {len(tools)} tools [m]")
+            made = [one.step(p, bodies) for (one, bodies), p in zip(tools, places.reshape(-1, 3), strict=True)]
+            self._command = made if several else made[0]
             if each is not None:
                 each(self._command)
 
-        self._advance(renderer, count, tick)
+        self._advance(count, tick)
         return self._command
 
     def run(self, renderer: "Renderer", p_WT: ArrayLike) -> "Recording":
@@ -173,7 +187,7 @@ class Bridge:
         path = positions(np.ascontiguousarray(numbers(p_WT)))
         n, done = len(path), 0
         rows, a_m_s2 = records(n, ROW), np.zeros((n, renderer.block))
-        bodies = self._bind(renderer)
+        ((_, bodies),) = self._bind(renderer)
 
         def tick() -> None:
             nonlocal done
@@ -182,7 +196,7 @@ class Bridge:
             done += 1
 
         while done < n:
-            self._advance(renderer, min(self._count(renderer.tick_s), n - done), tick)
+            self._advance(min(self._count(renderer.tick_s), n - done), tick)
         renderer._ticks -= n
         return renderer.recording(rows, a_m_s2)
 
@@ -194,12 +208,12 @@ class Bridge:
         """
         from hapscene.loop.twin import Run
 
-        bodies, done = self._bind(twin.renderer), 0
+        ((_, bodies),), done = self._bind(twin.renderer), 0
         twin.begin(intent)
         run = Run(twin, intent, bodies.index, bodies.poses, bodies.teleported)
         while done < len(intent):
             count = min(self._count(twin.renderer.tick_s), len(intent) - done)
-            self._advance(twin.renderer, count, lambda: run.advance(1))
+            self._advance(count, lambda: run.advance(1))
             done += count
         return run.result()
 
@@ -213,17 +227,22 @@ class Bridge:
             raise SceneError(no_such("moving body", name, self.simulation.names))
         self._jumps.add(name)
 
-    def _bind(self, renderer: "Renderer") -> "MovingBodies":
-        """The slots of the bodies in the renderer; created for each new renderer."""
-        if self._bodies is None or renderer is not self._renderer:
+    def _bind(self, *renderers: "Renderer") -> "list[tuple[Renderer, MovingBodies]]":
+        """The tools: each renderer with its slots of the bodies; created for each new renderer."""
+        if not renderers or list(renderers) != [one for one, _ in self._tools]:
+            if len({one.tick_s for one in renderers}) != 1:
+                raise SceneError("expected one or more renderers with the same tick_s")
             n = len(self.simulation.names)
-            self._renderer, self._bodies = renderer, renderer.moving_bodies(self.simulation.names)
+            self._tools = [(one, one.moving_bodies(self.simulation.names)) for one in renderers]
+            for _, bodies in self._tools[1:]:
+                bodies.poses = self._tools[0][1].poses  # one array for all
+            renderer = renderers[0]
             self._jumps = set(self.simulation.names)
             self._pending_s = max(0.0, renderer.tick_s - self.simulation.step_s)  # so that the first step has a tick
             self._X_WB = np.tile(np.eye(4), (n, 1, 1))
             self._twist, self._push, self._held, self._rest = np.zeros((4, n, 6))
             self._warned: set[int] = set()
-        return self._bodies
+        return self._tools
 
     def _count(self, tick_s: float) -> int:
         """Number of ticks in the next step."""
@@ -232,26 +251,30 @@ class Bridge:
         self._pending_s = max(0.0, self._pending_s - count * tick_s)
         return count
 
-    def _advance(self, renderer: "Renderer", count: int, tick: Callable[[], None]) -> None:
+    def _given(self) -> Array:
+        """The total impulse (n, 6) of all tools on each body."""
+        total: Array = np.sum([one.world.impulse[bodies.index] for one, bodies in self._tools], axis=0)
+        return total
+
+    def _advance(self, count: int, tick: Callable[[], None]) -> None:
         """Run `count` ticks, then one step with the impulses of the ticks."""
-        assert self._bodies is not None
-        simulation, bodies = self.simulation, self._bodies
+        simulation, (renderer, bodies) = self.simulation, self._tools[0]
         slow = simulation.step_s > renderer.tick_s * (1.0 + 1e-9)
         led = self._read_poses(bodies, slow)
         dt_s = simulation.step_s / max(count, 1)
         twist, pending, pushed = self._twist.copy(), *np.zeros((2, len(self._twist), 6))
         mobility: dict[int, Array] = {}
         for _ in range(count):
-            was = renderer.world.impulse[bodies.index]
+            was = self._given()
             tick()
-            given = renderer.world.impulse[bodies.index] - was
+            given = self._given() - was
             pending += given
             for i in np.flatnonzero(given.any(axis=1)).tolist():
                 if i not in mobility:
                     mobility[i] = np.asarray(simulation.mobility(i), np.float64)
                 pushed[i] += mobility[i] @ given[i]
                 twist[i] += mobility[i] @ given[i]
-            self._check(renderer, bodies, mobility)
+            self._check(mobility)
             if slow:
                 twist += self._rest * dt_s
                 _move(bodies.X_WB, (twist + led) * dt_s)
@@ -266,7 +289,8 @@ class Bridge:
         self.simulation.read(X_WB)
         lost = [not np.isfinite(X).all() for X in self._X_WB + bodies.X_WB]  # the simulation diverged and was reset
         jumps = [i for i, name in enumerate(bodies.names) if name in self._jumps or lost[i]]
-        bodies.teleported[jumps] = 1
+        for _, slots in self._tools:
+            slots.teleported[jumps] = 1
         self._jumps.clear()
         if not slow:
             bodies.X_WB = X_WB
@@ -281,19 +305,22 @@ class Bridge:
         self._X_WB, self._twist, self._held = X_WB, twist, rest
         return _between(bodies.X_WB, X_WB) / self.simulation.step_s
 
-    def _check(self, renderer: "Renderer", bodies: "MovingBodies", mobility: dict[int, Array]) -> None:
+    def _check(self, mobility: dict[int, Array]) -> None:
         """Warn once of each touched body that is too light."""
-        touch = renderer.surface.touch[0]
-        if not touch.began:
+        touches = [(one, bodies, one.surface.touch[0]) for one, bodies in self._tools]
+        if not any(touch.began for _, _, touch in touches):
             return
-        period_s = max(self.simulation.step_s, renderer.tick_s)
-        most = ratio_max(math.ceil(period_s / renderer.tick_s - 1e-9))
+        tick_s = self._tools[0][0].tick_s
+        period_s = max(self.simulation.step_s, tick_s)
+        most = ratio_max(math.ceil(period_s / tick_s - 1e-9))
         for i in mobility.keys() - self._warned:
-            if bodies.index[i] != touch.body:
-                continue
-            line = np.concatenate((touch.nhat_W, np.cross(touch.p_WP_m - bodies.X_WB[i, :3, 3], touch.nhat_W)))
-            stiffness_N_m = renderer._fit.given[touch.swatch][WALL, STIFFNESS]
-            ratio = float(line @ mobility[i] @ line) * stiffness_N_m * period_s**2
+            ratio = stiffness_N_m = 0.0  # of all tools on the body, as springs side by side
+            for renderer, bodies, touch in touches:
+                if bodies.index[i] == touch.body:
+                    line = np.concatenate((touch.nhat_W, np.cross(touch.p_WP_m - bodies.X_WB[i, :3, 3], touch.nhat_W)))
+                    stiffness = renderer._fit.given[touch.swatch][WALL, STIFFNESS]
+                    stiffness_N_m += stiffness
+                    ratio += float(line @ mobility[i] @ line) * stiffness * period_s**2
             if ratio > most:
                 self._warned.add(i)
                 least_kg = stiffness_N_m * period_s**2 / most
@@ -306,14 +333,16 @@ class Bridge:
                 )
 
 
-def _straight(renderer: "Renderer", p_WT: ArrayLike, count: int) -> Callable[[], Array]:
-    """Return a function that gives the positions of the next `count` ticks on a line from the present position to
-    (3,)."""
+def _straight(renderers: "Sequence[Renderer]", p_WT: ArrayLike, count: int) -> Callable[[], Array]:
+    """Return a function that gives the positions (tools, 3) of the next `count` ticks on lines from the present ones
+    to `p_WT`."""
     goal = numbers(p_WT)
-    if goal.shape != (3,):
-        raise PathError(f"the position has {goal.size} numbers; expected three, in metres")
-    start = np.array(renderer.surface.memory["p_WT_m"][0]) if renderer._started else goal
-    path = iter(start + (goal - start) * (np.arange(1, count + 1) / max(count, 1))[:, None])
+    if goal.size != 3 * len(renderers):
+        raise PathError(f"p_WT has {goal.size} numbers; expected three for each of {len(renderers)} tools [m]")
+    goal = goal.reshape(-1, 3)
+    starts = zip(renderers, goal, strict=True)
+    start = np.array([one.surface.memory["p_WT_m"][0] if one._started else p for one, p in starts])
+    path = iter(start + (goal - start) * (np.arange(1, count + 1) / max(count, 1))[:, None, None])
     return lambda: next(path)
 
 

@@ -182,6 +182,7 @@ def serve(
     ws: Annotated[Port | None, Help("WebSocket port; 0 selects a free one (default: no WebSocket)")] = None,
     host: Annotated[str, Help("Address to listen at")] = LOCALHOST,
     device: Annotated[str, Help("Name of a simulated device or of a driver")] = "omni",
+    tools: Annotated[int, Help("Number of tools, each for one client")] = 1,
     mesh: MeshOptions = MeshOptions(),
 ) -> None:
     """Render touch for another program, over UDP and WebSocket.
@@ -202,9 +203,11 @@ def serve(
     from hapscene.loop import Servo
     from hapscene.touch import step
 
+    if tools < 1:
+        raise DeviceError(f"--tools {tools}: expected at least 1")
     loaded = load_input(scene, mesh, device)
     with ExitStack() as stack:
-        orders = Orders(servo := Servo(loaded, device))
+        orders = Orders(servo := Servo(loaded, [device] * tools, progress=print_progress))
         server = stack.enter_context(BridgeServer(orders, host, udp))
         websocket = None if ws is None else WebSocketBridge(server, host, ws)
         with step(print_progress, f"starting the {device}"):

@@ -176,8 +176,10 @@ def _check_effects(effects: Sequence[str], settings: Iterable[str]) -> None:
     for name in effects:
         load_effect(name)
     for name in settings:
-        if load_effect(name).scope != "scene" or name not in effects:
-            raise EffectError(f"--set {name}: not a scene effect that --effects lists; add it, as in --effects {name}")
+        if load_effect(name).scope != "scene":
+            raise EffectError(f"--set {name}: an effect of contact, which swatches set: write it into the .swatch file")
+        if name not in effects:
+            raise EffectError(f"--set {name}: --effects does not list it; add it, as in --effects wall,{name}")
 
 
 def _opened(scene: str, mesh: MeshOptions, device: str) -> "tuple[Scene, MuJoCo | None]":

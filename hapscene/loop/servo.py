@@ -3,12 +3,12 @@
 import math
 import operator
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, REACH_MAX_M, TICK_S
 from hapscene.contact.deformation import shape_of
@@ -17,6 +17,7 @@ from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.device.model import DEVICES, DeviceLike
 from hapscene.device.sim.hand import Grip, grip_named
 from hapscene.errors import HapsceneError, PathError, SceneError, no_such
+from hapscene.flags import Flag
 from hapscene.geometry import numbers, positions
 from hapscene.handle.plant import Plant
 from hapscene.loop.servo_connection import ServoConnection
@@ -26,6 +27,7 @@ from hapscene.loop.shared_memory import read_text
 from hapscene.loop.timing import TimingStatistics
 from hapscene.records import block_of
 from hapscene.render.contact_info import ContactEvent, Impulse, events_of
+from hapscene.render.moving_bodies import warn_of_refused
 from hapscene.render.renderer import OTHER_BODIES
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import Painting
@@ -62,6 +64,7 @@ class Servo(ServoConnection):
         patience_s: time without a call of the application after which the force ends [s], to detect a program that
             hangs. An application that is killed, stopped or suspended is detected within 20 ms in any case.
         ring_s: length of the ring buffers of ticks [s].
+        progress: called with the stages of the start, as text.
         made: further arguments of `Twin`: effects, settings, seed, handle, compensator, X_WD, fidelity; for simulated
             devices also limits and delay_ticks.
 
@@ -87,6 +90,7 @@ class Servo(ServoConnection):
         force_N: float | None = None,
         patience_s: float = math.inf,
         ring_s: float = RING_S,
+        progress: Callable[[str], None] = lambda text: None,
         **made: Any,
     ) -> None:
         given: list[Any] = list(device) if isinstance(device, list | tuple) else [device]
@@ -116,10 +120,12 @@ class Servo(ServoConnection):
             shape=(max(math.ceil(ring_s / tick_s), 2), block, room, len(devices)),
             a_rate_Hz=a_rate_Hz,
             patience_s=patience_s,
+            progress=progress,
         )
         self.body_names = [body.name for body in scene.bodies]
         self._index_of = {name: index for index, name in enumerate(self.body_names)}
         self._moving: set[int] = set()
+        self._pose_warned = False
         self._reported_impulse = np.zeros((room, 6))
         self._tuned: list[tuple[str, str, dict[str, float]]] = []
 
@@ -163,20 +169,41 @@ class Servo(ServoConnection):
         """
         return self._channel.states[self._number(tool)].copy()
 
-    def start(self, p_WT: ArrayLike, grip: str | Grip = "light") -> None:
+    def start(self, p_WT: ArrayLike, grip: str | Grip = "light", *, tool: int | None = None) -> NDArray[np.float64]:
         """Start with the tool at rest at `p_WT` (3,) [m], the target of the hand; several tools at (tools, 3).
+
+        With `tool`, only that tool starts, at (3,). The others go on; those that were never started touch nothing.
+
+        Returns:
+            (bodies, 6) impulses of the started tools so far; `impulse` counts theirs from 0 again.
 
         Raises:
             PathError: not three finite numbers for each tool.
-            HapsceneError: a position is out of reach of its device.
+            HapsceneError: a position is out of reach of its device, or the tool does not exist.
         """
-        places = positions(numbers(p_WT).reshape(1, -1) if self._tools == 1 else np.atleast_2d(numbers(p_WT)))
-        if len(places) != self._tools:
-            raise PathError(f"p_WT has {len(places)} positions, expected {self._tools}: one for each tool")
+        count = self._tools if tool is None else 1
+        places = positions(numbers(p_WT).reshape(1, -1) if count == 1 else np.atleast_2d(numbers(p_WT)))
+        if len(places) != count:
+            raise PathError(f"p_WT has {len(places)} positions, expected {count}: one for each tool")
         held = grip_named(grip) if isinstance(grip, str) else grip
-        self._order("start", [tuple(p) for p in places.tolist()], held.row())
+        one = None if tool is None else self._number(tool)
+        given: NDArray[np.float64] = self._order("start", [tuple(p) for p in places.tolist()], held.row(), one)
         self._channel.channel.stop_force = 0
-        self._reported_impulse[:] = 0.0
+        self._reported_impulse = np.zeros_like(given) if one is None else self._reported_impulse - given
+        return given
+
+    def withdraw(self, *, tool: int) -> None:
+        """Let a tool touch nothing until its next `start`; its force ends.
+
+        Raises:
+            HapsceneError: the tool does not exist, or the process has ended.
+        """
+        self._order("withdraw", self._number(tool))
+
+    @property
+    def tools(self) -> int:
+        """Number of tools."""
+        return self._tools
 
     def pause(self) -> None:
         """Stop ticking until the next `start` or `resume`."""
@@ -453,6 +480,9 @@ class Servo(ServoConnection):
 
         Raises:
             HapsceneError: the process has ended. One that hangs is recognised by the age of the state.
+
+        Warns:
+            UsageWarning: the pose of a body was refused; once.
         """
         _ = self._channel  # raises if no process runs
         rows, done, done_ns = self._ticks
@@ -462,7 +492,10 @@ class Servo(ServoConnection):
             row = bytearray(rows[(count - 1) % self._length].tobytes())  # to copy a record takes longer
             if done.item() < count + self._length - 1:
                 break
-        return state_of(row, count - 1, max(self._now_ns() - at_ns, 0) * 1e-9)
+        state = state_of(row, count - 1, max(self._now_ns() - at_ns, 0) * 1e-9)
+        if state.flags & Flag.POSE_REFUSED and not self._pose_warned:
+            self._pose_warned = warn_of_refused((self.body_names[i], self._frames[i]["X_WB"]) for i in self._moving)
+        return state
 
     def read(self, since: int = 0, *, tool: int = 0, after_end: bool = False) -> TickLog:
         """Return the ticks of a tool from tick `since` on, or from the oldest in the ring buffer on.

@@ -28,6 +28,9 @@ __all__ = ["ServoConnection"]
 START_S: Final = 300.0
 """Longest time until the process is ready [s]. Its first run compiles, which may take two minutes."""
 
+REPORT_S: Final = 5.0
+"""Period at which the time of a long start is reported [s]."""
+
 ANSWER_S: Final = 20.0
 """Longest time until an order is answered [s]."""
 
@@ -46,6 +49,7 @@ class ServoConnection:
         shape: length of the ring buffers, samples per tick, and numbers of bodies and tools.
         a_rate_Hz: sample rate of the acceleration channel.
         patience_s: time without a call of the application after which the heartbeat stops.
+        progress: called with the stages of the start, and with the time that it has taken so far.
     """
 
     def __init__(
@@ -58,11 +62,12 @@ class ServoConnection:
         shape: tuple[int, int, int, int],
         a_rate_Hz: float,
         patience_s: float,
+        progress: Callable[[str], None],
     ) -> None:
         self._arguments, self._choices = arguments, list(choices)
         self._handle_choice, self._handle_file = handle, handle_file
         self._length, self._block, self._room, self._tools = shape
-        self.a_rate_Hz, self._patience_s = a_rate_Hz, patience_s
+        self.a_rate_Hz, self._patience_s, self._progress = a_rate_Hz, patience_s, progress
         # views of the shared memory, which must be released before it
         self._aim: Any = None
         self._ticks: Any = None
@@ -121,11 +126,22 @@ class ServoConnection:
             self._start_watchdog(context, life)
         life.close()
         self._send(pickled)  # not as an argument of the process: if it ended at once, the start would block for ever
-        self._renderer_arguments = self._answer(START_S)
+        self._renderer_arguments = self._started()
         self._heartbeat = Heartbeat(shared.channel["heartbeat"].view(np.ndarray), self._patience_s)
         self._asked = self._heartbeat.asked
         if self._handle_choice is not None:
             self._start_handle(self._handle_choice)
+
+    def _started(self) -> dict[str, Any]:
+        """Report the stages of the start that the process sends, as texts; return its last message."""
+        waited_s, stage = 0.0, "a new process"
+        while isinstance(stage, str):
+            self._progress(f"{stage} … ")
+            while waited_s < START_S and not self._wire.poll(REPORT_S):
+                waited_s += REPORT_S
+                self._progress(f"{waited_s:.0f} s … ")
+            stage = self._answer(START_S - waited_s)
+        return stage
 
     def _start_watchdog(self, context: Any, life: Any) -> None:
         """Start the process that removes the force if the servo dies or stops ticking."""

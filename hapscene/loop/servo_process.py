@@ -30,7 +30,7 @@ from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.device.model import limits_of
 from hapscene.device.safety import begin_safety, resume_safety, safety_of, simulated_safety
 from hapscene.device.sim.arm import new_arm, read_arm
-from hapscene.errors import DeviceError, HapsceneError
+from hapscene.errors import DeviceError, HapsceneError, UsageWarning
 from hapscene.geometry import rigid
 from hapscene.loop.checkpoint import memory_of
 from hapscene.loop.driver import CALLED, SCHEDULED, TIMED, Bodies, Loop, bound, new_loop, wait_at
@@ -54,6 +54,9 @@ __all__ = ["OrderHandler", "open_twins", "run"]
 WATCH_S: Final = 0.1
 """Period at which devices are checked for errors [s]."""
 
+ABSENT: Final = 4
+"""Added to the reasons in `Surface.muted` of all effects of a tool that touches nothing."""
+
 SWITCH_S: Final = 1e-4
 """Longest time that another Python thread may delay the thread that reads and writes a device [s]; Python's default is
 5 ms."""
@@ -63,7 +66,7 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
     """Main function of the process; receives the arguments of `Twin` first.
 
     It ends on the order "stop", when the application has ended, or at SIGTERM. It answers each order with (None,
-    result) or (error text, None).
+    result) or (error text, None). Before it is ready, it sends the stages of the start as (None, text).
 
     Args:
         wire: connection for orders and answers.
@@ -82,9 +85,12 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
     try:
         made = _receive(wire)
         bodies, folder = made.pop("bodies"), made.pop("log_folder")
+        faces = sum(len(body.mesh.faces) for body in made["scene"].bodies)
+        wire.send((None, f"search structures of {faces:,} faces"))
         twins += open_twins(made, opened)
         channel = open_channel(length, twins[0].renderer.block, name, bodies=bodies, tools=len(twins))
         settings = settings_of([twin.renderer for twin in twins], made.get("settings"))
+        wire.send((None, "compiled code, which the first run makes"))
         handler = OrderHandler(made["scene"], twins, channel, folder, settings)
         wire.send((None, handler.made))
         while True:
@@ -201,6 +207,7 @@ class OrderHandler:
         self._stop: Callable[[], object] | None = None  # stops the loop and waits until it has ended
         self._ticks: Iterator[None] = iter(())
         self._started = False
+        self._absent: set[int] = set()  # tools that touch nothing
         self._stopped_ns = 0  # time of the last tick before an order stopped the loop; 0: it was not stopped
         self._faults: list[str] = []
         self._tuned: list[tuple[str, str, dict[str, float]]] = []
@@ -225,7 +232,9 @@ class OrderHandler:
                 slot = state.reshape(1).view(np.recarray)
                 slot[:] = twin.device.state
                 twin.device.state = slot
-            twin.reset((0.0, 0.0, 0.0))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UsageWarning)  # the first start has another position
+                twin.reset((0.0, 0.0, 0.0))
         vendors = [device for device in self._connections if isinstance(device, VendorConnection)]
         if vendors and len(self._twins) > 1:
             raise DeviceError("a device with its own driver thread cannot share a servo: use one servo per device")
@@ -259,27 +268,57 @@ class OrderHandler:
         """Run this many ticks on a virtual clock; none while the loop is paused."""
         deque(islice(self._ticks, ticks), 0)
 
-    def start(self, places_m: Sequence[tuple[float, float, float]], grip: NDArray[np.float64]) -> None:
-        """Start with the tools at rest at their positions (3,), held by a grip (3,) as in `AIM`."""
-        for twin, place_m in zip(self._twins, places_m, strict=True):
-            new_arm(twin.device, place_m, twin.X_WD)  # raises an error if the position is out of reach
-        self.pause()
-        for twin, place_m in zip(self._twins, places_m, strict=True):
+    def start(
+        self,
+        places_m: Sequence[tuple[float, float, float]],
+        grip: NDArray[np.float64],
+        tool: int | None = None,
+    ) -> NDArray[np.float64]:
+        """Start with the tools at rest at their positions (3,), held by a grip (3,) as in `AIM`; or only one tool,
+        while those that were started before go on. Return the impulse (b, 6) of these tools, which starts from 0."""
+        chosen = range(len(self._twins)) if tool is None else [tool]
+        for k, place_m in zip(chosen, places_m, strict=True):
+            new_arm(self._twins[k].device, place_m, self._twins[k].X_WD)  # raises an error if it is out of reach
+        if tool is not None and not self._started:
+            self._absent.update(range(len(self._twins)))
+        self._absent.difference_update(chosen)
+        running = self.pause() and tool is not None
+        self._stopped_ns = int(self._timing.began_ns) if running else 0
+        given: NDArray[np.float64] = self._channel.impulse[list(chosen)].sum(axis=0)
+        if tool is None:
+            self._channel.frames["applied"] = 0.0
+            self._bodies.predicted.view(np.uint8)[:] = 0
+        else:  # the prediction goes on with the impulses of the other tools
+            self._channel.frames["applied"] -= given
+            self._bodies.predicted["given"] -= given
+            self._bodies.predicted["frame_applied"] -= given
+        for k, place_m in zip(chosen, places_m, strict=True):
+            twin, aim = self._twins[k], self._channel.aims[k]
             twin.reset(place_m)
             if isinstance(twin.device, Connection):
                 twin.device.read()
                 twin.renderer.reset(np.array(read_arm(twin.tool.arm)))
-        self._channel.frames["applied"] = 0.0  # impulses start from 0
-        self._bodies.predicted.view(np.uint8)[:] = 0
-        # the application waits for the answer meanwhile
-        for aim, place_m in zip(self._channel.aims, places_m, strict=True):
-            aim["count"] |= 1
+            aim["count"] |= 1  # the application waits for the answer meanwhile
             aim["aim"][:] = place_m, grip, (0.0, 0.0, 0.0)
             aim["count"] += 1
-        self._hands[:, :3] = 0.0
-        self._hands[:, 0] = self._hands[:, 1] = places_m
+            self._hands[k, :3] = place_m, place_m, (0.0, 0.0, 0.0)
         self._started = True
-        self._start_loop()
+        self._mute_absent()
+        for k, twin in enumerate(self._twins):
+            (begin_safety if k in chosen or not running else resume_safety)(twin.tool.safety[0])  # ramps up, or goes on
+        self._run_loop()
+        return given
+
+    def withdraw(self, tool: int) -> None:
+        """Let a tool touch nothing until its next start."""
+        self._absent.add(tool)
+        self._mute_absent()
+        self._note_change()
+
+    def _mute_absent(self) -> None:
+        for k, renderer in enumerate(self._renderers):
+            muted = renderer.surface.muted
+            muted[:] = muted | ABSENT if k in self._absent else muted & ~ABSENT
 
     def resume(self) -> None:
         """Continue after `pause`, with contact and state kept."""
@@ -307,6 +346,7 @@ class OrderHandler:
         """
         for renderer in self._renderers:
             getattr(renderer, order)(name, **arguments)
+        self._mute_absent()
         note_order(self._tuned, order, name, arguments)
         self._note_change()
 

@@ -1,14 +1,16 @@
 """Moving bodies whose poses a program writes in place in every tick."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.errors import SceneError, no_such
+from hapscene.contact.moving import ROTATION_TOLERANCE
+from hapscene.errors import SceneError, UsageWarning, no_such, warn
+from hapscene.geometry import rigid
 
-__all__ = ["MovingBodies"]
+__all__ = ["MovingBodies", "warn_of_refused"]
 
 
 class MovingBodies:
@@ -44,6 +46,7 @@ class MovingBodies:
         # with the leading axis that a tick expects: (1, n, 4, 4)
         self.poses: NDArray[np.float64] = X_WB[self.index][None].copy()
         self.teleported = np.zeros(len(self.names), np.int64)
+        self._warned = False
 
     def __repr__(self) -> str:
         return f"<MovingBodies: {', '.join(self.names)}>"
@@ -67,6 +70,10 @@ class MovingBodies:
             raise SceneError(no_such("body", name, self.names))
         self.teleported[self.names.index(name)] = 1
 
+    def warn_of_refused(self) -> None:
+        """Warn once if a tick has refused a pose."""
+        self._warned = self._warned or warn_of_refused(zip(self.names, self.poses[0], strict=True))
+
     def set_poses(self, poses: Mapping[str, ArrayLike]) -> None:
         """Write the poses (4, 4) of these bodies, in the order of `names`.
 
@@ -80,3 +87,15 @@ class MovingBodies:
                 slot[:] = X_WB
             except (TypeError, ValueError, OverflowError):
                 raise SceneError(f"pose of body {name!r} is not numeric, expected a (4, 4) matrix") from None
+
+
+def warn_of_refused(poses: Iterable[tuple[str, NDArray[np.float64]]]) -> bool:
+    """Warn of the first pose (4, 4) that a tick would refuse, given with the names of the bodies; return whether one
+    was found."""
+    for name, X_WB in poses:
+        try:
+            rigid(X_WB, f"body {name!r}", tolerance=ROTATION_TOLERANCE)
+        except SceneError as error:
+            warn(f"{error}. The body stays at its last valid pose (Flag.POSE_REFUSED)", UsageWarning)
+            return True
+    return False

@@ -17,7 +17,7 @@ from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import place_proxy
 from hapscene.contact.world import Extension, World, build_world, count_overlapping
 from hapscene.device.model import IDEAL, DeviceLike, DeviceWarning, Limits, limits_of
-from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
+from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, UsageWarning, no_such, warn
 from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions, rigid
 from hapscene.records import ROW, Records, block_of, records
@@ -44,6 +44,16 @@ EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap", "adhesion")
 OTHER_BODIES: Final = (
     "the bodies differ from those that the renderer was made with: repaint the same bodies, or make a new renderer"
 )
+
+_POSE_REFUSED: Final = int(Flag.POSE_REFUSED)
+
+FAR_M: Final = 5.0
+"""Distance from the nearest body beyond which the start of a tool may be in another unit [m]: several times the
+workspace of a haptic device. A scene of large bodies has a longer one."""
+
+FAR_RATIO: Final = 20.0
+"""The same distance as a multiple of the diameter of the largest body [1]. A position in mm is about 500 times too
+far."""
 
 _NO_BODIES: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
 """Indices, poses and teleports for a tick without moving bodies."""
@@ -116,6 +126,7 @@ class Renderer:
     Warns:
         DeviceWarning: a swatch exceeds the limits of the device. One warning reports the first painted swatch.
         MeshWarning: more bodies overlap at one point than a tick can test.
+        UsageWarning: an effect that no painted swatch enables.
     """
 
     def __init__(
@@ -171,6 +182,7 @@ class Renderer:
             self._play = _compile_run(self.world, self.surface, self._row, self._samples)
         _warn(messages + [str(clip) for clip in self._field_clips() if clip.reported])
         _warn_of_overlap(scene, self.world)
+        self._warn_of_idle_effects(scene)
         self._row_bytes = self._row.view(np.ndarray).view(np.uint8)
         row = self._row.view(np.ndarray)
         # views, because a look-up by name takes a microsecond
@@ -193,8 +205,12 @@ class Renderer:
 
         Raises:
             PathError: `p_WT` is not three finite numbers.
+
+        Warns:
+            UsageWarning: all bodies are far away.
         """
         p = positions(numbers(p_WT).reshape(1, -1))[0]
+        _warn_of_distance(self.world, p)
         surface = self.surface
         clear_states(surface, self._effects, self.seed)
         memory, touch = surface.memory, surface.touch
@@ -243,7 +259,7 @@ class Renderer:
         first = len(self._contact_effects)
         names = [e.name for e in self._effects[first:]]
         if effect not in names:
-            raise EffectError(no_such("effect of the scene", effect, names))
+            raise EffectError(self._no_field(effect))
         k = names.index(effect)
         params = {param.name: param for param in self._effects[first + k].params}
         if unknown := sorted(numbers.keys() - params.keys()):
@@ -291,8 +307,20 @@ class Renderer:
             )
         for name in settings:
             if name not in names:
-                raise EffectError(no_such("effect of the scene", name, names))
+                raise EffectError(self._no_field(name))
         return [field_setting(e, settings.get(e.name, {}), self._body_names, self.a_rate_Hz) for e in of_scene]
+
+    def _no_field(self, name: str) -> str:
+        """Return the message about an effect that is not one of the scene."""
+        if name in (effect.name for effect in self._contact_effects):
+            return (
+                f"effect {name!r} acts at contacts and is set by swatches: use "
+                f"Swatch(…, effects={{{name!r}: {{…}}}}), or Renderer.tune"
+            )
+        names = [effect.name for effect in self._effects[len(self._contact_effects) :]]
+        if not names:
+            return f"no effect of the scene {name!r} is in use; add it to the effects of the renderer"
+        return no_such("effect of the scene", name, names)
 
     def _clipped_field(self, k: int) -> tuple[Numbers, list[Clip]]:
         """Return the parameters of effect `k` of the scene within the limits of the device, and which were clipped."""
@@ -332,6 +360,20 @@ class Renderer:
                     found.append(share.message(swatch.name, self.limits.device))
             messages += found if index in painted else []
         return fit, surface, messages
+
+    def _warn_of_idle_effects(self, scene: "Scene") -> None:
+        """Warn of effects that no painted swatch enables."""
+        from hapscene.scene.fine_paint import swatches_of
+
+        for e, effect in enumerate(self._contact_effects):
+            painted = {k for body in scene.bodies for k in swatches_of(body).tolist()} if effect.needs else set()
+            if painted and not any(self._fit.given[k][e, effect.needs] for k in painted):
+                names = ", ".join(sorted(scene.swatches[k].name for k in painted))
+                warn(
+                    f"effect {effect.name!r} does nothing: {effect.needs} is 0 in each painted swatch ({names}); set "
+                    f"it by Swatch(…, effects={{{effect.name!r}: {{{effect.needs!r}: …}}}}), or Renderer.tune",
+                    UsageWarning,
+                )
 
     def repaint(self, scene: "Scene") -> None:
         """Change the swatches and painted faces of the same bodies. Contact continues.
@@ -453,6 +495,9 @@ class Renderer:
         Raises:
             PathError: the position is not three numbers.
             SceneError: a body is unknown, a pose is not (4, 4), or `poses` belongs to another renderer.
+
+        Warns:
+            UsageWarning: a pose was refused; once for the same bodies.
         """
         p = numbers(p_WT).reshape(1, -1)
         if p.shape != (1, 3):
@@ -475,6 +520,8 @@ class Renderer:
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
         self._ticks += 1
         f_W_N, flags, touching = self._out
+        if flags.item() & _POSE_REFUSED and poses:
+            bodies.warn_of_refused()
         contact = None
         if touching.item():
             contact = Contact(self._row_bytes.tobytes(), self._body_names, self._swatch_names)
@@ -581,6 +628,19 @@ def _warn(messages: list[str]) -> None:
     if messages:
         more = f"; and {len(messages) - 1} more, see Renderer.clips" if len(messages) > 1 else ""
         warn(messages[0] + more, DeviceWarning)
+
+
+def _warn_of_distance(world: World, p_WT_m: NDArray[np.float64]) -> None:
+    """Warn if a tool starts so far from all bodies that its position is probably in another unit."""
+    radius_m = world.ball_W_m[:, 3]
+    away_m = float((np.linalg.norm(world.ball_W_m[:, :3] - p_WT_m, axis=1) - radius_m).min())
+    if away_m > max(FAR_M, FAR_RATIO * 2.0 * float(radius_m.max())):
+        place = ", ".join(f"{v:g}" for v in p_WT_m)
+        warn(
+            f"the tool starts at ({place}) m, {away_m:.3g} m from the nearest body; expected a position near the "
+            "bodies, in metres: is it in mm?",
+            UsageWarning,
+        )
 
 
 def _warn_of_overlap(scene: "Scene", world: World) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.constants import NUMBER_MAX
 from hapscene.device.model import Limits
 from hapscene.errors import EffectError, no_such
 from hapscene.surface.effect import Effect, check_range
@@ -175,8 +176,8 @@ def changed(effects: Sequence[Effect], numbers: Numbers, changes: Mapping[str, f
         except (TypeError, ValueError, OverflowError):
             raise EffectError(f"{name} must be a number, is {given_value!r:.40}") from None
         if name == STIFFNESS:
-            if not 0.0 <= value < math.inf:
-                raise EffectError(f"stiffness_N_m must be finite and at least 0, is {value:g} N/m")
+            if not 0.0 <= value <= NUMBER_MAX:
+                raise EffectError(f"stiffness_N_m must be from 0 to {NUMBER_MAX:g} N/m, is {value:g} N/m")
             result[WALL, name] = value
         holders = [(e, param) for e, effect in enumerate(effects) for param in effect.params if param.name == name]
         if not holders and name != STIFFNESS:

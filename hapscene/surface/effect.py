@@ -68,6 +68,8 @@ class State:
 class Effect:
     """An effect plugin.
 
+    `needs` names a parameter that disables the effect while it is 0: a renderer warns if no swatch sets it.
+
     `table(swatch, rate_Hz)` is called once for each swatch when a scene is built, and returns the array that `render`
     gets as `table`: use it to compute in Python what need not be computed in every tick. For an effect of the scene
     the call is `table(settings, rate_Hz)`, with the settings listed in `arrays`, None for those that are not given.
@@ -84,6 +86,7 @@ class Effect:
     table: Table | None = None
     scope: Literal["contact", "scene"] = "contact"
     arrays: tuple[str, ...] = ()
+    needs: str = ""
 
     def __post_init__(self) -> None:
         if self.scope not in ("contact", "scene"):
@@ -121,6 +124,6 @@ def check_range(effect: Effect, param: Param, value: Any, where: str = "") -> fl
         found = f"{value:g} {param.unit}" if isinstance(value, int | float | np.number) else repr(value)
         raise EffectError(
             f"{where}{param.name} of effect {effect.name!r} is {found}; "
-            f"it must be from {param.minimum:g} to {param.maximum:g}"
+            f"expected {param.minimum:g} to {param.maximum:g} {param.unit} ({param.meaning})"
         )
     return float(value)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from hapscene.constants import DAMPING_NS_M, STIFFNESS_N_M
+from hapscene.constants import DAMPING_NS_M, NUMBER_MAX, STIFFNESS_N_M
 from hapscene.errors import SwatchError
 from hapscene.io.files import short
 from hapscene.surface.look import Look
@@ -199,8 +199,8 @@ class Swatch:
         return float(getattr(self, param)) if param in OWN_PARAMETERS else default
 
     def _checked(self, what: str, value: float) -> float:
-        if not (math.isfinite(value) and value >= 0.0):
-            raise SwatchError(f"swatch {self.name!r}: {what} must be finite and not negative, is {value}")
+        if not 0.0 <= value <= NUMBER_MAX:  # also true for NaN
+            raise SwatchError(f"swatch {self.name!r}: {what} must be from 0 to {NUMBER_MAX:g}, is {value:g}")
         return float(value)
 
     def __hash__(self) -> int:

@@ -33,7 +33,7 @@ EFFECT = Effect(
     "Weight of the virtual tool.",
     render,
     params=(
-        Param("mass_kg", 0.1, "kg", "mass of the tool", 0.0, 100.0),
+        Param("mass_kg", 0.1, "kg", "mass of the tool", 0.0, 10.0),
         Param("gravity_x_m_s2", 0.0, "m/s²", "gravity along x", -100.0, 100.0),
         Param("gravity_y_m_s2", 0.0, "m/s²", "gravity along y", -100.0, 100.0),
         Param("gravity_z_m_s2", -9.81, "m/s²", "gravity along z", -100.0, 100.0),

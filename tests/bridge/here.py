@@ -29,10 +29,10 @@ class Here:
     Each `Client` has an address of its own.
     """
 
-    def __init__(self, ws: bool = False) -> None:
+    def __init__(self, ws: bool = False, tools: int = 1) -> None:
         scene = hapscene.Scene()
         scene.add(trimesh.creation.box((0.05, 0.05, 0.05)), "crate", unit="m", swatch="wood")
-        self.servo, self.clients = VirtualServo(scene, "omni"), 0
+        self.servo, self.clients = VirtualServo(scene, ["omni"] * tools), 0
         self._open = ExitStack()
         self._open.enter_context(self.servo)
         orders = self._open.enter_context(Orders(self.servo))

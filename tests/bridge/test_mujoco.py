@@ -145,7 +145,9 @@ def test_geoms_of_a_body_and_swatches_by_name() -> None:
     assert worn == ["felt", "wood", "cork"]
     assert {scene.swatches[i].name for b in ("world", "post") for i in scene.body(b).face_swatch} == {"paper"}
     assert scene.paint("cart", swatches["default"], "bed") == 12
-    whole = hapscene.bridge.MuJoCo(model, data, visual=True).scene.body("cart")
+    with pytest.raises(hapscene.HapsceneError, match=r"'paint' is not used: .*visual=True"):
+        hapscene.bridge.MuJoCo(model, data, {"paint": "wood"})
+    whole = hapscene.bridge.MuJoCo(model, data, {"paint": "wood"}, visual=True).scene.body("cart")
     assert len(whole.mesh.faces) == len(cart.mesh.faces) + 12
     for one, name in (("wood", "wood"), (swatches["handle"], "cork")):
         same = hapscene.bridge.MuJoCo(model, data, one).scene
@@ -198,6 +200,26 @@ def test_a_box_on_the_floor_is_pushed_smoothly(step_s: float, most_N: float) -> 
     assert np.count_nonzero(np.diff([command.contact is not None for command in felt])) <= 2
     assert 0.02 < data.qpos[0] < 0.03
     assert -f_N[-500:, 0].mean() == pytest.approx(0.2 * 9.81, rel=0.5)  # what MuJoCo's friction has at most
+
+
+def test_two_hands_lift_a_box() -> None:
+    """They squeeze it by 3 mm and lift it by 3 cm at 60 Hz; friction carries half of its weight at each hand."""
+    model, data = crates(1 / 60, -9.81)
+    grip = hapscene.Swatch("grip", stiffness_N_m=650.0, friction_static=0.9, friction_dynamic=0.9)
+    bridge = hapscene.bridge.MuJoCo(model, data, grip)
+    hands = [hapscene.Renderer(bridge.scene), hapscene.Renderer(bridge.scene)]
+    felt, tick = list[list[hapscene.Command]](), itertools.count()
+
+    def places() -> list[tuple[float, float, float]]:
+        k = next(tick)
+        x, z = 0.0505 - 7e-6 * min(k, 500), 0.05 + 2e-5 * min(max(k - 800, 0), 1500)
+        return [(-x, 0.0, z), (x, 0.0, z)]
+
+    while len(felt) < 3000:
+        bridge.step(hands, places, felt.append)
+    f_N = np.array([[command.f_W_N for command in made] for made in felt])
+    assert np.linalg.norm(np.diff(f_N, axis=0), axis=2).max() <= 0.1
+    assert f_N[-500:, :, 2].mean(axis=0) == pytest.approx(-0.5 * 0.2 * 9.81, rel=0.02) and data.qpos[2] > 0.075
 
 
 def test_reset() -> None:

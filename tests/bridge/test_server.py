@@ -1,6 +1,7 @@
 """The bridge server with the client of the examples, on a good and on a bad line."""
 
 import random
+import warnings
 from collections.abc import Iterator
 from itertools import pairwise
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ import pytest
 
 from hapscene.bridge.orders import Orders
 from hapscene.bridge.server import SILENT_S, BridgeServer
-from hapscene.errors import HapsceneError
+from hapscene.errors import HapsceneError, UsageWarning
 from hapscene.flags import Flag
 
 from .here import Client, Here, Line, client_file
@@ -153,22 +154,65 @@ def test_there_is_one_client_at_a_time(served: Here, client: Client) -> None:
     client.__init__(served)  # type: ignore[misc]  # for the fixture to close
 
 
+def test_two_clients_press_one_crate() -> None:
+    """The first one pushes and simulates it. The second one has only a hand, and joins and leaves meanwhile."""
+    here = Here(tools=2)
+    servo, one, other = here.servo, Client(here), Client(here, tool=1)
+    one.order("free", body="crate", mass=MASS_KG, inertia=[1e-4] * 3)
+    one.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 1), True)])
+    one.order("start", p=[-0.03, 0.0, 0.0])
+    x = v = received = 0.0
+    hands_N_s = np.zeros(2)
+    for k in range(150):
+        since = servo.state().tick + 1
+        servo.advance(16 + (k % 3 > 0))
+        pushes_N = [servo.read(since, tool=tool).rows["f_body_W_N"][:, 0] for tool in (0, 1)]
+        hands_N_s += [push.sum() * servo.tick_s for push in pushes_N]
+        one.poll()
+        total = one.impulse("crate")[0]
+        v, received = v + (total - received) / MASS_KG, total
+        x += v / 60
+        crate = ("crate", (x, 0, 0), (0, 0, 0, 1), (v, 0, 0), (0, 0, 0))
+        one.frame(aim=(-0.03 + 0.05 * k / 60 if k < 20 else x - 0.02, 0, 0), bodies=[crate])
+        if k == 20:
+            assert hands_N_s[0] > 1e-3 and hands_N_s[1] == 0.0  # it is not started, and touches nothing
+            other.order("start", p=[x + 0.03, 0.0, 0.0])
+        if k < 100:
+            other.frame(aim=(x + 0.02, 0, 0))
+        if k == 100:
+            assert other.poll() and other.state["force"][0] > 0.1  # type: ignore[index]
+            other.close()
+            one.order("counts")  # is executed after the tool is withdrawn
+            left_N_s = hands_N_s[1]
+    assert min(abs(hands_N_s)) > 0.1 and hands_N_s[1] == left_N_s
+    assert received == pytest.approx(hands_N_s.sum(), abs=1e-9) and MASS_KG * v == pytest.approx(received, abs=1e-9)
+    with pytest.raises(ConnectionError, match="tool 2: expected an integer from 0 to 1"):
+        Client(here, tool=2)
+    here.close()
+
+
 def test_invalid_poses_and_bodies(client: Client) -> None:
     client.order("start", p=[0.0, 0.2, 0.0])
-    client.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 0))])
-    assert client.feel(1)["flags"] & Flag.POSE_REFUSED
-    client.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 1))])
-    assert not client.feel(1)["flags"] & Flag.POSE_REFUSED
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        for number in (np.nan, np.inf, 1e308, -1e200):  # one warning, none of NumPy
+            three = (number, 0.0, -number)
+            client.totals["crate"] = (number,) * 6
+            client.feel(1, aim=three, bodies=[("crate", three, (number,) * 4, three, three)])
+    assert [note.category for note in given] == [UsageWarning] and "'crate'" in str(given[0].message)
+    client.totals.clear()
     bad = client.order("counts")["counts"].get("bad", 0)
     client.bodies.append("ghost")
     client.frame(bodies=[("ghost", (0, 0, 0), (0, 0, 0, 1))])
     assert client.order("counts")["counts"]["bad"] == bad + 1
+    assert client.feel(1, bodies=[("crate", (0, 0, 0), (0, 0, 0, 0))])["flags"] & Flag.POSE_REFUSED
+    assert not client.feel(1, bodies=[("crate", (0, 0, 0), (0, 0, 0, 1))])["flags"] & Flag.POSE_REFUSED
 
 
 def test_too_many_names_are_an_error() -> None:
     scene = SimpleNamespace(bodies=[SimpleNamespace(name=f"{k:040}") for k in range(1000)], swatches=[])
     with pytest.raises(HapsceneError, match=r"names of 1,000 bodies .* shorter names"):
-        BridgeServer(Orders(SimpleNamespace(tick_s=1e-3, scene=scene)), "127.0.0.1", 0)  # type: ignore[arg-type]
+        BridgeServer(Orders(SimpleNamespace(tick_s=1e-3, scene=scene, tools=1)), "127.0.0.1", 0)  # type: ignore[arg-type]
 
 
 def test_the_client_uses_the_same_layout() -> None:

@@ -32,6 +32,7 @@ from hapscene.bridge.server import BATCH_MAX, BridgeServer
 from hapscene.device.sim.hand import grip_named
 from hapscene.errors import SceneError
 from hapscene.flags import Flag
+from hapscene.loop.servo import BODY_ROOM
 from hapscene.loop.servo_state import ServoState
 from hapscene.render.contact_info import Impulse
 
@@ -44,7 +45,7 @@ NONCES = count()
 class Still:
     """A servo without a loop, which records the calls."""
 
-    alive, tick_s = True, 1e-3
+    alive, tick_s, tools = True, 1e-3, 1
 
     def __init__(self) -> None:
         self.total, self.applied, self.grips, self.mass_kg = np.zeros(6), np.zeros(6), ["light"], np.inf
@@ -54,11 +55,13 @@ class Still:
     def impulse(self, body: str) -> Impulse:
         return Impulse(self.total[:3].copy(), self.total[3:].copy())
 
-    def start(self, p_WT: Any, grip: str) -> None:
+    def start(self, p_WT: Any, grip: str, tool: int | None) -> np.ndarray:
         grip_named(grip)
+        given = np.vstack((self.total, np.zeros((BODY_ROOM, 6))))
         self.total[:] = 0.0
+        return given
 
-    def aim(self, p_WT: Any, grip: str) -> None:
+    def aim(self, p_WT: Any, grip: str, tool: int) -> None:
         self.grips.append(grip)
 
     def move(self, body: str, X_WB: Any, *, applied: Impulse, **how: Any) -> None:
@@ -69,11 +72,11 @@ class Still:
             raise SceneError("no body; there are: " + 10_000 * "crate, ")
         self.mass_kg = mass_kg
 
-    def state(self) -> ServoState:
+    def state(self, tool: int) -> ServoState:
         zeros = np.zeros(3)
         return ServoState(0, zeros, zeros, zeros, zeros, 0.0, 0.0, False, -1, -1, -1, Flag(0))
 
-    def events(self, since: int) -> tuple[list[Any], int]:
+    def events(self, since: int, tool: int) -> tuple[list[Any], int]:
         return [], since
 
 
@@ -88,7 +91,7 @@ class Talk:
 
     def __init__(self, server: BridgeServer, **hello: Any) -> None:
         self.server, self.key, self.sequence = server, 0, 0
-        server._received_s = -np.inf  # any earlier client is disconnected
+        server._sessions.clear()  # any earlier client is disconnected
         welcome = self.say(HELLO, pack_json({"version": 1, "nonce": next(NONCES), **hello}))
         self.key, self.kind, self.answer = welcome.key, welcome.kind, unpack_json(welcome.payload)
 

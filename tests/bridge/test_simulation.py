@@ -71,6 +71,23 @@ def test_momentum_is_conserved(scene: hapscene.Scene, step_s: float) -> None:
     assert hand == pytest.approx(-impulse.linear_N_s, rel=1e-9, abs=1e-15)
 
 
+@pytest.mark.parametrize("step_s", [2.5e-4, 1e-3, 1 / 60])
+def test_momentum_of_two_tools(scene: hapscene.Scene, step_s: float) -> None:
+    """They press on opposite sides, one more than the other, beside the centre of mass."""
+    box, tools = Box(0.2, step_s), [hapscene.Renderer(scene), hapscene.Renderer(scene)]
+    bridge, hands = hapscene.bridge.Bridge(box), np.zeros((2, 3))
+    for k in range(round(0.3 / step_s)):
+        s = 0.02 * k * step_s
+        places = np.array([[-0.051 + s, 0.02, 0.01], [0.051 - 0.5 * s, 0.0, -0.01]])
+        bridge.step(tools, places, lambda made: np.add(hands, [1e-3 * c.f_W_N for c in made], out=hands))
+    one, other = (tool.impulse("box") for tool in tools)
+    assert one.linear_N_s[0] > 0.01 and other.linear_N_s[0] < -0.01
+    assert box.mass_kg * box.v_m_s == pytest.approx(one.linear_N_s + other.linear_N_s, rel=1e-9, abs=1e-15)
+    spin = one.angular_N_m_s + other.angular_N_m_s
+    assert box.inertia_kg_m2 * box.w_rad_s == pytest.approx(spin, rel=1e-9, abs=1e-15)
+    assert -hands == pytest.approx(np.array([one.linear_N_s, other.linear_N_s]), rel=1e-9, abs=1e-15)
+
+
 @pytest.mark.parametrize(("step_s", "ticks"), [(1e-3, 1000), (4e-4, 400), (1.5e-3, 1500), (1 / 60, 1000)])
 def test_number_of_ticks(scene: hapscene.Scene, step_s: float, ticks: int) -> None:
     bridge, renderer, counted = hapscene.bridge.Bridge(Box(0.2, step_s)), hapscene.Renderer(scene), []
@@ -107,6 +124,25 @@ def test_chatter_starts_at_the_warned_ratio(scene: hapscene.Scene, count: int) -
     with pytest.warns(hapscene.bridge.ChatterWarning, match=r"body 'box' will chatter: .* at 650 N/m and steps of"):
         _, touching = held_against_the_tool(scene, 1.07 * most, count)
     assert not touching[half:].all()
+
+
+@pytest.mark.parametrize(("part", "chatters"), [(0.93, False), (1.07, True)])
+def test_two_tools_chatter_at_half_the_ratio(scene: hapscene.Scene, part: float, chatters: bool) -> None:
+    """They hold a box between them, as two springs side by side."""
+    step_s = 4e-3
+    box = Box(STIFFNESS_N_M * step_s**2 / (0.5 * part * ratio_max(4)), step_s, turns=False)
+    box.X_WB[0, 3] = 1e-5  # beside the equilibrium
+    tools, felt = [hapscene.Renderer(scene, effects=["wall"]) for _ in range(2)], list[float]()
+    for tool, x_m in zip(tools, (-0.051, 0.051), strict=True):
+        tool.tune("test", damping_Ns_m=0.0)
+        tool.reset((x_m, 0.0, 0.0))
+    bridge, places = hapscene.bridge.Bridge(box), np.array([[-0.0495, 0.0, 0.0], [0.0495, 0.0, 0.0]])
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        for _ in range(400):
+            bridge.step(tools, lambda: places, lambda made: felt.append(made[0].f_W_N[0]))
+    assert [note.category for note in given] == chatters * [hapscene.bridge.ChatterWarning]
+    assert (np.ptp(felt[800:]) > 0.1) == chatters  # 0.5 mN and 0.8 N
 
 
 def test_ratio_max_of_one_tick() -> None:
@@ -155,6 +191,10 @@ def test_invalid_arguments(scene: hapscene.Scene) -> None:
     bridge = hapscene.bridge.Bridge(Box(0.2, 1e-3))
     with pytest.raises(hapscene.HapsceneError, match="2 numbers"):
         bridge.step(hapscene.Renderer(scene), (0.0, 1.0))
+    with pytest.raises(hapscene.HapsceneError, match="3 numbers; expected three for each of 2"):
+        bridge.step([hapscene.Renderer(scene), hapscene.Renderer(scene)], (0.0, 0.0, 1.0))
+    with pytest.raises(hapscene.HapsceneError, match="tick_s"):
+        bridge.step([hapscene.Renderer(scene), hapscene.Renderer(scene, tick_s=2e-3)], np.zeros((2, 3)))
     other = hapscene.Scene()
     other.add(trimesh.creation.box(3 * [SIDE_M]), name="bux", unit="m")
     with pytest.raises(hapscene.HapsceneError, match="no body 'box'; there are: bux"):

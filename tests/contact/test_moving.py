@@ -1,5 +1,7 @@
 """Poses of moving bodies: accepted, corrected or rejected; motion, rest and teleport."""
 
+import warnings
+
 import numpy as np
 import pytest
 import trimesh
@@ -9,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import hapscene
 from hapscene.contact.moving import ROTATION_TOLERANCE
-from hapscene.errors import SceneError
+from hapscene.errors import SceneError, UsageWarning
 from hapscene.flags import Flag
 from hapscene.scene.mesh import Mesh
 
@@ -86,8 +88,12 @@ def test_invalid_pose_is_flagged_and_last_valid_one_kept(spoil):
     slots.X_WB = good[None]
     before = renderer.step(ON_TOP, slots)
     spoil(slots.X_WB[0])
-    command = renderer.step(ON_TOP, slots)
+    with pytest.warns(UsageWarning, match="'box 0'"):
+        command = renderer.step(ON_TOP, slots)
     body = renderer.world.bodies[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert renderer.step(ON_TOP, slots).flags == Flag.POSE_REFUSED  # one warning is enough
     assert command.flags == Flag.POSE_REFUSED and before.flags == Flag(0)
     assert (good[:3, :3] == body.R_WB).all() and (body.p_WB_m == good[:3, 3]).all()
     np.testing.assert_allclose(command.f_W_N, before.f_W_N, atol=1e-12)

@@ -1,6 +1,7 @@
 """The interface of the servo, with its loop on a virtual clock; `test_servo_process.py` tests the real process."""
 
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import trimesh
 import hapscene
 from hapscene.device.sim.omni import stand
 from hapscene.device.sim.point import PointMass
-from hapscene.errors import HapsceneError, PathError, SceneError
+from hapscene.errors import HapsceneError, PathError, SceneError, UsageWarning
 from hapscene.flags import Flag
 from hapscene.loop import Servo, servo_process
 from hapscene.loop.timing import LATE_MAX
@@ -231,7 +232,8 @@ def test_invalid_pose_is_flagged(servo: VirtualServo) -> None:
     bad = np.eye(4)
     bad[0, 3] = np.nan
     servo.move("plate", bad)
-    servo.until(lambda: Flag.POSE_REFUSED in servo.state().flags)
+    with pytest.warns(UsageWarning, match="'plate'"):
+        servo.until(lambda: Flag.POSE_REFUSED in servo.state().flags)
     good = np.eye(4)
     good[2, 3] = -0.01
     servo.move("plate", good)
@@ -347,6 +349,15 @@ def test_age_of_the_state_grows_while_paused(servo: VirtualServo) -> None:
         assert after.tick == before.tick and after.age_s == pytest.approx(before.age_s + 0.05)
         assert after[:1] == (after.tick,) and after[11:13] == (after.flags, after.age_s)
         servo.pause()
+
+
+def test_stages_of_the_start_are_reported() -> None:
+    said = list[str]()
+    polls, messages = iter([True, True, False, False, True, True]), iter([(None, "bodies"), (None, {"seed": 0})])
+    servo = Servo(make_scene(), MASS, progress=said.append)
+    servo._wire = SimpleNamespace(poll=lambda timeout_s: next(polls), recv=lambda: next(messages))
+    assert servo._started() == {"seed": 0}
+    assert said == ["a new process … ", "bodies … ", "5 s … ", "10 s … "]
 
 
 def test_invalid_scene_is_rejected_at_the_start() -> None:

@@ -1,5 +1,7 @@
 """The renderer: run and step, reset, poses, limits, and invalid arguments."""
 
+import warnings
+
 import numpy as np
 import pytest
 import trimesh
@@ -238,6 +240,15 @@ def test_invalid_first_position_does_not_start():
     command = renderer.step([np.nan, 0.0, 0.0])
     assert command.flags == hapscene.Flag.TOOL_NOT_FINITE and not command.f_W_N.any()
     assert renderer.step([0.0, 0.0, 0.05]).flags == 0
+
+
+def test_a_start_far_from_all_bodies_is_warned_of():
+    renderer = hapscene.Renderer(flat_scene())
+    with pytest.warns(hapscene.errors.UsageWarning, match="49.9 m from the nearest body"):
+        renderer.step([50.0, 0.0, 0.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        renderer.reset([0.0, 0.0, 1.0])
 
 
 def flat_scene() -> hapscene.Scene:

@@ -100,8 +100,12 @@ def test_fields_and_contact_effects_are_tuned_separately():
         r.tune_field("pull", mass_kg=1.0)
     with pytest.raises(EffectError, match="stiffness_N_m"):
         r.tune_field("pull", stiffness_N_m=101.0)
-    with pytest.raises(EffectError, match="wall"):
+    with pytest.raises(EffectError, match="'wall' acts at contacts"):
         hapscene.Renderer(scene(), ["wall"], settings={"wall": {}})
+    with pytest.raises(EffectError, match="'weight' is in use; add it"):
+        hapscene.Renderer(scene(), ["wall"], settings={"weight": {"mass_kg": 0.1}})
+    with pytest.raises(EffectError, match="50 kg; expected 0 to 10 kg"):
+        hapscene.Renderer(scene(), ["wall", "weight"], settings={"weight": {"mass_kg": 50}})
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,7 @@ def test_equality_hash_and_pickle() -> None:
     [
         ({"name": "a\nb"}, "name"),
         ({"stiffness_N_m": -1.0}, "stiffness_N_m"),
+        ({"stiffness_N_m": 1e308}, "stiffness_N_m"),
         ({"damping_Ns_m": np.nan}, "damping_Ns_m"),
         ({"friction_static": 0.1, "friction_dynamic": 0.2}, "friction"),
         ({"friction_static": 6.0}, "friction"),

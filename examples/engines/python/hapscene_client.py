@@ -57,6 +57,7 @@ class Client:
         up: str = "z",
         handed: str = "right",
         metres: float = 1.0,
+        tool: int = 0,
         patience_s: float = 10.0,
     ) -> None:
         self.patience_s = patience_s
@@ -65,7 +66,14 @@ class Client:
         self.state: dict[str, Any] | None = None
         self.events: list[tuple[int, str, str, str, float]] = []
         self.totals: dict[str, tuple[float, ...]] = {}
-        hello = {"version": 1, "nonce": random.getrandbits(53), "up": up, "handed": handed, "metres": metres}
+        hello = {
+            "version": 1,
+            "nonce": random.getrandbits(53),
+            "up": up,
+            "handed": handed,
+            "metres": metres,
+            "tool": tool,
+        }
         kind, self.key, answer = self._ask(HELLO, 1, hello, (WELCOME, REFUSED))
         if kind == REFUSED:
             raise ConnectionError(answer["error"])
