@@ -33,7 +33,10 @@ TOUCH: Final = np.dtype(
         ("inside", "i8"),  # number of bodies that the tool has penetrated (`release` of `OUTPUT`) and not yet left
         ("bary", "f8", (3,)),  # barycentric coordinates of the proxy on the face
         ("p_WT_m", "f8", (3,)),  # tool
-        ("p_WP_m", "f8", (3,)),  # proxy: on the surface in contact, at the tool in the air
+        # proxy, the centre of the tip: in contact on the surface for a point, a radius above it for a ball; at the tool
+        # in the air
+        ("p_WP_m", "f8", (3,)),
+        ("p_WC_m", "f8", (3,)),  # contact point on the surface; the proxy in the air
         ("v_WT_m_s", "f8", (3,)),  # velocity of the tool, backward difference
         ("nhat_W", "f8", (3,)),  # unit normal out of the surface, from tool to proxy; the last one in the air
         ("depth_m", "f8"),  # distance from tool to proxy, ≥ 0
@@ -94,6 +97,7 @@ ROW: Final = np.dtype(
         ("flags", "i8"),
         ("tick_ns", "i8"),  # duration of the tick
         ("contact_ns", "i8"),  # part of `tick_ns` used to find the contact
+        ("p_WC_m", "f8", (3,)),  # contact point on the surface
     ],
     align=True,
 )

@@ -317,7 +317,7 @@ class Bridge:
             ratio = stiffness_N_m = 0.0  # of all tools on the body, as springs side by side
             for renderer, bodies, touch in touches:
                 if bodies.index[i] == touch.body:
-                    line = np.concatenate((touch.nhat_W, np.cross(touch.p_WP_m - bodies.X_WB[i, :3, 3], touch.nhat_W)))
+                    line = np.concatenate((touch.nhat_W, np.cross(touch.p_WC_m - bodies.X_WB[i, :3, 3], touch.nhat_W)))
                     stiffness = renderer._fit.given[touch.swatch][WALL, STIFFNESS]
                     stiffness_N_m += stiffness
                     ratio += float(line @ mobility[i] @ line) * stiffness * period_s**2

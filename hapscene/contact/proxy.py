@@ -36,7 +36,7 @@ from hapscene.geometry import Vector, along, norm, sub
 if TYPE_CHECKING:
     from hapscene.contact.world import World
 
-__all__ = ["move_proxy", "place_proxy"]
+__all__ = ["list_bodies", "move_proxy", "place_proxy"]
 
 MOVE_MIN = 1e-3
 """Shortest distance that counts as a move [skins]."""
@@ -67,8 +67,9 @@ def place_proxy(world: "World", p_W: Vector) -> None:
     proxy = world.proxy[0]
     proxy.count = 0
     proxy.touching = 0
+    proxy.placed = 1
     skin = world.bodies[0].skin_m  # all bodies have the same skin
-    _list(world, p_W, (LOOK_AHEAD + 4.0) * skin)
+    list_bodies(world, p_W, (LOOK_AHEAD + 4.0) * skin)
     proxy.near_margin_m = 0.0
     # A short cast from each side of the point finds the faces within a skin, and `nearest` moves the point off these.
     # Repeat until no cast moves it: it can leave the skin of one face by entering that of another.
@@ -164,11 +165,11 @@ def _list_near(world: "World", tool_W: Vector, carried_W: Vector) -> None:
     reach = norm(sub(carried_W, tool_W)) + ride
     gone = norm((at[0] - tool_W[0], at[1] - tool_W[1], at[2] - tool_W[2]))
     if gone + reach >= proxy.near_margin_m:
-        _list(world, tool_W, reach)
+        list_bodies(world, tool_W, reach)
 
 
 @native
-def _list(world: "World", tool_W: Vector, reach_m: float) -> None:
+def list_bodies(world: "World", tool_W: Vector, reach_m: float) -> None:
     """List the bodies whose bounding balls lie within `reach_m` of the device position.
 
     If more than `NEAR_MAX` do, the first of the scene and those in contact are listed. The choice is thus the same from

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "barycentric",
+    "closest_point",
     "corners",
     "edge_past",
     "is_narrow",
@@ -132,6 +133,34 @@ def edge_past(a: Vector, b: Vector, c: Vector, p: Vector, margin_m: float) -> in
             if far2 > most2 and far2 > least:
                 edge, least = k, far2
     return edge
+
+
+@native
+def closest_point(a: Vector, b: Vector, c: Vector, p: Vector) -> Vector:
+    """Return the point of a triangle closest to `p` (Ericson, Real-Time Collision Detection, 2005, 5.1.5)."""
+    ab, ac, ap = sub(b, a), sub(c, a), sub(p, a)
+    d1, d2 = dot(ab, ap), dot(ac, ap)
+    if d1 <= 0.0 and d2 <= 0.0:
+        return a
+    bp = sub(p, b)
+    d3, d4 = dot(ab, bp), dot(ac, bp)
+    if d3 >= 0.0 and d4 <= d3:
+        return b
+    vc = d1 * d4 - d3 * d2
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        return along(a, d1 / (d1 - d3), ab)
+    cp = sub(p, c)
+    d5, d6 = dot(ab, cp), dot(ac, cp)
+    if d6 >= 0.0 and d5 <= d6:
+        return c
+    vb = d5 * d2 - d1 * d6
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        return along(a, d2 / (d2 - d6), ac)
+    va = d3 * d6 - d5 * d4
+    if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        return along(b, (d4 - d3) / ((d4 - d3) + (d5 - d6)), sub(c, b))
+    total = va + vb + vc
+    return along(along(a, vb / total, ab), vc / total, ac)
 
 
 @native

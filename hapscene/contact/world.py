@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from weakref import WeakValueDictionary
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 
 from hapscene.compiled.block import by_pointer
 from hapscene.compiled.native import native
-from hapscene.constants import NEAR_MAX, PASSED_MAX, SKIN_RATIO, SKIN_RATIO_MIN
+from hapscene.constants import EDGE_OVERLAP, NEAR_MAX, PASSED_MAX, SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
+from hapscene.contact.face_tree import STACK_MAX, build_tree
 from hapscene.contact.shading import corner_normals
 from hapscene.errors import SceneError
 from hapscene.records import Owning, Records, pack_small_arrays, records
@@ -27,6 +29,7 @@ __all__ = [
     "DROPPED",
     "FACES_MAX",
     "HALF_TURN_COS2_MIN",
+    "LISTED_MAX",
     "NO_SHADE",
     "PROXY",
     "SAVED",
@@ -78,6 +81,11 @@ BODY: Final = np.dtype(
         ("p_WB_m", "f8", (3,)),
         ("last_R_WB", "f8", (3, 3)),  # pose in the last tick
         ("last_p_WB_m", "f8", (3,)),
+        # tree of the faces, for a tool with a tip radius
+        ("tree", "i8"),  # first row in World.tree
+        ("leaf_count", "i8"),
+        ("tree_face", "i8"),  # first row in World.tree_face
+        ("tree_count", "i8"),  # faces in the tree
         # fields of a deforming body
         ("next", "i8"),  # 1 + index of the next deforming body, 0 for the last
         ("shape_used", "i8"),  # shape in use, from 1; 0 for the shape of the mesh
@@ -102,6 +110,7 @@ PROXY: Final = np.dtype(
         ("near_margin_m", "f8"),
         ("near_count", "i8"),  # bodies that can be met in this tick, up to the limit
         ("crowded", "i8"),  # 1 if there were more than the limit
+        ("placed", "i8"),  # 1 if the proxy was placed since the last tick
         ("refused", "i8"),  # 1 if a pose was invalid in this tick
         ("reshaped", "i8"),  # 1 + index of the first deforming body, 0 for none
         ("puncture_count", "i8"),  # length of `punctured`
@@ -109,6 +118,7 @@ PROXY: Final = np.dtype(
         ("touching", "i8"),  # result: 1 while the device is inside a surface
         ("dominant", "i8"),  # result: index of the plane that pushes most
         ("p_WP_m", "f8", (3,)),  # result: proxy on the surface itself; the device position without contact
+        ("radius_m", "f8"),  # radius of the tip; the proxy is its centre. 0 for a point
         ("crease_cos", "f8"),  # planes count as one smooth surface down to this cosine; `NO_SHADE` without shading
         ("push_m", "f8", (4,)),  # result of `nearest`: multiplier of each plane
         ("short_m", "f8", (4,)),  # scratch of `nearest`: how far the device is behind each plane
@@ -126,6 +136,23 @@ PROXY: Final = np.dtype(
         ("punctured", "i8", (PASSED_MAX,)),  # punctured bodies, the newest last
         ("ray_face", "i8", (WAYS,)),  # faces around the proxy when a body changes shape, −1 for none
         ("ray_side", "f8", (WAYS,)),  # 1 if the proxy is in front of the face, −1 behind
+    ],
+    align=True,
+)
+
+LISTED_MAX: Final = 1024
+"""Most faces near a tip that are listed at a time [count]. With more, the tip moves in shorter steps."""
+
+BALL: Final = np.dtype(
+    [
+        ("at_W_m", "f8", (3,)),  # centre of the tip around which the faces were listed
+        ("margin_m", "f8"),  # motion of the centre from there within which the list is complete; negative without list
+        ("tool_W_m", "f8", (3,)),  # device position of the last tick
+        ("count", "i8"),
+        ("plane", "f8", (4, LISTED_MAX)),  # plane of each listed face: nhat, offset (`hapscene.contact.ball`)
+        ("body", "i8", (LISTED_MAX,)),
+        ("face", "i8", (LISTED_MAX,)),
+        ("stack", "i8", (STACK_MAX,)),  # scratch of a search in the tree
     ],
     align=True,
 )
@@ -158,6 +185,10 @@ class World(NamedTuple):
     ray: NDArray[np.float32]
     fronts_only: NDArray[np.uint64]  # arguments of a ray that passes through faces from behind
     proxy: Records  # (1,) PROXY
+    # for a tool with a tip radius, otherwise empty
+    ball: Records  # (1,) BALL
+    tree: NDArray[np.float32]  # (n, 2, 3) boxes of the trees of all meshes, see `hapscene.contact.face_tree`
+    tree_face: NDArray[np.int32]  # (f,) faces in the order of the leaves
 
 
 HOT: Final = ("proxy", "bodies", "ray", "near", "moved", "impulse", "ball_W_m", "fronts_only")
@@ -218,6 +249,32 @@ class Shapes:
             if crease_rad > 0.0:
                 rows[:, 3:] = corner_normals(mesh, crease_rad)
 
+    @cached_property
+    def forest(self) -> "Forest":
+        """Trees of all meshes, built when first used."""
+        return Forest(self)
+
+
+class Forest:
+    """The trees of the meshes of `Shapes`, for a tool with a tip radius.
+
+    Attributes:
+        tree, tree_face: see `World`.
+        place: (first row of `tree`, leaves, first row of `tree_face`, faces) of each mesh, by the identity of the mesh.
+    """
+
+    def __init__(self, shapes: Shapes | None) -> None:
+        boxes, faces = [np.zeros((0, 2, 3), np.float32)], [np.zeros(0, np.int32)]
+        self.place = dict[int, tuple[int, int, int, int]]()
+        for mesh in shapes.meshes if shapes else ():
+            first = shapes.first[id(mesh)]
+            corners_m = shapes.corners_m[first : first + len(mesh.faces), :3]
+            tree, order = build_tree(corners_m, EDGE_OVERLAP * shapes.skin_m)
+            self.place[id(mesh)] = sum(map(len, boxes)), len(tree) // 2, sum(map(len, faces)), len(order)
+            boxes.append(tree)
+            faces.append(order)
+        self.tree, self.tree_face = np.concatenate(boxes), np.concatenate(faces)
+
 
 _shapes: "WeakValueDictionary[tuple[Any, ...], Shapes]" = WeakValueDictionary()
 
@@ -232,7 +289,7 @@ def shapes_of(bodies: "Sequence[Body]", crease_rad: float, skin_m: float | None 
     return found
 
 
-def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
+def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, tip_radius_m: float = 0.0) -> World:
     """Pack the bodies of a scene.
 
     The records of the bodies hold addresses of search structures; the array of records keeps those alive. The search
@@ -241,11 +298,15 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
     Args:
         bodies: bodies of the scene.
         crease_rad: edges flatter than this angle are shaded (`hapscene.contact.shading`); 0 disables shading.
+        tip_radius_m: radius of the tip of the tool; 0 for a point.
     """
     shapes = shapes_of(bodies, crease_rad)
+    forest = shapes.forest if tip_radius_m > 0.0 else Forest(None)
     rows, balls = _owning_records(len(bodies), BODY, shapes), np.zeros((len(bodies), 4))
     _fill_bodies(rows, balls, bodies, shapes, (0, 0))
+    _fill_trees(rows, bodies, forest, (0, 0))
     proxy = records(1, PROXY)
+    proxy.radius_m = tip_radius_m
     proxy.crease_cos = math.cos(crease_rad) if crease_rad > 0.0 else NO_SHADE
     world = World(
         bodies=rows,
@@ -258,6 +319,9 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
         ray=new_ray(),
         fronts_only=fronts_only(),
         proxy=proxy,
+        ball=records(1 if tip_radius_m > 0.0 else 0, BALL),
+        tree=forest.tree,
+        tree_face=forest.tree_face,
     )
     near = pack_small_arrays([getattr(world, name) for name in HOT], shapes)
     return world._replace(**dict(zip(HOT, near, strict=True)))
@@ -298,6 +362,24 @@ def _fill_bodies(
         ball[3] = row.radius_m + row.skin_m
 
 
+def _fill_trees(
+    rows: Records,
+    bodies: "Sequence[Body]",
+    forest: Forest,
+    first: tuple[int, int],
+    known: Mapping[int, Any] = MappingProxyType({}),
+) -> None:
+    """Fill the fields of the trees in the records of bodies; arguments as in `_fill_bodies`."""
+    for row, body in zip(rows, bodies, strict=True):
+        key = id(body.mesh)
+        if key in forest.place:
+            tree, row.leaf_count, face, row.tree_count = forest.place[key]
+            row.tree, row.tree_face = first[0] + tree, first[1] + face
+        elif key in known:
+            for name in ("tree", "leaf_count", "tree_face", "tree_count"):
+                row[name] = known[key][name]
+
+
 FAR_FINER: Final = 100.0
 """Largest ratio of the skin of a world to the skin that an added body alone would have [1]."""
 
@@ -336,6 +418,7 @@ class Extension:
         self._bodies, self._before = bodies, world.corners_m
         self._corners_m = self._extended(world.corners_m)
         self._beyond = np.concatenate((world.beyond, self._shapes.beyond)) if self._shapes else world.beyond
+        self._forest = self._shapes.forest if self._shapes and len(world.ball) > 0 else Forest(None)
 
     def _extended(self, corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return corners followed by those of the new meshes."""
@@ -355,6 +438,8 @@ class Extension:
                 corners_m[first:end] = world.corners_m[first:end]
         ends = len(world.corners_m), len(world.beyond)
         _fill_bodies(rows[before:], balls[before:], self._bodies, self._shapes, ends, self._rows)
+        ends = len(world.tree), len(world.tree_face)
+        _fill_trees(rows[before:], self._bodies, self._forest, ends, self._rows)
         moved, impulse = np.zeros(count + 1, np.int64), world.impulse
         moved[: before + 1] = world.moved
         if len(impulse) < count:
@@ -370,6 +455,8 @@ class Extension:
             near=near,
             moved=moved,
             impulse=impulse,
+            tree=np.concatenate((world.tree, self._forest.tree)),
+            tree_face=np.concatenate((world.tree_face, self._forest.tree_face)),
         )
 
 

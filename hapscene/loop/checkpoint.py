@@ -20,12 +20,12 @@ CHECKPOINT_TICKS: Final = 10_000
 
 def memory_of(world: "World", surface: "Surface") -> tuple[NDArray[np.uint8], ...]:
     """Return byte views of all arrays that a tick reads and changes."""
-    arrays: list[Any] = [world.bodies, world.ball_W_m, world.near, world.moved, world.proxy]
+    arrays: list[Any] = [world.bodies, world.ball_W_m, world.near, world.moved, world.proxy, world.ball]
     arrays += [surface.states, surface.muted, surface.touch, surface.memory]
     return tuple(np.atleast_1d(array).view(np.ndarray).reshape(-1).view(np.uint8) for array in arrays)
 
 
-_ADDRESSES: Final = ("search", "shape_search", "face", "mesh_row", "shape_face", "next")
+_ADDRESSES: Final = ("search", "shape_search", "face", "mesh_row", "shape_face", "next", "tree", "tree_face")
 """Fields of a body that are specific to this process, or to how the body was loaded."""
 
 

@@ -67,8 +67,9 @@ class Contact:
 
     @property
     def p_W_m(self) -> Vector3:
-        """(3,) proxy position on the surface, where the force acts [m]."""
-        return self._vector("p_WP_m")
+        """(3,) contact point on the surface, where the force acts [m]. A ball that touches several faces has one
+        contact point on each; this is the one that pushes most."""
+        return self._vector("p_WC_m")
 
     @property
     def nhat_W(self) -> Vector3:

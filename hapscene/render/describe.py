@@ -28,6 +28,9 @@ def describe(world: "World", surface: "Surface", p_WT: Vector) -> None:
     touch, memory, proxy = surface.touch[0], surface.memory[0], world.proxy[0]
     was_touching, was_depth, was_body = touch.touching, touch.depth_m, touch.body
     p_WP = (proxy.p_WP_m[0], proxy.p_WP_m[1], proxy.p_WP_m[2])
+    p_WC = p_WP
+    if proxy.touching == 1 and proxy.radius_m > 0.0:
+        p_WC = along(p_WP, -proxy.radius_m, _vector(proxy.nhat_W[proxy.dominant]))
     v = (0.0, 0.0, 0.0)
     if memory.fresh == 0:
         v = sub(p_WT, (memory.p_WT_m[0], memory.p_WT_m[1], memory.p_WT_m[2]))
@@ -40,11 +43,11 @@ def describe(world: "World", surface: "Surface", p_WT: Vector) -> None:
     _set(touch.p_WT_m, p_WT)
     _set(touch.v_WT_m_s, v)
     if proxy.touching == 1:
-        n = _locate(world, surface, p_WT, p_WP)
+        n = _locate(world, surface, p_WT, p_WP, p_WC)
         slip = (0.0, 0.0, 0.0)
         if touch.began == 0 and touch.body == was_body:
-            slip = _slip(world.bodies[touch.body], memory, p_WP, n)
-        drag = _body_velocity(world.bodies[touch.body], p_WP, touch.tick_s)
+            slip = _slip(world.bodies[touch.body], memory, p_WP, p_WC, n)
+        drag = _body_velocity(world.bodies[touch.body], p_WC, touch.tick_s)
         _set(memory.drag_m_s, drag)
         v_rel = sub(v, drag)
         _press(touch, memory.smoothing, v_rel, was_depth)
@@ -55,13 +58,14 @@ def describe(world: "World", surface: "Surface", p_WT: Vector) -> None:
             touch.left_body = -1 if memory.jumped == 1 else was_body
             body, last = world.bodies[was_body], _vector(memory.p_WP_m)
             _set(memory.left_B_m, to_body_last(body, last) if body.moved == 1 else to_body(body, last))
-        p_WP = p_WT
+        p_WP = p_WC = p_WT
         _set(memory.drag_m_s, (0.0, 0.0, 0.0))
         _clear_contact(touch)
     if touch.left_body >= 0:
         _set(touch.left_W_m, to_world(world.bodies[touch.left_body], _vector(memory.left_B_m)))
     _list_punctured(world, touch)
     _set(touch.p_WP_m, p_WP)
+    _set(touch.p_WC_m, p_WC)
     _set(memory.p_WT_m, p_WT)
     _set(memory.p_WP_m, p_WP)
     memory.fresh = memory.jumped = 0
@@ -116,7 +120,7 @@ def shade(world: "World", surface: "Surface") -> int:
 
 
 @inlined
-def _locate(world: "World", surface: "Surface", p_WT: Vector, p_WP: Vector) -> Vector:
+def _locate(world: "World", surface: "Surface", p_WT: Vector, p_WP: Vector, p_WC: Vector) -> Vector:
     """Write what is touched: body, face, swatch, depth, normal and normal force. Returns the normal."""
     touch, proxy = surface.touch[0], world.proxy[0]
     by = proxy.dominant
@@ -124,7 +128,7 @@ def _locate(world: "World", surface: "Surface", p_WT: Vector, p_WP: Vector) -> V
     body = world.bodies[touch.body]
     for i in range(3):
         touch.x_WB[i], touch.y_WB[i] = body.R_WB[i, 0], body.R_WB[i, 1]
-    _set(touch.bary, barycentric(world, body, touch.face, p_WP))
+    _set(touch.bary, barycentric(world, body, touch.face, p_WC))
     paint = int(surface.paint[surface.paint_start[touch.body] + touch.face])
     if paint < 0:
         paint = paint_at(surface.leaf, surface.leaf_start[-1 - paint], surface.leaf_start[-paint], touch.bary)
@@ -146,20 +150,21 @@ def _locate(world: "World", surface: "Surface", p_WT: Vector, p_WP: Vector) -> V
 
 
 @native
-def _body_velocity(body: np.record, p_WP: Vector, tick_s: float) -> Vector:
+def _body_velocity(body: np.record, p_WC: Vector, tick_s: float) -> Vector:
     """Return the velocity of a body at a point on it [m/s], 0 if the body is at rest."""
     if body.moved == 0:
         return 0.0, 0.0, 0.0
-    d = sub(to_world(body, to_body_last(body, p_WP)), p_WP)
+    d = sub(to_world(body, to_body_last(body, p_WC)), p_WC)
     return d[0] / tick_s, d[1] / tick_s, d[2] / tick_s
 
 
 @native
-def _slip(body: np.record, memory: np.record, p_WP: Vector, n: Vector) -> Vector:
+def _slip(body: np.record, memory: np.record, p_WP: Vector, p_WC: Vector, n: Vector) -> Vector:
     """Return the tangential displacement of the proxy relative to the body in this tick [m]."""
     last = (memory.p_WP_m[0], memory.p_WP_m[1], memory.p_WP_m[2])
     if body.moved == 1:
-        last = to_world(body, to_body_last(body, last))
+        arm = sub(p_WC, p_WP)  # the body moves under the contact point
+        last = along(to_world(body, to_body_last(body, along(last, 1.0, arm))), -1.0, arm)
     d = sub(p_WP, last)
     return along(d, -dot(d, n), n)
 

@@ -54,6 +54,8 @@ workspace of a haptic device. A scene of large bodies has a longer one."""
 FAR_RATIO: Final = 20.0
 """The same distance as a multiple of the diameter of the largest body [1]. A position in mm is about 500 times too
 far."""
+TIP_RADIUS_MAX_M: Final = 1.0
+"""Largest radius of a tip [m]; a larger number is usually in a wrong unit."""
 
 _NO_BODIES: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
 """Indices, poses and teleports for a tick without moving bodies."""
@@ -110,9 +112,11 @@ class Renderer:
             `hapscene.contact.shading`; it generates energy). 0 disables shading.
         fidelity: level of detail of each part of the scene, or the path of a fidelity file (`hapscene tune`). None
             renders the scene in full detail.
+        tip_radius_m: radius of the tip of the tool [m]. With 0 the tool is a point; otherwise it is a ball, device
+            position and proxy are its centre, and both sides of all faces are solid (see `hapscene.contact.ball`).
 
     Attributes:
-        tick_s, a_rate_Hz, seed: see the arguments.
+        tick_s, a_rate_Hz, seed, tip_radius_m: see the arguments.
         limits: limits of the device.
         fidelity: the fidelity in use; None without one.
         block: number of acceleration samples in a tick.
@@ -142,6 +146,7 @@ class Renderer:
         crease_rad: float = 0.0,
         settings: Mapping[str, Mapping[str, Any]] | None = None,
         fidelity: "Fidelity | str | os.PathLike[str] | None" = None,
+        tip_radius_m: float = 0.0,
     ) -> None:
         if not scene.bodies:
             raise SceneError("the scene has no bodies: add one with scene.add(mesh, name=…)")
@@ -157,6 +162,9 @@ class Renderer:
             raise HapsceneError(f"both limits and device {device!r} are given: give one, since a device has limits")
         if not 0.0 <= crease_rad <= np.pi:
             raise HapsceneError(f"crease_rad must be from 0 to π, is {crease_rad}")
+        if not 0.0 <= tip_radius_m <= TIP_RADIUS_MAX_M:
+            raise HapsceneError(f"tip_radius_m must be from 0 to {TIP_RADIUS_MAX_M} m, is {tip_radius_m} (is it in mm?)")
+        self.tip_radius_m = float(tip_radius_m)
         self.limits = limits_of(device, self.tick_s) if device is not None else limits or IDEAL
         loaded = [load_effect(e) if isinstance(e, str) else e for e in effects]
         self._contact_effects = [e for e in loaded if e.scope == "contact"]
@@ -176,7 +184,7 @@ class Renderer:
         self._samples = np.zeros((1, self.block))
         with compiling(tick, run_ticks, place_proxy, *(effect.render for effect in self._effects)):
             rendered = self._at_fidelity(scene)
-            self.world = build_world(rendered.bodies, crease_rad)
+            self.world = build_world(rendered.bodies, crease_rad, self.tip_radius_m)
             self._fit, self.surface, messages = self._build_surface(rendered)
             use_tick(self.world, self.surface, self._row, self._samples)
             self._play = _compile_run(self.world, self.surface, self._row, self._samples)

@@ -2,7 +2,7 @@
 
     read       device position; an invalid one is replaced by the last valid one
     couple     virtual coupling of device and proxy, if enabled             device/stabilisers.py
-    sweep      move the proxy towards the device through the scene          contact/
+    sweep      move the proxy towards the device through the scene          contact/proxy.py, contact/ball.py
     constrain  the proxy by the faces in the way                            contact/
     describe   the contact in one record that all effects read              describe.py
     render     sum the effects of the touched swatch                        surface/mixer.py
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from hapscene.clock import now_ns
 from hapscene.compiled.entry import address_of, call_flags
 from hapscene.compiled.native import inlined, native
+from hapscene.contact.ball import move_ball
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import move_proxy
 from hapscene.contact.puncture import open_puncture
@@ -36,7 +37,7 @@ from hapscene.records import Records
 from hapscene.render.describe import describe, shade
 from hapscene.render.reaction import react
 from hapscene.surface.mixer import limit, render_contact, render_fields
-from hapscene.surface.surface_arrays import COUPLE, FIELDS, GUARD, PLACE, SHADE, TICK
+from hapscene.surface.surface_arrays import BALL, COUPLE, FIELDS, GUARD, PLACE, SHADE, TICK
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World
@@ -66,7 +67,9 @@ def tick(
     p_WT = tool_W
     if entries[COUPLE] != 0:
         p_WT = _coupled(surface, tool_W)
-    if not move_proxy(world, p_WT):
+    if entries[BALL] != 0:
+        flags |= call_flags(entries[BALL], (world, p_WT))
+    elif not move_proxy(world, p_WT):
         flags |= _UNSETTLED
     if world.proxy[0].crowded == 1:
         flags |= _CROWDED
@@ -134,6 +137,8 @@ def use_tick(world: "World", surface: "Surface", rows: Records, a_m_s2: NDArray[
         entries[COUPLE] = address_of(couple, surface)
     if surface.limits[0].passivity_Ns_m > 0.0:
         entries[GUARD] = address_of(control_passivity, surface, point)
+    if world.proxy[0].radius_m > 0.0:
+        entries[BALL] = address_of(move_ball, world, point)
     if world.proxy[0].crease_cos < NO_SHADE:
         entries[SHADE] = address_of(shade, world, surface)
     if len(surface.effects) > surface.contact_count[0]:
@@ -180,6 +185,7 @@ def _note(surface: "Surface", row: np.record, a_m_s2: NDArray[np.float64]) -> No
     for i in range(3):
         row.p_WT_m[i] = touch.p_WT_m[i]
         row.p_WP_m[i] = touch.p_WP_m[i]
+        row.p_WC_m[i] = touch.p_WC_m[i]
         row.nhat_W[i] = touch.nhat_W[i]
         row.f_W_N[i] = total.f_W_N[i]
         row.f_body_W_N[i] = surface.memory[0].f_body_W_N[i]

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
 
 __all__ = [
+    "BALL",
     "CLEARED",
     "COUPLE",
     "FAILED",
@@ -84,10 +85,10 @@ from silence anyway."""
 FAILED: Final = 1
 """Reason for a muted effect: it returned a value that is not finite."""
 
-TICK, PLACE, COUPLE, GUARD, SHADE, FIELDS = range(6)
+TICK, PLACE, COUPLE, GUARD, SHADE, FIELDS, BALL = range(7)
 """Indices into `Surface.entries`: the whole tick, and phases that are compiled only for scenes that use them."""
 
-PHASE_COUNT: Final = 6
+PHASE_COUNT: Final = 7
 
 SWITCHED_OFF: Final = 2
 """Reason for a muted effect: the user disabled it (`Renderer.mute`)."""
