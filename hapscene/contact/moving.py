@@ -50,7 +50,7 @@ def place_bodies(
     proxy, moved = world.proxy[0], world.moved
     proxy.refused = 0
     if len(world.ball) > 0:
-        world.ball[0].margin_m = -1.0  # the faces near the tip must be listed anew
+        world.ball[0].count = 0  # planes around a tip with a radius hold for resting bodies only
     last = moved[0]
     for i in range(1, last + 1):
         world.bodies[moved[i]].moved = MOVED_LAST_TICK

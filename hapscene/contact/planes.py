@@ -191,6 +191,7 @@ def drop_idle(proxy: np.record) -> None:
         if proxy.push_m[i] > 0.0:
             if kept != i:
                 copy_plane(proxy, i, kept)
+                proxy.push_m[kept] = proxy.push_m[i]
             kept += 1
     proxy.count = kept
 

@@ -15,7 +15,7 @@ from hapscene.compiled.block import by_pointer
 from hapscene.compiled.native import native
 from hapscene.constants import EDGE_OVERLAP, NEAR_MAX, PASSED_MAX, SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
-from hapscene.contact.face_tree import STACK_MAX, build_tree
+from hapscene.contact.face_tree import build_tree
 from hapscene.contact.shading import corner_normals
 from hapscene.errors import SceneError
 from hapscene.records import Owning, Records, pack_small_arrays, records
@@ -28,8 +28,8 @@ __all__ = [
     "BODY",
     "DROPPED",
     "FACES_MAX",
+    "FRONT_MAX",
     "HALF_TURN_COS2_MIN",
-    "LISTED_MAX",
     "NO_SHADE",
     "PROXY",
     "SAVED",
@@ -140,19 +140,20 @@ PROXY: Final = np.dtype(
     align=True,
 )
 
-LISTED_MAX: Final = 1024
-"""Most faces near a tip that are listed at a time [count]. With more, the tip moves in shorter steps."""
+FRONT_MAX: Final = 1024
+"""Most nodes and faces that bound the motion of a tip with a radius [count]; a stroke needs about 100."""
 
 BALL: Final = np.dtype(
     [
-        ("at_W_m", "f8", (3,)),  # centre of the tip around which the faces were listed
-        ("margin_m", "f8"),  # motion of the centre from there within which the list is complete; negative without list
-        ("tool_W_m", "f8", (3,)),  # device position of the last tick
+        # nodes and faces that together contain all faces nearby, with planes in front of them: see `contact.ball`
         ("count", "i8"),
-        ("plane", "f8", (4, LISTED_MAX)),  # plane of each listed face: nhat, offset (`hapscene.contact.ball`)
-        ("body", "i8", (LISTED_MAX,)),
-        ("face", "i8", (LISTED_MAX,)),
-        ("stack", "i8", (STACK_MAX,)),  # scratch of a search in the tree
+        ("plane", "f8", (FRONT_MAX, 4)),  # nhat and offset
+        ("body", "i8", (FRONT_MAX,)),
+        ("node", "i8", (FRONT_MAX,)),  # node of the tree, or −1 − face
+        ("stamp", "i8", (FRONT_MAX,)),  # number of the position of the tip for which the plane was computed
+        ("flat", "i8", (FRONT_MAX,)),  # 1 if the plane is parallel to the face, 0 at an edge or a corner
+        ("now", "i8"),  # number of the present position of the tip
+        ("puncture_count", "i8"),  # punctured bodies in the last tick
     ],
     align=True,
 )
@@ -187,7 +188,7 @@ class World(NamedTuple):
     proxy: Records  # (1,) PROXY
     # for a tool with a tip radius, otherwise empty
     ball: Records  # (1,) BALL
-    tree: NDArray[np.float32]  # (n, 2, 3) boxes of the trees of all meshes, see `hapscene.contact.face_tree`
+    tree: NDArray[np.float32]  # (n, 8) nodes of the trees of all meshes, see `hapscene.contact.face_tree`
     tree_face: NDArray[np.int32]  # (f,) faces in the order of the leaves
 
 
@@ -264,16 +265,16 @@ class Forest:
     """
 
     def __init__(self, shapes: Shapes | None) -> None:
-        boxes, faces = [np.zeros((0, 2, 3), np.float32)], [np.zeros(0, np.int32)]
+        nodes, faces = [np.zeros((0, 8), np.float32)], [np.zeros(0, np.int32)]
         self.place = dict[int, tuple[int, int, int, int]]()
         for mesh in shapes.meshes if shapes else ():
             first = shapes.first[id(mesh)]
             corners_m = shapes.corners_m[first : first + len(mesh.faces), :3]
             tree, order = build_tree(corners_m, EDGE_OVERLAP * shapes.skin_m)
-            self.place[id(mesh)] = sum(map(len, boxes)), len(tree) // 2, sum(map(len, faces)), len(order)
-            boxes.append(tree)
+            self.place[id(mesh)] = sum(map(len, nodes)), len(tree) // 2, sum(map(len, faces)), len(order)
+            nodes.append(tree)
             faces.append(order)
-        self.tree, self.tree_face = np.concatenate(boxes), np.concatenate(faces)
+        self.tree, self.tree_face = np.concatenate(nodes), np.concatenate(faces)
 
 
 _shapes: "WeakValueDictionary[tuple[Any, ...], Shapes]" = WeakValueDictionary()

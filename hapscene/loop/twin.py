@@ -46,7 +46,7 @@ class Twin:
         compensator: compensator of the handle, a name from `hapscene.handle.compensator.COMPENSATORS`.
         nominal: model of the handle that the compensator assumes; the true handle by default.
         X_WD: (4, 4) pose of an Omni in W. By default its workspace is centred on the first reference trajectory.
-        effects, seed, tick_s, a_rate_Hz, limits, settings, fidelity: see `Renderer`.
+        effects, seed, tick_s, a_rate_Hz, limits, settings, fidelity, tip_radius_m: see `Renderer`.
         delay_ticks: delay from the tick to its force [ticks].
 
     Attributes:
@@ -75,6 +75,7 @@ class Twin:
         X_WD: ArrayLike | None = None,
         settings: Mapping[str, Mapping[str, Any]] | None = None,
         fidelity: "Fidelity | str | os.PathLike[str] | None" = None,
+        tip_radius_m: float = 0.0,
     ) -> None:
         if not 0 <= delay_ticks < DELAY_MAX or delay_ticks % 1 != 0:
             raise HapsceneError(f"delay_ticks must be an integer from 0 to {DELAY_MAX - 1}, is {delay_ticks}")
@@ -92,6 +93,7 @@ class Twin:
             limits=limits,
             settings=settings,
             fidelity=fidelity,
+            tip_radius_m=tip_radius_m,
         )
         self.handle, self.compensator, self.nominal = handle, compensator, nominal or handle
         self.X_WD = X_WD

@@ -163,7 +163,9 @@ class Renderer:
         if not 0.0 <= crease_rad <= np.pi:
             raise HapsceneError(f"crease_rad must be from 0 to π, is {crease_rad}")
         if not 0.0 <= tip_radius_m <= TIP_RADIUS_MAX_M:
-            raise HapsceneError(f"tip_radius_m must be from 0 to {TIP_RADIUS_MAX_M} m, is {tip_radius_m} (is it in mm?)")
+            raise HapsceneError(
+                f"tip_radius_m must be from 0 to {TIP_RADIUS_MAX_M} m, is {tip_radius_m} (is it in mm?)"
+            )
         self.tip_radius_m = float(tip_radius_m)
         self.limits = limits_of(device, self.tick_s) if device is not None else limits or IDEAL
         loaded = [load_effect(e) if isinstance(e, str) else e for e in effects]
