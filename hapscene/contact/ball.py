@@ -8,11 +8,11 @@ the centre in front of it:
 
 The same holds for the cylinders that contain many faces (`hapscene.contact.face_tree`). A *front* of cylinders and
 faces that together contain all faces nearby is kept from tick to tick. In each tick the centre moves to the point x
-closest to the device. The entry of the front whose plane x violates most is refined: its plane is computed anew at c, then
-a cylinder is replaced by those inside it, down to a face. The plane of the face becomes a constraint, and x is computed
-again, until it violates no plane. The way from c to x is then in front of all planes, so the ball passes through no face, at any
-speed, thin plates and loose triangles included. At x, the planes that hold the ball are renewed, until they no longer
-change: then they touch the thickened faces where the ball does.
+closest to the device. The entry of the front whose plane x violates most is refined: its plane is computed anew at c,
+then a cylinder is replaced by those inside it, down to a face. The plane of the face becomes a constraint, and x is
+computed again, until it violates no plane. The way from c to x is then in front of all planes, so the ball passes
+through no face, at any speed, thin plates and loose triangles included. At x, the planes that hold the ball are
+renewed, until they no longer change: then they touch the thickened faces where the ball does.
 
 Both sides of a face are solid. No skin is needed, since the centre is never closer to a face than r.
 """
@@ -44,7 +44,7 @@ TOLERANCE_M: Final = 2e-9
 SKIN_M: Final = 1e-6
 """Skin that `nearest` reads for its tolerance, of which it uses a thousandth [m]."""
 
-SETTLED_M: Final = 5e-8
+SETTLED_M: Final = 2e-7
 """Change of the centre below which the search ends [m]."""
 
 FRONT_KEPT: Final = 128
@@ -56,14 +56,11 @@ SEARCH_MAX: Final = 256
 NO_FACE: Final = -1
 FULL: Final = -2
 
-BEND_MIN: Final = 0.02
-"""Turn of the planes from which the search looks ahead [1]."""
+SLOW: Final = 0.1
+"""Ratio of two successive moves from which the search looks ahead [1]: fine meshes converge faster, edges slower."""
 
-AHEAD_MIN: Final = 0.05
-"""Inverse of the farthest look ahead [1]."""
-
-FLAT2: Final = 1e-12
-"""Squared sine of the angle to the normal of a face up to which a plane counts as that of the face itself [1]."""
+SLOWEST: Final = 0.95
+"""Largest such ratio that is used [1]; it bounds the look ahead."""
 
 _UNSETTLED = int(Flag.UNSETTLED)
 
@@ -74,7 +71,7 @@ def move_ball(world: "World", tool_W: Vector) -> int:
 
     Returns `Flag.UNSETTLED` if the centre did not reach equilibrium, or if the bodies leave no room for the ball.
     """
-    proxy, ball = world.proxy[0], world.ball[0]
+    proxy = world.proxy[0]
     before_W = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
     c = _carried(world, before_W)
     _begin_front(world, tool_W, before_W, c)
@@ -163,17 +160,17 @@ def _make_room(world: "World", c: Vector) -> Vector:
 def _solve(world: "World", tool_W: Vector, c: Vector) -> tuple[bool, Vector]:
     """Move the centre from `c` as close to the device as the faces allow; return whether it is in equilibrium, and
     where."""
-    ball = world.ball[0]
+    ball, last_m = world.ball[0], math.inf
     for _ in range(PASS_MAX):
         ball.now += 1
         found, x = _project(world, tool_W, c, False)
         if not found:
             return False, c
-        bend = _bend(world)
-        y = x
-        if bend > BEND_MIN and norm(sub(x, c)) > SETTLED_M:
-            y = _ahead(world, c, x, 1.0 / max(1.0 - bend, AHEAD_MIN))
-        c = y
+        y, way_m = x, norm(sub(x, c))
+        if way_m > SETTLED_M and way_m > SLOW * last_m:
+            y = _ahead(world, c, x, 1.0 / (1.0 - min(way_m / last_m, SLOWEST)))
+            way_m = math.inf
+        c, last_m = y, way_m
         if not _renew_planes(world, c) and y == x:
             return True, c
     return False, c
@@ -283,8 +280,6 @@ def _put_plane(world: "World", i: int, c_W: Vector, last: bool) -> None:
         n = normal
     length = norm(n)
     n = (n[0] / length, n[1] / length, n[2] / length)
-    beside = cross(n, normal)
-    ball.flat[i] = 1 if dot(beside, beside) < FLAT2 * dot(normal, normal) else 0
     offset = dot(n, q) + world.proxy[0].radius_m
     n, o = turn_to_world(body, n), body.p_WB_m
     for j in range(3):
@@ -306,23 +301,12 @@ def _hold(world: "World", i: int) -> None:
     proxy.count = k + 1
 
 
-@inlined
-def _bend(world: "World") -> float:
-    """Return how much the planes turn in a move of one radius: the pushes of edges and corners over the radius [1]."""
-    proxy, ball = world.proxy[0], world.ball[0]
-    bend = 0.0
-    for k in range(proxy.count):
-        if ball.flat[proxy.met[k]] == 0:
-            bend += proxy.push_m[k] / proxy.radius_m
-    return bend
-
-
 @native
 def _ahead(world: "World", c: Vector, x: Vector, ratio: float) -> Vector:
     """Return the point on the way from `c` past `x`, up to `ratio` times as far, that the front allows.
 
-    The solution on a cylinder or ball of radius r, pushed by s, is not x, where the plane at `c` is closest to the
-    device, but at the angle of the point 1 / (1 − s/r) times as far along that plane.
+    On a cylinder or ball of radius r, pushed by s, each move is s/r times as long as the last one. The solution is at
+    the angle of the point 1 / (1 − s/r) times as far along the plane at `c`.
     """
     ball = world.ball[0]
     plane, way = ball.plane, sub(x, c)

@@ -151,7 +151,6 @@ BALL: Final = np.dtype(
         ("body", "i8", (FRONT_MAX,)),
         ("node", "i8", (FRONT_MAX,)),  # node of the tree, or −1 − face
         ("stamp", "i8", (FRONT_MAX,)),  # number of the position of the tip for which the plane was computed
-        ("flat", "i8", (FRONT_MAX,)),  # 1 if the plane is parallel to the face, 0 at an edge or a corner
         ("now", "i8"),  # number of the present position of the tip
         ("puncture_count", "i8"),  # punctured bodies in the last tick
     ],
@@ -265,15 +264,17 @@ class Forest:
     """
 
     def __init__(self, shapes: Shapes | None) -> None:
+        """`shapes`: the packed meshes; None for an empty forest."""
         nodes, faces = [np.zeros((0, 8), np.float32)], [np.zeros(0, np.int32)]
         self.place = dict[int, tuple[int, int, int, int]]()
-        for mesh in shapes.meshes if shapes else ():
-            first = shapes.first[id(mesh)]
-            corners_m = shapes.corners_m[first : first + len(mesh.faces), :3]
-            tree, order = build_tree(corners_m, EDGE_OVERLAP * shapes.skin_m)
-            self.place[id(mesh)] = sum(map(len, nodes)), len(tree) // 2, sum(map(len, faces)), len(order)
-            nodes.append(tree)
-            faces.append(order)
+        if shapes is not None:
+            for mesh in shapes.meshes:
+                first = shapes.first[id(mesh)]
+                corners_m = shapes.corners_m[first : first + len(mesh.faces), :3]
+                tree, order = build_tree(corners_m, EDGE_OVERLAP * shapes.skin_m)
+                self.place[id(mesh)] = sum(map(len, nodes)), len(tree) // 2, sum(map(len, faces)), len(order)
+                nodes.append(tree)
+                faces.append(order)
         self.tree, self.tree_face = np.concatenate(nodes), np.concatenate(faces)
 
 

@@ -1,9 +1,9 @@
 """Computes what the tool does to the bodies: the reaction to the contact force on the hand.
 
-The reaction acts at the contact point. If the active planes belong to several bodies, each of the others receives the share of
-the normal force with which its planes push, and the touched body receives the rest with the whole tangential force, so
-that the sum is exact. Forces that an effect assigns to a punctured body (`f_inside_W_N`) act on that body. Impulses are
-accumulated as running totals, so that a program that reads them rarely loses nothing.
+The reaction acts at the contact point. If the active planes belong to several bodies, each of the others receives the
+share of the normal force with which its planes push, and the touched body receives the rest with the whole tangential
+force, so that the sum is exact. Forces that an effect assigns to a punctured body (`f_inside_W_N`) act on that body.
+Impulses are accumulated as running totals, so that a program that reads them rarely loses nothing.
 """
 
 from typing import TYPE_CHECKING

@@ -1,5 +1,6 @@
 """A tool with a tip radius: agrees with closed forms, and is never nearer to a mesh than its radius (`trimesh`)."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def between(points, ticks: int = 200) -> np.ndarray:
     """Return a path of straight lines between points, `ticks` each."""
     points = np.array(points, float)
     s = np.linspace(0, 1, ticks, endpoint=False)[:, None]
-    return np.concatenate([a + (b - a) * s for a, b in zip(points[:-1], points[1:], strict=True)] + [points[-1:]])
+    return np.concatenate([a + (b - a) * s for a, b in pairwise(points)] + [points[-1:]])
 
 
 def sheet(corners) -> trimesh.Trimesh:
@@ -148,7 +149,7 @@ def test_loose_triangles_and_junctions():
     for i in range(12):
         y = np.sort(rng.uniform(-0.03, 0.03, rng.integers(1, 6)))  # the corners of a strip lie amid edges of the next
         edge, x = np.array([-0.03, *y, 0.03]), 0.005 * i - 0.03
-        for low, high in zip(edge[:-1], edge[1:], strict=True):
+        for low, high in pairwise(edge):
             faces += [[(x, low, 0), (x + 0.005, low, 0), (x, high, 0)], [(x, high, 0), (x + 0.005, low, 0),
                       (x + 0.005, high, 0)]]  # fmt: skip
     corners = np.array(faces)
