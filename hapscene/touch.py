@@ -299,6 +299,7 @@ def touch(
     caution: Callable[[str], None] | None = None,
     bridge: "MuJoCo | None" = None,
     fidelity: "Fidelity | str | Path | None" = None,
+    tip_radius_m: float = 0.0,
 ) -> list[Path]:
     """Touch a scene along a path and write the files `MADE` to a folder; if it fails, nothing is written.
 
@@ -319,6 +320,7 @@ def touch(
         caution: called with each of `cautions`; None for `say`.
         bridge: MuJoCo model of the scene, which is simulated meanwhile; pictures show its initial state.
         fidelity: level of detail, or its file. Faces in the recording are then those of the coarser mesh.
+        tip_radius_m: radius of the tip of the tool [m]; 0 for a point.
 
     Returns:
         The files written.
@@ -335,7 +337,14 @@ def touch(
         with step(say, f"preparing {_describe_size(scene)}"):
             names = EFFECTS if effects is None else effects
             renderer = Renderer(
-                scene, names, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz, settings=settings, fidelity=fidelity
+                scene,
+                names,
+                seed=seed,
+                tick_s=tick_s,
+                a_rate_Hz=a_rate_Hz,
+                settings=settings,
+                fidelity=fidelity,
+                tip_radius_m=tip_radius_m,
             )
         with step(say, f"rendering {len(p_WT) * tick_s:.1f} s of path"):
             recording = renderer.run(p_WT) if bridge is None else bridge.run(renderer, p_WT)

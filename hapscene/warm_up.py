@@ -10,6 +10,7 @@ import trimesh
 from hapscene.clock import VIRTUAL, new_clock
 from hapscene.compiled.native import compiling
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.contact.ball import move_ball
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import place_proxy
 from hapscene.device.driver_registry import DeviceChoice
@@ -43,7 +44,18 @@ _SETTINGS: Final = {"guide": {"points_m": [[0.0, 0.0, 1.0]]}, "magnet": {"points
 
 _FIRST: Final = (tick, run_ticks, place_proxy)
 _LATER: Final = (
-    *(place_bodies, couple, control_passivity, shade, render_fields, drive, operate, step_leader, step_follower),
+    *(
+        move_ball,
+        place_bodies,
+        couple,
+        control_passivity,
+        shade,
+        render_fields,
+        drive,
+        operate,
+        step_leader,
+        step_follower,
+    ),
 )
 """Large functions, declared in advance so that the progress line shows their total number."""
 
@@ -82,7 +94,7 @@ def _touch(scene: Scene) -> None:
 
 
 def _touch_with_everything(scene: Scene) -> None:
-    """All effects, virtual coupling, passivity controller, creases, and bodies that move, deform and are removed."""
+    """All effects, coupling, passivity controller, creases, moving, deformed and removed bodies, and a tip radius."""
     scene.add(scene.body("other").mesh, name="skin", swatch=SKIN)
     limits = replace(IDEAL, coupling_N_m=1000.0, passivity_Ns_m=1.0)
     renderer = Renderer(scene, ALL_EFFECTS, limits=limits, crease_rad=0.5, settings=_SETTINGS)
@@ -90,6 +102,7 @@ def _touch_with_everything(scene: Scene) -> None:
     renderer.deform("box", scene.body("box").mesh.vertices_m)
     renderer.remove("other")
     renderer.step(ABOVE_M)
+    Renderer(scene, tip_radius_m=0.001).step(ABOVE_M)
 
 
 def _close_the_loop(scene: Scene) -> None:

@@ -126,6 +126,7 @@ def touch(
     rate: Annotated[Positive, Help("Sample rate of the acceleration channel [Hz]")] = ACCELERATION_RATE_HZ,
     seed: Seed = 0,
     fidelity: Annotated[InFile | None, Help("Fidelity file written by `hapscene tune`")] = None,
+    tip_radius: Annotated[float, Help("Radius of the round tip of the tool [m]; 0 for a point")] = 0.0,
     no_picture: Annotated[bool, Help("Skip the picture scene.png")] = False,
     dark: Dark = False,
     view: Annotated[bool, Help("Show the touch in a window afterwards, in real time")] = False,
@@ -159,6 +160,7 @@ def touch(
         _check_effects(effects or (), of_effects)
         loaded, bridge = _opened(scene, mesh, hand.device)
         render = {"effects": effects, "settings": of_effects, "seed": seed, "a_rate_Hz": rate, "fidelity": fidelity}
+        render["tip_radius_m"] = tip_radius
         write = {"title": Path(scene).name, "with_picture": not no_picture, "dark": dark, "bridge": bridge}
         if hand.hand is None:
             made = _touch_along(loaded, path, out, render | write)

@@ -2,7 +2,7 @@
 
 The centre moves like the point proxy of a scene whose faces are thickened by the radius r of the ball. A thickened
 face is convex. The point q of a face closest to the centre c gives a plane with the whole thickened face behind it and
-the centre in front of it:
+the centre in front:
 
     nhat = (c − q) / |c − q|        nhat · x ≥ nhat · q + r
 
@@ -140,7 +140,7 @@ def _append(world: "World", index: int, node: int) -> None:
     ball = world.ball[0]
     i = ball.count
     ball.body[i], ball.node[i], ball.stamp[i] = index, node, -1
-    ball.plane[i, 3] = math.inf
+    ball.plane[3, i] = math.inf
     ball.count = i + 1
 
 
@@ -190,20 +190,22 @@ def _project(world: "World", target_W: Vector, c: Vector, last: bool) -> tuple[b
         last: True if the ball was at `c` in the last tick, at the last poses of the bodies.
     """
     proxy, ball = world.proxy[0], world.ball[0]
+    plane, height = ball.plane, ball.height_m
     found, x = nearest(proxy, target_W, 0.0)
     if not found:
         proxy.count, x = 0, target_W
     drop_idle(proxy)
     for _ in range(SEARCH_MAX):
         worst, by = -TOLERANCE_M, -1
+        for i in range(ball.count):  # a loop that the compiler makes of vector instructions
+            height[i] = plane[0, i] * x[0] + plane[1, i] * x[1] + plane[2, i] * x[2] - plane[3, i]
         for i in range(ball.count):
-            above = _height(ball, i, x)
-            if above < -TOLERANCE_M:
+            if height[i] < -TOLERANCE_M:
                 if ball.stamp[i] != ball.now:
                     _put_plane(world, i, c, last)
-                    above = _height(ball, i, x)
-                if above < worst:
-                    worst, by = above, i
+                    height[i] = _height(ball, i, x)
+                if height[i] < worst:
+                    worst, by = height[i], i
         if by < 0:
             return True, x
         by = _refine(world, by, c, x, last)
@@ -221,8 +223,8 @@ def _project(world: "World", target_W: Vector, c: Vector, last: bool) -> tuple[b
 @inlined
 def _height(ball: np.record, i: int, x: Vector) -> float:
     """Return the height of a point above the plane of entry `i` of the front [m]."""
-    plane = ball.plane[i]
-    return float(plane[0] * x[0] + plane[1] * x[1] + plane[2] * x[2] - plane[3])
+    plane = ball.plane
+    return float(plane[0, i] * x[0] + plane[1, i] * x[1] + plane[2, i] * x[2] - plane[3, i])
 
 
 @native
@@ -274,7 +276,7 @@ def _put_plane(world: "World", i: int, c_W: Vector, last: bool) -> None:
     n = sub(c, q)
     ball.stamp[i] = ball.now
     if dot(n, n) == 0.0:  # inside a cylinder, or on a face
-        ball.plane[i, 3] = math.inf
+        ball.plane[3, i] = math.inf
         if node >= 0:
             return
         n = normal
@@ -283,8 +285,8 @@ def _put_plane(world: "World", i: int, c_W: Vector, last: bool) -> None:
     offset = dot(n, q) + world.proxy[0].radius_m
     n, o = turn_to_world(body, n), body.p_WB_m
     for j in range(3):
-        ball.plane[i, j] = n[j]
-    ball.plane[i, 3] = offset + n[0] * o[0] + n[1] * o[1] + n[2] * o[2]
+        ball.plane[j, i] = n[j]
+    ball.plane[3, i] = offset + n[0] * o[0] + n[1] * o[1] + n[2] * o[2]
 
 
 @inlined
@@ -293,8 +295,8 @@ def _hold(world: "World", i: int) -> None:
     proxy, ball = world.proxy[0], world.ball[0]
     k = proxy.count
     for j in range(3):
-        proxy.nhat_W[k, j] = ball.plane[i, j]
-    proxy.offset_m[k] = ball.plane[i, 3]
+        proxy.nhat_W[k, j] = ball.plane[j, i]
+    proxy.offset_m[k] = ball.plane[3, i]
     proxy.skin_m[k] = SKIN_M
     proxy.body[k], proxy.face[k] = ball.body[i], -1 - ball.node[i]
     proxy.met[k] = i
@@ -311,9 +313,9 @@ def _ahead(world: "World", c: Vector, x: Vector, ratio: float) -> Vector:
     ball = world.ball[0]
     plane, way = ball.plane, sub(x, c)
     for i in range(ball.count):
-        sinks = -(plane[i, 0] * way[0] + plane[i, 1] * way[1] + plane[i, 2] * way[2])
+        sinks = -(plane[0, i] * way[0] + plane[1, i] * way[1] + plane[2, i] * way[2])
         if sinks > 0.0:
-            above = plane[i, 0] * c[0] + plane[i, 1] * c[1] + plane[i, 2] * c[2] - plane[i, 3]
+            above = plane[0, i] * c[0] + plane[1, i] * c[1] + plane[2, i] * c[2] - plane[3, i]
             ratio = min(ratio, max(above / sinks, 1.0))
     return along(c, ratio, way)
 
@@ -327,12 +329,12 @@ def _renew_planes(world: "World", c: Vector) -> bool:
     for k in range(proxy.count):
         i = proxy.met[k]
         _put_plane(world, i, c, False)
-        turn2, above = 0.0, -ball.plane[i, 3]
+        turn2, above = 0.0, -ball.plane[3, i]
         for j in range(3):
-            turn2 += (ball.plane[i, j] - proxy.nhat_W[k, j]) ** 2
-            above += ball.plane[i, j] * c[j]
-            proxy.nhat_W[k, j] = ball.plane[i, j]
-        proxy.offset_m[k] = ball.plane[i, 3]
+            turn2 += (ball.plane[j, i] - proxy.nhat_W[k, j]) ** 2
+            above += ball.plane[j, i] * c[j]
+            proxy.nhat_W[k, j] = ball.plane[j, i]
+        proxy.offset_m[k] = ball.plane[3, i]
         change_m = max(change_m, above + math.sqrt(turn2) * proxy.push_m[k])
     return bool(change_m > SETTLED_M)
 

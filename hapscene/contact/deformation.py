@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.compiled.native import native
 from hapscene.constants import EDGE_OVERLAP, REACH_MAX_M
 from hapscene.contact.embree import RefittedSearch, first_face
+from hapscene.contact.face_tree import fit_cylinders
 from hapscene.contact.planes import copy_plane
 from hapscene.contact.proxy import place_proxy
 from hapscene.contact.puncture import close_puncture
@@ -61,6 +62,7 @@ class Deformation:
         self._searches = [RefittedSearch(self._faces) for _ in range(SHAPES)]
         row.face_count = len(self._faces)
         row.shape_face = first + len(self._faces) * np.arange(SHAPES)
+        row.shape_tree = len(world.tree) - 2 * row.leaf_count * np.arange(SHAPES, 0, -1)
         row.shape_search = [search.handle for search in self._searches]
         row.next, proxy.reshaped = proxy.reshaped, index + 1
 
@@ -76,6 +78,10 @@ class Deformation:
         packed[:, :3] = vertices[self._faces]
         if self._groups is not None:
             packed[:, 3:] = self._groups.normals(packed[:, :3])
+        if row.tree_count > 0:
+            order = world.tree_face[row.tree_face : row.tree_face + row.tree_count]
+            nodes = world.tree[row.shape_tree[to] :][: 2 * row.leaf_count]
+            fit_cylinders(np.ascontiguousarray(packed[:, :3]), order, nodes)
         center, radius = self._searches[to].refit(vertices, self._overlap_m)
         row.shape_center_B_m[to], row.shape_radius_m[to] = center, radius
         row.shape_posted = to + 1
@@ -96,14 +102,16 @@ def shape_of(vertices_m: ArrayLike, count: int, name: str) -> NDArray[np.float64
     return np.ascontiguousarray(vertices)
 
 
-def room_for(world: World, mesh: "Mesh") -> tuple[World, int]:
-    """Return a world with room for the shapes of one more mesh behind its corners, and the first row of that room.
+def room_for(world: World, mesh: "Mesh", index: int) -> tuple[World, int]:
+    """Return a world with room for the shapes of a body behind its corners and trees, and the first row of corners.
 
     A loop that runs on the old world continues to work; it ignores shapes beyond the end of its array.
     """
     first = len(world.corners_m)
     room = np.zeros((SHAPES * len(mesh.faces), *world.corners_m.shape[1:]))
-    return world._replace(corners_m=np.concatenate((world.corners_m, room))), first
+    trees = np.zeros((2 * SHAPES * world.bodies[index].leaf_count, 8), np.float32)
+    tree = np.concatenate((world.tree, trees))
+    return world._replace(corners_m=np.concatenate((world.corners_m, room)), tree=tree), first
 
 
 @native
@@ -169,6 +177,7 @@ def _take_shape(world: "World", index: int, posted: int) -> None:
         before = _blend(triangle, at)
     k = posted - 1
     body.search, body.radius_m, body.face = body.shape_search[k], body.shape_radius_m[k], body.shape_face[k]
+    body.tree = body.shape_tree[k]
     for i in range(3):
         body.center_B_m[i] = body.shape_center_B_m[k, i]
     body.shape_used = posted

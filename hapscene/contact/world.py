@@ -95,6 +95,7 @@ BODY: Final = np.dtype(
         ("shape_center_B_m", "f8", (SHAPES, 3)),
         ("shape_radius_m", "f8", (SHAPES,)),
         ("shape_face", "i8", (SHAPES,)),
+        ("shape_tree", "i8", (SHAPES,)),
         ("face_count", "i8"),
         ("shape_ticks", "i8"),  # ticks since the last shape was taken
     ],
@@ -147,7 +148,8 @@ BALL: Final = np.dtype(
     [
         # nodes and faces that together contain all faces nearby, with planes in front of them: see `contact.ball`
         ("count", "i8"),
-        ("plane", "f8", (FRONT_MAX, 4)),  # nhat and offset
+        ("plane", "f8", (4, FRONT_MAX)),  # nhat and offset
+        ("height_m", "f8", (FRONT_MAX,)),  # scratch: height of a position above each plane
         ("body", "i8", (FRONT_MAX,)),
         ("node", "i8", (FRONT_MAX,)),  # node of the tree, or −1 − face
         ("stamp", "i8", (FRONT_MAX,)),  # number of the position of the tip for which the plane was computed

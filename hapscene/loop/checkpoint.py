@@ -25,7 +25,17 @@ def memory_of(world: "World", surface: "Surface") -> tuple[NDArray[np.uint8], ..
     return tuple(np.atleast_1d(array).view(np.ndarray).reshape(-1).view(np.uint8) for array in arrays)
 
 
-_ADDRESSES: Final = ("search", "shape_search", "face", "mesh_row", "shape_face", "next", "tree", "tree_face")
+_ADDRESSES: Final = (
+    "search",
+    "shape_search",
+    "face",
+    "mesh_row",
+    "shape_face",
+    "next",
+    "tree",
+    "tree_face",
+    "shape_tree",
+)
 """Fields of a body that are specific to this process, or to how the body was loaded."""
 
 

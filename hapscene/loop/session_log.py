@@ -221,6 +221,7 @@ def _renderer(scene: Scene, made: Mapping[str, Any], tool: int) -> Renderer:
         a_rate_Hz=made["a_rate_Hz"],
         limits=Limits(**limits),
         settings=made.get("settings"),
+        tip_radius_m=made.get("tip_radius_m", 0.0),
     )
 
 
@@ -235,6 +236,7 @@ def settings_of(renderers: Sequence[Renderer], settings: Mapping[str, Any] | Non
         "a_rate_Hz": renderer.a_rate_Hz,
         "limits": limits,
         "settings": settings,
+        "tip_radius_m": renderer.tip_radius_m,
     }
 
 

@@ -468,7 +468,7 @@ class Renderer:
         vertices = shape_of(vertices_m, len(mesh.vertices_m), body)
         with self._deforming:
             if index not in self._deformations:
-                self.world, first = room_for(self.world, mesh)
+                self.world, first = room_for(self.world, mesh, index)
                 made = Deformation(self.world, index, mesh, first=first, crease_rad=self._crease_rad)
                 self._deformations[index] = made
             self._deformations[index].post(self.world, vertices)

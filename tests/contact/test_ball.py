@@ -186,6 +186,22 @@ def test_turning_body():
     np.testing.assert_allclose(r.p_WP_m, tool + behind[:, None] * normal, atol=CLOSE_M)
 
 
+def test_deforming_body():
+    """A box that grows by 2 mm lifts the ball by 2 mm, within the time between two shapes."""
+    made = renderer(BOX)
+    made.step((0.0, 0.0, 0.02))
+    made.step((0.0, 0.0, 0.004))
+    vertices = BOX.vertices.copy()
+    vertices[vertices[:, 2] == 0.0, 2] = 0.002
+    made.deform("body 0", vertices)
+    r = made.run(np.tile((0.0, 0.0, 0.004), (100, 1)))
+    assert (np.diff(r.p_WP_m[:, 2]) >= -1e-9).all() and np.diff(r.p_WP_m[:, 2]).max() < 1e-4
+    np.testing.assert_allclose(r.p_WP_m[-1], (0, 0, 0.002 + R_M), atol=CLOSE_M)
+    r = made.run(between([(0.0, 0.0, 0.004), (0.053, 0.0, 0.004)]))
+    away = np.array((0.053, 0.0, 0.004)) - (0.05, 0.0, 0.002)
+    np.testing.assert_allclose(r.p_WP_m[-1], (0.05, 0, 0.002) + R_M * away / np.linalg.norm(away), atol=CLOSE_M)
+
+
 def test_contact_point_lies_on_the_surface():
     """The force acts at the contact point, and the swatch is the one that is painted there."""
     scene = Scene()
