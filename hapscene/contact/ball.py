@@ -180,8 +180,8 @@ def _solve(world: "World", tool_W: Vector, c: Vector) -> tuple[bool, Vector]:
 def _project(world: "World", target_W: Vector, c: Vector, last: bool) -> tuple[bool, Vector]:
     """Return the point closest to a target that the front allows a ball at `c`.
 
-    Starts with the planes of the proxy, and adds the plane that the point violates most until there is none. Each
-    addition increases the distance from the target, so no set of planes comes twice. Returns False if no point
+    Starts with the planes of the proxy, and adds the plane that the point violates most, until it violates no more.
+    Each addition increases the distance from the target, so no set of planes comes twice. Returns False if no point
     satisfies the planes, or the front is too large.
 
     Args:

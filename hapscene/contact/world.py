@@ -146,7 +146,7 @@ FRONT_MAX: Final = 1024
 
 BALL: Final = np.dtype(
     [
-        # nodes and faces that together contain all faces nearby, with planes in front of them: see `contact.ball`
+        # nodes and faces that together contain all faces nearby, with their planes; see `contact.ball`
         ("count", "i8"),
         ("plane", "f8", (4, FRONT_MAX)),  # nhat and offset
         ("height_m", "f8", (FRONT_MAX,)),  # scratch: height of a position above each plane

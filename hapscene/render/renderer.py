@@ -29,6 +29,7 @@ from hapscene.surface.effect import Effect, check_range
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.field_settings import FieldSetting, field_setting
 from hapscene.surface.surface_arrays import SWITCHED_OFF, Surface, build_surface, clear_states, put_numbers
+from hapscene.surface.swatch import tip_radius_of
 
 if TYPE_CHECKING:
     from hapscene.fidelity.fidelity import Fidelity
@@ -56,6 +57,9 @@ FAR_RATIO: Final = 20.0
 far."""
 TIP_RADIUS_MAX_M: Final = 1.0
 """Largest radius of a tip [m]; a larger number is usually in a wrong unit."""
+
+TIP_TOLERANCE: Final = 0.1
+"""Largest difference to the tip with which a swatch was recorded that is not reported [1]."""
 
 _NO_BODIES: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
 """Indices, poses and teleports for a tick without moving bodies."""
@@ -128,7 +132,8 @@ class Renderer:
         HapsceneError: the rates are not multiples, the device is unknown, or both `device` and `limits` are given.
 
     Warns:
-        DeviceWarning: a swatch exceeds the limits of the device. One warning reports the first painted swatch.
+        DeviceWarning: a swatch exceeds the limits of the device, or was recorded with another tip. One warning reports
+            the first painted swatch.
         MeshWarning: more bodies overlap at one point than a tick can test.
         UsageWarning: an effect that no painted swatch enables.
     """
@@ -368,6 +373,12 @@ class Renderer:
                 surface.fold_mass_kg[index] = fold_kg * share.share
                 if share.share < 1.0:
                     found.append(share.message(swatch.name, self.limits.device))
+            known_m = tip_radius_of(swatch) if self.tip_radius_m > 0.0 else None
+            if known_m is not None and abs(self.tip_radius_m / known_m - 1.0) > TIP_TOLERANCE:
+                found.append(
+                    f"swatch {swatch.name!r} was recorded with a tip of {1e3 * known_m:g} mm radius; the tool has one "
+                    f"of {1e3 * self.tip_radius_m:g} mm, and texture depends on it: set tip_radius_m={known_m:g}"
+                )
             messages += found if index in painted else []
         return fit, surface, messages
 

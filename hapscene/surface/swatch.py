@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -22,6 +23,7 @@ __all__ = [
     "TOOL_FIELDS",
     "Swatch",
     "SwatchLike",
+    "tip_radius_of",
     "touched_with",
 ]
 
@@ -49,6 +51,12 @@ TOOL_FIELDS: Final = ("tool", "tip")
 def touched_with(known: Any) -> str:
     """Return tool and tip of a swatch or library entry, as "steel probe, 3.2 mm ball"; "" if neither is known."""
     return ", ".join(filter(None, (getattr(known, what) for what in TOOL_FIELDS)))
+
+
+def tip_radius_of(known: Any) -> float | None:
+    """Return half the diameter of the tip in a text such as "3.2 mm ball" [m]; None if the text states no ball."""
+    found = re.match(r"(\d+\.?\d*) ?mm ball", getattr(known, "tip", "") or "")
+    return 0.5e-3 * float(found[1]) if found and float(found[1]) > 0.0 else None
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """A tool with a tip radius: agrees with closed forms, and is never nearer to a mesh than its radius (`trimesh`)."""
 
+import warnings
 from itertools import pairwise
 from pathlib import Path
 
@@ -8,11 +9,13 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from hapscene.device.model import DeviceWarning
 from hapscene.errors import HapsceneError
 from hapscene.flags import Flag
 from hapscene.loop.twin import Twin
 from hapscene.render.renderer import Renderer
 from hapscene.scene.scene import Scene
+from hapscene.surface.swatch import Swatch
 
 R_M = 0.005
 CLOSE_M = 3e-6
@@ -202,6 +205,17 @@ def test_deforming_body():
     np.testing.assert_allclose(r.p_WP_m[-1], (0.05, 0, 0.002) + R_M * away / np.linalg.norm(away), atol=CLOSE_M)
 
 
+def test_added_body():
+    scene = Scene()
+    scene.add(BOX, name="body 0", unit="m")
+    made = Renderer(scene, effects=["wall"], tip_radius_m=R_M)
+    made.step((0.0, 0.0, 0.1))
+    scene.add(trimesh.creation.box(bounds=[[-0.05, -0.05, 0.01], [0.05, 0.05, 0.03]]), name="lid", unit="m")
+    made.repaint(scene)
+    made.remove("body 0")
+    assert made.step((0.0, 0.0, 0.033)).contact.p_W_m[2] == pytest.approx(0.03, abs=CLOSE_M)
+
+
 def test_contact_point_lies_on_the_surface():
     """The force acts at the contact point, and the swatch is the one that is painted there."""
     scene = Scene()
@@ -238,6 +252,16 @@ def test_no_room():
 def test_radius_out_of_range(radius_m):
     with pytest.raises(HapsceneError, match="tip_radius_m"):
         renderer(BOX, radius_m=radius_m)
+
+
+@pytest.mark.parametrize(("tip", "warned"), [("3 mm ball", True), ("10 mm ball", False), ("steel stylus", False)])
+def test_swatch_of_another_tip_is_reported(tip, warned):
+    scene = Scene()
+    scene.add(BOX, name="body 0", unit="m", swatch=Swatch("steel", tip=tip))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        Renderer(scene, effects=["wall"], tip_radius_m=R_M)
+    assert ([w.category for w in found] == [DeviceWarning]) == warned
 
 
 def test_twin_has_a_tip():
