@@ -43,20 +43,8 @@ ALL_EFFECTS: Final = (*EFFECTS, "puncture", "guide", "magnet", "viscosity", "wei
 _SETTINGS: Final = {"guide": {"points_m": [[0.0, 0.0, 1.0]]}, "magnet": {"points_m": [[0.0, 0.0, 1.0]]}}
 
 _FIRST: Final = (tick, run_ticks, place_proxy)
-_LATER: Final = (
-    *(
-        move_ball,
-        place_bodies,
-        couple,
-        control_passivity,
-        shade,
-        render_fields,
-        drive,
-        operate,
-        step_leader,
-        step_follower,
-    ),
-)
+_CONTACT: Final = (place_bodies, move_ball, couple, control_passivity, shade, render_fields)
+_LATER: Final = (*_CONTACT, drive, operate, step_leader, step_follower)
 """Large functions, declared in advance so that the progress line shows their total number."""
 
 
