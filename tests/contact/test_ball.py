@@ -1,6 +1,7 @@
 """A tool with a tip radius: agrees with closed forms, and is never nearer to a mesh than its radius (`trimesh`)."""
 
 import warnings
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -283,12 +284,13 @@ def walk(mesh, ticks: int, seed: int) -> np.ndarray:
 
 def check_walk(mesh, radius_m: float, ticks: int, seed: int) -> None:
     r = renderer(mesh, radius_m=radius_m).run(walk(mesh, ticks, seed))
-    some = np.flatnonzero(r.touching)[:: max(1, ticks // 2000)]
-    assert len(some) > 300
+    some = np.flatnonzero(r.touching)[:: max(1, ticks // 1000)]
+    assert len(some) > 200
     assert distance_m(mesh, r.p_WP_m[some]).min() > radius_m - 5e-6
     assert (r.flags > 0).mean() < 0.01
 
 
+@cache
 def scan(path: Path) -> trimesh.Trimesh:
     found = trimesh.load(path, process=False, force="mesh")
     mesh = trimesh.Trimesh(found.vertices - found.bounds.mean(axis=0), found.faces, process=False)
