@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["check", "convert", "view"]
 
+
+ShowLayers = Literal["look", "feel", "both"]
 
 Size = Annotated[tuple[int, int] | None, Parameter(validator=Number(gte=160, lte=4096), metavar="WIDTH HEIGHT")]
 
@@ -179,6 +181,7 @@ def convert(
     *,
     replace: Annotated[bool, Help("Replace the target if it exists")] = False,
     body: Annotated[str | None, Help("Body to draw as .png, if several have texture coordinates")] = None,
+    show: Annotated[ShowLayers, Help("Layers of a .glb or .gltf: look, feel, or both")] = "both",
     read: ReadOptions = ReadOptions(),
 ) -> None:
     """Convert a painted scene or a swatch to or from the format of another program.
@@ -187,7 +190,9 @@ def convert(
 
       .scene.json                     import of a file written by hapscene, or of a
                                       mesh whose material names match swatch names
-      .glb .gltf .ply .obj .stl       export of a scene
+      .glb .gltf .ply .obj .stl       export of a scene; .glb and .gltf show the look
+                                      (materials of the mesh files), the feel (paint),
+                                      or the feel over the look: --show
       .png                            swatches of a body over its texture
                                       coordinates, a colour each, with a legend;
                                       `hapscene paint --map` reads it
@@ -226,7 +231,7 @@ def convert(
 
         print_files(save_picture(scene, body_with_uv(scene, body), target))
     else:
-        print_files(export_scene(scene, target, name, replace=replace))
+        print_files(export_scene(scene, target, name, replace=replace, show=show))
         print("not stored in this format: " + ("; ".join(losses(scene, name)) or "nothing; all data is kept"))
 
 

@@ -21,6 +21,7 @@ from hapscene.scene.mesh import unit_name
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import is_own
 from hapscene.surface.swatch import Swatch
+from hapscene.view.feel_layer import Show
 
 __all__ = ["EXPORTS", "export_scene", "format_of", "import_scene", "is_mesh_of", "losses", "painted_scene"]
 
@@ -141,7 +142,12 @@ def format_of(path: str | os.PathLike[str]) -> str:
 
 
 def export_scene(
-    scene: Scene, path: str | os.PathLike[str], name: str | None = None, *, replace: bool = False
+    scene: Scene,
+    path: str | os.PathLike[str],
+    name: str | None = None,
+    *,
+    replace: bool = False,
+    show: Show = "both",
 ) -> list[Path]:
     """Export a painted scene. Each file is written completely or not at all.
 
@@ -150,13 +156,16 @@ def export_scene(
         path: file to write.
         name: name of the format, a key of `EXPORTS`. Default: by the suffix of the path.
         replace: replace existing files, except meshes of the scene.
+        show: layers that a glTF file shows: look, the materials of the mesh files; feel, the paint; or both, the paint
+            over the materials. The paint is stored in any case.
 
     Returns:
         The files that were written.
 
     Raises:
         SaveConflict: a file exists, and `replace` is False.
-        SceneError: the scene has no body, the format or suffix is unknown, or the file cannot be written.
+        SceneError: the scene has no body, the format or suffix is unknown, the format has no layers, or the file cannot
+            be written.
     """
     path = Path(path)
     if name is None:
@@ -173,6 +182,10 @@ def export_scene(
             raise SceneError(f"{file}: is a mesh of a scene and cannot be replaced; choose another name")
         if file.exists() and not replace:
             raise SaveConflict(f"{file}: exists already; choose another name, or replace it")
+    if name in ("glb", "gltf"):
+        return write_gltf(scene, path, show)
+    if show != "both":
+        raise SceneError(f"{path}: format {name} has no layers to show: export to .glb, or omit show={show!r}")
     return EXPORTS[name].write(scene, path)
 
 

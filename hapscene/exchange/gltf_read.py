@@ -1,9 +1,8 @@
 """Import of scenes from glTF files of `hapscene.exchange.gltf`, also after other programs have edited them.
 
 Files are untrusted: sizes are checked before memory is allocated, nodes may not form a cycle, and only files in the
-    same
-folder are opened (`hapscene.scene.resource_resolver`). Meshes that another program added without a hapscene body become
-bodies.
+same folder are opened (`hapscene.scene.resource_resolver`). Meshes that another program added without a hapscene body
+become bodies.
 """
 
 import base64
@@ -31,7 +30,7 @@ from hapscene.exchange.swatch_payload import (
 from hapscene.geometry import RIGID_TOLERANCE, rotation_of
 from hapscene.io.files import read_bytes, refusing
 from hapscene.scene.gltf_check import items_of, parse_gltf
-from hapscene.scene.mesh import FACE_MAX, Mesh
+from hapscene.scene.mesh import FACE_MAX, OVERLAY, Mesh
 from hapscene.scene.mesh_file import FILE_MAX_B
 from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.scene import Scene
@@ -240,10 +239,10 @@ class _Reader:
             if "mesh" in node:
                 if type(node["mesh"]) is not int:
                     raise self.fail(f"nodes[{index}]: mesh must be an index")
-                if body is None:
-                    found.append(_Node(_printable(node.get("name")), X, in_W, meshes=[node["mesh"]]))
-                else:
+                if body is not None:
                     body.meshes.append(node["mesh"])
+                elif not all(map(self.is_overlay, self.primitives(node["mesh"]))):
+                    found.append(_Node(_printable(node.get("name")), X, in_W, meshes=[node["mesh"]]))
             stack += [(child, X, in_W, body) for child in _indices(node.get("children", []))[::-1]]
         if not any(body.marked for body in found):
             return []
@@ -318,11 +317,21 @@ class _Reader:
             return mesh, X_WB
         return Mesh(mesh.vertices_m @ S.T, mesh.faces[:, ::-1] if mirrors else mesh.faces), X_WB
 
+    def primitives(self, mesh: int) -> list[Any]:
+        primitives = self.item("meshes", mesh).get("primitives", [])
+        return primitives if isinstance(primitives, list) else []
+
+    def is_overlay(self, primitive: Any) -> bool:
+        """Return whether a primitive only shows the feel of other faces."""
+        material = primitive.get("material") if isinstance(primitive, dict) else None
+        return type(material) is int and material >= 0 and OVERLAY in extras_of(self.item("materials", material))
+
     def pieces(self, mesh: int) -> list[Piece]:
         """Return a piece for each primitive; its `swatch` is the material index, or −1 without a material."""
         pieces = []
-        primitives = self.item("meshes", mesh).get("primitives", [])
-        for primitive in primitives if isinstance(primitives, list) else []:
+        for primitive in self.primitives(mesh):
+            if self.is_overlay(primitive):
+                continue
             if not isinstance(primitive, dict) or primitive.get("mode", _TRIANGLES) != _TRIANGLES:
                 raise self.fail(f"meshes[{mesh}]: only triangles are supported")
             self.check_packing(f"meshes[{mesh}]", primitive.get("extensions", {}))
@@ -359,7 +368,7 @@ class _Reader:
         if isinstance(name, str) and is_digest(extras.get("sha256")):
             text = text if isinstance(text, str) else None
             return restore(self.path, name, extras, extras.get("albedo_rgb"), extras["sha256"], text)
-        name = str(material.get("name", ""))
+        name = str(material.get("name", "")).rpartition("/")[2]  # after the material of the mesh file
         if known_swatch(name) is not None:
             return name
         warn_of_loss(f"{self.path}: material {name[:60]!r} is not a swatch of the library; its faces stay plain")

@@ -31,10 +31,11 @@ __all__ = [
     "check_version",
     "digest_of",
     "fine_to_json",
+    "groups_of",
     "is_digest",
     "join",
     "known_swatch",
-    "pieces_of",
+    "order_of",
     "restore",
     "restore_fine",
     "warn_of_loss",
@@ -148,12 +149,12 @@ def is_digest(text: Any) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """The faces of a body with one swatch.
+    """Faces of a body with one swatch.
 
     Attributes:
         swatch: index into the swatches of the scene.
         vertices_m: vertices of these faces in the body frame (n, 3) [m].
-        faces: indices into them (m, 3), in the order of the body.
+        faces: indices into them (m, 3).
     """
 
     swatch: int
@@ -161,14 +162,21 @@ class Piece:
     faces: NDArray[np.int64]
 
 
-def pieces_of(body: Body) -> list[Piece]:
-    """Divide a body into pieces, ordered by swatch index."""
-    pieces = []
-    for swatch in np.unique(body.face_swatch):
-        corners = body.mesh.faces[body.face_swatch == swatch]
-        used, faces = np.unique(corners, return_inverse=True)
-        pieces.append(Piece(int(swatch), body.mesh.vertices_m[used], faces.reshape(-1, 3)))
-    return pieces
+def groups_of(body: Body) -> list[tuple[int, int, NDArray[np.int64]]]:
+    """Divide the faces of a body into groups with the same swatch and material: swatch, material or −1, and faces."""
+    order, swatch, material = order_of(body), body.face_swatch, _material_of(body)
+    start = np.flatnonzero(np.diff(swatch[order]) | np.diff(material[order])) + 1
+    return [(int(swatch[rows[0]]), int(material[rows[0]]), rows) for rows in np.split(order, start)]
+
+
+def order_of(body: Body) -> NDArray[np.int64]:
+    """Return the faces in the order in which they are written: by swatch, then by material."""
+    return np.lexsort((_material_of(body), body.face_swatch))
+
+
+def _material_of(body: Body) -> NDArray[np.int16]:
+    material = body.mesh.material
+    return np.full(len(body.mesh.faces), -1, np.int16) if material is None else material
 
 
 def join(pieces: Sequence[Piece]) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
@@ -185,10 +193,10 @@ def join(pieces: Sequence[Piece]) -> tuple[NDArray[np.float64], NDArray[np.int64
 
 
 def fine_to_json(scene: Scene, body: Body) -> dict[str, Any] | None:
-    """Encode the paint of subdivided faces, with faces in the order of `pieces_of`; None without subdivided faces."""
+    """Encode the paint of subdivided faces, with faces in the order of `order_of`; None without subdivided faces."""
     if body.fine is None:
         return None
-    order = np.argsort(body.face_swatch, kind="stable")
+    order = order_of(body)
     place = np.empty(len(order), np.int32)
     place[order] = np.arange(len(order))
     fine = replace(body.fine, face=place[body.fine.face])

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hapscene.constants import REACH_MAX_M
 from hapscene.errors import MeshError, no_such
 from hapscene.geometry import columns_of, used_by
+from hapscene.scene.material import Material
 from hapscene.scene.topology import Neighbours, neighbours_of, normals_of
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FACE_MAX",
+    "OVERLAY",
     "SIZE_M",
     "UNIT_M",
     "UNNAMED",
@@ -63,6 +65,10 @@ UNNAMED: Final = "default"
 """Group name of faces that have no group in the file."""
 
 
+OVERLAY: Final = "hapscene_overlay"
+"""Key in the extras of glTF meshes and materials that only show the paint of other faces: `hapscene.exchange.gltf`."""
+
+
 class MeshWarning(UserWarning):
     """The mesh is usable, but some of its faces will not behave as expected."""
 
@@ -85,6 +91,8 @@ class Mesh:
         scale: factor by which the mesh is larger than in that file [1].
         uv: texture coordinates of the corners of each face (M, 3, 2) float32, v upward; NaN for faces without. None if
             no face has any.
+        materials: appearance in the file, for display only.
+        material: index into `materials` for each face (M,) int16, −1 for faces without; or None.
 
     Raises:
         MeshError: an array has the wrong shape, a vertex is not finite or farther than `REACH_MAX_M` from the origin,
@@ -101,6 +109,8 @@ class Mesh:
     up: str = "z"
     scale: float = 1.0
     uv: NDArray[np.float32] | None = field(default=None, kw_only=True)
+    materials: tuple[Material, ...] = field(default=(), kw_only=True)
+    material: NDArray[np.int16] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         where = f"{self.path}: " if self.path else "mesh: "
@@ -126,6 +136,12 @@ class Mesh:
             if np.shape(self.uv) != (len(faces), 3, 2):
                 raise MeshError(f"{where}uv must have shape ({len(faces)}, 3, 2)")
             _freeze(self, "uv", self.uv, np.float32)
+        if self.material is not None:
+            if np.shape(self.material) != (len(faces),) or not -1 <= self.material.min() <= self.material.max() < len(
+                self.materials
+            ):
+                raise MeshError(f"{where}material must have shape ({len(faces)},) with indices of `materials` or −1")
+            _freeze(self, "material", self.material, np.int16)
         _check_extent(self, where)
 
     def __repr__(self) -> str:
@@ -278,6 +294,8 @@ class Part:
     names: list[str]
     colour_rgb: NDArray[np.uint8] | None = None  # (m, 3)
     uv: NDArray[np.float32] | None = None  # (m, 3, 2)
+    materials: list[Material] = field(default_factory=list)
+    material: NDArray[np.int16] | None = None  # (m,) index into materials; −1 for none
 
 
 def check_reading(up: str | None, scale: float) -> None:
@@ -311,7 +329,8 @@ def join(parts: list[Part], unit: str, path: Path | None, up: str = "z", scale: 
     for array in (whole.vertices, whole.faces):
         array.setflags(write=False)
     source = path, unit, up, float(scale)
-    return Mesh(whole.vertices, whole.faces, whole.group, tuple(whole.names), whole.colour_rgb, *source, uv=whole.uv)
+    look: dict[str, Any] = {"uv": whole.uv, "materials": tuple(whole.materials), "material": whole.material}
+    return Mesh(whole.vertices, whole.faces, whole.group, tuple(whole.names), whole.colour_rgb, *source, **look)
 
 
 def merged(parts: list[Part], path: Path | None) -> Part:
@@ -342,6 +361,7 @@ def merged(parts: list[Part], path: Path | None) -> Part:
         names=names,
         colour_rgb=_colours(parts),
         uv=_uvs(parts),
+        **_materials(parts),
     )
 
 
@@ -354,24 +374,30 @@ def parts_of(loaded: "trimesh.Trimesh | trimesh.Scene", where: str) -> list[Part
     import trimesh
 
     if isinstance(loaded, trimesh.Trimesh):
-        return [_part(loaded, [UNNAMED], None)]
+        return [_part(loaded, [UNNAMED], None, {})]
     if not isinstance(loaded, trimesh.Scene):
         raise MeshError(f"{where}: expected a file or a triangle mesh, not a {type(loaded).__name__}")
     parts = []
+    known: dict[int, Material | None] = {}  # parts may share a material
     made = 0  # limits instances: a small file can refer to the same geometry many times
     for node in loaded.graph.nodes_geometry:
         pose, geometry = loaded.graph[node]
         mesh = loaded.geometry[geometry]
-        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces) and OVERLAY not in mesh.metadata:
             made += max(len(mesh.faces), len(mesh.vertices))
             if made > FACE_MAX:
                 raise MeshError(f"{where}: more than {FACE_MAX:,} faces or vertices: simplify the mesh")
             # trimesh names an unnamed node by its number; the name of the geometry is then more useful
-            parts.append(_part(mesh, [str(geometry if node.isdigit() else node)], pose))
+            parts.append(_part(mesh, [str(geometry if node.isdigit() else node)], pose, known))
     return parts
 
 
-def _part(mesh: "trimesh.Trimesh", names: list[str], pose: NDArray[np.float64] | None) -> Part:
+def _part(
+    mesh: "trimesh.Trimesh",
+    names: list[str],
+    pose: NDArray[np.float64] | None,
+    known: dict[int, Material | None],
+) -> Part:
     vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     if pose is not None and not np.array_equal(pose, np.eye(4)):
         vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
@@ -384,7 +410,15 @@ def _part(mesh: "trimesh.Trimesh", names: list[str], pose: NDArray[np.float64] |
     corners = None
     if uv is not None and np.shape(uv) == (len(vertices), 2) and faces.min() >= 0 and faces.max() < len(uv):
         corners = np.asarray(uv, np.float32)[faces]
-    return Part(vertices, faces, np.zeros(len(faces), np.int16), ["/".join(names)], face_colours(mesh), corners)
+    part = Part(vertices, faces, np.zeros(len(faces), np.int16), ["/".join(names)], face_colours(mesh), corners)
+    visual: Any = mesh.visual
+    if visual.kind == "texture" and part.colour_rgb is not None and "color" not in visual.vertex_attributes:
+        key = id(visual.material)
+        if key not in known:
+            known[key] = Material.of(visual.material)
+        if (found := known[key]) is not None:
+            part.materials, part.material = [found], np.zeros(len(faces), np.int16)
+    return part
 
 
 def face_colours(mesh: "trimesh.Trimesh") -> NDArray[np.uint8] | None:
@@ -433,6 +467,19 @@ def _colours(parts: list[Part]) -> NDArray[np.uint8] | None:
         return None
     grey = np.full(3, 160, np.uint8)
     return np.concatenate([np.tile(grey, (len(p.faces), 1)) if p.colour_rgb is None else p.colour_rgb for p in parts])
+
+
+def _materials(parts: list[Part]) -> dict[str, Any]:
+    """Return the materials of all parts without repetition, and the material of each face (m,)."""
+    if all(part.material is None for part in parts):
+        return {}
+    every = list(dict.fromkeys(material for part in parts for material in part.materials))
+    place = {material: i for i, material in enumerate(every)}
+    index = []
+    for part in parts:
+        of_part = np.array([*(place[material] for material in part.materials), -1], np.int16)  # −1 is the last
+        index.append(np.full(len(part.faces), -1, np.int16) if part.material is None else of_part[part.material])
+    return {"materials": every, "material": np.concatenate(index)}
 
 
 def _uvs(parts: list[Part]) -> NDArray[np.float32] | None:

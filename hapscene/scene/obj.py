@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import MeshError, printable, warn
+from hapscene.scene.material import Material
 from hapscene.scene.mesh import UNNAMED, MeshWarning, Part, sample
 
 __all__ = ["LINE_MAX", "read_obj"]
@@ -42,7 +43,14 @@ def read_obj(content: bytes, where: str, resolver: Any) -> Part:
         warn(f"{where}: skipped {len(unknown):,} unknown OBJ statements, the first in {unknown[0]}", MeshWarning)
     group = np.asarray(reader.group)
     uv = _uv(reader)
-    return Part(_rows(reader.v), _rows(reader.f), group, list(reader.names), _colours(reader, resolver, uv), uv)
+    materials = _materials(reader, resolver) if reader.f else {}
+    part = Part(_rows(reader.v), _rows(reader.f), group, list(reader.names), _colours(reader, materials, uv), uv)
+    if materials:
+        made = {name: Material.of(material) for name, material in materials.items()}
+        part.materials = [material for material in made.values() if material is not None]
+        place = {name: part.materials.index(material) for name, material in made.items() if material is not None}
+        part.material = np.array([place.get(name, -1) for name in reader.material_of], np.int16)[group]
+    return part
 
 
 LINE_MAX: Final = 1_000_000
@@ -209,9 +217,10 @@ def _uv(reader: _Reader) -> NDArray[np.float32] | None:
     return np.asarray(uv)
 
 
-def _colours(reader: _Reader, resolver: Any, corners: NDArray[np.float32] | None) -> NDArray[np.uint8] | None:
+def _colours(
+    reader: _Reader, materials: dict[str | None, Any], corners: NDArray[np.float32] | None
+) -> NDArray[np.uint8] | None:
     """Return the colour of every face (m, 3) from its material, else from its vertices, else None."""
-    materials = _materials(reader, resolver)
     if not reader.f:
         return None
     if not materials:

@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from hapscene.errors import SceneError, SwatchError
 from hapscene.exchange.swatch_payload import (
     ExchangeWarning,
+    Piece,
     check_version,
     digest_of,
+    groups_of,
     join,
     known_swatch,
-    pieces_of,
     restore,
 )
 from hapscene.scene.body import Body
@@ -103,8 +104,10 @@ def test_pieces_roundtrip(seed: int, swatches: int) -> None:
     vertices = np.concatenate([np.eye(3), rng.normal(size=(9, 3))])
     faces = np.concatenate([[[0, 1, 2]], [rng.choice(12, 3, replace=False) for _ in range(29)]]).astype(np.int32)
     painted = rng.integers(0, swatches, 30).astype(np.int16)
-    pieces = pieces_of(Body("b", Mesh(vertices, faces), np.eye(4), False, painted))
-    assert [piece.swatch for piece in pieces] == sorted(set(painted.tolist()))
+    groups = groups_of(Body("b", Mesh(vertices, faces), np.eye(4), False, painted))
+    assert [index for index, *_ in groups] == sorted(set(painted.tolist()))
+    used = [np.unique(faces[rows], return_inverse=True) for *_, rows in groups]
+    pieces = [Piece(g[0], vertices[at], f.reshape(-1, 3)) for g, (at, f) in zip(groups, used, strict=True)]
     p, f, swatch = join(pieces)
     order = np.argsort(painted, kind="stable")  # by swatch, within each in the body's order
     assert np.array_equal(p[f], vertices[faces[order]])

@@ -4,6 +4,7 @@ import json
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -25,13 +26,17 @@ Promise.all(files.map(file => require(package).validateBytes(new Uint8Array(fs.r
 def test_validator(scene: Scene, shared: Path, tmp_path: Path) -> None:
     body = scene.bodies[0].name
     scene.paint(body, "paper", Sphere((0.0, 0.0, 0.03), 0.01), resolution_m=2e-3, falloff_m=0.005)
-    own = ("a.glb", "a.gltf")
-    for file in own:
-        export_scene(scene, tmp_path / file)
+    own: dict[str, Any] = {"a.glb": "both", "a.gltf": "both", "look.glb": "look", "feel.glb": "feel"}
+    for file, show in own.items():
+        export_scene(scene, tmp_path / file, show=show)
     foreign = [path for path in sorted((shared / "data" / "meshes").glob("*.glb"))]
     for path in foreign:
         other = Scene()
-        other.add(path)
+        painted = other.add(path)
+        for swatch, side in (("leather", 0), ("wood", 1)):  # on two sides
+            place = tuple(painted.mesh.bounds_m[side] * (0, 0, 1) + painted.mesh.bounds_m.mean(axis=0) * (1, 1, 0))
+            region = Sphere(place, painted.mesh.diagonal_m / 4)
+            assert other.paint(painted.name, swatch, region, resolution_m=painted.mesh.diagonal_m / 200) > 0
         export_scene(other, tmp_path / path.name)
     files = [tmp_path / name for name in (*own, *(path.name for path in foreign))]
     asked = ["node", "-e", ASK, PACKAGE, *files]

@@ -1,0 +1,134 @@
+"""The haptic layer of a body as triangles that lie over its visible surface, with the grain of each swatch.
+
+A scene has two layers. The *look* is the material of the mesh file. The *feel* is the paint: parts of faces with the
+colour and the grain of their swatch. A body without materials and colours in its file wears the look of its swatches.
+"""
+
+import math
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.exchange.cut_faces import cut_faces
+from hapscene.scene.topology import normals_of
+from hapscene.swatches.picture import LIGHT, relief
+
+if TYPE_CHECKING:
+    from hapscene.scene.body import Body
+    from hapscene.surface.swatch import Swatch
+
+__all__ = ["OPACITY", "RAISED", "SHOWS", "FeelLayer", "Grain", "Show", "box_uv", "feel_layer", "grain_of", "has_look"]
+
+Show = Literal["look", "feel", "both"]
+"""Visible layers: materials of the mesh files, paint, or paint over materials."""
+
+SHOWS: Final[tuple[Show, ...]] = ("look", "feel", "both")
+
+OPACITY: Final = 0.6
+"""Opacity of the feel over the look [1]: both can be recognised."""
+
+RAISED: Final = 3e-4
+"""Height of the feel above the surface, in diagonals of the body [1]: a depth buffer can still resolve it from afar."""
+
+TILES_MAX: Final = 24
+"""Maximum number of repetitions of a grain along the diagonal of a body [1]; on larger bodies it is magnified, since it
+would be finer than a pixel."""
+
+SHADE: Final = (0.45, 1.5)
+"""Range of the brightness of a shaded grain, relative to a flat surface [1]."""
+
+
+class Grain(NamedTuple):
+    """A periodic picture of a swatch.
+
+    Attributes:
+        shade: brightness of its relief, lit from the upper left, relative to a flat surface (h, w).
+        albedo: colours (h, w, 3), sRGB from 0 to 1; None for the colour of the swatch.
+        normal: unit normals (h, w, 3): x right, y up, z outwards.
+        size_m: side of the square that it shows [m].
+    """
+
+    shade: NDArray[np.float64]
+    albedo: NDArray[np.float64] | None
+    normal: NDArray[np.float64]
+    size_m: float
+
+    @property
+    def flat(self) -> bool:
+        """Whether the swatch has neither a relief nor a picture."""
+        return self.shade.size == 1 and self.albedo is None
+
+    def tile_m(self, diagonal_m: float) -> float:
+        """Return the side of the square on a body with this diagonal [m]: a power of two times `size_m`."""
+        share = diagonal_m / (TILES_MAX * self.size_m)
+        return self.size_m * 2.0 ** max(math.ceil(math.log2(max(share, 1e-9))), 0)
+
+
+@lru_cache(maxsize=64)
+def grain_of(swatch: "Swatch") -> Grain:
+    """Return the grain of a swatch from the pictures of its look, or from the spectrum of its texture."""
+    slopes, size_m = relief(swatch)
+    normal = np.concatenate([-slopes, np.ones((*slopes.shape[:2], 1))], axis=2)
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    shade = np.clip(normal @ LIGHT / LIGHT[2], *SHADE)
+    albedo = None if swatch.look is None else swatch.look.albedo()
+    if swatch.look is not None and albedo is not None:
+        size_m = swatch.look.size_m
+        shade = shade if shade.shape == albedo.shape[:2] else np.ones((1, 1))
+    return Grain(shade, albedo, normal, size_m)
+
+
+def has_look(body: "Body") -> bool:
+    """Return whether the mesh file of a body has materials or colours."""
+    return body.mesh.colour_rgb is not None
+
+
+class FeelLayer(NamedTuple):
+    """Triangles of the haptic layer of a body, in the body frame.
+
+    Attributes:
+        corner_m: (k, 3, 3), raised above the surface [m].
+        normal: unit normals at the corners (k, 3, 3).
+        swatch: (k,).
+    """
+
+    corner_m: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    swatch: NDArray[np.int16]
+
+
+def feel_layer(body: "Body", normal: NDArray[np.float64], over_look: bool) -> FeelLayer:
+    """Return the parts of faces to draw over the surface of a body, cut at the borders of the paint.
+
+    Args:
+        body: the body.
+        normal: unit normals at the corners of its faces (M, 3, 3).
+        over_look: all parts with another swatch than the unpainted body; if False, only parts with another swatch than
+            their face, for a surface on which each face has the colour of its swatch.
+    """
+    cut = cut_faces(body)
+    under = (body.made_of or 0) if over_look else body.face_swatch[cut.face]
+    rows = np.flatnonzero(cut.swatch != under)
+    at = cut.corners(normal, rows)
+    at = at / np.maximum(np.linalg.norm(at, axis=2, keepdims=True), 1e-9)
+    corner_m = cut.vertices_m[cut.faces[rows]] + RAISED * body.mesh.diagonal_m * at
+    return FeelLayer(corner_m, at, cut.swatch[rows])
+
+
+def box_uv(corner_m: NDArray[Any], tile_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Project triangles (k, 3, 3) along the main axis of their normal.
+
+    Returns:
+        Texture coordinates (k, 3, 2), v upward, in tiles of `tile_m` [m]; and the direction of u (k, 3).
+    """
+    normal = normals_of(np.asarray(corner_m, np.float64))
+    axis = np.abs(normal).argmax(axis=1)
+    row = np.arange(len(axis))
+    sign = np.where(normal[row, axis] < 0.0, -1.0, 1.0) * np.where(axis == 1, -1.0, 1.0)
+    first, second = np.array([1, 0, 0])[axis], np.array([2, 2, 1])[axis]
+    way = np.zeros((len(axis), 3))
+    way[row, first] = sign
+    uv = np.stack([sign[:, None] * corner_m[row, :, first], corner_m[row, :, second]], axis=2)
+    return uv / tile_m, way

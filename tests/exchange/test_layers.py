@@ -1,0 +1,135 @@
+"""Look and feel in exported glTF files: materials and texture coordinates of the mesh file, paint cut at its border.
+
+trimesh reads the files, and areas and distances are those of circles.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from hapscene.errors import SceneError
+from hapscene.exchange import export_scene, import_scene
+from hapscene.exchange.cut_faces import cut_faces
+from hapscene.scene.mesh_file import load_mesh
+from hapscene.scene.region import Sphere
+from hapscene.scene.scene import Scene
+
+RADIUS_M = 0.025
+RESOLUTION_M = 5e-4
+
+
+@pytest.fixture(scope="module")
+def textured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A box of two triangles a side, with a texture, as another program writes it."""
+    box = trimesh.creation.box((0.12, 0.08, 0.06))
+    corners, side = box.triangles.reshape(-1, 3), np.repeat(np.abs(box.face_normals).argmax(axis=1), 3)
+    uv = np.array([np.delete(p, a) for p, a in zip(corners, side, strict=True)]) / 0.12 + 0.5
+    pixels = np.random.default_rng(0).integers(0, 256, (16, 16, 3)).astype(np.uint8)
+    material: Any = trimesh.visual.material.PBRMaterial(
+        name="Truck paint",
+        baseColorTexture=Image.fromarray(pixels),
+        baseColorFactor=[204, 255, 255, 255],
+        metallicFactor=0.25,
+        roughnessFactor=0.5,
+        doubleSided=True,
+    )
+    mesh = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+    mesh.visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+    file = tmp_path_factory.mktemp("foreign") / "box.glb"
+    mesh.export(file)
+    return file
+
+
+@pytest.fixture
+def disc(textured: Path) -> Scene:
+    """The box with a disc of leather inside a side: y is up in the file."""
+    scene = Scene()
+    scene.add(textured, name="truck")
+    assert scene.paint("truck", "leather", Sphere((0.0, -0.03, 0.0), RADIUS_M), resolution_m=RESOLUTION_M) > 0
+    return scene
+
+
+def _read(file: Path) -> dict[str, trimesh.Trimesh]:
+    """The meshes of a file by name."""
+    loaded = trimesh.load_scene(file, process=False)
+    return {node.partition("/")[2]: loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry}
+
+
+@pytest.mark.parametrize("show", ["both", "look"])
+def test_materials_and_texture_coordinates_survive(show: Any, disc: Scene, textured: Path, tmp_path: Path) -> None:
+    (was,) = trimesh.load_scene(textured, process=False).geometry.values()
+    parts = _read(export_scene(disc, tmp_path / "truck.glb", show=show)[0])
+    assert [name for name in parts if name.startswith("feel")] == (["feel: leather"] if show == "both" else [])
+    surface = [part for name, part in parts.items() if not name.startswith("feel")]
+    assert sum(len(part.faces) for part in surface) == len(was.faces)
+    found = [np.concatenate(x) for x in ([p.triangles for p in surface], [p.visual.uv[p.faces] for p in surface])]
+    turned = disc.bodies[0].mesh.triangles_m.astype(np.float32)  # as the file, with z up
+    for corners, uv in zip(turned, was.visual.uv[was.faces], strict=True):
+        (row,) = np.flatnonzero((found[0] == corners).all(axis=(1, 2)))
+        np.testing.assert_allclose(found[1][row], uv, atol=1e-6)
+    for part in surface:
+        one, other = part.visual.material, was.visual.material
+        assert one.name.startswith("Truck paint/") and one.doubleSided
+        assert np.array_equal(one.baseColorFactor, other.baseColorFactor)
+        assert (one.metallicFactor, one.roughnessFactor) == (0.25, 0.5)
+        assert np.array_equal(np.asarray(one.baseColorTexture), np.asarray(other.baseColorTexture))
+
+
+@pytest.mark.parametrize("show", ["both", "feel"])
+def test_border_is_where_it_was_painted(show: Any, disc: Scene, tmp_path: Path) -> None:
+    part = _read(export_scene(disc, tmp_path / "truck.glb", show=show)[0])["feel: leather"]
+    assert part.area == pytest.approx(np.pi * RADIUS_M**2, rel=2 * RESOLUTION_M / RADIUS_M)
+    edges = np.sort(part.edges, axis=1)
+    rows, count = np.unique(edges, axis=0, return_counts=True)
+    border = part.vertices[np.unique(rows[count == 1])]
+    away_m = np.linalg.norm(np.delete(border, 1, axis=1), axis=1)
+    assert np.abs(away_m - RADIUS_M).max() < RESOLUTION_M
+
+
+def test_cut_faces_have_the_same_area(disc: Scene) -> None:
+    body = disc.bodies[0]
+    cut = cut_faces(body)
+    whole = trimesh.Trimesh(body.mesh.vertices_m, body.mesh.faces, process=False)
+    assert trimesh.Trimesh(cut.vertices_m, cut.faces, process=False).area == pytest.approx(whole.area, rel=1e-12)
+    corner_m = cut.corners(body.mesh.triangles_m, np.arange(len(cut.faces)))
+    np.testing.assert_allclose(corner_m, cut.vertices_m[cut.faces], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("show", ["both", "look", "feel"])
+def test_import_is_exact_for_all_layers(show: Any, disc: Scene, tmp_path: Path) -> None:
+    file = export_scene(disc, tmp_path / "truck.glb", show=show)[0]
+    back, (body,) = import_scene(file), disc.bodies
+    (again,) = back.bodies
+    order = np.argsort(body.face_swatch, kind="stable")
+    assert np.array_equal(again.mesh.triangles_m, body.mesh.triangles_m[order].astype(np.float32))
+    assert np.array_equal(again.face_swatch, body.face_swatch[order])
+    assert again.fine is not None and body.fine is not None and len(again.fine) == len(body.fine)
+    place = np.argsort(order)[body.fine.face]
+    mine = np.lexsort((body.fine.path, place))
+    assert np.array_equal(again.fine.face, place[mine])
+    assert np.array_equal(again.fine.path, body.fine.path[mine])
+    assert np.array_equal(again.fine.paint, body.fine.paint[mine])
+    assert len(load_mesh(file).faces) == len(body.mesh.faces)  # a mesh for contact is without the feel over it
+
+
+def test_other_formats_have_no_layers(disc: Scene, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="truck"):
+        export_scene(disc, tmp_path / "truck.ply", show="feel")
+
+
+def test_body_without_look_wears_its_swatch(tmp_path: Path) -> None:
+    scene = Scene()
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.03)
+    ball.units = "m"
+    scene.add(ball, name="ball", swatch="wood")
+    parts = _read(export_scene(scene, tmp_path / "ball.glb", show="look")[0])
+    assert list(parts) == ["wood"] and parts["wood"].visual.material.normalTexture is not None
+    uv = parts["wood"].visual.uv[parts["wood"].faces]
+    side = np.linalg.norm(np.roll(uv, 1, axis=1) - uv, axis=2) / np.linalg.norm(
+        np.roll(parts["wood"].triangles, 1, axis=1) - parts["wood"].triangles, axis=2
+    )
+    assert side.max() * 0.012 < 1.0 + 1e-5  # a tile shows 12 mm; the projection never magnifies
