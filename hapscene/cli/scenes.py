@@ -40,6 +40,7 @@ def view(
         Positive | None, Help("Duration of a video [s] (default: duration of the touch, without one 6)")
     ] = None,
     turn: Annotated[float, Help("Angle by which the camera of a video turns around the scene [degrees]")] = 360.0,
+    show: Annotated[ShowLayers, Help("Layers: look (materials of the mesh files), feel (paint), or both")] = "both",
     mesh: MeshOptions = MeshOptions(),
 ) -> None:
     """Draw a scene, with or without a recorded touch of it, as an image or video.
@@ -73,9 +74,9 @@ def view(
         recording = None if touch is None else Recording.load(touch)
         stack.enter_context(step(print_progress, f"drawing {out}"))
         if kind == ".png":
-            write_picture(loaded, recording, out, size=size, theme=theme)
+            write_picture(loaded, recording, out, size=size, theme=theme, show=show)
         else:
-            film = Film(size or Film.size, seconds, math.radians(turn), theme)
+            film = Film(size or Film.size, seconds, math.radians(turn), theme, show)
             write_film(loaded, recording, out, film)
     print_files([out])
 

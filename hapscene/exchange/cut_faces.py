@@ -23,14 +23,14 @@ class CutFaces(NamedTuple):
     Attributes:
         vertices_m: vertices (n, 3) in the body frame [m], those of the mesh first.
         faces: indices into them (m, 3). Parts replace their face in the order of faces.
-        swatch: swatch of each part (m,); a blend is reduced to its heavier swatch.
+        swatch: swatch of each part (m,); a blend is reduced to its heavier swatch unless blends are kept.
         face: face of the mesh that each part belongs to (m,).
         bary: barycentric coordinates of the corners of each part in that face (m, 3, 3); None if no face is divided.
     """
 
     vertices_m: NDArray[np.float64]
     faces: NDArray[np.int64]
-    swatch: NDArray[np.int16]
+    swatch: NDArray[np.integer[Any]]
     face: NDArray[np.int64]
     bary: NDArray[np.float64] | None
 
@@ -40,11 +40,13 @@ class CutFaces(NamedTuple):
         return np.asarray(found if self.bary is None else self.bary[rows] @ found)
 
 
-def cut_faces(body: Body) -> CutFaces:
+def cut_faces(body: Body, keep_blends: bool = False) -> CutFaces:
     """Divide the faces of a body along its paint."""
     mesh = body.mesh
     faces, swatch = mesh.faces.astype(np.int64), body.face_swatch
-    fine = None if body.fine is None else replace(body.fine, paint=parts(body.fine.paint)[0]).joined()
+    fine = body.fine
+    if fine is not None:
+        fine = fine if keep_blends else replace(fine, paint=parts(fine.paint)[0]).joined()
     if not fine:
         return CutFaces(mesh.vertices_m, faces, swatch, np.arange(len(faces)), None)
     names = weld(mesh.vertices_m)[faces]
@@ -57,7 +59,7 @@ def cut_faces(body: Body) -> CutFaces:
     table = np.unique(_keys(names, fine.face, subfaces))
     face = np.concatenate([fine.face, plain]).astype(np.int64)
     bary = np.concatenate([subfaces, np.tile(np.eye(3), (len(plain), 1, 1))])
-    paint = np.concatenate([fine.paint, swatch[plain]]).astype(np.int16)
+    paint = np.concatenate([fine.paint, swatch[plain]]).astype(np.int64 if keep_blends else np.int16)
     done = []
     while len(face):
         middle = (bary[:, [1, 2, 0]] + bary[:, [2, 0, 1]]) / 2

@@ -158,29 +158,37 @@ class _Writer:
         corner_m: NDArray[np.float64],
         normal: NDArray[np.float64],
         overlay: float = 0.0,
+        share: NDArray[np.float64] | None = None,
     ) -> dict[str, Any]:
-        """Add triangles (k, 3, 3) that wear the look of a swatch; an overlay has an opacity above 0."""
-        grain = grain_of(self.scene.swatches[swatch])
-        made = self.add_material(swatch, body.two_sided, overlay=overlay)
+        """Add triangles (k, 3, 3) that wear the look of a swatch.
+
+        Triangles of an overlay have an opacity above 0, of which each has a share (k,).
+        """
+        grain, more = grain_of(self.scene.swatches[swatch]), {}
+        soft = share is not None and bool((share < 1.0).any())
+        if share is not None and soft:
+            more["COLOR_0"] = np.repeat(np.column_stack([np.ones((len(share), 3)), share])[:, None], 3, axis=1)
+        made = self.add_material(swatch, body.two_sided, overlay=overlay, soft=soft)
         if grain.flat:
-            return self.add_triangles(corner_m, made, NORMAL=normal)
+            return self.add_triangles(corner_m, made, NORMAL=normal, **more)
         uv, way = box_uv(corner_m, grain.tile_m(body.mesh.diagonal_m))
         tangent = way[:, None] - (normal @ way[:, :, None]) * normal
         tangent /= np.maximum(np.linalg.norm(tangent, axis=2, keepdims=True), 1e-9)
         tangent = np.concatenate([tangent, np.ones((*tangent.shape[:2], 1))], axis=2)
-        return self.add_triangles(corner_m, made, NORMAL=normal, TANGENT=tangent, TEXCOORD_0=uv * (1.0, -1.0))
+        return self.add_triangles(corner_m, made, NORMAL=normal, TANGENT=tangent, TEXCOORD_0=uv * (1.0, -1.0), **more)
 
     def add_feel(self, body: Body) -> list[dict[str, Any]]:
         """Add the parts of the feel that differ from the surface, a mesh for each swatch; return its nodes."""
         over_look = has_look(body) and self.show != "feel"
         if over_look and self.show == "look":
             return []
-        layer = feel_layer(body, self.normals_of(body), over_look)
+        layer = feel_layer(body, self.normals_of(body), "materials" if over_look else "faces")
         nodes = []
         for swatch in np.unique(layer.swatch).tolist():
             rows = layer.swatch == swatch
-            opacity = OPACITY if over_look else 1.0
-            primitive = self.add_worn(body, swatch, layer.corner_m[rows], layer.normal[rows], opacity)
+            overlay = OPACITY if over_look else 1.0
+            triangles = layer.corner_m[rows], layer.normal[rows]
+            primitive = self.add_worn(body, swatch, *triangles, overlay, layer.opacity[rows])
             node = self.add_mesh(body, f"feel: {self.scene.swatches[swatch].name}", [primitive])
             self.tree["meshes"][node["mesh"]]["extras"] = {OVERLAY: self.scene.swatches[swatch].name}
             nodes.append(node)
@@ -195,13 +203,15 @@ class _Writer:
             self.normals[key] = normal
         return self.normals[key]
 
-    def add_material(self, index: int, two_sided: bool, source: Material | None = None, overlay: float = 0.0) -> int:
+    def add_material(
+        self, index: int, two_sided: bool, source: Material | None = None, overlay: float = 0.0, soft: bool = False
+    ) -> int:
         """Return the material of a swatch, with the appearance of a material of the mesh file if it is given."""
-        key = (index, two_sided, source, overlay)
+        key = (index, two_sided, source, overlay, soft)
         if key in self.materials:
             return self.materials[key]
         swatch = self.scene.swatches[index]
-        found = self.worn(swatch, overlay) if source is None else self.source(source)
+        found = self.worn(swatch, overlay or 1.0) if source is None else self.source(source)
         name = swatch.name if source is None or not source.name else f"{source.name}/{swatch.name}"
         extras: dict[str, Any] = {OVERLAY: swatch.name}  # on the material too: other programs join meshes
         if not overlay:
@@ -210,16 +220,17 @@ class _Writer:
             extras["sha256"] = digest_of(swatch)
             if len(text := swatch_to_json(swatch)) <= EMBEDDED_MAX:
                 extras["swatch_file"] = text
+        elif overlay < 1.0 or soft:
+            found["alphaMode"] = "BLEND"
         found |= {"doubleSided": two_sided or (source is not None and source.two_sided), "extras": extras}
         self.materials[key] = self.add("materials", {"name": f"feel: {name}" if overlay else name} | found)
         return self.materials[key]
 
     def worn(self, swatch: Swatch, opacity: float) -> dict[str, Any]:
-        """Return the appearance of a swatch; 0 as opacity is opaque too."""
+        """Return the appearance of a swatch."""
         grain = grain_of(swatch)
         look: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": (swatch.look or plain_look(swatch)).roughness}
         found: dict[str, Any] = {"pbrMetallicRoughness": look}
-        opacity = opacity or 1.0
         if grain.flat:
             look["baseColorFactor"] = [*linear(swatch.albedo_rgb).tolist(), opacity]
         else:
@@ -227,7 +238,7 @@ class _Writer:
             base = swatch.albedo_rgb if grain.albedo is None else grain.albedo
             look["baseColorTexture"] = self.add_pixels((swatch, "colour"), np.multiply(base, grain.shade[..., None]))
             found["normalTexture"] = self.add_pixels((swatch, "normal"), grain.normal / 2 + 0.5)
-        return found | ({"alphaMode": "BLEND"} if opacity < 1.0 else {})
+        return found
 
     def source(self, material: Material) -> dict[str, Any]:
         """Return the appearance of a material of the mesh file."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from hapscene.motion.look_from_above import bounds_of, look_from_above
-from hapscene.view.body_triangles import scene_solid
+from hapscene.view.body_triangles import scene_solids
 from hapscene.view.camera import MARGIN, fit_cameras
 from hapscene.view.offscreen import draw
 from hapscene.view.palette import Theme
@@ -82,11 +82,10 @@ class TopFrame:
             return b""
         from PIL import Image
 
-        solid = scene_solid(self._scene)
-        solid = solid._replace(corner_m=solid.corner_m - self._middle_m)
+        solids = [s._replace(corner_m=s.corner_m - self._middle_m) for s in scene_solids(self._scene)]
         poses, extent_m, _ = fit_cameras(self._corners_m - self._middle_m, [np.eye(3)], self.size)
-        parts = [(0, np.eye(4))]
-        drawing = Drawing([solid], [Frame(poses[0], parts)], extent_m, self.size, theme.background, OVERSAMPLING)
+        parts = [(i, np.eye(4)) for i in range(len(solids))]
+        drawing = Drawing(solids, [Frame(poses[0], parts)], extent_m, self.size, theme.background, OVERSAMPLING)
         (pixels,) = draw(drawing)
         file = BytesIO()
         Image.fromarray(pixels).save(file, format="PNG")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.exchange.cut_faces import cut_faces
+from hapscene.scene.fine_paint import parts
 from hapscene.scene.topology import normals_of
 from hapscene.swatches.picture import LIGHT, relief
 
@@ -56,6 +57,19 @@ class Grain(NamedTuple):
     size_m: float
 
     @property
+    def gain(self) -> float:
+        """Factor of colours that `pattern` multiplies [1]; it keeps their mean."""
+        return float(1.0 / (self.pattern / 255.0).astype(np.float64).mean() ** 2.2)
+
+    @property
+    def pattern(self) -> NDArray[np.uint8]:
+        """Picture (h, w, 3), sRGB, of the deviations from the mean colour."""
+        pixels = np.broadcast_to(self.shade[..., None], (*self.shade.shape, 3))
+        if self.albedo is not None:
+            pixels = pixels * self.albedo / np.maximum(self.albedo.mean(axis=(0, 1)), 0.05)
+        return np.asarray(np.rint(255 * np.clip(pixels / SHADE[1], 0.0, 1.0)), np.uint8)
+
+    @property
     def flat(self) -> bool:
         """Whether the swatch has neither a relief nor a picture."""
         return self.shade.size == 1 and self.albedo is None
@@ -86,35 +100,49 @@ def has_look(body: "Body") -> bool:
 
 
 class FeelLayer(NamedTuple):
-    """Triangles of the haptic layer of a body, in the body frame.
+    """Triangles of the paint of a body, in the body frame.
 
     Attributes:
-        corner_m: (k, 3, 3), raised above the surface [m].
+        corner_m: (k, 3, 3) [m].
         normal: unit normals at the corners (k, 3, 3).
-        swatch: (k,).
+        swatch: (k,), of a blend the heavier one.
+        other: the second swatch of a blend (k,).
+        weight: weight of `other` (k,).
+        opacity: how much of the surface below is covered (k,).
     """
 
     corner_m: NDArray[np.float64]
     normal: NDArray[np.float64]
-    swatch: NDArray[np.int16]
+    swatch: NDArray[np.int64]
+    other: NDArray[np.int64]
+    weight: NDArray[np.float64]
+    opacity: NDArray[np.float64]
 
 
-def feel_layer(body: "Body", normal: NDArray[np.float64], over_look: bool) -> FeelLayer:
-    """Return the parts of faces to draw over the surface of a body, cut at the borders of the paint.
+def feel_layer(body: "Body", normal: NDArray[np.float64], over: Literal["materials", "faces", "nothing"]) -> FeelLayer:
+    """Return the painted parts of faces, cut at the borders of the paint.
 
     Args:
         body: the body.
         normal: unit normals at the corners of its faces (M, 3, 3).
-        over_look: all parts with another swatch than the unpainted body; if False, only parts with another swatch than
-            their face, for a surface on which each face has the colour of its swatch.
+        over: what is drawn below. Materials: the parts with another swatch than the unpainted body are raised above the
+            surface, and their blends with that swatch are translucent. Faces: the same over faces that are uniformly
+            painted. Nothing: all parts, at the surface.
     """
-    cut = cut_faces(body)
-    under = (body.made_of or 0) if over_look else body.face_swatch[cut.face]
-    rows = np.flatnonzero(cut.swatch != under)
+    cut = cut_faces(body, keep_blends=True)
+    a, b, weight = parts(cut.swatch)
+    opacity = np.ones(len(a))
+    if over != "nothing":
+        below = np.full(len(a), body.made_of or 0) if over == "materials" else body.face_swatch[cut.face]
+        opacity = np.where(a == below, weight, np.where((b == below) & (weight > 0.0), 1.0 - weight, 1.0))
+        a, b, weight = np.where(a == below, b, a), np.where(b == below, a, b), np.where(opacity < 1.0, 0.0, weight)
+    rows = np.flatnonzero(opacity > 0.0)
     at = cut.corners(normal, rows)
     at = at / np.maximum(np.linalg.norm(at, axis=2, keepdims=True), 1e-9)
-    corner_m = cut.vertices_m[cut.faces[rows]] + RAISED * body.mesh.diagonal_m * at
-    return FeelLayer(corner_m, at, cut.swatch[rows])
+    corner_m = cut.vertices_m[cut.faces[rows]]
+    if over != "nothing":
+        corner_m = corner_m + RAISED * body.mesh.diagonal_m * at
+    return FeelLayer(corner_m, at, a[rows], b[rows], weight[rows], opacity[rows])
 
 
 def box_uv(corner_m: NDArray[Any], tile_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.render.recording import Recording
-from hapscene.view.body_triangles import scene_solid
+from hapscene.view.body_triangles import scene_solids
 from hapscene.view.camera import facing, pose_of
+from hapscene.view.feel_layer import Show
 from hapscene.view.palette import AIR, FORCE, OKABE_ITO, PATH, Theme
 from hapscene.view.triangles import Shown, Triangles, joined, lathe, moved, tube
 
@@ -36,7 +37,7 @@ TOOL_ALONG: Final = (0.8, 0.4, 1.0)
 """Direction of the tool from its tip in W, as a right hand holds a pen."""
 
 TOOL, PROXY, SHAFT, HEAD, BODIES = range(5)
-"""Indices of the first parts; segments of the path follow."""
+"""Indices of the first parts; further parts of the bodies and segments of the path follow."""
 
 PROXY_COLOUR: Final = OKABE_ITO["black"]
 
@@ -46,6 +47,8 @@ class FigureParts:
     """A scene and a touch as parts. Frame S is the world frame W moved by `p_WS_m`."""
 
     parts: list[Triangles]
+    body_count: int
+    """Number of parts of the bodies."""
     piece_tick: NDArray[np.int64]
     """Tick from which each segment of the path is visible (p,); the segments are the last p parts."""
     p_ST_m: NDArray[np.float64]
@@ -62,7 +65,7 @@ class FigureParts:
     def shown(self, tick: int | None = None) -> Shown:
         """Return the visible parts: bodies; at a tick also the path up to it, tool, proxy and force."""
         here = np.eye(4)
-        shown = [(BODIES, here)]
+        shown = [(BODIES + i, here) for i in range(self.body_count)]
         if tick is None:
             return shown
         first = len(self.parts) - len(self.piece_tick)
@@ -81,7 +84,8 @@ class FigureParts:
 
     def points_m(self, tool: bool) -> NDArray[np.float64]:
         """Return points (k, 3) that the camera must show: bodies, path, arrows and optionally the tool."""
-        ends = [self.parts[BODIES].corner_m, self.p_SP_m, self.p_SP_m + self.f_N * self.arrow_m_N]
+        bodies = self.parts[BODIES : BODIES + self.body_count]
+        ends = [*(part.corner_m for part in bodies), self.p_SP_m, self.p_SP_m + self.f_N * self.arrow_m_N]
         if tool:
             ends += [self.p_ST_m, self.p_ST_m + TOOL_LENGTH * self.size_m * _unit(np.array(TOOL_ALONG))]
         return np.concatenate(ends)
@@ -101,7 +105,11 @@ class FigureParts:
 
 
 def make_figure_parts(
-    scene: "Scene", recording: Recording | None, theme: Theme, piece_ticks: NDArray[np.int64]
+    scene: "Scene",
+    recording: Recording | None,
+    theme: Theme,
+    piece_ticks: NDArray[np.int64],
+    show: Show = "both",
 ) -> FigureParts:
     """Create the parts of a picture.
 
@@ -110,11 +118,13 @@ def make_figure_parts(
         recording: the touch, or None.
         theme: colours of background and text.
         piece_ticks: ticks at which path segments end, ascending (p,).
+        show: visible layers of the bodies.
     """
-    solid = scene_solid(scene)
-    low_m, high_m = solid.corner_m.min(axis=0), solid.corner_m.max(axis=0)
+    solids = scene_solids(scene, show)
+    corner_m = np.concatenate([solid.corner_m for solid in solids])
+    low_m, high_m = corner_m.min(axis=0), corner_m.max(axis=0)
     p_WS_m, size_m = (low_m + high_m) / 2, max(float(np.linalg.norm(high_m - low_m)), 1e-9)
-    bodies = solid._replace(corner_m=solid.corner_m - p_WS_m)
+    bodies = [solid._replace(corner_m=solid.corner_m - p_WS_m) for solid in solids]
     p_ST_m = p_SP_m = f_N = np.zeros((0, 3))
     pieces: list[Triangles] = []
     if recording is not None:
@@ -122,7 +132,8 @@ def make_figure_parts(
         pieces = _path(recording, p_WS_m, PATH_RADIUS * size_m, piece_ticks)
     f_max_N = float(np.linalg.norm(f_N, axis=1).max(initial=0.0))
     return FigureParts(
-        parts=[*_props(size_m, theme), bodies, *pieces],
+        parts=[*_props(size_m, theme), *bodies, *pieces],
+        body_count=len(bodies),
         piece_tick=piece_ticks[: len(pieces)],
         p_ST_m=p_ST_m,
         p_SP_m=p_SP_m,

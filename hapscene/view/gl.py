@@ -47,14 +47,17 @@ def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
         light = scene.add(pyrender.DirectionalLight(color=np.ones(3), intensity=strength))
         lights.append((light, pose_of(facing(np.array(direction_C), (0.0, 1.0, 0.0)))))
     renderer = pyrender.OffscreenRenderer(*(n * drawing.oversampling for n in drawing.size))
-    seen, node = None, None
+    seen: Shown | None = None
+    nodes: list[Any] = []
     for frame in drawing.frames:
         if seen is None or not same(seen, frame.shown):
-            # one mesh: in software GL a draw call costs more than its triangles
-            whole = joined([moved(drawing.parts[part], X_SP) for part, X_SP in frame.shown])
-            if node is not None:
+            seen = frame.shown
+            placed = [moved(drawing.parts[part], X_SP) for part, X_SP in seen]
+            # one mesh where possible: in software GL a draw call costs more than its triangles
+            solids = [joined([one for one in placed if one.simple]), *(one for one in placed if not one.simple)]
+            for node in nodes:
                 scene.remove_node(node)
-            seen, node = frame.shown, scene.add(_mesh(pyrender, whole))
+            nodes = [scene.add(_mesh(pyrender, solid)) for solid in solids if len(solid.corner_m)]
         for fixed, X_CL in ((camera, np.eye(4)), *lights):
             scene.set_pose(fixed, frame.X_SC @ X_CL)
         pixels, _ = renderer.render(scene)
@@ -139,12 +142,20 @@ def _empty(pyrender: Any, background: str) -> Any:
 
 def _mesh(pyrender: Any, solid: Triangles) -> Any:
     """Convert triangles to a pyrender mesh."""
+    look: dict[str, Any] = {}
+    if solid.picture is not None:
+        look["baseColorTexture"] = pyrender.Texture(
+            source=solid.picture, source_channels="RGBA"[: solid.picture.shape[2]]
+        )
+    if solid.colour.shape[1] == 4 or (solid.picture is not None and solid.picture.shape[2] == 4):
+        look["alphaMode"] = "BLEND"
     primitive = pyrender.Primitive(
         positions=solid.corner_m.astype(np.float32),
         normals=solid.normal.astype(np.float32),
         color_0=solid.colour.astype(np.float32),
+        texcoord_0=None if solid.uv is None else solid.uv.astype(np.float32),
         mode=4,
-        material=pyrender.MetallicRoughnessMaterial(metallicFactor=0.0, roughnessFactor=0.85, doubleSided=True),
+        material=pyrender.MetallicRoughnessMaterial(metallicFactor=0.0, roughnessFactor=0.85, doubleSided=True, **look),
     )
     return pyrender.Mesh([primitive])
 

@@ -13,6 +13,7 @@ from hapscene.errors import ViewError
 from hapscene.io.files import whole_file
 from hapscene.render.recording import Recording
 from hapscene.view.camera import fit_cameras, orbit, visible_size
+from hapscene.view.feel_layer import Show
 from hapscene.view.figure_parts import ARROW_SPACING, arrow_ticks, make_figure_parts
 from hapscene.view.legend import Legend, entries_of, measures_of
 from hapscene.view.offscreen import draw
@@ -61,12 +62,14 @@ class Film:
         seconds: length [s]; None for that of the touch, or `SECONDS`.
         turn_rad: rotation of the camera around the scene [rad].
         theme: colours of background and text.
+        show: visible layers of the bodies.
     """
 
     size: tuple[int, int] = (800, 600)
     seconds: float | None = None
     turn_rad: float = 2.0 * np.pi
     theme: Theme = LIGHT
+    show: Show = "both"
 
 
 def write_picture(
@@ -76,11 +79,12 @@ def write_picture(
     *,
     size: tuple[int, int] | None = None,
     theme: Theme = LIGHT,
+    show: Show = "both",
 ) -> None:
     """Write a PNG picture of a scene with the path of the tool and the forces; deterministic for a given GL platform.
 
-    Painted faces have the albedo of their swatch, shaded by the colours in the mesh file; plain faces have the colours
-    of the file. During contact the path is drawn on the surface.
+    Bodies have the materials of their file; the paint lies over them, with colour and grain of each swatch. During
+    contact the path is drawn on the surface.
 
     Args:
         scene: scene to draw, with bodies at their poses.
@@ -88,6 +92,7 @@ def write_picture(
         path: file to write.
         size: width and height including the legend [pixels]. Default: suitable for the scene.
         theme: colours of background and text.
+        show: visible layers of the bodies: look, feel, or both.
 
     Raises:
         ViewError: OpenGL is not available, or the size is too small.
@@ -96,7 +101,7 @@ def write_picture(
     if recording is not None and len(recording) < 2:
         recording = None
     last = np.array([0 if recording is None else len(recording) - 1])
-    figure = make_figure_parts(scene, recording, theme, last)
+    figure = make_figure_parts(scene, recording, theme, last, show)
     shown, parts = figure.shown(), list(figure.parts)
     if recording is not None:
         arrows = figure.arrows(arrow_ticks(recording, ARROW_SPACING * figure.size_m))
@@ -151,7 +156,7 @@ def _compose(scene: "Scene", recording: Recording | None, film: Film, count: int
     """Return the drawing of all frames, and the legend."""
     touched = recording is not None
     ticks = np.linspace(0, 0 if recording is None else len(recording) - 1, count).round().astype(np.int64)
-    figure = make_figure_parts(scene, recording, film.theme, ticks)
+    figure = make_figure_parts(scene, recording, film.theme, ticks, film.show)
     R_SC = orbit((film.turn_rad * np.arange(count) / count).tolist())
     legend = Legend(entries_of(scene, film.theme, path=touched, tool=touched), film.size[0], film.theme)
     area = _area_over(legend, film.size)

@@ -35,25 +35,37 @@ LATHE_SIDES: Final = 24
 
 
 class Triangles(NamedTuple):
-    """k triangles in the world frame, by corner: position [m], unit normal, linear RGB; each (3 k, 3) float64."""
+    """k triangles in the world frame, by corner: position [m], unit normal, linear RGB; each (3 k, 3) float64.
+
+    The colour may have an opacity as fourth channel. With a picture (h, w, 3 or 4) uint8, sRGB, which repeats, `uv` has
+    texture coordinates (3 k, 2), v upward, and the picture multiplies the colour.
+    """
 
     corner_m: NDArray[np.float64]
     normal: NDArray[np.float64]
     colour: NDArray[np.float64]
+    uv: NDArray[np.float64] | None = None
+    picture: NDArray[np.uint8] | None = None
+
+    @property
+    def simple(self) -> bool:
+        """Whether the triangles are opaque and without a picture, so that they can be joined with others."""
+        return self.picture is None and self.colour.shape[1] == 3
 
     def in_float32(self) -> "Triangles":
         """Return the triangles in float32, the precision of GL, which halves the data for the child process."""
-        return Triangles(*(values.astype(np.float32) for values in self))  # type: ignore[arg-type]
+        uv = None if self.uv is None else self.uv.astype(np.float32)
+        return Triangles(*(values.astype(np.float32) for values in self[:3]), uv, self.picture)  # type: ignore[call-arg, arg-type]
 
 
 NOTHING: Final = Triangles(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 def joined(solids: list[Triangles]) -> Triangles:
-    """Concatenate triangles."""
+    """Concatenate simple triangles."""
     if not solids:
         return NOTHING
-    return Triangles(*map(np.concatenate, zip(*solids, strict=True)))
+    return Triangles(*(np.concatenate(values) for values in zip(*(solid[:3] for solid in solids), strict=True)))
 
 
 def moved(solid: Triangles, X: NDArray[np.float64]) -> Triangles:
@@ -62,7 +74,7 @@ def moved(solid: Triangles, X: NDArray[np.float64]) -> Triangles:
         return solid
     normal = solid.normal @ np.linalg.inv(X[:3, :3])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    return Triangles(solid.corner_m @ X[:3, :3].T + X[:3, 3], normal, solid.colour)
+    return solid._replace(corner_m=solid.corner_m @ X[:3, :3].T + X[:3, 3], normal=normal)
 
 
 def lathe(profile_m: list[tuple[float, float]], colour: str) -> Triangles:

@@ -3,12 +3,19 @@
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
-from hapscene.view.body_triangles import scene_solid
-from hapscene.view.triangles import LATHE_SIDES, Triangles, lathe, moved, same, tube
+from hapscene.view.body_triangles import scene_solids
+from hapscene.view.feel_layer import OPACITY
+from hapscene.view.triangles import LATHE_SIDES, Triangles, joined, lathe, moved, same, tube
+
+
+def _solid(scene: Scene) -> Triangles:
+    """All triangles of a scene, without their pictures."""
+    return joined(scene_solids(scene))
 
 
 def test_tube() -> None:
@@ -32,11 +39,11 @@ def test_tube_of_degenerate_lines() -> None:
 def test_normals_at_creases() -> None:
     scene = Scene()
     scene.add(Mesh.from_trimesh(trimesh.creation.box((1, 1, 1)), "m"), name="box")
-    normal = scene_solid(scene).normal
+    normal = _solid(scene).normal
     np.testing.assert_allclose(np.abs(normal).max(axis=1), 1.0, atol=1e-12)
     scene = Scene()
     scene.add(Mesh.from_trimesh(trimesh.creation.icosphere(3, 0.5), "m"), name="ball")
-    solid = scene_solid(scene)
+    solid = _solid(scene)
     np.testing.assert_allclose(solid.normal, solid.corner_m / 0.5, atol=0.02)
 
 
@@ -45,7 +52,7 @@ def test_poses() -> None:
     X_WB[:3, 3] = 1.0, 2.0, 3.0
     scene = Scene()
     scene.add(Mesh.from_trimesh(trimesh.creation.box((1, 1, 1)), "m"), name="box", pose=X_WB)
-    corner_m = scene_solid(scene).corner_m
+    corner_m = _solid(scene).corner_m
     np.testing.assert_allclose((corner_m.min(axis=0) + corner_m.max(axis=0)) / 2, X_WB[:3, 3])
 
 
@@ -90,15 +97,39 @@ def test_subdivided_faces() -> None:
     """A disc with falloff on a cube with twelve faces has its area and intermediate colours."""
     scene = Scene()
     scene.add(trimesh.creation.box((0.04, 0.04, 0.04)), name="cube", unit="m", swatch="wood")
-    whole = scene_solid(scene)
+    whole = _solid(scene)
     scene.paint("cube", "leather", Sphere((0.0, 0.0, 0.02), 0.01), falloff_m=0.002)
-    solid = scene_solid(scene)
+    solid = _solid(scene)
     assert surface_of(solid) == pytest.approx(surface_of(whole), rel=1e-12)
     colours = np.unique(solid.colour.round(9), axis=0)
     assert len(colours) > 10
     leather = np.abs(solid.colour - colours[0]).max(axis=1) < np.abs(solid.colour - colours[-1]).max(axis=1)
-    chosen = Triangles(*(values[leather] for values in solid))
+    chosen = Triangles(*(values[leather] for values in solid[:3]))
     assert surface_of(chosen) == pytest.approx(np.pi * 0.01**2, rel=0.05)
+
+
+def test_layers_of_a_textured_body() -> None:
+    """The look has the texture at its coordinates; the feel is a translucent disc with a grain over it."""
+    cube = trimesh.creation.box((0.04, 0.04, 0.04))
+    pixels = np.random.default_rng(0).integers(0, 256, (8, 8, 3)).astype(np.uint8)
+    corners = cube.triangles.reshape(-1, 3)
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=Image.fromarray(pixels))
+    cube = trimesh.Trimesh(corners, np.arange(36).reshape(-1, 3), process=False)
+    cube.visual = trimesh.visual.TextureVisuals(uv=corners[:, :2], material=material)
+    scene = Scene()
+    scene.add(cube, name="cube", unit="m")
+    scene.paint("cube", "leather", Sphere((0.0, 0.0, 0.02), 0.01), falloff_m=0.002)
+    plain, look, feel = scene_solids(scene)
+    assert len(plain.corner_m) == 0
+    assert look.picture is not None and np.array_equal(look.picture, pixels)
+    assert look.uv is not None and np.allclose(look.uv, corners[:, :2])
+    assert feel.picture is not None and feel.picture.std() > 5 and feel.uv is not None
+    opacity = feel.colour[:, 3]
+    assert opacity.max() == OPACITY and 0 < opacity.min() < 0.2  # it fades
+    assert surface_of(feel) == pytest.approx(np.pi * 0.011**2, rel=0.05)  # with half of the falloff
+    assert np.allclose(feel.corner_m[:, 2], 0.02, atol=1e-4)
+    assert len(scene_solids(scene, "look")) == 2
+    assert all(solid.simple or solid.colour.shape[1] == 3 for solid in scene_solids(scene, "feel"))
 
 
 def surface_of(solid: Triangles) -> float:
