@@ -28,7 +28,7 @@ from hapscene.exchange.swatch_payload import EMBEDDED_MAX, VERSION, digest_of, f
 from hapscene.io.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.material import Material
-from hapscene.scene.mesh import OVERLAY
+from hapscene.scene.mesh import OVERLAY, Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
@@ -37,7 +37,7 @@ from hapscene.view.body_triangles import corner_normals
 from hapscene.view.feel_layer import OPACITY, Show, box_uv, feel_layer, grain_of, has_look
 from hapscene.view.palette import linear
 
-__all__ = ["Z_UP", "write_gltf"]
+__all__ = ["Z_UP", "look_glb", "picture_glb", "write_gltf"]
 
 JPEG_QUALITY: Final = 92
 """Quality of pictures in JPEG, from 1 to 95 [1]: no visible artefacts, at a fifth of the size of PNG."""
@@ -79,6 +79,29 @@ def write_gltf(scene: Scene, path: Path, show: Show = "both") -> list[Path]:
         content = json.dumps(writer.tree, ensure_ascii=False, allow_nan=False).encode()
     write_whole(path, content, SceneError)
     return [path]
+
+
+def look_glb(mesh: Mesh, two_sided: bool) -> bytes:
+    """Return a mesh with its materials as GLB, in its own frame.
+
+    Raises:
+        SceneError: the mesh is too large for GLB.
+    """
+    writer = _Writer(Scene(), "look")
+    face_swatch = np.zeros(len(mesh.faces), np.int16)
+    writer.tree["nodes"] = writer.add_surface(Body("look", mesh, np.eye(4), two_sided, face_swatch))
+    return _glb(writer.tree, b"".join(writer.chunks), Path("look.glb"))
+
+
+def picture_glb(pixels: NDArray[np.float64]) -> bytes:
+    """Return a triangle with a picture (h, w, 3), 0 to 1, as GLB."""
+    writer = _Writer(Scene(), "look")
+    look = {"baseColorTexture": writer.add_pixels("picture", pixels)}
+    material = writer.add("materials", {"pbrMetallicRoughness": look})
+    corners = np.eye(3)[None]
+    primitive = writer.add_triangles(corners, material, TEXCOORD_0=corners[..., :2])
+    writer.tree["nodes"] = [{"mesh": writer.add("meshes", {"primitives": [primitive]})}]
+    return _glb(writer.tree, b"".join(writer.chunks), Path("picture.glb"))
 
 
 class _Writer:

@@ -17,13 +17,10 @@ if TYPE_CHECKING:
     from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
 
-__all__ = ["corner_normals", "scene_solids", "shade_of", "used_swatches"]
+__all__ = ["corner_normals", "scene_solids", "used_swatches"]
 
 CREASE_COS: Final = 0.95
 """Cosine of the crease angle, 18° [1]: below it, normals at a vertex are averaged; above it, edges are sharp."""
-
-SHADE_SHARE: Final = 0.5
-"""Weight of the brightness of colours in the mesh file on painted faces [1]."""
 
 
 def used_swatches(scene: "Scene") -> list[int]:
@@ -87,15 +84,6 @@ def _looks(mesh: Mesh) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64],
         if picture is not None and len(rows):
             pixels = np.asarray(picture.convert("RGBA" if mesh.materials[index].alpha != "OPAQUE" else "RGB"))
             yield rows, np.tile(mesh.materials[index].colour[:3], (len(rows), 1)), pixels
-
-
-def shade_of(colour_rgb: NDArray[Any], all_rgb: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the brightness factor (n,) of painted faces from their colours in the file (n, 3), from 0 to 255.
-
-    It is relative to the mean of all colours of the file (m, 3), so that details of its texture remain visible.
-    """
-    grey = colour_rgb.mean(axis=1) + 1.0
-    return np.asarray(1.0 + SHADE_SHARE * np.clip(grey / (all_rgb.mean() + 1.0) - 1.0, -0.5, 0.5))
 
 
 def corner_normals(mesh: Mesh) -> NDArray[np.float64]:

@@ -24,7 +24,6 @@ from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import LEVEL_MAX, NOTHING, FinePaint, blend, parts
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.topology import area_of, unit
-from hapscene.view.body_triangles import shade_of
 
 __all__ = [
     "CHUNK",
@@ -48,12 +47,10 @@ class FileColours:
 
     Attributes:
         rgb: (k, 3) palette, channels 0 to 1.
-        shade: (k,) factor by which each palette entry brightens or darkens a swatch's colour.
         tint: (M,) uint8 palette index of each face.
     """
 
     rgb: NDArray[np.float64]
-    shade: NDArray[np.float64]
     tint: NDArray[np.uint8]
 
     @staticmethod
@@ -69,7 +66,7 @@ class FileColours:
         count = np.bincount(tint)
         sums = [np.bincount(tint, mesh.colour_rgb[:, k]) / np.maximum(count, 1) for k in range(3)]
         rgb = np.stack(sums, axis=1)
-        return FileColours(rgb / 255, shade_of(rgb, mesh.colour_rgb), tint)
+        return FileColours(rgb / 255, tint)
 
 
 PATCHES: Final = 64
@@ -344,6 +341,7 @@ class ShownBody:
     Attributes:
         mesh: the reduced mesh.
         file_colours: colours of the mesh file; None if it has none.
+        textured: whether its materials have textures and all of its faces are shown, so that the textures can be.
         swatch: (S,) int16 swatch of each shown face.
         chunk: (S,) int32 chunk of each shown face.
         chunk_count: number of chunks.
@@ -365,12 +363,19 @@ class ShownBody:
         self.swatch = np.zeros(len(mesh.faces), np.int16)
         self._assign_swatches(np.arange(len(mesh.faces)))
         self.file_colours = FileColours.of(body.mesh)
+        self.textured = mesh.raised_m is None and any(material.textures for material in body.mesh.materials)
         self._tint = np.zeros(len(self._drawn), np.uint8) if self.file_colours is None else self.file_colours.tint
         self._shown_tint = self._tint if mesh.raised_m is None else self._tint[self._first_full()]
         group = _chunk_of(middle_m, len(mesh.faces) // PATCHES + 1)[mesh.shown_of]
         self._subfaces = ShownSubfaces(body, self._area_m2, group)
         self._subfaces.update(np.arange(len(self._drawn)))
         self._over = self._drawn_whole()
+
+    def look_mesh(self) -> Mesh:
+        """The mesh with its materials, sunk by `RAISED`, so that the painted layers lie over it."""
+        mesh, place = self._shape.mesh, self._shape.welded
+        up = unit(_around(place[mesh.faces], self._shape.normal, len(place)))[place]
+        return replace(mesh, vertices_m=mesh.vertices_m - RAISED * mesh.diagonal_m * up)
 
     def chunks(self) -> list[int]:
         """Numbers of the chunks and of the patches of subfaces."""

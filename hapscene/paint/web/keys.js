@@ -12,6 +12,7 @@ const KEYS = [
     ["drag, right drag, wheel", "rotate, pan, zoom"],
     ["F", "frame the selected body, the body under the pointer, or the scene"],
     ["Home", "reset the view"],
+    ["V", "show the materials of the mesh files, the paint, or both"],
     ["Shift + 1 … 7", "front, back, left, right, top, bottom, perspective"],
     ["W A S D Q E, arrows", "move and rotate the camera"],
   ]],

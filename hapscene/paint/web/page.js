@@ -1,6 +1,7 @@
 // Extends viser's page by pointer and key handling, the toolbar, plots and sound.
 // Exchanges JSON with the server (socket.py). Binary messages are little-endian float32, with the kind of message first.
 import { newCursor } from "/hapscene-cursor.js";
+import { newGrain } from "/hapscene-grain.js";
 import { newKeyList } from "/hapscene-keys.js";
 import { showOutline } from "/hapscene-outline.js";
 import { newTrace } from "/hapscene-plot.js";
@@ -26,7 +27,7 @@ const HINT = [
     "Hold <b>Shift</b> and drag on the surface to paint. Drag to rotate the view, scroll to zoom.",
   "Press <b>7</b>, then hold Shift and drag to touch the surface. <b>Ctrl S</b> saves.",
 ];
-const HOVER_MS = 40, DELAY_MAX_S = 0.1, HURRY = 0.08, GAPS_MAX = 3;
+const GRAIN_MS = 150, HOVER_MS = 40, DELAY_MAX_S = 0.1, HURRY = 0.08, GAPS_MAX = 3;
 const make = (tag, attributes = {}, ...inside) => {
   const node = Object.assign(document.createElement(tag), attributes);
   node.append(...inside);
@@ -146,6 +147,7 @@ window.addEventListener("keydown", (event) => {
   else if (key === "home") { consume(event); look("perspective"); }
   else if (key === "f") { consume(event); look("", over); }
   else if (key === "k") { consume(event); cursor.node.focus(); }
+  else if (key === "v") { consume(event); send({ do: "layers" }); }
   else if (key === "p") { consume(event); showPlots(plots.hidden); }
   else if (key === "[" || key === "]") { consume(event); send({ do: "size", factor: key === "[" ? 0.8 : 1.25 }); }
 
@@ -363,6 +365,8 @@ function start() {
   }).observe(document.body, { childList: true, subtree: true });
   new MutationObserver(() => { trace.fresh = true; }).observe(document.documentElement, { attributes: true });
   setInterval(fit, 300);
+  const grain = newGrain();
+  setInterval(() => grain(state.grain), GRAIN_MS);
   (function frame() { trace.draw(); requestAnimationFrame(frame); })();
 }
 start();

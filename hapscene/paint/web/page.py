@@ -27,6 +27,7 @@ from hapscene.paint.web.tool_panel import ToolPanel
 from hapscene.paint.web.tools import TOOLS, Tools
 from hapscene.paint.web.view import VIEWS, SceneView
 from hapscene.surface.swatch_file import SUFFIX as SWATCH_SUFFIX
+from hapscene.view.feel_layer import SHOWS
 
 __all__ = ["HOST", "PORT", "Page"]
 
@@ -237,6 +238,7 @@ class Page:
             "dismiss": lambda _: self.context.dismiss(),
             "theme": lambda m: self._file_panel.prefer_theme(m.get("dark") is True),
             "view": self._look,
+            "layers": lambda _: self._next_layers(),
             "frame": self._frame,
             "size": lambda m: tools.resize(tools.radius_m * (number(m, "factor", 0.1, 10.0) or 1.0)),
         }
@@ -272,6 +274,13 @@ class Page:
         framed = [] if chosen is None else [scene.body(chosen)]
         view.look(page.camera, framed, pointer.width / pointer.height, name)
 
+    def _next_layers(self) -> None:
+        """Show the next choice of layers: the key V."""
+        view = self.context.view
+        view.show_layers(SHOWS[(SHOWS.index(view.show) + 1) % len(SHOWS)])
+        what = {"look": "the materials of the mesh files", "feel": "the paint", "both": "the paint over the materials"}
+        self._socket.say(f"Shows {what[view.show]}.")
+
     def _state(self) -> Message:
         """State of the toolbar and the status line, sent to the pages."""
         if not self._ready:
@@ -288,6 +297,7 @@ class Page:
             "title": self._path.name,
             "status": self._monitor.status,
             "outline": tools.outline.state,
+            "grain": self.context.view.grain,
             "hand": self.context.touch.status,
         }
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 from hapscene.paint.model.session import FILLS
 from hapscene.paint.web.context import PageContext, bounded, card_html, set_html
 from hapscene.paint.web.tools import RADIUS_SHARE, REGIONS, STROKES
+from hapscene.view.feel_layer import SHOWS
 
 __all__ = ["ToolPanel"]
 
@@ -56,13 +57,12 @@ class ToolPanel:
             self._opacity = self._slider("Opacity [%]", (5, 100, 5), "opacity", 100, hint)
             hint = "Normal force of the simulated hand, whose device is set in the tab Haptics"
             self._force = self._slider("Force [N]", (*FORCE_N, 0.1), "force_N", 1, hint)
+            hint = "Materials of the mesh files, paint, or paint over materials (key V)"
+            self._layers = gui.add_dropdown("Show", SHOWS, initial_value=context.view.show, hint=hint)
             self._more = gui.add_folder("More", expand_by_default=False)
             with self._more:
                 hint = "Mirror planes through the centre of the body"
                 self._mirrors = gui.add_dropdown("Mirror", MIRRORS, hint=hint)
-                hint = "Show unpainted faces in the colours of the mesh file"
-                has = context.view.has_file_colours
-                self._colours = gui.add_checkbox("File colours", True, visible=has, hint=hint)
                 hint = "Also paint surfaces that are hidden or face away"
                 self._occluded = gui.add_checkbox("Ignore occlusion", tools.ignore_occlusion, hint=hint)
         self._listen()
@@ -103,13 +103,15 @@ class ToolPanel:
         self._falloff.visible = name in STROKES
         for control in (self._opacity, self._mirrors, self._occluded):
             control.visible = painting
-        self._more.visible = painting or self._colours.visible
+        self._more.visible = painting
+        self._layers.visible = self._context.view.has_look
         self._force.visible = name == "touch"
         for slider, attribute, factor in self._sliders:
             shown = min(max(factor * getattr(tools, attribute), slider.min), slider.max)
             if abs(slider.value - shown) > slider.step / 2:
                 slider.value = shown
-        for choice, now in ((self._fill, fill), (self._occluded, tools.ignore_occlusion)):
+        shown = (self._layers, self._context.view.show)
+        for choice, now in ((self._fill, fill), (self._occluded, tools.ignore_occlusion), shown):
             if choice.value != now:
                 choice.value = now
 
@@ -129,7 +131,7 @@ class ToolPanel:
         for slider, attribute, factor in self._sliders:
             slider.on_update(callback(partial(self._take_number, attribute, factor)))
         self._mirrors.on_update(callback(mirror))
-        self._colours.on_update(callback(lambda target: self._context.view.show_file_colours(bool(target.value))))
+        self._layers.on_update(callback(lambda target: self._context.view.show_layers(target.value)))
         self._occluded.on_update(callback(occlusion))
         self._fill.on_update(callback(fill))
 

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hapscene.exchange.gltf import look_glb, picture_glb
 from hapscene.motion.look_from_above import bounds_of
 from hapscene.paint.model.display import ChunkKey, Display, ShownBody
 from hapscene.paint.model.mesh import Hit, project_to_surface
@@ -15,6 +16,7 @@ from hapscene.paint.model.painting import Changes, Painting
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import parts
 from hapscene.scene.mesh import Mesh
+from hapscene.view.feel_layer import OPACITY, Show, grain_of
 from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours, linear, rgb
 
 __all__ = ["VIEWS", "Pointer", "SceneView", "rgb_bytes", "rotation"]
@@ -69,12 +71,15 @@ class Pointer:
 
 
 class BodyFrame(NamedTuple):
-    """Scene node of a body: viser's handle, its number, the display state, and mesh handles by chunk and layer."""
+    """Scene node of a body: viser's handle, its number, the display state, mesh handles by chunk and layer, and the
+    handle of the textured mesh below the paint.
+    """
 
     node: Any
     number: int
     shown: ShownBody
     layers: dict[int, dict[tuple[int, int], Any]]
+    look: Any = None
 
 
 class SceneView:
@@ -88,7 +93,7 @@ class SceneView:
     Attributes:
         diagonal_m: diagonal of the scene [m].
         colours: colours of the scene's swatches, "#rrggbb", changed where two would be similar.
-        file_colours: whether unpainted faces have the colours of the mesh file.
+        show: visible layers: look, the materials of the mesh files; feel, the paint; or both.
     """
 
     def __init__(self, server: Any, painting: Painting, display: Display) -> None:
@@ -97,14 +102,16 @@ class SceneView:
         self._measure()
         self._display = display
         self.colours = self._distinct()
-        self.file_colours = True
+        self.show: Show = "both"
         self._frames: dict[int, BodyFrame] = {}  # by id of the `ShownBody`
         self._frame_count = 0
         self._handles: Any = None
+        self._grains: dict[int, tuple[Any, Any]] = {}  # by swatch: its appearance, and the handle of its picture
         self._place_camera()
         self._light()
         self._make_marks()
         self._compose()
+        self._show_grains()
 
     def _measure(self) -> None:
         bounds = np.array([bounds_of(body) for body in self._painting.scene.bodies])
@@ -119,6 +126,7 @@ class SceneView:
         """Show changes; only changed chunks are sent."""
         if changes.swatches or changes.swatch_list:
             self.colours = self._distinct()
+            self._show_grains()
         if changes.bodies:
             changed = self._display.compose()
             self._compose()
@@ -133,6 +141,33 @@ class SceneView:
         """Reduce the meshes of bodies that are about to be added. Thread-safe."""
         self._display.prepare(meshes)
 
+    def _show_grains(self) -> None:
+        """Send the pictures of grains that have changed; grain.js applies them."""
+        for index, swatch in enumerate(self._painting.scene.swatches):
+            known = self._grains.get(index, (None, None))
+            key = swatch.look, swatch.texture, swatch.parameter("lpc_texture", "texture_gain", 1.0)
+            if known[0] == key:
+                continue
+            if known[1] is not None:
+                known[1].remove()
+            grain, handle = grain_of(swatch), None
+            if not grain.flat:
+                glb = picture_glb(grain.pattern / 255)
+                handle = self._server.scene.add_glb(f"/grain/{index}", glb, visible=False, cast_shadow=False)
+            self._grains[index] = key, handle
+
+    @property
+    def grain(self) -> dict[str, Any]:
+        """Side of a grain's tile by number of the body and swatch [m], and the factor of each picture."""
+        scene = self._painting.scene
+        found = [i for i, (_, handle) in self._grains.items() if handle is not None and i < len(scene.swatches)]
+        grains, tiles = {i: grain_of(scene.swatches[i]) for i in found}, {}
+        for body, shown in zip(scene.bodies, self._display.bodies, strict=False):
+            if id(shown) in self._frames:
+                number = self._frames[id(shown)].number
+                tiles[number] = {i: grain.tile_m(body.mesh.diagonal_m) for i, grain in grains.items()}
+        return {"tiles": tiles, "gains": {i: grain.gain for i, grain in grains.items()}}
+
     def _compose(self) -> None:
         """Create, keep or remove the scene nodes so that there is one for each body."""
         bounds = np.array([bounds_of(body) for body in self._painting.scene.bodies])
@@ -142,17 +177,20 @@ class SceneView:
             for layers in (layers for frame in self._frames.values() for layers in frame.layers.values()):
                 for mesh in layers.values():
                     mesh.scale = self._scale
+            for look in (known.look for known in self._frames.values() if known.look is not None):
+                look.scale = self._scale
             for client in self._server.get_clients().values():
                 self.look(client.camera)
         frames, self._frames, shown = self._frames, {}, self._display.bodies
         for key in frames.keys() - set(map(id, shown)):
             frames[key].node.remove()  # with its children
-        fresh = set()
+        fresh: set[int] = set()
         for index, body in enumerate(shown):
             frame = frames.get(id(body))
             if frame is None:
                 node = self._server.scene.add_frame(f"/body/{self._frame_count}", show_axes=False)
-                frame, self._frame_count = BodyFrame(node, self._frame_count, body, {}), self._frame_count + 1
+                frame = BodyFrame(node, self._frame_count, body, {}, self._add_look(index, self._frame_count))
+                self._frame_count += 1
                 fresh.add(index)
             self._frames[id(body)] = frame
         self._place_bodies()
@@ -165,40 +203,65 @@ class SceneView:
             node.wxyz, node.position = quaternion(body.X_WB[:3, :3]), self.to_view(body.X_WB[:3, 3])
             node.visible = body.name not in self._painting.hidden
 
-    def show_file_colours(self, on: bool) -> None:
-        """Show unpainted faces in the colours of the mesh file, or in the colour of their swatch."""
-        self.file_colours = on
+    def _add_look(self, index: int, number: int) -> Any:
+        """Add the textured mesh of a body to its frame; None if it has no textures."""
+        shown = self._display.bodies[index]
+        if not shown.textured:
+            return None
+        glb = look_glb(shown.look_mesh(), self._painting.scene.bodies[index].two_sided)
+        more = {"scale": self._scale, "visible": self.show != "feel", "cast_shadow": False, "receive_shadow": False}
+        return self._server.scene.add_glb(f"/body/{number}/look", glb, **more)
+
+    def show_layers(self, show: Show) -> None:
+        """Show the materials of the mesh files, the paint, or both."""
+        self.show = show
         self._recolour()
 
     @property
-    def has_file_colours(self) -> bool:
+    def has_look(self) -> bool:
         """Whether the mesh file of any body has colours."""
         return any(body.file_colours is not None for body in self._display.bodies)
 
     def _recolour(self) -> None:
         for index, shown in enumerate(self._display.bodies):
             frame = self._frames.get(id(shown))
-            for layers in frame.layers.values() if frame is not None else ():
+            if frame is None:
+                continue
+            if frame.look is not None:
+                frame.look.visible = self.show != "feel"
+            for layers in frame.layers.values():
                 for kind, mesh in layers.items():
-                    colour = self._colour(index, *kind)
+                    colour, opacity = self._colour(index, *kind)
+                    visible = opacity != 0.0
                     if tuple(mesh.color) != colour:
                         mesh.color = colour
+                    if visible and mesh.opacity != opacity:
+                        mesh.opacity = opacity
+                    if mesh.visible != visible:
+                        mesh.visible = visible
 
-    def _colour(self, body: int, paint: int, tint: int) -> tuple[int, int, int]:
-        """Colour of a layer: its swatches, mixed by weight."""
-        heavier, lighter, weight = parts(paint)
-        if weight == 0:
-            return rgb_bytes(self._swatch_colour(body, int(heavier), tint))
-        mixed = [self._swatch_colour(body, int(swatch), tint) for swatch in (heavier, lighter)]
-        return rgb_bytes((1 - weight) * mixed[0] + weight * mixed[1])
+    def _colour(self, body: int, paint: int, tint: int) -> tuple[tuple[int, int, int], float | None]:
+        """Colour of a layer, its swatches mixed by weight; and its opacity over a textured mesh, None for opaque."""
+        heavier, lighter, weight = (float(value) for value in parts(paint))
+        opacity, swatches = None, [int(heavier), int(lighter)]
+        if self._display.bodies[body].textured and self.show != "feel":
+            default = self._painting.defaults[body]
+            share = weight if swatches[0] == default else 1 - weight if swatches[1] == default and weight else 1.0
+            opacity = OPACITY * share if self.show == "both" else 0.0
+            if share < 1.0:  # a blend with the surface below is translucent
+                swatches, weight = [s for s in swatches if s != default] * 2 or swatches, 0.0
+        mixed = [self._swatch_colour(body, swatch, tint) for swatch in swatches]
+        return rgb_bytes((1 - weight) * mixed[0] + weight * mixed[1]), opacity
 
     def _swatch_colour(self, body: int, swatch: int, tint: int) -> Vector:
-        """Colour (3,) of a swatch, shaded by the file colours; for the default swatch, the file colour itself."""
-        palette = self._display.bodies[body].file_colours if self.file_colours else None
-        if palette is not None and swatch == self._painting.defaults[body]:
-            return np.asarray(palette.rgb[tint])
-        colour = rgb(self.colours[swatch])
-        return colour if palette is None else np.clip(colour * palette.shade[tint], 0.0, 1.0)
+        """Colour (3,) of a swatch, mixed with the file colour below it."""
+        shown, colour = self._display.bodies[body], rgb(self.colours[swatch])
+        if shown.file_colours is None or self.show == "feel":
+            return colour
+        below = np.asarray(shown.file_colours.rgb[tint])
+        if self.show == "look" or swatch == self._painting.defaults[body]:
+            return below
+        return colour if shown.textured else (1 - OPACITY) * below + OPACITY * colour
 
     def _draw(self, keys: list[ChunkKey]) -> None:
         for key in keys:
@@ -208,11 +271,14 @@ class SceneView:
             with self._server.atomic():
                 for layer in self._display.layers(key):
                     kind = layer.paint, layer.tint
+                    colour, opacity = self._colour(key.body, *kind)
                     new[kind] = self._server.scene.add_mesh_simple(
-                        f"/body/{frame.number}/{key.chunk}/{layer.paint}-{layer.tint}",
+                        f"/body/{frame.number}/{key.chunk}/{layer.paint}-{layer.tint}-{layer.swatch}",
                         layer.vertices_m,
                         layer.faces,
-                        color=self._colour(key.body, *kind),
+                        color=colour,
+                        opacity=opacity,
+                        visible=opacity != 0.0,
                         flat_shading=True,
                         side="double" if body.two_sided else "front",
                         cast_shadow=False,
