@@ -24,7 +24,6 @@ __all__ = ["check", "convert", "view"]
 
 
 ShowLayers = Literal["look", "feel", "both"]
-
 Size = Annotated[tuple[int, int] | None, Parameter(validator=Number(gte=160, lte=4096), metavar="WIDTH HEIGHT")]
 
 
@@ -40,7 +39,7 @@ def view(
         Positive | None, Help("Duration of a video [s] (default: duration of the touch, without one 6)")
     ] = None,
     turn: Annotated[float, Help("Angle by which the camera of a video turns around the scene [degrees]")] = 360.0,
-    show: Annotated[ShowLayers, Help("Layers: look (materials of the mesh files), feel (paint), or both")] = "both",
+    show: Annotated[ShowLayers, Help("Layers shown: materials of the meshes, paint, or both")] = "both",
     mesh: MeshOptions = MeshOptions(),
 ) -> None:
     """Draw a scene, with or without a recorded touch of it, as an image or video.
@@ -182,7 +181,7 @@ def convert(
     *,
     replace: Annotated[bool, Help("Replace the target if it exists")] = False,
     body: Annotated[str | None, Help("Body to draw as .png, if several have texture coordinates")] = None,
-    show: Annotated[ShowLayers, Help("Layers of a .glb or .gltf: look, feel, or both")] = "both",
+    show: Annotated[ShowLayers, Help("Layers shown by .glb: materials of the meshes, paint, or both")] = "both",
     read: ReadOptions = ReadOptions(),
 ) -> None:
     """Convert a painted scene or a swatch to or from the format of another program.
@@ -191,9 +190,7 @@ def convert(
 
       .scene.json                     import of a file written by hapscene, or of a
                                       mesh whose material names match swatch names
-      .glb .gltf .ply .obj .stl       export of a scene; .glb and .gltf show the look
-                                      (materials of the mesh files), the feel (paint),
-                                      or the feel over the look: --show
+      .glb .gltf .ply .obj .stl       export of a scene
       .png                            swatches of a body over its texture
                                       coordinates, a colour each, with a legend;
                                       `hapscene paint --map` reads it
