@@ -16,6 +16,8 @@ glTF has no float64: positions are rounded to float32.
 import base64
 import io
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -269,7 +271,10 @@ class _Writer:
         look |= {"metallicFactor": material.metallic, "roughnessFactor": material.roughness}
         found: dict[str, Any] = {"pbrMetallicRoughness": look}
         for key, picture in material.textures.items():
-            texture = self.add_texture(id(picture), *_encoded(picture))
+            try:
+                texture = self.add_texture(id(picture), partial(_encoded, picture))
+            except Exception:  # a damaged picture must not prevent the export
+                continue
             (look if key in ("baseColorTexture", "metallicRoughnessTexture") else found)[key] = texture
         if any(material.emissive):
             found["emissiveFactor"] = list(material.emissive)
@@ -282,10 +287,11 @@ class _Writer:
         from PIL import Image
 
         picture = Image.fromarray(np.rint(255 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8))
-        return self.add_texture(key, *_encoded(picture, "JPEG"))
+        return self.add_texture(key, partial(_encoded, picture, "JPEG"))
 
-    def add_texture(self, key: Any, content: bytes, kind: str) -> dict[str, int]:
+    def add_texture(self, key: Any, encoded: Callable[[], tuple[bytes, str]]) -> dict[str, int]:
         if key not in self.textures:
+            content, kind = encoded()
             image = self.add("images", {"bufferView": self.add_view(content), "mimeType": kind})
             self.textures[key] = self.add("textures", {"source": image})
         return {"index": self.textures[key]}

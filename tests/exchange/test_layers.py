@@ -3,6 +3,8 @@
 trimesh reads the files, and areas and distances are those of circles.
 """
 
+import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +116,17 @@ def test_import_is_exact_for_all_layers(show: Any, disc: Scene, tmp_path: Path) 
     assert np.array_equal(again.fine.path, body.fine.path[mine])
     assert np.array_equal(again.fine.paint, body.fine.paint[mine])
     assert len(load_mesh(file).faces) == len(body.mesh.faces)  # a mesh for contact is without the feel over it
+
+
+def test_damaged_texture_is_left_out(disc: Scene, tmp_path: Path) -> None:
+    (material,) = disc.bodies[0].mesh.materials
+    content = io.BytesIO()
+    Image.new("RGB", (64, 64)).save(content, "PNG")
+    cut = io.BytesIO(content.getvalue()[:60])
+    textures = {"normalTexture": Image.open(cut), **material.textures}
+    disc.bodies[0].mesh = replace(disc.bodies[0].mesh, materials=(replace(material, textures=textures),))
+    (made, *_) = _read(export_scene(disc, tmp_path / "truck.glb", show="look")[0]).values()
+    assert made.visual.material.normalTexture is None and made.visual.material.baseColorTexture is not None
 
 
 def test_other_formats_have_no_layers(disc: Scene, tmp_path: Path) -> None:
