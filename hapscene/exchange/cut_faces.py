@@ -5,7 +5,7 @@ The result has no cracks: a part is cut further where a neighbour has a vertex o
 """
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,22 +14,39 @@ from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import parts
 from hapscene.scene.topology import weld
 
-__all__ = ["cut_faces"]
+__all__ = ["CutFaces", "cut_faces"]
 
 
-def cut_faces(body: Body) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int16]]:
-    """Divide the faces of a body along its paint.
+class CutFaces(NamedTuple):
+    """The faces of a body, divided along its paint.
 
-    Parts replace their face in the order of faces. A blend is reduced to its heavier swatch.
-
-    Returns:
-        Vertices (n, 3) in the body frame [m], those of the mesh first; faces (m, 3); and the swatch of each face (m,).
+    Attributes:
+        vertices_m: vertices (n, 3) in the body frame [m], those of the mesh first.
+        faces: indices into them (m, 3). Parts replace their face in the order of faces.
+        swatch: swatch of each part (m,); a blend is reduced to its heavier swatch.
+        face: face of the mesh that each part belongs to (m,).
+        bary: barycentric coordinates of the corners of each part in that face (m, 3, 3); None if no face is divided.
     """
+
+    vertices_m: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    swatch: NDArray[np.int16]
+    face: NDArray[np.int64]
+    bary: NDArray[np.float64] | None
+
+    def corners(self, values: NDArray[Any], rows: NDArray[Any]) -> NDArray[Any]:
+        """Interpolate values at the corners of the faces of the mesh (M, 3, c) to some parts (k, 3, c)."""
+        found = values[self.face[rows]]
+        return np.asarray(found if self.bary is None else self.bary[rows] @ found)
+
+
+def cut_faces(body: Body) -> CutFaces:
+    """Divide the faces of a body along its paint."""
     mesh = body.mesh
     faces, swatch = mesh.faces.astype(np.int64), body.face_swatch
     fine = None if body.fine is None else replace(body.fine, paint=parts(body.fine.paint)[0]).joined()
     if not fine:
-        return mesh.vertices_m, faces, swatch
+        return CutFaces(mesh.vertices_m, faces, swatch, np.arange(len(faces)), None)
     names = weld(mesh.vertices_m)[faces]
     near = np.isin(names, names[fine.faces]).sum(axis=1) > 1  # neighbours that share a side
     near[fine.faces] = False
@@ -61,8 +78,13 @@ def cut_faces(body: Body) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArr
     places_m = np.einsum("nc,ncx->nx", bary[new][first], mesh.vertices_m[faces[at]])
     whole = np.flatnonzero(left)
     order = np.argsort(np.concatenate([whole, face]), kind="stable")
-    found = np.concatenate([faces[whole], corner])[order], np.concatenate([swatch[whole], paint])[order]
-    return np.concatenate([mesh.vertices_m, places_m]), *found
+    return CutFaces(
+        np.concatenate([mesh.vertices_m, places_m]),
+        np.concatenate([faces[whole], corner])[order],
+        np.concatenate([swatch[whole], paint])[order],
+        np.concatenate([whole, face])[order],
+        np.concatenate([np.broadcast_to(np.eye(3), (len(whole), 3, 3)), bary])[order],
+    )
 
 
 def _keys(names: NDArray[np.int64], face: NDArray[np.integer[Any]], bary: NDArray[np.float64]) -> NDArray[np.uint64]:

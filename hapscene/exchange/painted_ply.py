@@ -56,10 +56,10 @@ def write_ply(scene: Scene, path: Path) -> list[Path]:
     start = np.cumsum([0, *counts])
     colour = np.array([s.albedo_rgb for s in scene.swatches])
     layout: Any = [("count", "u1"), ("corners", "<i4", 3), ("body", "<i4"), ("swatch", "<i2"), ("rgb", "u1", 3)]
-    faces = np.zeros(sum(len(corners) for _, corners, _ in cut), layout)
+    faces = np.zeros(sum(len(corners) for _, corners, *_ in cut), layout)
     faces["count"] = 3
     at = 0
-    for i, (_, corners, swatch) in enumerate(cut):
+    for i, (_, corners, swatch, *_) in enumerate(cut):
         rows = faces[at : (at := at + len(corners))]
         rows["corners"], rows["body"], rows["swatch"] = corners + start[i], i, swatch
         rows["rgb"] = np.round(255 * colour[swatch])

@@ -39,7 +39,7 @@ def write_obj(scene: Scene, path: Path) -> list[Path]:
 def _obj_lines(scene: Scene) -> Iterator[str]:
     start = 1
     for body in scene.bodies:
-        vertices_m, faces, face_swatch = cut_faces(body)
+        vertices_m, faces, face_swatch, *_ = cut_faces(body)
         yield f"o {_line(body.name)}\n"
         for x, y, z in _world(body, vertices_m).tolist():
             yield f"v {x!r} {y!r} {z!r}\n"

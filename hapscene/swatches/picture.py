@@ -14,7 +14,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, figures
 from hapscene.surface.texture import Texture
 
-__all__ = ["BALL_PX", "ball_png", "plain_look"]
+__all__ = ["BALL_PX", "ball_png", "plain_look", "relief"]
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,8 @@ def ball_png(swatch: Swatch, colour: Rgb | None = None, px: int = BALL_PX) -> by
     z = np.sqrt(1.0 - x**2 - y**2)
     look = swatch.look or plain_look(swatch)
     u, v = np.arcsin(x) / math.pi * 2, np.arcsin(y) / math.pi * 2  # from −1 to 1 over the visible part
-    normal = _bent(np.stack([x, y, z], axis=2), _relief(swatch, look, u, v))
+    slopes, size_m = relief(swatch)
+    normal = _bent(np.stack([x, y, z], axis=2), _sampled(slopes, u, v, size_m))
     albedo = look.albedo()
     flat = np.array(colour or swatch.albedo_rgb)
     base = np.broadcast_to(flat, (*x.shape, 3)) if albedo is None else _sampled(albedo, u, v, look.size_m)
@@ -95,18 +96,18 @@ def _sampled(picture: Array, u: Array, v: Array, size_m: float) -> Array:
     return np.asarray(picture[row, column])
 
 
-def _relief(swatch: Swatch, look: Look, u: Array, v: Array) -> Array:
-    """Return the slopes (…, 2) of the surface along its tangents."""
-    normal = look.normal()
-    if normal is not None:
-        n = _sampled(normal, u, v, look.size_m)
-        return np.asarray(-n[..., :2] / n[..., 2:])
-    texture = swatch.texture
-    if texture is None:
-        return np.zeros((*u.shape, 2))
+def relief(swatch: Swatch) -> tuple[Array, float]:
+    """Return the slopes (h, w, 2) of a periodic relief along its tangents, to the right and up, and its size [m].
+
+    It is the normal map of the swatch, else computed from its texture; (1, 1, 2) zeros for a swatch without both.
+    """
+    normal = None if swatch.look is None else swatch.look.normal()
+    if normal is not None and swatch.look is not None:
+        return -normal[..., :2] / normal[..., 2:], swatch.look.size_m
+    if swatch.texture is None:
+        return np.zeros((1, 1, 2)), BALL_M
     roughness = swatch.parameter("lpc_texture", "texture_gain", 1.0) * figures(swatch)["roughness_m_s2"]
-    slope = SLOPE * min(math.sqrt(roughness / ROUGH_M_S2), 1.7)
-    return _sampled(slope * _slopes(texture), u, v, BALL_M)
+    return SLOPE * min(math.sqrt(roughness / ROUGH_M_S2), 1.7) * _slopes(swatch.texture), BALL_M
 
 
 @lru_cache(maxsize=256)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
 
-__all__ = ["scene_solid", "shade_of", "used_swatches"]
+__all__ = ["corner_normals", "scene_solid", "shade_of", "used_swatches"]
 
 CREASE_COS: Final = 0.95
 """Cosine of the crease angle, 18° [1]: below it, normals at a vertex are averaged; above it, edges are sharp."""
@@ -47,7 +47,7 @@ def _body_solid(body: "Body", colours: NDArray[np.float64]) -> Triangles:
         colour[plain] = own[plain] / 255
         colour[~plain] = np.clip(colour * shade_of(own, mesh.colour_rgb)[:, None], 0.0, 1.0)[~plain]
     vertices_m = mesh.vertices_m @ X_WB[:3, :3].T + X_WB[:3, 3]
-    corner_m, normal = vertices_m[mesh.faces.ravel()], _corner_normals(mesh) @ X_WB[:3, :3].T
+    corner_m, normal = vertices_m[mesh.faces.ravel()], corner_normals(mesh) @ X_WB[:3, :3].T
     if body.fine is not None:
         corners = np.concatenate((np.broadcast_to(np.eye(3), (len(whole), 3, 3)), subfaces.corners()))
         corner_m = (corners @ corner_m.reshape(-1, 3, 3)[face]).reshape(-1, 3)
@@ -64,7 +64,7 @@ def shade_of(colour_rgb: NDArray[Any], all_rgb: NDArray[Any]) -> NDArray[np.floa
     return np.asarray(1.0 + SHADE_SHARE * np.clip(grey / (all_rgb.mean() + 1.0) - 1.0, -0.5, 0.5))
 
 
-def _corner_normals(mesh: Mesh) -> NDArray[np.float64]:
+def corner_normals(mesh: Mesh) -> NDArray[np.float64]:
     """Return a normal for each corner (3 m, 3): the mean of the faces at the vertex, except across creases.
 
     Faces are weighted by their angle at the vertex, so the triangulation of flat sides has no influence.

@@ -111,7 +111,7 @@ def test_cut_faces_are_watertight(soup: bool, fine: Scene) -> None:
             body.mesh, vertices_m=triangles.reshape(-1, 3), faces=np.arange(triangles.size // 3).reshape(-1, 3)
         )
         body = replace(body, mesh=mesh)
-    vertices_m, faces, swatch = cut_faces(body)
+    vertices_m, faces, swatch, *_ = cut_faces(body)
     cut = trimesh.Trimesh(vertices_m, faces, process=False)
     cut.merge_vertices(digits_vertex=15)
     assert cut.is_watertight and cut.is_winding_consistent  # each side of a part belongs to one other part
