@@ -48,6 +48,10 @@ FELT_M: Final = (0.15, 0.5)
 """Range of the size of a scene [m], as seen on a screen. Other scenes are felt at another scale: the speed of a hand on
 a model of this size."""
 
+COLOUR_STEP: Final = 0.12
+"""Difference from the mean colour around a vertex above which a face keeps its own colour [1]; smaller differences, as
+in a texture, are drawn as a gradient."""
+
 GRAIN_PX: Final = 128
 """Size of the picture of a relief [pixels]."""
 
@@ -151,12 +155,13 @@ def _scene_json(scene: Scene, title: str, shown_max: int) -> str:
         area_m2 = np.bincount(np.searchsorted(used, solid.swatch), area_of(solid.vertices_m[solid.faces]), len(used))
         by_area = [int(i) for i in np.argsort(-area_m2) if area_m2[i] > 0.0]
         count = solid.faces.size
-        bodies.append({"name": printable(body.name, 60), "first": first, "count": count, "swatches": by_area})
+        task = _task(body.name if len(solids) > 1 else "", [scene.swatches[used[i]] for i in by_area])
+        name = printable(body.name, 60)
+        bodies.append({"name": name, "task": task, "first": first, "count": count, "swatches": by_area})
         first += count
     main = max(range(len(bodies)), key=lambda i: (len(bodies[i]["swatches"]), bodies[i]["count"]))
     content = {
         "title": title,
-        "task": _task([scene.swatches[used[i]].name for i in bodies[main]["swatches"]]),
         "main": main,  # the body that a narrow screen shows first
         "look": any(body.mesh.colour_rgb is not None for body in scene.bodies),
         "scale": min(max(1.0, FELT_M[0] / diagonal_m), FELT_M[1] / diagonal_m),
@@ -173,12 +178,15 @@ def _scene_json(scene: Scene, title: str, shown_max: int) -> str:
     return json.dumps(content | {"data": arrays.text()}, allow_nan=False)
 
 
-def _task(names: list[str]) -> str:
-    """Return a task in one sentence, for the swatches of a body by area."""
-    names = [printable(name, 40) for name in names]
+def _task(body: str, swatches: list[Swatch]) -> str:
+    """Return a task in one sentence, for a body ("" for the only one) with these swatches, by area."""
+    what = f" the {printable(body, 40)}" if body else ""
+    names = [printable(swatch.name, 40) for swatch in swatches]
     if len(names) > 1:
-        return f"Close your eyes and stroke: where does {names[0]} end and {names[1]} begin?"
-    return f"Stroke {names[0]} slowly, then fast: what changes?"
+        return f"Close your eyes and stroke{what}: where does {names[0]} end and {names[1]} begin?"
+    if swatches[0].texture is None:
+        return f"No texture yet: paint{what or ' it'} with “hapscene paint”, then convert it again."
+    return f"Stroke{what or ' ' + names[0]} slowly, then fast: what changes?"
 
 
 # --- shape ---
@@ -193,7 +201,7 @@ def _solid(body: Body, colours: Array) -> _Solid:
 
 
 def _vertices(solid: _Solid) -> tuple[Array, ...]:
-    """Return vertices for drawing. A vertex is repeated for each normal and swatch, so edges and borders are sharp.
+    """Return vertices for drawing, repeated for each normal, swatch and different colour, so that borders are sharp.
 
     Returns:
         Positions (n, 3) [m], octahedral normals (n, 2) with 127 for 1, colours (n, 3) from 0 to 255, swatches (n,),
@@ -207,9 +215,12 @@ def _vertices(solid: _Solid) -> tuple[Array, ...]:
     x, y = np.where(folded, np.copysign(1 - abs(y), x), x), np.where(folded, np.copysign(1 - abs(x), y), y)
     octahedral = np.rint(127 * np.stack([x, y], axis=1)).astype(np.int64)
     vertex, swatch = solid.faces.ravel().astype(np.int64), np.repeat(solid.swatch, 3).astype(np.int64)
-    key = vertex << 32 | swatch << 16 | (octahedral[:, 0] + 128) << 8 | octahedral[:, 1] + 128
+    colour = np.repeat(solid.colour, 3, axis=0)
+    other = np.abs(colour - _means(vertex, len(solid.vertices_m), colour)[vertex]).max(axis=1) > COLOUR_STEP
+    kind = np.where(other, 1 + np.rint(7 * colour).astype(np.int64) @ (64, 8, 1), 0)
+    key = vertex << 42 | kind << 32 | swatch << 16 | (octahedral[:, 0] + 128) << 8 | octahedral[:, 1] + 128
     _, first, corners = np.unique(key, return_index=True, return_inverse=True)
-    rgbs = np.rint(255 * _means(corners, len(first), np.repeat(solid.colour, 3, axis=0)))
+    rgbs = np.rint(255 * _means(corners, len(first), colour))
     return solid.vertices_m[vertex[first]], octahedral[first], rgbs, swatch[first], corners.reshape(-1, 3)
 
 

@@ -17,7 +17,6 @@ from hapscene.exchange.html_page import html_page
 from hapscene.scene.region import PlaneSide, Sphere
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect_registry import load_effect
-from hapscene.surface.swatch import Swatch
 from hapscene.swatches.library import load_swatch
 
 HOSTILE = "</script><img src=x onerror=alert(1)><!--<script>"
@@ -90,13 +89,14 @@ def test_page_loads_nothing() -> None:
 
 def test_untrusted_names_are_escaped() -> None:
     scene = Scene()
-    scene.add(trimesh.creation.box((0.04, 0.03, 0.02)), name=HOSTILE, unit="m", swatch=Swatch(HOSTILE))
+    hostile = replace(load_swatch("wood"), name=HOSTILE)
+    scene.add(trimesh.creation.box((0.04, 0.03, 0.02)), name=HOSTILE, unit="m", swatch=hostile)
     page = html_page(scene, HOSTILE)
     reader, plain = Reader(page), Reader(html_page(painted_box(), "box"))
     assert [tag for tag, _ in reader.found] == [tag for tag, _ in plain.found]
     content = content_of(page)
     assert content["bodies"][0]["name"] == content["swatches"][0]["name"] == HOSTILE
-    assert HOSTILE in content["task"] or HOSTILE[:39] in content["task"]
+    assert HOSTILE[:39] in content["bodies"][0]["task"]
 
 
 def test_shape_and_paint(scene: Scene) -> None:

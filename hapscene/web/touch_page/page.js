@@ -7,6 +7,7 @@ const canvas = $("canvas"), gl = canvas.getContext("webgl2", { antialias: true, 
 const scene = JSON.parse($("data").textContent);
 const FOV = 0.6, PEN_N = 3, SAMPLE_PX = 2, NO_SURFACE = -1;  // field of view [rad], force at full pen pressure, sampling of a stroke
 const SHADOW_PX = 1024, GROUND_PX = 512;  // sizes of the shadow map and of the shadow on the ground
+const MARGIN_PX = 92;  // height of the button and the hint below the bodies
 const LOOKS = 64, OPACITY = 0.6;  // swatches with a grain, and opacity of their colours over the colours of a mesh file
 const narrow = matchMedia("(max-width: 760px)"), dark = matchMedia("(prefers-color-scheme: dark)");
 
@@ -280,7 +281,8 @@ function redraw() {
 
 // --- camera: it looks at a target from a distance
 
-const camera = { target: middle, yaw: 0.41, pitch: 0.6, distance: 4 * radius };
+const START = { yaw: 0.41, pitch: 0.6 };  // view from the front, the right and above [rad]
+const camera = { target: middle, ...START, distance: 4 * radius };
 
 function lens() {
   const back = [Math.cos(camera.pitch) * Math.sin(camera.yaw), -Math.cos(camera.pitch) * Math.cos(camera.yaw), Math.sin(camera.pitch)];
@@ -303,12 +305,13 @@ function fit(body, quick = false) {
   for (let i = first; i < first + count; i += step)
     points.push([0, 1, 2].map((axis) => scene.low[axis] + scene.size[axis] * position[3 * corners[i] + axis] / 65535));
   const { right, up, back, high, wide } = lens(), sum = points.reduce((a, b) => add(a, b));
+  const top = 0.92 * high, bottom = (1 - 2 * MARGIN_PX / canvas.clientHeight) * high;  // above the button and the hint
   let target = sum.map((x) => x / points.length), distance = 0;
   for (let round = 0; round < 4; round++) {
     const seen = points.map((p) => { const q = add(p, target, -1); return [dot(q, right), dot(q, up), dot(q, back)]; });
-    distance = Math.max(...seen.map(([x, y, z]) => Math.max(Math.abs(x) / (0.9 * wide), Math.abs(y) / (0.86 * high)) + z));
+    distance = Math.max(...seen.map(([x, y, z]) => Math.max(Math.abs(x) / (0.9 * wide), y / top, -y / bottom) + z));
     const [x, y] = [0, 1].map((axis) => seen.map((p) => p[axis] / (distance - p[2]))).map((all) => (Math.min(...all) + Math.max(...all)) / 2);
-    target = add(add(target, right, x * distance), up, y * distance);
+    target = add(add(target, right, x * distance), up, (y - (top - bottom) / 2) * distance);
   }
   glide({ target, distance }, quick);
 }
@@ -546,7 +549,6 @@ function element(parent, tag, text, of = {}) {
 }
 
 function show_panel() {
-  $("task").textContent = scene.task;
   scene.swatches.forEach((swatch, i) => {
     const button = element(element($("legend"), "li", ""), "button", "", { title: `Play a stroke over ${swatch.name}` });
     element(button, "i", "").style.background = swatch.colour;
@@ -558,14 +560,17 @@ function show_panel() {
     for (const kind of ["pointerenter", "focus"]) button.addEventListener(kind, mark(i));
     for (const kind of ["pointerleave", "blur", "pointercancel"]) button.addEventListener(kind, mark(-1));
   });
-  const show = (body) => () => {
-    fit(body);
-    for (const button of $("bodies").children) button.ariaPressed = String(button.body === body);
+  const several = scene.bodies.length > 1;
+  const show = (body, quick = false) => {
+    if (!body) Object.assign(camera, START);
+    fit(body, quick);
+    $("task").textContent = (body ?? scene.bodies[scene.main]).task;
+    for (const button of $("bodies").children) button.ariaPressed = String(several && button.body === body);
   };
-  for (const body of [null, ...(scene.bodies.length > 1 ? scene.bodies : [])]) {
-    const button = element($("bodies"), "button", body?.name ?? "All", { ariaPressed: "false" });
+  for (const body of [null, ...(several ? scene.bodies : [])]) {
+    const button = element($("bodies"), "button", body?.name ?? (several ? "All" : "Reset view"), { ariaPressed: "false" });
     button.body = body;
-    button.addEventListener("click", show(body));
+    button.addEventListener("click", () => show(body));
   }
   toggle($("turn"), (on) => { canvas.style.cursor = on ? "grab" : ""; });
   toggle($("mute"), (on) => { if (on) audio?.resume(); else audio?.suspend(); show_sound(); });
@@ -576,9 +581,7 @@ function show_panel() {
   $("hint").textContent = matchMedia("(pointer: coarse)").matches ? "One finger strokes, two fingers turn and zoom" : "Drag: stroke · right button: turn · wheel: zoom";
   show_force();
   show_contact(0);
-  const first = narrow.matches ? scene.bodies[scene.main] : null;
-  fit(first, true);
-  for (const button of $("bodies").children) button.ariaPressed = String(button.body === first);
+  show(narrow.matches ? scene.bodies[scene.main] : null, true);
 }
 
 async function main() {
