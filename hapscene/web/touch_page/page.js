@@ -8,7 +8,7 @@ const scene = JSON.parse($("data").textContent);
 const FOV = 0.6, PEN_N = 3, SAMPLE_PX = 2, NO_SURFACE = -1;  // field of view [rad], force at full pen pressure, sampling of a stroke
 const SHADOW_PX = 1024, GROUND_PX = 512;  // sizes of the shadow map and of the shadow on the ground
 const MARGIN_PX = 92;  // height of the button and the hint below the bodies
-const LOOKS = 64, OPACITY = 0.6;  // swatches with a grain, and opacity of their colours over the colours of a mesh file
+const LOOKS = 64, OPACITY = 0.75;  // swatches with a grain, and opacity of their colours over the colours of a mesh file
 const narrow = matchMedia("(max-width: 760px)"), dark = matchMedia("(prefers-color-scheme: dark)");
 
 // --- data: arrays are stored as [type, start, length] in one compressed block
