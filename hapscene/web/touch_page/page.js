@@ -3,6 +3,8 @@
 // Positions are in the world frame of the scene, z up [m]; pixels are CSS pixels of the canvas.
 "use strict";
 const $ = (id) => document.getElementById(id);
+const pressed = (button) => button.getAttribute("aria-pressed") === "true";
+const press = (button, on) => button.setAttribute("aria-pressed", on);
 const canvas = $("canvas"), gl = canvas.getContext("webgl2", { antialias: true, alpha: false });
 const scene = JSON.parse($("data").textContent);
 const FOV = 0.6, PEN_N = 3, SAMPLE_PX = 2, NO_SURFACE = -1;  // field of view [rad], force at full pen pressure, sampling of a stroke
@@ -265,7 +267,7 @@ function draw() {
   gl.uniform3fv(surface.at.sun, SUN);
   gl.uniform3fv(surface.at.background, background);
   gl.uniform1i(surface.at.marked, marked);
-  gl.uniform1f(surface.at.over, $("look").ariaPressed === "true" ? 0 : OPACITY);
+  gl.uniform1f(surface.at.over, pressed($("look")) ? 0 : OPACITY);
   draw_bodies(surface, view);
   if (camera.pitch > 0) {
     gl.useProgram(ground.made);
@@ -406,9 +408,9 @@ async function load_sound(unpacked) {
   show_sound();
 }
 function sound_on() {
-  if (audio?.state !== "running" && $("mute").ariaPressed === "true") audio?.resume();
+  if (audio?.state !== "running" && pressed($("mute"))) audio?.resume();
 }
-function show_sound() { $("start").hidden = audio?.state === "running" || $("mute").ariaPressed === "false"; }
+function show_sound() { $("start").hidden = audio?.state === "running" || !pressed($("mute")); }
 
 function show_level(peak) {
   level = peak;
@@ -485,7 +487,7 @@ canvas.addEventListener("pointerdown", (event) => {
   sound_on();
   canvas.setPointerCapture(event.pointerId);
   pointers.set(event.pointerId, event);
-  const turns = event.button !== 0 || event.ctrlKey || event.altKey || event.shiftKey || $("turn").ariaPressed === "true";
+  const turns = event.button !== 0 || event.ctrlKey || event.altKey || event.shiftKey || pressed($("turn"));
   if (pointers.size === 1 && !turns) begin(event);
   else end();
 });
@@ -521,12 +523,14 @@ canvas.addEventListener("keydown", (event) => {
   event.preventDefault();
   act();
 });
+canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+canvas.addEventListener("webglcontextrestored", () => { set_up(); redraw(); });
 document.addEventListener("visibilitychange", () => { if (document.hidden) end(); });
 
 // --- panel
 
 function toggle(button, then) {
-  button.addEventListener("click", () => { button.ariaPressed = button.ariaPressed === "true" ? "false" : "true"; then?.(button.ariaPressed === "true"); });
+  button.addEventListener("click", () => { press(button, !pressed(button)); then(pressed(button)); });
 }
 
 // Plays a stroke over a swatch, with the set force: speed rises to 0.15 m/s and falls.
@@ -553,7 +557,7 @@ function show_panel() {
     const button = element(element($("legend"), "li", ""), "button", "", { title: `Play a stroke over ${swatch.name}` });
     element(button, "i", "").style.background = swatch.colour;
     element(button, "bdi", swatch.name);
-    element(button, "b", "▶", { ariaHidden: "true" });
+    element(button, "b", "▶").setAttribute("aria-hidden", "true");
     element(button, "small", swatch.words);
     const mark = (index) => () => { marked = index; redraw(); };
     button.addEventListener("click", () => { sound_on(); sample(i); });
@@ -565,10 +569,10 @@ function show_panel() {
     if (!body) Object.assign(camera, START);
     fit(body, quick);
     $("task").textContent = (body ?? scene.bodies[scene.main]).task;
-    for (const button of $("bodies").children) button.ariaPressed = String(several && button.body === body);
+    for (const button of $("bodies").children) press(button, several && button.body === body);
   };
   for (const body of [null, ...(several ? scene.bodies : [])]) {
-    const button = element($("bodies"), "button", body?.name ?? (several ? "All" : "Reset view"), { ariaPressed: "false" });
+    const button = element($("bodies"), "button", body?.name ?? (several ? "All" : "Reset view"));
     button.body = body;
     button.addEventListener("click", () => show(body));
   }
@@ -585,7 +589,10 @@ function show_panel() {
 }
 
 async function main() {
-  if (!gl) { $("hint").textContent = "This page needs WebGL 2, which this browser does not offer."; return; }
+  if (!gl || typeof DecompressionStream === "undefined") {
+    $("hint").textContent = "This browser is too old for the page: it has no WebGL 2 or no DecompressionStream.";
+    return;
+  }
   const unpacked = unpack(scene.data).then((data) => { block = data; }), sound = load_sound(unpacked);
   await unpacked;
   set_up();
