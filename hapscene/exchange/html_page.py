@@ -30,8 +30,8 @@ from hapscene.scene.scene import Scene
 from hapscene.scene.topology import area_of
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
-from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S
 from hapscene.swatches.picture import plain_look, relief
+from hapscene.swatches.sound import FULL_SCALE_M_S2, swatch_sound
 from hapscene.swatches.words import phrases
 from hapscene.view.body_triangles import corner_normals, used_swatches
 from hapscene.view.palette import distinct_colours, rgb
@@ -57,18 +57,6 @@ GRAIN_PX: Final = 128
 
 STEEPEST: Final = 1.0
 """Steepest slope of a relief [1]; steeper ones are clipped."""
-
-LOUD_M_S2: Final = 0.5
-"""A-weighted acceleration that plays at `LOUD` [m/s²]."""
-
-LOUD: Final = 0.08
-"""RMS level for listening, relative to full scale [1]: −22 dBFS leaves room for faster strokes."""
-
-EVENED: Final = 0.7
-"""Share of the level differences between swatches that is removed for listening [1]: 40 dB become 12 dB."""
-
-TAP_LOUD_M_S2: Final = 10.0
-"""Peak of a tap that plays at 40 % of full scale [m/s²]."""
 
 Array = NDArray[Any]
 
@@ -211,7 +199,7 @@ def _vertices(solid: _Solid) -> tuple[Array, ...]:
     x, y, z = (normal / np.maximum(np.abs(normal).sum(axis=1, keepdims=True), 1e-12)).T
     folded = (
         z < 0.0
-    )  # the lower half is folded over the upper one (Meyer et al. 2010, "On floating-point normal vectors")
+    )  # the lower half is folded over the upper one (Meyer et al. 2010, On floating-point normal vectors)
     x, y = np.where(folded, np.copysign(1 - abs(y), x), x), np.where(folded, np.copysign(1 - abs(x), y), y)
     octahedral = np.rint(127 * np.stack([x, y], axis=1)).astype(np.int64)
     vertex, swatch = solid.faces.ravel().astype(np.int64), np.repeat(solid.swatch, 3).astype(np.int64)
@@ -276,13 +264,9 @@ def _octant(solid: _Solid) -> Array:
 
 def _swatch(swatch: Swatch, colour: str, arrays: _Arrays) -> dict[str, Any]:
     """Return what the page needs of a swatch: see class `Voice` in sound.js."""
-    texture, effect = swatch.texture, load_effect("lpc_texture")
+    texture, effect, sound = swatch.texture, load_effect("lpc_texture"), swatch_sound(swatch)
     table = np.zeros(0) if effect.table is None else effect.table(swatch, ACCELERATION_RATE_HZ)
     depth = swatch.parameter("lpc_texture", "texture_life", 1.0)
-    spread = 0.0 if texture is None else depth * texture.log_spread
-    tap = np.zeros(0)
-    if swatch.taps is not None:
-        tap = swatch.parameter("tap", "tap_gain", 1.0) * swatch.taps.transient(TAP_M_S, ACCELERATION_RATE_HZ)
     return {
         "name": printable(swatch.name, 60),
         "words": ", ".join(phrase.word for phrase in phrases(swatch)[:3]),
@@ -290,10 +274,12 @@ def _swatch(swatch: Swatch, colour: str, arrays: _Arrays) -> dict[str, Any]:
         "table": arrays.add(table, "f4"),
         "gain": swatch.parameter("lpc_texture", "texture_gain", 1.0),
         "depth": depth,
-        "norm": log_power(spread),
-        "tap": arrays.add(tap, "f4"),
+        "norm": log_power(0.0 if texture is None else depth * texture.log_spread),
+        "tap": arrays.add(np.trim_zeros(sound.a_m_s2[: sound.start], "b"), "f4"),
+        "listen": sound.gain / FULL_SCALE_M_S2,  # true acceleration to sound
+        "knock": 1.0 / FULL_SCALE_M_S2,
         **_grain(swatch, arrays),
-    } | _listening_gains(swatch, tap)
+    }
 
 
 def _grain(swatch: Swatch, arrays: _Arrays) -> dict[str, Any]:
@@ -304,26 +290,3 @@ def _grain(swatch: Swatch, arrays: _Arrays) -> dict[str, Any]:
     small = 128 + np.rint(127 * np.clip(slopes[np.ix_(rows, columns)] / STEEPEST, -1.0, 1.0))
     roughness = (swatch.look or plain_look(swatch)).roughness
     return {"grain": arrays.add(small, "u1"), "grain_m": size_m, "gloss": 1.0 - roughness}
-
-
-def _listening_gains(swatch: Swatch, tap: Array) -> dict[str, float]:
-    """Return factors from acceleration to sound for texture and taps, which make smooth surfaces audible [s²/m]."""
-    level = 0.0
-    if swatch.texture is not None:
-        f = np.geomspace(20.0, ACCELERATION_RATE_HZ / 2, 400)
-        force_N, speed_m_s = min(FORCE_N, swatch.texture.force_max_N), min(SPEED_M_S, swatch.texture.speed_max_m_s)
-        density = swatch.texture.density([force_N], [speed_m_s], frequency_Hz=f)[0]
-        level = math.sqrt(float(np.trapezoid(density * _a_weight(f) ** 2, f)))
-    level *= swatch.parameter("lpc_texture", "texture_gain", 1.0)
-    peak = float(np.abs(tap).max(initial=0.0))
-    return {
-        "listen": LOUD / LOUD_M_S2 * (LOUD_M_S2 / max(level, 1e-5)) ** EVENED,
-        "knock": 0.4 / TAP_LOUD_M_S2 * (TAP_LOUD_M_S2 / max(peak, 1e-3)) ** EVENED,
-    }
-
-
-def _a_weight(f_Hz: Array) -> Array:
-    """Return the amplitude response of A-weighting (IEC 61672-1) at frequencies (n,) [1]."""
-    f2 = f_Hz**2
-    poles = (f2 + 20.6**2) * np.sqrt((f2 + 107.7**2) * (f2 + 737.9**2)) * (f2 + 12194.0**2)
-    return np.asarray(10**0.1 * 12194.0**2 * f2**2 / poles)
