@@ -58,6 +58,9 @@ GRAIN_PX: Final = 128
 STEEPEST: Final = 1.0
 """Steepest slope of a relief [1]; steeper ones are clipped."""
 
+HEADROOM: Final = 0.6
+"""Level relative to the sound of a swatch [1]: fast and strong strokes are up to 15 dB louder than its stroke."""
+
 Array = NDArray[Any]
 
 
@@ -276,8 +279,8 @@ def _swatch(swatch: Swatch, colour: str, arrays: _Arrays) -> dict[str, Any]:
         "depth": depth,
         "norm": log_power(0.0 if texture is None else depth * texture.log_spread),
         "tap": arrays.add(np.trim_zeros(sound.a_m_s2[: sound.start], "b"), "f4"),
-        "listen": sound.gain / FULL_SCALE_M_S2,  # true acceleration to sound
-        "knock": 1.0 / FULL_SCALE_M_S2,
+        "listen": HEADROOM * sound.gain / FULL_SCALE_M_S2,  # factor from acceleration to sound: texture,
+        "knock": HEADROOM / FULL_SCALE_M_S2,  # and taps
         **_grain(swatch, arrays),
     }
 
