@@ -236,7 +236,7 @@ def test_fingers_stroke_and_turn(opened: Callable[..., Any], demo: Path) -> None
         fingers = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)]
         hand.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
 
-    tab.evaluate("window.buzz = []; navigator.vibrate = (ms) => buzz.push(ms)")
+    tab.evaluate("() => { window.buzz = []; navigator.vibrate = (ms) => buzz.push(ms); }")
     x, y = tab.evaluate(PLACE, "epoxy")
     touch("touchStart", (x, y))
     assert tab.evaluate("buzz") == [20]
