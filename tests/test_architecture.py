@@ -49,7 +49,7 @@ EXCEPTIONS = {
     "handle/measure.py": {"capture"},  # recordings of a sweep are read like other recordings
     "handle/identification_report.py": {"view"},  # plots of the report
     "handle/live_process.py": {"loop"},  # reads the samples in the servo's memory
-    "swatches/site.py": {"view"},  # pictures and sounds of the pages
+    "swatches/site.py": {"exchange", "view"},  # pages to touch, and plots
     "swatches/sound.py": {"capture", "view"},  # synthesis of a stroke
     "warm_up.py": {"paint", "teleoperation"},  # uses all that is compiled
 }

@@ -191,6 +191,8 @@ def convert(
       .scene.json                     import of a file written by hapscene, or of a
                                       mesh whose material names match swatch names
       .glb .gltf .ply .obj .stl       export of a scene
+      .html                           page that anyone can touch and listen to:
+                                      one file, for any browser, also on a phone
       .png                            swatches of a body over its texture
                                       coordinates, a colour each, with a legend;
                                       `hapscene paint --map` reads it
@@ -200,6 +202,7 @@ def convert(
     examples:
       hapscene convert desk.scene.json              # to desk.glb
       hapscene convert desk.scene.json desk.ply
+      hapscene convert desk.scene.json desk.html    # to touch in a browser
       hapscene convert desk.glb                     # to desk.scene.json
     """
     if target is not None and target.suffix.lower() == ".hjif":

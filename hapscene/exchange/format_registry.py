@@ -12,6 +12,7 @@ import numpy as np
 from hapscene.errors import SaveConflict, SceneError, no_such
 from hapscene.exchange.gltf import write_gltf
 from hapscene.exchange.gltf_read import read_gltf
+from hapscene.exchange.html_page import write_html
 from hapscene.exchange.painted_ply import read_ply, write_ply
 from hapscene.exchange.swatch_payload import digest_of, known_swatch, warn_of_loss
 from hapscene.exchange.unpainted import read_named, write_obj, write_stl
@@ -61,6 +62,7 @@ _STL_LOSES = (
     *(*_PLAIN_LOSES, "exact positions", "order of vertices", "paint with a swatch in the library"),
     *("parameters of a swatch in the library", "texture of a swatch in the library", _FINE),
 )
+_PAGE_LOSES = ("a scene that can be imported", "stiffness, damping and friction", _BLENDS)
 
 EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
     {
@@ -69,6 +71,7 @@ EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
         "ply": Export(".ply", "PLY with the swatch on each face: MeshLab, scripts", write_ply, _PLY_LOSES),
         "obj": Export(".obj", "OBJ with a material for each swatch, by name", write_obj, _OBJ_LOSES, beside=(".mtl",)),
         "stl": Export(".stl", "STL: geometry only", write_stl, _STL_LOSES),
+        "html": Export(".html", "page to touch in any browser, one file", write_html, _PAGE_LOSES),
     }
 )
 """Export formats by name, in the order of presentation."""

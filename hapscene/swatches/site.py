@@ -7,7 +7,6 @@ external resources. `hapscene swatch get` reads the index. All names and texts a
 import base64
 import hashlib
 import os
-import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -22,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ, ACCELERATION_RATE_HZ
-from hapscene.errors import SwatchError, ViewError, printable
+from hapscene.errors import SwatchError, printable
 from hapscene.io.files import read_bytes, refusing, whole_folder
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import TOOL_FIELDS, Swatch, touched_with
@@ -50,7 +49,7 @@ from hapscene.view.palette import INK
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["NO_LICENCE", "Source", "first_page", "gather", "painted_body", "publish", "swatch_page"]
+__all__ = ["NO_LICENCE", "Source", "first_page", "gather", "publish", "swatch_page", "touch_page"]
 
 PAGE: Final = "index.html"
 
@@ -62,18 +61,15 @@ TITLE_MAX: Final = 70
 MARK: Final = "<!-- made by hapscene swatch publish -->"
 """Mark of the first page, which identifies a folder that was published before: its files may be replaced."""
 
-MADE: Final = (SUFFIX, ".html", ".wav", "-body.png", "-ball.png")
+MADE: Final = (SUFFIX, ".html", ".wav", "-touch.html", "-ball.png")
 """Suffixes of the files of each swatch."""
 
 NO_LICENCE: Final = "no licence stated: ask for permission before use"
 
-BALL_LARGE_PX: Final = 300
-"""Width of the ball that replaces the painted body if OpenGL is not available [pixels]."""
-
 PAGE_BYTES_MAX: Final = 64 * 1024 * 1024
 """Maximum size of a page from an earlier publication [bytes]."""
 
-POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src 'self'; media-src 'self'"
+POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src 'self'; media-src 'self'; frame-src 'self'"
 """Content security policy: a second protection, in case a text is not escaped."""
 
 ASSUMED: Final = {"hardness": "stiffness_N_m", "texture": "texture", "friction": "friction_dynamic", "taps": "taps"}
@@ -197,21 +193,23 @@ def _published_files(folder: Path) -> set[str]:
 
 def _write_swatch(source: Source, entry: LibraryEntry, scale: "Scale", part: Path, title: str) -> None:
     """Write all files of one swatch."""
-    from PIL import Image
-
     stem = entry.file.removesuffix(SUFFIX)
     (part / entry.file).write_bytes(source.data)
     (part / f"{stem}.wav").write_bytes(wav_bytes(swatch_sound(source.swatch)))
     (part / f"{stem}-ball.png").write_bytes(ball_png(source.swatch))
-    body = painted_body(source.swatch)
-    if body is None:
-        (part / f"{stem}-body.png").write_bytes(ball_png(source.swatch, px=BALL_LARGE_PX))
-        size = BALL_LARGE_PX, BALL_LARGE_PX
-    else:
-        size = body.shape[1], body.shape[0]
-        Image.fromarray(body, "RGBA").quantize(256).save(part / f"{stem}-body.png", "PNG", optimize=True)
-    page = swatch_page(source.swatch, entry, _plots(source.swatch, scale), size, title)
+    (part / f"{stem}-touch.html").write_text(touch_page(source.swatch), encoding="utf-8", newline="\n")
+    page = swatch_page(source.swatch, entry, _plots(source.swatch, scale), title)
     (part / f"{stem}.html").write_text(page, encoding="utf-8", newline="\n")
+
+
+def touch_page(swatch: Swatch) -> str:
+    """Return a page on which the shipped toad with the swatch can be touched: see `hapscene.exchange.html_page`."""
+    from hapscene.exchange.html_page import html_page
+
+    scene = Scene()
+    with as_file(files("hapscene_assets") / "meshes" / "toad.ply") as mesh:
+        scene.add(mesh, name="toad", unit="m", swatch=swatch)
+    return html_page(scene, swatch.name, shown_max=TOUCHED_MAX)
 
 
 # --- pages ---
@@ -236,12 +234,10 @@ def first_page(swatches: Sequence[Swatch], entries: Sequence[LibraryEntry], titl
     return _document(title, body, f"{POLICY}; script-src 'sha256-{digest}'")
 
 
-def swatch_page(
-    swatch: Swatch, entry: LibraryEntry, plots: Sequence[str], size: tuple[int, int], title: str = TITLE
-) -> str:
-    """Return the HTML of the page of a swatch; `size` is that of its picture [pixels]."""
+def swatch_page(swatch: Swatch, entry: LibraryEntry, plots: Sequence[str], title: str = TITLE) -> str:
+    """Return the HTML of the page of a swatch."""
     stem = quote(entry.file.removesuffix(SUFFIX))
-    body_alt = escape(printable(f"A body painted with {swatch.name}"))
+    touch = escape(printable(f"A body with {swatch.name} to touch"))
     rows = "".join(_row(swatch, phrase) for phrase in phrases(swatch))
     where = [
         ("provenance", _text(swatch.provenance) or "not stated"),
@@ -254,8 +250,9 @@ def swatch_page(
     body = [
         f'<nav><a href="{PAGE}">{_text(title)}</a></nav>',
         f'<main><h1>{_text(swatch.name)}</h1><p class="lead">{", ".join(p.word for p in phrases(swatch))}</p>',
-        f'<h2>Pictures</h2><div class="plots"><figure class="body"><img src="{stem}-body.png" alt="{body_alt}" '
-        f'width="{size[0]}" height="{size[1]}"></figure>{"".join(plots)}</div>',
+        f'<h2>Touch</h2><iframe src="{stem}-touch.html" title="{touch}" allow="autoplay"></iframe>'
+        f'<p><a href="{stem}-touch.html">Touch it on a page of full size</a></p>',
+        f'<div class="plots">{"".join(plots)}</div>',
         f"<h2>Sound</h2><p>{SOUND_NOTE}</p>{_audio(stem, swatch)}",
         f'<h2>Description</h2><div class="table"><table><tbody>{rows}</tbody></table></div>',
         f"<h2>Source</h2><dl>{''.join(f'<dt>{a}</dt><dd>{b}</dd>' for a, b in where)}</dl>",
@@ -344,11 +341,8 @@ RANGE_DB: Final = 70.0
 TAP_MS: Final = 60.0
 """Plotted length of a tap [ms]."""
 
-BODY_PX: Final = 400
-"""Width of the painted body [pixels]."""
-
-DRAWN_PX: Final = (800, 720)
-"""Size of the rendering before reduction, for smooth edges [pixels]."""
+TOUCHED_MAX: Final = 12_000
+"""Largest number of triangles of the body to touch [count]: its page has about 250 kB."""
 
 
 @dataclass(frozen=True)
@@ -365,33 +359,6 @@ def scale_of(swatches: Sequence[Swatch]) -> Scale:
     taps = [float(np.abs(s.taps.transient(TAP_M_S, ACCELERATION_RATE_HZ)).max()) for s in swatches if s.taps]
     top = 10.0 * np.ceil(max(levels, default=0.0) / 10.0)
     return Scale(float(top), 1.1 * max(taps, default=1.0))
-
-
-def painted_body(swatch: Swatch) -> NDArray[np.uint8] | None:
-    """Render the shipped toad with the swatch: RGBA pixels; None if OpenGL is not available."""
-    from PIL import Image
-    from scipy.ndimage import binary_erosion
-
-    from hapscene.view.picture import write_picture
-
-    scene = Scene()
-    with as_file(files("hapscene_assets") / "meshes" / "toad.ply") as mesh:
-        scene.add(mesh, name="toad", unit="m", swatch=swatch)
-    with tempfile.TemporaryDirectory(prefix="hapscene-") as folder:
-        try:
-            write_picture(scene, None, Path(folder) / "body.png", size=DRAWN_PX)
-        except ViewError:
-            return None
-        with Image.open(Path(folder) / "body.png") as picture:
-            pixels = np.asarray(picture.convert("RGB"))
-    ground = (pixels == pixels[0, 0]).all(axis=2)
-    height = len(pixels) if ground[:, 0].all() else int(np.argmin(ground[:, 0]))  # the legend is below
-    body = binary_erosion(~ground[:height])  # removes edge pixels, which contain background
-    rows, columns = np.flatnonzero(body.any(axis=1)), np.flatnonzero(body.any(axis=0))
-    cut = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    whole = np.dstack((pixels[:height], 255 * body.astype(np.uint8)))[cut]
-    size = (BODY_PX, round(BODY_PX * whole.shape[0] / whole.shape[1]))
-    return np.asarray(Image.fromarray(whole, "RGBA").resize(size, Image.Resampling.BOX))
 
 
 def _plots(swatch: Swatch, scale: Scale) -> list[str]:

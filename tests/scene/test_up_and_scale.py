@@ -101,7 +101,7 @@ def test_up_and_scale_are_rejected_for_scenes(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", EXPORTS)
+@pytest.mark.parametrize("name", [name for name in EXPORTS if name != "html"])
 def test_export_preserves_the_orientation(name: str, tmp_path: Path) -> None:
     corners = [[0, 0, 0], [0.02, 0, 0], [0, 0.05, 0], [0, 0, 0.03]]
     ramp = trimesh.Trimesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])

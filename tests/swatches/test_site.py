@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from PIL import Image
 
 from hapscene.cli import main
 from hapscene.errors import SwatchError, printable
@@ -21,7 +20,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.swatches import site as static_site
 from hapscene.swatches.library import LibraryEntry, add, entry_of, load_swatch, own_entries
-from hapscene.swatches.site import NO_LICENCE, first_page, gather, painted_body, publish, swatch_page
+from hapscene.swatches.site import NO_LICENCE, first_page, gather, publish, swatch_page
 
 pytestmark = pytest.mark.nightly
 
@@ -43,16 +42,14 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> list[static_site.Source
 @pytest.fixture(scope="module")
 def site(sources: list[static_site.Source], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("published") / "site"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(static_site, "painted_body", lambda swatch: None)  # rendering takes seconds
-        publish(sources, folder, "Ours & <others>")
+    publish(sources, folder, "Ours & <others>")
     return folder
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sites without pictures and plots."""
-    monkeypatch.setattr(static_site, "painted_body", lambda swatch: None)
+    """Sites without pages to touch and plots."""
+    monkeypatch.setattr(static_site, "touch_page", lambda swatch: "")
     monkeypatch.setattr(static_site, "_plots", lambda swatch, scale: [])
 
 
@@ -104,27 +101,14 @@ def test_files_of_a_swatch(site: Path) -> None:
     assert not (site / "index.swatch").exists() and (site / "index_2.html").is_file()
     for page in sorted(site.glob("*.html")):
         stem = page.stem
-        if stem == "index":
+        if stem == "index" or stem.endswith("-touch"):
             continue
         text = page.read_text(encoding="utf-8")
         assert text.count("<svg") == 2 and f'src="{stem}.wav"' in text and f'href="{stem}.swatch"' in text
-        with Image.open(site / f"{stem}-body.png") as picture:
-            assert f'width="{picture.width}" height="{picture.height}"' in text
-        assert sum(file.stat().st_size for file in site.glob(f"{stem}*")) < 300_000
+        assert f'src="{stem}-touch.html"' in text and (site / f"{stem}-touch.html").stat().st_size > 100_000
+        assert sum(file.stat().st_size for file in site.glob(f"{stem}*")) < 350_000
     assert NO_LICENCE in (site / "index_2.html").read_text(encoding="utf-8")
     assert (site / "index.html").read_text(encoding="utf-8").count(NO_LICENCE) == 1
-
-
-def test_picture_of_the_body(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    wood = load_swatch("wood")
-    body = painted_body(wood)
-    if body is None:
-        pytest.skip("no GL here")
-    monkeypatch.setattr(static_site, "_plots", lambda swatch, scale: [])
-    publish(gather(["wood"]), tmp_path / "site")
-    with Image.open(tmp_path / "site" / "wood-body.png") as picture:
-        assert picture.size == body.shape[1::-1]
-        assert picture.convert("RGBA").getpixel((0, 0))[3] == 0  # type: ignore[index]
 
 
 # Replacement of files.
@@ -138,7 +122,7 @@ def test_publish_again(tmp_path: Path) -> None:
     (site / "notes.html").write_text("other")
     publish(gather(["wood"]), site, "Again")
     names = {file.name for file in site.iterdir()}
-    wood = {f"wood{end}" for end in (".swatch", ".html", ".wav", "-body.png", "-ball.png")}
+    wood = {f"wood{end}" for end in (".swatch", ".html", ".wav", "-touch.html", "-ball.png")}
     assert names == {"CNAME", "notes.html", "index.html", "index.json"} | wood
     assert "Again" in (site / "index.html").read_text()
 
@@ -232,7 +216,7 @@ class Skeleton(HTMLParser):
 def pages(name: str, provenance: str, licence: str, tag: str, title: str) -> list[str]:
     swatch = Swatch(name, provenance=provenance, licence=licence, absent={"stiffness_N_m": provenance}, tool=tag)
     entry = entry_of(swatch, b"", tags=(tag,))
-    return [first_page([swatch], [entry], title), swatch_page(swatch, entry, [], (300, 300), title)]
+    return [first_page([swatch], [entry], title), swatch_page(swatch, entry, [], title)]
 
 
 WORDS = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=60).filter(lambda text: text.strip())
