@@ -139,6 +139,8 @@ def _stated(swatch: Swatch, name: str, value: str) -> str:
     if name in swatch.intervals:
         low, high = swatch.intervals[name]
         return f"{value} (95 %: {low:.3g} to {high:.3g})"
+    if f"{name}.interval" in swatch.absent:
+        value += f" (no interval: {swatch.absent[f'{name}.interval']})"
     return f"not measured: {swatch.absent[name]}; {value} assumed" if name in swatch.absent else value
 
 
