@@ -29,6 +29,10 @@ LMT = (
     "luhangluis/crossmodal_graph_coding at commit 90962921. Its unit is not stated: 1 = 1 g is assumed, which puts its "
     "level (0.6 m/s² rms) among those of other plates. Force and speed were not recorded: 1 N and 0.1 m/s assumed."
 )
+LEVELS = {
+    CDP: "rate (10 kHz) and unit (m/s²) of the recording are inferred",
+    LMT: "the unit of the recording is not stated; 1 g is assumed",
+}
 ASSUMED = " Assumed, not recorded: stiffness, taps (form and size after Okamura et al. 2001){more}."
 
 
@@ -82,6 +86,7 @@ def fit_shipped(name: str, folder: Path) -> Swatch:
         albedo_rgb=source.albedo_rgb,
         provenance=source.provenance.format(name=name) + ASSUMED.format(more=", friction" if source.friction else ""),
         licence=LICENCE,
+        absent={**swatch.absent, "texture.level": LEVELS[source.provenance]},
     )
 
 
