@@ -138,14 +138,11 @@ def _remembered(provenance: str, file: str) -> dict[str, Any]:
     fitted, _, text = provenance.partition(READ_WITH)
     try:
         stored = json.JSONDecoder().raw_decode(text)[0] if file in fitted else {}
-        pairs = {name: {key: str(value) for key, value in dict(stored[name]).items()} for name in PAIRS & stored.keys()}
+        names = {"columns", "units"} & stored.keys()
+        pairs = {name: {key: str(value) for key, value in dict(stored[name]).items()} for name in names}
         return pairs | ({"rate_Hz": float(stored["rate_Hz"])} if "rate_Hz" in stored else {})
     except (ValueError, TypeError, AttributeError):
         return {}  # not the text of a fit
-
-
-PAIRS: Final = {"columns", "units"}
-"""Options of `load_recording` that are pairs of names."""
 
 
 @app.command

@@ -104,9 +104,9 @@ def fit_friction(recordings: Sequence[SegmentedRecording]) -> Friction:
     of sliding. This is the median of F_t/F_n weighted by F_n, which tolerates outliers in half of the blocks. No offset
     is fitted, because the range of forces in a stroke is too small to separate it from the slope.
 
-    If the speeds span a factor of `SPEED_RANGE` and friction changes significantly by at least `DROP_MIN`, the fit is
+    If the speeds span a factor of `SPEED_RANGE` and friction changes significantly, by `DROP_MIN` or `CHANGE_MIN`, it is
     μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + μ_v v (Stribeck and viscous friction; Armstrong-Hélouvry, Dupont & Canudas
-    de Wit 1994), with each term only if it is significant.
+    de Wit 1994), with each term only if it is significant. Without μ_v, μ_d is the friction at the recorded speeds.
 
     Static friction is the median of the largest force ratios at breakaways from rest, or else that of the Stribeck
     curve, or else the dynamic coefficient. It is never below the dynamic one.
@@ -133,18 +133,17 @@ def fit_friction(recordings: Sequence[SegmentedRecording]) -> Friction:
             f"there are {len(slips)} stick–slip cycles (expected {SLIPS_MIN}; they need a recorded speed): record more "
             "strokes"
         )
-    curve = _over_speed(blocks)
-    dynamic, absent, intervals, note = _slope(blocks), {}, {}, ""
-    if curve.reason:
-        absent["friction_stribeck"] = curve.reason
+    numbers, known, reason = _over_speed(blocks)
+    dynamic, intervals, note = _slope(blocks), {}, ""
+    absent = {"friction_stribeck": reason} if reason else {}
     if blocks.count < STROKES_MIN:
         expected = f"expected at least {STROKES_MIN}, separated by rests or reversals"
         absent["friction_dynamic.interval"] = f"the recording has too few strokes ({blocks.count}; {expected})"
     else:
-        intervals = {"friction_dynamic": _of_strokes(blocks, dynamic)} | curve.intervals
-    dynamic = curve.numbers.get("friction_dynamic", dynamic)
-    static = curve.numbers.get("friction_static", dynamic)
-    if "friction_static" in curve.numbers:
+        intervals = {"friction_dynamic": _of_strokes(blocks, dynamic)} | known
+    dynamic = numbers.get("friction_dynamic", dynamic)
+    static = numbers.get("friction_static", dynamic)
+    if "friction_static" in numbers:
         note = f"Friction decreases with speed up to {1e3 * float(np.quantile(blocks.speed, 0.98)):.0f} mm/s."
     pulls = np.array(_breakaways(recordings))
     if len(pulls):
@@ -161,16 +160,15 @@ def fit_friction(recordings: Sequence[SegmentedRecording]) -> Friction:
         elif len(pulls) >= STROKES_MIN:
             intervals["friction_static"] = _of_median(*pulls.T)
         else:
-            expected = f"expected at least {STROKES_MIN}"
-            absent["friction_static.interval"] = f"the tool starts from rest only {len(pulls)} times ({expected})"
-    elif "friction_static" not in curve.numbers:
+            absent["friction_static.interval"] = f"{len(pulls)} starts from rest (expected at least {STROKES_MIN})"
+    elif "friction_static" not in numbers:
         absent["friction_static"] = "the tool never starts from rest in the recording; the dynamic coefficient is used"
     if max(static, dynamic) > FRICTION_MAX:
         raise CaptureError(
             f"friction coefficients {dynamic:.3g} and {static:.3g}; expected at most {FRICTION_MAX:g}: check units of "
             "both forces"
         )
-    over_speed = (curve.numbers.get(f"friction_{name}", 0.0) for name in ("stribeck_m_s", "viscous_s_m"))
+    over_speed = (numbers.get(f"friction_{name}", 0.0) for name in ("stribeck_m_s", "viscous_s_m"))
     return Friction(max(static, dynamic), dynamic, intervals, absent, note, *over_speed)
 
 
@@ -258,29 +256,19 @@ def _of_strokes(blocks: _Blocks, middle: float) -> tuple[float, float]:
     return middle - half, middle + half
 
 
-@dataclass(frozen=True)
-class _Curve:
-    """Coefficients over speed with 95 % intervals, and why there is no Stribeck curve."""
-
-    numbers: dict[str, float]
-    intervals: dict[str, tuple[float, float]]
-    reason: str
-
-
-def _over_speed(blocks: _Blocks) -> _Curve:
-    """Fits the Stribeck curve and viscous friction, each if significant.
+def _over_speed(blocks: _Blocks) -> tuple[dict[str, float], dict[str, tuple[float, float]], str]:
+    """Coefficients over speed and their intervals, if significant, and why there is no Stribeck curve.
 
     The law is linear except in v_s, which is chosen from a grid. All is repeated without each stroke (row 0: with all).
     """
     speed, ratio, count = blocks.speed, blocks.ratio, blocks.count
     slow, fast = np.quantile(speed, [0.02, 0.98])
     if np.ptp(speed) == 0.0:
-        return _Curve({}, {}, "the speed was not recorded, or never changes")
+        return {}, {}, "the speed was not recorded, or never changes"
     if len(speed) < 20 or fast < SPEED_RANGE * slow:
-        ratio_text = f"the highest speed is {fast / max(slow, 1e-9):.1f} times the lowest"
-        return _Curve({}, {}, f"{ratio_text}; expected at least {SPEED_RANGE:g}")
+        return {}, {}, f"the highest speed is {fast / max(slow, 1e-9):.1f} times the lowest (expected {SPEED_RANGE:g})"
     if count < STROKES_MIN:
-        return _Curve({}, {}, f"the recording has too few strokes ({count}; expected at least {STROKES_MIN})")
+        return {}, {}, f"the recording has too few strokes ({count}; expected at least {STROKES_MIN})"
     scales = np.geomspace(max(0.5 * slow, 0.01 * fast), fast / FLAT, SCALES)
     plain = np.stack([ratio * blocks.normal, blocks.normal, speed])
     near = min((_curve(plain, v_s) for v_s in scales[::2]), key=lambda fit: fit[0])[1]
@@ -343,7 +331,7 @@ def _over_speed(blocks: _Blocks) -> _Curve:
     if not reason:
         numbers["friction_stribeck_m_s"], factor = float(scale[0]), float(np.exp(SEARCHED * half(np.log(scale))))
         intervals["friction_stribeck_m_s"] = float(scale[0]) / factor, float(scale[0]) * factor
-    return _Curve(numbers, intervals, reason)
+    return numbers, intervals, reason
 
 
 def _drawn(counts: Array, weight: Array, ratio: Array, columns: Array) -> tuple[Array, Array]:
