@@ -2,7 +2,7 @@
 
 The recordings are public, at the commits that `SOURCES` names, but no licence is stated for them, so they are not in
 this repository; the swatches hold coefficients fitted to them. Quantities that were not recorded are assumed; the
-provenance of each swatch lists them. The filter order is the smallest whose error is not perceptible.
+provenance of each swatch lists them.
 """
 
 import sys
@@ -10,9 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hapscene.capture import FitOptions, fit_swatch, load_recording
-from hapscene.capture.fit.order import perceptual_domain
 from hapscene.capture.io.recording import SurfaceRecording
-from hapscene.capture.io.streams import clean
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
@@ -31,6 +29,10 @@ LMT = (
     "luhangluis/crossmodal_graph_coding at commit 90962921. Its unit is not stated: 1 = 1 g is assumed, which puts its "
     "level (0.6 m/s² rms) among those of other plates. Force and speed were not recorded: 1 N and 0.1 m/s assumed."
 )
+LEVELS = {
+    CDP: "rate (10 kHz) and unit (m/s²) of the recording are inferred",
+    LMT: "the unit of the recording is not stated; 1 g is assumed",
+}
 ASSUMED = " Assumed, not recorded: stiffness, taps (form and size after Okamura et al. 2001){more}."
 
 
@@ -72,10 +74,7 @@ def load_source(name: str, folder: Path) -> SurfaceRecording:
 def fit_shipped(name: str, folder: Path) -> Swatch:
     """Fit a swatch to its recording in `folder`."""
     source, recording = SOURCES[name], load_source(name, folder)
-    filtered = clean(recording.acceleration_m_s2, recording.rate_Hz).acceleration_m_s2
-    order, warp = perceptual_domain(filtered, recording.rate_Hz)
-    recording = replace(recording, depth_m=None)
-    swatch = fit_swatch(recording, FitOptions(name, order, domain="warped" if warp else "plain"))
+    swatch = fit_swatch(recording, FitOptions(name))
     static, dynamic = source.friction or (swatch.friction_static, swatch.friction_dynamic)
     amplitude = source.tap_1_s * TAP_SPEED_M_S
     return replace(
@@ -87,6 +86,7 @@ def fit_shipped(name: str, folder: Path) -> Swatch:
         albedo_rgb=source.albedo_rgb,
         provenance=source.provenance.format(name=name) + ASSUMED.format(more=", friction" if source.friction else ""),
         licence=LICENCE,
+        absent={**swatch.absent, "texture.level": LEVELS[source.provenance]},
     )
 
 

@@ -81,7 +81,7 @@ def linear_prediction(material: Material) -> FigureResult:
     s, signal = material.streams, at_paper_rate(material)
     first, second = np.array_split(signal, 2)
     chosen = search_order(signal, PAPER_RATE_HZ).chosen
-    note = "the smallest order that loses nothing the recording supports; another surface"
+    note = "the smallest order within one JND of the highest order; another surface"
     by_hand = "another surface, moved freely by hand"
     caption = "Fig. 4, caption"
     numbers = [

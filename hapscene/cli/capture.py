@@ -1,5 +1,6 @@
 """`hapscene capture`: record a surface, fit a swatch, evaluate the fit."""
 
+import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -90,14 +91,14 @@ def fit(
         )
     if name is not None and any(sign in name for sign in "/\\"):
         raise SwatchError(f"--name {name!r} contains a slash; expected a name that can be part of a file name")
-    swatch = _fitted(recordings, name or out.stem, plot, reading.reading(), options)
+    swatch = _fitted(recordings, name or out.stem, plot, reading, options)
     save_swatch(swatch, str(out))
     print_lines([verdict(swatch), *lines(swatch)])
     print_files([out, *([] if plot is None else [plot])])
 
 
 def _fitted(
-    paths: Sequence[str], name: str, plot: Path | None, reading: dict[str, Any], options: TextureOptions
+    paths: Sequence[str], name: str, plot: Path | None, reading: RecordingOptions, options: TextureOptions
 ) -> "Swatch":
     from hapscene import __version__
     from hapscene.capture.fit.segment import InteractionState
@@ -110,7 +111,7 @@ def _fitted(
     parts = []
     for path in paths:
         with step(print_progress, f"reading {path}"):
-            recording = [load_recording(path, **reading)]
+            recording = [load_recording(path, **reading.reading())]
             with refusing(CaptureError, path):
                 parts.append(prepare(recording.pop()))  # pop: free the recording, which may be large
         lengths_s = {state: parts[-1][1].seconds(state) for state in InteractionState}
@@ -122,7 +123,26 @@ def _fitted(
     with step(print_progress, "fitting"), refusing(CaptureError, ", ".join(paths)):
         swatch = fit_recordings(parts, options.fitting(name))
     files = printable(", ".join(Path(path).name for path in paths))
-    return replace(swatch, provenance=f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip())
+    given = {name: value for name, value in reading.reading().items() if value}
+    options_text = f" {READ_WITH}{json.dumps(given)}." if given else ""
+    fitted = f"Fitted by hapscene {__version__} to {files}.{options_text} {swatch.provenance}"
+    return replace(swatch, provenance=fitted.strip())
+
+
+READ_WITH: Final = "Read with "
+"""Start of the options of `load_recording` in the provenance of a swatch, as JSON."""
+
+
+def _remembered(provenance: str, file: str) -> dict[str, Any]:
+    """The options of `load_recording` with which a fit read `file`; empty if it read another file."""
+    fitted, _, text = provenance.partition(READ_WITH)
+    try:
+        stored = json.JSONDecoder().raw_decode(text)[0] if file in fitted else {}
+        names = {"columns", "units"} & stored.keys()
+        pairs = {name: {key: str(value) for key, value in dict(stored[name]).items()} for name in names}
+        return pairs | ({"rate_Hz": float(stored["rate_Hz"])} if "rate_Hz" in stored else {})
+    except (ValueError, TypeError, AttributeError):
+        return {}  # not the text of a fit
 
 
 @app.command
@@ -199,10 +219,11 @@ def report(
 ) -> None:
     """Write a report on the quality of a swatch: verdict, plots, figures, missing measurements.
 
+    A recording that the swatch was fitted to is read with the options of the fit.
+
     examples:
       hapscene capture report wood                             # to wood.html
-      hapscene capture report oak.swatch oak.csv --rate 10000 \\
-          --units acceleration=m/s2,force=N
+      hapscene capture report oak.swatch oak.csv
     """
     out = out or new_file(f"{base_name(swatch)}.html")
     from hapscene.capture.io.recording import load_recording
@@ -210,7 +231,10 @@ def report(
     from hapscene.swatches.library import load_swatch
 
     fitted = load_swatch(swatch)
-    loaded = None if recording is None else load_recording(recording, **reading.reading())
+    loaded = None
+    if recording is not None:
+        given = {name: value for name, value in reading.reading().items() if value}
+        loaded = load_recording(recording, **_remembered(fitted.provenance, recording.name) | given)
     write_report(fitted, str(out), loaded, "" if recording is None else recording.name)
     print_files([out])
 

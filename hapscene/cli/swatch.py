@@ -252,12 +252,18 @@ def _pair_text(comparison: "Comparison", surfaces: Iterable["ComparedSurface"]) 
     if comparison.tools is not None:
         one, two = comparison.tools
         lines.append(f"recorded with different tools ({one}; {two}): the tools alone can cause such a difference")
+    lines += _assumed([comparison])
     lines += [f"not compared: {name} ({reason})" for name, reason in comparison.skipped.items()]
     return lines + [
         f"repeatability of {s.swatch.name}: the halves of its recording differ by {s.repeat_jnd:.1f} JND"
         for s in surfaces
         if s.repeat_jnd is not None
     ]
+
+
+def _assumed(comparisons: Sequence["Comparison"]) -> list[str]:
+    levels = dict(pair for comparison in comparisons for pair in comparison.assumed.items())
+    return [f"vibration level of {name} is assumed: {reason}" for name, reason in levels.items()]
 
 
 def _row(d: "Difference") -> tuple[str, str, str, str, str, str]:
@@ -284,7 +290,7 @@ def _rank_text(ranked: Sequence["Comparison"]) -> list[str]:
     for place, c in enumerate(ranked, 1):
         distance = f"{c.distance_jnd:.1f} JND" if c.largest else ""
         rows.append((str(place), c.second, distance, c.largest.quantity.name if c.largest else "", c.verdict))
-    return [*table(rows), "1 JND is the just-noticeable difference", ""]
+    return [*table(rows), "1 JND is the just-noticeable difference", *_assumed(ranked), ""]
 
 
 @app.command

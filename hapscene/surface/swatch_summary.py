@@ -92,7 +92,8 @@ def lines(swatch: Swatch) -> list[str]:
         text.append(_line("texture", _missing(swatch, "texture")))
     else:
         at_N, at_m_s = min(FORCE_N, texture.force_max_N), min(SPEED_M_S, texture.speed_max_m_s)
-        text.append(_line("roughness", f"{found['roughness_m_s2']:.3g} m/s² rms at {at_N:.3g} N and {at_m_s:.3g} m/s"))
+        rough = f"{found['roughness_m_s2']:.3g} m/s² rms at {at_N:.3g} N and {at_m_s:.3g} m/s"
+        text.append(_line("roughness", _stated(swatch, "texture.level", rough)))
         count = sounding(texture)
         size = f"{count} model{'s' if count != 1 else ''} of order {texture.order} at {texture.rate_Hz:g} Hz"
         reach = f"up to {texture.force_max_N:.3g} N and {texture.speed_max_m_s:.3g} m/s"
@@ -139,6 +140,10 @@ def _stated(swatch: Swatch, name: str, value: str) -> str:
     if name in swatch.intervals:
         low, high = swatch.intervals[name]
         return f"{value} (95 %: {low:.3g} to {high:.3g})"
+    if name == "texture.level" and name in swatch.absent:
+        return f"{value} (assumed: {swatch.absent[name]})"
+    if (reason := swatch.absent.get(f"{name}.interval")) is not None:
+        value += f" (no interval: {reason})"
     return f"not measured: {swatch.absent[name]}; {value} assumed" if name in swatch.absent else value
 
 

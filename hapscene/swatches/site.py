@@ -303,7 +303,8 @@ def _tags(entry: LibraryEntry) -> str:
 
 
 def _row(swatch: Swatch, phrase: Phrase) -> str:
-    reason = swatch.absent.get(ASSUMED[phrase.quality], "")
+    key = ASSUMED[phrase.quality]
+    reason = swatch.absent.get(key) or swatch.absent.get(f"{key}.level", "")
     figure = _text(f"{phrase.figure} (assumed: {reason})" if phrase.figure and reason else phrase.figure or reason)
     head = f'<tr><th scope="row">{phrase.quality}</th><td class="value">{phrase.word}</td>'
     return f'{head}<td class="figure">{figure}</td></tr>'

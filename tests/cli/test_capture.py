@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hapscene.cli import main
+from hapscene.cli.capture import _remembered
 from hapscene.surface.swatch_summary import lines
 from hapscene.swatches.library import load_swatch
 
@@ -36,7 +37,7 @@ def test_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = capsys.readouterr().out
     for text in (
         "of order",
-        "0.4 dynamic (95 %: 0.4 to 0.4)",
+        "0.4 dynamic (no interval: the recording has too few strokes",
         "taps        not measured: no tap",
         "oak.swatch",
     ):
@@ -145,6 +146,26 @@ def test_report_with_a_recording(tmp_path: Path) -> None:
     options = ("--rate", "2000", "--columns", "acceleration=a", "--units", "acceleration=m/s2")
     run_report("wood", str(tmp_path / "noise.csv"), "-o", str(tmp_path / "wood.html"), *options)
     assert "noise.csv: 2.00 s at 2000 Hz" in (tmp_path / "wood.html").read_text(encoding="utf-8")
+
+
+def test_a_report_reads_the_recording_as_the_fit_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    oak, page, oak_csv = tmp_path / "oak.swatch", tmp_path / "oak.html", write(tmp_path / "oak.csv")
+    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS)
+    assert run(str(oak_csv), "-o", str(oak), "--order", "4", *options) == 0
+    assert run_report(str(oak), str(oak_csv), "-o", str(page)) == 0
+    assert "oak.csv: 2.00 s at 2000 Hz" in page.read_text(encoding="utf-8")
+    assert run_report(str(oak), str(oak_csv), "-o", str(page), "--rate", "4000") == 0  # a given option counts more
+    assert "oak.csv: 1.00 s at 4000 Hz" in page.read_text(encoding="utf-8")
+    other = oak_csv.rename(tmp_path / "pine.csv")  # of another file nothing is known
+    assert (
+        run_report(str(oak), str(other), "-o", str(page)) == 2 and 'no column "acceleration"' in capsys.readouterr().err
+    )
+
+
+@pytest.mark.parametrize("stored", ["", "[1]", '{"rate_Hz": []}', '{"columns": 3}', '{"units": {"force": 1}}', "{"])
+def test_options_of_a_stranger_are_no_error(stored: str) -> None:
+    found = _remembered(f"Fitted to oak.csv. Read with {stored}.", "oak.csv")
+    assert found in ({}, {"units": {"force": "1"}})
 
 
 def test_invalid_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -116,11 +116,11 @@ def _fit_damping(recordings: Sequence[SegmentedRecording], found: ContactFit) ->
         contacts = [part for part in split if len(part) > 2]
     kinds = {"damping_Ns_m": (0, 1), "hunt_crossley_Ns_m2": (0, 2)}
     found_of = {name: _left_out(contacts, columns) for name, columns in kinds.items()}
-    name = min(found_of, key=lambda name: found_of[name][1])
-    without, error = found_of[name]
+    name, other = sorted(found_of, key=lambda name: float(found_of[name][1].sum()))
+    without, errors = found_of[name]
     value, half = _solve(contacts, kinds[name]), jackknife_half(without)
     (_, low), (_, high) = value - half, value + half
-    better = error < _left_out(contacts, (0,))[1]
+    better = errors.sum() < _left_out(contacts, (0,))[1].sum()
     unit = "N·s/m" if name == "damping_Ns_m" else "N·s/m²"
     interval = f"95 % interval {low:.2g} to {high:.2g} {unit}"
     if high < 0.0 and better:
@@ -129,6 +129,10 @@ def _fit_damping(recordings: Sequence[SegmentedRecording], found: ContactFit) ->
         found.absent["damping_Ns_m"] = f"the fit is negative ({interval}): {delay}"
     elif low <= 0.0 or not better:
         found.absent["damping_Ns_m"] = f"not significantly different from 0 ({interval})"
+    elif not _is_smaller(errors, found_of[other][1]):
+        kinds_text = "constant damping and damping proportional to the depth"
+        found.absent["damping_Ns_m"] = f"{kinds_text} fit equally well: record more and faster presses to other depths"
+        found.add(("stiffness_N_m",), value[:1], half[:1])
     else:
         found.add(("stiffness_N_m", name), value, half)
         if name != "damping_Ns_m":
@@ -170,14 +174,21 @@ def _solve(contacts: Sequence[Array], columns: Sequence[int]) -> Array:
     return np.asarray(np.linalg.lstsq(x, y, rcond=None)[0])
 
 
-def _left_out(contacts: Sequence[Array], columns: Sequence[int]) -> tuple[Array, float]:
-    """Coefficients (n, k) without each contact, and their total squared error on the omitted contacts [N²]."""
+def _left_out(contacts: Sequence[Array], columns: Sequence[int]) -> tuple[Array, Array]:
+    """Coefficients (n, k) without each contact, and the squared errors (n,) on the omitted contacts [N²]."""
     without = np.array([_solve([*contacts[:i], *contacts[i + 1 :]], columns) for i in range(len(contacts))])
-    total = 0.0
+    errors = []
     for rows, found in zip(contacts, without, strict=True):
         x, y = _centred(rows, columns)
-        total += float(((y - x @ found) ** 2).sum())
-    return without, total
+        errors.append(float(((y - x @ found) ** 2).sum()))
+    return without, np.array(errors)
+
+
+def _is_smaller(first: Array, second: Array) -> bool:
+    """Whether the errors of one model on omitted contacts (n,) are smaller than those of another: Student's t, 10 %."""
+    gain = second - first
+    least = float(scipy.stats.t.ppf(0.9, len(gain) - 1)) * float(gain.std(ddof=1)) / len(gain) ** 0.5
+    return bool(gain.mean() > least)
 
 
 def _ends(recordings: Sequence[SegmentedRecording]) -> list[tuple[Streams, Run]]:
@@ -204,6 +215,8 @@ def _fit_adhesion(recordings: Sequence[SegmentedRecording], found: ContactFit) -
         if channels.force_N[end : part.stop].min(initial=0.0) > -PULL_MIN * noise(channels.force_N, channels.rate_Hz):
             continue
         pulls = True
+        if part.stop - part.start < before:
+            continue  # too short for the low-pass of the model
         depth = _depth_of_leaving(channels, part, end)
         fitted = None if depth is None else _pull(channels.force_N[part], depth, channels.rate_Hz, found.numbers)
         if fitted is not None:

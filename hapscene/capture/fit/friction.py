@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -9,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hapscene.capture.fit.segment import BRIEF_S, InteractionState, SegmentedRecording, noise, runs
-from hapscene.capture.io.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
+from hapscene.capture.io.streams import Array
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
 
@@ -18,11 +19,19 @@ __all__ = ["EDGE_S", "Friction", "fit_friction", "no_sliding"]
 BLOCK_S: Final = 0.05
 """Length of the blocks over which forces are averaged before the fit [s]."""
 
-CORRELATED: Final = 5
-"""Neighbouring blocks that the bootstrap draws together; hand motion is correlated over a quarter of a second."""
+FINE: Final = 10
+"""Parts of a block whose speeds are kept, because the Stribeck curve is not linear in the speed."""
 
-DRAWS: Final = 400
-"""Number of bootstrap samples; the ends of the intervals are then accurate to a tenth of their width."""
+STROKE_S: Final = 1.0
+"""Longest stroke [s]; steady sliding is divided into strokes of this length."""
+
+COMMON_ERROR: Final = 0.005
+"""Relative standard error of dynamic friction that all strokes share [1]: they cross the same places, and friction may
+rise below the recorded speeds. From simulated recordings."""
+
+STROKES_MIN: Final = 4
+"""Fewest strokes for a 95 % interval. Friction differs between strokes (place, direction, tilt), so the blocks of one
+stroke are not independent: intervals from blocks contained the true value in 50 to 70 % of simulated recordings."""
 
 EDGE_S: Final = 0.05
 """Time that is omitted at both ends of sliding [s], where the tool breaks away and comes to rest."""
@@ -30,24 +39,34 @@ EDGE_S: Final = 0.05
 SPEED_RANGE: Final = 3.0
 """Smallest ratio of highest to lowest speed at which a Stribeck curve is fitted [1]."""
 
-DROP_MIN: Final = 0.03
-"""Smallest relative change of friction with speed that counts [1]; the JND is 11 %."""
+CHANGE_MIN: Final = 0.03
+"""Smallest relative growth of friction with speed that counts [1]; the JND is 11 %."""
+
+DROP_MIN: Final = 0.05
+"""Smallest relative decrease of friction with speed that counts [1]. Friction differs between places as well, and the
+slow parts of strokes are often at the same places."""
+
+FLAT: Final = 2.0
+"""Smallest ratio of the highest speed to the Stribeck speed [1]; the Stribeck term is then 2 % of its value at rest."""
 
 SCALES: Final = 24
 """Number of Stribeck speeds v_s that are tried; their spacing is 15 % if the speeds span a factor of 30."""
 
-BREAKAWAY_S: Final = (0.05, 0.03)
-"""Time before and after the start of sliding in which the largest force ratio of an abrupt start is searched [s]."""
+STRIBECK_MAX: Final = 0.7
+"""Largest half-width of the 95 % interval of the logarithm of the Stribeck speed that counts as measured [1]."""
+
+SEARCHED: Final = 1.5
+"""Factor on the half-width of the logarithm of the Stribeck speed [1], since the speed is searched on a grid. Without
+it, intervals contained the true value in 87 % of simulated recordings, with it in 97 %."""
+
+BREAKAWAY_S: Final = (0.05, 0.005)
+"""Time before and after the start of sliding in which the largest force ratio is searched [s]."""
+
+PEAK_ERROR: Final = 0.02
+"""Common relative standard error of the largest force ratios [1]: the low-pass lowers a sharp peak, noise raises it."""
 
 STILL_S: Final = 0.05
 """Shortest rest before sliding that counts as a breakaway [s]."""
-
-PULL_S: Final = (0.045, 0.02)
-"""Time before and after a breakaway over which the force ratio is fitted by two parabolas [s]."""
-
-LATE_S: Final = 0.003
-"""Standard deviation of the time of breakaway about the time that the speed indicates [s]; limited to three times this
-value."""
 
 SAWTOOTH_S: Final = 0.03
 """Time before a slip over which the force ratio is fitted by a line [s]."""
@@ -85,17 +104,18 @@ def fit_friction(recordings: Sequence[SegmentedRecording]) -> Friction:
     of sliding. This is the median of F_t/F_n weighted by F_n, which tolerates outliers in half of the blocks. No offset
     is fitted, because the range of forces in a stroke is too small to separate it from the slope.
 
-    If the speeds span a factor of `SPEED_RANGE` and friction changes significantly by at least `DROP_MIN`, the fit is
+    If the speeds span a factor of `SPEED_RANGE` and friction changes by `DROP_MIN` or `CHANGE_MIN`, the fit is
     μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + μ_v v (Stribeck and viscous friction; Armstrong-Hélouvry, Dupont & Canudas
-    de Wit 1994), with each term only if it is significant.
+    de Wit 1994), with each term only if it is significant. Without μ_v, μ_d is the friction at the recorded speeds.
 
-    Static friction is the median force ratio at breakaways from rest, or else that of the Stribeck curve, or else the
-    dynamic coefficient. It is never below the dynamic one.
+    Static friction is the median of the largest force ratios at breakaways from rest, or else that of the Stribeck
+    curve, or else the dynamic coefficient. It is never below the dynamic one.
 
     If the tool only sticks and slips, static friction is the force ratio at the start of the slips, and dynamic
     friction the mean ratio over the slips, since the momentum of the tool is 0 before and after each.
 
-    The intervals come from a bootstrap over runs of neighbouring blocks, and from Student's t for breakaways and slips.
+    The intervals come from Student's t and the scatter between whole strokes, breakaways or slips (a jackknife that
+    leaves out one stroke at a time). A quantity with too few of them has a reason instead of an interval.
 
     Raises:
         CaptureError: the coefficients exceed `FRICTION_MAX`.
@@ -104,7 +124,7 @@ def fit_friction(recordings: Sequence[SegmentedRecording]) -> Friction:
     if not recordings:
         return _not_measured("neither the tangential force nor a friction ratio was recorded")
     blocks = _blocks(recordings)
-    if blocks.shape[1] < 3:
+    if len(blocks.ratio) < 3:
         slips = _slips(recordings)
         if len(slips) >= SLIPS_MIN:
             return _of_slips(slips)
@@ -113,30 +133,35 @@ def fit_friction(recordings: Sequence[SegmentedRecording]) -> Friction:
             f"there are {len(slips)} stick–slip cycles (expected {SLIPS_MIN}; they need a recorded speed): record more "
             "strokes"
         )
-    draws = _draws(blocks.shape[1])
-    dynamic, absent, note = _slope(blocks), {}, ""
-    intervals = {"friction_dynamic": _interval(np.array([_slope(blocks[:, draw]) for draw in draws]))}
-    drawn, reason = _over_speed(blocks, draws, dynamic)
-    if reason:
-        absent["friction_stribeck"] = reason
-    intervals |= {name: _interval(values) for name, values in drawn.items()}
-    numbers = {name: float(np.median(values)) for name, values in drawn.items()}
+    numbers, known, reason = _over_speed(blocks)
+    dynamic, intervals, note = _slope(blocks), {}, ""
+    absent = {"friction_stribeck": reason} if reason else {}
+    if blocks.count < STROKES_MIN:
+        expected = f"expected at least {STROKES_MIN}, separated by rests or reversals"
+        absent["friction_dynamic.interval"] = f"the recording has too few strokes ({blocks.count}; {expected})"
+    else:
+        intervals = {"friction_dynamic": _of_strokes(blocks, dynamic)} | known
     dynamic = numbers.get("friction_dynamic", dynamic)
     static = numbers.get("friction_static", dynamic)
     if "friction_static" in numbers:
-        note = f"Friction decreases with speed up to {1e3 * float(np.quantile(blocks[2], 0.98)):.0f} mm/s."
+        note = f"Friction decreases with speed up to {1e3 * float(np.quantile(blocks.speed, 0.98)):.0f} mm/s."
     pulls = np.array(_breakaways(recordings))
     if len(pulls):
         static = float(np.median(pulls[:, 0]))
         intervals.pop("friction_static", None)
-        if len(pulls) >= 3:
-            intervals["friction_static"] = _of_median(*pulls.T)
-        note = f"Static friction is the median of {len(pulls)} breakaways."
+        note = f"Static friction is the median of {len(pulls)} breakaway{'s' if len(pulls) > 1 else ''}."
         if static < dynamic:
             static = dynamic
             note += " It was lower than dynamic friction, which is used instead."
-            intervals["friction_static"] = intervals["friction_dynamic"]
-    elif reason:
+            if "friction_dynamic" in intervals:
+                intervals["friction_static"] = intervals["friction_dynamic"]
+            else:
+                absent["friction_static.interval"] = absent["friction_dynamic.interval"]
+        elif len(pulls) >= STROKES_MIN:
+            intervals["friction_static"] = _of_median(*pulls.T)
+        else:
+            absent["friction_static.interval"] = f"{len(pulls)} starts from rest (expected at least {STROKES_MIN})"
+    elif "friction_static" not in numbers:
         absent["friction_static"] = "the tool never starts from rest in the recording; the dynamic coefficient is used"
     if max(static, dynamic) > FRICTION_MAX:
         raise CaptureError(
@@ -151,17 +176,30 @@ def _not_measured(reason: str) -> Friction:
     return Friction(0.0, 0.0, {}, {"friction_dynamic": reason, "friction_static": reason})
 
 
-def _blocks(recordings: Sequence[SegmentedRecording]) -> Array:
-    """Magnitudes of mean tangential force, normal force and speed, and the variance of the speed (4, m), per block.
+@dataclass(frozen=True)
+class _Blocks:
+    """m blocks of sliding: ratio of mean forces, mean normal force and speed (m,), speeds (m, FINE), stroke (m,)."""
 
-    Blocks with less than a tenth of the largest normal force are omitted. The variance is that of a linear change
-    between the halves of a block, which excludes noise.
-    """
-    rows = []
+    ratio: Array
+    normal: Array
+    speed: Array
+    fine: Array
+    stroke: NDArray[np.intp]
+
+    @property
+    def count(self) -> int:
+        """Number of strokes."""
+        return int(self.stroke[-1]) + 1
+
+
+def _blocks(recordings: Sequence[SegmentedRecording]) -> _Blocks:
+    """Blocks of all sliding; those with less than a tenth of the largest normal force are omitted."""
+    rows, fine, strokes = [np.zeros((3, 0))], [np.zeros((0, FINE))], [np.zeros(0, np.intp)]
     for channels, states in recordings:
         assert channels.tangential_force_N is not None
         length, edge = max(1, round(BLOCK_S * channels.rate_Hz)), round(EDGE_S * channels.rate_Hz)
         streams = np.stack([channels.tangential_force_N, channels.force_N, channels.speed_m_s])
+        middle = ((np.arange(FINE) + 0.5) * length / FINE).astype(np.intp)
         for start, end in states.runs(InteractionState.SLIDING):
             # edges are omitted where the tool starts or stops, but not at the ends of the recording
             first = start + (edge if start > 0 else 0)
@@ -169,84 +207,135 @@ def _blocks(recordings: Sequence[SegmentedRecording]) -> Array:
             count = (last - first) // length
             if count > 0:
                 cut = streams[:, first : first + count * length].reshape(3, count, length)
-                halves = [half.mean(axis=1) for half in np.array_split(cut[2], 2, axis=1)]
-                rows.append(np.concatenate([np.abs(cut.mean(axis=2)), [(halves[1] - halves[0]) ** 2 / 3.0]]))
-    blocks = np.concatenate(rows, axis=1) if rows else np.zeros((4, 0))
-    return blocks[:, blocks[1] > 0.1 * blocks[1].max(initial=0.0)]
+                rows.append(np.abs(cut.mean(axis=2)))
+                fine.append(cut[2][:, middle])
+                strokes.append(_strokes(rows[-1][2]) + sum(int(each[-1]) + 1 for each in strokes if len(each)))
+    tangential, normal, speed = np.concatenate(rows, axis=1)
+    kept = normal > 0.1 * normal.max(initial=0.0)
+    stroke = np.unique(np.concatenate(strokes)[kept], return_inverse=True)[1]
+    return _Blocks((tangential[kept] / normal[kept]), normal[kept], speed[kept], np.concatenate(fine)[kept], stroke)
 
 
-def _draws(count: int) -> NDArray[np.intp]:
-    """Indices (DRAWS, count) of a block bootstrap."""
-    together = min(CORRELATED, max(1, count // 3))
-    rng = np.random.default_rng(0)
-    first = rng.integers(0, count, (DRAWS, -(-count // together)))
-    return ((first[:, :, None] + np.arange(together)).reshape(DRAWS, -1) % count)[:, :count]
+def _strokes(speed_m_s: Array) -> NDArray[np.intp]:
+    """Number of the stroke (m,) of each block of a slide.
+
+    A stroke ends where the speed falls below half of its maximum and rises to twice the minimum again, or after
+    `STROKE_S`.
+    """
+    borders, top, low, lowest = [0], 0.0, np.inf, 0
+    for i, speed in enumerate(speed_m_s.tolist()):
+        if speed < low:
+            low, lowest = speed, i
+        if low < 0.5 * top and speed > 2.0 * low:
+            borders.append(lowest)
+            top, low = speed, speed
+        elif speed > top:
+            top, low = speed, speed
+    made, most = np.zeros(len(speed_m_s), np.intp), round(STROKE_S / BLOCK_S)
+    for first, last in pairwise([*borders, len(made)]):
+        pieces = max(1, (last - first) // most)
+        made[first:last] = made[first - 1] + 1 + np.arange(last - first) * pieces // max(1, last - first)
+    return np.asarray(made - made[0])
 
 
-def _slope(blocks: Array) -> float:
+def _slope(blocks: _Blocks, chosen: slice | NDArray[np.bool_] = slice(None)) -> float:
     """Median of the force ratios, weighted by normal force."""
-    tangential, normal = blocks[:2]
-    ratio = tangential / normal
+    ratio, normal = blocks.ratio[chosen], blocks.normal[chosen]
     order = np.argsort(ratio)
     weight = np.cumsum(normal[order])
     return float(ratio[order][np.searchsorted(weight, 0.5 * weight[-1])])
 
 
-def _over_speed(blocks: Array, draws: NDArray[np.intp], dynamic: float) -> tuple[dict[str, Array], str]:
-    """Bootstrap samples (draws,) of the coefficients of the Stribeck curve by name, and a reason if there is no curve.
+def _of_strokes(blocks: _Blocks, middle: float) -> tuple[float, float]:
+    """95 % interval of the median by the scatter of the medians of strokes, weighted as the strokes are."""
+    own = np.array([_slope(blocks, blocks.stroke == k) for k in range(blocks.count)])
+    weight = np.bincount(blocks.stroke, blocks.normal) / blocks.normal.sum()
+    freedom = max(1.0, 1.0 / float((weight**2).sum()) - 1.0)
+    variance = float((weight**2 * (own - weight @ own) ** 2).sum()) * (freedom + 1.0) / freedom
+    half = float(np.hypot(scipy.stats.t.ppf(0.975, freedom) * variance**0.5, 1.96 * COMMON_ERROR * middle))
+    return middle - half, middle + half
 
-    The law is linear except in v_s, which is chosen from a grid for each bootstrap sample. Within a block the speed may
-    change; the mean of the curve over the block is approximated to second order.
+
+def _over_speed(blocks: _Blocks) -> tuple[dict[str, float], dict[str, tuple[float, float]], str]:
+    """Coefficients over speed and their intervals, if significant, and why there is no Stribeck curve.
+
+    The law is linear except in v_s, which is chosen from a grid. All is repeated without each stroke (row 0: with all).
     """
-    tangential, normal, speed, spread = blocks
+    speed, ratio, count = blocks.speed, blocks.ratio, blocks.count
     slow, fast = np.quantile(speed, [0.02, 0.98])
     if np.ptp(speed) == 0.0:
-        return {}, "the speed was not recorded, or never changes"
+        return {}, {}, "the speed was not recorded, or never changes"
     if len(speed) < 20 or fast < SPEED_RANGE * slow:
-        return (
-            {},
-            f"the highest speed is {fast / max(slow, 1e-9):.1f} times the lowest; expected at least {SPEED_RANGE:g}",
-        )
-    scales = np.geomspace(max(slow, 0.02 * fast), fast / 1.5, SCALES)
-    near = min((_curve(blocks[:3], v_s) for v_s in scales[::2]), key=lambda fit: fit[0])[1]
+        return {}, {}, f"the highest speed is {fast / max(slow, 1e-9):.1f} times the lowest (expected {SPEED_RANGE:g})"
+    if count < STROKES_MIN:
+        return {}, {}, f"the recording has too few strokes ({count}; expected at least {STROKES_MIN})"
+    scales = np.geomspace(max(0.5 * slow, 0.01 * fast), fast / FLAT, SCALES)
+    plain = np.stack([ratio * blocks.normal, blocks.normal, speed])
+    near = min((_curve(plain, v_s) for v_s in scales[::2]), key=lambda fit: fit[0])[1]
     finer = near * np.geomspace(0.75, 1.33, 19)  # the robust weights need an accurate curve
-    weight = min((_curve(blocks[:3], v_s) for v_s in finer), key=lambda fit: fit[0])[2]
-    counts = np.stack([np.bincount(draw, minlength=len(speed)) for draw in draws]).astype(np.float64)
-    ratio, one = tangential / normal, np.ones(len(speed))
+    weight = min((_curve(plain, v_s) for v_s in finer), key=lambda fit: fit[0])[2]
+    counts = np.concatenate([np.ones((1, len(speed))), np.arange(count)[:, None] != blocks.stroke])
+    one, quantile = np.ones(len(speed)), float(scipy.stats.t.ppf(0.975, count - 1))
 
     def best(*columns: Array) -> tuple[Array, Array]:
-        """Coefficients (k, draws) of the columns and of the Stribeck term, and v_s of each draw."""
+        """Coefficients (k, rows) of the columns and of the Stribeck term, and v_s of each row."""
         tried = scales
         for _ in range(2):  # the second grid refines the first between the neighbours of the best
-            place = (speed / tried[:, None]) ** 2
-            falls = np.exp(-place) * (1.0 + spread * (2.0 * place - 1.0) / tried[:, None] ** 2)
+            falls = np.exp(-((blocks.fine / tried[:, None, None]) ** 2)).mean(axis=2)
             of_all = [_drawn(counts, weight, ratio, np.stack([*columns, fall])) for fall in falls]
             at = np.argmin([error for _, error in of_all], axis=0)
             found = np.array([of_all[i][0][k] for k, i in enumerate(at)]).T, tried[at]
-            low, high = np.quantile(tried[at], [0.02, 0.98]) / [scales[1] / scales[0], scales[0] / scales[1]]
+            low, high = tried[at].min() * scales[0] / scales[1], tried[at].max() * scales[1] / scales[0]
             tried = np.geomspace(low, high, 2 * SCALES)
         return found
 
-    def is_significant(change: Array, whole: Array) -> bool:
-        """Whether the 95 % interval of a change is above 0 and the change large enough."""
-        return bool(np.quantile(change, 0.025) > 0.0 and np.median(change) >= DROP_MIN * np.median(whole))
+    def half(values: Array) -> float:
+        """Half-width of the 95 % interval of a coefficient (rows,)."""
+        return quantile * float(np.sqrt((count - 1.0) * values[1:].var()))
 
+    def is_significant(change: Array, whole: float, least: float) -> bool:
+        """Whether the 95 % interval of a change is above 0 and the change large enough."""
+        return bool(change[0] > half(change) and change[0] >= least * whole)
+
+    usual = _slope(blocks)
     (level, viscous, drop), scale = best(one, speed)
+    full = {"friction_dynamic": level[0], "friction_viscous_s_m": viscous[0]}
     found = {"friction_viscous_s_m": viscous}
-    if not is_significant(viscous * fast, np.array(dynamic)):
+    if not is_significant(viscous * fast, usual, CHANGE_MIN):
         (level, drop), scale = best(one)
         found = {}
-    if is_significant(drop, level) and level.min() > 0.0:
-        found |= {"friction_dynamic": level, "friction_static": level + drop, "friction_stribeck_m_s": scale}
-        return found, ""
-    reason = f"friction does not decrease with speed between {1e3 * slow:.0f} and {1e3 * fast:.0f} mm/s"
-    level, viscous = _drawn(counts, weight, ratio, np.stack([one, speed]))[0].T
-    grows = is_significant(viscous * fast, np.array(dynamic))
-    return {"friction_dynamic": level, "friction_viscous_s_m": viscous} if grows else {}, reason
+    slow_strokes = len(np.unique(blocks.stroke[speed < scale[0]]))
+    if not is_significant(drop, usual, DROP_MIN):
+        reason = f"friction does not decrease with speed between {1e3 * slow:.0f} and {1e3 * fast:.0f} mm/s"
+    elif slow_strokes < STROKES_MIN:
+        reason = (
+            f"{slow_strokes} strokes are slower than {1e3 * scale[0]:.0f} mm/s for {1e3 * BLOCK_S:g} ms (expected at "
+            f"least {STROKES_MIN}): record slower strokes"
+        )
+    elif scale.max() >= 0.99 * scales[-1] or half(np.log(scale)) > STRIBECK_MAX:
+        reason = "friction decreases with speed, but differently in each stroke: record more and slower strokes"
+    else:
+        reason = ""
+        found |= {"friction_dynamic": level, "friction_static": level + drop}
+    if reason:
+        level, viscous = _drawn(counts, weight, ratio, np.stack([one, speed]))[0].T
+        grows = is_significant(viscous * fast, usual, CHANGE_MIN)
+        found = {"friction_dynamic": level, "friction_viscous_s_m": viscous} if grows else {}
+    numbers = {name: float(values[0]) for name, values in found.items()}
+    common = 1.96 * COMMON_ERROR * usual  # of friction; of its slope over speed if both ends differ by it
+    also = {"friction_dynamic": common, "friction_viscous_s_m": 2.0 * common / fast}
+    intervals = {}
+    for name, values in found.items():  # an omitted term changes the others: the difference is part of their error
+        wide = np.linalg.norm([half(values), values[0] - full.get(name, values[0]), also.get(name, 0.0)])
+        intervals[name] = numbers[name] - float(wide), numbers[name] + float(wide)
+    if not reason:
+        numbers["friction_stribeck_m_s"], factor = float(scale[0]), float(np.exp(SEARCHED * half(np.log(scale))))
+        intervals["friction_stribeck_m_s"] = float(scale[0]) / factor, float(scale[0]) * factor
+    return numbers, intervals, reason
 
 
 def _drawn(counts: Array, weight: Array, ratio: Array, columns: Array) -> tuple[Array, Array]:
-    """Weighted least squares for each draw: coefficients (draws, k) of columns (k, m), and squared errors (draws,)."""
+    """Weighted least squares for each row of counts (rows, m): coefficients (rows, k) of columns (k, m), and errors."""
     weighted, size = counts * weight**2, len(columns)
     products = (columns[:, None] * columns).reshape(size * size, -1)
     normal = (weighted @ products.T).reshape(-1, size, size)
@@ -272,20 +361,12 @@ def _curve(blocks: Array, scale_m_s: float) -> tuple[float, float, Array]:
 
 
 def _breakaways(recordings: Sequence[SegmentedRecording]) -> list[tuple[float, float]]:
-    """Force ratio at each breakaway, and its uncertainty due to that of the time of breakaway.
-
-    Two parabolas, low-passed as the forces are, are fitted to the force ratio before and after the breakaway; the ratio
-    is the end of the first one. If they fit less than a third of the breakaways, which are then abrupt, the largest
-    ratio over 10 ms is used.
-    """
-    pulls: list[tuple[float, float]] = []
-    jerks: list[tuple[float, float]] = []
+    """Largest force ratio at each breakaway, and its standard deviation due to the noise of the forces."""
+    pulls = []
     for channels, states in recordings:
         assert channels.tangential_force_N is not None
         rate, n = channels.rate_Hz, len(channels.force_N)
-        length = max(1, round(0.01 * rate))
-        tangential = np.abs(scipy.ndimage.uniform_filter1d(channels.tangential_force_N, length))
-        normal = scipy.ndimage.uniform_filter1d(channels.force_N, length)
+        tangential = np.abs(channels.tangential_force_N)
         before, after = (round(s * rate) for s in BREAKAWAY_S)
         least = 0.1 * float(channels.force_N.max())
         scatter = noise(channels.tangential_force_N, rate), noise(channels.force_N, rate)
@@ -299,39 +380,16 @@ def _breakaways(recordings: Sequence[SegmentedRecording]) -> list[tuple[float, f
                 rest = channels.speed_rest_m_s
                 calm = channels.speed_m_s[first:still_end] < rest + (states.speed_on_m_s - rest) / 3.0
                 begun = first + int(np.flatnonzero(calm)[-1]) + 1 if np.any(calm) else begun
-            part = slice(first, min(n, still_end + after))
-            pressed = normal[part] > least
+            part = slice(first, min(n, begun + after))
+            pressed = channels.force_N[part] > least
             if not np.any(pressed):
                 continue
-            level = float(np.median(channels.force_N[part][pressed]))
-            pull, slope, left = _broken(channels, begun)
-            if left <= 3.0 * np.hypot(scatter[0], pull * scatter[1]) / level + 1e-9:
-                pulls.append((pull, abs(slope) * LATE_S))
-            else:
-                jerks.append((float((tangential[part][pressed] / normal[part][pressed]).max()), 0.0))
-    return pulls if len(pulls) > len(jerks) // 2 else jerks
-
-
-def _broken(channels: Streams, begun: int) -> tuple[float, float, float]:
-    """Force ratio at a breakaway near sample `begun`, its slope before it [1/s], and the rms residual of the fit."""
-    assert channels.tangential_force_N is not None
-    rate = channels.rate_Hz
-    before, after, margin, late = (round(s * rate) for s in (*PULL_S, 0.06, 3.0 * LATE_S))
-    first, last = begun - late - before, begun + late + after
-    if first < 0 or last > len(channels.force_N) or np.any(channels.force_N[first:last] <= 0.0):
-        return 0.0, 0.0, np.inf
-    t_s = np.arange(-before - margin, after + margin) / rate
-    halves = [np.where(side, t_s**k, 0.0) for side in (t_s < 0.0, t_s >= 0.0) for k in range(3)]
-    models = filtered(np.stack(halves), rate, HAND_CUTOFF_HZ, "lowpass")[:, margin:-margin]
-    ratio = channels.tangential_force_N[first:last] / channels.force_N[first:last]
-    windows = np.lib.stride_tricks.sliding_window_view(ratio, before + after)
-    found = np.linalg.lstsq(models.T, windows.T, rcond=None)[0]
-    left = np.mean((found.T @ models - windows) ** 2, axis=1)
-    apart = 2.0 * HAND_CUTOFF_HZ * sum(PULL_S)  # independent samples after the low-pass
-    likelihood = (left / max(left.min(), 1e-12)) ** (-0.5 * apart)
-    likelihood *= np.exp(-0.5 * (np.arange(-late, late + 1) / (LATE_S * rate)) ** 2)
-    likelihood /= likelihood.sum()
-    return abs(float(likelihood @ found[0])), float(likelihood @ found[1]), float(np.sqrt(left.min()))
+            normal = channels.force_N[part][pressed]
+            pull = float((tangential[part][pressed] / normal).max())
+            pulls.append(
+                (pull, float(np.hypot(PEAK_ERROR * pull, np.hypot(scatter[0], pull * scatter[1]) / np.median(normal))))
+            )
+    return pulls
 
 
 def _slips(recordings: Sequence[SegmentedRecording]) -> list[tuple[float, float, float, float]]:
@@ -402,9 +460,3 @@ def _of_median(values: Array, off: Array) -> tuple[float, float]:
     error = np.sqrt(0.5 * np.pi / count) * float(np.std(values, ddof=1))
     half = float(np.hypot(scipy.stats.t.ppf(0.975, count - 1) * error, 1.96 * np.median(off)))
     return middle - half, middle + half
-
-
-def _interval(values: Array) -> tuple[float, float]:
-    """95 % interval of bootstrap values (m,), by quantiles."""
-    low, high = np.quantile(values, [0.025, 0.975])
-    return float(low), float(high)

@@ -8,7 +8,7 @@ quantities are assumed not to add up, so the distance is a lower estimate.
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -124,6 +124,7 @@ class Comparison:
         differences: differences in the quantities that both surfaces have.
         skipped: reasons for the quantities that were not compared, by name.
         tools: tools of both recordings, if they are known and differ.
+        assumed: what the vibration levels rest on, by surface, if rate or unit of the recording are inferred.
     """
 
     first: str
@@ -131,6 +132,7 @@ class Comparison:
     differences: tuple[Difference, ...]
     skipped: dict[str, str]
     tools: tuple[str, str] | None = None
+    assumed: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def largest(self) -> Difference | None:
@@ -162,6 +164,7 @@ class Comparison:
             "differences": [{key: _finite(value) for key, value in row.items()} for row in rows],
             "skipped": self.skipped,
             "tools": self.tools,
+            "assumed": self.assumed,
         }
 
 
@@ -186,7 +189,8 @@ def compare(first: Swatch, second: Swatch) -> Comparison:
             found += differences(first, second)
         except _NotCompared as reason:
             skipped |= {quantity.name: str(reason) for quantity in quantities}
-    return Comparison(first.name, second.name, tuple(found), skipped, _tools(first, second))
+    assumed = {s.name: s.absent["texture.level"] for s in (first, second) if "texture.level" in s.absent}
+    return Comparison(first.name, second.name, tuple(found), skipped, _tools(first, second), assumed)
 
 
 def _tools(first: Swatch, second: Swatch) -> tuple[str, str] | None:

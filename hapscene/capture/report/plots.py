@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from hapscene.capture.fit.order import OrderSearch
+from hapscene.capture.fit.order import PERCEPTUAL_JND, OrderSearch
 from hapscene.capture.fit.segment import InteractionState, Segmentation
 from hapscene.capture.io.streams import Array, Streams
 from hapscene.capture.report.numbers import HeldOut
@@ -102,19 +102,19 @@ def plot_spectra(held_out: HeldOut) -> Plot:
 
 
 def plot_order(search: OrderSearch, order: int) -> Plot:
-    """Held-out spectral distance and misfit of each order, with the order of the swatch."""
+    """Held-out spectral distance and difference from the highest order, over the order, with that of the swatch."""
 
     def draw(upper: "Axes", lower: "Axes") -> None:
         upper.plot(search.orders, search.distance_dB, color=BLUE, label="held-out spectral distance")
         upper.axhline(
-            search.floor_dB, color=MUTED, linestyle=DOTTED, label="floor (distance of the halves), permitted misfit"
+            search.floor_dB, color=MUTED, linestyle=DOTTED, label="floor (distance of the halves), permitted difference"
         )
         # the range omits the first orders, to resolve the flat part
         low, high = min(search.distance_dB.min(), search.floor_dB), np.quantile(search.distance_dB, 0.95)
         upper.set(ylabel="LSD [dB]", ylim=(low - 0.2 * (high - low + 0.2), high + 0.4 * (high - low + 0.2)))
-        lower.axhline(search.allowed_dB, color=MUTED, linestyle=DOTTED)
-        lower.plot(search.orders, search.misfit_dB, color=PURPLE, label="misfit")
-        lower.set(xlabel="order of the models", ylabel="misfit [dB]", ylim=(0.0, 5.0 * search.allowed_dB))
+        lower.axhline(PERCEPTUAL_JND, color=MUTED, linestyle=DOTTED)
+        lower.plot(search.orders, search.difference_jnd, color=PURPLE, label="difference from the highest order")
+        lower.set(xlabel="order of the models", ylabel="bands [JND]", ylim=(0.0, 4.0 * PERCEPTUAL_JND))
         upper.axvline(order, color=ORANGE, linestyle=DASHED, label=f"order of the swatch, {order}")
         lower.axvline(order, color=ORANGE, linestyle=DASHED)
 
@@ -123,9 +123,9 @@ def plot_order(search: OrderSearch, order: int) -> Plot:
         "Order",
         f"The swatch has order {order} with a held-out distance of {search.distance_dB[at]:.2f} dB; the best order has "
         f"{search.distance_dB.min():.2f} dB. For this recording, the search chooses order {search.chosen}, the "
-        f"smallest one with a misfit of at most {search.allowed_dB:.2f} dB.",
+        "smallest one that differs from the highest order by less than one JND in each band.",
         drawn("order", draw, 3.8, panels=(3, 2)),
-        "Held-out log-spectral distance and misfit over the order of the models.",
+        "Held-out log-spectral distance and difference from the highest order over the order of the models.",
     )
 
 

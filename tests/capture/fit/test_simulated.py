@@ -11,7 +11,6 @@ from hapscene.capture.io.streams import clean, speed_of
 
 from ..signals import fit
 from ..simulated_tool import noisy, pulled, tapped
-from .test_friction import broken_away, stroke
 
 pytestmark = pytest.mark.nightly
 
@@ -166,35 +165,3 @@ def test_intervals_of_taps_contain_the_true_values(tapping):
                 held[k] += sum(low <= planted <= high for low, high in pairs) / 6.0
     print(f"six of six: {six / 2:.1f} %, frequency {100 * held[0] / six:.1f} %, decay {100 * held[1] / six:.1f} %")
     assert six >= 190 and np.all(held / six > 0.92)
-
-
-def fitted_stiffness(seed):
-    found = fit_stiffness([part(pressed(lambda d: 500.0 * d, seed=seed))])
-    return {"stiffness_N_m": found.interval}
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize(
-    ("intervals", "planted"),
-    [
-        (lambda seed: fit_friction(broken_away(seed, 20)).intervals, {"friction_static": 0.6, "friction_dynamic": 0.4}),
-        (lambda seed: fit_friction(stroke(lambda v: 0.3 + 0.0 * v, seed)).intervals, {"friction_dynamic": 0.3}),
-        (
-            lambda seed: fit_friction(stroke(lambda v: 0.3 + 0.15 * np.exp(-((v / 0.03) ** 2)), seed)).intervals,
-            {"friction_dynamic": 0.3, "friction_static": 0.45, "friction_stribeck_m_s": 0.03},
-        ),
-        (
-            lambda seed: fit_friction(stroke(lambda v: 0.3 + 0.7 * v, seed)).intervals,
-            {"friction_dynamic": 0.3, "friction_viscous_s_m": 0.7},
-        ),
-        (fitted_stiffness, {"stiffness_N_m": 500.0}),
-    ],
-    ids=["breaks", "coulomb", "stribeck", "viscous", "stiffness"],
-)
-def test_intervals_of_forces_contain_the_true_values(intervals, planted):
-    """Of 200 recordings nine in ten hold it, and none that is held always is far too wide."""
-    found = [intervals(seed) for seed in range(200)]
-    for name, value in planted.items():
-        held = np.mean([one[name][0] <= value <= one[name][1] for one in found])
-        print(f"{name}: {100 * held:.1f} %")
-        assert held >= 0.9

@@ -148,3 +148,10 @@ def test_invalid_files_of_a_library_are_reported(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(CaptureError, match="no readable swatch"):
         load_library(tmp_path / "empty")
+
+
+def test_an_assumed_level_is_stated() -> None:
+    wood, leather = load_swatch("wood"), load_swatch("leather")
+    comparison = compare(wood, replace(leather, absent={}))
+    assert comparison.assumed == {"wood": wood.absent["texture.level"]}
+    assert comparison.as_dict()["assumed"] == comparison.assumed

@@ -1,0 +1,97 @@
+"""95 % intervals contain the true value in 90 to 99 % of simulated recordings of random surfaces and natural hands."""
+
+import math
+from collections import defaultdict
+from dataclasses import replace
+
+import numpy as np
+
+from hapscene.capture.fit.contact import fit_contact
+from hapscene.capture.fit.friction import _blocks, _slope, fit_friction
+from hapscene.capture.fit.stiffness import fit_stiffness
+from tests.capture.natural_strokes import Hand, Surface, pressed_in, stroked
+
+COUNT = 300
+
+
+def between(rng: np.random.Generator, low: float, high: float) -> float:
+    """A random number whose logarithm is uniform."""
+    return math.exp(rng.uniform(math.log(low), math.log(high)))
+
+
+def check(held: dict[str, list[bool]], least: dict[str, int]) -> None:
+    """Checks the share of intervals that contain the true value, and that enough quantities were measured."""
+    for name, inside in held.items():
+        print(f"{name}: {100 * np.mean(inside):.1f} % of {len(inside)}")
+        assert 0.9 <= np.mean(inside) <= 0.99 and len(inside) >= least[name], name
+    assert held.keys() == least.keys()
+
+
+def test_friction() -> None:
+    """A quarter of the surfaces has no Stribeck curve, half no viscous friction; a term that is not there counts as 0.
+
+    Without a viscous term, dynamic friction is that at the recorded speeds.
+    """
+    held = defaultdict(list)
+    for seed in range(COUNT):
+        rng = np.random.default_rng([7, seed])
+        dynamic = rng.uniform(0.15, 0.6)
+        surface = Surface(
+            static=dynamic * (1.0 if rng.random() < 0.25 else rng.uniform(1.1, 1.6)),
+            dynamic=dynamic,
+            stribeck_m_s=between(rng, 0.008, 0.05),
+            viscous_s_m=0.0 if rng.random() < 0.5 else dynamic * rng.uniform(0.5, 2.5),
+        )
+        hand = Hand(
+            strokes=int(rng.integers(3, 21)),
+            length_m=between(rng, 0.04, 0.15),
+            duration_s=between(rng, 0.5, 3.0),
+            rest_s=between(rng, 0.05, 0.5),
+            force_N=rng.uniform(1.0, 3.0),
+            spread=rng.uniform(0.05, 0.4),
+        )
+        recording = stroked(surface, hand, seed)
+        found = fit_friction([recording])
+        blocks = _blocks([recording])
+        usual = _slope(replace(blocks, ratio=surface.ratio(blocks.fine).mean(axis=1)))
+        truth = {
+            "friction_static": surface.static,
+            "friction_dynamic": dynamic if "friction_viscous_s_m" in found.intervals or not found.absent else usual,
+            "friction_stribeck_m_s": surface.stribeck_m_s if surface.static > dynamic else math.inf,
+            "friction_viscous_s_m": surface.viscous_s_m,
+        }
+        for name, (low, high) in found.intervals.items():
+            held[name].append(low <= truth[name] <= high)
+        for name in {"friction_dynamic", "friction_static"} - found.intervals.keys():
+            assert found.absent.get(f"{name}.interval") or found.absent[name]
+    check(
+        held, {"friction_static": 250, "friction_dynamic": 250, "friction_stribeck_m_s": 60, "friction_viscous_s_m": 80}
+    )
+
+
+def test_contact() -> None:
+    """Springs, and springs with constant damping or damping that is proportional to the depth."""
+    held = defaultdict(list)
+    for seed in range(COUNT):
+        rng = np.random.default_rng([8, seed])
+        stiffness = between(rng, 200.0, 2000.0)
+        hand = Hand(
+            strokes=int(rng.integers(3, 13)),
+            duration_s=between(rng, 0.4, 1.5),
+            rest_s=between(rng, 0.05, 0.4),
+            force_N=rng.uniform(1.0, 4.0),
+            spread=rng.uniform(0.05, 0.4),
+        )
+        truth = {
+            "stiffness_N_m": stiffness,
+            "damping_Ns_m": between(rng, 1.0, 15.0) if seed % 3 == 1 else 0.0,
+            "hunt_crossley_Ns_m2": stiffness * between(rng, 0.5, 5.0) if seed % 3 == 2 else 0.0,
+        }
+        recording = pressed_in(**truth, hand=hand, seed=seed)
+        found = fit_contact([recording])
+        intervals = {name: pair for name, pair in found.intervals.items() if name in truth}
+        if "stiffness_N_m" not in intervals and (pair := fit_stiffness([recording]).interval) is not None:
+            intervals["stiffness_N_m"] = pair
+        for name, (low, high) in intervals.items():
+            held[name].append(low <= truth[name] <= high)
+    check(held, {"stiffness_N_m": 290, "damping_Ns_m": 70, "hunt_crossley_Ns_m2": 60})
