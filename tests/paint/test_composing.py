@@ -20,7 +20,7 @@ from .conftest import mesh_of, turned
 def session(scene, tmp_path: Path) -> Session:
     made = Session(scene, tmp_path / "made.scene.json")
     ticks = iter(range(0, 10_000, 10))
-    made.composing.clock = lambda: float(next(ticks))  # edits 10 s apart are separate undo steps
+    made.painting.clock = lambda: float(next(ticks))  # edits 10 s apart are separate undo steps
     return made
 
 
@@ -147,7 +147,7 @@ def test_children_go_along_and_cycles_are_refused(session: Session) -> None:
 def test_moves_within_a_second_are_one_step_and_a_drag_is_however_long_it_takes(session: Session) -> None:
     composing, scene = session.composing, session.scene
     now = [0.0]
-    composing.clock = lambda: now[0]
+    session.painting.clock = lambda: now[0]
     was = scene.body("ball").X_WB
 
     def go(x_m: float, after_s: float, **more: bool) -> None:

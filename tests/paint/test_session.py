@@ -1,7 +1,6 @@
 """Operations on a scene can be undone and redone exactly, saved and loaded."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from hapscene.paint.model.session import ERASE, Hit, Session
 from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
+from hapscene.swatches.library import find
 
 from .conftest import make_scene, turned
 
@@ -34,7 +34,7 @@ def bits(session: Session) -> Any:
     return faces, leaves, swatches, originals
 
 
-def do(session: Session, kind: int, rng: np.random.Generator, folder: Path) -> None:
+def do(session: Session, kind: int, rng: np.random.Generator) -> None:
     """One random operation."""
     count = len(session.scene.swatches)
     swatch = int(rng.integers(-1, count))
@@ -73,8 +73,8 @@ def do(session: Session, kind: int, rng: np.random.Generator, folder: Path) -> N
         session.tuning.reset(max(swatch, 1))
     elif kind == 10 and swatch > 0:
         name = f"new {rng.integers(1000)}"
-        if session.painting.swatch_named(name) is None:
-            session.tuning.save_swatch_as(swatch, name, folder / f"{name}.swatch", replace_old=True)
+        if session.painting.swatch_named(name) is None and find(name) is None:
+            session.tuning.save_swatch_as(swatch, name)
     elif kind == 11:
         if session.painting.swatch_named(f"copy {count}") is None:
             session.tuning.copy_swatch(max(swatch, 0), f"copy {count}")
@@ -91,7 +91,7 @@ def test_random_edits_are_undone_and_redone_exactly(tmp_path, kinds, seed) -> No
     rng = np.random.default_rng(seed)
     first = bits(session)
     for kind in kinds:
-        do(session, kind, rng, tmp_path)
+        do(session, kind, rng)
     session.end_stroke()
     while session.redo() is not None:
         pass
@@ -240,7 +240,7 @@ def test_invalid_edit_is_refused_without_changes(scene, act, message) -> None:
 def test_slider_movement_is_one_undo_step(scene) -> None:
     session = Session(scene)
     now = [0.0]
-    session.tuning.clock = lambda: now[0]
+    session.painting.clock = lambda: now[0]
     paper = session.painting.swatch_named("paper")
     assert paper is not None
     for value in (400.0, 380.0, 360.0):

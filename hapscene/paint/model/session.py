@@ -11,7 +11,6 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.constants import TICK_S
 from hapscene.device.model import DeviceLike
 from hapscene.errors import SceneError, no_such
 from hapscene.geometry import rigid
@@ -44,7 +43,6 @@ class Session:
         scene: the scene, painted in place; do not change it elsewhere.
         path: scene file that it was loaded from or will be saved to; None if not known yet.
         device: device whose limits apply to the parameters of swatches.
-        tick_s: period of the force channel [s].
 
     Attributes:
         painting: the scene and the steps that can be undone.
@@ -58,12 +56,10 @@ class Session:
         HapsceneError: the device is unknown.
     """
 
-    def __init__(
-        self, scene: Scene, path: str | Path | None = None, device: DeviceLike = "omni", *, tick_s: float = TICK_S
-    ) -> None:
+    def __init__(self, scene: Scene, path: str | Path | None = None, device: DeviceLike = "omni") -> None:
         self.painting = painting = Painting(scene)
         self.document = Document(painting, Path(path) if path is not None else None)
-        self.tuning = SwatchTuning(painting, device, tick_s)
+        self.tuning = SwatchTuning(painting, device)
         self.composing = Composing(painting)
         self.scene, self.shapes, self.defaults = painting.scene, painting.shapes, painting.defaults
         self.history, self.lock = painting.history, painting.lock

@@ -145,8 +145,7 @@ class Page:
     async def _open_hand(self) -> None:
         with suppress(TimeoutError):
             await asyncio.wait_for(self._page_shown.wait(), SHOWN_S)
-        session = self.context.session
-        await self.context.touch.open(session.painting.snapshot(), session.tuning.tick_s)
+        await self.context.touch.open(self.context.session.painting.snapshot())
 
     def _start(self, task: Coroutine[Any, Any, None]) -> "Future[None]":
         """Run a task in the event loop until the page closes."""
