@@ -11,12 +11,14 @@ from hapscene.paint.model.document import _check_unchanged, file_hash, find_reco
 from hapscene.paint.model.session import Session
 from hapscene.scene.mesh import MeshWarning
 
+from .conftest import hit_at
+
 
 @pytest.fixture
 def session(scene, tmp_path) -> Session:
     scene.save(tmp_path / "cup.scene.json")
     session = Session.open(tmp_path / "cup.scene.json")
-    session.fill_group("ball", "north", session.add_swatch("wood"))
+    session.fill_at(hit_at(session, 0, 0), "material", session.add_swatch("wood"))
     return session
 
 

@@ -24,7 +24,6 @@ __all__ = [
     "Hit",
     "Mask",
     "PaintableMesh",
-    "face_centre_hit",
     "pick",
     "project_to_surface",
     "segment_triangle",
@@ -343,14 +342,6 @@ def pick(
             face, distance, p_B = found
             best = Hit(index, face, R @ p_B + p, p_B, R @ shape.normal[face], distance)
     return best
-
-
-def face_centre_hit(bodies: Sequence[Body], shapes: Sequence[PaintableMesh], body: int, face: int) -> Hit:
-    """The centroid of a face as a `Hit`."""
-    shape, X_WB = shapes[body], bodies[body].X_WB
-    p_B = shape.centroid_m[face]
-    p_W = X_WB[:3, :3] @ p_B + X_WB[:3, 3]
-    return Hit(body, face, p_W, p_B.copy(), X_WB[:3, :3] @ shape.normal[face], 0.0)
 
 
 def project_to_surface(
