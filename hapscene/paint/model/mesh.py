@@ -247,13 +247,11 @@ class PaintableMesh:
                 distance = exact
         return face, distance, np.asarray(origin_B_m + distance * direction)
 
-    def brush(
-        self, faces: tuple[int, int], ends_B_m: tuple[Row, Row], radius_m: float, facing_rad: float = FACING_RAD
-    ) -> NDArray[np.int64]:
+    def brush(self, faces: tuple[int, int], ends_B_m: tuple[Row, Row], radius_m: float) -> NDArray[np.int64]:
         """Faces (n,) under a brush that moves between two points on the surface, each given by face and position.
 
         These are the faces that intersect the capsule around the segment, are connected with an end inside the
-        capsule, and whose normals differ by at most `facing_rad` from that at an end. So a brush does not paint the
+        capsule, and whose normals differ by at most `FACING_RAD` from that at an end. So a brush does not paint the
         other side of a thin wall.
         """
         self._call += 1
@@ -265,7 +263,7 @@ class PaintableMesh:
             (int(faces[0]), int(faces[1])),
             (tuple(ends_B_m[0].tolist()), tuple(ends_B_m[1].tolist())),
             float(radius_m),
-            math.cos(facing_rad),
+            math.cos(FACING_RAD),
         )
         return np.sort(self._queue[:count]).astype(np.int64)
 

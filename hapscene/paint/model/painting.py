@@ -430,22 +430,21 @@ class Painting:
             else:
                 self.history.add(step)
 
-    def take_painting(self, scene: Scene, what: str, *, composed: bool = False) -> str:
-        """Take over the painting and the swatches of another scene with the same bodies, in one step.
+    def take_painting(self, scene: Scene, what: str) -> str:
+        """Take over the painting, the swatches and the bodies of another state of this scene, in one step.
 
         Args:
             scene: the other scene.
             what: description for the user, which is returned.
-            composed: also take over bodies that were added, deleted or moved.
 
         Raises:
-            SceneError: the bodies differ.
+            SceneError: the scenes have no body in common.
         """
         with self.lock:
             self.end_step()
             mine, theirs = ([_shape(body) for body in s.bodies] for s in (self.scene, scene))
             shapes = [shape[:2] for shape in mine]
-            differ = composed and mine != theirs and not set(shapes).isdisjoint(shape[:2] for shape in theirs)
+            differ = mine != theirs and not set(shapes).isdisjoint(shape[:2] for shape in theirs)
             if not differ and [shape[:2] for shape in theirs] != shapes:
                 raise SceneError(f"{what}: the bodies differ from those of this scene: open that scene instead")
             wanted, known = _swatch_states(scene), len(self.swatches)
