@@ -22,7 +22,6 @@ from hapscene.scene.topology import connected, edges_of, normals_of, weld
 __all__ = [
     "FACING_RAD",
     "Hit",
-    "Mask",
     "PaintableMesh",
     "pick",
     "project_to_surface",
@@ -357,6 +356,3 @@ def project_to_surface(
         if found is not None and found[1] <= 2 * reach_m:
             projected[i] = R @ found[2] + p
     return projected
-
-
-Mask = NDArray[np.bool_]

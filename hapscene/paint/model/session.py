@@ -16,7 +16,7 @@ from hapscene.errors import SceneError, no_such
 from hapscene.geometry import rigid
 from hapscene.paint.model.composing import Composing
 from hapscene.paint.model.document import Document, file_hash
-from hapscene.paint.model.mesh import Hit, Mask
+from hapscene.paint.model.mesh import Hit
 from hapscene.paint.model.painting import ERASE, Painting
 from hapscene.paint.model.regions import OrientedBox
 from hapscene.paint.model.strokes import Brush, Stroke, mirror_images_W
@@ -180,25 +180,25 @@ class Session:
         Raises:
             SceneError: the angle is out of range.
         """
+        if what == "whole body":
+            return self.fill_body(hit.body, swatch)
         if what == "same swatch":
             return self.fill_swatch(hit.body, self.swatch_at(hit), swatch)
-        degrees = math.degrees(angle_rad)
-        if not 0.0 <= angle_rad <= math.pi:
-            raise SceneError(f"facet angle {degrees:g}° is out of range: expected 0° to 180°")
-        where = {"whole body": what, "material": repr(self.group_at(hit))}.get(what, f"facet within {degrees:.3g}°")
-        return self._fill(where, hit.body, swatch, lambda index: self._faces_at(hit, what, angle_rad))
-
-    def _faces_at(self, hit: Hit, what: str, angle_rad: float) -> Mask:
-        shape = self.shapes[hit.body]
-        if what == "whole body":
-            return np.ones(len(shape.normal), np.bool_)
+        shape, degrees = self.shapes[hit.body], math.degrees(angle_rad)
         if what == "material":
-            return np.asarray(shape.mesh.group == shape.mesh.group[hit.face])
-        return shape.facet(hit.face, angle_rad)
+            group = shape.mesh.group[hit.face]
+            where, chosen = repr(shape.mesh.group_names[group]), shape.mesh.group == group
+        elif 0.0 <= angle_rad <= math.pi:
+            where, chosen = f"facet within {degrees:.3g}°", shape.facet(hit.face, angle_rad)
+        else:
+            raise SceneError(f"facet angle {degrees:g}° is out of range: expected 0° to 180°")
+        return self.painting.paint(f"{_verb(swatch)} {where}", {hit.body: chosen}, swatch)
 
     def fill_body(self, body: int | str, swatch: int | str) -> int:
         """Paint a body all over."""
-        return self._fill("whole body", body, swatch, lambda index: np.ones(len(self.shapes[index].normal), np.bool_))
+        index = self.body_index(body)
+        every = np.ones(len(self.shapes[index].normal), np.bool_)
+        return self.painting.paint(f"{_verb(swatch)} whole body", {index: every}, swatch)
 
     def fill_swatch(self, body: int | str, old: int | str, swatch: int | str) -> int:
         """Replace one swatch by another on a body."""
@@ -278,11 +278,6 @@ class Session:
             self.painting.end_step()
             return count
 
-    def _fill(self, where: str, body: int | str, swatch: int | str, pick: Callable[[int], Mask]) -> int:
-        with self.lock:
-            index = self.body_index(body)
-            return self.painting.paint(f"{_verb(swatch)} {where}", {index: pick(index)}, swatch)
-
     # --- queries ---
 
     def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike, visible_only: bool = False) -> Hit | None:
@@ -310,11 +305,6 @@ class Session:
         body = self.scene.bodies[hit.body]
         found = None if body.fine is None else body.fine.at(hit.face, self.shapes[hit.body].bary(hit.face, hit.p_B_m))
         return int(body.face_swatch[hit.face] if found is None else parts(found)[0])
-
-    def group_at(self, hit: Hit) -> str:
-        """Name of the group of the mesh file at a point."""
-        mesh = self.scene.bodies[hit.body].mesh
-        return str(mesh.group_names[mesh.group[hit.face]])
 
 
 def _verb(swatch: int | str) -> str:
