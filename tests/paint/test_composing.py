@@ -239,7 +239,7 @@ def test_added_body_without_swatch_is_plain(session: Session) -> None:
     other = ball()
     other.bodies[0].made_of = None
     other.bodies[0].face_swatch[1:] = 0  # its first face alone is of wood
-    session.composing.add(other, beside=False)
+    session.composing.add(other)
     assert session.painting.defaults[-1] == 0
 
 

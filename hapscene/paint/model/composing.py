@@ -78,12 +78,13 @@ class Composing:
 
     # --- add, copy, delete ---
 
-    def add(self, scene: Scene, *, beside: bool = True, what: str = "") -> list[str]:
+    def add(self, scene: Scene, what: str = "") -> list[str]:
         """Add the bodies of another scene with their swatches and painting, in one step; returns their new names.
+
+        Bodies that would overlap the existing ones or lie far away are moved next to them.
 
         Args:
             scene: the other scene. It is modified, so the caller must not use it afterwards.
-            beside: move the bodies next to the existing ones if they would overlap them or lie far away.
             what: description of the step; by default made of the names.
 
         Raises:
@@ -97,7 +98,7 @@ class Composing:
                     f"cannot add {len(scene.bodies):,} bodies to {count:,}: a scene holds 1 to {BODY_MAX:,} bodies"
                 )
             index, swatches = self._swatches_of(scene)
-            step = _room_beside(scene.bodies, mine.bodies) if beside else np.zeros(3)
+            step = _room_beside(scene.bodies, mine.bodies)
             taken = {body.name for body in mine.bodies}
             names: dict[str, str] = {}
             for body in scene.bodies:

@@ -397,7 +397,7 @@ def test_bodies_that_come_move_and_go_are_felt_where_they_are() -> None:
             assert await touched(touch, np.array([0.0, 0.0, 0.105])) == "plate"
             X_WB[:3, 3] = (0.3, 0.0, 0.0)
             composing.move("plate", X_WB)
-            (other,) = composing.add(one_plate(), beside=False)
+            (other,) = composing.add(one_plate())
             touch.repaint(painting.snapshot())
             assert await touched(touch, np.array([0.0, 0.0, 0.005])) == other == "plate 2"
             composing.scale(other, 2.0)
