@@ -103,7 +103,7 @@ def _painter(folder: Path, dark: str) -> None:
         print(f"skipping painter{dark}.png: Chromium was not found")
         return
     session = Session(load_scene(SCENE), folder / f"demo{dark}.scene.json")
-    with launched() as chromium, Page(session, port=0, with_autosave=False) as page:
+    with launched() as chromium, Page(session, port=0) as page:
         tab = chromium.new_page(viewport=PAINTER, color_scheme="dark" if dark else "light")
         tab.goto(page.url)
         tab.wait_for_function(LOADED, timeout=1e3 * PATIENCE_S)

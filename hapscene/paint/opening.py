@@ -9,14 +9,13 @@ from typing import Any, Final
 
 from hapscene import assets
 from hapscene.paint.model.session import Session
+from hapscene.scene.mesh_file import UNITLESS
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_bundle import ZIP_SUFFIX, unpacked_beside
 from hapscene.scene.scene_file import SUFFIX
 from hapscene.touch import open_scene, step
 
 __all__ = ["earlier_scenes", "open_session"]
-
-UNITLESS: Final = (".stl", ".obj", ".ply", ".off")
 
 DEMO: Final = Path("hapscene-demo")
 """Folder for the copy of the demo scene."""
@@ -44,7 +43,7 @@ def open_session(
     """
 
     def opened(path: str) -> Scene:
-        own = {} if not more or path.lower().endswith(UNITLESS) else {"unit": None}
+        own = {} if not more or Path(path).suffix.lower().lstrip(".") in UNITLESS else {"unit": None}
         return open_scene(path, say=say, **(reading | own))
 
     if name is None:

@@ -15,6 +15,8 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 
 if TYPE_CHECKING:
+    from hapscene.paint.model.mesh import Hit
+    from hapscene.paint.model.session import Session
     from hapscene.paint.web.page import Page
 
     from .tab import Tab
@@ -39,6 +41,15 @@ def turned(angle_rad: float, place_m: tuple[float, float, float]) -> np.ndarray:
     return np.asarray(trimesh.transformations.rotation_matrix(angle_rad, (1, 2, 3))) + np.pad(
         np.reshape(place_m, (3, 1)), ((0, 1), (3, 0))
     )
+
+
+def hit_at(session: "Session", body: int, face: int) -> "Hit":
+    """The centroid of a face."""
+    from hapscene.paint.model.mesh import Hit
+
+    shape, X_WB = session.shapes[body], session.scene.bodies[body].X_WB
+    p_B_m = shape.centroid_m[face]
+    return Hit(body, face, X_WB[:3, :3] @ p_B_m + X_WB[:3, 3], p_B_m, X_WB[:3, :3] @ shape.normal[face], 0.0)
 
 
 def make_scene(folder: Path) -> Scene:

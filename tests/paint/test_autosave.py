@@ -14,6 +14,8 @@ from hapscene.paint.model.document import autosave_folder, find_recovery
 from hapscene.paint.model.session import Session
 from hapscene.surface.swatch import Swatch
 
+from .conftest import hit_at
+
 
 @pytest.fixture
 def path(scene, tmp_path):
@@ -26,7 +28,7 @@ def killed(path):
     """A session whose autosave was written, then left behind as by a killed process."""
     session = Session.open(path)
     session.document.start_autosave(interval_s=60.0)
-    session.fill_group("ball", "south", session.add_swatch(Swatch("slate")))
+    session.fill_at(hit_at(session, 0, 700), "material", session.add_swatch(Swatch("slate")))
     assert session.document.autosave is not None
     session.document.autosave.write()
     session.document.autosave._lock.release()  # what the system does

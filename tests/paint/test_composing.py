@@ -20,7 +20,7 @@ from .conftest import mesh_of, turned
 def session(scene, tmp_path: Path) -> Session:
     made = Session(scene, tmp_path / "made.scene.json")
     ticks = iter(range(0, 10_000, 10))
-    made.composing.clock = lambda: float(next(ticks))  # edits 10 s apart are separate undo steps
+    made.painting.clock = lambda: float(next(ticks))  # edits 10 s apart are separate undo steps
     return made
 
 
@@ -147,7 +147,7 @@ def test_children_go_along_and_cycles_are_refused(session: Session) -> None:
 def test_moves_within_a_second_are_one_step_and_a_drag_is_however_long_it_takes(session: Session) -> None:
     composing, scene = session.composing, session.scene
     now = [0.0]
-    composing.clock = lambda: now[0]
+    session.painting.clock = lambda: now[0]
     was = scene.body("ball").X_WB
 
     def go(x_m: float, after_s: float, **more: bool) -> None:
@@ -191,7 +191,7 @@ def test_locked_and_hidden_bodies_cannot_be_changed(session: Session) -> None:
     assert hit is not None and hit.body == 0
     composing.hide("ball")
     assert painting.hidden == {"ball"} and session.pick(eye, (0.0, 0.0, -1.0)) is None
-    assert session.fill_swatch(None, 1, 0) == len(session.shapes[1].normal)  # the plate alone
+    assert session.fill_swatch("ball", 1, 0) == 0 < session.fill_swatch("plate", 1, 0)
     composing.hide("ball", False)
     assert not painting.hidden and session.pick(eye, (0.0, 0.0, -1.0)) is not None
 
@@ -239,7 +239,7 @@ def test_added_body_without_swatch_is_plain(session: Session) -> None:
     other = ball()
     other.bodies[0].made_of = None
     other.bodies[0].face_swatch[1:] = 0  # its first face alone is of wood
-    session.composing.add(other, beside=False)
+    session.composing.add(other)
     assert session.painting.defaults[-1] == 0
 
 

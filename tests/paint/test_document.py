@@ -6,19 +6,19 @@ from pathlib import Path
 import pytest
 
 import hapscene
-from hapscene.errors import SaveConflict, SceneError, SwatchError
+from hapscene.errors import SaveConflict, SceneError
 from hapscene.paint.model.document import _check_unchanged, file_hash, find_recovery
 from hapscene.paint.model.session import Session
-from hapscene.paint.model.tuning import write_swatch
 from hapscene.scene.mesh import MeshWarning
-from hapscene.surface.swatch import Swatch
+
+from .conftest import hit_at
 
 
 @pytest.fixture
 def session(scene, tmp_path) -> Session:
     scene.save(tmp_path / "cup.scene.json")
     session = Session.open(tmp_path / "cup.scene.json")
-    session.fill_group("ball", "north", session.add_swatch("wood"))
+    session.fill_at(hit_at(session, 0, 0), "material", session.add_swatch("wood"))
     return session
 
 
@@ -157,16 +157,6 @@ def test_stamps(tmp_path: Path) -> None:
     _check_unchanged(file, file_hash(file))
     with pytest.raises(hapscene.HapsceneError):
         file_hash(tmp_path)
-
-
-def test_swatch_file_is_not_overwritten(tmp_path) -> None:
-    source, file = write_swatch(Swatch("foam"), tmp_path / "foam.swatch", False)
-    assert source == file.resolve()
-    with pytest.raises(SwatchError):
-        write_swatch(Swatch("foam", stiffness_N_m=1.0), tmp_path / "foam.swatch", False)
-    assert hapscene.load_swatch(file).stiffness_N_m == 500.0
-    write_swatch(Swatch("foam", stiffness_N_m=1.0), tmp_path / "foam.swatch", True)
-    assert hapscene.load_swatch(file).stiffness_N_m == 1.0
 
 
 @pytest.mark.parametrize("target", ["real.scene.json", "1"])

@@ -12,7 +12,6 @@ from trimesh.creation import annulus, box, cylinder, icosphere
 from hapscene.paint.model.mesh import (
     FACING_RAD,
     PaintableMesh,
-    face_centre_hit,
     pick,
     project_to_surface,
     segment_triangle,
@@ -22,7 +21,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import Facet
 from hapscene.scene.scene import Scene
 
-from .conftest import make_scene, mesh_of, plate_mesh
+from .conftest import hit_at, make_scene, mesh_of, plate_mesh
 
 
 def test_ray_hits_the_expected_face() -> None:
@@ -75,7 +74,6 @@ def test_nearest_of_several_bodies_is_hit(tmp_path) -> None:
     np.testing.assert_allclose(X_WB[:3, :3] @ below.p_B_m + X_WB[:3, 3], below.p_W_m, atol=1e-12)
     for bad in (np.zeros(3), np.array([np.nan, 0.0, 1.0])):
         assert pick(scene.bodies, session.shapes, np.zeros(3), bad) is None
-    assert face_centre_hit(scene.bodies, session.shapes, 1, 5).face == 5
 
 
 @pytest.mark.parametrize("angle_rad", [0.0, 0.05, 0.2, 1.6, 3.14])
@@ -237,9 +235,10 @@ def test_ring_is_on_the_surface_of_a_ball(scene) -> None:
 
 
 def test_beside_the_body_a_ring_stays_in_its_plane(scene) -> None:
-    shapes = [PaintableMesh(body.mesh) for body in scene.bodies]
+    session = Session(scene)
+    shapes = session.shapes
     top = int(np.argmax(shapes[1].centroid_m @ [0.0, 0.0, 1.0] + 1e-3 * (shapes[1].centroid_m[:, 0] < -0.019)))
-    hit = face_centre_hit(scene.bodies, shapes, 1, top)
+    hit = hit_at(session, 1, top)
     ring = hit.p_W_m + circle(0.005)
     laid = project_to_surface(scene.bodies[1], shapes[1], hit, ring, 0.005)
     np.testing.assert_allclose(laid, ring, atol=1e-9)

@@ -19,7 +19,7 @@ HARD = Swatch("hard", stiffness_N_m=5000.0, damping_Ns_m=1.0, friction_static=0.
 
 def by_name(swatch: Swatch, device: str = "ideal", original: Swatch | None = None) -> dict[str, Parameter]:
     limits = IDEAL if device == "ideal" else limits_of(device, 1e-3)
-    return {p.name: p for p in parameters_of(swatch, original or swatch, ALL, limits, 1e-3)}
+    return {p.name: p for p in parameters_of(swatch, original or swatch, ALL, limits)}
 
 
 def test_displayed_values_equal_the_rendered_values(scene) -> None:

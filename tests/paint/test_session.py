@@ -1,7 +1,6 @@
 """Operations on a scene can be undone and redone exactly, saved and loaded."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,9 @@ from hapscene.paint.model.session import ERASE, Hit, Session
 from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
+from hapscene.swatches.library import find
 
-from .conftest import make_scene, turned
+from .conftest import hit_at, make_scene, turned
 
 SLATE = Swatch("slate", stiffness_N_m=1200.0, friction_static=0.5, friction_dynamic=0.4, albedo_rgb=(0.2, 0.2, 0.3))
 
@@ -34,19 +34,18 @@ def bits(session: Session) -> Any:
     return faces, leaves, swatches, originals
 
 
-def do(session: Session, kind: int, rng: np.random.Generator, folder: Path) -> None:
+def do(session: Session, kind: int, rng: np.random.Generator) -> None:
     """One random operation."""
     count = len(session.scene.swatches)
     swatch = int(rng.integers(-1, count))
     body = int(rng.integers(2))
-    some = session.hit_at(body, int(rng.integers(len(session.shapes[body].normal))))
+    some = hit_at(session, body, int(rng.integers(len(session.shapes[body].normal))))
     radius_m = float(rng.uniform(0.001, 0.015))
     if kind == 0:
         session.begin_stroke(
             swatch, radius_m, falloff=float(rng.choice([0.0, 0.5])), opacity=float(rng.uniform(0.1, 1))
         )
         for _ in range(3):
-            session.stroke_to(some if rng.random() < 0.5 else None)
             session.drag_to([0.0, 0.0, 1.0], rng.normal(size=3) * 0.02 - [0.0, 0.0, 1.0])
         if rng.random() < 0.7:
             session.end_stroke()  # else the next operation ends it
@@ -55,13 +54,13 @@ def do(session: Session, kind: int, rng: np.random.Generator, folder: Path) -> N
     elif kind == 2:
         session.fill_body(body, swatch)
     elif kind == 3:
-        session.fill_group("ball", ("north", "south")[rng.integers(2)], swatch)
+        session.fill_at(hit_at(session, 0, int(rng.integers(2) * 700)), "material", swatch)
     elif kind == 4:
-        session.fill_sphere(some.p_W_m, radius_m, swatch, body=None if rng.random() < 0.5 else body)
+        session.fill_sphere(some.p_W_m, radius_m, swatch)
     elif kind == 5:
         session.fill_box(turned(0.7, tuple(some.p_W_m)), rng.uniform(0.005, 0.03, 3), swatch)
     elif kind == 6:
-        session.fill_swatch(None, int(rng.integers(count)), swatch)
+        session.fill_swatch(body, int(rng.integers(count)), swatch)
     elif kind == 7:
         session.add_swatch(("wood", "epoxy", SLATE, Swatch(f"made {rng.integers(5)}"))[rng.integers(4)])
     elif kind == 8:
@@ -73,8 +72,8 @@ def do(session: Session, kind: int, rng: np.random.Generator, folder: Path) -> N
         session.tuning.reset(max(swatch, 1))
     elif kind == 10 and swatch > 0:
         name = f"new {rng.integers(1000)}"
-        if session.painting.swatch_named(name) is None:
-            session.tuning.save_swatch_as(swatch, name, folder / f"{name}.swatch", replace_old=True)
+        if session.painting.swatch_named(name) is None and find(name) is None:
+            session.tuning.save_swatch_as(swatch, name)
     elif kind == 11:
         if session.painting.swatch_named(f"copy {count}") is None:
             session.tuning.copy_swatch(max(swatch, 0), f"copy {count}")
@@ -91,7 +90,7 @@ def test_random_edits_are_undone_and_redone_exactly(tmp_path, kinds, seed) -> No
     rng = np.random.default_rng(seed)
     first = bits(session)
     for kind in kinds:
-        do(session, kind, rng, tmp_path)
+        do(session, kind, rng)
     session.end_stroke()
     while session.redo() is not None:
         pass
@@ -159,7 +158,7 @@ def test_eraser_restores_the_original_swatch(scene) -> None:
     session.fill_sphere([0.0, 0.08, 0.0], 0.01, wood)
     session.fill_body("ball", wood)
     assert session.fill_body("plate", ERASE) > 0
-    assert session.fill_group("ball", "north", ERASE) == 700
+    assert session.fill_at(hit_at(session, 0, 0), "material", ERASE) == 700
     assert (scene.bodies[1].face_swatch == paper).all()
     assert (scene.bodies[0].face_swatch[:700] == 0).all()
     assert session.painting.undo_text == "erase 'north', 700 faces"
@@ -193,7 +192,7 @@ def test_regions_are_where_they_say(scene) -> None:
         np.testing.assert_array_equal(painted[clear], distance_m[clear] < 0)
         assert painted.any() and not painted.all()
 
-    assert session.fill_sphere([0.0, 0.08, 0.003], 0.012, wood, body="plate") > 0
+    assert session.fill_sphere([0.0, 0.08, 0.003], 0.012, wood) > 0
     agree(np.linalg.norm(p_W - [0.0, 0.08, 0.003], axis=1) - 0.012)
     session.undo()
     X_WK = turned(1.0, (0.003, 0.081, 0.0))
@@ -209,11 +208,9 @@ def test_regions_are_where_they_say(scene) -> None:
         (lambda s: s.fill_sphere([0, 0, 0], 0.0, 0), "radius"),
         (lambda s: s.fill_box(np.eye(4), [1, 1, 0], 0), "size"),
         (lambda s: s.fill_box(2 * np.eye(4), [1, 1, 1], 0), "pose"),
-        (lambda s: s.fill_at(s.hit_at(0, 0), "facet", 0, 4.0), "angle"),
-        (lambda s: s.fill_group("ball", "middle", 0), "'middle'.*north"),
+        (lambda s: s.fill_at(hit_at(s, 0, 0), "facet", 0, 4.0), "angle"),
         (lambda s: s.fill_body("cup", 0), "'cup'.*ball, plate"),
         (lambda s: s.fill_body(2, 0), "2.*0 to 1"),
-        (lambda s: s.hit_at(0, 1280), "'ball'.*1280.*0 to 1279"),
         (lambda s: s.tune(1, stiffness=1.0), "'stiffness'"),
         (lambda s: s.tune(1, tap_gain=11.0), "tap_gain.*0 to 10"),
         (lambda s: s.tune(0, tap_gain=1.0), "'plain'"),
@@ -240,7 +237,7 @@ def test_invalid_edit_is_refused_without_changes(scene, act, message) -> None:
 def test_slider_movement_is_one_undo_step(scene) -> None:
     session = Session(scene)
     now = [0.0]
-    session.tuning.clock = lambda: now[0]
+    session.painting.clock = lambda: now[0]
     paper = session.painting.swatch_named("paper")
     assert paper is not None
     for value in (400.0, 380.0, 360.0):
@@ -291,7 +288,7 @@ def test_tuned_then_reset_then_saved_as_new(scene, tmp_path, library) -> None:
 def test_changes_are_returned_once(scene) -> None:
     session = Session(scene)
     wood = session.add_swatch("wood")
-    session.fill_group("ball", "south", wood)
+    session.fill_at(hit_at(session, 0, 700), "material", wood)
     seen = session.painting.changes()
     assert list(seen.faces) == [0] and seen.swatches == (wood,) and seen.swatch_list
     np.testing.assert_array_equal(seen.faces[0], np.arange(700, 1280))
@@ -323,17 +320,14 @@ def test_repr_summarises_the_session_in_one_line(scene, tmp_path) -> None:
 
 
 def test_click_fills_only_the_group_with_exactly_that_name(scene) -> None:
-    """`fill_group` also matches parts of names; a click must not."""
     ball = scene.bodies[0].mesh
     mesh = Mesh(ball.vertices_m, ball.faces, (np.arange(len(ball.faces)) % 3).astype(np.int16), ("lid", "box/lid", "x"))
     scene.add(mesh, name="box")
     session = Session(scene)
     wood, face_swatch = session.add_swatch("wood"), scene.bodies[2].face_swatch
-    assert session.fill_at(session.hit_at(2, 3), "material", wood) == 427
+    assert session.fill_at(hit_at(session, 2, 3), "material", wood) == 427
     np.testing.assert_array_equal(face_swatch == wood, mesh.group == 0)
     assert session.painting.undo_text == "fill 'lid', 427 faces"
-    session.fill_at(session.hit_at(2, 3), "material", ERASE)
-    assert session.fill_group("box", "lid", wood) == 427 + 427
 
 
 def test_swatch_is_given_by_name_or_index(scene) -> None:
@@ -342,9 +336,9 @@ def test_swatch_is_given_by_name_or_index(scene) -> None:
     by_name.add_swatch("wood")
     for session, swatch in ((by_name, "wood"), (by_index, wood)):
         session.begin_stroke(swatch, radius_m=0.004)
-        session.stroke_to(session.hit_at("ball", 3))
+        session.drag_to(scene.body("ball").X_WB[:3, 3] + (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
         assert session.end_stroke() > 0
-        session.fill_swatch(None, "paper" if swatch == "wood" else 1, swatch)
+        session.fill_swatch(*(("plate", "paper") if swatch == "wood" else (1, 1)), swatch)
         session.tune(swatch, stiffness_N_m=300.0)
         assert session.tuning.parameters(swatch)
     assert bits(by_name) == bits(by_index)

@@ -2,8 +2,7 @@
 
 import math
 import re
-import time
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Final
 
@@ -22,9 +21,6 @@ from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import BODY_MAX
 
 __all__ = ["Composing", "numbered"]
-
-JOIN_S: Final = 1.0
-"""Longest pause between moves of one body that are undone together [s]."""
 
 GAP_SHARE: Final = 0.1
 """Gap between an added body and the existing ones, as a fraction of its longest side [1]."""
@@ -47,15 +43,11 @@ class Composing:
 
     Args:
         painting: the painted scene.
-
-    Attributes:
-        clock: returns the time by which successive moves are joined into one step [s].
     """
 
     def __init__(self, painting: Painting) -> None:
         self._painting = painting
-        self.clock: Callable[[], float] = time.monotonic
-        self._moved_s = -math.inf
+        self._drag_count = 0
         self._scaled: dict[int, tuple[Mesh, float]] = {}  # id of a scaled mesh: the unscaled mesh, and the scale
         self._made: dict[tuple[int, float], Mesh] = {}  # id of the unscaled mesh, and the scale: the scaled mesh
 
@@ -86,12 +78,13 @@ class Composing:
 
     # --- add, copy, delete ---
 
-    def add(self, scene: Scene, *, beside: bool = True, what: str = "") -> list[str]:
+    def add(self, scene: Scene, what: str = "") -> list[str]:
         """Add the bodies of another scene with their swatches and painting, in one step; returns their new names.
+
+        Bodies that would overlap the existing ones or lie far away are moved next to them.
 
         Args:
             scene: the other scene. It is modified, so the caller must not use it afterwards.
-            beside: move the bodies next to the existing ones if they would overlap them or lie far away.
             what: description of the step; by default made of the names.
 
         Raises:
@@ -105,7 +98,7 @@ class Composing:
                     f"cannot add {len(scene.bodies):,} bodies to {count:,}: a scene holds 1 to {BODY_MAX:,} bodies"
                 )
             index, swatches = self._swatches_of(scene)
-            step = _room_beside(scene.bodies, mine.bodies) if beside else np.zeros(3)
+            step = _room_beside(scene.bodies, mine.bodies)
             taken = {body.name for body in mine.bodies}
             names: dict[str, str] = {}
             for body in scene.bodies:
@@ -190,8 +183,8 @@ class Composing:
     # --- pose and size ---
 
     def begin_move(self) -> None:
-        """Start a new undo step with the next move, even if it follows within `JOIN_S`."""
-        self._moved_s = -math.inf
+        """Start a new undo step with the next move, however soon it follows."""
+        self._drag_count += 1
 
     def move(self, body: str, X_WB: ArrayLike, *, goes_on: bool = False) -> None:
         """Move a body to a pose, together with the bodies attached to it.
@@ -212,10 +205,9 @@ class Composing:
             step = X_WB @ np.linalg.inv(one.X_WB)
             attached = self._painting.scene.descendants(body)
             deltas = [self._delta(b, X_WB=rigid(step @ b.X_WB, f"body {b.name!r}")) for b in attached]
-            now_s, first = self.clock(), self._moved_s == -math.inf
-            join, self._moved_s = not first and (goes_on or now_s - self._moved_s <= JOIN_S), now_s
             deltas.insert(0, self._delta(one, X_WB=X_WB))
-            self._painting.change(f"move {body!r}", (), deltas, key=("move", body), join=join)
+            key = ("move", body, self._drag_count)
+            self._painting.change(f"move {body!r}", (), deltas, key=key, goes_on=goes_on)
 
     def scale_of(self, body: str) -> float:
         """Scale of a body relative to its mesh file."""
@@ -241,10 +233,8 @@ class Composing:
             X_WB = one.X_WB.copy()
             fixed_B_m = self._near_others_B_m(one) if beside else one.mesh.bounds_m.mean(axis=0)
             X_WB[:3, 3] += X_WB[:3, :3] @ ((1 - factor) * fixed_B_m)
-            now_s = self.clock()
-            join, self._moved_s = now_s - self._moved_s <= JOIN_S, now_s
             delta = self._delta(one, mesh=mesh, X_WB=X_WB)
-            self._painting.change(f"scale {body!r}", (), [delta], key=("scale", body), join=join)
+            self._painting.change(f"scale {body!r}", (), [delta], key=("scale", body))
 
     def _near_others_B_m(self, body: Body) -> NDArray[np.float64]:
         """Point (3,) of a body's bounding box, in its frame, nearest to the bottom centre of the other bodies [m]."""

@@ -382,7 +382,7 @@ class Document:
         """
         scene = recovery.load()
         try:
-            what = self._painting.take_painting(scene, "recovered painting", composed=True)
+            what = self._painting.take_painting(scene, "recovered painting")
         except SceneError as error:
             raise SceneError(f"{recovery.file}: {error}") from None
         if self.autosave is not None and self.autosave.write():

@@ -196,11 +196,6 @@ class Step:
     number: int = 0
 
     @property
-    def face_count(self) -> int:
-        """Number of faces that the step changed."""
-        return sum(delta.count for delta in self.faces)
-
-    @property
     def size(self) -> int:
         """Memory [bytes]."""
         return STEP_BYTES + sum(delta.size for delta in self.faces) + sum(delta.size for delta in self.bodies)

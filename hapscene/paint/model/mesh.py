@@ -22,9 +22,7 @@ from hapscene.scene.topology import connected, edges_of, normals_of, weld
 __all__ = [
     "FACING_RAD",
     "Hit",
-    "Mask",
     "PaintableMesh",
-    "face_centre_hit",
     "pick",
     "project_to_surface",
     "segment_triangle",
@@ -248,13 +246,11 @@ class PaintableMesh:
                 distance = exact
         return face, distance, np.asarray(origin_B_m + distance * direction)
 
-    def brush(
-        self, faces: tuple[int, int], ends_B_m: tuple[Row, Row], radius_m: float, facing_rad: float = FACING_RAD
-    ) -> NDArray[np.int64]:
+    def brush(self, faces: tuple[int, int], ends_B_m: tuple[Row, Row], radius_m: float) -> NDArray[np.int64]:
         """Faces (n,) under a brush that moves between two points on the surface, each given by face and position.
 
         These are the faces that intersect the capsule around the segment, are connected with an end inside the
-        capsule, and whose normals differ by at most `facing_rad` from that at an end. So a brush does not paint the
+        capsule, and whose normals differ by at most `FACING_RAD` from that at an end. So a brush does not paint the
         other side of a thin wall.
         """
         self._call += 1
@@ -266,7 +262,7 @@ class PaintableMesh:
             (int(faces[0]), int(faces[1])),
             (tuple(ends_B_m[0].tolist()), tuple(ends_B_m[1].tolist())),
             float(radius_m),
-            math.cos(facing_rad),
+            math.cos(FACING_RAD),
         )
         return np.sort(self._queue[:count]).astype(np.int64)
 
@@ -345,14 +341,6 @@ def pick(
     return best
 
 
-def face_centre_hit(bodies: Sequence[Body], shapes: Sequence[PaintableMesh], body: int, face: int) -> Hit:
-    """The centroid of a face as a `Hit`."""
-    shape, X_WB = shapes[body], bodies[body].X_WB
-    p_B = shape.centroid_m[face]
-    p_W = X_WB[:3, :3] @ p_B + X_WB[:3, 3]
-    return Hit(body, face, p_W, p_B.copy(), X_WB[:3, :3] @ shape.normal[face], 0.0)
-
-
 def project_to_surface(
     body: Body, shape: PaintableMesh, hit: Hit, p_W_m: NDArray[np.float64], reach_m: float
 ) -> NDArray[np.float64]:
@@ -368,6 +356,3 @@ def project_to_surface(
         if found is not None and found[1] <= 2 * reach_m:
             projected[i] = R @ found[2] + p
     return projected
-
-
-Mask = NDArray[np.bool_]

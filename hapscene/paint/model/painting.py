@@ -1,7 +1,9 @@
 """A painted scene: steps that can be undone, and a record of changes for the view and the simulated hand."""
 
+import math
 import threading
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -56,6 +58,9 @@ class Changes:
 ERASE: Final = -1
 """Index that stands for the default swatch of each body."""
 
+JOIN_S: Final = 1.0
+"""Longest pause between changes of a slider, or moves of a body, that are undone together [s]."""
+
 UNUSED_MESHES_MAX: Final = 4
 """Number of prepared meshes kept although no body uses them any more [count]: about 0.3 GB each for a million faces."""
 
@@ -89,6 +94,7 @@ class Painting:
         history: steps that can be undone and redone.
         hidden, locked: names of hidden and of locked bodies, which are not painted. Not saved with the scene.
         lock: held during each change; hold it to read several values consistently.
+        clock: returns the time by which successive changes are joined into one step [s].
 
     Raises:
         SceneError: the scene has no bodies.
@@ -108,6 +114,8 @@ class Painting:
         self.history = History()
         self.swatches = _swatch_states(scene)
         self.lock = threading.RLock()
+        self.clock: Callable[[], float] = time.monotonic
+        self._changed_s = -math.inf
         self._open: _OpenStep | None = None
         self._changed_swatches: set[int] = set()
         self._list_changed = self._bodies_changed = self._poses_changed = False
@@ -392,15 +400,15 @@ class Painting:
         bodies: Sequence[BodyDelta] = (),
         *,
         key: object = None,
-        join: bool = False,
+        goes_on: bool = False,
     ) -> None:
         """Change swatches, then bodies, in one step.
 
         Args:
             what: description for the user.
             swatches, bodies: changes, applied in this order.
-            key: identifies steps that may be joined.
-            join: extend the last step, if it has the same key, instead of adding one.
+            key: extend the last step, if it has the same key and is at most `JOIN_S` old; None to add a step.
+            goes_on: extend the last step, if it has the same key, however old it is.
 
         Raises:
             SceneError: no body would be left.
@@ -412,7 +420,9 @@ class Painting:
             last = self.history.done[-1] if self.history.done else None
             step = Step(what, tuple(swatches), bodies=tuple(bodies), key=key)
             self._apply(step)
-            joins = join and last is not None and last.key == key and not self.history.undone
+            now_s = self.clock()
+            recent, self._changed_s = goes_on or now_s - self._changed_s <= JOIN_S, now_s
+            joins = key is not None and recent and not self.history.undone and last is not None and last.key == key
             if joins and last is not None and [d.index for d in last.bodies] == [d.index for d in bodies]:
                 put = tuple(replace(new, old=old.old) for old, new in zip(last.swatches, step.swatches, strict=True))
                 moved = tuple(replace(new, old=old.old) for old, new in zip(last.bodies, step.bodies, strict=True))
@@ -420,22 +430,21 @@ class Painting:
             else:
                 self.history.add(step)
 
-    def take_painting(self, scene: Scene, what: str, *, composed: bool = False) -> str:
-        """Take over the painting and the swatches of another scene with the same bodies, in one step.
+    def take_painting(self, scene: Scene, what: str) -> str:
+        """Take over the painting, the swatches and the bodies of another state of this scene, in one step.
 
         Args:
             scene: the other scene.
             what: description for the user, which is returned.
-            composed: also take over bodies that were added, deleted or moved.
 
         Raises:
-            SceneError: the bodies differ.
+            SceneError: the scenes have no body in common.
         """
         with self.lock:
             self.end_step()
             mine, theirs = ([_shape(body) for body in s.bodies] for s in (self.scene, scene))
             shapes = [shape[:2] for shape in mine]
-            differ = composed and mine != theirs and not set(shapes).isdisjoint(shape[:2] for shape in theirs)
+            differ = mine != theirs and not set(shapes).isdisjoint(shape[:2] for shape in theirs)
             if not differ and [shape[:2] for shape in theirs] != shapes:
                 raise SceneError(f"{what}: the bodies differ from those of this scene: open that scene instead")
             wanted, known = _swatch_states(scene), len(self.swatches)

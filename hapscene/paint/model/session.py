@@ -11,13 +11,12 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.constants import TICK_S
 from hapscene.device.model import DeviceLike
 from hapscene.errors import SceneError, no_such
 from hapscene.geometry import rigid
 from hapscene.paint.model.composing import Composing
 from hapscene.paint.model.document import Document, file_hash
-from hapscene.paint.model.mesh import Hit, Mask, face_centre_hit
+from hapscene.paint.model.mesh import Hit
 from hapscene.paint.model.painting import ERASE, Painting
 from hapscene.paint.model.regions import OrientedBox
 from hapscene.paint.model.strokes import Brush, Stroke, mirror_images_W
@@ -44,7 +43,6 @@ class Session:
         scene: the scene, painted in place; do not change it elsewhere.
         path: scene file that it was loaded from or will be saved to; None if not known yet.
         device: device whose limits apply to the parameters of swatches.
-        tick_s: period of the force channel [s].
 
     Attributes:
         painting: the scene and the steps that can be undone.
@@ -58,12 +56,10 @@ class Session:
         HapsceneError: the device is unknown.
     """
 
-    def __init__(
-        self, scene: Scene, path: str | Path | None = None, device: DeviceLike = "omni", *, tick_s: float = TICK_S
-    ) -> None:
+    def __init__(self, scene: Scene, path: str | Path | None = None, device: DeviceLike = "omni") -> None:
         self.painting = painting = Painting(scene)
         self.document = Document(painting, Path(path) if path is not None else None)
-        self.tuning = SwatchTuning(painting, device, tick_s)
+        self.tuning = SwatchTuning(painting, device)
         self.composing = Composing(painting)
         self.scene, self.shapes, self.defaults = painting.scene, painting.shapes, painting.defaults
         self.history, self.lock = painting.history, painting.lock
@@ -132,7 +128,7 @@ class Session:
     # --- the brush ---
 
     def begin_stroke(self, swatch: int | str, radius_m: float, **more: Any) -> None:
-        """Begin a stroke and end a stroke in progress. `stroke_to` and `drag_to` paint.
+        """Begin a stroke and end a stroke in progress. `drag_to` paints.
 
         Args:
             swatch: swatch to paint with.
@@ -144,17 +140,6 @@ class Session:
         """
         with self.lock:
             self._stroke = Stroke(self.painting, swatch, Brush(radius_m, **more))
-
-    def stroke_to(self, hit: Hit | None) -> int:
-        """Paint from the last point of the stroke to this one; returns the number of faces reached.
-
-        None lifts the brush. If it was lifted or on another body, only the new point is painted.
-
-        Raises:
-            SceneError: no stroke is in progress.
-        """
-        with self.lock:
-            return self._present_stroke().to(hit)
 
     def drag_to(self, origin_W_m: ArrayLike, direction_W: ArrayLike) -> Hit | None:
         """Paint to the point where a ray from the eye meets the surface; returns that point, or None without a hit.
@@ -195,53 +180,41 @@ class Session:
         Raises:
             SceneError: the angle is out of range.
         """
+        if what == "whole body":
+            return self.fill_body(hit.body, swatch)
         if what == "same swatch":
             return self.fill_swatch(hit.body, self.swatch_at(hit), swatch)
-        degrees = math.degrees(angle_rad)
-        if not 0.0 <= angle_rad <= math.pi:
-            raise SceneError(f"facet angle {degrees:g}° is out of range: expected 0° to 180°")
-        where = {"whole body": what, "material": repr(self.group_at(hit))}.get(what, f"facet within {degrees:.3g}°")
-        return self._fill(where, hit.body, swatch, lambda index: self._faces_at(hit, what, angle_rad))
-
-    def _faces_at(self, hit: Hit, what: str, angle_rad: float) -> Mask:
-        shape = self.shapes[hit.body]
-        if what == "whole body":
-            return np.ones(len(shape.normal), np.bool_)
+        shape, degrees = self.shapes[hit.body], math.degrees(angle_rad)
         if what == "material":
-            return np.asarray(shape.mesh.group == shape.mesh.group[hit.face])
-        return shape.facet(hit.face, angle_rad)
+            group = shape.mesh.group[hit.face]
+            where, chosen = repr(shape.mesh.group_names[group]), shape.mesh.group == group
+        elif 0.0 <= angle_rad <= math.pi:
+            where, chosen = f"facet within {degrees:.3g}°", shape.facet(hit.face, angle_rad)
+        else:
+            raise SceneError(f"facet angle {degrees:g}° is out of range: expected 0° to 180°")
+        return self.painting.paint(f"{_verb(swatch)} {where}", {hit.body: chosen}, swatch)
 
     def fill_body(self, body: int | str, swatch: int | str) -> int:
         """Paint a body all over."""
-        return self._fill("whole body", body, swatch, lambda index: np.ones(len(self.shapes[index].normal), np.bool_))
+        index = self.body_index(body)
+        every = np.ones(len(self.shapes[index].normal), np.bool_)
+        return self.painting.paint(f"{_verb(swatch)} whole body", {index: every}, swatch)
 
-    def fill_group(self, body: int | str, name: str, swatch: int | str) -> int:
-        """Paint a group, material or object of the mesh file, given by its name or a part of the name.
-
-        Raises:
-            MeshError: no group has that name.
-        """
-        return self._fill(repr(name), body, swatch, lambda index: self.shapes[index].mesh.faces_of(name))
-
-    def fill_swatch(self, body: int | str | None, old: int | str, swatch: int | str) -> int:
-        """Replace one swatch by another on a body, or on all bodies (None)."""
+    def fill_swatch(self, body: int | str, old: int | str, swatch: int | str) -> int:
+        """Replace one swatch by another on a body."""
         index = self.painting.swatch_index(old)
         with self.lock:
             self.painting.begin_step(f"{_verb(swatch)} same swatch", swatch)
-            for i in self._chosen(body):
-                self.painting.replace_swatch(i, index)
+            self.painting.replace_swatch(self.body_index(body), index)
             return self.painting.end_step()
 
-    def fill_sphere(
-        self, centre_W_m: ArrayLike, radius_m: float, swatch: int | str, *, body: int | str | None = None, **more: Any
-    ) -> int:
+    def fill_sphere(self, centre_W_m: ArrayLike, radius_m: float, swatch: int | str, **more: Any) -> int:
         """Paint the inside of a sphere; returns the number of faces reached.
 
         Args:
             centre_W_m: (3,) centre [m].
             radius_m: radius [m].
             swatch: swatch to paint with.
-            body: body to paint; None for all.
             more: see `fill_region`.
 
         Raises:
@@ -253,19 +226,16 @@ class Session:
         if not (math.isfinite(radius_m) and radius_m > 0.0):
             raise SceneError(f"sphere radius {radius_m * 1e3:g} mm is out of range: expected more than 0 mm")
         return self.fill_region(
-            "sphere", lambda X_BW: Sphere(X_BW[:3, :3] @ centre + X_BW[:3, 3], radius_m), swatch, body=body, **more
+            "sphere", lambda X_BW: Sphere(X_BW[:3, :3] @ centre + X_BW[:3, 3], radius_m), swatch, **more
         )
 
-    def fill_box(
-        self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int | str, *, body: int | str | None = None, **more: Any
-    ) -> int:
+    def fill_box(self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int | str, **more: Any) -> int:
         """Paint the inside of a box; returns the number of faces reached.
 
         Args:
             X_WK: (4, 4) pose of the box: its centre and axes.
             size_m: (3,) edge lengths [m].
             swatch: swatch to paint with.
-            body: body to paint; None for all.
             more: see `fill_region`.
 
         Raises:
@@ -274,7 +244,7 @@ class Session:
         pose, size = rigid(X_WK, "box"), np.asarray(size_m, np.float64)
         if size.shape != (3,) or not (np.isfinite(size).all() and (size > 0.0).all()):
             raise SceneError(f"invalid box size {size_m!r}: expected three edge lengths above 0 m")
-        return self.fill_region("box", lambda X_BW: OrientedBox(X_BW @ pose, size), swatch, body=body, **more)
+        return self.fill_region("box", lambda X_BW: OrientedBox(X_BW @ pose, size), swatch, **more)
 
     def fill_region(
         self,
@@ -282,7 +252,6 @@ class Session:
         region_of: Callable[[NDArray[np.float64]], Volume],
         swatch: int | str,
         *,
-        body: int | str | None = None,
         eye_W_m: ArrayLike | None = None,
         opacity: float = 1.0,
         mirrors: str = "",
@@ -293,7 +262,6 @@ class Session:
             where: description of the region for the user.
             region_of: returns the region in a frame, given the map (4, 4) from W to it, which may contain a mirror.
             swatch: swatch to paint with.
-            body: body to paint; None for all.
             eye_W_m: (3,) paint only what is visible from this point [m]; None to ignore occlusion.
             opacity: weight of the swatch over the present painting [0, 1].
             mirrors: axes of each body along which the region is mirrored.
@@ -301,43 +269,20 @@ class Session:
         with self.lock:
             self.painting.begin_step(f"{_verb(swatch)} {where}", swatch)
             count = 0
-            for i in self._chosen(body):
-                for image in mirror_images_W(self.scene.bodies[i], mirrors):
-                    region = region_of(np.linalg.inv(self.scene.bodies[i].X_WB) @ image)
+            for i, body in enumerate(self.scene.bodies):
+                for image in mirror_images_W(body, mirrors):
+                    region = region_of(np.linalg.inv(body.X_WB) @ image)
                     faces: NDArray[np.integer] = self.shapes[i].near(region)
                     eye = None if eye_W_m is None else image[:3, :3] @ np.asarray(eye_W_m) + image[:3, 3]
                     count += self.painting.paint_region(i, region, faces, opacity=opacity, eye_W_m=eye)
             self.painting.end_step()
             return count
 
-    def _fill(self, where: str, body: int | str, swatch: int | str, pick: Callable[[int], Mask]) -> int:
-        with self.lock:
-            index = self.body_index(body)
-            return self.painting.paint(f"{_verb(swatch)} {where}", {index: pick(index)}, swatch)
-
-    def _chosen(self, body: int | str | None) -> list[int]:
-        """Index of a body, or of all bodies (None)."""
-        return list(range(len(self.shapes))) if body is None else [self.body_index(body)]
-
     # --- queries ---
 
     def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike, visible_only: bool = False) -> Hit | None:
         """The nearest point on the surface along a ray; None without a hit. See `Painting.pick`."""
         return self.painting.pick(origin_W_m, direction_W, visible_only)
-
-    def hit_at(self, body: int | str, face: int) -> Hit:
-        """The centroid of a face as a point on the surface.
-
-        Raises:
-            SceneError: the body or face does not exist.
-        """
-        index = self.body_index(body)
-        count = len(self.shapes[index].normal)
-        if not 0 <= face < count:
-            raise SceneError(
-                f"body {self.scene.bodies[index].name!r}: face {face} is out of range: expected 0 to {count - 1}"
-            )
-        return face_centre_hit(self.scene.bodies, self.shapes, index, int(face))
 
     def body_index(self, body: int | str) -> int:
         """Index of a body, given by name or index.
@@ -360,11 +305,6 @@ class Session:
         body = self.scene.bodies[hit.body]
         found = None if body.fine is None else body.fine.at(hit.face, self.shapes[hit.body].bary(hit.face, hit.p_B_m))
         return int(body.face_swatch[hit.face] if found is None else parts(found)[0])
-
-    def group_at(self, hit: Hit) -> str:
-        """Name of the group of the mesh file at a point."""
-        mesh = self.scene.bodies[hit.body].mesh
-        return str(mesh.group_names[mesh.group[hit.face]])
 
 
 def _verb(swatch: int | str) -> str:

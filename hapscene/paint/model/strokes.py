@@ -112,18 +112,6 @@ class Stroke:
         self._painting, self._brush = painting, brush
         self._tips: list[_Tip] = []
 
-    def to(self, hit: Hit | None) -> int:
-        """Paint up to a point, or lift the brush: see `Session.stroke_to`."""
-        tips = self._tips_of(hit)
-        count = self._draw(tips[0], [hit])
-        for tip in tips[1:]:
-            image = hit
-            if hit is not None:
-                R, above_W_m = tip.image_W[:3, :3], hit.p_W_m + self._brush.radius_m * hit.nhat_W
-                image = self._pick(hit, R @ above_W_m + tip.image_W[:3, 3], -R @ hit.nhat_W)
-            count += self._draw(tip, [image])
-        return count
-
     def drag_to(self, origin_W_m: ArrayLike, direction_W: ArrayLike) -> Hit | None:
         """Paint up to the point where a ray from the eye meets the surface: see `Session.drag_to`."""
         hit = self._painting.pick(origin_W_m, direction_W, visible_only=True)
@@ -159,32 +147,34 @@ class Stroke:
             self._tips = [*known, *map(_Tip, images[len(known) :])]
         return self._tips
 
-    def _draw(self, tip: _Tip, way: list[Hit | None], eye_W_m: NDArray[np.float64] | None = None) -> int:
-        """Paint from the last point of a tip along points, lifting at each None; returns the faces reached."""
-        count, line = 0, [tip.last] if tip.last is not None else []
+    def _draw(self, tip: _Tip, way: list[Hit | None], eye_W_m: NDArray[np.float64]) -> None:
+        """Paint from the last point of a tip along points, lifting at each None."""
+        line = [tip.last] if tip.last is not None else []
         for hit in way:
             if line and (hit is None or hit.body != line[0].body):
-                count += self._paint(line, eye_W_m) if line != [tip.last] else 0
+                if line != [tip.last]:
+                    self._paint(line, eye_W_m)
                 line = []
             if hit is not None:
                 line.append(hit)
-        count += self._paint(line, eye_W_m) if line and line != [tip.last] else 0
+        if line and line != [tip.last]:
+            self._paint(line, eye_W_m)
         tip.last = way[-1]
-        return count
 
-    def _paint(self, line: list[Hit], eye_W_m: NDArray[np.float64] | None) -> int:
-        """Paint along points on one body; returns the number of faces reached."""
+    def _paint(self, line: list[Hit], eye_W_m: NDArray[np.float64]) -> None:
+        """Paint along points on one body."""
         brush, body, shape = self._brush, line[0].body, self._painting.shapes[line[0].body]
         falloff_m = brush.falloff * brush.radius_m  # the border is inside the radius
         points_m = np.array([hit.p_B_m for hit in line])
         region = Tube(points_m, brush.radius_m - falloff_m / 2)
         if brush.ignore_occlusion:
             faces: NDArray[np.integer] = shape.near(Tube(points_m, brush.radius_m))
-            return self._painting.paint_region(body, region, faces, falloff_m, brush.opacity)
+            self._painting.paint_region(body, region, faces, falloff_m, brush.opacity)
+            return
         ends = pairwise(line) if len(line) > 1 else [(line[0], line[0])]
         touched = [shape.brush((a.face, b.face), (a.p_B_m, b.p_B_m), brush.radius_m) for a, b in ends]
         faces = np.unique(np.concatenate(touched))
-        return self._painting.paint_region(body, region, faces, falloff_m, brush.opacity, eye_W_m=eye_W_m)
+        self._painting.paint_region(body, region, faces, falloff_m, brush.opacity, eye_W_m=eye_W_m)
 
     def _pieces(self, tip: _Tip, now: Ray, hit: Hit | None) -> int:
         """Number of parts into which a move is split."""

@@ -1,7 +1,6 @@
 """Swatches of a painting: add, copy, tune within the limits of the device, reset, save to the user's library."""
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,12 +15,11 @@ from hapscene.paint.model.painting import Painting
 from hapscene.surface.device_clipping import WALL, ClippedSwatches
 from hapscene.surface.effect import Effect
 from hapscene.surface.swatch import OWN_PARAMETERS, PLAIN, Swatch, SwatchLike
-from hapscene.surface.swatch_file import save_swatch
-from hapscene.swatches.library import add, find, library_folder
+from hapscene.swatches.library import add, library_folder
 from hapscene.swatches.picture import plain_look
 from hapscene.view.palette import distinct_colours, rgb
 
-__all__ = ["Parameter", "SwatchTuning", "parameters_of", "tuned", "write_swatch"]
+__all__ = ["Parameter", "SwatchTuning", "parameters_of", "tuned"]
 
 STIFFNESS: Final = "stiffness_N_m"
 
@@ -85,9 +83,7 @@ class Parameter:
     note: str
 
 
-def parameters_of(
-    swatch: Swatch, original: Swatch, effects: list[Effect], limits: Limits, tick_s: float
-) -> tuple[Parameter, ...]:
+def parameters_of(swatch: Swatch, original: Swatch, effects: list[Effect], limits: Limits) -> tuple[Parameter, ...]:
     """All parameters of a swatch that can be tuned, stiffness first.
 
     Args:
@@ -95,10 +91,9 @@ def parameters_of(
         original: the swatch before it was tuned.
         effects: effects that render it.
         limits: limits of the device.
-        tick_s: period of the force channel [s].
     """
     alone: Any = SimpleNamespace(swatches=[swatch])
-    fit = ClippedSwatches(alone, effects, limits, tick_s)
+    fit = ClippedSwatches(alone, effects, limits, TICK_S)
     notes = {clip.number: str(clip) for clip in fit.clips(0)}
     rows: list[tuple[int, str, str, str, float, float, float]] = [
         (WALL, STIFFNESS, "N/m", "normal force divided by penetration depth", 0.0, math.inf, 0.0)
@@ -188,9 +183,6 @@ FIXED: Final = (
     "the swatch 'plain' cannot be changed, since it is the default of unpainted faces: tune a copy of it instead"
 )
 
-JOIN_S: Final = 1.0
-"""Longest pause between changes of a slider that are undone together [s]."""
-
 
 class SwatchTuning:
     """Edits the swatches of a painting.
@@ -198,23 +190,18 @@ class SwatchTuning:
     Args:
         painting: the painted scene.
         device: device whose limits apply to the parameters.
-        tick_s: period of the force channel [s].
 
     Attributes:
         device, limits: name and limits of the device; see `choose_device`.
-        clock: returns the time by which successive changes are joined into one step [s].
 
     Raises:
         HapsceneError: the device is unknown.
     """
 
-    def __init__(self, painting: Painting, device: DeviceLike = "omni", tick_s: float = TICK_S) -> None:
+    def __init__(self, painting: Painting, device: DeviceLike = "omni") -> None:
         self._painting = painting
-        self.tick_s = tick_s
         self.choose_device(device)
-        self.clock: Callable[[], float] = time.monotonic
         self._effects: list[Effect] | None = None
-        self._tuned_s = -math.inf
 
     def choose_device(self, device: DeviceLike) -> None:
         """Choose the device whose limits apply to the parameters.
@@ -222,7 +209,7 @@ class SwatchTuning:
         Raises:
             HapsceneError: the device is unknown.
         """
-        self.limits = limits_of(device, self.tick_s)
+        self.limits = limits_of(device, TICK_S)
         self.device = device_of(device).name
 
     def add_swatch(self, swatch: SwatchLike) -> int:
@@ -264,7 +251,7 @@ class SwatchTuning:
         """Parameters of a swatch that can be tuned, with units and the limits of the device."""
         now = self._painting.swatches[self._painting.swatch_index(swatch)]
         original = (now.original or now).swatch
-        found = parameters_of(now.swatch, original, self._effect_list(), self.limits, self.tick_s)
+        found = parameters_of(now.swatch, original, self._effect_list(), self.limits)
         return tuple(replace(p, applies=False, note=FIXED) for p in found) if now.swatch is PLAIN else found
 
     def tune(self, swatch: int | str, **numbers: float) -> Swatch:
@@ -312,13 +299,11 @@ class SwatchTuning:
             return self._alter(index, new, f"picture of {old.name!r}", ("picture", index))
 
     def _alter(self, index: int, swatch: Swatch, what: str, key: object) -> Swatch:
-        """Replace a swatch; joined with the last step if that has the same key and is at most `JOIN_S` old."""
+        """Replace a swatch; see `Painting.change` about the key."""
         old = self._painting.swatches[index]
-        now_s = self.clock()
-        join, self._tuned_s = now_s - self._tuned_s <= JOIN_S, now_s
         if swatch != old.swatch:
             new = SwatchState(swatch, None, old.original or old)
-            self._painting.change(what, [SwatchDelta(index, old, new)], key=key, join=join)
+            self._painting.change(what, [SwatchDelta(index, old, new)], key=key)
         return swatch
 
     def reset(self, swatch: int | str) -> bool:
@@ -331,16 +316,10 @@ class SwatchTuning:
             self._painting.change(f"reset {old.swatch.name!r}", [SwatchDelta(index, old, old.original)])
             return True
 
-    def save_swatch_as(self, swatch: int | str, name: str, path: Path | None = None, replace_old: bool = False) -> Path:
-        """Save a swatch under a new name and rename it in the scene; returns the file.
+    def save_swatch_as(self, swatch: int | str, name: str) -> Path:
+        """Save a swatch to the user's library under a new name and rename it in the scene; returns the file.
 
         Undo restores the old name in the scene and keeps the file.
-
-        Args:
-            swatch: name or index of the swatch.
-            name: new name.
-            path: .swatch file; None for the user's library.
-            replace_old: overwrite a swatch of that name, or that file.
 
         Raises:
             SwatchError: the name is invalid or taken, or the file cannot be written.
@@ -352,9 +331,9 @@ class SwatchTuning:
             old = self._painting.swatches[index]
             self._check_free(name, index)
             named = replace(old.swatch, name=name)
-            source, file = write_swatch(named, path, replace_old)
+            file = library_folder() / add(named).file
             what = f"save {old.swatch.name!r} as {name!r}"
-            self._painting.change(what, [SwatchDelta(index, old, SwatchState(named, source))])
+            self._painting.change(what, [SwatchDelta(index, old, SwatchState(named, file.resolve()))])
             return file
 
     def detach_from_library(self, name: str) -> None:
@@ -384,21 +363,3 @@ class SwatchTuning:
 
             self._effects = [load_effect(name) for name in EFFECTS]
         return self._effects
-
-
-def write_swatch(swatch: Swatch, path: Path | None, replace_old: bool) -> tuple[str | Path, Path]:
-    """Write a swatch to a file, or to the user's library (None); returns its `Scene.swatch_source` and its file.
-
-    Raises:
-        SwatchError: the name or the file exists already, or the file cannot be written.
-    """
-    if path is None:
-        if find(swatch.name) is not None and not replace_old:
-            raise SwatchError(f"the library already has a swatch {swatch.name!r}: choose another name")
-        entry = add(swatch, replace=replace_old)
-        file = library_folder() / entry.file
-        return file.resolve(), file
-    if path.exists() and not replace_old:
-        raise SwatchError(f"{path}: the file already exists; overwrite it or choose another name")
-    save_swatch(swatch, path)
-    return path.resolve(), path

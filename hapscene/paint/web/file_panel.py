@@ -2,11 +2,12 @@
 
 import asyncio
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from hapscene.errors import SaveConflict, SceneError
+from hapscene.exchange.format_registry import EXPORTS, export_scene, is_mesh_of, losses
 from hapscene.paint.model.document import Recovery
 from hapscene.paint.web.context import PageContext, card_html, escape_html, set_html
 from hapscene.scene.scene_bundle import ZIP_SUFFIX, save_bundle
@@ -50,15 +51,13 @@ class FilePanel:
             save = gui.add_button("Save", hint="Save to the scene file above (Ctrl S)")
             save.on_click(callback(lambda target: self.save()))
             self._status = gui.add_html("")
-            self._exports = _exports()
-            if self._exports:
-                with gui.add_folder("Export"):
-                    self._format = gui.add_dropdown("Format", tuple(self._exports))
-                    self._losses = gui.add_html("")
-                    self._target = gui.add_text("File", "")
-                    gui.add_button("Export", hint="Export to the file above").on_click(callback(self._export))
-                    self._format.on_update(callback(lambda target: self._show_format()))
-                    self._show_format()
+            with gui.add_folder("Export"):
+                self._format = gui.add_dropdown("Format", tuple(EXPORTS))
+                self._losses = gui.add_html("")
+                self._target = gui.add_text("File", "")
+                gui.add_button("Export", hint="Export to the file above").on_click(callback(self._export))
+                self._format.on_update(callback(lambda target: self._show_format()))
+                self._show_format()
             with gui.add_folder("Appearance"):
                 self._dark = gui.add_checkbox("Dark theme", False)
                 self._dark.on_update(callback(lambda target: self.prefer_theme(self.dark, chosen=True)))
@@ -91,9 +90,9 @@ class FilePanel:
         document = self._context.session.document
         text = "● Unsaved changes. " if document.dirty else "✓ All changes saved. "
         if document.changed:
-            text += escape_html(document.problem or (AUTOSAVED if document.autosave else "Autosave is off."))
+            text += escape_html(document.problem or AUTOSAVED)
         set_html(self._status, card_html(text))
-        if self._exports and self._losses_of != (self._format.value, self._context.session.history.state):
+        if self._losses_of != (self._format.value, self._context.session.history.state):
             self._show_losses()
 
     async def save(self) -> None:
@@ -102,10 +101,8 @@ class FilePanel:
         await self._write(lambda force: f"Saved: {session.save(path, force)}")
 
     async def _export(self, target: Any) -> None:
-        from hapscene.exchange import export_scene, losses
-
-        if self._format.value not in self._exports:
-            raise SceneError(f"unknown export format: choose one of {', '.join(self._exports)}")
+        if self._format.value not in EXPORTS:
+            raise SceneError(f"unknown export format: choose one of {', '.join(EXPORTS)}")
         name, file = self._format.value, Path(str(self._target.value).strip())
         session = self._context.session
 
@@ -171,13 +168,10 @@ class FilePanel:
         if path is not None and path != self._path:
             self._path, self._file.value = path, str(path)
             self._context.server.gui.set_panel_label(path.name)
-            if self._exports:
-                self._show_format()
+            self._show_format()
 
     def _show_format(self) -> None:
-        from hapscene.exchange.format_registry import is_mesh_of
-
-        export = self._exports.get(self._format.value)
+        export = EXPORTS.get(self._format.value)
         if export is None:
             return
         self._show_losses()
@@ -187,21 +181,10 @@ class FilePanel:
 
     def _show_losses(self) -> None:
         """Show which parts of the scene the selected format cannot store."""
-        from hapscene.exchange import losses
-
-        session, export = self._context.session, self._exports.get(self._format.value)
+        session, export = self._context.session, EXPORTS.get(self._format.value)
         if export is None:
             return
         with session.lock:
             self._losses_of = self._format.value, session.history.state
             lost = ", ".join(losses(session.scene, self._format.value)) or "nothing"
         set_html(self._losses, card_html(f"{escape_html(export.summary)}.<br>Not included: {escape_html(lost)}."))
-
-
-def _exports() -> Mapping[str, Any]:
-    """Export formats by name; empty if a package for them is missing."""
-    try:
-        from hapscene.exchange.format_registry import EXPORTS
-    except ImportError:
-        return {}
-    return EXPORTS

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.constants import DEFAULT_GRIP
+from hapscene.constants import DEFAULT_GRIP, TICK_S
 from hapscene.device.model import DEVICES, limits_of
 from hapscene.device.sim.hand import GRIPS
 from hapscene.device.sim.omni import Omni, stand
@@ -113,13 +113,13 @@ class HandConfig:
         return bool(reachable(X_WD[:3, :3].T @ (p_W_m - X_WD[:3, 3])))
 
 
-def make_servo(scene: Scene, config: HandConfig, tick_s: float, servo: type[Servo] = Servo) -> Servo:
+def make_servo(scene: Scene, config: HandConfig, servo: type[Servo] = Servo) -> Servo:
     """A servo with a simulated hand; the device is placed for each touch so that it starts mid-workspace."""
     handle: dict[str, Any] = {}
     if config.compensator != NO_HANDLE:
         handle = {"handle": Plant(), "compensator": config.compensator}
     model = HAND_DEVICES[config.device].model
-    return servo(scene, model, tick_s=tick_s, limits=limits_of(config.limits, tick_s), **handle)
+    return servo(scene, model, limits=limits_of(config.limits, TICK_S), **handle)
 
 
 HOVER_M: Final = 0.002
@@ -170,7 +170,7 @@ class TouchHand:
     Args:
         say: shows a message to the user; the second argument is "error" or "".
         config: initial configuration.
-        servo: makes the servo for a scene, a configuration and a tick period.
+        servo: makes the servo for a scene and a configuration.
 
     Attributes:
         status: "starting", "ready", "failed" or "closed".
@@ -184,7 +184,7 @@ class TouchHand:
         self,
         say: Callable[[str, str], None],
         config: HandConfig,
-        servo: Callable[[Scene, HandConfig, float], Any] = make_servo,
+        servo: Callable[[Scene, HandConfig], Any] = make_servo,
     ) -> None:
         self._say = say
         self._make = servo
@@ -208,15 +208,15 @@ class TouchHand:
         self._scene: Scene | None = None
         self._sending = False
         self._servo_bodies: dict[str, Body] = {}  # bodies as the servo knows them
-        self._wanted: tuple[Scene, HandConfig, float] | None = None
+        self._wanted: tuple[Scene, HandConfig] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
-    async def open(self, scene: Scene, tick_s: float) -> None:
+    async def open(self, scene: Scene) -> None:
         """Start the servo, replacing a running one, and show failures. Of several calls, the last counts."""
         self.status, self.problem = "starting", ""
         self._servo, self._running, self.touching = None, False, False
         opening = self._wanted is not None
-        self._wanted = (scene, self.config, tick_s)
+        self._wanted = (scene, self.config)
         while not opening and self._wanted is not None:
             wanted = self._wanted
             try:
@@ -229,10 +229,10 @@ class TouchHand:
                 self._wanted, self._servo = None, servo
                 self._send()  # changes since the call
 
-    def _start(self, scene: Scene, config: HandConfig, tick_s: float) -> Any:
+    def _start(self, scene: Scene, config: HandConfig) -> Any:
         if self._servo_made is not None:
             self._servo_made.close()
-        self._servo_made = self._make(scene, config, tick_s)  # stored at once, so that `close` can end it
+        self._servo_made = self._make(scene, config)  # stored at once, so that `close` can end it
         self._servo_bodies = {body.name: body for body in scene.bodies}
         if self.status == "closed":
             raise HapsceneError("the page is closed")
@@ -252,10 +252,6 @@ class TouchHand:
     def servo(self) -> Any:
         """The servo; None until it is ready."""
         return self._servo
-
-    @property
-    def tick_s(self) -> float:
-        return float(self._servo.tick_s)
 
     # --- the hand ---
 
@@ -329,10 +325,10 @@ class TouchHand:
             if not state.touching and self._deeper_m < 0.0:  # after a bounce, the tool could stay off the surface
                 self._deeper_m = 0.0
                 self._aim()
-        reacted = state.tick - self._surface_tick > REACTION_S / self.tick_s
+        reacted = state.tick - self._surface_tick > REACTION_S / TICK_S
         if self.touching and not self._starting and reacted and len(log.rows):
             normal_N = float((log.rows["f_W_N"] * log.rows["nhat_W"]).sum(axis=1).mean())
-            self._correct_force(normal_N, len(log.rows) * self.tick_s)
+            self._correct_force(normal_N, len(log.rows) * TICK_S)
         if not self.touching and not self._starting and now_s - self._last_s > IDLE_S:
             self._running = False
             self._start_task(self._in_thread(self._servo.pause))
@@ -385,7 +381,7 @@ class TouchHand:
                     await self._in_thread(update)
                 except HapsceneError as error:
                     if scene is not None and any(body.name not in self._servo_bodies for body in scene.bodies):
-                        await self.open(scene, servo.tick_s)  # too large to be added to the running servo
+                        await self.open(scene)  # too large to be added to the running servo
                     else:
                         self._report(error)
         finally:

@@ -65,7 +65,7 @@ class HandPanel:
         self._show_output()
         self._context.refresh()  # shows the new limits
         if touch.status != "closed":
-            await touch.open(session.painting.snapshot(), session.tuning.tick_s)
+            await touch.open(session.painting.snapshot())
 
 
 STEP_COUNT: Final = 200

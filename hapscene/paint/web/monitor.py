@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
 from hapscene.loop import ServoState
 from hapscene.paint.web.context import PageContext
@@ -55,7 +56,7 @@ class Monitor:
         state = None if samples is None or samples[0].tick < 0 else samples[0]
         if samples is not None and state is not None:
             if len(samples[1]):
-                socket.trace(samples[1], samples[2], self._context.session.tuning.tick_s)
+                socket.trace(samples[1], samples[2], TICK_S)
             view.show_touch(state.p_WT_m, state.p_WP_m, state.f_W_N)
         elif self._shown:
             view.show_touch(None)

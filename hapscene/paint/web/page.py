@@ -52,7 +52,6 @@ class Page:
         host: address to listen at; any but loopback is open to the network.
         port: port; if it is in use, a free one near it; 0 for any.
         with_hand: start the simulated hand.
-        with_autosave: back up unsaved work and offer it for recovery.
         hand: configuration of the hand; None for the device of the session.
         server: server that is open already; it is closed with the page.
 
@@ -73,13 +72,12 @@ class Page:
         host: str = HOST,
         port: int = PORT,
         with_hand: bool = True,
-        with_autosave: bool = True,
         hand: HandConfig | None = None,
         server: PageServer | None = None,
     ) -> None:
         if session.path is None:
             raise SceneError("the session has no file: give it a path, such as NAME.scene.json")
-        self._with_autosave, self._with_hand = with_autosave, with_hand
+        self._with_hand = with_hand
         self._ready = self.kept = False
         self._ends = ExitStack()
         self._served = server or PageServer(host, port)
@@ -91,8 +89,7 @@ class Page:
             raise
 
     def _begin(self, session: Session, hand: HandConfig) -> None:
-        if self._with_autosave:
-            session.document.start_autosave()
+        session.document.start_autosave()
         self._ends.callback(self._keep, session)
         self._ends.callback(self._served.close)
         self.server = self._served.viser
@@ -145,8 +142,7 @@ class Page:
     async def _open_hand(self) -> None:
         with suppress(TimeoutError):
             await asyncio.wait_for(self._page_shown.wait(), SHOWN_S)
-        session = self.context.session
-        await self.context.touch.open(session.painting.snapshot(), session.tuning.tick_s)
+        await self.context.touch.open(self.context.session.painting.snapshot())
 
     def _start(self, task: Coroutine[Any, Any, None]) -> "Future[None]":
         """Run a task in the event loop until the page closes."""
@@ -328,8 +324,7 @@ class Page:
         self._parameter_panel = ParameterPanel(self.context, haptics)
         self._file_panel = FilePanel(self.context, file, self._path, self._served.addresses())
         gui.set_panel_label(self._path.name)
-        if self._with_autosave:
-            self._file_panel.offer_recovery()
+        self._file_panel.offer_recovery()
         self._ready = True
 
     def _listen(self) -> None:

@@ -24,8 +24,10 @@ made = session.add_swatch(Swatch("slate", stiffness_N_m=900.0))
 session.tune(session.painting.swatch_named("paper"), stiffness_N_m=123.0)
 session.begin_stroke(made, 1e-3)  # a stroke that never ends: it is not lost either
 file = session.document.autosave.file
+shape, X_WB = session.shapes[0], session.scene.bodies[0].X_WB
 for face in range(1280):
-    session.stroke_to(session.hit_at("ball", face))
+    up_W = X_WB[:3, :3] @ shape.normal[face]
+    session.drag_to(X_WB[:3, :3] @ shape.centroid_m[face] + X_WB[:3, 3] + 0.01 * up_W, -up_W)
     print(face, file.stat().st_mtime_ns if file.exists() else 0, flush=True)
     time.sleep(0.02)
 """

@@ -102,7 +102,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     scene.add(mesh_of(icosphere(subdivisions=2, radius=0.03)), name="ball", swatch="wood")
     session = Session(scene, folder / "ball.scene.json")
     session.tuning.copy_swatch(1, LONG)
-    with library_in(folder), Page(session, port=0, with_hand=False, with_autosave=False) as page:
+    with library_in(folder), Page(session, port=0, with_hand=False) as page:
         do(page, lambda: page.context.tools.choose_swatch(LONG, session.scene.swatches[2]))
         do(page, page.refresh)
         yield page

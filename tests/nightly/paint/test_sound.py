@@ -51,7 +51,7 @@ def tab(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]
     scene = hapscene.Scene()
     scene.add(plate_mesh(cells=1), name="plate", swatch="paper")
     session = Session(scene, folder / "plate.scene.json")
-    with Page(session, port=0, with_hand=False, with_autosave=False) as page:
+    with Page(session, port=0, with_hand=False) as page:
         found = browser.new_page()
         found.goto(page.url)
         yield found

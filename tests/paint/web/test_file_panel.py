@@ -172,13 +172,3 @@ def test_while_it_is_asked_all_is_kept(killed: Path) -> None:
         said(tab, "Saved")
         tab.close()
     assert not page.kept and not autosave_folder(killed).exists()
-
-
-def test_without_autosave_no_copy_is_promised(killed: Path) -> None:
-    with Page(Session.open(killed), port=0, with_hand=False, with_autosave=False) as page:
-        tab = Tab(page)
-        page.context.session.fill_body("plate", 0)
-        tab.wait(lambda: displayed(tab, "Autosave is off"))
-        assert not asked(tab, "Recover")
-        tab.close()
-    assert not page.kept

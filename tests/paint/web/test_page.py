@@ -545,7 +545,7 @@ def test_another_device_grip_and_handle_are_held_and_the_painting_stays(
 ) -> None:
     made: list[HandConfig] = []
 
-    async def opened(scene: Any, tick_s: float) -> None:
+    async def opened(scene: Any) -> None:
         made.append(page.context.touch.config)
 
     monkeypatch.chdir(tmp_path)

@@ -39,8 +39,6 @@ PLACE = np.array([0.01, 0.02, 0.03])
 class Notes:
     """Stands in for a servo."""
 
-    tick_s = 0.001
-
     def __init__(self, hold: HandConfig, refuse: str | None = None) -> None:
         self.hold, self.refuse, self.alive, self.closed = hold, refuse, True, False
         self.orders: list[tuple[Any, ...]] = []
@@ -87,13 +85,13 @@ def run(act: Callable[[TouchHand, list[Notes], list[str]], Any], refuse: str | N
     made: list[Notes] = []
     said: list[str] = []
 
-    def make(scene: Scene, hold: HandConfig, tick_s: float) -> Notes:
+    def make(scene: Scene, hold: HandConfig) -> Notes:
         made.append(Notes(hold, refuse))
         return made[-1]
 
     async def main() -> None:
         touch = TouchHand(lambda text, kind: said.append(text), HandConfig(), make)
-        await touch.open(Scene(), 0.001)
+        await touch.open(Scene())
         await act(touch, made, said)
         touch.close()
 
@@ -159,7 +157,7 @@ def test_last_selected_device_is_opened_with_the_latest_painting() -> None:
         orders = []
         for device in HAND_DEVICES:
             touch.config = HandConfig(device)
-            orders.append(asyncio.ensure_future(touch.open(Scene(), 0.001)))
+            orders.append(asyncio.ensure_future(touch.open(Scene())))
             await asyncio.sleep(0.0)
         await asyncio.gather(*orders)
         assert touch.status == "ready" and made[-1].hold.device == list(HAND_DEVICES)[-1]
@@ -195,9 +193,9 @@ def test_after_a_start_that_the_system_refused_another_is_tried(monkeypatch: pyt
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         with monkeypatch.context() as then:
             then.setattr(Notes, "__enter__", full)
-            await touch.open(Scene(), 0.001)
+            await touch.open(Scene())
         assert touch.status == "failed" and "No space left" in said[-1]
-        await touch.open(Scene(), 0.001)
+        await touch.open(Scene())
         assert touch.status == "ready" and touch.press(PLACE, UP, 1.0, 500.0)
 
     run(act)
@@ -278,7 +276,7 @@ async def feel(hold: HandConfig, force_N: float) -> tuple[TickLog, list[str]]:
     place, nhat, stiffness = np.array([0.02, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]), scene.swatches[1].stiffness_N_m
     touch = TouchHand(lambda text, kind: said.append(text), hold, partial(make_servo, servo=VirtualServo))
     try:
-        await touch.open(scene, 0.001)
+        await touch.open(scene)
         assert touch.press(place, nhat, force_N, stiffness)
         right, newest = 0, 0
         while right < 300 or newest < 1000:
@@ -317,7 +315,7 @@ def test_press_reaches_the_surface_without_a_force_peak(grip: str, force_N: floa
         make = partial(make_servo, servo=VirtualServo)
         touch = TouchHand(lambda text, kind: None, HandConfig("omni", grip, NO_HANDLE), make)
         try:
-            await touch.open(scene, 0.001)
+            await touch.open(scene)
             touch.press(place, nhat, force_N, scene.swatches[1].stiffness_N_m)
             felt_N = np.zeros(0)
             while np.count_nonzero(felt_N) < 500:
@@ -355,13 +353,13 @@ def test_a_page_that_closes_does_not_wait_for_a_hand_that_starts() -> None:
 
     made: list[Slow] = []
 
-    def make(scene: Scene, hold: HandConfig, tick_s: float) -> Slow:
+    def make(scene: Scene, hold: HandConfig) -> Slow:
         made.append(Slow(hold))
         return made[-1]
 
     async def main() -> None:
         touch = TouchHand(lambda text, kind: None, HandConfig(), make)
-        opening = asyncio.create_task(touch.open(Scene(), 0.001))
+        opening = asyncio.create_task(touch.open(Scene()))
         assert await asyncio.to_thread(Slow.begun.wait, PATIENCE_S)
         opening.cancel()
         touch.close()
@@ -391,7 +389,7 @@ def test_bodies_that_come_move_and_go_are_felt_where_they_are() -> None:
         config, make = HandConfig("omni-point", "medium", NO_HANDLE), partial(make_servo, servo=VirtualServo)
         touch = TouchHand(lambda text, kind: said.append(text), config, make)
         try:
-            await touch.open(painting.snapshot(), 0.001)
+            await touch.open(painting.snapshot())
             X_WB = np.eye(4)
             X_WB[:3, 3] = (0.0, 0.0, 0.1)
             composing.move("plate", X_WB)
@@ -399,7 +397,7 @@ def test_bodies_that_come_move_and_go_are_felt_where_they_are() -> None:
             assert await touched(touch, np.array([0.0, 0.0, 0.105])) == "plate"
             X_WB[:3, 3] = (0.3, 0.0, 0.0)
             composing.move("plate", X_WB)
-            (other,) = composing.add(one_plate(), beside=False)
+            (other,) = composing.add(one_plate())
             touch.repaint(painting.snapshot())
             assert await touched(touch, np.array([0.0, 0.0, 0.005])) == other == "plate 2"
             composing.scale(other, 2.0)
