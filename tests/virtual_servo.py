@@ -99,7 +99,7 @@ class _LocalProcess:
         self.exitcode = 0
 
     def _close(self) -> None:
-        for connection in self._opened:
+        for connection in self.handler.connections if hasattr(self, "handler") else self._opened:
             connection.close()
             connection.state = new_state()
 

@@ -95,8 +95,8 @@ class Frame(NamedTuple):
 
 
 class Event(NamedTuple):
-    """A change of contact: kind 1 began, 2 crossed to another swatch, 3 ended; indices into the lists of the
-    WELCOME."""
+    """A change of contact: kind 1 began, 2 crossed to another swatch, 3 ended; indices into the lists of the WELCOME.
+    Or a button was pressed (4) or released (5): `body` is its number."""
 
     tick: int
     kind: int

@@ -61,6 +61,7 @@ BATCH_MAX: Final = 1000
 """Most packets that are answered before the server checks whether to end [count]."""
 
 KINDS: Final = {"began": 1, "crossed": 2, "ended": 3}
+PRESSED, RELEASED = 4, 5  # kinds of button events, for clients that request them
 
 BUSY: Final = "another client is here"
 NO_SESSION: Final = "no such session"
@@ -83,6 +84,7 @@ class _Session:
     known: list[int]  # numbers of bodies and swatches that the client knows
     base: NDArray[np.float64]  # (room, 6) totals of impulse at its beginning
     events_from: int
+    buttons_from: int  # −1: the client requests no button events
     received_s: float
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENT_COUNT))
     answers: dict[int, bytes | None] = field(default_factory=dict)  # None: it is not done yet
@@ -238,6 +240,7 @@ class BridgeServer:
             *(key, hello.get("nonce"), address, tool, frame, welcome),
             known=[len(self.servo.scene.bodies), len(self.servo.scene.swatches)],
             base=self.orders.impulse_offset + self.orders.given(),  # the totals of a new session begin at 0
+            buttons_from=self.servo.button_events(tool=tool)[1] if hello.get("buttons") is True else -1,
             events_from=self.servo.state(tool=tool).tick + 1,
             received_s=self._clock.now_s(),
         )
@@ -315,10 +318,12 @@ class BridgeServer:
             swatch = _last([swatch.name for swatch in self.servo.scene.swatches], event.swatch)
             if index >= session.known[0] or swatch >= session.known[1]:
                 continue  # the client does not know this index yet
-            if len(session.events) == EVENT_COUNT:
-                session.first_event += 1
             speed = event.approach_m_s / to.metre
-            session.events.append(Event(event.tick, KINDS[event.kind], index, swatch, speed))
+            _add_event(session, Event(event.tick, KINDS[event.kind], index, swatch, speed))
+        if session.buttons_from >= 0:
+            pressed, session.buttons_from = self.servo.button_events(session.buttons_from, tool=session.tool)
+            for one in pressed:
+                _add_event(session, Event(one.tick, PRESSED if one.pressed else RELEASED, one.button, 0xFFFF, 0.0))
         while session.events and session.first_event < frame.event_count:
             session.events.popleft()
             session.first_event += 1
@@ -372,6 +377,13 @@ class BridgeServer:
             return {"tool": session.tool} | order if order.get("order") == "start" else order
 
         return self.orders.submit(session.frame, read, encode)
+
+
+def _add_event(session: _Session, event: Event) -> None:
+    """Append an event; the oldest is dropped if there is no room."""
+    if len(session.events) == EVENT_COUNT:
+        session.first_event += 1
+    session.events.append(event)
 
 
 def _pack_answer(key: int, sequence: int, result: dict[str, Any]) -> bytes:

@@ -103,12 +103,12 @@ def try_device(
     /,
     *,
     option: Annotated[Pairs, Help("Options of the device driver, as in firmware=falcon.bin")] = None,
-    yes: Annotated[bool, Help("Run without waiting for the Enter key, at 0.5 N at most")] = False,
+    yes: Annotated[bool, Help("Run without waiting for the Enter key")] = False,
 ) -> int:
     """Test a device step by step: position first, then a small force.
 
-    You move the device through its workspace, then it renders a small force. The
-    force stays below 0.5 N until you confirm a larger one.
+    You move the device through its workspace, then it renders a small force, below
+    0.5 N. For the full force, use `hapscene play SCENE --device NAME`.
 
     examples:
       hapscene device try haply2diy

@@ -46,8 +46,13 @@ def play(
     scene: Annotated[str, Help("Scene, mesh, or name of an asset")] = "demo",
     /,
     *,
-    device: Annotated[str, Help("Device from `device list`; pointer is the mouse, on a page")] = "pointer",
-    option: Annotated[Pairs, Help("Options of the device driver, as in firmware=falcon.bin")] = None,
+    device: Annotated[
+        list[str] | None,
+        Help("Device from `device list`; pointer (default) is the mouse, on a page; repeat for several"),
+    ] = None,
+    option: Annotated[
+        Pairs, Help("Options of the device driver, as firmware=falcon.bin; 2.name=Left: second device")
+    ] = None,
     at: Annotated[Vector, Help("Centre of the device workspace [m] (default: middle of the scene's top)")] = None,
     force: Annotated[Positive | None, Help("Maximum force [N]; the limit of the device still applies")] = None,
     seconds: Annotated[Positive | None, Help("Duration of the session [s] (default: until Ctrl-C)")] = None,
@@ -58,10 +63,11 @@ def play(
     page: PageOptions = PageOptions(),
     mesh: MeshOptions = MeshOptions(),
 ) -> int:
-    """Touch a scene in real time, with a haptic device or with the mouse on a page.
+    """Touch a scene in real time, with haptic devices or with the mouse on a page.
 
     The page plays vibrations as sound; use headphones. Keys in the terminal: space
-    pauses, f writes the session log, q ends. The force rises within two seconds
+    pauses, h calibrates a device at its home position, r opens devices again after
+    a fault, f writes the session log, q ends. The force rises within two seconds
     after the start and after each pause, and drops to zero on any fault.
 
     Exit codes with --replay: 0 the forces are equal; 1 they differ.
@@ -69,7 +75,7 @@ def play(
     examples:
       hapscene play                                     # demo scene, by mouse
       hapscene play demo.scene.json --handle audio
-      hapscene play demo.scene.json --device openhaptics
+      hapscene play demo.scene.json --device openhaptics --device falcon
     """
     if replay is not None:
         return _replay(replay)
@@ -77,12 +83,12 @@ def play(
     check_scene(scene, mesh)
     from hapscene.play.start import log_folder, on_page, with_device
 
-    chosen = _device(device, option or {})
+    chosen = _devices(device or ["pointer"], option or {})
     logs = log or log_folder()
     made: dict[str, Any] = {"handle": handle.chosen(), "handle_file": handle.handle_file, "force_N": force}
     made |= {"ring_s": LOG_S, "log_folder": str(logs)}
     loaded = load_input(scene, mesh)
-    if device == "pointer" and not option:
+    if device in (None, ["pointer"]) and not option:
         place = {"title": base_name(scene), "host": page.host, "port": page.port}
         place["kiosk_s"] = KIOSK_S if kiosk else math.inf
         running = on_page(loaded, place, not page.no_browser, print_progress, **made)
@@ -104,18 +110,21 @@ def _replay(path: Path) -> int:
     return 1 if len(result.unlike) else 0
 
 
-def _device(name: str, options: dict[str, str]) -> "str | DeviceChoice":
-    """A simulated device by name, or the choice of a driver with its checked options."""
+def _devices(names: list[str], options: dict[str, str]) -> "list[str | DeviceChoice]":
+    """Simulated devices by name, and drivers with their checked options; K.NAME is an option of the K-th device."""
     from hapscene.device.driver_registry import DRIVERS, DeviceChoice
     from hapscene.device.model import DEVICES
 
-    if name in DEVICES:
-        return name
-    if name not in DRIVERS.names():
-        raise DeviceError(no_such("device", name, [*DEVICES, *DRIVERS.names()]))
-    choice = DeviceChoice(name, options)
-    choice.checked()
-    return choice
+    chosen: list[str | DeviceChoice] = []
+    for number, name in enumerate(names, 1):
+        if name not in (*DEVICES, *DRIVERS.names()):
+            raise DeviceError(no_such("device", name, [*DEVICES, *DRIVERS.names()]))
+        own = {key.removeprefix(f"{number}."): value for key, value in options.items()}
+        choice = DeviceChoice(name, {key: value for key, value in own.items() if not key[:1].isdigit()})
+        if name not in DEVICES:
+            choice.checked()
+        chosen.append(name if name in DEVICES else choice)
+    return chosen
 
 
 def _watch(servo: "Servo", logs: Path, seconds: float) -> None:
@@ -157,15 +166,33 @@ def _show_until_end(
                 return
             if key == "f":
                 _write_log(servo, logs, "key f was pressed")
-            if key == " ":
+            if key == " " and servo.mode != "error":
                 (servo.resume if paused else servo.pause)()
                 paused = not paused
+            if key == "h":
+                _try(servo.home)
+            if key == "r" and servo.mode == "error":
+                _try(servo.recover, servo.resume)
         if not terminal and time.monotonic() - shown_s < QUIET_S:
             continue
         shown_s = time.monotonic()
-        lines = monitor.lines()
+        try:
+            lines = monitor.lines()
+        except DeviceError as error:
+            if not terminal:
+                raise
+            lines = [f"{error}; press r to open it again, q to end"]
         line = "; ".join([*lines[:1], *lines[TIMES:], *(["paused: press space to resume"] if paused else [])])
         print_in_place(line[: get_terminal_size().columns - 1]) if terminal else print_lines([line])
+
+
+def _try(*actions: Callable[[], object]) -> None:
+    """Call functions one after the other; print an error of theirs."""
+    try:
+        for act in actions:
+            act()
+    except HapsceneError as error:
+        print_note(str(error))
 
 
 def _write_log(servo: "Servo", logs: Path, reason: str) -> None:

@@ -141,7 +141,7 @@ class Session:
             start_s = self.clock.now_s()
             self.device.read()
             self.durations_s.append(self.clock.now_s() - start_s)
-            _check_state(state)
+            _check_state(state, self.driver)
             state.ready = state.ready if ready else 0
             state.f_D_N = force_N, 0.0, 0.0
             self.device.write()
@@ -167,12 +167,14 @@ class Session:
         return emulator
 
 
-def _check_state(state: Any) -> None:
+def _check_state(state: Any, driver: Driver) -> None:
     if not np.isfinite(state.p_DT_m).all():
         raise Failed(f"position {state.p_DT_m.tolist()}, expected finite numbers")
     R = np.asarray(state.R_DT)
     if not (np.isfinite(R).all() and np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0.0):
         raise Failed(f"orientation {R.tolist()}, expected a rotation matrix (the identity if unknown)")
+    if int(state.buttons) >> driver.button_count:
+        raise Failed(f"buttons are {int(state.buttons):b}, expected bits of the driver's {driver.button_count} buttons")
 
 
 def _checks(emulator: Emulator | None) -> list[tuple[str, Callable[[Session], str]]]:
@@ -241,6 +243,9 @@ def _check_open(session: Session) -> str:
     if session.device.state.dtype != DEVICE_STATE:
         raise Failed("state is of another type, expected the one of Connection.__init__: call super().__init__()")
     session.turn(1)  # the first calls may compile
+    if session.driver.home:
+        session.turn(SETTLE_TICKS)
+        session.device.home()
     session.await_ready()
     return "ready"
 
@@ -310,7 +315,7 @@ def _check_fault(session: Session, fault: str = "") -> str:
     found = f"read: {_duration(session.durations_s)}"
     if error:
         found = f"{found}; then DeviceError: {error}"
-        session.open()
+        _check_open(session)
     session.await_ready()
     session.turn(2 * SETTLE_TICKS)
     count = int(session.device.state.count[0])

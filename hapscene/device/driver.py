@@ -20,7 +20,21 @@ from hapscene.errors import DeviceError, no_such
 from hapscene.geometry import Vector
 from hapscene.records import records
 
-__all__ = ["DEVICE_STATE", "Connection", "Driver", "Found", "Option", "VendorConnection", "clip_force", "new_state"]
+__all__ = [
+    "BUTTON_ROOM",
+    "DEVICE_STATE",
+    "DRIVER_FIELDS",
+    "Connection",
+    "Driver",
+    "Found",
+    "Option",
+    "VendorConnection",
+    "clip_force",
+    "new_state",
+]
+
+BUTTON_ROOM: Final = 64
+"""Changes of the buttons that the servo keeps for the application [count]."""
 
 DEVICE_STATE: Final = np.dtype(
     [
@@ -32,12 +46,20 @@ DEVICE_STATE: Final = np.dtype(
         ("count", "i8"),  # number of states that the device has sent
         ("trouble", "i8"),  # the driver's code of a problem (`Connection.reason`); 0: no problem
         ("heat", "f8"),  # motor temperature, 1: too warm; NaN if unknown
+        ("v_DT_m_s", "f8", (3,)),  # velocity that the device itself measures; NaN if it measures none
+        ("gripper_rad", "f8"),  # opening of the gripper; NaN without one
         # set by the servo
         ("f_D_N", "f8", (3,)),  # force on the hand
+        ("button_count", "i8"),  # number of changes of `buttons`; before the log, so that a copy of both is consistent
+        ("button_log", "i8", (BUTTON_ROOM, 3)),  # tick, time [ns] and `buttons` of the last changes, a ring buffer
     ],
     align=True,
 )
-"""State exchanged between a driver and the servo."""
+"""State exchanged between a driver and the servo. A driver sets the fields that its device has."""
+
+
+DRIVER_FIELDS: Final = tuple(DEVICE_STATE.names or ())[: list(DEVICE_STATE.names or ()).index("button_count")]
+"""Fields of `DEVICE_STATE` before the log of the buttons, which only the servo writes."""
 
 
 def clip_force(force_N: Any, most_N: float) -> Vector:
@@ -53,7 +75,7 @@ def clip_force(force_N: Any, most_N: float) -> Vector:
 def new_state() -> Any:
     """(1,) DEVICE_STATE of a device from which nothing was received."""
     state = records(1, DEVICE_STATE)
-    state.R_DT, state.heat = np.eye(3), math.nan
+    state.R_DT, state.heat, state.v_DT_m_s, state.gripper_rad = np.eye(3), math.nan, math.nan, math.nan
     return state
 
 
@@ -140,6 +162,14 @@ class Connection:
         """
         raise NotImplementedError
 
+    def home(self) -> None:
+        """Take the present position as the home position, which `Driver.home` describes. The force is 0.
+
+        Raises:
+            DeviceError: the device calibrates itself, or was disconnected.
+        """
+        raise DeviceError("this device calibrates itself")
+
     def close(self) -> None:
         """Set the force to 0 and release the device. Raises nothing, even if it is disconnected; may be called
         twice."""
@@ -182,7 +212,11 @@ class VendorConnection(Connection):
         """
 
     def unschedule(self) -> None:
-        """Stop the tick and set the force to 0. Returns when no call is running; may be called twice."""
+        """Stop the tick and set the force to 0. Returns when no call is running; may be called twice.
+
+        Raises:
+            DeviceError: the force could not be set to 0. The servo's process then ends, and the watchdog sets it to 0.
+        """
         raise NotImplementedError
 
 
@@ -206,6 +240,7 @@ class Driver:
         button_count: number of buttons.
         rate_Hz: highest rate of the device's own loop; 0 if it has none.
         needs: requirements: a library, a port, a permission.
+        home: what the user does before `Connection.home`, in the imperative; empty if the device calibrates itself.
         imports: modules that `open` and `release` import when they are called. The watchdog imports them at its start.
         options: options of the driver.
         watchdog_s: time without a command after which the device itself stops the force. If infinite, a process of the
@@ -235,6 +270,7 @@ class Driver:
     button_count: int = 0
     rate_Hz: float = 0.0
     needs: str = ""
+    home: str = ""
     imports: tuple[str, ...] = ()
     options: tuple[Option, ...] = ()
     watchdog_s: float = math.inf

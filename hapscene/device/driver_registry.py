@@ -57,7 +57,7 @@ class DeviceChoice:
         return driver, driver.read_options(self.options)
 
 
-def open(name: str, **options: Any) -> Connection:
+def open(name: str, /, **options: Any) -> Connection:
     """Open a device by the name of its driver: `with hapscene.device.open("falcon", firmware="falcon.bin") as device:`.
 
     Raises:
@@ -66,6 +66,6 @@ def open(name: str, **options: Any) -> Connection:
     return DeviceChoice(name, options).open()
 
 
-def choose(name: str, **options: Any) -> DeviceChoice:
+def choose(name: str, /, **options: Any) -> DeviceChoice:
     """A device for a `Servo`: `Servo(scene, hapscene.device.choose("falcon", firmware="falcon.bin"))`."""
     return DeviceChoice(name, options)

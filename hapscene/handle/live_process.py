@@ -16,6 +16,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from hapscene.device.driver_registry import DeviceChoice
+from hapscene.device.safety import HEARTBEAT_AGE_S
 from hapscene.errors import HandleError, HapsceneError
 from hapscene.handle.compensator import find_compensator
 from hapscene.handle.handle_file import load_handle
@@ -41,23 +42,33 @@ POLL_S: Final = 0.02
 
 
 class ChannelSource:
-    """The samples of a tool's channel in the servo's shared memory, from now on."""
+    """The samples of a tool's channel in the servo's shared memory, from now on.
 
-    def __init__(self, channel: Channel, tool: int) -> None:
-        self._ring, self._shared = channel.a_m_s2[tool], channel.channel.view(np.ndarray)["done"]
-        self._taken = int(self._shared[0])
+    While the application sends no heartbeat, or requests no force, it returns no samples: the handle fades to silence.
+    """
+
+    def __init__(self, channel: Channel, tool: int, clock: Clock = CLOCK) -> None:
+        self._ring, self._row, self._clock = channel.a_m_s2[tool], channel.channel.view(np.ndarray), clock
+        self._taken, self._beats, self._beat_s = int(self._row["done"][0]), 0, 0.0
+
+    def _silent(self) -> bool:
+        """Whether the application has ended, was stopped, or requests no force."""
+        beats, now_s = int(self._row["heartbeat"][0]), self._clock.now_s()
+        if beats != self._beats:
+            self._beats, self._beat_s = beats, now_s
+        return bool(self._row["stop_force"][0]) or (beats > 0 and now_s - self._beat_s > HEARTBEAT_AGE_S)
 
     def fetch(self, wanted: int) -> Array:
         """The samples of the ticks completed since the last call, at most half of the ring buffer."""
-        done = int(self._shared[0])
+        done = int(self._row["done"][0])
         length = len(self._ring)
-        first = max(min(self._taken, done), done - length // 2)
+        first = done if self._silent() else max(min(self._taken, done), done - length // 2)
         self._taken = done
         return np.asarray(self._ring[np.arange(first, done) % length]).reshape(-1)  # a copy
 
     def close(self) -> None:
         """Release the views of the shared memory."""
-        self._ring = self._shared = np.zeros((1, 1))
+        self._ring = self._row = np.zeros((1, 1))
 
 
 class RecordingSource:

@@ -6,6 +6,8 @@ A `Loop` holds everything that a tick acts on. `CHANNEL.pace` selects who waits 
     TIMED      the driver waits until a tick is due (simulated devices of a `Servo`)
     CALLED     the caller waits, reads the device and writes to it between single ticks (drivers in Python)
     SCHEDULED  a thread of the vendor's library calls single ticks
+
+With several devices, the servo keeps the time, and the vendors' threads exchange states and forces by `exchange`.
 """
 
 import math
@@ -20,7 +22,9 @@ from hapscene.compiled.entry import address_of, call_flags
 from hapscene.compiled.native import inlined, native
 from hapscene.constants import TINY
 from hapscene.contact.prediction import FRAME, PREDICTED, predict_bodies
+from hapscene.device.driver import BUTTON_ROOM
 from hapscene.device.safety import STALL_S
+from hapscene.device.sim.arm import CONNECTED
 from hapscene.loop.checkpoint import memory_of, write_checkpoint
 from hapscene.loop.closed_loop import Tool, take_grip, tick_tool
 from hapscene.loop.timing import BIN_COUNT, TIMING, Timer, count_in_bin, wait_for_tick
@@ -29,7 +33,19 @@ from hapscene.records import records
 if TYPE_CHECKING:
     from hapscene.render.renderer import Renderer
 
-__all__ = ["AIM", "CHANNEL", "Bodies", "Loop", "bound", "drive", "new_loop", "static_bodies", "wait_at"]
+__all__ = [
+    "AIM",
+    "CHANNEL",
+    "Bodies",
+    "Exchange",
+    "Loop",
+    "bound",
+    "drive",
+    "exchange",
+    "new_loop",
+    "static_bodies",
+    "wait_at",
+]
 
 FREE, TIMED, CALLED, SCHEDULED = 0, 1, 2, 3
 
@@ -39,7 +55,7 @@ CHANNEL: Final = np.dtype(
         ("pause", "i8"),  # 1: the loop must return
         ("moving_count", "i8"),  # number of bodies that the application moves; length of `Channel.moving`
         ("heartbeat", "i8"),  # counter that the application increments every 2 ms while it runs
-        ("stop_force", "i8"),  # 1: the force falls to zero and stays there
+        ("stop_force", "i8"),  # 1: the force falls to zero and stays there; the servo resets it at `start` and `resume`
         # fields written by the servo
         ("pace", "i8"),  # FREE, TIMED, CALLED or SCHEDULED
         ("until", "i8"),  # the driver returns when this many ticks are complete
@@ -138,6 +154,29 @@ def wait_at(address: Any, kind: Any) -> None:
     wait_for_tick(loaded(address, kind))
 
 
+class Exchange(NamedTuple):
+    """Argument of `exchange`."""
+
+    channel: Any  # CHANNEL
+    state: Any  # DEVICE_STATE
+    clock: NDArray[np.int64]
+
+
+def exchange(address: Any, kind: Any) -> None:
+    """Remove the force of a device if the loop has stopped; a vendor's thread calls this between reading and writing.
+
+    A function for `BoundCall` with an `Exchange`.
+    """
+    _remove_stale_force(loaded(address, kind))
+
+
+@native
+def _remove_stale_force(given: Exchange) -> None:
+    channel, state = given.channel, given.state
+    if channel.pause == 1 or now_ns(given.clock) - channel.done_ns > STALL_S * 1e9:
+        state.f_D_N[0] = state.f_D_N[1] = state.f_D_N[2] = 0.0
+
+
 def drive_at(address: Any, kind: Any) -> None:
     """Call `drive`, as a function for `BoundCall` with the argument that `bound` makes.
 
@@ -204,6 +243,8 @@ def _tick_tools(loop: Loop) -> None:
             _follow(tool, hands[t], tick_s)
         else:
             _set_reference(tool, loop.reference[0], loop.reference[1], loop.reference[2], now, tick_s)
+        if tool.arm.kind == CONNECTED:
+            _note_buttons(tool.arm.state[0], now, timing.began_ns)
         moved = (bodies.moving, bodies.X_WB, bodies.jumps[t], count, pose)
         notes = (rows[t, slot], a_m_s2[t, slot], loop_rows[t, slot], a_handle_m_s2[t, slot])
         tick_tool(world, surface, tool, moved, notes)
@@ -212,6 +253,16 @@ def _tick_tools(loop: Loop) -> None:
         count_in_bin(channel.busy, end - timing.began_ns)
         channel.done_ns = end
     channel.done += 1
+
+
+@native
+def _note_buttons(state: Any, tick: int, now: int) -> None:
+    """Log a change of the buttons; the count is written last, because the application reads both."""
+    count, log = state.button_count, state.button_log
+    if state.buttons != (log[(count - 1) % BUTTON_ROOM, 2] if count > 0 else 0):
+        at = count % BUTTON_ROOM
+        log[at, 0], log[at, 1], log[at, 2] = tick, now, state.buttons
+        state.button_count = count + 1
 
 
 @inlined

@@ -3,6 +3,8 @@
 import math
 import operator
 import os
+import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
@@ -21,7 +23,7 @@ from hapscene.flags import Flag
 from hapscene.geometry import numbers, positions
 from hapscene.handle.plant import Plant
 from hapscene.loop.servo_connection import ServoConnection
-from hapscene.loop.servo_state import ServoState, TickLog, state_of
+from hapscene.loop.servo_state import STOPS, ButtonEvent, Mode, ServoState, TickLog, button_events_of, state_of
 from hapscene.loop.session_log import SessionLog, log_of, note_order
 from hapscene.loop.shared_memory import read_text
 from hapscene.loop.timing import TimingStatistics
@@ -42,6 +44,10 @@ RING_S: Final = 8.0
 
 BODY_ROOM: Final = 1024
 """Bodies that can be added to a running servo, including replacements of removed ones [count]: 0.5 kB each."""
+
+
+BUTTON_S: Final = 0.005
+"""Interval at which `Servo.on_button` looks for events [s]."""
 
 
 class Servo(ServoConnection):
@@ -152,6 +158,40 @@ class Servo(ServoConnection):
             self._played.set_volume(volume)
 
     @property
+    def mode(self) -> Mode:
+        """What the servo does.
+
+        "running": ticks run. "stopped": ticks run, and a safety stop removes the force of a tool; it ends by itself
+        when its cause is over. "paused": no ticks until `start` or `resume`. "error": a device failed, and every call
+        raises its error until `recover`. "ended": the process has ended or was not started.
+        """
+        if self._opened is None or not self.alive:
+            return "ended"
+        if self._fault[0]:
+            return "error"
+        if self._opened.channel[0].pause:
+            return "paused"
+        return "stopped" if any(self.state(tool=tool).flags & STOPS for tool in range(self._tools)) else "running"
+
+    def recover(self) -> None:
+        """Open all real devices again after a fault. The servo is then paused: call `start` or `resume`.
+
+        Raises:
+            HapsceneError: a device cannot be opened, or the process has ended.
+        """
+        if self._fault is not None:
+            self._fault[:] = 0
+        self._order("recover", self._choices)
+
+    def home(self) -> None:
+        """Take the present position of each device that is not ready as its home position (`Driver.home`).
+
+        Raises:
+            HapsceneError: no device waits for its home position, or one failed.
+        """
+        self._order("home")
+
+    @property
     def notice(self) -> str:
         """Message of a real device that needs attention; empty without one.
 
@@ -162,12 +202,55 @@ class Servo(ServoConnection):
         return read_text(self._channel.notice)
 
     def device_state(self, *, tool: int = 0) -> Any:
-        """Return a copy of the last state (DEVICE_STATE,) of a real device: readiness, buttons, temperature.
+        """Return a copy of the last state (DEVICE_STATE,) of a real device.
+
+        It has readiness, buttons, temperature, orientation, velocity and gripper, as far as the device has them, in the
+        device frame.
 
         Raises:
             HapsceneError: the process has ended, or the tool does not exist.
         """
         return self._channel.states[self._number(tool)].copy()
+
+    def tool_pose(self, *, tool: int = 0) -> NDArray[np.float64]:
+        """Return the pose (4, 4) of a real device's tool in W; z is along the handle, towards the hand.
+
+        Raises:
+            HapsceneError: the process has ended, or the tool does not exist.
+        """
+        X_WT, X_WD = np.eye(4), self._arguments.get("X_WD")
+        R_WD = np.eye(3) if X_WD is None else numbers(X_WD)[:3, :3]
+        X_WT[:3, :3], X_WT[:3, 3] = R_WD @ self.device_state(tool=tool).R_DT, self.state(tool=tool).p_WT_m
+        return X_WT
+
+    def button_events(self, since: int = 0, *, tool: int = 0) -> tuple[list[ButtonEvent], int]:
+        """Return the events of the buttons of a device from change `since` on, and the number from which to continue.
+
+        The last 63 changes are available.
+
+        Raises:
+            HapsceneError: the process has ended, or the tool does not exist.
+        """
+        return button_events_of(self.device_state(tool=tool), since)
+
+    def on_button(self, call: Callable[[ButtonEvent], object], *, tool: int = 0) -> None:
+        """Call a function for each button event from now on, in a separate thread, within about 10 ms.
+
+        Raises:
+            HapsceneError: the process has ended, or the tool does not exist.
+        """
+        _, since = self.button_events(tool=tool)
+
+        def watch(since: int) -> None:
+            while self.alive and (shared := self._opened) is not None:  # calls of this thread are no sign of life
+                states = shared.states  # None once the memory is released
+                events, since = ([], since) if states is None else button_events_of(states[tool].copy(), since)
+                del shared, states
+                for event in events:
+                    call(event)
+                time.sleep(BUTTON_S)
+
+        threading.Thread(target=watch, args=(since,), name="hapscene buttons", daemon=True).start()
 
     def start(self, p_WT: ArrayLike, grip: str | Grip = "light", *, tool: int | None = None) -> NDArray[np.float64]:
         """Start with the tool at rest at `p_WT` (3,) [m], the target of the hand; several tools at (tools, 3).
@@ -188,7 +271,6 @@ class Servo(ServoConnection):
         held = grip_named(grip) if isinstance(grip, str) else grip
         one = None if tool is None else self._number(tool)
         given: NDArray[np.float64] = self._order("start", [tuple(p) for p in places.tolist()], held.row(), one)
-        self._channel.channel.stop_force = 0
         self._reported_impulse = np.zeros_like(given) if one is None else self._reported_impulse - given
         return given
 
@@ -225,7 +307,6 @@ class Servo(ServoConnection):
             HapsceneError: the servo was never started.
         """
         self._order("resume")
-        self._channel.channel.stop_force = 0
 
     def aim(
         self, p_WT: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0), *, tool: int = 0
@@ -526,18 +607,6 @@ class Servo(ServoConnection):
         if self._opened is None:
             raise HapsceneError("this servo is closed, and its session log was discarded: save it before closing")
         return log_of(self._opened, self.scene, self._renderer_arguments, self._tuned, reason)
-
-    def save_log(self, folder: "str | os.PathLike[str]", reason: str = "requested") -> None:
-        """Write `session_log` to a folder; `hapscene play --replay FOLDER` replays it.
-
-        Raises:
-            HapsceneError: the servo is closed, or the folder cannot be written.
-        """
-        log = self.session_log(reason)
-        try:
-            log.save(os.fspath(folder))
-        except OSError as error:
-            raise HapsceneError(f"{folder}: cannot be written: {error.strerror or error}") from None
 
     def timing(self) -> TimingStatistics:
         """Return the timing statistics since the start of the process.

@@ -283,7 +283,9 @@ class ServoConnection:
         self._process.join(1.0)
         ended = f"the process of the servo has ended (exit code {self._process.exitcode})"
         if self._watchdog is not None and self._process.exitcode == -9:
-            ended += ": it was killed, or its watchdog ended it because it stopped ticking; is the computer overloaded?"
+            fault = read_text(self._fault) if self._fault is not None else ""
+            why = "it was killed, or its watchdog ended it because it stopped ticking; is the computer overloaded?"
+            ended += f": {fault or why}"
         return f"{ended}; start a new servo"
 
 

@@ -5,6 +5,7 @@ without the GIL. Other devices are read before and written after each tick by a 
 """
 
 import gc
+import os
 import signal
 import sys
 import threading
@@ -12,7 +13,7 @@ import traceback
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -25,7 +26,7 @@ from numpy.typing import NDArray
 from hapscene.clock import VIRTUAL, new_clock
 from hapscene.compiled.bound_call import BoundCall
 from hapscene.contact.prediction import PREDICTED
-from hapscene.device.driver import Connection, VendorConnection, new_state
+from hapscene.device.driver import DRIVER_FIELDS, Connection, VendorConnection, new_state
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.device.model import limits_of
 from hapscene.device.safety import begin_safety, resume_safety, safety_of, simulated_safety
@@ -33,7 +34,7 @@ from hapscene.device.sim.arm import new_arm, read_arm
 from hapscene.errors import DeviceError, HapsceneError, UsageWarning
 from hapscene.geometry import rigid
 from hapscene.loop.checkpoint import memory_of
-from hapscene.loop.driver import CALLED, SCHEDULED, TIMED, Bodies, Loop, bound, new_loop, wait_at
+from hapscene.loop.driver import CALLED, SCHEDULED, TIMED, Bodies, Exchange, Loop, bound, exchange, new_loop, wait_at
 from hapscene.loop.session_log import log_of, note_order, settings_of, write_log
 from hapscene.loop.shared_memory import Channel, open_channel, write_text
 from hapscene.loop.timing import TIMING, request_realtime_priority, start_timer
@@ -113,7 +114,7 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
             if handler is not None:
                 handler.end()
         finally:
-            for connection in opened:
+            for connection in opened if handler is None else handler.connections:
                 connection.close()
                 connection.state = new_state()  # no longer in the shared memory
             with suppress(OSError):
@@ -166,6 +167,13 @@ def _twin(device: Any, opened: list[Connection], made: dict[str, Any]) -> "Twin"
     return twin
 
 
+def _share(connection: Connection, state: Any) -> None:
+    """Move the state of a connection to other memory, (1,) DEVICE_STATE; the log of the buttons there is continued."""
+    for name in DRIVER_FIELDS:
+        state[name] = connection.state[name]
+    connection.state = state
+
+
 def _receive(wire: Pipe) -> Any:
     """Return the next message of the application.
 
@@ -212,7 +220,7 @@ class OrderHandler:
         self._faults: list[str] = []
         self._tuned: list[tuple[str, str, dict[str, float]]] = []
         self._timing = records(1, TIMING)[0]
-        self._connections = [twin.device for twin in self._twins if isinstance(twin.device, Connection)]
+        self.connections = [twin.device for twin in self._twins if isinstance(twin.device, Connection)]
         count = len(channel.frames)
         self._bodies = Bodies(
             frames=channel.frames,
@@ -229,25 +237,22 @@ class OrderHandler:
             use_moving_bodies(twin.renderer.world, twin.renderer.surface)
         for twin, state in zip(self._twins, channel.states, strict=True):
             if isinstance(twin.device, Connection):
-                slot = state.reshape(1).view(np.recarray)
-                slot[:] = twin.device.state
-                twin.device.state = slot
+                _share(twin.device, state.reshape(1).view(np.recarray))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UsageWarning)  # the first start has another position
                 twin.reset((0.0, 0.0, 0.0))
-        vendors = [device for device in self._connections if isinstance(device, VendorConnection)]
-        if vendors and len(self._twins) > 1:
-            raise DeviceError("a device with its own driver thread cannot share a servo: use one servo per device")
+        self._vendors = [device for device in self.connections if isinstance(device, VendorConnection)]
         channel.channel.pause = 1
         if self._renderers[0].fidelity is not None:  # a log does not contain it
             channel.channel.changed = NO_REPLAY
         parts = (part for r in self._renderers for part in memory_of(r.world, r.surface))
         channel.channel.checkpoint_size = sum(len(part) for part in parts)
-        driven = bool(self._connections) or bool(self._clock[VIRTUAL])  # tick by tick, from Python
-        pace = SCHEDULED if vendors else CALLED if driven else TIMED
+        self._alone = len(self._twins) == 1 and bool(self._vendors)  # the vendor's thread calls the tick
+        driven = len(self.connections) > len(self._vendors) or bool(self._clock[VIRTUAL])  # tick by tick, from Python
+        pace = SCHEDULED if self._alone else CALLED if driven else TIMED
         channel.channel.pace, channel.channel.until = pace, np.iinfo(np.int64).max
         self._bind()  # compiles before the loop starts
-        if self._connections and not self._clock[VIRTUAL]:
+        if self.connections and not self._clock[VIRTUAL]:
             gc.freeze()  # keeps existing objects out of garbage collections, which would delay devices
             sys.setswitchinterval(SWITCH_S)
 
@@ -306,6 +311,7 @@ class OrderHandler:
         self._mute_absent()
         for k, twin in enumerate(self._twins):
             (begin_safety if k in chosen or not running else resume_safety)(twin.tool.safety[0])  # ramps up, or goes on
+        self._channel.channel.stop_force = 0  # before the first tick, which would otherwise count as a safety stop
         self._run_loop()
         return given
 
@@ -326,18 +332,49 @@ class OrderHandler:
             raise HapsceneError("resume: the servo was never started; call start first")
         if self._stop is None:
             self._start_loop()
+        self._channel.channel.stop_force = 0
 
     def check_devices(self) -> None:
         """Report errors of the devices to the application, and write the log if a device failed."""
         self.write_faults()
-        for connection in self._connections:
-            write_text(self._channel.notice, connection.reason(int(connection.state.trouble[0])))
-            if isinstance(connection, VendorConnection):
-                try:
-                    connection.check()
-                except Exception as error:
-                    self.pause()
-                    self._note_fault(error)
+        reasons = [connection.reason(int(connection.state.trouble[0])) for connection in self.connections]
+        write_text(self._channel.notice, "; ".join(filter(None, reasons)))
+        for vendor in self._vendors:
+            try:
+                vendor.check()
+            except Exception as error:
+                self._note_fault(error)
+                self.pause()
+
+    def recover(self, choices: Sequence[DeviceChoice]) -> None:
+        """Close all devices and open them again, after a fault; the loop stays paused.
+
+        Raises:
+            DeviceError: a device cannot be opened. The fault remains.
+        """
+        self.pause()
+        twins = [twin for twin in self._twins if isinstance(twin.device, Connection)]
+        try:
+            for k, (twin, choice) in enumerate(zip(twins, choices, strict=True)):
+                before = self.connections[k]
+                before.close()
+                twin.device = self.connections[k] = choice.open()
+                _share(self.connections[k], before.state)
+        except DeviceError as error:
+            self._note_fault(error)
+            raise
+        finally:
+            self._vendors = [device for device in self.connections if isinstance(device, VendorConnection)]
+
+    def home(self) -> None:
+        """Take the present positions of the devices that are not ready as their home positions."""
+        waiting = [connection for connection in self.connections if connection.state.ready[0] == 0]
+        able = [connection for connection in waiting if type(connection).home is not Connection.home]
+        if not able:
+            raise DeviceError("no device waits for its home position")
+        with self._between_ticks():
+            for connection in able:
+                connection.home()
 
     def change(self, order: str, name: str, arguments: Mapping[str, Any]) -> None:
         """Change parameters of a swatch or effect, by one of the methods `ORDERS` of the renderer.
@@ -411,8 +448,13 @@ class OrderHandler:
         self._channel.channel.pause = 1
         if self._stop is None:
             return False
-        self._stop()
-        self._stop = None
+        stop, self._stop = self._stop, None
+        try:
+            stop()
+        except DeviceError as error:  # a vendor's library does not take the force away
+            self._note_fault(error)
+            self.write_faults()
+            os.kill(os.getpid(), signal.SIGTERM if os.name == "nt" else signal.SIGKILL)  # the watchdog opens the device
         return True
 
     def end(self) -> None:
@@ -450,30 +492,41 @@ class OrderHandler:
         """Start the loop; forces ramp up from 0."""
         for twin in self._twins:
             begin_safety(twin.tool.safety[0])
+        self._channel.channel.stop_force = 0  # before the first tick, which would otherwise count as a safety stop
         self._run_loop()
 
     def _run_loop(self) -> None:
         self._note_change()
-        vendor = self._connections[0] if self._connections else None
-        if isinstance(vendor, VendorConnection):
-            self._calls = self._bind()
-            vendor.schedule(self._calls[0].address, self._calls[0].context)
-            self._stop = vendor.unschedule
-            # only now: the library may take long to start, and the watchdog expects ticks
+        # the vendors' libraries first: they may take long to start, and the watchdog expects ticks
+        if self._alone:
+            self._calls = list(self._bind())
+            self._vendors[0].schedule(self._calls[0].address, self._calls[0].context)
             self._channel.channel.pause = 0
+            self._stop = self._vendors[0].unschedule
             return
+        exchanges = [Exchange(self._channel.channel[0], vendor.state[0], self._clock) for vendor in self._vendors]
+        self._calls = [BoundCall(exchange, given) for given in exchanges]
+        for vendor, call in zip(self._vendors, self._calls, strict=True):
+            vendor.schedule(call.address, call.context)
         self._channel.channel.pause = 0
         if self._clock[VIRTUAL]:
             self._ticks = self._device_loop()
-            self._stop = partial(deque, self._ticks, 0)
+            self._stop = partial(self._end_loop, partial(deque, self._ticks, 0))
             return
         loop = threading.Thread(target=self._loop_thread, daemon=True)
         loop.start()
-        self._stop = loop.join
+        self._stop = partial(self._end_loop, loop.join)
+
+    def _end_loop(self, join: Callable[[], object]) -> None:
+        """Wait until the loop has ended, and end the exchange with the vendors' threads."""
+        join()
+        with ExitStack() as stack:  # all of them, also if one raises
+            for vendor in self._vendors:
+                stack.callback(vendor.unschedule)
 
     def _loop_thread(self) -> None:
         request_realtime_priority()
-        if self._connections:
+        if self._channel.channel[0].pace == CALLED:
             deque(self._device_loop(), 0)
         else:
             self._bind()[0]()
@@ -482,7 +535,7 @@ class OrderHandler:
         """Read, tick and write devices that Python drives; one tick each time the iterator advances."""
         tick, wait = self._bind()
         pause, waiting = (self._channel.channel[name].view(np.ndarray) for name in ("pause", "waiting"))
-        connections = self._connections
+        connections = [device for device in self.connections if device not in self._vendors]
         try:
             while pause[0] == 0:
                 wait()

@@ -1,15 +1,16 @@
 """What a servo reports: the state of its newest tick, and a log of ticks."""
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.device.driver import BUTTON_ROOM
 from hapscene.flags import Flag, flag_of
 from hapscene.records import ROW
 
-__all__ = ["ServoState", "TickLog", "state_of"]
+__all__ = ["STOPS", "ButtonEvent", "Mode", "ServoState", "TickLog", "button_events_of", "state_of"]
 
 _AT: Final = {name: int(place[1]) // 8 for name, place in dict(ROW.fields or {}).items()}
 """Offset of each field of a row, in numbers of 8 bytes."""
@@ -67,6 +68,53 @@ def state_of(row: bytearray, tick: int, age_s: float) -> ServoState:
         flags=flag_of(int(integer[_AT["flags"]])),
         age_s=age_s if tick >= 0 else math.inf,
     )
+
+
+Mode = Literal["running", "stopped", "paused", "error", "ended"]
+"""State of a servo: `Servo.mode`."""
+
+STOPS: Final = (
+    Flag.OUT_OF_WORKSPACE
+    | Flag.TOO_FAST
+    | Flag.FORCE_NOT_FINITE
+    | Flag.APPLICATION_SILENT
+    | Flag.DEVICE_NOT_READY
+    | Flag.STALLED
+)
+"""Causes of a safety stop."""
+
+
+class ButtonEvent(NamedTuple):
+    """A button of a device was pressed or released.
+
+    Attributes:
+        tick: number of the tick.
+        time_s: time at which the tick began, on the clock of `hapscene.clock.now_here_ns`.
+        button: number of the button, from 0.
+        pressed: False if it was released.
+    """
+
+    tick: int
+    time_s: float
+    button: int
+    pressed: bool
+
+
+def button_events_of(state: Any, since: int) -> tuple[list[ButtonEvent], int]:
+    """Return the events from change `since` on in the log of a DEVICE_STATE, and the number of all changes."""
+    count = int(state.button_count)
+    first, found = max(since, count - BUTTON_ROOM + 1, 0), []
+    before = int(state.button_log[(first - 1) % BUTTON_ROOM, 2]) if first > 0 else 0
+    for number in range(first, count):
+        tick, time_ns, buttons = state.button_log[number % BUTTON_ROOM].tolist()
+        changed = before ^ buttons
+        found += [
+            ButtonEvent(tick, 1e-9 * time_ns, k, bool(buttons >> k & 1))
+            for k in range(changed.bit_length())
+            if changed >> k & 1
+        ]
+        before = buttons
+    return found, count
 
 
 class TickLog(NamedTuple):

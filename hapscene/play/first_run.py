@@ -1,7 +1,7 @@
 """`hapscene device try`: the first run with a device, in steps of increasing risk.
 
-The steps check the position, then movement, then a small force. The force is limited to `FORCE_N` until the user
-confirms more, and the safety functions of the servo apply.
+The steps check the position, then movement, then a small force. The force is limited to `FORCE_N`, and the safety
+functions of the servo apply.
 """
 
 import time
@@ -24,7 +24,7 @@ from hapscene.scene.scene import Scene
 __all__ = ["FORCE_N", "try_device"]
 
 FORCE_N: Final = 0.5
-"""Force limit until the user confirms more [N]: the weight of 50 g."""
+"""Force limit [N]: the weight of 50 g."""
 
 PUSH_N: Final = 0.3
 """Force of the first push [N]: twice what a hand on a device notices (assumed)."""
@@ -58,7 +58,7 @@ def try_device(name: str, options: Mapping[str, Any], say: Callable[[str], None]
         name: name of the driver.
         options: options of the driver.
         say: called with output; a prompt has no newline at the end.
-        wait: wait for Enter before each step; without, the force never exceeds `FORCE_N`.
+        wait: wait for Enter before each step.
 
     Raises:
         DeviceError: the device cannot be opened, is not ready in time, or is disconnected.
@@ -76,7 +76,7 @@ def try_device(name: str, options: Mapping[str, Any], say: Callable[[str], None]
     effects = ["wall", "weight"]
     with Servo(_plate(), choice, effects=effects, settings={"weight": {"mass_kg": 0.0}}, force_N=FORCE_N) as servo:
         servo.start((0.0, 0.0, 0.0))
-        _await_ready(servo, driver.needs, say)
+        _await_ready(servo, driver, pause, say)
         pause("Move the handle slowly through its whole workspace: left and right, near and far, up and down.")
         report += _look_at_moves(servo, driver, say)
         if driver.force:
@@ -85,8 +85,6 @@ def try_device(name: str, options: Mapping[str, Any], say: Callable[[str], None]
             report += _look_at_push(servo, say)
             servo.pause()
             report.append(("no force while paused", not np.any(servo.device_state().f_D_N)))
-    if driver.force and wait and _asks(say, "If all was correct, feel a wall with the full force of the device"):
-        _feel_wall(choice, say)
     for words, good in report:
         say(f"  {'ok' if good else 'FAILED'}: {words}\n")
     return 0 if all(good for _, good in report) else 1
@@ -101,16 +99,20 @@ def _plate() -> Scene:
     return scene
 
 
-def _await_ready(servo: Servo, needs: str, say: Callable[[str], None]) -> None:
+def _await_ready(servo: Servo, driver: Driver, pause: Callable[[str], None], say: Callable[[str], None]) -> None:
     end_s = time.monotonic() + READY_S
     shown = ""
     while servo.device_state().ready == 0:
+        if driver.home and servo.device_state().trouble:
+            pause(f"Calibration: {driver.home}.")
+            servo.home()
+            end_s = time.monotonic() + READY_S
         notice = servo.notice or "waiting for calibration"
         if notice != shown:
             say(f"{notice}\n")
             shown = notice
         if time.monotonic() > end_s:
-            hint = f"; the device requires {needs}" if needs else ""
+            hint = f"; the device requires {driver.needs}" if driver.needs else ""
             raise DeviceError(f"the device is not ready after {READY_S:g} s: {notice}{hint}")
         time.sleep(0.05)
     say("ready\n")
@@ -167,22 +169,9 @@ def _problems(flags: NDArray[np.integer[Any]]) -> list[tuple[str, bool]]:
     return [(text, False) for flag, text in FLAG_TEXTS.items() if seen & flag]
 
 
-def _feel_wall(choice: DeviceChoice, say: Callable[[str], None]) -> None:
-    scene = _plate()
-    scene.pose("plate", np.eye(4))
-    with Servo(scene, choice, effects=["wall"]) as servo:
-        servo.start((0.0, 0.0, 0.03))
-        _enter(say, "A plate is 20 mm below the middle of the workspace.")
-
-
 def _enter(say: Callable[[str], None], words: str) -> None:
     say(f"{words} Press Enter to continue … ")
     _input()
-
-
-def _asks(say: Callable[[str], None], words: str) -> bool:
-    say(f"{words}? Type y and press Enter … ")
-    return _input().strip().lower().startswith("y")
 
 
 def _input() -> str:

@@ -3,7 +3,7 @@
 const $ = (id) => document.getElementById(id);
 const pad = $("pad"), ink = pad.getContext("2d"), dark = matchMedia("(prefers-color-scheme: dark)");
 const SEND_MS = 4, REPEAT_MS = 100, SHOWN_S = 3;
-let state = { size: [4, 3], width_m: 0.16, depth_max_m: 0.003, tools: 1, swatches: [], effects: {}, resets: 0, bin_s: 0.003 };
+let state = { size: [4, 3], bodies: [], used: [], width_m: 0.16, depth_max_m: 0.003, tools: 1, swatches: [], effects: {}, resets: 0, bin_s: 0.003 };
 let felt = [], socket = null, open = false;
 const start = { depth: $("depth").value, volume: $("volume").value };
 
@@ -15,22 +15,63 @@ picture.onerror = () => { picture.ready = false; };
 const load = () => { picture.ready = false; picture.src = dark.matches ? "dark.png" : "light.png"; };
 dark.addEventListener("change", load);
 
+const WHOLE = [0, 0, 1, 1];
+let shown = WHOLE; // part of the picture that fills the canvas: u and v from, to
+
 function place() { // position of the picture in the canvas [CSS pixels]
-  const box = pad.getBoundingClientRect(), [pw, ph] = state.size;
-  const size = (w, h) => Math.min(box.width / w, box.height / h), turned = size(ph, pw) > 1.2 * size(pw, ph);
-  const [w, h] = turned ? [ph, pw] : [pw, ph], scale = size(w, h);
-  return { box, turned, w: w * scale, h: h * scale, x: (box.width - w * scale) / 2, y: (box.height - h * scale) / 2 };
+  const box = pad.getBoundingClientRect(), [pw, ph] = state.size, [u0, v0, u1, v1] = shown;
+  const size = (w, h) => Math.min(box.width / w, box.height / h), [sw, sh] = [pw * (u1 - u0), ph * (v1 - v0)];
+  const turned = size(sh, sw) > 1.2 * size(sw, sh), scale = turned ? size(sh, sw) : size(sw, sh);
+  const [w, h] = (turned ? [ph, pw] : [pw, ph]).map((side) => side * scale);
+  const [u, v] = [(u0 + u1) / 2, (v0 + v1) / 2], [x, y] = turned ? [1 - v, u] : [u, v];
+  return { box, turned, w, h, x: box.width / 2 - x * w, y: box.height / 2 - y * h };
 }
 
-function toPicture(event) { // u, v in the picture, 0 to 1; null outside
-  const at = place(), x = (event.clientX - at.box.left - at.x) / at.w, y = (event.clientY - at.box.top - at.y) / at.h;
-  if (!(x >= 0 && x <= 1 && y >= 0 && y <= 1)) return null;
+function toPicture(event, anywhere) { // u, v in the picture, 0 to 1; null outside of what is shown
+  const at = place(), inBox = [event.clientX - at.box.left, event.clientY - at.box.top];
+  const [x, y] = [(inBox[0] - at.x) / at.w, (inBox[1] - at.y) / at.h];
+  const inside = x >= 0 && x <= 1 && y >= 0 && y <= 1 && inBox[0] >= 0 && inBox[0] <= at.box.width && inBox[1] >= 0 && inBox[1] <= at.box.height;
+  if (!inside && !anywhere) return null;
   return at.turned ? [y, 1 - x] : [x, y];
+}
+
+const around = ([u0, v0, u1, v1], share) => [u0 - share * (u1 - u0), v0 - share * (v1 - v0), u1 + share * (u1 - u0), v1 + share * (v1 - v0)];
+
+function zoom(event) { // about the pointer, at most to the whole picture
+  const [u, v] = toPicture(event, true), by = 1.1 ** Math.sign(event.deltaY);
+  const next = [u + (shown[0] - u) * by, v + (shown[1] - v) * by, u + (shown[2] - u) * by, v + (shown[3] - v) * by];
+  if (next[2] - next[0] > 1 && next[3] - next[1] > 1) shown = WHOLE;
+  else if (next[2] - next[0] > 0.02) shown = next;
+}
+
+function listViews() { // the scene and its bodies; a narrow page begins with the body in the middle
+  const middle = ([, [u0, , u1]]) => Math.abs((u0 + u1) / 2 - 0.5);
+  const nearest = state.bodies.reduce((best, body) => middle(body) < middle(best) ? body : best, state.bodies[0]);
+  $("view").replaceChildren(new Option("whole scene", ""), ...state.bodies.map(([name], k) => new Option(name, k)));
+  $("viewlabel").hidden = state.bodies.length < 2;
+  $("view").value = innerWidth < 600 && state.bodies.length > 1 ? state.bodies.indexOf(nearest) : "";
+  choose();
+}
+
+function choose() {
+  const body = state.bodies[$("view").value];
+  shown = $("view").value === "" || !body ? WHOLE : around(body[1], 0.06);
+}
+$("view").addEventListener("change", () => { lift(); choose(); $("view").blur(); });
+
+function listMaterials() {
+  $("legend").replaceChildren(...state.used.map((k) => {
+    const item = document.createElement("li"), chip = document.createElement("i");
+    chip.style.background = state.swatches[k][1];
+    item.append(chip, state.swatches[k][0]);
+    return item;
+  }));
 }
 
 // --- pointers
 
 const down = new Map(); // by pointer id: [u, v, depth relative to the maximum]
+const pressed = new Set(); // pointer ids, also of those that are pressed beside the picture
 const waiting = new Set();
 let sentAt = 0, timer = 0;
 
@@ -55,13 +96,18 @@ function soon(id) {
 
 function take(event) {
   const at = toPicture(event);
-  if (at === null) { up(event); return; }
+  if (at === null) { release(event); return; }
   down.set(event.pointerId, [at[0], at[1], Math.min(Math.max(shareOf(event), 0), 1)]);
   soon(event.pointerId);
 }
 
-function up(event) {
+function release(event) {
   if (down.delete(event.pointerId)) send({ up: [event.pointerId] });
+}
+
+function up(event) {
+  pressed.delete(event.pointerId);
+  release(event);
 }
 
 pad.addEventListener("pointerdown", (event) => {
@@ -69,15 +115,17 @@ pad.addEventListener("pointerdown", (event) => {
   event.preventDefault();
   document.activeElement?.blur(); // so that Space does not press a button
   try { pad.setPointerCapture(event.pointerId); } catch { /* the pointer has been released */ }
+  pressed.add(event.pointerId);
   take(event);
 });
-const moved = (event) => { if (down.has(event.pointerId)) take(event); };
+const moved = (event) => { if (pressed.has(event.pointerId)) take(event); };
 pad.addEventListener("pointermove", moved);
 if ("onpointerrawupdate" in window) pad.addEventListener("pointerrawupdate", moved);
 for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) pad.addEventListener(kind, up);
 pad.addEventListener("contextmenu", (event) => event.preventDefault());
 pad.addEventListener("wheel", (event) => {
   event.preventDefault();
+  if (event.ctrlKey) { zoom(event); return; }
   $("depth").value = +$("depth").value - Math.sign(event.deltaY) * 0.1;
   deepen();
   send({ active: true });
@@ -90,7 +138,7 @@ function deepen() {
 let mouse = -1;
 pad.addEventListener("pointerdown", (event) => { if (event.pointerType === "mouse") mouse = event.pointerId; });
 
-function lift() { down.clear(); send({ lift: true }); }
+function lift() { down.clear(); pressed.clear(); send({ lift: true }); }
 setInterval(() => { for (const id of down.keys()) soon(id); }, REPEAT_MS);
 document.addEventListener("visibilitychange", () => { if (document.hidden) lift(); });
 addEventListener("pagehide", lift);
@@ -116,12 +164,18 @@ $("depth").addEventListener("input", () => { deepen(); send({ active: true }); }
 
 // --- state and traces
 
+setInterval(() => {
+  if (!state.ready) $("busy").lastElementChild.textContent = `Starting for ${Math.round(performance.now() / 1e3)} s. ` +
+    "The first start compiles for about 20 s, longer on a busy computer; later starts take 3 s.";
+}, 200);
+
 const traces = { f: { least: 1, unit: "N" }, a: { least: 5, unit: "m/s²", both: true }, v: { least: 100, unit: "mm/s", factor: 1e3 } };
 for (const trace of Object.values(traces)) trace.values = [];
 
 function takeState(next) {
-  const reset = next.resets !== state.resets && state.title !== undefined;
+  const first = state.title === undefined, reset = next.resets !== state.resets && !first;
   state = next;
+  if (first) { listViews(); listMaterials(); }
   document.title = $("title").textContent = state.title || "hapscene";
   for (const button of document.querySelectorAll("[data-effect]"))
     button.setAttribute("aria-pressed", state.effects[button.dataset.effect]);
@@ -130,8 +184,10 @@ function takeState(next) {
   $("sound").disabled = $("volume").disabled = state.sound === null;
   $("sound").setAttribute("aria-pressed", !!state.sound);
   $("sound").textContent = state.sound === null ? "sound not available" : state.sound ? "stop sound" : "start sound";
-  say(state.said || (!state.ready ? "starting …" : state.paused ? "paused" : ""), !!state.said);
+  say(state.said || (state.paused ? "paused" : ""), !!state.said);
+  $("busy").hidden = state.ready;
   if (reset) {
+    listViews();
     for (const trace of Object.values(traces)) trace.values.length = 0;
     down.clear();
     for (const id of ["depth", "volume"]) { $(id).value = start[id]; }
@@ -171,7 +227,7 @@ function connect() {
 
 function lose() {
   if (open) say("Connection lost: the program has ended, or the network is down", true);
-  open = false; received = 0; felt = []; down.clear();
+  open = false; received = 0; felt = []; down.clear(); pressed.clear();
   setTimeout(connect, 1000);
 }
 
@@ -211,7 +267,7 @@ function drawPad() {
     }
   }
   ink.restore();
-  const long = 10 ** Math.floor(Math.log10(state.width_m * 0.4)), px = long / state.width_m * w;
+  const long = 10 ** Math.floor(Math.log10(state.width_m * 0.4 * Math.min(1, shown[2] - shown[0]))), px = long / state.width_m * w;
   ink.fillStyle = colour("--dim");
   ink.fillRect(12, at.box.height - 14, px, 2);
   ink.font = "12px system-ui, sans-serif";
@@ -222,11 +278,15 @@ function drawTrace(name, trace) {
   const [pen, w, h] = fitted($(name)), values = trace.values, most = values.reduce((m, x) => Math.max(m, Math.abs(x)), 0);
   const top = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000].map((x) => x * trace.least / 5).find((x) => x >= most) || most;
   const zero = trace.both ? h / 2 : h - 3, scale = (zero - 3) / top, step = w * state.bin_s / SHOWN_S;
-  pen.strokeStyle = colour("--line"); pen.beginPath(); pen.moveTo(0, zero); pen.lineTo(w, zero); pen.stroke();
+  pen.strokeStyle = colour("--line"); pen.beginPath(); pen.moveTo(0, zero); pen.lineTo(w, zero);
+  pen.moveTo(0, 3); pen.lineTo(w, 3); pen.stroke();
+  pen.fillStyle = colour("--dim"); pen.font = "11px system-ui, sans-serif"; // the end of the axis, beside its line
+  pen.fillText(`${top} ${trace.unit}`, 3, 14);
   pen.strokeStyle = colour(`--${name}`); pen.lineWidth = 1.5; pen.beginPath();
   values.forEach((x, k) => pen.lineTo(w - (values.length - k) * step, zero - x * scale));
   pen.stroke();
-  $(`${name}num`).value = `${top} ${trace.unit}`;
+  const recent = Math.max(0, ...values.slice(-Math.ceil(0.1 / state.bin_s)).map(Math.abs));
+  $(`${name}num`).value = `${recent.toPrecision(recent < 100 ? 2 : 3)} ${trace.unit}`;
 }
 
 function draw() {

@@ -309,6 +309,7 @@ class PageServer:
     def state(self) -> dict[str, Any]:
         """State that a page receives first, and after each change."""
         swatches = [] if self._scene is None else self._scene.swatches
+        bodies = [] if self._scene is None else self._scene.bodies
         return {
             "title": self.title,
             "size": self.frame.size,
@@ -316,6 +317,8 @@ class PageServer:
             "depth_max_m": DEPTH_MAX_M,
             "tools": self.tools,
             "swatches": [[s.name, c] for s, c in zip(swatches, albedo_colours(swatches), strict=True)],
+            "used": sorted({int(k) for body in bodies for k in np.unique(body.face_swatch)}),
+            "bodies": self.frame.bodies(),
             "effects": self._on,
             "paused": self._paused,
             "sound": None if self.sound is None else self._sounds,

@@ -25,23 +25,24 @@ FINGERS: Final = 2
 @contextmanager
 def with_device(
     scene: Scene,
-    device: "str | DeviceChoice",
+    devices: "list[str | DeviceChoice]",
     at: tuple[float, float, float] | None,
     say: Callable[[str], None],
     **made: Any,
 ) -> Iterator[Servo]:
-    """A running servo with a device.
+    """A running servo with devices.
 
     Args:
-        scene, device: see `Servo`.
-        at: centre of the device's workspace in the scene [m]; None for the centre of the scene's top.
+        scene, devices: see `Servo`.
+        at: centre of the devices' workspaces in the scene [m]; None for the centre of the scene's top.
         say: called with progress messages.
         made: further arguments of `Servo`.
     """
     with ExitStack() as stack:
-        with step(say, f"starting {device if isinstance(device, str) else device.name}"):
-            servo = stack.enter_context(Servo(scene, device, **made))
-        servo.start(at or middle_of_top(scene))
+        names = ", ".join(device if isinstance(device, str) else device.name for device in devices)
+        with step(say, f"starting {names}"):
+            servo = stack.enter_context(Servo(scene, devices, **made))
+        servo.start([at or middle_of_top(scene)] * len(devices))
         yield servo
 
 

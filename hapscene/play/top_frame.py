@@ -4,6 +4,7 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.motion.look_from_above import bounds_of, look_from_above
 from hapscene.view.body_triangles import scene_solids
@@ -44,8 +45,10 @@ class TopFrame:
     def __init__(self, scene: "Scene | None") -> None:
         self._scene = scene = scene if scene is not None and scene.bodies else None
         bounds_m = np.array([[-0.5 * PAD_M[0], -0.5 * PAD_M[1], 0.0], [0.5 * PAD_M[0], 0.5 * PAD_M[1], 0.0]])
+        self._bodies_m: list[tuple[str, NDArray[np.float64]]] = []
         if scene is not None:
             corners_m = np.array([bounds_of(body) for body in scene.bodies])
+            self._bodies_m = [(body.name, corners) for body, corners in zip(scene.bodies, corners_m, strict=True)]
             bounds_m = np.array([corners_m[:, 0].min(axis=0), corners_m[:, 1].max(axis=0)])
             self._look = look_from_above(scene)
             self._look(*corners_m[:, :, :2].mean(axis=1).T)  # builds the search structures before the first touch
@@ -71,6 +74,14 @@ class TopFrame:
             float(0.5 + (x_m - self._middle_m[0]) / self.size_m[0]),
             float(0.5 - (y_m - self._middle_m[1]) / self.size_m[1]),
         )
+
+    def bodies(self) -> list[tuple[str, tuple[float, float, float, float]]]:
+        """Name and extent of each body: smallest u and v, largest u and v."""
+        found = []
+        for name, (low_m, high_m) in self._bodies_m:
+            (u0, v1), (u1, v0) = self.point(*low_m[:2]), self.point(*high_m[:2])
+            found.append((name, (u0, v0, u1, v1)))
+        return found
 
     def picture(self, theme: Theme) -> bytes:
         """Picture of the scene as PNG; empty without a scene.

@@ -1,12 +1,12 @@
 """Audio output for headphones, an exciter, a voice coil on an amplifier, or the voice coils of a DualSense.
 
-A DualSense on a USB cable is a sound card with four channels at 48 kHz: channels 1 and 2 are its loudspeaker, channels
-3 and 4 the left and right voice coil. Its name is "Wireless Controller" or "DualSense". While another program uses its
-rumble, the voice coils play no audio. This was not tested on hardware; several independent sources agree.
+A DualSense on a USB cable is a sound card with four channels at 48 kHz: 1 and 2 are its loudspeaker, 3 and 4 its voice
+coils, which play no audio while another program uses its rumble.
 """
 
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, Final
 
 import numpy as np
@@ -56,20 +56,18 @@ class AudioHandle:
             HandleError: PortAudio is not installed, or the output or its channels do not exist.
         """
         self._sound = _sounddevice()
-        self._rate_Hz, self.gain, self.ceiling, self.highpass_Hz, self.lag_s = rate_Hz, gain, 0.99, highpass_Hz, lag_s
+        self.rate_Hz, self.gain, self.ceiling, self.highpass_Hz, self.lag_s = rate_Hz, gain, 0.99, highpass_Hz, lag_s
         self.fault, self.counts = "", {"underruns": 0}
         self._feed: Feed | None = None
-        number, name, count = _chosen(self._sound, device)
-        self.name = name
-        self._columns = _columns(channels, name, count)
+        number, self.name, count = _chosen(self._sound, device)
+        self._columns = _columns(channels, self.name, count)
         self._samples = np.zeros(BLOCK_MAX)
         needed = max(self._columns) + 1
         self._buffers_s = [buffer_s] if buffer_s > 0.0 else list(BUFFERS_S)
         self._options = {
             "samplerate": rate_Hz,
             "device": number,
-            # all channels of the card: otherwise a mixer may redistribute them
-            "channels": max(needed, 4) if count >= 4 else needed,
+            "channels": max(needed, 4) if count >= 4 else needed,  # all channels: a mixer may redistribute some
             "dtype": "int16",  # rounded here, since PortAudio truncates
             "blocksize": block,
             "callback": self._fill,
@@ -80,15 +78,11 @@ class AudioHandle:
         try:
             self._stream = self._open()
         except (self._sound.PortAudioError, ValueError) as error:
-            raise HandleError(f"{name}: cannot be opened: {' '.join(str(error).split())}") from None
+            raise HandleError(f"{self.name}: cannot be opened: {' '.join(str(error).split())}") from None
 
     def _open(self) -> Any:
         """A stream with the next length of the buffer."""
         return self._sound.OutputStream(latency=self._buffers_s.pop(0), **self._options)
-
-    @property
-    def rate_Hz(self) -> float:
-        return self._rate_Hz
 
     @property
     def latency_s(self) -> float:
@@ -159,12 +153,10 @@ class AudioHandle:
             _ = self.latency_s
             self._closing = True
             self._grow.set()
-            try:
+            with suppress(self._sound.PortAudioError):  # the card was disconnected
                 if not self.fault:
                     self._stream.stop()  # plays the buffered samples, which end in silence
                 self._stream.close()
-            except self._sound.PortAudioError:
-                pass  # the card was disconnected
 
 
 def _sounddevice() -> Any:

@@ -152,7 +152,8 @@ class FalconConnection(Connection):
     def _set_position(self, counts: tuple[int, int, int], bits: int) -> bool:
         """Update the state by encoder counts. Returns False if no position of the grip matches them."""
         state = self.state[0]
-        theta = tuple(count * COUNT_RAD + ZERO_RAD for count in counts)
+        a, b, c = (count * COUNT_RAD + ZERO_RAD for count in counts)
+        theta = (a, b, c)
         p = forward(theta, self._p)
         self._homed = self._homed + 1 if bits & HOMED == HOMED and p is not None else 0
         state.ready = int(self._homed >= HOMED_COUNT)

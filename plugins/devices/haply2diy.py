@@ -28,6 +28,8 @@ ID: Final = 5
 BAUD: Final = 115_200
 """Speed of the port [bit/s]. The board has native USB and ignores it, except that 1,200 erases the firmware."""
 
+HOME: Final = "move both arms to their marks"
+
 SETUP, RUN = 1, 2
 CW, CCW = 0, 1
 
@@ -91,6 +93,10 @@ class Haply2diyConnection(Connection):
             self._tail, self._garbled = b"", False
         self._port.write(data)
 
+    def home(self) -> None:
+        self._homed, self._known = True, False
+        self._send(setup_message(self._hardware) + run_message((0.0, 0.0)))
+
     def read(self) -> None:
         if self._known and self._timeout.was_paused():  # buffered answers are from before a pause
             self._port.discard_input()
@@ -133,8 +139,7 @@ class Haply2diyConnection(Connection):
         self._port.close(run_message((0.0, 0.0)))  # until it accepts this, the board holds its last torque
 
     def reason(self, trouble: int) -> str:
-        remedy = "move the arms to their marks, and use --option homed=yes"
-        return f"the arm position is not calibrated: {remedy}" if trouble else ""
+        return f"the arm position is not calibrated: {HOME}, and press h" if trouble else ""
 
 
 def release(port: str | None = None, **options: Any) -> None:
@@ -168,17 +173,18 @@ DRIVER = Driver(
     high_D_m=(0.08, 0.07, 0.001),
     rate_Hz=1000.0,
     needs="a serial port, and permission for it",
+    home=HOME,
     imports=SERIAL_MODULES,
     options=(
         Option("port", None, "serial port, such as /dev/ttyACM0 or COM3; by default the only one that is connected"),
         Option("hardware", "v3", "hardware version", tuple(HARDWARE)),
-        Option("homed", False, "whether the arms are at their marks now; without homed=yes it gives no force"),
+        Option("homed", False, "whether the arms are at their marks when it is opened"),
     ),
     release=release,
     prepare_release=prepare_release,
     assumptions=(
         "It lies in front of the hand with its arms towards the hand; there is no force along z.",
         "Force, mass, damping and friction are estimates; the firmware limits torques to 0.123 N·m.",
-        "Angles are measured from the marks at which the arms are when it is opened.",
+        "Angles are measured from the marks at which the arms are at the last setup message.",
     ),
 )

@@ -143,6 +143,7 @@ class Inverse3Connection(Connection):
         state = self.state[0]
         self._timeout.received()
         state.p_DT_m = [value - middle for value, middle in zip(p, self._middle, strict=True)]
+        state.v_DT_m_s = numbers(inner, "cursor_velocity") or math.nan
         if "status" in entry:
             self._status = part(entry, "status")
         self._grip(content)

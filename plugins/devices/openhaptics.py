@@ -11,8 +11,9 @@ The library's axes are x to the right, y up, z towards the user, in mm. Transfor
 """
 
 import math
+from contextlib import suppress
 from ctypes import c_double, c_int
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -56,6 +57,9 @@ from hapscene_plugins.devices.openhaptics_library import (
     wait_until,
 )
 
+_OPEN: Final[list[int]] = []
+"""Open devices of this process: they share the library's scheduler."""
+
 
 class OpenHapticsConnection(VendorConnection):
     """An open Omni or Touch. The arguments are `DRIVER.options`.
@@ -80,7 +84,10 @@ class OpenHapticsConnection(VendorConnection):
         self._places = np.zeros(2, np.uint64)
         self._frame_s, self._frames = 0.0, 0
         self._address = int(callback().address)
+        if _OPEN:  # devices are added while the scheduler is stopped
+            self._hd.hdStopScheduler()
         self._device: int | None = initiate(self._hd, name)
+        _OPEN.append(self._device)
         try:
             self._set_up(rate, reset)
         except BaseException:
@@ -184,18 +191,24 @@ class OpenHapticsConnection(VendorConnection):
         link.ended, link.purpose = 0, END
         if self._handle is None:
             self._handle = self._hd.hdScheduleAsynchronous(self._address, self._context(), self._priority)
-        wait_until(lambda: int(link.ended[0]) == 1, self._clock)
+        ended = wait_until(lambda: int(link.ended[0]) == 1, self._clock)
         self._hd.hdUnschedule(self._handle)
         self._handle = None
         pop_errors(self._hd)
         self.state.f_D_N = 0.0
+        if not ended:
+            raise DeviceError(f"openhaptics: {STOPPED}")
 
     def close(self) -> None:
         if self._device is None:
             return
-        self._end()
+        with suppress(DeviceError):
+            self._end()
         self._hd.hdStopScheduler()
         self._hd.hdDisableDevice(self._device)
+        _OPEN.remove(self._device)
+        if _OPEN:
+            self._hd.hdStartScheduler()
         pop_errors(self._hd)
         self._device = None
 
@@ -231,6 +244,7 @@ DRIVER = Driver(
         "Walls up to 700 N/m, as in CHAI3D for the Omni; for the Touch CHAI3D has 400 N/m.",
         "The workspace is the full reach that the library reports for an Omni, around the middle of the usable one.",
         "The z axis of the library's transform is along the stylus, towards the hand.",
+        "Several devices share one scheduler, which is stopped while a device is opened or closed.",
         "The motor temperature is 0 to 1, where 1 means warm motors.",
         "Any error of the library ends the force. A force that the library disabled remains disabled until the device "
         "is opened again.",

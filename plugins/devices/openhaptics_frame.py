@@ -22,7 +22,7 @@ TROUBLES: Final = {
     NO_CALIBRATION: "the device does not report its calibration: open it again",
 }
 
-BUTTONS, POSITION, TRANSFORM, FORCE = (np.uint32(code) for code in (0x2000, 0x2050, 0x2052, 0x2700))
+BUTTONS, POSITION, VELOCITY, TRANSFORM, FORCE = map(np.uint32, (0x2000, 0x2050, 0x2051, 0x2052, 0x2700))
 MODEL, SERIAL, WORKSPACE, STYLE, MOST_FORCE = 0x2501, 0x2504, 0x2551, 0x2555, 0x2603
 TEMPERATURE, FORCE_OUTPUT, FORCE_CLAMPING = np.uint32(0x2605), np.uint32(0x4000), 0x4001
 _CALIBRATED, _NEEDS_UPDATE, _NEEDS_HAND = 0x5000, 0x5001, 0x5002
@@ -100,6 +100,8 @@ def _read_frame(link: Any, state: Any) -> Any:
     doubles[0] = doubles[1] = doubles[2] = math.nan
     _with_values(link.hdGetDoublev, (POSITION, link.doubles_at))
     p = (doubles[0], doubles[1], doubles[2])
+    _with_values(link.hdGetDoublev, (VELOCITY, link.doubles_at))
+    v = (doubles[0], doubles[1], doubles[2])
     for i in range(16):
         doubles[i] = math.nan
     _with_values(link.hdGetDoublev, (TRANSFORM, link.doubles_at))
@@ -119,6 +121,7 @@ def _read_frame(link: Any, state: Any) -> Any:
     p_m[0], p_m[1], p_m[2] = 1e-3 * (p[0] - middle[0]), -1e-3 * (p[2] - middle[2]), 1e-3 * (p[1] - middle[1])
     for j in range(3):
         R[0, j], R[1, j], R[2, j] = doubles[4 * j], -doubles[4 * j + 2], doubles[4 * j + 1]
+    state.v_DT_m_s[0], state.v_DT_m_s[1], state.v_DT_m_s[2] = 1e-3 * v[0], -1e-3 * v[2], 1e-3 * v[1]
     state.buttons = buttons
     state.count += 1
     if link.has_temperature == 1 and link.frames % _WARMTH_FRAMES == 0:

@@ -24,6 +24,8 @@ from hapscene_plugins.devices.usb_device import BACKEND, USB_MODULES, UsbDevice,
 VENDOR, PRODUCT = 0x1234, 0x0006
 """Default USB ids of mbed's USBHID."""
 
+HOME: Final = "hold the upper arm upright, the lower arm horizontal, both straight ahead"
+
 REPORT: Final = struct.Struct("<3hH")
 """Three counts or currents, and a number that is not used."""
 
@@ -99,9 +101,14 @@ class WoodenHapticsConnection(Connection):
         self._homed, self._signs = homed, signs
         self._usb = UsbDevice("woodenhaptics", VENDOR, PRODUCT, backend)
         self._in, self._out = self._usb.endpoint_pair("the firmware WoodenHapticsHID")
-        self._counts: tuple[int, int, int] | None = None
+        self._counts: tuple[int, int, int] | None = None  # raw, of the last report
+        self._zero = (0, 0, 0)  # raw counts in the home position
         self._angles, self._timeout, self._receiving = body_angles((0, 0, 0)), ResponseTimeout(clock), False
         self._sent = (0, 0, 0)
+
+    def home(self) -> None:
+        if self._counts is not None:
+            self._homed, self._zero, self._counts = True, self._counts, None
 
     def read(self) -> None:
         self._receiving = not self._receiving
@@ -119,7 +126,9 @@ class WoodenHapticsConnection(Connection):
         jump = max(abs(now - before) for now, before in zip(counts, last, strict=True))
         if jump > JUMP and not self._timeout.was_paused():
             return False
-        self._counts, self._angles = counts, body_angles(counts)
+        self._counts = counts
+        a, b, c = (now - zero for now, zero in zip(counts, self._zero, strict=True))
+        self._angles = body_angles((a, b, c))
         x, y, z = forward(self._angles)
         state = self.state[0]
         state.p_DT_m = (y, -x, z)
@@ -140,8 +149,7 @@ class WoodenHapticsConnection(Connection):
         self._usb.close(self._out, REPORT.pack(0, 0, 0, 0))
 
     def reason(self, trouble: int) -> str:
-        remedy = "connect it with the upper arm upright and the lower arm horizontal, and use --option homed=yes"
-        return f"the arm position is not calibrated: {remedy}" if trouble else ""
+        return f"the arm position is not calibrated: {HOME}, and press h" if trouble else ""
 
 
 def release(backend: str | None = None, **options: Any) -> None:
@@ -165,9 +173,10 @@ DRIVER = Driver(
     high_D_m=(0.1, 0.1, 0.1),
     rate_Hz=500.0,
     needs="pyusb (pip install 'hapscene[usb]'), libusb, permission for the device",
+    home=HOME,
     imports=USB_MODULES,
     options=(
-        Option("homed", False, "whether it was connected in its zero pose; without homed=yes it gives no force"),
+        Option("homed", False, "whether it was connected in its home position"),
         Option("signs", "+--", "direction of each motor for a positive current, three characters + or -"),
         BACKEND,
     ),
@@ -179,6 +188,5 @@ DRIVER = Driver(
         "Mass, friction and continuous force are estimates.",
         "The directions of the motors are those of the makers' library. With wrong --option signs the force has the "
         "wrong direction: test with 0.5 N first.",
-        "Connected with the upper arm upright and the lower arm horizontal.",
     ),
 )

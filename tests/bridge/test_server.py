@@ -221,3 +221,16 @@ def test_the_client_uses_the_same_layout() -> None:
     for kind in ("HELLO", "WELCOME", "FRAME", "STATE", "ORDER", "ANSWER", "BYE", "REFUSED"):
         assert getattr(packets, kind) == getattr(client_file, kind)
     assert packets.unpack(pack(FRAME, 3, 4, b"abc")) == (FRAME, 3, 4, b"abc")
+
+
+def test_button_events_reach_the_client_once(served: Here, client: Client) -> None:
+    state = served.servo._channel.states[0]
+    client.feel()
+    for number, buttons in enumerate((0b10, 0b11, 0b01), int(state.button_count)):
+        state.button_log[number % len(state.button_log)] = served.servo.state().tick, 0, buttons
+        state.button_count = number + 1
+        client.feel()
+    tick = served.servo.state().tick
+    pressed = [event[1:] for event in client.events if event[0] <= tick and event[1] in ("pressed", "released")]
+    assert pressed == [("pressed", "1", "", 0.0), ("pressed", "0", "", 0.0), ("released", "1", "", 0.0)]
+    state.button_count = 0

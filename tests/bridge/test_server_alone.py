@@ -76,8 +76,10 @@ class Still:
         zeros = np.zeros(3)
         return ServoState(0, zeros, zeros, zeros, zeros, 0.0, 0.0, False, -1, -1, -1, Flag(0))
 
-    def events(self, since: int, tool: int) -> tuple[list[Any], int]:
+    def events(self, since: int = 0, *, tool: int) -> tuple[list[Any], int]:
         return [], since
+
+    button_events = events
 
 
 @pytest.fixture

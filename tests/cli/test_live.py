@@ -11,6 +11,8 @@ import pytest
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
 
 from hapscene.cli import main
+from hapscene.cli.play import _devices
+from hapscene.errors import DeviceError
 from tests.virtual_clock import PATIENCE_S
 
 
@@ -88,3 +90,18 @@ def test_play_serves_the_page_and_writes_nothing(monkeypatch: pytest.MonkeyPatch
             assert not thread.is_alive()
     with pytest.raises(OSError):
         urllib.request.urlopen(urls[0])
+
+
+def test_options_of_several_devices() -> None:
+    devices = _devices(
+        ["simulated", "omni", "simulated"], {"grip": "firm", "1.model": "premium-1.5", "3.grip": "light"}
+    )
+    assert devices[1] == "omni"
+    assert [device.options for device in (devices[0], devices[2])] == [  # type: ignore[union-attr]
+        {"grip": "firm", "model": "premium-1.5"},
+        {"grip": "light"},
+    ]
+    with pytest.raises(DeviceError, match="colour"):
+        _devices(["simulated"], {"1.colour": "red"})
+    with pytest.raises(DeviceError, match="omnii"):
+        _devices(["omni", "omnii"], {})

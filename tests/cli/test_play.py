@@ -49,6 +49,8 @@ def test_invalid_options(words: list[str], output: str, capfd: pytest.CaptureFix
 class FakeServo:
     """Records the calls."""
 
+    mode = "running"
+
     def __init__(self) -> None:
         self.asked: list[str] = []
 

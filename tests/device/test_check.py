@@ -51,6 +51,8 @@ class BoardConnection(Connection):
         if good or (self._broken == "position" and len(p) == 3):
             state.p_DT_m, state.ready = p, 1
             self._timeout.received()
+        if self._broken == "buttons":
+            state.buttons = 2
         if self._broken == "orientation":
             state.R_DT = np.ones((3, 3))
         self._timeout.check(self, "board", "reconnect it")
@@ -113,6 +115,7 @@ def test_a_driver_that_keeps_the_contract_passes_every_check() -> None:
         ("counts nothing", "samples"),
         ("position", "fault"),
         ("orientation", "open"),
+        ("buttons", "open"),
         ("not finite", "invalid force"),
         ("unit", "force"),
         ("not ready", "no force while not ready"),

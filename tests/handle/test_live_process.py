@@ -10,6 +10,7 @@ import pytest
 from hapscene.errors import HandleError, HapsceneError
 from hapscene.handle.live_process import ChannelSource, LiveHandle, open_output
 from hapscene.loop.shared_memory import Channel, open_channel
+from tests.virtual_clock import VirtualClock
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 
@@ -61,4 +62,22 @@ def test_each_new_tick_is_read_once(channel: Channel) -> None:
     assert len(source.fetch(0)) == LENGTH // 2 * BLOCK
     channel.channel[0].done = 0  # another servo's count
     assert len(source.fetch(0)) == 0
+    source.close()
+
+
+def test_no_samples_while_the_application_is_silent(channel: Channel) -> None:
+    clock, row = VirtualClock(), channel.channel[0]
+    source = ChannelSource(channel, 0, clock)
+
+    def samples(ticks: int, beats: int) -> int:
+        row.done += ticks
+        row.heartbeat += beats
+        clock.sleep_s(1e-3 * ticks)
+        return len(source.fetch(0)) // BLOCK
+
+    assert [samples(5, 1) for _ in range(3)] == [5, 5, 5]
+    assert [samples(5, 0) for _ in range(4)] == [5, 5, 0, 0]  # it was stopped: the heartbeat is older than 12 ms
+    assert samples(5, 1) == 5
+    row.stop_force = 1
+    assert samples(5, 1) == 0
     source.close()

@@ -23,7 +23,7 @@ HELLO, WELCOME, FRAME, STATE, ORDER, ANSWER, BYE, REFUSED = range(1, 9)
 HEAD, CHECK = struct.Struct("<4sBBHQI"), struct.Struct("<I")
 AIM, BODY = struct.Struct("<BBHI3d"), struct.Struct("<HHI3d4d3d3d6d")
 STATES, IMPULSE, EVENT = struct.Struct("<Qd3d3d3d3dddiiiIIHH"), struct.Struct("<HHI6d"), struct.Struct("<QBBHHHd")
-KINDS = {1: "began", 2: "crossed", 3: "ended"}
+KINDS = {1: "began", 2: "crossed", 3: "ended", 4: "pressed", 5: "released"}
 BUSY, LOST = "another client is here", b"no such session"
 
 
@@ -45,7 +45,9 @@ def unpack(data: bytes) -> tuple[int, int, int, bytes] | None:
 
 
 class Client:
-    """A session. `state` is the newest state, `events` are the contact events since the list was last emptied.
+    """A session. `state` is the newest state, `events` are the events since the list was last emptied.
+
+    A contact event is (tick, kind, body, swatch, speed); a button event is (tick, kind, number as text, "", 0.0).
 
     `poll` and `order` raise ConnectionError if the server was restarted or has another client: create a new client.
     """
@@ -73,6 +75,7 @@ class Client:
             "handed": handed,
             "metres": metres,
             "tool": tool,
+            "buttons": True,
         }
         kind, self.key, answer = self._ask(HELLO, 1, hello, (WELCOME, REFUSED))
         if kind == REFUSED:
@@ -147,7 +150,9 @@ class Client:
         for number in range(state["first_event"], state["first_event"] + state["events"]):
             tick, kind, _, body, swatch, _, speed = EVENT.unpack_from(payload, at)
             at += EVENT.size
-            if number >= self.event_count:
+            if number >= self.event_count and kind > 3:
+                self.events.append((tick, KINDS[kind], str(body), "", speed))
+            elif number >= self.event_count:
                 self.events.append((tick, KINDS[kind], self.bodies[body], self.swatches[swatch], speed))
         self.event_count = max(self.event_count, state["first_event"] + state["events"])
         self.state = state

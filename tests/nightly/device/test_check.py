@@ -91,7 +91,7 @@ UDP = Driver(
 
 @pytest.mark.parametrize(
     ("driver", "emulator", "skipped"),
-    [(["haply2diy", "--option", "homed=yes"], "Haply2diyBoard", 0), ([f"{__name__}:UDP"], "UdpBoard", 1)],
+    [(["haply2diy"], "Haply2diyBoard", 0), ([f"{__name__}:UDP"], "UdpBoard", 1)],
 )
 def test_a_driver_passes_on_its_emulator(
     driver: list[str], emulator: str, skipped: int, capfd: pytest.CaptureFixture[str]

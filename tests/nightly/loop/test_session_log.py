@@ -31,7 +31,7 @@ def log_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             if k == 20:
                 servo.tune("wood", stiffness_N_m=400.0)
         servo.advance(900)
-        servo.save_log(folder)
+        servo.session_log().save(folder)
     return folder
 
 
@@ -68,7 +68,7 @@ def test_log_with_a_deformation_cannot_be_replayed(log_folder: Path, tmp_path: P
         servo.start((0.0, 0.0, 0.01))
         servo.deform("plate", 1.1 * scene.bodies[0].mesh.vertices_m)
         servo.advance(20)
-        servo.save_log(tmp_path / "deformed")
+        servo.session_log().save(tmp_path / "deformed")
     with pytest.raises(HapsceneError, match="replayed"):
         SessionLog.load(tmp_path / "deformed").replay()
 
@@ -91,7 +91,7 @@ def test_replay_of_two_tools_with_numpy_settings(tmp_path: Path) -> None:
         for tool in range(2):
             servo.aim((0.0, 0.0, -0.006), "firm", tool=tool)
         servo.advance(300)
-        servo.save_log(tmp_path / "two")
+        servo.session_log().save(tmp_path / "two")
     log = SessionLog.load(tmp_path / "two")
     assert log.rows["touching"].any(axis=1).all() and len(log.replay().unlike) == 0
 

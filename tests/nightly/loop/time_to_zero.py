@@ -1,45 +1,54 @@
-"""How long after a fault a device holds torque: `hapscene play` drives an emulated 2DIY, whose own clock decides.
+"""How long after a fault a device holds force: `hapscene play` drives an emulated device, whose own clock decides.
 
-The board holds its last torque indefinitely. It is pressed against a wall through the arms' angles, then a process or
-the board fails. Run: python -m tests.nightly.loop.time_to_zero [BUSY [REPEATS]], with BUSY processes that load the
-processor; it prints a table.
+The device holds its last command. It is pressed against a wall, then a process or the device fails. Run:
+python -m tests.nightly.loop.time_to_zero [BUSY [REPEATS [DEVICE …]]], with BUSY processes that load the processor; it
+prints a table.
 """
 
 import contextlib
+import ctypes
 import json
 import math
 import os
+import select
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import trimesh
 from scipy.optimize import brentq
 
 import hapscene
+from hapscene.bridge.packets import FRAME, HELLO, STATE, WELCOME, Packet, pack, pack_json, unpack
+from hapscene.handle.force_source import SimulatedSource
+from hapscene.handle.plant import Plant
+from hapscene_plugins.devices import falcon_kinematics, woodenhaptics
 from hapscene_plugins.devices.haply2diy import HARDWARE, MIDDLE_M, forward
-from tests.nightly.plugins.devices.conftest import Emulated
+from tests.handle.serial_board import COLUMNS, Peer, serve
+from tests.nightly.plugins.devices.conftest import EMULATORS, Emulated
+from tests.nightly.plugins.devices.vendor_desk import Desk, emulator
+from tests.simulated_port import simulated_port, simulator_parser
 from tests.until import until
 
-FRONT_M: Final = -0.035
-"""Place of the wall's front in D, along y [m]."""
+CLEAR_M, PRESSED_M = -0.005, 0.005
+"""Places of the tool before it presses and while it presses, along the axis, from the wall's front [m]."""
 
-PRESSED_M: Final = -0.030
-"""Place of the tool that presses [m]: 5 mm deep."""
-
-HELD_N_m: Final = 0.05
-"""Torque from which the wall counts as pressed [N·m]."""
+RAMP_S: Final = 2.5
+"""Time in which the force can rise after the start [s]."""
 
 
 def arm_angle_deg(y_m: float) -> float:
-    """The first arm's angle [°] at which the tool is at (0, y): the second arm mirrors it."""
+    """The 2DIY's first arm's angle [°] at which the tool is at (0, y): the second arm mirrors it."""
 
     def off_m(angle: float) -> float:
         p = forward((math.radians(angle), math.radians(180.0 - angle)), HARDWARE["v3"].base_m)
@@ -49,69 +58,317 @@ def arm_angle_deg(y_m: float) -> float:
     return float(brentq(off_m, 95.0, 165.0))
 
 
-class Play:
-    """`hapscene play` with the board, pressed against a wall."""
+def falcon_count(y_m: float) -> float:
+    """The count of all three encoders of a Falcon at which the grip is at (0, y, 0)."""
 
-    def __init__(self, folder: Path) -> None:
-        wall = trimesh.creation.box((0.1, 0.1, 0.1))
-        wall.apply_translation((0.0, FRONT_M + 0.05, 0.0))
-        scene = hapscene.Scene()
-        scene.add(wall, name="wall", unit="m")
-        scene.save(folder / "wall.scene.json")
-        self.board = Emulated("haply2diy", folder)
-        self._log, self._rows = self.board.log.open(), []
-        self.board.set(**self.angles(FRONT_M - 0.005))
-        words = ["play", str(folder / "wall.scene.json"), "--device", "haply2diy", "--at", "0", "0", "0"]
-        words += ["--option", f"port={self.board.place},homed=yes", "--log", str(folder / "logs")]
-        command = [sys.executable, "-m", "hapscene", *words]
-        self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
-        )
-        try:
-            until(lambda: len(self.torques()) > 3500)  # the force rises within two seconds
-            for y_m in np.linspace(FRONT_M - 0.004, PRESSED_M, 40):
-                self.board.set(**self.angles(y_m))
-                time.sleep(0.01)
-            until(lambda: abs(self.torques()[-1][1]) > HELD_N_m)
-        except AssertionError:
-            self.process.kill()
-            raise AssertionError(f"the wall is not pressed: {self.process.communicate()[0]!r}") from None
-        self.servo_pid, self.watchdog_pid = self._children()[:2]
+    def off_m(count: float) -> float:
+        angle = count * falcon_kinematics.COUNT_RAD + falcon_kinematics.ZERO_RAD
+        p = falcon_kinematics.forward((angle, angle, angle), (0.0, 0.0, falcon_kinematics.MIDDLE_M))
+        assert p is not None
+        return falcon_kinematics.MIDDLE_M - p[2] - y_m
 
-    @staticmethod
-    def angles(y_m: float) -> dict[str, float]:
-        first = arm_angle_deg(y_m)
-        return {"first": first, "second": 180.0 - first}
+    return float(brentq(off_m, -800.0, 800.0))
 
-    def _children(self) -> list[int]:
-        """The processes that multiprocessing started, the oldest first: the servo, its watchdog."""
-        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-        return sorted(int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes())
 
-    def torques(self) -> list[list[float]]:
-        """Time [ns] and torques [N·m] of all commands."""
+class Board:
+    """An emulated device in a separate process, moved along one axis.
+
+    Attributes:
+        options: options with which the driver finds it.
+        faults: what to set in the emulator for each fault.
+        axis, front_m, held: axis of the movement, place of the wall along it, and the command that counts as pressed.
+    """
+
+    axis, front_m, held = 0, 0.0, 0.3
+    faults: ClassVar[dict[str, dict[str, Any]]]
+
+    def __init__(self, driver: str, folder: Path) -> None:
+        self.environment = {"HAPSCENE_USB": str(folder / driver), "PYTHONPATH": str(EMULATORS)}
+        self.emulated = Emulated(driver, folder)
+        self.emulated.set(ready=1)
+        self.options = "backend=usb_wire"
+        self._log, self._rows = self.emulated.log.open(), []
+
+    def fault(self, name: str) -> None:
+        self.emulated.set(**self.faults[name])
+
+    def rows(self) -> list[list[float]]:
+        """Time [ns] and components of all commands."""
         for line in self._log:
             numbers = [float(part) for part in line.split()]
-            if len(numbers) == 3:
-                self._rows.append(numbers)
+            if numbers[1] != -1:
+                self._rows.append(numbers[:4])
         return self._rows
+
+    def end(self) -> None:
+        self._log.close()
+        self.emulated.end()
+
+
+class Haply2diy(Board):
+    axis, front_m, held = 1, -0.035, 0.05
+    faults: ClassVar = {
+        name: {"fault": number}
+        for number, name in enumerate(("no answers", "truncated answers", "NaN", "random bytes", "position jumps"), 1)
+    }
+
+    def __init__(self, driver: str, folder: Path) -> None:
+        super().__init__(driver, folder)
+        self.options = f"port={self.emulated.place},homed=yes"
+
+    def move(self, y_m: float) -> None:
+        first = arm_angle_deg(y_m)
+        self.emulated.set(first=first, second=180.0 - first)
+
+
+class Falcon(Board):
+    axis, held = 1, 100.0
+    faults: ClassVar = {"no answers": {"silent": 1}, "random bytes": {"mangled": 2}}
+
+    def move(self, y_m: float) -> None:
+        count = falcon_count(y_m)
+        self.emulated.set(count0=count, count1=count, count2=count)
+
+
+class WoodenHaptics(Board):
+    held = 100.0
+    faults: ClassVar = {"no answers": {"silent": 1}, "random bytes": {"mangled": 2}}
+
+    def __init__(self, driver: str, folder: Path) -> None:
+        super().__init__(driver, folder)
+        self.options += ",homed=yes"
+        self.emulated.set(b=-1318, c=3464)  # the tool is in the middle of the workspace
+
+    def move(self, x_m: float) -> None:
+        angle = math.asin(x_m / woodenhaptics.MIDDLE_M[0])
+        self.emulated.set(a=-angle / (2.0 * math.pi) * woodenhaptics.COUNTS / woodenhaptics.GEAR[0])
+
+
+class Inverse3(Board):
+    faults: ClassVar = {"no answers": {"silent": 1}, "NaN": {"x": math.nan}, "random bytes": {"mangled": 2}}
+
+    def __init__(self, driver: str, folder: Path) -> None:
+        super().__init__(driver, folder)
+        self.options = f"uri={self.emulated.place}"
+
+    def move(self, x_m: float) -> None:
+        self.emulated.set(x=x_m + 0.05)
+
+
+class Library(Board):
+    """A vendor's library in the process of the servo, with a desk that outlives it."""
+
+    def __init__(self, driver: str, folder: Path) -> None:
+        self.name, self._place = {"openhaptics": ("hd", "position"), "forcedimension": ("dhd", "position")}[driver]
+        self.desk = Desk(folder / "desk")
+        self.environment = {"HAPSCENE_EMULATED_DESK": str(self.desk.path)}
+        self.options = f"library={emulator(self.name)}"
+        status = np.zeros(16, np.int64)
+        status[:2] = 1
+        desk = {"transform": np.eye(4).ravel(), "workspace": (-80, -60, -35, 80, 60, 35), "most_force": 3.4}
+        self.desk.set(name=b"NULL", calibration=0x5000, style=4 if self.name == "hd" else 1, status=status, **desk)
+
+    def move(self, x_m: float) -> None:
+        self.desk.set(position=(1e3 * x_m, 0.0, 0.0) if self.name == "hd" else (0.0, x_m, 0.0))
+
+    def fault(self, name: str) -> None:
+        self.desk.set(**self.faults[name])
+
+    def rows(self) -> list[list[float]]:
+        if self.name == "dhd" and self.desk.count:  # the device's own watchdog
+            os.environ.update(self.environment)
+            ctypes.CDLL(emulator("dhd")).watch()
+        return [[1e9 * row["t_s"], *np.nan_to_num(row["force"])] for row in self.desk.rows()]
+
+    def end(self) -> None:
+        pass
+
+
+class OpenHaptics(Library):
+    faults: ClassVar = {
+        "no answers": {"begin_error": 0x302},
+        "NaN": {"position": (math.nan,) * 3},
+        "the library's thread hangs": {"stuck": 1},
+    }
+
+
+class ForceDimension(Library):
+    faults: ClassVar = {
+        "no answers": {"refuse": b"dhdGetPosition", "refuse_code": 2},
+        "NaN": {"position": (math.nan,) * 3},
+    }
+
+
+def prompt_clock() -> None:
+    """Give an emulated device priority, if permitted: its clock is to be right on a busy machine, too."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(2))
+
+
+class Network:
+    """A device on another computer: sends its position at 500 Hz, and stops its force 20 ms after the last answer."""
+
+    axis, front_m, held = 0, 0.0, 0.3
+    faults: ClassVar = {"no answers": {"silent": True}, "NaN": {"x_m": math.nan}}
+    environment: ClassVar[dict[str, str]] = {}
+
+    def __init__(self, driver: str, folder: Path) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        self.options, self.x_m, self.silent, self._over, self._rows = f"port={port}", 0.0, False, False, []
+        self._thread = threading.Thread(target=self._run, args=(port,), daemon=True)
+        self._thread.start()
+
+    def _run(self, port: int) -> None:
+        link, key, number = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), 0, 0
+        link.connect(("127.0.0.1", port))
+        link.settimeout(0.002)
+        prompt_clock()
+        while not self._over:
+            number += 1
+            frame = struct.pack("<BBHI3d", 1, 0, 0, 0, self.x_m, 0.0, 0.0)
+            hello = pack_json({"version": 1, "nonce": 1, "up": "z", "handed": "right", "metres": 1.0})
+            kind, payload = (FRAME, frame) if key else (HELLO, hello)
+            with contextlib.suppress(OSError):
+                if not self.silent:
+                    link.send(pack(Packet(kind, key, number, payload)))
+                data = link.recv(65_536)
+                while select.select([link], [], [], 0.0)[0]:
+                    data = link.recv(65_536)  # the newest answer
+                answer = unpack(data)
+                key = answer.key if answer.kind == WELCOME else key
+                if answer.kind == STATE:
+                    self._rows.append([time.monotonic_ns(), *struct.unpack_from("<Qd3d3d3d3d", answer.payload)[11:]])
+            time.sleep(0.002)
+            if self._rows and time.monotonic_ns() - self._rows[-1][0] > 20_000_000:
+                self._rows.append([time.monotonic_ns(), 0.0, 0.0, 0.0])
+
+    def move(self, x_m: float) -> None:
+        self.x_m = x_m
+
+    def fault(self, name: str) -> None:
+        for attribute, value in self.faults[name].items():
+            setattr(self, attribute, value)
+
+    def rows(self) -> list[list[float]]:
+        return self._rows.copy()
+
+    def end(self) -> None:
+        self._over = True
+        self._thread.join()
+
+
+class Handle(Board):
+    """A handle's board on a serial port. A recorded stroke over a texture drives it; it stops 20 ms after the last
+    data."""
+
+    held, device, swatch = 0.02, "replay", "wood"
+    faults: ClassVar = {}
+    environment: ClassVar[dict[str, str]] = {}
+
+    def __init__(self, driver: str, folder: Path) -> None:
+        self.emulated = Emulated.__new__(Emulated)
+        command = [sys.executable, "-m", "tests.nightly.loop.time_to_zero", "board", str(folder / "log")]
+        self.emulated.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        port = self.emulated.process.stdout.readline().strip()  # type: ignore[union-attr]
+        self._log, self._rows = (folder / "log").open(), []
+        t_s = np.arange(0.0, 0.6, 0.001)
+        path = np.column_stack([t_s, np.minimum(0.1 * t_s - 0.005, 0.002), 0.1 * t_s - 0.03, np.zeros_like(t_s)])
+        np.savetxt(folder / "stroke.csv", path, delimiter=",", header="t,x,y,z", comments="")
+        self.options = f"file={folder / 'stroke.csv'},again=yes,origin=world"
+        self.words = ["--handle", "serial", "--handle-option", f"port={port}"]
+
+    def move(self, x_m: float) -> None:
+        pass
+
+
+def board(log: str) -> None:
+    """The board of a `Handle`: logs the force of each sample that it plays."""
+    parser = simulator_parser("tests.nightly.loop.time_to_zero", __doc__, 5000.0)
+    peer, file = Peer(SimulatedSource(Plant(), 5000.0)), open(log, "w", buffering=1)  # noqa: PTH123, SIM115
+    peer.give(1)
+    prompt_clock()
+    wire, take_next = simulated_port(parser), peer._next
+
+    def note() -> tuple[int, int, int]:
+        force, played, state = take_next()
+        file.write(f"{time.monotonic_ns()} {force * COLUMNS[0].scale}\n")
+        return force, played, state
+
+    peer._next = note  # type: ignore[method-assign]
+    serve(peer, wire, lambda: False)
+
+
+DEVICES: Final[dict[str, Any]] = {
+    "haply2diy": Haply2diy,
+    "falcon": Falcon,
+    "woodenhaptics": WoodenHaptics,
+    "inverse3": Inverse3,
+    "openhaptics": OpenHaptics,
+    "forcedimension": ForceDimension,
+    "network": Network,
+    "serial": Handle,
+}
+"""Emulated devices by driver."""
+
+
+class Play:
+    """`hapscene play` with an emulated device, pressed against a wall."""
+
+    def __init__(self, driver: str, folder: Path) -> None:
+        device = self.device = DEVICES[driver](driver, folder)
+        axis, front_m = np.eye(3)[device.axis], device.front_m
+        wall = trimesh.creation.box((0.1, 0.1, 0.1))
+        wall.apply_translation((front_m + 0.05) * axis)
+        scene = hapscene.Scene()
+        scene.add(wall, name="wall", unit="m", swatch=getattr(device, "swatch", None))
+        scene.save(folder / "wall.scene.json")
+        device.move(front_m + CLEAR_M)
+        words = ["play", str(folder / "wall.scene.json"), "--device", getattr(device, "device", driver)]
+        words += ["--at", "0", "0", "0", "--option", device.options, "--log", str(folder / "logs")]
+        words += getattr(device, "words", [])
+        given = device.environment
+        path = os.pathsep.join(filter(None, (given.get("PYTHONPATH"), os.environ.get("PYTHONPATH"))))
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "hapscene", *words],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env=os.environ | given | {"PYTHONPATH": path},
+        )
+        try:
+            until(lambda: len(device.rows()) > 100)
+            time.sleep(RAMP_S)
+            for x_m in np.linspace(CLEAR_M, PRESSED_M, 40):
+                device.move(front_m + x_m)
+                time.sleep(0.01)
+            until(lambda: max(abs(part) for row in device.rows()[-50:] for part in row[1:]) > device.held)
+        except (AssertionError, IndexError):
+            self.process.kill()
+            device.end()
+            raise AssertionError(f"the wall is not pressed: {self.process.communicate()[0]!r}") from None
+        self.servo_pid, self.other_pid = self._children()[:2]
+
+    def _children(self) -> list[int]:
+        """The processes that multiprocessing started, the oldest first: the servo, its watchdog or its handle."""
+        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        return sorted(int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes())
 
     def time_to_zero_ms(self, since_ns: int) -> float:
         """Time from a moment to the first command of zero that no other follows within 0.4 s [ms]; infinite: never."""
         time.sleep(0.6)
-        after = [row for row in self.torques() if row[0] > since_ns]
-        end_ns = since_ns + 400_000_000
-        held = [row[0] for row in after if (row[1] != 0.0 or row[2] != 0.0) and row[0] < end_ns]
-        zeros = [row[0] for row in after if row[1] == row[2] == 0.0 and row[0] > max(held, default=0)]
-        return (zeros[0] - since_ns) * 1e-6 if zeros else float("inf")
+        rows, end_ns = self.device.rows(), since_ns + 400_000_000
+        held = [row[0] for row in rows if any(row[1:]) and since_ns < row[0] < end_ns]
+        zeros = [row[0] for row in rows if not any(row[1:]) and row[0] > max(held, default=since_ns)]
+        return float((zeros[0] - since_ns) * 1e-6) if zeros else math.inf
 
     def end(self) -> None:
-        for pid in (self.servo_pid, self.watchdog_pid, self.process.pid):
+        for pid in (self.servo_pid, self.other_pid, self.process.pid):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
         self.process.communicate()
-        self._log.close()
-        self.board.end()
+        self.device.end()
 
 
 def killed(who: str, by: signal.Signals) -> Callable[[Play], None]:
@@ -126,11 +383,7 @@ def killed(who: str, by: signal.Signals) -> Callable[[Play], None]:
     return act
 
 
-def board_fault(number: int) -> Callable[[Play], None]:
-    return lambda play: play.board.set(fault=number)
-
-
-EVENTS: Final = {
+SIGNALS: Final = {
     "application: SIGKILL": killed("application", signal.SIGKILL),
     "application: SIGSTOP": killed("application", signal.SIGSTOP),
     "application: SIGINT": killed("application", signal.SIGINT),
@@ -139,13 +392,13 @@ EVENTS: Final = {
     "servo: SIGSEGV": killed("servo", signal.SIGSEGV),
     "servo: SIGSTOP": killed("servo", signal.SIGSTOP),
     "process group: SIGKILL": killed("group", signal.SIGKILL),
-    "board: no answers": board_fault(1),
-    "board: truncated answers": board_fault(2),
-    "board: NaN": board_fault(3),
-    "board: random bytes": board_fault(4),
-    "board: position jumps": board_fault(5),
 }
-"""What happens, by name."""
+"""What happens to processes, by name."""
+
+
+def events_of(driver: str) -> list[str]:
+    """What can happen to a device: signals, and its own faults."""
+    return [*SIGNALS, *(f"device: {fault}" for fault in DEVICES[driver].faults)]
 
 
 @contextmanager
@@ -160,28 +413,30 @@ def busy_processes(count: int) -> Iterator[None]:
             burner.wait()
 
 
-def measure(event: str, folder: Path) -> float:
-    """Time to zero torque after an event [ms]."""
-    play = Play(folder)
+def measure(driver: str, event: str, folder: Path) -> float:
+    """Time to zero force after an event [ms]."""
+    play = Play(driver, folder)
     try:
         at_ns = time.monotonic_ns()
-        EVENTS[event](play)
+        SIGNALS[event](play) if event in SIGNALS else play.device.fault(event.removeprefix("device: "))
         return play.time_to_zero_ms(at_ns)
     finally:
         play.end()
 
 
-def main(busy: int = 0, repeats: int = 3) -> None:
+def main(busy: str = "0", repeats: str = "3", *drivers: str) -> None:
     """Print the table."""
     table: dict[str, list[float]] = {}
-    with busy_processes(busy):
-        for event in EVENTS:
-            for _ in range(repeats):
-                with tempfile.TemporaryDirectory() as folder:
-                    table.setdefault(event, []).append(round(measure(event, Path(folder)), 1))
-            print(f"{event:28} {table[event]}", flush=True)
+    with busy_processes(int(busy)):
+        for driver in drivers or DEVICES:
+            for event in events_of(driver):
+                row = table.setdefault(f"{driver}; {event}", [])
+                while len(row) < int(repeats):
+                    with tempfile.TemporaryDirectory() as folder, contextlib.suppress(AssertionError):  # not pressed
+                        row.append(round(measure(driver, event, Path(folder)), 1))
+                print(f"{driver:15} {event:28} {row}", flush=True)
     print(json.dumps({"load": os.getloadavg()[0], "busy": busy, "ms": table}))
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    (board if sys.argv[1:2] == ["board"] else main)(*sys.argv[1 + (sys.argv[1:2] == ["board"]) :])

@@ -100,6 +100,38 @@ def test_press_sets_position_and_depth(live: Live, tab: Page) -> None:
         until(lambda: not servo.state().touching)
 
 
+def test_a_stroke_from_beside_the_picture_touches(live: Live, tab: Page) -> None:
+    servo = live[1]
+    x, y = pixel(live, tab, 0.07, 0.0)
+    top = tab.evaluate("hapscene.place().box.top")
+    tab.mouse.move(x, top + 3)
+    tab.mouse.down()
+    tab.wait_for_timeout(100)
+    assert not servo.state().touching
+    for share in np.linspace(0.0, 1.0, 20):
+        tab.mouse.move(x, top + 3 + share * (y - top - 3))
+    assert settled(servo).p_WT_m[:2] == pytest.approx([0.07, 0.0], abs=1e-3)
+    tab.mouse.up()
+
+
+def test_a_body_fills_the_view(live: Live, tab: Page) -> None:
+    whole = tab.evaluate("hapscene.place().w")
+    tab.locator("#view").select_option(label="ball")
+    assert tab.evaluate("hapscene.place().w") > 1.5 * whole
+    tab.mouse.move(*pixel(live, tab, 0.01, -0.012))
+    tab.mouse.down()
+    assert settled(live[1]).p_WT_m == pytest.approx([0.01, -0.012, 0.0256 - 1.2e-3], abs=1e-3)
+    tab.mouse.up()
+    x, y = pixel(live, tab, 0.01, -0.012)
+    tab.mouse.move(x, y)
+    tab.keyboard.down("Control")
+    tab.mouse.wheel(0, -100)
+    tab.keyboard.up("Control")
+    assert tab.evaluate("hapscene.place().w") > 1.6 * whole
+    assert pixel(live, tab, 0.01, -0.012) == pytest.approx((x, y), abs=1.0)  # it stays under the pointer
+    assert tab.locator("#legend li").all_inner_texts() == ["wood", "paper"]
+
+
 def test_force_increases_with_pen_pressure(live: Live, tab: Page) -> None:
     servo, cdp = live[1], tab.context.new_cdp_session(tab)
     x, y = pixel(live, tab, 0.07, 0.03)

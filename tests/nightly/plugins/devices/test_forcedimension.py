@@ -57,7 +57,24 @@ def test_positions_turn_into_ours(desk, device):
     state = device.state[0]
     assert np.array_equal(state.p_DT_m, (0.02, -0.01, 0.03))
     assert (state.buttons, state.ready, state.trouble, state.count) == (5, 1, 0, 3)
-    assert np.array_equal(state.R_DT, np.eye(3)) and math.isnan(state.heat)
+    assert np.array_equal(state.R_DT, np.eye(3)) and math.isnan(state.heat) and math.isnan(state.gripper_rad)
+
+
+def test_velocity_orientation_and_gripper(desk):
+    R, turn = (
+        np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0],
+        np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
+    )
+    R *= np.linalg.det(R)
+    transform = np.eye(4)
+    transform[:3, :3] = R
+    lay(desk, transform=transform.T.ravel(), gripper=0.4, velocity=(0.1, 0.2, 0.3))
+    with connect() as device:
+        device.read()
+        state = device.state[0]
+        assert np.array_equal(state.v_DT_m_s, (0.2, -0.1, 0.3)) and state.gripper_rad == 0.4
+        assert np.allclose(state.R_DT[:, 2], turn @ R[:, 0], atol=1e-15)  # the handle, towards the hand
+        assert np.linalg.det(state.R_DT) == pytest.approx(1.0)
 
 
 def test_forces_on_the_wire(desk, device):

@@ -19,10 +19,11 @@ def turn(device, count: int) -> None:
 @pytest.mark.parametrize("field", ["vector", "values"])
 def test_force_in_the_service_s_spelling_and_within_its_limit(field: str, emulate) -> None:
     service = emulate("inverse3")
-    service.set(ready=1, values=field == "values")
+    service.set(ready=1, values=field == "values", speed=0.25)
     with DRIVER.open(uri=service.place, field=field) as device:
         turn(device, 20)
         np.testing.assert_allclose(device.state.p_DT_m[0], (0.01, 0.02, -0.01), atol=1e-9)
+        np.testing.assert_array_equal(device.state.v_DT_m_s[0], (0.25, 0.0, 0.0))
         np.testing.assert_allclose(service.rows()[-1][1:], (1.2, 0.0, 1.6), atol=1e-6)
 
 

@@ -82,11 +82,12 @@ def test_positions_turn_into_ours(desk, device):
     R = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = R, (11.0, 22.0, 33.0)
-    lay(desk, position=(11.0, 22.0, 33.0), transform=transform.T.ravel(), buttons=2, warmth=0.7)
+    lay(desk, position=(11.0, 22.0, 33.0), transform=transform.T.ravel(), buttons=2, warmth=0.7, velocity=(1, 2, 3))
     for _ in range(64):  # warmth is asked for now and then
         device.read()
     state = device.state[0]
     assert np.allclose(state.p_DT_m, TURN @ (0.011, 0.022, 0.033), rtol=0, atol=1e-15)
+    assert np.allclose(state.v_DT_m_s, TURN @ (0.001, 0.002, 0.003), rtol=0, atol=1e-15)
     assert np.allclose(state.R_DT, TURN @ R, rtol=0, atol=1e-15)
     assert (state.buttons, state.ready, state.trouble, state.count, state.heat) == (2, 1, 0, 64, 0.7)
 
@@ -267,7 +268,8 @@ def test_disconnected_device_is_detected(desk, device):
     with pytest.raises(DeviceError, match="does not run"):
         device.check()
     device._clock.runs = True
-    device.unschedule()
+    with pytest.raises(DeviceError, match="does not run"):
+        device.unschedule()  # nothing takes the force away: the servo's process ends, and the watchdog does
     with pytest.raises(DeviceError, match="does not run"):
         device.read()
 

@@ -11,15 +11,22 @@ import numpy as np
 import pytest
 
 HERE = Path(__file__).parent / "emulators"
-ROW = [("t_s", "f8"), ("force", "f8", (3,)), ("spent_s", "f8"), ("ready", "i8"), ("bad", "i8")]
+ROW = [("t_s", "f8"), ("force", "f8", (3,)), ("spent_s", "f8"), ("ready", "i8"), ("bad", "i8"), ("device", "i8")]
 COUNTS = ("buttons", "calibration", "style", "count", "started", "disabled", "watchdog")
-FAULTS = ("begin_error", "end_error", "saturated", "off", "refuse_code")
+FAULTS = ("begin_error", "end_error", "saturated", "off", "stuck", "refuse_code")
 DESK = np.dtype(
     [
-        *[("position", "f8", (3,)), ("transform", "f8", (16,)), ("warmth", "f8"), ("most_force", "f8")],
+        *[
+            ("position", "f8", (3,)),
+            ("velocity", "f8", (3,)),
+            ("gripper", "f8"),
+            ("transform", "f8", (16,)),
+            ("warmth", "f8"),
+            ("most_force", "f8"),
+        ],
         *[("workspace", "f8", (6,)), ("ahead_s", "f8"), *[(name, "i8") for name in COUNTS], ("status", "i8", (16,))],
         *[(name, "i8") for name in FAULTS],
-        *[("refuse", "S32"), ("name", "S32"), ("tried", "S256"), ("rows", ROW, (1 << 17,))],
+        *[("refuse", "S32"), ("name", "S32"), ("second", "S32"), ("tried", "S256"), ("rows", ROW, (1 << 17,))],
     ]
 )
 """As in emulators/desk.h."""

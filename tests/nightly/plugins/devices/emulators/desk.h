@@ -12,15 +12,15 @@
 
 #define ROWS (1 << 17)
 
-struct row { double t_s, force[3], spent_s; int64_t ready, bad; };
+struct row { double t_s, force[3], spent_s; int64_t ready, bad, device; };
 
 struct desk {
-    double position[3], transform[16], warmth, most_force, workspace[6];
+    double position[3], velocity[3], gripper, transform[16], warmth, most_force, workspace[6];
     double ahead_s;             /* offset added to this clock */
     int64_t buttons, calibration, style, count, started, disabled, watchdog, status[16];
-    int64_t begin_error, end_error, saturated, off;
+    int64_t begin_error, end_error, saturated, off, stuck;
     int64_t refuse_code;        /* error code of the function that fails */
-    char refuse[32], name[32];  /* the function that fails; the only device name that opens */
+    char refuse[32], name[32], second[32]; /* the function that fails; the device names that open */
     char tried[256];            /* requested device names; calls during setup */
     struct row rows[ROWS];
 };

@@ -63,6 +63,22 @@ int dhdGetPosition(double *x, double *y, double *z, char id) {
     return mutated(desk->end_error); /* 1: not a new one */
 }
 
+static int unused;
+
+int dhdGetLinearVelocity(double *x, double *y, double *z, char id) {
+    *x = mutant(desk->velocity[0], &unused), *y = mutant(desk->velocity[1], &unused), *z = mutant(desk->velocity[2], &unused);
+    return 0;
+}
+
+int dhdHasWrist(char id) { return desk->transform[15] != 0; }
+int dhdHasGripper(char id) { return desk->gripper != 0; }
+int dhdGetGripperAngleRad(double *angle, char id) { return *angle = mutant(desk->gripper, &unused), 0; }
+
+int dhdGetOrientationFrame(double R[3][3], char id) {
+    for (int i = 0; i < 9; i++) R[i / 3][i % 3] = mutant(desk->transform[4 * (i % 3) + i / 3], &unused); /* column-major */
+    return 0;
+}
+
 unsigned int dhdGetButtonMask(char id) { return seed ? draw() : desk->buttons; }
 
 int dhdSetForce(double x, double y, double z, char id) {

@@ -20,6 +20,7 @@ class Emulator:
         self._log = Path(self.arguments.log).open("a", buffering=1)  # noqa: SIM115
         self.ready = 0.0  # calibrated, homed
         self.gone = 0.0  # torn out
+        self.silent = 0.0  # answers nothing
         self.mangled = 0.0  # which share of what is sent comes out wrong
         self.random = random.Random(7)
         self.obeyed = threading.Event()  # never: what is gone waits for its end
@@ -41,7 +42,9 @@ class Emulator:
         self._log.write(" ".join(map(repr, (time.monotonic_ns(), *values))) + "\n")
 
     def mangle(self, data: bytes) -> bytes:
-        """A share of it with bits turned, bytes lost, doubled or made up; in the end anything."""
+        """A share of it with bits turned, bytes lost, doubled or made up; in the end anything. 2: random bytes."""
+        if self.mangled == 2.0:
+            return self.random.randbytes(len(data))
         if self.random.random() >= self.mangled:
             return data
         wrong, at = bytearray(data), self.random.randrange(len(data))

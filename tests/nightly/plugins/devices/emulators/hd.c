@@ -3,6 +3,7 @@
 
 #include <pthread.h>
 #include <sched.h>
+#include <stdio.h>
 #include <sys/file.h>
 
 typedef unsigned int (*callback)(void *);
@@ -10,8 +11,8 @@ typedef struct { unsigned int code; int internal; unsigned int device; } error_i
 struct task { callback call; void *data; unsigned long handle; int once, over; };
 
 static unsigned int errors[64];
-static int error_count, in_frame, bad_frame, enabled, running, held;
-static double force[3], period_s = 1e-3;
+static int error_count, in_frame[2], bad_frame, enabled[2], running, held[2], now_at; /* of two devices: 5 and 6 */
+static double force[2][3], period_s = 1e-3;
 static struct task tasks[8];
 static unsigned long handles;
 static pthread_t thread;
@@ -36,30 +37,38 @@ error_info hdGetError(void) {
 unsigned int hdInitDevice(const char *name) {
     attach();
     log_call(name ? name : "NULL");
-    if (refused("hdInitDevice") || strcmp(desk->name, name ? name : "NULL")) { push(0x302); return 0xFFFFFFFF; }
-    held = open(getenv("HAPSCENE_EMULATED_DESK"), O_RDWR);
-    if (flock(held, LOCK_EX | LOCK_NB)) return close(held), push(0x301), 0xFFFFFFFF; /* the dead hold nothing */
-    desk->started = 1, enabled = 0, in_frame = 0;
-    return 5;
+    int at = desk->second[0] && !strcmp(desk->second, name ? name : "NULL");
+    if (refused("hdInitDevice") || (!at && strcmp(desk->name, name ? name : "NULL"))) { push(0x302); return 0xFFFFFFFF; }
+    if (running) return push(0x102), 0xFFFFFFFF;
+    desk->stuck = 0; /* of the process before */
+    char path[4096];
+    snprintf(path, sizeof path, "%s%s", getenv("HAPSCENE_EMULATED_DESK"), at ? ".second" : "");
+    held[at] = open(path, O_RDWR | O_CREAT, 0600);
+    if (flock(held[at], LOCK_EX | LOCK_NB)) return close(held[at]), push(0x301), 0xFFFFFFFF; /* the dead hold nothing */
+    desk->started = 1, enabled[at] = 0, in_frame[at] = 0, now_at = at;
+    return 5 + at;
 }
 
 void hdDisableDevice(unsigned int device) {
-    if (desk->started) close(held);
+    if (running) push(0x102);
+    close(held[device - 5]);
     desk->started = 0, desk->disabled++;
 }
 
-void hdMakeCurrentDevice(unsigned int device) { if (device != 5) push(0x104); }
+void hdMakeCurrentDevice(unsigned int device) { if (device != 5 && device != 6) push(0x104); else now_at = device - 5; }
 
 void hdBeginFrame(unsigned int device) {
     if (desk->begin_error) push(desk->begin_error);
-    if (in_frame || device != 5) push(0x400);
-    in_frame = 1, force[0] = force[1] = force[2] = NAN;
+    if (in_frame[now_at] || device != 5 + now_at) push(0x400);
+    in_frame[now_at] = 1, force[now_at][0] = force[now_at][1] = force[now_at][2] = NAN;
 }
 
 void hdEndFrame(unsigned int device) {
-    if (!in_frame) push(0x401);
-    in_frame = 0;
-    note(force[0], force[1], force[2], desk->calibration == 0x5000 && enabled, bad_frame || desk->begin_error != 0);
+    if (!in_frame[now_at]) push(0x401);
+    in_frame[now_at] = 0;
+    double *f = force[now_at];
+    note(f[0], f[1], f[2], desk->calibration == 0x5000 && enabled[now_at], bad_frame || desk->begin_error != 0);
+    desk->rows[(desk->count - 1) % ROWS].device = now_at;
     bad_frame = 0;
     if (desk->end_error) push(desk->end_error);
 }
@@ -67,23 +76,24 @@ void hdEndFrame(unsigned int device) {
 void hdEnable(unsigned int what) {
     if (refused("hdEnable")) return;
     log_call(what == 0x4000 ? "force" : what == 0x4001 ? "clamp" : "?");
-    if (what == 0x4000) enabled = 1;
+    if (what == 0x4000) enabled[now_at] = 1;
 }
 
-unsigned char hdIsEnabled(unsigned int what) { return what == 0x4000 && enabled && !desk->off; }
+unsigned char hdIsEnabled(unsigned int what) { return what == 0x4000 && enabled[now_at] && !desk->off; }
 
 void hdGetIntegerv(unsigned int what, int *to) {
     if (refused("hdGetIntegerv")) return;
     if (what == 0x2555) *to = desk->style;
     else if (what != 0x2000) push(0x100);
-    else if (!in_frame) push(0x402);
+    else if (!in_frame[now_at]) push(0x402);
     else *to = seed && draw() % 20 == 0 ? (int)draw() : desk->buttons;
 }
 
 void hdGetDoublev(unsigned int what, double *to) {
     int i, unused;
-    if (what >= 0x2000 && what < 0x2500 && !in_frame) push(0x402);
+    if (what >= 0x2000 && what < 0x2500 && !in_frame[now_at]) push(0x402);
     else if (what == 0x2050) for (i = 0; i < 3; i++) to[i] = mutant(desk->position[i], &bad_frame);
+    else if (what == 0x2051) for (i = 0; i < 3; i++) to[i] = mutant(desk->velocity[i], &unused);
     else if (what == 0x2052) for (i = 0; i < 16; i++) to[i] = mutant(desk->transform[i], i % 4 < 3 && i < 12 ? &bad_frame : &unused);
     else if (what == 0x2551) memcpy(to, desk->workspace, sizeof desk->workspace);
     else if (what == 0x2603) *to = desk->most_force;
@@ -94,8 +104,8 @@ void hdGetDoublev(unsigned int what, double *to) {
 
 void hdSetDoublev(unsigned int what, const double *from) {
     if (what != 0x2700) push(0x100);
-    else if (!in_frame) push(0x402);
-    else memcpy(force, from, sizeof force);
+    else if (!in_frame[now_at]) push(0x402);
+    else memcpy(force[now_at], from, sizeof force[now_at]);
 }
 
 const char *hdGetString(unsigned int what) { return what == 0x2501 ? "Touch" : "2007"; }
@@ -129,6 +139,7 @@ static void call_all(void) {
 static void *run(void *nothing) {
     double next = now();
     while (running) {
+        while (running && desk->stuck) usleep(1000);
         pthread_mutex_lock(&lock);
         call_all();
         pthread_mutex_unlock(&lock);

@@ -16,12 +16,14 @@ class Service(Emulator):
         self.wireless = 0.0
         self.moved = 0.0  # a transform that is not the identity
         self.buttons = 0.0
-        self.x = 0.06
+        self.x, self.speed = 0.06, 0.0
         self.force = {"x": 0.0, "y": 0.0, "z": 0.0}
 
     def state(self, whole):
         p = {"x": self.x, "y": -0.13, "z": 0.16}
+        v = {"x": self.speed, "y": 0.0, "z": 0.0}
         entry = {"device_id": "05DA", "state": {"cursor_position": p, "current_cursor_force": self.force}}
+        entry["state"]["cursor_velocity"] = v
         entry["state"]["transform"] = {"scale": {"x": 2.0, "y": 2.0, "z": 2.0}} if self.moved else {}
         entry["status"] = {"calibrated": bool(self.ready), "ready": True, "power_supply": True, "in_use": True}
         if whole:
@@ -46,7 +48,8 @@ class Service(Emulator):
             self.log(*self.force.values())
             if self.events:
                 socket.send(json.dumps({"name": "stall", "category": "safety", "level": "info", "data": {}}))
-            socket.send(self.mangle(self.state(False).encode()).decode("latin-1"))
+            if not self.silent:
+                socket.send(self.mangle(self.state(False).encode()).decode("latin-1"))
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import os
 import socket
 import struct
 import threading
+import time
 from contextlib import suppress
 
 from usb.core import USBError, USBTimeoutError
@@ -49,6 +50,9 @@ def _answer(emulator, wire):
             emulator.control(request, value)
         elif op == WRITE:
             emulator.write(endpoint, message[HEAD.size :])
+        elif emulator.silent:
+            time.sleep(wait_ms / 1000.0)
+            status = SILENT
         elif (data := emulator.read(endpoint, wait_ms / 1000.0)) is None:
             status, data = SILENT, b""
         wire.send(bytes([status]) + data)

@@ -1,0 +1,148 @@
+"""Real devices of a servo: events of their buttons, pose of the tool, states, recovery."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapscene.device import DeviceChoice, choose
+from hapscene.device.driver import BUTTON_ROOM, new_state
+from hapscene.errors import DeviceError, HapsceneError
+from hapscene.loop.servo_state import ButtonEvent, button_events_of
+from hapscene.scene.scene import Scene
+from tests.until import until
+from tests.virtual_servo import VirtualServo
+
+
+@pytest.fixture
+def servo(plate: Scene) -> Iterator[VirtualServo]:
+    with VirtualServo(plate, choose("simulated")) as running:
+        running.start((0.0, 0.0, 0.05))
+        yield running
+
+
+def press(servo: VirtualServo, buttons: int) -> int:
+    """Press buttons in the next tick; return its number."""
+    servo.handler.connections[0].state.buttons = buttons
+    servo.advance(1)
+    return servo.state().tick
+
+
+def test_each_change_is_one_event_with_its_tick_and_time(servo: VirtualServo) -> None:
+    pressed = (0b1, 0b11, 0b11, 0b100)
+    ticks = [(press(servo, buttons), 1e-9 * servo._channel.channel[0].done_ns) for buttons in pressed]
+    events, count = servo.button_events()
+    assert [(event.button, event.pressed) for event in events] == [
+        (0, True),
+        (1, True),
+        (0, False),
+        (1, False),
+        (2, True),
+    ]
+    assert [event.tick for event in events] == [ticks[k][0] for k in (0, 1, 3, 3, 3)] and count == 3
+    assert [event.time_s for event in events] == pytest.approx([ticks[k][1] for k in (0, 1, 3, 3, 3)], abs=1e-3)
+    assert servo.button_events(count) == ([], count)
+    tick = press(servo, 0)
+    assert [event[:1] + event[2:] for event in servo.button_events(count)[0]] == [(tick, 2, False)]
+
+
+def test_old_changes_are_dropped_and_the_rest_is_consistent() -> None:
+    state = new_state()[0]
+    for number in range(3 * BUTTON_ROOM):  # one button, pressed and released in turn
+        state.button_log[number % BUTTON_ROOM] = number, 1_000_000_000 * number, (number + 1) % 2
+        state.button_count = number + 1
+    events, count = button_events_of(state, 0)
+    assert count == 3 * BUTTON_ROOM and len(events) == BUTTON_ROOM - 1
+    assert events[0] == ButtonEvent(count - BUTTON_ROOM + 1, count - BUTTON_ROOM + 1.0, 0, False)
+    assert [event.pressed for event in events] == [bool((event.tick + 1) % 2) for event in events]
+
+
+def test_a_function_is_called_for_each_event(servo: VirtualServo) -> None:
+    events: list[ButtonEvent] = []
+    press(servo, 0b1)
+    servo.on_button(events.append)
+    press(servo, 0b0)
+    press(servo, 0b10)
+    until(lambda: len(events) == 2, 10.0)
+    assert [(event.button, event.pressed) for event in events] == [(0, False), (1, True)]
+
+
+def test_pose_of_the_tool_in_the_world(plate: Scene) -> None:
+    """The device is turned by a quarter about z, and its tool by half a turn about x."""
+    X_WD, R_DT = np.eye(4), np.diag((1.0, -1.0, -1.0))
+    X_WD[:3, :3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    with VirtualServo(plate, choose("simulated"), X_WD=X_WD) as servo:
+        servo.start((0.0, 0.0, 0.05))
+        servo.handler.connections[0].state.R_DT = R_DT
+        servo.advance(1)
+        X_WT = servo.tool_pose()
+    assert np.array_equal(X_WT[:3, :3], X_WD[:3, :3] @ R_DT) and X_WT[3].tolist() == [0.0, 0.0, 0.0, 1.0]
+    assert X_WT[:3, 1].tolist() == [1.0, 0.0, 0.0]  # its y axis, which points towards −y of the device
+
+
+def test_stop_force_ends_with_the_next_start(plate_of: Callable[..., Any]) -> None:
+    """The force rises from the first tick on, without the calm of a safety stop."""
+    with VirtualServo(plate_of(), choose("simulated")) as servo:
+        servo.handler._twins[0].safety.ramp_s, servo.handler._twins[0].safety.calm_s = 0.1, 0.5
+        servo.start((0.0, 0.0, 0.001))
+        servo.stop_force()
+        servo.advance(20)
+        assert servo.handler._twins[0].safety.gain[0] == 0.0
+        servo.start((0.0, 0.0, 0.001))
+        servo.advance(200)
+        assert servo.handler._twins[0].safety.gain[0] == 1.0
+
+
+def test_modes_and_recovery_from_a_fault(plate: Scene) -> None:
+    servo = VirtualServo(plate, choose("simulated"))
+    assert servo.mode == "ended"
+    with servo:
+        servo.start((0.0, 0.0, 0.05))
+        servo.advance(10)
+        assert servo.mode == "running"
+        failed = servo.handler.connections[0]
+        failed.state.ready = 0
+        servo.advance(1)
+        assert servo.mode == "stopped"
+        failed.state.ready = 1
+        servo.advance(1)
+        assert servo.mode == "running"
+        press(servo, 0b1)
+
+        def fail() -> None:
+            raise DeviceError("the cable is out")
+
+        failed.read = fail  # type: ignore[method-assign]
+        servo.advance(2)
+        assert servo.mode == "error"
+        with pytest.raises(DeviceError, match="cable"):
+            servo.state()
+        servo.recover()
+        assert servo.mode == "paused" and servo.handler.connections[0] is not failed
+        tick = servo.state().tick
+        servo.resume()
+        servo.advance(10)
+        assert servo.mode == "running" and servo.state().tick == tick + 10
+        events, _ = servo.button_events()  # the button is up on the device that was opened again
+        assert [event.pressed for event in events] == [True, False]
+        with pytest.raises(HapsceneError, match="no device waits"):
+            servo.handler.connections[0].state.ready = 0
+            servo.home()
+    assert servo.mode == "ended"
+
+
+def test_a_device_that_stays_away_leaves_the_fault(plate: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    with VirtualServo(plate, choose("simulated")) as servo:
+        servo.start((0.0, 0.0, 0.05))
+
+        def gone(choice: DeviceChoice) -> None:
+            raise DeviceError("not connected")
+
+        monkeypatch.setattr(DeviceChoice, "open", gone)
+        with pytest.raises(HapsceneError, match="not connected"):
+            servo.recover()
+        assert servo.mode == "error"
+        monkeypatch.undo()
+        servo.recover()
+        assert servo.mode == "paused"
