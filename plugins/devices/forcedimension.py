@@ -79,7 +79,7 @@ class ForceDimensionConnection(Connection):
 
     def _error(self) -> str:
         code = int(self._dhd.dhdErrorGetLast())
-        return error_text(self._dhd, code)
+        return str(error_text(self._dhd, code))
 
     def _try(self, operation: str, result: int) -> None:
         if result < 0:
@@ -138,15 +138,15 @@ class ForceDimensionConnection(Connection):
             (NOT_CALIBRATED, status[_RESET] != 0),
         ):
             if met:
-                return trouble
+                return int(trouble)
         if status[_FORCE] != 0:
-            return BRAKED if status[_BRAKE] != 0 else 0
+            return int(BRAKED) if status[_BRAKE] != 0 else 0
         cause = status[_CAUSE]
         if cause in _COMES_BACK and self._reads >= self._enable_at:
             self._enable_at = self._reads + _ENABLE_READS
             self._dhd.dhdSetForce(0.0, 0.0, 0.0, self._id)
             self._dhd.dhdEnableForce(1, self._id)
-        return OFF + cause if OFF + cause in TROUBLES else FAULT
+        return int(OFF + cause if OFF + cause in TROUBLES else FAULT)
 
     def write(self) -> None:
         state = self.state[0]
@@ -170,7 +170,7 @@ class ForceDimensionConnection(Connection):
 
     def reason(self, trouble: int) -> str:
         if trouble >= CALL:
-            return error_text(self._dhd, trouble - CALL)
+            return str(error_text(self._dhd, trouble - CALL))
         return TROUBLES.get(trouble, "") if trouble else ""
 
 
