@@ -23,7 +23,7 @@ from hapscene.geometry import numbers, positions, rigid
 from hapscene.records import ROW, Records, block_of, records
 from hapscene.render.contact_info import Contact, Impulse
 from hapscene.render.moving_bodies import MovingBodies
-from hapscene.render.tick import run_ticks, tick, use_moving_bodies, use_tick
+from hapscene.render.tick import run_ticks, tick, use_fading, use_moving_bodies, use_tick
 from hapscene.surface.device_clipping import Clip, ClippedSwatches, Numbers, clip_to_device, clips, share_of
 from hapscene.surface.effect import Effect, check_range
 from hapscene.surface.effect_registry import load_effect
@@ -222,10 +222,15 @@ class Renderer:
             PathError: `p_WT` is not three finite numbers.
 
         Warns:
-            UsageWarning: all bodies are far away.
+            UsageWarning: all bodies are far away, or the position is inside a body that can be touched from outside
+                only.
         """
         p = positions(numbers(p_WT).reshape(1, -1))[0]
-        _warn_of_distance(self.world, p)
+        self._restart(p)
+        self._warn_of_start(p)
+
+    def _restart(self, p: NDArray[np.float64]) -> None:
+        """Restart at `p` (3,)."""
         surface = self.surface
         clear_states(surface, self._effects, self.seed)
         memory, touch = surface.memory, surface.touch
@@ -246,6 +251,17 @@ class Renderer:
         place_proxy(self.world, (p[0], p[1], p[2]))
         self._started = True
         self._ticks = 0
+
+    def _warn_of_start(self, p: NDArray[np.float64]) -> None:
+        """Warn if the tool started at `p` inside a body, or far from all bodies."""
+        _warn_of_distance(self.world, p)
+        if inside := int(self.world.proxy[0].enclosing):
+            place = ", ".join(f"{v:g}" for v in p)
+            warn(
+                f"the tool starts inside body {self._body_names[inside - 1]!r}, at ({place}) m. It touches it only "
+                "after it has been outside: start outside, or add the body with two_sided=True",
+                UsageWarning,
+            )
 
     def tune(self, swatch: str, **numbers: float) -> None:
         """Change parameters of a swatch from the next tick on, for example `tune("oak", stiffness_N_m=300.0)`.
@@ -442,18 +458,23 @@ class Renderer:
             self._seen_X_WB = [body.X_WB for body in painting.scene.bodies]
 
     def remove(self, body: str) -> None:
-        """Remove a body from contact. Its index and memory stay reserved, and the scene keeps it.
+        """Remove a body from contact; the force of a touched body fades out in 5 ms (`Flag.BODY_REMOVED`).
+
+        Its index and memory stay reserved, and the scene keeps it.
 
         Raises:
             SceneError: the renderer has no such body.
         """
         index = self._index(body)
-        row = self.world.bodies[index]
+        row, proxy = self.world.bodies[index], self.world.proxy[0]
+        touched = row.punctured != 0 or (proxy.touching == 1 and index in proxy.body[: proxy.count])
+        pulls = self.surface.touch[0].left_body == index and self.surface.memory["f_body_W_N"].any()
+        use_fading(self.surface, bool(touched or pulls))
         row.radius_m, row.shape_posted = -REACH_MAX_M, row.shape_used  # never near the device
         slots = self.moving_bodies([body])
         slots.teleported[:] = 1
         self._place(slots)
-        self.world.proxy[0].near_margin_m = 0.0  # forces a new list of nearby bodies
+        proxy.near_margin_m = 0.0  # forces a new list of nearby bodies
         del self._index_of[body]
         self._pose_slots = None  # it may contain the body
 
@@ -471,6 +492,9 @@ class Renderer:
         Raises:
             PathError: `vertices_m` is not numeric.
             SceneError: the body is unknown, the number of vertices differs from the mesh, or a vertex is not finite.
+
+        Warns:
+            UsageWarning: the body oscillates: eight shapes in a row took back most of the change before.
         """
         index = self._index(body)
         self._refuse_fidelity("bodies cannot be deformed")
@@ -480,7 +504,7 @@ class Renderer:
         with self._deforming:
             if index not in self._deformations:
                 self.world, first = room_for(self.world, mesh, index)
-                made = Deformation(self.world, index, mesh, first=first, crease_rad=self._crease_rad)
+                made = Deformation(self.world, index, body, mesh, first=first, crease_rad=self._crease_rad)
                 self._deformations[index] = made
             self._deformations[index].post(self.world, vertices)
 
@@ -526,7 +550,10 @@ class Renderer:
         if not self._started:
             if not np.isfinite(p).all():
                 return Command(np.zeros(3), np.zeros(self.block), Flag.TOOL_NOT_FINITE)
-            self.reset(p[0])
+            self._restart(p[0])
+            command = self.step(p_WT, poses)  # sets the poses of the bodies, which may enclose the tool
+            self._warn_of_start(p[0])
+            return command
         self._apply_scene_poses()
         slots = _NO_BODIES
         if poses:
@@ -586,7 +613,10 @@ class Renderer:
         n = len(path)
         slots = self._poses(poses or {}, n)
         if not self._started:
-            self.reset(path[0])
+            self._restart(path[0])
+            recording = self.run(path, poses)
+            self._warn_of_start(path[0])
+            return recording
         self._apply_scene_poses()
         rows = records(n, ROW)
         a_m_s2 = np.zeros((n, self.block))
