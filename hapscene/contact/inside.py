@@ -37,7 +37,7 @@ half of them do."""
 
 ABOVE: Final = (4.0, 40.0)
 """Heights above the place of entry of two points that are outside [skins]. Both must be visible to leave the body: the
-overlap of faces (`EDGE_OVERLAP`), which reaches into the body at a concave edge, hides at most one of them."""
+overlap of faces (`EDGE_OVERLAP`), which reaches into the body at a concave edge, hides one point at most."""
 
 CLEARANCE: Final = 2.0
 """Distance from the proxy within which rays along the axes look for faces before a puncture is closed [skins]. Planes

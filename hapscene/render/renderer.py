@@ -61,6 +61,9 @@ TIP_RADIUS_MAX_M: Final = 1.0
 TIP_TOLERANCE: Final = 0.1
 """Largest difference to the tip with which a swatch was recorded that is not reported [1]."""
 
+POSE_SLOTS_MAX: Final = 64
+"""Most combinations of names in `step(p, {name: X_WB})` that are remembered [count]."""
+
 _NO_BODIES: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
 """Indices, poses and teleports for a tick without moving bodies."""
 
@@ -181,7 +184,8 @@ class Renderer:
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
         self._bodies = tuple(scene.bodies)
         self._fields = self._read_field_settings(settings or {})
-        self._pose_slots: MovingBodies | None = None
+        self._pose_slots: dict[tuple[str, ...], MovingBodies] = {}
+        self._last_slots: MovingBodies | None = None
         self._scene, self._seen, self._seen_X_WB = scene, scene.pose_count, [body.X_WB for body in scene.bodies]
         self._crease_rad = crease_rad
         self._deformations: dict[int, Deformation] = {}
@@ -476,7 +480,8 @@ class Renderer:
         self._place(slots)
         proxy.near_margin_m = 0.0  # forces a new list of nearby bodies
         del self._index_of[body]
-        self._pose_slots = None  # it may contain the body
+        self._pose_slots.clear()  # they may contain the body
+        self._last_slots = None
 
     def deform(self, body: str, vertices_m: ArrayLike) -> None:
         """Set a new shape of a body from the next tick on, for example 60 times a second. Contact continues.
@@ -573,7 +578,7 @@ class Renderer:
         contact = None
         if touching.item():
             contact = Contact(self._row_bytes.tobytes(), self._body_names, self._swatch_names)
-        return Command(f_W_N.copy(), self._samples[0].copy(), flag_of(flags.item()), contact)
+        return Command._make((f_W_N.copy(), self._samples[0].copy(), flag_of(flags.item()), contact))
 
     def impulse(self, body: str) -> Impulse:
         """Return the impulse of the tool on a body since the last reset.
@@ -590,11 +595,16 @@ class Renderer:
         return self._index_of[body]
 
     def _slots(self, poses: Mapping[str, ArrayLike]) -> MovingBodies:
-        """Return slots that hold poses given by name, reused as long as the names stay the same."""
-        if self._pose_slots is None or self._pose_slots.names != tuple(poses):
-            self._pose_slots = self.moving_bodies(tuple(poses))
-        self._pose_slots.set_poses(poses)
-        return self._pose_slots
+        """Return slots that hold poses given by name, reused for the same names."""
+        names, slots = tuple(poses), self._last_slots
+        if slots is None or slots.names != names:  # to compare is faster than to look up
+            if names not in self._pose_slots:
+                if len(self._pose_slots) == POSE_SLOTS_MAX:
+                    self._pose_slots.clear()
+                self._pose_slots[names] = self.moving_bodies(names)
+            slots = self._last_slots = self._pose_slots[names]
+        slots.set_poses(poses)
+        return slots
 
     def run(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | None = None) -> "Recording":
         """Compute ticks along a path.
