@@ -193,6 +193,7 @@ class Renderer:
         self.fidelity = _fidelity_of(fidelity, scene)
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
+        self._p_WT = np.zeros((1, 3))
         with compiling(tick, run_ticks, place_proxy, *(effect.render for effect in self._effects)):
             rendered = self._at_fidelity(scene)
             self.world = build_world(rendered.bodies, crease_rad, self.tip_radius_m)
@@ -549,9 +550,16 @@ class Renderer:
         Warns:
             UsageWarning: a pose was refused; once for the same bodies.
         """
-        p = numbers(p_WT).reshape(1, -1)
-        if p.shape != (1, 3):
-            raise PathError(f"a position must be three numbers [m]; it has {p.size}")
+        p = self._p_WT
+        try:  # a general conversion takes longer than the tick
+            if len(p_WT) != 3:  # type: ignore[arg-type]  # a number raises TypeError
+                raise ValueError
+            p[0] = p_WT
+        except (TypeError, ValueError, OverflowError):
+            given = numbers(p_WT)
+            if given.size != 3:
+                raise PathError(f"a position must be three numbers [m]; it has {given.size}") from None
+            p[0] = given.ravel()
         if not self._started:
             if not np.isfinite(p).all():
                 return Command(np.zeros(3), np.zeros(self.block), Flag.TOOL_NOT_FINITE)
@@ -559,7 +567,8 @@ class Renderer:
             command = self.step(p_WT, poses)  # sets the poses of the bodies, which may enclose the tool
             self._warn_of_start(p[0])
             return command
-        self._apply_scene_poses()
+        if self._scene.pose_count != self._seen:
+            self._apply_scene_poses()
         slots = _NO_BODIES
         if poses:
             if not isinstance(poses, MovingBodies | Mapping):
