@@ -10,7 +10,7 @@ from hapscene.compiled.native import native
 from hapscene.constants import REACH_MAX_M
 from hapscene.contact.deformation import reshape_bodies
 from hapscene.contact.inside import close_puncture
-from hapscene.contact.planes import copy_plane
+from hapscene.contact.planes import drop_planes_of
 from hapscene.contact.proxy import place_proxy
 from hapscene.contact.world import update_ball
 from hapscene.flags import Flag
@@ -193,13 +193,11 @@ def _release(world: "World", surface: "Surface", moving: NDArray[Any], teleporte
     for i in range(proxy.puncture_count - 1, -1, -1):
         if _jumps(proxy.punctured[i], moving, teleported):
             close_puncture(world, proxy.punctured[i])
-    kept, count = 0, proxy.count
-    for i in range(count):
-        if not _jumps(proxy.body[i], moving, teleported):
-            copy_plane(proxy, i, kept)
-            kept += 1
-    proxy.count = kept
-    if kept == 0 < count:
+    count = proxy.count
+    for m in range(len(moving)):
+        if teleported[m] != 0:
+            drop_planes_of(proxy, moving[m])
+    if proxy.count == 0 < count:
         _restart_proxy(world, surface)
 
 

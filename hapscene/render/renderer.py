@@ -263,8 +263,8 @@ class Renderer:
         if inside := int(self.world.proxy[0].enclosing):
             place = ", ".join(f"{v:g}" for v in p)
             warn(
-                f"the tool starts inside body {self._body_names[inside - 1]!r}, at ({place}) m. It touches it only "
-                "after it has been outside: start outside, or add the body with two_sided=True",
+                f"the tool starts inside body {self._body_names[inside - 1]!r}, at ({place}) m, and has no contact "
+                "with it before it has been outside: start outside, or add the body with two_sided=True",
                 UsageWarning,
             )
 
