@@ -207,7 +207,7 @@ class Renderer:
         row = self._row.view(np.ndarray)
         # views, because a look-up by name takes a microsecond
         self._out = row["f_W_N"][0], row["flags"], row["touching"]
-        self._started = False
+        self._started = self._first = False
         self._ticks = 0
 
     def __repr__(self) -> str:
@@ -227,15 +227,11 @@ class Renderer:
             PathError: `p_WT` is not three finite numbers.
 
         Warns:
-            UsageWarning: all bodies are far away, or the position is inside a body that can be touched from outside
-                only.
+            UsageWarning: all bodies are far away. The first tick warns if the tool is inside a body that can be touched
+                from outside only.
         """
         p = positions(numbers(p_WT).reshape(1, -1))[0]
-        self._restart(p)
-        self._warn_of_start(p)
-
-    def _restart(self, p: NDArray[np.float64]) -> None:
-        """Restart at `p` (3,)."""
+        _warn_of_distance(self.world, p)
         surface = self.surface
         clear_states(surface, self._effects, self.seed)
         memory, touch = surface.memory, surface.touch
@@ -254,17 +250,16 @@ class Renderer:
         self.world.moved[0] = self.world.proxy[0].puncture_count = 0
         self.world.impulse[:] = 0.0
         place_proxy(self.world, (p[0], p[1], p[2]))
-        self._started = True
+        self._started = self._first = True
         self._ticks = 0
 
-    def _warn_of_start(self, p: NDArray[np.float64]) -> None:
-        """Warn if the tool started at `p` inside a body, or far from all bodies."""
-        _warn_of_distance(self.world, p)
+    def _warn_if_inside(self) -> None:
+        """Warn if the tool started inside a body; called after the first tick, which sets poses of bodies."""
+        self._first = False
         if inside := int(self.world.proxy[0].enclosing):
-            place = ", ".join(f"{v:g}" for v in p)
             warn(
-                f"the tool starts inside body {self._body_names[inside - 1]!r}, at ({place}) m, and has no contact "
-                "with it before it has been outside: start outside, or add the body with two_sided=True",
+                f"the tool starts inside body {self._body_names[inside - 1]!r}, and has no contact with it before "
+                "it has been outside: start outside, or add the body with two_sided=True",
                 UsageWarning,
             )
 
@@ -563,10 +558,7 @@ class Renderer:
         if not self._started:
             if not np.isfinite(p).all():
                 return Command(np.zeros(3), np.zeros(self.block), Flag.TOOL_NOT_FINITE)
-            self._restart(p[0])
-            command = self.step(p_WT, poses)  # sets the poses of the bodies, which may enclose the tool
-            self._warn_of_start(p[0])
-            return command
+            self.reset(p[0])
         if self._scene.pose_count != self._seen:
             self._apply_scene_poses()
         slots = _NO_BODIES
@@ -581,6 +573,8 @@ class Renderer:
             slots = bodies.index, bodies.poses, bodies.teleported
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
         self._ticks += 1
+        if self._first:
+            self._warn_if_inside()
         f_W_N, flags, touching = self._out
         if flags.item() & _POSE_REFUSED and poses:
             bodies.warn_of_refused()
@@ -632,14 +626,13 @@ class Renderer:
         n = len(path)
         slots = self._poses(poses or {}, n)
         if not self._started:
-            self._restart(path[0])
-            recording = self.run(path, poses)
-            self._warn_of_start(path[0])
-            return recording
+            self.reset(path[0])
         self._apply_scene_poses()
         rows = records(n, ROW)
         a_m_s2 = np.zeros((n, self.block))
         self._play(self.world, self.surface, path, *slots, rows, a_m_s2)
+        if self._first:
+            self._warn_if_inside()
         return self.recording(rows, a_m_s2)
 
     def recording(self, rows: Any, a_m_s2: NDArray[np.float64]) -> "Recording":

@@ -380,7 +380,9 @@ def test_start_inside_a_body_is_reported():
     with pytest.warns(UsageWarning, match="box"):
         hapscene.Renderer(scene(), ["wall"]).step(inside[0])
     with pytest.warns(UsageWarning, match="box"):
-        hapscene.Renderer(scene(), ["wall"]).reset(inside[0])
+        renderer = hapscene.Renderer(scene(), ["wall"])
+        renderer.reset(inside[0])
+        renderer.step(inside[0])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         hapscene.Renderer(scene(), ["wall"]).run(outside)
