@@ -238,7 +238,11 @@ def _carry(world: "World", carried_W: Vector) -> None:
         stop = cast_body(world, index, start, goal, 2.0)
         if stop <= 1.0:
             proxy.count += 1
-            p = to_world(body, along(start, stop, sub(goal, start)))
+            met = along(start, stop, sub(goal, start))
+            found, p = nearest(proxy, carried_W, 1.0)
+            # the plane of the face extends past the face, where another face of the body can be in front of it
+            if not found or cast_body(world, index, met, to_body(body, p), 2.0) <= 1.0:
+                p = to_world(body, met)
     for i in range(3):
         proxy.p_W_m[i] = p[i]
 
