@@ -325,6 +325,7 @@ def _lead_out(world: "World", index: int) -> None:
         drop_planes_of(proxy, index)
         _hold_by(world, index, found, side)
         proxy.flags |= _RESET
+        proxy.placed = 1  # a ball makes room for itself
         p = q
         for i in range(3):
             proxy.p_W_m[i] = body.last_p_WB_m[i]

@@ -13,7 +13,7 @@ from hapscene.compiled.native import native
 from hapscene.constants import PASSED_MAX
 from hapscene.contact.embree import first_face
 from hapscene.contact.planes import drop_planes_of
-from hapscene.contact.triangle import barycentric, blend, corners, plane, to_body
+from hapscene.contact.triangle import blend, closest_point, corners, plane, to_body, weights
 from hapscene.contact.world import WAYS
 from hapscene.geometry import Vector, along, dot, norm, sub
 
@@ -54,7 +54,9 @@ def open_puncture(world: "World") -> None:
     body = world.bodies[index]
     body.punctured = 1 if proxy.side[proxy.dominant] > 0.0 else -1
     body.entry_face = proxy.face[proxy.dominant]
-    at = barycentric(world, body, body.entry_face, (p[0], p[1], p[2]))
+    a, b, c = corners(world, body, body.entry_face)
+    # on the face itself, which can end below the centre of a ball
+    at = weights((a, b, c), closest_point(a, b, c, to_body(body, (p[0], p[1], p[2]))))
     for i in range(3):
         body.entry_at[i] = at[i]
     proxy.punctured[proxy.puncture_count] = index
