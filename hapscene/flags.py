@@ -48,6 +48,10 @@ class Flag(IntFlag):
     """The device is not calibrated, homed or powered, or sends no new samples; no force until it is ready."""
     STALLED = 262144
     """The loop was stalled, for example because the machine slept; the force ramps up again."""
+    PROXY_RESET = 524288
+    """A new shape of a body enclosed the proxy; the proxy was set on the nearest surface of the body."""
+    BODY_REMOVED = 1048576
+    """A touched body was removed; its force fades out."""
 
 
 @cache

@@ -25,9 +25,9 @@ import numpy as np
 from hapscene.compiled.native import inlined, native
 from hapscene.constants import PASS_MAX
 from hapscene.contact.face_tree import LEAF_MAX, closest_on_cylinder
+from hapscene.contact.inside import close_left_punctures
 from hapscene.contact.planes import drop_idle, nearest
 from hapscene.contact.proxy import list_bodies
-from hapscene.contact.puncture import close_left_punctures
 from hapscene.contact.triangle import closest_point, corners, to_body, to_body_last, to_world, turn_to_world
 from hapscene.contact.world import FRONT_MAX
 from hapscene.flags import Flag
@@ -95,7 +95,7 @@ def move_ball(world: "World", tool_W: Vector) -> int:
     proxy.touching = held
     proxy.dominant = dominant
     if proxy.puncture_count > 0:
-        close_left_punctures(world, before_W, c)
+        close_left_punctures(world, c)
     return 0 if settled else _UNSETTLED
 
 

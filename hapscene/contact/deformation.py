@@ -8,6 +8,9 @@ its surface at the proxy, and the shift decays linearly to zero over the time be
 the surface thus moves from shape to shape without a step, like a moving body that carries the proxy. Elsewhere the body
 is displaced for the length of a frame by the relative motion of its parts. Another part of the body may pass the proxy
 meanwhile, as in a fold; rays from the proxy (`WAYS`) detect that, and the part constrains the proxy from then on.
+
+A violent new shape can enclose the proxy although no such part passed it: then most rays meet faces from behind. The
+proxy is set on the nearest surface at once, and the tick has `Flag.PROXY_RESET`.
 """
 
 import math
@@ -18,15 +21,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.compiled.native import native
 from hapscene.constants import EDGE_OVERLAP, REACH_MAX_M
-from hapscene.contact.embree import RefittedSearch, first_face
+from hapscene.contact.embree import RefittedSearch
 from hapscene.contact.face_tree import fit_cylinders
-from hapscene.contact.planes import copy_plane
+from hapscene.contact.inside import BACKS_MIN, encloses, face_along, look_direction
+from hapscene.contact.planes import copy_plane, drop_planes_of
 from hapscene.contact.proxy import place_proxy
-from hapscene.contact.puncture import close_puncture
 from hapscene.contact.shading import CornerGroups
-from hapscene.contact.triangle import corners, lies_over_in_body, plane, to_body_last, weights
+from hapscene.contact.triangle import blend, corners, lies_over_in_body, plane, to_body_last, weights
 from hapscene.contact.world import DROPPED, SHAPES, WAYS, World, update_ball
-from hapscene.errors import SceneError
+from hapscene.errors import SceneError, UsageWarning, warn
+from hapscene.flags import Flag
 from hapscene.geometry import Vector, along, cross, dot, norm, numbers, sub
 
 if TYPE_CHECKING:
@@ -38,6 +42,18 @@ __all__ = ["Deformation", "reshape_bodies", "room_for", "shape_of"]
 SHIFT_MAX_S: Final = 0.05
 """Longest transition from one shape to the next [s]: three frames at 60 Hz."""
 
+REVERSALS_MAX: Final = 8
+"""Shapes in a row that reverse the last change, from which a body oscillates [count]: 0.13 s at 60 Hz."""
+
+OSCILLATION_MIN_M: Final = 1e-4
+"""Root mean square of the change of shape above which an oscillation is reported [m]; it is felt at 10 µm already, but
+breathing noise of a simulation is not its instability."""
+
+RESETS_MAX: Final = 4
+"""Most surfaces that the proxy is moved through in a tick, in a shape that intersects itself [count]."""
+
+_RESET: Final = int(Flag.PROXY_RESET)
+
 FLAT: Final = 1e-9
 """Double area of a face over its longest edge squared below which its normal is undefined [1]."""
 
@@ -48,18 +64,22 @@ class Deformation:
     Args:
         world: world whose records are written.
         index: index of the body in the world.
+        name: its name.
         mesh: mesh with the faces that all shapes share.
         first: first row of the shapes in `World.corners_m`.
         crease_rad: see `build_world`.
     """
 
-    def __init__(self, world: World, index: int, mesh: "Mesh", *, first: int, crease_rad: float) -> None:
+    def __init__(self, world: World, index: int, name: str, mesh: "Mesh", *, first: int, crease_rad: float) -> None:
         self._index = index
         self._faces = np.ascontiguousarray(mesh.faces, np.int32)
         row, proxy = world.bodies[index], world.proxy[0]
         self._overlap_m = EDGE_OVERLAP * float(row.skin_m)
         self._groups = CornerGroups(mesh, crease_rad) if crease_rad > 0.0 else None
         self._searches = [RefittedSearch(self._faces) for _ in range(SHAPES)]
+        self._name, self._reversals = name, 0
+        self._last = np.asarray(mesh.vertices_m, np.float64)
+        self._step = np.zeros_like(self._last)
         row.face_count = len(self._faces)
         row.shape_face = first + len(self._faces) * np.arange(SHAPES)
         row.shape_tree = len(world.tree) - 2 * row.leaf_count * np.arange(SHAPES, 0, -1)
@@ -68,6 +88,7 @@ class Deformation:
 
     def post(self, world: World, vertices: NDArray[np.float64]) -> None:
         """Post a shape (N, 3), checked by `shape_of`, that the body takes in its next tick."""
+        self._check(vertices)
         row, free = world.bodies[self._index], list[int]()
         while not free:  # all three are in use for less than a microsecond, while a tick takes a shape over
             used = row.shape_used, row.shape_taking, row.shape_posted
@@ -85,6 +106,21 @@ class Deformation:
         center, radius = self._searches[to].refit(vertices, self._overlap_m)
         row.shape_center_B_m[to], row.shape_radius_m[to] = center, radius
         row.shape_posted = to + 1
+
+    def _check(self, vertices: NDArray[np.float64]) -> None:
+        """Warn once if the body oscillates: many shapes in a row take back most of the last change."""
+        step, self._last = vertices - self._last, vertices
+        square, back = float(np.vdot(step, step)), -float(np.vdot(step, self._step))
+        size_m = math.sqrt(square / len(vertices))
+        self._reversals = self._reversals + 1 if back > 0.5 * square and size_m > OSCILLATION_MIN_M else 0
+        self._step = step
+        if self._reversals == REVERSALS_MAX:
+            warn(
+                f"body {self._name!r} oscillates: each of its last {REVERSALS_MAX} shapes took back most of the change "
+                f"before, by {1e3 * size_m:.3g} mm on average. The simulation of the body is probably unstable: use "
+                "shorter steps, more damping, or a softer swatch",
+                UsageWarning,
+            )
 
 
 def shape_of(vertices_m: ArrayLike, count: int, name: str) -> NDArray[np.float64]:
@@ -135,6 +171,8 @@ def _update_shape(world: "World", surface: "Surface", index: int) -> None:
         for i in range(3):
             body.last_p_WB_m[i] = body.p_WB_m[i]
             body.p_WB_m[i] -= body.shift_W_m[i]
+    if body.shape_ticks == 1:  # the tick that took the shape may not have found a way out
+        _lead_out(world, index)
     if body.shape_posted != body.shape_used:
         posted = 0
         while posted != body.shape_posted:  # announce the shape before reading it, so that `post` does not overwrite it
@@ -170,11 +208,14 @@ def _take_shape(world: "World", index: int, posted: int) -> None:
     body, proxy = world.bodies[index], world.proxy[0]
     p = to_body_last(body, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2]))
     nearest = _look_around(world, index, p)
-    at, before = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    backs = 0
+    for way in range(WAYS):
+        backs += proxy.ray_face[way] >= 0 and proxy.ray_side[way] < 0.0
+    at, before, gone = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if nearest >= 0:
         triangle = corners(world, body, nearest)
         at = weights(triangle, p)
-        before = _blend(triangle, at)
+        before = blend(triangle, at)
     k = posted - 1
     body.search, body.radius_m, body.face = body.shape_search[k], body.shape_radius_m[k], body.shape_face[k]
     body.tree = body.shape_tree[k]
@@ -182,16 +223,19 @@ def _take_shape(world: "World", index: int, posted: int) -> None:
         body.center_B_m[i] = body.shape_center_B_m[k, i]
     body.shape_used = posted
     _drop_flat(world, index)
-    if nearest < 0:
-        return
-    gone = sub(_blend(corners(world, body, nearest), at), before)
+    if nearest >= 0:
+        gone = sub(blend(corners(world, body, nearest), at), before)
     if not math.isfinite(gone[0] + gone[1] + gone[2]):  # a face without area
         gone = (0.0, 0.0, 0.0)
     for i in range(3):
         for j in range(3):
             body.shift_W_m[i] -= body.R_WB[i, j] * gone[j]
             body.last_p_WB_m[i] -= body.last_R_WB[i, j] * gone[j]
-    _meet(world, index, along(p, 1.0, gone))
+    if body.punctured == 0:
+        _meet(world, index, along(p, 1.0, gone))
+        body.enclosing = backs >= BACKS_MIN
+        if body.two_sided == 1 or not _is_held(world, index, along(p, 1.0, gone)):
+            _lead_out(world, index)
 
 
 @native
@@ -204,18 +248,13 @@ def _look_around(world: "World", index: int, p_B: Vector) -> int:
     for way in range(WAYS):
         proxy.ray_face[way] = -1
     c = body.center_B_m
-    origin = (p_B[0] - c[0], p_B[1] - c[1], p_B[2] - c[2])
-    far = norm(origin) + body.radius_m
-    nearest, found = far, -1
-    for way in range(WAYS if far <= 3.0 * body.radius_m else 0):
-        face = first_face(body.search, world.ray, origin, look_direction(way), far, 0)
-        proxy.ray_face[way] = face
-        if face < 0:
-            continue
-        if float(world.ray[8]) < nearest:
-            nearest, found = float(world.ray[8]), face
-        n, offset = plane(*corners(world, body, face))
-        proxy.ray_side[way] = 1.0 if dot(n, p_B) >= offset else -1.0
+    near = norm(sub(p_B, (c[0], c[1], c[2]))) <= 2.0 * body.radius_m
+    nearest, found = math.inf, -1
+    for way in range(WAYS if near else 0):
+        face, away_m, back = face_along(world, index, p_B, way)
+        proxy.ray_face[way], proxy.ray_side[way] = face, -1.0 if back else 1.0
+        if face >= 0 and away_m < nearest:
+            nearest, found = away_m, face
     for i in range(proxy.count):
         if proxy.body[i] == index:
             return int(proxy.face[i])
@@ -223,26 +262,8 @@ def _look_around(world: "World", index: int, p_B: Vector) -> int:
 
 
 @native
-def look_direction(way: int) -> Vector:
-    """Return unit vector number `way` of `WAYS`: the axes, then the diagonals of the octants."""
-    if way < 6:
-        sign = 1.0 if way < 3 else -1.0
-        return sign * (way % 3 == 0), sign * (way % 3 == 1), sign * (way % 3 == 2)
-    bits = way - 6
-    third = math.sqrt(1.0 / 3.0)
-    return (
-        third if bits & 1 else -third,
-        third if bits & 2 else -third,
-        third if bits & 4 else -third,
-    )
-
-
-@native
 def _meet(world: "World", index: int, now_B: Vector) -> None:
-    """Add the recorded faces that have passed the proxy, which is at `now_B` in the body's frame, to its planes.
-
-    If the body is punctured and the tool is now outside it, the puncture closes instead.
-    """
+    """Add the recorded faces that have passed the proxy, which is at `now_B` in the body's frame, to its planes."""
     body, proxy = world.bodies[index], world.proxy[0]
     for way in range(WAYS):
         face = proxy.ray_face[way]
@@ -259,15 +280,57 @@ def _meet(world: "World", index: int, now_B: Vector) -> None:
         behind_m = -side * (dot(n, now_B) - offset)
         if not (behind_m > 0.0 and lies_over_in_body(world, body, face, now_B, 2.0 * behind_m + body.skin_m)):
             continue
-        if body.punctured != 0:
-            close_puncture(world, index)
-        elif side > 0.0 or body.two_sided == 1:
+        if side > 0.0 or body.two_sided == 1:
             _hold_by(world, index, face, side)
             if body.two_sided == 1:  # a two-sided face would otherwise constrain the proxy on its back
                 out_m = side * (behind_m + body.skin_m)
                 for i in range(3):
                     for j in range(3):
                         proxy.p_W_m[i] += out_m * body.last_R_WB[i, j] * n[j]
+
+
+@native
+def _is_held(world: "World", index: int, now_B: Vector) -> bool:
+    """Return whether the proxy, which is at `now_B`, is behind a plane of a body, so that the plane moves it out."""
+    body, proxy = world.bodies[index], world.proxy[0]
+    for i in range(proxy.count):
+        if proxy.body[i] == index:
+            n, offset = plane(*corners(world, body, proxy.face[i]))
+            if dot(n, now_B) < offset and lies_over_in_body(world, body, proxy.face[i], now_B, body.skin_m):
+                return True
+    return False
+
+
+@native
+def _lead_out(world: "World", index: int) -> None:
+    """Set the proxy on the nearest surface if the new shape has put it on the other side of a closed surface."""
+    body, proxy = world.bodies[index], world.proxy[0]
+    was_inside = body.enclosing == 1
+    if body.punctured != 0 or (was_inside and body.two_sided == 0):
+        return
+    side = -1.0 if was_inside else 1.0
+    p = to_body_last(body, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2]))
+    for _ in range(RESETS_MAX):
+        if encloses(world, index, p) == was_inside:
+            return
+        nearest, found, q = math.inf, -1, p
+        for way in range(WAYS):
+            face, away_m, back = face_along(world, index, p, way)
+            if face >= 0 and back != was_inside and away_m < nearest:
+                n, _ = plane(*corners(world, body, face))
+                q = along(along(p, away_m, look_direction(way)), side * body.skin_m, n)
+                nearest, found = away_m, face
+        if found < 0:
+            return
+        drop_planes_of(proxy, index)
+        _hold_by(world, index, found, side)
+        proxy.flags |= _RESET
+        proxy.placed = 1  # a ball makes room for itself
+        p = q
+        for i in range(3):
+            proxy.p_W_m[i] = body.last_p_WB_m[i]
+            for j in range(3):
+                proxy.p_W_m[i] += body.last_R_WB[i, j] * p[j]
 
 
 @native
@@ -281,18 +344,6 @@ def _hold_by(world: "World", index: int, face: int, side: float) -> None:
     proxy.skin_m[k] = body.skin_m
     proxy.met[k] = 1
     proxy.count = k + 1
-
-
-@native
-def _blend(triangle: tuple[Vector, Vector, Vector], at: Vector) -> Vector:
-    """Return the point of a triangle at barycentric coordinates."""
-    a, b, c = triangle
-    u, v, w = at
-    return (
-        u * a[0] + v * b[0] + w * c[0],
-        u * a[1] + v * b[1] + w * c[1],
-        u * a[2] + v * b[2] + w * c[2],
-    )
 
 
 @native

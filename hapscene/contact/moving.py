@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from hapscene.compiled.native import native
 from hapscene.constants import REACH_MAX_M
 from hapscene.contact.deformation import reshape_bodies
-from hapscene.contact.planes import copy_plane
+from hapscene.contact.inside import close_puncture
+from hapscene.contact.planes import drop_planes_of
 from hapscene.contact.proxy import place_proxy
-from hapscene.contact.puncture import close_puncture
 from hapscene.contact.world import update_ball
+from hapscene.flags import Flag
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World
@@ -26,6 +27,8 @@ ROTATION_ROUNDING: Final = 1e-12
 ROTATION_TOLERANCE: Final = 1e-2
 """Largest deviation from a rotation that is corrected [1]. A float32 matrix that is multiplied on at 60 Hz reaches it
 after an hour at worst. A larger deviation means scale or shear, and the pose is refused."""
+
+_REFUSED: Final = int(Flag.POSE_REFUSED)
 
 MOVED_LAST_TICK: Final = 2
 """Value of `BODY.moved` while a tick begins: the body moved in the last tick and has no pose for this one yet."""
@@ -45,10 +48,10 @@ def place_bodies(
 
     In the first tick after a reset, and where `teleported` (m,) is not 0, a body appears at its pose without motion;
     `teleported` is then set to 0. A pose that is not finite, or not a rotation and a translation, is ignored and
-    reported in `world.proxy[0].refused`: the body stays at its last pose. Returns no flags.
+    reported in `world.proxy[0].flags`: the body stays at its last pose. Returns no flags.
     """
     proxy, moved = world.proxy[0], world.moved
-    proxy.refused = 0
+    proxy.flags = 0
     if len(world.ball) > 0:
         world.ball[0].count = 0  # planes around a tip with a radius hold for resting bodies only
     last = moved[0]
@@ -62,7 +65,7 @@ def place_bodies(
             for i in range(3):
                 body.p_WB_m[i] -= body.shift_W_m[i]
         if not _set_pose(body, X_WB[k, m]):
-            proxy.refused = 1
+            proxy.flags |= _REFUSED
         body.moved = 1
         if fresh == 1 or teleported[m] != 0:
             _stop(body)
@@ -190,13 +193,11 @@ def _release(world: "World", surface: "Surface", moving: NDArray[Any], teleporte
     for i in range(proxy.puncture_count - 1, -1, -1):
         if _jumps(proxy.punctured[i], moving, teleported):
             close_puncture(world, proxy.punctured[i])
-    kept, count = 0, proxy.count
-    for i in range(count):
-        if not _jumps(proxy.body[i], moving, teleported):
-            copy_plane(proxy, i, kept)
-            kept += 1
-    proxy.count = kept
-    if kept == 0 < count:
+    count = proxy.count
+    for m in range(len(moving)):
+        if teleported[m] != 0:
+            drop_planes_of(proxy, moving[m])
+    if proxy.count == 0 < count:
         _restart_proxy(world, surface)
 
 

@@ -24,6 +24,7 @@ __all__ = [
     "copy_plane",
     "drop_idle",
     "drop_oldest",
+    "drop_planes_of",
     "drop_unsupported",
     "nearest",
     "restore_plane",
@@ -262,6 +263,17 @@ def drop_oldest(proxy: np.record) -> None:
     for i in range(proxy.count - 1):
         copy_plane(proxy, i + 1, i)
     proxy.count -= 1
+
+
+@native
+def drop_planes_of(proxy: np.record, index: int) -> None:
+    """Drop the planes of one body."""
+    kept = 0
+    for i in range(proxy.count):
+        if proxy.body[i] != index:
+            copy_plane(proxy, i, kept)
+            kept += 1
+    proxy.count = kept
 
 
 @native

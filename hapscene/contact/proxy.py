@@ -18,6 +18,7 @@ from hapscene.compiled.native import inlined, native
 from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX
 from hapscene.contact.cast import cast, cast_body
 from hapscene.contact.crossing import BLOCKED, OVER, PAST, SETTLED, cross_edges, lies_over_planes
+from hapscene.contact.inside import close_left_punctures, encloses
 from hapscene.contact.planes import (
     copy_plane,
     drop_idle,
@@ -28,7 +29,6 @@ from hapscene.contact.planes import (
     trust,
     update_plane,
 )
-from hapscene.contact.puncture import close_left_punctures
 from hapscene.contact.triangle import lies_over, to_body, to_body_last, to_world
 from hapscene.contact.world import DROPPED, SAVED
 from hapscene.geometry import Vector, along, norm, sub
@@ -63,7 +63,10 @@ DEPTH_MAX_M = 1e3
 
 @native
 def place_proxy(world: "World", p_W: Vector) -> None:
-    """Place the proxy at `p_W` without contact, and move it out of the skin of any face that it starts in."""
+    """Place the proxy at `p_W` without contact, and move it out of the skin of any face that it starts in.
+
+    A one-sided body that encloses the point is reported in `enclosing`.
+    """
     proxy = world.proxy[0]
     proxy.count = 0
     proxy.touching = 0
@@ -89,7 +92,11 @@ def place_proxy(world: "World", p_W: Vector) -> None:
                 _, p_W = nearest(proxy, p_W, 1.0)
         if p_W == before:
             break
-    proxy.count = 0
+    proxy.count = proxy.enclosing = 0
+    for k in range(proxy.near_count):
+        body = world.bodies[world.near[k]]
+        if body.two_sided == 0 and encloses(world, world.near[k], to_body(body, p_W)):
+            proxy.enclosing = 1 + world.near[k]
     for i in range(3):
         proxy.p_W_m[i] = p_W[i]
         proxy.p_WP_m[i] = p_W[i]
@@ -103,7 +110,6 @@ def move_proxy(world: "World", tool_W: Vector) -> bool:
     reach equilibrium within `PASS_MAX` moves, or fewer if it is cast against many bodies (`Flag.UNSETTLED`).
     """
     proxy = world.proxy[0]
-    before_W = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
     carried_W = _carried_position(world)
     _list_near(world, tool_W, carried_W)
     _carry(world, carried_W)
@@ -122,7 +128,7 @@ def move_proxy(world: "World", tool_W: Vector) -> bool:
     proxy.touching = held
     proxy.dominant = dominant
     if proxy.puncture_count > 0:
-        close_left_punctures(world, before_W, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2]))
+        close_left_punctures(world, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2]))
     return settled
 
 
@@ -232,9 +238,11 @@ def _carry(world: "World", carried_W: Vector) -> None:
         stop = cast_body(world, index, start, goal, 2.0)
         if stop <= 1.0:
             proxy.count += 1
+            met = along(start, stop, sub(goal, start))
             found, p = nearest(proxy, carried_W, 1.0)
-            if not found:
-                p = to_world(body, along(start, stop, sub(goal, start)))
+            # the plane of the face extends past the face, where another face of the body can be in front of it
+            if not found or cast_body(world, index, met, to_body(body, p), 2.0) <= 1.0:
+                p = to_world(body, met)
     for i in range(3):
         proxy.p_W_m[i] = p[i]
 

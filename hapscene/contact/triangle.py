@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "barycentric",
+    "blend",
     "closest_point",
     "corners",
     "edge_past",
@@ -179,3 +180,15 @@ def weights(triangle: tuple[Vector, Vector, Vector], p: Vector) -> Vector:
     v = dot(cross(ap, ac), n) / area
     w = dot(cross(ab, ap), n) / area
     return 1.0 - v - w, v, w
+
+
+@native
+def blend(triangle: tuple[Vector, Vector, Vector], at: Vector) -> Vector:
+    """Return the point of a triangle at barycentric coordinates."""
+    a, b, c = triangle
+    u, v, w = at
+    return (
+        u * a[0] + v * b[0] + w * c[0],
+        u * a[1] + v * b[1] + w * c[1],
+        u * a[2] + v * b[2] + w * c[2],
+    )

@@ -75,6 +75,8 @@ BODY: Final = np.dtype(
         ("two_sided", "i8"),  # 1: both sides of a face are solid, 0: only the outside
         ("moved", "i8"),  # 1 if the pose differs from that of the last tick
         ("punctured", "i8"),  # 0, or while punctured: 1 entered from the outside of a face, −1 from its back
+        ("entry_face", "i8"),  # face at which the tool entered, and the barycentric coordinates of the place
+        ("entry_at", "f8", (3,)),
         ("shift_s", "f8"),  # remaining time of the shift below, see `hapscene.contact.deformation`
         ("shift_W_m", "f8", (3,)),  # transition between shapes: shift of the body from its pose
         ("R_WB", "f8", (3, 3)),
@@ -97,6 +99,7 @@ BODY: Final = np.dtype(
         ("shape_face", "i8", (SHAPES,)),
         ("shape_tree", "i8", (SHAPES,)),
         ("face_count", "i8"),
+        ("enclosing", "i8"),  # 1 if the last shape enclosed the proxy, for example a hollow two-sided body
         ("shape_ticks", "i8"),  # ticks since the last shape was taken
     ],
     align=True,
@@ -112,7 +115,8 @@ PROXY: Final = np.dtype(
         ("near_count", "i8"),  # bodies that can be met in this tick, up to the limit
         ("crowded", "i8"),  # 1 if there were more than the limit
         ("placed", "i8"),  # 1 if the proxy was placed since the last tick
-        ("refused", "i8"),  # 1 if a pose was invalid in this tick
+        ("flags", "i8"),  # flags of this tick about moving and deforming bodies
+        ("enclosing", "i8"),  # 1 + index of a one-sided body inside which the proxy was placed, 0 for none
         ("reshaped", "i8"),  # 1 + index of the first deforming body, 0 for none
         ("puncture_count", "i8"),  # length of `punctured`
         ("dropped_count", "i8"),  # planes that were dropped in this tick

@@ -34,6 +34,8 @@ FLAG_TEXTS: Final = {
     Flag.APPLICATION_SILENT: "no force: application does not respond",
     Flag.DEVICE_NOT_READY: "no force: device not ready",
     Flag.STALLED: "loop was stalled: force ramps up again",
+    Flag.PROXY_RESET: "new shape enclosed the tool: proxy set on the nearest surface",
+    Flag.BODY_REMOVED: "touched body removed: its force fades out",
 }
 """Description of each flag for the user."""
 

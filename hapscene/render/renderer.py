@@ -23,7 +23,7 @@ from hapscene.geometry import numbers, positions, rigid
 from hapscene.records import ROW, Records, block_of, records
 from hapscene.render.contact_info import Contact, Impulse
 from hapscene.render.moving_bodies import MovingBodies
-from hapscene.render.tick import run_ticks, tick, use_moving_bodies, use_tick
+from hapscene.render.tick import run_ticks, tick, use_fading, use_moving_bodies, use_tick
 from hapscene.surface.device_clipping import Clip, ClippedSwatches, Numbers, clip_to_device, clips, share_of
 from hapscene.surface.effect import Effect, check_range
 from hapscene.surface.effect_registry import load_effect
@@ -60,6 +60,9 @@ TIP_RADIUS_MAX_M: Final = 1.0
 
 TIP_TOLERANCE: Final = 0.1
 """Largest difference to the tip with which a swatch was recorded that is not reported [1]."""
+
+POSE_SLOTS_MAX: Final = 64
+"""Most combinations of names in `step(p, {name: X_WB})` that are remembered [count]."""
 
 _NO_BODIES: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
 """Indices, poses and teleports for a tick without moving bodies."""
@@ -181,7 +184,8 @@ class Renderer:
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
         self._bodies = tuple(scene.bodies)
         self._fields = self._read_field_settings(settings or {})
-        self._pose_slots: MovingBodies | None = None
+        self._pose_slots: dict[tuple[str, ...], MovingBodies] = {}
+        self._last_slots: MovingBodies | None = None
         self._scene, self._seen, self._seen_X_WB = scene, scene.pose_count, [body.X_WB for body in scene.bodies]
         self._crease_rad = crease_rad
         self._deformations: dict[int, Deformation] = {}
@@ -189,6 +193,7 @@ class Renderer:
         self.fidelity = _fidelity_of(fidelity, scene)
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
+        self._p_WT = np.zeros((1, 3))
         with compiling(tick, run_ticks, place_proxy, *(effect.render for effect in self._effects)):
             rendered = self._at_fidelity(scene)
             self.world = build_world(rendered.bodies, crease_rad, self.tip_radius_m)
@@ -202,7 +207,7 @@ class Renderer:
         row = self._row.view(np.ndarray)
         # views, because a look-up by name takes a microsecond
         self._out = row["f_W_N"][0], row["flags"], row["touching"]
-        self._started = False
+        self._started = self._first = False
         self._ticks = 0
 
     def __repr__(self) -> str:
@@ -222,7 +227,8 @@ class Renderer:
             PathError: `p_WT` is not three finite numbers.
 
         Warns:
-            UsageWarning: all bodies are far away.
+            UsageWarning: all bodies are far away. The first tick warns if the tool is inside a body that can be touched
+                from outside only.
         """
         p = positions(numbers(p_WT).reshape(1, -1))[0]
         _warn_of_distance(self.world, p)
@@ -244,8 +250,18 @@ class Renderer:
         self.world.moved[0] = self.world.proxy[0].puncture_count = 0
         self.world.impulse[:] = 0.0
         place_proxy(self.world, (p[0], p[1], p[2]))
-        self._started = True
+        self._started = self._first = True
         self._ticks = 0
+
+    def _warn_if_inside(self) -> None:
+        """Warn if the tool started inside a body; called after the first tick, which sets poses of bodies."""
+        self._first = False
+        if inside := int(self.world.proxy[0].enclosing):
+            warn(
+                f"the tool starts inside body {self._body_names[inside - 1]!r}, and has no contact with it before "
+                "it has been outside: start outside, or add the body with two_sided=True",
+                UsageWarning,
+            )
 
     def tune(self, swatch: str, **numbers: float) -> None:
         """Change parameters of a swatch from the next tick on, for example `tune("oak", stiffness_N_m=300.0)`.
@@ -442,20 +458,26 @@ class Renderer:
             self._seen_X_WB = [body.X_WB for body in painting.scene.bodies]
 
     def remove(self, body: str) -> None:
-        """Remove a body from contact. Its index and memory stay reserved, and the scene keeps it.
+        """Remove a body from contact; the force of a touched body fades out in 5 ms (`Flag.BODY_REMOVED`).
+
+        Its index and memory stay reserved, and the scene keeps it.
 
         Raises:
             SceneError: the renderer has no such body.
         """
         index = self._index(body)
-        row = self.world.bodies[index]
+        row, proxy = self.world.bodies[index], self.world.proxy[0]
+        touched = row.punctured != 0 or (proxy.touching == 1 and index in proxy.body[: proxy.count])
+        pulls = self.surface.touch[0].left_body == index and self.surface.memory["f_body_W_N"].any()
+        use_fading(self.surface, bool(touched or pulls))
         row.radius_m, row.shape_posted = -REACH_MAX_M, row.shape_used  # never near the device
         slots = self.moving_bodies([body])
         slots.teleported[:] = 1
         self._place(slots)
-        self.world.proxy[0].near_margin_m = 0.0  # forces a new list of nearby bodies
+        proxy.near_margin_m = 0.0  # forces a new list of nearby bodies
         del self._index_of[body]
-        self._pose_slots = None  # it may contain the body
+        self._pose_slots.clear()  # they may contain the body
+        self._last_slots = None
 
     def deform(self, body: str, vertices_m: ArrayLike) -> None:
         """Set a new shape of a body from the next tick on, for example 60 times a second. Contact continues.
@@ -471,6 +493,9 @@ class Renderer:
         Raises:
             PathError: `vertices_m` is not numeric.
             SceneError: the body is unknown, the number of vertices differs from the mesh, or a vertex is not finite.
+
+        Warns:
+            UsageWarning: the body oscillates: eight shapes in a row took back most of the change before.
         """
         index = self._index(body)
         self._refuse_fidelity("bodies cannot be deformed")
@@ -480,7 +505,7 @@ class Renderer:
         with self._deforming:
             if index not in self._deformations:
                 self.world, first = room_for(self.world, mesh, index)
-                made = Deformation(self.world, index, mesh, first=first, crease_rad=self._crease_rad)
+                made = Deformation(self.world, index, body, mesh, first=first, crease_rad=self._crease_rad)
                 self._deformations[index] = made
             self._deformations[index].post(self.world, vertices)
 
@@ -520,14 +545,22 @@ class Renderer:
         Warns:
             UsageWarning: a pose was refused; once for the same bodies.
         """
-        p = numbers(p_WT).reshape(1, -1)
-        if p.shape != (1, 3):
-            raise PathError(f"a position must be three numbers [m]; it has {p.size}")
+        p = self._p_WT
+        try:  # a general conversion takes longer than the tick
+            if len(p_WT) != 3:  # type: ignore[arg-type]  # a number raises TypeError
+                raise ValueError
+            p[0] = p_WT
+        except (TypeError, ValueError, OverflowError):
+            given = numbers(p_WT)
+            if given.size != 3:
+                raise PathError(f"a position must be three numbers [m]; it has {given.size}") from None
+            p[0] = given.ravel()
         if not self._started:
             if not np.isfinite(p).all():
                 return Command(np.zeros(3), np.zeros(self.block), Flag.TOOL_NOT_FINITE)
             self.reset(p[0])
-        self._apply_scene_poses()
+        if self._scene.pose_count != self._seen:
+            self._apply_scene_poses()
         slots = _NO_BODIES
         if poses:
             if not isinstance(poses, MovingBodies | Mapping):
@@ -540,13 +573,15 @@ class Renderer:
             slots = bodies.index, bodies.poses, bodies.teleported
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
         self._ticks += 1
+        if self._first:
+            self._warn_if_inside()
         f_W_N, flags, touching = self._out
         if flags.item() & _POSE_REFUSED and poses:
             bodies.warn_of_refused()
         contact = None
         if touching.item():
             contact = Contact(self._row_bytes.tobytes(), self._body_names, self._swatch_names)
-        return Command(f_W_N.copy(), self._samples[0].copy(), flag_of(flags.item()), contact)
+        return Command._make((f_W_N.copy(), self._samples[0].copy(), flag_of(flags.item()), contact))
 
     def impulse(self, body: str) -> Impulse:
         """Return the impulse of the tool on a body since the last reset.
@@ -563,11 +598,16 @@ class Renderer:
         return self._index_of[body]
 
     def _slots(self, poses: Mapping[str, ArrayLike]) -> MovingBodies:
-        """Return slots that hold poses given by name, reused as long as the names stay the same."""
-        if self._pose_slots is None or self._pose_slots.names != tuple(poses):
-            self._pose_slots = self.moving_bodies(tuple(poses))
-        self._pose_slots.set_poses(poses)
-        return self._pose_slots
+        """Return slots that hold poses given by name, reused for the same names."""
+        names, slots = tuple(poses), self._last_slots
+        if slots is None or slots.names != names:  # to compare is faster than to look up
+            if names not in self._pose_slots:
+                if len(self._pose_slots) == POSE_SLOTS_MAX:
+                    self._pose_slots.clear()
+                self._pose_slots[names] = self.moving_bodies(names)
+            slots = self._last_slots = self._pose_slots[names]
+        slots.set_poses(poses)
+        return slots
 
     def run(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | None = None) -> "Recording":
         """Compute ticks along a path.
@@ -591,6 +631,8 @@ class Renderer:
         rows = records(n, ROW)
         a_m_s2 = np.zeros((n, self.block))
         self._play(self.world, self.surface, path, *slots, rows, a_m_s2)
+        if self._first:
+            self._warn_if_inside()
         return self.recording(rows, a_m_s2)
 
     def recording(self, rows: Any, a_m_s2: NDArray[np.float64]) -> "Recording":

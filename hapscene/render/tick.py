@@ -9,7 +9,7 @@
     react      reaction forces and impulses on the bodies                   reaction.py
     field      add the effects of the scene, which act on the hand only     surface/mixer.py
     passivity  energy of the wall, if enabled                               device/stabilisers.py
-    mix        limit the sum to the device                                  surface/mixer.py
+    mix        fade out a removed body, limit the sum to the device                                  surface/mixer.py
     note       write the row of the tick
 
 `Renderer.step` (one tick), `Renderer.run` (many ticks) and the closed loops call the same function and get the same
@@ -26,9 +26,9 @@ from hapscene.clock import now_ns
 from hapscene.compiled.entry import address_of, call_flags
 from hapscene.compiled.native import inlined, native
 from hapscene.contact.ball import move_ball
+from hapscene.contact.inside import open_puncture
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import move_proxy
-from hapscene.contact.puncture import open_puncture
 from hapscene.contact.world import NO_SHADE
 from hapscene.device.stabilisers import control_passivity, couple
 from hapscene.flags import Flag
@@ -36,19 +36,18 @@ from hapscene.geometry import Vector
 from hapscene.records import Records
 from hapscene.render.describe import describe, shade
 from hapscene.render.reaction import react
-from hapscene.surface.mixer import limit, render_contact, render_fields
-from hapscene.surface.surface_arrays import BALL, COUPLE, FIELDS, GUARD, PLACE, SHADE, TICK
+from hapscene.surface.mixer import FADE_S, fade_removed, limit, render_contact, render_fields
+from hapscene.surface.surface_arrays import BALL, COUPLE, FADE, FIELDS, GUARD, PLACE, SHADE, TICK
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World
     from hapscene.surface.surface_arrays import Surface
 
-__all__ = ["run_ticks", "tick", "tick_at", "use_moving_bodies", "use_tick"]
+__all__ = ["run_ticks", "tick", "tick_at", "use_fading", "use_moving_bodies", "use_tick"]
 
 _NOT_FINITE = int(Flag.TOOL_NOT_FINITE)
 _UNSETTLED = int(Flag.UNSETTLED)
 _CROWDED = int(Flag.CROWDED)
-_POSE = int(Flag.POSE_REFUSED)
 
 
 @native
@@ -73,8 +72,7 @@ def tick(
         flags |= _UNSETTLED
     if world.proxy[0].crowded == 1:
         flags |= _CROWDED
-    if world.proxy[0].refused == 1:
-        flags |= _POSE
+    flags |= world.proxy[0].flags
     contact_ns = now_ns(surface.clock) - start_ns
     describe(world, surface, p_WT)
     if entries[SHADE] != 0:
@@ -87,6 +85,8 @@ def tick(
         open_puncture(world)
     if entries[GUARD] != 0:
         flags |= call_flags(entries[GUARD], (surface, tool_W))
+    if entries[FADE] != 0:
+        flags |= call_flags(entries[FADE], (surface,))
     flags |= limit(surface)
     _keep(surface, tool_W)
     _note(surface, row, a_m_s2)
@@ -151,6 +151,14 @@ def use_moving_bodies(world: "World", surface: "Surface") -> None:
     none = np.zeros(0, np.int64)
     if surface.entries[PLACE] == 0:
         surface.entries[PLACE] = address_of(place_bodies, world, surface, none, np.zeros((1, 0, 4, 4)), none, 0, 0)
+
+
+def use_fading(surface: "Surface", touched: bool) -> None:
+    """Compile the fading of removed bodies, and start it if the removed body is touched."""
+    if surface.entries[FADE] == 0:
+        surface.entries[FADE] = address_of(fade_removed, surface)
+    if touched:
+        surface.memory["fading_s"] = FADE_S
 
 
 @inlined

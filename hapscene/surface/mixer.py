@@ -14,13 +14,18 @@ if TYPE_CHECKING:
     from hapscene.contact.world import World
     from hapscene.surface.surface_arrays import Surface
 
-__all__ = ["limit", "render_contact", "render_fields"]
+__all__ = ["FADE_S", "fade_removed", "limit", "render_contact", "render_fields"]
 
 _MUTED = int(Flag.EFFECT_MUTED)
 _FORCE = int(Flag.FORCE_LIMITED)
 _SLEW = int(Flag.SLEW_LIMITED)
 _ACCELERATION = int(Flag.ACCELERATION_LIMITED)
 
+
+_REMOVED = int(Flag.BODY_REMOVED)
+
+FADE_S = 5e-3
+"""Time in which the force of a removed body fades out [s]: a jump would be felt as a click."""
 
 _ADDED = -1
 """Result of `_call` for an effect that wrote an output."""
@@ -119,6 +124,21 @@ def _call(surface: "Surface", e: int, swatch: int, first_state: int) -> int:
         surface.muted[e] = FAILED
         return _MUTED
     return _ADDED
+
+
+@native
+def fade_removed(surface: "Surface") -> int:
+    """Fade out the force that ended because a touched body was removed (`Renderer.remove`); return flags."""
+    total, memory = surface.total[0], surface.memory[0]
+    if memory.fading_s <= 0.0:
+        return 0
+    for i in range(3):
+        if memory.fading_s == FADE_S:  # the first tick without the body
+            memory.fading_W_N[i] = memory.f_W_N[i] - total.f_W_N[i]
+    memory.fading_s = max(0.0, memory.fading_s - surface.touch[0].tick_s)
+    for i in range(3):
+        total.f_W_N[i] += memory.fading_s / FADE_S * memory.fading_W_N[i]
+    return _REMOVED
 
 
 @inlined

@@ -28,6 +28,7 @@ __all__ = [
     "BALL",
     "CLEARED",
     "COUPLE",
+    "FADE",
     "FAILED",
     "FIELDS",
     "GUARD",
@@ -57,6 +58,8 @@ MEMORY: Final = np.dtype(
         ("f_body_W_N", "f8", (3,)),  # force on the touched body in this tick, 0 without contact
         ("left_B_m", "f8", (3,)),  # where the tool last left a body, in the frame of `touch.left_body`
         ("now_W_m", "f8", (3,)),  # device position in this tick: measured, then coupled
+        ("fading_W_N", "f8", (3,)),  # force that the removal of a touched body has ended, and that fades out
+        ("fading_s", "f8"),  # remaining time of it, see `hapscene.surface.mixer`
         ("jumped", "i8"),  # 1 if the touched body teleported or was removed, so that the tool did not leave it
         ("fresh", "i8"),  # 1 in the first tick after a reset, when no velocities exist yet
         # two swatches at once, see `hapscene.surface.blending`
@@ -85,10 +88,10 @@ from silence anyway."""
 FAILED: Final = 1
 """Reason for a muted effect: it returned a value that is not finite."""
 
-TICK, PLACE, COUPLE, GUARD, SHADE, FIELDS, BALL = range(7)
+TICK, PLACE, COUPLE, GUARD, SHADE, FIELDS, BALL, FADE = range(8)
 """Indices into `Surface.entries`: the whole tick, and phases that are compiled only for scenes that use them."""
 
-PHASE_COUNT: Final = 7
+PHASE_COUNT: Final = 8
 
 SWITCHED_OFF: Final = 2
 """Reason for a muted effect: the user disabled it (`Renderer.mute`)."""

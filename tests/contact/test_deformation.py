@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from hapscene import Flag, Mesh, Renderer, Scene
-from hapscene.errors import SceneError
+from hapscene.errors import SceneError, UsageWarning
 
 BALL = trimesh.creation.icosphere(3, radius=0.05)
 TICKS_A_FRAME = 17
@@ -187,5 +187,55 @@ def test_invalid_shape_is_rejected() -> None:
         renderer.deform("liver", vertices * np.nan)
     with pytest.raises(SceneError, match="kidney"):
         renderer.deform("kidney", vertices)
-    renderer.reset([0.0, 0.0, 0.045])
-    assert renderer.run(np.tile([0.0, 0.0, 0.045], (5, 1))).flags.max() == Flag(0)
+    assert renderer.run(np.tile([0.0, 0.0, 0.055], (5, 1))).flags.max() == Flag(0)
+
+
+def winding_number(corners_m: np.ndarray, p_m: np.ndarray) -> float:
+    """Return how often a surface (n, 3, 3) winds around a point: 1 inside, 0 outside (van Oosterom & Strackee 1983)."""
+    a, b, c = (corners_m[:, k] - p_m for k in range(3))
+    u, v, w = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    dots = [np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a))]
+    return float(np.arctan2(volume, u * v * w + dots[0] * w + dots[1] * u + dots[2] * v).sum() / (2.0 * np.pi))
+
+
+def violent(vertices: np.ndarray, random: np.random.Generator, waves: np.ndarray) -> np.ndarray:
+    """Shift the vertices along sines over the body, by up to 13 mm along each axis."""
+    moved = vertices.copy()
+    for wave, way in zip(waves, np.eye(3), strict=True):
+        moved += 0.013 * np.outer(np.sin(vertices @ wave + random.uniform(0.0, 6.0)), way)
+    return moved
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+def test_violent_shapes_never_enclose_the_proxy(two_sided: bool) -> None:
+    """Also shapes that intersect themselves: a recovery is flagged."""
+    flagged = 0
+    for seed in range(24):
+        random = np.random.default_rng(seed)
+        renderer, vertices = ball(two_sided=two_sided)
+        waves = random.normal(size=(3, 3))
+        waves *= 100.0 / np.linalg.norm(waves, axis=1)[:, None]
+        way = random.normal(size=3)
+        way /= np.linalg.norm(way)
+        tool = random.uniform(0.043, 0.052) * way
+        renderer.run(np.linspace(0.06 * way, tool, 60))
+        for _ in range(3):
+            shape = violent(vertices, random, waves)
+            renderer.deform("liver", shape)
+            felt = renderer.run(np.tile(tool, (TICKS_A_FRAME, 1)))
+            assert not felt.flags[2:].any()  # in the first tick of the shape or the next one
+            flagged += int(felt.flags[:2].max() == Flag.PROXY_RESET)
+        renderer.run(np.tile(tool, (60, 1)))
+        assert winding_number(shape[BALL.faces], renderer.world.proxy[0].p_W_m) < 0.5
+    assert flagged > 0
+
+
+def test_oscillating_body_is_reported_once() -> None:
+    renderer, vertices = ball()
+    for k in range(30):
+        renderer.deform("liver", (1.0 + 0.02 * np.sin(0.3 * k)) * vertices)  # smooth: no warning
+    with pytest.warns(UsageWarning, match="liver") as caught:
+        for k in range(30):
+            renderer.deform("liver", (1.0 + 0.01 * (-1) ** k) * vertices)
+    assert len(caught) == 1

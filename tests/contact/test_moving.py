@@ -171,6 +171,38 @@ def test_scene_pose_teleports_a_body():
     assert not renderer.run(np.tile((0.31, 0.02, 0.049), (3, 1))).touching.any()
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_body_that_hits_the_tool_at_speed_pushes_it_out(seed):
+    """A ring passes a still tool at 3 m/s and turns at 100 rad/s: the proxy is never inside, also in the first tick."""
+    random = np.random.default_rng(seed)
+    major_m, minor_m, sections = 0.05, 0.02, 64
+    scene = hapscene.Scene()
+    scene.add(trimesh.creation.torus(major_m, minor_m, major_sections=sections), name="ring", unit="m")
+    way, spin = (v / np.linalg.norm(v) for v in random.normal(size=(2, 3)))
+    t = np.arange(-40, 40) * 1e-3
+    turn = Rotation.from_rotvec(100.0 * np.outer(t, spin)) * Rotation.random(random_state=seed)
+    offset = 0.02 * np.cross(way, spin)
+    X = np.array([at(offset + 3.0 * s * way, R) for s, R in zip(t, turn.as_matrix(), strict=True)])
+    felt = hapscene.Renderer(scene, ["wall"]).run(np.zeros((len(t), 3)), {"ring": X})
+    assert felt.touching.any() and not felt.flags.any()
+    x, y, z = np.einsum("nji,nj->in", X[:, :3, :3], felt.p_WP_m - X[:, :3, 3])
+    away_m = np.hypot(np.hypot(x, y) - major_m, z) - minor_m
+    chord_m = (major_m + minor_m) * (1.0 - np.cos(np.pi / sections)) + minor_m * (1.0 - np.cos(np.pi / 32))
+    assert away_m.min() > -chord_m - 1e-6  # of a polygon, which lies inside the ring
+
+
+def test_names_that_change_from_tick_to_tick():
+    """Each combination of names has its own slots; arrays and lists give the same bits."""
+    arrays, lists = (hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0)), ["wall"]) for _ in range(2))
+    for k in range(150):
+        poses = {f"box {k % 2}": at((k % 2, 0.0, 1e-5 * k)), f"box {1 - k % 2}": at((1 - k % 2, 0.0, 1e-5 * k))}
+        poses = dict(list(poses.items())[: 1 + k % 3 // 2])
+        a = arrays.step(ON_TOP if k else (0.01, 0.02, 0.06), poses)
+        b = lists.step(ON_TOP if k else (0.01, 0.02, 0.06), {name: X.tolist() for name, X in poses.items()})
+        assert a.f_W_N.tobytes() == b.f_W_N.tobytes() and a.flags == b.flags == Flag(0)
+    assert a.contact.depth_m == pytest.approx(0.05 + 1e-5 * 149 - 0.049)
+
+
 def test_invalid_moving_bodies_are_rejected():
     renderer = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0)), [])
     for names in (["crate"], ["box 0", "box 0"]):

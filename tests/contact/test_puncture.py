@@ -118,3 +118,49 @@ def test_limit_of_punctured_bodies():
         contact = renderer.step((0.0, 0.0, z)).contact
     assert contact.p_W_m[2] == pytest.approx(0.05 - 0.004 * PASSED_MAX, abs=2e-4)
     assert renderer.surface.touch[0].inside == PASSED_MAX and "inside" in TOUCH.names
+
+
+SQUARE = [[0, 1, 2], [0, 2, 3]]
+EXACT_M = [0.0, 1e-12, -1e-12, 1e-9, -1e-9, 1e-7, -1e-7, 1e-6, -1e-6]
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+@pytest.mark.parametrize("shape", ["box", "ball", "sheet"])
+def test_withdrawal_over_exact_positions(shape, two_sided):
+    """A tick on the face, an edge or a vertex of the skin leaves no trace: free above it, and contact when pressed."""
+    mesh = {
+        "box": trimesh.creation.box((0.1, 0.1, 0.1)),
+        "ball": ball(0.05),
+        "sheet": trimesh.Trimesh([[-0.05, -0.05, 0], [0.05, -0.05, 0], [0.05, 0.05, 0], [-0.05, 0.05, 0]], SQUARE),
+    }[shape]
+    scene = hapscene.Scene()
+    scene.add(mesh, name="skin", unit="m", swatch=SKIN, two_sided=two_sided)
+    renderer, random = hapscene.Renderer(scene, [BREAK]), np.random.default_rng(7)
+    for weights in ([0.2, 0.3, 0.5], [0.4, 0.6, 0.0], [1.0, 0.0, 0.0] if shape == "ball" else [0.5, 0.0, 0.5]):
+        for above_m in EXACT_M:
+            face = random.integers(len(mesh.faces))
+            up = mesh.face_normals[face]
+            at = np.array(weights) @ mesh.triangles[face]
+            step_m = random.uniform(1e-4, 2e-3)
+            way = up + 0.5 * np.cross(up, random.normal(size=3))
+            renderer.reset(at + 0.004 * up)
+            for height_m in np.linspace(0.004, -0.012, 17):
+                renderer.step(at + height_m * up)
+            assert renderer.surface.touch[0].inside == 1
+            for height_m in (-2, -1, above_m / step_m, 1, 2):
+                renderer.step(at + step_m * height_m * (way if abs(height_m) >= 1 else up))
+            assert renderer.surface.touch[0].inside == 0
+            for height_m in np.linspace(0.004, -0.002, 13):
+                contact = renderer.step(at + height_m * up).contact
+            assert contact is not None and contact.depth_m > 0.001
+
+
+def test_needle_that_stays_on_the_surface_is_still_held():
+    """A reversal on the face itself is no way out: it remains punctured, and free on the way back in."""
+    renderer = arm()
+    feel(renderer, 0.06, 0.04)
+    top_m = 0.05 * np.cos(0.02)
+    for z in (0.049, top_m, top_m - 1e-9, 0.049):
+        renderer.step((0.0, 0.0, z))
+    assert renderer.surface.touch[0].inside == 1
+    assert {body for body, _ in feel(renderer, 0.048, 0.03)} == {""}

@@ -115,6 +115,8 @@ def test_teleported_removed_or_repainted_bodies_do_not_pull(gone, held):
     if gone == "removed":
         renderer.remove("sheet")
         bound = None
+        fading_N = [renderer.step((*AT_M, RANGE_M)).f_W_N[2] for _ in range(6)]
+        assert np.diff(np.abs([command.f_W_N[2], *fading_N])).max() <= 0.0
     elif gone == "put elsewhere":
         bound.X_WB[0, 0, 3], bound.teleported[:] = 1e-4, 1  # so near that it would still be held to
     else:

@@ -8,13 +8,14 @@ import trimesh
 
 import hapscene
 from hapscene.device.model import Limits
-from hapscene.errors import HapsceneError, PathError, SceneError
+from hapscene.errors import HapsceneError, PathError, SceneError, UsageWarning
 from hapscene.flags import Flag
 from hapscene.surface.device_clipping import ClippedSwatches
 from hapscene.surface.effect import Effect, Param
 from hapscene.surface.swatch import Swatch
 
 ALL = ["wall", "friction", "lpc_texture", "tap"]
+translation = trimesh.transformations.translation_matrix
 BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
 ROWS = ("p_WT_m", "p_WP_m", "nhat_W", "depth_m", "touching", "body", "face", "swatch", "f_W_N", "flags", "a_m_s2")
 
@@ -345,6 +346,49 @@ def test_added_bodies_share_search_structures():
             first.repaint(built)
         built.bodies.pop()
     first.repaint(built)
+
+
+def test_force_of_a_removed_body_fades_out():
+    renderer = hapscene.Renderer(scene(), ["wall"])
+    renderer.run(np.linspace([0.0, 0.0, 0.02], [0.0, 0.0, -0.002], 50))
+    before = renderer.step((0.0, 0.0, -0.002))
+    assert before.f_W_N[2] > 0.5 and before.flags == Flag(0)
+    renderer.remove("box")
+    after = [renderer.step((0.0, 0.0, -0.002)) for _ in range(7)]
+    np.testing.assert_allclose(
+        [c.f_W_N for c in after], np.outer([0.8, 0.6, 0.4, 0.2, 0, 0, 0], before.f_W_N), atol=1e-12
+    )
+    assert [c.flags for c in after] == 5 * [Flag.BODY_REMOVED] + 2 * [Flag(0)]
+    assert all(c.contact is None for c in after)
+
+
+def test_removal_of_an_untouched_body_changes_nothing():
+    built = scene()
+    built.add(BOX, name="far", unit="m", pose=trimesh.transformations.translation_matrix([0, 0, 1]))
+    renderer = hapscene.Renderer(built, ["wall"])
+    renderer.run(np.linspace([0.0, 0.0, 0.02], [0.0, 0.0, -0.002], 50))
+    before = renderer.step((0.0, 0.0, -0.002))
+    renderer.remove("far")
+    after = renderer.step((0.0, 0.0, -0.002))
+    assert after.flags == Flag(0) and after.f_W_N.tolist() == before.f_W_N.tolist()
+
+
+def test_start_inside_a_body_is_reported():
+    inside, outside = np.tile([0.0, 0.0, -0.01], (3, 1)), np.tile([0.0, 0.0, 0.1], (3, 1))
+    with pytest.warns(UsageWarning, match="box"):
+        hapscene.Renderer(scene(), ["wall"]).run(inside)
+    with pytest.warns(UsageWarning, match="box"):
+        hapscene.Renderer(scene(), ["wall"]).step(inside[0])
+    with pytest.warns(UsageWarning, match="box"):
+        renderer = hapscene.Renderer(scene(), ["wall"])
+        renderer.reset(inside[0])
+        renderer.step(inside[0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hapscene.Renderer(scene(), ["wall"]).run(outside)
+        hapscene.Renderer(scene(), ["wall"]).run(
+            inside, poses={"box": np.tile(translation([0.0, 0.0, 1.0]), (3, 1, 1))}
+        )  # elsewhere at the start
 
 
 def test_removed_body_ignores_old_moving_bodies():
