@@ -27,7 +27,9 @@ CDP = (
 LMT = (
     "Fitted to G1EpoxyRasterPlate_Movement_X_test1 of the TUM LMT108 set (10 kHz, acceleration, X axis), as in "
     "luhangluis/crossmodal_graph_coding at commit 90962921. Its unit is not stated: 1 = 1 g is assumed, which puts its "
-    "level (0.6 m/s² rms) among those of other plates. Force and speed were not recorded: 1 N and 0.1 m/s assumed."
+    "level (0.6 m/s² rms) among those of other plates. Force and speed were not recorded: 1 N and 0.1 m/s assumed. So "
+    "their changes count as amplitude modulation; it has 0.75 of the fitted depth, with which the kurtosis is that of "
+    "the recording."
 )
 LEVELS = {
     CDP: "rate (10 kHz) and unit (m/s²) of the recording are inferred",
@@ -48,6 +50,7 @@ class Source:
     tap_decay_1_s: float  # assumed
     albedo_rgb: tuple[float, float, float]  # colours differ in hue and lightness, for colour-blind users
     friction: tuple[float, float] | None = None  # static and dynamic; assumed if not recorded
+    modulation: float = 1.0  # depth of the amplitude modulation, relative to the fitted one
 
 
 SOURCES = {
@@ -56,7 +59,7 @@ SOURCES = {
     "leather": Source("cdp_leather.csv", CDP, 350.0, 20.0, 40.0, 60.0, (0.42, 0.18, 0.10)),
     "epoxy": Source(
         "lmt108_G1EpoxyRasterPlate_Movement_X_test1.txt",
-        LMT, 700.0, 60.0, 220.0, 90.0, (0.00, 0.45, 0.70), friction=(0.30, 0.25),
+        LMT, 700.0, 60.0, 220.0, 90.0, (0.00, 0.45, 0.70), friction=(0.30, 0.25), modulation=0.75,
     ),
 }  # fmt: skip
 
@@ -84,6 +87,7 @@ def fit_shipped(name: str, folder: Path) -> Swatch:
         friction_dynamic=dynamic,
         taps=Taps([TAP_SPEED_M_S], [amplitude], [source.tap_Hz], [source.tap_decay_1_s]),
         albedo_rgb=source.albedo_rgb,
+        effects={} if source.modulation == 1.0 else {"lpc_texture": {"texture_life": source.modulation}},
         provenance=source.provenance.format(name=name) + ASSUMED.format(more=", friction" if source.friction else ""),
         licence=LICENCE,
         absent={**swatch.absent, "texture.level": LEVELS[source.provenance]},
