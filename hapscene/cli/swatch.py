@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
-RECORDINGS: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".parquet", ".hsrec")  # as in capture, slow to import
+RECORDINGS: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".hsrec")  # as in capture, slow to import
 
 app = App(name="swatch", help="Swatches: haptic properties of surfaces, stored in a library.")
 
