@@ -17,7 +17,6 @@ WORDS = {
     "audio": "device play-file oak.csv --rate 10000 --units acceleration=m/s2,force=N --handle audio",
     "cluster": "capture batch oak.csv --rate 2000 --out swatches --scheduler tcp://127.0.0.1:9",
     "mujoco": "touch box.xml --no-picture",
-    "parquet": "capture fit oak.parquet --rate 2000 --units acceleration=m/s2 -o oak.swatch",
     "paint": "paint cube.stl --unit mm --no-browser --no-hand",
     "study": "lab study run gain.toml --no-browser",
     "serve": "serve cube.stl --unit mm --udp 0 --ws 0",
@@ -50,7 +49,6 @@ def test_an_extra_that_is_missing_is_named(
     trimesh.creation.box((20, 20, 20)).export("cube.stl")
     Path("part.step").write_text("ISO-10303-21;\nEND-ISO-10303-21;\n")
     Path("oak.csv").write_text("acceleration,force\n" + "0,1\n" * 100)
-    Path("oak.parquet").write_bytes(b"PAR1")
     Path("gain.toml").write_text(GAIN)
     Path("box.xml").write_text("<mujoco/>")
     for text in PROJECT["optional-dependencies"][extra]:

@@ -12,7 +12,7 @@ swatch = hapscene.capture.fit_swatch(recording)
 
 | package | contents |
 |---|---|
-| `io` | reads recordings in several formats: `load_recording`; imports HaTT files, exports HJIF files |
+| `io` | reads recordings in several formats: `load_recording`; imports HaTT files |
 | `record` | records from a probe on a serial port; aligns recordings with different clocks: `join` |
 | `fit` | fits a swatch to a recording: `fit_swatch`; synthesises vibration for force and speed: `synthesize` |
 | `report` | HTML reports on swatches; perceptual comparison of surfaces |

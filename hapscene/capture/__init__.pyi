@@ -2,7 +2,6 @@ from .fit.swatch import FitOptions as FitOptions
 from .fit.swatch import fit_swatch as fit_swatch
 from .fit.synthesis import synthesize as synthesize
 from .io.hatt import import_hatt as import_hatt
-from .io.hjif import export_hjif as export_hjif
 from .io.recording import SurfaceRecording as SurfaceRecording
 from .io.recording import load_recording as load_recording
 from .record.time_alignment import join as join

@@ -33,7 +33,7 @@ COMMANDS: Final = {
     "Scenes and meshes": {
         "view": ("scenes:view", "Draw a scene, with or without a touch of it, as image or video."),
         "check": ("scenes:check", "Check meshes for defects, and repair them."),
-        "convert": ("scenes:convert", "Convert scenes and swatches to or from other formats."),
+        "convert": ("scenes:convert", "Convert scenes to or from other formats."),
     },
     "Surfaces": {
         "swatch": ("swatch:app", "Swatches: list, search, show, add, get, compare, publish."),

@@ -14,7 +14,7 @@ from cyclopts.validators import Number
 from hapscene.cli.console import print_files, print_lines, print_progress
 from hapscene.cli.inputs import check_scene, find_asset, load_input, loading, print_size_advice
 from hapscene.cli.options import AsJson, Dark, Help, InFile, MeshOptions, OutFile, Positive, ReadOptions
-from hapscene.cli.paths import SCENES, base_name, check_swatch, check_there, new_file
+from hapscene.cli.paths import SCENES, base_name, check_there, new_file
 from hapscene.errors import MeshError, SaveConflict, SceneError, ViewError
 
 if TYPE_CHECKING:
@@ -173,7 +173,7 @@ def _say_nothing(text: str) -> None:
 
 
 def convert(
-    source: Annotated[str, Help("Scene (.scene.json), .glb, .gltf, .ply, any mesh file, or swatch")],
+    source: Annotated[str, Help("Scene (.scene.json), .glb, .gltf, .ply, or any mesh file")],
     target: Annotated[
         Path | None, Help("File to write (default: NAME.glb for a scene, NAME.scene.json for other files)")
     ] = None,
@@ -184,7 +184,7 @@ def convert(
     show: Annotated[ShowLayers, Help("Layers shown by .glb: materials of the meshes, paint, or both")] = "both",
     read: ReadOptions = ReadOptions(),
 ) -> None:
-    """Convert a painted scene or a swatch to or from the format of another program.
+    """Convert a painted scene to or from the format of another program.
 
     The type of the target file selects the conversion:
 
@@ -196,8 +196,6 @@ def convert(
       .png                            swatches of a body over its texture
                                       coordinates, a colour each, with a legend;
                                       `hapscene paint --map` reads it
-      .hjif                           export of a swatch as MPEG haptics: texture at
-                                      1 N and 0.1 m/s for 2 s, then its taps
 
     examples:
       hapscene convert desk.scene.json              # to desk.glb
@@ -205,9 +203,6 @@ def convert(
       hapscene convert desk.scene.json desk.html    # to touch in a browser
       hapscene convert desk.glb                     # to desk.scene.json
     """
-    if target is not None and target.suffix.lower() == ".hjif":
-        _export_swatch(source, target, replace)
-        return
     check_scene(source, read)
     from hapscene.exchange import export_scene, import_scene, losses
     from hapscene.exchange.format_registry import format_of
@@ -245,15 +240,3 @@ def _save(scene: "Scene", source: str, target: Path) -> None:
     painted = sum(int((body.face_swatch != 0).sum()) for body in scene.bodies)
     bodies = "1 body" if len(scene.bodies) == 1 else f"{len(scene.bodies)} bodies"
     print(f"{bodies}, {painted:,} of {faces:,} faces painted: " + ", ".join(s.name for s in scene.swatches))
-
-
-def _export_swatch(source: str, target: Path, replace: bool) -> None:
-    """Write a swatch as MPEG haptics: the texture at 1 N and 0.1 m/s for two seconds, then the taps."""
-    check_swatch(source)
-    from hapscene.capture.io.hjif import export_hjif
-    from hapscene.swatches.library import load_swatch
-
-    if target.exists() and not replace:
-        raise SaveConflict(f"{target}: exists already; choose another name, or add --replace")
-    export_hjif(load_swatch(source), str(target), force_N=1.0, speed_m_s=0.1, seconds=2.0)
-    print_files([target])

@@ -2,25 +2,23 @@
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace as changed
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
 from hapscene.cli.console import format_size, print_error, print_lines, print_note, print_progress, table
-from hapscene.cli.options import AsJson, Help, InFiles, InFolder, InPaths, OutFolder, RecordingOptions
-from hapscene.cli.paths import check_swatch, check_there
+from hapscene.cli.options import AsJson, Help, InFiles, InFolder, InPaths, OutFolder
+from hapscene.cli.paths import check_swatch
 from hapscene.errors import SwatchError
 from hapscene.interrupt import clear_interrupt
 
 if TYPE_CHECKING:
-    from hapscene.capture.report.compare import ComparedSurface, Comparison, Difference
+    from hapscene.capture.report.compare import Comparison, Difference
 
 __all__ = ["app"]
-
-RECORDINGS: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".parquet", ".hsrec")  # as in capture, slow to import
 
 app = App(name="swatch", help="Swatches: haptic properties of surfaces, stored in a library.")
 
@@ -204,12 +202,11 @@ def import_files(
 
 @app.command
 def compare(
-    surfaces: Annotated[list[str], Help("Swatch names, .swatch files, or recordings, which are fitted first")],
+    surfaces: Annotated[list[str], Help("Swatch names or .swatch files")],
     /,
     *,
     library: Annotated[InFolder | None, Help("Folder of swatches to rank by perceptual distance")] = None,
     as_json: AsJson = False,
-    recording: RecordingOptions = RecordingOptions(),
 ) -> None:
     """Compare surfaces perceptually: two side by side, or one against a library.
 
@@ -221,16 +218,15 @@ def compare(
       hapscene swatch compare mine.swatch --library swatches/
     """
     for name in surfaces:
-        (check_there if Path(name).suffix.lower() in RECORDINGS else check_swatch)(name)
+        check_swatch(name)
     from hapscene.capture.report import compare as comparing
+    from hapscene.swatches.library import load_swatch
 
-    compared = [comparing.load_surface(name, **recording.reading()) for name in surfaces]
-    swatches = [each.swatch for each in compared]
-    content: dict[str, Any] = {"repeat_jnd": [each.repeat_jnd for each in compared]}
+    swatches = [load_swatch(name) for name in surfaces]
+    content: dict[str, Any]
     if library is None and len(swatches) == 2:
         comparison = comparing.compare(*swatches)
-        content |= comparison.as_dict()
-        lines = _pair_text(comparison, compared)
+        content, lines = comparison.as_dict(), _pair_text(comparison)
     else:
         broken: dict[str, str] = {}
         if library is None and len(swatches) > 1:
@@ -238,14 +234,14 @@ def compare(
         else:
             known, broken = comparing.load_library(None if library is None else str(library))
             ranks = [comparing.rank(swatch, [other for other in known if other != swatch]) for swatch in swatches]
-        content |= {"ranked": [[c.as_dict() for c in ranked] for ranked in ranks], "unreadable": broken}
+        content = {"ranked": [[c.as_dict() for c in ranked] for ranked in ranks], "unreadable": broken}
         lines = [line for ranked in ranks for line in _rank_text(ranked)]
         for reason in broken.values():
             print_note(reason)
     print_lines(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).splitlines() if as_json else lines)
 
 
-def _pair_text(comparison: "Comparison", surfaces: Iterable["ComparedSurface"]) -> list[str]:
+def _pair_text(comparison: "Comparison") -> list[str]:
     rows = [("", comparison.first, comparison.second, "difference", "1 JND is", "")]
     rows += [_row(d) for d in comparison.differences]
     lines = [*table(rows), "", _sentence(comparison)]
@@ -253,12 +249,7 @@ def _pair_text(comparison: "Comparison", surfaces: Iterable["ComparedSurface"]) 
         one, two = comparison.tools
         lines.append(f"recorded with different tools ({one}; {two}): the tools alone can cause such a difference")
     lines += _assumed([comparison])
-    lines += [f"not compared: {name} ({reason})" for name, reason in comparison.skipped.items()]
-    return lines + [
-        f"repeatability of {s.swatch.name}: the halves of its recording differ by {s.repeat_jnd:.1f} JND"
-        for s in surfaces
-        if s.repeat_jnd is not None
-    ]
+    return lines + [f"not compared: {name} ({reason})" for name, reason in comparison.skipped.items()]
 
 
 def _assumed(comparisons: Sequence["Comparison"]) -> list[str]:

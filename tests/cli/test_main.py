@@ -172,8 +172,6 @@ def test_a_group_prints_its_help(group: str, capsys: pytest.CaptureFixture[str])
         ["capture", "report", "none.swatch"],
         ["swatch", "show", "none.swatch"],
         ["swatch", "add", "none.swatch"],
-        ["swatch", "compare", "wood", "none.csv"],
-        ["convert", "none.swatch", "a.hjif"],
         ["device", "play-file", "none.npz"],
         ["device", "play-file", "path.csv", "--handle-file", "none.handle"],
         ["device", "identify", "--from", "none.csv"],

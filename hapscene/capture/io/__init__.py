@@ -1,1 +1,1 @@
-"""Reading and writing of recordings: file formats, column maps, cleaning, HaTT and HJIF."""
+"""Reading and writing of recordings: file formats, column maps, cleaning, HaTT import."""

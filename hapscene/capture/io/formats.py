@@ -7,7 +7,6 @@
 | `.wav` | channels "1", "2", …; integer samples are scaled to ±1 at full scale; the file states the rate |
 | `.npz` | arrays by name, (n, 3) as "name_x", "name_y", "name_z"; optionally `rate_Hz`; no pickled objects |
 | `.mat` | variables by name, as in `.npz` (MATLAB up to version 7, read by SciPy) |
-| `.parquet` | numeric columns by name (read by pyarrow) |
 | `.hsrec` | record of a probe (`hapscene capture record`), with rate and units |
 | other | text: columns separated by commas, semicolons, tabs or spaces, with or without a header line |
 """
@@ -15,11 +14,10 @@
 import math
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 import numpy as np
 import scipy
@@ -38,7 +36,6 @@ __all__ = [
     "RecordingSource",
     "check_range",
     "read_mat",
-    "read_parquet",
     "read_recording_source",
 ]
 
@@ -98,7 +95,7 @@ def read_recording_source(file: Path) -> RecordingSource:
 
 
 def _source(file: Path) -> RecordingSource:
-    readers = {".wav": _wav, ".npz": _npz, ".mat": _mat, ".parquet": _parquet}
+    readers = {".wav": _wav, ".npz": _npz, ".mat": _mat}
     reader = readers.get(file.suffix.lower(), _text)
     try:
         source = reader(file)
@@ -222,7 +219,12 @@ def _npz(file: Path) -> RecordingSource:
 
 
 def _mat(file: Path) -> RecordingSource:
-    return _confined(read_mat, file, "SciPy's reader of MATLAB files", "scipy.io")
+    """Reads the file in a separate process with limited memory."""
+    most_B = unpacked_most_B(file.stat().st_size, BYTES_MAX)
+    limits = {"memory_B": memory_most_B(most_B), "output_B": most_B}
+    with file.open("rb") as f:
+        read = confined(read_mat, f, BYTES_MAX, by="SciPy's reader of MATLAB files", imports=("scipy.io",), **limits)
+    return _named(read.arrays)
 
 
 _MAT_B: Final = {"double": 8, "single": 4, "logical": 1, "char": 4} | {
@@ -250,45 +252,6 @@ def read_mat(file: Any, most_B: int) -> dict[str, NDArray[Any]]:
     names = [name for name, _, _ in held]
     content = scipy.io.loadmat(file, variable_names=names) if names else {}
     return {name: content[name] for name in names if content[name].dtype.kind in f"{_NUMBERS}U"}
-
-
-def _parquet(file: Path) -> RecordingSource:
-    if find_spec("pyarrow") is None:
-        raise CaptureError("Parquet files need the package pyarrow: pip install 'hapscene[parquet]'")
-    return _confined(read_parquet, file, "pyarrow's reader of Parquet files", "pyarrow.parquet")
-
-
-def read_parquet(file: BinaryIO, most_B: int) -> dict[str, NDArray[Any]]:
-    """Numeric columns of a Parquet file.
-
-    Runs in a confined process, because pyarrow may crash on a damaged file.
-
-    Raises:
-        FormatError: the file is not a Parquet file, or its content is larger than its size allows.
-    """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        table = pq.ParquetFile(file, pre_buffer=False)  # no threads
-        wanted = [f.name for f in table.schema_arrow if pa.types.is_integer(f.type) or pa.types.is_floating(f.type)]
-        size_B = os.fstat(file.fileno()).st_size
-        check_unpacked(size_B, 8 * table.metadata.num_rows * len(wanted), most_B, TOO_MUCH)
-        columns = table.read(columns=wanted, use_threads=False)
-    except pa.ArrowException as error:
-        raise FormatError(f"the Parquet file cannot be read: {str(error)[:200]}") from None
-    return {name: columns.column(name).to_numpy() for name in wanted}
-
-
-def _confined(
-    reader: Callable[[BinaryIO, int], dict[str, NDArray[Any]]], file: Path, name: str, library: str
-) -> RecordingSource:
-    """Runs a reader in a separate process with limited memory."""
-    most_B = unpacked_most_B(file.stat().st_size, BYTES_MAX)
-    memory_B = memory_most_B(most_B)
-    with file.open("rb") as f:
-        read = confined(reader, f, BYTES_MAX, by=name, memory_B=memory_B, output_B=most_B, imports=(library,))
-    return _named(read.arrays)
 
 
 def _record(file: Path) -> RecordingSource:

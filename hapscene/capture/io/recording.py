@@ -13,7 +13,6 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.capture.io.datasets import read_dataset
 from hapscene.capture.io.formats import AXES, VALUE_MAX, RecordingSource, check_range, read_recording_source
 from hapscene.capture.io.streams import ACCELERATION_MAX_M_S2, Array, direction_of, fill_missing, filtered, speed_of
 from hapscene.errors import CaptureError, warn
@@ -159,10 +158,7 @@ def load_recording(
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> SurfaceRecording:
-    """Reads a recording from a CSV, text, WAV, NPZ, MAT (up to version 7), Parquet or .hsrec file.
-
-    A file of a published data set (`hapscene.capture.io.datasets`) is recognised by its name and read together with the
-    other files of the same recording, unless `columns` are given.
+    """Reads a recording from a CSV, text, WAV, NPZ, MAT (up to version 7) or .hsrec file.
 
     Args:
         path: the file. A text file with one column and a WAV file with one or three channels hold the acceleration.
@@ -181,7 +177,7 @@ def load_recording(
         TruncatedWarning: the record of a probe has no end chunk and may be truncated.
     """
     path = Path(path)
-    source = (None if columns else read_dataset(path)) or read_recording_source(path)
+    source = read_recording_source(path)
     with refusing(CaptureError, path):
         chosen = _choose(list(source.columns), columns or {}, wave=path.suffix.lower() == ".wav")
         reader = _Reader(source, chosen, units or {})

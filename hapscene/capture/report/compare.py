@@ -8,7 +8,7 @@ quantities are assumed not to add up, so the distance is a lower estimate.
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -17,24 +17,19 @@ import numpy as np
 
 from hapscene import perception
 from hapscene.capture.fit import distance as spectral
-from hapscene.capture.fit.swatch import FitOptions, fit_swatch
-from hapscene.capture.io.recording import SurfaceRecording, load_recording
-from hapscene.capture.io.streams import Array, part_of
+from hapscene.capture.io.streams import Array
 from hapscene.errors import CaptureError, HapsceneError
-from hapscene.io.files import refusing
-from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch, touched_with
+from hapscene.surface.swatch import TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import SUFFIX
 from hapscene.surface.taps import Tap, Taps
 from hapscene.surface.texture import Texture
 from hapscene.swatches.library import library_folder, load_swatch, shipped_swatches
 
 __all__ = [
-    "ComparedSurface",
     "Comparison",
     "Difference",
     "compare",
     "load_library",
-    "load_surface",
     "rank",
     "tap_energy",
 ]
@@ -315,55 +310,6 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-# Sources of surfaces: swatches, recordings, libraries.
-
-
-@dataclass(frozen=True)
-class ComparedSurface:
-    """A surface to compare.
-
-    Attributes:
-        swatch: swatch of the surface.
-        repeat_jnd: distance of the two halves of the recording in JND, the repeatability; None for a swatch and for a
-            recording that is too short. Smaller differences from another surface are not significant.
-    """
-
-    swatch: Swatch
-    repeat_jnd: float | None = None
-
-
-def load_surface(
-    name_or_path: str | os.PathLike[str],
-    rate_Hz: float | None = None,
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-) -> ComparedSurface:
-    """Loads a swatch, or fits one to a recording.
-
-    Args:
-        name_or_path: name of a swatch, a .swatch file, or a recording.
-        rate_Hz: sample rate of a recording, as in `load_recording`.
-        columns: columns of a recording, as in `load_recording`.
-        units: units of a recording, as in `load_recording`.
-
-    Raises:
-        SwatchError: the swatch does not exist or is invalid.
-        CaptureError: no swatch can be fitted to the recording.
-    """
-    path = Path(name_or_path)
-    if path.suffix == SUFFIX or not path.is_file():
-        return ComparedSurface(load_swatch(name_or_path))
-    recording = load_recording(path, rate_Hz, columns=columns, units=units)
-    with refusing(CaptureError, path):
-        swatch = _fitted(recording, path.stem)
-    try:
-        middle = len(recording.acceleration_m_s2) // 2
-        halves = [_fitted(part_of(recording, part), path.stem, swatch) for part in (slice(middle), slice(middle, None))]
-    except CaptureError:
-        return ComparedSurface(swatch)  # the halves are too short for a fit
-    return ComparedSurface(swatch, compare(*halves).distance_jnd)
-
-
 def load_library(folder: str | os.PathLike[str] | None = None) -> tuple[list[Swatch], dict[str, str]]:
     """Loads all swatches of a folder; without a folder, the shipped swatches and the user's library.
 
@@ -394,11 +340,3 @@ def _folder(path: Path) -> tuple[list[Swatch], dict[str, str]]:
         except HapsceneError as error:
             broken[str(file)] = str(error)
     return found, broken
-
-
-def _fitted(recording: SurfaceRecording, name: str, like: Swatch | None = None) -> Swatch:
-    printable = "".join(c for c in name if c.isprintable())[:NAME_MAX] or "unnamed"
-    options = FitOptions(printable)
-    if like is not None and like.texture is not None:
-        options = replace(options, order=like.texture.order)
-    return fit_swatch(recording, options)

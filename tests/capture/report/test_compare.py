@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
-from hapscene.capture.report.compare import Tap, compare, load_library, load_surface, rank, tap_energy
-from hapscene.errors import CaptureError, SwatchError
+from hapscene.capture.report.compare import Tap, compare, load_library, rank, tap_energy
+from hapscene.errors import CaptureError
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
@@ -126,16 +125,6 @@ def test_a_library_is_ranked_by_distance() -> None:
     ranked = rank(load_swatch("wood"), library)
     assert ranked[0].second == "wood" and ranked[0].distance_jnd == 0.0
     assert [c.distance_jnd for c in ranked] == sorted(c.distance_jnd for c in ranked)
-
-
-def test_a_recording_is_fitted_with_its_repeatability(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    np.savetxt(tmp_path / "noise.csv", lfilter([1.0], [1.0, -0.9], rng.standard_normal(8000)), header="a", comments="")
-    surface = load_surface(tmp_path / "noise.csv", 2000.0, {"acceleration": "a"}, {"acceleration": "m/s2"})
-    assert surface.swatch.name == "noise" and surface.repeat_jnd is not None and surface.repeat_jnd < 1.0
-    assert load_surface("wood").repeat_jnd is None
-    with pytest.raises(SwatchError, match="there are"):
-        load_surface("oka")
 
 
 def test_invalid_files_of_a_library_are_reported(tmp_path: Path) -> None:

@@ -287,15 +287,6 @@ def mat() -> Files:
     return {"x.mat": b"MATLAB 5.0 MAT-file".ljust(116) + out.getvalue()[116:]}  # without the date
 
 
-def parquet() -> Files:
-    import pyarrow
-    from pyarrow.parquet import write_table
-
-    out = io.BytesIO()
-    write_table(pyarrow.table({"time": np.arange(120) / 1000, **columns(120)}), out)
-    return {"x.parquet": out.getvalue()}
-
-
 def record() -> Files:
     named = [{"name": name, "unit": unit, "scale": 0.001} for name, unit in (("acceleration", "m/s2"), ("force", "N"))]
     head = {"rate_Hz": 1000.0, "started": "2026-01-01", "columns": named}
@@ -459,7 +450,6 @@ FORMATS: Mapping[str, Format] = {
     "wav": Format(wav, read_recording),
     "npz": Format(npz, read_recording),
     "mat": Format(mat, read_recording, soak=300, quick=2),
-    "parquet": Format(parquet, read_recording, soak=300, quick=2),
     "hsrec": Format(record, read_recording),
     "path": Format(path_csv, lambda path: len(load_path(path, 0.001)[0]), left=lines(r"(?!t,).*\d")),
     "touch": Format(touch, lambda path: len(recording.load_touch(path))),
