@@ -93,6 +93,7 @@ def walk(ticks, seed: int, count: int = 300, large: float = 1.0) -> np.ndarray:
         inside=np.repeat(rng.integers(0, 3, count // 20), 20),
         inside_body=np.where(rng.random((count, 1)) > 0.1, np.arange(PASSED_MAX), np.arange(PASSED_MAX)[::-1]),
         inside_X_WB=np.concatenate((turned.ravel(), large * rng.normal(0, 1e-3, 3))),
+        p_WC_m=rng.normal(size=(count, 3)),
     )
 
 
