@@ -148,7 +148,7 @@ def test_dropped_files_come_beside_the_scene_under_names_of_their_own(page: Page
             take(page, given / "broken.glb")
         assert "\n" not in str(error.value) and str(error.value).startswith("broken.glb: ")
     (given / "alone.mtl").write_text("newmtl a")
-    with pytest.raises(HapsceneError, match="goes with a mesh"):
+    with pytest.raises(HapsceneError, match="belongs to a mesh"):
         take(page, given / "alone.mtl")
     assert not list(tmp_path.glob("broken*")) and len(session.scene.bodies) == 5
 
