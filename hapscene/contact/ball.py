@@ -119,10 +119,9 @@ def _begin_front(world: "World", tool_W: Vector, before_W: Vector, c: Vector) ->
     listed = norm(sub(tool_W, (at[0], at[1], at[2]))) + reach_m < proxy.near_margin_m
     if not listed:
         list_bodies(world, tool_W, reach_m)
-    if listed and 0 < ball.count <= FRONT_KEPT + proxy.near_count and ball.puncture_count == proxy.puncture_count:
+    if listed and 0 < ball.count <= FRONT_KEPT + proxy.near_count:
         return
-    ball.count, ball.puncture_count = 0, proxy.puncture_count
-    held, proxy.count = proxy.count, 0
+    held, proxy.count, ball.count = proxy.count, 0, 0
     for k in range(held):
         if world.bodies[proxy.body[k]].punctured == 0:
             _append(world, proxy.body[k], -1 - proxy.face[k])

@@ -43,6 +43,10 @@ CLEARANCE: Final = 2.0
 """Distance from the proxy within which rays along the axes look for faces before a puncture is closed [skins]. Planes
 up to 1.15 skins away are found in any direction; a proxy closer than a skin could pass the face without contact."""
 
+BALL_CLEARANCE: Final = 1.25
+"""The same distance for a ball, whose centre leaves a body before it does [radii]. Rays along the axes and diagonals
+then find planes up to a radius away in any direction; a closer face would push the ball out with a jump of force."""
+
 
 @native
 def open_puncture(world: "World") -> None:
@@ -61,6 +65,7 @@ def open_puncture(world: "World") -> None:
         body.entry_at[i] = at[i]
     proxy.punctured[proxy.puncture_count] = index
     proxy.puncture_count += 1
+    _renew_front(world)
     drop_planes_of(proxy, index)
 
 
@@ -75,6 +80,14 @@ def close_puncture(world: "World", index: int) -> None:
             kept += 1
     proxy.puncture_count = kept
     world.bodies[index].punctured = 0
+    _renew_front(world)
+
+
+@native
+def _renew_front(world: "World") -> None:
+    """Let a ball list the faces nearby again, since other bodies can be met from now on."""
+    if len(world.ball) > 0:
+        world.ball[0].count = 0
 
 
 @native
@@ -89,8 +102,8 @@ def close_left_punctures(world: "World", p_W: Vector) -> None:
 @native
 def _is_inside(world: "World", index: int, p_W: Vector) -> bool:
     """Return whether a point is beyond the surface by which the tool entered a punctured body, or touches a face."""
-    body, ball = world.bodies[index], world.ball_W_m[index]
-    if norm(sub(p_W, (ball[0], ball[1], ball[2]))) > ball[3]:
+    body, ball, radius_m = world.bodies[index], world.ball_W_m[index], world.proxy[0].radius_m
+    if norm(sub(p_W, (ball[0], ball[1], ball[2]))) > ball[3] + BALL_CLEARANCE * radius_m:
         return False
     p = to_body(body, p_W)
     triangle, at = corners(world, body, body.entry_face), body.entry_at
@@ -99,9 +112,9 @@ def _is_inside(world: "World", index: int, p_W: Vector) -> bool:
     for skins in ABOVE:
         if _is_hidden(world, index, p, along(entry, skins * body.skin_m * body.punctured, n)):
             return True
-    c, reach_m = body.center_B_m, CLEARANCE * body.skin_m
-    for axis in range(3):
-        d = (1.0 * (axis == 0), 1.0 * (axis == 1), 1.0 * (axis == 2))
+    c, reach_m = body.center_B_m, CLEARANCE * body.skin_m + BALL_CLEARANCE * radius_m
+    for line in range(7 if radius_m > 0.0 else 3):  # the opposite directions are on the same lines
+        d = look_direction(line if line < 3 else line + 3)
         start = along((p[0] - c[0], p[1] - c[1], p[2] - c[2]), -reach_m, d)
         if first_face(body.search, world.ray, start, d, 2.0 * reach_m, 0) >= 0:
             return True

@@ -158,7 +158,6 @@ BALL: Final = np.dtype(
         ("node", "i8", (FRONT_MAX,)),  # node of the tree, or −1 − face
         ("stamp", "i8", (FRONT_MAX,)),  # number of the position of the tip for which the plane was computed
         ("now", "i8"),  # number of the present position of the tip
-        ("puncture_count", "i8"),  # punctured bodies in the last tick
     ],
     align=True,
 )

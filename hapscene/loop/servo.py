@@ -575,7 +575,8 @@ class Servo(ServoConnection):
                 break
         state = state_of(row, count - 1, max(self._now_ns() - at_ns, 0) * 1e-9)
         if state.flags & Flag.POSE_REFUSED and not self._pose_warned:
-            self._pose_warned = warn_of_refused((self.body_names[i], self._frames[i]["X_WB"]) for i in self._moving)
+            moving = tuple(self._moving)  # another thread may add bodies meanwhile
+            self._pose_warned = warn_of_refused((self.body_names[i], self._frames[i]["X_WB"]) for i in moving)
         return state
 
     def read(self, since: int = 0, *, tool: int = 0, after_end: bool = False) -> TickLog:

@@ -40,7 +40,7 @@ from hapscene.loop.shared_memory import Channel, open_channel, write_text
 from hapscene.loop.timing import TIMING, request_realtime_priority, start_timer
 from hapscene.records import records
 from hapscene.render.renderer import Renderer
-from hapscene.render.tick import use_moving_bodies
+from hapscene.render.tick import use_fading, use_moving_bodies
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import Painting
 from hapscene.scene.scene import Scene
@@ -303,6 +303,9 @@ class OrderHandler:
             if isinstance(twin.device, Connection):
                 twin.device.read()
                 twin.renderer.reset(np.array(read_arm(twin.tool.arm)))
+            moving = self._channel.moving[: int(self._channel.channel[0].moving_count)]
+            if twin.renderer.world.proxy[0].enclosing - 1 not in moving:  # a moving body has its pose in the first tick
+                twin.renderer.warn_if_inside()
             aim["count"] |= 1  # the application waits for the answer meanwhile
             aim["aim"][:] = place_m, grip, (0.0, 0.0, 0.0)
             aim["count"] += 1
@@ -414,6 +417,8 @@ class OrderHandler:
 
     def remove(self, body: str) -> None:
         """Remove a body from contact."""
+        for renderer in self._renderers:
+            use_fading(renderer.surface, False)  # compiles before the loop pauses
         with self._between_ticks():
             for renderer in self._renderers:
                 renderer.remove(body)

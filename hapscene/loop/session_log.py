@@ -119,10 +119,13 @@ class SessionLog:
                 rows, loop_rows = records(shape, ROW), records(shape, LOOP_ROW)  # type: ignore[arg-type]
                 for into, dtype, prefix in ((rows, ROW, "row"), (loop_rows, LOOP_ROW, "felt")):
                     for name in dtype.names or ():
-                        length = archive.header(f"{prefix}_{name}")[0][:2]
+                        stored = f"{prefix}_{name}"
+                        if name == "p_WC_m" and stored not in archive.names:  # an older log, of a point
+                            stored = "row_p_WP_m"
+                        length = archive.header(stored)[0][:2]
                         if length != shape:
-                            raise FormatError(f"array {prefix}_{name} has shape {length}, expected {shape}")
-                        into[name] = archive.read(f"{prefix}_{name}")
+                            raise FormatError(f"array {stored} has shape {length}, expected {shape}")
+                        into[name] = archive.read(stored)
             tuned, made = story.get("tuned"), story.get("made")
             first, tick = story.get("first"), story.get("memory_tick")
             if not isinstance(tuned, list) or not isinstance(made, dict) or memory.dtype != np.uint8:

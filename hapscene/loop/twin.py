@@ -149,6 +149,9 @@ class Twin:
 
         Raises:
             SceneError: a body is unknown, or poses have another length or are not rigid.
+
+        Warns:
+            UsageWarning: the tool starts inside a body.
         """
         self.begin(reference)
         run = Run(self, reference, *self.renderer._poses(poses or {}, len(reference)))
@@ -211,6 +214,7 @@ class Run:
         """Run the next `count` ticks."""
         self._channel.until += count
         self._twin._drive(self._loop)
+        self._twin.renderer.warn_if_inside()
 
     def result(self) -> ClosedLoopResult:
         """Return the result of all ticks."""

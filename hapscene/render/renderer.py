@@ -253,15 +253,19 @@ class Renderer:
         self._started = self._first = True
         self._ticks = 0
 
-    def _warn_if_inside(self) -> None:
-        """Warn if the tool started inside a body; called after the first tick, which sets poses of bodies."""
+    def warn_if_inside(self) -> None:
+        """Warn if the tool started inside a body; loops call this after the first tick, which sets poses of bodies."""
+        if not self._first:
+            return
         self._first = False
         if inside := int(self.world.proxy[0].enclosing):
-            warn(
-                f"the tool starts inside body {self._body_names[inside - 1]!r}, and has no contact with it before "
-                "it has been outside: start outside, or add the body with two_sided=True",
-                UsageWarning,
-            )
+            what = "cannot leave it, since both sides of its faces are solid for a tip with a radius: start outside"
+            if self.tip_radius_m == 0.0:
+                what = (
+                    "has no contact with it before it has been outside: start outside, or add the body with "
+                    "two_sided=True"
+                )
+            warn(f"the tool starts inside body {self._body_names[inside - 1]!r}, and {what}", UsageWarning)
 
     def tune(self, swatch: str, **numbers: float) -> None:
         """Change parameters of a swatch from the next tick on, for example `tune("oak", stiffness_N_m=300.0)`.
@@ -574,7 +578,7 @@ class Renderer:
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
         self._ticks += 1
         if self._first:
-            self._warn_if_inside()
+            self.warn_if_inside()
         f_W_N, flags, touching = self._out
         if flags.item() & _POSE_REFUSED and poses:
             bodies.warn_of_refused()
@@ -632,7 +636,7 @@ class Renderer:
         a_m_s2 = np.zeros((n, self.block))
         self._play(self.world, self.surface, path, *slots, rows, a_m_s2)
         if self._first:
-            self._warn_if_inside()
+            self.warn_if_inside()
         return self.recording(rows, a_m_s2)
 
     def recording(self, rows: Any, a_m_s2: NDArray[np.float64]) -> "Recording":

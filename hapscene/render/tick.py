@@ -9,7 +9,7 @@
     react      reaction forces and impulses on the bodies                   reaction.py
     field      add the effects of the scene, which act on the hand only     surface/mixer.py
     passivity  energy of the wall, if enabled                               device/stabilisers.py
-    mix        fade out a removed body, limit the sum to the device                                  surface/mixer.py
+    mix        fade out a removed body, limit the sum to the device         surface/mixer.py
     note       write the row of the tick
 
 `Renderer.step` (one tick), `Renderer.run` (many ticks) and the closed loops call the same function and get the same

@@ -86,7 +86,13 @@ class OpenHapticsConnection(VendorConnection):
         self._address = int(callback().address)
         if _OPEN:  # devices are added while the scheduler is stopped
             self._hd.hdStopScheduler()
-        self._device: int | None = initiate(self._hd, name)
+        self._device: int | None = None
+        try:
+            self._device = initiate(self._hd, name)
+        except DeviceError:
+            if _OPEN:
+                self._hd.hdStartScheduler()
+            raise
         _OPEN.append(self._device)
         try:
             self._set_up(rate, reset)

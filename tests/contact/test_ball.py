@@ -2,7 +2,7 @@
 
 import warnings
 from functools import cache
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +11,13 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from hapscene.device.model import DeviceWarning
-from hapscene.errors import HapsceneError
+from hapscene.errors import HapsceneError, UsageWarning
 from hapscene.flags import Flag
 from hapscene.loop.twin import Twin
 from hapscene.render.renderer import Renderer
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
+from tests.contact.test_puncture import BREAK
 
 R_M = 0.005
 CLOSE_M = 3e-6
@@ -239,6 +240,41 @@ def test_starts_outside_faces():
     made.reset((0.0, 0.0, 0.001))
     r = made.run(np.tile((0.0, 0.0, 0.001), (3, 1)))
     np.testing.assert_allclose(r.p_WP_m, np.tile((0, 0, R_M), (3, 1)), atol=CLOSE_M)
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+def test_ball_punctures_and_withdraws(two_sided):
+    """The skin breaks while the centre is above it; it lets the ball in, out without force, and then holds again."""
+    scene = Scene()
+    scene.add(BOX, name="skin", unit="m", swatch=Swatch("skin", stiffness_N_m=290.0), two_sided=two_sided)
+    made = Renderer(scene, [BREAK], tip_radius_m=R_M)
+    found = []
+    for z in np.concatenate((np.arange(0.008, -0.015, -2e-4), np.arange(-0.015, 0.008, 2e-4))):
+        contact = made.step((0.003, 0.002, z)).contact
+        found.append((int(made.surface.touch[0].inside), contact is not None))
+    assert [state for state, _ in groupby(found)] == [(0, False), (0, True), (1, False), (0, False)]
+    for z in np.arange(0.008, 0.003, -2e-4):
+        contact = made.step((0.003, 0.002, z)).contact
+    assert contact is not None and contact.depth_m == pytest.approx(R_M - 0.0032, abs=1e-5)
+
+
+def test_one_puncture_ends_where_another_begins():
+    """The ball leaves a body and breaks into another in the same tick: the first holds it again."""
+    scene = Scene()
+    for name, low_m in (("lower", -0.02), ("upper", 0.03)):
+        mesh = trimesh.creation.box(bounds=[[-0.05, -0.05, low_m], [0.05, 0.05, low_m + 0.02]])
+        scene.add(mesh, name=name, unit="m", swatch=Swatch("skin", stiffness_N_m=290.0))
+    made = Renderer(scene, [BREAK], tip_radius_m=R_M)
+    made.step((0.003, 0.002, 0.012))
+    for z in (0.0, -0.002, -0.01, 0.035):
+        made.step((0.003, 0.002, z))
+    assert made.world.proxy[0].puncture_count == 1 and made.world.bodies["punctured"].tolist() == [0, 1]
+    assert made.step((0.003, 0.002, 0.002)).contact.body == "lower"
+
+
+def test_start_inside_is_reported():
+    with pytest.warns(UsageWarning, match="body 0"):
+        renderer(BOX).step((0.0, 0.0, -0.01))
 
 
 def test_no_room():

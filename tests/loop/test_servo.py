@@ -1,5 +1,6 @@
 """The interface of the servo, with its loop on a virtual clock; `test_servo_process.py` tests the real process."""
 
+import warnings
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 
@@ -289,6 +290,17 @@ def test_invalid_orders_are_rejected(servo: VirtualServo) -> None:
     tick = servo.state().tick
     servo.advance(1)
     assert servo.state().tick == tick + 1
+
+
+def test_start_inside_a_body_is_reported() -> None:
+    """Not for a body that moves: its first pose may be elsewhere."""
+    with VirtualServo(make_scene(), MASS) as servo:
+        with pytest.warns(UsageWarning, match="plate"):
+            servo.start((0.0, 0.0, -0.01))
+        servo.move("plate", np.eye(4))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            servo.start((0.0, 0.0, -0.01))
 
 
 def test_start_out_of_reach_keeps_running() -> None:

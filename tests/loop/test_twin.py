@@ -11,7 +11,7 @@ from hapscene.device.model import device_named, limits_of
 from hapscene.device.sim.hand import GRIPS, Grip
 from hapscene.device.sim.omni import Omni, stand
 from hapscene.device.sim.point import PointMass
-from hapscene.errors import HapsceneError, PathError
+from hapscene.errors import HapsceneError, PathError, UsageWarning
 from hapscene.flags import Flag
 from hapscene.handle.plant import Plant
 from hapscene.loop import ReferenceTrajectory, Twin
@@ -43,6 +43,13 @@ def test_twin_follows_scene_pose() -> None:
     assert not twin.run(press).recording.touching.any()
 
 
+def test_start_inside_a_body_is_reported() -> None:
+    scene = Scene()
+    scene.add(trimesh.creation.box((0.1, 0.1, 0.1)), name="box", unit="m")
+    with pytest.warns(UsageWarning, match="box"):
+        Twin(scene, MASS, effects=["wall"]).run(ReferenceTrajectory.hold((0.0, 0.0, 0.0), 5))
+
+
 def test_equilibrium_of_push_and_wall(plate: Scene) -> None:
     twin = Twin(plate, PointMass(0.045, 2.0), effects=["wall"])
     twin.reset((0.0, 0.0, 0.0))
@@ -53,8 +60,9 @@ def test_equilibrium_of_push_and_wall(plate: Scene) -> None:
 
 def test_force_is_delayed(plate: Scene) -> None:
     twin = Twin(plate, MASS, delay_ticks=3)
-    twin.reset((0.0, 0.0, -0.001))
-    result = twin.run(ReferenceTrajectory.hold((0.0, 0.0, -0.002), 50))
+    twin.reset((0.0, 0.0, 0.0))
+    result = twin.run(ReferenceTrajectory.hold((0.0, 0.0, -0.02), 50))
+    assert result.recording.f_W_N.any()
     assert np.array_equal(result.f_motor_W_N[3:], result.recording.f_W_N[:-3])
     assert not result.f_motor_W_N[:3].any()
 

@@ -44,6 +44,16 @@ def test_replay_is_identical(log_folder: Path) -> None:
     assert log.rows["f_W_N"].any() and log.a_m_s2.any()
 
 
+def test_log_without_contact_points_is_read(log_folder: Path, tmp_path: Path) -> None:
+    """Logs from before tools had a radius: the contact point of a point is its proxy."""
+    folder = tmp_path / "older"
+    shutil.copytree(log_folder, folder)
+    with np.load(folder / NUMBERS_FILE) as stored:
+        np.savez(folder / NUMBERS_FILE, **{name: stored[name] for name in stored.files if name != "row_p_WC_m"})
+    log = SessionLog.load(folder)
+    assert np.array_equal(log.rows["p_WC_m"], log.rows["p_WP_m"]) and log.rows["p_WC_m"].any()
+
+
 def test_untrusted_log_is_replayed_in_a_separate_process(log_folder: Path, tmp_path: Path) -> None:
     again = replay_log(log_folder)
     assert len(again.unlike) == 0 and again.reason == SessionLog.load(log_folder).reason != ""
