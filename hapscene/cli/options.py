@@ -89,7 +89,7 @@ def _pairs(type_: Any, tokens: Sequence["Token"]) -> dict[str, str]:
 Positive = Annotated[float, Parameter(validator=Number(gt=0.0, lt=math.inf))]
 Count = Annotated[int, Parameter(validator=Number(gte=0))]
 Port = Annotated[int, Parameter(validator=Number(gte=0, lte=65535))]
-Vector = tuple[float, float, float] | None
+Vector = Annotated[tuple[float, float, float] | None, Parameter(validator=Number(gt=-math.inf, lt=math.inf))]
 Numbers = Annotated[tuple[float, ...], Parameter(converter=comma_separated(float), n_tokens=1, metavar="NUMBER,…")]
 Counts = Annotated[tuple[int, ...], Parameter(converter=comma_separated(int), n_tokens=1, metavar="COUNT,…")]
 Names = Annotated[tuple[str, ...], Parameter(converter=comma_separated(str), n_tokens=1, metavar="NAME,…")]

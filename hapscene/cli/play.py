@@ -124,6 +124,11 @@ def _devices(names: list[str], options: dict[str, str]) -> "list[str | DeviceCho
         if name not in DEVICES:
             choice.checked()
         chosen.append(name if name in DEVICES else choice)
+    takers = [str(number) for number, name in enumerate(names, 1) if name not in DEVICES]
+    for key in options:
+        if not takers or (key[:1].isdigit() and key.partition(".")[0] not in takers):
+            numbers = f"of device {' or '.join(takers)}" if takers else "only of drivers in `device list`"
+            raise DeviceError(f"--option {key}: no such device with options; expected an option {numbers}")
     return chosen
 
 

@@ -12,6 +12,7 @@ import json
 import math
 import re
 import zlib
+from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -68,7 +69,7 @@ def write_html(scene: Scene, path: Path) -> list[Path]:
     """Write a scene as a page.
 
     Raises:
-        SceneError: the file cannot be written.
+        SceneError: no body has a face with an area, or the file cannot be written.
     """
     write_whole(path, html_page(scene, path.stem).encode(), SceneError)
     return [path]
@@ -78,9 +79,12 @@ def html_page(scene: Scene, title: str, shown_max: int = SHOWN_MAX) -> str:
     """Return the HTML of a page.
 
     Args:
-        scene: scene with at least one body.
+        scene: scene; bodies without area are left out.
         title: title of the page.
         shown_max: largest number of triangles [count]; larger meshes are reduced.
+
+    Raises:
+        SceneError: no body has a face with an area.
     """
     folder = files("hapscene.web").joinpath("touch_page")
     part = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "sound.js", "page.js")}
@@ -131,18 +135,18 @@ class _Solid(NamedTuple):
 def _scene_json(scene: Scene, title: str, shown_max: int) -> str:
     used = np.array(used_swatches(scene))
     colours = distinct_colours(scene.swatches, used.tolist())
-    solids = [_solid(body, np.array([rgb(colour) for colour in colours])) for body in scene.bodies]
-    share = shown_max / sum(len(solid.faces) for solid in solids)
+    solids = _with_area((body, _solid(body, np.array([rgb(colour) for colour in colours]))) for body in scene.bodies)
+    share = shown_max / sum(len(solid.faces) for _, solid in solids)
     if share < 1.0:
-        solids = [_reduced(solid, max(round(share * len(solid.faces)), 12)) for solid in solids]
-    rows, arrays = [_vertices(solid) for solid in solids], _Arrays()
+        solids = _with_area((body, _reduced(solid, max(round(share * len(solid.faces)), 12))) for body, solid in solids)
+    rows, arrays = [_vertices(solid) for _, solid in solids], _Arrays()
     vertices_m, normals, rgbs, swatch = (np.concatenate([row[i] for row in rows]) for i in range(4))
     start = np.cumsum([0, *(len(row[0]) for row in rows)])
     low = vertices_m.min(axis=0)
     size = np.maximum(vertices_m.max(axis=0) - low, 1e-9)
     diagonal_m = float(np.linalg.norm(size))
     first, bodies = 0, list[dict[str, Any]]()
-    for body, solid in zip(scene.bodies, solids, strict=True):
+    for body, solid in solids:
         area_m2 = np.bincount(np.searchsorted(used, solid.swatch), area_of(solid.vertices_m[solid.faces]), len(used))
         by_area = [int(i) for i in np.argsort(-area_m2) if area_m2[i] > 0.0]
         count = solid.faces.size
@@ -167,6 +171,16 @@ def _scene_json(scene: Scene, title: str, shown_max: int) -> str:
         "swatches": [{"plain": i == 0} | _swatch(scene.swatches[i], colours[i], arrays) for i in used.tolist()],
     }
     return json.dumps(content | {"data": arrays.text()}, allow_nan=False)
+
+
+def _with_area(solids: Iterable[tuple[Body, _Solid]]) -> list[tuple[Body, _Solid]]:
+    """Return the bodies that can be touched: those with a face of nonzero area. Raises SceneError if there is none."""
+    found = [pair for pair in solids if area_of(pair[1].vertices_m[pair[1].faces]).any()]
+    if not found:
+        raise SceneError(
+            "the scene has no face with an area, so its page cannot be touched; check it with `hapscene check`"
+        )
+    return found
 
 
 def _task(body: str, swatches: list[Swatch]) -> str:

@@ -103,5 +103,8 @@ def test_options_of_several_devices() -> None:
     ]
     with pytest.raises(DeviceError, match="colour"):
         _devices(["simulated"], {"1.colour": "red"})
+    for names, key in ((["simulated"], "2.grip"), (["simulated", "omni"], "2.grip"), (["omni"], "grip")):
+        with pytest.raises(DeviceError, match=key):  # no device reads the option
+            _devices(names, {key: "light"})
     with pytest.raises(DeviceError, match="omnii"):
         _devices(["omni", "omnii"], {})

@@ -13,6 +13,7 @@ import pytest
 import trimesh
 
 from hapscene.constants import ACCELERATION_RATE_HZ
+from hapscene.errors import SceneError
 from hapscene.exchange.html_page import html_page
 from hapscene.scene.region import PlaneSide, Sphere
 from hapscene.scene.scene import Scene
@@ -130,6 +131,22 @@ def test_large_meshes_are_reduced() -> None:
     assert area_of(corners[names == "paper"]).sum() == pytest.approx(cap_m2, rel=0.02)
     assert area_of(corners).sum() == pytest.approx(4 * np.pi * 0.03**2, rel=0.02)
     assert corners[names == "paper"][..., 2].min() > 0.01 - 0.0008
+
+
+@pytest.mark.parametrize("shown_max", [150_000, 20])
+def test_bodies_without_area_are_left_out(shown_max: int) -> None:
+    scene, flat = Scene(), np.zeros((40, 3))
+    flat[:, 0] = np.linspace(0.0, 0.1, 40)
+    with pytest.raises(SceneError):
+        html_page(scene, "empty")
+    with pytest.warns(UserWarning):
+        scene.add(trimesh.Trimesh(flat, np.arange(39).reshape(-1, 3), process=False), name="flat", unit="m")
+    with pytest.raises(SceneError):
+        html_page(scene, "flat")
+    scene.add(trimesh.creation.box((0.04, 0.03, 0.02)), name="box", unit="m", swatch="wood")
+    content = content_of(html_page(scene, "both", shown_max=shown_max))
+    assert [body["name"] for body in content["bodies"]] == ["box"]
+    assert len(triangles(content)[0]) == 12
 
 
 def test_swatches_have_the_tables_of_the_effects() -> None:
