@@ -62,7 +62,7 @@ _STL_LOSES = (
     *(*_PLAIN_LOSES, "exact positions", "order of vertices", "paint with a swatch in the library"),
     *("parameters of a swatch in the library", "texture of a swatch in the library", _FINE),
 )
-_PAGE_LOSES = ("a scene that can be imported", "stiffness, damping and friction", _BLENDS)
+_PAGE_LOSES = ("data to import the page again", "stiffness, damping and friction", _BLENDS)
 
 EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
     {

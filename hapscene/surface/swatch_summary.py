@@ -129,8 +129,8 @@ def _texture_details(texture: Texture) -> list[str]:
     if np.any(texture.exponents != 0.0):
         force, speed = texture.exponents
         text.append(
-            f"beyond it, power grows with force^{force:.2g} and speed^{speed:.2g}, at most {LEVEL_BOUND_DB:g} dB "
-            "(not recorded)"
+            f"beyond that range, assumed: power grows with force^{force:.2g} and speed^{speed:.2g}, "
+            f"by at most {LEVEL_BOUND_DB:g} dB"
         )
     return text
 

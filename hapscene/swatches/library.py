@@ -149,7 +149,9 @@ def swatch_place(name_or_path: str | os.PathLike[str], folder: str | os.PathLike
         computed = [entry.name for entry in computed_entries()]
         if text not in computed:
             known += [*computed, *(entry.name for home in own_folders(folder) for entry in own_entries(home))]
-            raise SwatchError(no_such("swatch", text, known))
+            is_file = os.path.isfile(text + SUFFIX)  # noqa: PTH113 - Path.is_file raises OSError for a long name
+            hint = f"; for the file, write {text + SUFFIX!r}" if is_file else ""
+            raise SwatchError(no_such("swatch", text, known) + hint)
     return place / (text + SUFFIX)
 
 

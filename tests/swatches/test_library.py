@@ -63,6 +63,15 @@ def test_add_find_and_remove(home: Path) -> None:
         load_swatch("oak")
 
 
+def test_a_name_without_suffix_points_to_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "oka.swatch").touch()
+    with pytest.raises(SwatchError, match=r"write 'oka\.swatch'"):
+        load_swatch("oka")
+    with pytest.raises(SwatchError, match="no swatch"):
+        load_swatch("o" * 5000)
+
+
 def test_folders_and_tags(home: Path) -> None:
     add(OAK, inside="woods", tags=["desk", " desk ", ""])
     assert find("oak") == home / "woods" / "oak.swatch" and load_swatch("oak") == OAK

@@ -106,7 +106,7 @@ def sliding(channels: Streams, states: Segmentation) -> Streams:
     for start, end in states.runs(InteractionState.SLIDING):
         kept[start:end] = end - start >= RUN_S * channels.rate_Hz
     if np.count_nonzero(kept) < DURATION_MIN_S * channels.rate_Hz:
-        raise CaptureError(f"the tool slides for less than {DURATION_MIN_S:g} s")
+        raise CaptureError(f"the tool slides for less than {DURATION_MIN_S:g} s: record longer strokes")
     return part_of(channels, kept)
 
 
