@@ -93,7 +93,7 @@ def test_press_beside_the_surface_is_reported(page: Page, tab: Tab, tool: str) -
     tab.send("tool", name=tool)
     tab.point("down", np.array([0.0, 0.9, 0.0]))
     tab.settle()
-    assert sum("not on the surface" in said for said in tab.said) == 1
+    assert sum("no surface here" in said for said in tab.said) == 1
     assert not page.context.session.document.changed
 
 

@@ -85,7 +85,7 @@ def run(act: Callable[[TouchHand, list[Notes], list[str]], Any], refuse: str | N
     made: list[Notes] = []
     said: list[str] = []
 
-    def make(scene: Scene, hold: HandConfig) -> Notes:
+    def make(scene: Scene, hold: HandConfig, progress: Callable[[str], None]) -> Notes:
         made.append(Notes(hold, refuse))
         return made[-1]
 
@@ -353,7 +353,7 @@ def test_a_page_that_closes_does_not_wait_for_a_hand_that_starts() -> None:
 
     made: list[Slow] = []
 
-    def make(scene: Scene, hold: HandConfig) -> Slow:
+    def make(scene: Scene, hold: HandConfig, progress: Callable[[str], None]) -> Slow:
         made.append(Slow(hold))
         return made[-1]
 
