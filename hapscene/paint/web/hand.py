@@ -113,9 +113,7 @@ class HandConfig:
         return bool(reachable(X_WD[:3, :3].T @ (p_W_m - X_WD[:3, 3])))
 
 
-def make_servo(
-    scene: Scene, config: HandConfig, progress: Callable[[str], None], servo: type[Servo] = Servo
-) -> Servo:
+def make_servo(scene: Scene, config: HandConfig, progress: Callable[[str], None], servo: type[Servo] = Servo) -> Servo:
     """A servo with a simulated hand; the device is placed for each touch so that it starts mid-workspace."""
     handle: dict[str, Any] = {}
     if config.compensator != NO_HANDLE:

@@ -104,6 +104,7 @@ const consume = (event) => { event.stopImmediatePropagation(); event.preventDefa
 function flush() { waiting = null; if (pressed) { send({ do: "move", ...pressed.place }); } }
 window.addEventListener("pointerdown", (event) => {
   if (event.button !== 0 || !onCanvas(event) || event.ctrlKey || event.metaKey) return;
+  if (pressed && event.pointerId !== pressed.id) { consume(event); release("cancel"); return; }  // a second finger
   if (event.shiftKey === lock) {  // rotates the view, as viser does without Shift
     Object.defineProperty(event, "shiftKey", { value: false });
     return;
@@ -369,6 +370,7 @@ window.addEventListener("pointerdown", () => sound.wake());
 function start() {
   document.body.append(root, keyList);
   hint.hidden = innerWidth < 760;
+  if (hint.hidden && TOUCH_SCREEN) say("Tap Draw to paint with one finger. Without it, one finger rotates the view.", "", 12000);
   showViews(innerWidth >= 1200 && innerHeight >= 640);
   showPlots(false);
   sound.label();
