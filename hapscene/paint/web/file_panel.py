@@ -95,6 +95,7 @@ class FilePanel:
 
     async def _write(self, write: Callable[[bool], str], force: bool = False) -> None:
         """Call `write` and show its message; if it would overwrite a file, ask and call it with force."""
+        self._context.socket.say("Writing the file …")
         try:
             message = await asyncio.to_thread(write, force)
         except SaveConflict as conflict:
