@@ -32,6 +32,8 @@ class Tab:
         self.nodes: dict[str, dict[str, Any]] = {}
         self.state: dict[str, Any] = {}
         self.said: list[str] = []
+        self.done: list[float] = []
+        self.dark: bool | None = None
         self.traces: list[np.ndarray] = []
         self.sounds: list[np.ndarray] = []
         self.client = -1
@@ -142,6 +144,8 @@ class Tab:
             control = self.controls[message["uuid"]]
             for key, value in message["updates"].items():
                 (control if key == "value" else control["props"])[key] = value
+        elif kind == "ThemeConfigurationMessage":
+            self.dark = message["dark_mode"]
         elif kind == "GuiRemoveMessage":
             self.controls.pop(message["uuid"], None)
         elif kind.startswith("Gui") and "props" in message and "uuid" in message:
@@ -165,6 +169,8 @@ class Tab:
         if isinstance(raw, str):
             message = json.loads(raw)
             self.state = message.get("state", self.state)
+            if "done" in message:
+                self.done.append(message["done"])
             if "say" in message:
                 self.said.append(message["say"])
         else:

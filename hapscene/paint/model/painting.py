@@ -378,7 +378,11 @@ class Painting:
             deltas = tuple(delta for delta in found if delta is not None)
             count = sum(delta.count for delta in deltas)
             if deltas:
-                self.history.add(Step(f"{step.what}, {face_count_text(count)}", faces=deltas))
+                new, last = Step(f"{step.what}, {face_count_text(count)}", faces=deltas), self.history.done[-1:]
+                if last and last[0].key == ("add", self.swatch_index(step.swatch)):  # added for this step
+                    self.history.replace_last(replace(new, swatches=last[0].swatches))
+                else:
+                    self.history.add(new)
             return count
 
     def paint(self, what: str, chosen: Mapping[int, NDArray[np.bool_]], swatch: int | str) -> int:

@@ -27,10 +27,10 @@ SHOWN: Final = {
     "stiffness_N_m": ("stiffness", 3000.0),
     "damping_Ns_m": ("damping", 20.0),
     "friction_static": ("static friction", 2.0),
-    "friction_dynamic": ("dynamic friction", 2.0),
-    "texture_gain": ("texture gain", 4.0),
+    "friction_dynamic": ("friction", 2.0),
+    "texture_gain": ("roughness", 4.0),
     "texture_life": ("texture modulation", math.inf),
-    "tap_gain": ("tap gain", 4.0),
+    "tap_gain": ("tap", 4.0),
     "tangential_stiffness_N_m": ("stick stiffness", 3000.0),
     "tangential_damping_Ns_m": ("stick damping", 20.0),
     "hunt_crossley_Ns_m2": ("Hunt–Crossley damping", 2000.0),
@@ -212,11 +212,12 @@ class SwatchTuning:
         self.limits = limits_of(device, TICK_S)
         self.device = device_of(device).name
 
-    def add_swatch(self, swatch: SwatchLike) -> int:
+    def add_swatch(self, swatch: SwatchLike, with_next: bool = False) -> int:
         """Add a swatch to the scene unless it is there; returns its index.
 
         Args:
             swatch: name of a library swatch, a file, or a swatch.
+            with_next: make the addition a part of the next step, if that step paints with the swatch.
 
         Raises:
             SwatchError: the swatch is unknown or damaged.
@@ -228,7 +229,8 @@ class SwatchTuning:
             index = scene.swatch_index(swatch)
             if index == known:
                 new = SwatchState(scene.swatches[index], scene.swatch_source[index])
-                self._painting.change(f"add swatch {new.swatch.name!r}", [SwatchDelta(index, None, new)])
+                key = ("add", index) if with_next else None
+                self._painting.change(f"add swatch {new.swatch.name!r}", [SwatchDelta(index, None, new)], key=key)
             return index
 
     def copy_swatch(self, swatch: int | str, name: str) -> int:

@@ -31,7 +31,7 @@ AUTOSAVED: Final = "Unsaved changes are backed up every second and can be recove
 
 
 class FilePanel:
-    """Controls for saving, recovery, export, sharing, and the theme of the page.
+    """Controls for saving, recovery, export, and sharing.
 
     Args:
         context: the page.
@@ -43,7 +43,6 @@ class FilePanel:
     def __init__(self, context: PageContext, container: Any, path: Path, addresses: Sequence[str]) -> None:
         self._context = context
         self._path = path
-        self._theme_chosen = False
         self._losses_of: object = None  # format and state of the scene for which the losses are shown
         gui, callback = context.server.gui, context.callback
         with container:
@@ -58,32 +57,12 @@ class FilePanel:
                 gui.add_button("Export", hint="Export to the file above").on_click(callback(self._export))
                 self._format.on_update(callback(lambda target: self._show_format()))
                 self._show_format()
-            with gui.add_folder("Appearance"):
-                self._dark = gui.add_checkbox("Dark theme", False)
-                self._dark.on_update(callback(lambda target: self.prefer_theme(self.dark, chosen=True)))
             with gui.add_folder("Share", expand_by_default=False):
                 hint = f"Scene, meshes and swatches in one file, NAME{ZIP_SUFFIX}, for hapscene paint"
                 down = gui.add_button("Download scene", hint=hint)
                 down.on_click(context.downloading(self._bundle))
                 links = "".join(ADDRESS.format(escape_html(url)) for url in addresses)
                 gui.add_html(card_html(f"{PUBLIC}{links}" if addresses else PRIVATE))
-        self._apply_theme()
-
-    @property
-    def dark(self) -> bool:
-        """Whether the dark theme is on."""
-        return bool(self._dark.value)
-
-    def prefer_theme(self, dark: bool, chosen: bool = False) -> None:
-        """Set the theme: the preference of the first browser applies until the user chooses one."""
-        if chosen or not self._theme_chosen:
-            self._theme_chosen, self._dark.value = True, dark
-            self._apply_theme()
-
-    def _apply_theme(self) -> None:
-        self._context.server.gui.configure_theme(
-            dark_mode=self.dark, show_share_button=False, show_logo=False, control_width="medium"
-        )
 
     def show(self) -> None:
         """Update the status of saving and autosave."""
@@ -116,6 +95,7 @@ class FilePanel:
 
     async def _write(self, write: Callable[[bool], str], force: bool = False) -> None:
         """Call `write` and show its message; if it would overwrite a file, ask and call it with force."""
+        self._context.socket.say("Writing the file …")
         try:
             message = await asyncio.to_thread(write, force)
         except SaveConflict as conflict:

@@ -113,13 +113,13 @@ class HandConfig:
         return bool(reachable(X_WD[:3, :3].T @ (p_W_m - X_WD[:3, 3])))
 
 
-def make_servo(scene: Scene, config: HandConfig, servo: type[Servo] = Servo) -> Servo:
+def make_servo(scene: Scene, config: HandConfig, progress: Callable[[str], None], servo: type[Servo] = Servo) -> Servo:
     """A servo with a simulated hand; the device is placed for each touch so that it starts mid-workspace."""
     handle: dict[str, Any] = {}
     if config.compensator != NO_HANDLE:
         handle = {"handle": Plant(), "compensator": config.compensator}
     model = HAND_DEVICES[config.device].model
-    return servo(scene, model, limits=limits_of(config.limits, TICK_S), **handle)
+    return servo(scene, model, limits=limits_of(config.limits, TICK_S), progress=progress, **handle)
 
 
 HOVER_M: Final = 0.002
@@ -175,6 +175,7 @@ class TouchHand:
     Attributes:
         status: "starting", "ready", "failed" or "closed".
         problem: why the hand failed; else "".
+        stage: what the start of the hand does at present.
         touching: whether the pointer button is held.
         on_samples: called with the log of new ticks.
         config: configuration. A change of the grip takes effect at once, other changes with the next `open`.
@@ -184,14 +185,14 @@ class TouchHand:
         self,
         say: Callable[[str, str], None],
         config: HandConfig,
-        servo: Callable[[Scene, HandConfig], Any] = make_servo,
+        servo: Callable[[Scene, HandConfig, Callable[[str], None]], Any] = make_servo,
     ) -> None:
         self._say = say
         self._make = servo
         self._executor = ThreadPoolExecutor(1, "hapscene hand")
         self._servo: Any = None
         self._servo_made: Any = None
-        self.status, self.problem = "closed", ""
+        self.status, self.problem, self.stage = "closed", "", ""
         self.touching = False
         self.on_samples: Callable[[TickLog], None] = lambda log: None
         self.config = config
@@ -232,11 +233,16 @@ class TouchHand:
     def _start(self, scene: Scene, config: HandConfig) -> Any:
         if self._servo_made is not None:
             self._servo_made.close()
-        self._servo_made = self._make(scene, config)  # stored at once, so that `close` can end it
+        self._servo_made = self._make(scene, config, self._note_stage)  # stored at once, so that `close` can end it
         self._servo_bodies = {body.name: body for body in scene.bodies}
         if self.status == "closed":
             raise HapsceneError("the page is closed")
         return self._servo_made.__enter__()
+
+    def _note_stage(self, text: str) -> None:
+        """Store a stage of the start, or the time that it has taken so far. Called in the thread."""
+        text = text.removesuffix(" … ")
+        self.stage = f"{self.stage.partition(' (')[0]} ({text})" if text[0].isdigit() else text
 
     def close(self) -> None:
         """Stop the servo. May be called from any thread, after the last call of other methods."""

@@ -16,6 +16,10 @@ from hapscene.surface.swatch import Swatch
 __all__ = ["HandPanel", "ParameterPanel"]
 
 
+LAST: Final = 1e9
+"""Order of the folder below all others of the tab."""
+
+
 class HandPanel:
     """Controls for device, grip and handle.
 
@@ -27,7 +31,7 @@ class HandPanel:
     def __init__(self, context: PageContext, container: Any) -> None:
         self._context = context
         gui, callback, config = context.server.gui, context.callback, context.touch.config
-        with container, gui.add_folder("Simulated hand"):
+        with container, gui.add_folder("Simulated hand", order=LAST):
             device = gui.add_dropdown(
                 "Device",
                 tuple(HAND_DEVICES),
@@ -67,6 +71,9 @@ class HandPanel:
         if touch.status != "closed":
             await touch.open(session.painting.snapshot())
 
+
+PLAIN: Final = ("stiffness_N_m", "texture_gain", "friction_dynamic", "damping_Ns_m", "tap_gain")
+"""Parameters that are shown first; the others are in the folder Expert."""
 
 STEP_COUNT: Final = 200
 """Approximate number of steps of a slider [count]: at its middle, finer than 2 % of the value."""
@@ -130,8 +137,10 @@ class ParameterPanel:
         self._clear()
         with self._container:
             self._folder = gui.add_folder(f"Parameters of {_short(name)}")
-        with self._folder:
-            for p in found:
+            with self._folder:
+                expert = gui.add_folder("Expert", expand_by_default=False, order=LAST) if found else self._folder
+        for p in sorted(found, key=lambda p: PLAIN.index(p.name) if p.name in PLAIN else len(PLAIN)):
+            with self._folder if p.name in PLAIN else expert:
                 step = _step(p.maximum - p.minimum)
                 unit = "" if p.unit in ("1", "") else f" [{p.unit}]"
                 slider = gui.add_slider(
@@ -145,6 +154,7 @@ class ParameterPanel:
                 slider.precision = FIGURES  # by default, the field would round to the step
                 slider.on_update(callback(partial(self._tune, p)))
                 self._sliders[p.name] = slider
+        with self._folder:
             if found:
                 self._colour = gui.add_rgb(
                     "Colour", rgb_bytes(swatch.albedo_rgb), hint="Colour in the view and in exported files"
@@ -164,7 +174,12 @@ class ParameterPanel:
 
     def _tune(self, p: Parameter, target: Any) -> None:
         value = bounded(target.value, p.minimum, p.maximum, p.value)
-        self._context.session.tune(self._context.tools.ensure_swatch(), **{p.name: value})
+        numbers, tools = {p.name: value}, self._context.tools
+        if p.name == "friction_dynamic" and tools.swatch is not None:  # keeps the ratio of the two coefficients
+            swatch = self._context.session.scene.swatches[tools.swatch]
+            ratio = swatch.friction_static / swatch.friction_dynamic if swatch.friction_dynamic > 0.0 else 1.0
+            numbers["friction_static"] = max(ratio, 1.0) * value
+        self._context.session.tune(tools.ensure_swatch(), **numbers)
 
     def _recolour(self, target: Any) -> None:
         red, green, blue = target.value

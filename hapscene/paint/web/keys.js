@@ -3,7 +3,7 @@ const KEYS = [
   ["Tools", [
     ["1 … 8", "brush, fill, box, sphere, eraser, pick, touch, lasso"],
     ["Shift + drag", "use the tool on the surface"],
-    ["L", "lock Shift: drag to use the tool, Shift + drag to rotate the view"],
+    ["L", "draw: drag to use the tool, Shift + drag to rotate the view"],
     ["[  ]", "decrease, increase the brush size"],
     ["Esc", "cancel the operation; close a dialog"],
     ["K", "keyboard pointer: arrow keys move it (with Shift in larger steps), hold Space to use the tool"],

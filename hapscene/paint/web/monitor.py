@@ -69,11 +69,11 @@ class Monitor:
     def _status_of(self, state: ServoState | None) -> str:
         swatches, touch = self._context.session.scene.swatches, self._context.touch
         if touch.status == "starting":
-            return "Starting the simulated hand …"
+            return f"Starting the simulated hand: {touch.stage} … You can paint meanwhile."
         if touch.status != "ready":
             return touch.problem or "The simulated hand is off."
         if state is None:
-            return "Ready to touch: press 7, hold Shift and drag on the surface."
+            return "Ready to touch: select Touch and drag on the surface."
         if not state.touching or not 0 <= state.swatch < len(swatches):
             return f"No contact · {touch.config}"
         force_N = float(np.linalg.norm(state.f_W_N))

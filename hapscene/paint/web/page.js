@@ -15,19 +15,26 @@ const TOOLS = [
   ["sphere", "Sphere", "4", "Paint inside a sphere: Shift + drag outward from the centre"],
   ["eraser", "Eraser", "5", "Restore the default swatch: Shift + drag"],
   ["pick", "Pick", "6", "Select the swatch under the pointer: Shift + click"],
-  ["lasso", "Lasso", "8", "Paint the visible surface inside an outline: Shift + drag"],
   ["touch", "Touch", "7", "Stroke the surface with a simulated hand: Shift + drag"],
+  ["lasso", "Lasso", "8", "Paint the visible surface inside an outline: Shift + drag"],
 ];
 const VIEWS = ["front", "back", "left", "right", "top", "bottom", "perspective"];  // Shift 1 to 7
 const LOST = "Connection lost. Your changes are kept. If the connection is not restored within some seconds, start hapscene paint again and open the address that it prints.";
 const TOUCH_SCREEN = matchMedia("(pointer: coarse)").matches;  // has no Shift key
-const HINT = [
+const HINT = TOUCH_SCREEN ? [
+  "Tap a swatch; ▶ plays its sound.",
+  "Tap <b>Draw</b>, then drag one finger over the surface to paint. Tap it again to rotate the view; pinch to zoom.",
+  "Tap <b>Touch</b>, then drag with <b>Draw</b> on to touch the surface.",
+] : [
   "Select a swatch on the right; ▶ plays its sound.",
-  TOUCH_SCREEN ? "Tap <b>Lock Shift</b> and drag on the surface to paint; tap it again to rotate the view." :
-    "Hold <b>Shift</b> and drag on the surface to paint. Drag to rotate the view, scroll to zoom.",
+  "Hold <b>Shift</b> and drag on the surface to paint. Drag to rotate the view, scroll to zoom.",
   "Press <b>7</b>, then hold Shift and drag to touch the surface. <b>Ctrl S</b> saves.",
 ];
-const GRAIN_MS = 150, HOVER_MS = 40, DELAY_MAX_S = 0.1, HURRY = 0.08, GAPS_MAX = 3;
+const forFingers = (text) => TOUCH_SCREEN ? text.replace("Shift + drag", "Draw on, then drag").replace("Shift + click", "Draw on, then tap") : text;
+const DARK = matchMedia("(prefers-color-scheme: dark)");
+const themed = { get dark() { const kept = localStorage.getItem("hapscene-dark"); return kept === null ? DARK.matches : kept === "true"; } };
+const BUSY = { undo: "Undoing", redo: "Redoing", save: "Saving the scene", down: "Working on the surface", up: "Painting", body: "Changing the bodies", library: "Reading the swatch" };
+const BUSY_MS = 300, GRAIN_MS = 150, HOVER_MS = 40, DELAY_MAX_S = 0.1, HURRY = 0.08, GAPS_MAX = 3;
 const make = (tag, attributes = {}, ...inside) => {
   const node = Object.assign(document.createElement(tag), attributes);
   node.append(...inside);
@@ -38,7 +45,20 @@ let state = {}, pressed = null, lock = false, lastHover = 0, waiting = null, ove
 // --- connection to the server ---
 
 const link = new Worker("/hapscene-socket_worker.js");  // owns the socket, so that sound does not wait for drawing
-const send = (message) => link.postMessage({ text: JSON.stringify(message) });
+const busy = new Map();  // timers of messages that the server has not handled yet
+const send = (message) => {
+  if (BUSY[message.do]) {
+    const n = Math.random();
+    busy.set(n, setTimeout(() => say(`${BUSY[message.do]} …`, "busy", Infinity), BUSY_MS));
+    message = { ...message, n };
+  }
+  link.postMessage({ text: JSON.stringify(message) });
+};
+function onDone(n) {
+  clearTimeout(busy.get(n));
+  busy.delete(n);
+  if (!busy.size && toast.className === "busy") say("");
+}
 link.onmessage = ({ data }) => {
   if (data.text !== undefined) onMessage(JSON.parse(data.text));
   else if (data.buffer) onSamples(data.buffer, data.received);
@@ -48,10 +68,11 @@ link.onmessage = ({ data }) => {
 function onOpen() {
   if (lost) say("Connection restored.");
   lost = false;
-  send({ do: "theme", dark: matchMedia("(prefers-color-scheme: dark)").matches });
+  for (const n of [...busy.keys()]) onDone(n);
 }
 function onMessage(message) {
   if (message.state) { state = message.state; show(); }
+  if (message.done !== undefined) onDone(message.done);
   if (message.say !== undefined) say(message.say, message.kind);
 }
 function onSamples(buffer, received) {
@@ -83,6 +104,7 @@ const consume = (event) => { event.stopImmediatePropagation(); event.preventDefa
 function flush() { waiting = null; if (pressed) { send({ do: "move", ...pressed.place }); } }
 window.addEventListener("pointerdown", (event) => {
   if (event.button !== 0 || !onCanvas(event) || event.ctrlKey || event.metaKey) return;
+  if (pressed && event.pointerId !== pressed.id) { consume(event); release("cancel"); return; }  // a second finger
   if (event.shiftKey === lock) {  // rotates the view, as viser does without Shift
     Object.defineProperty(event, "shiftKey", { value: false });
     return;
@@ -177,11 +199,13 @@ const button = (text, key, tip, act, into = bar) => {
   return node;
 };
 const gap = () => bar.append(make("span", { className: "gap" }));
-const tools = new Map(TOOLS.map(([name, text, key, title]) => [name, button(text, key, title, () => send({ do: "tool", name }))]));
+const tools = new Map(TOOLS.map(([name, text, key, title]) => [name, button(text, key, forFingers(title), () => send({ do: "tool", name }))]));
 const ink = make("span", { id: "hs-ink" });
 bar.append(ink);
 gap();
-const lockButton = button("Lock Shift", "L", "Drag to use the tool, Shift + drag to rotate the view", () => setLock(!lock));
+const DRAWS = TOUCH_SCREEN ? ["Drag one finger to use the tool.", "Drag one finger to rotate the view."] :
+  ["Drag to use the tool, Shift + drag to rotate the view.", "Shift + drag to use the tool, drag to rotate the view."];
+const lockButton = button("Draw", "L", DRAWS[0], () => setLock(!lock));
 gap();
 const undo = button("Undo", "Ctrl Z", "", () => send({ do: "undo" }));
 const redo = button("Redo", "Ctrl Y", "", () => send({ do: "redo" }));
@@ -198,6 +222,8 @@ const views = make("div", { id: "hs-views", role: "toolbar", ariaLabel: "Views" 
 button("Home", "Home", "Reset the view", () => look("perspective"), views);
 button("Frame", "F", "Frame the selected body or the scene; the key F also frames the body under the pointer", () => look(""), views);
 VIEWS.forEach((name, i) => button(name[0].toUpperCase() + name.slice(1), `⇧${i + 1}`, `View from: ${name} (Shift + ${i + 1})`, () => look(name), views));
+button("Dark", "", "Dark or light theme of this browser", () => { localStorage.setItem("hapscene-dark", String(!themed.dark)); setTheme(); }, views);
+const setTheme = () => send({ do: "theme", client: client(), dark: themed.dark });
 const hint = make("div", { id: "hs-hint" });
 HINT.forEach((line, i) => hint.append(make("p", { innerHTML: `<b>${i + 1}</b>${line.replace(/<b>/g, "<kbd>").replace(/<\/b>/g, "</kbd>")}` })));
 hint.append(tipped(make("button", { type: "button", ariaLabel: "Hide the instructions", onclick: () => { hint.hidden = true; } }, "×"), "Hide the instructions (H)"));
@@ -232,7 +258,8 @@ function showViews(open) { unfold(views, viewButton, open); }
 function setLock(on) {
   lock = on;
   lockButton.setAttribute("aria-pressed", String(on));
-  say(on ? "Drag to use the tool, Shift + drag to rotate the view." : "Shift + drag to use the tool, drag to rotate the view.");
+  document.documentElement.dataset.draw = on ? "on" : "off";
+  say(DRAWS[on ? 0 : 1]);
 }
 function show() {
   for (const [name, node] of tools) node.setAttribute("aria-pressed", String(name === state.tool));
@@ -343,6 +370,7 @@ window.addEventListener("pointerdown", () => sound.wake());
 function start() {
   document.body.append(root, keyList);
   hint.hidden = innerWidth < 760;
+  if (hint.hidden && TOUCH_SCREEN) say("Tap Draw to paint with one finger. Without it, one finger rotates the view.", "", 12000);
   showViews(innerWidth >= 1200 && innerHeight >= 640);
   showPlots(false);
   sound.label();
@@ -355,6 +383,7 @@ function start() {
     if (client() < 0) return;
     clearInterval(hide);
     history.replaceState(null, "", "/");
+    setTheme();
   }, 100);
   new ResizeObserver(fit).observe(document.body);
   let due = false;

@@ -34,6 +34,8 @@ __all__ = ["HOST", "PORT", "Page"]
 TABS: Final = ("Paint", "Bodies", "Haptics", "File")
 """Tabs of the panel, from left to right."""
 
+THEME: Final[Mapping[str, Any]] = {"show_share_button": False, "show_logo": False, "control_width": "medium"}
+
 HOST: Final = "127.0.0.1"
 PORT: Final = 8080
 
@@ -232,7 +234,7 @@ class Page:
             "redo": lambda _: self._step_back("redo"),
             "tool": lambda m: tools.choose_tool(m["name"]) if m.get("name") in TOOLS else None,
             "dismiss": lambda _: self.context.dismiss(),
-            "theme": lambda m: self._file_panel.prefer_theme(m.get("dark") is True),
+            "theme": self._set_theme,
             "view": self._look,
             "layers": lambda _: self._next_layers(),
             "frame": self._frame,
@@ -248,6 +250,12 @@ class Page:
         self.context.tools.finish()
         what = session.undo() if do == "undo" else session.redo()
         self._socket.say(f"Nothing to {do}." if what is None else f"{do.capitalize()}: {what}.")
+
+    def _set_theme(self, message: Message) -> None:
+        """Set the theme of the page that asks."""
+        page = self.server.get_clients().get(_client(message))
+        if page is not None:
+            page.gui.configure_theme(dark_mode=message.get("dark") is True, **THEME)
 
     def _frame(self, message: Message) -> None:
         """Fit the scene into the view of a new page whose canvas is higher than wide."""
@@ -312,6 +320,7 @@ class Page:
 
     def _make_panel(self) -> None:
         gui = self.server.gui
+        gui.configure_theme(**THEME)
         gui.main_panel.dock_right()
         tabs = gui.add_tab_group()
         paint, bodies, haptics, file = (tabs.add_tab(name) for name in TABS)

@@ -57,6 +57,8 @@ class PageSocket:
                     self.refused += 1
                 else:
                     await self._act(message)
+                    if "n" in message:  # the page shows that it waits
+                        self._send_to(connection, json.dumps({"done": message["n"]}))
         except ConnectionClosed:
             pass
         finally:

@@ -239,8 +239,7 @@ class SwatchPanel:
 
     def _use(self, card: Card) -> None:
         tools = self._context.tools
-        tools.choose_swatch(card.name, card.source)
-        tools.ensure_swatch()
+        tools.choose_swatch(card.name, card.source)  # added to the scene by the first stroke, as part of its step
         if tools.name not in ("brush", "fill", "box", "sphere"):
             tools.choose_tool("brush")
 

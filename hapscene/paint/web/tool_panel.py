@@ -13,16 +13,16 @@ from hapscene.view.feel_layer import SHOWS
 __all__ = ["ToolPanel"]
 
 TOOL_HINTS: Final = {
-    "brush": "Hold Shift and drag to paint with the selected swatch.",
-    "fill": "Hold Shift and click to fill a facet, a body, a material or a swatch.",
-    "box": "Hold Shift and drag between opposite corners to paint inside a box.",
-    "sphere": "Hold Shift and drag outward from the centre to paint inside a sphere.",
-    "eraser": "Hold Shift and drag to restore the default swatch.",
-    "pick": "Hold Shift and click to select the swatch under the pointer.",
-    "lasso": "Hold Shift and draw an outline to paint the visible surface inside it.",
-    "touch": "Hold Shift and drag to stroke the surface with the simulated hand.",
+    "brush": "Drag to paint with the selected swatch.",
+    "fill": "Click to fill a facet, a body, a material or a swatch.",
+    "box": "Drag between opposite corners to paint inside a box.",
+    "sphere": "Drag outward from the centre to paint inside a sphere.",
+    "eraser": "Drag to restore the default swatch.",
+    "pick": "Click to select the swatch under the pointer.",
+    "lasso": "Draw an outline to paint the visible surface inside it.",
+    "touch": "Drag to stroke the surface with the simulated hand.",
 }
-"""Instructions for each tool."""
+"""Instructions for each tool; page.css puts before them what has to be held or turned on."""
 
 FORCE_N: Final = (0.1, 3.0)
 """Range of the force of the hand [N]: from a light touch to the maximum of the weakest supported device."""
@@ -94,7 +94,7 @@ class ToolPanel:
         """Show the controls of the current tool and update their values."""
         tools = self._context.tools
         name, fill = tools.name, tools.fill
-        set_html(self._hint, card_html(TOOL_HINTS[name], dim=True))
+        set_html(self._hint, card_html(f'<span class="hs-hold"></span>{TOOL_HINTS[name]}', dim=True))
         self._size.visible = name in ("brush", "eraser", "sphere")
         self._fill.visible = name == "fill"
         self._angle.visible = name == "fill" and fill == "facet"

@@ -127,7 +127,7 @@ class Tools:
             SceneError: the scene has a different swatch of that name.
         """
         index = self.swatch
-        return self._session.add_swatch(self._source) if index is None else index
+        return self._session.tuning.add_swatch(self._source, with_next=True) if index is None else index
 
     def choose_swatch(self, name: str, source: SwatchLike) -> None:
         """Select a swatch, given by its name and the argument for `Session.add_swatch`."""
@@ -176,7 +176,7 @@ class Tools:
             return
         hit = self._session.pick(*ray, visible_only=True)
         if hit is None:
-            self._say("The pointer is not on the surface: point at it, hold Shift and press.")
+            self._say("There is no surface here: start on a body.")
             return
         swatch = self.ensure_swatch() if self.name in ("brush", "fill", "box", "sphere") else ERASE
         self.client, self._start, self._last, self._eye_W_m = pointer.client, hit, hit, ray[0]
@@ -190,7 +190,8 @@ class Tools:
         elif self.name == "pick":
             self._take(hit)
         elif self.name == "touch":
-            self._touch.press(*self._contact(hit, ray[1]))
+            if not self._touch.press(*self._contact(hit, ray[1])):
+                self._say("The simulated hand is not ready yet. The status line shows what it waits for.")
         else:
             self._view.show_ring(None, self.radius_m)
             self._show_region()

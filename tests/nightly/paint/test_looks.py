@@ -112,8 +112,6 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 @pytest.fixture(params=["light", "dark"])
 def tab(request: pytest.FixtureRequest, page: Page, browser: Any) -> Iterator[Any]:
     """The page in a small window, as bright as the browser likes it."""
-    do(page, lambda: page._file_panel.prefer_theme(request.param == "dark"))
-    page._file_panel._theme_chosen = False  # the next who comes chooses anew
     with browser.new_context(viewport={"width": 800, "height": 600}, color_scheme=request.param) as context:
         tab = context.new_page()
         tab.goto(page.url)

@@ -184,6 +184,53 @@ def test_a_slider_tunes_the_swatch_and_undo_moves_it_back(page: Page, tab: Tab) 
     assert page.context.session.scene.swatches[index].stiffness_N_m <= page.context.session.tuning.limits.stiffness_N_m
 
 
+def test_five_plain_parameters_come_first_and_the_others_are_folded(page: Page, tab: Tab) -> None:
+    tab.choose("wood")
+    tab.point("down", (0.01, 0.0, 0.02))
+    tab.point("up", (0.01, 0.0, 0.02))
+    tab.settle()
+    expert = next(key for key, c in tab.controls.items() if c["props"].get("label") == "Expert")
+    assert not tab.controls[expert]["props"]["expand_by_default"]
+    outer = tab.controls[expert]["container_uuid"]
+    shown = sorted((c["props"]["order"], c["props"]["label"]) for c in tab.controls.values() if _slides(c, outer))
+    plain = ["Stiffness [N/m]", "Roughness", "Friction", "Damping [N·s/m]", "Tap"]
+    assert [label for _, label in shown] == plain
+    inside = {c["props"]["label"] for c in tab.controls.values() if _slides(c, expert)}
+    assert {"Static friction", "Stribeck speed [m/s]"} <= inside and not inside & set(plain)
+
+
+def _slides(control: dict[str, Any], folder: str) -> bool:
+    return control["type"] == "GuiSliderMessage" and control["container_uuid"] == folder
+
+
+def test_friction_keeps_the_ratio_of_its_coefficients(page: Page, tab: Tab) -> None:
+    tab.choose("paper")
+    swatches = page.context.session.scene.swatches
+    index = page.context.session.painting.swatch_named("paper")
+    ratio = swatches[index].friction_static / swatches[index].friction_dynamic
+    tab.set("Friction", 0.1)
+    tab.wait(lambda: swatches[index].friction_dynamic == 0.1)
+    assert ratio > 1.0 and swatches[index].friction_static == pytest.approx(0.1 * ratio)
+
+
+def test_messages_that_take_long_are_answered_on_the_page_that_sent_them(page: Page, tab: Tab) -> None:
+    other = Tab(page)
+    tab.send("undo", n=0.25)
+    tab.wait(lambda: tab.done == [0.25])
+    other.settle()
+    assert not other.done
+    other.close()
+
+
+def test_each_page_has_its_own_theme(page: Page, tab: Tab) -> None:
+    other = Tab(page)
+    other.send("theme", client=other.client, dark=True)
+    other.wait(lambda: other.dark)
+    tab.settle()
+    assert not tab.dark
+    other.close()
+
+
 def test_tuned_swatch_is_saved_under_a_new_name_and_listed(page: Page, tab: Tab, library: Path) -> None:
     tab.choose("paper")
     tab.set("Stiffness [N/m]", 123.0)

@@ -93,7 +93,7 @@ def test_press_beside_the_surface_is_reported(page: Page, tab: Tab, tool: str) -
     tab.send("tool", name=tool)
     tab.point("down", np.array([0.0, 0.9, 0.0]))
     tab.settle()
-    assert sum("not on the surface" in said for said in tab.said) == 1
+    assert sum("no surface here" in said for said in tab.said) == 1
     assert not page.context.session.document.changed
 
 
@@ -112,6 +112,38 @@ def test_on_a_scene_without_swatches_the_first_stroke_is_seen(tmp_path: Path) ->
         assert tab.control("Stiffness [N/m]")["value"] == scene.swatches[1].stiffness_N_m
         tab.close()
     session.document.close()
+
+
+def test_choosing_a_swatch_is_no_step_and_a_stroke_with_it_is_one(page: Page, tab: Tab) -> None:
+    scene, before = page.context.session.scene, [swatch.name for swatch in page.context.session.scene.swatches]
+    tab.choose("leather")
+    assert not page.context.session.document.changed and "leather" not in before
+    for round_trip in range(2):
+        tab.point("down", TOP)
+        tab.point("up", TOP)
+        tab.settle()
+        assert scene.swatches[-1].name == "leather" and (scene.bodies[0].face_swatch == len(before)).any()
+        tab.send("undo")
+        tab.settle()
+        assert [swatch.name for swatch in scene.swatches] == before and not page.context.session.document.changed
+    tab.send("redo")
+    tab.settle()
+    assert scene.swatches[-1].name == "leather" and (scene.bodies[0].face_swatch == len(before)).any()
+
+
+def test_a_stroke_with_another_swatch_does_not_take_in_an_added_one(page: Page) -> None:
+    session = page.context.session
+    for name in ("leather", "wood"):
+        session.tuning.add_swatch(name, with_next=True)
+    session.fill_body(0, "leather")
+    assert "fill" in session.undo() and "wood" in session.undo() and "leather" in session.undo()
+
+
+def test_touch_before_the_hand_is_ready_is_reported(page: Page, tab: Tab) -> None:
+    tab.send("tool", name="touch")
+    tab.point("down", TOP)
+    tab.settle()
+    assert any("not ready" in said for said in tab.said)
 
 
 @pytest.mark.parametrize(("tool", "mark"), [("box", "/mark/box"), ("sphere", "/mark/sphere")])

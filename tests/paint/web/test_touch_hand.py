@@ -85,7 +85,7 @@ def run(act: Callable[[TouchHand, list[Notes], list[str]], Any], refuse: str | N
     made: list[Notes] = []
     said: list[str] = []
 
-    def make(scene: Scene, hold: HandConfig) -> Notes:
+    def make(scene: Scene, hold: HandConfig, progress: Callable[[str], None]) -> Notes:
         made.append(Notes(hold, refuse))
         return made[-1]
 
@@ -337,6 +337,21 @@ def test_without_a_handle_the_commanded_acceleration_is_played() -> None:
     assert np.array_equal(felt.a_handle_m_s2, felt.a_m_s2)
 
 
+def test_stages_of_the_start_are_stored_with_the_time_so_far() -> None:
+    stages: list[str] = []
+
+    def make(scene: Scene, hold: HandConfig, progress: Callable[[str], None]) -> Notes:
+        for text in ("a new process … ", "1 s … ", "2 s … ", "compiling … "):
+            progress(text)
+            stages.append(touch.stage)
+        return Notes(hold)
+
+    touch = TouchHand(lambda text, kind: None, HandConfig(), make)
+    asyncio.run(touch.open(Scene()))
+    touch.close()
+    assert stages == ["a new process", "a new process (1 s)", "a new process (2 s)", "compiling"]
+
+
 def test_a_page_that_closes_does_not_wait_for_a_hand_that_starts() -> None:
     """A first start compiles, which may take half a minute."""
 
@@ -353,7 +368,7 @@ def test_a_page_that_closes_does_not_wait_for_a_hand_that_starts() -> None:
 
     made: list[Slow] = []
 
-    def make(scene: Scene, hold: HandConfig) -> Slow:
+    def make(scene: Scene, hold: HandConfig, progress: Callable[[str], None]) -> Slow:
         made.append(Slow(hold))
         return made[-1]
 
