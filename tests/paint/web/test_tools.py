@@ -118,7 +118,7 @@ def test_choosing_a_swatch_is_no_step_and_a_stroke_with_it_is_one(page: Page, ta
     scene, before = page.context.session.scene, [swatch.name for swatch in page.context.session.scene.swatches]
     tab.choose("leather")
     assert not page.context.session.document.changed and "leather" not in before
-    for round_trip in range(2):
+    for _ in range(2):
         tab.point("down", TOP)
         tab.point("up", TOP)
         tab.settle()
