@@ -128,7 +128,7 @@ def test_lost_connection_shows_instructions_until_reconnected(window: Window) ->
     for connection in list(socket_._sockets):
         connection.transport.abort()
     window.wait("said.some(text => text.includes('start hapscene paint again'))")
-    window.wait("said.at(-1) === 'Connected again.' || said.includes('Connected again.')")
+    window.wait("said.at(-1) === 'Connection restored.' || said.includes('Connection restored.')")
     del window.troubles[before:]
 
 
