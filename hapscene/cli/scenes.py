@@ -228,7 +228,7 @@ def convert(
         print_files(save_picture(scene, body_with_uv(scene, body), target))
     else:
         print_files(export_scene(scene, target, name, replace=replace, show=show))
-        print("not stored in this format: " + ("; ".join(losses(scene, name)) or "nothing; all data is kept"))
+        print("not read again from this format: " + ("; ".join(losses(scene, name)) or "nothing; all data is kept"))
 
 
 def _save(scene: "Scene", source: str, target: Path) -> None:

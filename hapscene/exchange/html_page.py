@@ -174,7 +174,7 @@ def _scene_json(scene: Scene, title: str, shown_max: int) -> str:
 
 
 def _with_area(solids: Iterable[tuple[Body, _Solid]]) -> list[tuple[Body, _Solid]]:
-    """Return the bodies that can be touched: those with a face of nonzero area. Raises SceneError if there is none."""
+    """Return the bodies that can be touched: those with a face of nonzero area. Raises SceneError without any."""
     found = [pair for pair in solids if area_of(pair[1].vertices_m[pair[1].faces]).any()]
     if not found:
         raise SceneError(

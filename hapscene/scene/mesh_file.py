@@ -148,7 +148,7 @@ def load_mesh(
         MeshError: the file is missing, damaged or not a mesh; its unit is unknown; or `up` or `scale` is invalid.
 
     Warns:
-        MeshWarning: `unit` differs from that of the file, or parts of a damaged file are missing.
+        MeshWarning: `unit` differs from that of the file, or parts of a damaged file or its textures are missing.
     """
     path = Path(path)
     check_reading(up, scale)
@@ -169,6 +169,10 @@ def load_mesh(
         return _step(path, content, accept_damaged, up, scale)
     try:
         parts, own_unit = _read(path, suffix, content, resolver)
+        for name in dict.fromkeys(resolver.missing):
+            warn(
+                f"{path}: its texture or material file {name[:100]!r} is not found: put it beside the mesh", MeshWarning
+            )
         del content, resolver
         file_unit = unit_name(own_unit or "m")
         if suffix not in UNITLESS and given not in (None, file_unit):

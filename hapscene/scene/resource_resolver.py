@@ -24,12 +24,14 @@ class FolderResources:
     Attributes:
         folders: folders that are searched.
         found: files that were read.
+        missing: names that were not found.
     """
 
     def __init__(self, path: Path, most_B: int, error: type[HapsceneError] = MeshError) -> None:
         self._path, self._left_B, self._error = path, most_B, error
         self.folders = list(dict.fromkeys((path.resolve().parent, path.parent.resolve())))
         self.found: list[Path] = []
+        self.missing: list[str] = []
 
     def get(self, name: str) -> bytes:
         """Read a file by its name, a relative path or URI.
@@ -39,6 +41,7 @@ class FolderResources:
         """
         file = self._find(name)
         if file is None:
+            self.missing.append(name)
             raise self._error(_missing(self._path, name))
         try:
             self._left_B -= file.stat().st_size

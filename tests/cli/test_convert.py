@@ -30,7 +30,7 @@ def test_round_trip(suffix: str, desk: Path, capsys: pytest.CaptureFixture[str])
     file, back = desk.with_name(f"desk.{suffix}"), desk.with_name("back.scene.json")
     assert main(["convert", str(desk), str(file)]) == 0
     output = capsys.readouterr().out
-    assert str(file) in output and "not stored in this format" in output
+    assert str(file) in output and "not read again from this format" in output
     assert main(["convert", str(file), str(back)]) == 0
     assert "1 body, 2 of 4 faces painted: plain, wood" in capsys.readouterr().out
     (was,), (now,) = load_scene(desk).bodies, load_scene(back).bodies

@@ -6,6 +6,7 @@ import re
 import tracemalloc
 import warnings
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -322,3 +323,14 @@ def test_off_file_with_too_long_line_raises(tmp_path):
     (tmp_path / "a.off").write_bytes(b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n1000000 " + b"0 " * 1_000_000 + b"\n")
     with pytest.raises(MeshError, match="longer"):
         load_mesh(tmp_path / "a.off", "m")
+
+
+def test_missing_material_file_is_reported(tmp_path: Path) -> None:
+    path = tmp_path / "part.obj"
+    path.write_text("mtllib gone.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl skin\nf 1 2 3\n")
+    with pytest.warns(MeshWarning, match=r"gone\.mtl"):
+        assert load_mesh(path, "m").group_names == ("skin",)
+    path.with_name("gone.mtl").write_text("newmtl skin\nKd 1 0 0\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert load_mesh(path, "m").colour_rgb is not None
