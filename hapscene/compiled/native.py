@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import Any, Final, TypeVar
 
 from numba import config, njit, types
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import typeof_impl
 
 from hapscene.compiled import cache, progress
@@ -176,13 +177,14 @@ def _cached(dispatcher: Any) -> Any:
 
 def _load(dispatcher: Any, disk: Any, signature: Any, arguments: tuple[Any, ...]) -> bool:
     """Load a function from the cache; return whether it was there."""
-    found = disk.load_overload(signature, dispatcher.targetctx)
-    if found is None:
-        return False
-    dispatcher.targetctx.insert_user_function(found.entry_point, found.fndesc, [found.library])
-    dispatcher.add_overload(found)
-    dispatcher._cache_hits[signature] += 1
-    return True
+    with global_compiler_lock:  # other threads may compile or load meanwhile
+        found = disk.load_overload(signature, dispatcher.targetctx)
+        if found is None:
+            return False
+        dispatcher.targetctx.insert_user_function(found.entry_point, found.fndesc, [found.library])
+        dispatcher.add_overload(found)
+        dispatcher._cache_hits[signature] += 1
+        return True
 
 
 def _is_typed(part: Any) -> bool:

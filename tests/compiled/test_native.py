@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numba import config, from_dtype, njit, types
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.itanium_mangler import mangle_type
 
 from hapscene.compiled import cache, digest, progress
@@ -104,6 +105,20 @@ def test_constant_arguments_share_one_function() -> None:
     part = native(lambda x, k: x + k)
     whole = native(lambda x: part(x, 1) + part(x, 2) + part(x, int(x)))
     assert whole(3.0) == 15.0 and len(part.part.signatures) == 1
+
+
+def test_loading_holds_the_lock_of_numba(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its registries are generators, which two threads may not run at the same time."""
+    locked: list[bool] = []
+    load = cache.DiskCache.load_overload
+
+    def watched(self: cache.DiskCache, *arguments: Any) -> Any:
+        locked.append(global_compiler_lock.is_locked())
+        return load(self, *arguments)
+
+    monkeypatch.setattr(cache.DiskCache, "load_overload", watched)
+    CFunction(types.int64(types.int64), lambda x: x + 41)
+    assert locked and all(locked)
 
 
 def test_a_c_function_is_called_by_its_address() -> None:
