@@ -363,6 +363,7 @@ class OrderHandler:
                 before.close()
                 twin.device = self.connections[k] = choice.open()
                 _share(self.connections[k], before.state)
+            write_text(self._channel.fault, "")  # `check_devices` may have noted it again meanwhile
         except DeviceError as error:
             self._note_fault(error)
             raise

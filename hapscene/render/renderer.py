@@ -577,8 +577,7 @@ class Renderer:
             slots = bodies.index, bodies.poses, bodies.teleported
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
         self._ticks += 1
-        if self._first:
-            self.warn_if_inside()
+        self.warn_if_inside()
         f_W_N, flags, touching = self._out
         if flags.item() & _POSE_REFUSED and poses:
             bodies.warn_of_refused()
@@ -635,8 +634,7 @@ class Renderer:
         rows = records(n, ROW)
         a_m_s2 = np.zeros((n, self.block))
         self._play(self.world, self.surface, path, *slots, rows, a_m_s2)
-        if self._first:
-            self.warn_if_inside()
+        self.warn_if_inside()
         return self.recording(rows, a_m_s2)
 
     def recording(self, rows: Any, a_m_s2: NDArray[np.float64]) -> "Recording":

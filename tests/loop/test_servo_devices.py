@@ -132,6 +132,20 @@ def test_modes_and_recovery_from_a_fault(plate: Scene) -> None:
     assert servo.mode == "ended"
 
 
+def test_fault_noted_again_during_recovery_ends(plate: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    with VirtualServo(plate, choose("simulated")) as servo:
+        servo.start((0.0, 0.0, 0.05))
+        opening = DeviceChoice.open
+
+        def open_late(choice: DeviceChoice) -> Any:
+            servo.handler._note_fault(DeviceError("no frames"))
+            return opening(choice)
+
+        monkeypatch.setattr(DeviceChoice, "open", open_late)
+        servo.recover()
+        assert servo.mode == "paused"
+
+
 def test_a_device_that_stays_away_leaves_the_fault(plate: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     with VirtualServo(plate, choose("simulated")) as servo:
         servo.start((0.0, 0.0, 0.05))
