@@ -1,7 +1,9 @@
 """A scene is composed from third-party meshes in a real browser and recovered after kill -9."""
 
 import signal
+import subprocess
 import sys
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +100,11 @@ def test_composed_scene_is_saved_and_recovered_after_kill(browser: Any, foreign:
 
     moved_m = load_scene(find_recovery(folder / "cube.scene.json").file).body("cone").X_WB[1, 3]
     assert moved_m == pytest.approx(0.123)
+    again = [sys.executable, "-m", "hapscene", "paint", *command, "--port", "0", "--no-browser"]
+    with subprocess.Popen(again, stdout=-1, text=True, cwd=folder) as process:  # begins another scene
+        said = "".join(takewhile(lambda line: "http://127.0.0.1:" not in line, process.stdout or ()))
+        process.kill()
+    assert "cube.scene.json was saved at" in said and "unsaved work" in said
     with painter(folder, "cube.scene.json", "--no-hand") as (process, url):
         page = Composer(browser, url)
         page.tab.get_by_text("Recover unsaved work?").wait_for()

@@ -226,7 +226,14 @@ def test_kiosk_mode_resets_after_a_visitor(live: Live, tab: Page, monkeypatch: p
     assert servo.state().age_s < 1.0
 
 
-def test_on_a_phone_the_page_fits_and_what_is_pressed_is_large_enough(live: Live, browser: Browser) -> None:
+SHARE = """(() => {
+  const at = hapscene.place(), [u0, v0, u1, v1] = hapscene.state.bodies[document.getElementById("view").value][1];
+  return Math.max(at.w * (u1 - u0) / at.box.width, at.h * (v1 - v0) / at.box.height);
+})()"""
+"""Share of the canvas that the body fills in one direction."""
+
+
+def test_on_a_phone_the_picture_is_turned_and_what_is_pressed_is_large_enough(live: Live, browser: Browser) -> None:
     tab = browser.new_page(viewport={"width": 390, "height": 860}, has_touch=True, is_mobile=True)
     tab.goto(live[0].url)
     until(lambda: tab.evaluate("hapscene.state.ready"))
@@ -234,10 +241,14 @@ def test_on_a_phone_the_page_fits_and_what_is_pressed_is_large_enough(live: Live
         assert (one.bounding_box() or {})["height"] >= 44
     assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
     assert tab.evaluate("document.documentElement.scrollHeight <= innerHeight")
+    assert tab.evaluate(SHARE) > 0.8  # the body in the middle
+    tab.locator("#view").select_option("")  # the whole scene, which is wide
     cdp = tab.context.new_cdp_session(tab)
     point = dict(zip("xy", pixel(live, tab, -0.07, 0.02), strict=True))
     cdp.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [point]})
     assert settled(live[1]).p_WT_m[:2] == pytest.approx([-0.07, 0.02], abs=1e-3)
+    tab.set_viewport_size({"width": 390, "height": 1100})
+    assert tab.evaluate("hapscene.place().turned")
     tab.close()
     until(lambda: not live[1].state().touching)
 
