@@ -27,8 +27,8 @@ from hapscene.constants import PASS_MAX
 from hapscene.contact.face_tree import LEAF_MAX, closest_on_cylinder
 from hapscene.contact.inside import close_left_punctures
 from hapscene.contact.planes import drop_idle, nearest
-from hapscene.contact.proxy import list_bodies
-from hapscene.contact.triangle import closest_point, corners, to_body, to_body_last, to_world, turn_to_world
+from hapscene.contact.proxy import carried_position, list_bodies
+from hapscene.contact.triangle import closest_point, corners, to_body, to_body_last, turn_to_world
 from hapscene.contact.world import FRONT_MAX
 from hapscene.flags import Flag
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
@@ -73,7 +73,7 @@ def move_ball(world: "World", tool_W: Vector) -> int:
     """
     proxy = world.proxy[0]
     before_W = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
-    c = _carried(world, before_W)
+    c = carried_position(world)
     _begin_front(world, tool_W, before_W, c)
     if proxy.placed == 1:
         c = _make_room(world, before_W)
@@ -97,17 +97,6 @@ def move_ball(world: "World", tool_W: Vector) -> int:
     if proxy.puncture_count > 0:
         close_left_punctures(world, c)
     return 0 if settled else _UNSETTLED
-
-
-@inlined
-def _carried(world: "World", c: Vector) -> Vector:
-    """Return where the body that the ball touches carries it in this tick."""
-    proxy = world.proxy[0]
-    if proxy.count > 0:
-        body = world.bodies[proxy.body[0]]
-        if body.moved == 1:
-            return to_world(body, to_body_last(body, c))
-    return c
 
 
 @inlined

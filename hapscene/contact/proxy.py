@@ -36,7 +36,7 @@ from hapscene.geometry import Vector, along, norm, sub
 if TYPE_CHECKING:
     from hapscene.contact.world import World
 
-__all__ = ["list_bodies", "move_proxy", "place_proxy"]
+__all__ = ["carried_position", "list_bodies", "move_proxy", "place_proxy"]
 
 MOVE_MIN = 1e-3
 """Shortest distance that counts as a move [skins]."""
@@ -110,7 +110,7 @@ def move_proxy(world: "World", tool_W: Vector) -> bool:
     reach equilibrium within `PASS_MAX` moves, or fewer if it is cast against many bodies (`Flag.UNSETTLED`).
     """
     proxy = world.proxy[0]
-    carried_W = _carried_position(world)
+    carried_W = carried_position(world)
     _list_near(world, tool_W, carried_W)
     _carry(world, carried_W)
     settled = _solve(world, tool_W)
@@ -147,7 +147,7 @@ def _dominant_plane(world: "World", p_W: Vector) -> int:
 
 
 @inlined
-def _carried_position(world: "World") -> Vector:
+def carried_position(world: "World") -> Vector:
     """Return where the body that the proxy touches carries it in this tick."""
     proxy = world.proxy[0]
     p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])

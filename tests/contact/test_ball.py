@@ -17,17 +17,11 @@ from hapscene.loop.twin import Twin
 from hapscene.render.renderer import Renderer
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
+from tests.contact.test_proxy import BOX, PLACES
 from tests.contact.test_puncture import BREAK
 
 R_M = 0.005
 CLOSE_M = 3e-6
-TURN = trimesh.transformations.euler_matrix(0.3, -0.7, 1.1)[:3, :3]
-PLACES = [
-    pytest.param(np.eye(3), 0.0, id="at the origin"),
-    pytest.param(TURN, 0.0, id="turned"),
-    pytest.param(TURN, 10.0, id="turned, 10 m away"),
-]
-BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
 SHARED = Path("../shared/data/meshes")
 
 
