@@ -6,7 +6,6 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from hapscene.surface.look import Look
@@ -141,9 +140,20 @@ def _period_m(texture: Texture, force_N: float) -> float | None:
     lines = []
     for v in (texture.speed_max_m_s, texture.speed_max_m_s / 2):
         level = 10.0 * np.log10(np.maximum(texture.density([force_N], [v], frequency_Hz=q * v)[0], 1e-30))
-        lines.append(q[scipy.signal.find_peaks(level, prominence=LINE_DB)[0]])
+        lines.append(q[_peaks(level)])
     found = [peak for peak in lines[0] if np.any(np.abs(lines[1] / peak - 1.0) < 0.06)]
     return 1.0 / found[0] if found else None
+
+
+def _peaks(level: Array) -> list[int]:
+    """Return the indices of the maxima with a prominence of `LINE_DB`; importing `scipy.signal` for them takes a second."""
+    found = []
+    for i in np.flatnonzero((level[1:-1] > level[:-2]) & (level[1:-1] > level[2:])) + 1:
+        higher = np.flatnonzero(level > level[i])
+        left, right = higher[higher < i].max(initial=0), higher[higher > i].min(initial=len(level))
+        if level[i] - max(level[left : i + 1].min(), level[i:right].min()) >= LINE_DB:
+            found.append(int(i))
+    return found
 
 
 def _bent(normal: Array, slope: Array) -> Array:
