@@ -5,17 +5,38 @@ world, B body; vectors are in W. An effect reads fields such as `touch.depth_m` 
 """
 
 from collections.abc import Sequence
-from typing import Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
 from hapscene.constants import BLOCK_MAX, PASSED_MAX
 from hapscene.errors import HapsceneError
 
-__all__ = ["OUTPUT", "ROW", "SMALL_B", "TOUCH", "Owning", "Records", "block_of", "pack_small_arrays", "records"]
+__all__ = [
+    "OUTPUT",
+    "ROW",
+    "SMALL_B",
+    "TOUCH",
+    "Owning",
+    "Record",
+    "Records",
+    "block_of",
+    "pack_small_arrays",
+    "records",
+]
 
 Records: TypeAlias = "np.recarray[Any, np.dtype[np.record]]"
 """An array of records with fields as attributes: `touch[0].depth_m`."""
+
+if TYPE_CHECKING:
+
+    class Record(np.record):  # type: ignore[misc]
+        """One record with fields as attributes; numpy types what is written as an array, and then what is read."""
+
+        def __setattr__(self, name: str, value: Any) -> None: ...
+
+else:
+    Record = np.record
 
 TOUCH: Final = np.dtype(
     [

@@ -165,6 +165,6 @@ def _sentence(error: BaseException) -> str:
     return str(error)
 
 
-def _show_warning(message: Warning | str, category: Any, *place: Any, **more: Any) -> None:
+def _show_warning(message: Warning | str, category: object, *place: Any, **more: Any) -> None:
     """Print a warning as one line, without its position in the code."""
     print_note(str(message))

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 from hapscene.errors import Codes, printable
 from hapscene.memory import memory_limit_B
@@ -137,7 +137,7 @@ RESET: Final = "\x1b[0m"
 class _Printable:
     """A standard stream that escapes control characters."""
 
-    def __init__(self, stream: Any, place: str | None) -> None:
+    def __init__(self, stream: TextIO, place: str | None) -> None:
         self._stream = stream
         self._place = place
 

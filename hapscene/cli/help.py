@@ -4,7 +4,7 @@ import re
 import shutil
 import textwrap
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from cyclopts.help import HelpEntry, HelpPanel
@@ -38,7 +38,7 @@ class HelpFormatter:
         """Print the usage line."""
         print(f"usage: {str(usage).strip()}\n")
 
-    def render_description(self, console: object, options: object, description: Any) -> None:
+    def render_description(self, console: object, options: object, description: object) -> None:
         """Print the docstring of a command: the wrapped summary, then details and examples with their line breaks."""
         summary, gap, more = _plain(description).partition("\n\n")
         print(textwrap.fill(summary, _width()) + gap + more.rstrip() + "\n")
@@ -76,7 +76,7 @@ def _description(entry: "HelpEntry") -> str:
     return text
 
 
-def _plain(text: Any) -> str:
+def _plain(text: object) -> str:
     """The plain text inside an object that cyclopts has wrapped for rich."""
     return getattr(getattr(text, "primary_renderable", text), "plain", "")
 

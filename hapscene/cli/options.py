@@ -66,7 +66,7 @@ def Help(text: str) -> Parameter:
 def comma_separated(kind: Callable[[str], Any]) -> Callable[[Any, Sequence["Token"]], tuple[Any, ...]]:
     """Return a converter of text such as "1000,5000" to distinct values of type `kind`."""
 
-    def values(type_: Any, tokens: Sequence["Token"]) -> tuple[Any, ...]:
+    def values(type_: object, tokens: Sequence["Token"]) -> tuple[Any, ...]:
         parts = [part.strip() for part in tokens[0].value.split(",")]
         if not all(parts):
             raise ValueError(f"expected values separated by commas, got {tokens[0].value!r}")
@@ -75,7 +75,7 @@ def comma_separated(kind: Callable[[str], Any]) -> Callable[[Any, Sequence["Toke
     return values
 
 
-def _pairs(type_: Any, tokens: Sequence["Token"]) -> dict[str, str]:
+def _pairs(type_: object, tokens: Sequence["Token"]) -> dict[str, str]:
     """Convert text such as "force=N,speed=mm/s" to a dictionary."""
     found: dict[str, str] = {}
     for item in (item for token in tokens for item in token.value.split(",")):

@@ -12,6 +12,9 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from llvmlite import ir
 from numba import typeof, types
+from numba.core.base import BaseContext
+from numba.core.datamodel.manager import DataModelManager
+from numba.core.pythonapi import _UnboxContext as UnboxContext
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
@@ -38,12 +41,12 @@ Tuple = TypeVar("Tuple", bound=type)
 class BlockType(_Type):  # type: ignore[misc]
     """Type of such a tuple in compiled code; `fields` is numba's type of the plain tuple."""
 
-    def __init__(self, fields: Any) -> None:
+    def __init__(self, fields: types.NamedTuple) -> None:
         self.fields = fields
         digest = hashlib.sha256(str(fields).encode()).hexdigest()[:16]
         super().__init__(f"Block({fields.instance_class.__name__}, {digest})")
 
-    def place_of(self, name: str) -> tuple[Any, int]:
+    def place_of(self, name: str) -> tuple[types.Array, int]:
         """Return the type of an array and the index of its first word."""
         index = self.fields.fields.index(name)
         return self.fields[index], sum(5 + 2 * array.ndim for array in list(self.fields)[:index])
@@ -51,7 +54,7 @@ class BlockType(_Type):  # type: ignore[misc]
 
 @register_model(BlockType)
 class _Model(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
+    def __init__(self, manager: DataModelManager, kind: BlockType) -> None:
         super().__init__(manager, kind, _I64.as_pointer())
 
 
@@ -59,12 +62,12 @@ class _Model(models.PrimitiveModel):
 class _Attributes(_Template):  # type: ignore[misc]
     key = BlockType
 
-    def generic_resolve(self, kind: Any, name: str) -> Any:
+    def generic_resolve(self, kind: BlockType, name: str) -> types.Array | None:
         return kind.place_of(name)[0] if name in kind.fields.fields else None
 
 
 @lower_getattr_generic(BlockType)
-def _load_array(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
+def _load_array(context: BaseContext, builder: ir.IRBuilder, kind: BlockType, value: ir.Value, name: str) -> ir.Value:
     """Load an array as numba holds it in registers: owner, parent, size, item size, data, shape, strides.
 
     Owner and parent are null, because references are not counted.
@@ -72,7 +75,7 @@ def _load_array(context: Any, builder: Any, kind: Any, value: Any, name: str) ->
     array, first = kind.place_of(name)
     never_changes = builder.module.add_metadata([])
 
-    def word(k: int) -> Any:
+    def word(k: int) -> ir.Value:
         loaded = builder.load(builder.gep(value, [ir.Constant(_I64, first + k)]))
         loaded.set_metadata("invariant.load", never_changes)
         return loaded
@@ -91,7 +94,7 @@ def _load_array(context: Any, builder: Any, kind: Any, value: Any, name: str) ->
 
 
 @unbox(BlockType)
-def _unbox(kind: Any, instance: Any, c: Any) -> Any:
+def _unbox(kind: BlockType, instance: ir.Value, c: UnboxContext) -> NativeValue:
     number = c.pyapi.object_getattr_string(instance, "address")
     address = c.pyapi.long_as_ulonglong(number)
     c.pyapi.decref(number)
@@ -121,7 +124,7 @@ def by_pointer(kind: Tuple) -> Tuple:
     made.__qualname__ = kind.__qualname__
 
     @typeof_impl.register(made)
-    def _(value: Any, context: Any) -> Any:
+    def _(value: Any, context: object) -> BlockType:
         fields = tuple(map(_typeof, value))
         if not all(isinstance(field, types.Array) for field in fields):
             raise HapsceneError(f"{kind.__name__}: every field must be an array to be passed by pointer")

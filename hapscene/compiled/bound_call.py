@@ -5,17 +5,24 @@ to unpack a hundred arrays takes longer than a tick. The argument is stored in m
 The call uses nothing of Python.
 """
 
+# mypy: allow-untyped-calls
+
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, Final
 
 import numpy as np
+from llvmlite import ir
 from numba import typeof, types
+from numba.core.base import BaseContext
 from numba.core.registry import cpu_target
+from numba.core.typing.context import Context
+from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from hapscene.compiled.entry import Generate
 from hapscene.compiled.native import INTERPRETED, CFunction, native
 
 __all__ = ["BoundCall", "loaded"]
@@ -64,19 +71,23 @@ if INTERPRETED:
 else:
 
     @_intrinsic
-    def loaded(typing: Any, address: Any, kind: Any) -> Any:
+    def loaded(typing: Context, address: types.Type, kind: types.TypeRef) -> tuple[Signature, Generate]:
         """Return the bound argument of a `BoundCall`."""
         value = kind.instance_type
 
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        def generate(
+            context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Sequence[ir.Value]
+        ) -> ir.Value:
             return builder.load(builder.inttoptr(values[0], context.get_value_type(value).as_pointer()))
 
         return value(types.uintp, kind), generate
 
 
 @_intrinsic
-def _stored(typing: Any, address: Any, value: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+def _stored(typing: Context, address: types.Type, value: types.Type) -> tuple[Signature, Generate]:
+    def generate(
+        context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Sequence[ir.Value]
+    ) -> ir.Value:
         builder.store(values[1], builder.inttoptr(values[0], context.get_value_type(value).as_pointer()))
         return context.get_dummy_value()
 
@@ -90,13 +101,13 @@ def _store(address: int, value: Any) -> None:
 
 
 @cache
-def _compiled(function: Callable[[Any, Any], None], kind: Any) -> CFunction:
+def _compiled(function: Callable[[Any, Any], None], kind: types.Type) -> CFunction:
     """Compile the function for an argument type."""
     # a type has no size, so the caller of the C function omits it
     return CFunction(types.void(types.uintp, types.TypeRef(kind)), function)
 
 
-def _size(kind: Any) -> int:
+def _size(kind: types.Type) -> int:
     """Return the memory that an argument of a type needs [bytes]."""
     context: Any = cpu_target.target_context
     return int(context.get_abi_sizeof(context.get_value_type(kind)))

@@ -18,13 +18,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import llvmlite
 import llvmlite.binding as llvm
 import numba
 from numba import config
 from numba.core import caching, compiler
+from numba.core.cpu import CPUContext
+from numba.core.types import Type
+from numba.core.typing.templates import Signature
 from platformdirs import user_cache_path
 
 from hapscene.errors import warn
@@ -53,6 +56,8 @@ _BUILD: Final = hashlib.sha256(
 ).hexdigest()
 
 _Cache: Any = caching._Cache
+Kinds: TypeAlias = Signature | tuple[Type, ...]
+"""The types for which a function is compiled."""
 
 
 class DiskCache(_Cache):  # type: ignore[misc]
@@ -65,7 +70,7 @@ class DiskCache(_Cache):  # type: ignore[misc]
     def cache_path(self) -> str:
         return str(cache_folder() or "")
 
-    def load_overload(self, signature: Any, target_context: Any) -> Any:
+    def load_overload(self, signature: Kinds, target_context: CPUContext) -> Any:
         target_context.refresh()  # numba's runtime, whose symbols the code may need, is made by its first use
         for path in self._places(signature, target_context):
             content = _whole_content(path)
@@ -77,7 +82,7 @@ class DiskCache(_Cache):  # type: ignore[misc]
                     return found
         return None
 
-    def save_overload(self, signature: Any, result: Any) -> None:
+    def save_overload(self, signature: Kinds, result: Any) -> None:
         folder = cache_folder()
         if folder is None or result.library.has_dynamic_globals:
             return
@@ -103,7 +108,7 @@ class DiskCache(_Cache):  # type: ignore[misc]
         folder = cache_folder()
         return folder / f"{self._name}-{self._digest}.lock" if folder is not None else None
 
-    def _places(self, signature: Any, target_context: Any) -> Iterator[Path]:
+    def _places(self, signature: Kinds, target_context: CPUContext) -> Iterator[Path]:
         """Yield the files that may hold the function."""
         target = target_context.codegen().magic_tuple()
         folder = cache_folder()
@@ -112,7 +117,7 @@ class DiskCache(_Cache):  # type: ignore[misc]
         if SHIPPED.is_dir() and _runs_portable_code():
             yield SHIPPED / self._file(signature, (target[0], PORTABLE_CPU, ""))
 
-    def _file(self, signature: Any, target: tuple[str, ...]) -> str:
+    def _file(self, signature: Kinds, target: tuple[str, ...]) -> str:
         key = hashlib.sha256(f"{_BUILD} {signature!s} {target}".encode()).hexdigest()[:32]
         return f"{self._name}-{self._digest}-{key}.nbc"
 

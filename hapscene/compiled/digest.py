@@ -18,7 +18,7 @@ __all__ = ["digest_of", "function_below"]
 _PLAIN: Final = (int, float, complex, bool, str, bytes, type(None), type(Ellipsis), np.generic, np.dtype)
 
 
-def function_below(value: Any) -> types.FunctionType | None:
+def function_below(value: object) -> types.FunctionType | None:
     """Return the Python function that a value stands for in compiled code, or None.
 
     Plain functions, compiled functions and intrinsics have one.
@@ -53,7 +53,7 @@ def digest_of(function: types.FunctionType) -> tuple[str, list[Any]]:
     return digest.hexdigest()[:32], compiled
 
 
-def _add_code(digest: Any, code: types.CodeType, doc: str | None) -> None:
+def _add_code(digest: "hashlib._Hash", code: types.CodeType, doc: str | None) -> None:
     """Add bytecode and constants, without docstring and line numbers."""
     digest.update(code.co_code)
     digest.update(f"{code.co_names}{code.co_varnames}{code.co_argcount}{code.co_freevars}{code.co_flags}".encode())
@@ -81,7 +81,7 @@ def _values_of(function: types.FunctionType) -> list[tuple[str, Any]]:
     return found
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """Return a constant as text that is the same in every process."""
     if isinstance(value, enum.Enum):
         return f"{type(value).__qualname__}.{value.name}={value.value!r}"

@@ -3,17 +3,25 @@
 One compiled tick thus serves all loops, and phases that few scenes use (moving bodies, stabilisers, fields) are
 compiled when a scene first uses them. With NUMBA_DISABLE_JIT=1 an "address" is an index into a list of functions."""
 
-from collections.abc import Callable
-from typing import Any, Final
+# mypy: allow-untyped-calls
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final, TypeAlias
 
 from llvmlite import ir
 from numba import typeof, types
 from numba.core import cgutils
+from numba.core.base import BaseContext
+from numba.core.typing.context import Context
+from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 
 from hapscene.compiled.native import INTERPRETED, CFunction
 
-__all__ = ["address_of", "c_caller", "call_entry", "call_flags", "entry_of"]
+__all__ = ["Generate", "address_of", "c_caller", "call_entry", "call_flags", "entry_of"]
+
+Generate: TypeAlias = Callable[[BaseContext, ir.IRBuilder, Signature, Sequence[ir.Value]], ir.Value]
+"""The part of an intrinsic that emits its code, from the values of its arguments."""
 
 _typeof: Any = typeof
 _intrinsic: Any = intrinsic
@@ -63,11 +71,13 @@ if INTERPRETED:
 else:
 
     @_intrinsic
-    def call_flags(typing: Any, address: Any, arguments: Any) -> Any:
+    def call_flags(typing: Context, address: types.Type, arguments: types.Tuple) -> tuple[Signature, Generate]:
         """Call the function at an address from compiled code, as `call_flags(address, (a, b, …))`; return its flags."""
-        kinds = tuple(arguments)
+        kinds: tuple[types.Type, ...] = tuple(arguments)
 
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        def generate(
+            context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Sequence[ir.Value]
+        ) -> ir.Value:
             parts = [builder.extract_value(values[1], k) for k in range(len(kinds))]
             word = ir.IntType(64)
             function_type = ir.FunctionType(word, [context.get_value_type(kind) for kind in kinds])
@@ -76,7 +86,7 @@ else:
         return types.int64(types.int64, arguments), generate
 
 
-def c_caller(result: Any, *arguments: Any) -> Callable[..., Any]:
+def c_caller(result: types.Type, *arguments: types.Type) -> Callable[..., Any]:
     """Return a function that calls C functions of a signature (numba types) as `call(address, (a, b, …))`.
 
     Pointers have the type `types.uintp`: pass `array.ctypes.data`. Structures by value are not supported, because
@@ -85,10 +95,12 @@ def c_caller(result: Any, *arguments: Any) -> Callable[..., Any]:
     declared = tuple(arguments)
     given_type = _tuple(declared)
 
-    def call(typing: Any, address: Any, given: Any) -> Any:
+    def call(typing: Context, address: types.Type, given: types.Type) -> tuple[Signature, Generate]:
         signature = result(types.uintp, given_type)
 
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        def generate(
+            context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Sequence[ir.Value]
+        ) -> ir.Value:
             parts = _unpack(builder, values[1]) if declared else []
             function_type = ir.FunctionType(
                 ir.VoidType() if result == types.void else context.get_value_type(result),

@@ -12,6 +12,7 @@ from typing import Any, Final, TypeVar
 
 from numba import config, njit, types
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.typing.templates import Signature
 from numba.extending import typeof_impl
 
 from hapscene.compiled import cache, progress
@@ -56,14 +57,14 @@ class Native:
         compiler = dispatcher._compiler
         compile_core = compiler._compile_core
 
-        def counted(arguments: Any, result: Any) -> Any:
+        def counted(arguments: tuple[types.Type, ...], result: types.Type | None) -> Any:
             compiled = compile_core(arguments, result)
             progress.advance()
             return compiled
 
         template = dispatcher.get_call_template
 
-        def without_constants(arguments: Any, named: Any) -> Any:
+        def without_constants(arguments: tuple[types.Type, ...], named: dict[str, types.Type]) -> Any:
             return template(tuple(map(_unliteral, arguments)), named)
 
         compiler._compile_core = counted
@@ -94,7 +95,7 @@ class Native:
 
 
 @_typeof_impl.register(Native)
-def _type_of_native(value: Native, context: Any) -> Any:
+def _type_of_native(value: Native, context: object) -> types.Type:
     return types.Dispatcher(value.part)
 
 
@@ -111,9 +112,9 @@ def inlined(function: Function) -> Function:
 
 
 @contextmanager
-def compiling(*functions: Any) -> Iterator[None]:
+def compiling(*functions: Callable[..., Any]) -> Iterator[None]:
     """Report what is compiled in this context as one run: these functions, unless they are cached, and any other."""
-    expected: dict[int, Any] = {}
+    expected: dict[int, object] = {}
     for function in () if INTERPRETED else functions:
         plain = function_below(function)
         digest, below = digest_of(plain) if plain is not None else ("", [])
@@ -130,7 +131,7 @@ class CFunction:
         address: address of the C function, valid as long as this object exists.
     """
 
-    def __init__(self, signature: Any, function: Callable[..., Any], uses_carray: bool = False) -> None:
+    def __init__(self, signature: Signature, function: Callable[..., Any], uses_carray: bool = False) -> None:
         """Compile the Python function `function` for one signature.
 
         `uses_carray` is for functions that make arrays of C pointers.
@@ -158,7 +159,7 @@ def _cached(dispatcher: Any) -> Any:
     disk = cache.DiskCache(dispatcher.py_func.__name__, digest)
     compile_ = dispatcher.compile
 
-    def compile_once(signature: Any) -> Any:
+    def compile_once(signature: cache.Kinds) -> Any:
         arguments = tuple(signature.args) if hasattr(signature, "args") else tuple(signature)
         if arguments in dispatcher.overloads:
             return dispatcher.overloads[arguments].entry_point
@@ -175,7 +176,7 @@ def _cached(dispatcher: Any) -> Any:
     return dispatcher
 
 
-def _load(dispatcher: Any, disk: Any, signature: Any, arguments: tuple[Any, ...]) -> bool:
+def _load(dispatcher: Any, disk: cache.DiskCache, signature: cache.Kinds, arguments: tuple[types.Type, ...]) -> bool:
     """Load a function from the cache; return whether it was there."""
     with global_compiler_lock:  # other threads may compile or load meanwhile
         found = disk.load_overload(signature, dispatcher.targetctx)
@@ -187,7 +188,7 @@ def _load(dispatcher: Any, disk: Any, signature: Any, arguments: tuple[Any, ...]
         return True
 
 
-def _is_typed(part: Any) -> bool:
+def _is_typed(part: object) -> bool:
     """Return whether a called function was compiled in this process already."""
     if isinstance(part, Native):
         return "part" in part.__dict__ and bool(part.part.overloads)

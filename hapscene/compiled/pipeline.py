@@ -14,9 +14,10 @@ This is the only module that uses private interfaces of numba, and only of the v
 from typing import Any, Final
 
 import numba
+from llvmlite.binding import ModuleRef
 from numba import _dynfunc  # type: ignore[attr-defined]
 from numba.core import codegen, compiler, typed_passes
-from numba.core.compiler_machinery import LoweringPass, register_pass
+from numba.core.compiler_machinery import LoweringPass, PassManager, register_pass
 from numba.core.targetconfig import ConfigStack, TargetConfig
 
 __all__ = ["part_options", "whole_options"]
@@ -57,14 +58,14 @@ class _PartLibrary(_Library):  # type: ignore[misc]
     def get_pointer_to_function(self, name: str) -> int:
         return 0
 
-    def add_llvm_module(self, ll_module: Any) -> None:
+    def add_llvm_module(self, ll_module: ModuleRef) -> None:
         self._final_module.link_in(ll_module)  # optimised once, when the whole is compiled
 
-    def own_module(self) -> Any:
+    def own_module(self) -> ModuleRef:
         """Return the module of this part without its callees, for linking into the calling function."""
         return super()._get_module_for_linking()
 
-    def _get_module_for_linking(self) -> Any:
+    def _get_module_for_linking(self) -> ModuleRef:
         """Return the module with all callees, which numba needs if a function of another package calls a part."""
         module = self.own_module().clone()
         for library in _below(self):
@@ -90,9 +91,9 @@ class _WholeLibrary(_Library):  # type: ignore[misc]
         passes.run(self._final_module, builder)
 
 
-def _below(library: Any) -> list[Any]:
+def _below(library: codegen.CPUCodeLibrary) -> list[codegen.CPUCodeLibrary]:
     """Return the libraries that a library links through parts of any depth, each once and in a fixed order."""
-    found: dict[Any, None] = {}
+    found: dict[codegen.CPUCodeLibrary, None] = {}
     waiting = list(library._linking_libraries)
     while waiting:
         one = waiting.pop(0)
@@ -103,7 +104,7 @@ def _below(library: Any) -> list[Any]:
     return list(found)
 
 
-def _module_of(library: Any) -> Any:
+def _module_of(library: codegen.CPUCodeLibrary) -> ModuleRef:
     return library.own_module() if isinstance(library, _PartLibrary) else library._get_module_for_linking()
 
 
@@ -116,7 +117,7 @@ class _RegisterPart(LoweringPass):
     def __init__(self) -> None:
         LoweringPass.__init__(self)
 
-    def run_pass(self, state: Any) -> bool:
+    def run_pass(self, state: compiler.StateDict) -> bool:
         lowered = state["cr"]
         name = lowered.fndesc.qualname.split(".")[-1]
         entry = _dynfunc.make_function(lowered.fndesc.lookup_module(), name, "part", 0, lowered.env, (state.library,))
@@ -126,7 +127,7 @@ class _RegisterPart(LoweringPass):
         return True
 
 
-def _share_overloads(state: Any) -> None:
+def _share_overloads(state: compiler.StateDict) -> None:
     """Compile numba's own functions, such as `max`, once for parts and wholes, which differ by these flags."""
     flags = ConfigStack().top()
     for name in ("forceinline", "no_compile", "no_cpython_wrapper", "no_cfunc_wrapper"):
@@ -134,7 +135,7 @@ def _share_overloads(state: Any) -> None:
 
 
 class _Part(compiler.CompilerBase):
-    def define_pipelines(self) -> list[Any]:
+    def define_pipelines(self) -> list[PassManager]:
         state = self.state
         state.flags.no_compile = True
         _share_overloads(state)
@@ -146,7 +147,7 @@ class _Part(compiler.CompilerBase):
 
 
 class _Whole(compiler.CompilerBase):
-    def define_pipelines(self) -> list[Any]:
+    def define_pipelines(self) -> list[PassManager]:
         state = self.state
         state.library = _WholeLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
@@ -170,7 +171,7 @@ if SUPPORTED:
         options = config.options
         return hash(frozenset(k for k, value in config._values.items() if value is True and not options[k].default))
 
-    def _equal(config: Any, other: Any) -> Any:
+    def _equal(config: Any, other: object) -> Any:
         if not isinstance(other, TargetConfig):
             return NotImplemented
         return config._values == other._values or config.values() == other.values()

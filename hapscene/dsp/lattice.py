@@ -29,16 +29,20 @@ level is divided by its square root, so that a change of model is never louder t
 import math
 from typing import Any
 
+import numpy as np
 from numba.extending import overload
+from numpy.typing import NDArray
 
 from hapscene.compiled.native import native
 from hapscene.dsp.lattice_lanes import lanes_of
+
+Array = NDArray[np.float64]
 
 __all__ = ["advance", "advance_all", "advance_warped", "solve_loop"]
 
 
 @native
-def advance(k: Any, c: Any, b: Any, order: int, f: float) -> float:
+def advance(k: Array, c: Array, b: Array, order: int, f: float) -> float:
     """Next output sample f_0 for the excitation f_p = `f`; coefficients k, c (order+1,), memory b (order+1,)."""
     for m in range(order, 0, -1):
         f, b[m] = c[m] * f - k[m] * b[m - 1], k[m] * f + c[m] * b[m - 1]
@@ -50,7 +54,7 @@ _eight, _EIGHT_ORDER = lanes_of(8)
 _four, _FOUR_ORDER = lanes_of(4)
 
 
-def advance_all(k: Any, c: Any, b: Any, order: int, f: Any, stop: int) -> Any:
+def advance_all(k: Array, c: Array, b: Array, order: int, f: Array, stop: int) -> None:
     """Replaces the samples f[:stop] by the output of `advance`.
 
     The compiled version processes several samples at once, with identical results in a third of the time.
@@ -60,8 +64,8 @@ def advance_all(k: Any, c: Any, b: Any, order: int, f: Any, stop: int) -> Any:
 
 
 @overload(advance_all)
-def _advance_all(k: Any, c: Any, b: Any, order: int, f: Any, stop: int) -> Any:
-    def compiled(k: Any, c: Any, b: Any, order: int, f: Any, stop: int) -> Any:
+def _advance_all(k: Any, c: Any, b: Any, order: Any, f: Any, stop: Any) -> Any:  # numba compares both signatures
+    def compiled(k: Any, c: Any, b: Any, order: Any, f: Any, stop: Any) -> Any:
         i = 0
         while order >= _EIGHT_ORDER and i + 8 <= stop:
             _eight(k.ctypes.data, c.ctypes.data, b.ctypes.data, order, f.ctypes.data + 8 * i)
@@ -77,7 +81,7 @@ def _advance_all(k: Any, c: Any, b: Any, order: int, f: Any, stop: int) -> Any:
 
 
 @native
-def solve_loop(k: Any, order: int, warp: float, rows: Any) -> float:
+def solve_loop(k: Array, order: int, warp: float, rows: Array) -> float:
     """Fills the `rows` (8, ≥ p+1) that `advance_warped` needs from k (≥ p+1,) and returns the variance of f_0 [1].
 
     p is `order` rounded up to a multiple of 4. The additional k are set to 0, which only adds a delay.
@@ -124,7 +128,7 @@ def solve_loop(k: Any, order: int, warp: float, rows: Any) -> float:
 
 
 @native
-def advance_warped(rows: Any, b: Any, order: int, warp: float, f: float) -> float:
+def advance_warped(rows: Array, b: Array, order: int, warp: float, f: float) -> float:
     """Next output sample of a frequency-warped lattice with the `rows` of `solve_loop`; b[m−1] holds s_m.
 
     Both passes are linear recursions, in which each step depends on the one before it. To use the processor in

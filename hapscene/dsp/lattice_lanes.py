@@ -7,12 +7,20 @@ c_m arrive `LAG` steps after the previous sample used them, b one step earlier. 
 b, and only the last one writes it. The operations are those of sequential processing, so the results are equal to the
 bit."""
 
+# mypy: allow-untyped-calls
+
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.base import BaseContext
+from numba.core.typing.context import Context
+from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
+
+from hapscene.compiled.entry import Generate
 
 __all__ = ["lanes_of"]
 
@@ -23,7 +31,7 @@ LAG: Final = 3
 one, which takes 1.5 times as long at order 40."""
 
 
-def lanes_of(n: int) -> tuple[Any, int]:
+def lanes_of(n: int) -> tuple[Callable[..., None], int]:
     """Generates a function that processes n samples, and returns it with the lowest order that it supports.
 
     The function does what `hapscene.dsp.lattice.advance` does for each of n samples f, in place. Its arguments are
@@ -31,19 +39,21 @@ def lanes_of(n: int) -> tuple[Any, int]:
     """
     apart = LAG * (n - 1)  # steps from the first sample to the last
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate(
+        context: BaseContext, builder: ir.IRBuilder, signature: Signature, arguments: Sequence[ir.Value]
+    ) -> ir.Value:
         number, index, place, order = ir.DoubleType(), ir.IntType(64), ir.IntType(32), arguments[3]
         k, c, b, samples = (builder.inttoptr(arguments[i], number.as_pointer()) for i in (0, 1, 2, 4))
         silent = ir.Constant(ir.VectorType(number, n), [0.0] * n)
         along = ir.Constant(ir.VectorType(place, n), [*range(1, n), n])
 
-        def at(array: Any, i: Any, less: int = 0) -> Any:
+        def at(array: ir.Value, i: ir.Value, less: int = 0) -> ir.Value:
             return builder.gep(array, [builder.sub(i, index(less))])
 
-        def read(m: Any, less: int) -> list[Any]:
+        def read(m: ir.Value, less: int) -> list[ir.Value]:
             return [builder.load(at(*one)) for one in ((k, m, less), (c, m, less), (b, m, less + 1))]
 
-        def step(past: list[Any], first: list[Any]) -> list[Any]:
+        def step(past: list[ir.Value], first: list[ir.Value]) -> list[ir.Value]:
             """One step of all lanes.
 
             `past` holds f, b of the last LAG − 1 steps, and k and c of LAG steps; `first` is k, c, b of the first
@@ -54,7 +64,7 @@ def lanes_of(n: int) -> tuple[Any, int]:
             left = builder.fsub(builder.fmul(c, f), builder.fmul(k, before))
             return [left, *bs[1:], builder.fadd(builder.fmul(k, f), builder.fmul(c, before)), *rows[2:], k, c]
 
-        def write(past: list[Any], m: Any, less: int = 0) -> None:
+        def write(past: list[ir.Value], m: ir.Value, less: int = 0) -> None:
             builder.store(builder.extract_element(past[LAG - 1], place(0)), at(b, m, less))
 
         past = [silent] * (3 * LAG)
@@ -81,7 +91,9 @@ def lanes_of(n: int) -> tuple[Any, int]:
             write(past, index(apart), i)
         return context.get_dummy_value()
 
-    def advance_lanes(typing: Any, k: Any, c: Any, b: Any, order: Any, f: Any) -> Any:
+    def advance_lanes(
+        typing: Context, k: types.Type, c: types.Type, b: types.Type, order: types.Type, f: types.Type
+    ) -> tuple[Signature, Generate]:
         return types.void(*5 * [types.int64]), generate
 
     return intrinsic(advance_lanes), apart

@@ -6,7 +6,6 @@ the name of the effect, so that the numbers do not depend on other effects.
 
 import math
 import zlib
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +40,7 @@ def normal(rng: NDArray[np.uint64]) -> float:
             return x * math.sqrt(-2.0 * math.log(r2) / r2)
 
 
-def seeded_state(seed: int, name: str) -> NDArray[Any]:
+def seeded_state(seed: int, name: str) -> NDArray[np.uint64]:
     """Initial generator state (4,) uint64 for the effect `name` and the renderer's `seed`."""
     sequence = np.random.SeedSequence([seed, zlib.crc32(name.encode())])
-    return sequence.generate_state(4, np.uint64)
+    return sequence.generate_state(4, np.uint64).astype(np.uint64, copy=False)

@@ -7,10 +7,15 @@ from the first draw. The logarithm is limited to `BOUND` standard deviations, be
 """
 
 import math
-from typing import Any, Final
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.compiled.native import native
 from hapscene.dsp.noise import normal
+
+Array = NDArray[np.float64]
 
 __all__ = ["BOUND", "advance_gain", "log_power"]
 
@@ -37,7 +42,15 @@ def log_power(spread: float) -> float:
 
 @native
 def advance_gain(
-    rng: Any, x: Any, rows: Any, first: int, count: int, dt_s: float, dx_m: float, depth: float, mean: Any
+    rng: NDArray[np.uint64],
+    x: Array,
+    rows: Array,
+    first: int,
+    count: int,
+    dt_s: float,
+    dx_m: float,
+    depth: float,
+    mean: Array,
 ) -> float:
     """Advances the processes x (≥ count,) by a time [s] and a travelled distance [m] and returns the gain [1].
 

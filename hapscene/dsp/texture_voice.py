@@ -6,7 +6,7 @@ coefficients from a table on a grid; `run_texture` reads them from an array, for
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from hapscene.constants import BLOCK_MAX, LIFE_MAX
 from hapscene.dsp.lattice import advance_all, advance_warped, solve_loop
 from hapscene.dsp.noise import normal
 from hapscene.dsp.slow_gain import advance_gain
+
+Array = NDArray[np.float64]
 
 __all__ = ["Stroke", "modulate", "play", "run_texture", "settle", "voice_fields"]
 
@@ -39,7 +41,7 @@ def voice_fields(order: int) -> list[tuple[str, tuple[int, ...]]]:
 
 
 @native
-def settle(s: Any) -> None:
+def settle(s: np.record) -> None:
     """Computes the remaining lattice coefficients from order, allpass coefficient and k."""
     order = int(s.order)
     if s.warp != 0.0:
@@ -51,7 +53,7 @@ def settle(s: Any) -> None:
 
 
 @native
-def modulate(s: Any, rates: Any, first: int, count: int, step_s: float, travel_m: float) -> float:
+def modulate(s: np.record, rates: Array, first: int, count: int, step_s: float, travel_m: float) -> float:
     """Advance the modulation by a time and a distance; return its gain [1]. `rates[first:]` has `count` rows."""
     if count == 0 or s.spread_scale == 0.0:
         return 1.0
@@ -62,7 +64,7 @@ def modulate(s: Any, rates: Any, first: int, count: int, step_s: float, travel_m
 
 
 @native
-def play(s: Any, level_m_s2: float, gain: float, out: Any, start: int, stop: int, block: int) -> None:
+def play(s: np.record, level_m_s2: float, gain: float, out: Array, start: int, stop: int, block: int) -> None:
     """Adds samples to out[start:stop], ramped to a level √P [m/s²] times a gain over a whole `block`."""
     order, now = int(s.order), s.level_m_s2 * s.gain
     step = (level_m_s2 * gain - now) / block
@@ -83,17 +85,17 @@ def play(s: Any, level_m_s2: float, gain: float, out: Any, start: int, stop: int
 class Stroke(NamedTuple):
     """Input of `run_texture`: coefficients, level and travel of n blocks."""
 
-    k: NDArray[np.float64]  # (m, p) reflection coefficients: one row for all blocks, or row i from block i · hold on
-    level_m_s2: NDArray[np.float64]  # (n,) √P at the end of each block
-    travel_m: NDArray[np.float64]  # (n,) distance travelled in each block
-    rates: NDArray[np.float64]  # (3l,) rows of the modulation for `advance_gain`
+    k: Array  # (m, p) reflection coefficients: one row for all blocks, or row i from block i · hold on
+    level_m_s2: Array  # (n,) √P at the end of each block
+    travel_m: Array  # (n,) distance travelled in each block
+    rates: Array  # (3l,) rows of the modulation for `advance_gain`
     step_s: float  # duration of a block
     block: int  # samples per block
     hold: int  # blocks per row of k
 
 
 @native
-def run_texture(s: Any, stroke: Stroke, out: Any) -> None:
+def run_texture(s: np.record, stroke: Stroke, out: Array) -> None:
     """Adds the next samples of a texture to `out`, block by block; the last block may be shorter."""
     k, block, hold, count = stroke.k, stroke.block, stroke.hold, stroke.rates.size // 3
     for i in range(stroke.level_m_s2.size):

@@ -34,7 +34,7 @@ class CutFaces(NamedTuple):
     face: NDArray[np.int64]
     bary: NDArray[np.float64] | None
 
-    def corners(self, values: NDArray[Any], rows: NDArray[Any]) -> NDArray[Any]:
+    def corners(self, values: NDArray[np.generic], rows: NDArray[np.generic]) -> NDArray[Any]:
         """Interpolate values at the corners of the faces of the mesh (M, 3, c) to some parts (k, 3, c)."""
         found = values[self.face[rows]]
         return np.asarray(found if self.bary is None else self.bary[rows] @ found)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from hapscene import __version__
 from hapscene.errors import SceneError
 from hapscene.exchange.swatch_payload import EMBEDDED_MAX, VERSION, digest_of, fine_to_json, groups_of
-from hapscene.io.files import write_whole
+from hapscene.io.files import Json, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.material import Material
 from hapscene.scene.mesh import OVERLAY, Mesh
@@ -116,10 +116,10 @@ class _Writer:
         self.materials: dict[Any, int] = {}
         self.used: set[int] = set()  # swatches with a material
         self.textures: dict[Any, int] = {}
-        self.meshes: dict[Any, list[dict[str, Any]]] = {}
+        self.meshes: dict[Any, list[dict[str, Json]]] = {}
         self.normals: dict[int, NDArray[np.float64]] = {}  # by id of the mesh
         root = {"name": "W", "matrix": list(Z_UP), "children": [], "extras": {"hapscene_version": VERSION}}
-        self.tree: dict[str, Any] = {
+        self.tree: dict[str, Json] = {
             "asset": {"version": "2.0", "generator": f"hapscene {__version__}"},
             "scene": 0,
             "scenes": [{"nodes": [0]}],
@@ -127,7 +127,7 @@ class _Writer:
             **{key: [] for key in ("meshes", "materials", "accessors", "bufferViews")},
         }
 
-    def add(self, kind: str, item: dict[str, Any]) -> int:
+    def add(self, kind: str, item: dict[str, Json]) -> int:
         items = self.tree.setdefault(kind, [])
         items.append(item)
         return len(items) - 1
@@ -141,7 +141,7 @@ class _Writer:
             self.meshes[over] = self.add_feel(body)
         pieces = self.meshes[key] + self.meshes[over]
         children = [self.add("nodes", piece | {"name": f"{body.name}/{piece['name']}"}) for piece in pieces]
-        extras: dict[str, Any] = {"hapscene_body": body.name, "two_sided": body.two_sided}
+        extras: dict[str, Json] = {"hapscene_body": body.name, "two_sided": body.two_sided}
         if body.parent is not None:
             extras["parent"] = body.parent
         if (fine := fine_to_json(self.scene, body)) is not None:
@@ -150,17 +150,17 @@ class _Writer:
         node = {"name": body.name, "matrix": matrix, "children": children, "extras": extras}
         self.tree["nodes"][0]["children"].append(self.add("nodes", node))
 
-    def add_surface(self, body: Body) -> list[dict[str, Any]]:
+    def add_surface(self, body: Body) -> list[dict[str, Json]]:
         """Add the faces of a body, a mesh for each swatch with a primitive for each material; return its nodes."""
-        primitives: dict[int, list[dict[str, Any]]] = {}
+        primitives: dict[int, list[dict[str, Json]]] = {}
         for swatch, material, rows in groups_of(body):
             primitives.setdefault(swatch, []).append(self.add_faces(body, swatch, material, rows))
         return [self.add_mesh(body, self.scene.swatches[swatch].name, made) for swatch, made in primitives.items()]
 
-    def add_mesh(self, body: Body, name: str, primitives: list[dict[str, Any]]) -> dict[str, Any]:
+    def add_mesh(self, body: Body, name: str, primitives: list[dict[str, Json]]) -> dict[str, Json]:
         return {"name": name, "mesh": self.add("meshes", {"name": f"{body.name}/{name}", "primitives": primitives})}
 
-    def add_faces(self, body: Body, swatch: int, material: int, rows: NDArray[np.int64]) -> dict[str, Any]:
+    def add_faces(self, body: Body, swatch: int, material: int, rows: NDArray[np.int64]) -> dict[str, Json]:
         """Add some faces of a body with their material in the file, else with their colours, else with their swatch."""
         mesh = body.mesh
         corner_m, normal = mesh.vertices_m[mesh.faces[rows]], self.normals_of(body)[rows]
@@ -184,7 +184,7 @@ class _Writer:
         normal: NDArray[np.float64],
         overlay: float = 0.0,
         share: NDArray[np.float64] | None = None,
-    ) -> dict[str, Any]:
+    ) -> dict[str, Json]:
         """Add triangles (k, 3, 3) that wear the look of a swatch.
 
         Triangles of an overlay have an opacity above 0, of which each has a share (k,).
@@ -202,7 +202,7 @@ class _Writer:
         tangent = np.concatenate([tangent, np.ones((*tangent.shape[:2], 1))], axis=2)
         return self.add_triangles(corner_m, made, NORMAL=normal, TANGENT=tangent, TEXCOORD_0=uv * (1.0, -1.0), **more)
 
-    def add_feel(self, body: Body) -> list[dict[str, Any]]:
+    def add_feel(self, body: Body) -> list[dict[str, Json]]:
         """Add the parts of the feel that differ from the surface, a mesh for each swatch; return its nodes."""
         over_look = has_look(body) and self.show != "feel"
         if over_look and self.show == "look":
@@ -238,7 +238,7 @@ class _Writer:
         swatch = self.scene.swatches[index]
         found = self.worn(swatch, overlay or 1.0) if source is None else self.source(source)
         name = swatch.name if source is None or not source.name else f"{source.name}/{swatch.name}"
-        extras: dict[str, Any] = {OVERLAY: swatch.name}  # on the material too: other programs join meshes
+        extras: dict[str, Json] = {OVERLAY: swatch.name}  # on the material too: other programs join meshes
         if not overlay:
             self.used.add(index)
             extras = {"hapscene_swatch": swatch.name, **swatch.own_numbers, "albedo_rgb": list(swatch.albedo_rgb)}
@@ -251,11 +251,12 @@ class _Writer:
         self.materials[key] = self.add("materials", {"name": f"feel: {name}" if overlay else name} | found)
         return self.materials[key]
 
-    def worn(self, swatch: Swatch, opacity: float) -> dict[str, Any]:
+    def worn(self, swatch: Swatch, opacity: float) -> dict[str, Json]:
         """Return the appearance of a swatch."""
         grain = grain_of(swatch)
-        look: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": (swatch.look or plain_look(swatch)).roughness}
-        found: dict[str, Any] = {"pbrMetallicRoughness": look}
+        roughness = (swatch.look or plain_look(swatch)).roughness
+        look: dict[str, Json] = {"metallicFactor": 0.0, "roughnessFactor": roughness}
+        found: dict[str, Json] = {"pbrMetallicRoughness": look}
         if grain.flat:
             look["baseColorFactor"] = [*linear(swatch.albedo_rgb).tolist(), opacity]
         else:
@@ -265,11 +266,11 @@ class _Writer:
             found["normalTexture"] = self.add_pixels((swatch, "normal"), grain.normal / 2 + 0.5)
         return found
 
-    def source(self, material: Material) -> dict[str, Any]:
+    def source(self, material: Material) -> dict[str, Json]:
         """Return the appearance of a material of the mesh file."""
-        look: dict[str, Any] = {"baseColorFactor": list(material.colour)}
+        look: dict[str, Json] = {"baseColorFactor": list(material.colour)}
         look |= {"metallicFactor": material.metallic, "roughnessFactor": material.roughness}
-        found: dict[str, Any] = {"pbrMetallicRoughness": look}
+        found: dict[str, Json] = {"pbrMetallicRoughness": look}
         for key, picture in material.textures.items():
             try:
                 texture = self.add_texture(id(picture), partial(_encoded, picture))
@@ -282,14 +283,14 @@ class _Writer:
             found["alphaMode"] = material.alpha
         return found | ({"alphaCutoff": material.cutoff} if material.alpha == "MASK" else {})
 
-    def add_pixels(self, key: Any, pixels: NDArray[np.float64]) -> dict[str, int]:
+    def add_pixels(self, key: object, pixels: NDArray[np.float64]) -> dict[str, int]:
         """Return a texture with pixels (h, w, 3), 0 to 1."""
         from PIL import Image
 
         picture = Image.fromarray(np.rint(255 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8))
         return self.add_texture(key, partial(_encoded, picture, "JPEG"))
 
-    def add_texture(self, key: Any, encoded: Callable[[], tuple[bytes, str]]) -> dict[str, int]:
+    def add_texture(self, key: object, encoded: Callable[[], tuple[bytes, str]]) -> dict[str, int]:
         if key not in self.textures:
             content, kind = encoded()
             image = self.add("images", {"bufferView": self.add_view(content), "mimeType": kind})
@@ -304,7 +305,7 @@ class _Writer:
 
     def add_triangles(
         self, corner_m: NDArray[np.float64], material: int, **values: NDArray[np.float64]
-    ) -> dict[str, Any]:
+    ) -> dict[str, Json]:
         """Add triangles (k, 3, 3) with attributes of their corners (k, 3, c); equal corners share a vertex."""
         columns = {"POSITION": corner_m} | values
         rows = np.concatenate([column.reshape(3 * len(corner_m), -1) for column in columns.values()], axis=1)
@@ -335,7 +336,7 @@ class _Writer:
         return self.add("accessors", accessor)
 
     def add_view(self, data: bytes, target: int | None = None) -> int:
-        view: dict[str, Any] = {"buffer": 0, "byteOffset": self.size, "byteLength": len(data)}
+        view: dict[str, Json] = {"buffer": 0, "byteOffset": self.size, "byteLength": len(data)}
         if target is not None:
             view["target"] = target
         self.chunks += [data, bytes(-len(data) % 4)]
@@ -352,7 +353,7 @@ def _encoded(picture: Any, kind: str = "") -> tuple[bytes, str]:
     return content.getvalue(), f"image/{kind.lower()}"
 
 
-def _glb(tree: dict[str, Any], blob: bytes, path: Path) -> bytes:
+def _glb(tree: dict[str, Json], blob: bytes, path: Path) -> bytes:
     """Return a GLB file: header, JSON chunk, binary chunk."""
     tree["buffers"] = [{"byteLength": len(blob)}]
     text = json.dumps(tree, ensure_ascii=False, allow_nan=False).encode()

@@ -28,7 +28,7 @@ from hapscene.exchange.swatch_payload import (
     warn_of_loss,
 )
 from hapscene.geometry import RIGID_TOLERANCE, rotation_of
-from hapscene.io.files import read_bytes, refusing
+from hapscene.io.files import Json, read_bytes, refusing
 from hapscene.scene.gltf_check import items_of, parse_gltf
 from hapscene.scene.mesh import FACE_MAX, OVERLAY, Mesh
 from hapscene.scene.mesh_file import FILE_MAX_B
@@ -88,7 +88,7 @@ def read_bounded(path: Path) -> bytes:
     return content
 
 
-def parts_of(path: Path, content: bytes) -> tuple[dict[str, Any], list[bytes]]:
+def parts_of(path: Path, content: bytes) -> tuple[dict[str, Json], list[bytes]]:
     """Return the JSON tree and the content of each buffer; a buffer without URI is the chunk of a GLB, or empty.
 
     Raises:
@@ -144,7 +144,7 @@ class _Node:
 class _Reader:
     """Reads bodies and swatches from a parsed glTF file; invalid data raises `SceneError`."""
 
-    def __init__(self, path: Path, tree: dict[str, Any], blobs: list[bytes]) -> None:
+    def __init__(self, path: Path, tree: dict[str, Json], blobs: list[bytes]) -> None:
         self.path, self.tree, self.blobs = path, tree, blobs
         self.made = 0  # number of faces and vertices so far
         self.shapes: dict[tuple[int, ...], tuple[Mesh, NDArray[np.int64]]] = {}
@@ -160,7 +160,7 @@ class _Reader:
         if self.made > 2 * FACE_MAX:
             raise self.fail(f"more than {2 * FACE_MAX:,} faces and vertices")
 
-    def item(self, kind: str, index: Any) -> dict[str, Any]:
+    def item(self, kind: str, index: object) -> dict[str, Json]:
         items = self.tree.get(kind, [])
         if type(index) is not int or not isinstance(items, list) or not 0 <= index < len(items):
             raise self.fail(f"{kind}[{str(index)[:20]}] does not exist")
@@ -174,7 +174,7 @@ class _Reader:
             raise self.fail(f"{where} must be {count} finite numbers")
         return np.array(value, np.float64)
 
-    def check_packing(self, where: str, extensions: Any) -> None:
+    def check_packing(self, where: str, extensions: object) -> None:
         """Reject compressed data. Other extensions do not change the geometry."""
         if not isinstance(extensions, dict):
             raise self.fail(f"{where}: extensions must be an object")
@@ -183,7 +183,7 @@ class _Reader:
                 f"{where} is compressed ({packed[0]}), which is not supported; export it without compression"
             )
 
-    def accessor(self, index: Any, kind: str, sort: str) -> NDArray[Any]:
+    def accessor(self, index: object, kind: str, sort: str) -> NDArray[Any]:
         """Return the numbers (n,) or (n, 3) of an accessor, which must lie within its buffer."""
         accessor = self.item("accessors", index)
         where = f"accessors[{index}]"
@@ -252,7 +252,7 @@ class _Reader:
             body.X = body.X if body.in_W else self.solved(X_W, body.X)
         return found
 
-    def body(self, extras: dict[str, Any], X: NDArray[np.float64], in_W: bool) -> _Node:
+    def body(self, extras: dict[str, Json], X: NDArray[np.float64], in_W: bool) -> _Node:
         """Return a body from the extras that hapscene wrote."""
         name, two_sided = extras["hapscene_body"], extras.get("two_sided", False)
         if not isinstance(name, str) or two_sided not in (False, True):  # 0 and 1 too: some programs have no bool
@@ -266,7 +266,7 @@ class _Reader:
         except np.linalg.LinAlgError:
             raise self.fail("the node with hapscene_version has a singular matrix") from None
 
-    def pose(self, node: dict[str, Any], index: int) -> NDArray[np.float64]:
+    def pose(self, node: dict[str, Json], index: int) -> NDArray[np.float64]:
         where = f"nodes[{index}]"
         if "matrix" in node:
             return self.numbers(node["matrix"], 16, f"{where}.matrix").reshape(4, 4).T
@@ -321,7 +321,7 @@ class _Reader:
         primitives = self.item("meshes", mesh).get("primitives", [])
         return primitives if isinstance(primitives, list) else []
 
-    def is_overlay(self, primitive: Any) -> bool:
+    def is_overlay(self, primitive: object) -> bool:
         """Return whether a primitive only shows the feel of other faces."""
         material = primitive.get("material") if isinstance(primitive, dict) else None
         return type(material) is int and material >= 0 and OVERLAY in extras_of(self.item("materials", material))
@@ -362,7 +362,7 @@ class _Reader:
             self.swatches[index] = self.restored(self.item("materials", index))
         return self.swatches[index]
 
-    def restored(self, material: dict[str, Any]) -> Swatch | str:
+    def restored(self, material: dict[str, Json]) -> Swatch | str:
         extras = extras_of(material)
         name, text = extras.get("hapscene_swatch"), extras.get("swatch_file")
         if isinstance(name, str) and is_digest(extras.get("sha256")):
@@ -375,20 +375,20 @@ class _Reader:
         return PLAIN
 
 
-def extras_of(item: dict[str, Any]) -> dict[str, Any]:
+def extras_of(item: dict[str, Json]) -> dict[str, Json]:
     """Return the extras of an item; empty if they are missing or not an object."""
     extras = item.get("extras")
     return extras if isinstance(extras, dict) else {}
 
 
-def _is_size(value: Any) -> bool:
+def _is_size(value: object) -> bool:
     return type(value) is int and 0 <= value < 1 << 40
 
 
-def _printable(name: Any) -> str:
+def _printable(name: object) -> str:
     """Return a valid name of a body for any name."""
     return "".join(c for c in str(name or "") if c.isprintable()).strip() or "object"
 
 
-def _indices(value: Any) -> list[Any]:
+def _indices(value: object) -> list[Any]:
     return list(value) if isinstance(value, list) else []

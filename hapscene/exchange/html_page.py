@@ -24,7 +24,7 @@ from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.dsp.slow_gain import log_power
 from hapscene.errors import SceneError, printable
 from hapscene.exchange.cut_faces import cut_faces
-from hapscene.io.files import write_whole
+from hapscene.io.files import Json, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -145,7 +145,7 @@ def _scene_json(scene: Scene, title: str, shown_max: int) -> str:
     low = vertices_m.min(axis=0)
     size = np.maximum(vertices_m.max(axis=0) - low, 1e-9)
     diagonal_m = float(np.linalg.norm(size))
-    first, bodies = 0, list[dict[str, Any]]()
+    first, bodies = 0, list[dict[str, Json]]()
     for body, solid in solids:
         area_m2 = np.bincount(np.searchsorted(used, solid.swatch), area_of(solid.vertices_m[solid.faces]), len(used))
         by_area = [int(i) for i in np.argsort(-area_m2) if area_m2[i] > 0.0]
@@ -279,7 +279,7 @@ def _octant(solid: _Solid) -> Array:
 # --- feel ---
 
 
-def _swatch(swatch: Swatch, colour: str, arrays: _Arrays) -> dict[str, Any]:
+def _swatch(swatch: Swatch, colour: str, arrays: _Arrays) -> dict[str, Json]:
     """Return what the page needs of a swatch: see class `Voice` in sound.js."""
     texture, effect, sound = swatch.texture, load_effect("lpc_texture"), swatch_sound(swatch)
     table = np.zeros(0) if effect.table is None else effect.table(swatch, ACCELERATION_RATE_HZ)
@@ -299,7 +299,7 @@ def _swatch(swatch: Swatch, colour: str, arrays: _Arrays) -> dict[str, Any]:
     }
 
 
-def _grain(swatch: Swatch, arrays: _Arrays) -> dict[str, Any]:
+def _grain(swatch: Swatch, arrays: _Arrays) -> dict[str, Json]:
     """Return a periodic relief as slopes (GRAIN_PX, GRAIN_PX, 2), 1 to 255 for ±`STEEPEST`, its size, and the gloss."""
     slopes, size_m = relief(swatch)
     h, w = slopes.shape[:2]

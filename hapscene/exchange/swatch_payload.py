@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError, SwatchError, warn
-from hapscene.io.files import refusing
+from hapscene.io.files import Json, refusing
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import SUBFACE_MAX, set_subfaces
 from hapscene.scene.mesh import Mesh
@@ -76,7 +76,7 @@ def known_swatch(name: str) -> Swatch | None:
 
 
 def restore(
-    path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: Any, sha256: str, text: str | None = None
+    path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: object, sha256: str, text: str | None = None
 ) -> Swatch | str:
     """Restore a swatch from a file: its name if the library has the identical swatch, else the swatch itself.
 
@@ -113,7 +113,7 @@ def restore(
     return bare
 
 
-def _bare(path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: Any) -> Swatch:
+def _bare(path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: object) -> Swatch:
     values = {key: numbers.get(key, None if key in BASIC_PARAMETERS else 0.0) for key in OWN_PARAMETERS}
     colour = tuple(albedo_rgb) if isinstance(albedo_rgb, list | tuple) else ()
     for value in (*values.values(), *colour):
@@ -123,7 +123,7 @@ def _bare(path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: Any) ->
         return Swatch(name, **{k: float(v) for k, v in values.items()}, albedo_rgb=colour)  # type: ignore[arg-type]
 
 
-def check_version(path: Path, version: Any) -> None:
+def check_version(path: Path, version: object) -> None:
     """Check the version of a file.
 
     Raises:
@@ -139,7 +139,7 @@ def check_version(path: Path, version: Any) -> None:
         )
 
 
-def is_digest(text: Any) -> bool:
+def is_digest(text: object) -> bool:
     """Return whether a value is a SHA-256 in hex."""
     return isinstance(text, str) and re.fullmatch(r"[0-9a-f]{64}", text) is not None
 
@@ -192,7 +192,7 @@ def join(pieces: Sequence[Piece]) -> tuple[NDArray[np.float64], NDArray[np.int64
     return vertices_m[kept], place[faces], swatch
 
 
-def fine_to_json(scene: Scene, body: Body) -> dict[str, Any] | None:
+def fine_to_json(scene: Scene, body: Body) -> dict[str, Json] | None:
     """Encode the paint of subdivided faces, with faces in the order of `order_of`; None without subdivided faces."""
     if body.fine is None:
         return None
@@ -204,7 +204,7 @@ def fine_to_json(scene: Scene, body: Body) -> dict[str, Any] | None:
     return content | {"swatches": [swatch.name for swatch in scene.swatches], "corners": _corners_of(body.mesh, order)}
 
 
-def restore_fine(path: Path, scene: Scene, body: Body, content: Any) -> None:
+def restore_fine(path: Path, scene: Scene, body: Body, content: Json) -> None:
     """Restore the paint of subdivided faces from `fine_to_json`; the scene must have all its swatches.
 
     Raises:

@@ -6,13 +6,14 @@ place.
 """
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from hapscene.compiled.native import native
 from hapscene.dsp.noise import normal
 from hapscene.handle.plant import Array
+from hapscene.records import Record
 
 __all__ = ["MASK", "RING", "advance", "amplify", "delay", "grip_handle", "hold", "move", "sense", "set_delay"]
 
@@ -130,7 +131,7 @@ def move(h: np.record, force_N: float) -> float:
 
 
 @native
-def sense(h: Any, acceleration_m_s2: float) -> float:
+def sense(h: Record, acceleration_m_s2: float) -> float:
     """The reading of the accelerometer [m/s²]: noise, one pole, delay."""
     noisy = acceleration_m_s2 + h.noise_m_s2 * normal(h.rng)
     h.sensor_m_s2 += (1.0 - h.sensor_pole) * (noisy - h.sensor_m_s2)

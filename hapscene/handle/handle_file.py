@@ -13,7 +13,7 @@ from typing import Any, Final
 from hapscene.errors import HandleError
 from hapscene.handle.fit import GRIP_MAX, HAND_PARAMETERS, HANDLE_PARAMETERS, Identification, IdentifiedGrip
 from hapscene.handle.plant import NUMBER_MAX, Plant
-from hapscene.io.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
+from hapscene.io.files import Json, check_keys, parse_format, read_bytes, refusing, short, write_whole
 
 __all__ = ["BYTES_MAX", "SUFFIX", "handle_from_json", "handle_to_json", "load_handle", "save_handle"]
 
@@ -79,7 +79,7 @@ def handle_from_json(data: bytes | str) -> Identification:
         return _handle(parse_format(data, "a handle", FORMAT, VERSION))
 
 
-def _handle(content: dict[str, Any]) -> Identification:
+def _handle(content: dict[str, Json]) -> Identification:
     check_keys("", content, ("format", "version", *(field.name for field in fields(Identification))))
     parameters = [field.name for field in fields(Plant)]
     check_keys("plant", content["plant"], parameters)
@@ -102,7 +102,7 @@ def _handle(content: dict[str, Any]) -> Identification:
     )
 
 
-def _grip(where: str, content: Any) -> IdentifiedGrip:
+def _grip(where: str, content: Json) -> IdentifiedGrip:
     check_keys(where, content, ("name", *_GRIP_NUMBERS, "intervals", "absent"))
     numbers = {key: _number(f"{where}.{key}", content[key]) for key in _GRIP_NUMBERS}
     for key, value in numbers.items():
@@ -116,26 +116,26 @@ def _grip(where: str, content: Any) -> IdentifiedGrip:
     )
 
 
-def _by_name(where: str, content: Any, names: Iterable[str], read: Callable[[str, Any], Any]) -> Mapping[str, Any]:
+def _by_name(where: str, content: Json, names: Iterable[str], read: Callable[[str, Any], Any]) -> Mapping[str, Any]:
     """Read an object whose keys are some of `names`."""
     check_keys(where, content, names, required=())
     return {key: read(f"{where}.{key}", value) for key, value in content.items()}
 
 
-def _text(where: str, value: Any) -> str:
+def _text(where: str, value: object) -> str:
     # unprintable characters could control a terminal
     if not isinstance(value, str) or len(value) > TEXT_MAX or not value.isprintable():
         raise HandleError(f"{where} must be a text of at most {TEXT_MAX} printable characters, is {short(value)}")
     return value
 
 
-def _number(where: str, value: Any) -> float:
+def _number(where: str, value: Json) -> float:
     if type(value) not in (int, float) or not -NUMBER_MAX <= value <= NUMBER_MAX:  # false for NaN
         raise HandleError(f"{where} must be a number of at most {NUMBER_MAX:g}, is {short(value)}")
     return float(value)
 
 
-def _pair(where: str, value: Any) -> tuple[float, float]:
+def _pair(where: str, value: object) -> tuple[float, float]:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise HandleError(f"{where} must be two numbers, is {short(value)}")
     low, high = (_number(f"{where}[{i}]", item) for i, item in enumerate(value))

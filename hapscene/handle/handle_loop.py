@@ -20,9 +20,7 @@ sense      accelerometer                                                        
 """
 
 import math
-from typing import Any, Final
-
-import numpy as np
+from typing import Final
 
 from hapscene.compiled.native import inlined, native
 from hapscene.handle.compensator import COUNT, differences, integrals, retune, section
@@ -33,6 +31,7 @@ from hapscene.handle.handle_record import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCEL
 from hapscene.handle.handle_record import HANDLE as HANDLE
 from hapscene.handle.handle_record import new_handle as new_handle
 from hapscene.handle.plant import Array
+from hapscene.records import Record
 
 __all__ = ["DESIRED_MAX_M_S2", "command_force", "learn", "vibrate"]
 
@@ -86,7 +85,7 @@ FOLD: Final = 0.1
 
 
 @inlined
-def learn(handle: Any, sample: int, force_N: float, read_m_s2: float) -> None:
+def learn(handle: Record, sample: int, force_N: float, read_m_s2: float) -> None:
     """Update the estimate of one `HANDLE` by the force [N] and acceleration [m/s²] of one sample.
 
     Samples are numbered from 0 in the order of `command_force`, and must arrive in this order, at most 500 samples
@@ -131,7 +130,7 @@ def learn(handle: Any, sample: int, force_N: float, read_m_s2: float) -> None:
 
 
 @inlined
-def _filter_measurement(h: Any, force_N: float, read_m_s2: float) -> float:
+def _filter_measurement(h: Record, force_N: float, read_m_s2: float) -> float:
     """Update φ and its instruments z. Returns the force that φ must explain, s⁴/D · F [N]."""
     if h.force_measured == 0:
         command = force_N
@@ -158,7 +157,7 @@ def _filter_measurement(h: Any, force_N: float, read_m_s2: float) -> float:
 
 
 @inlined
-def _update(h: np.record, y: float, surprise: float) -> None:
+def _update(h: Record, y: float, surprise: float) -> None:
     """Kalman update of θ, lag, snap and their covariance. The covariance returns to its prior with time.
 
     `used` is θ shrunk towards its nominal value: a deviation x becomes x³/(x² + `SHRINK`²).
@@ -186,7 +185,7 @@ def _update(h: np.record, y: float, surprise: float) -> None:
 
 
 @native
-def _check_plausible(h: np.record) -> None:
+def _check_plausible(h: Record) -> None:
     """Fall back where mass or delay stayed at a bound; shorten the next fallback while they do not."""
     h.fallback = max(h.fallback - 1, h.fallback_least)
     mass = h.theta[0]
@@ -197,7 +196,7 @@ def _check_plausible(h: np.record) -> None:
 
 
 @native
-def _fall_back(h: np.record) -> None:
+def _fall_back(h: Record) -> None:
     """Return to the nominal handle and forget the estimate; each time for twice as long."""
     h.lag = h.snap = 0.0
     h.delay_s, h.at_bound = h.assumed_delay_s, 0
@@ -213,7 +212,7 @@ def _fall_back(h: np.record) -> None:
 
 
 @native
-def _move_lag_to_delay(h: np.record) -> None:
+def _move_lag_to_delay(h: Record) -> None:
     """Move a part of the estimated lag into the delay of the force: a delay is exact, the lag is of first order."""
     lag_s = h.lag * h.jerk / (h.theta[0] * h.rate_Hz)
     delay_s = min(max(h.delay_s + FOLD * lag_s, 0.0), h.delay_most_s)
@@ -227,7 +226,7 @@ DESIRED_MAX_M_S2: Final = 1e6
 
 
 @inlined
-def command_force(handle: Any, desired_m_s2: float) -> float:
+def command_force(handle: Record, desired_m_s2: float) -> float:
     """Compute the force command of the next sample [N] of one `HANDLE` for a desired acceleration [m/s²].
 
     The acceleration is played `delay` samples later. A value that is not finite counts as 0. The force is within its
@@ -271,7 +270,7 @@ def _weighted(theta: Array, phi: tuple[float, float, float, float, float]) -> fl
 
 
 @native
-def vibrate(handle: np.record, desired_m_s2: float) -> tuple[float, float, float]:
+def vibrate(handle: Record, desired_m_s2: float) -> tuple[float, float, float]:
     """Advance a simulated handle, one `HANDLE`, by one sample with a desired acceleration [m/s²].
 
     Returns the acceleration of the handle under this sample's force [m/s²], its displacement at the end of the sample
@@ -287,7 +286,7 @@ def vibrate(handle: np.record, desired_m_s2: float) -> tuple[float, float, float
 
 
 @native
-def _integrate(h: np.record, desired_m_s2: float) -> tuple[float, float, float, float, float]:
+def _integrate(h: Record, desired_m_s2: float) -> tuple[float, float, float, float, float]:
     """φ of a sample, with the corner that the travel allows, scaled to the corner `LEARN_HZ` as θ is."""
     g = yield_corner(h)
     if g != h.g_now:
@@ -299,7 +298,7 @@ def _integrate(h: np.record, desired_m_s2: float) -> tuple[float, float, float, 
 
 
 @native
-def _lead(h: np.record, a: float) -> float:
+def _lead(h: Record, a: float) -> float:
     """Invert the lag of the amplifier: gain (1 − pole z⁻¹)/(1 + zero z⁻¹)."""
     h.lead_m_s2[1] = h.lead[0] * (a - h.lead[1] * h.lead_m_s2[0]) - h.lead[2] * h.lead_m_s2[1]
     h.lead_m_s2[0] = a

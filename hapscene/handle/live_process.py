@@ -228,7 +228,7 @@ def serve_live(
             shared.close(unlink=False)
 
 
-def _end(kind: int, frame: Any) -> None:
+def _end(kind: int, frame: object) -> None:
     """Handler of SIGTERM: exit as if the application had exited."""
     raise EOFError
 

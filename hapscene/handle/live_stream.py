@@ -16,7 +16,7 @@ bursts, so it uses the minimum within `WINDOW_S`. Within `NEAR_S` of `lag_s` the
 
 import math
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import scipy
@@ -28,7 +28,7 @@ from hapscene.handle.governor import MASK, ONE, RELEASE_S, fade
 from hapscene.handle.handle_loop import DESIRED_MAX_M_S2, HANDLE, command_force, learn
 from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.plant import Array
-from hapscene.records import Records, records
+from hapscene.records import Record, Records, records
 
 __all__ = ["FADE_S", "PHASES", "LiveStream", "filter_table"]
 
@@ -239,7 +239,7 @@ def _learn_all(handle: Records, numbers: NDArray[np.int64], force_N: Array, acce
 
 
 @native
-def write(s: Any, ring: Array, samples: Array) -> None:
+def write(s: Record, ring: Array, samples: Array) -> None:
     """Write samples of the channel into the ring buffer. A sample that is not finite counts as 0."""
     for k in range(len(samples)):
         x = samples[k]
@@ -251,7 +251,7 @@ def write(s: Any, ring: Array, samples: Array) -> None:
 
 
 @native
-def render(s: Any, ring: Array, table: Array, handle: Records, out: Array) -> None:
+def render(s: Record, ring: Array, table: Array, handle: Records, out: Array) -> None:
     """Fill `out` (n,) with the next samples of a stream. `handle` is (1,), or (0,) for no compensator."""
     if s.state == SILENT and s.steered == 0 and s.ending == 0 and s.written > s.whole + s.half:
         s.state = PLAYING
@@ -273,7 +273,7 @@ def render(s: Any, ring: Array, table: Array, handle: Records, out: Array) -> No
 
 
 @native
-def _resampled(s: Any, ring: Array, table: Array) -> float:
+def _resampled(s: Record, ring: Array, table: Array) -> float:
     """The channel at the position of the next output sample. Beyond the newest sample, that one is repeated."""
     total = 0.0
     if s.state != SILENT:
@@ -292,7 +292,7 @@ def _resampled(s: Any, ring: Array, table: Array) -> float:
 
 
 @native
-def _high_passed(s: Any, x: float) -> float:
+def _high_passed(s: Record, x: float) -> float:
     y = s.high[0] * x + s.high_state[0]
     s.high_state[0] = s.high[1] * x - s.high[3] * y + s.high_state[1]
     s.high_state[1] = s.high[2] * x - s.high[4] * y
@@ -300,7 +300,7 @@ def _high_passed(s: Any, x: float) -> float:
 
 
 @native
-def _limited(s: Any, x: float) -> float:
+def _limited(s: Record, x: float) -> float:
     """The sample of one look-ahead ago, limited to the ceiling."""
     gain = fade(s, min(1.0, s.ceiling / max(abs(x), 1e-12)))
     s.line[s.count & MASK] = x
@@ -315,7 +315,7 @@ def _limited(s: Any, x: float) -> float:
 
 
 @native
-def _synchronise(s: Any, count: int) -> None:
+def _synchronise(s: Record, count: int) -> None:
     """Update the minimum of the buffered samples after `count` output samples. At the end of a window adjust the
     ratio."""
     spare = s.written - s.whole - s.part - s.half

@@ -16,6 +16,7 @@ from hapscene.handle.handle_loop import new_handle, vibrate
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.sensor import Sensor
 from hapscene.io.files import whole_file
+from hapscene.records import Record
 
 __all__ = ["PlaybackResult", "play", "run", "write_wave"]
 
@@ -92,7 +93,7 @@ def play(
 
 
 @native
-def run(handle: np.record, desired_m_s2: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+def run(handle: Record, desired_m_s2: NDArray[np.float64], out: NDArray[np.float64]) -> None:
     """Fill `out` (4, n) with acceleration, displacement, force and travel of one `HANDLE` for a desired
     acceleration."""
     for k in range(len(desired_m_s2)):

@@ -23,7 +23,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, Final, NamedTuple
+from typing import IO, Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,7 +140,7 @@ def confined(
 class _Tail:
     """Reads the output of the process in a thread, so that the process never blocks, and keeps its end."""
 
-    def __init__(self, pipe: Any) -> None:
+    def __init__(self, pipe: IO[bytes]) -> None:
         self._kept = b""
         self._pipe = pipe
         self._thread = threading.Thread(target=self._read, daemon=True)
@@ -158,7 +158,7 @@ class _Tail:
         return printable(plain.decode("utf-8", errors="replace").strip(), lines=True)
 
 
-def _answer(pipe: Any, most_B: int) -> tuple[str | None, dict[str, NDArray[Any]] | None]:
+def _answer(pipe: IO[bytes], most_B: int) -> tuple[str | None, dict[str, NDArray[Any]] | None]:
     """Return the reader's error message or the arrays; neither if the process ended early.
 
     Raises:

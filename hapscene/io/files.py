@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Final
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeAlias
 
 from hapscene.errors import FormatError, did_you_mean, printable
 
@@ -24,6 +24,7 @@ __all__ = [
     "CONTAINER_MAX",
     "MEMORY_FREE_B",
     "VALUE_MAX",
+    "Json",
     "check_file",
     "check_file_size",
     "check_keys",
@@ -433,7 +434,11 @@ VALUE_MAX: Final = 2_500_000
 numbers."""
 
 
-def parse_json(data: bytes | str, what: str) -> Any:
+Json: TypeAlias = Any
+"""A value of a JSON document: None, a bool, a number, a text, a list of values, or a dictionary of values by name."""
+
+
+def parse_json(data: bytes | str, what: str) -> Json:
     """Parse untrusted JSON in UTF-8. Duplicate keys, NaN and Infinity are rejected.
 
     Args:
@@ -459,7 +464,7 @@ def parse_json(data: bytes | str, what: str) -> Any:
     raise FormatError(f"not {what}: {reason}")
 
 
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _unique(pairs: list[tuple[str, Json]]) -> dict[str, Json]:
     content = dict(pairs)
     if len(content) < len(pairs):
         seen: set[str] = set()
@@ -472,7 +477,7 @@ def _refuse(constant: str) -> None:
     raise ValueError(f"{constant} is not allowed")
 
 
-def parse_format(data: bytes | str, what: str, name: str, version: int) -> dict[str, Any]:
+def parse_format(data: bytes | str, what: str, name: str, version: int) -> dict[str, Json]:
     """Parse a JSON object with format and version.
 
     Args:
@@ -497,7 +502,7 @@ def parse_format(data: bytes | str, what: str, name: str, version: int) -> dict[
     return content
 
 
-def check_keys(where: str, content: Any, known: Iterable[str], required: Iterable[str] | None = None) -> None:
+def check_keys(where: str, content: object, known: Iterable[str], required: Iterable[str] | None = None) -> None:
     """Check that an object has only known keys, and all required keys (default: all known keys).
 
     Raises:
@@ -514,7 +519,7 @@ def check_keys(where: str, content: Any, known: Iterable[str], required: Iterabl
             raise FormatError(f"key {prefix + key!r} is missing")
 
 
-def short(value: Any) -> str:
+def short(value: object) -> str:
     """Return a short representation of an untrusted value for a message."""
     value = value[:60] if isinstance(value, str) else value  # before escaping, which can increase the length tenfold
     text = repr(value) if isinstance(value, str | int | float | bool) or value is None else type(value).__name__

@@ -280,7 +280,7 @@ def set_subfaces(body: "Body", subfaces: FinePaint) -> None:
     body.fine = fine if len(fine) else None
 
 
-def paint_faces(body: "Body", faces: NDArray[Any], swatch: int) -> None:
+def paint_faces(body: "Body", faces: NDArray[np.generic], swatch: int) -> None:
     """Paint whole faces, given by indices or a mask, with one swatch."""
     body.face_swatch[faces] = swatch
     if body.fine is not None:
@@ -297,7 +297,7 @@ def paint_region(
     resolution_m: float | None = None,
     falloff_m: float = 0.0,
     opacity: float = 1.0,
-    faces: NDArray[Any] | None = None,
+    faces: NDArray[np.generic] | None = None,
     sight: Sight | None = None,
 ) -> NDArray[np.int64]:
     """Paint a region on a body and subdivide the faces along its border.

@@ -8,7 +8,7 @@ from itertools import chain
 from typing import Any, Final
 
 from hapscene.errors import FormatError, MeshError
-from hapscene.io.files import memory_most_B, refusing
+from hapscene.io.files import Json, memory_most_B, refusing
 
 __all__ = ["check_gltf", "items_of", "parse_gltf"]
 
@@ -55,7 +55,7 @@ def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
             raise MeshError(f"{where}: unpacks to {total_B:,} bytes, at most {most_B:,} are allowed")
 
 
-def _check_tree(nodes: list[dict[str, Any]], where: str) -> None:
+def _check_tree(nodes: list[dict[str, Json]], where: str) -> None:
     """Check that the nodes form a tree: trimesh reads only one of several parents, and does not detect cycles."""
     named = [node.get("children", []) for node in nodes]
     children = [[child for child in own if type(child) is int] if isinstance(own, list) else [] for own in named]
@@ -71,7 +71,7 @@ def _check_tree(nodes: list[dict[str, Any]], where: str) -> None:
         raise MeshError(f"{where}: nodes[{within}] is its own ancestor; expected a tree")
 
 
-def parse_gltf(content: bytes, binary: bool, where: str, strict: bool = True) -> tuple[dict[str, Any], bytes]:
+def parse_gltf(content: bytes, binary: bool, where: str, strict: bool = True) -> tuple[dict[str, Json], bytes]:
     """Parse a .gltf or (`binary`) .glb file, with a limit on its size; return the JSON tree and the binary chunk.
 
     Without `strict`, invalid UTF-8 and more lists are accepted, since trimesh reads the file itself.
@@ -105,7 +105,7 @@ def parse_gltf(content: bytes, binary: bool, where: str, strict: bool = True) ->
     return tree, chunk
 
 
-def _size_B(accessor: dict[str, Any], index: int, views: list[dict[str, int]], held_B: int, where: str) -> int:
+def _size_B(accessor: dict[str, Json], index: int, views: list[dict[str, int]], held_B: int, where: str) -> int:
     """Return the size of an accessor [bytes]."""
     name = f"accessors[{index}]"
     count = _non_negative_int(accessor, "count", name, where)
@@ -130,14 +130,14 @@ def _size_B(accessor: dict[str, Any], index: int, views: list[dict[str, int]], h
     return count * width_B
 
 
-def _view(view: dict[str, Any], index: int, where: str) -> dict[str, int]:
+def _view(view: dict[str, Json], index: int, where: str) -> dict[str, int]:
     absent = {"buffer": None, "byteLength": None, "byteOffset": 0, "byteStride": 0}
     return {
         key: _non_negative_int(view, key, f"bufferViews[{index}]", where, default) for key, default in absent.items()
     }
 
 
-def _used(tree: dict[str, Any], where: str) -> Iterator[Any]:
+def _used(tree: dict[str, Json], where: str) -> Iterator[Any]:
     """Yield the accessors that meshes use, once for each use."""
     for mesh in items_of(tree, "meshes", where):
         for primitive in items_of(mesh, "primitives", where):
@@ -148,7 +148,7 @@ def _used(tree: dict[str, Any], where: str) -> Iterator[Any]:
             yield primitive.get("indices")
 
 
-def items_of(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+def items_of(parent: dict[str, Json], key: str, where: str) -> list[dict[str, Json]]:
     """Return a list of objects in a glTF file; an empty list if the key is missing.
 
     Raises:
@@ -160,7 +160,7 @@ def items_of(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any
     return items
 
 
-def _non_negative_int(item: dict[str, Any], key: str, name: str, where: str, default: int | None = None) -> int:
+def _non_negative_int(item: dict[str, Json], key: str, name: str, where: str, default: int | None = None) -> int:
     value = item.get(key, default)
     if type(value) is not int or value < 0:
         raise MeshError(f"{where}: {name}.{key} must be an integer, 0 or more, not {str(value)[:40]}")

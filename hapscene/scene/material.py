@@ -75,11 +75,11 @@ def _opacity(colour: Any) -> tuple[float, ...]:
     return (float(np.clip(colour[3] / 255, 0.0, 1.0)) if len(colour) > 3 else 1.0,)
 
 
-def _number(value: Any, default: float) -> float:
+def _number(value: object, default: float) -> float:
     return default if value is None else _numbers([value], 1)[0]
 
 
-def _numbers(values: Any, count: int) -> tuple[float, ...]:
+def _numbers(values: object, count: int) -> tuple[float, ...]:
     """Return `count` numbers, limited to the range from 0 to 1."""
     found = np.clip(np.asarray(values, np.float64)[:count], 0.0, 1.0)
     if found.shape != (count,) or not np.isfinite(found).all():

@@ -236,7 +236,7 @@ def unit_name(unit: str) -> str:
     return name
 
 
-def _check_shape(vertices: NDArray[Any], faces: NDArray[Any], where: str) -> None:
+def _check_shape(vertices: NDArray[np.generic], faces: NDArray[np.generic], where: str) -> None:
     if vertices.ndim != 2 or vertices.shape[1:] != (3,):
         raise MeshError(f"{where}vertices must have shape (N, 3), not {vertices.shape}")
     if not len(faces):
@@ -441,7 +441,7 @@ def face_colours(mesh: "trimesh.Trimesh") -> NDArray[np.uint8] | None:
     return None
 
 
-def _shaded(material: Any, corners: NDArray[Any]) -> NDArray[np.uint8]:
+def _shaded(material: object, corners: NDArray[Any]) -> NDArray[np.uint8]:
     """Return the product (m, 3) of a glTF base colour and the mean corner colours (m, 3, 3), both linear, in sRGB."""
     share = corners.mean(axis=1) / (np.iinfo(corners.dtype).max if corners.dtype.kind == "u" else 1.0)
     factor = getattr(material, "baseColorFactor", None)  # trimesh stores it as uint8
@@ -450,7 +450,7 @@ def _shaded(material: Any, corners: NDArray[Any]) -> NDArray[np.uint8]:
     return np.asarray(np.round(255 * srgb).astype(np.uint8))
 
 
-def sample(material: Any, uv: NDArray[Any] | None, count: int) -> NDArray[np.uint8]:
+def sample(material: Any, uv: NDArray[np.generic] | None, count: int) -> NDArray[np.uint8]:
     """Sample the colours (count, 3) of a trimesh material, at texture coordinates uv (count, 2) if available."""
     from trimesh.visual.color import uv_to_color
 

@@ -117,7 +117,7 @@ def _skin_m(mesh: Mesh) -> float:
     return SKIN_RATIO * mesh.diagonal_m
 
 
-def _finding(kind: str, examples: NDArray[Any], count: int | None = None, more: str = "") -> list[Finding]:
+def _finding(kind: str, examples: NDArray[np.generic], count: int | None = None, more: str = "") -> list[Finding]:
     """Return one finding with `count` (default: the number of examples), or an empty list if the count is 0."""
     count = len(examples) if count is None else count
     if not count:

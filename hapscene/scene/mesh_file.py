@@ -263,7 +263,7 @@ def _suffix(name: str) -> str:
     return PurePosixPath(name).suffix.lower().lstrip(".")
 
 
-def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[Part], str | None]:
+def _read(path: Path, suffix: str, content: bytes, resolver: object) -> tuple[list[Part], str | None]:
     """Return the parts of a mesh file, and its unit if it has one."""
     needed_B, free_B = MEMORY_RATIO.get(suffix, 0) * len(content), memory_left_B()
     if needed_B > free_B:

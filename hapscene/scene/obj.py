@@ -21,7 +21,7 @@ from hapscene.scene.mesh import UNNAMED, MeshWarning, Part, sample
 __all__ = ["LINE_MAX", "read_obj"]
 
 
-def read_obj(content: bytes, where: str, resolver: Any) -> Part:
+def read_obj(content: bytes, where: str, resolver: object) -> Part:
     """Read the triangles of an OBJ file. Polygons are divided into fans from their first corner, as in trimesh.
 
     Args:

@@ -155,7 +155,7 @@ def _replace_strips(content: bytes) -> bytes:
 
 
 def _binary_strips(
-    body: bytes, at: int, count: int, count_type: np.dtype[Any], index_type: np.dtype[Any]
+    body: bytes, at: int, count: int, count_type: np.dtype[np.generic], index_type: np.dtype[np.generic]
 ) -> tuple[list[NDArray[Any]], int]:
     """Return the strips from an offset, and the offset of their end."""
     strips = []

@@ -165,7 +165,7 @@ class Scene:
         self,
         body: str,
         swatch: SwatchLike,
-        where: "str | Region | Sequence[int] | NDArray[Any] | None" = None,
+        where: "str | Region | Sequence[int] | NDArray[np.generic] | None" = None,
         *,
         falloff_m: float = 0.0,
         resolution_m: float | None = None,
@@ -333,7 +333,7 @@ def _same(a: Swatch, b: Swatch) -> bool:
     return swatch_to_json(a) == swatch_to_json(b)
 
 
-def _faces(body: Body, where: Any) -> NDArray[np.bool_]:
+def _faces(body: Body, where: object) -> NDArray[np.bool_]:
     """Return the mask (M,) of the faces that `where` selects."""
     count = len(body.mesh.faces)
     if where is None:

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import SCENE_SUFFIX as SUFFIX
 from hapscene.errors import SceneError, warn
-from hapscene.io.files import check_file, naming, read_bytes, refusing, write_whole
+from hapscene.io.files import Json, check_file, naming, read_bytes, refusing, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import LEVEL_MAX, SUBFACE_MAX, FinePaint, blend, parts, set_subfaces
 from hapscene.scene.mesh import UNIT_M, Mesh, MeshWarning, check_reading
@@ -203,7 +203,7 @@ def encode_paint(face_swatch: NDArray[np.int16]) -> list[list[int]] | str:
     return [[int(swatch), int(n)] for swatch, n in zip(face_swatch[start], length, strict=True)]
 
 
-def decode_paint(paint: Any, face_count: int, swatch_count: int) -> NDArray[np.int16]:
+def decode_paint(paint: object, face_count: int, swatch_count: int) -> NDArray[np.int16]:
     """Decode the paint (face_count,) of an untrusted file.
 
     Raises:
@@ -250,7 +250,7 @@ _FINE: Final = {"face": "<i4", "level": "<u1", "edge": "<u8", "paint": "<i8"}
 subfaces of a face cover it."""
 
 
-def encode_fine(fine: FinePaint) -> dict[str, Any]:
+def encode_fine(fine: FinePaint) -> dict[str, Json]:
     """Encode the paint of subdivided faces: the numbers of faces and subfaces, and a packed string.
 
     The string is the base64 encoding of a zlib stream of the faces and of level, edge and paint of the subfaces, as in
@@ -262,7 +262,7 @@ def encode_fine(fine: FinePaint) -> dict[str, Any]:
     return {"faces": len(fine.faces), "leaves": len(fine), "packed": packed}
 
 
-def decode_fine(content: Any, face_count: int, swatches: list[int], subface_max: int) -> FinePaint:
+def decode_fine(content: object, face_count: int, swatches: list[int], subface_max: int) -> FinePaint:
     """Decode the paint of subdivided faces from an untrusted file.
 
     Args:
@@ -354,11 +354,11 @@ def check_scene_path(path: Path) -> None:
     check_file(path.resolve() if path.is_symlink() else path, SceneError)
 
 
-def _content(scene: "Scene", files: SidecarFiles) -> dict[str, Any]:
+def _content(scene: "Scene", files: SidecarFiles) -> dict[str, Json]:
     """Return the content of the scene file; write the sidecar files."""
     index: dict[int, int] = {}
-    meshes: list[dict[str, Any]] = []
-    bodies: list[dict[str, Any]] = []
+    meshes: list[dict[str, Json]] = []
+    bodies: list[dict[str, Json]] = []
     for body in scene.bodies:
         if id(body.mesh) not in index:
             index[id(body.mesh)] = len(meshes)
@@ -413,7 +413,7 @@ def read_scene(scene: "Scene", path: Path, accept_changed: bool) -> None:
 class _JsonValue:
     """A JSON value and its location in the file, for error messages."""
 
-    def __init__(self, path: Path, where: str, value: Any) -> None:
+    def __init__(self, path: Path, where: str, value: Json) -> None:
         self.path, self.where, self.value = path, where, value
 
     def fail(self, problem: str) -> SceneError:
@@ -522,9 +522,9 @@ def _load_body(scene: "Scene", item: _JsonValue, meshes: list[Mesh], swatches: l
             raise item.fail(f"'fine' {error}") from None
 
 
-def _write_mesh(body: Body, files: SidecarFiles) -> dict[str, Any]:
+def _write_mesh(body: Body, files: SidecarFiles) -> dict[str, Json]:
     mesh = body.mesh
-    entry: dict[str, Any] = {"path": files.name(mesh.path), "unit": mesh.unit}
+    entry: dict[str, Json] = {"path": files.name(mesh.path), "unit": mesh.unit}
     if entry["path"] is None:
         entry = {"path": files.put(body.name, ".ply", mesh_to_ply(mesh)), "unit": "m"}
     elif mesh.up != "z" or mesh.scale != 1.0:
@@ -545,7 +545,7 @@ def _write_swatch(scene: "Scene", index: int, files: SidecarFiles) -> str:
     return name
 
 
-def _layout(content: dict[str, Any]) -> str:
+def _layout(content: dict[str, Json]) -> str:
     """Format JSON with one line for each key, row of a pose and run of paint, to be readable in diffs."""
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
     # Join the lines of innermost lists. All line breaks are layout, since those in strings are escaped.

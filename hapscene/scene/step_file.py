@@ -77,7 +77,7 @@ def read_step(file: BinaryIO) -> Mapping[str, NDArray[Any]]:
     return {"glb": np.frombuffer(glb, np.uint8)}
 
 
-def faces_in(triangles: NDArray[Any]) -> int:
+def faces_in(triangles: NDArray[np.generic]) -> int:
     """Count the STEP faces in triangles (n, 3) of one part: each face has separate vertices."""
     high = np.maximum.accumulate(triangles.max(axis=1))
     low = np.minimum.accumulate(triangles.min(axis=1)[::-1])[::-1]

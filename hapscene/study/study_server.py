@@ -9,9 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from itertools import groupby
 from threading import Event, RLock
-from typing import Any, Final
+from typing import Final
 
 from hapscene.errors import HapsceneError
+from hapscene.io.files import Json
 from hapscene.study.plan import Plan
 from hapscene.study.playing import OutputPlayer
 from hapscene.study.session import Session
@@ -99,10 +100,10 @@ class StudyServer:
         every, done = self._session.plan.break_every, self._session.done
         return bool(every) and done > self._resumed_at and done % every == 0 and self._session.trial is not None
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Json]:
         """The state that the page shows."""
         plan, trial = self._session.plan, self._trial
-        state: dict[str, Any] = {
+        state: dict[str, Json] = {
             "title": plan.title,
             "done": self._session.done,
             "total": self._session.total,
@@ -153,7 +154,7 @@ class StudyServer:
                 self.fault = str(error)
             self._server.send(self.state())
 
-    def _process(self, message: dict[str, Any]) -> None:
+    def _process(self, message: dict[str, Json]) -> None:
         """Process {"continue": true}, {"play": [trial, first, end]} or {"answer": [trial, choice, seconds]}."""
         if message.get("continue") is True:
             self._begun, self._resumed_at = True, self._session.done

@@ -114,7 +114,7 @@ class Effect:
         return np.dtype(fields or [("_", "f8")], align=True)
 
 
-def check_range(effect: Effect, param: Param, value: Any, where: str = "") -> float:
+def check_range(effect: Effect, param: Param, value: object, where: str = "") -> float:
     """Return the value of a parameter as float if it is in range.
 
     Raises:

@@ -5,15 +5,22 @@ the table. One compiled tick thus calls any effects, and a scene never recompile
 "address" is an index into a list of Python functions.
 """
 
+# mypy: allow-untyped-calls
+
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 from llvmlite import ir
 from numba import from_dtype, types
+from numba.core.base import BaseContext
 from numba.core.errors import NumbaError
+from numba.core.typing.context import Context
+from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from hapscene.compiled.entry import Generate
 from hapscene.compiled.native import INTERPRETED, CFunction, native
 from hapscene.errors import EffectError
 from hapscene.records import OUTPUT, TOUCH
@@ -67,12 +74,20 @@ def _reason(error: NumbaError) -> str:
     return "; ".join(line for line in lines if line and not line.startswith(skipped))[:600]
 
 
+Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 if INTERPRETED:
 
     def call_effect(
-        address: int, touch: Any, params: Bytes, param_start: int, table: Any, states: Bytes, state_start: int, out: Any
+        address: int,
+        touch: np.record,
+        params: Bytes,
+        param_start: int,
+        table: Array,
+        states: Bytes,
+        state_start: int,
+        out: np.record,
     ) -> None:
         """Call an effect whose records start at the given bytes of `params` and `states`."""
         effect = _interpreted[address]
@@ -80,16 +95,26 @@ if INTERPRETED:
         s = _record(states, state_start, effect.state_dtype)
         effect.render(touch, p, table, s, out)
 
-    def _record(raw: Bytes, start: int, dtype: np.dtype[Any]) -> Any:
+    def _record(raw: Bytes, start: int, dtype: np.dtype[np.void]) -> Any:
         return raw[start : start + dtype.itemsize].view(dtype).view(np.recarray)[0]
 
 else:
 
     @intrinsic
-    def _intrinsic_call(typing: Any, address: Any, touch: Any, p: Any, table: Any, s: Any, out: Any) -> Any:
+    def _intrinsic_call(
+        typing: Context,
+        address: types.Type,
+        touch: types.Type,
+        p: types.Type,
+        table: types.Type,
+        s: types.Type,
+        out: types.Type,
+    ) -> tuple[Signature, Generate]:
         signature = types.void(types.int64, touch, types.int64, table, types.int64, out)
 
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        def generate(
+            context: BaseContext, builder: ir.IRBuilder, signature: Signature, arguments: Sequence[ir.Value]
+        ) -> ir.Value:
             pointer = ir.IntType(8).as_pointer()
             table_type = context.get_value_type(signature.args[3])
             function_type = ir.FunctionType(ir.VoidType(), [pointer, pointer, table_type, pointer, pointer])
@@ -112,7 +137,14 @@ else:
 
     @native
     def call_effect(
-        address: int, touch: Any, params: Bytes, param_start: int, table: Any, states: Bytes, state_start: int, out: Any
+        address: int,
+        touch: np.record,
+        params: Bytes,
+        param_start: int,
+        table: Array,
+        states: Bytes,
+        state_start: int,
+        out: np.record,
     ) -> None:
         """Call an effect whose records start at the given bytes of `params` and `states`."""
         _call(address, touch, params.ctypes.data + param_start, table, states.ctypes.data + state_start, out)

@@ -5,7 +5,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 from hapscene.constants import DAMPING_NS_M, NUMBER_MAX, STIFFNESS_N_M
 from hapscene.errors import SwatchError
@@ -48,12 +48,12 @@ TOOL_FIELDS: Final = ("tool", "tip")
 """Fields that describe the tool of a recording. The tool affects the recording as much as the surface does."""
 
 
-def touched_with(known: Any) -> str:
+def touched_with(known: object) -> str:
     """Return tool and tip of a swatch or library entry, as "steel probe, 3.2 mm ball"; "" if neither is known."""
     return ", ".join(filter(None, (getattr(known, what) for what in TOOL_FIELDS)))
 
 
-def tip_radius_of(known: Any) -> float | None:
+def tip_radius_of(known: object) -> float | None:
     """Return half the diameter of the tip in a text such as "3.2 mm ball" [m]; None if the text states no ball."""
     found = re.match(r"(\d+\.?\d*) ?mm ball", getattr(known, "tip", "") or "")
     return 0.5e-3 * float(found[1]) if found and float(found[1]) > 0.0 else None

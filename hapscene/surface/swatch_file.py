@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SwatchError, warn
-from hapscene.io.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
+from hapscene.io.files import Json, check_keys, parse_format, read_bytes, refusing, short, write_whole
 from hapscene.surface.gain_modulation import GainModulation
 from hapscene.surface.look import PICTURE_BYTES_MAX, Look
 from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, TOOL_FIELDS, Swatch
@@ -93,7 +93,7 @@ def swatch_to_json(swatch: Swatch) -> str:
     """Return the text of a swatch file: one key or one row of numbers per line."""
     tools = {key: getattr(swatch, key) for key in TOOL_FIELDS if getattr(swatch, key)}
     version = VERSION if tools else 2 if swatch.look is None else 3
-    content: dict[str, Any] = {"format": FORMAT, "version": version}
+    content: dict[str, Json] = {"format": FORMAT, "version": version}
     content |= {key: getattr(swatch, key) for key in (*_TEXTS, "albedo_rgb")} | tools | swatch.own_numbers
     content |= {key: getattr(swatch, key) for key in ("effects", "intervals", "absent")}
     if swatch.look is not None:
@@ -107,20 +107,20 @@ def swatch_to_json(swatch: Swatch) -> str:
     return _layout(content, "") + "\n"
 
 
-def _look_content(look: Look) -> dict[str, Any]:
+def _look_content(look: Look) -> dict[str, Json]:
     """Return the section of a look, with pictures as base64."""
     pictures = {key: base64.b64encode(getattr(look, key)).decode("ascii") for key in _PICTURES if getattr(look, key)}
     return {"roughness": look.roughness, "size_m": look.size_m} | pictures
 
 
-def _taps_content(taps: Taps | None) -> dict[str, Any] | None:
+def _taps_content(taps: Taps | None) -> dict[str, Json] | None:
     if taps is None:
         return None
     rows = (*TAP_ROWS, *(() if taps.wave_m_s2 is None else ("wave_rate_Hz", "wave_m_s2")))
     return {key: getattr(taps, key) for key in rows}
 
 
-def _texture_content(texture: Texture) -> dict[str, Any]:
+def _texture_content(texture: Texture) -> dict[str, Json]:
     """Return the section of a texture."""
     content = {key: getattr(texture, key) for key in ("rate_Hz", "interpolation", "warp", "exponents")}
     gain = texture.modulation
@@ -129,7 +129,7 @@ def _texture_content(texture: Texture) -> dict[str, Any]:
     return content
 
 
-def _layout(value: Any, indent: str) -> str:
+def _layout(value: object, indent: str) -> str:
     """Format JSON with each list of numbers on one line, which json.dumps cannot do."""
     inner = indent + "  "
     if isinstance(value, np.ndarray):
@@ -172,7 +172,7 @@ def swatch_from_json(data: bytes | str) -> Swatch:
         return _swatch(parse_format(data, "a swatch", FORMAT, VERSION))
 
 
-def _swatch(content: dict[str, Any]) -> Swatch:
+def _swatch(content: dict[str, Json]) -> Swatch:
     sections = ["effects", "intervals", "absent", "taps", "leaving", "texture"]
     if content["version"] >= 3:
         sections.append("look")
@@ -200,7 +200,7 @@ def _swatch(content: dict[str, Any]) -> Swatch:
     return Swatch(**fields)
 
 
-def _look(content: Any) -> Look | None:
+def _look(content: Json) -> Look | None:
     if content is None:
         return None
     check_keys("look", content, ("roughness", "size_m", *_PICTURES), ())
@@ -218,7 +218,7 @@ def _look(content: Any) -> Look | None:
     return Look(**fields)
 
 
-def _texture(content: Any, version: int) -> Texture | None:
+def _texture(content: Json, version: int) -> Texture | None:
     where = "texture"
     if content is None:
         return None
@@ -242,14 +242,14 @@ def _texture(content: Any, version: int) -> Texture | None:
     return Texture(**fields, interpolation=_text(f"{where}.interpolation", content.get("interpolation", "lsf")))
 
 
-def _modulation(where: str, content: Any) -> GainModulation | None:
+def _modulation(where: str, content: Json) -> GainModulation | None:
     if content is None:
         return None
     check_keys(where, content, _MODULATION_ROWS)
     return GainModulation(**{key: _array(f"{where}.{key}", content[key], 1) for key in _MODULATION_ROWS})
 
 
-def _taps(where: str, content: Any) -> Taps | None:
+def _taps(where: str, content: Json) -> Taps | None:
     if content is None:
         return None
     check_keys(where, content, (*TAP_ROWS, "wave_rate_Hz", "wave_m_s2"), TAP_ROWS)
@@ -261,14 +261,14 @@ def _taps(where: str, content: Any) -> Taps | None:
     return Taps(**fields)
 
 
-def _measured(where: str, content: Any) -> dict[str, Any]:
+def _measured(where: str, content: object) -> dict[str, Json]:
     """Check a mapping of names of measured parameters."""
     if not isinstance(content, dict) or len(content) > MEASURED_MAX:
         raise SwatchError(f"{where} must be an object of at most {MEASURED_MAX} entries")
     return {_text(f"a name in {where}", name): value for name, value in content.items()}
 
 
-def _effects(content: Any) -> dict[str, dict[str, float]]:
+def _effects(content: object) -> dict[str, dict[str, float]]:
     if not isinstance(content, dict) or not all(isinstance(numbers, dict) for numbers in content.values()):
         raise SwatchError('effects must be an object of objects, as {"friction": {"bristle_m": 1e-4}}')
     for name in (*content, *(param for numbers in content.values() for param in numbers)):
@@ -280,7 +280,7 @@ def _effects(content: Any) -> dict[str, dict[str, float]]:
     }
 
 
-def _text(where: str, value: Any) -> str:
+def _text(where: str, value: object) -> str:
     if not isinstance(value, str):
         raise SwatchError(f"{where} must be a text, is {short(value)}")
     if len(value) > TEXT_MAX or any("\ud800" <= c <= "\udfff" for c in value):
@@ -288,18 +288,18 @@ def _text(where: str, value: Any) -> str:
     return value
 
 
-def is_number(value: Any) -> bool:
+def is_number(value: Json) -> bool:
     """Return whether a JSON value is a finite number, excluding true and false; an int can have any size."""
     return type(value) in (int, float) and -1e300 < value < 1e300
 
 
-def _number(where: str, value: Any) -> float:
+def _number(where: str, value: Json) -> float:
     if not is_number(value):
         raise SwatchError(f"{where} must be a finite number, is {short(value)}")
     return float(value)
 
 
-def _array(where: str, value: Any, dimensions: int, whole: bool = False) -> NDArray[np.float64]:
+def _array(where: str, value: object, dimensions: int, whole: bool = False) -> NDArray[np.float64]:
     """Convert nested lists of numbers to an array with this number of dimensions."""
     rows = value if dimensions == 2 else [value]
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):

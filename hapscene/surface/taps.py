@@ -5,7 +5,7 @@ Virtual Environments", IEEE/ASME Trans. Mechatronics 6(3)).
 """
 
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -29,7 +29,7 @@ RING_TIMES: Final = 7.0
 TAP_ROWS: Final = ("approach_m_s", "amplitude_m_s2", "frequency_Hz", "decay_1_s")
 
 
-def freeze(owner: Any, name: str, values: ArrayLike, dtype: DTypeLike = np.float64) -> None:
+def freeze(owner: object, name: str, values: ArrayLike, dtype: DTypeLike = np.float64) -> None:
     """Set a field of a frozen dataclass to a read-only copy of an array."""
     array = np.array(values, dtype)
     array.setflags(write=False)

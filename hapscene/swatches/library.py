@@ -437,7 +437,7 @@ def parse_index(data: bytes, where: str) -> list[LibraryEntry]:
     return entries
 
 
-def _entry(row: Any, place: str) -> LibraryEntry:
+def _entry(row: object, place: str) -> LibraryEntry:
     """Check and convert one entry."""
     if not isinstance(row, dict):
         raise SwatchError(f"{place} must be an object")

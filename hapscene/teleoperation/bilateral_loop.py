@@ -1,15 +1,17 @@
 """Leader and follower in one compiled loop, many times faster than real time."""
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.compiled.native import native
 from hapscene.device.sim.arm import find_tip
 from hapscene.geometry import Vector
+from hapscene.records import Records
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
-from hapscene.teleoperation.endpoint import receive_message
-from hapscene.teleoperation.leader_follower import step_follower, step_leader
+from hapscene.teleoperation.endpoint import Endpoint, receive_message
+from hapscene.teleoperation.leader_follower import Follower, Hand, Leader, step_follower, step_leader
 from hapscene.teleoperation.link import Link, collect, post
 
 __all__ = ["TICK_RECORD", "Line", "operate", "receive"]
@@ -36,11 +38,11 @@ class Line(NamedTuple):
 
     to_follower: Link
     to_leader: Link
-    message: Any  # (1,) MESSAGE
+    message: Records  # (1,) MESSAGE
 
 
 @native
-def operate(leader: Any, follower: Any, line: Any, first: int, hand: Any, rows: Any) -> None:
+def operate(leader: Leader, follower: Follower, line: Line, first: int, hand: Hand, rows: Records) -> None:
     """Run one tick for each row of `rows` (n,) TICK_RECORD, from tick `first` on, and fill the rows.
 
     `hand` has target, grip and push of the leader's hand, as in the reference trajectory.
@@ -65,12 +67,12 @@ def operate(leader: Any, follower: Any, line: Any, first: int, hand: Any, rows: 
 
 
 @native
-def receive(end: Any, link: Any, now: int, message: Any) -> None:
+def receive(end: Endpoint, link: Link, now: int, message: Records) -> None:
     """Pass the messages that a link has delivered by tick `now` to an end."""
     while collect(link, now, message, 0):
         receive_message(end, now, message[0])
 
 
 @native
-def _set(target: Any, vector: Vector) -> None:
+def _set(target: NDArray[np.float64], vector: Vector) -> None:
     target[0], target[1], target[2] = vector[0], vector[1], vector[2]

@@ -5,7 +5,8 @@ origin of the body, held over a tick; for a robot, Jᵀ f are the joint torques.
 acceleration of the body along the handle in each step, so that a simulation with shorter steps resolves taps better.
 """
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from hapscene.compiled.native import native
 from hapscene.constants import TICK_S
 from hapscene.errors import SceneError, no_such
 from hapscene.geometry import Vector
-from hapscene.records import records
+from hapscene.records import Records, records
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling, control, fill_message, new_endpoint, set_start
 from hapscene.teleoperation.leader_follower import high_pass, new_tool, tip_acceleration
@@ -41,7 +42,7 @@ class BodyFollower:
         SceneError: unknown body; steps that do not divide a tick; later, a position that is not finite.
     """
 
-    def __init__(self, simulation: "Simulation", body: str | None, coupling: Coupling, axis_W: Any) -> None:
+    def __init__(self, simulation: "Simulation", body: str | None, coupling: Coupling, axis_W: Sequence[float]) -> None:
         names = tuple(simulation.names)
         if body is None and len(names) != 1:
             raise SceneError(
@@ -92,7 +93,9 @@ class BodyFollower:
 
 
 @native
-def read_accelerometer(tool: Any, positions_m: NDArray[np.float64], step_s: float, read_m_s2: Any) -> None:
+def read_accelerometer(
+    tool: Records, positions_m: NDArray[np.float64], step_s: float, read_m_s2: NDArray[np.float64]
+) -> None:
     """Compute the accelerometer samples of a tick (SAMPLE_COUNT,) from tool positions (k, 3), one per step."""
     count, sample = len(positions_m), 0
     for i in range(count):

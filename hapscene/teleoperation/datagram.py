@@ -13,6 +13,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.records import Record
+
 __all__ = ["DATAGRAM", "MESSAGE", "SAMPLE_COUNT", "DatagramFilter", "pack"]
 
 SAMPLE_COUNT: Final = 10
@@ -69,7 +71,7 @@ LIMITS: Final = {"p_WT_m": 10.0, "v_WT_m_s": 100.0, "wave_sqrtJs": 1e6, "wave_J"
 """Largest accepted magnitude of each quantity, in the unit of its name."""
 
 
-def pack(message: Any, role: int, session: int, scheme: int = 1, ends: bool = False) -> bytes:
+def pack(message: Record, role: int, session: int, scheme: int = 1, ends: bool = False) -> bytes:
     """Encode a message, one MESSAGE, as a datagram.
 
     Args:
@@ -107,7 +109,7 @@ class DatagramFilter:
         self.counts = {"accepted": 0, "malformed": 0, "foreign": 0, "duplicate": 0, "outdated": 0}
         self._newest, self._seen = -1, np.full(SEEN, -1, np.int64)
 
-    def accept(self, data: bytes, message: Any) -> bool:
+    def accept(self, data: bytes, message: Record) -> bool:
         """Check a datagram; if it is valid, decode it into `message`, one MESSAGE. Never raises.
 
         Returns whether the datagram is valid.

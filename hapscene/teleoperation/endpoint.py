@@ -10,14 +10,14 @@ the positions at which the ends first receive a message, and set the force to ze
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from hapscene.compiled.native import native
 from hapscene.errors import HapsceneError, no_such
 from hapscene.geometry import Vector
-from hapscene.records import records
+from hapscene.records import Record, Records, records
 from hapscene.teleoperation.jitter_buffer import advance_queue, new_queue, store
 from hapscene.teleoperation.wave import (
     CATCH_UP_S,
@@ -139,8 +139,8 @@ STATE: Final = np.dtype(
 class Endpoint(NamedTuple):
     """One end of a teleoperation."""
 
-    state: Any  # (1,) STATE
-    queue: Any  # (1,) QUEUE of received messages
+    state: Records  # (1,) STATE
+    queue: Records  # (1,) QUEUE of received messages
 
 
 def new_endpoint(coupling: Coupling, role: str, tick_s: float) -> Endpoint:
@@ -160,7 +160,7 @@ def new_endpoint(coupling: Coupling, role: str, tick_s: float) -> Endpoint:
 
 
 @native
-def set_start(end: Any, x: float, y: float, z: float) -> None:
+def set_start(end: Endpoint, x: float, y: float, z: float) -> None:
     """Set the position of the device before the first tick [m]."""
     state = end.state[0]
     position = (x, y, z)
@@ -169,7 +169,7 @@ def set_start(end: Any, x: float, y: float, z: float) -> None:
 
 
 @native
-def receive_message(end: Any, now: int, message: Any) -> None:
+def receive_message(end: Endpoint, now: int, message: Record) -> None:
     """Take in a message of the peer, one MESSAGE, in tick `now`.
 
     The first new message after silence engages the coupling: both ends move together from their present positions.
@@ -192,7 +192,7 @@ def receive_message(end: Any, now: int, message: Any) -> None:
 
 
 @native
-def _engage(end: Any, message: Any) -> None:
+def _engage(end: Endpoint, message: Record) -> None:
     """Start the coupling without force; earlier waves do not count."""
     state = end.state[0]
     state.engaged = 1
@@ -205,7 +205,7 @@ def _engage(end: Any, message: Any) -> None:
 
 
 @native
-def fill_message(end: Any, now: int, outgoing: Any) -> None:
+def fill_message(end: Endpoint, now: int, outgoing: Records) -> None:
     """Fill a message (1,) for the peer; the caller fills in its acceleration samples."""
     state, message = end.state[0], outgoing[0]
     message.tick = now
@@ -218,7 +218,7 @@ def fill_message(end: Any, now: int, outgoing: Any) -> None:
 
 
 @native
-def control(end: Any, now: int, x: float, y: float, z: float) -> Vector:
+def control(end: Endpoint, now: int, x: float, y: float, z: float) -> Vector:
     """Compute the motor force [N] of tick `now` for a device at (x, y, z) [m]; zero unless messages arrive."""
     state = end.state[0]
     _observe(state, (x, y, z))
@@ -242,7 +242,7 @@ def control(end: Any, now: int, x: float, y: float, z: float) -> Vector:
 
 
 @native
-def _observe(state: Any, position: Vector) -> None:
+def _observe(state: Record, position: Vector) -> None:
     """Update the velocity, and the work that the held force has done since the last tick."""
     work = 0.0
     for i in range(3):
@@ -256,7 +256,7 @@ def _observe(state: Any, position: Vector) -> None:
 
 
 @native
-def _couple_positions(state: Any) -> None:
+def _couple_positions(state: Record) -> None:
     """The position–position controller."""
     for i in range(3):
         stretch = state.peer_m[i] - state.offset_m[i] - state.x_m[i]

@@ -6,13 +6,14 @@ thus becomes a nearly constant delay, which wave variables tolerate, and no long
 missing message is bridged by the next one, since waves are sent as totals.
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.compiled.native import native
 from hapscene.geometry import Vector
-from hapscene.records import records
+from hapscene.records import Record, Records, records
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
 
 __all__ = ["QUEUE", "advance_queue", "new_queue", "next_wave", "play_samples", "store"]
@@ -52,15 +53,15 @@ QUEUE: Final = np.dtype(
 )
 
 
-def new_queue() -> Any:
+def new_queue() -> Records:
     """Return an empty queue (1,) QUEUE."""
-    queue = records(1, QUEUE)
+    queue: Records = records(1, QUEUE)
     queue.tick[:] = -1
     return queue
 
 
 @native
-def store(queue: Any, now: int, message: Any) -> None:
+def store(queue: Record, now: int, message: Record) -> None:
     """Store a message that arrived in the receiver's tick `now`, and adapt the lag."""
     if queue.started == 0 or abs(now - queue.lag_ticks - message.tick) >= QUEUE_TICKS // 2:
         queue.started, queue.newest = 1, message.tick
@@ -90,7 +91,7 @@ def store(queue: Any, now: int, message: Any) -> None:
 
 
 @native
-def advance_queue(queue: Any, now: int) -> None:
+def advance_queue(queue: Record, now: int) -> None:
     """Set which message is due in tick `now`. To be called once per tick, before `next_wave` and `play_samples`."""
     if queue.started == 0:
         return
@@ -104,7 +105,7 @@ def advance_queue(queue: Any, now: int) -> None:
 
 
 @native
-def next_wave(queue: Any) -> tuple[int, Vector, float]:
+def next_wave(queue: Record) -> tuple[int, Vector, float]:
     """Return the message that is due, or the next one after it that has arrived.
 
     Returns:
@@ -120,7 +121,7 @@ def next_wave(queue: Any) -> tuple[int, Vector, float]:
 
 
 @native
-def play_samples(queue: Any, a_m_s2: Any) -> None:
+def play_samples(queue: Record, a_m_s2: NDArray[np.float64]) -> None:
     """Copy the due acceleration samples to `a_m_s2` (SAMPLE_COUNT,), or zeros if they have not arrived."""
     slot = queue.a_due_tick % QUEUE_TICKS
     found = queue.started == 1 and queue.a_is_new == 1 and queue.tick[slot] == queue.a_due_tick

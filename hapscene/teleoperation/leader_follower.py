@@ -7,20 +7,24 @@ follower.
 """
 
 import math
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hapscene.compiled.entry import call_flags
 from hapscene.compiled.native import native
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.contact.world import World
 from hapscene.device.sim.arm import Arm, advance_arm, drive_arm, find_tip, new_arm, read_arm
+from hapscene.device.sim.omni import Omni
+from hapscene.device.sim.point import PointMass
 from hapscene.geometry import Vector
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
-from hapscene.records import ROW, records
-from hapscene.surface.surface_arrays import TICK
+from hapscene.records import ROW, Record, Records, records
+from hapscene.surface.surface_arrays import TICK, Surface
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling, Endpoint, control, fill_message, new_endpoint, set_start
 from hapscene.teleoperation.jitter_buffer import play_samples
@@ -28,10 +32,16 @@ from hapscene.teleoperation.jitter_buffer import play_samples
 if TYPE_CHECKING:
     from hapscene.render.renderer import Renderer
 
+Array = NDArray[np.float64]
+
+Hand = tuple[Array, Array, Array]
+"""Target, grip and push of the hand of the leader, one row per tick, as in `ReferenceTrajectory`."""
+
 __all__ = [
     "ACCELEROMETER_CORNER_HZ",
     "VIBRATION_CORNER_HZ",
     "Follower",
+    "Hand",
     "Leader",
     "high_pass",
     "move_by_vibration",
@@ -75,16 +85,16 @@ TOOL: Final = np.dtype(
 """State of a tool from sample to sample."""
 
 
-def new_tool(p_W_m: Any, axis_W: Any) -> Any:
+def new_tool(p_W_m: ArrayLike, axis_W: ArrayLike) -> Records:
     """Return a tool (1,) TOOL at rest at `p_W_m` (3,), with the handle along `axis_W` (3,)."""
-    tool = records(1, TOOL)
+    tool: Records = records(1, TOOL)
     tool.axis_W = np.asarray(axis_W, np.float64) / np.linalg.norm(axis_W)
     tool.before_m = tool.axis_W[0] @ np.asarray(p_W_m)
     return tool
 
 
 @native
-def tip_acceleration(tool: Any, p_W_m: Vector, h_s: float) -> float:
+def tip_acceleration(tool: Record, p_W_m: Vector, h_s: float) -> float:
     """Acceleration of the tip along the handle, as the second difference of its positions; the newest is `p_W_m`
     [m/s²]."""
     n = tool.axis_W
@@ -96,7 +106,7 @@ def tip_acceleration(tool: Any, p_W_m: Vector, h_s: float) -> float:
 
 
 @native
-def high_pass(tool: Any, a_m_s2: float, h_s: float, corner_Hz: float = ACCELEROMETER_CORNER_HZ) -> float:
+def high_pass(tool: Record, a_m_s2: float, h_s: float, corner_Hz: float = ACCELEROMETER_CORNER_HZ) -> float:
     """Filter a sample of acceleration by a high-pass of second order [m/s²].
 
     Trapezoidal state-variable filter (Zavalishin 2012, "The Art of VA Filter Design", 4.4), exact at its corner.
@@ -111,7 +121,7 @@ def high_pass(tool: Any, a_m_s2: float, h_s: float, corner_Hz: float = ACCELEROM
 
 
 @native
-def move_by_vibration(tool: Any, a_m_s2: float, h_s: float) -> None:
+def move_by_vibration(tool: Record, a_m_s2: float, h_s: float) -> None:
     """Integrate a sample of vibration [m/s²] to a displacement of the tool."""
     leak = 2.0 * math.pi * VIBRATION_CORNER_HZ * h_s
     tool.vibration_m_s += a_m_s2 * h_s - leak * tool.vibration_m_s
@@ -126,15 +136,17 @@ class Leader(NamedTuple):
 
     arm: Arm
     end: Endpoint
-    tool: Any  # (1,) TOOL
-    handle: Any  # (1,) HANDLE, which plays the accelerometer signal of the follower
-    wanted_m_s2: NDArray[np.float64]  # (SAMPLE_COUNT,) desired acceleration of the handle in this tick
-    tip_m_s2: NDArray[np.float64]  # (SAMPLE_COUNT,) acceleration of the tip along the handle, by base motors and hand
-    handle_m_s2: NDArray[np.float64]  # (SAMPLE_COUNT,) acceleration of the handle relative to it, by the voice coil
-    outgoing: Any  # (1,) MESSAGE to the follower
+    tool: Records  # (1,) TOOL
+    handle: Records  # (1,) HANDLE, which plays the accelerometer signal of the follower
+    wanted_m_s2: Array  # (SAMPLE_COUNT,) desired acceleration of the handle in this tick
+    tip_m_s2: Array  # (SAMPLE_COUNT,) acceleration of the tip along the handle, by base motors and hand
+    handle_m_s2: Array  # (SAMPLE_COUNT,) acceleration of the handle relative to it, by the voice coil
+    outgoing: Records  # (1,) MESSAGE to the follower
 
 
-def new_leader(device: Any, handle: Any, coupling: Coupling, p_WT_m: Any, axis_W: Any) -> Leader:
+def new_leader(
+    device: PointMass | Omni, handle: Records, coupling: Coupling, p_WT_m: Sequence[float], axis_W: Sequence[float]
+) -> Leader:
     """Return a leader at rest at `p_WT_m` (3,), with the handle along `axis_W` (3,)."""
     arm = new_arm(device, p_WT_m)
     end = new_endpoint(coupling, "leader", TICK_S)
@@ -152,7 +164,7 @@ def new_leader(device: Any, handle: Any, coupling: Coupling, p_WT_m: Any, axis_W
 
 
 @native
-def step_leader(leader: Any, trajectory: Any, row: int, now: int) -> Vector:
+def step_leader(leader: Leader, trajectory: Hand, row: int, now: int) -> Vector:
     """Run tick `now` of the leader, whose hand is at row `row` of its reference trajectory (target, grip, push).
 
     Returns the force of the base motors [N]; the message to the follower is in `leader.outgoing`.
@@ -175,7 +187,7 @@ def step_leader(leader: Any, trajectory: Any, row: int, now: int) -> Vector:
 
 
 @native
-def set_hand(leader: Any, target_W_m: Any, grip: Any, push_W_N: Any, row: int) -> None:
+def set_hand(leader: Leader, target_W_m: Array, grip: Array, push_W_N: Array, row: int) -> None:
     """Set target, grip and push of the hand to a row of the trajectory; the target moves linearly to the next row."""
     hand = leader.arm.hand[0]
     after = min(row + 1, len(target_W_m) - 1)
@@ -202,16 +214,18 @@ class Follower(NamedTuple):
 
     arm: Arm
     end: Endpoint
-    world: Any
-    surface: Any  # its tick lasts one sample of the accelerometer
-    row: Any  # (1,) ROW of the last tick
-    sample: NDArray[np.float64]  # (1,)
-    tool: Any  # (1,) TOOL
-    read_m_s2: NDArray[np.float64]  # (SAMPLE_COUNT,) accelerometer samples of the last tick
-    outgoing: Any  # (1,) MESSAGE to the leader
+    world: World
+    surface: Surface  # its tick lasts one sample of the accelerometer
+    row: Records  # (1,) ROW of the last tick
+    sample: Array  # (1,)
+    tool: Records  # (1,) TOOL
+    read_m_s2: Array  # (SAMPLE_COUNT,) accelerometer samples of the last tick
+    outgoing: Records  # (1,) MESSAGE to the leader
 
 
-def new_follower(renderer: "Renderer", device: Any, coupling: Coupling, p_WT_m: Any, axis_W: Any) -> Follower:
+def new_follower(
+    renderer: "Renderer", device: PointMass | Omni, coupling: Coupling, p_WT_m: Sequence[float], axis_W: Sequence[float]
+) -> Follower:
     """Return a follower at rest at `p_WT_m` (3,).
 
     The tick of the renderer must last one sample at 10 kHz, and the renderer must live as long as the follower.
@@ -234,7 +248,7 @@ def new_follower(renderer: "Renderer", device: Any, coupling: Coupling, p_WT_m: 
 
 
 @native
-def step_follower(follower: Any, now: int) -> Vector:
+def step_follower(follower: Follower, now: int) -> Vector:
     """Run tick `now` of the follower; return the motor force [N]. The message to the leader is in `outgoing`."""
     outgoing, tool, hand = follower.outgoing, follower.tool[0], follower.arm.hand[0]
     x, y, z = read_arm(follower.arm)

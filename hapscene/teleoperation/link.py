@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hapscene.compiled.native import native
 from hapscene.dsp.noise import seeded_state, uniform
 from hapscene.errors import HapsceneError
-from hapscene.records import records
+from hapscene.records import Records, records
 from hapscene.teleoperation.datagram import MESSAGE
 
 __all__ = ["JITTER_MOST", "SLOT_COUNT", "Impairment", "Link", "collect", "new_link", "post"]
@@ -73,8 +73,8 @@ class Impairment:
 class Link(NamedTuple):
     """A link in one direction, and the messages in transit."""
 
-    line: Any  # (1,) LINE
-    messages: Any  # (SLOT_COUNT,) MESSAGE
+    line: Records  # (1,) LINE
+    messages: Records  # (SLOT_COUNT,) MESSAGE
     arrival_tick: NDArray[np.float64]  # (SLOT_COUNT,); infinite once the message has arrived
 
 
@@ -90,7 +90,7 @@ def new_link(impairment: Impairment, tick_s: float, seed: int, name: str) -> Lin
 
 
 @native
-def post(link: Any, tick: int, message: Any) -> None:
+def post(link: Link, tick: int, message: Records) -> None:
     """Send a message (1,) over a link, in tick `tick` of the sender."""
     line = link.line[0]
     delay = line.delay_ticks
@@ -108,7 +108,7 @@ def post(link: Any, tick: int, message: Any) -> None:
 
 
 @native
-def collect(link: Any, tick: int, messages: Any, set_start: int) -> bool:
+def collect(link: Link, tick: int, messages: Records, set_start: int) -> bool:
     """Move the next message that has arrived by tick `tick`, in order of arrival, to `messages[place]`.
 
     Returns whether there was one.

@@ -13,7 +13,7 @@ from hapscene.device.sim.arm import find_tip, simulated_device
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
-from hapscene.records import records
+from hapscene.records import Records, records
 from hapscene.render.renderer import EFFECTS, Renderer
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect
@@ -21,7 +21,7 @@ from hapscene.teleoperation.bilateral_loop import TICK_RECORD, Line, operate, re
 from hapscene.teleoperation.body_follower import BodyFollower
 from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.endpoint import Coupling
-from hapscene.teleoperation.leader_follower import Follower, Leader, new_follower, new_leader, step_leader
+from hapscene.teleoperation.leader_follower import Follower, Hand, Leader, new_follower, new_leader, step_leader
 from hapscene.teleoperation.link import Impairment, new_link, post
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ class Operation:
             work_J=leader_J + follower_J,
         )
 
-    def _operate(self, follower: BodyFollower, hand: tuple[Array, Array, Array], rows: Any) -> None:
+    def _operate(self, follower: BodyFollower, hand: Hand, rows: Records) -> None:
         """Do the same as `bilateral_loop.operate` for a follower that is not compiled."""
         leader, line = self.leader, self.line
         for k, row in enumerate(rows):

@@ -24,7 +24,7 @@ from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.interrupt import interrupt_noted
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
-from hapscene.records import records
+from hapscene.records import Record, records
 from hapscene.teleoperation.datagram import DATAGRAM, MESSAGE, DatagramFilter, pack
 from hapscene.teleoperation.endpoint import ROLES, SCHEMES, Coupling, new_endpoint, receive_message
 from hapscene.teleoperation.leader_follower import (
@@ -194,7 +194,8 @@ class UdpSession:
                 return f"no message from the peer for {SILENCE_MAX_S:g} s"
             if self.filter.session is None and self._role == 0 and silent * TICK_S > CONNECT_S:
                 raise HapsceneError(
-                    f"no follower answers at {_name(self._peer)}; start one there: hapscene lab teleoperate follower"
+                    f"no follower answers at {_name(self._socket.getpeername())}; start one there: "
+                    "hapscene lab teleoperate follower"
                 )
 
     def _receive(self) -> bool:
@@ -221,9 +222,9 @@ class UdpSession:
     def _advance(self) -> None:
         """Run one tick, and send its message."""
         now, self._ticks = self._ticks, self._ticks + 1
-        if self._hand is not None:
+        if isinstance(self._side, Leader) and self._hand is not None:
             step_leader(self._side, self._hand, now % len(self._hand[0]), now)
-        else:
+        elif isinstance(self._side, Follower):
             step_follower(self._side, now)
         self._send(self._side.outgoing[0])
         state = self._side.end.state[0]
@@ -232,7 +233,7 @@ class UdpSession:
         if state.silent_ticks > state.timeout_ticks:
             self._force_in_silence_N = max(force_N, self._force_in_silence_N)
 
-    def _send(self, message: Any, ends: bool = False) -> None:
+    def _send(self, message: Record, ends: bool = False) -> None:
         if self._peer is None:
             return
         data = pack(message, self._role, self._session, self._scheme, ends)
@@ -296,7 +297,9 @@ def run_leader(
 
 
 @contextmanager
-def _opened(address: tuple[str, int], attach: Callable[[socket.socket, Any], None]) -> Iterator[socket.socket]:
+def _opened(
+    address: tuple[str, int], attach: Callable[[socket.socket, tuple[str, int]], None]
+) -> Iterator[socket.socket]:
     """A UDP socket that is bound or connected."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         try:
@@ -313,5 +316,5 @@ def _run(session: UdpSession, title: str, duration_s: float) -> dict[str, Any]:
         return session.run(duration_s, noted)
 
 
-def _name(address: Any) -> str:
+def _name(address: tuple[str, int]) -> str:
     return f"{address[0]}:{address[1]}"

@@ -19,10 +19,11 @@ jitter, loss, reordering, encoder steps and a force that is held over a tick:
 """
 
 import math
-from typing import Any, Final
+from typing import Final
 
 from hapscene.compiled.native import native
 from hapscene.geometry import Vector
+from hapscene.records import Record
 from hapscene.teleoperation.jitter_buffer import next_wave
 
 __all__ = [
@@ -51,7 +52,7 @@ a limit (Hannaford & Ryu 2002). A third of the wave impedance: rarely active, an
 
 
 @native
-def couple_leader(state: Any, back: Vector) -> None:
+def couple_leader(state: Record, back: Vector) -> None:
     """Compute force and outgoing wave of the leader from the received wave."""
     b = state.impedance_Ns_m
     root = math.sqrt(2.0 * b)
@@ -63,7 +64,7 @@ def couple_leader(state: Any, back: Vector) -> None:
 
 
 @native
-def couple_follower(state: Any, wave: Vector) -> None:
+def couple_follower(state: Record, wave: Vector) -> None:
     """Compute force and outgoing wave of the follower, whose desired position x_d is moved by the received wave."""
     b, K, B, T = state.impedance_Ns_m, state.stiffness_N_m, state.damping_Ns_m, state.tick_s
     root = math.sqrt(2.0 * b)
@@ -79,7 +80,7 @@ def couple_follower(state: Any, wave: Vector) -> None:
 
 
 @native
-def receive_wave(state: Any, queue: Any) -> Vector:
+def receive_wave(state: Record, queue: Record) -> Vector:
     """Return the wave to apply in this tick, limited by the energy that has arrived [√W]."""
     T = state.tick_s
     ticks, total, total_J = next_wave(queue)
@@ -111,13 +112,13 @@ def receive_wave(state: Any, queue: Any) -> Vector:
 
 
 @native
-def energy_to_send(state: Any) -> float:
+def energy_to_send(state: Record) -> float:
     """The total energy that is transmitted with the waves sent so far [J]."""
     return float(min(state.sent_J + CREDIT_J, state.observed_J + state.allowance_J))
 
 
 @native
-def damp_debt(state: Any) -> None:
+def damp_debt(state: Record) -> None:
     """Damp the device while it has supplied less energy than its waves and the credit contain."""
     if state.observed_J + state.allowance_J < state.sent_J + CREDIT_J:
         for i in range(3):
@@ -126,7 +127,7 @@ def damp_debt(state: Any) -> None:
 
 
 @native
-def _send(state: Any, x: float, y: float, z: float) -> None:
+def _send(state: Record, x: float, y: float, z: float) -> None:
     """Add a wave [√W] to the totals to send."""
     state.sent[0] += state.tick_s * x
     state.sent[1] += state.tick_s * y
@@ -135,7 +136,7 @@ def _send(state: Any, x: float, y: float, z: float) -> None:
 
 
 @native
-def limit_force(state: Any) -> None:
+def limit_force(state: Record) -> None:
     """Limit the magnitude of the force to that of the motors, without changing its direction."""
     f = state.f_N
     magnitude = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])

@@ -6,7 +6,7 @@ colour and the grain of their swatch. A body without materials and colours in it
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,7 +145,7 @@ def feel_layer(body: "Body", normal: NDArray[np.float64], over: Literal["materia
     return FeelLayer(corner_m, at, a[rows], b[rows], weight[rows], opacity[rows])
 
 
-def box_uv(corner_m: NDArray[Any], tile_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def box_uv(corner_m: NDArray[np.generic], tile_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Project triangles (k, 3, 3) along the main axis of their normal.
 
     Returns:

@@ -90,7 +90,7 @@ class WebListener:
             if thread is not current_thread():
                 thread.join(max(0.0, end_s - time.monotonic()))
 
-    def _serve_if_free(self, connection: socket.socket, address: Any) -> None:
+    def _serve_if_free(self, connection: socket.socket, address: object) -> None:
         # Registered before the check: either `close` finds the connection, or the check finds the server closed.
         self._threads[connection] = current_thread()
         accepted = not self._closed.is_set() and self._free.acquire(blocking=False)
