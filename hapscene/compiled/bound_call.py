@@ -8,7 +8,7 @@ The call uses nothing of Python.
 # mypy: allow-untyped-calls
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from typing import Any, Final
 
@@ -22,7 +22,7 @@ from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hapscene.compiled.entry import Generate
+from hapscene.compiled.entry import Generate, Values
 from hapscene.compiled.native import INTERPRETED, CFunction, native
 
 __all__ = ["BoundCall", "loaded"]
@@ -75,9 +75,7 @@ else:
         """Return the bound argument of a `BoundCall`."""
         value = kind.instance_type
 
-        def generate(
-            context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Sequence[ir.Value]
-        ) -> ir.Value:
+        def generate(context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Values) -> ir.Value:
             return builder.load(builder.inttoptr(values[0], context.get_value_type(value).as_pointer()))
 
         return value(types.uintp, kind), generate
@@ -85,9 +83,7 @@ else:
 
 @_intrinsic
 def _stored(typing: Context, address: types.Type, value: types.Type) -> tuple[Signature, Generate]:
-    def generate(
-        context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Sequence[ir.Value]
-    ) -> ir.Value:
+    def generate(context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Values) -> ir.Value:
         builder.store(values[1], builder.inttoptr(values[0], context.get_value_type(value).as_pointer()))
         return context.get_dummy_value()
 

@@ -18,9 +18,10 @@ from numba.extending import intrinsic
 
 from hapscene.compiled.native import INTERPRETED, CFunction
 
-__all__ = ["Generate", "address_of", "c_caller", "call_entry", "call_flags", "entry_of"]
+__all__ = ["Generate", "Values", "address_of", "c_caller", "call_entry", "call_flags", "entry_of"]
 
-Generate: TypeAlias = Callable[[BaseContext, ir.IRBuilder, Signature, Sequence[ir.Value]], ir.Value]
+Values: TypeAlias = Sequence[ir.Value]
+Generate: TypeAlias = Callable[[BaseContext, ir.IRBuilder, Signature, Values], ir.Value]
 """The part of an intrinsic that emits its code, from the values of its arguments."""
 
 _typeof: Any = typeof
@@ -75,9 +76,7 @@ else:
         """Call the function at an address from compiled code, as `call_flags(address, (a, b, …))`; return its flags."""
         kinds: tuple[types.Type, ...] = tuple(arguments)
 
-        def generate(
-            context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Sequence[ir.Value]
-        ) -> ir.Value:
+        def generate(context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Values) -> ir.Value:
             parts = [builder.extract_value(values[1], k) for k in range(len(kinds))]
             word = ir.IntType(64)
             function_type = ir.FunctionType(word, [context.get_value_type(kind) for kind in kinds])
@@ -98,9 +97,7 @@ def c_caller(result: types.Type, *arguments: types.Type) -> Callable[..., Any]:
     def call(typing: Context, address: types.Type, given: types.Type) -> tuple[Signature, Generate]:
         signature = result(types.uintp, given_type)
 
-        def generate(
-            context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Sequence[ir.Value]
-        ) -> ir.Value:
+        def generate(context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Values) -> ir.Value:
             parts = _unpack(builder, values[1]) if declared else []
             function_type = ir.FunctionType(
                 ir.VoidType() if result == types.void else context.get_value_type(result),

@@ -9,7 +9,7 @@ receives the compiled tick by `schedule`, and the vendor's thread calls it betwe
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Self
 
@@ -18,7 +18,7 @@ import numpy as np
 from hapscene.device.model import Device
 from hapscene.errors import DeviceError, no_such
 from hapscene.geometry import Vector
-from hapscene.records import records
+from hapscene.records import Records, records
 
 __all__ = [
     "BUTTON_ROOM",
@@ -62,7 +62,7 @@ DRIVER_FIELDS: Final = tuple(DEVICE_STATE.names or ())[: list(DEVICE_STATE.names
 """Fields of `DEVICE_STATE` before the log of the buttons, which only the servo writes."""
 
 
-def clip_force(force_N: Any, most_N: float) -> Vector:
+def clip_force(force_N: Iterable[float], most_N: float) -> Vector:
     """Limit the magnitude of a force (3,), keeping its direction. Returns 0 for a force that is not finite."""
     x, y, z = (float(part) for part in force_N)
     size = math.sqrt(x * x + y * y + z * z)
@@ -72,7 +72,7 @@ def clip_force(force_N: Any, most_N: float) -> Vector:
     return share * x, share * y, share * z
 
 
-def new_state() -> Any:
+def new_state() -> Records:
     """(1,) DEVICE_STATE of a device from which nothing was received."""
     state = records(1, DEVICE_STATE)
     state.R_DT, state.heat, state.v_DT_m_s, state.gripper_rad = np.eye(3), math.nan, math.nan, math.nan
@@ -142,7 +142,7 @@ class Connection:
     """
 
     def __init__(self) -> None:
-        self.state: Any = new_state()
+        self.state: Records = new_state()
 
     def read(self) -> None:
         """Update `state[0]` by the samples that have arrived. A read that waits delays the haptic tick.

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError, no_such
+from hapscene.records import Records
 
 if TYPE_CHECKING:
     from hapscene.device.sim.omni import Omni
@@ -126,7 +127,7 @@ class Limits:
             f"{self.damping_Ns_m:g} N·s/m, delay of {self.delay_ticks} ticks>"
         )
 
-    def record(self) -> Any:
+    def record(self) -> Records:
         """The limits as a record (1,) LIMIT for the compiled tick."""
         row = np.zeros(1, LIMIT).view(np.recarray)
         for name in LIMIT.names or ():

@@ -15,7 +15,8 @@ swatches and clients cannot change them.
 """
 
 import math
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from hapscene.constants import TINY
 from hapscene.device.driver import Driver
 from hapscene.flags import Flag
 from hapscene.geometry import Vector
-from hapscene.records import records
+from hapscene.records import Records, records
 
 __all__ = [
     "CALM_S",
@@ -109,12 +110,12 @@ _STEP, _RAMP = int(Flag.STEP_LIMITED), int(Flag.RAMPED)
 _SILENT, _NOT_READY, _STALLED = int(Flag.APPLICATION_SILENT), int(Flag.DEVICE_NOT_READY), int(Flag.STALLED)
 
 
-def no_safety() -> Any:
+def no_safety() -> Records:
     """(1,) SAFETY that is disabled."""
     return records(1, SAFETY)
 
 
-def simulated_safety() -> Any:
+def simulated_safety() -> Records:
     """(1,) SAFETY of a simulated device, which needs no protection of a hand: only the heartbeat is checked."""
     safety = records(1, SAFETY)
     safety.on, safety.gain = 1, 1.0
@@ -124,7 +125,7 @@ def simulated_safety() -> Any:
     return safety
 
 
-def safety_of(driver: Driver) -> Any:
+def safety_of(driver: Driver) -> Records:
     """(1,) SAFETY with the limits of a driver."""
     safety = simulated_safety()
     if driver.simulated:
@@ -158,7 +159,9 @@ def resume_safety(s: np.record) -> None:
 
 
 @native
-def protect(s: np.record, p_DT: Vector, ready: int, count: int, f: Any, tick_s: float) -> tuple[Vector, int]:
+def protect(
+    s: np.record, p_DT: Vector, ready: int, count: int, f: Sequence[float], tick_s: float
+) -> tuple[Vector, int]:
     """Limit the force `f` (3,) [N] of a tick. Returns the force for the device and flags.
 
     `p_DT` is the tool position in the device frame; `ready` and `count` are fields of `DEVICE_STATE`.

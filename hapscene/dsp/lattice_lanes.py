@@ -9,7 +9,7 @@ bit."""
 
 # mypy: allow-untyped-calls
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Final
 
 from llvmlite import ir
@@ -20,7 +20,7 @@ from numba.core.typing.context import Context
 from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 
-from hapscene.compiled.entry import Generate
+from hapscene.compiled.entry import Generate, Values
 
 __all__ = ["lanes_of"]
 
@@ -39,9 +39,7 @@ def lanes_of(n: int) -> tuple[Callable[..., None], int]:
     """
     apart = LAG * (n - 1)  # steps from the first sample to the last
 
-    def generate(
-        context: BaseContext, builder: ir.IRBuilder, signature: Signature, arguments: Sequence[ir.Value]
-    ) -> ir.Value:
+    def generate(context: BaseContext, builder: ir.IRBuilder, signature: Signature, arguments: Values) -> ir.Value:
         number, index, place, order = ir.DoubleType(), ir.IntType(64), ir.IntType(32), arguments[3]
         k, c, b, samples = (builder.inttoptr(arguments[i], number.as_pointer()) for i in (0, 1, 2, 4))
         silent = ir.Constant(ir.VectorType(number, n), [0.0] * n)

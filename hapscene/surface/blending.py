@@ -4,20 +4,19 @@ Effects do not handle blends. They have two states, in *banks*: each swatch of a
 rendered. A stroke from one pure swatch through a blend into another thus never resets the state of an effect.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.compiled.native import native
 from hapscene.constants import BLEND_S
+from hapscene.records import Records
 from hapscene.surface.surface_arrays import CLEARED
 
 __all__ = ["paint_at", "take_paint"]
 
 
 @native
-def paint_at(leaf: Any, low: int, high: int, bary: Any) -> int:
+def paint_at(leaf: Records, low: int, high: int, bary: NDArray[np.float64]) -> int:
     """Return the paint at barycentric coordinates (3,) of a face, a leaf in `low` to `high`.
 
     Descends the bisection tree of the face (`hapscene.scene.fine_paint`): each step halves the triangle at an edge,
@@ -50,7 +49,9 @@ def paint_at(leaf: Any, low: int, high: int, bary: Any) -> int:
 
 
 @native
-def take_paint(touch: np.record, memory: np.record, states: NDArray[np.uint8], passed_on: Any, paint: int) -> None:
+def take_paint(
+    touch: np.record, memory: np.record, states: NDArray[np.uint8], passed_on: NDArray[np.int64], paint: int
+) -> None:
     """Write the swatches of a paint to `touch`; the weight of the second one follows within `BLEND_S`."""
     swatch, other, wanted = paint & 0xFFFF, paint >> 16 & 0xFFFF, (paint >> 32) / 256.0
     if wanted == 0.0:
@@ -79,7 +80,7 @@ def take_paint(touch: np.record, memory: np.record, states: NDArray[np.uint8], p
 
 
 @native
-def _begin(touch: np.record, memory: np.record, states: NDArray[np.uint8], passed_on: Any) -> None:
+def _begin(touch: np.record, memory: np.record, states: NDArray[np.uint8], passed_on: NDArray[np.int64]) -> None:
     """Start the unused bank with a copy of the used one, or from zero; its random numbers continue."""
     size = len(states) // 2
     new, used = size * (1 - memory.bank), size * memory.bank

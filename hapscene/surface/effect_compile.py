@@ -7,7 +7,6 @@ the table. One compiled tick thus calls any effects, and a scene never recompile
 
 # mypy: allow-untyped-calls
 
-from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -20,7 +19,7 @@ from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hapscene.compiled.entry import Generate
+from hapscene.compiled.entry import Generate, Values
 from hapscene.compiled.native import INTERPRETED, CFunction, native
 from hapscene.errors import EffectError
 from hapscene.records import OUTPUT, TOUCH
@@ -112,21 +111,19 @@ else:
     ) -> tuple[Signature, Generate]:
         signature = types.void(types.int64, touch, types.int64, table, types.int64, out)
 
-        def generate(
-            context: BaseContext, builder: ir.IRBuilder, signature: Signature, arguments: Sequence[ir.Value]
-        ) -> ir.Value:
+        def generate(context: BaseContext, builder: ir.IRBuilder, signature: Signature, values: Values) -> ir.Value:
             pointer = ir.IntType(8).as_pointer()
             table_type = context.get_value_type(signature.args[3])
             function_type = ir.FunctionType(ir.VoidType(), [pointer, pointer, table_type, pointer, pointer])
-            function = builder.inttoptr(arguments[0], function_type.as_pointer())
+            function = builder.inttoptr(values[0], function_type.as_pointer())
             builder.call(
                 function,
                 [
-                    builder.bitcast(arguments[1], pointer),
-                    builder.inttoptr(arguments[2], pointer),
-                    arguments[3],
-                    builder.inttoptr(arguments[4], pointer),
-                    builder.bitcast(arguments[5], pointer),
+                    builder.bitcast(values[1], pointer),
+                    builder.inttoptr(values[2], pointer),
+                    values[3],
+                    builder.inttoptr(values[4], pointer),
+                    builder.bitcast(values[5], pointer),
                 ],
             )
             return context.get_dummy_value()

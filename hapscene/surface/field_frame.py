@@ -24,7 +24,7 @@ EASE_S: Final = 0.05
 
 
 @native
-def to_frame(table: NDArray[np.float64], p_W: Any) -> Vector:
+def to_frame(table: NDArray[np.float64], p_W: Vector | NDArray[np.float64]) -> Vector:
     """Transform a point from W to F."""
     x, y, z = p_W[0] - table[9], p_W[1] - table[10], p_W[2] - table[11]
     return (

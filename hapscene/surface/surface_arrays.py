@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,8 @@ __all__ = [
     "clear_states",
     "put_numbers",
 ]
+
+Kind = TypeVar("Kind", bound=np.generic)
 
 MEMORY: Final = np.dtype(
     [
@@ -220,7 +222,9 @@ def build_surface(
     return surface
 
 
-def _by_row(of_swatches: Sequence[list[Any]], of_fields: list[Any], kind: Any) -> list[Any]:
+def _by_row(
+    of_swatches: Sequence[list[NDArray[Kind]]], of_fields: list[NDArray[Kind]], kind: type[Kind]
+) -> list[NDArray[Kind]]:
     """Return arrays in storage order: a row of effects of contact for each swatch, then one of effects of the scene."""
     none = [np.zeros(0, kind)]
     contact_count = len(of_swatches[0])
@@ -273,7 +277,7 @@ def _passed_on(contact: Sequence[Effect], state_start: NDArray[np.int64]) -> NDA
     return np.ascontiguousarray(rows[rows[:, 2] > 0])
 
 
-def _leaves(scene: "Scene") -> tuple[NDArray[np.int32], Any, NDArray[np.int64]]:
+def _leaves(scene: "Scene") -> tuple[NDArray[np.int32], Records, NDArray[np.int64]]:
     """Return `paint`, `leaf` and `leaf_start` of a `Surface`."""
     paint = np.concatenate([np.zeros(0, np.int32), *(body.face_swatch for body in scene.bodies)]).astype(np.int32)
     fine = [body.fine for body in scene.bodies if body.fine is not None]

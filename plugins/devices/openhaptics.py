@@ -105,7 +105,7 @@ class OpenHapticsConnection(VendorConnection):
         for function in CALLED:
             link[function] = address_of(getattr(hd, function))
         link.doubles_at, link.integers_at = link.doubles.ctypes.data, link.integers.ctypes.data
-        link.device = self._device
+        link["device"] = self._device
         style = (c_int * 1)(0)
         hd.hdGetIntegerv(STYLE, style)
         self._check("calibration style")

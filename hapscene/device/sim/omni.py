@@ -28,7 +28,7 @@ in its direction. The motors compensate gravity, as with the vendor's driver, wh
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,6 +50,7 @@ from hapscene.device.sim.omni_record import OMNI, OmniFlag
 from hapscene.device.sim.omni_step import STEP_MAX_S, ahead, apparent_mass, gravity_at, grip_in_D, step
 from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector, rigid
+from hapscene.records import Records
 
 
 def stand(p_WT_m: Sequence[float]) -> NDArray[np.float64]:
@@ -159,7 +160,7 @@ class Omni:
         hand."""
         return np.asarray(np.sqrt(np.array(self.stiffness_N_m) / self._reduced_kg()) / (2.0 * math.pi))
 
-    def record(self, p_WT_m: Sequence[float], X_WD: ArrayLike | None = None) -> Any:
+    def record(self, p_WT_m: Sequence[float], X_WD: ArrayLike | None = None) -> Records:
         """Create a record (1,) OMNI at rest with its tip at `p_WT_m` (3,) and the pose `X_WD` (4, 4), by default
         `stand`.
 

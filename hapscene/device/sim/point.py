@@ -13,13 +13,14 @@ rounding (`hapscene.stability`).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from hapscene.compiled.native import native
 from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector
+from hapscene.records import Records
 
 __all__ = ["POINT", "PointMass", "advance_point", "hold_point", "read_point"]
 
@@ -78,7 +79,7 @@ class PointMass:
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise HapsceneError(f"point mass: {name} must be finite and at least 0, is {getattr(self, name)}")
 
-    def record(self, p_WT_m: Sequence[float], zero_m: Sequence[float] = (0.0, 0.0, 0.0)) -> Any:
+    def record(self, p_WT_m: Sequence[float], zero_m: Sequence[float] = (0.0, 0.0, 0.0)) -> Records:
         """Create a record (1,) POINT at rest at `p_WT_m` (3,), with the zero of the encoders at `zero_m` (3,)."""
         point = np.zeros(1, POINT).view(np.recarray)
         point.mass_kg, point.b_Ns_m, point.c_N, point.quantum_m = self.mass_kg, self.b_Ns_m, self.c_N, self.quantum_m
