@@ -25,7 +25,6 @@ from hapscene.render.recording import Recording
 
 if TYPE_CHECKING:
     from hapscene.bridge import MuJoCo
-    from hapscene.fidelity.fidelity import Fidelity
     from hapscene.loop import ReferenceTrajectory, Twin
     from hapscene.scene.scene import Scene
 
@@ -287,9 +286,6 @@ def touch(
     p_WT: NDArray[np.float64],
     *,
     t_s: NDArray[np.float64] | None = None,
-    effects: Sequence[str] | None = None,
-    settings: Mapping[str, Mapping[str, Any]] | None = None,
-    seed: int = 0,
     tick_s: float = TICK_S,
     a_rate_Hz: float = ACCELERATION_RATE_HZ,
     title: str = "",
@@ -298,8 +294,7 @@ def touch(
     say: Callable[[str], None] = lambda text: None,
     caution: Callable[[str], None] | None = None,
     bridge: "MuJoCo | None" = None,
-    fidelity: "Fidelity | str | Path | None" = None,
-    tip_radius_m: float = 0.0,
+    **how: Any,
 ) -> list[Path]:
     """Touch a scene along a path and write the files `MADE` to a folder; if it fails, nothing is written.
 
@@ -308,9 +303,6 @@ def touch(
         out: output folder; other files in it are kept.
         p_WT: (n, 3) path of the tool, one row per tick [m].
         t_s: (n,) times of the ticks [s]; None to start at 0.
-        effects: names of effect plugins; None for the default effects.
-        settings: settings of the effects, see `Renderer`.
-        seed: seed of random numbers in effects.
         tick_s: period of a tick [s].
         a_rate_Hz: sample rate of the acceleration channel [Hz].
         title: name of the scene in plots and summary.
@@ -319,8 +311,7 @@ def touch(
         say: called with progress messages.
         caution: called with each of `cautions`; None for `say`.
         bridge: MuJoCo model of the scene, which is simulated meanwhile; pictures show its initial state.
-        fidelity: level of detail, or its file. Faces in the recording are then those of the coarser mesh.
-        tip_radius_m: radius of the tip of the tool [m]; 0 for a point.
+        how: further arguments of `Renderer`. With a `fidelity`, faces in the recording are those of the coarser mesh.
 
     Returns:
         The files written.
@@ -330,22 +321,12 @@ def touch(
             not finite or too long for the available memory.
         OSError: the folder cannot be written.
     """
-    from hapscene.render.renderer import EFFECTS, Renderer
+    from hapscene.render.renderer import Renderer
 
     _check_memory(len(p_WT), tick_s, a_rate_Hz)
     with whole_folder(out, ours=MADE) as folder:
         with step(say, f"preparing {_describe_size(scene)}"):
-            names = EFFECTS if effects is None else effects
-            renderer = Renderer(
-                scene,
-                names,
-                seed=seed,
-                tick_s=tick_s,
-                a_rate_Hz=a_rate_Hz,
-                settings=settings,
-                fidelity=fidelity,
-                tip_radius_m=tip_radius_m,
-            )
+            renderer = Renderer(scene, tick_s=tick_s, a_rate_Hz=a_rate_Hz, **how)
         with step(say, f"rendering {len(p_WT) * tick_s:.1f} s of path"):
             recording = renderer.run(p_WT) if bridge is None else bridge.run(renderer, p_WT)
         _give_cautions(scene, recording, say, caution)

@@ -28,8 +28,8 @@ from hapscene.scene.scene import Scene
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.mixer import render_fields
 from hapscene.surface.swatch import Swatch
-from hapscene.teleoperation.bilateral_loop import operate
 from hapscene.teleoperation.leader_follower import step_follower, step_leader
+from hapscene.teleoperation.operation import operate
 
 __all__ = ["warm_up"]
 

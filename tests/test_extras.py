@@ -22,7 +22,7 @@ WORDS = {
     "serve": "serve cube.stl --unit mm --udp 0 --ws 0",
     "video": "view cube.stl --unit mm --out cube.mp4",
 }
-"""A command that needs the extra; `dev` and `docs` are for work on the project, and no command needs `gymnasium`.
+"""A command that needs the extra; `dev` and `docs` are for work on the project.
 Drivers that need `usb` or `hid` are tried in tests/plugins/devices."""
 
 GAIN = """
@@ -38,7 +38,7 @@ parameter = "gain_dB"
 levels = [1.0, 2.0, 2]
 """
 
-NO_COMMAND = {"dev", "docs", "nightly", "gymnasium", "hid", "usb"}
+NO_COMMAND = {"dev", "docs", "nightly", "hid", "usb"}
 
 
 @pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"].keys() - NO_COMMAND))

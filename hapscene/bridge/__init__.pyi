@@ -1,4 +1,3 @@
-from .gymnasium import touch_env as touch_env
 from .mujoco_bridge import MuJoCo as MuJoCo
 from .mujoco_bridge import load_mujoco as load_mujoco
 from .server import BridgeServer as BridgeServer

@@ -159,8 +159,10 @@ def touch(
         of_effects = _parse_settings(settings or ())
         _check_effects(effects or (), of_effects)
         loaded, bridge = _opened(scene, mesh, hand.device)
-        render = {"effects": effects, "settings": of_effects, "seed": seed, "a_rate_Hz": rate, "fidelity": fidelity}
-        render["tip_radius_m"] = tip_radius
+        from hapscene.render.renderer import EFFECTS
+
+        render = {"effects": effects or EFFECTS, "settings": of_effects, "seed": seed, "a_rate_Hz": rate}
+        render |= {"fidelity": fidelity, "tip_radius_m": tip_radius}
         write = {"title": Path(scene).name, "with_picture": not no_picture, "dark": dark, "bridge": bridge}
         if hand.hand is None:
             made = _touch_along(loaded, path, out, render | write)
@@ -220,7 +222,6 @@ def _touch_by_hand(
     from hapscene.loop import ReferenceTrajectory, Twin
     from hapscene.motion.gestures import act
     from hapscene.motion.path_file import load_path
-    from hapscene.render.renderer import EFFECTS
     from hapscene.touch import step, touch_by_hand
 
     assert hand.hand is not None
@@ -232,7 +233,7 @@ def _touch_by_hand(
     device = device_named(hand.device)
     held = Omni() if device.name == "omni" else device.point
     assert held is not None  # checked by HandOptions.check
-    render = render | {"effects": render["effects"] or EFFECTS, "limits": limits_of(device, TICK_S, hand.delay)}
+    render = render | {"limits": limits_of(device, TICK_S, hand.delay)}
 
     def ready() -> "Twin":
         return Twin(scene, held, delay_ticks=hand.delay, handle=Plant(), compensator=hand.compensator, **render)

@@ -268,13 +268,9 @@ def identify(
         reason = "one grip does not determine it: record two or more different grips"
     intervals, absent = _intervals(HANDLE_PARAMETERS, x[:4], deviation[:4], reason)
     amplifier_Hz = _amplifier(x[4], deviation[4], fit.guess.amplifier_Hz, intervals, absent)
-    grips = []
-    for i, (response, label) in enumerate(zip(responses, names, strict=True)):
-        own = slice(6 + 2 * i, 8 + 2 * i)
-        coherence = float(np.median(response.coherence)), float(response.coherence.min())
-        k_u_N_m, b_u_Ns_m = np.exp(x[own]).tolist()
-        known = _intervals(HAND_PARAMETERS, x[own], deviation[own], reason)
-        grips.append(IdentifiedGrip(label, k_u_N_m, b_u_Ns_m, *coherence, *known))
+    own = [slice(6 + 2 * i, 8 + 2 * i) for i in range(len(names))]
+    each = zip(names, responses, own, strict=True)
+    grips = [_grip(label, response, x[i], deviation[i], reason) for label, response, i in each]
     hand = np.exp(x[6:].reshape(-1, 2).mean(axis=0))
     return Identification(
         name=name,
@@ -291,6 +287,13 @@ def identify(
         misfit=misfit,
         provenance=provenance,
     )
+
+
+def _grip(name: str, response: Response, logs: Array, deviation: Array, reason: str) -> IdentifiedGrip:
+    """The hand of one grip, from the logarithms of its parameters."""
+    coherence = float(np.median(response.coherence)), float(response.coherence.min())
+    k_u_N_m, b_u_Ns_m = np.exp(logs).tolist()
+    return IdentifiedGrip(name, k_u_N_m, b_u_Ns_m, *coherence, *_intervals(HAND_PARAMETERS, logs, deviation, reason))
 
 
 class _Fit:

@@ -95,18 +95,7 @@ def confined(
         FormatError: the reader rejected the file, crashed, or exceeded a limit.
     """
     name = f"{reader.__module__}:{reader.__qualname__}"
-    order = json.dumps([name, arguments, memory_B, math.ceil(time_s), list(imports)])
-    alone = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    # Arrow's default allocator reserves 128 MB at once, which would exceed the limit
-    environment = os.environ | import_path() | alone | {"ARROW_DEFAULT_MEMORY_POOL": "system"}
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "hapscene.io.confined", order],
-        stdin=file,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=environment,
-        bufsize=0,
-    )
+    process = _start(json.dumps([name, arguments, memory_B, math.ceil(time_s), list(imports)]), file)
     assert process.stdout is not None and process.stderr is not None
     start_s, most_s = time.monotonic(), CLOCK_RATIO * time_s
     watch = threading.Timer(most_s, process.kill)
@@ -135,6 +124,21 @@ def confined(
         last = f"; its last output: {text.splitlines()[-1][:200]}" if text else ""
         raise FormatError(f"{by} failed on it ({_ending(code)}): the file is damaged{last}")
     return Answer(arrays, text)
+
+
+def _start(order: str, file: BinaryIO) -> subprocess.Popen[bytes]:
+    """Start the process that reads the file."""
+    alone = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    # Arrow's default allocator reserves 128 MB at once, which would exceed the limit
+    environment = os.environ | import_path() | alone | {"ARROW_DEFAULT_MEMORY_POOL": "system"}
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "hapscene.io.confined", order],
+        stdin=file,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment,
+        bufsize=0,
+    )
 
 
 class _Tail:

@@ -193,11 +193,6 @@ class FinePaint:
         """Return the corners of each subface in the body frame (k, 3, 3) [m], in the winding of the face."""
         return np.asarray(self.corners() @ np.take(mesh.vertices_m, mesh.faces[self.face], axis=0))
 
-    def areas_m2(self, mesh: Mesh) -> NDArray[np.float64]:
-        """Return the areas (k,) of the subfaces [m²]."""
-        a, b, c = np.moveaxis(np.take(mesh.vertices_m, mesh.faces[self.face], axis=0), 1, 0)
-        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2 * self._share())
-
     def main_swatch(self) -> NDArray[np.int16]:
         """Return the swatch with the largest weighted area for each of `faces`; of equal ones the lowest index."""
         a, b, weight = parts(self.paint)

@@ -18,14 +18,11 @@ from hapscene.io.files import naming, read_bytes, refusing
 __all__ = ["COLUMNS", "MISSING", "ResultsFile", "load_rows"]
 
 COLUMNS: Final = (
-    *("person", "place", "channel", "trial", "block", "kind", "stimulus_1", "stimulus_2", "stimulus_3", "parameter"),
+    *("person", "place", "channel", "trial", "block", "kind", "stimulus_1", "stimulus_2", "parameter"),
     *("level", "choice", "rating", "answer", "correct_answer", "correct", "latency_s", "replays", "time"),
     *("stimuli_sha256", "plan_sha256"),
 )
-"""`answer` and `correct_answer` are indices of choices from 0; `correct` is 1 or 0; `stimulus_3` is always missing."""
-
-OLD_COLUMNS: Final = tuple(name for name in COLUMNS if name != "stimuli_sha256")
-"""Columns of files from before the content of the stimuli was recorded."""
+"""`answer` and `correct_answer` are indices of choices from 0; `correct` is 1 or 0."""
 
 SHA256_LENGTH: Final = 64
 """Length of the last field of a complete row [characters]."""
@@ -65,7 +62,7 @@ class ResultsFile:
             content = read_bytes(path, RESULTS_MAX_B, "file of results")
             complete = _complete_rows(content)
             with refusing(StudyError), naming(path):
-                self._columns, self.rows = _parse(complete)
+                self.rows = _parse(complete)
             self._file.truncate(len(complete))
             if not complete:
                 self._write(COLUMNS)
@@ -81,7 +78,7 @@ class ResultsFile:
         Raises:
             StudyError: the row could not be written; no part of it remains in the file.
         """
-        self._write([row.get(name) for name in self._columns])
+        self._write([row.get(name) for name in COLUMNS])
 
     def _write(self, row: Sequence[object]) -> None:
         text = io.StringIO()
@@ -115,7 +112,7 @@ def load_rows(path: Path) -> list[dict[str, str]]:
         complete = _complete_rows(content)
         if len(complete) < len(content):
             warn(f"{path}: the last row is incomplete and was skipped", UserWarning)
-        return _parse(complete)[1]
+        return _parse(complete)
 
 
 def _complete_rows(content: bytes) -> bytes:
@@ -128,20 +125,19 @@ def _complete_rows(content: bytes) -> bytes:
     return content if len(row) == count and len(row[-1]) == SHA256_LENGTH else before + end
 
 
-def _parse(content: bytes) -> tuple[Sequence[str], list[dict[str, str]]]:
-    """The columns of the file, and its rows by column; columns that an old file lacks are missing values."""
+def _parse(content: bytes) -> list[dict[str, str]]:
+    """The rows of the file, by column."""
     if not content:
-        return COLUMNS, []
+        return []
     try:
         lines = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
-        columns, rows = tuple(next(lines)), []
-        if columns not in (COLUMNS, OLD_COLUMNS):
+        rows = []
+        if tuple(next(lines)) != COLUMNS:
             raise StudyError(f"not a results file: expected the header {','.join(COLUMNS)}")
         for row in filter(None, lines):
-            if len(row) != len(columns):
-                raise StudyError(f"line {lines.line_num} has {len(row)} fields; expected {len(columns)}")
-            found = {name: cell or MISSING for name, cell in zip(columns, row, strict=True)}
-            rows.append(dict.fromkeys(COLUMNS, MISSING) | found)
+            if len(row) != len(COLUMNS):
+                raise StudyError(f"line {lines.line_num} has {len(row)} fields; expected {len(COLUMNS)}")
+            rows.append({name: cell or MISSING for name, cell in zip(COLUMNS, row, strict=True)})
     except (UnicodeDecodeError, csv.Error, StopIteration) as error:
         raise StudyError(f"not a results file in UTF-8: {error}") from None
-    return columns, rows
+    return rows

@@ -11,10 +11,9 @@ import numpy as np
 
 from hapscene.errors import StudyError
 from hapscene.io.files import write_whole
-from hapscene.study.discrimination import Estimate
 from hapscene.study.results_file import load_rows
 from hapscene.study.session import RESULTS
-from hapscene.study.statistics import Analysis, Finding, Row, analyse
+from hapscene.study.statistics import Analysis, Estimate, Finding, Row, analyse
 from hapscene.view.chart import inline_svg, new_chart
 from hapscene.view.palette import INK, OKABE_ITO
 

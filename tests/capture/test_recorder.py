@@ -13,7 +13,8 @@ from hapscene.capture.record import recorder
 from hapscene.capture.record.recorder import LevelMeter, RecordingResult, record
 from hapscene.cli import main
 from hapscene.errors import CaptureError
-from hapscene.io.wire.protocol import Column, Count, Header, Run, header_line, sample_line
+from hapscene.io.wire.protocol import Column, Count, Header, Run, sample_line
+from tests.header_line import header_line
 from tests.virtual_clock import VirtualClock
 
 COLUMNS = (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.01))

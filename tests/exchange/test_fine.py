@@ -15,6 +15,7 @@ from hapscene.exchange.swatch_payload import ExchangeWarning, fine_to_json, rest
 from hapscene.scene.fine_paint import parts
 from hapscene.scene.region import Box, Sphere
 from hapscene.scene.scene import Scene
+from tests.subface_areas import areas_m2
 
 
 def rotated(x_m: float) -> np.ndarray:
@@ -117,7 +118,7 @@ def test_cut_faces_are_watertight(soup: bool, fine: Scene) -> None:
     assert cut.is_watertight and cut.is_winding_consistent  # each side of a part belongs to one other part
     assert cut.area == pytest.approx(trimesh.Trimesh(body.mesh.vertices_m, body.mesh.faces).area, rel=1e-12)
     area_m2, subfaces = np.bincount(swatch, cut.area_faces, 4), body.fine
-    heavier = np.bincount(parts(subfaces.paint)[0], subfaces.areas_m2(body.mesh), 4)
+    heavier = np.bincount(parts(subfaces.paint)[0], areas_m2(subfaces, body.mesh), 4)
     whole = np.setdiff1d(np.arange(12), subfaces.faces)
     heavier += np.bincount(body.face_swatch[whole], trimesh.triangles.area(body.mesh.triangles_m[whole]), 4)
     np.testing.assert_allclose(area_m2, heavier, atol=1e-15)

@@ -21,8 +21,9 @@ from hapscene.handle.live_process import compensator_of, play_recording
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import spectrogram_error
 from hapscene.handle.serial_handle import BUFFER, START
-from hapscene.io.wire.protocol import WRAP, Column, Header, header_line, sample_line, sealed
+from hapscene.io.wire.protocol import WRAP, Column, Header, sample_line, sealed
 from tests.handle.serial_board import COLUMNS, Peer
+from tests.header_line import header_line
 from tests.virtual_clock import DrivenClock
 
 ROOT = Path(__file__).resolve().parents[2]

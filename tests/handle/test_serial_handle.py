@@ -13,8 +13,9 @@ from hapscene.handle import serial_handle as port_module
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.plant import Plant
 from hapscene.handle.serial_handle import BUFFER, START, SerialSource
-from hapscene.io.wire.protocol import Column, Header, header_line, sample_line, sealed
+from hapscene.io.wire.protocol import Column, Header, sample_line, sealed
 from tests.handle.serial_board import COLUMNS, Peer, serve
+from tests.header_line import header_line
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 

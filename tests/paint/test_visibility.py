@@ -8,6 +8,7 @@ from hapscene.paint.model.session import Session
 from hapscene.paint.model.visibility import visible_points
 from hapscene.scene.fine_paint import finest_of, parts
 from hapscene.scene.scene import Scene
+from tests.subface_areas import areas_m2
 
 from .conftest import mesh_of, plate_mesh, turned
 
@@ -122,6 +123,6 @@ def test_narrow_occluder_is_detected() -> None:
     assert body.fine is not None
     bare = parts(body.fine.paint)[0] != wood
     up = body.mesh.normals[body.fine.face][:, 2] > 0.9
-    area_m2 = body.fine.areas_m2(body.mesh)[bare & up].sum()
+    area_m2 = areas_m2(body.fine, body.mesh)[bare & up].sum()
     wide_m = 0.0015 * (0.3 - 0.005) / (0.3 - 0.0605)  # of the shadow of its upper side
     assert area_m2 == pytest.approx(0.2 * wide_m, rel=0.15)

@@ -24,6 +24,7 @@ from hapscene.scene.uv_paint import (
     save_picture,
     scaled,
 )
+from tests.subface_areas import areas_m2
 
 FOREIGN = Path(__file__).parents[3] / "shared/data/meshes"
 LEGEND = {(255, 0, 0): 1, (0, 255, 0): 2, (0, 0, 255): 3}
@@ -94,7 +95,7 @@ def test_orientation_and_sharpness() -> None:
     assert at(1, 19) == 2 and at(19, 19) == 1 and at(1, 1) == 1
     for y_mm in (15.5, 17.0, 19.5):
         assert at(12.5 - 0.51 * texel_mm, y_mm) == 2 and at(12.5 + 0.51 * texel_mm, y_mm) == 1
-    areas = body.fine.areas_m2(body.mesh)[parts(body.fine.paint)[0] == 2].sum()
+    areas = areas_m2(body.fine, body.mesh)[parts(body.fine.paint)[0] == 2].sum()
     assert areas == pytest.approx(0.0125 * 0.005, rel=0.02)
 
 

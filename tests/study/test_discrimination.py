@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from hapscene.study.discrimination import d_prime_of, d_prime_of_people, proportion
+from hapscene.study.statistics import d_prime_of, d_prime_of_people, proportion
 
 from .plans import observers
 

@@ -8,11 +8,11 @@ import pytest
 from scipy import stats
 
 from hapscene.errors import StudyError
-from hapscene.study.discrimination import Estimate
 from hapscene.study.plan import Plan, parse_plan
 from hapscene.study.results_file import load_rows
 from hapscene.study.statistics import (
     Analysis,
+    Estimate,
     analyse,
     analyse_rows,
     mean_of_people,

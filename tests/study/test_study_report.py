@@ -11,10 +11,9 @@ from msgspec.structs import replace
 pytest.importorskip("questplus", reason="questplus is not installed: pip install 'hapscene[study]'")
 
 from hapscene.errors import StudyError
-from hapscene.study.discrimination import Estimate
 from hapscene.study.plan import parse_plan
 from hapscene.study.session import Session
-from hapscene.study.statistics import analyse
+from hapscene.study.statistics import Estimate, analyse
 from hapscene.study.study_report import _axis_limits, format_estimate, report, write_report
 
 from .people import Truth, simulate

@@ -14,7 +14,6 @@ from hapscene.handle.plant import Plant
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.records import records
 from hapscene.render.renderer import Renderer
-from hapscene.teleoperation.bilateral_loop import TICK_RECORD, Line, operate, receive
 from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.leader_follower import (
@@ -33,7 +32,7 @@ from hapscene.teleoperation.leader_follower import (
     tip_acceleration,
 )
 from hapscene.teleoperation.link import Impairment, Link, new_link, post
-from hapscene.teleoperation.operation import UP, follower_renderer
+from hapscene.teleoperation.operation import TICK_RECORD, UP, Line, follower_renderer, operate, receive
 from hapscene.teleoperation.plate import plate
 
 DEVICE = PointMass(0.05, 0.1, 0.1, 55e-6)

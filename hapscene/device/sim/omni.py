@@ -154,12 +154,6 @@ class Omni:
         q1, q2, q3 = (round(2.0 * math.pi * lever_m / self.resolution_m) for lever_m in NOMINAL_LEVER_M)
         return q1, q2, q3
 
-    @property
-    def resonance_Hz(self) -> NDArray[np.float64]:
-        """(3,) resonances of tool and arm along x, y, z of D, in the nominal posture with free joints and without a
-        hand."""
-        return np.asarray(np.sqrt(np.array(self.stiffness_N_m) / self._reduced_kg()) / (2.0 * math.pi))
-
     def record(self, p_WT_m: Sequence[float], X_WD: ArrayLike | None = None) -> Records:
         """Create a record (1,) OMNI at rest with its tip at `p_WT_m` (3,) and the pose `X_WD` (4, 4), by default
         `stand`.

@@ -28,7 +28,6 @@ __all__ = [
     "Header",
     "Run",
     "checksum",
-    "header_line",
     "read_header",
     "sample_line",
     "sealed",
@@ -103,12 +102,6 @@ def checksum(body: bytes) -> int:
 def sealed(body: bytes) -> bytes:
     """Return the line for a body: the body, an asterisk, its checksum in four hexadecimal digits, a line feed."""
     return b"%s*%04X\n" % (body, checksum(body))
-
-
-def header_line(header: Header) -> bytes:
-    """Return the header line."""
-    columns = ",".join(f"{c.name}:{c.unit}:{c.scale!r}" for c in header.columns)
-    return sealed(f"{MAGIC.decode()} {VERSION} rate={header.rate_Hz:.12g} columns={columns}".encode())
 
 
 def sample_line(number: int, counts: Iterable[int]) -> bytes:

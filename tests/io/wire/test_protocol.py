@@ -14,11 +14,11 @@ from hapscene.io.wire.protocol import (
     Decoder,
     Header,
     checksum,
-    header_line,
     read_header,
     sample_line,
     sealed,
 )
+from tests.header_line import header_line
 
 HEADER = Header(1000.0, (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.01)))
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "reference" / "probe-protocol.md"

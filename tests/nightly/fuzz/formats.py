@@ -27,7 +27,7 @@ from hapscene.fidelity.fidelity_file import load_fidelity, save_fidelity
 from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.handle_file import handle_to_json, load_handle
 from hapscene.handle.plant import Plant
-from hapscene.io.wire.protocol import Column, Decoder, Header, header_line, sample_line
+from hapscene.io.wire.protocol import Column, Decoder, Header, sample_line
 from hapscene.motion.path_file import load_path
 from hapscene.paint.web.socket import number, parse, pointer_of
 from hapscene.parallel import Journal
@@ -47,6 +47,7 @@ from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 from hapscene.swatches import library
 from hapscene.teleoperation.datagram import MESSAGE, DatagramFilter, pack
+from tests.header_line import header_line
 
 Files = Mapping[str, bytes]
 """Contents by file name: first the file to damage, then the files it refers to."""
