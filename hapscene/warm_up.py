@@ -134,7 +134,7 @@ def _serve(scene: Scene) -> None:
 
 def _teleoperate() -> None:
     from hapscene.handle import Plant
-    from hapscene.handle.handle_loop import new_handle
+    from hapscene.handle.handle_record import new_handle
     from hapscene.teleoperation.body_follower import read_accelerometer
     from hapscene.teleoperation.datagram import SAMPLE_COUNT
     from hapscene.teleoperation.endpoint import Coupling

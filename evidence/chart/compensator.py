@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.handle.compensator import COMPENSATORS
-from hapscene.handle.handle_loop import new_handle
+from hapscene.handle.handle_record import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import run
 from hapscene.perception import BAND_DB

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.constants import TICK_S
-from hapscene.device.driver import DEVICE_STATE, Connection, Driver, Found
+from hapscene.device.driver import DEVICE_STATE, Connection, Driver, Found, OptionValue
 from hapscene.device.emulator import FAULTS, Emulator
 from hapscene.errors import DeviceError
 from hapscene.wall_clock import CLOCK, Clock
@@ -58,7 +58,7 @@ class Skipped(Exception):
 
 def check_driver(
     driver: Driver,
-    options: Mapping[str, Any],
+    options: Mapping[str, OptionValue],
     report: Callable[[str], None],
     emulator: Emulator | None = None,
     clock: Clock = CLOCK,
@@ -95,7 +95,9 @@ def check_driver(
 class Session:
     """A driver with its open connection, for the checks."""
 
-    def __init__(self, driver: Driver, options: dict[str, Any], emulator: Emulator | None, clock: Clock) -> None:
+    def __init__(
+        self, driver: Driver, options: Mapping[str, OptionValue], emulator: Emulator | None, clock: Clock
+    ) -> None:
         self.driver, self.options, self.emulated, self.clock = driver, options, emulator, clock
         self.durations_s: list[float] = []  # of each `read` in the last `turn`
         self._device: Connection | None = None

@@ -11,7 +11,7 @@ receives the compiled tick by `schedule`, and the vendor's thread calls it betwe
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Self
+from typing import Any, Final, Self, TypeAlias
 
 import numpy as np
 
@@ -79,6 +79,10 @@ def new_state() -> Records:
     return state
 
 
+OptionValue: TypeAlias = str | float | int | bool | None
+"""Value of a driver option."""
+
+
 @dataclass(frozen=True)
 class Option:
     """An option of a driver: `--option name=value`. The type is that of the default, or str if the default is None.
@@ -91,11 +95,11 @@ class Option:
     """
 
     name: str
-    default: str | float | int | bool | None
+    default: OptionValue
     meaning: str
     choices: tuple[str, ...] = ()
 
-    def read(self, text: str) -> Any:
+    def read(self, text: str) -> OptionValue:
         """Convert a string to the value.
 
         Raises:
@@ -129,7 +133,7 @@ class Found:
     """
 
     where: str
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, OptionValue] = field(default_factory=dict)
     trouble: str = ""
     remedy: str = ""
 
@@ -287,7 +291,7 @@ class Driver:
     def __repr__(self) -> str:
         return f"<Driver {self.name!r}: {self.summary}>"
 
-    def read_options(self, given: Mapping[str, Any]) -> dict[str, Any]:
+    def read_options(self, given: Mapping[str, OptionValue]) -> dict[str, OptionValue]:
         """All options by name: the given ones, with strings converted, and the defaults of the others.
 
         Raises:

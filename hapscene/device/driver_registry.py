@@ -1,10 +1,11 @@
 """The registry of drivers: all entry points of the group `hapscene.devices`."""
 
 import atexit
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
-from hapscene.device.driver import Connection, Driver
+from hapscene.device.driver import Connection, Driver, OptionValue
 from hapscene.errors import DeviceError
 from hapscene.plugin_registry import PluginRegistry
 
@@ -26,7 +27,7 @@ class DeviceChoice:
     """
 
     name: str
-    options: dict[str, Any] = field(default_factory=dict)
+    options: Mapping[str, OptionValue] = field(default_factory=dict)
 
     def open(self) -> Connection:
         """Open the device. It is closed at the exit of the program at the latest.
@@ -40,7 +41,7 @@ class DeviceChoice:
         atexit.register(connection.close)  # may be called twice
         return connection
 
-    def checked(self, handle: bool = False) -> tuple[Driver, dict[str, Any]]:
+    def checked(self, handle: bool = False) -> tuple[Driver, dict[str, OptionValue]]:
         """The driver and its converted options. Opens nothing.
 
         Args:
@@ -57,7 +58,7 @@ class DeviceChoice:
         return driver, driver.read_options(self.options)
 
 
-def open(name: str, /, **options: Any) -> Connection:
+def open(name: str, /, **options: OptionValue) -> Connection:
     """Open a device by the name of its driver: `with hapscene.device.open("falcon", firmware="falcon.bin") as device:`.
 
     Raises:
@@ -66,6 +67,6 @@ def open(name: str, /, **options: Any) -> Connection:
     return DeviceChoice(name, options).open()
 
 
-def choose(name: str, /, **options: Any) -> DeviceChoice:
+def choose(name: str, /, **options: OptionValue) -> DeviceChoice:
     """A device for a `Servo`: `Servo(scene, hapscene.device.choose("falcon", firmware="falcon.bin"))`."""
     return DeviceChoice(name, options)

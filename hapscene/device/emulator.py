@@ -12,7 +12,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
@@ -100,7 +100,7 @@ class Emulator:
 
 
 @contextmanager
-def serve(emulator: Emulator) -> Iterator[dict[str, Any]]:
+def serve(emulator: Emulator) -> Iterator[dict[str, str | int]]:
     """Run an emulator in a thread for the duration of the block.
 
     Yields:

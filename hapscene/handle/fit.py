@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
-from hapscene.handle.handle_loop import ACCELEROMETER_HZ
 from hapscene.handle.plant import Array, Complex, Plant
 from hapscene.handle.response import BAND_PER_OCTAVE, Response
-from hapscene.handle.sensor import DELAY_MAX_S, Sensor
+from hapscene.handle.sensor import ACCELEROMETER_HZ, DELAY_MAX_S, Sensor
 
 __all__ = [
     "GRIP_MAX",

@@ -26,10 +26,6 @@ from hapscene.compiled.native import inlined, native
 from hapscene.handle.compensator import COUNT, differences, integrals, retune, section
 from hapscene.handle.governor import fade, foresee, yield_corner
 from hapscene.handle.handle_dynamics import MASK, RING, advance, amplify, delay, move, sense, set_delay
-from hapscene.handle.handle_record import ACCELEROMETER_HZ as ACCELEROMETER_HZ
-from hapscene.handle.handle_record import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCELEROMETER_NOISE_M_S2_RTHZ
-from hapscene.handle.handle_record import HANDLE as HANDLE
-from hapscene.handle.handle_record import new_handle as new_handle
 from hapscene.handle.plant import Array
 from hapscene.records import Record
 

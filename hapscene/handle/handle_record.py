@@ -15,8 +15,6 @@ from hapscene.handle.compensator import COUNT, find_compensator, weights
 from hapscene.handle.governor import HIGH_HZ, LOOK_AHEAD_S, ONE, RELEASE_S, TRAVEL_SHARE
 from hapscene.handle.handle_dynamics import RING, hold, set_delay
 from hapscene.handle.plant import Array, Plant
-from hapscene.handle.sensor import ACCELEROMETER_HZ as ACCELEROMETER_HZ
-from hapscene.handle.sensor import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCELEROMETER_NOISE_M_S2_RTHZ
 from hapscene.handle.sensor import Sensor
 from hapscene.records import Records
 

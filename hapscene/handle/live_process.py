@@ -15,6 +15,7 @@ from typing import Any, Final, Self
 
 import numpy as np
 
+from hapscene.device.driver import OptionValue
 from hapscene.device.driver_registry import DeviceChoice
 from hapscene.device.safety import HEARTBEAT_AGE_S
 from hapscene.errors import HandleError, HapsceneError
@@ -84,7 +85,7 @@ class RecordingSource:
         return self._samples[first : self.taken].copy()
 
 
-def open_output(name: str, options: Mapping[str, Any]) -> HandleOutput:
+def open_output(name: str, options: Mapping[str, OptionValue]) -> HandleOutput:
     """Open the output of the driver `name`. Values of `options` may be strings.
 
     Raises:
@@ -176,7 +177,7 @@ def serve_live(
     rate_Hz: float,
     tool: int,
     output: str,
-    options: Mapping[str, Any],
+    options: Mapping[str, OptionValue],
     handle: str | None,
     compensator: str | None,
 ) -> None:
@@ -261,7 +262,7 @@ class LiveHandle:
         rate_Hz: float,
         tool: int,
         output: str,
-        options: Mapping[str, Any],
+        options: Mapping[str, OptionValue],
         handle: str | None = None,
         compensator: str | None = None,
     ) -> None:

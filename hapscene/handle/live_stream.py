@@ -24,9 +24,11 @@ from numpy.typing import NDArray
 
 from hapscene.compiled.native import native
 from hapscene.errors import HandleError
-from hapscene.handle.governor import MASK, ONE, RELEASE_S, fade
-from hapscene.handle.handle_loop import DESIRED_MAX_M_S2, HANDLE, command_force, learn
+from hapscene.handle.governor import ONE, RELEASE_S, fade
+from hapscene.handle.handle_dynamics import MASK
+from hapscene.handle.handle_loop import DESIRED_MAX_M_S2, command_force, learn
 from hapscene.handle.handle_output import HandleOutput
+from hapscene.handle.handle_record import HANDLE
 from hapscene.handle.plant import Array
 from hapscene.records import Record, Records, records
 

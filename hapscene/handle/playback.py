@@ -12,7 +12,8 @@ from hapscene.dsp.spectrogram import row_of
 from hapscene.dsp.spectrogram import (
     spectrogram_error as spectrogram_error,
 )  # public as hapscene.handle.spectrogram_error
-from hapscene.handle.handle_loop import new_handle, vibrate
+from hapscene.handle.handle_loop import vibrate
+from hapscene.handle.handle_record import new_handle
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.sensor import Sensor
 from hapscene.io.files import whole_file

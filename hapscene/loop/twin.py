@@ -18,7 +18,7 @@ from hapscene.device.sim.omni import Omni, stand
 from hapscene.device.sim.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.geometry import numbers, positions
-from hapscene.handle.handle_loop import HANDLE, new_handle
+from hapscene.handle.handle_record import HANDLE, new_handle
 from hapscene.handle.plant import Plant
 from hapscene.loop.closed_loop import DELAY_MAX, Tool
 from hapscene.loop.driver import CHANNEL, drive, new_loop, static_bodies

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hapscene.constants import TICK_S
-from hapscene.device.driver_registry import DeviceChoice, choose
+from hapscene.device.driver_registry import choose
 from hapscene.errors import HapsceneError
 from hapscene.play.pointer_link import PointerLink
 from hapscene.play.top_frame import TopFrame
@@ -103,8 +103,9 @@ class PageServer:
         )
         self.address, self.url, self.public = self._server.address, self._server.url, self._server.public
         self.link = PointerLink(tools, self.frame.clear_m)
-        options = {"door": self.link.port, "key": self.link.key, "tick_s": tick_s}
-        self.devices: list[DeviceChoice] = [choose("pointer", tool=tool, **options) for tool in range(tools)]
+        self.devices = [
+            choose("pointer", tool=tool, door=self.link.port, key=self.link.key, tick_s=tick_s) for tool in range(tools)
+        ]
         self._painters = ThreadPoolExecutor(1, "pictures")
         self._beats = Thread(target=self._beat_on)
         self._ended = Event()

@@ -1,7 +1,6 @@
 """Stability of virtual walls on a device, found by simulation with the real haptic tick, and compared with theory.
 
-`critical_stiffness` (`critical`) returns the largest stiffness at which a device comes to rest; `closed_form` has the
-theoretical limit of small motion; `rig` has the sheet, the mass and the hand of each trial.
+`closed_form` has the theoretical limit of small motion; `rig` has the sheet, the mass and the hand of each trial.
 
 | module | content |
 |---|---|

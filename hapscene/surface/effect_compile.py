@@ -14,6 +14,7 @@ from llvmlite import ir
 from numba import from_dtype, types
 from numba.core.base import BaseContext
 from numba.core.errors import NumbaError
+from numba.core.types import Type
 from numba.core.typing.context import Context
 from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from hapscene.compiled.entry import Generate, Values
 from hapscene.compiled.native import INTERPRETED, CFunction, native
 from hapscene.errors import EffectError
-from hapscene.records import OUTPUT, TOUCH
+from hapscene.records import OUTPUT, TOUCH, Record
 from hapscene.surface.effect import Effect
 
 __all__ = ["call_effect", "compile_effect"]
@@ -74,40 +75,27 @@ def _reason(error: NumbaError) -> str:
 
 
 Array = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
+Raw = NDArray[np.uint8]
 
 if INTERPRETED:
 
     def call_effect(
-        address: int,
-        touch: np.record,
-        params: Bytes,
-        param_start: int,
-        table: Array,
-        states: Bytes,
-        state_start: int,
-        out: np.record,
+        address: int, touch: Record, params: Raw, param_at: int, table: Array, states: Raw, state_at: int, out: Record
     ) -> None:
         """Call an effect whose records start at the given bytes of `params` and `states`."""
         effect = _interpreted[address]
-        p = _record(params, param_start, effect.param_dtype)
-        s = _record(states, state_start, effect.state_dtype)
+        p = _record(params, param_at, effect.param_dtype)
+        s = _record(states, state_at, effect.state_dtype)
         effect.render(touch, p, table, s, out)
 
-    def _record(raw: Bytes, start: int, dtype: np.dtype[np.void]) -> Any:
+    def _record(raw: Raw, start: int, dtype: np.dtype[np.void]) -> Any:
         return raw[start : start + dtype.itemsize].view(dtype).view(np.recarray)[0]
 
 else:
 
     @intrinsic
     def _intrinsic_call(
-        typing: Context,
-        address: types.Type,
-        touch: types.Type,
-        p: types.Type,
-        table: types.Type,
-        s: types.Type,
-        out: types.Type,
+        typing: Context, address: Type, touch: Type, p: Type, table: Type, s: Type, out: Type
     ) -> tuple[Signature, Generate]:
         signature = types.void(types.int64, touch, types.int64, table, types.int64, out)
 
@@ -134,14 +122,7 @@ else:
 
     @native
     def call_effect(
-        address: int,
-        touch: np.record,
-        params: Bytes,
-        param_start: int,
-        table: Array,
-        states: Bytes,
-        state_start: int,
-        out: np.record,
+        address: int, touch: Record, params: Raw, param_at: int, table: Array, states: Raw, state_at: int, out: Record
     ) -> None:
         """Call an effect whose records start at the given bytes of `params` and `states`."""
-        _call(address, touch, params.ctypes.data + param_start, table, states.ctypes.data + state_start, out)
+        _call(address, touch, params.ctypes.data + param_at, table, states.ctypes.data + state_at, out)

@@ -20,7 +20,7 @@ result = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(ReferenceT
 | `body_follower` | a follower that is a body of a simulation, for example the tip of a robot in MuJoCo |
 | `endpoint` | state of one end, the position–position controller, the timeout |
 | `wave`, `jitter_buffer` | wave variables, passive over any link; the queue that reorders and delays messages |
-| `datagram`, `link` | messages and their UDP format; a simulated link with delay, jitter, loss and reordering |
+| `datagram`, `link` | messages and their UDP format; a simulated link with delay, jitter and loss |
 | `operation` | both devices in one compiled loop: `Operation` |
 | `udp_session` | one device per process, over UDP |
 | `plate` | a plate to touch, and a hand that explores it |

@@ -1,4 +1,4 @@
-"""A simulated network link with delay, jitter, loss and reordering, from a seeded random number generator."""
+"""A simulated network link with delay, jitter and loss, from a seeded random number generator."""
 
 import math
 from dataclasses import dataclass
@@ -24,16 +24,11 @@ DELAY_MAX_S: Final = 0.5
 JITTER_MOST: Final = 4.0
 """Upper end of the jitter distribution [times its mean]; 2 % of an exponential distribution lie beyond."""
 
-HELD_BACK_S: Final = 0.005
-"""Additional delay of a reordered message [s]: at 1 kHz five others overtake it."""
-
 LINE: Final = np.dtype(
     [
         ("delay_ticks", "f8"),
         ("jitter_ticks", "f8"),
-        ("held_ticks", "f8"),
         ("loss", "f8"),
-        ("reorder", "f8"),
         ("rng", "u8", (4,)),
         ("head", "i8"),  # number of the oldest message that may still be in transit
         ("tail", "i8"),  # number of the next message; message n is in slot n % SLOT_COUNT
@@ -45,14 +40,13 @@ LINE: Final = np.dtype(
 
 @dataclass(frozen=True)
 class Impairment:
-    """Delay, jitter, loss and reordering of a link in one direction.
+    """Delay, jitter and loss of a link in one direction.
 
     Attributes:
         delay_s: delay of every message, 0 to 0.5.
         jitter_s: mean of an additional delay, drawn for each message from an exponential distribution that ends at four
             times its mean. Messages overtake each other if it is longer than a tick.
         loss: share of messages that are lost, 0 to 1.
-        reorder: share of messages that are delayed by another 5 ms, so that later ones arrive first, 0 to 1.
 
     Raises:
         HapsceneError: a number out of range.
@@ -61,10 +55,9 @@ class Impairment:
     delay_s: float = 0.0
     jitter_s: float = 0.0
     loss: float = 0.0
-    reorder: float = 0.0
 
     def __post_init__(self) -> None:
-        most = {"delay_s": DELAY_MAX_S, "jitter_s": DELAY_MAX_S / JITTER_MOST, "loss": 1.0, "reorder": 1.0}
+        most = {"delay_s": DELAY_MAX_S, "jitter_s": DELAY_MAX_S / JITTER_MOST, "loss": 1.0}
         for name, limit in most.items():
             if not 0.0 <= getattr(self, name) <= limit:
                 raise HapsceneError(f"impairment: {name} must be from 0 to {limit:g}, is {getattr(self, name):g}")
@@ -83,8 +76,7 @@ def new_link(impairment: Impairment, tick_s: float, seed: int, name: str) -> Lin
     line = records(1, LINE)
     line.delay_ticks = impairment.delay_s / tick_s
     line.jitter_ticks = impairment.jitter_s / tick_s
-    line.held_ticks = HELD_BACK_S / tick_s
-    line.loss, line.reorder = impairment.loss, impairment.reorder
+    line.loss = impairment.loss
     line.rng[0] = seeded_state(seed, f"link.{name}")
     return Link(line, records(SLOT_COUNT, MESSAGE), np.full(SLOT_COUNT, math.inf))
 
@@ -96,8 +88,6 @@ def post(link: Link, tick: int, message: Records) -> None:
     delay = line.delay_ticks
     if line.jitter_ticks > 0.0:
         delay += line.jitter_ticks * min(-math.log(1.0 - uniform(line.rng)), JITTER_MOST)
-    if line.reorder > 0.0 and uniform(line.rng) < line.reorder:
-        delay += line.held_ticks
     if (line.loss > 0.0 and uniform(line.rng) < line.loss) or line.tail - line.head == SLOT_COUNT:
         line.lost += 1
         return
@@ -108,8 +98,8 @@ def post(link: Link, tick: int, message: Records) -> None:
 
 
 @native
-def collect(link: Link, tick: int, messages: Records, set_start: int) -> bool:
-    """Move the next message that has arrived by tick `tick`, in order of arrival, to `messages[place]`.
+def collect(link: Link, tick: int, message: Records) -> bool:
+    """Move the next message that has arrived by tick `tick`, in order of arrival, to `message` (1,).
 
     Returns whether there was one.
     """
@@ -121,7 +111,7 @@ def collect(link: Link, tick: int, messages: Records, set_start: int) -> bool:
             first, slot = link.arrival_tick[candidate], candidate
     if first > tick:
         return False
-    messages[set_start] = link.messages[slot]
+    message[0] = link.messages[slot]
     link.arrival_tick[slot] = math.inf
     while line.head < line.tail and link.arrival_tick[line.head % SLOT_COUNT] == math.inf:
         line.head += 1

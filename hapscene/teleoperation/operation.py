@@ -12,7 +12,7 @@ from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.model import DeviceLike
 from hapscene.device.sim.arm import find_tip, simulated_device
 from hapscene.geometry import Vector
-from hapscene.handle.handle_loop import new_handle
+from hapscene.handle.handle_record import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.records import Records, records
@@ -251,7 +251,7 @@ def operate(leader: Leader, follower: Follower, line: Line, first: int, hand: Ha
 @native
 def receive(end: Endpoint, link: Link, now: int, message: Records) -> None:
     """Pass the messages that a link has delivered by tick `now` to an end."""
-    while collect(link, now, message, 0):
+    while collect(link, now, message):
         receive_message(end, now, message[0])
 
 

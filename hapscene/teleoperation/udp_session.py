@@ -20,7 +20,7 @@ import numpy as np
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.sim.omni import Omni
 from hapscene.errors import HapsceneError
-from hapscene.handle.handle_loop import new_handle
+from hapscene.handle.handle_record import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.interrupt import interrupt_noted
 from hapscene.loop.reference_trajectory import ReferenceTrajectory

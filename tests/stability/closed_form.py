@@ -9,42 +9,7 @@ which are exact up to rounding. The simulation does not use these formulas.
 
 import math
 
-from hapscene.stability.closed_form import hold_coefficients, limit_of_small_motion
-
-__all__ = [
-    "comes_to_rest",
-    "limit_of_passivity",
-    "limit_of_rest",
-    "limit_of_small_motion",
-    "limit_with_one_delay",
-    "limit_with_wall_damping",
-    "limit_without_delay",
-    "peak_speed",
-    "restitution",
-]
-
-
-def limit_without_delay(mass_kg: float, damping_Ns_m: float, tick_s: float) -> float:
-    """W1: K = (b/T) δe/(e − aδ) [N/m] for B = 0, d = 0; 2b/T for small δ. [drv]
-
-    There the pair of poles leaves the unit circle (the determinant (z−1)(z−a) + K(pz + r) at z = 0 is 1). Above δ =
-    3.72 a pole leaves through −1 before that; `limit_of_small_motion` covers this case.
-    """
-    delta = damping_Ns_m * tick_s / mass_kg
-    if delta == 0.0:
-        return 0.0
-    return float(-math.expm1(-delta) / hold_coefficients(mass_kg, damping_Ns_m, tick_s)[1])
-
-
-def limit_with_one_delay(mass_kg: float, damping_Ns_m: float, tick_s: float) -> float:
-    """W2: K = 2e/(s + √(s² + 4r²e)), s = r(1 + a) + p [N/m] for B = 0, d = 1; b/(T/2 + T) for small δ. [drv]"""
-    delta = damping_Ns_m * tick_s / mass_kg
-    if delta == 0.0:
-        return 0.0
-    e = -math.expm1(-delta)
-    p, r = hold_coefficients(mass_kg, damping_Ns_m, tick_s)
-    s = r * (2.0 - e) + p
-    return float(2.0 * e / (s + math.sqrt(s * s + 4.0 * r * r * e)))
+from hapscene.stability.closed_form import limit_of_small_motion as limit_of_small_motion
 
 
 def limit_of_passivity(damping_Ns_m: float, wall_damping_Ns_m: float, tick_s: float) -> float:
@@ -61,15 +26,6 @@ def limit_of_rest(coulomb_N: float, quantum_m: float) -> float:
     Abbott & Okamura 2005, IEEE Transactions on Robotics 21:952: passive for K ≤ min(2b/T, 2c/Δ).
     """
     return 2.0 * coulomb_N / quantum_m
-
-
-def limit_with_wall_damping(mass_kg: float, wall_damping_Ns_m: float, tick_s: float) -> float:
-    """W5: K = (m/T²) 2β(2 − β)/(2 + β) [N/m], β = BT/m < 2, for b = 0, d = 0. [drv]
-
-    From the determinant of (z − 1)² z + (T²/2m)(z + 1)(Kz + B(z − 1)/T), by the last condition of Jury.
-    """
-    beta = wall_damping_Ns_m * tick_s / mass_kg
-    return max(0.0, mass_kg / tick_s**2 * 2.0 * beta * (2.0 - beta) / (2.0 + beta))
 
 
 def comes_to_rest(coulomb_N: float, stiffness_N_m: float, quantum_m: float) -> bool:

@@ -8,9 +8,9 @@ import pytest
 
 from hapscene.device.model import DEVICES
 from hapscene.device.sim.point import PointMass
-from hapscene.stability.critical import comes_to_rest, critical_stiffness
 from hapscene.stability.rig import Rig
 from tests.stability import closed_form
+from tests.stability.critical import comes_to_rest, critical_stiffness
 from tests.stability.wall_cases import bounce, found, largest_beta, passivity_limit, peak_speed
 
 LARGEST_BETA = (2.0, 0.8284, 0.5359, 0.3978)

@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 
 from hapscene.device.sim.point import PointMass
-from hapscene.stability.critical import critical_stiffness, limit_of_motion, motion_growth
 from hapscene.stability.rig import AT_M, Rig
+from tests.stability.critical import critical_stiffness, limit_of_motion, motion_growth
 
 CYCLES: Final = 40
 """Cycles after which motion with friction is classified [count]; near the limit it changes slowly."""

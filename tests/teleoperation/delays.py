@@ -15,7 +15,7 @@ from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operation, OperationResult
 from hapscene.teleoperation.plate import plate
 
-BAD: Final = {"jitter_s": 0.005, "loss": 0.05, "reorder": 0.05}
+BAD: Final = {"jitter_s": 0.005, "loss": 0.05}
 """Impairments of the bad link, in addition to its delay."""
 
 

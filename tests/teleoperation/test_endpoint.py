@@ -42,7 +42,7 @@ def drive(
     """Run both ends along given paths x_m (n, 2); forces (n, 2), transmitted and applied energy (n, 4)."""
     for k in range(len(x_m)):
         for i in range(2):
-            while collect(links[1 - i], k, out, 0):
+            while collect(links[1 - i], k, out):
                 receive_message(ends[i], k, out[0])
         for i in range(2):
             f_N[k, i] = control(ends[i], k, x_m[k, i], 0.0, 0.0)[0]
@@ -86,7 +86,6 @@ lines = st.builds(
     delay_s=st.floats(0.0, 0.1),
     jitter_s=st.floats(0.0, 0.01),
     loss=st.floats(0.0, 0.5),
-    reorder=st.floats(0.0, 0.5),
 )
 
 

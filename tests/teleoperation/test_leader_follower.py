@@ -9,7 +9,7 @@ from scipy.signal import butter, lfilter
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.sim.point import PointMass
 from hapscene.handle.handle_dynamics import grip_handle
-from hapscene.handle.handle_loop import new_handle
+from hapscene.handle.handle_record import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.records import records

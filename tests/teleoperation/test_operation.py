@@ -47,7 +47,6 @@ def test_the_position_controller_is_stable_without_delay() -> None:
         delay_s=st.floats(0.0, 0.1),
         jitter_s=st.floats(0.0, 0.01),
         loss=st.floats(0.0, 0.3),
-        reorder=st.floats(0.0, 0.3),
     ),
     st.builds(
         PointMass,
@@ -98,7 +97,7 @@ def test_swing_amplitude() -> None:
 
 def test_the_seed_determines_the_result() -> None:
     intent = explore("medium", 500.0).intent
-    line = Impairment(0.01, 0.005, 0.1, 0.1)
+    line = Impairment(0.01, 0.005, 0.1)
     first, second = (
         Operation(plate("wood"), START_M, coupling=Coupling(), line=line, seed=4).run(intent) for _ in range(2)
     )

@@ -20,12 +20,12 @@ from hapscene.handle.sensor import ACCELEROMETER_HZ, Sensor
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.loop.twin import Twin
 from hapscene.render.renderer import Renderer
-from hapscene.stability.critical import DEPTH_M, growth, limit_of_motion
 from hapscene.stability.rig import AT_M, Rig, sheet
 from hapscene.surface.field_frame import EASE_S, FADED_MOST
 from hapscene.surface.swatch import Swatch
 from hapscene_evidence.bench.handle import PARAMETERS, signals
-from tests.stability.closed_form import limit_of_small_motion, limit_with_one_delay, limit_without_delay
+from tests.stability.closed_form import limit_of_small_motion
+from tests.stability.critical import DEPTH_M, growth, limit_of_motion
 
 LEAD = Grip(2e3, 20.0)
 """The hand that guides the tool onto the surface."""
@@ -120,7 +120,7 @@ def test_a_field_has_the_stability_limit_of_a_wall(field: str, delay: int) -> No
         twin.run(ReferenceTrajectory.hold(start, round(1.2 * EASE_S / TICK_S) + delay, Grip(1e7, 1e3)))
         return growth(twin.run(ReferenceTrajectory.hold(start, 240, "none")).p_W_m[:, 0], delay + 2)
 
-    known = (limit_without_delay, limit_with_one_delay)[delay](0.045, 0.1, TICK_S)
+    known = limit_of_small_motion(0.045, 0.1, TICK_S, delay, 0.0)
     assert brentq(grows, 0.5 * known, 2.0 * known, rtol=1e-9) == pytest.approx(known, rel=1e-6)
 
 

@@ -17,7 +17,7 @@ import pytest
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.device.sim.omni import Omni
 from hapscene.errors import HapsceneError
-from hapscene.handle.handle_loop import new_handle
+from hapscene.handle.handle_record import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.records import records
 from hapscene.teleoperation import udp_session as module

@@ -12,11 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hapscene.device.sim.point import PointMass
-from hapscene.errors import HapsceneError
-from hapscene.loop.closed_loop import DELAY_MAX
 from hapscene.stability.rig import Rig
-
-__all__ = ["DEPTH_M", "comes_to_rest", "critical_stiffness", "growth", "limit_of_motion", "motion_growth"]
 
 # Growth of the slowest-decaying mode of small motion.
 #
@@ -104,12 +100,6 @@ REST_TICKS: Final = 4000
 REST_TOLERANCE: Final = 1e-5
 """Relative tolerance of the limit of rest [1]."""
 
-RATIO_MIN: Final = 1e-6
-RATIO_MAX: Final = 1e3
-"""Range of damping · tick / mass for which a limit of motion is computed [1]. In a wall at its limit, motion turns
-by the square root of that ratio per tick. Below the range, it takes more than 10,000 ticks to decay; above it, a
-tick is far longer than the time constant of the device."""
-
 EDGE: Final = 64.5
 """Depth of the edge between two encoder steps at which rest is tested [encoder steps]: an integer and a half."""
 
@@ -145,22 +135,7 @@ def critical_stiffness(
             This is therefore not the limit of passivity of Abbott & Okamura 2005, the lower of 2b/T and 2c/Δ.
         With friction alone: math.inf, since friction stops every sufficiently small motion.
         With encoder steps alone: 0.0, since nothing holds the tool between two steps.
-
-    Raises:
-        HapsceneError: a number out of range, or dampings outside `RATIO_MIN` to `RATIO_MAX`.
     """
-    dampers = {"damping_Ns_m": damping_Ns_m, "wall_damping_Ns_m": wall_damping_Ns_m}
-    _check({"mass_kg": mass_kg, "tick_s": tick_s}, {**dampers, "coulomb_N": coulomb_N, "quantum_m": quantum_m})
-    if not 0 <= delay_ticks < DELAY_MAX or delay_ticks != int(delay_ticks):
-        raise HapsceneError(
-            f"critical stiffness: delay_ticks must be an integer from 0 to {DELAY_MAX - 1}, is {delay_ticks}"
-        )
-    ratio = max(dampers.values()) * (tick_s / mass_kg)
-    if max(dampers.values()) > 0.0 and not RATIO_MIN <= ratio <= RATIO_MAX:
-        raise HapsceneError(
-            f"critical stiffness: damping · tick_s / mass_kg must be from {RATIO_MIN:g} to {RATIO_MAX:g}, "
-            f"is {ratio:.3g}; check the units"
-        )
     rig = Rig(PointMass(mass_kg, damping_Ns_m, coulomb_N, quantum_m), tick_s, delay_ticks)
     if quantum_m == 0.0:
         if coulomb_N > 0.0:
@@ -279,12 +254,3 @@ def _limit_of_rest(rig: Rig, wall_damping_Ns_m: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if comes_to_rest(rig, middle, wall_damping_Ns_m) else (low, middle)
     return 0.5 * (low + high)
-
-
-def _check(above_0: dict[str, float], at_least_0: dict[str, float]) -> None:
-    for name, value in above_0.items():
-        if not 0.0 < value < math.inf:
-            raise HapsceneError(f"critical stiffness: {name} must be finite and above 0, is {value}")
-    for name, value in at_least_0.items():
-        if not 0.0 <= value < math.inf:
-            raise HapsceneError(f"critical stiffness: {name} must be finite and at least 0, is {value}")
