@@ -159,10 +159,8 @@ def touch(
         of_effects = _parse_settings(settings or ())
         _check_effects(effects or (), of_effects)
         loaded, bridge = _opened(scene, mesh, hand.device)
-        from hapscene.render.renderer import EFFECTS
-
-        render = {"effects": effects or EFFECTS, "settings": of_effects, "seed": seed, "a_rate_Hz": rate}
-        render |= {"fidelity": fidelity, "tip_radius_m": tip_radius}
+        render = {"settings": of_effects, "seed": seed, "a_rate_Hz": rate, "fidelity": fidelity}
+        render |= {"tip_radius_m": tip_radius} | ({} if effects is None else {"effects": effects})
         write = {"title": Path(scene).name, "with_picture": not no_picture, "dark": dark, "bridge": bridge}
         if hand.hand is None:
             made = _touch_along(loaded, path, out, render | write)

@@ -254,8 +254,7 @@ class _Writer:
     def worn(self, swatch: Swatch, opacity: float) -> dict[str, Json]:
         """Return the appearance of a swatch."""
         grain = grain_of(swatch)
-        roughness = (swatch.look or plain_look(swatch)).roughness
-        look: dict[str, Json] = {"metallicFactor": 0.0, "roughnessFactor": roughness}
+        look: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": (swatch.look or plain_look(swatch)).roughness}
         found: dict[str, Json] = {"pbrMetallicRoughness": look}
         if grain.flat:
             look["baseColorFactor"] = [*linear(swatch.albedo_rgb).tolist(), opacity]

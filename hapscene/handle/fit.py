@@ -267,9 +267,8 @@ def identify(
         reason = "one grip does not determine it: record two or more different grips"
     intervals, absent = _intervals(HANDLE_PARAMETERS, x[:4], deviation[:4], reason)
     amplifier_Hz = _amplifier(x[4], deviation[4], fit.guess.amplifier_Hz, intervals, absent)
-    own = [slice(6 + 2 * i, 8 + 2 * i) for i in range(len(names))]
-    each = zip(names, responses, own, strict=True)
-    grips = [_grip(label, response, x[i], deviation[i], reason) for label, response, i in each]
+    each = zip(names, responses, x[6:].reshape(-1, 2), deviation[6:].reshape(-1, 2), strict=True)
+    grips = [_grip(*known, reason) for known in each]
     hand = np.exp(x[6:].reshape(-1, 2).mean(axis=0))
     return Identification(
         name=name,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import LIFE_MAX
 from hapscene.errors import SwatchError
-from hapscene.surface.taps import freeze
+from hapscene.surface.taps import ByContent, freeze
 
 __all__ = ["SPREAD_MAX", "GainModulation"]
 
@@ -31,7 +31,7 @@ _ROWS: Final = ("spread", "decay_1_s", "decay_1_m")
 
 
 @dataclass(frozen=True, eq=False)
-class GainModulation:
+class GainModulation(ByContent):
     """A random slow gain whose logarithm is the sum of k independent Ornstein–Uhlenbeck processes.
 
     gain = exp(X)/√E[exp(2X)]: its mean square is 1, so the mean power of the texture is unchanged. X has the
@@ -76,11 +76,3 @@ class GainModulation:
     def log_spread(self) -> float:
         """Standard deviation of the logarithm of the gain [1]."""
         return float(np.sqrt(np.sum(self.spread**2)))
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, GainModulation):
-            return NotImplemented
-        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in _ROWS)
-
-    def __hash__(self) -> int:
-        return hash(tuple(getattr(self, name).tobytes() for name in _ROWS))

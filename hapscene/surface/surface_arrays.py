@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from hapscene.surface.device_clipping import WALL, Numbers
 from hapscene.surface.effect import Effect
 from hapscene.surface.effect_compile import compile_effect
 from hapscene.surface.field_settings import POSE_SIZE, FieldSetting
+
+Rows = Sequence[NDArray[np.generic]]
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -41,8 +43,6 @@ __all__ = [
     "clear_states",
     "put_numbers",
 ]
-
-Kind = TypeVar("Kind", bound=np.generic)
 
 MEMORY: Final = np.dtype(
     [
@@ -222,13 +222,11 @@ def build_surface(
     return surface
 
 
-def _by_row(
-    of_swatches: Sequence[list[NDArray[Kind]]], of_fields: list[NDArray[Kind]], kind: type[Kind]
-) -> list[NDArray[Kind]]:
+def _by_row(of_swatches: Sequence[Rows], of_fields: Rows, kind: type[np.generic]) -> Rows:
     """Return arrays in storage order: a row of effects of contact for each swatch, then one of effects of the scene."""
     none = [np.zeros(0, kind)]
     contact_count = len(of_swatches[0])
-    return [*chain(*(row + none * len(of_fields) for row in of_swatches)), *(none * contact_count), *of_fields]
+    return [*chain(*((*row, *none * len(of_fields)) for row in of_swatches)), *(none * contact_count), *of_fields]
 
 
 def _starts(sizes: Iterable[int]) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from hapscene.errors import SwatchError
 
-__all__ = ["TAP_MAX", "TAP_ROWS", "Tap", "Taps", "freeze"]
+__all__ = ["TAP_MAX", "TAP_ROWS", "ByContent", "Tap", "Taps", "freeze"]
 
 Array = NDArray[np.float64]
 
@@ -36,6 +36,18 @@ def freeze(owner: object, name: str, values: ArrayLike, dtype: DTypeLike = np.fl
     object.__setattr__(owner, name, array)
 
 
+class ByContent:
+    """Equality and hash of a frozen dataclass by the content of its arrays."""
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return all(np.array_equal(value, getattr(other, name)) for name, value in vars(self).items())
+
+    def __hash__(self) -> int:
+        return hash(tuple(value.tobytes() for value in vars(self).values() if isinstance(value, np.ndarray)))
+
+
 class Tap(NamedTuple):
     """One decaying sinusoid: a(t) = amplitude exp(−decay t) sin(2π frequency t)."""
 
@@ -45,7 +57,7 @@ class Tap(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Taps:
+class Taps(ByContent):
     """Decaying sinusoids over approach speed, and measured transients if there are any.
 
     Attributes:
@@ -148,11 +160,3 @@ class Taps:
         padded = np.pad(self.wave_m_s2, ((0, 0), (0, length)))  # keeps the end from wrapping into the start
         count = max(1, round(length * rate_Hz / self.wave_rate_Hz))
         return np.asarray(scipy.signal.resample(padded, 2 * count, axis=1))[:, :count]
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Taps):
-            return NotImplemented
-        return all(np.array_equal(getattr(self, n), getattr(other, n)) for n in self.__dataclass_fields__)
-
-    def __hash__(self) -> int:
-        return hash(self.approach_m_s.tobytes() + self.amplitude_m_s2.tobytes())

@@ -25,7 +25,7 @@ from hapscene.dsp.ar_filter import (
 from hapscene.errors import SwatchError
 from hapscene.io.files import short
 from hapscene.surface.gain_modulation import GainModulation
-from hapscene.surface.taps import freeze
+from hapscene.surface.taps import ByContent, freeze
 
 __all__ = [
     "EXPONENT_MAX",
@@ -201,7 +201,7 @@ EXPONENT_MAX: Final = 8.0
 
 
 @dataclass(frozen=True, eq=False)
-class Texture:
+class Texture(ByContent):
     """AR models over normal force and slip speed, triangulated.
 
     Build a texture from filters with `Texture.from_models`, which adds silent models and triangles.
@@ -442,17 +442,6 @@ class Texture:
         lsf = np.stack([lsf_from_ar(a) for a in shorter])[row]
         variance = self._power / power_gain(shorter, self.warp)[row]
         return replace(self, lsf_rad=lsf, variance_m2_s4=variance)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Texture):
-            return NotImplemented
-        single = ("rate_Hz", "interpolation", "warp", "modulation")
-        rows = ("force_N", "speed_m_s", "triangles", "lsf_rad", "variance_m2_s4", "exponents")
-        same = all(getattr(self, name) == getattr(other, name) for name in single)
-        return same and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in rows)
-
-    def __hash__(self) -> int:
-        return hash((self.rate_Hz, self.interpolation, self.lsf_rad.tobytes()))
 
 
 def _check_shapes(texture: Texture) -> None:

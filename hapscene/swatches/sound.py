@@ -77,12 +77,7 @@ class Sound:
 
 
 def swatch_sound(
-    swatch: Swatch,
-    force_N: float = FORCE_N,
-    speed_m_s: float = SPEED_M_S,
-    seconds: float = STROKE_S,
-    approach_m_s: float = TAP_M_S,
-    rate_Hz: float = ACCELERATION_RATE_HZ,
+    swatch: Swatch, force_N: float = FORCE_N, speed_m_s: float = SPEED_M_S, seconds: float = STROKE_S
 ) -> Sound:
     """Synthesise the acceleration of a handle that taps on a swatch and then strokes it, with the gains of the swatch.
 
@@ -91,9 +86,8 @@ def swatch_sound(
         force_N: normal force of the stroke [N], limited to the range of the texture.
         speed_m_s: speed of the stroke [m/s], limited to the range of the texture.
         seconds: length of the stroke [s].
-        approach_m_s: speed of the tap [m/s]; 0 for no tap.
-        rate_Hz: sample rate [Hz].
     """
+    rate_Hz = ACCELERATION_RATE_HZ
     start, count = round(START_S * rate_Hz), round(seconds * rate_Hz)
     a, stroke_m_s2 = np.zeros(start + count), 0.0
     if swatch.texture is not None:
@@ -105,8 +99,8 @@ def swatch_sound(
         force, speed = np.full(count, force_N), speed_m_s * slide
         stroke_m_s2 = gain * float(np.sqrt(swatch.texture.power([force_N], [speed_m_s])[0]))
         a[start:] += gain * synthesize(swatch, force, speed, rate_Hz=rate_Hz, modulation=life)
-    if swatch.taps is not None and approach_m_s > 0.0:
-        tap = swatch.parameter("tap", "tap_gain", 1.0) * swatch.taps.transient(approach_m_s, rate_Hz)
+    if swatch.taps is not None:
+        tap = swatch.parameter("tap", "tap_gain", 1.0) * swatch.taps.transient(TAP_M_S, rate_Hz)
         length = min(len(tap), len(a))
         a[:length] += tap[:length]
     return Sound(a, rate_Hz, stroke_m_s2)

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.compiled.native import native
 from hapscene.constants import TICK_S
@@ -18,7 +17,7 @@ from hapscene.geometry import Vector
 from hapscene.records import Records, records
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling, control, fill_message, new_endpoint, set_start
-from hapscene.teleoperation.leader_follower import high_pass, new_tool, tip_acceleration
+from hapscene.teleoperation.leader_follower import Array, high_pass, new_tool, tip_acceleration
 
 if TYPE_CHECKING:
     from hapscene.bridge.simulation import Simulation
@@ -77,12 +76,12 @@ class BodyFollower:
         read_accelerometer(self._tool, self._positions_m, self._simulation.step_s, self.read_m_s2)
         return force
 
-    def contact(self) -> NDArray[np.float64]:
+    def contact(self) -> Array:
         """(3,) contact force on the body [N]; NaN if the simulation has no method `contact`."""
         contact = getattr(self._simulation, "contact", None)
         return np.full(3, np.nan) if contact is None else np.asarray(contact(self._index), np.float64)
 
-    def _read(self) -> NDArray[np.float64]:
+    def _read(self) -> Array:
         self._simulation.read(self._X_WB)
         p_W_m = self._X_WB[self._index, :3, 3].copy()
         if not np.isfinite(p_W_m).all():
@@ -93,9 +92,7 @@ class BodyFollower:
 
 
 @native
-def read_accelerometer(
-    tool: Records, positions_m: NDArray[np.float64], step_s: float, read_m_s2: NDArray[np.float64]
-) -> None:
+def read_accelerometer(tool: Records, positions_m: Array, step_s: float, read_m_s2: Array) -> None:
     """Compute the accelerometer samples of a tick (SAMPLE_COUNT,) from tool positions (k, 3), one per step."""
     count, sample = len(positions_m), 0
     for i in range(count):

@@ -35,14 +35,11 @@ QUEUE: Final = np.dtype(
         ("due_tick", "i8"),  # tick of the message that is due
         ("is_new", "i8"),  # 1 if it was not due in the last tick
         ("counted", "i8"),  # messages in the present window
-        ("stored", "i8"),
-        ("waited_ticks", "i8"),  # total waiting time of all messages
         ("early_ticks", "i8"),  # least time between arrival and due tick in the window; negative if too late
         ("a_extra_ticks", "i8"),  # additional delay of the samples, so that even the latest arrive in time
         ("a_due_tick", "i8"),
         ("a_is_new", "i8"),
         ("newest", "i8"),  # tick of the newest message
-        ("played", "i8"),
         ("missed", "i8"),  # due ticks whose message had not arrived
         ("tick", "i8", (QUEUE_TICKS,)),  # tick of the message in each slot
         ("wave_sqrtJs", "f8", (QUEUE_TICKS, 3)),
@@ -74,8 +71,6 @@ def store(queue: Record, now: int, message: Record) -> None:
     queue.early_ticks = min(early, queue.early_ticks)
     queue.a_extra_ticks = max(min(-early, A_EXTRA_MAX), queue.a_extra_ticks)
     queue.counted += 1
-    queue.stored += 1
-    queue.waited_ticks += max(early, 0)
     if queue.counted == WINDOW:
         back = max(queue.early_ticks + 1, 0) // 2  # half of the unused time: the lag shrinks without overshoot
         queue.lag_ticks -= back
@@ -127,7 +122,4 @@ def play_samples(queue: Record, a_m_s2: NDArray[np.float64]) -> None:
     found = queue.started == 1 and queue.a_is_new == 1 and queue.tick[slot] == queue.a_due_tick
     for i in range(SAMPLE_COUNT):
         a_m_s2[i] = queue.a_m_s2[slot, i] if found else 0.0
-    if found:
-        queue.played += 1
-    elif queue.started == 1:
-        queue.missed += 1
+    queue.missed += queue.started == 1 and not found

@@ -23,6 +23,7 @@ from hapscene.teleoperation.body_follower import BodyFollower
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling, Endpoint, receive_message
 from hapscene.teleoperation.leader_follower import (
+    Array,
     Follower,
     Hand,
     Leader,
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
     from hapscene.bridge.simulation import Simulation
 
 __all__ = ["TICK_RECORD", "UP", "Line", "Operation", "OperationResult", "follower_renderer", "operate", "receive"]
-
-Array = NDArray[np.float64]
 
 UP: Final = (0.0, 0.0, 1.0)
 """Default direction of the handle in W: upright on a horizontal surface."""

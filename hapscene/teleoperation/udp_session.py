@@ -143,7 +143,7 @@ class UdpSession:
             if collecting:
                 gc.enable()
             self._send_end()
-        state, queue = self._side.end.state[0], self._side.end.queue[0]
+        state = self._side.end.state[0]
         return {
             "ended": reason,
             "role": ROLES[self._role],
@@ -155,7 +155,6 @@ class UdpSession:
                 "overtaken": int(state.overtaken),
             },
             "round_trip_ms": _quantiles(self._round_trips, TICK_S * 1e3),
-            "queue_ms": round(int(queue.waited_ticks) / max(int(queue.stored), 1) * TICK_S * 1e3, 3),
             "force_max_N": self._force_max_N,
             "force_in_silence_N": self._force_in_silence_N,
             "work_of_motors_mJ": float(state.work_J) * 1e3,
