@@ -310,7 +310,7 @@ def _build(
     return int(scene)
 
 
-def _release_pages(buffer: NDArray[Any]) -> None:
+def _release_pages(buffer: NDArray[np.generic]) -> None:
     """Return the memory of a buffer that Embree does not read again to the system: 48 bytes per face.
 
     The leaves of Embree's tree hold copies. The buffer stays valid and reads as zeros. Has an effect on Linux only.

@@ -1,7 +1,7 @@
 """Moving bodies: sets and checks their poses at the start of a tick, and releases the proxy from bodies that jump."""
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +38,9 @@ MOVED_LAST_TICK: Final = 2
 def place_bodies(
     world: "World",
     surface: "Surface",
-    moving: NDArray[Any],
-    X_WB: NDArray[Any],
-    teleported: NDArray[Any],
+    moving: NDArray[np.int64],
+    X_WB: NDArray[np.float64],
+    teleported: NDArray[np.int64],
     count: int,
     k: int,
 ) -> int:
@@ -183,7 +183,7 @@ def _restart_proxy(world: "World", surface: "Surface") -> None:
 
 
 @native
-def _release(world: "World", surface: "Surface", moving: NDArray[Any], teleported: NDArray[Any]) -> None:
+def _release(world: "World", surface: "Surface", moving: NDArray[np.int64], teleported: NDArray[np.int64]) -> None:
     """Drop the planes and punctures of bodies that jump; restart the proxy at the device if no plane is left."""
     proxy, touch = world.proxy[0], surface.touch[0]
     if _jumps(touch.left_body, moving, teleported):
@@ -202,7 +202,7 @@ def _release(world: "World", surface: "Surface", moving: NDArray[Any], teleporte
 
 
 @native
-def _jumps(index: int, moving: NDArray[Any], teleported: NDArray[Any]) -> bool:
+def _jumps(index: int, moving: NDArray[np.int64], teleported: NDArray[np.int64]) -> bool:
     """Return whether a body is among those that jump."""
     for m in range(len(moving)):
         if moving[m] == index and teleported[m] != 0:

@@ -17,7 +17,7 @@ frame, with a delay of one frame.
 """
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -223,7 +223,7 @@ def _add_impulse(frame: np.record, body: np.record, before: NDArray[np.float64],
 
 
 @native
-def _write_pose(body: np.record, X_WB: Any) -> None:
+def _write_pose(body: np.record, X_WB: NDArray[np.float64]) -> None:
     """Write the pose including the remaining difference."""
     _rotate(body.shown_R, (body.off_rad[0], body.off_rad[1], body.off_rad[2]), body.R_WB)
     for i in range(3):

@@ -1,6 +1,6 @@
 """Geometry of one face of a body in float64: frames, plane, point-over-face test and barycentric coordinates."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ def to_body_last(body: np.record, p_W: Vector) -> Vector:
 
 
 @inlined
-def _into(R: NDArray[np.float64], o: Any, p: Vector) -> Vector:
+def _into(R: NDArray[np.float64], o: NDArray[np.float64] | Vector, p: Vector) -> Vector:
     """Compute Rᵀ (p − o)."""
     x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
     return (

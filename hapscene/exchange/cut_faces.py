@@ -30,7 +30,7 @@ class CutFaces(NamedTuple):
 
     vertices_m: NDArray[np.float64]
     faces: NDArray[np.int64]
-    swatch: NDArray[np.integer[Any]]
+    swatch: NDArray[np.integer]
     face: NDArray[np.int64]
     bary: NDArray[np.float64] | None
 
@@ -89,7 +89,7 @@ def cut_faces(body: Body, keep_blends: bool = False) -> CutFaces:
     )
 
 
-def _keys(names: NDArray[np.int64], face: NDArray[np.integer[Any]], bary: NDArray[np.float64]) -> NDArray[np.uint64]:
+def _keys(names: NDArray[np.int64], face: NDArray[np.integer], bary: NDArray[np.float64]) -> NDArray[np.uint64]:
     """Return hashes of points (k, 3) on faces; a point on the common side of two faces has the same hash in both.
 
     The points are given by exact barycentric coordinates (k, 3, 3): sums of powers of ½. `names` are the welded

@@ -98,7 +98,7 @@ def parts_of(path: Path, content: bytes) -> tuple[dict[str, Json], list[bytes]]:
         tree, chunk = parse_gltf(content, path.suffix.lower() == ".glb", str(path))
         found = items_of(tree, "buffers", str(path))
     files = FolderResources(path, FILE_MAX_B, SceneError)
-    read: dict[Any, bytes] = {}  # by URI, since a small file can refer to a large one many times
+    read: dict[Json, bytes] = {}  # by URI, since a small file can refer to a large one many times
     blobs = []
     for index, buffer in enumerate(found):
         uri = buffer.get("uri")
@@ -137,8 +137,8 @@ class _Node:
     two_sided: bool = False
     marked: bool = False
     meshes: list[int] = field(default_factory=list)
-    fine: Any = None
-    parent: Any = None
+    fine: Json = None
+    parent: Json = None
 
 
 class _Reader:
@@ -168,7 +168,7 @@ class _Reader:
             raise self.fail(f"{kind}[{index}] must be an object")
         return dict(items[index])
 
-    def numbers(self, value: Any, count: int, where: str) -> NDArray[np.float64]:
+    def numbers(self, value: Json, count: int, where: str) -> NDArray[np.float64]:
         fits = isinstance(value, list) and len(value) == count
         if not fits or not all(type(x) in (int, float) and -1e100 < x < 1e100 for x in value):
             raise self.fail(f"{where} must be {count} finite numbers")
@@ -193,7 +193,7 @@ class _Reader:
         view = self.item("bufferViews", accessor.get("bufferView"))
         self.check_packing(where, view.get("extensions", {}))
         width = _WIDTHS[kind] * np.dtype(dtype).itemsize
-        layout: list[Any] = [accessor.get("count"), view.get("byteStride", width)]
+        layout: list[Json] = [accessor.get("count"), view.get("byteStride", width)]
         layout += [view.get("byteOffset", 0), accessor.get("byteOffset", 0)]
         if not all(_is_size(n) for n in layout) or layout[0] == 0 or layout[1] < width:
             raise self.fail(f"{where} has an invalid count, stride or offset")
@@ -216,7 +216,7 @@ class _Reader:
         """
         start = self.tree.get("scene", 0)
         roots = self.item("scenes", start).get("nodes", []) if self.tree.get("scenes") else []
-        stack: list[tuple[Any, NDArray[np.float64], bool, _Node | None]]
+        stack: list[tuple[Json, NDArray[np.float64], bool, _Node | None]]
         stack = [(node, np.eye(4), False, None) for node in _indices(roots)[::-1]]
         seen: set[int] = set()
         found: list[_Node] = []
@@ -390,5 +390,5 @@ def _printable(name: object) -> str:
     return "".join(c for c in str(name or "") if c.isprintable()).strip() or "object"
 
 
-def _indices(value: object) -> list[Any]:
+def _indices(value: object) -> list[Json]:
     return list(value) if isinstance(value, list) else []

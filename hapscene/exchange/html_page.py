@@ -105,7 +105,7 @@ class _Arrays:
         self.chunks: list[bytes] = []
         self.size = 0
 
-    def add(self, values: Array, dtype: str) -> list[Any]:
+    def add(self, values: Array, dtype: str) -> list[Json]:
         data = np.ascontiguousarray(values, "<" + dtype).tobytes()
         place = [dtype, self.size, np.size(values)]
         self.chunks += [data, bytes(-len(data) % 4)]

@@ -76,7 +76,7 @@ def known_swatch(name: str) -> Swatch | None:
 
 
 def restore(
-    path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: object, sha256: str, text: str | None = None
+    path: Path, name: str, numbers: Mapping[str, Json], albedo_rgb: object, sha256: str, text: str | None = None
 ) -> Swatch | str:
     """Restore a swatch from a file: its name if the library has the identical swatch, else the swatch itself.
 
@@ -113,7 +113,7 @@ def restore(
     return bare
 
 
-def _bare(path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: object) -> Swatch:
+def _bare(path: Path, name: str, numbers: Mapping[str, Json], albedo_rgb: object) -> Swatch:
     values = {key: numbers.get(key, None if key in BASIC_PARAMETERS else 0.0) for key in OWN_PARAMETERS}
     colour = tuple(albedo_rgb) if isinstance(albedo_rgb, list | tuple) else ()
     for value in (*values.values(), *colour):

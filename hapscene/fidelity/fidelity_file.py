@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, Final
 from hapscene.constants import ORDER_MAX
 from hapscene.errors import FormatError, no_such
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
-from hapscene.io.files import check_file, check_keys, naming, parse_format, read_bytes, short, write_whole
+from hapscene.io.files import Json, check_file, check_keys, naming, parse_format, read_bytes, short, write_whole
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.ply import HEADER_MAX_B, mesh_to_ply
@@ -113,8 +113,8 @@ def check_fidelity_path(path: Path) -> None:
     check_file(path, FidelityError)
 
 
-def _level_content(level: Level, files: "SidecarFiles") -> dict[str, Any]:
-    def mesh_content(name: str, mesh: Mesh) -> dict[str, Any]:
+def _level_content(level: Level, files: "SidecarFiles") -> dict[str, Json]:
+    def mesh_content(name: str, mesh: Mesh) -> dict[str, Json]:
         content = mesh_to_ply(mesh)
         file = files.put(name, ".ply", content)
         return {"path": file, "sha256": hashlib.sha256(content).hexdigest(), "face_count": len(mesh.faces)}
@@ -147,7 +147,7 @@ def load_fidelity(path: str | os.PathLike[str], scene: Scene) -> Fidelity:
         raise FidelityError(str(fault)) from None
 
 
-def _read(path: Path, content: dict[str, Any], scene: Scene) -> Fidelity:
+def _read(path: Path, content: dict[str, Json], scene: Scene) -> Fidelity:
     check_keys("", content, ("format", "version", "scene", "made", "levels"))
     if not (isinstance(content["scene"], str) and re.fullmatch("[0-9a-f]{64}", content["scene"])):
         raise FidelityError(f"scene is {short(content['scene'])}; expected a SHA-256 in hex")
@@ -163,7 +163,7 @@ def _read(path: Path, content: dict[str, Any], scene: Scene) -> Fidelity:
     return Fidelity(_level(levels[0], path, scene), made)
 
 
-def _level(content: Any, path: Path, scene: Scene) -> Level:
+def _level(content: Json, path: Path, scene: Scene) -> Level:
     where = "levels[0]"
     check_keys(where, content, (COST, "bodies", "swatches"))
     bodies, swatches = {}, {}
@@ -188,7 +188,7 @@ def _level(content: Any, path: Path, scene: Scene) -> Level:
     return Level(bodies, swatches, _flat(f"{where}.{COST}", content[COST], int | float))
 
 
-def _mesh(where: str, content: Any, path: Path, meshes: dict[str, Mesh], own_count: int) -> Mesh:
+def _mesh(where: str, content: Json, path: Path, meshes: dict[str, Mesh], own_count: int) -> Mesh:
     """Read a coarser mesh from the file beside; each file is read once."""
     check_keys(where, content, ("path", "sha256", "face_count"))
     name, count = content["path"], content["face_count"]
@@ -209,7 +209,7 @@ def _mesh(where: str, content: Any, path: Path, meshes: dict[str, Mesh], own_cou
     return mesh
 
 
-def _named(where: str, value: Any, known: Mapping[str, Any], what: str) -> Any:
+def _named(where: str, value: Json, known: Mapping[str, Any], what: str) -> Any:
     if not isinstance(value, dict):
         raise FidelityError(f"{where} is {short(value)}; expected an object")
     for name in value:
@@ -218,7 +218,7 @@ def _named(where: str, value: Any, known: Mapping[str, Any], what: str) -> Any:
     return value.items()
 
 
-def _flat(where: str, value: Any, kind: Any) -> dict[str, Any]:
+def _flat(where: str, value: Json, kind: Any) -> dict[str, Json]:
     """Check an object of plain values."""
     if not (isinstance(value, dict) and len(value) <= COST_MAX):
         raise FidelityError(f"{where} is {_counted(value)}; expected an object of at most {COST_MAX} entries")
@@ -228,9 +228,9 @@ def _flat(where: str, value: Any, kind: Any) -> dict[str, Any]:
     return value
 
 
-def _name(value: Any) -> bool:
+def _name(value: Json) -> bool:
     return isinstance(value, str) and 0 < len(value) <= 300 and value.isprintable()
 
 
-def _counted(value: Any) -> str:
+def _counted(value: Json) -> str:
     return f"one with {len(value)} entries" if isinstance(value, list | dict) else short(value)

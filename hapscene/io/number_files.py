@@ -75,7 +75,7 @@ class Npz:
         self._archive = archive
         self.names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
 
-    def header(self, name: str) -> "tuple[tuple[int, ...], np.dtype[Any]]":
+    def header(self, name: str) -> "tuple[tuple[int, ...], np.dtype[np.generic]]":
         """Return shape and type of an array.
 
         Raises:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from hapscene.scene.topology import normals_of
 
 if TYPE_CHECKING:
+    from hapscene.scene.body import Body
+    from hapscene.scene.mesh import Mesh
     from hapscene.scene.scene import Scene
 
 __all__ = [
@@ -94,14 +96,14 @@ def look_from_above(scene: "Scene") -> Look:
     return look
 
 
-def _caster(mesh: Any) -> Any:
+def _caster(mesh: "Mesh") -> Any:
     import trimesh
     from trimesh.ray.ray_pyembree import RayMeshIntersector
 
     return RayMeshIntersector(trimesh.Trimesh(mesh.vertices_m, mesh.faces, process=False))
 
 
-def bounds_of(body: Any) -> NDArray[np.float64]:
+def bounds_of(body: "Body") -> NDArray[np.float64]:
     """Bounding box of a body in W (2, 3) [m]."""
     corners_m = np.array(list(product(*zip(*body.mesh.bounds_m, strict=True))))
     corners_m = corners_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]

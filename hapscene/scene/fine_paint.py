@@ -136,7 +136,7 @@ class FinePaint:
         return FinePaint(*(values[chosen] for values in self.columns))
 
     @property
-    def columns(self) -> tuple[NDArray[Any], ...]:
+    def columns(self) -> tuple[NDArray[np.generic], ...]:
         """The five arrays in the order of the attributes."""
         return self.face, self.path, self.edge, self.level, self.paint
 

@@ -5,7 +5,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterator
 from itertools import chain
-from typing import Any, Final
+from typing import Final
 
 from hapscene.errors import FormatError, MeshError
 from hapscene.io.files import Json, memory_most_B, refusing
@@ -137,7 +137,7 @@ def _view(view: dict[str, Json], index: int, where: str) -> dict[str, int]:
     }
 
 
-def _used(tree: dict[str, Json], where: str) -> Iterator[Any]:
+def _used(tree: dict[str, Json], where: str) -> Iterator[Json]:
     """Yield the accessors that meshes use, once for each use."""
     for mesh in items_of(tree, "meshes", where):
         for primitive in items_of(mesh, "primitives", where):

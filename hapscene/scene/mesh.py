@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from hapscene.constants import REACH_MAX_M
 from hapscene.errors import MeshError, no_such
@@ -249,7 +249,7 @@ def _check_shape(vertices: NDArray[np.generic], faces: NDArray[np.generic], wher
         raise MeshError(f"{where}{len(faces):,} faces, at most {FACE_MAX:,} are supported: simplify the mesh")
 
 
-def _check_indices(faces: NDArray[Any], vertex_count: int, where: str, of: str = "") -> None:
+def _check_indices(faces: NDArray[np.integer], vertex_count: int, where: str, of: str = "") -> None:
     if len(faces) and (faces.min() < 0 or faces.max() >= vertex_count):
         face, corner = np.argwhere((faces < 0) | (faces >= vertex_count))[0]
         raise MeshError(
@@ -272,7 +272,7 @@ def _check_extent(mesh: Mesh, where: str) -> None:
         )
 
 
-def _freeze(mesh: Mesh, name: str, values: Any, dtype: Any) -> None:
+def _freeze(mesh: Mesh, name: str, values: ArrayLike, dtype: DTypeLike) -> None:
     # Copy the array unless it is immutable: the caller could still change it.
     array = np.asarray(values, dtype, order="C")
     if array.base is not None or array.flags.writeable:

@@ -13,11 +13,11 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from hapscene.constants import BUNDLE_SUFFIX as ZIP_SUFFIX
 from hapscene.errors import FormatError, SceneError
-from hapscene.io.files import check_memory, open_zip, refusing, whole_file
+from hapscene.io.files import Json, check_memory, open_zip, refusing, whole_file
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import files_of
 from hapscene.scene.scene_file import BYTES_MAX, SUFFIX, save_scene
@@ -139,7 +139,7 @@ def _scene_of(archive: zipfile.ZipFile, members: dict[str, zipfile.ZipInfo]) -> 
         needed_B = LIST_B * sum(data.count(sign) for sign in (b"[", b"{", b","))
         check_memory(needed_B, len(data), found[0], "use a scene file with separate mesh files")
         content = json.loads(data)
-        named: list[Any] = [mesh["path"] for mesh in content["meshes"]]
+        named: list[Json] = [mesh["path"] for mesh in content["meshes"]]
         named += [swatch for swatch in content["swatches"] if swatch.endswith(".swatch")]
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise SceneError(f"member {found[0]} is not a scene file, or damaged") from None

@@ -419,7 +419,7 @@ class _JsonValue:
     def fail(self, problem: str) -> SceneError:
         return SceneError(f"{self.path}: {self.where or 'file'}: {problem}")
 
-    def get(self, key: str, kind: type) -> Any:
+    def get(self, key: str, kind: type) -> Json:
         """Return a member of an object, which must have exactly this type: a bool is not an integer."""
         if not isinstance(self.value, dict) or key not in self.value:
             raise self.fail(f"{key!r} is missing")
@@ -447,7 +447,7 @@ class _JsonValue:
 _KIND: Final = {str: "a string", int: "an integer", bool: "true or false", list: "a list", dict: "an object"}
 
 
-def _parse(path: Path) -> Any:
+def _parse(path: Path) -> Json:
     with refusing(SceneError):
         data = read_bytes(path, BYTES_MAX, "scene file")
     try:

@@ -14,13 +14,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError, no_such
-from hapscene.io.files import check_keys, parse_json, read_bytes, refusing, write_whole
+from hapscene.io.files import Json, check_keys, parse_json, read_bytes, refusing, write_whole
 from hapscene.scene.fine_paint import (
     LEVEL_MAX,
     NOTHING,
@@ -32,6 +32,7 @@ from hapscene.scene.fine_paint import (
     set_subfaces,
     whole_faces,
 )
+from hapscene.scene.topology import Index
 from hapscene.surface.swatch import FRICTION_MAX, Swatch, SwatchLike
 
 if TYPE_CHECKING:
@@ -141,7 +142,7 @@ def _rgb(text: str) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def _legend_swatch(entry: Any, file: Path, scene: "Scene") -> int:
+def _legend_swatch(entry: Json, file: Path, scene: "Scene") -> int:
     """Return the index of the swatch in a legend entry: a swatch of the scene or the library by name, or a file beside
     the legend; optionally with scaled parameters."""
     if not isinstance(entry, dict):
@@ -296,7 +297,7 @@ def _summed(change: NDArray[np.bool_]) -> NDArray[np.int32]:
     return np.asarray(change.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32))
 
 
-def _sum(table: NDArray[np.int32], x0: Any, y0: Any, x1: Any, y1: Any) -> NDArray[np.int32]:
+def _sum(table: NDArray[np.int32], x0: Index, y0: Index, x1: Index, y1: Index) -> NDArray[np.int32]:
     """Return sums over the texels x0 … x1, y0 … y1, inclusive; 0 for empty ranges."""
     x1, y1 = np.maximum(x1 + 1, x0), np.maximum(y1 + 1, y0)
     return np.asarray(table[y1, x1] - table[y0, x1] - table[y1, x0] + table[y0, x0])
@@ -348,7 +349,7 @@ def picture_of(scene: "Scene", body: "Body", legend: Legend, size: tuple[int, in
     return picture
 
 
-def _texels(where_px: NDArray[np.float64]) -> Iterator[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]]:
+def _texels(where_px: NDArray[np.float64]) -> Iterator[tuple[Index, Index, Index]]:
     """Yield the texels whose centres are in triangles (n, 3, 2), in chunks: triangle, y and x of each texel."""
     low = np.ceil(where_px[..., 1].min(axis=1) - 0.5).astype(np.int64)
     rows = np.maximum(np.floor(where_px[..., 1].max(axis=1) - 0.5).astype(np.int64) + 1 - low, 0)
@@ -427,12 +428,12 @@ def save_picture(scene: "Scene", body: "Body", path: Path, size: tuple[int, int]
     from hapscene.surface.swatch_file import swatch_to_bytes
 
     legend, content = legend_of(scene), io.BytesIO()
-    entries: dict[str, Any] = {}
+    entries: dict[str, Json] = {}
     Image.fromarray(picture_of(scene, body, legend, size)).save(content, "PNG")
     files = {path: content.getvalue()}
     for colour, index in legend.items():
         swatch, source = scene.swatches[index], scene.swatch_source[index]
-        entry: Any = swatch.name
+        entry: Json = swatch.name
         if not isinstance(source, str):  # not in the library, so the file goes beside the image
             plain = re.sub(r"[^\w.-]+", "_", swatch.name)[:40]
             entry = {"swatch": swatch.name, "file": f"{path.stem}.{plain}.swatch"}

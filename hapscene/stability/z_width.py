@@ -278,7 +278,7 @@ NAMES: Final = {True: "Omni", False: "as a point mass"}
 
 def trace_piece(
     device: str, arm: bool, rate_Hz: float, delay_ticks: int, grip: Mapping[str, float], dampings_Ns_m: Sequence[float]
-) -> tuple[Any, ...]:
+) -> tuple[object, ...]:
     """`trace` with arguments and result as plain values, for another process."""
     point = device_named(device).point
     assert point is not None

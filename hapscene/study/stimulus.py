@@ -79,7 +79,7 @@ class StimulusMaker:
                 force, speed = excerpt.force_N, excerpt.speed_m_s
             else:
                 force, speed = (np.full(round(seconds * own_Hz), x) for x in (stimulus.force_N, stimulus.speed_m_s))
-            own: Any = swatch.effects.get("lpc_texture", {})
+            own = swatch.effects.get("lpc_texture", {})
             life = float(stimulus.life) * own.get("texture_life", 1.0)
             made = synthesize(swatch, force, speed, seed=seed, modulation=life) * (gain * own.get("texture_gain", 1.0))
         made = resampled(made, own_Hz, rate_Hz)

@@ -82,7 +82,6 @@ def swatch_sound(
     """Synthesise the acceleration of a handle that taps on a swatch and then strokes it, with the gains of the swatch.
 
     Args:
-        swatch: the swatch.
         force_N: normal force of the stroke [N], limited to the range of the texture.
         speed_m_s: speed of the stroke [m/s], limited to the range of the texture.
         seconds: length of the stroke [s].

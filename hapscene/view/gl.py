@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
 from types import ModuleType
 from typing import Any, Final
 
@@ -64,14 +65,12 @@ def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
         yield np.asarray(Image.fromarray(np.ascontiguousarray(pixels[..., :3])).reduce(drawing.oversampling))
 
 
-def without_viewer() -> Any:
+def without_viewer() -> ModuleType:
     """Import pyrender without its viewer, which would load pyglet and with it libGL, libEGL or X11."""
     stub = ModuleType("pyrender.viewer")
     stub.Viewer = None  # type: ignore[attr-defined]
     sys.modules.setdefault("pyrender.viewer", stub)
-    import pyrender
-
-    return pyrender
+    return import_module("pyrender")
 
 
 def watch(
@@ -135,12 +134,12 @@ def watch(
         window.on_close()
 
 
-def _empty(pyrender: Any, background: str) -> Any:
+def _empty(pyrender: ModuleType, background: str) -> Any:
     """Return an empty scene."""
     return pyrender.Scene(bg_color=(*rgb(background), 1.0), ambient_light=AMBIENT)
 
 
-def _mesh(pyrender: Any, solid: Triangles) -> Any:
+def _mesh(pyrender: ModuleType, solid: Triangles) -> Any:
     """Convert triangles to a pyrender mesh."""
     look: dict[str, Any] = {}
     if solid.picture is not None:

@@ -21,12 +21,9 @@ def test_any_delay_and_damping() -> None:
         )
 
 
-def test_without_dissipation() -> None:
+def test_without_dissipation_or_with_too_much_wall_damping() -> None:
     assert critical_stiffness(1.0, 0.0, 1.0) == 0.0
     assert critical_stiffness(0.05, 0.0, 1e-3, delay_ticks=2) == 0.0
-
-
-def test_wall_damping_beyond_the_largest() -> None:
     assert critical_stiffness(1.0, 0.0, 1.0, delay_ticks=0, wall_damping_Ns_m=2.05) == 0.0
     assert critical_stiffness(1.0, 0.0, 1.0, delay_ticks=1, wall_damping_Ns_m=0.85) == 0.0
 
