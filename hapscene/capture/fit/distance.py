@@ -69,19 +69,16 @@ def model_spectrum(
     return np.asarray(2.0 * variance_m2_s4 / rate_Hz * power_response(a, omega_rad, warp))
 
 
-def log_spectral_distance(first: ArrayLike, second: ArrayLike, frequency_Hz: ArrayLike, level: bool = False) -> float:
+def log_spectral_distance(first: ArrayLike, second: ArrayLike, frequency_Hz: ArrayLike) -> float:
     """Log-spectral distance of two spectra from 20 to 1000 Hz [dB] (Gray & Markel 1976, eq. 6).
 
-    LSD = √ mean_f (d(f) − d̄)² with d(f) = 10 log10 (S₁(f)/S₂(f)). With `level`, the mean d̄ is not subtracted, and the
-    distance includes the difference of level; otherwise it compares the shapes.
+    LSD = √ mean_f (d(f) − d̄)² with d(f) = 10 log10 (S₁(f)/S₂(f)) compares the shapes, whatever the levels.
     """
     within = _in_band(frequency_Hz)
     tiny = np.finfo(np.float64).tiny
     one, two = (np.maximum(np.asarray(s, dtype=np.float64)[within], tiny) for s in (first, second))
     difference = 10.0 * np.log10(one / two)
-    if not level:
-        difference = difference - difference.mean()
-    return float(np.sqrt(np.mean(difference**2)))
+    return float(np.sqrt(np.mean((difference - difference.mean()) ** 2)))
 
 
 def level_difference_dB(first: ArrayLike, second: ArrayLike) -> float:

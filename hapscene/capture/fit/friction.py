@@ -134,33 +134,19 @@ def fit_friction(recordings: Sequence[SegmentedRecording]) -> Friction:
             "strokes"
         )
     numbers, known, reason = _over_speed(blocks)
-    dynamic, intervals, note = _slope(blocks), {}, ""
+    dynamic, note = _slope(blocks), ""
+    intervals = {"friction_dynamic": _of_strokes(blocks, dynamic)} | known if blocks.count >= STROKES_MIN else {}
     absent = {"friction_stribeck": reason} if reason else {}
-    if blocks.count < STROKES_MIN:
+    if not intervals:
         expected = f"expected at least {STROKES_MIN}, separated by rests or reversals"
         absent["friction_dynamic.interval"] = f"the recording has too few strokes ({blocks.count}; {expected})"
-    else:
-        intervals = {"friction_dynamic": _of_strokes(blocks, dynamic)} | known
     dynamic = numbers.get("friction_dynamic", dynamic)
     static = numbers.get("friction_static", dynamic)
     if "friction_static" in numbers:
         note = f"Friction decreases with speed up to {1e3 * float(np.quantile(blocks.speed, 0.98)):.0f} mm/s."
     pulls = np.array(_breakaways(recordings))
     if len(pulls):
-        static = float(np.median(pulls[:, 0]))
-        intervals.pop("friction_static", None)
-        note = f"Static friction is the median of {len(pulls)} breakaway{'s' if len(pulls) > 1 else ''}."
-        if static < dynamic:
-            static = dynamic
-            note += " It was lower than dynamic friction, which is used instead."
-            if "friction_dynamic" in intervals:
-                intervals["friction_static"] = intervals["friction_dynamic"]
-            else:
-                absent["friction_static.interval"] = absent["friction_dynamic.interval"]
-        elif len(pulls) >= STROKES_MIN:
-            intervals["friction_static"] = _of_median(*pulls.T)
-        else:
-            absent["friction_static.interval"] = f"{len(pulls)} starts from rest (expected at least {STROKES_MIN})"
+        static, note = _of_breakaways(pulls, dynamic, intervals, absent)
     elif "friction_static" not in numbers:
         absent["friction_static"] = "the tool never starts from rest in the recording; the dynamic coefficient is used"
     if max(static, dynamic) > FRICTION_MAX:
@@ -170,6 +156,26 @@ def fit_friction(recordings: Sequence[SegmentedRecording]) -> Friction:
         )
     over_speed = (numbers.get(f"friction_{name}", 0.0) for name in ("stribeck_m_s", "viscous_s_m"))
     return Friction(max(static, dynamic), dynamic, intervals, absent, note, *over_speed)
+
+
+def _of_breakaways(
+    pulls: Array, dynamic: float, intervals: dict[str, tuple[float, float]], absent: dict[str, str]
+) -> tuple[float, str]:
+    """Static friction of breakaways (n, 2), and its origin. Sets its interval, or the reason for the lack of it."""
+    intervals.pop("friction_static", None)
+    static = float(np.median(pulls[:, 0]))
+    note = f"Static friction is the median of {len(pulls)} breakaway{'s' if len(pulls) > 1 else ''}."
+    if static < dynamic:
+        if "friction_dynamic" in intervals:
+            intervals["friction_static"] = intervals["friction_dynamic"]
+        else:
+            absent["friction_static.interval"] = absent["friction_dynamic.interval"]
+        return dynamic, f"{note} It was lower than dynamic friction, which is used instead."
+    if len(pulls) >= STROKES_MIN:
+        intervals["friction_static"] = _of_median(*pulls.T)
+    else:
+        absent["friction_static.interval"] = f"{len(pulls)} starts from rest (expected at least {STROKES_MIN})"
+    return static, note
 
 
 def _not_measured(reason: str) -> Friction:

@@ -181,19 +181,17 @@ class LevelLaw:
         return np.asarray(self.scale_m2_s4 * np.exp((place - self.centre) @ self.exponents))
 
 
-def fit_level(
-    windows: AnalysisWindows, expected: tuple[float, float] = EXPONENTS, spreads: tuple[float, float] = EXPONENT_SPREADS
-) -> LevelLaw:
-    """Fits the level law with the prior `expected` ± `spreads`; the mean power of the windows is preserved."""
+def fit_level(windows: AnalysisWindows) -> LevelLaw:
+    """Fits the level law with the prior `EXPONENTS` ± `EXPONENT_SPREADS`; preserves the mean power of the windows."""
     power = windows.power_m2_s4
     level = np.log(np.maximum(power, 1e-12 * power.mean() + 1e-300))
     place = np.stack([np.log(windows.force_N), np.log(windows.speed_m_s)], axis=1)
     centre = place.mean(axis=0)
-    away, known = place - centre, np.diag(np.array(spreads) ** -2.0)
-    exponents = np.array(expected)
+    away, known = place - centre, np.diag(np.array(EXPONENT_SPREADS) ** -2.0)
+    exponents = np.array(EXPONENTS)
     for _ in range(3):
         scatter = max(float(np.std(level - away @ exponents)), SCATTER_DB / _DB)
         information = away.T @ away / scatter**2 + known
-        exponents = np.linalg.solve(information, away.T @ (level - level.mean()) / scatter**2 + known @ expected)
+        exponents = np.linalg.solve(information, away.T @ (level - level.mean()) / scatter**2 + known @ EXPONENTS)
     scale = float(power.sum() / np.exp(away @ exponents).sum())
     return LevelLaw(scale, centre, exponents, np.sqrt(np.diag(np.linalg.inv(information))))

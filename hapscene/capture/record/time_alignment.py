@@ -209,8 +209,6 @@ class JoinResult:
     leader: Path
     """the file whose clock is used: the one with the highest sample rate"""
     rate_Hz: float
-    start_s: float
-    """start of the merged recording by that clock"""
     duration_s: float
     offsets: Mapping[Path, ClockOffset]
     """relation of the clocks of the other files"""
@@ -266,7 +264,7 @@ def join(
     notes = "; ".join(f"{path.name}: {known}" for path, known in offsets.items())
     provenance = f"merged on the clock of {leader.name} from {start_s:.6f} s on; {notes}"
     save_npz(Record(first.rate_Hz, streams, units), target, provenance)
-    return JoinResult(target, leader, first.rate_Hz, start_s, len(samples) / first.rate_Hz, offsets, tuple(streams))
+    return JoinResult(target, leader, first.rate_Hz, len(samples) / first.rate_Hz, offsets, tuple(streams))
 
 
 def resampled(stream: Array, at: Array) -> Array:

@@ -12,7 +12,6 @@ def test_distance_of_shape_and_level() -> None:
     frequency = np.linspace(0.0, 5000.0, 1001)
     flat = np.ones_like(frequency)
     assert spectral.log_spectral_distance(2.0 * flat, flat, frequency) == pytest.approx(0.0, abs=1e-12)
-    assert spectral.log_spectral_distance(2.0 * flat, flat, frequency, level=True) == pytest.approx(3.0103, abs=1e-4)
     wavy = 10.0 ** (0.1 * np.where(np.arange(1001) % 2 == 0, 3.0, -3.0))
     assert spectral.log_spectral_distance(wavy, flat, frequency) == pytest.approx(3.0, rel=1e-3)
     outside = np.where((frequency < 20.0) | (frequency > 1000.0), 100.0, 1.0)
