@@ -25,6 +25,7 @@ from typing import Any, Final
 
 from hapscene import __version__
 from hapscene.errors import HapsceneError
+from hapscene.io.files import Json
 
 __all__ = ["Journal", "Task", "TaskError", "begin_process", "iterate_results", "run_tasks"]
 
@@ -47,7 +48,7 @@ class Task:
 
     key: str
     function: Callable[..., Any]
-    arguments: Mapping[str, Any]
+    arguments: Mapping[str, Json]
     alone: bool = False
 
     def digest(self) -> str:
@@ -68,7 +69,7 @@ class Journal:
         """Read what an earlier run has noted; a line that was cut off is skipped."""
         self._path = path
         self._cut = False
-        self.results: dict[tuple[str, str], Any] = {}
+        self.results: dict[tuple[str, str], Json] = {}
         if path is None or not path.exists():
             return
         text = path.read_text(encoding="utf-8", errors="replace")
@@ -80,11 +81,11 @@ class Journal:
             except (ValueError, TypeError, LookupError, RecursionError):
                 continue
 
-    def _note(self, key: str, digest: str, result: Any) -> None:
+    def _note(self, key: str, digest: str, result: Json) -> None:
         self.results.pop((key, digest), None)  # keeps the newest result last
         self.results[key, digest] = result
 
-    def add(self, task: Task, result: Any) -> None:
+    def add(self, task: Task, result: Json) -> None:
         """Append a result."""
         self._note(task.key, task.digest(), result)
         if self._path is not None:
@@ -102,7 +103,7 @@ def run_tasks(
     jobs: int | None = None,
     scheduler: str | None = None,
     after: Callable[[int, int, str], None] = lambda done, count, key: None,
-) -> dict[str, Any]:
+) -> dict[str, Json]:
     """The result of each task by its key.
 
     Args:
@@ -136,7 +137,7 @@ def run_tasks(
 
 def iterate_results(
     tasks: Sequence[Task], jobs: int | None = None, scheduler: str | None = None
-) -> Iterator[tuple[Task, Any]]:
+) -> Iterator[tuple[Task, Json]]:
     """Yield each task with its result, or with a `TaskError`, as soon as it ends. Arguments as in `run_tasks`."""
     if scheduler is not None and tasks:
         yield from _on_cluster(tasks, scheduler)
@@ -146,7 +147,7 @@ def iterate_results(
         yield from _in_processes(tasks, jobs or os.cpu_count() or 1)
 
 
-def _call(task: Task) -> tuple[Task, Any]:
+def _call(task: Task) -> tuple[Task, Json]:
     """A task and its result, in whichever process."""
     try:
         return task, task.function(**task.arguments)
@@ -156,7 +157,7 @@ def _call(task: Task) -> tuple[Task, Any]:
         return task, TaskError(f"{type(error).__name__}: {error}")
 
 
-def _parallel(tasks: Iterable[Task], **backend: Any) -> Iterator[tuple[Task, Any]]:
+def _parallel(tasks: Iterable[Task], **backend: Any) -> Iterator[tuple[Task, Json]]:
     """Results of tasks by joblib, in the order in which they are done."""
     import joblib
 
@@ -168,7 +169,7 @@ def _parallel(tasks: Iterable[Task], **backend: Any) -> Iterator[tuple[Task, Any
 # Local processes.
 
 
-def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Any]]:
+def _in_processes(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Json]]:
     """Results by processes of this machine.
 
     Where a process dies, all tasks under way are lost, whichever of them was the reason. So each is run again by
@@ -208,7 +209,7 @@ def begin_process() -> None:
 # A Dask cluster. The Dask backend of joblib hangs when a worker dies; Dask itself restarts the task.
 
 
-def _on_cluster(tasks: Sequence[Task], scheduler: str) -> Iterator[tuple[Task, Any]]:
+def _on_cluster(tasks: Sequence[Task], scheduler: str) -> Iterator[tuple[Task, Json]]:
     """Yield results from the workers of a Dask scheduler, which reassigns the tasks of a worker that dies.
 
     Raises:

@@ -87,14 +87,6 @@ class ReferenceTrajectory:
             raise PathError(f"count must be a positive integer number of ticks, is {count!r}")
         return cls.along(_rows(numbers(target_W_m), int(count)), grip, push_W_N)
 
-    def then(self, other: "ReferenceTrajectory") -> "ReferenceTrajectory":
-        """Return this trajectory followed by another."""
-        return ReferenceTrajectory(
-            np.concatenate((self.target_W_m, other.target_W_m)),
-            np.concatenate((self.grip, other.grip)),
-            np.concatenate((self.push_W_N, other.push_W_N)),
-        )
-
 
 def _rows(row: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Return one row (3,) as (count, 3); an array of rows is returned unchanged."""

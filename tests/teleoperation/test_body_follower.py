@@ -81,7 +81,9 @@ def test_rendered_stiffness_is_that_of_springs_in_series(step_s: float) -> None:
     rest = [
         ReferenceTrajectory.hold(START_M, 4000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)) for push_N in (-0.5, -1.0)
     ]
-    felt = operated(Wall(step_s), rest[0].then(rest[1]))
+    columns = ("target_W_m", "grip", "push_W_N")
+    both = ReferenceTrajectory(*(np.concatenate([getattr(part, name) for part in rest]) for name in columns))
+    felt = operated(Wall(step_s), both)
     light, firm = felt.leader_W_m[3999, 2], felt.leader_W_m[-1, 2]
     assert 0.5 / (light - firm) == pytest.approx(predict_stiffness(1e-3), rel=2e-3)
     assert felt.f_leader_W_N[-1, 2] == pytest.approx(1.0, rel=1e-3)
