@@ -31,7 +31,7 @@ Records: TypeAlias = "np.recarray[Any, np.dtype[np.record]]"
 if TYPE_CHECKING:
 
     class Record(np.record):  # type: ignore[misc]
-        """One record with fields as attributes; numpy types what is written as an array, and then what is read."""
+        """One record with fields as attributes; of an `np.record`, mypy takes what was written for an array."""
 
         def __setattr__(self, name: str, value: Any) -> None: ...
 

@@ -154,7 +154,7 @@ def check_device(
         raise DeviceError(f"{emulator}: expected a class that is derived from hapscene.device.emulator.Emulator")
     with serve(emulated) as place:
         known = {one.name for one in driver.options}
-        given = {key: value for key, value in place.items() if key in known} | {**(option or {})}
+        given = {**{key: value for key, value in place.items() if key in known}, **(option or {})}
         return 0 if check_driver(driver, given, print_progress, emulated) else 1
 
 
