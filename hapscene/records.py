@@ -12,18 +12,7 @@ import numpy as np
 from hapscene.constants import BLOCK_MAX, PASSED_MAX
 from hapscene.errors import HapsceneError
 
-__all__ = [
-    "OUTPUT",
-    "ROW",
-    "SMALL_B",
-    "TOUCH",
-    "Owning",
-    "Record",
-    "Records",
-    "block_of",
-    "pack_small_arrays",
-    "records",
-]
+__all__ = ["OUTPUT", "ROW", "TOUCH", "Owning", "Record", "Records", "block_of", "pack_small_arrays", "records"]
 
 Records: TypeAlias = "np.recarray[Any, np.dtype[np.record]]"
 """An array of records with fields as attributes: `touch[0].depth_m`."""

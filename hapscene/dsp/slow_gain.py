@@ -16,6 +16,7 @@ from hapscene.compiled.native import native
 from hapscene.dsp.noise import normal
 
 Array = NDArray[np.float64]
+Random = NDArray[np.uint64]
 
 __all__ = ["BOUND", "advance_gain", "log_power"]
 
@@ -42,15 +43,7 @@ def log_power(spread: float) -> float:
 
 @native
 def advance_gain(
-    rng: NDArray[np.uint64],
-    x: Array,
-    rows: Array,
-    first: int,
-    count: int,
-    dt_s: float,
-    dx_m: float,
-    depth: float,
-    mean: Array,
+    rng: Random, x: Array, rows: Array, first: int, count: int, dt_s: float, dx_m: float, depth: float, mean: Array
 ) -> float:
     """Advances the processes x (≥ count,) by a time [s] and a travelled distance [m] and returns the gain [1].
 
