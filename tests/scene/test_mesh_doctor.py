@@ -123,7 +123,6 @@ def test_repair_without_remaining_faces_raises():
     ("length_m", "text"),
     [
         (12.3456, "12.35 m"),
-        (0.999949, "999.9 mm"),
         (9.99999e-7, "1 µm"),
         (4.4e-10, "0.44 nm"),
         (1e-13, "0 mm"),

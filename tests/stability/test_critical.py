@@ -33,7 +33,6 @@ def test_near_the_largest_wall_damping() -> None:
     for delay, damping, share in (
         (0, 1e-3, 0.999),
         (0, 0.0, 0.9997),
-        (0, 0.1, 0.9999),
         (1, 1e-3, 0.9999),
         (4, 0.0, 0.9999),
     ):

@@ -161,7 +161,7 @@ def fit_friction(recordings: Sequence[SegmentedRecording]) -> Friction:
 def _of_breakaways(
     pulls: Array, dynamic: float, intervals: dict[str, tuple[float, float]], absent: dict[str, str]
 ) -> tuple[float, str]:
-    """Static friction of breakaways (n, 2), and its origin. Sets the interval, or why there is none."""
+    """Static friction of breakaways (n, 2), and its origin; `intervals` gets its interval, or `absent` a reason."""
     intervals.pop("friction_static", None)
     static = float(np.median(pulls[:, 0]))
     note = f"Static friction is the median of {len(pulls)} breakaway{'s' if len(pulls) > 1 else ''}."
