@@ -84,7 +84,6 @@ def test_invalid_input_is_one_line_and_writes_nothing(
         (["touch", "cube.ply", "--untt=mm"], "Did you mean --unit? See `hapscene touch --help`"),
         (["lab", "teleoperate", "leader", "--scheme", "wve"], 'Did you mean "wave"?'),
         (["touch"], "SCENE"),
-        (["touch", "cube.ply", "cube.stl"], "cube.stl"),
         ([*TOUCH, "--seed", "-1"], "--seed"),
         ([*TOUCH, "--rate", "nan"], "--rate"),
         (["capture", "fit", "a.npz", "--units", "force"], "--units"),

@@ -124,6 +124,7 @@ def test_repair_without_remaining_faces_raises():
     [
         (12.3456, "12.35 m"),
         (9.99999e-7, "1 µm"),
+        (12345.6, "12350 m"),
         (4.4e-10, "0.44 nm"),
         (1e-13, "0 mm"),
     ],
