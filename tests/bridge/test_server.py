@@ -212,7 +212,7 @@ def test_invalid_poses_and_bodies(client: Client) -> None:
 def test_too_many_names_are_an_error() -> None:
     scene = SimpleNamespace(bodies=[SimpleNamespace(name=f"{k:040}") for k in range(1000)], swatches=[])
     with pytest.raises(HapsceneError, match=r"names of 1,000 bodies .* shorter names"):
-        BridgeServer(Orders(SimpleNamespace(tick_s=1e-3, scene=scene, tools=1)), "127.0.0.1", 0)  # type: ignore[arg-type]
+        BridgeServer(Orders(SimpleNamespace(tick_s=1e-3, scene=scene, tools=1, tip_radius_m=0.0)), "127.0.0.1", 0)  # type: ignore[arg-type]
 
 
 def test_the_client_uses_the_same_layout() -> None:

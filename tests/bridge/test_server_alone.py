@@ -45,7 +45,7 @@ NONCES = count()
 class Still:
     """A servo without a loop, which records the calls."""
 
-    alive, tick_s, tools = True, 1e-3, 1
+    alive, tick_s, tools, tip_radius_m = True, 1e-3, 1, 0.0
 
     def __init__(self) -> None:
         self.total, self.applied, self.grips, self.mass_kg = np.zeros(6), np.zeros(6), ["light"], np.inf
