@@ -235,7 +235,7 @@ class Renderer:
         surface = self.surface
         clear_states(surface, self._effects, self.seed)
         memory, touch = surface.memory, surface.touch
-        for record, stays in ((touch, ("tick_s", "rate_Hz", "block")), (memory, ("smoothing",))):
+        for record, stays in ((touch, ("tick_s", "rate_Hz", "block", "R_WT")), (memory, ("smoothing",))):
             keep = {name: record[name].copy() for name in stays}
             record.view(np.uint8)[:] = 0
             for name, value in keep.items():
@@ -531,20 +531,23 @@ class Renderer:
     def step(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | MovingBodies | None = None) -> Command:
         """Compute one tick with the device at `p_WT` (3,) [m].
 
-        The first step starts the renderer at that position. A position that is not finite sets `Flag.TOOL_NOT_FINITE`.
+        The first step starts the renderer at that position. A position or pose that is not finite sets
+        `Flag.TOOL_NOT_FINITE`.
         A pose that is not finite or not rigid sets `Flag.POSE_REFUSED`, and its body stays at the last valid pose.
         Rounding errors of rotations are corrected.
 
         Args:
-            p_WT: (3,) device position [m].
+            p_WT: (3,) device position [m]; or (4, 4) pose of the tool, whose orientation effects read as `touch.R_WT`
+                until the next pose.
             poses: poses of the bodies that move, {body: X_WB (4, 4)} or the result of `moving_bodies`.
 
         Returns:
             Command, whose arrays are copies.
 
         Raises:
-            PathError: the position is not three numbers.
-            SceneError: a body is unknown, a pose is not (4, 4), or `poses` belongs to another renderer.
+            PathError: neither a position nor a pose.
+            SceneError: a body is unknown, a pose is not (4, 4), that of the tool is not rigid, or `poses` belongs to
+                another renderer.
 
         Warns:
             UsageWarning: a pose was refused; once for the same bodies.
@@ -556,9 +559,14 @@ class Renderer:
             p[0] = p_WT
         except (TypeError, ValueError, OverflowError):
             given = numbers(p_WT)
-            if given.size != 3:
-                raise PathError(f"a position must be three numbers [m]; it has {given.size}") from None
-            p[0] = given.ravel()
+            if given.shape == (4, 4):
+                p[0] = self._orient(given)
+            elif given.size == 3:
+                p[0] = given.ravel()
+            else:
+                raise PathError(
+                    f"expected a position of three numbers [m] or a pose (4, 4); it has {given.size} numbers"
+                ) from None
         if not self._started:
             if not np.isfinite(p).all():
                 return Command(np.zeros(3), np.zeros(self.block), Flag.TOOL_NOT_FINITE)
@@ -585,6 +593,14 @@ class Renderer:
         if touching.item():
             contact = Contact(self._row_bytes.tobytes(), self._body_names, self._swatch_names)
         return Command._make((f_W_N.copy(), self._samples[0].copy(), flag_of(flags.item()), contact))
+
+    def _orient(self, X_WT: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Set the orientation of the tool from its pose (4, 4); return its position, NaN if the pose is not finite."""
+        if not np.isfinite(X_WT).all():
+            return np.full(3, np.nan)
+        X_WT = rigid(X_WT, "pose of the tool")
+        self.surface.touch["R_WT"] = X_WT[:3, :3]
+        return X_WT[:3, 3]
 
     def impulse(self, body: str) -> Impulse:
         """Return the impulse of the tool on a body since the last reset.
@@ -618,27 +634,33 @@ class Renderer:
         The first run starts at the first position of the path; later runs continue from the state of the last tick.
 
         Args:
-            p_WT: (n, 3) device positions, one for each tick [m].
+            p_WT: (n, 3) device positions, one for each tick [m]; or (n, 4, 4) poses of the tool.
             poses: poses of the bodies that move, {body: X_WB (n, 4, 4)}, one for each tick.
 
         Raises:
             PathError: the path is empty, not (n, 3), or not finite.
-            SceneError: a body is unknown, or poses have another length or are not rigid.
+            SceneError: a body is unknown, or poses of bodies or of the tool have another length or are not rigid.
         """
-        path = positions(np.ascontiguousarray(numbers(p_WT)))
+        given = numbers(p_WT)
+        X_WT = rigid(given, "poses of the tool", len(given)) if given.ndim == 3 else None
+        path = positions(np.ascontiguousarray(given if X_WT is None else X_WT[:, :3, 3]))
         n = len(path)
-        slots = self._poses(poses or {}, n)
+        moving, X_WB, teleported = self._poses(poses or {}, n)
         if not self._started:
             self.reset(path[0])
         self._apply_scene_poses()
         rows = records(n, ROW)
         a_m_s2 = np.zeros((n, self.block))
-        self._play(self.world, self.surface, path, *slots, rows, a_m_s2)
+        for k in [slice(None)] if X_WT is None else [slice(k, k + 1) for k in range(n)]:
+            if X_WT is not None:
+                self.surface.touch["R_WT"] = X_WT[k, :3, :3]
+            self._play(self.world, self.surface, path[k], moving, X_WB[k], teleported, rows[k], a_m_s2[k])
         self.warn_if_inside()
-        return self.recording(rows, a_m_s2)
+        return self.recording(rows, a_m_s2, R_WT=None if X_WT is None else X_WT[:, :3, :3])
 
-    def recording(self, rows: Any, a_m_s2: NDArray[np.float64]) -> "Recording":
-        """Return a recording of ticks that other code ran, from their rows (n,) ROW and samples (n, block)."""
+    def recording(self, rows: Any, a_m_s2: NDArray[np.float64], R_WT: NDArray[np.float64] | None = None) -> "Recording":
+        """Return a recording of ticks that other code ran, from their rows (n,) ROW and samples (n, block), and the
+        orientations (n, 3, 3) of the tool if they were measured."""
         from hapscene.render.recording import Recording
 
         n = len(rows)
@@ -653,6 +675,7 @@ class Renderer:
             swatch_names=self._swatch_names,
             seed=self.seed,
             effects=tuple(effect.name for effect in self._effects),
+            R_WT=R_WT,
         )
 
     def _apply_scene_poses(self) -> None:
