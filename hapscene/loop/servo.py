@@ -30,7 +30,7 @@ from hapscene.loop.timing import TimingStatistics
 from hapscene.records import block_of
 from hapscene.render.contact_info import Contact, ContactEvent, Impulse, events_of
 from hapscene.render.moving_bodies import warn_of_refused
-from hapscene.render.renderer import OTHER_BODIES
+from hapscene.render.renderer import OTHER_BODIES, warn_of_far
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import Painting
 from hapscene.scene.mesh import Mesh
@@ -133,7 +133,7 @@ class Servo(ServoConnection):
         self.body_names = [body.name for body in scene.bodies]
         self._index_of = {name: index for index, name in enumerate(self.body_names)}
         self._moving: set[int] = set()
-        self._pose_warned = False
+        self._pose_warned = self._far_warned = False
         self._reported_impulse = np.zeros((room, 6))
         self._tuned: list[tuple[str, str, dict[str, float]]] = []
 
@@ -565,10 +565,13 @@ class Servo(ServoConnection):
             HapsceneError: the process has ended. One that hangs is recognised by the age of the state.
 
         Warns:
-            UsageWarning: the pose of a body was refused; once.
+            UsageWarning: the pose of a body was refused, or the tool is far from all bodies; once each.
         """
         row, count, at_ns = self._newest(tool)
         state = state_of(bytearray(row), count - 1, max(self._now_ns() - at_ns, 0) * 1e-9)
+        if state.flags & Flag.TOOL_FAR and not self._far_warned:
+            self._far_warned = True
+            warn_of_far(state.p_WT_m)
         if state.flags & Flag.POSE_REFUSED and not self._pose_warned:
             moving = tuple(self._moving)  # another thread may add bodies meanwhile
             self._pose_warned = warn_of_refused((self.body_names[i], self._frames[i]["X_WB"]) for i in moving)

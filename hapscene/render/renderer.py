@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
 
-__all__ = ["EFFECTS", "OTHER_BODIES", "Command", "Renderer"]
+__all__ = ["EFFECTS", "OTHER_BODIES", "Command", "Renderer", "warn_of_far"]
 
 EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap", "adhesion")
 """Default effects of a renderer."""
@@ -47,14 +47,9 @@ OTHER_BODIES: Final = (
 )
 
 _POSE_REFUSED: Final = int(Flag.POSE_REFUSED)
+_TOOL_FAR: Final = int(Flag.TOOL_FAR)
+_REPORTED: Final = _POSE_REFUSED | _TOOL_FAR
 
-FAR_M: Final = 5.0
-"""Distance from the nearest body beyond which the start of a tool may be in another unit [m]: several times the
-workspace of a haptic device. A scene of large bodies has a longer one."""
-
-FAR_RATIO: Final = 20.0
-"""The same distance as a multiple of the diameter of the largest body [1]. A position in mm is about 500 times too
-far."""
 TIP_RADIUS_MAX_M: Final = 1.0
 """Largest radius of a tip [m]; a larger number is usually in a wrong unit."""
 
@@ -231,7 +226,6 @@ class Renderer:
                 from outside only.
         """
         p = positions(numbers(p_WT).reshape(1, -1))[0]
-        _warn_of_distance(self.world, p)
         surface = self.surface
         clear_states(surface, self._effects, self.seed)
         memory, touch = surface.memory, surface.touch
@@ -250,8 +244,16 @@ class Renderer:
         self.world.moved[0] = self.world.proxy[0].puncture_count = 0
         self.world.impulse[:] = 0.0
         place_proxy(self.world, (p[0], p[1], p[2]))
+        self._far_warned = False
+        self._warn_of_far(int(self.world.proxy[0].near_flags))
         self._started = self._first = True
         self._ticks = 0
+
+    def _warn_of_far(self, flags: int) -> None:
+        """Warn once after a reset if a tick, or the reset, has found the tool far from all bodies."""
+        if flags & _TOOL_FAR and not self._far_warned:
+            self._far_warned = True
+            warn_of_far(self.world.proxy[0].near_at_W_m)
 
     def warn_if_inside(self) -> None:
         """Warn if the tool started inside a body; loops call this after the first tick, which sets poses of bodies."""
@@ -550,7 +552,8 @@ class Renderer:
                 another renderer.
 
         Warns:
-            UsageWarning: a pose was refused; once for the same bodies.
+            UsageWarning: a pose was refused; once for the same bodies. The tool is far from all bodies
+                (`Flag.TOOL_FAR`); once after each reset.
         """
         p = self._p_WT
         try:  # a general conversion takes longer than the tick
@@ -587,8 +590,10 @@ class Renderer:
         self._ticks += 1
         self.warn_if_inside()
         f_W_N, flags, touching = self._out
-        if flags.item() & _POSE_REFUSED and poses:
-            bodies.warn_of_refused()
+        if flags.item() & _REPORTED:
+            self._warn_of_far(flags.item())
+            if flags.item() & _POSE_REFUSED and poses:
+                bodies.warn_of_refused()
         contact = None
         if touching.item():
             contact = Contact(self._row_bytes.tobytes(), self._body_names, self._swatch_names)
@@ -656,6 +661,7 @@ class Renderer:
                 self.surface.touch["R_WT"] = X_WT[k, :3, :3]
             self._play(self.world, self.surface, path[k], moving, X_WB[k], teleported, rows[k], a_m_s2[k])
         self.warn_if_inside()
+        self._warn_of_far(int(np.bitwise_or.reduce(rows["flags"])))
         return self.recording(rows, a_m_s2, R_WT=None if X_WT is None else X_WT[:, :3, :3])
 
     def recording(self, rows: Any, a_m_s2: NDArray[np.float64], R_WT: NDArray[np.float64] | None = None) -> "Recording":
@@ -718,17 +724,13 @@ def _warn(messages: list[str]) -> None:
         warn(messages[0] + more, DeviceWarning)
 
 
-def _warn_of_distance(world: World, p_WT_m: NDArray[np.float64]) -> None:
-    """Warn if a tool starts so far from all bodies that its position is probably in another unit."""
-    radius_m = world.ball_W_m[:, 3]
-    away_m = float((np.linalg.norm(world.ball_W_m[:, :3] - p_WT_m, axis=1) - radius_m).min())
-    if away_m > max(FAR_M, FAR_RATIO * 2.0 * float(radius_m.max())):
-        place = ", ".join(f"{v:g}" for v in p_WT_m)
-        warn(
-            f"the tool starts at ({place}) m, {away_m:.3g} m from the nearest body; expected a position near the "
-            "bodies, in metres: is it in mm?",
-            UsageWarning,
-        )
+def warn_of_far(p_WT_m: ArrayLike) -> None:
+    """Warn of a tool that is so far from all bodies that its position (3,) is probably in another unit."""
+    place = ", ".join(f"{v:g}" for v in np.asarray(p_WT_m).tolist())
+    warn(
+        f"the tool is at ({place}) m, far from all bodies; expected a position near them, in metres: is it in mm?",
+        UsageWarning,
+    )
 
 
 def _warn_of_overlap(scene: "Scene", world: World) -> None:
