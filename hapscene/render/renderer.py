@@ -245,15 +245,16 @@ class Renderer:
         self.world.impulse[:] = 0.0
         place_proxy(self.world, (p[0], p[1], p[2]))
         self._far_warned = False
-        self._warn_of_far(int(self.world.proxy[0].near_flags))
+        self._warn_of_far(self.world.proxy.near_flags, p[None])
         self._started = self._first = True
         self._ticks = 0
 
-    def _warn_of_far(self, flags: int) -> None:
-        """Warn once after a reset if a tick, or the reset, has found the tool far from all bodies."""
-        if flags & _TOOL_FAR and not self._far_warned:
+    def _warn_of_far(self, flags: NDArray[np.int64], p_WT: NDArray[np.float64]) -> None:
+        """Warn once after a reset if ticks with `flags` (n,) at `p_WT` (n, 3) were far from all bodies."""
+        far = flags & _TOOL_FAR != 0
+        if far.any() and not self._far_warned:
             self._far_warned = True
-            warn_of_far(self.world.proxy[0].near_at_W_m)
+            warn_of_far(p_WT[far.argmax()])
 
     def warn_if_inside(self) -> None:
         """Warn if the tool started inside a body; loops call this after the first tick, which sets poses of bodies."""
@@ -534,9 +535,8 @@ class Renderer:
         """Compute one tick with the device at `p_WT` (3,) [m].
 
         The first step starts the renderer at that position. A position or pose that is not finite sets
-        `Flag.TOOL_NOT_FINITE`.
-        A pose that is not finite or not rigid sets `Flag.POSE_REFUSED`, and its body stays at the last valid pose.
-        Rounding errors of rotations are corrected.
+        `Flag.TOOL_NOT_FINITE`. A pose of a body that is not finite or not rigid sets `Flag.POSE_REFUSED`, and the body
+        stays at the last valid pose. Rounding errors of rotations are corrected.
 
         Args:
             p_WT: (3,) device position [m]; or (4, 4) pose of the tool, whose orientation effects read as `touch.R_WT`
@@ -591,7 +591,7 @@ class Renderer:
         self.warn_if_inside()
         f_W_N, flags, touching = self._out
         if flags.item() & _REPORTED:
-            self._warn_of_far(flags.item())
+            self._warn_of_far(flags, p)
             if flags.item() & _POSE_REFUSED and poses:
                 bodies.warn_of_refused()
         contact = None
@@ -647,7 +647,7 @@ class Renderer:
             SceneError: a body is unknown, or poses of bodies or of the tool have another length or are not rigid.
         """
         given = numbers(p_WT)
-        X_WT = rigid(given, "poses of the tool", len(given)) if given.ndim == 3 else None
+        X_WT = rigid(given, "poses of the tool", len(given)) if given.ndim == 3 and len(given) > 0 else None
         path = positions(np.ascontiguousarray(given if X_WT is None else X_WT[:, :3, 3]))
         n = len(path)
         moving, X_WB, teleported = self._poses(poses or {}, n)
@@ -661,7 +661,7 @@ class Renderer:
                 self.surface.touch["R_WT"] = X_WT[k, :3, :3]
             self._play(self.world, self.surface, path[k], moving, X_WB[k], teleported, rows[k], a_m_s2[k])
         self.warn_if_inside()
-        self._warn_of_far(int(np.bitwise_or.reduce(rows["flags"])))
+        self._warn_of_far(rows["flags"], path)
         return self.recording(rows, a_m_s2, R_WT=None if X_WT is None else X_WT[:, :3, :3])
 
     def recording(self, rows: Any, a_m_s2: NDArray[np.float64], R_WT: NDArray[np.float64] | None = None) -> "Recording":
