@@ -9,7 +9,7 @@ import trimesh
 
 import hapscene
 from hapscene.device import choose
-from hapscene.errors import HapsceneError, PathError, SceneError
+from hapscene.errors import PathError, SceneError
 from hapscene.loop import session_log
 from hapscene.loop.result import LOOP_ROW
 from hapscene.loop.session_log import NUMBERS_FILE, SessionLog
@@ -183,8 +183,3 @@ def test_a_servo_passes_it_on_and_logs_it(
         np.savez(tmp_path / "log" / NUMBERS_FILE, **{name: stored[name] for name in stored if name != "felt_R_WT"})
     older = SessionLog.load(tmp_path / "log")
     assert not older.loop_rows["R_WT"].any() and LOOP_ROW.names and len(older.replay().unlike) > 100
-
-
-def test_an_orientation_cannot_be_a_position(scene: hapscene.Scene) -> None:
-    with pytest.raises(HapsceneError):
-        hapscene.Renderer(scene).run(np.eye(4))
