@@ -52,6 +52,9 @@ class Flag(IntFlag):
     """A new shape of a body enclosed the proxy; the proxy was set on the nearest surface of the body."""
     BODY_REMOVED = 1048576
     """A touched body was removed; its force fades out."""
+    TOOL_FAR = 2097152
+    """The device position is far from all bodies, or has jumped as far in one tick (see `hapscene.contact.world`); its
+    unit is probably wrong."""
 
 
 @cache

@@ -135,7 +135,7 @@ def rigid(
         poses: homogeneous matrices [1, m].
         what: name of the object, for messages.
         count: number of poses, one for each tick; None for a single pose.
-        tolerance: largest deviation from a rotation and from the last row [1].
+        tolerance: largest deviation from a rotation [1].
 
     Raises:
         SceneError: the shape is wrong, or a matrix is not finite, scales, shears, mirrors, or translates by more than
@@ -155,13 +155,13 @@ def rigid(
         off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
         row = np.abs(flat[:, 3] - _LAST_ROW).max(axis=1)
         mirrored, reach = np.linalg.det(R) < 0.0, np.abs(p).max(axis=1)
-        good = (off <= tolerance) & (row <= tolerance) & ~mirrored & (reach <= REACH_MAX_M)
+        good = (off <= tolerance) & (row <= RIGID_TOLERANCE) & ~mirrored & (reach <= REACH_MAX_M)
     if not good.all():  # `good` is also false for values that are not finite
         k = int(good.argmin())
         pose = f"{what}: the pose" + ("" if count is None else f" of tick {k}")
         if not np.isfinite(flat[k]).all():
             fault = "has a number that is not finite"
-        elif row[k] > tolerance:
+        elif row[k] > RIGID_TOLERANCE:
             fault = "has another last row than 0 0 0 1 (is it transposed?)"
         elif off[k] > tolerance:
             fault = "scales or shears; give a rotation, and scale the mesh by its unit"

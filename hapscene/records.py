@@ -68,6 +68,8 @@ TOUCH: Final = np.dtype(
         # penetrated bodies, in the order of penetration; stored last because few ticks read them
         ("inside_body", "i8", (PASSED_MAX,)),  # indices of the bodies
         ("inside_X_WB", "f8", (PASSED_MAX, 12)),  # poses of the bodies: R_WB row by row, p_WB
+        # orientation of the tool, z along the handle towards the hand; identity if it is not measured
+        ("R_WT", "f8", (3, 3)),
     ],
     align=True,
 )

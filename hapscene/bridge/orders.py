@@ -113,6 +113,7 @@ class Orders:
             "swatches": [swatch.name for swatch in self.servo.scene.swatches],
             "tick_s": self.servo.tick_s,
             "tools": self.servo.tools,
+            "tip_radius_m": self.servo.tip_radius_m,
         }
 
     def total(self, number: int) -> NDArray[np.float64]:

@@ -123,6 +123,7 @@ class State(NamedTuple):
     first_event: int
     impulses: tuple[tuple[int, tuple[float, ...]], ...]
     events: tuple[Event, ...]
+    axes: tuple[float, ...] = ()  # axes x and z of the tool, for clients that request them
 
 
 def pack(packet: Packet) -> bytes:
@@ -195,4 +196,4 @@ def pack_state(state: State) -> bytes:
     parts = [_STATE.pack(state.tick, state.age_s, *vectors, *numbers, len(state.events), len(state.impulses))]
     parts += [_IMPULSE.pack(body, 0, 0, *impulse) for body, impulse in state.impulses]
     parts += [_EVENT.pack(e.tick, e.kind, 0, e.body, e.swatch, 0, e.approach) for e in state.events]
-    return b"".join(parts)
+    return b"".join([*parts, struct.pack(f"<{len(state.axes)}d", *state.axes)])

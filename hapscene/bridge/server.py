@@ -86,6 +86,7 @@ class _Session:
     events_from: int
     buttons_from: int  # −1: the client requests no button events
     received_s: float
+    oriented: bool  # whether the client requests the orientation of its tool
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENT_COUNT))
     answers: dict[int, bytes | None] = field(default_factory=dict)  # None: it is not done yet
     last: int = 0
@@ -243,6 +244,7 @@ class BridgeServer:
             buttons_from=self.servo.button_events(tool=tool)[1] if hello.get("buttons") is True else -1,
             events_from=self.servo.state(tool=tool).tick + 1,
             received_s=self._clock.now_s(),
+            oriented=hello.get("orientation") is True,
         )
         self.counts["hello"] += 1
         return welcome
@@ -348,7 +350,13 @@ class BridgeServer:
             session.first_event,
             tuple(impulses),
             tuple(session.events)[:EVENTS_MAX],
+            self._axes(session) if session.oriented else (),
         )
+
+    def _axes(self, session: _Session) -> tuple[float, ...]:
+        """The axes x and z of the tool in client coordinates."""
+        R_WT, to = self.servo.tool_pose(tool=session.tool)[:3, :3], session.frame
+        return (*to.client_vector(R_WT[:, 0]), *to.client_vector(R_WT[:, 2]))
 
     # --- orders
 

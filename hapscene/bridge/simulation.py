@@ -153,7 +153,7 @@ class Bridge:
             renderer: renderer of a scene with the bodies of the simulation; or a list of them, one for each tool, with
                 the same ticks. The bodies get the sum of the forces of all tools.
             p_WT: (3,) position of the tool at the end of the step [m], to which it moves linearly; or a function that
-                returns the position at each tick. For a list of tools, (tools, 3).
+                returns the position, or a pose (4, 4), at each tick. For a list of tools, one of these for each.
             each: called with the command of each tick, for a device; with a list of commands for a list of tools.
 
         Raises:
@@ -167,9 +167,11 @@ class Bridge:
 
         def tick() -> None:
             places = numbers(read())
-            if places.size != 3 * len(tools):
+            each_of = (4, 4) if places.shape[-2:] == (4, 4) else (3,)
+            if places.size != math.prod(each_of) * len(tools):
                 raise PathError(f"p_WT has {places.size} numbers; expected three for each of {len(tools)} tools [m]")
-            made = [one.step(p, bodies) for (one, bodies), p in zip(tools, places.reshape(-1, 3), strict=True)]
+            places = places.reshape(-1, *each_of)
+            made = [one.step(p, bodies) for (one, bodies), p in zip(tools, places, strict=True)]
             self._command = made if several else made[0]
             if each is not None:
                 each(self._command)

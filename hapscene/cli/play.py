@@ -89,6 +89,8 @@ def play(
     made |= {"ring_s": LOG_S, "log_folder": str(logs)}
     loaded = load_input(scene, mesh)
     if device in (None, ["pointer"]) and not option:
+        if at is not None:
+            raise DeviceError("--at: expected a --device, whose workspace it places; the page shows the whole scene")
         place = {"title": base_name(scene), "host": page.host, "port": page.port}
         place["kiosk_s"] = KIOSK_S if kiosk else math.inf
         running = on_page(loaded, place, not page.no_browser, print_progress, **made)

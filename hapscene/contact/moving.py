@@ -14,6 +14,7 @@ from hapscene.contact.planes import drop_planes_of
 from hapscene.contact.proxy import place_proxy
 from hapscene.contact.world import update_ball
 from hapscene.flags import Flag
+from hapscene.geometry import RIGID_TOLERANCE
 
 if TYPE_CHECKING:
     from hapscene.contact.world import World
@@ -133,7 +134,7 @@ def is_pose(X: NDArray[np.float64]) -> bool:
     """Return whether (4, 4) is a rotation, to within `ROTATION_TOLERANCE`, and a translation within `REACH_MAX_M`."""
     far = max(abs(X[0, 3]), abs(X[1, 3]), abs(X[2, 3]))
     row = max(abs(X[3, 0]), abs(X[3, 1]), abs(X[3, 2]), abs(X[3, 3] - 1.0))  # not 0 in a transposed pose
-    fits = _rotation_error(X) <= ROTATION_TOLERANCE and row <= ROTATION_TOLERANCE and far <= REACH_MAX_M
+    fits = _rotation_error(X) <= ROTATION_TOLERANCE and row <= RIGID_TOLERANCE and far <= REACH_MAX_M
     # `fits` is False if an element is NaN
     return bool(fits and _determinant(X) > 0.0)
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapscene.compiled.native import inlined, native
-from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX
+from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX, REACH_MAX_M
 from hapscene.contact.cast import cast, cast_body
 from hapscene.contact.crossing import BLOCKED, OVER, PAST, SETTLED, cross_edges, lies_over_planes
 from hapscene.contact.inside import close_left_punctures, encloses
@@ -31,6 +31,7 @@ from hapscene.contact.planes import (
 )
 from hapscene.contact.triangle import lies_over, to_body, to_body_last, to_world
 from hapscene.contact.world import DROPPED, SAVED
+from hapscene.flags import Flag
 from hapscene.geometry import Vector, along, norm, sub
 
 if TYPE_CHECKING:
@@ -47,6 +48,9 @@ EDGE_TRIES_MAX = 2
 EDGE_BODIES_MAX = 16
 """Most nearby bodies with which adjacency is followed [count]: one attempt may cast 17 times, which would exceed
 `CAST_MAX` with more bodies."""
+
+_CROWDED = int(Flag.CROWDED)
+_FAR = int(Flag.TOOL_FAR)
 
 MOVED = 0
 """The proxy has moved or its planes have changed; the search continues."""
@@ -179,11 +183,11 @@ def list_bodies(world: "World", tool_W: Vector, reach_m: float) -> None:
     """List the bodies whose bounding balls lie within `reach_m` of the device position.
 
     If more than `NEAR_MAX` do, the first of the scene and those in contact are listed. The choice is thus the same from
-    tick to tick, and a body in contact stays in contact.
+    tick to tick, and a body in contact stays in contact. A device position that is far from all bodies, or from the
+    proxy, is reported in `near_flags`.
     """
     proxy = world.proxy[0]
-    found = 0
-    crowded = 0
+    found = flags = 0
     room = math.inf
     for k in range(len(world.bodies)):
         ball = world.ball_W_m[k]
@@ -194,11 +198,17 @@ def list_bodies(world: "World", tool_W: Vector, reach_m: float) -> None:
             world.near[found] = k
             found += 1
         else:
-            crowded = 1
+            flags = _CROWDED
             room = 0.0
+    if reach_m > proxy.far_m:  # the next tick tests again
+        flags, room = flags | _FAR, 0.0
+    elif found > 0:
+        room = min(room, proxy.far_m)
+    elif proxy.far_m < room < REACH_MAX_M:  # beyond are removed bodies
+        flags, room = flags | _FAR, room - proxy.far_m
     proxy.near_count = found
     proxy.near_margin_m = room
-    proxy.crowded = crowded
+    proxy.near_flags = flags
     for i in range(3):
         proxy.near_at_W_m[i] = tool_W[i]
 

@@ -64,6 +64,15 @@ WAYS: Final = 14
 """Rays from the proxy that look for faces of a deforming body [count]: along the axes and the diagonals of the
 octants. Every direction is within 28° of a ray."""
 
+FAR_M: Final = 5.0
+"""Distance from the nearest body beyond which the position of a tool may be in another unit [m]: several times the
+workspace of a haptic device. A scene of large bodies has a longer one. A tool that moves away slowly is reported within
+twice this distance."""
+
+FAR_RATIO: Final = 20.0
+"""The same distance as a multiple of the diameter of the largest body [1]. A position in mm is about 500 times too
+far."""
+
 BODY: Final = np.dtype(
     [
         ("search", "i8"),  # address of the search structure
@@ -113,7 +122,8 @@ PROXY: Final = np.dtype(
         # distance from there to the nearest body that is not listed, less the motion of bodies since
         ("near_margin_m", "f8"),
         ("near_count", "i8"),  # bodies that can be met in this tick, up to the limit
-        ("crowded", "i8"),  # 1 if there were more than the limit
+        ("near_flags", "i8"),  # `CROWDED` if there were more than the limit; `TOOL_FAR`
+        ("far_m", "f8"),  # distance from all bodies beyond which the device position is reported
         ("placed", "i8"),  # 1 if the proxy was placed since the last tick
         ("flags", "i8"),  # flags of this tick about moving and deforming bodies
         ("enclosing", "i8"),  # 1 + index of a one-sided body inside which the proxy was placed, 0 for none
@@ -314,6 +324,7 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, tip_radius_m:
     _fill_trees(rows, bodies, forest, (0, 0))
     proxy = records(1, PROXY)
     proxy.radius_m = tip_radius_m
+    proxy.far_m = max(FAR_M, FAR_RATIO * 2.0 * float(balls[:, 3].max(initial=0.0)))
     proxy.crease_cos = math.cos(crease_rad) if crease_rad > 0.0 else NO_SHADE
     world = World(
         bodies=rows,

@@ -28,6 +28,7 @@ from hapscene.device.sim.arm import (
     find_tip,
     find_tip_velocity,
     read_arm,
+    write_orientation,
 )
 from hapscene.device.sim.hand import pull
 from hapscene.geometry import Vector
@@ -71,6 +72,9 @@ def tick_tool(world: Any, surface: Any, tool: Any, moved: Any, notes: Any) -> No
     touch, arm = surface.touch[0], tool.arm
     x, y, z = _read(tool)
     loop_row.read_W_m[0], loop_row.read_W_m[1], loop_row.read_W_m[2] = x, y, z
+    if arm.kind == CONNECTED:
+        write_orientation(arm, touch.R_WT)
+        write_orientation(arm, loop_row.R_WT)
     tick_at(world, surface, moved, (x, y, z), row, a_m_s2)
     _send(tool, _protect(tool, row, touch), loop_row)
     _note(arm, loop_row)

@@ -27,6 +27,7 @@ LOOP_ROW: Final = np.dtype(
         ("f_coil_N", "f8"),  # largest force of the actuator of the handle in the tick
         ("heat", "f8"),  # load of the warmest motor, 1 when it is limited to its continuous torque
         ("trouble", "i8"),  # flags of the device
+        ("R_WT", "f8", (3, 3)),  # orientation that the tick received; zeros for a simulated device, which has none
     ],
     align=True,
 )

@@ -28,9 +28,9 @@ from hapscene.loop.session_log import SessionLog, log_of, note_order
 from hapscene.loop.shared_memory import read_text
 from hapscene.loop.timing import TimingStatistics
 from hapscene.records import block_of
-from hapscene.render.contact_info import ContactEvent, Impulse, events_of
+from hapscene.render.contact_info import Contact, ContactEvent, Impulse, events_of
 from hapscene.render.moving_bodies import warn_of_refused
-from hapscene.render.renderer import OTHER_BODIES
+from hapscene.render.renderer import OTHER_BODIES, warn_of_far
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import Painting
 from hapscene.scene.mesh import Mesh
@@ -77,6 +77,7 @@ class Servo(ServoConnection):
     Attributes:
         scene: the copy of the scene that is rendered, with bodies added, removed and painted since.
         body_names: names of its bodies by number, including those that were removed.
+        tip_radius_m: radius of the tip.
 
     Raises:
         HapsceneError: on entry, if `Twin` rejects an argument or shared memory is too small; in every later call, if
@@ -113,6 +114,7 @@ class Servo(ServoConnection):
         elif handle is not None:
             made["handle"] = handle
         self.tick_s = tick_s
+        self.tip_radius_m = float(made.get("tip_radius_m", 0.0))
         block = block_of(tick_s, a_rate_Hz)
         self.scene = scene.copy()
         room = len(scene.bodies) + BODY_ROOM
@@ -131,7 +133,7 @@ class Servo(ServoConnection):
         self.body_names = [body.name for body in scene.bodies]
         self._index_of = {name: index for index, name in enumerate(self.body_names)}
         self._moving: set[int] = set()
-        self._pose_warned = False
+        self._pose_warned = self._far_warned = False
         self._reported_impulse = np.zeros((room, 6))
         self._tuned: list[tuple[str, str, dict[str, float]]] = []
 
@@ -563,21 +565,39 @@ class Servo(ServoConnection):
             HapsceneError: the process has ended. One that hangs is recognised by the age of the state.
 
         Warns:
-            UsageWarning: the pose of a body was refused; once.
+            UsageWarning: the pose of a body was refused, or the tool is far from all bodies; once each.
         """
+        row, count, at_ns = self._newest(tool)
+        state = state_of(bytearray(row), count - 1, max(self._now_ns() - at_ns, 0) * 1e-9)
+        if state.flags & Flag.TOOL_FAR and not self._far_warned:
+            self._far_warned = True
+            warn_of_far(state.p_WT_m)
+        if state.flags & Flag.POSE_REFUSED and not self._pose_warned:
+            moving = tuple(self._moving)  # another thread may add bodies meanwhile
+            self._pose_warned = warn_of_refused((self.body_names[i], self._frames[i]["X_WB"]) for i in moving)
+        return state
+
+    def contact(self, *, tool: int = 0) -> Contact | None:
+        """Return the contact of the newest tick of a tool, for a simulation of a soft body; None without contact.
+
+        Raises:
+            HapsceneError: the process has ended, or the tool does not exist.
+        """
+        row, count, _ = self._newest(tool)
+        if count == 0 or not state_of(bytearray(row), 0, 0.0).touching:
+            return None
+        return Contact(row, tuple(self.body_names), tuple(swatch.name for swatch in self.scene.swatches))
+
+    def _newest(self, tool: int) -> tuple[bytes, int, int]:
+        """Return the row of the newest tick of a tool, the number of ticks, and when the newest was complete [ns]."""
         _ = self._channel  # raises if no process runs
         rows, done, done_ns = self._ticks
         rows = rows[self._number(tool)]
         while True:
             count, at_ns = done.item(), done_ns.item()
-            row = bytearray(rows[(count - 1) % self._length].tobytes())  # to copy a record takes longer
+            row = rows[(count - 1) % self._length].tobytes()  # to copy a record takes longer
             if done.item() < count + self._length - 1:
-                break
-        state = state_of(row, count - 1, max(self._now_ns() - at_ns, 0) * 1e-9)
-        if state.flags & Flag.POSE_REFUSED and not self._pose_warned:
-            moving = tuple(self._moving)  # another thread may add bodies meanwhile
-            self._pose_warned = warn_of_refused((self.body_names[i], self._frames[i]["X_WB"]) for i in moving)
-        return state
+                return row, count, at_ns
 
     def read(self, since: int = 0, *, tool: int = 0, after_end: bool = False) -> TickLog:
         """Return the ticks of a tool from tick `since` on, or from the oldest in the ring buffer on.

@@ -122,6 +122,8 @@ class SessionLog:
                         stored = f"{prefix}_{name}"
                         if name == "p_WC_m" and stored not in archive.names:  # an older log, of a point
                             stored = "row_p_WP_m"
+                        if name == "R_WT" and stored not in archive.names:  # an older log
+                            continue
                         length = archive.header(stored)[0][:2]
                         if length != shape:
                             raise FormatError(f"array {stored} has shape {length}, expected {shape}")
@@ -159,8 +161,13 @@ class SessionLog:
                 getattr(renderer, order if order in ORDERS else "tune")(name, **numbers)
             restore_checkpoint(renderer.world, renderer.surface, self.memory[tool * share : (tool + 1) * share])
             again, a_m_s2 = records(length, ROW), np.zeros((length, renderer.block))
-            path = np.ascontiguousarray(self.loop_rows[tool]["read_W_m"][start:])
-            run_ticks(renderer.world, renderer.surface, path, none, np.zeros((length, 0, 4, 4)), none, again, a_m_s2)
+            given = self.loop_rows[tool][start:]
+            path, R_WT, still = np.ascontiguousarray(given["read_W_m"]), given["R_WT"], np.zeros((length, 0, 4, 4))
+            parts = [slice(k, k + 1) for k in range(length)] if R_WT.any() else [slice(None)]
+            for k in parts:
+                if R_WT.any():
+                    renderer.surface.touch["R_WT"] = R_WT[k]
+                run_ticks(renderer.world, renderer.surface, path[k], none, still[k], none, again[k], a_m_s2[k])
             for name in _OUTPUTS:
                 same = again[name] == rows[name][start:]
                 differs |= ~same.reshape(length, -1).all(axis=1)

@@ -36,6 +36,7 @@ FLAG_TEXTS: Final = {
     Flag.STALLED: "loop was stalled: force ramps up again",
     Flag.PROXY_RESET: "new shape enclosed the tool: proxy set on the nearest surface",
     Flag.BODY_REMOVED: "touched body removed: its force fades out",
+    Flag.TOOL_FAR: "device position far from all bodies: check its unit, and --at",
 }
 """Description of each flag for the user."""
 

@@ -1,5 +1,6 @@
 """The contact that `Renderer.step` reports, and contact events found in the rows of ticks."""
 
+import math
 from collections.abc import Sequence
 from struct import Struct
 from typing import Any, Final, Literal, NamedTuple
@@ -7,6 +8,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.errors import SceneError
 from hapscene.geometry import numbers
 from hapscene.records import ROW
 
@@ -103,6 +105,42 @@ class Contact:
             PathError: the point is not numeric.
         """
         return np.cross(self.p_W_m - numbers(about_W_m), self.f_body_W_N)
+
+    @property
+    def patch_radius_m(self) -> float:
+        """Radius of the contact patch [m]: √(r · depth) of a tip of radius r (Hertz 1882), at most r. A point has 0."""
+        radius_m = float(np.linalg.norm(self._vector("p_WP_m") - self.p_W_m))
+        return min(math.sqrt(radius_m * self.depth_m), radius_m)
+
+    def vertex_forces_N(self, vertices_W_m: ArrayLike, faces: ArrayLike) -> Vector3:
+        """Distribute the force on the body over the contact patch, for a simulation of a soft body.
+
+        Sum and moment are those of the force at the contact point. With a point load instead, the displacement grows
+        as the mesh is refined. See `hapscene.render.contact_patch`.
+
+        Args:
+            vertices_W_m: (N, 3) present positions of all vertices of the body in W [m].
+            faces: (M, 3) faces of its mesh.
+
+        Returns:
+            (N, 3) forces on the vertices in W [N].
+
+        Raises:
+            PathError: an argument is not numeric.
+            SceneError: the arrays are not (N, 3) and (M, 3), or the touched face is not among the faces.
+        """
+        from hapscene.render.contact_patch import spread_force
+
+        vertices, triples = numbers(vertices_W_m), np.asarray(faces)
+        given = vertices.shape, triples.shape
+        if [shape[1:] for shape in given] != [(3,), (3,)] or self.face >= len(triples):
+            raise SceneError(
+                f"vertices_W_m and faces have the shapes {given[0]} and {given[1]}; expected (N, 3) and (M, 3) of the "
+                f"mesh of body {self.body!r}, whose face {self.face} is touched"
+            )
+        return spread_force(
+            vertices, triples, self.face, p_m=self.p_W_m, f_N=self.f_body_W_N, radius_m=self.patch_radius_m
+        )
 
     def _vector(self, name: str) -> Vector3:
         if self._floats is None:

@@ -47,8 +47,10 @@ _COLUMNS: Final[dict[str, tuple[str, tuple[int, ...] | None]]] = {
     "normal_force_N": ("f8", ()),
     "began": ("?", ()),
     "f_body_W_N": ("f8", (3,)),
+    "R_WT": ("f8", (3, 3)),
     "a_m_s2": ("f8", None),
 }
+_MEASURED: Final = "R_WT"  # absent without a device that measures it
 _SINCE_2: Final = ("began", "f_body_W_N")
 _NAMES: Final = ("body_names", "swatch_names", "effects")
 _CSV_ROWS: Final = 10_000  # rows converted at once
@@ -108,6 +110,8 @@ class Recording:
     f_body_W_N: NDArray[np.float64] = None  # type: ignore[assignment]
     """(n, 3) force of the tool on the touched body at the proxy: contact only, not limited to the device.
     NaN if unknown."""
+    R_WT: NDArray[np.float64] | None = None
+    """(n, 3, 3) orientation of the tool, z along the handle towards the hand; None if it was not measured."""
 
     def __post_init__(self) -> None:
         count = len(self.t_s)
@@ -116,7 +120,7 @@ class Recording:
             object.__setattr__(self, "began", self.touching & ~before)
         if self.f_body_W_N is None:
             object.__setattr__(self, "f_body_W_N", np.full((count, 3), np.nan))
-        for name, (_, row) in _COLUMNS.items():
+        for name, row in self._columns.items():
             shape = getattr(self, name).shape
             if shape[:1] != (count,) or (len(shape) != 2 if row is None else shape[1:] != row):
                 wanted = f"({count}, block)" if row is None else str((count, *row))
@@ -136,6 +140,11 @@ class Recording:
         return len(self.t_s)
 
     @property
+    def _columns(self) -> dict[str, tuple[int, ...] | None]:
+        """Names of the arrays that the recording has, and the shape of a row."""
+        return {name: row for name, (_, row) in _COLUMNS.items() if name != _MEASURED or self.R_WT is not None}
+
+    @property
     def a_t_s(self) -> NDArray[np.float64]:
         """(n · block,) time of each acceleration sample, row by row [s]."""
         offset_s = np.arange(self.a_m_s2.shape[1]) / self.a_rate_Hz
@@ -147,7 +156,7 @@ class Recording:
         Raises:
             OSError: the folder is missing or cannot be written.
         """
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in _COLUMNS}
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in self._columns}
         arrays |= {name: np.array(getattr(self, name), dtype="U") for name in _NAMES}
         with whole_file(path) as part, part.open("wb") as file:
             # uncompressed: ten seconds are 3 MB, and compressing them takes longer than rendering
@@ -207,7 +216,7 @@ class Recording:
         header: list[str] = []
         columns: list[list[Any]] = []
         form: list[str] = []
-        for name in _COLUMNS:
+        for name in self._columns:
             values = getattr(self, name)[part]
             if name in {"body", "swatch"}:
                 # index −1 selects the last: empty
@@ -235,6 +244,8 @@ def _split(name: str, values: NDArray[Any]) -> dict[str, list[Any]]:
     """Return the columns of one array by name: `p_WT_m` (n, 3) gives p_WT_x_m, p_WT_y_m, p_WT_z_m."""
     if values.ndim == 1:
         return {name: values.tolist()}
+    if name == _MEASURED:
+        return {f"{name}_{i}{j}": values[:, a, b].tolist() for a, i in enumerate("xyz") for b, j in enumerate("xyz")}
     if name == "a_m_s2":
         return {f"a{k}_m_s2": values[:, k].tolist() for k in range(values.shape[1])}
     stem, unit = (name, "") if name == "nhat_W" else name.rsplit("_", 1)
@@ -254,6 +265,8 @@ def _read(archive: Npz) -> dict[str, Any]:
             f"has format version {version}; this hapscene reads versions up to {FORMAT_VERSION}: update hapscene"
         )
     held = [name for name in _COLUMNS if version > 1 or name not in _SINCE_2]
+    if _MEASURED not in archive.names:
+        held.remove(_MEASURED)
     headers = {name: archive.header(name) for name in (*held, *_NAMES)}
     counts = {name: math.prod(shape) for name, (shape, _) in headers.items()}
     own_B = sum(counts[name] * dtype.itemsize for name, (_, dtype) in headers.items())

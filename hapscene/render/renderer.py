@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
 
-__all__ = ["EFFECTS", "OTHER_BODIES", "Command", "Renderer"]
+__all__ = ["EFFECTS", "OTHER_BODIES", "Command", "Renderer", "warn_of_far"]
 
 EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap", "adhesion")
 """Default effects of a renderer."""
@@ -47,14 +47,9 @@ OTHER_BODIES: Final = (
 )
 
 _POSE_REFUSED: Final = int(Flag.POSE_REFUSED)
+_TOOL_FAR: Final = int(Flag.TOOL_FAR)
+_REPORTED: Final = _POSE_REFUSED | _TOOL_FAR
 
-FAR_M: Final = 5.0
-"""Distance from the nearest body beyond which the start of a tool may be in another unit [m]: several times the
-workspace of a haptic device. A scene of large bodies has a longer one."""
-
-FAR_RATIO: Final = 20.0
-"""The same distance as a multiple of the diameter of the largest body [1]. A position in mm is about 500 times too
-far."""
 TIP_RADIUS_MAX_M: Final = 1.0
 """Largest radius of a tip [m]; a larger number is usually in a wrong unit."""
 
@@ -231,11 +226,10 @@ class Renderer:
                 from outside only.
         """
         p = positions(numbers(p_WT).reshape(1, -1))[0]
-        _warn_of_distance(self.world, p)
         surface = self.surface
         clear_states(surface, self._effects, self.seed)
         memory, touch = surface.memory, surface.touch
-        for record, stays in ((touch, ("tick_s", "rate_Hz", "block")), (memory, ("smoothing",))):
+        for record, stays in ((touch, ("tick_s", "rate_Hz", "block", "R_WT")), (memory, ("smoothing",))):
             keep = {name: record[name].copy() for name in stays}
             record.view(np.uint8)[:] = 0
             for name, value in keep.items():
@@ -250,8 +244,17 @@ class Renderer:
         self.world.moved[0] = self.world.proxy[0].puncture_count = 0
         self.world.impulse[:] = 0.0
         place_proxy(self.world, (p[0], p[1], p[2]))
+        self._far_warned = False
+        self._warn_of_far(self.world.proxy.near_flags, p[None])
         self._started = self._first = True
         self._ticks = 0
+
+    def _warn_of_far(self, flags: NDArray[np.int64], p_WT: NDArray[np.float64]) -> None:
+        """Warn once after a reset if ticks with `flags` (n,) at `p_WT` (n, 3) were far from all bodies."""
+        far = flags & _TOOL_FAR != 0
+        if far.any() and not self._far_warned:
+            self._far_warned = True
+            warn_of_far(p_WT[far.argmax()])
 
     def warn_if_inside(self) -> None:
         """Warn if the tool started inside a body; loops call this after the first tick, which sets poses of bodies."""
@@ -531,23 +534,26 @@ class Renderer:
     def step(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | MovingBodies | None = None) -> Command:
         """Compute one tick with the device at `p_WT` (3,) [m].
 
-        The first step starts the renderer at that position. A position that is not finite sets `Flag.TOOL_NOT_FINITE`.
-        A pose that is not finite or not rigid sets `Flag.POSE_REFUSED`, and its body stays at the last valid pose.
-        Rounding errors of rotations are corrected.
+        The first step starts the renderer at that position. A position or pose that is not finite sets
+        `Flag.TOOL_NOT_FINITE`. A pose of a body that is not finite or not rigid sets `Flag.POSE_REFUSED`, and the body
+        stays at the last valid pose. Rounding errors of rotations are corrected.
 
         Args:
-            p_WT: (3,) device position [m].
+            p_WT: (3,) device position [m]; or (4, 4) pose of the tool, whose orientation effects read as `touch.R_WT`
+                until the next pose.
             poses: poses of the bodies that move, {body: X_WB (4, 4)} or the result of `moving_bodies`.
 
         Returns:
             Command, whose arrays are copies.
 
         Raises:
-            PathError: the position is not three numbers.
-            SceneError: a body is unknown, a pose is not (4, 4), or `poses` belongs to another renderer.
+            PathError: neither a position nor a pose.
+            SceneError: a body is unknown, a pose is not (4, 4), that of the tool is not rigid, or `poses` belongs to
+                another renderer.
 
         Warns:
-            UsageWarning: a pose was refused; once for the same bodies.
+            UsageWarning: a pose was refused; once for the same bodies. The tool is far from all bodies
+                (`Flag.TOOL_FAR`); once after each reset.
         """
         p = self._p_WT
         try:  # a general conversion takes longer than the tick
@@ -556,9 +562,14 @@ class Renderer:
             p[0] = p_WT
         except (TypeError, ValueError, OverflowError):
             given = numbers(p_WT)
-            if given.size != 3:
-                raise PathError(f"a position must be three numbers [m]; it has {given.size}") from None
-            p[0] = given.ravel()
+            if given.shape == (4, 4):
+                p[0] = self._orient(given)
+            elif given.size == 3:
+                p[0] = given.ravel()
+            else:
+                raise PathError(
+                    f"expected a position of three numbers [m] or a pose (4, 4); it has {given.size} numbers"
+                ) from None
         if not self._started:
             if not np.isfinite(p).all():
                 return Command(np.zeros(3), np.zeros(self.block), Flag.TOOL_NOT_FINITE)
@@ -579,12 +590,22 @@ class Renderer:
         self._ticks += 1
         self.warn_if_inside()
         f_W_N, flags, touching = self._out
-        if flags.item() & _POSE_REFUSED and poses:
-            bodies.warn_of_refused()
+        if flags.item() & _REPORTED:
+            self._warn_of_far(flags, p)
+            if flags.item() & _POSE_REFUSED and poses:
+                bodies.warn_of_refused()
         contact = None
         if touching.item():
             contact = Contact(self._row_bytes.tobytes(), self._body_names, self._swatch_names)
         return Command._make((f_W_N.copy(), self._samples[0].copy(), flag_of(flags.item()), contact))
+
+    def _orient(self, X_WT: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Set the orientation of the tool from its pose (4, 4); return its position, NaN if the pose is not finite."""
+        if not np.isfinite(X_WT).all():
+            return np.full(3, np.nan)
+        X_WT = rigid(X_WT, "pose of the tool")
+        self.surface.touch["R_WT"] = X_WT[:3, :3]
+        return X_WT[:3, 3]
 
     def impulse(self, body: str) -> Impulse:
         """Return the impulse of the tool on a body since the last reset.
@@ -618,27 +639,34 @@ class Renderer:
         The first run starts at the first position of the path; later runs continue from the state of the last tick.
 
         Args:
-            p_WT: (n, 3) device positions, one for each tick [m].
+            p_WT: (n, 3) device positions, one for each tick [m]; or (n, 4, 4) poses of the tool.
             poses: poses of the bodies that move, {body: X_WB (n, 4, 4)}, one for each tick.
 
         Raises:
             PathError: the path is empty, not (n, 3), or not finite.
-            SceneError: a body is unknown, or poses have another length or are not rigid.
+            SceneError: a body is unknown, or poses of bodies or of the tool have another length or are not rigid.
         """
-        path = positions(np.ascontiguousarray(numbers(p_WT)))
+        given = numbers(p_WT)
+        X_WT = rigid(given, "poses of the tool", len(given)) if given.ndim == 3 and len(given) > 0 else None
+        path = positions(np.ascontiguousarray(given if X_WT is None else X_WT[:, :3, 3]))
         n = len(path)
-        slots = self._poses(poses or {}, n)
+        moving, X_WB, teleported = self._poses(poses or {}, n)
         if not self._started:
             self.reset(path[0])
         self._apply_scene_poses()
         rows = records(n, ROW)
         a_m_s2 = np.zeros((n, self.block))
-        self._play(self.world, self.surface, path, *slots, rows, a_m_s2)
+        for k in [slice(None)] if X_WT is None else [slice(k, k + 1) for k in range(n)]:
+            if X_WT is not None:
+                self.surface.touch["R_WT"] = X_WT[k, :3, :3]
+            self._play(self.world, self.surface, path[k], moving, X_WB[k], teleported, rows[k], a_m_s2[k])
         self.warn_if_inside()
-        return self.recording(rows, a_m_s2)
+        self._warn_of_far(rows["flags"], path)
+        return self.recording(rows, a_m_s2, R_WT=None if X_WT is None else X_WT[:, :3, :3])
 
-    def recording(self, rows: Any, a_m_s2: NDArray[np.float64]) -> "Recording":
-        """Return a recording of ticks that other code ran, from their rows (n,) ROW and samples (n, block)."""
+    def recording(self, rows: Any, a_m_s2: NDArray[np.float64], R_WT: NDArray[np.float64] | None = None) -> "Recording":
+        """Return a recording of ticks that other code ran, from their rows (n,) ROW and samples (n, block), and the
+        orientations (n, 3, 3) of the tool if they were measured."""
         from hapscene.render.recording import Recording
 
         n = len(rows)
@@ -653,6 +681,7 @@ class Renderer:
             swatch_names=self._swatch_names,
             seed=self.seed,
             effects=tuple(effect.name for effect in self._effects),
+            R_WT=R_WT,
         )
 
     def _apply_scene_poses(self) -> None:
@@ -695,17 +724,13 @@ def _warn(messages: list[str]) -> None:
         warn(messages[0] + more, DeviceWarning)
 
 
-def _warn_of_distance(world: World, p_WT_m: NDArray[np.float64]) -> None:
-    """Warn if a tool starts so far from all bodies that its position is probably in another unit."""
-    radius_m = world.ball_W_m[:, 3]
-    away_m = float((np.linalg.norm(world.ball_W_m[:, :3] - p_WT_m, axis=1) - radius_m).min())
-    if away_m > max(FAR_M, FAR_RATIO * 2.0 * float(radius_m.max())):
-        place = ", ".join(f"{v:g}" for v in p_WT_m)
-        warn(
-            f"the tool starts at ({place}) m, {away_m:.3g} m from the nearest body; expected a position near the "
-            "bodies, in metres: is it in mm?",
-            UsageWarning,
-        )
+def warn_of_far(p_WT_m: ArrayLike) -> None:
+    """Warn of a tool that is so far from all bodies that its position (3,) is probably in another unit."""
+    place = ", ".join(f"{v:g}" for v in np.asarray(p_WT_m).tolist())
+    warn(
+        f"the tool is at ({place}) m, far from all bodies; expected a position near them, in metres: is it in mm?",
+        UsageWarning,
+    )
 
 
 def _warn_of_overlap(scene: "Scene", world: World) -> None:

@@ -47,7 +47,6 @@ __all__ = ["run_ticks", "tick", "tick_at", "use_fading", "use_moving_bodies", "u
 
 _NOT_FINITE = int(Flag.TOOL_NOT_FINITE)
 _UNSETTLED = int(Flag.UNSETTLED)
-_CROWDED = int(Flag.CROWDED)
 
 
 @native
@@ -70,9 +69,7 @@ def tick(
         flags |= call_flags(entries[BALL], (world, p_WT))
     elif not move_proxy(world, p_WT):
         flags |= _UNSETTLED
-    if world.proxy[0].crowded == 1:
-        flags |= _CROWDED
-    flags |= world.proxy[0].flags
+    flags |= world.proxy[0].near_flags | world.proxy[0].flags
     contact_ns = now_ns(surface.clock) - start_ns
     describe(world, surface, p_WT)
     if entries[SHADE] != 0:

@@ -218,6 +218,7 @@ def build_surface(
     surface = surface._replace(**dict(zip(HOT, near, strict=True)))
     touch = surface.touch[0]
     touch.tick_s, touch.rate_Hz, touch.block = tick_s, a_rate_Hz, round(a_rate_Hz * tick_s)
+    touch.R_WT = np.eye(3)
     surface.memory[0].smoothing = 1.0 - math.exp(-2.0 * math.pi * SLIP_CUTOFF_HZ * tick_s)
     return surface
 

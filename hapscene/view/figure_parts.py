@@ -34,7 +34,7 @@ TOOL_LENGTH: Final = 0.22
 """Length of the tool, relative to the diagonal [1]."""
 
 TOOL_ALONG: Final = (0.8, 0.4, 1.0)
-"""Direction of the tool from its tip in W, as a right hand holds a pen."""
+"""Direction of the tool from its tip in W, as a right hand holds a pen; for devices that do not measure it."""
 
 TOOL, PROXY, SHAFT, HEAD, BODIES = range(5)
 """Indices of the first parts; further parts of the bodies and segments of the path follow."""
@@ -53,6 +53,8 @@ class FigureParts:
     """Tick from which each segment of the path is visible (p,); the segments are the last p parts."""
     p_ST_m: NDArray[np.float64]
     """Device position (n, 3) [m]; n is 0 without a touch."""
+    R_ST: NDArray[np.float64]
+    """Orientation of the tool (n, 3, 3): as measured, or along `TOOL_ALONG`."""
     p_SP_m: NDArray[np.float64]
     """Proxy position (n, 3) [m]."""
     f_N: NDArray[np.float64]
@@ -70,7 +72,8 @@ class FigureParts:
             return shown
         first = len(self.parts) - len(self.piece_tick)
         shown += [(first + int(k), here) for k in np.flatnonzero(self.piece_tick <= tick)]
-        shown += [(part, pose_of(np.eye(3), p_m[tick])) for part, p_m in ((TOOL, self.p_ST_m), (PROXY, self.p_SP_m))]
+        shown.append((TOOL, pose_of(self.R_ST[tick], self.p_ST_m[tick])))
+        shown.append((PROXY, pose_of(np.eye(3), self.p_SP_m[tick])))
         return shown + self._arrow(tick)
 
     @property
@@ -87,7 +90,7 @@ class FigureParts:
         bodies = self.parts[BODIES : BODIES + self.body_count]
         ends = [*(part.corner_m for part in bodies), self.p_SP_m, self.p_SP_m + self.f_N * self.arrow_m_N]
         if tool:
-            ends += [self.p_ST_m, self.p_ST_m + TOOL_LENGTH * self.size_m * _unit(np.array(TOOL_ALONG))]
+            ends += [self.p_ST_m, self.p_ST_m + TOOL_LENGTH * self.size_m * self.R_ST[:, :, 2]]
         return np.concatenate(ends)
 
     def _arrow(self, tick: int) -> Shown:
@@ -126,9 +129,12 @@ def make_figure_parts(
     p_WS_m, size_m = (low_m + high_m) / 2, max(float(np.linalg.norm(high_m - low_m)), 1e-9)
     bodies = [solid._replace(corner_m=solid.corner_m - p_WS_m) for solid in solids]
     p_ST_m = p_SP_m = f_N = np.zeros((0, 3))
+    R_ST = np.zeros((0, 3, 3))
     pieces: list[Triangles] = []
     if recording is not None:
         p_ST_m, p_SP_m, f_N = recording.p_WT_m - p_WS_m, recording.p_WP_m - p_WS_m, recording.f_W_N
+        held = np.broadcast_to(facing(np.array(TOOL_ALONG)), (len(recording), 3, 3))
+        R_ST = held if recording.R_WT is None else recording.R_WT
         pieces = _path(recording, p_WS_m, PATH_RADIUS * size_m, piece_ticks)
     f_max_N = float(np.linalg.norm(f_N, axis=1).max(initial=0.0))
     return FigureParts(
@@ -136,6 +142,7 @@ def make_figure_parts(
         body_count=len(bodies),
         piece_tick=piece_ticks[: len(pieces)],
         p_ST_m=p_ST_m,
+        R_ST=R_ST,
         p_SP_m=p_SP_m,
         f_N=f_N,
         size_m=size_m,
@@ -185,7 +192,7 @@ def _props(size_m: float, theme: Theme) -> list[Triangles]:
     pen = [(0.0, 0.0), (0.03, 0.2), (0.037, 0.3), (0.037, 0.97), (0.025, 1.0), (0.0, 1.0001)]
     angle = np.linspace(-np.pi / 2, np.pi / 2, 13)
     return [
-        moved(lathe([(r * tool_m, z * tool_m) for r, z in pen], theme.tool), pose_of(facing(np.array(TOOL_ALONG)))),
+        lathe([(r * tool_m, z * tool_m) for r, z in pen], theme.tool),
         lathe([(ball_m * float(np.cos(a)), ball_m * float(np.sin(a))) for a in angle], PROXY_COLOUR),
         lathe([(0.016 * arrow_m, 0.0), (0.016 * arrow_m, 1.0)], FORCE),
         lathe([(0.0, 0.0), (0.05 * arrow_m, 1e-3), (0.0, 1.0)], FORCE),

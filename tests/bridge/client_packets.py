@@ -1,5 +1,7 @@
 """Encoding and decoding of packets on the client side."""
 
+import struct
+
 from hapscene.bridge.packets import _AIM, _BODY, _EVENT, _IMPULSE, _STATE, Event, Frame, PacketError, State
 
 
@@ -25,9 +27,11 @@ def unpack_state(payload: bytes) -> State:
     tool, proxy, normal, force = (tuple(n[i : i + 3]) for i in (0, 3, 6, 9))
     depth, slip, body, face, swatch, flags, first_event, event_count, body_count = n[12:]
     at = _STATE.size + body_count * _IMPULSE.size
-    if len(payload) != at + event_count * _EVENT.size:
+    end = at + event_count * _EVENT.size
+    if len(payload) not in (end, end + 48):
         raise PacketError("a state of another length than it says")
     impulses = [(index, tuple(J)) for index, _, _, *J in _IMPULSE.iter_unpack(payload[_STATE.size : at])]
-    events = [Event(t, kind, on, of, v) for t, kind, _, on, of, _, v in _EVENT.iter_unpack(payload[at:])]
+    events = [Event(t, kind, on, of, v) for t, kind, _, on, of, _, v in _EVENT.iter_unpack(payload[at:end])]
     contact = (depth, slip, body, face, swatch, flags, first_event)
-    return State(tick, age_s, tool, proxy, normal, force, *contact, tuple(impulses), tuple(events))
+    axes = struct.unpack(f"<{(len(payload) - end) // 8}d", payload[end:])
+    return State(tick, age_s, tool, proxy, normal, force, *contact, tuple(impulses), tuple(events), axes)

@@ -60,6 +60,7 @@ STATES = st.builds(
     st.integers(0, 2**32 - 1),
     st.lists(st.tuples(st.integers(0, 65535), vector(6)), max_size=4).map(tuple),
     st.lists(EVENT, max_size=4).map(tuple),
+    st.just(()) | vector(6),
 )
 
 

@@ -45,7 +45,7 @@ NONCES = count()
 class Still:
     """A servo without a loop, which records the calls."""
 
-    alive, tick_s, tools = True, 1e-3, 1
+    alive, tick_s, tools, tip_radius_m = True, 1e-3, 1, 0.0
 
     def __init__(self) -> None:
         self.total, self.applied, self.grips, self.mass_kg = np.zeros(6), np.zeros(6), ["light"], np.inf
@@ -161,6 +161,17 @@ def test_a_refused_start_keeps_the_grip(server: BridgeServer) -> None:
     assert "error" in talk.order(b'{"order": "start", "p": [0, 0, 0], "grip": "iron"}')
     talk.frame()
     assert server.servo.grips[-1] == "light"  # type: ignore[attr-defined]
+
+
+def test_a_client_can_request_the_orientation_of_its_tool(server: BridgeServer) -> None:
+    """A handle that points to the user's right, away and up at 2 : 3 : 6, in the frame of Unity."""
+    servo: Any = server.servo
+    X_WT = np.eye(4)
+    X_WT[:3, 0], X_WT[:3, 2] = np.array([6.0, 2.0, -3.0]) / 7.0, np.array([2.0, 3.0, 6.0]) / 7.0
+    servo.tool_pose = lambda tool: X_WT
+    talk = Talk(server, up="y", handed="left", orientation=True)
+    assert 7.0 * np.array(talk.frame().axes) == pytest.approx([6.0, -3.0, 2.0, 2.0, 6.0, 3.0])
+    assert Talk(server).frame().axes == ()
 
 
 def test_totals_continue_over_a_start_and_restart_with_a_client(server: BridgeServer) -> None:

@@ -38,6 +38,7 @@ def test_play_for_a_second(capfd: pytest.CaptureFixture[str]) -> None:
         (["--force", "-1"], "--force"),
         (["--handle", "falcon"], "no vibration output 'falcon'; there are: audio"),
         (["--device", "audio"], "'audio'"),
+        (["--at", "0,0,0.1"], "--at"),
     ],
 )
 def test_invalid_options(words: list[str], output: str, capfd: pytest.CaptureFixture[str]) -> None:

@@ -110,7 +110,7 @@ def test_rounding_errors_of_a_rotation_are_corrected(seed, size):
     R = Rotation.random(random_state=seed).as_matrix()
     X = at(rng.normal(size=3), R + size * rng.uniform(-1.0, 1.0, (3, 3)))
     renderer = hapscene.Renderer(SCENE, [])
-    assert renderer.step((0.0, 0.0, 9.0), {"box 0": X}).flags == Flag(0)
+    assert renderer.step((0.0, 0.0, 1.0), {"box 0": X}).flags == Flag(0)
     held = renderer.world.bodies[0].R_WB
     assert np.abs(held @ held.T - np.eye(3)).max() < 1e-12
     u, _, vt = np.linalg.svd(X[:3, :3])  # the nearest rotation
@@ -126,7 +126,7 @@ def test_one_hour_of_float32_products_is_corrected():
     for _ in range(3600 * 60):
         X[:3, :3] = turn @ X[:3, :3]
     assert np.abs(X[:3, :3] @ X[:3, :3].T - np.eye(3)).max() > 1e-6
-    assert renderer.step((0.0, 0.0, 9.0), {"box 0": X}).flags == Flag(0)
+    assert renderer.step((0.0, 0.0, 1.0), {"box 0": X}).flags == Flag(0)
 
 
 def test_teleport_does_not_move_the_proxy():
@@ -219,7 +219,7 @@ def test_moving_bodies_of_another_renderer_are_rejected():
     """Their indices would be invalid in another scene, and a teleport would apply to one renderer only."""
     slots = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0))).moving_bodies(["box 1"])
     with pytest.raises(SceneError):
-        hapscene.Renderer(SCENE, []).step((0.0, 0.0, 9.0), slots)
+        hapscene.Renderer(SCENE, []).step((0.0, 0.0, 1.0), slots)
 
 
 def test_moving_bodies_start_at_the_pose_of_the_scene():

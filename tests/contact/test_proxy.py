@@ -351,18 +351,18 @@ def pressed(*meshes: Mesh) -> World:
 def test_coincident_bodies_equal_one_body():
     one, many = pressed(BALL), pressed(*[BALL] * (3 * NEAR_MAX))
     proxy = many.proxy[0]
-    assert proxy.crowded == 1 and proxy.near_count == NEAR_MAX
-    assert one.proxy[0].crowded == 0
+    assert proxy.near_flags == Flag.CROWDED and proxy.near_count == NEAR_MAX
+    assert one.proxy[0].near_flags == 0
     np.testing.assert_allclose(proxy.p_WP_m, one.proxy[0].p_WP_m, atol=MICRON)
     for _ in range(2):  # leaves all bodies
         move_proxy(many, (0.0, 0.0, 0.2))
-    assert proxy.crowded == 0 and proxy.touching == 0
+    assert proxy.near_flags == 0 and proxy.touching == 0
 
 
 def test_body_in_contact_is_listed_among_many():
     world = pressed(*[BALL] * (NEAR_MAX + 50), LARGER)
     proxy = world.proxy[0]
-    assert proxy.crowded == 1 and proxy.near_count == NEAR_MAX + 1
+    assert proxy.near_flags == Flag.CROWDED and proxy.near_count == NEAR_MAX + 1
     assert proxy.body[0] == NEAR_MAX + 50
     assert np.linalg.norm(proxy.p_WP_m) > 0.0509
 

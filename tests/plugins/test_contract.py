@@ -84,6 +84,7 @@ def walk(ticks, seed: int, count: int = 300, large: float = 1.0) -> np.ndarray:
         slip_m_s=np.linalg.norm(slip, axis=1) / 1e-3,
         x_WB=turned[0],
         y_WB=turned[1],
+        R_WT=turned,
         normal_force_N=500.0 * depth,
         force_N=500.0 * depth * rng.random(count),
         p_WT_m=np.cumsum(1e-3 * v, axis=0),

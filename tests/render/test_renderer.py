@@ -243,13 +243,43 @@ def test_invalid_first_position_does_not_start():
     assert renderer.step([0.0, 0.0, 0.05]).flags == 0
 
 
-def test_a_start_far_from_all_bodies_is_warned_of():
-    renderer = hapscene.Renderer(flat_scene())
-    with pytest.warns(hapscene.errors.UsageWarning, match="49.9 m from the nearest body"):
-        renderer.step([50.0, 0.0, 0.0])
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        renderer.reset([0.0, 0.0, 1.0])
+def test_a_tool_far_from_all_bodies_is_reported_once():
+    """A position of 20 mm that is given as 20 m, at the start and later."""
+    renderer, near, far = hapscene.Renderer(scene(), ["wall"]), (0.0, 0.0, 0.02), (0.0, 0.0, 20.0)
+    with pytest.warns(UsageWarning, match="far from all bodies") as warned:
+        assert [renderer.step(far).flags for _ in range(3)] == 3 * [Flag.TOOL_FAR]
+    assert len(warned) == 1
+    renderer.reset(near)
+    assert renderer.step(near).flags == Flag(0)
+    with pytest.warns(UsageWarning, match="far from all bodies") as warned:
+        seen = [renderer.step(p).flags for p in (far, far, near, near, far)]
+    assert seen == [Flag.TOOL_FAR] * 3 + [Flag(0), Flag.TOOL_FAR] and len(warned) == 1
+    renderer.reset(near)
+    away = np.linspace(near, (0.0, 0.0, 60.0), 2000)  # 30 m/s
+    with pytest.warns(UsageWarning, match=r"\(0, 0, (5|6|7|8|9|10)[.\d]*\) m, far from all bodies") as warned:
+        flags = renderer.run(np.concatenate((away, away[::-1]))).flags
+    assert len(warned) == 1
+    first, last = np.flatnonzero(flags == Flag.TOOL_FAR)[[0, -1]]
+    assert 5.0 < away[first, 2] < 11.0 and away[::-1][last - 2000, 2] == pytest.approx(5.0, abs=0.15)
+    assert (flags[:first] == 0).all() and (flags[first:last] == Flag.TOOL_FAR).all() and (flags[last + 1 :] == 0).all()
+
+
+def test_a_jump_past_a_body_is_reported():
+    renderer = hapscene.Renderer(scene(), ["wall"], tip_radius_m=0.002)
+    renderer.reset((0.0, 0.0, 4.0))
+    with pytest.warns(UsageWarning, match="far from all bodies"):
+        assert renderer.step((0.0, 0.0, -4.0)).flags & Flag.TOOL_FAR
+    renderer.reset((0.0, 0.0, 4.0))
+    assert renderer.step((0.0, 0.0, 4.0)).flags == Flag(0)
+
+
+def test_a_transposed_pose_is_refused():
+    renderer, X_WB = hapscene.Renderer(scene(), ["wall"]), np.eye(4)
+    renderer.step((0.0, 0.0, 0.02))
+    X_WB[0, 3] = 1e-3
+    assert renderer.step((0.0, 0.0, 0.02), {"box": X_WB}).flags == Flag(0)
+    with pytest.warns(UsageWarning, match="transposed"):
+        assert renderer.step((0.0, 0.0, 0.02), {"box": X_WB.T}).flags == Flag.POSE_REFUSED
 
 
 def flat_scene() -> hapscene.Scene:

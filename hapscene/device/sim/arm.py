@@ -1,7 +1,7 @@
 """One interface for the device that holds the tool: a simulated point mass or Omni in a hand, or a real device."""
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ __all__ = [
     "new_arm",
     "read_arm",
     "simulated_device",
+    "write_orientation",
 ]
 
 SIMULATED_POINT: Final = 0
@@ -100,6 +101,15 @@ def _read_connected(arm: "Arm") -> Vector:
         X[1, 0] * p[0] + X[1, 1] * p[1] + X[1, 2] * p[2] + X[1, 3],
         X[2, 0] * p[0] + X[2, 1] * p[1] + X[2, 2] * p[2] + X[2, 3],
     )
+
+
+@native
+def write_orientation(arm: "Arm", R_WT: Any) -> None:
+    """Write the orientation (3, 3) in W of the tool of a real device."""
+    R_DT, X = arm.state[0].R_DT, arm.X_WD
+    for i in range(3):
+        for j in range(3):
+            R_WT[i, j] = X[i, 0] * R_DT[0, j] + X[i, 1] * R_DT[1, j] + X[i, 2] * R_DT[2, j]
 
 
 @native
