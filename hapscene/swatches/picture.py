@@ -146,7 +146,7 @@ def _period_m(texture: Texture, force_N: float) -> float | None:
 
 
 def _peaks(level: Array) -> list[int]:
-    """Return the indices of the maxima with a prominence of `LINE_DB`; importing `scipy.signal` for them takes a second."""
+    """Return the indices of maxima with a prominence of `LINE_DB`; importing `scipy.signal` would take a second."""
     found = []
     for i in np.flatnonzero((level[1:-1] > level[:-2]) & (level[1:-1] > level[2:])) + 1:
         higher = np.flatnonzero(level > level[i])
