@@ -481,8 +481,9 @@ _SHORT: Final = {"stiffness": "stiffness_N_m", "roughness": "roughness_m_s2", "f
 def search(entries: Iterable[LibraryEntry], terms: Iterable[str]) -> list[LibraryEntry]:
     """Return the entries that match all terms.
 
-    A term is a word in name, description, tool, tip, provenance or licence, ignoring case ("wood", "grippy"); a word of
-    the tool or tip ("tool:probe", "tip:ball"); or a bound on a figure ("friction<0.3", "stiffness>=500", "tap_Hz>80").
+    A term is a part of the name, the beginning of a word of description or tags, or a word of tool, tip, provenance or
+    licence, ignoring case ("wood", "grip"); a word of the tool or tip ("tool:probe", "tip:ball"); or a bound on a
+    figure ("friction<0.3", "stiffness>=500", "tap_Hz>80").
 
     Raises:
         SwatchError: an invalid bound, or one on an unknown figure.
@@ -498,7 +499,7 @@ def search(entries: Iterable[LibraryEntry], terms: Iterable[str]) -> list[Librar
         if bound is None and re.search("[<>]", term):
             raise SwatchError(f"{term!r}: invalid bound; expected a figure, <, <=, > or >=, and a number: friction<0.4")
         if bound is None:
-            found = [entry for entry in found if term.casefold() in _text(entry)]
+            found = [entry for entry in found if _has(entry, term.strip().casefold())]
             continue
         name, sign, limit = bound.groups()
         if name not in known:
@@ -512,9 +513,15 @@ def search(entries: Iterable[LibraryEntry], terms: Iterable[str]) -> list[Librar
     return found
 
 
-def _text(entry: LibraryEntry) -> str:
-    texts = entry.name, *entry.words, touched_with(entry), entry.provenance, entry.licence, *entry.tags
-    return " ".join(texts).casefold()
+def _has(entry: LibraryEntry, word: str) -> bool:
+    """Whether a word is part of the name, begins a word of the description or tags, or is a word of the other texts."""
+    if word in entry.name.casefold() or any(token.startswith(word) for token in _tokens(*entry.words, *entry.tags)):
+        return True
+    return set(_tokens(word)) <= set(_tokens(touched_with(entry), entry.provenance, entry.licence))
+
+
+def _tokens(*texts: str) -> list[str]:
+    return re.findall(r"\w+", " ".join(texts).casefold())
 
 
 # Download of swatches from a library folder on a web server.

@@ -47,11 +47,11 @@ Rgb = tuple[float, float, float]
 
 
 @lru_cache(maxsize=256)
-def ball_png(swatch: Swatch, colour: Rgb | None = None) -> bytes:
+def ball_png(swatch: Swatch, colour: Rgb | None = None, px: int = BALL_PX) -> bytes:
     """Return a PNG file of the ball on a transparent background; `colour` overrides the colour of the swatch."""
     from PIL import Image
 
-    n = FINER * BALL_PX
+    n = FINER * px
     x, y = np.meshgrid((np.arange(n) + 0.5) / n * 2 - 1, 1 - (np.arange(n) + 0.5) / n * 2)
     inside = x**2 + y**2 < 0.96**2
     x, y = np.where(inside, x, 0.0) / 0.97, np.where(inside, y, 0.0) / 0.97
@@ -74,7 +74,7 @@ def ball_png(swatch: Swatch, colour: Rgb | None = None) -> bytes:
     shaded[rim] = 0.5
     pixels = np.dstack([np.clip(shaded, 0.0, 1.0), inside])
     pixels[..., :3] *= pixels[..., 3:]
-    small = pixels.reshape(BALL_PX, FINER, BALL_PX, FINER, 4).mean(axis=(1, 3))
+    small = pixels.reshape(px, FINER, px, FINER, 4).mean(axis=(1, 3))
     small[..., :3] /= np.maximum(small[..., 3:], 1e-6)
     file = io.BytesIO()
     Image.fromarray(np.rint(255 * small).astype(np.uint8), "RGBA").quantize(160).save(file, "PNG", optimize=True)
@@ -146,7 +146,7 @@ def _period_m(texture: Texture, force_N: float) -> float | None:
 
 
 def _peaks(level: Array) -> list[int]:
-    """Return the indices of the maxima with a prominence of `LINE_DB`; to import `scipy.signal` takes a second."""
+    """Return the indices of maxima with a prominence of `LINE_DB`; importing `scipy.signal` would take a second."""
     found = []
     for i in np.flatnonzero((level[1:-1] > level[:-2]) & (level[1:-1] > level[2:])) + 1:
         higher = np.flatnonzero(level > level[i])

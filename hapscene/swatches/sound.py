@@ -57,16 +57,21 @@ class Sound:
 
     @cached_property
     def gain(self) -> float:
-        """Factor by which the stroke is played: equal A-weighted level (IEC 61672-1), at most the full scale [1]."""
+        """Factor by which the stroke is played: `loudness_gain`, at most the full scale [1]."""
+        peak = float(np.abs(self.a_m_s2[self.start :]).max(initial=0.0))
+        return min(self.loudness_gain, 10 ** (PEAK_DBFS / 20) * FULL_SCALE_M_S2 / max(peak, SILENCE_M_S2))
+
+    @cached_property
+    def loudness_gain(self) -> float:
+        """Factor to an equal A-weighted level (IEC 61672-1), at most `GAIN_MAX_DB`; peaks may clip [1]."""
         stroke = self.a_m_s2[self.start :] / FULL_SCALE_M_S2
-        peak = float(np.abs(stroke).max(initial=0.0))
-        if peak < SILENCE_M_S2 / FULL_SCALE_M_S2:
+        if np.abs(stroke).max(initial=0.0) < SILENCE_M_S2 / FULL_SCALE_M_S2:
             return 1.0
         f2 = np.fft.rfftfreq(len(stroke), 1.0 / self.rate_Hz) ** 2
         weight = f2**2 / ((f2 + 20.6**2) * (f2 + 12194.0**2) * np.sqrt((f2 + 107.7**2) * (f2 + 737.9**2)))
         weighted = np.abs(np.fft.rfft(stroke)) * 1.2589 * 12194.0**2 * weight
         rms = float(np.sqrt(2.0 * np.sum(weighted**2))) / len(stroke)
-        return min(10 ** (STROKE_DBFS / 20) / rms, 10 ** (PEAK_DBFS / 20) / peak, 10 ** (GAIN_MAX_DB / 20))
+        return float(min(10 ** (STROKE_DBFS / 20) / rms, 10 ** (GAIN_MAX_DB / 20)))
 
     @property
     def levels(self) -> str:

@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 from hapscene.errors import SwatchError
 from hapscene.scene.scene import Scene
-from hapscene.surface.swatch import Swatch, touched_with
+from hapscene.surface.swatch import Swatch
 from hapscene.swatches import library
 from hapscene.swatches.library import LibraryEntry, entry_of, load_swatch
 from hapscene.swatches.words import Phrase, phrases
@@ -63,6 +63,14 @@ class Card:
     def phrases(self) -> tuple[Phrase, ...]:
         """Words and figures that describe how the swatch feels."""
         return phrases(self.swatch)
+
+    @property
+    def words(self) -> Iterable[str]:
+        """Words of the phrases; those of the entry if the swatch cannot be loaded."""
+        try:
+            return [phrase.word for phrase in self.phrases]
+        except SwatchError:
+            return self.entry.words
 
     @property
     def albedo_rgb(self) -> tuple[float, float, float]:
@@ -129,33 +137,16 @@ def _loaded(source: str | Path, sha256: str) -> Swatch:
 def matching(cards: Iterable[Card], text: str) -> list[Card]:
     """The cards that match every term of a search, such as "wood", "friction<0.3" or "loud stiffness>=500".
 
-    A term is a word or a bound on a figure.
+    See `hapscene.swatches.library.search`; folder and phrases of a swatch are found like tags.
 
     Raises:
         SwatchError: a bound is malformed or names an unknown figure.
     """
     every = list(cards)
-    text = re.sub(r"\s*([<>]=?)\s*", r"\1", text)
-    bounds = [term for term in text.split() if set(term) & set("<>") or term.casefold().startswith(("tool:", "tip:"))]
-    terms = [term for term in text.split() if term not in bounds]
-    held = {id(entry) for entry in library.search([card.entry for card in every], bounds)}
-    return [card for card in every if id(card.entry) in held and all(_has(card, term.casefold()) for term in terms)]
-
-
-def _has(card: Card, word: str) -> bool:
-    """Whether a word is part of the name, starts a descriptive word, or equals a word of the metadata."""
-    try:
-        descriptions = [phrase.word for phrase in card.phrases]
-    except SwatchError:
-        descriptions = card.entry.words
-    if word in card.name.casefold() or any(token.startswith(word) for token in _tokens(*descriptions)):
-        return True
-    entry = card.entry
-    return word in _tokens(touched_with(entry), entry.provenance, entry.licence, card.folder, *entry.tags)
-
-
-def _tokens(*texts: str) -> list[str]:
-    return re.findall(r"\w+", " ".join(texts).casefold())
+    terms = re.sub(r"\s*([<>]=?)\s*", r"\1", text).split()
+    entries = [replace(card.entry, tags=(*card.entry.tags, card.folder, *card.words)) for card in every]
+    found = {entry.name for entry in library.search(entries, terms)}  # the names of cards are unique
+    return [card for card in every if card.name in found]
 
 
 @cache

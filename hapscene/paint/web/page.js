@@ -78,11 +78,12 @@ function onMessage(message) {
 function onSamples(buffer, received) {
   const kind = new Float32Array(buffer, 0, 1)[0];
   if (kind === 1) {
-    const [, tick_s, n, block] = new Float32Array(buffer, 0, 4);
-    const force = new Float32Array(buffer, 16, n), a = new Float32Array(buffer, 16 + 4 * n, n * block);
+    const [, tick_s, n, block, first, last] = new Float32Array(buffer, 0, 6);
+    const force = new Float32Array(buffer, 24, n), a = new Float32Array(buffer, 24 + 4 * n, n * block);
     trace.add(force, a, tick_s, block);
-    if (sound.monitor) sound.note(a);
-    else sound.stream(a, block / tick_s, received);
+    const played = a.map((v, i) => v * (first + (last - first) * i / a.length));
+    if (sound.monitor) sound.note(played);
+    else sound.stream(played, block / tick_s, received);
   } else if (kind === 2) {
     const [, rate, start, gain] = new Float32Array(buffer, 0, 4);
     const a = new Float32Array(buffer, 16);

@@ -72,9 +72,11 @@ class PageSocket:
         """Show a message on all pages; `kind` is "error" or ""."""
         self.send(say=text, kind=kind)
 
-    def trace(self, force_N: NDArray[Any], a_m_s2: NDArray[Any], tick_s: float) -> None:
-        """Plot and play touch: force (n,) [N] and acceleration (n, block) [m/s²]."""
-        head = (1.0, tick_s, len(force_N), a_m_s2.shape[1])
+    def trace(
+        self, force_N: NDArray[Any], a_m_s2: NDArray[Any], tick_s: float, gains: tuple[float, float] = (1.0, 1.0)
+    ) -> None:
+        """Plot and play touch: force (n,) [N] and acceleration (n, block) [m/s²], played with first to last gain."""
+        head = (1.0, tick_s, len(force_N), a_m_s2.shape[1], *gains)
         self._broadcast(np.concatenate((head, force_N, a_m_s2.ravel())).astype("<f4").tobytes())
 
     def sound(self, a_m_s2: NDArray[Any], rate_Hz: float, start: int, gain: float) -> None:

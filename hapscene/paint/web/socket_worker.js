@@ -13,8 +13,9 @@ function listen() {
       if (typeof data === "string") { postMessage({ text: data }); return; }
       const received = { count: ++count, at_ms: performance.timeOrigin + performance.now() };
       if (monitor && new Float32Array(data, 0, 1)[0] === 1) {
-        const [, tick_s, n, block] = new Float32Array(data, 0, 4);
-        monitor.postMessage({ a: new Float32Array(data, 16 + 4 * n, n * block), rate: block / tick_s, count });
+        const [, tick_s, n, block, first, last] = new Float32Array(data, 0, 6);
+        const a = new Float32Array(data, 24 + 4 * n, n * block).map((v, i) => v * (first + (last - first) * i / (n * block)));
+        monitor.postMessage({ a, rate: block / tick_s, count });
       }
       postMessage({ buffer: data, received }, [data]);
     };

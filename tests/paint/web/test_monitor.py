@@ -1,0 +1,45 @@
+"""Level at which the touch of the simulated hand is played."""
+
+import numpy as np
+import pytest
+
+import hapscene
+from hapscene.paint.web.monitor import RISE_S, Loudness
+from hapscene.surface.swatch import Swatch
+from hapscene.swatches.sound import FULL_SCALE_M_S2, swatch_sound
+
+BLOCK_S = 0.015
+COUNT = 150  # samples per block
+
+
+@pytest.mark.parametrize("name", ["wood", "leather", "epoxy", "paper"])
+def test_strokes_on_all_swatches_are_played_as_in_the_library(name: str) -> None:
+    swatch, loudness = hapscene.load_swatch(name), Loudness()
+    sound = swatch_sound(swatch)
+    stroke = sound.a_m_s2[sound.start :]
+    for start in range(0, len(stroke) - COUNT, COUNT):
+        block = stroke[start : start + COUNT].reshape(15, 10)
+        first, last = loudness.take(block, swatch, BLOCK_S)
+        assert np.abs(block).max() * max(first, last) <= FULL_SCALE_M_S2
+    assert abs(20 * np.log10(loudness.gain / sound.loudness_gain)) < 1.0
+    assert loudness.rms_m_s2 == pytest.approx(np.sqrt(np.mean(block**2)))
+
+
+def test_gain_is_continuous_and_returns_after_the_contact() -> None:
+    swatch, loudness, before = hapscene.load_swatch("leather"), Loudness(), 1.0
+    for touched in [swatch] * 100 + [None] * 100:
+        first, last = loudness.take(np.full((15, 10), 1e-3), touched, BLOCK_S)
+        assert first == before
+        before = last
+        assert abs(np.log(last / first)) <= np.log(100.0) * BLOCK_S / RISE_S
+    assert last == pytest.approx(1.0, rel=1e-3)
+
+
+def test_loud_tap_does_not_clip_and_a_silent_swatch_keeps_its_level() -> None:
+    loudness = Loudness()
+    loudness.gain = 100.0
+    tap = np.full((15, 10), 50.0)
+    assert max(loudness.take(tap, Swatch("bare"), BLOCK_S)) * 50.0 < FULL_SCALE_M_S2
+    for _ in range(100):
+        loudness.take(np.zeros((15, 10)), Swatch("bare"), BLOCK_S)
+    assert loudness.gain <= 1.0
