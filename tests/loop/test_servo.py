@@ -340,13 +340,24 @@ def test_binding_time_delays_no_tick(servo: VirtualServo, monkeypatch: pytest.Mo
     assert since.missed == 0 and since.delay_us(1.0) < 1000.0
 
 
-def test_order_counts_the_ticks_that_it_costs(servo: VirtualServo, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "order",
+    [
+        lambda servo: servo.repaint(make_scene()),
+        lambda servo: servo.add(trimesh.creation.box((0.02, 0.02, 0.02)), name="cube", unit="m", pose=np.eye(4)),
+        lambda servo: servo.remove("plate"),
+    ],
+    ids=["repaint", "add", "remove"],
+)
+def test_order_counts_the_ticks_that_it_costs(
+    servo: VirtualServo, monkeypatch: pytest.MonkeyPatch, order: Callable[[VirtualServo], object]
+) -> None:
     bind = servo_process.bound
     servo.start((0.0, 0.0, 0.01))
     servo.advance(10)
     before = servo.timing()
     monkeypatch.setattr(servo_process, "bound", lambda loop: (servo.clock.sleep_s(0.012), bind(loop))[1])
-    servo.repaint(make_scene())
+    order(servo)
     servo.advance(10)
     assert servo.timing().since(before).missed == pytest.approx(12, abs=1)
 
