@@ -46,14 +46,15 @@ class Export:
     beside: tuple[str, ...] = ()
 
 
-_ALWAYS = ("group names, colours and textures of the mesh file", "swatches of bodies before painting")
+_LOOK = "colours and textures of the mesh file"
+_ALWAYS = ("group names of the mesh file", "swatches of bodies before painting")
 _BLENDS = "blends of two swatches"
 _FINE = "paint of subdivided faces"
 _ATTACHED = "attached bodies"
-_PLY_LOSES = ("shared meshes", _ATTACHED, "texture of a swatch not in the library", _BLENDS, *_ALWAYS)
+_PLY_LOSES = ("shared meshes", _ATTACHED, "texture of a swatch not in the library", _BLENDS, _LOOK, *_ALWAYS)
 _GLTF_LOSES = ("exact positions", "order of vertices", "order of faces", *_ALWAYS)
 _PLAIN_LOSES = (
-    *("bodies and their names", "poses", "two-sided", "shared meshes", *_ALWAYS),
+    *("bodies and their names", "poses", "two-sided", "shared meshes", _LOOK, *_ALWAYS),
     *("paint with a swatch not in the library", "parameters of a swatch not in the library"),
     *("texture of a swatch not in the library", "unused swatches", _BLENDS, _ATTACHED),
 )
@@ -99,9 +100,8 @@ _HAS: Final[Mapping[str, Callable[[Scene], bool]]] = {
     _ATTACHED: lambda scene: any(body.parent is not None for body in scene.bodies),
     _BLENDS: lambda scene: any(body.fine is not None and parts(body.fine.paint)[2].any() for body in scene.bodies),
     _FINE: lambda scene: any(body.fine is not None for body in scene.bodies),
-    _ALWAYS[0]: lambda scene: any(
-        body.mesh.colour_rgb is not None or len(body.mesh.group_names) > 1 for body in scene.bodies
-    ),
+    _LOOK: lambda scene: any(body.mesh.colour_rgb is not None for body in scene.bodies),
+    _ALWAYS[0]: lambda scene: any(len(body.mesh.group_names) > 1 for body in scene.bodies),
     _ALWAYS[1]: lambda scene: any(body.made_of is not None for body in scene.bodies),
 }
 """Tests for properties of a scene that a format may lose; properties without a test are present in every scene."""

@@ -8,7 +8,8 @@ at the borders of the paint (see `hapscene.view.feel_layer`). They are for other
 
 The `extras`, which other programs preserve as custom properties, contain the data to restore the scene: on W the format
 version; on bodies the name, `two_sided` and the paint of subdivided faces; on materials the parameters of the swatch,
-the hash of its file, and the file itself (see `hapscene.exchange.swatch_payload`).
+the hash of its file, and the file itself (see `hapscene.exchange.swatch_payload`); and the name of the material of the
+mesh file, which is missing where a face wears the look of its swatch.
 
 glTF has no float64: positions are rounded to float32.
 """
@@ -39,13 +40,16 @@ from hapscene.view.body_triangles import corner_normals
 from hapscene.view.feel_layer import OPACITY, Show, box_uv, feel_layer, grain_of, has_look
 from hapscene.view.palette import linear
 
-__all__ = ["Z_UP", "look_glb", "picture_glb", "write_gltf"]
+__all__ = ["SOURCE", "Z_UP", "look_glb", "picture_glb", "write_gltf"]
 
 JPEG_QUALITY: Final = 92
 """Quality of pictures in JPEG, from 1 to 95 [1]: no visible artefacts, at a fifth of the size of PNG."""
 
 GLB_MAX_B: Final = 2**32 - 1
 """Maximum size of a GLB file [bytes]: the length field is a uint32."""
+
+SOURCE: Final = "source_material"
+"""Key in the extras of glTF materials with the appearance of a material of the mesh file: its name."""
 
 Z_UP: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 """Matrix of the node W by columns: it rotates z up to the y up of glTF."""
@@ -243,6 +247,8 @@ class _Writer:
             self.used.add(index)
             extras = {"hapscene_swatch": swatch.name, **swatch.own_numbers, "albedo_rgb": list(swatch.albedo_rgb)}
             extras["sha256"] = digest_of(swatch)
+            if source is not None:
+                extras[SOURCE] = source.name
             if len(text := swatch_to_json(swatch)) <= EMBEDDED_MAX:
                 extras["swatch_file"] = text
         elif overlay < 1.0 or soft:

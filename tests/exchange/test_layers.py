@@ -4,6 +4,7 @@ trimesh reads the files, and areas and distances are those of circles.
 """
 
 import io
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -116,6 +117,60 @@ def test_import_is_exact_for_all_layers(show: Any, disc: Scene, tmp_path: Path) 
     assert np.array_equal(again.fine.path, body.fine.path[mine])
     assert np.array_equal(again.fine.paint, body.fine.paint[mine])
     assert len(load_mesh(file).faces) == len(body.mesh.faces)  # a mesh for contact is without the feel over it
+
+
+@pytest.mark.parametrize("show", ["both", "look"])
+def test_look_is_read_again(show: Any, disc: Scene, tmp_path: Path) -> None:
+    """The faces that are read have the colours, texture coordinates and materials that they had in their own file."""
+    body = disc.bodies[0]
+    body.face_swatch[::2] = disc.swatch_index("wood")  # a material of the file on faces of two swatches
+    was = body.mesh
+    back = import_scene(export_scene(disc, tmp_path / "truck.glb", show=show)[0]).bodies[0].mesh
+    order = np.argsort(body.face_swatch, kind="stable")
+    assert was.uv is not None and back.uv is not None
+    np.testing.assert_allclose(back.uv, was.uv[order], rtol=0, atol=1e-6)
+    assert back.colour_rgb is not None and np.array_equal(back.colour_rgb, was.colour_rgb[order])
+    (one,), (other,) = back.materials, was.materials
+    assert back.material is not None and not back.material.any()
+    values = ("name", "colour", "metallic", "roughness", "emissive", "alpha", "cutoff", "two_sided")
+    assert [getattr(one, name) for name in values] == [getattr(other, name) for name in values]
+    assert list(one.textures) == list(other.textures)
+    for name, picture in one.textures.items():
+        assert np.array_equal(np.asarray(picture), np.asarray(other.textures[name]))
+
+
+def test_worn_look_is_not_read_as_a_look(tmp_path: Path) -> None:
+    scene = Scene()
+    scene.add(trimesh.creation.box((0.04, 0.03, 0.02)), unit="m", name="box", swatch="wood")
+    (box,) = import_scene(export_scene(scene, tmp_path / "box.glb")[0]).bodies
+    assert box.mesh.colour_rgb is None and not box.mesh.materials
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("materials.0.pbrMetallicRoughness.baseColorFactor", "red"),
+        ("materials.0.pbrMetallicRoughness.metallicFactor", [1]),
+        ("materials.0.pbrMetallicRoughness.baseColorTexture", {"index": 99}),
+        ("materials.0.pbrMetallicRoughness", 7),
+        ("textures.0", {}),
+        ("images.0", {"uri": "../secret.png"}),
+        ("images.0", {"bufferView": 0}),
+        ("images.0.bufferView", "all"),
+        ("meshes.0.primitives.0.attributes.TEXCOORD_0", -1),
+        ("accessors.2.type", "VEC3"),
+    ],
+)
+def test_damaged_look_is_left_out(path: str, value: Any, disc: Scene, tmp_path: Path) -> None:
+    file = export_scene(disc, tmp_path / "truck.gltf")[0]
+    tree = json.loads(file.read_text(encoding="utf-8"))
+    item, (*way, last) = tree, path.split(".")
+    for step in way:
+        item = item[int(step) if step.isdigit() else step]
+    item[int(last) if last.isdigit() else last] = value
+    file.write_text(json.dumps(tree), encoding="utf-8")
+    (again,) = import_scene(file).bodies
+    assert again.fine is not None and len(again.mesh.faces) == 12
 
 
 def test_damaged_texture_is_left_out(disc: Scene, tmp_path: Path) -> None:
