@@ -151,6 +151,7 @@ def export_scene(
     *,
     replace: bool = False,
     show: Show = "both",
+    cut: bool = False,
 ) -> list[Path]:
     """Export a painted scene. Each file is written completely or not at all.
 
@@ -161,6 +162,8 @@ def export_scene(
         replace: replace existing files, except meshes of the scene.
         show: layers that a glTF file shows: look, the materials of the mesh files; feel, the paint; or both, the paint
             over the materials. The paint is stored in any case.
+        cut: cut faces at painted borders in a glTF file, so that each face has one swatch, and show no layer over the
+            faces. Programs that paint faces, such as Blender, need this. The faces stay cut on import.
 
     Returns:
         The files that were written.
@@ -186,9 +189,10 @@ def export_scene(
         if file.exists() and not replace:
             raise SaveConflict(f"{file}: exists already; choose another name, or replace it")
     if name in ("glb", "gltf"):
-        return write_gltf(scene, path, show)
-    if show != "both":
-        raise SceneError(f"{path}: format {name} has no layers to show: export to .glb, or omit show={show!r}")
+        return write_gltf(scene, path, show, cut)
+    if show != "both" or cut:
+        option = "cut=True" if cut else f"show={show!r}"
+        raise SceneError(f"{path}: format {name} has no layers to show: export to .glb, or omit {option}")
     return EXPORTS[name].write(scene, path)
 
 

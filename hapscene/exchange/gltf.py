@@ -18,6 +18,7 @@ import base64
 import io
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -27,6 +28,7 @@ from numpy.typing import NDArray
 
 from hapscene import __version__
 from hapscene.errors import SceneError
+from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.swatch_payload import EMBEDDED_MAX, VERSION, digest_of, fine_to_json, groups_of
 from hapscene.io.files import write_whole
 from hapscene.scene.body import Body
@@ -61,20 +63,21 @@ FLOAT, UINT32 = 5126, 5125  # component types of glTF
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of glTF
 
 
-def write_gltf(scene: Scene, path: Path, show: Show = "both") -> list[Path]:
+def write_gltf(scene: Scene, path: Path, show: Show = "both", cut: bool = False) -> list[Path]:
     """Write a scene as GLB or glTF, depending on the suffix.
 
     Args:
         scene: scene with at least one body.
         path: the file, .glb or .gltf.
         show: visible layers; the paint is stored in any case.
+        cut: see `hapscene.exchange.export_scene`.
 
     Raises:
         SceneError: the scene is too large for GLB, or the file cannot be written.
     """
-    writer = _Writer(scene, show)
+    writer = _Writer(scene, "look" if cut else show)
     for body in scene.bodies:
-        writer.add_body(body)
+        writer.add_body(_cut(body) if cut else body)
     writer.add_unused()
     blob = b"".join(writer.chunks)
     if path.suffix.lower() == ".glb":
@@ -85,6 +88,21 @@ def write_gltf(scene: Scene, path: Path, show: Show = "both") -> list[Path]:
         content = json.dumps(writer.tree, ensure_ascii=False, allow_nan=False).encode()
     write_whole(path, content, SceneError)
     return [path]
+
+
+def _cut(body: Body) -> Body:
+    """Return a body whose faces are cut at the borders of its paint, so that each has one swatch."""
+    if body.fine is None:
+        return body
+    cut, mesh = cut_faces(body), body.mesh
+    look: dict[str, Any] = {
+        "colour_rgb": None if mesh.colour_rgb is None else mesh.colour_rgb[cut.face],
+        "uv": None if mesh.uv is None else cut.corners(mesh.uv, np.arange(len(cut.face))),
+        "materials": mesh.materials,
+        "material": None if mesh.material is None else mesh.material[cut.face],
+    }
+    pieces = Mesh(cut.vertices_m, cut.faces.astype(np.int32), **look)
+    return replace(body, mesh=pieces, face_swatch=cut.swatch.astype(np.int16), fine=None)
 
 
 def look_glb(mesh: Mesh, two_sided: bool) -> bytes:

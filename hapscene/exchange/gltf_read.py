@@ -402,27 +402,23 @@ class _Reader:
 
     def look(self, index: int) -> Any:
         """Return the material of the mesh file as one of trimesh; None for faces that wear the look of their swatch."""
+        from trimesh.visual.material import PBRMaterial
+
         found = self.item("materials", index) if index >= 0 else {}
         extras = extras_of(found)
         if index < 0 or ("hapscene_swatch" in extras and SOURCE not in extras):
             return None
-        found |= {"name": extras.get(SOURCE, found.get("name")), "extras": None}
-        key = json.dumps(found, sort_keys=True)
-        if key not in self.looks:
-            self.looks[key] = self.trimesh_material(found)
-        return self.looks[key]
-
-    def trimesh_material(self, found: dict[str, Any]) -> Any:
-        from trimesh.visual.material import PBRMaterial
-
-        made: Any = PBRMaterial
         base = found.get("pbrMetallicRoughness")
-        values = found | (base if isinstance(base, dict) else {})
-        pictures = {name: self.picture(values.pop(name, None)) for name in TEXTURES}
-        try:
-            return made(**{name: value for name, value in values.items() if name in _VALUES}, **pictures)
-        except Exception:  # numbers from an untrusted file
-            return None
+        found |= {"name": extras.get(SOURCE, found.get("name"))} | (base if isinstance(base, dict) else {})
+        values = {name: value for name, value in found.items() if name in _VALUES}
+        pictures = {name: self.picture(found.get(name)) for name in TEXTURES}
+        key = json.dumps([values, list(map(id, pictures.values()))], sort_keys=True)  # once for all swatches
+        if key not in self.looks:
+            made: Any = PBRMaterial
+            self.looks[key] = None
+            with contextlib.suppress(Exception):  # numbers from an untrusted file
+                self.looks[key] = made(**values, **pictures)
+        return self.looks[key]
 
     def picture(self, texture: Any) -> Any:
         """Return the picture (PIL image, not yet decoded) of a texture; None if it is missing or damaged."""
@@ -442,7 +438,7 @@ class _Reader:
             return _embedded(self.path, uri) if uri.startswith("data:") else bytes(self.files.get(uri))
         view = self.item("bufferViews", image["bufferView"])
         start, blob = view.get("byteOffset", 0), self.blobs[view.get("buffer", 0)]
-        return blob[start : start + view["byteLength"]]
+        return bytes(blob[start : start + view["byteLength"]])
 
     def swatches_named(self) -> list[Swatch | str]:
         """Return all swatches that hapscene wrote, including unused ones."""
