@@ -109,17 +109,17 @@ def import_layer(context, path):
     """Import a file; return a warning for each body that has finer paint than its faces."""
     before = set(bpy.data.objects)
     bpy.ops.import_scene.gltf(filepath=str(path))
-    made = [thing for thing in bpy.data.objects if thing not in before]
-    for thing in [thing for thing in made if thing.type == "MESH" and OVERLAY in thing.data]:
-        made.remove(thing)
-        bpy.data.objects.remove(thing)
+    made = [item for item in bpy.data.objects if item not in before]
+    for item in [item for item in made if item.type == "MESH" and OVERLAY in item.data]:
+        made.remove(item)
+        bpy.data.objects.remove(item)
     for extras in swatches_of(path):
         add_swatch(context, extras[SWATCH], extras.get(ALBEDO, PLAIN_RGB))
         keep_swatch(extras)
     add_swatch(context, PLAIN, PLAIN_RGB)
     warnings = []
-    for body in [thing for thing in made if BODY in thing]:
-        pieces = [thing for thing in body.children if thing.type == "MESH"]
+    for body in [item for item in made if BODY in item]:
+        pieces = [item for item in body.children if item.type == "MESH"]
         if pieces:
             show_layer(context, joined(context, pieces, body[BODY]))
         if FINE in body:  # it belongs to the faces of the file, which may now be painted otherwise
@@ -140,10 +140,10 @@ def joined(context, pieces, name):
     return pieces[0]
 
 
-def show_layer(context, thing):
+def show_layer(context, item):
     """Add the colour attribute, with the swatch of the material of each face."""
-    mesh, known = thing.data, palette(context)
-    materials = [slot.material for slot in thing.material_slots] or [None]
+    mesh, known = item.data, palette(context)
+    materials = [slot.material for slot in item.material_slots] or [None]
     names = [PLAIN if material is None else material.get(SWATCH, PLAIN) for material in materials]
     slot, count = (np.zeros(len(mesh.polygons), np.int32) for _ in range(2))
     mesh.polygons.foreach_get("material_index", slot)
@@ -161,19 +161,19 @@ def show_layer(context, thing):
 def export_layer(context, path):
     """Export all objects; meshes with the attribute get a material for each swatch in the file, not in Blender."""
     path, known = Path(path), palette(context)
-    painted = [thing for thing in context.scene.objects if thing.type == "MESH" and LAYER in thing.data.attributes]
-    originals, materials = [thing.data for thing in painted], set(bpy.data.materials)
+    painted = [item for item in context.scene.objects if item.type == "MESH" and LAYER in item.data.attributes]
+    originals, materials = [item.data for item in painted], set(bpy.data.materials)
     made = {}
     try:
-        for thing in painted:
-            thing.data = thing.data.copy()
-            store_layer(thing.data, known, made)
+        for item in painted:
+            item.data = item.data.copy()
+            store_layer(item.data, known, made)
         kind = "GLB" if path.suffix.lower() == ".glb" else "GLTF_EMBEDDED"
         bpy.ops.export_scene.gltf(filepath=str(path), export_format=kind, export_extras=True)
     finally:
-        for thing, original in zip(painted, originals, strict=True):
-            if thing.data is not original:
-                copy, thing.data = thing.data, original
+        for item, original in zip(painted, originals, strict=True):
+            if item.data is not original:
+                copy, item.data = item.data, original
                 bpy.data.meshes.remove(copy)
         for material in set(bpy.data.materials) - materials:
             bpy.data.materials.remove(material)

@@ -229,7 +229,8 @@ def convert(
         print_files(save_picture(scene, body_with_uv(scene, body), target))
     else:
         print_files(export_scene(scene, target, name, replace=replace, show=show, cut=cut))
-        print("not read again from this format: " + ("; ".join(losses(scene, name)) or "nothing; all data is kept"))
+        lost = (*losses(scene, name), *(["faces before they were cut"] if cut else []))
+        print("not read again from this format: " + ("; ".join(lost) or "nothing; all data is kept"))
 
 
 def _save(scene: "Scene", source: str, target: Path) -> None:

@@ -139,6 +139,22 @@ def test_look_is_read_again(show: Any, disc: Scene, tmp_path: Path) -> None:
         assert np.array_equal(np.asarray(picture), np.asarray(other.textures[name]))
 
 
+def test_cut_faces_have_paint_and_look(disc: Scene, tmp_path: Path) -> None:
+    """Each face has one swatch; its part of the texture is as large as on the box, where 120 mm are one tile."""
+    file = export_scene(disc, tmp_path / "truck.glb", cut=True)[0]
+    assert not any(name.startswith("feel") for name in _read(file))
+    (body,) = import_scene(file).bodies
+    area_m2 = trimesh.triangles.area(body.mesh.triangles_m)
+    leather = body.face_swatch == 1
+    assert body.fine is None and len(leather) > 12
+    assert area_m2[leather].sum() == pytest.approx(np.pi * RADIUS_M**2, rel=2 * RESOLUTION_M / RADIUS_M)
+    assert body.mesh.uv is not None and body.mesh.material is not None and not body.mesh.material.any()
+    u, v = np.moveaxis(np.diff(body.mesh.uv.astype(float), axis=1), 2, 0)
+    np.testing.assert_allclose(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2 * 0.12**2, area_m2, atol=1e-9)
+    with pytest.raises(SceneError, match="truck"):
+        export_scene(disc, tmp_path / "truck.ply", cut=True)
+
+
 def test_worn_look_is_not_read_as_a_look(tmp_path: Path) -> None:
     scene = Scene()
     scene.add(trimesh.creation.box((0.04, 0.03, 0.02)), unit="m", name="box", swatch="wood")

@@ -50,10 +50,10 @@ print("REPORT", json.dumps(report))
 
 
 IMPORT = """
-for thing in list(bpy.data.objects):
-    bpy.data.objects.remove(thing)
+for item in list(bpy.data.objects):
+    bpy.data.objects.remove(item)
 bpy.ops.import_scene.haptic_layer(filepath=paths[0])
-bodies = {thing.parent["hapscene_body"]: thing for thing in bpy.data.objects if thing.type == "MESH"}
+bodies = {item.parent["hapscene_body"]: item for item in bpy.data.objects if item.type == "MESH"}
 known = {name: list(colour) for name, colour in bpy.context.scene["hapscene_swatches"].items()}
 report |= {"bodies": sorted(bodies), "swatches": known}
 
@@ -81,11 +81,11 @@ def paint(mesh, faces, rgb):
 """
 
 EXPORT = """
-materials, before = len(bpy.data.materials), {name: len(thing.data.materials) for name, thing in bodies.items()}
+materials, before = len(bpy.data.materials), {name: len(item.data.materials) for name, item in bodies.items()}
 bpy.ops.export_scene.haptic_layer(filepath=paths[1])
-assert all("haptics" in thing.data.attributes for thing in bodies.values())
+assert all("haptics" in item.data.attributes for item in bodies.values())
 assert len(bpy.data.materials) == materials
-assert before == {name: len(thing.data.materials) for name, thing in bodies.items()}
+assert before == {name: len(item.data.materials) for name, item in bodies.items()}
 """
 
 
@@ -140,7 +140,7 @@ paint(box, [face for face in box.polygons if in_body(face.normal)[1] > 0.9], kno
     assert sorted(report["swatches"]) == ["leather", "mine", "plain", "wood"] and report["fake"] == ["leather"]
     for name in ("wood", "leather"):
         assert report["swatches"][name] == pytest.approx(load_swatch(name).albedo_rgb, abs=1e-12)
-    assert np.abs(np.subtract(report["rough"], report["swatches"]["mine"])).max() > 0.04  # told apart
+    assert np.abs(np.subtract(report["rough"], report["swatches"]["mine"])).max() > 0.04  # distinct
     assert report["disc_m2"] == pytest.approx(disc_m2, rel=2 * RESOLUTION_M / RADIUS_M)
 
     back = import_scene(painted)
