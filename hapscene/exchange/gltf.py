@@ -15,7 +15,6 @@ glTF has no float64: positions are rounded to float32.
 """
 
 import base64
-import io
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,7 +31,7 @@ from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.swatch_payload import EMBEDDED_MAX, VERSION, digest_of, fine_to_json, groups_of
 from hapscene.io.files import write_whole
 from hapscene.scene.body import Body
-from hapscene.scene.material import Material
+from hapscene.scene.material import Material, picture_file
 from hapscene.scene.mesh import OVERLAY, Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
@@ -43,9 +42,6 @@ from hapscene.view.feel_layer import OPACITY, Show, box_uv, feel_layer, grain_of
 from hapscene.view.palette import linear
 
 __all__ = ["SOURCE", "Z_UP", "look_glb", "picture_glb", "write_gltf"]
-
-JPEG_QUALITY: Final = 92
-"""Quality of pictures in JPEG, from 1 to 95 [1]: no visible artefacts, at a fifth of the size of PNG."""
 
 GLB_MAX_B: Final = 2**32 - 1
 """Maximum size of a GLB file [bytes]: the length field is a uint32."""
@@ -296,7 +292,7 @@ class _Writer:
         found: dict[str, Any] = {"pbrMetallicRoughness": look}
         for key, picture in material.textures.items():
             try:
-                texture = self.add_texture(id(picture), partial(_encoded, picture))
+                texture = self.add_texture(id(picture), partial(picture_file, picture))
             except Exception:  # a damaged picture must not prevent the export
                 continue
             (look if key in ("baseColorTexture", "metallicRoughnessTexture") else found)[key] = texture
@@ -311,12 +307,12 @@ class _Writer:
         from PIL import Image
 
         picture = Image.fromarray(np.rint(255 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8))
-        return self.add_texture(key, partial(_encoded, picture, "JPEG"))
+        return self.add_texture(key, partial(picture_file, picture, "JPEG"))
 
     def add_texture(self, key: Any, encoded: Callable[[], tuple[bytes, str]]) -> dict[str, int]:
         if key not in self.textures:
             content, kind = encoded()
-            image = self.add("images", {"bufferView": self.add_view(content), "mimeType": kind})
+            image = self.add("images", {"bufferView": self.add_view(content), "mimeType": f"image/{kind.lower()}"})
             self.textures[key] = self.add("textures", {"source": image})
         return {"index": self.textures[key]}
 
@@ -365,15 +361,6 @@ class _Writer:
         self.chunks += [data, bytes(-len(data) % 4)]
         self.size += len(data) + -len(data) % 4
         return self.add("bufferViews", view)
-
-
-def _encoded(picture: Any, kind: str = "") -> tuple[bytes, str]:
-    """Return the content of a picture file and its type; a picture from a JPEG file stays JPEG."""
-    kind, content = kind or ("JPEG" if picture.format == "JPEG" else "PNG"), io.BytesIO()
-    if picture.mode not in ("RGB", "L", *(("RGBA", "LA", "P", "1") if kind == "PNG" else ())):
-        picture = picture.convert("RGB" if kind == "JPEG" else "RGBA")
-    picture.save(content, kind, **({"quality": JPEG_QUALITY} if kind == "JPEG" else {}))
-    return content.getvalue(), f"image/{kind.lower()}"
 
 
 def _glb(tree: dict[str, Any], blob: bytes, path: Path) -> bytes:

@@ -8,7 +8,6 @@ become bodies. Materials, textures and colours are for display only: what is dam
 import base64
 import binascii
 import contextlib
-import io
 import itertools
 import json
 from dataclasses import dataclass, field, replace
@@ -32,7 +31,7 @@ from hapscene.exchange.swatch_payload import (
 from hapscene.geometry import RIGID_TOLERANCE, rotation_of
 from hapscene.io.files import read_bytes, refusing
 from hapscene.scene.gltf_check import items_of, parse_gltf
-from hapscene.scene.material import TEXTURES, Material
+from hapscene.scene.material import TEXTURES, Material, open_picture
 from hapscene.scene.mesh import FACE_MAX, OVERLAY, UNNAMED, Mesh, Part, merged, part_of
 from hapscene.scene.mesh_file import FILE_MAX_B
 from hapscene.scene.resource_resolver import FolderResources
@@ -422,12 +421,10 @@ class _Reader:
 
     def picture(self, texture: Any) -> Any:
         """Return the picture (PIL image, not yet decoded) of a texture; None if it is missing or damaged."""
-        from PIL import Image
-
         try:
             index = self.item("textures", texture["index"])["source"]
             if index not in self.pictures:
-                self.pictures[index] = Image.open(io.BytesIO(self.picture_file(self.item("images", index))))
+                self.pictures[index] = open_picture(self.picture_file(self.item("images", index)))
             return self.pictures[index]
         except Exception:  # PIL raises many classes for damaged pictures
             return None

@@ -5,6 +5,7 @@ trimesh reads the files, and areas and distances are those of circles.
 
 import io
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,9 @@ from hapscene.errors import SceneError
 from hapscene.exchange import export_scene, import_scene
 from hapscene.exchange.cut_faces import cut_faces
 from hapscene.scene.mesh_file import load_mesh
+from hapscene.scene.ply import save_mesh
 from hapscene.scene.region import Sphere
-from hapscene.scene.scene import Scene
+from hapscene.scene.scene import Scene, load_scene
 
 RADIUS_M = 0.025
 RESOLUTION_M = 5e-4
@@ -153,6 +155,40 @@ def test_cut_faces_have_paint_and_look(disc: Scene, tmp_path: Path) -> None:
     np.testing.assert_allclose(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2 * 0.12**2, area_m2, atol=1e-9)
     with pytest.raises(SceneError, match="truck"):
         export_scene(disc, tmp_path / "truck.ply", cut=True)
+
+
+def test_look_is_in_saved_scenes(disc: Scene, tmp_path: Path) -> None:
+    """A scene from a GLB is saved with meshes beside it, which have the look, too."""
+    scene = import_scene(export_scene(disc, tmp_path / "truck.glb")[0])
+    scene.save(tmp_path / "truck.scene.json")
+    files = sorted(tmp_path.iterdir())
+    back = load_scene(tmp_path / "truck.scene.json")
+    was, now = scene.bodies[0].mesh, back.bodies[0].mesh
+    assert was.uv is not None and now.uv is not None and np.array_equal(now.uv, was.uv)
+    assert was.material is not None and now.material is not None and np.array_equal(now.material, was.material)
+    (one,), (other,) = now.materials, was.materials
+    assert one.numbers == other.numbers
+    for name, picture in other.textures.items():
+        assert np.array_equal(np.asarray(one.textures[name]), np.asarray(picture))
+    now = replace(now, path=None)
+    back.bodies[0].mesh = now
+    back.save(tmp_path / "truck.scene.json")
+    assert sorted(tmp_path.iterdir()) == files  # the same content: pictures are not compressed again
+
+
+@pytest.mark.parametrize(
+    "damage", [b'"textures": {"baseColorTexture": [0, 9]}', b'"textures": 7', b'"alphaCutoff": "x"']
+)
+def test_damaged_look_in_a_saved_mesh_is_left_out(damage: bytes, disc: Scene, tmp_path: Path) -> None:
+    file = tmp_path / "box.ply"
+    save_mesh(disc.bodies[0].mesh, file)
+    key = damage.partition(b":")[0]
+    content, count = re.subn(re.escape(key) + rb": (\{[^}]*\}|[^,}]*)", damage, file.read_bytes(), count=1)
+    assert count == 1
+    file.write_bytes(content)
+    mesh = load_mesh(file, "m")
+    assert mesh.digest == disc.bodies[0].mesh.digest
+    assert all(not material.textures for material in mesh.materials)
 
 
 def test_worn_look_is_not_read_as_a_look(tmp_path: Path) -> None:
