@@ -47,26 +47,23 @@ def mesh_to_ply(mesh: Mesh) -> bytes:
     lines += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
     fields: list[Any] = [("count", "u1"), ("corners", "<i4", 3), ("group", "<i2")]
     lines += ["property short group"]
-    if mesh.colour_rgb is not None:
-        fields += [("rgb", "u1", 3)]
-        lines += [f"property uchar {colour}" for colour in ("red", "green", "blue")]
-    if mesh.uv is not None:
-        fields += [("uv", "<f4", (3, 2))]
-        lines += [f"property float {name}" for name in _UV]
+    columns: list[tuple[Any, str, str, tuple[str, ...]]] = [
+        (mesh.colour_rgb, "u1", "uchar", ("red", "green", "blue")),
+        (mesh.uv, "<f4", "float", _UV),
+        (mesh.material, "<i2", "short", ("material",)),
+    ]
+    columns = [column for column in columns if column[0] is not None]
+    for _, dtype, kind, names in columns:
+        fields += [(names[0], dtype, (len(names),))]
+        lines += [f"property {kind} {name}" for name in names]
     pictures = b""
     if mesh.material is not None:
-        fields += [("material", "<i2")]
-        lines += ["property short material"]
         more, pictures = _materials(mesh)
         lines += [*more, f"element picture {len(pictures)}", "property uchar byte"]
     faces = np.zeros(len(mesh.faces), fields)
     faces["count"], faces["corners"], faces["group"] = 3, mesh.faces, mesh.group
-    if mesh.colour_rgb is not None:
-        faces["rgb"] = mesh.colour_rgb
-    if mesh.uv is not None:
-        faces["uv"] = mesh.uv
-    if mesh.material is not None:
-        faces["material"] = mesh.material
+    for values, *_, names in columns:
+        faces[names[0]] = values.reshape(len(faces), len(names))
     header = "\n".join([*lines, "end_header", ""]).encode(errors="replace")
     return header + np.ascontiguousarray(mesh.vertices_m, "<f8").tobytes() + faces.tobytes() + pictures
 
