@@ -182,6 +182,7 @@ def convert(
     replace: Annotated[bool, Help("Replace the target if it exists")] = False,
     body: Annotated[str | None, Help("Body to draw as .png, if several have texture coordinates")] = None,
     show: Annotated[ShowLayers, Help("Layers shown by .glb: materials of the meshes, paint, or both")] = "both",
+    cut: Annotated[bool, Help("Cut faces at painted borders in .glb, to paint on in Blender")] = False,
     read: ReadOptions = ReadOptions(),
 ) -> None:
     """Convert a painted scene to or from the format of another program.
@@ -227,8 +228,9 @@ def convert(
 
         print_files(save_picture(scene, body_with_uv(scene, body), target))
     else:
-        print_files(export_scene(scene, target, name, replace=replace, show=show))
-        print("not read again from this format: " + ("; ".join(losses(scene, name)) or "nothing; all data is kept"))
+        print_files(export_scene(scene, target, name, replace=replace, show=show, cut=cut))
+        lost = (*losses(scene, name), *(["faces before they were cut"] if cut else []))
+        print("not read again from this format: " + ("; ".join(lost) or "nothing; all data is kept"))
 
 
 def _save(scene: "Scene", source: str, target: Path) -> None:

@@ -324,7 +324,7 @@ def _lead_out(world: "World", index: int) -> None:
             return
         drop_planes_of(proxy, index)
         _hold_by(world, index, found, side)
-        proxy.flags |= _RESET
+        proxy.moving_flags |= _RESET
         proxy.placed = 1  # a ball makes room for itself
         p = q
         for i in range(3):

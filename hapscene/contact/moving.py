@@ -49,10 +49,10 @@ def place_bodies(
 
     In the first tick after a reset, and where `teleported` (m,) is not 0, a body appears at its pose without motion;
     `teleported` is then set to 0. A pose that is not finite, or not a rotation and a translation, is ignored and
-    reported in `world.proxy[0].flags`: the body stays at its last pose. Returns no flags.
+    reported in `world.proxy[0].moving_flags`: the body stays at its last pose. Returns no flags.
     """
     proxy, moved = world.proxy[0], world.moved
-    proxy.flags = 0
+    proxy.moving_flags = 0
     if len(world.ball) > 0:
         world.ball[0].count = 0  # planes around a tip with a radius hold for resting bodies only
     last = moved[0]
@@ -66,7 +66,7 @@ def place_bodies(
             for i in range(3):
                 body.p_WB_m[i] -= body.shift_W_m[i]
         if not _set_pose(body, X_WB[k, m]):
-            proxy.flags |= _REFUSED
+            proxy.moving_flags |= _REFUSED
         body.moved = 1
         if fresh == 1 or teleported[m] != 0:
             _stop(body)

@@ -125,7 +125,7 @@ PROXY: Final = np.dtype(
         ("near_flags", "i8"),  # `CROWDED` if there were more than the limit; `TOOL_FAR`
         ("far_m", "f8"),  # distance from all bodies beyond which the device position is reported
         ("placed", "i8"),  # 1 if the proxy was placed since the last tick
-        ("flags", "i8"),  # flags of this tick about moving and deforming bodies
+        ("moving_flags", "i8"),  # flags of this tick about moving and deforming bodies
         ("enclosing", "i8"),  # 1 + index of a one-sided body inside which the proxy was placed, 0 for none
         ("reshaped", "i8"),  # 1 + index of the first deforming body, 0 for none
         ("puncture_count", "i8"),  # length of `punctured`

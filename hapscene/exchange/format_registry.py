@@ -46,14 +46,15 @@ class Export:
     beside: tuple[str, ...] = ()
 
 
-_ALWAYS = ("group names, colours and textures of the mesh file", "swatches of bodies before painting")
+_LOOK = "colours and textures of the mesh file"
+_ALWAYS = ("group names of the mesh file", "swatches of bodies before painting")
 _BLENDS = "blends of two swatches"
 _FINE = "paint of subdivided faces"
 _ATTACHED = "attached bodies"
-_PLY_LOSES = ("shared meshes", _ATTACHED, "texture of a swatch not in the library", _BLENDS, *_ALWAYS)
+_PLY_LOSES = ("shared meshes", _ATTACHED, "texture of a swatch not in the library", _BLENDS, _LOOK, *_ALWAYS)
 _GLTF_LOSES = ("exact positions", "order of vertices", "order of faces", *_ALWAYS)
 _PLAIN_LOSES = (
-    *("bodies and their names", "poses", "two-sided", "shared meshes", *_ALWAYS),
+    *("bodies and their names", "poses", "two-sided", "shared meshes", _LOOK, *_ALWAYS),
     *("paint with a swatch not in the library", "parameters of a swatch not in the library"),
     *("texture of a swatch not in the library", "unused swatches", _BLENDS, _ATTACHED),
 )
@@ -99,9 +100,8 @@ _HAS: Final[Mapping[str, Callable[[Scene], bool]]] = {
     _ATTACHED: lambda scene: any(body.parent is not None for body in scene.bodies),
     _BLENDS: lambda scene: any(body.fine is not None and parts(body.fine.paint)[2].any() for body in scene.bodies),
     _FINE: lambda scene: any(body.fine is not None for body in scene.bodies),
-    _ALWAYS[0]: lambda scene: any(
-        body.mesh.colour_rgb is not None or len(body.mesh.group_names) > 1 for body in scene.bodies
-    ),
+    _LOOK: lambda scene: any(body.mesh.colour_rgb is not None for body in scene.bodies),
+    _ALWAYS[0]: lambda scene: any(len(body.mesh.group_names) > 1 for body in scene.bodies),
     _ALWAYS[1]: lambda scene: any(body.made_of is not None for body in scene.bodies),
 }
 """Tests for properties of a scene that a format may lose; properties without a test are present in every scene."""
@@ -151,6 +151,7 @@ def export_scene(
     *,
     replace: bool = False,
     show: Show = "both",
+    cut: bool = False,
 ) -> list[Path]:
     """Export a painted scene. Each file is written completely or not at all.
 
@@ -161,6 +162,8 @@ def export_scene(
         replace: replace existing files, except meshes of the scene.
         show: layers that a glTF file shows: look, the materials of the mesh files; feel, the paint; or both, the paint
             over the materials. The paint is stored in any case.
+        cut: cut faces at painted borders in a glTF file, so that each face has one swatch, and show no layer over the
+            faces. Programs that paint faces, such as Blender, need this. The faces stay cut on import.
 
     Returns:
         The files that were written.
@@ -186,9 +189,10 @@ def export_scene(
         if file.exists() and not replace:
             raise SaveConflict(f"{file}: exists already; choose another name, or replace it")
     if name in ("glb", "gltf"):
-        return write_gltf(scene, path, show)
-    if show != "both":
-        raise SceneError(f"{path}: format {name} has no layers to show: export to .glb, or omit show={show!r}")
+        return write_gltf(scene, path, show, cut)
+    if show != "both" or cut:
+        option = "cut=True" if cut else f"show={show!r}"
+        raise SceneError(f"{path}: format {name} has no layers to show: export to .glb, or omit {option}")
     return EXPORTS[name].write(scene, path)
 
 

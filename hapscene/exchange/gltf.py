@@ -8,15 +8,16 @@ at the borders of the paint (see `hapscene.view.feel_layer`). They are for other
 
 The `extras`, which other programs preserve as custom properties, contain the data to restore the scene: on W the format
 version; on bodies the name, `two_sided` and the paint of subdivided faces; on materials the parameters of the swatch,
-the hash of its file, and the file itself (see `hapscene.exchange.swatch_payload`).
+the hash of its file, and the file itself (see `hapscene.exchange.swatch_payload`); and the name of the material of the
+mesh file, which is missing where a face wears the look of its swatch.
 
 glTF has no float64: positions are rounded to float32.
 """
 
 import base64
-import io
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -26,10 +27,11 @@ from numpy.typing import NDArray
 
 from hapscene import __version__
 from hapscene.errors import SceneError
+from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.swatch_payload import EMBEDDED_MAX, VERSION, digest_of, fine_to_json, groups_of
 from hapscene.io.files import Json, write_whole
 from hapscene.scene.body import Body
-from hapscene.scene.material import Material
+from hapscene.scene.material import Material, picture_file
 from hapscene.scene.mesh import OVERLAY, Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
@@ -39,13 +41,13 @@ from hapscene.view.body_triangles import corner_normals
 from hapscene.view.feel_layer import OPACITY, Show, box_uv, feel_layer, grain_of, has_look
 from hapscene.view.palette import linear
 
-__all__ = ["Z_UP", "look_glb", "picture_glb", "write_gltf"]
-
-JPEG_QUALITY: Final = 92
-"""Quality of pictures in JPEG, from 1 to 95 [1]: no visible artefacts, at a fifth of the size of PNG."""
+__all__ = ["SOURCE", "Z_UP", "look_glb", "picture_glb", "write_gltf"]
 
 GLB_MAX_B: Final = 2**32 - 1
 """Maximum size of a GLB file [bytes]: the length field is a uint32."""
+
+SOURCE: Final = "source_material"
+"""Key in the extras of glTF materials with the appearance of a material of the mesh file: its name."""
 
 Z_UP: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 """Matrix of the node W by columns: it rotates z up to the y up of glTF."""
@@ -57,20 +59,21 @@ FLOAT, UINT32 = 5126, 5125  # component types of glTF
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of glTF
 
 
-def write_gltf(scene: Scene, path: Path, show: Show = "both") -> list[Path]:
+def write_gltf(scene: Scene, path: Path, show: Show = "both", cut: bool = False) -> list[Path]:
     """Write a scene as GLB or glTF, depending on the suffix.
 
     Args:
         scene: scene with at least one body.
         path: the file, .glb or .gltf.
         show: visible layers; the paint is stored in any case.
+        cut: see `hapscene.exchange.export_scene`.
 
     Raises:
         SceneError: the scene is too large for GLB, or the file cannot be written.
     """
-    writer = _Writer(scene, show)
+    writer = _Writer(scene, "look" if cut else show)
     for body in scene.bodies:
-        writer.add_body(body)
+        writer.add_body(_cut(body) if cut else body)
     writer.add_unused()
     blob = b"".join(writer.chunks)
     if path.suffix.lower() == ".glb":
@@ -81,6 +84,21 @@ def write_gltf(scene: Scene, path: Path, show: Show = "both") -> list[Path]:
         content = json.dumps(writer.tree, ensure_ascii=False, allow_nan=False).encode()
     write_whole(path, content, SceneError)
     return [path]
+
+
+def _cut(body: Body) -> Body:
+    """Return a body whose faces are cut at the borders of its paint, so that each has one swatch."""
+    if body.fine is None:
+        return body
+    cut, mesh = cut_faces(body), body.mesh
+    look: dict[str, Any] = {
+        "colour_rgb": None if mesh.colour_rgb is None else mesh.colour_rgb[cut.face],
+        "uv": None if mesh.uv is None else cut.corners(mesh.uv, np.arange(len(cut.face))),
+        "materials": mesh.materials,
+        "material": None if mesh.material is None else mesh.material[cut.face],
+    }
+    pieces = Mesh(cut.vertices_m, cut.faces.astype(np.int32), **look)
+    return replace(body, mesh=pieces, face_swatch=cut.swatch.astype(np.int16), fine=None)
 
 
 def look_glb(mesh: Mesh, two_sided: bool) -> bytes:
@@ -243,6 +261,8 @@ class _Writer:
             self.used.add(index)
             extras = {"hapscene_swatch": swatch.name, **swatch.own_numbers, "albedo_rgb": list(swatch.albedo_rgb)}
             extras["sha256"] = digest_of(swatch)
+            if source is not None:
+                extras[SOURCE] = source.name
             if len(text := swatch_to_json(swatch)) <= EMBEDDED_MAX:
                 extras["swatch_file"] = text
         elif overlay < 1.0 or soft:
@@ -272,7 +292,7 @@ class _Writer:
         found: dict[str, Json] = {"pbrMetallicRoughness": look}
         for key, picture in material.textures.items():
             try:
-                texture = self.add_texture(id(picture), partial(_encoded, picture))
+                texture = self.add_texture(id(picture), partial(picture_file, picture))
             except Exception:  # a damaged picture must not prevent the export
                 continue
             (look if key in ("baseColorTexture", "metallicRoughnessTexture") else found)[key] = texture
@@ -287,12 +307,12 @@ class _Writer:
         from PIL import Image
 
         picture = Image.fromarray(np.rint(255 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8))
-        return self.add_texture(key, partial(_encoded, picture, "JPEG"))
+        return self.add_texture(key, partial(picture_file, picture, "JPEG"))
 
     def add_texture(self, key: object, encoded: Callable[[], tuple[bytes, str]]) -> dict[str, int]:
         if key not in self.textures:
             content, kind = encoded()
-            image = self.add("images", {"bufferView": self.add_view(content), "mimeType": kind})
+            image = self.add("images", {"bufferView": self.add_view(content), "mimeType": f"image/{kind.lower()}"})
             self.textures[key] = self.add("textures", {"source": image})
         return {"index": self.textures[key]}
 
@@ -341,15 +361,6 @@ class _Writer:
         self.chunks += [data, bytes(-len(data) % 4)]
         self.size += len(data) + -len(data) % 4
         return self.add("bufferViews", view)
-
-
-def _encoded(picture: Any, kind: str = "") -> tuple[bytes, str]:
-    """Return the content of a picture file and its type; a picture from a JPEG file stays JPEG."""
-    kind, content = kind or ("JPEG" if picture.format == "JPEG" else "PNG"), io.BytesIO()
-    if picture.mode not in ("RGB", "L", *(("RGBA", "LA", "P", "1") if kind == "PNG" else ())):
-        picture = picture.convert("RGB" if kind == "JPEG" else "RGBA")
-    picture.save(content, kind, **({"quality": JPEG_QUALITY} if kind == "JPEG" else {}))
-    return content.getvalue(), f"image/{kind.lower()}"
 
 
 def _glb(tree: dict[str, Json], blob: bytes, path: Path) -> bytes:

@@ -2,13 +2,15 @@
 
 Files are untrusted: sizes are checked before memory is allocated, nodes may not form a cycle, and only files in the
 same folder are opened (`hapscene.scene.resource_resolver`). Meshes that another program added without a hapscene body
-become bodies.
+become bodies. Materials, textures and colours are for display only: what is damaged is left out.
 """
 
 import base64
 import binascii
+import contextlib
 import itertools
-from dataclasses import dataclass, field
+import json
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,11 +19,10 @@ import scipy
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
+from hapscene.exchange.gltf import SOURCE
 from hapscene.exchange.swatch_payload import (
-    Piece,
     check_version,
     is_digest,
-    join,
     known_swatch,
     restore,
     restore_fine,
@@ -30,19 +31,26 @@ from hapscene.exchange.swatch_payload import (
 from hapscene.geometry import RIGID_TOLERANCE, rotation_of
 from hapscene.io.files import Json, read_bytes, refusing
 from hapscene.scene.gltf_check import items_of, parse_gltf
-from hapscene.scene.mesh import FACE_MAX, OVERLAY, Mesh
+from hapscene.scene.material import TEXTURES, Material, open_picture
+from hapscene.scene.mesh import FACE_MAX, OVERLAY, UNNAMED, Mesh, Part, merged, part_of
 from hapscene.scene.mesh_file import FILE_MAX_B
 from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import BODY_MAX
+from hapscene.scene.topology import weld
 from hapscene.surface.swatch import PLAIN, Swatch
 
 __all__ = ["read_bounded", "read_gltf"]
 
 _TYPES: Final = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS: Final = {"SCALAR": 1, "VEC3": 3}
+_WIDTHS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _PACKED: Final = ("KHR_draco_mesh_compression", "KHR_meshopt_compression", "EXT_meshopt_compression")
 _TRIANGLES: Final = 4
+_VALUES: Final = (
+    *("name", "baseColorFactor", "metallicFactor", "roughnessFactor"),
+    *("emissiveFactor", "alphaMode", "alphaCutoff", "doubleSided"),
+)
+"""Values of a glTF material that `hapscene.scene.material` keeps."""
 
 
 def read_gltf(path: Path) -> Scene | None:
@@ -149,6 +157,10 @@ class _Reader:
         self.made = 0  # number of faces and vertices so far
         self.shapes: dict[tuple[int, ...], tuple[Mesh, NDArray[np.int64]]] = {}
         self.swatches: dict[int, Swatch | str] = {}
+        self.looks: dict[str, Json] = {}  # materials of trimesh by their JSON
+        self.materials: dict[int, Material | None] = {}  # by the id of the material of trimesh
+        self.pictures: dict[int, Any] = {}
+        self.files: Any = FolderResources(path, FILE_MAX_B, SceneError)
         self.names: set[str] = set()
 
     def fail(self, problem: str) -> SceneError:
@@ -188,7 +200,7 @@ class _Reader:
         accessor = self.item("accessors", index)
         where = f"accessors[{index}]"
         dtype = _TYPES.get(accessor.get("componentType", 0)) if _is_size(accessor.get("componentType", 0)) else None
-        if accessor.get("type") != kind or dtype is None or np.dtype(dtype).kind != sort or "sparse" in accessor:
+        if accessor.get("type") != kind or dtype is None or np.dtype(dtype).kind not in sort or "sparse" in accessor:
             raise self.fail(f"{where} must be dense {kind} of {'float32' if sort == 'f' else 'unsigned integers'}")
         view = self.item("bufferViews", accessor.get("bufferView"))
         self.check_packing(where, view.get("extensions", {}))
@@ -207,7 +219,7 @@ class _Reader:
         if end > len(blob):
             raise self.fail(f"{where} exceeds its buffer of {len(blob):,} bytes: the file is truncated or damaged")
         rows = np.ndarray((count, _WIDTHS[kind]), dtype, blob, first, (stride, np.dtype(dtype).itemsize))
-        return rows if kind == "VEC3" else rows.ravel()
+        return rows.ravel() if kind == "SCALAR" else rows
 
     def bodies(self) -> list[_Node]:
         """Return the nodes that are marked as bodies, with all meshes below them, and all other nodes with meshes.
@@ -300,8 +312,20 @@ class _Reader:
             pieces = [piece for mesh in meshes for piece in self.pieces(mesh)]
             if not pieces:
                 raise self.fail(f"body {found.name[:60]!r} has no mesh")
-            vertices, faces, material = join(pieces)
-            self.shapes[meshes] = Mesh(vertices, faces.astype(np.int32)), material
+            material = np.repeat([index for index, _ in pieces], [len(part.faces) for _, part in pieces])
+            whole = merged([part for _, part in pieces], self.path)
+            kept, place = np.unique(weld(whole.vertices), return_inverse=True)  # so that the pieces are connected again
+            self.shapes[meshes] = (
+                Mesh(
+                    whole.vertices[kept],
+                    place[whole.faces].astype(np.int32),
+                    colour_rgb=whole.colour_rgb,
+                    uv=whole.uv,
+                    materials=tuple(whole.materials),
+                    material=whole.material,
+                ),
+                material,
+            )
         return self.shapes[meshes]
 
     def unscaled(self, mesh: Mesh, found: _Node) -> tuple[Mesh, NDArray[np.float64]]:
@@ -315,7 +339,9 @@ class _Reader:
         X_WB[:3, :3], X_WB[:3, 3] = R, found.X[:3, 3]
         if np.abs(S - np.eye(3)).max() < RIGID_TOLERANCE:
             return mesh, X_WB
-        return Mesh(mesh.vertices_m @ S.T, mesh.faces[:, ::-1] if mirrors else mesh.faces), X_WB
+        way = slice(None, None, -1 if mirrors else 1)
+        uv = None if mesh.uv is None else mesh.uv[:, way]
+        return replace(mesh, vertices_m=mesh.vertices_m @ S.T, faces=mesh.faces[:, way], uv=uv), X_WB
 
     def primitives(self, mesh: int) -> list[Any]:
         primitives = self.item("meshes", mesh).get("primitives", [])
@@ -326,8 +352,8 @@ class _Reader:
         material = primitive.get("material") if isinstance(primitive, dict) else None
         return type(material) is int and material >= 0 and OVERLAY in extras_of(self.item("materials", material))
 
-    def pieces(self, mesh: int) -> list[Piece]:
-        """Return a piece for each primitive; its `swatch` is the material index, or −1 without a material."""
+    def pieces(self, mesh: int) -> list[tuple[int, Part]]:
+        """Return the material index, or −1 without a material, and the faces of each primitive."""
         pieces = []
         for primitive in self.primitives(mesh):
             if self.is_overlay(primitive):
@@ -336,7 +362,8 @@ class _Reader:
                 raise self.fail(f"meshes[{mesh}]: only triangles are supported")
             self.check_packing(f"meshes[{mesh}]", primitive.get("extensions", {}))
             attributes = primitive.get("attributes")
-            corners = self.accessor(attributes.get("POSITION") if isinstance(attributes, dict) else None, "VEC3", "f")
+            attributes = attributes if isinstance(attributes, dict) else {}
+            corners = self.accessor(attributes.get("POSITION"), "VEC3", "f")
             if "indices" in primitive:
                 flat = self.accessor(primitive["indices"], "SCALAR", "u").astype(np.int64)
             else:
@@ -347,8 +374,68 @@ class _Reader:
             if type(material) is not int or material < -1:
                 raise self.fail(f"meshes[{mesh}]: material must be an index")
             self.count(len(flat) // 3 + len(corners))
-            pieces.append(Piece(material, corners.astype(np.float64), flat.reshape(-1, 3)))
+            pieces.append((material, self.part(material, attributes, corners, flat.reshape(-1, 3))))
         return pieces
+
+    def part(self, material: int, attributes: dict[str, Json], corners: NDArray[Any], faces: NDArray[np.int64]) -> Part:
+        """Return the faces of a primitive with their look, as `hapscene.load_mesh` does for files of other programs."""
+        import trimesh
+
+        visuals: Any = trimesh.visual.TextureVisuals
+        mesh: Any = trimesh.Trimesh(corners.astype(np.float64), faces, process=False)
+        if (look := self.look(material)) is not None:
+            uv, colour = (self.shown(attributes, name, len(corners)) for name in ("TEXCOORD_0", "COLOR_0"))
+            uv = None if uv is None or uv.shape[1] != 2 else _as_share(uv) * (1.0, -1.0) + (0.0, 1.0)  # v upward
+            mesh.visual = visuals(uv, look)
+            if colour is not None:
+                mesh.visual.vertex_attributes["color"] = colour
+        return part_of(mesh, [UNNAMED], None, self.materials)
+
+    def shown(self, attributes: dict[str, Json], name: str, count: int) -> NDArray[Any] | None:
+        """Return the values (count, c) of an attribute that is for display; None if it is missing or unsupported."""
+        with contextlib.suppress(SceneError):
+            kind = str(self.item("accessors", attributes.get(name)).get("type"))
+            rows = self.accessor(attributes.get(name), kind, "fu")
+            return rows if rows.shape[:1] == (count,) and rows.ndim == 2 else None
+        return None
+
+    def look(self, index: int) -> Any:
+        """Return the material of the mesh file as one of trimesh; None for faces that wear the look of their swatch."""
+        from trimesh.visual.material import PBRMaterial
+
+        found = self.item("materials", index) if index >= 0 else {}
+        extras = extras_of(found)
+        if index < 0 or ("hapscene_swatch" in extras and SOURCE not in extras):
+            return None
+        base = found.get("pbrMetallicRoughness")
+        found |= {"name": extras.get(SOURCE, found.get("name"))} | (base if isinstance(base, dict) else {})
+        values = {name: value for name, value in found.items() if name in _VALUES}
+        pictures = {name: self.picture(found.get(name)) for name in TEXTURES}
+        key = json.dumps([values, list(map(id, pictures.values()))], sort_keys=True)  # once for all swatches
+        if key not in self.looks:
+            made: Any = PBRMaterial
+            self.looks[key] = None
+            with contextlib.suppress(Exception):  # numbers from an untrusted file
+                self.looks[key] = made(**values, **pictures)
+        return self.looks[key]
+
+    def picture(self, texture: Any) -> Any:
+        """Return the picture (PIL image, not yet decoded) of a texture; None if it is missing or damaged."""
+        try:
+            index = self.item("textures", texture["index"])["source"]
+            if index not in self.pictures:
+                self.pictures[index] = open_picture(self.picture_file(self.item("images", index)))
+            return self.pictures[index]
+        except Exception:  # PIL raises many classes for damaged pictures
+            return None
+
+    def picture_file(self, image: dict[str, Json]) -> bytes:
+        if "bufferView" not in image:
+            uri: str = image["uri"]
+            return _embedded(self.path, uri) if uri.startswith("data:") else bytes(self.files.get(uri))
+        view = self.item("bufferViews", image["bufferView"])
+        start, blob = view.get("byteOffset", 0), self.blobs[view.get("buffer", 0)]
+        return bytes(blob[start : start + view["byteLength"]])
 
     def swatches_named(self) -> list[Swatch | str]:
         """Return all swatches that hapscene wrote, including unused ones."""
@@ -368,7 +455,8 @@ class _Reader:
         if isinstance(name, str) and is_digest(extras.get("sha256")):
             text = text if isinstance(text, str) else None
             return restore(self.path, name, extras, extras.get("albedo_rgb"), extras["sha256"], text)
-        name = str(material.get("name", "")).rpartition("/")[2]  # after the material of the mesh file
+        if not isinstance(name, str):
+            name = str(material.get("name", "")).rpartition("/")[2]  # after the material of the mesh file
         if known_swatch(name) is not None:
             return name
         warn_of_loss(f"{self.path}: material {name[:60]!r} is not a swatch of the library; its faces stay plain")
@@ -379,6 +467,11 @@ def extras_of(item: dict[str, Json]) -> dict[str, Json]:
     """Return the extras of an item; empty if they are missing or not an object."""
     extras = item.get("extras")
     return extras if isinstance(extras, dict) else {}
+
+
+def _as_share(values: NDArray[Any]) -> NDArray[np.float64]:
+    """Return numbers from 0 to 1, which may be stored as integers."""
+    return values / (np.iinfo(values.dtype).max if values.dtype.kind == "u" else 1.0)
 
 
 def _is_size(value: object) -> bool:

@@ -3,8 +3,8 @@
 import hashlib
 import os
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +18,6 @@ from hapscene.scene.fine_paint import SUBFACE_MAX, set_subfaces
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import SWATCH_MAX, Scene
 from hapscene.scene.scene_file import decode_fine, encode_fine
-from hapscene.scene.topology import weld
 from hapscene.surface.swatch import BASIC_PARAMETERS, OWN_PARAMETERS, PLAIN, Swatch
 from hapscene.surface.swatch_file import SUFFIX, is_number, swatch_from_json, swatch_to_json
 from hapscene.swatches.library import load_swatch
@@ -27,13 +26,11 @@ __all__ = [
     "EMBEDDED_MAX",
     "VERSION",
     "ExchangeWarning",
-    "Piece",
     "check_version",
     "digest_of",
     "fine_to_json",
     "groups_of",
     "is_digest",
-    "join",
     "known_swatch",
     "order_of",
     "restore",
@@ -144,22 +141,7 @@ def is_digest(text: object) -> bool:
     return isinstance(text, str) and re.fullmatch(r"[0-9a-f]{64}", text) is not None
 
 
-# Formats with one material per mesh: a painted body is divided into pieces, one for each swatch, and joined again.
-
-
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """Faces of a body with one swatch.
-
-    Attributes:
-        swatch: index into the swatches of the scene.
-        vertices_m: vertices of these faces in the body frame (n, 3) [m].
-        faces: indices into them (m, 3).
-    """
-
-    swatch: int
-    vertices_m: NDArray[np.float64]
-    faces: NDArray[np.int64]
+# Formats with one material per mesh: a painted body is divided into pieces, one for each swatch.
 
 
 def groups_of(body: Body) -> list[tuple[int, int, NDArray[np.int64]]]:
@@ -177,19 +159,6 @@ def order_of(body: Body) -> NDArray[np.int64]:
 def _material_of(body: Body) -> NDArray[np.int16]:
     material = body.mesh.material
     return np.full(len(body.mesh.faces), -1, np.int16) if material is None else material
-
-
-def join(pieces: Sequence[Piece]) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """Join pieces; return vertices (n, 3) [m], faces (m, 3) and the swatch of each face (m,).
-
-    Vertices at exactly the same position are merged, so that the pieces are connected again.
-    """
-    vertices_m = np.concatenate([piece.vertices_m for piece in pieces])
-    start = np.cumsum([0] + [len(piece.vertices_m) for piece in pieces])
-    faces = np.concatenate([piece.faces + at for piece, at in zip(pieces, start, strict=False)])
-    kept, place = np.unique(weld(vertices_m), return_inverse=True)
-    swatch = np.repeat([piece.swatch for piece in pieces], [len(piece.faces) for piece in pieces])
-    return vertices_m[kept], place[faces], swatch
 
 
 def fine_to_json(scene: Scene, body: Body) -> dict[str, Json] | None:

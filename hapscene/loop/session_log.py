@@ -167,7 +167,8 @@ class SessionLog:
             for k in parts:
                 if R_WT.any():
                     renderer.surface.touch["R_WT"] = R_WT[k]
-                run_ticks(renderer.world, renderer.surface, path[k], none, still[k], none, again[k], a_m_s2[k])
+                rows_k = again[k].view(np.recarray)
+                run_ticks(renderer.world, renderer.surface, path[k], none, still[k], none, rows_k, a_m_s2[k])
             for name in _OUTPUTS:
                 same = again[name] == rows[name][start:]
                 differs |= ~same.reshape(length, -1).all(axis=1)

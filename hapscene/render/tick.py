@@ -69,7 +69,7 @@ def tick(
         flags |= call_flags(entries[BALL], (world, p_WT))
     elif not move_proxy(world, p_WT):
         flags |= _UNSETTLED
-    flags |= world.proxy[0].near_flags | world.proxy[0].flags
+    flags |= world.proxy[0].near_flags | world.proxy[0].moving_flags
     contact_ns = now_ns(surface.clock) - start_ns
     describe(world, surface, p_WT)
     if entries[SHADE] != 0:

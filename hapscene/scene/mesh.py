@@ -31,6 +31,8 @@ __all__ = [
     "check_reading",
     "face_colours",
     "join",
+    "merged",
+    "part_of",
     "parts_of",
     "sample",
     "unit_name",
@@ -374,7 +376,7 @@ def parts_of(loaded: "trimesh.Trimesh | trimesh.Scene", where: str) -> list[Part
     import trimesh
 
     if isinstance(loaded, trimesh.Trimesh):
-        return [_part(loaded, [UNNAMED], None, {})]
+        return [part_of(loaded, [UNNAMED], None, {})]
     if not isinstance(loaded, trimesh.Scene):
         raise MeshError(f"{where}: expected a file or a triangle mesh, not a {type(loaded).__name__}")
     parts = []
@@ -388,16 +390,17 @@ def parts_of(loaded: "trimesh.Trimesh | trimesh.Scene", where: str) -> list[Part
             if made > FACE_MAX:
                 raise MeshError(f"{where}: more than {FACE_MAX:,} faces or vertices: simplify the mesh")
             # trimesh names an unnamed node by its number; the name of the geometry is then more useful
-            parts.append(_part(mesh, [str(geometry if node.isdigit() else node)], pose, known))
+            parts.append(part_of(mesh, [str(geometry if node.isdigit() else node)], pose, known))
     return parts
 
 
-def _part(
+def part_of(
     mesh: "trimesh.Trimesh",
     names: list[str],
     pose: NDArray[np.float64] | None,
     known: dict[int, Material | None],
 ) -> Part:
+    """Return a mesh with its colours and material; `known` has materials by the id of the trimesh material."""
     vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     if pose is not None and not np.array_equal(pose, np.eye(4)):
         vertices = vertices @ pose[:3, :3].T + pose[:3, 3]

@@ -29,7 +29,7 @@ from hapscene.scene.mesh import (
 )
 from hapscene.scene.obj import read_obj
 from hapscene.scene.off import read_off
-from hapscene.scene.ply import declared_counts, ply_groups, strips_to_faces
+from hapscene.scene.ply import add_look, declared_counts, ply_groups, strips_to_faces
 from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.step_file import declared_by, faces_in, step_glb
 from hapscene.scene.topology import edges_of, weld
@@ -288,6 +288,8 @@ def _read(path: Path, suffix: str, content: bytes, resolver: object) -> tuple[li
         names = ply_groups(content, loaded) if suffix == "ply" else None
         for part in parts:
             part.group, part.names = names or (part.group, [UNNAMED] if len(parts) == 1 else part.names)
+            if names and suffix == "ply":
+                add_look(part, content, loaded)
     return parts, loaded.units
 
 

@@ -1,6 +1,8 @@
-"""PLY files: export of meshes with exact positions, groups and colours; check of headers."""
+"""PLY files: export of meshes with exact positions, groups, colours and materials; check of headers."""
 
+import json
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -9,11 +11,14 @@ from numpy.typing import NDArray
 
 from hapscene.errors import MeshError
 from hapscene.io.files import write_whole
-from hapscene.scene.mesh import Mesh
+from hapscene.scene.material import Material, open_picture, picture_file
+from hapscene.scene.mesh import Mesh, Part
 
-__all__ = ["HEADER_MAX_B", "declared_counts", "mesh_to_ply", "ply_groups", "save_mesh", "strips_to_faces"]
+__all__ = ["HEADER_MAX_B", "add_look", "declared_counts", "mesh_to_ply", "ply_groups", "save_mesh", "strips_to_faces"]
 
 _COMMENT: Final = "hapscene group"
+_MATERIAL: Final = "hapscene material"
+_UV: Final = ("u0", "v0", "u1", "v1", "u2", "v2")
 
 HEADER_MAX_B: Final = 16_000_000
 """Maximum size of a header [bytes]: enough for 10,000 bodies, or 32,767 groups or swatches with long names."""
@@ -22,7 +27,8 @@ HEADER_MAX_B: Final = 16_000_000
 def save_mesh(mesh: Mesh, path: str | Path) -> None:
     """Write a mesh as binary PLY in metres. Positions are float64: the mesh loads without loss with unit="m".
 
-    Groups are written as a face property `group` with their names in comments, colours as face properties.
+    Groups are written as a face property `group` with their names in comments, colours as face properties. So are
+    materials, with their numbers in comments and their picture files in an element `picture`.
 
     Raises:
         MeshError: the suffix is not .ply, or the file cannot be written.
@@ -41,15 +47,42 @@ def mesh_to_ply(mesh: Mesh) -> bytes:
     lines += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
     fields: list[Any] = [("count", "u1"), ("corners", "<i4", 3), ("group", "<i2")]
     lines += ["property short group"]
-    if mesh.colour_rgb is not None:
-        fields += [("rgb", "u1", 3)]
-        lines += [f"property uchar {colour}" for colour in ("red", "green", "blue")]
+    columns: list[tuple[Any, str, str, tuple[str, ...]]] = [
+        (mesh.colour_rgb, "u1", "uchar", ("red", "green", "blue")),
+        (mesh.uv, "<f4", "float", _UV),
+        (mesh.material, "<i2", "short", ("material",)),
+    ]
+    columns = [column for column in columns if column[0] is not None]
+    for _, dtype, kind, names in columns:
+        fields += [(names[0], dtype, (len(names),))]
+        lines += [f"property {kind} {name}" for name in names]
+    pictures = b""
+    if mesh.material is not None:
+        more, pictures = _materials(mesh)
+        lines += [*more, f"element picture {len(pictures)}", "property uchar byte"]
     faces = np.zeros(len(mesh.faces), fields)
     faces["count"], faces["corners"], faces["group"] = 3, mesh.faces, mesh.group
-    if mesh.colour_rgb is not None:
-        faces["rgb"] = mesh.colour_rgb
+    for values, *_, names in columns:
+        faces[names[0]] = values.reshape(len(faces), len(names))
     header = "\n".join([*lines, "end_header", ""]).encode(errors="replace")
-    return header + np.ascontiguousarray(mesh.vertices_m, "<f8").tobytes() + faces.tobytes()
+    return header + np.ascontiguousarray(mesh.vertices_m, "<f8").tobytes() + faces.tobytes() + pictures
+
+
+def _materials(mesh: Mesh) -> tuple[list[str], bytes]:
+    """Return a comment for each material of a mesh, and all picture files in a row."""
+    lines, content, places = [], b"", dict[int, tuple[int, int]]()
+    for material in mesh.materials:
+        textures = {}
+        for name, picture in material.textures.items():
+            if id(picture) not in places:
+                file = b""
+                with suppress(Exception):  # a damaged picture must not prevent that a scene is saved
+                    file, _ = picture_file(picture)
+                places[id(picture)] = len(content), len(content) + len(file)
+                content += file
+            textures[name] = places[id(picture)]
+        lines.append(f"comment {_MATERIAL} {_in_a_line(json.dumps(material.numbers | {'textures': textures}))}")
+    return lines, content
 
 
 def _in_a_line(name: str) -> str:
@@ -200,6 +233,31 @@ def ply_groups(content: bytes, loaded: Any) -> tuple[NDArray[Any], list[str]] | 
     except (KeyError, ValueError, TypeError, IndexError):
         return None
     return _groups(content, group) if len(group) == len(mesh.faces) else None
+
+
+def add_look(part: Part, content: bytes, loaded: Any) -> None:
+    """Add texture coordinates and materials of a file from `save_mesh` to its faces, as far as they are valid."""
+    with suppress(Exception):  # they are for display only, and those of an untrusted file may be of any type
+        (mesh,) = loaded.geometry.values()
+        raw = mesh.metadata["_ply_raw"]
+        face = raw["face"]["data"]
+        uv = np.stack([face[name].ravel() for name in _UV], axis=1).astype(np.float32)
+        part.uv = uv.reshape(len(part.faces), 3, 2)
+    with suppress(Exception):
+        material = np.asarray(face["material"]).ravel().astype(np.int16)
+        start, files = f"comment {_MATERIAL} ", raw["picture"]["data"]["byte"].tobytes()
+        numbers = [json.loads(line[len(start) :]) for line in _header(content) if line.startswith(start)]
+        pictures: dict[tuple[int, int], Any] = {}
+        found = []
+        for own in numbers:
+            places = {name: (int(a), int(b)) for name, (a, b) in own.pop("textures").items()}
+            for a, b in set(places.values()) - set(pictures):
+                with suppress(OSError):
+                    pictures[a, b] = open_picture(files[a:b])
+            found.append(Material.from_numbers(own, {name: pictures.get(place) for name, place in places.items()}))
+        known = [one for one in found if one is not None]
+        if len(known) == len(found) and len(material) == len(part.faces) and set(material) <= {-1, *range(len(known))}:
+            part.materials, part.material = known, material
 
 
 def _groups(content: bytes, group: NDArray[np.int64]) -> tuple[NDArray[Any], list[str]] | None:

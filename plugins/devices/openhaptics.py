@@ -194,7 +194,7 @@ class OpenHapticsConnection(VendorConnection):
     def _end(self) -> None:
         """Run a last frame without force, and unschedule the callback."""
         link = self._link
-        link.ended, link.purpose = 0, END
+        link.ended[0], link.purpose[0] = 0, END
         if self._handle is None:
             self._handle = self._hd.hdScheduleAsynchronous(self._address, self._context(), self._priority)
         ended = wait_until(lambda: int(link.ended[0]) == 1, self._clock)

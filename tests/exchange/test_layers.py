@@ -4,6 +4,8 @@ trimesh reads the files, and areas and distances are those of circles.
 """
 
 import io
+import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +19,9 @@ from hapscene.errors import SceneError
 from hapscene.exchange import export_scene, import_scene
 from hapscene.exchange.cut_faces import cut_faces
 from hapscene.scene.mesh_file import load_mesh
+from hapscene.scene.ply import save_mesh
 from hapscene.scene.region import Sphere
-from hapscene.scene.scene import Scene
+from hapscene.scene.scene import Scene, load_scene
 
 RADIUS_M = 0.025
 RESOLUTION_M = 5e-4
@@ -116,6 +119,110 @@ def test_import_is_exact_for_all_layers(show: Any, disc: Scene, tmp_path: Path) 
     assert np.array_equal(again.fine.path, body.fine.path[mine])
     assert np.array_equal(again.fine.paint, body.fine.paint[mine])
     assert len(load_mesh(file).faces) == len(body.mesh.faces)  # a mesh for contact is without the feel over it
+
+
+@pytest.mark.parametrize("show", ["both", "look"])
+def test_look_is_read_again(show: Any, disc: Scene, tmp_path: Path) -> None:
+    """The faces that are read have the colours, texture coordinates and materials that they had in their own file."""
+    body = disc.bodies[0]
+    body.face_swatch[::2] = disc.swatch_index("wood")  # a material of the file on faces of two swatches
+    was = body.mesh
+    back = import_scene(export_scene(disc, tmp_path / "truck.glb", show=show)[0]).bodies[0].mesh
+    order = np.argsort(body.face_swatch, kind="stable")
+    assert was.uv is not None and back.uv is not None
+    np.testing.assert_allclose(back.uv, was.uv[order], rtol=0, atol=1e-6)
+    assert back.colour_rgb is not None and np.array_equal(back.colour_rgb, was.colour_rgb[order])
+    (one,), (other,) = back.materials, was.materials
+    assert back.material is not None and not back.material.any()
+    values = ("name", "colour", "metallic", "roughness", "emissive", "alpha", "cutoff", "two_sided")
+    assert [getattr(one, name) for name in values] == [getattr(other, name) for name in values]
+    assert list(one.textures) == list(other.textures)
+    for name, picture in one.textures.items():
+        assert np.array_equal(np.asarray(picture), np.asarray(other.textures[name]))
+
+
+def test_cut_faces_have_paint_and_look(disc: Scene, tmp_path: Path) -> None:
+    """Each face has one swatch; its part of the texture is as large as on the box, where 120 mm are one tile."""
+    file = export_scene(disc, tmp_path / "truck.glb", cut=True)[0]
+    assert not any(name.startswith("feel") for name in _read(file))
+    (body,) = import_scene(file).bodies
+    area_m2 = trimesh.triangles.area(body.mesh.triangles_m)
+    leather = body.face_swatch == 1
+    assert body.fine is None and len(leather) > 12
+    assert area_m2[leather].sum() == pytest.approx(np.pi * RADIUS_M**2, rel=2 * RESOLUTION_M / RADIUS_M)
+    assert body.mesh.uv is not None and body.mesh.material is not None and not body.mesh.material.any()
+    u, v = np.moveaxis(np.diff(body.mesh.uv.astype(float), axis=1), 2, 0)
+    np.testing.assert_allclose(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2 * 0.12**2, area_m2, atol=1e-9)
+    with pytest.raises(SceneError, match="truck"):
+        export_scene(disc, tmp_path / "truck.ply", cut=True)
+
+
+def test_look_is_in_saved_scenes(disc: Scene, tmp_path: Path) -> None:
+    """A scene from a GLB is saved with meshes beside it, which have the look, too."""
+    scene = import_scene(export_scene(disc, tmp_path / "truck.glb")[0])
+    scene.save(tmp_path / "truck.scene.json")
+    files = sorted(tmp_path.iterdir())
+    back = load_scene(tmp_path / "truck.scene.json")
+    was, now = scene.bodies[0].mesh, back.bodies[0].mesh
+    assert was.uv is not None and now.uv is not None and np.array_equal(now.uv, was.uv)
+    assert was.material is not None and now.material is not None and np.array_equal(now.material, was.material)
+    (one,), (other,) = now.materials, was.materials
+    assert one.numbers == other.numbers
+    for name, picture in other.textures.items():
+        assert np.array_equal(np.asarray(one.textures[name]), np.asarray(picture))
+    now = replace(now, path=None)
+    back.bodies[0].mesh = now
+    back.save(tmp_path / "truck.scene.json")
+    assert sorted(tmp_path.iterdir()) == files  # the same content: pictures are not compressed again
+
+
+@pytest.mark.parametrize(
+    "damage", [b'"textures": {"baseColorTexture": [0, 9]}', b'"textures": 7', b'"alphaCutoff": "x"']
+)
+def test_damaged_look_in_a_saved_mesh_is_left_out(damage: bytes, disc: Scene, tmp_path: Path) -> None:
+    file = tmp_path / "box.ply"
+    save_mesh(disc.bodies[0].mesh, file)
+    key = damage.partition(b":")[0]
+    content, count = re.subn(re.escape(key) + rb": (\{[^}]*\}|[^,}]*)", damage, file.read_bytes(), count=1)
+    assert count == 1
+    file.write_bytes(content)
+    mesh = load_mesh(file, "m")
+    assert mesh.digest == disc.bodies[0].mesh.digest
+    assert all(not material.textures for material in mesh.materials)
+
+
+def test_worn_look_is_not_read_as_a_look(tmp_path: Path) -> None:
+    scene = Scene()
+    scene.add(trimesh.creation.box((0.04, 0.03, 0.02)), unit="m", name="box", swatch="wood")
+    (box,) = import_scene(export_scene(scene, tmp_path / "box.glb")[0]).bodies
+    assert box.mesh.colour_rgb is None and not box.mesh.materials
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("materials.0.pbrMetallicRoughness.baseColorFactor", "red"),
+        ("materials.0.pbrMetallicRoughness.metallicFactor", [1]),
+        ("materials.0.pbrMetallicRoughness.baseColorTexture", {"index": 99}),
+        ("materials.0.pbrMetallicRoughness", 7),
+        ("textures.0", {}),
+        ("images.0", {"uri": "../secret.png"}),
+        ("images.0", {"bufferView": 0}),
+        ("images.0.bufferView", "all"),
+        ("meshes.0.primitives.0.attributes.TEXCOORD_0", -1),
+        ("accessors.2.type", "VEC3"),
+    ],
+)
+def test_damaged_look_is_left_out(path: str, value: Any, disc: Scene, tmp_path: Path) -> None:
+    file = export_scene(disc, tmp_path / "truck.gltf")[0]
+    tree = json.loads(file.read_text(encoding="utf-8"))
+    item, (*way, last) = tree, path.split(".")
+    for step in way:
+        item = item[int(step) if step.isdigit() else step]
+    item[int(last) if last.isdigit() else last] = value
+    file.write_text(json.dumps(tree), encoding="utf-8")
+    (again,) = import_scene(file).bodies
+    assert again.fine is not None and len(again.mesh.faces) == 12
 
 
 def test_damaged_texture_is_left_out(disc: Scene, tmp_path: Path) -> None:

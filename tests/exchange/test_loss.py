@@ -20,6 +20,7 @@ from hapscene.surface.swatch_file import swatch_to_json
 READABLE = [name for name in EXPORTS if name != "html"]
 UNIT = {"obj": "m", "stl": "m"}
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference" / "file-formats.md"
+_LOOK = "colours and textures of the mesh file"
 KEPT, ROUNDED, FLOAT32, CUT, LOST = "kept", "to 1e-15", "to 1e-7", "as cut faces", "lost"
 
 
@@ -49,7 +50,12 @@ def measured(before: Scene, after: Scene) -> dict[str, str]:
         "unused swatches": kept_or_lost(
             all(of_swatch(s, after, "")["parameters of a swatch "] == KEPT for s in before.swatches[3:])
         ),
-        "group names, colours and textures of the mesh file": kept_or_lost(
+        _LOOK: kept_or_lost(
+            bodies
+            and all(b.mesh.colour_rgb is not None for b in after.bodies)
+            and bool((colours(after)[place] == colours(before)).all())
+        ),
+        "group names of the mesh file": kept_or_lost(
             bodies and all(a.mesh.group_names == b.mesh.group_names for a, b in pairs(before, after))
         ),
         "attached bodies": kept_or_lost(
@@ -84,6 +90,11 @@ def names(scene: Scene) -> np.ndarray:
     """Name of the swatch on every face (m,)."""
     called = np.array([swatch.name for swatch in scene.swatches], object)
     return np.concatenate([called[body.face_swatch] for body in scene.bodies])
+
+
+def colours(scene: Scene) -> np.ndarray:
+    """Colour of every face in its file (m, 3)."""
+    return np.concatenate([body.mesh.colour_rgb for body in scene.bodies])
 
 
 def matched(before: Scene, after: Scene) -> tuple[np.ndarray, float]:

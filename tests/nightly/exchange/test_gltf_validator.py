@@ -29,6 +29,7 @@ def test_validator(scene: Scene, shared: Path, tmp_path: Path) -> None:
     own: dict[str, Any] = {"a.glb": "both", "a.gltf": "both", "look.glb": "look", "feel.glb": "feel"}
     for file, show in own.items():
         export_scene(scene, tmp_path / file, show=show)
+    export_scene(scene, tmp_path / "cut.glb", cut=True)
     foreign = [path for path in sorted((shared / "data" / "meshes").glob("*.glb"))]
     for path in foreign:
         other = Scene()
@@ -38,7 +39,7 @@ def test_validator(scene: Scene, shared: Path, tmp_path: Path) -> None:
             region = Sphere(place, painted.mesh.diagonal_m / 4)
             assert other.paint(painted.name, swatch, region, resolution_m=painted.mesh.diagonal_m / 200) > 0
         export_scene(other, tmp_path / path.name)
-    files = [tmp_path / name for name in (*own, *(path.name for path in foreign))]
+    files = [tmp_path / name for name in (*own, "cut.glb", *(path.name for path in foreign))]
     asked = ["node", "-e", ASK, PACKAGE, *files]
     done = subprocess.run(asked, capture_output=True, text=True, timeout=100, check=False)
     assert done.returncode == 0, done.stderr
