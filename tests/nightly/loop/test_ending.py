@@ -211,7 +211,7 @@ def enter_with(mount: str, folder: Path) -> str:
     [
         ("-o size=1m tmpfs /dev/shm", "/dev/shm has 1,048,576 bytes"),
         ("-o ro tmpfs /dev/shm", "mount -t tmpfs tmpfs /dev/shm"),
-        ("-o size=7000k tmpfs /dev/shm", "it runs"),
+        ("-o size=7900k tmpfs /dev/shm", "it runs"),
     ],
     ids=["small", "read-only", "just enough"],
 )

@@ -204,9 +204,11 @@ def _slides(control: dict[str, Any], folder: str) -> bool:
 
 
 def test_friction_keeps_the_ratio_of_its_coefficients(page: Page, tab: Tab) -> None:
-    tab.choose("paper")
+    tab.choose("epoxy")
+    stroke(tab)
+    tab.settle()
     swatches = page.context.session.scene.swatches
-    index = page.context.session.painting.swatch_named("paper")
+    index = page.context.session.painting.swatch_named("epoxy")
     ratio = swatches[index].friction_static / swatches[index].friction_dynamic
     tab.set("Friction", 0.1)
     tab.wait(lambda: swatches[index].friction_dynamic == 0.1)
@@ -335,6 +337,8 @@ def test_a_swatch_of_the_library_is_renamed_tagged_moved_and_deleted(page: Page,
     add(Swatch("sponge", 99.0, albedo_rgb=(0.9, 0.8, 0.1)))
     page.server.get_event_loop().call_soon_threadsafe(page._swatch_panel.show, True)
     tab.choose("sponge")
+    stroke(tab)
+    tab.settle()
     tab.send("save")
     tab.wait(lambda: not tab.state["dirty"])
     tab.send("library", act="edit", name="sponge")
@@ -384,6 +388,8 @@ def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: P
 
 def test_image_sets_the_appearance_of_the_selected_swatch_and_can_be_undone(page: Page, tab: Tab) -> None:
     tab.choose("wood")
+    stroke(tab)
+    tab.settle()
     before = page.context.session.scene.swatches[-1]
     rng = np.random.default_rng(0)
     noisy, file = rng.integers(0, 100, (600, 400, 3), np.uint8) + np.uint8([155, 0, 0]), io.BytesIO()
