@@ -117,18 +117,20 @@ def _serve(scene: Scene) -> None:
     loop_empty(Timer(paused[0], clock, records(1, TIMING)[0], round(1e9 * TICK_S)))
     virtual = new_clock()
     virtual[VIRTUAL] = 1  # a virtual clock: ticks run only on request
-    for device in (PointMass(0.045, 0.1, 0.26, 5.5e-5), DeviceChoice("simulated").open()):
-        twin = Twin(scene, device)
-        twin.safety = simulated_safety()
-        channel = open_channel(16, twin.renderer.block, bodies=len(scene.bodies))
+    mass = PointMass(0.045, 0.1, 0.26, 5.5e-5)
+    for devices in ((mass,), (mass, mass), (DeviceChoice("simulated").open(),)):
+        twins = [Twin(scene, device) for device in devices]
+        for twin in twins:
+            twin.safety = simulated_safety()
+        channel = open_channel(16, twins[0].renderer.block, bodies=len(scene.bodies), tools=len(twins))
         try:
-            handler = OrderHandler(scene, [twin], channel, clock=virtual)
-            handler.start([ABOVE_M], np.zeros(3))
+            handler = OrderHandler(scene, twins, channel, clock=virtual)
+            handler.start([ABOVE_M] * len(twins), np.zeros(3))
             handler.pause()
             resume_safety(twin.tool.safety[0])
             handler.end()
         finally:
-            del twin, handler  # they look at the memory that is given back
+            del twin, twins, handler  # they look at the memory that is given back
             channel.close(unlink=True)
 
 
