@@ -147,7 +147,7 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
     meshes, folder = shared / "data" / "meshes", tmp_path / "work"
     folder.mkdir()
     file = folder / f"{CUBE}.scene.json"
-    command = (str(meshes / f"{CUBE}.stl"), str(meshes / "bunny.ply"), "--unit", "mm")  # but the bunny is in metres
+    command = (str(meshes / f"{CUBE}.stl"), str(meshes / "bunny.ply"), "--unit", "mm", "--up", "z")  # a bunny in metres
     with painter(folder, *command) as (process, url):
         page = Composer(browser, url)
         tab = page.tab
