@@ -236,12 +236,12 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
         assert not page.troubles
     assert find_recovery(file) is not None
 
-    with painter(folder, *command) as (process, url):  # the same words again
+    with painter(folder, file.name) as (process, url):
         page = Composer(browser, url)
         page.tab.get_by_text("Recover unsaved work?").wait_for()
         keep(page, "9-again")
         page.tab.get_by_role("button", name="Recover", exact=True).click()
-        page.did("brush")  # the undo step is recovered, too
+        page.wait("window.hapscene.state.dirty")
         page.see_bodies()
         page.bodies("bunny", CUBE, "Duck")
         top = Top(page)
