@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 from cyclopts import Parameter
 
 from hapscene.cli.console import print_progress
-from hapscene.cli.inputs import check_scene, find_asset, print_size_advice
+from hapscene.cli.inputs import UNITLESS, check_scene, find_asset, print_size_advice
 from hapscene.cli.options import Grip, Help, InFile, MeshOptions, PageOptions
 from hapscene.constants import BUNDLE_SUFFIX, DEFAULT_GRIP, SCENE_SUFFIX
 from hapscene.interrupt import clear_interrupt
@@ -87,6 +87,7 @@ def _open_page(
     ends: ExitStack,
 ) -> "Page":
     """Serve the page of a scene until `ends` is closed. The browser fetches the page while the scene is loaded."""
+    is_file = scene is not None and Path(scene).suffix.lower().lstrip(".") in UNITLESS  # assets and scenes are upright
     if scene is not None and (scene != "demo" or Path(scene).exists()):
         scene, mesh = find_asset(scene, mesh)
     else:
@@ -116,7 +117,8 @@ def _open_page(
     print_size_advice(session.scene, scene or "", hand.device)
     for earlier in earlier_scenes(session.path, str(scene).endswith(BUNDLE_SUFFIX)):
         print_progress(f"{describe_scene_file(earlier)} To continue it: hapscene paint {earlier}\n")
-    return Page(session, with_hand=not hand.no_hand, hand=config, server=server)
+    ask_upright = is_file and mesh.up is None
+    return Page(session, with_hand=not hand.no_hand, hand=config, server=server, ask_upright=ask_upright)
 
 
 def _paint_until_ended(page: "Page") -> None:

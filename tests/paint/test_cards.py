@@ -5,7 +5,7 @@ import pytest
 
 import hapscene
 from hapscene.errors import SwatchError
-from hapscene.paint.model.cards import GREY, all_cards, matching, ordered
+from hapscene.paint.model.cards import GREY, all_cards, matching
 from hapscene.paint.model.session import Session
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_summary import figures
@@ -109,17 +109,6 @@ def test_folders_tags_and_kinds_are_found(library) -> None:
     inside = {card.name: card for card in all_cards(scene) if card.place == "scene"}
     assert "sandpaper" in inside["sandpaper-p60"].entry.tags and inside["foam"].own == library / "kitchen"
     assert len(all_cards(scene)) == len(cards)
-
-
-def test_cards_are_sorted() -> None:
-    cards = all_cards(_scene())
-    assert ordered(cards, "place") == cards
-    names = [card.name for card in ordered(cards, "name")]
-    assert names == sorted(names, key=str.casefold)
-    rough = [card.entry.figures.get("roughness_m_s2", 0.0) for card in ordered(cards, "roughness")]
-    assert rough == sorted(rough) and rough[-1] > 5.0
-    taps = [card.entry.figures.get("tap_m_s2", 0.0) for card in ordered(cards, "loudness")]
-    assert taps == sorted(taps)
 
 
 def test_invalid_search_is_refused(library) -> None:

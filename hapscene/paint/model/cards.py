@@ -14,12 +14,9 @@ from hapscene.swatches import library
 from hapscene.swatches.library import LibraryEntry, entry_of, load_swatch
 from hapscene.swatches.words import Phrase, phrases
 
-__all__ = ["SORTS", "Card", "all_cards", "matching", "ordered", "scene_cards"]
+__all__ = ["Card", "all_cards", "matching", "scene_cards"]
 
 Place = Literal["scene", "yours", "shipped", "computed"]
-
-SORTS: Final = ("place", "name", "roughness", "loudness")
-"""Sort orders: "place" keeps the order of `all_cards`; roughness and loudness of taps are ascending."""
 
 GREY: Final = (0.7, 0.7, 0.7)
 """Colour shown for a swatch that cannot be loaded."""
@@ -116,16 +113,6 @@ def all_cards(scene: Scene) -> list[Card]:
 
 def _folder_of(home: Path, root: Path) -> str:
     return "" if home == root else home.name
-
-
-def ordered(cards: Iterable[Card], by: str) -> list[Card]:
-    """Cards sorted by one of `SORTS`."""
-    if by == "place":
-        return list(cards)
-    figure = {"roughness": "roughness_m_s2", "loudness": "tap_m_s2"}.get(by)
-    if figure is None:
-        return sorted(cards, key=lambda card: card.name.casefold())
-    return sorted(cards, key=lambda card: (card.entry.figures.get(figure, 0.0), card.name.casefold()))
 
 
 @lru_cache(maxsize=1024)

@@ -200,7 +200,7 @@ class BodyPanel:
             view.prepare([body.mesh for body in scene.bodies])
             return scene
 
-        if file.suffix.lower().lstrip(".") in UNITLESS:
+        if _is_unitless(file):
             raw = await loop.run_in_executor(None, load_mesh, file, "m")
             unit = await self._ask_unit(file.name, raw)
         scene = await loop.run_in_executor(None, load)
@@ -210,7 +210,26 @@ class BodyPanel:
         size_m = np.ptp(scene.bodies[0].mesh.bounds_m, axis=0)
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
         self._context.socket.say(f"Added {names[0]}{more}: {dimensions(size_m)}.")
+        self.ask_upright(scene.bodies)
         self.ask_sizes(scene.bodies)
+
+    def ask_upright(self, bodies: Sequence[Body]) -> None:
+        """Ask whether bodies from files that state no vertical axis are upright; all turns are one undo step."""
+        asked = [body.name for body in bodies if body.mesh.path is not None and _is_unitless(body.mesh.path)]
+        self._composing.begin_move()
+        for name in reversed(asked if len(asked) <= ASK_MAX else []):
+            self._context.ask(
+                "Is this upright?",
+                f"The file of {name} does not state which axis points up.",
+                ("Yes", None, lambda: None),
+                *((f"Turn it 90° about {axis}", "gray", partial(self._turn_up, name, axis)) for axis in "xy"),
+            )
+
+    def _turn_up(self, name: str, axis: str) -> bool:
+        body = self._context.session.scene.body(name)
+        R = rotation(np.where([axis == other for other in AXES], 90.0, 0.0))
+        self._composing.move(name, _turned(body, R @ body.X_WB[:3, :3]), goes_on=True)
+        return True
 
     def ask_sizes(self, bodies: Sequence[Body]) -> None:
         """Suggest another size for each body that is too large or too small for the hand and the device."""
@@ -329,6 +348,11 @@ class BodyPanel:
             _button("handles", "Handles", name, self._handles, "Show arrows and rings that move and rotate the body"),
         ]
         return f'<div class="hs-bodies"><table>{table}</table>{hint}<p>{"".join(buttons)}</p></div>'
+
+
+def _is_unitless(file: Path) -> bool:
+    """Whether a mesh file states neither unit nor vertical axis, by its suffix."""
+    return file.suffix.lower()[1:] in UNITLESS
 
 
 def _button(act: str, text: str, name: str, pressed: bool | None, title: str, value: str = "") -> str:

@@ -62,7 +62,8 @@ class PageContext:
         Args:
             title: title of the dialog.
             question: text of the dialog.
-            choices: label, colour and action of each answer. Enter chooses the first, which must lose no data.
+            choices: label, colour and action of each answer. Enter chooses the first, which must lose no data. The
+                dialog stays open after an action that returns True.
         """
         modal = self.open_dialog(title)
 
@@ -71,6 +72,8 @@ class PageContext:
                 result = act()
                 if inspect.isawaitable(result):
                     await result
+                elif result is True:
+                    return
                 self.close_dialog(modal)
 
             return self.callback(done)

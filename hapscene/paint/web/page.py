@@ -56,6 +56,7 @@ class Page:
         with_hand: start the simulated hand.
         hand: configuration of the hand; None for the device of the session.
         server: server that is open already; it is closed with the page.
+        ask_upright: ask whether new meshes whose files state no vertical axis are upright.
 
     Attributes:
         server: viser server.
@@ -76,6 +77,7 @@ class Page:
         with_hand: bool = True,
         hand: HandConfig | None = None,
         server: PageServer | None = None,
+        ask_upright: bool = False,
     ) -> None:
         if session.path is None:
             raise SceneError("the session has no file: give it a path, such as NAME.scene.json")
@@ -85,12 +87,12 @@ class Page:
         self._served = server or PageServer(host, port)
         self._ends.callback(self._served.close)
         try:
-            self._begin(session, hand or HandConfig(session.tuning.device))
+            self._begin(session, hand or HandConfig(session.tuning.device), ask_upright)
         except BaseException:
             self.close()
             raise
 
-    def _begin(self, session: Session, hand: HandConfig) -> None:
+    def _begin(self, session: Session, hand: HandConfig, ask_upright: bool) -> None:
         session.document.start_autosave()
         self._ends.callback(self._keep, session)
         self._ends.callback(self._served.close)
@@ -116,6 +118,8 @@ class Page:
         self._make_panel()
         self._ends.callback(self._swatch_panel.close)
         if not self._path.exists():  # a new scene of meshes
+            if ask_upright:
+                self._body_panel.ask_upright(session.scene.bodies)
             self._body_panel.ask_sizes(session.scene.bodies)
         self._served.admit()
 

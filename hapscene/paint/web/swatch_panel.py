@@ -1,4 +1,4 @@
-"""The swatch library panel of the tab Paint: search, sort, play, select, edit and import swatches."""
+"""The swatch library panel of the tab Paint: search, play, select, edit and import swatches."""
 
 import asyncio
 import base64
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene.errors import SwatchError, no_such
-from hapscene.paint.model.cards import SORTS, Card, all_cards, matching, ordered, scene_cards
+from hapscene.paint.model.cards import Card, all_cards, matching, scene_cards
 from hapscene.paint.web.context import PageContext, aria, card_html, escape_html, set_html
 from hapscene.paint.web.view import rgb_bytes
 from hapscene.scene.uv_paint import read_picture
@@ -60,7 +60,7 @@ class SwatchPanel:
         self._balls: dict[tuple[Any, ...], str] = {}
         self._drawing: Future[None] | None = None
         self._shown_cards: Sequence[Card] = ()
-        self._where, self._sort = ALL, SORTS[0]
+        self._where = ALL
         gui, callback = context.server.gui, context.callback
         with container, gui.add_folder("Swatches"):
             self._search = gui.add_text("Search", "", hint="A name, a word or a bound, such as rough or friction<0.3")
@@ -89,7 +89,7 @@ class SwatchPanel:
         elif swatches:  # reading the library again would take long
             new: dict[int | None, Any] = {index: scene.swatches[index] for index in swatches}
             self._cards = [replace(c, source=new[c.index]) if c.index in new else c for c in self._cards]
-        wanted = (self._context.tools.chosen, self._search.value, self._where, self._sort)
+        wanted = (self._context.tools.chosen, self._search.value, self._where)
         if not (reload or swatches) and wanted == self._shown_for:
             return
         self._shown_for = wanted
@@ -98,7 +98,7 @@ class SwatchPanel:
             self._where = ALL
         if self._where != ALL:
             found = [card for card in found if _place(card) == self._where]
-        shown = ordered(found, self._sort)[:CARD_MAX]
+        shown = found[:CARD_MAX]
         set_html(self._bar, self._bar_html())
         chosen = next((card for card in self._cards if card.name == self._context.tools.chosen), None)
         set_html(self._detail, self._detail_html(chosen) if chosen else "")
@@ -167,12 +167,12 @@ class SwatchPanel:
         )
 
     def _bar_html(self) -> str:
-        """HTML of the filter, the sort order and the import button."""
+        """HTML of the filter and the import button."""
         places = dict.fromkeys([ALL, *(_place(card) for card in self._cards)])
-        where = _select("where", places, self._where, "Filter by source")
+        items = "".join(f"<option{' selected' * (o == self._where)}>{escape_html(o)}</option>" for o in places)
+        where = f'<select data-library="where" title="Filter by source">{items}</select>'
         return (
             f'<div class="hs-library-bar"><label>Show {where}</label>'
-            f"<label>Sort {_select('sort', SORTS, self._sort, 'Sort order')}</label>"
             f'<button type="button" data-upload="{SUFFIX}" title="Add swatch files to your library. You can also '
             f'drop them onto the page">Import…</button></div>'
         )
@@ -228,8 +228,6 @@ class SwatchPanel:
         what, value = message.get("act"), message.get("value")
         if what == "where":
             self._where = str(value)
-        elif what == "sort" and value in SORTS:
-            self._sort = str(value)
         elif what == "use":
             self._use(self._card(message.get("name")))
         elif what == "play":
@@ -342,11 +340,6 @@ def _ball(card: Card, colour: str | None) -> str:
         return f"data:image/png;base64,{base64.b64encode(ball_png(card.swatch, own)).decode('ascii')}"
     except SwatchError:
         return ""
-
-
-def _select(act: str, options: Collection[str], chosen: str, tip: str) -> str:
-    items = "".join(f"<option{' selected' * (o == chosen)}>{escape_html(o)}</option>" for o in options)
-    return f'<select data-library="{act}" title="{tip}">{items}</select>'
 
 
 def _free_name(name: str) -> str:

@@ -36,7 +36,7 @@ def foreign(tmp_path: Path) -> Path:
 def test_composed_scene_is_saved_and_recovered_after_kill(browser: Any, foreign: Path, tmp_path: Path) -> None:
     folder = tmp_path / "work"
     folder.mkdir()
-    command = (str(foreign / "cube.stl"), "--unit", "mm", "--no-hand")
+    command = (str(foreign / "cube.stl"), "--unit", "mm", "--up", "z", "--no-hand")
     with painter(folder, *command) as (process, url):
         page = Composer(browser, url)
         page.see_bodies()
@@ -48,6 +48,7 @@ def test_composed_scene_is_saved_and_recovered_after_kill(browser: Any, foreign:
         page.tab.get_by_text("ring.stl does not contain a unit").wait_for()
         page.tab.get_by_role("button", name="mm: 30 × 30 × 6 mm").click()
         page.bodies("cube", "cone", "ring")
+        page.tab.get_by_role("button", name="Yes", exact=True).click()  # upright
         assert (folder / "cone.glb").is_file() and (folder / "ring.stl").is_file()
 
         page.put("position z", "30")
