@@ -46,6 +46,7 @@ __all__ = [
     "Seed",
     "SwatchName",
     "Table",
+    "TipRadius",
     "Vector",
     "WorkerOptions",
 ]
@@ -122,6 +123,7 @@ OutFolder = Annotated[
 AsJson = Annotated[bool, Parameter(name="--json", help="Print the result as JSON.")]
 Dark = Annotated[bool, Help("Use a dark background for pictures.")]
 Table = Annotated[InFile | None, Parameter(name="--from", help="Table of an earlier run to draw, without measuring.")]
+TipRadius = Annotated[float, Help("Radius of the round tip of the tool [m]; 0 for a point.")]
 Seed = Annotated[Count, Help("Seed of the random number generator.")]
 Device = Annotated[str, Help("Simulated device: omni, phantom-1.0 or premium-1.5.")]
 Grip = Annotated[str, Help("Grip of the simulated hand: light, medium or firm.")]

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 
 from hapscene.cli.console import print_progress
 from hapscene.cli.inputs import UNITLESS, check_scene, find_asset, print_size_advice
-from hapscene.cli.options import Grip, Help, InFile, MeshOptions, PageOptions
+from hapscene.cli.options import Grip, Help, InFile, MeshOptions, PageOptions, TipRadius
 from hapscene.constants import BUNDLE_SUFFIX, DEFAULT_GRIP, SCENE_SUFFIX
 from hapscene.interrupt import clear_interrupt
 
@@ -34,6 +34,7 @@ class TouchOptions:
     device: Annotated[str, Help("Device: omni, omni-point, phantom-1.0 or premium-1.5")] = "omni"
     grip: Grip = DEFAULT_GRIP
     compensator: Annotated[str, Help("Compensator: adaptive, flat, inverse, naive; or no-handle")] = "adaptive"
+    tip_radius: TipRadius = 0.0
     no_hand: Annotated[bool, Help("Paint without touching: do not start the process of the hand")] = False
 
 
@@ -106,7 +107,7 @@ def _open_page(
     from hapscene.paint.web.hand import HandConfig
     from hapscene.paint.web.page import Page
 
-    config = HandConfig(hand.device, hand.grip, hand.compensator)
+    config = HandConfig(hand.device, hand.grip, hand.compensator, hand.tip_radius)
     session = open_session(scene, more, accept_changed=accept_changed, say=print_progress, **asdict(mesh))
     if picture is not None:
         from hapscene.scene.uv_paint import paint_by_picture

@@ -11,7 +11,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from hapscene.cli.console import print_in_place, print_lines, print_note, print_progress
 from hapscene.cli.inputs import check_scene, find_asset, load_input
-from hapscene.cli.options import LOCALHOST, Help, MeshOptions, OutputOptions, PageOptions, Pairs, Port, Positive, Vector
+from hapscene.cli.options import (
+    LOCALHOST,
+    Help,
+    MeshOptions,
+    OutputOptions,
+    PageOptions,
+    Pairs,
+    Port,
+    Positive,
+    TipRadius,
+    Vector,
+)
 from hapscene.cli.paths import base_name
 from hapscene.errors import DeviceError, HapsceneError, no_such, printable
 from hapscene.interrupt import interrupt_noted
@@ -217,6 +228,7 @@ def serve(
     host: Annotated[str, Help("Address to listen at")] = LOCALHOST,
     device: Annotated[str, Help("Name of a simulated device or of a driver")] = "omni",
     tools: Annotated[int, Help("Number of tools, each for one client")] = 1,
+    tip_radius: TipRadius = 0.0,
     mesh: MeshOptions = MeshOptions(),
 ) -> None:
     """Render touch for another program, over UDP and WebSocket.
@@ -241,7 +253,7 @@ def serve(
         raise DeviceError(f"--tools {tools}: expected at least 1")
     loaded = load_input(scene, mesh, device)
     with ExitStack() as stack:
-        orders = Orders(servo := Servo(loaded, [device] * tools, progress=print_progress))
+        orders = Orders(servo := Servo(loaded, [device] * tools, progress=print_progress, tip_radius_m=tip_radius))
         server = stack.enter_context(BridgeServer(orders, host, udp))
         websocket = None if ws is None else WebSocketBridge(server, host, ws)
         with step(print_progress, f"starting the {device}"):

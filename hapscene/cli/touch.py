@@ -25,6 +25,7 @@ from hapscene.cli.options import (
     OutFolder,
     Positive,
     Seed,
+    TipRadius,
 )
 from hapscene.cli.paths import base_name
 from hapscene.constants import ACCELERATION_RATE_HZ, DEFAULT_GRIP, TICK_S
@@ -126,7 +127,7 @@ def touch(
     rate: Annotated[Positive, Help("Sample rate of the acceleration channel [Hz]")] = ACCELERATION_RATE_HZ,
     seed: Seed = 0,
     fidelity: Annotated[InFile | None, Help("Fidelity file written by `hapscene tune`")] = None,
-    tip_radius: Annotated[float, Help("Radius of the round tip of the tool [m]; 0 for a point")] = 0.0,
+    tip_radius: TipRadius = 0.0,
     no_picture: Annotated[bool, Help("Skip the picture scene.png")] = False,
     dark: Dark = False,
     view: Annotated[bool, Help("Show the touch in a window afterwards, in real time")] = False,

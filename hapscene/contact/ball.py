@@ -47,6 +47,12 @@ SKIN_M: Final = 1e-6
 SETTLED_M: Final = 2e-7
 """Change of the centre below which the search ends [m]."""
 
+SLACK_M: Final = 1e-6
+"""How far behind the plane of a face the centre may start to slide onto it [m]; where it ends, `TOLERANCE_M` holds."""
+
+SLACK: Final = 0.01
+"""The same, as a fraction of the radius of the tip [1]; the smaller one counts."""
+
 FRONT_KEPT: Final = 128
 """Largest front that the next tick keeps [count]. A larger one takes longer to test than a new one to make."""
 
@@ -79,7 +85,7 @@ def move_ball(world: "World", tool_W: Vector) -> int:
         c = _make_room(world, before_W)
         proxy.placed = 0
     elif world.moved[0] > 0:
-        found, p = _project(world, c, before_W, True)
+        found, p = _project(world, c, before_W, True, False)
         if found:
             c = p
     settled, c = _solve(world, tool_W, c)
@@ -136,7 +142,7 @@ def _append(world: "World", index: int, node: int) -> None:
 def _make_room(world: "World", c: Vector) -> Vector:
     """Return a position near `c` at which the ball enters no face."""
     for _ in range(PASS_MAX):
-        found, x = _project(world, c, c, False)
+        found, x = _project(world, c, c, False, False)
         if not found or x == c:
             break
         c = x
@@ -149,9 +155,11 @@ def _solve(world: "World", tool_W: Vector, c: Vector) -> tuple[bool, Vector]:
     """Move the centre from `c` as close to the device as the faces allow; return whether it is in equilibrium, and
     where."""
     ball, last_m = world.ball[0], math.inf
-    for _ in range(PASS_MAX):
+    for k in range(PASS_MAX):
         ball.now += 1
-        found, x = _project(world, tool_W, c, False)
+        found, x = _project(world, tool_W, c, False, k == 0)
+        if not found and k == 0:
+            continue
         if not found:
             return False, c
         y, way_m = x, norm(sub(x, c))
@@ -165,7 +173,7 @@ def _solve(world: "World", tool_W: Vector, c: Vector) -> tuple[bool, Vector]:
 
 
 @native
-def _project(world: "World", target_W: Vector, c: Vector, last: bool) -> tuple[bool, Vector]:
+def _project(world: "World", target_W: Vector, c: Vector, last: bool, ease: bool) -> tuple[bool, Vector]:
     """Return the point closest to a target that the front allows a ball at `c`.
 
     Starts with the planes of the proxy, and adds the plane that the point violates most, until it violates no more.
@@ -178,7 +186,7 @@ def _project(world: "World", target_W: Vector, c: Vector, last: bool) -> tuple[b
         last: True if the ball was at `c` in the last tick, at the last poses of the bodies.
     """
     proxy, ball = world.proxy[0], world.ball[0]
-    plane, height = ball.plane, ball.height_m
+    planes, height = ball.plane, ball.height_m
     found, x = nearest(proxy, target_W, 0.0)
     if not found:
         proxy.count, x = 0, target_W
@@ -186,17 +194,16 @@ def _project(world: "World", target_W: Vector, c: Vector, last: bool) -> tuple[b
     for _ in range(SEARCH_MAX):
         worst, by = -TOLERANCE_M, -1
         for i in range(ball.count):  # a loop that the compiler makes of vector instructions
-            height[i] = plane[0, i] * x[0] + plane[1, i] * x[1] + plane[2, i] * x[2] - plane[3, i]
+            height[i] = planes[0, i] * x[0] + planes[1, i] * x[1] + planes[2, i] * x[2] - planes[3, i]
         for i in range(ball.count):
             if height[i] < -TOLERANCE_M:
                 if ball.stamp[i] != ball.now:
-                    _put_plane(world, i, c, last)
-                    height[i] = _height(ball, i, x)
+                    height[i] = _test_plane(world, i, c, x, last, ease)
                 if height[i] < worst:
                     worst, by = height[i], i
         if by < 0:
             return True, x
-        by = _refine(world, by, c, x, last)
+        by = _refine(world, by, c, x, last, ease)
         if by == FULL:
             return False, x
         if by >= 0:
@@ -211,12 +218,12 @@ def _project(world: "World", target_W: Vector, c: Vector, last: bool) -> tuple[b
 @inlined
 def _height(ball: np.record, i: int, x: Vector) -> float:
     """Return the height of a point above the plane of entry `i` of the front [m]."""
-    plane = ball.plane
-    return float(plane[0, i] * x[0] + plane[1, i] * x[1] + plane[2, i] * x[2] - plane[3, i])
+    planes = ball.plane
+    return float(planes[0, i] * x[0] + planes[1, i] * x[1] + planes[2, i] * x[2] - planes[3, i])
 
 
 @native
-def _refine(world: "World", i: int, c: Vector, x: Vector, last: bool) -> int:
+def _refine(world: "World", i: int, c: Vector, x: Vector, last: bool, ease: bool) -> int:
     """Replace entry `i` of the front by what it contains, and go on with the part whose plane `x` violates most.
 
     Returns the entry of a face that `x` violates, `NO_FACE`, or `FULL`.
@@ -236,17 +243,31 @@ def _refine(world: "World", i: int, c: Vector, x: Vector, last: bool) -> int:
             ball.node[i] = -1 - world.tree_face[body.tree_face + first]
             for k in range(first + 1, (node - leaves + 1) * body.tree_count // leaves):
                 _append(world, index, -1 - world.tree_face[body.tree_face + k])
-        _put_plane(world, i, c, last)
-        worst, by = _height(ball, i, x), i
+        worst, by = _test_plane(world, i, c, x, last, ease), i
         for k in range(appended, ball.count):
-            _put_plane(world, k, c, last)
-            above = _height(ball, k, x)
+            above = _test_plane(world, k, c, x, last, ease)
             if above < worst:
                 worst, by = above, k
         if worst >= -TOLERANCE_M:
             return NO_FACE
         i = by
     return int(i)
+
+
+@native
+def _test_plane(world: "World", i: int, c: Vector, x: Vector, last: bool, ease: bool) -> float:
+    """Compute the plane of entry `i` of the front for a ball at `c`; return the height of `x` above it [m].
+
+    With `ease`, the plane for a ball at `x` is taken if the ball at `c` is in front of it, to `SLACK_M`: it restricts
+    `x` least. Planes for `c` would stop a ball that slides over a fine mesh at every edge.
+    """
+    ball = world.ball[0]
+    if ease:
+        _put_plane(world, i, x, False)
+        if _height(ball, i, c) >= -min(SLACK_M, SLACK * world.proxy[0].radius_m):
+            return _height(ball, i, x)
+    _put_plane(world, i, c, last)
+    return _height(ball, i, x)
 
 
 @native
@@ -299,11 +320,11 @@ def _ahead(world: "World", c: Vector, x: Vector, ratio: float) -> Vector:
     the angle of the point 1 / (1 − s/r) times as far along the plane at `c`.
     """
     ball = world.ball[0]
-    plane, way = ball.plane, sub(x, c)
+    planes, way = ball.plane, sub(x, c)
     for i in range(ball.count):
-        sinks = -(plane[0, i] * way[0] + plane[1, i] * way[1] + plane[2, i] * way[2])
+        sinks = -(planes[0, i] * way[0] + planes[1, i] * way[1] + planes[2, i] * way[2])
         if sinks > 0.0:
-            above = plane[0, i] * c[0] + plane[1, i] * c[1] + plane[2, i] * c[2] - plane[3, i]
+            above = planes[0, i] * c[0] + planes[1, i] * c[1] + planes[2, i] * c[2] - planes[3, i]
             ratio = min(ratio, max(above / sinks, 1.0))
     return along(c, ratio, way)
 

@@ -77,6 +77,7 @@ class HandConfig:
         device: a name of `HAND_DEVICES`.
         grip: firmness of the grip, a name of `GRIP_NAMES`.
         compensator: compensator of the handle, a name of `COMPENSATOR_HINTS`.
+        tip_radius_m: radius of the tip of the tool; 0 for a point.
 
     Raises:
         HapsceneError: a name is unknown.
@@ -85,6 +86,7 @@ class HandConfig:
     device: str = "omni"
     grip: str = DEFAULT_GRIP
     compensator: str = "adaptive"
+    tip_radius_m: float = 0.0
 
     def __post_init__(self) -> None:
         if self.device == "ideal":
@@ -119,7 +121,8 @@ def make_servo(scene: Scene, config: HandConfig, progress: Callable[[str], None]
     if config.compensator != NO_HANDLE:
         handle = {"handle": Plant(), "compensator": config.compensator}
     model = HAND_DEVICES[config.device].model
-    return servo(scene, model, limits=limits_of(config.limits, TICK_S), progress=progress, **handle)
+    limits, tip_m = limits_of(config.limits, TICK_S), config.tip_radius_m
+    return servo(scene, model, limits=limits, tip_radius_m=tip_m, progress=progress, **handle)
 
 
 HOVER_M: Final = 0.002
@@ -153,7 +156,7 @@ Vector = NDArray[np.float64]
 
 
 class Contact(NamedTuple):
-    """Target of a touch: position, outward normal, force, and stiffness of the surface."""
+    """Target of a touch: position of the tool, outward normal, force, and stiffness of the surface."""
 
     p_W_m: Vector
     nhat_W: Vector
@@ -267,7 +270,7 @@ class TouchHand:
             return False
         self.touching, self._limit_reported, self._deeper_m = True, False, 0.0
         if not self._starting:
-            self._starting, self._from_W_m = True, p_W_m + HOVER_M * nhat_W
+            self._starting, self._from_W_m = True, p_W_m + (self.config.tip_radius_m + HOVER_M) * nhat_W
             self._start_task(self._come_down(self._servo, self._from_W_m))
         self.move(p_W_m, nhat_W, force_N, stiffness_N_m)
         return True
@@ -286,8 +289,9 @@ class TouchHand:
         """Move the touch to a point of the surface; shows a message if it is outside the workspace."""
         if not self.touching:
             return
-        if self.config.reaches(self._from_W_m, p_W_m):
-            self._contact = Contact(p_W_m, nhat_W, force_N, stiffness_N_m)
+        center_W_m = p_W_m + self.config.tip_radius_m * nhat_W
+        if self.config.reaches(self._from_W_m, center_W_m):
+            self._contact = Contact(center_W_m, nhat_W, force_N, stiffness_N_m)
             self._aim()
         elif not self._limit_reported:
             self._limit_reported = True

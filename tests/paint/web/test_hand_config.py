@@ -38,6 +38,7 @@ def test_unsupported_device_is_refused(given: dict[str, Any], said: str) -> None
 def test_painter_and_touch_command_have_the_same_defaults() -> None:
     for options in (TouchOptions(), HandOptions()):
         assert HandConfig() == HandConfig(options.device, options.grip, options.compensator)
+    assert HandConfig().tip_radius_m == TouchOptions().tip_radius
 
 
 def test_str_names_device_grip_and_handle() -> None:
