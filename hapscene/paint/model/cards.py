@@ -1,7 +1,7 @@
 """Cards: swatches that the painter offers, from the scene, the user's library and the shipped libraries."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 from pathlib import Path
@@ -121,7 +121,7 @@ def _loaded(source: str | Path, sha256: str) -> Swatch:
     return load_swatch(source)
 
 
-def matching(cards: Iterable[Card], text: str) -> list[Card]:
+def matching(cards: Sequence[Card], text: str) -> list[Card]:
     """The cards that match every term of a search, such as "wood", "friction<0.3" or "loud stiffness>=500".
 
     See `hapscene.swatches.library.search`; folder and phrases of a swatch are found like tags.
@@ -129,11 +129,12 @@ def matching(cards: Iterable[Card], text: str) -> list[Card]:
     Raises:
         SwatchError: a bound is malformed or names an unknown figure.
     """
-    every = list(cards)
     terms = re.sub(r"\s*([<>]=?)\s*", r"\1", text).split()
-    entries = [replace(card.entry, tags=(*card.entry.tags, card.folder, *card.words)) for card in every]
+    if not terms:  # the phrases of all cards take longer: each swatch is loaded
+        return list(cards)
+    entries = [replace(card.entry, tags=(*card.entry.tags, card.folder, *card.words)) for card in cards]
     found = {entry.name for entry in library.search(entries, terms)}  # the names of cards are unique
-    return [card for card in every if card.name in found]
+    return [card for card in cards if card.name in found]
 
 
 @cache
