@@ -84,9 +84,8 @@ class Monitor:
 
     async def run(self) -> None:
         """Show and stream the touch until cancelled."""
-        await asyncio.to_thread(
-            lambda: swatch_sound(load_swatch("wood")).loudness_gain
-        )  # imports; later calls take 3 ms
+        # the first call imports the synthesis; later ones take 3 ms
+        await asyncio.to_thread(lambda: swatch_sound(load_swatch("wood")).loudness_gain)
         while True:
             await asyncio.sleep(MONITOR_S)
             self.update(time.monotonic())

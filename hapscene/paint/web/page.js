@@ -61,7 +61,7 @@ function onDone(n) {
 }
 link.onmessage = ({ data }) => {
   if (data.text !== undefined) onMessage(JSON.parse(data.text));
-  else if (data.buffer) onSamples(data.buffer, data.received);
+  else if (data.buffer) onSamples(data);
   else if (data.open) onOpen();
   else { lost = true; say(LOST, "error", Infinity); }
 };
@@ -75,13 +75,12 @@ function onMessage(message) {
   if (message.done !== undefined) onDone(message.done);
   if (message.say !== undefined) say(message.say, message.kind);
 }
-function onSamples(buffer, received) {
+function onSamples({ buffer, received, played }) {
   const kind = new Float32Array(buffer, 0, 1)[0];
   if (kind === 1) {
-    const [, tick_s, n, block, first, last] = new Float32Array(buffer, 0, 6);
+    const [, tick_s, n, block] = new Float32Array(buffer, 0, 4);
     const force = new Float32Array(buffer, 24, n), a = new Float32Array(buffer, 24 + 4 * n, n * block);
     trace.add(force, a, tick_s, block);
-    const played = a.map((v, i) => v * (first + (last - first) * i / a.length));
     if (sound.monitor) sound.note(played);
     else sound.stream(played, block / tick_s, received);
   } else if (kind === 2) {

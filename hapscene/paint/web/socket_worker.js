@@ -12,12 +12,14 @@ function listen() {
     socket.onmessage = ({ data }) => {
       if (typeof data === "string") { postMessage({ text: data }); return; }
       const received = { count: ++count, at_ms: performance.timeOrigin + performance.now() };
-      if (monitor && new Float32Array(data, 0, 1)[0] === 1) {
+      let played = null;
+      if (new Float32Array(data, 0, 1)[0] === 1) {
         const [, tick_s, n, block, first, last] = new Float32Array(data, 0, 6);
-        const a = new Float32Array(data, 24 + 4 * n, n * block).map((v, i) => v * (first + (last - first) * i / (n * block)));
-        monitor.postMessage({ a, rate: block / tick_s, count });
+        const a = new Float32Array(data, 24 + 4 * n, n * block);
+        played = a.map((v, i) => v * (first + (last - first) * i / a.length));
+        if (monitor) monitor.postMessage({ a: played, rate: block / tick_s, count });
       }
-      postMessage({ buffer: data, received }, [data]);
+      postMessage({ buffer: data, received, played }, [data]);
     };
   }
   onmessage = ({ data }) => {
