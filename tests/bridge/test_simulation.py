@@ -163,6 +163,15 @@ def test_prediction_avoids_force_steps(scene: hapscene.Scene) -> None:
     assert np.count_nonzero(np.diff([c.contact is not None for c in felt])) == 1
 
 
+def test_the_time_of_a_recording_goes_on_after_the_ticks_of_a_bridge(scene: hapscene.Scene) -> None:
+    bridge, renderer = hapscene.bridge.Bridge(Box(0.2, 1 / 60)), hapscene.Renderer(scene)
+    path = np.tile((0.2, 0.0, 0.0), (40, 1))
+    first, second = bridge.run(renderer, path), renderer.run(path)
+    assert first.t_s == pytest.approx(np.arange(40) / 1000.0) and second.t_s == pytest.approx(
+        np.arange(40, 80) / 1000.0
+    )
+
+
 def test_teleport(scene: hapscene.Scene) -> None:
     box = Box(0.2, 1 / 60)
     bridge, renderer, felt = hapscene.bridge.Bridge(box), hapscene.Renderer(scene), list[hapscene.Command]()

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import bilinear, freqz
 
 from hapscene.handle import Plant
-from hapscene.handle.compensator import BUTTERWORTH, COUNT, CRITICAL, differences, integrals, weights
+from hapscene.handle.compensator import BUTTERWORTH, COUNT, CRITICAL, differences, integrals, retune, weights
 
 RATE_HZ = 10_000.0
 
@@ -50,3 +50,15 @@ def test_constant_acceleration_asks_for_a_finite_force() -> None:
     for _ in range(100_000):
         phi = integrals(state, g, *CRITICAL, 1.0)
     assert phi == pytest.approx((0.0, 0.0, 0.0, 0.0, 1.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [0.8, 1.25])
+def test_a_changed_corner_frequency_makes_no_step(ratio: float) -> None:
+    g, state = np.tan(np.pi * 5.0 / RATE_HZ), np.zeros(6)
+    x = np.sin(2.0 * np.pi * 100.0 * np.arange(5000) / RATE_HZ)
+    largest = np.abs([integrals(state, g, *BUTTERWORTH, sample) for sample in x[:-1]]).max(axis=0)
+    other = state.copy()
+    retune(other, ratio)
+    step = np.array(integrals(other, ratio * g, *BUTTERWORTH, x[-1])) / ratio ** np.arange(COUNT)
+    step -= integrals(state, g, *BUTTERWORTH, x[-1])
+    assert (np.abs(step) / largest < [0.05, 2e-3, 2e-5, 2e-5, 2e-8]).all()

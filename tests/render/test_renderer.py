@@ -264,6 +264,13 @@ def test_a_tool_far_from_all_bodies_is_reported_once():
     assert (flags[:first] == 0).all() and (flags[first:last] == Flag.TOOL_FAR).all() and (flags[last + 1 :] == 0).all()
 
 
+def test_far_is_in_proportion_to_a_large_body():
+    hall = hapscene.Scene()
+    hall.add(trimesh.creation.box((20.0, 20.0, 20.0)), name="hall", unit="m")
+    renderer = hapscene.Renderer(hall)
+    assert renderer.step((0.0, 0.0, 30.0)).flags == Flag(0)
+
+
 def test_a_jump_past_a_body_is_reported():
     renderer = hapscene.Renderer(scene(), ["wall"], tip_radius_m=0.002)
     renderer.reset((0.0, 0.0, 4.0))

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
-from hapscene.paint.web.socket import BACKLOG_BYTES_MAX, PageSocket
+from hapscene.paint.web.socket import BACKLOG_BYTES_MAX, PageSocket, parse_file_list
 
 
 class Slow:
@@ -64,3 +64,12 @@ def test_client_that_reads_nothing_is_disconnected() -> None:
     live._sockets.add(page)
     live.say("Saved.")
     assert page.aborted and not page.sent
+
+
+def test_list_of_an_upload() -> None:
+    def listed(*sizes: Any) -> Any:
+        return parse_file_list(json.dumps({"files": [{"name": f"{i}.obj", "size": n} for i, n in enumerate(sizes)]}))
+
+    assert listed(3, 0) == {"0.obj": 3, "1.obj": 0}
+    for invalid in (listed(-1), listed(True), listed(1.5), listed("1"), listed(1, -1), listed(), listed(1 << 50)):
+        assert isinstance(invalid, str)
