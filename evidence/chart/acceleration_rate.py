@@ -63,7 +63,7 @@ def time(rate_Hz: float, output: str) -> tuple[float, float]:
     return texture_us(swatch, rate_Hz)
 
 
-def caveat(used: Sequence[Point], default: Sequence[Point]) -> str:
+def caveat(used: Sequence[Point], every: Sequence[Point]) -> str:
     """Return that compensators are tested at one rate only."""
     return f"audio or compensators (tested at {RATE_HZ / 1e3:g} kHz only)"
 

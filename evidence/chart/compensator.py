@@ -76,7 +76,7 @@ def time(compensator: str, sensor_name: str, handles: int) -> tuple[float, float
     return spread_us(1e-3 * RATE_HZ / CHUNK * np.array(times_ns[1:]))  # the first call compiles
 
 
-def caveat(used: Sequence[Point], default: Sequence[Point]) -> str:
+def caveat(used: Sequence[Point], every: Sequence[Point]) -> str:
     """Return whether the compensator needs a sensor."""
     return "handles without an accelerometer" if any(p.case for p in used) else ""
 

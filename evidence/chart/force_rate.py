@@ -91,9 +91,9 @@ def time(device: str, rate_Hz: float) -> tuple[float, float]:
     return 1e-3 * rate_Hz * median, 1e-3 * rate_Hz * p99
 
 
-def caveat(used: Sequence[Point], default: Sequence[Point]) -> str:
+def caveat(used: Sequence[Point], every: Sequence[Point]) -> str:
     """Return the stiffest stable wall of the device with the softest one, at a rate and at the default."""
-    softest, usual = (min(points, key=lambda p: p.errors["wall"]) for points in (used, default))
+    softest, usual = (min(points, key=lambda p: p.errors["wall"]) for points in (used, [p for p in every if p.default]))
     return f"walls above {softest.errors['wall']:.0f} N/m ({softest.case}; default: {usual.errors['wall']:.0f})"
 
 

@@ -84,8 +84,7 @@ class Question:
         time: returns median and p99 of a setting's time per millisecond of touch [µs].
         conditions: subject, path and reference of the measurement.
         program: returns the bytes of the arrays that a setting runs with; settings with equal bytes are measured once.
-        caveat: returns where a setting must not be used although its error is small; computed from its points and those
-            of the default, over all cases.
+        caveat: returns where a setting must not be used; computed from its points and all points of its lever.
     """
 
     name: str

@@ -134,11 +134,10 @@ def rows_of(question: Question, points: Sequence[Point], quiet: bool = True) -> 
         if quiet and chosen.eligible and defaults[0].eligible:
             trial = Row(lever, defaults[0], chosen, noise_us, "", "", quiet)
             chosen = chosen if trial.saves_time or trial.saves_memory else defaults[0]
-        failure = _first_failure(choices, chosen)
+        failure = _first_failure(choices, chosen) if chosen.eligible else ""
         caveat = ""
         if question.caveat is not None:
-            used = [p for p in own if (p.method, p.label) == (chosen.method, chosen.label)]
-            caveat = question.caveat(used, [p for p in own if p.default])
+            caveat = question.caveat([p for p in own if (p.method, p.label) == (chosen.method, chosen.label)], own)
         rows.append(Row(lever, defaults[0], chosen, noise_us, caveat, failure, quiet))
     return rows
 
@@ -190,7 +189,7 @@ def _noise(choices: Sequence[Choice], points: Sequence[Point]) -> float:
 
 
 def _chosen(choices: Sequence[Choice], default: Choice, noise_us: float, quiet: bool) -> Choice:
-    """Return the cheapest eligible setting, or the setting with the smallest error if none is eligible.
+    """Return the cheapest eligible setting, or the default if none is eligible.
 
     Times that differ by less than the noise are equal; then memory decides, then the error. Without valid times it is
     the coarsest eligible setting of the default's method.
@@ -199,7 +198,7 @@ def _chosen(choices: Sequence[Choice], default: Choice, noise_us: float, quiet: 
     if not quiet:
         return next((c for c in reversed(fit) if c.method == default.method), default)
     if not fit:
-        return min(choices, key=lambda c: c.error)
+        return default
     least_us = min(c.median_us for c in fit)
     near = [c for c in fit if c.median_us <= least_us + noise_us]
     return min(near, key=lambda c: (c.memory_MB if c.memory_MB == c.memory_MB else 0.0, c.error))
@@ -232,7 +231,8 @@ def sentences(rows: Sequence[Row]) -> list[str]:
         return []
     faster = sorted((row for row in rows if row.saves_time), key=lambda row: -row.saved_us)
     smaller = sorted((row for row in rows if row.saves_memory), key=lambda row: -row.saved_MB)
-    kept = [row.lever for row in rows if row.chosen == row.default]
+    kept = [row.lever for row in rows if row.chosen == row.default and row.default.eligible]
+    missed = [row for row in rows if not row.chosen.eligible]
     better = [row for row in rows if row.chosen.eligible and not row.default.eligible]
     found = [
         (
@@ -244,6 +244,13 @@ def sentences(rows: Sequence[Row]) -> list[str]:
         (
             "The default exceeds the limit",
             [f"{r.lever} ({_text(r.default.error)} times; use {r.chosen.name})" for r in better],
+        ),
+        (
+            "No setting is within the limit in every case",
+            [
+                f"{r.lever} (default: {_text(r.default.error)}, {r.default.worst}{r.caveat and '; '}{r.caveat})"
+                for r in missed
+            ],
         ),
     ]
     return [f"{start}: {', '.join(parts)}." for start, parts in found if parts]

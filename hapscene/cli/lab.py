@@ -289,7 +289,7 @@ def _report(found: "Tuned", explain: bool) -> Iterator[str]:
     rows = [(c.kind, c.name, c.what, error) for c, error in zip(found.choices, errors, strict=True)]
     for choice, line in zip(found.choices, table(rows), strict=True):
         yield line
-        if explain:
+        if explain or choice.kept:
             yield f"       {choice.why}"
     kinds = (
         *(("tick median", "tick_median_us", "µs", 1.0), ("tick p99", "tick_p99_us", "µs", 1.0)),

@@ -32,6 +32,7 @@ from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import swatches_of
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
+from hapscene.scene.topology import neighbours_of, normals_of
 from hapscene.surface.swatch import Swatch
 
 __all__ = ["WITHIN", "Tuned", "evaluate_swatch", "reach_m_s2", "tune"]
@@ -83,6 +84,7 @@ class Choice:
         error_jnd: difference that `WITHIN` % of its ticks in contact do not exceed on test paths; None if it was not
             touched.
         why: reason, for --explain.
+        kept: whether a body with many faces keeps more than half of them, which `why` explains.
     """
 
     kind: str
@@ -90,6 +92,7 @@ class Choice:
     what: str
     error_jnd: float | None
     why: str
+    kept: bool = False
 
 
 @dataclass(frozen=True)
@@ -135,6 +138,14 @@ class Evaluation(NamedTuple):
             return f"unchanged: {self.why_not}"
         errors = ", ".join(f"{one.obtained:,} {what}: {one.error_jnd:.2g} JND" for one in self.tried)
         return f"limit on the search paths: {most_jnd:.2g} JND; {errors}"
+
+
+def roughness_deg(mesh: Mesh) -> float:
+    """Median angle between adjacent faces of a mesh [°]."""
+    beyond, normal = neighbours_of(mesh.vertices_m, mesh.faces).beyond, normals_of(mesh.triangles_m)
+    face, edge = np.nonzero(beyond >= 0)
+    cosine = np.sum(normal[face] * normal[beyond[face, edge]], axis=1)
+    return float(np.degrees(np.arccos(np.clip(np.median(cosine), -1.0, 1.0)))) if len(cosine) else 0.0
 
 
 def evaluate_body(scene: Scene, name: str, device: str, seed: int, most_jnd: float) -> Evaluation:
@@ -336,6 +347,7 @@ def tune(
     comparison = _Comparison(scene, original, device, reach, seed)
     plan, most_jnd, unseen, final = _choose(comparison, judged, jnd, say)
     paths = unseen[0]
+    del original, comparison  # a mesh that a renderer uses is prepared already, which would hide its loading time
     with step(say, "measuring the time of a tick"):
         before = _cost(scene, Level(), device, paths)
         after = _cost(scene, plan.level(), device, paths, budget_us)
@@ -468,9 +480,14 @@ def _choices(
         if body.name in plan.meshes:
             what = f"{count:,} → {len(plan.meshes[body.name].faces):,} faces"
         why = f"unchanged: only the {trial.BODY_MAX} largest bodies are judged"
+        kept = key in judged and len(plan.meshes.get(body.name, body.mesh).faces) > 0.5 * count >= 0.5 * FACES_MIN
         if key in judged:
             why = judged[key].why("faces", most_jnd[key])
-        made.append(Choice("body", body.name, what, _error_jnd(final.force_jnd[final.body == index]), why))
+        if kept and judged[key].tried:
+            why += (
+                f"; adjacent faces differ by {roughness_deg(body.mesh):.2g}° (median), smooth the mesh if that is noise"
+            )
+        made.append(Choice("body", body.name, what, _error_jnd(final.force_jnd[final.body == index]), why, kept))
     for index, swatch in enumerate(scene.swatches):
         key = f"swatch {swatch.name}"
         if key in judged:

@@ -84,6 +84,13 @@ def test_default_above_the_limit_is_reported() -> None:
     assert "Order (5.00 times; use better, other)" in sentences([found])[-1]
 
 
+def test_default_is_kept_if_no_setting_is_below_the_limit() -> None:
+    found = row(point("40", 1.0, 5.0), point("other", 0.5, 4.0, method="softer"))
+    assert found.chosen == found.default and found.cells()[2] == "none" and "5.00" in found.cells()
+    (sentence,) = sentences([found])
+    assert sentence.startswith("No setting") and "Order (default: 5.00, levels" in sentence
+
+
 def test_disturbed_times_are_ignored() -> None:
     found = row(point("40", 3.0, 0.1), point("20", 1.0, 0.2), quiet=False)
     assert not found.saves_time and found.cells()[3] == "measure again" and sentences([found]) == []
@@ -107,4 +114,6 @@ def test_published_table_has_at_most_twelve_rows_and_true_claims() -> None:
     for each in rows:
         assert f"| {' | '.join(each.cells())} |" in page
         assert not each.saves_time or each.saved_us > each.noise_us
+    claims = sentences(rows)
+    assert claims and all(each in " ".join(page.split()) for each in claims)
     assert len([word for word in page.split() if any(map(str.isalnum, word))]) <= 520  # with the picture's HTML

@@ -10,6 +10,7 @@ import trimesh
 
 import hapscene
 from hapscene.cli import main
+from hapscene.contact import world
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.errors import HapsceneError
 from hapscene.fidelity import trial, tune
@@ -18,6 +19,7 @@ from hapscene.fidelity.coarser_mesh import coarser_mesh
 from hapscene.fidelity.fidelity import BodyFidelity, Level
 from hapscene.fidelity.fidelity_file import load_fidelity
 from hapscene.perception import BAND_DB, band_edges_Hz
+from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
@@ -122,13 +124,51 @@ def test_progress_names_each_body():
     assert lines == ["body body\n"]
 
 
+def test_roughness_is_the_angle_between_adjacent_faces():
+    icosahedron = Mesh.from_trimesh(trimesh.creation.icosahedron(), "m")
+    assert tune.roughness_deg(icosahedron) == pytest.approx(np.degrees(np.arccos(np.sqrt(5.0) / 3.0)))
+    assert tune.roughness_deg(Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32))) == 0.0
+
+
+def few_paths(patch):
+    patch.setattr(trial, "SCENE_PATHS", 6)
+    patch.setattr(trial, "SEED_COUNT", 4)
+    patch.setattr(tune, "UPDATES", (8,))
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.15e-3])
+def test_a_noisy_scan_keeps_its_faces_with_a_reason(noise_m, monkeypatch):
+    """And the loading time includes the preparation of the mesh, in the original scene as well."""
+    few_paths(monkeypatch)
+    prepared, loads = [], []
+
+    def prepare(*values, original=world.Shapes):
+        prepared.append(values)
+        return original(*values)
+
+    def load(work):
+        before = len(prepared)
+        work()
+        loads.append(len(prepared) - before)
+        return 1.0
+
+    monkeypatch.setattr(world, "Shapes", prepare)
+    monkeypatch.setattr(trial, "shortest_time_s", load)
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=0.05)
+    ball.vertices *= 1.0 + noise_m / 0.05 * np.random.default_rng(0).standard_normal((len(ball.vertices), 1))
+    ball.units = "m"
+    scene = hapscene.Scene()
+    scene.add(ball, name="scan", swatch=Swatch("plain"))
+    body = tune.tune(scene).choices[0]
+    assert body.kept == ("adjacent faces" in body.why) == (noise_m > 0.0)
+    assert loads == [1, 1]
+
+
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
     """A scene that was tuned on a few short paths, and the exit code."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(trial, "SCENE_PATHS", 6)
-        patch.setattr(trial, "SEED_COUNT", 4)
-        patch.setattr(tune, "UPDATES", (8,))
+        few_paths(patch)
         folder = tmp_path_factory.mktemp("tuned")
         scene = hapscene.Scene()
         ball = trimesh.creation.icosphere(subdivisions=5, radius=0.05)
