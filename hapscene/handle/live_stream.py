@@ -32,7 +32,7 @@ from hapscene.handle.handle_record import HANDLE
 from hapscene.handle.plant import Array
 from hapscene.records import Record, Records, records
 
-__all__ = ["FADE_S", "PHASES", "LiveStream", "filter_table"]
+__all__ = ["FADE_S", "PHASES", "QUICK", "LiveStream", "filter_table"]
 
 FADE_S: Final = 0.02
 """Duration of a fade [s]. No click is audible, and the delay is below the noticeable 24 ms (Adelstein et al. 2003)."""
