@@ -35,7 +35,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AIM",
+    "BLOCKING",
     "CHANNEL",
+    "ENDED",
     "Bodies",
     "Exchange",
     "Loop",
@@ -62,7 +64,7 @@ CHANNEL: Final = np.dtype(
         ("done", "i8"),  # number of complete ticks
         ("done_ns", "i8"),  # time at which the newest was complete, by the clock of the loop
         ("missed", "i8"),  # deadline misses: ticks that were skipped
-        ("waiting", "i8"),  # 1: Python reads or writes a device, and may block in it
+        ("waiting", "i8"),  # 0, or one of the following
         ("changed", "i8"),  # first tick after the last order that changed the scene or its parameters
         ("checkpoint_due", "i8"),  # tick at which the next checkpoint is written
         ("checkpoint_count", "i8"),  # number of checkpoints so far
@@ -73,6 +75,10 @@ CHANNEL: Final = np.dtype(
     align=True,
 )
 """State of a loop. That of a servo is in memory shared with the application."""
+
+BLOCKING, ENDED = 1, 2
+"""Values of `CHANNEL.waiting`: code outside of the tick, which may block, reads, writes or stops a device; no tick is
+expected, because the devices have received a force of zero."""
 
 AIM: Final = np.dtype(
     [

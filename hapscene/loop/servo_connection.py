@@ -17,6 +17,7 @@ import numpy as np
 from hapscene.clock import now_here_ns
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.errors import DeviceError, HapsceneError
+from hapscene.loop.driver import ENDED
 from hapscene.loop.heartbeat import Heartbeat
 from hapscene.loop.shared_memory import Channel, open_channel, read_text
 
@@ -77,6 +78,7 @@ class ServoConnection:
         self._closed = False
         self._process: Any = None
         self._watchdog: Any = None
+        self._life: Any = None
         self._played: LiveHandle | None = None
         self._heartbeat: Heartbeat | None = None
         self._asked: Any = None  # counts calls of the application, see `Heartbeat`
@@ -94,7 +96,7 @@ class ServoConnection:
         try:
             with _terminal_signals_blocked():  # starts the resource tracker of Python
                 self._opened = open_channel(self._length, self._block, bodies=self._room, tools=self._tools)
-            self._opened.channel.pause = 1
+            self._opened.channel.pause, self._opened.channel.waiting = 1, ENDED
             self._make_views(self._opened)
             self._begin(self._opened)
             self._opened.memory.unlink()  # from now on the memory is freed with both processes, even if they are killed
@@ -124,7 +126,9 @@ class ServoConnection:
         dying.close()
         if any(DRIVERS.load(choice.name).force for choice in self._choices):
             self._start_watchdog(context, life)
-        life.close()
+            life.close()
+        else:
+            self._life = life  # stays open, because the servo takes its end for that of a watchdog
         self._send(pickled)  # not as an argument of the process: if it ended at once, the start would block for ever
         self._renderer_arguments = self._started()
         self._heartbeat = Heartbeat(shared.channel["heartbeat"].view(np.ndarray), self._patience_s)

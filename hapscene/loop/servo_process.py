@@ -18,6 +18,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import islice
 from multiprocessing.connection import Connection as Pipe
+from multiprocessing.connection import wait as ready_among
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -34,7 +35,20 @@ from hapscene.device.sim.arm import new_arm, read_arm
 from hapscene.errors import DeviceError, HapsceneError, UsageWarning
 from hapscene.geometry import rigid
 from hapscene.loop.checkpoint import memory_of
-from hapscene.loop.driver import CALLED, SCHEDULED, TIMED, Bodies, Exchange, Loop, bound, exchange, new_loop, wait_at
+from hapscene.loop.driver import (
+    BLOCKING,
+    CALLED,
+    ENDED,
+    SCHEDULED,
+    TIMED,
+    Bodies,
+    Exchange,
+    Loop,
+    bound,
+    exchange,
+    new_loop,
+    wait_at,
+)
 from hapscene.loop.session_log import log_of, note_order, settings_of, write_log
 from hapscene.loop.shared_memory import Channel, open_channel, write_text
 from hapscene.loop.timing import TIMING, request_realtime_priority, start_timer
@@ -78,6 +92,7 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
 
     signal.signal(signal.SIGTERM, _end)
     channel = handler = None
+    interrupted = False
     twins: list[Twin] = []
     opened: list[Connection] = []
     ending = ""
@@ -96,14 +111,14 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
         wire.send((None, handler.made))
         while True:
             while opened and not wire.poll(WATCH_S):
-                handler.check_devices()
+                handler.check_devices(watched=os.name == "nt" or not ready_among([life], 0.0))
             order, arguments = _receive(wire)
             if order == "stop":
                 break
             wire.send(handler.answer(order, arguments))
-    except (EOFError, ConnectionError, KeyboardInterrupt):
+    except (EOFError, ConnectionError, KeyboardInterrupt) as error:
         # the application has ended; where signals cannot be blocked, Ctrl-C reaches both processes
-        ending = "the application has ended"
+        ending, interrupted = "the application has ended", isinstance(error, KeyboardInterrupt)
     except HapsceneError as error:
         wire.send((str(error), None))
     except BaseException:
@@ -117,8 +132,9 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
             for connection in opened if handler is None else handler.connections:
                 connection.close()
                 connection.state = new_state()  # no longer in the shared memory
-            with suppress(OSError):
-                life.send(None)
+            if not interrupted:  # otherwise a thread may still write a force, and the watchdog removes it afterwards
+                with suppress(OSError):
+                    life.send(None)
         if handler is not None:
             handler.write_faults()
             if ending:
@@ -130,6 +146,7 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
 
 
 def _end(signum: int, frame: Any) -> None:
+    signal.signal(signum, signal.SIG_IGN)  # a second signal would interrupt the closing of the devices
     raise KeyboardInterrupt
 
 
@@ -337,8 +354,12 @@ class OrderHandler:
             self._start_loop()
         self._channel.channel.stop_force = 0
 
-    def check_devices(self) -> None:
-        """Report errors of the devices to the application, and write the log if a device failed."""
+    def check_devices(self, watched: bool = True) -> None:
+        """Report errors of the devices and the end of the watchdog to the application, and write the log if one
+        occurred."""
+        if not watched and self._stop is not None:
+            self._note_fault(DeviceError("the watchdog has ended; start a new servo"))
+            self.pause()
         self.write_faults()
         reasons = [connection.reason(int(connection.state.trouble[0])) for connection in self.connections]
         write_text(self._channel.notice, "; ".join(filter(None, reasons)))
@@ -454,13 +475,13 @@ class OrderHandler:
         self._channel.channel.pause = 1
         if self._stop is None:
             return False
-        stop, self._stop = self._stop, None
         try:
-            stop()
+            self._stop()
         except DeviceError as error:  # a vendor's library does not take the force away
             self._note_fault(error)
             self.write_faults()
             os.kill(os.getpid(), signal.SIGTERM if os.name == "nt" else signal.SIGKILL)  # the watchdog opens the device
+        self._stop = None  # not before: a signal may interrupt the line above
         return True
 
     def end(self) -> None:
@@ -507,14 +528,14 @@ class OrderHandler:
         if self._alone:
             self._calls = list(self._bind())
             self._vendors[0].schedule(self._calls[0].address, self._calls[0].context)
-            self._channel.channel.pause = 0
-            self._stop = self._vendors[0].unschedule
+            self._channel.channel.pause = self._channel.channel.waiting = 0
+            self._stop = partial(self._end_loop, lambda: None)
             return
         exchanges = [Exchange(self._channel.channel[0], vendor.state[0], self._clock) for vendor in self._vendors]
         self._calls = [BoundCall(exchange, given) for given in exchanges]
         for vendor, call in zip(self._vendors, self._calls, strict=True):
             vendor.schedule(call.address, call.context)
-        self._channel.channel.pause = 0
+        self._channel.channel.pause = self._channel.channel.waiting = 0
         if self._clock[VIRTUAL]:
             self._ticks = self._device_loop()
             self._stop = partial(self._end_loop, partial(deque, self._ticks, 0))
@@ -526,9 +547,11 @@ class OrderHandler:
     def _end_loop(self, join: Callable[[], object]) -> None:
         """Wait until the loop has ended, and end the exchange with the vendors' threads."""
         join()
+        self._channel.channel.waiting = BLOCKING if self._vendors else ENDED
         with ExitStack() as stack:  # all of them, also if one raises
             for vendor in self._vendors:
                 stack.callback(vendor.unschedule)
+        self._channel.channel.waiting = ENDED
 
     def _loop_thread(self) -> None:
         request_realtime_priority()
@@ -536,6 +559,7 @@ class OrderHandler:
             deque(self._device_loop(), 0)
         else:
             self._bind()[0]()
+            self._channel.channel.waiting = BLOCKING  # until `_end_loop`
 
     def _device_loop(self) -> Iterator[None]:
         """Read, tick and write devices that Python drives; one tick each time the iterator advances."""
@@ -545,24 +569,24 @@ class OrderHandler:
         try:
             while pause[0] == 0:
                 wait()
-                waiting[0] = 1
+                waiting[0] = BLOCKING
                 for connection in connections:
                     connection.read()
                 waiting[0] = 0
                 tick()
-                waiting[0] = 1
+                waiting[0] = BLOCKING
                 for connection in connections:
                     connection.write()
                 waiting[0] = 0
                 yield
         except Exception as error:  # a device or its driver failed
             self._note_fault(error)
-        waiting[0] = 0
+        waiting[0] = BLOCKING
         for connection in connections:  # no force during a pause
             connection.state.f_D_N = 0.0
             with suppress(Exception):
                 connection.write()
-        self._channel.channel.pause = 1  # also after a fault, because the watchdog expects ticks
+        self._channel.channel.pause, waiting[0] = 1, ENDED  # also after a fault
 
     def _bind(self) -> tuple[BoundCall, BoundCall]:
         """Bind the compiled driver and the wait for a tick to the present arrays; the first tick is one period away."""

@@ -4,6 +4,7 @@ import ctypes
 import math
 import os
 import sys
+from contextlib import suppress
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from hapscene.compiled.native import INTERPRETED, native
 
 __all__ = [
     "BIN_COUNT",
+    "PRIORITY",
     "TIMING",
     "Timer",
     "TimingStatistics",
@@ -148,19 +150,19 @@ PRIORITY: Final = 1
 """Lowest real-time priority [1]: above all normal threads, below audio and interrupts."""
 
 
-def request_realtime_priority() -> bool:
+def request_realtime_priority(priority: int = PRIORITY) -> bool:
     """Request prompt wake-ups and real-time priority for this thread; return whether it has real-time priority.
 
-    Real-time priority needs root, CAP_SYS_NICE, or a non-zero `ulimit -r`. Without it the thread competes with all
-    others. Only on Linux; other systems are not changed.
+    It gets a lower one if `priority` is not permitted. Real-time priority needs root, CAP_SYS_NICE, or a non-zero
+    `ulimit -r`. Without it the thread competes with all others. Only on Linux; other systems are not changed.
     """
     if sys.platform != "linux":
         return False
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(SLACK_NS))
     if INTERPRETED:  # interpreted code holds the GIL and never sleeps, and would block every other thread
         return False
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    except OSError:
-        return False
-    return True
+    for permitted in range(priority, 0, -1):
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(permitted))
+            return True
+    return False

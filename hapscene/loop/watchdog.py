@@ -4,26 +4,40 @@ A servo that ends normally closes its devices and reports it. A servo that is ki
 cannot: the watchdog then kills it, opens each device that holds its last force, and writes zero (`Driver.release`).
 
 It leads a separate POSIX session, so that a signal to the process group of the application does not reach it. It
-requests real-time priority and imports the drivers at its start, so that it reacts quickly on a busy machine.
+requests a higher real-time priority than the servo and imports the drivers at its start, so that it reacts quickly on a
+busy machine, also if the servo does not yield the processor.
 """
 
 import gc
 import importlib
 import os
 import signal
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final
 
 from hapscene.device.driver import Driver
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
+from hapscene.loop.driver import ENDED
 from hapscene.loop.shared_memory import Channel, open_channel
-from hapscene.loop.timing import request_realtime_priority
+from hapscene.loop.timing import PRIORITY, request_realtime_priority
 from hapscene.wall_clock import CLOCK, Clock
 
-__all__ = ["BUSY_S", "LOOK_S", "RELEASE_S", "STILL_S", "WAITING_S", "release", "until_needed", "watch"]
+__all__ = [
+    "BUSY_S",
+    "LOOK_S",
+    "RELEASE_S",
+    "STILL_S",
+    "WAITING_S",
+    "release",
+    "release_all",
+    "until_needed",
+    "watch",
+]
 
 STILL_S: Final = 0.004
 """Time without a tick after which a servo that was stopped by a signal (SIGSTOP) is killed [s]."""
@@ -39,11 +53,17 @@ half this time."""
 ENDING: Final = 0x4 | 0x200 | 0x400
 """Flags of a Linux process that ends: PF_EXITING, PF_DUMPCORE, PF_SIGNALED (include/linux/sched.h)."""
 
+FATAL: Final = 0x40560
+"""SIGABRT, SIGBUS, SIGKILL, SIGSEGV and SIGSTOP in the pending signals of a Linux process."""
+
 LOOK_S: Final = 0.004
 """How often the watchdog looks [s]."""
 
-RELEASE_S: Final = 2.0
-"""Longest time for which the watchdog tries to open a device that an ending process may still hold [s]."""
+RELEASE_S: Final = 10.0
+"""Longest time for which the watchdog tries to reach a device [s], such as one whose service does not answer."""
+
+RETRY_S: Final = 0.002
+"""Time between two such attempts [s]."""
 
 
 def watch(
@@ -79,38 +99,54 @@ def watch(
                 prepared.append(driver.prepare_release(**driver.read_options(choice.options)))
     gc.freeze()
     gc.disable()  # a collection takes milliseconds
-    request_realtime_priority()
+    request_realtime_priority(PRIORITY + 1)
     length, block, bodies, tools = shape
     channel = open_channel(length, block, name, bodies=bodies, tools=tools)
     ready.send(None)
     closed = until_needed(life, channel, pid)
+    channel.close(unlink=False)
     if closed:
-        channel.close(unlink=False)
         return
     for send_zero in prepared:  # at once: to kill a large process and to open a port takes tens of milliseconds
         with suppress(Exception):
             send_zero()
     with suppress(OSError):
         os.kill(pid, signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
-    for driver, choice in drivers:
-        if driver.release is not None:
-            release(driver, choice)
-    channel.close(unlink=False)
+    _hasten(pid)
+    release_all(drivers, partial(_closed, life))
+
+
+def _hasten(pid: int) -> None:
+    """Give a process that was killed the priority of this one: it frees its memory before its devices."""
+    with suppress(OSError, AttributeError):  # it has ended, or not Linux
+        for thread in Path(f"/proc/{pid}/task").iterdir():
+            os.sched_setscheduler(int(thread.name), os.sched_getscheduler(0), os.sched_getparam(0))
+
+
+def _closed(life: Connection) -> bool:
+    """Return whether the other end of a connection is closed, which receives no message."""
+    try:
+        return life.poll()
+    except OSError:  # Windows
+        return True
 
 
 def _state_of(pid: int) -> str:
     """State of a process: "stopped" by a signal, "ending", or "running", also where the system does not report it.
 
-    A large process takes tens of milliseconds to end, and closes its files last: its flags show the end at once.
+    A large process takes tens of milliseconds to end, and closes its files last: its flags show the end before. On a
+    busy machine its main thread also takes long to receive a signal, which is pending until then.
     """
+    place = Path(f"/proc/{pid}")
     try:
-        state, *numbers = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        flags = int(numbers[5])
+        state, *numbers = (place / "stat").read_text().rpartition(")")[2].split()
+        words = (place / "status").read_text().split()
+        pending = [int(words[words.index(name) + 1], 16) for name in ("SigPnd:", "ShdPnd:")]
     except FileNotFoundError:
         return "ending" if Path("/proc/self/stat").exists() else "running"
     except (OSError, ValueError, IndexError):
         return "running"
-    if state in "ZXx" or flags & ENDING:
+    if state in "ZXx" or int(numbers[5]) & ENDING or any(bits & FATAL for bits in pending):
         return "ending"
     return "stopped" if state in "Tt" else "running"
 
@@ -119,13 +155,14 @@ def until_needed(life: Connection, channel: Channel, pid: int, clock: Clock = CL
     """Wait until the servo ends or stops ticking; return whether it closed all devices itself."""
     row, done, still_s, before_s = channel.channel[0], -1, 0.0, clock.now_s()
     while True:
-        if life.poll(LOOK_S):
-            with suppress(EOFError, OSError):
+        try:
+            if life.poll(LOOK_S):
                 life.recv()
                 return True
+        except (EOFError, OSError):
             return False
         now_s = clock.now_s()
-        moved = row.done != done or row.pause == 1
+        moved = row.done != done or row.waiting == ENDED
         # count only time in which this process ran, so that its own delays do not count
         still_s = 0.0 if moved else still_s + min(now_s - before_s, 2.0 * LOOK_S)
         done, before_s = int(row.done), now_s
@@ -135,14 +172,31 @@ def until_needed(life: Connection, channel: Channel, pid: int, clock: Clock = CL
             return False
 
 
-def release(driver: Driver, choice: DeviceChoice, clock: Clock = CLOCK) -> None:
-    """Set the force of a device to zero; retry while the ended process still holds the device."""
-    end_s = clock.now_s() + RELEASE_S
-    while True:
-        try:
-            driver.release(**driver.read_options(choice.options))  # type: ignore[misc]
-            return
-        except Exception:  # an error of a driver; the next device is released in any case
-            if clock.now_s() > end_s:
-                return
-            clock.sleep_s(0.002)
+def release_all(drivers: Sequence[tuple[Driver, DeviceChoice]], closed: Callable[[], bool]) -> None:
+    """Set the force of all devices to zero, in parallel, because a device that does not answer must not delay others.
+
+    `closed` as in `release`.
+    """
+    threads = [threading.Thread(target=release, args=(*each, closed)) for each in drivers if each[0].release]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
+def release(driver: Driver, choice: DeviceChoice, closed: Callable[[], bool], clock: Clock = CLOCK) -> None:
+    """Set the force of a device to zero; retry while the ending process still holds it.
+
+    Where two processes can open a device, a thread of the ending one may still write a force. `closed` returns whether
+    all threads have ended; the force is then set to zero once more.
+    """
+    end_s, sent = clock.now_s() + RELEASE_S, False
+    while clock.now_s() < end_s:
+        last = closed()
+        if last or not sent:
+            with suppress(Exception):  # an error of a driver
+                driver.release(**driver.read_options(choice.options))  # type: ignore[misc]
+                if last:
+                    return
+                sent = True
+        clock.sleep_s(RETRY_S)

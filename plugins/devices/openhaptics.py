@@ -10,10 +10,9 @@ The vendor's scheduler has its own thread. Once a period it calls compiled code 
 The library's axes are x to the right, y up, z towards the user, in mm. Transforms are column-major.
 """
 
-import math
 from contextlib import suppress
-from ctypes import c_double, c_int
-from typing import Any, Final
+from ctypes import c_int
+from typing import Final
 
 import numpy as np
 
@@ -48,10 +47,12 @@ from hapscene_plugins.devices.openhaptics_library import (
     PRIORITY_MAX,
     STOPPED,
     WAIT_S,
+    check,
     error_text,
     find,
     initiate,
     load,
+    numbers_of,
     pop_errors,
     release,
     wait_until,
@@ -108,47 +109,33 @@ class OpenHapticsConnection(VendorConnection):
         link["device"] = self._device
         style = (c_int * 1)(0)
         hd.hdGetIntegerv(STYLE, style)
-        self._check("calibration style")
+        check(hd, "calibration style")
         link.style = AUTO if style[0] & AUTO else style[0] & INKWELL
-        box = self._ask(WORKSPACE, 6)
+        box = numbers_of(hd, WORKSPACE, 6)
         if np.all(np.isfinite(box)):
             link.middle_mm = (box[:3] + box[3:]) / 2.0
         known = DEVICES["omni"].limits.force_N
-        reported = float(self._ask(MOST_FORCE, 1)[0])
+        reported = float(numbers_of(hd, MOST_FORCE, 1)[0])
         link.force_N = min(known, reported) if reported > 0.0 else known
-        link.has_temperature = int(np.all(np.isfinite(self._ask(int(TEMPERATURE), 3))))
+        link.has_temperature = int(np.all(np.isfinite(numbers_of(hd, int(TEMPERATURE), 3))))
         if reset:
             hd.hdUpdateCalibration(RESET)
-            self._check("calibration of the encoders")
+            check(hd, "calibration of the encoders")
         for capability in (int(FORCE_OUTPUT), FORCE_CLAMPING):
             hd.hdEnable(capability)
-            self._check(f"enabling 0x{capability:04X}")
+            check(hd, f"enabling 0x{capability:04X}")
         hd.hdSetSchedulerRate(rate)
-        self._check(f"option rate={rate}")
+        check(hd, f"option rate={rate}")
         hd.hdStartScheduler()
-        self._check("start of the scheduler")
-
-    def _ask(self, what: int, count: int) -> Any:
-        """Query `count` numbers; NaN for devices that do not provide them."""
-        values = (c_double * 16)(*[math.nan] * 16)
-        self._hd.hdGetDoublev(what, values)
-        return np.array(values[:count]) if not pop_errors(self._hd) else np.full(count, math.nan)
-
-    def _check(self, operation: str) -> None:
-        if errors := pop_errors(self._hd):
-            raise DeviceError(f"openhaptics: {operation}: {error_text(errors[-1])}")
+        check(hd, "start of the scheduler")
 
     def read(self) -> None:
-        self._frame()
-
-    def write(self) -> None:
-        self._frame()
-
-    def _frame(self) -> None:
         """Read the state and send the force, in one frame of the scheduler."""
         self._link.purpose = ONCE
         self._schedule_callback()
         self._raise_fault()
+
+    write = read
 
     def _schedule_callback(self) -> int:
         """Schedule the callback and wait for its first call. Returns the scheduler's handle."""

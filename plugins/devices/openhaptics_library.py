@@ -1,11 +1,15 @@
 """Functions and error codes of OpenHaptics' device library (HDAPI), called by ctypes. Not a driver."""
 
 import ctypes
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
 from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_ubyte, c_uint, c_ulong, c_ushort, c_void_p
 from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.device.driver import Found
 from hapscene.device.vendor_library import load_library
@@ -108,6 +112,19 @@ def error_text(code: int) -> str:
     """Name and meaning of an error code of the library."""
     name, meaning = ERRORS.get(code, ("unknown error", "see the vendor's documentation"))
     return f"{name} (0x{code:04X}): {meaning}"
+
+
+def check(hd: Any, operation: str) -> None:
+    """Raise the oldest error on the library's stack as a `DeviceError`; `operation` describes what failed."""
+    if errors := pop_errors(hd):
+        raise DeviceError(f"openhaptics: {operation}: {error_text(errors[-1])}")
+
+
+def numbers_of(hd: Any, what: int, count: int) -> NDArray[np.float64]:
+    """Query `count` numbers of a device; NaN if it does not provide them."""
+    values = (c_double * 16)(*[math.nan] * 16)
+    hd.hdGetDoublev(what, values)
+    return np.array(values[:count]) if not pop_errors(hd) else np.full(count, math.nan)
 
 
 def initiate(hd: Any, name: str | None) -> int:

@@ -160,3 +160,33 @@ def test_a_device_that_stays_away_leaves_the_fault(plate: Scene, monkeypatch: py
         monkeypatch.undo()
         servo.recover()
         assert servo.mode == "paused"
+
+
+def test_servo_without_watchdog_ends_the_force(plate: Scene) -> None:
+    with VirtualServo(plate, choose("simulated")) as servo:
+        servo.start((0.0, 0.0, 0.05))
+        servo.advance(10)
+        state = servo.handler.connections[0].state
+        state.f_D_N = 1.0
+        servo.handler.check_devices(watched=False)
+        assert not state.f_D_N.any() and servo.mode == "error"
+        with pytest.raises(DeviceError, match="watchdog"):
+            servo.state()
+
+
+def test_end_waits_for_the_loop_after_an_interrupted_pause(plate: Scene) -> None:
+    """A signal may interrupt the wait for the last tick; devices are closed when that tick is over."""
+    with VirtualServo(plate, choose("simulated")) as servo:
+        servo.start((0.0, 0.0, 0.05))
+        handler, waited = servo.handler, []
+
+        def stop() -> None:
+            waited.append(True)
+            if len(waited) == 1:
+                raise KeyboardInterrupt
+
+        handler._stop = stop
+        with pytest.raises(KeyboardInterrupt):
+            handler.pause()
+        handler.end()
+        assert len(waited) == 2

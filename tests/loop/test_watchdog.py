@@ -1,5 +1,6 @@
 """The watchdog and the heartbeat, which end the force when the servo or the application ends; on a virtual clock."""
 
+import threading
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -10,8 +11,9 @@ import pytest
 from hapscene.device.driver import Driver
 from hapscene.device.driver_registry import DeviceChoice
 from hapscene.loop import heartbeat, watchdog
+from hapscene.loop.driver import BLOCKING, ENDED
 from hapscene.loop.heartbeat import HEARTBEAT_NS
-from hapscene.loop.watchdog import BUSY_S, LOOK_S, RELEASE_S, STILL_S, WAITING_S, release, until_needed
+from hapscene.loop.watchdog import BUSY_S, LOOK_S, RELEASE_S, STILL_S, WAITING_S, release, release_all, until_needed
 from tests.virtual_clock import VirtualClock
 
 TICK_S = 1e-3
@@ -20,7 +22,8 @@ TICK_S = 1e-3
 class Life:
     """Connection to a servo. `lives` maps the elapsed time to the number of complete ticks.
 
-    If it returns a text, that is the last message of the servo; an exception class closes the connection.
+    If it returns a text, that is the last message of the servo; an exception class closes the connection, as on Linux
+    (EOFError) or as on Windows (BrokenPipeError).
     """
 
     def __init__(self, clock: VirtualClock, row: Any, lives: Callable[[float], Any]) -> None:
@@ -29,6 +32,8 @@ class Life:
     def poll(self, timeout_s: float) -> bool:
         self.clock.sleep_s(timeout_s)
         self.said = self.lives(self.age_s)
+        if self.said is BrokenPipeError:
+            raise BrokenPipeError
         if isinstance(self.said, str | type):
             return True
         self.row.done = self.said
@@ -46,7 +51,7 @@ class Life:
 
 def watch(lives: Callable[[float], Any], **row: int) -> tuple[bool, float]:
     """Return the result of the watchdog, and the time until it [s]."""
-    clock, shared = VirtualClock(), SimpleNamespace(**({"done": 0, "pause": 0, "waiting": 0} | row))
+    clock, shared = VirtualClock(), SimpleNamespace(**({"done": 0, "waiting": 0} | row))
     life = Life(clock, shared, lives)
     closed = until_needed(life, SimpleNamespace(channel=[shared]), 1, clock)  # type: ignore[arg-type]
     return closed, life.age_s
@@ -56,7 +61,7 @@ def stands_after(moment_s: float) -> Callable[[float], int]:
     return lambda age_s: round(min(age_s, moment_s) / TICK_S)
 
 
-@pytest.mark.parametrize(("waiting", "patience_s"), [(0, BUSY_S), (1, WAITING_S)])
+@pytest.mark.parametrize(("waiting", "patience_s"), [(0, BUSY_S), (BLOCKING, WAITING_S)])
 def test_stopped_ticks_are_detected(waiting: int, patience_s: float) -> None:
     closed, after_s = watch(stands_after(1.0), waiting=waiting)
     assert not closed and patience_s < after_s - 1.0 <= patience_s + 2.5 * LOOK_S
@@ -72,18 +77,23 @@ def test_normal_end_is_reported() -> None:
     assert watch(lambda age_s: "closed" if age_s > 3.0 else round(age_s / TICK_S))[0]
 
 
-def test_dead_process_is_detected() -> None:
-    assert not watch(lambda age_s: EOFError if age_s > 3.0 else round(age_s / TICK_S))[0]
+@pytest.mark.parametrize("error", [EOFError, BrokenPipeError])
+def test_dead_process_is_detected(error: type) -> None:
+    assert not watch(lambda age_s: error if age_s > 3.0 else round(age_s / TICK_S))[0]
 
 
 def test_paused_servo_is_not_killed() -> None:
-    closed, after_s = watch(lambda age_s: "closed" if age_s > 60.0 else 0, pause=1)
+    closed, after_s = watch(lambda age_s: "closed" if age_s > 60.0 else 0, waiting=ENDED)
     assert closed and after_s > 60.0
+
+
+def test_loop_that_hangs_while_it_is_paused_is_detected() -> None:
+    assert not watch(lambda age_s: "closed" if age_s > 60.0 else 0, pause=1)[0]
 
 
 def test_time_in_which_the_watchdog_did_not_run_is_ignored() -> None:
     """The watchdog is stopped together with the servo for a minute."""
-    clock, row = VirtualClock(), SimpleNamespace(done=0, pause=0, waiting=0)
+    clock, row = VirtualClock(), SimpleNamespace(done=0, waiting=0)
 
     def lives(age_s: float) -> int | str:
         if 1.0 < age_s < 2.0:
@@ -94,17 +104,64 @@ def test_time_in_which_the_watchdog_did_not_run_is_ignored() -> None:
     assert until_needed(life, SimpleNamespace(channel=[row]), 1, clock)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("free_s", "released"), [(0.5, True), (2.0 * RELEASE_S, False)])
-def test_release_is_retried(free_s: float, released: bool) -> None:
-    clock, begin_s, zeros = VirtualClock(), VirtualClock().now_s(), []
+class Held:
+    """A device that a dying process holds, and a clock on which it dies after a while."""
 
-    def write_zero() -> None:
-        if clock.now_s() - begin_s < free_s:
+    def __init__(self, free_s: float = 0.0, ended_s: float = 0.0) -> None:
+        self.clock, self.free_s, self.ended_s = VirtualClock(), free_s, ended_s
+        self.begin_s, self.commands = self.clock.now_s(), [1.0]
+
+    @property
+    def age_s(self) -> float:
+        return self.clock.now_s() - self.begin_s
+
+    def write_zero(self) -> None:
+        if self.age_s < self.free_s:
             raise OSError("busy")
-        zeros.append(clock.now_s())
+        self.commands.append(0.0)
 
-    release(Driver("held", "a device", force=False, release=write_zero), DeviceChoice("held"), clock)
-    assert bool(zeros) == released and clock.now_s() - begin_s <= min(free_s, RELEASE_S) + 0.01
+    def closed(self) -> bool:
+        """The process ends; a thread of it has written its last force immediately before."""
+        if self.age_s < self.ended_s:
+            self.commands.append(1.0)
+        return self.age_s >= self.ended_s
+
+    def release(self) -> None:
+        driver = Driver("held", "a device", force=False, release=self.write_zero)
+        release(driver, DeviceChoice("held"), self.closed, self.clock)
+
+
+@pytest.mark.parametrize(("free_s", "released"), [(0.0, True), (0.5, True), (5.0, True), (2.0 * RELEASE_S, False)])
+def test_release_is_retried(free_s: float, released: bool) -> None:
+    held = Held(free_s)
+    held.release()
+    assert held.commands == ([1.0, 0.0] if released else [1.0]) and held.age_s <= min(free_s, RELEASE_S) + 0.01
+
+
+def test_force_that_a_dying_thread_writes_after_the_release_is_removed() -> None:
+    held = Held(ended_s=0.06)
+    held.release()
+    assert held.commands[1] == 1.0 and held.commands.index(0.0) == 2  # at once
+    assert held.commands[-1] == 0.0 and held.commands.count(0.0) == 2
+
+
+def test_process_that_does_not_end_does_not_prevent_the_release() -> None:
+    held = Held(ended_s=float("inf"))
+    held.release()
+    assert held.commands.count(0.0) == 1
+
+
+def test_device_that_does_not_answer_does_not_delay_others() -> None:
+    """The first release ends only after the second, as that of a device whose service does not answer."""
+    second, order = threading.Event(), []
+
+    def hang() -> None:
+        order.append(second.wait(20.0))
+
+    names = {"hangs": hang, "works": second.set}
+    drivers = [Driver(name, "a device", force=False, release=function) for name, function in names.items()]
+    release_all([(driver, DeviceChoice(driver.name)) for driver in drivers], lambda: True)
+    assert order == [True]
 
 
 @pytest.mark.parametrize(("patience_ns", "beats"), [(10**18, 200), (50 * HEARTBEAT_NS, 50)])

@@ -34,8 +34,9 @@ from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.plant import Plant
 from hapscene_plugins.devices import falcon_kinematics, woodenhaptics
 from hapscene_plugins.devices.haply2diy import HARDWARE, MIDDLE_M, forward
-from tests.handle.serial_board import COLUMNS, Peer, serve
+from tests.handle.serial_board import BLOCK_S, COLUMNS, Peer, serve
 from tests.nightly.plugins.devices.conftest import EMULATORS, Emulated
+from tests.nightly.plugins.devices.emulators.emulator import prompt_clock
 from tests.nightly.plugins.devices.vendor_desk import Desk, emulator
 from tests.simulated_port import simulated_port, simulator_parser
 from tests.until import until
@@ -68,6 +69,12 @@ def falcon_count(y_m: float) -> float:
         return falcon_kinematics.MIDDLE_M - p[2] - y_m
 
     return float(brentq(off_m, -800.0, 800.0))
+
+
+def environment_with(more: dict[str, str]) -> dict[str, str]:
+    """The environment of a process, with more variables; the paths of both are searched."""
+    path = os.pathsep.join(filter(None, (more.get("PYTHONPATH"), os.environ.get("PYTHONPATH"))))
+    return os.environ | more | {"PYTHONPATH": path}
 
 
 class Board:
@@ -199,12 +206,6 @@ class ForceDimension(Library):
     }
 
 
-def prompt_clock() -> None:
-    """Give an emulated device priority, if permitted: its clock is to be right on a busy machine, too."""
-    with contextlib.suppress(OSError, AttributeError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(2))
-
-
 class Network:
     """A device on another computer: sends its position at 500 Hz, and stops its force 20 ms after the last answer."""
 
@@ -260,36 +261,36 @@ class Network:
 
 
 class Handle(Board):
-    """A handle's board on a serial port. A recorded stroke over a texture drives it; it stops 20 ms after the last
-    data."""
+    """A handle's board. A recorded stroke over a texture drives it; it stops 20 ms after the last data."""
 
     held, device, swatch = 0.02, "replay", "wood"
     faults: ClassVar = {}
-    environment: ClassVar[dict[str, str]] = {}
 
     def __init__(self, driver: str, folder: Path) -> None:
         self.emulated = Emulated.__new__(Emulated)
-        command = [sys.executable, "-m", "tests.nightly.loop.time_to_zero", "board", str(folder / "log")]
-        self.emulated.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        port = self.emulated.process.stdout.readline().strip()  # type: ignore[union-attr]
+        command = [sys.executable, "-m", "tests.nightly.loop.time_to_zero", driver, str(folder / "log")]
+        self.environment = {"HAPSCENE_USB": str(folder / "board"), "PYTHONPATH": str(EMULATORS)}
+        self.emulated.process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment_with(self.environment)
+        )
+        said = self.emulated.process.stdout.readline().strip()  # type: ignore[union-attr]
         self._log, self._rows = (folder / "log").open(), []
         t_s = np.arange(0.0, 0.6, 0.001)
         path = np.column_stack([t_s, np.minimum(0.1 * t_s - 0.005, 0.002), 0.1 * t_s - 0.03, np.zeros_like(t_s)])
         np.savetxt(folder / "stroke.csv", path, delimiter=",", header="t,x,y,z", comments="")
         self.options = f"file={folder / 'stroke.csv'},again=yes,origin=world"
-        self.words = ["--handle", "serial", "--handle-option", f"port={port}"]
+        option = "backend=usb_wire" if driver == "usb" else f"port={said}"
+        self.words = ["--handle", driver, "--handle-option", option]
 
     def move(self, x_m: float) -> None:
         pass
 
 
-def board(log: str) -> None:
-    """The board of a `Handle`: logs the force of each sample that it plays."""
-    parser = simulator_parser("tests.nightly.loop.time_to_zero", __doc__, 5000.0)
+def noting_peer(log: str) -> Peer:
+    """The microcontroller of a `Handle`: logs the force of each sample that it plays."""
     peer, file = Peer(SimulatedSource(Plant(), 5000.0)), open(log, "w", buffering=1)  # noqa: PTH123, SIM115
     peer.give(1)
-    prompt_clock()
-    wire, take_next = simulated_port(parser), peer._next
+    take_next = peer._next
 
     def note() -> tuple[int, int, int]:
         force, played, state = take_next()
@@ -297,7 +298,60 @@ def board(log: str) -> None:
         return force, played, state
 
     peer._next = note  # type: ignore[method-assign]
-    serve(peer, wire, lambda: False)
+    prompt_clock()
+    return peer
+
+
+def serial_board(log: str) -> None:
+    """The board of a handle on a serial port."""
+    peer = noting_peer(log)
+    serve(peer, simulated_port(simulator_parser("tests.nightly.loop.time_to_zero", __doc__, 5000.0)), lambda: False)
+
+
+class UsbBoard:
+    """The board of a handle on USB. It plays by its own clock, also if no process reads it."""
+
+    ids, kind, ends = (0x16C0, 0x05DC), 2, (0x81, 0x02)
+    gone = silent = 0.0
+
+    def __init__(self, log: str) -> None:
+        self._peer, self._lock, self._out = noting_peer(log), threading.Lock(), b""
+
+    def obey(self) -> None:
+        print("up", flush=True)
+        threading.Thread(target=self._play, daemon=True).start()
+
+    def _play(self) -> None:
+        rate_Hz = self._peer.source.rate_Hz
+        given = int(rate_Hz * time.monotonic())
+        while True:
+            time.sleep(BLOCK_S)
+            now = int(rate_Hz * time.monotonic())
+            with self._lock:
+                self._out = (self._out + self._peer.give(now - given))[-4096:]
+            given = now
+
+    def control(self, request: int, value: int) -> None:
+        pass
+
+    def write(self, endpoint: int, data: bytes) -> None:
+        with self._lock:
+            self._peer.take(data)
+
+    def read(self, endpoint: int, wait_s: float) -> bytes | None:
+        end_s = time.monotonic() + wait_s
+        while not self._out and time.monotonic() < end_s:
+            time.sleep(5e-4)
+        with self._lock:
+            data, self._out = self._out[:1024], self._out[1024:]
+        return data or None
+
+
+def usb_board(log: str) -> None:
+    """The board of a handle on USB."""
+    from tests.nightly.plugins.devices.emulators.usb_wire import serve as serve_usb
+
+    serve_usb(UsbBoard(log), os.environ["HAPSCENE_USB"])
 
 
 DEVICES: Final[dict[str, Any]] = {
@@ -309,6 +363,7 @@ DEVICES: Final[dict[str, Any]] = {
     "forcedimension": ForceDimension,
     "network": Network,
     "serial": Handle,
+    "usb": Handle,
 }
 """Emulated devices by driver."""
 
@@ -328,14 +383,12 @@ class Play:
         words = ["play", str(folder / "wall.scene.json"), "--device", getattr(device, "device", driver)]
         words += ["--at", "0", "0", "0", "--option", device.options, "--log", str(folder / "logs")]
         words += getattr(device, "words", [])
-        given = device.environment
-        path = os.pathsep.join(filter(None, (given.get("PYTHONPATH"), os.environ.get("PYTHONPATH"))))
         self.process = subprocess.Popen(
             [sys.executable, "-m", "hapscene", *words],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             start_new_session=True,
-            env=os.environ | given | {"PYTHONPATH": path},
+            env=environment_with(device.environment),
         )
         try:
             until(lambda: len(device.rows()) > 100)
@@ -351,9 +404,14 @@ class Play:
         self.servo_pid, self.other_pid = self._children()[:2]
 
     def _children(self) -> list[int]:
-        """The processes that multiprocessing started, the oldest first: the servo, its watchdog or its handle."""
+        """The processes that multiprocessing started, the oldest first: the servo, its watchdog or its handle.
+
+        The system may give a later process a lower number.
+        """
         children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-        return sorted(int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes())
+        started = [pid for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        stats = {pid: Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in started}
+        return [int(pid) for pid in sorted(started, key=lambda pid: int(stats[pid][19]))]  # start time
 
     def time_to_zero_ms(self, since_ns: int) -> float:
         """Time from a moment to the first command of zero that no other follows within 0.4 s [ms]; infinite: never."""
@@ -378,7 +436,8 @@ def killed(who: str, by: signal.Signals) -> Callable[[Play], None]:
         if who == "group":
             os.killpg(play.process.pid, by)
         else:
-            os.kill({"application": play.process.pid, "servo": play.servo_pid}[who], by)
+            pids = {"application": play.process.pid, "servo": play.servo_pid, "watchdog": play.other_pid}
+            os.kill(pids[who], by)
 
     return act
 
@@ -391,6 +450,8 @@ SIGNALS: Final = {
     "servo: SIGKILL": killed("servo", signal.SIGKILL),
     "servo: SIGSEGV": killed("servo", signal.SIGSEGV),
     "servo: SIGSTOP": killed("servo", signal.SIGSTOP),
+    "servo: SIGTERM": killed("servo", signal.SIGTERM),
+    "watchdog: SIGKILL": killed("watchdog", signal.SIGKILL),
     "process group: SIGKILL": killed("group", signal.SIGKILL),
 }
 """What happens to processes, by name."""
@@ -398,7 +459,8 @@ SIGNALS: Final = {
 
 def events_of(driver: str) -> list[str]:
     """What can happen to a device: signals, and its own faults."""
-    return [*SIGNALS, *(f"device: {fault}" for fault in DEVICES[driver].faults)]
+    signals = [name for name in SIGNALS if issubclass(DEVICES[driver], Handle) <= (not name.startswith("watchdog"))]
+    return [*signals, *(f"device: {fault}" for fault in DEVICES[driver].faults)]
 
 
 @contextmanager
@@ -439,4 +501,8 @@ def main(busy: str = "0", repeats: str = "3", *drivers: str) -> None:
 
 
 if __name__ == "__main__":
-    (board if sys.argv[1:2] == ["board"] else main)(*sys.argv[1 + (sys.argv[1:2] == ["board"]) :])
+    boards: Final[dict[str, Any]] = {"serial": serial_board, "usb": usb_board}
+    if sys.argv[1:2] and sys.argv[1] in boards:
+        boards[sys.argv[1]](*sys.argv[2:])
+    else:
+        main(*sys.argv[1:])

@@ -8,7 +8,6 @@ import math
 import os
 import struct
 import tty
-from contextlib import suppress
 
 from emulator import Emulator
 
@@ -61,6 +60,4 @@ class Board(Emulator):
 
 
 if __name__ == "__main__":
-    with suppress(OSError, AttributeError):  # its clock is to be right on a busy machine, too
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(2))
     Board().run()

@@ -1,22 +1,26 @@
 """A USB bus of one device between two processes: pyusb's backend on one side, an emulator on the other.
 
 Each transfer is one message over a Unix socket: (op, endpoint, request, value, wait_ms) and data, answered by a status
-and data. The backend finds the socket's name in HAPSCENE_USB.
+and data. The backend finds the socket's name in HAPSCENE_USB; each of its threads has a connection. As on a real bus,
+one process at a time can claim the device, until it releases it or its files are closed.
 """
 
+import errno
 import os
 import socket
 import struct
 import threading
 import time
-from contextlib import suppress
 
 from usb.core import USBError, USBTimeoutError
 from usb_device import UsbDevice
 
 HEAD = struct.Struct("<BBBHI")
-CONTROL, WRITE, READ, DESCRIBE, CONFIGURE = range(5)
-OK, SILENT, GONE, REFUSED = range(4)
+CONTROL, WRITE, READ, DESCRIBE, CONFIGURE, CLAIM, RELEASE = range(7)
+OK, SILENT, GONE, REFUSED, BUSY = range(5)
+
+claims = {}
+"""Process id of each connection that has claimed the device."""
 
 
 def serve(emulator, path):
@@ -32,11 +36,16 @@ def serve(emulator, path):
 
 
 def _served(emulator, wire):
-    with suppress(OSError):  # a driver that was killed
+    try:
         _answer(emulator, wire)
+    except OSError:  # a driver that was killed
+        pass
+    finally:
+        claims.pop(wire, None)
 
 
 def _answer(emulator, wire):
+    pid = struct.unpack("3i", wire.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))[0]
     while message := wire.recv(65536):
         op, endpoint, request, value, wait_ms = HEAD.unpack_from(message)
         status, data = OK, b""
@@ -46,6 +55,12 @@ def _answer(emulator, wire):
             data = struct.pack("<HHB", *emulator.ids, emulator.kind) + bytes(emulator.ends)
         elif op == CONFIGURE:
             status = REFUSED if getattr(emulator, "refused", 0.0) else OK
+        elif op in (CLAIM, WRITE, READ) and any(other != pid for other in claims.values()):
+            status = BUSY
+        elif op == CLAIM:
+            claims[wire] = pid
+        elif op == RELEASE:
+            claims.pop(wire, None)
         elif op == CONTROL:
             emulator.control(request, value)
         elif op == WRITE:
@@ -62,16 +77,18 @@ class Backend(UsbDevice):
     """The device at the other end."""
 
     def __init__(self):
-        self._wire = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._wire.connect(os.environ["HAPSCENE_USB"])
+        self._own = threading.local()
         description = self._ask(DESCRIBE)
         *self.ids, self.kind = struct.unpack_from("<HHB", description)
         self.ends = description[5:]
 
     def _ask(self, op, endpoint=0, request=0, value=0, wait_ms=0, data=b""):
         try:
-            self._wire.send(HEAD.pack(op, endpoint, request, value, wait_ms) + data)
-            answer = self._wire.recv(65536)
+            if not hasattr(self._own, "wire"):
+                self._own.wire = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+                self._own.wire.connect(os.environ["HAPSCENE_USB"])
+            self._own.wire.send(HEAD.pack(op, endpoint, request, value, wait_ms) + data)
+            answer = self._own.wire.recv(65536)
         except OSError:
             answer = b""
         if not answer or answer[0] == GONE:
@@ -80,7 +97,15 @@ class Backend(UsbDevice):
             raise USBTimeoutError("Operation timed out", -7, 110)
         if answer[0] == REFUSED:
             raise USBError("Access denied (insufficient permissions)", -3, 13)
+        if answer[0] == BUSY:
+            raise USBError("Resource busy", -6, errno.EBUSY)
         return answer[1:]
+
+    def claim_interface(self, handle, interface):
+        self._ask(CLAIM)
+
+    def release_interface(self, handle, interface):
+        self._ask(RELEASE)
 
     def get_configuration(self, handle):
         self._ask(CONFIGURE)
