@@ -180,7 +180,6 @@ def convert(
     /,
     *,
     replace: Annotated[bool, Help("Replace the target if it exists")] = False,
-    body: Annotated[str | None, Help("Body to draw as .png, if several have texture coordinates")] = None,
     show: Annotated[ShowLayers, Help("Layers shown by .glb: materials of the meshes, paint, or both")] = "both",
     cut: Annotated[bool, Help("Cut faces at painted borders in .glb, to paint on in Blender")] = False,
     read: ReadOptions = ReadOptions(),
@@ -194,9 +193,6 @@ def convert(
       .glb .gltf .ply .obj .stl       export of a scene
       .html                           page that anyone can touch and listen to:
                                       one file, for any browser, also on a phone
-      .png                            swatches of a body over its texture
-                                      coordinates, a colour each, with a legend;
-                                      `hapscene paint --map` reads it
 
     examples:
       hapscene convert desk.scene.json              # to desk.glb
@@ -215,18 +211,13 @@ def convert(
         raise SceneError(
             f"{source}: is already a scene file; name a target of another type, as in {base_name(source)}.glb"
         )
-    for file in (target, target.with_suffix(".json")) if name == "png" else (target,):
-        if file.exists() and not replace:
-            raise SaveConflict(f"{file}: exists already; choose another name, or add --replace")
+    if target.exists() and not replace:
+        raise SaveConflict(f"{target}: exists already; choose another name, or add --replace")
     with step(print_progress, loading(source)):
         opened = open_scene if source.endswith(SCENES) else import_scene
         scene = opened(source, read.unit, **read.reading())
     if not name:
         _save(scene, source, target)
-    elif name == "png":
-        from hapscene.scene.uv_paint import body_with_uv, save_picture
-
-        print_files(save_picture(scene, body_with_uv(scene, body), target))
     else:
         print_files(export_scene(scene, target, name, replace=replace, show=show, cut=cut))
         lost = (*losses(scene, name), *(["faces before they were cut"] if cut else []))
