@@ -9,7 +9,7 @@ from hapscene.constants import SCENE_SUFFIXES
 from hapscene.errors import HapsceneError, printable
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_doctor import examine
-from hapscene.scene.mesh_file import FORMATS, load_mesh
+from hapscene.scene.mesh_file import FORMATS, UNITLESS, load_mesh
 from hapscene.scene.mesh_report import Report
 from hapscene.scene.scene import load_scene
 from hapscene.scene.size_advice import size_advice
@@ -43,7 +43,7 @@ def examined(file: Path, mesh: Mesh | None, unit: str | None, **reading: Any) ->
         warnings.simplefilter("always")
         try:
             if mesh is None:
-                has_unit = file.suffix.lower().lstrip(".") not in ("stl", "obj", "ply", "off", "zip")
+                has_unit = file.suffix.lower().lstrip(".") not in UNITLESS
                 mesh = load_mesh(file, None if has_unit else unit, **reading)
             report = examine(mesh)
         except (HapsceneError, OSError, MemoryError) as error:
