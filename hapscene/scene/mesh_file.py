@@ -121,7 +121,6 @@ def load_mesh(
     *,
     up: str | None = None,
     scale: float = 1.0,
-    accept_damaged: bool = False,
 ) -> Mesh:
     """Load a mesh from STL, OBJ (with MTL), PLY, OFF, GLB, glTF or STEP.
 
@@ -135,13 +134,12 @@ def load_mesh(
         up: vertical axis in the file, "y" or "z". Default: y for glTF, as its standard requires, else z. Meshes with y
             up are rotated to z up.
         scale: scale factor [1].
-        accept_damaged: load the readable part of a damaged STEP file.
 
     Raises:
         MeshError: the file is missing, damaged or not a mesh; its unit is unknown; or `up` or `scale` is invalid.
 
     Warns:
-        MeshWarning: `unit` differs from that of the file, or parts of a damaged file or its textures are missing.
+        MeshWarning: `unit` differs from that of the file, or its textures are missing.
     """
     path = Path(path)
     check_reading(up, scale)
@@ -159,7 +157,7 @@ def load_mesh(
                 f"{path}: unit={unit!r} is ignored: a STEP file contains its unit",
                 MeshWarning,
             )
-        return _step(path, content, accept_damaged, up, scale)
+        return _step(path, content, up, scale)
     try:
         parts, own_unit = _read(path, suffix, content, resolver)
         for name in dict.fromkeys(resolver.missing):
@@ -188,33 +186,23 @@ def files_of(path: Path) -> list[Path]:
     return [file for file in dict.fromkeys(resolver.found) if file.is_relative_to(path.resolve().parent)]
 
 
-def _step(path: Path, content: bytes, accept_damaged: bool, up: str, scale: float) -> Mesh:
+def _step(path: Path, content: bytes, up: str, scale: float) -> Mesh:
     declared = declared_by(content, str(path))
     damage = list(declared.damage)
-    if not damage or accept_damaged:
-        glb, errors = step_glb(content, str(path))
+    if not damage:
+        glb, damage = step_glb(content, str(path))
         loaded = _load(path, "glb", glb, None)
         found = sum(faces_in(np.asarray(part.faces)) for part in loaded.geometry.values())
-        damage += errors
         if found < declared.face_count:
             damage.append(f"{declared.face_count - found:,} of {declared.face_count:,} faces have no triangles")
-    problem = f"{path}: the STEP file is damaged: {'; '.join(damage)}"
-    if damage and not accept_damaged:
-        raise MeshError(f"{problem}: export it again, or load the rest with accept_damaged=True (--accept-damaged)")
+    if damage:
+        raise MeshError(f"{path}: the STEP file is damaged: {'; '.join(damage)}: export it again")
     parts = parts_of(loaded, str(path))
     for part in parts:  # trimesh appends random digits to the pieces of a part
         part.names = [re.sub(r"_[0-9a-f]{6}(?=/|$)", "", name) for name in part.names] if len(parts) > 1 else part.names
-    if damage and not parts:
-        raise MeshError(f"{problem}; it has no readable faces")
     mesh = join(parts, "m", path, up, scale)
-    if damage:
-        warn(f"{problem}; the readable part was loaded: {len(mesh.faces):,} triangles", MeshWarning)
-        return mesh
-    doubts = list(declared.doubts)
     if declared.is_closed and not edges_of(mesh.faces, weld(mesh.vertices_m)).closed:
-        doubts.append("shells that are declared closed are open")
-    if doubts:
-        warn(f"{path}: the STEP file may be damaged, check its shape: {'; '.join(doubts)}", MeshWarning)
+        warn(f"{path}: the STEP file may be damaged: shells that are declared closed are open", MeshWarning)
     return mesh
 
 
