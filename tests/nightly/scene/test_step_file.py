@@ -83,7 +83,7 @@ def test_open_shell_warns(step) -> None:
         load_mesh(step(BOX.replace("#1,#2,#4,#3", "#1,#2,#4,#4")))
 
 
-@pytest.mark.parametrize("words", [["check", "--json"], ["touch"]])
+@pytest.mark.parametrize("words", [["check"], ["touch"]])
 def test_crash_of_the_parser_is_one_error(words: list[str], step, capfd, monkeypatch, tmp_path) -> None:
     monkeypatch.chdir(tmp_path)
     assert main([words[0], str(step(CRASHING)), *words[1:]]) == 2
