@@ -14,8 +14,7 @@ from hapscene.errors import HandleError
 from hapscene.handle.compensator import COUNT, find_compensator, weights
 from hapscene.handle.governor import HIGH_HZ, LOOK_AHEAD_S, ONE, RELEASE_S, TRAVEL_SHARE
 from hapscene.handle.handle_dynamics import RING, hold, set_delay
-from hapscene.handle.plant import Array, Plant
-from hapscene.handle.sensor import Sensor
+from hapscene.handle.plant import Array, Plant, Sensor
 from hapscene.records import Records
 
 __all__ = ["DELAY_LINE", "HANDLE", "RATE_MAX_HZ", "RATE_MIN_HZ", "SPREAD", "new_handle", "prior"]

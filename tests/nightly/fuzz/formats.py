@@ -37,8 +37,7 @@ from hapscene.scene.mesh_file import UNITLESS, load_mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.study.plan import load_plan
-from hapscene.study.results_file import load_rows
-from hapscene.study.session import Session
+from hapscene.study.session import Session, load_rows
 from hapscene.study.statistics import analyse
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
