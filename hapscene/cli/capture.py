@@ -261,7 +261,7 @@ def record(
 
     examples:
       hapscene capture record --port /dev/ttyUSB0
-      hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.hsrec
+      hapscene capture record --port COM3 --baud 2000000 --seconds 9 -o oak.hsrec
     """
     from hapscene.capture.record.recorder import record as run
     from hapscene.interrupt import interrupt_noted
