@@ -177,7 +177,6 @@ def open_scene(
     two_sided: bool = False,
     say: Callable[[str], None] = lambda text: None,
     *,
-    accept_damaged: bool = False,
     up: str | None = None,
     scale: float = 1.0,
 ) -> "Scene":
@@ -189,7 +188,6 @@ def open_scene(
         swatch: swatch for the whole mesh, which overrides the file: a name, or a .swatch file.
         two_sided: render contact from both sides of the faces.
         say: called with the stages of loading a large mesh file.
-        accept_damaged: load what can be read of a damaged mesh: see `hapscene.load_mesh`.
         up, scale: up axis of the mesh file, and scale factor: see `hapscene.load_mesh`.
 
     Raises:
@@ -224,7 +222,7 @@ def open_scene(
     scene = None if swatch or two_sided else painted_scene(path, unit, up=up, scale=scale)
     if scene is None:
         scene = Scene()
-        mesh = scene.mesh_of(path, unit, accept_damaged, up=up, scale=scale)
+        mesh = scene.mesh_of(path, unit, up=up, scale=scale)
         if size_B >= LARGE_B:
             say(f"checking {len(mesh.faces):,} faces … ")
         scene.add(mesh, swatch=swatch, two_sided=two_sided)

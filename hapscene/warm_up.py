@@ -137,10 +137,9 @@ def _serve(scene: Scene) -> None:
 def _teleoperate() -> None:
     from hapscene.handle import Plant
     from hapscene.handle.handle_record import new_handle
-    from hapscene.teleoperation.body_follower import read_accelerometer
     from hapscene.teleoperation.datagram import SAMPLE_COUNT
     from hapscene.teleoperation.endpoint import Coupling
-    from hapscene.teleoperation.leader_follower import new_follower, new_leader
+    from hapscene.teleoperation.leader_follower import new_follower, new_leader, read_accelerometer
     from hapscene.teleoperation.operation import UP, Operation, follower_renderer
     from hapscene.teleoperation.plate import START_M, plate
 

@@ -14,9 +14,8 @@ from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.compensator import COMPENSATORS
 from hapscene.handle.handle_record import new_handle
-from hapscene.handle.plant import Plant
+from hapscene.handle.plant import ACCELEROMETER_HZ, Plant, Sensor
 from hapscene.handle.playback import play, run
-from hapscene.handle.sensor import ACCELEROMETER_HZ, Sensor
 from hapscene.swatches.library import load_swatch
 
 from .sheet import Sheet

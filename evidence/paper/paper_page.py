@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Final
 
-from hapscene.handle.plant import Plant
-from hapscene.handle.sensor import Sensor
+from hapscene.handle.plant import Plant, Sensor
 
 from ..page import Page, shown
 from .material import Material

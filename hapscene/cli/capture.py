@@ -250,7 +250,7 @@ RATE_TOLERANCE: Final = 0.02
 def record(
     *,
     port: Annotated[str, Help("Serial port of the probe, as in /dev/ttyUSB0 or COM3")],
-    out: Annotated[OutFile, Help("New file, .hsrec (survives a crash) or .npz")] = Path("recording.hsrec"),
+    out: Annotated[OutFile, Help("New file, .hsrec, which survives a crash")] = Path("recording.hsrec"),
     seconds: Annotated[Positive | None, Help("Duration [s] (default: until Ctrl-C)")] = None,
     baud: Annotated[int, Help("Baud rate of the port [bit/s]")] = BAUD,
 ) -> int:
@@ -261,22 +261,20 @@ def record(
 
     examples:
       hapscene capture record --port /dev/ttyUSB0
-      hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz
+      hapscene capture record --port COM3 --baud 2000000 --seconds 9 -o oak.hsrec
     """
-    from hapscene.capture.io.hsrec import SUFFIX
     from hapscene.capture.record.recorder import record as run
     from hapscene.interrupt import interrupt_noted
 
     assert out is not None
-    place = out.with_suffix(SUFFIX)
-    was_there = place.exists()
+    was_there = out.exists()
     with interrupt_noted() as stopped:
         try:
             made = run(port, str(out), baud, seconds, stopped, _print_line)
         except KeyboardInterrupt:
-            if was_there or not place.exists():
+            if was_there or not out.exists():
                 raise
-            print_error(f"interrupted; the samples recorded so far are in {place}")
+            print_error(f"interrupted; the samples recorded so far are in {out}")
             return 130
     _print_line(str(made))
     _note_rate(made)

@@ -33,9 +33,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hapscene.device.driver import Driver, Found
-    from hapscene.handle.measure import GripRecording
+    from hapscene.handle.measure import GripRecording, Sweep
     from hapscene.handle.plant import Plant
-    from hapscene.handle.sweep import Sweep
 
 __all__ = ["app"]
 
@@ -227,9 +226,8 @@ def identify(
     from hapscene.handle.fit import GRIP_MAX
     from hapscene.handle.fit import identify as fit
     from hapscene.handle.identification_report import describe_lines, write_result
-    from hapscene.handle.measure import load_grips
+    from hapscene.handle.measure import Sweep, load_grips
     from hapscene.handle.plant import Plant
-    from hapscene.handle.sweep import Sweep
 
     if not 1 <= grips <= GRIP_MAX:
         raise HandleError(f"--grips {grips} is out of range; expected 1 to {GRIP_MAX}")
@@ -331,9 +329,8 @@ def play_file(
     from hapscene.dsp.spectrogram import spectrogram_error
     from hapscene.handle.compensator import find_compensator
     from hapscene.handle.handle_file import load_handle
-    from hapscene.handle.plant import Plant
+    from hapscene.handle.plant import Plant, Sensor
     from hapscene.handle.playback import play, write_wave
-    from hapscene.handle.sensor import Sensor
     from hapscene.io.files import refusing, whole_folder
 
     compensator = compensator or "adaptive"

@@ -138,11 +138,10 @@ class ReadOptions:
     unit: Annotated[str | None, Help("Unit of length, if the file does not store it: m, cm, mm, um, in, ft")] = None
     up: Annotated[Literal["y", "z"] | None, Help("Up axis of the file (default: y in glTF, else z)")] = None
     scale: Annotated[Positive, Help("Scale factor")] = 1.0
-    accept_damaged: Annotated[bool, Help("Load the readable part of a damaged STEP file")] = False
 
     def reading(self) -> dict[str, Any]:
         """The keyword arguments of the mesh reader, without the unit."""
-        return {"up": self.up, "scale": self.scale, "accept_damaged": self.accept_damaged}
+        return {"up": self.up, "scale": self.scale}
 
 
 @Parameter(name="*", group="Mesh files")

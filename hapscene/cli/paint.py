@@ -13,7 +13,7 @@ from cyclopts import Parameter
 
 from hapscene.cli.console import print_progress
 from hapscene.cli.inputs import UNITLESS, check_scene, find_asset, print_size_advice
-from hapscene.cli.options import Grip, Help, InFile, MeshOptions, PageOptions, TipRadius
+from hapscene.cli.options import Grip, Help, MeshOptions, PageOptions, TipRadius
 from hapscene.constants import BUNDLE_SUFFIX, DEFAULT_GRIP, SCENE_SUFFIX
 from hapscene.interrupt import clear_interrupt
 
@@ -42,11 +42,6 @@ def paint(
     scene: Annotated[str | None, Help("Scene, mesh, or name of an asset (default: a copy of the demo)")] = None,
     /,
     *more: Annotated[str, Help("More meshes to add to the scene")],
-    picture: Annotated[
-        InFile | None,
-        Parameter(name="--map"),
-        Help("Image over the texture coordinates that assigns swatches, from `convert`"),
-    ] = None,
     accept_changed: Annotated[bool, Help("Keep the painting of a changed mesh, if its face count is the same")] = False,
     mesh: MeshOptions = MeshOptions(),
     hand: TouchOptions = TouchOptions(),
@@ -61,7 +56,7 @@ def paint(
     """
     with ExitStack() as ends:
         with rare_collections():
-            shown = _open_page(scene, more, picture, accept_changed, mesh, hand, page, ends)
+            shown = _open_page(scene, more, accept_changed, mesh, hand, page, ends)
         gc.freeze()  # loaded objects live until the end: the collector can skip them
         _paint_until_ended(shown)
 
@@ -80,7 +75,6 @@ def rare_collections() -> Iterator[None]:
 def _open_page(
     scene: str | None,
     more: Sequence[str],
-    picture: Path | None,
     accept_changed: bool,
     mesh: MeshOptions,
     hand: TouchOptions,
@@ -109,12 +103,6 @@ def _open_page(
 
     config = HandConfig(hand.device, hand.grip, hand.compensator, hand.tip_radius)
     session = open_session(scene, more, accept_changed=accept_changed, say=print_progress, **asdict(mesh))
-    if picture is not None:
-        from hapscene.scene.uv_paint import paint_by_picture
-
-        painted = session.painting.snapshot()
-        paint_by_picture(painted, None, picture)
-        session.painting.take_painting(painted, f"picture {picture.name}")
     print_size_advice(session.scene, scene or "", hand.device)
     for earlier in earlier_scenes(session.path, str(scene).endswith(BUNDLE_SUFFIX)):
         print_progress(f"{describe_scene_file(earlier)} To continue it: hapscene paint {earlier}\n")

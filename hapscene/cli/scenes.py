@@ -1,9 +1,6 @@
 """`hapscene view`, `hapscene check` and `hapscene convert`: commands for scenes and meshes."""
 
-import json
 import math
-from collections import Counter
-from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -13,11 +10,12 @@ from cyclopts.validators import Number
 
 from hapscene.cli.console import print_files, print_lines, print_progress
 from hapscene.cli.inputs import check_scene, find_asset, load_input, loading, print_size_advice
-from hapscene.cli.options import AsJson, Dark, Help, InFile, MeshOptions, OutFile, Positive, ReadOptions
+from hapscene.cli.options import Dark, Help, InFile, MeshOptions, OutFile, Positive, ReadOptions
 from hapscene.cli.paths import SCENES, base_name, check_there, new_file
 from hapscene.errors import MeshError, SaveConflict, SceneError, ViewError
 
 if TYPE_CHECKING:
+    from hapscene.scene.mesh import Mesh
     from hapscene.scene.scene import Scene
 
 __all__ = ["check", "convert", "view"]
@@ -81,95 +79,73 @@ def view(
 
 
 def check(
-    meshes: Annotated[list[str], Help("Mesh files, folders with mesh files, scenes, or name of an asset")],
+    meshes: Annotated[list[str], Help("Mesh files, scenes, or name of an asset")],
     /,
     *,
-    as_json: AsJson = False,
     fix: Annotated[Path | None, Help("File for the repaired mesh, .ply")] = None,
     read: ReadOptions = ReadOptions(),
 ) -> int:
     """Check meshes for defects, and report how each defect affects haptic rendering.
 
-    For a single mesh, a full report is printed; for several meshes, a folder or a
-    scene, one line for each mesh. --fix repairs the defects that can be repaired
-    safely. Exit codes: 0 no defects; 1 a mesh has defects or cannot be rendered;
-    2 a file cannot be read; for several meshes, the highest of these.
+    All meshes of a scene are checked. --fix repairs the defects of a single mesh
+    that can be repaired safely. Exit codes: 0 no defects; 1 a mesh has defects or
+    cannot be touched; 2 a file cannot be read.
 
     examples:
       hapscene check demo
       hapscene check part.stl --unit mm
       hapscene check part.stl --unit mm --fix part_mended.ply
     """
-    if len(meshes) == 1 and not Path(meshes[0]).is_dir():
-        path, read = find_asset(meshes[0], read)
-        check_there(path)
-        if not path.endswith(SCENES):
-            return _check_one(path, read, fix, as_json)
-        meshes = [path]
-    if fix is not None:
-        raise MeshError(f"--fix repairs a single mesh; got {', '.join(meshes)}")
-    return _check_all(meshes, read, as_json)
-
-
-def _check_one(path: str, read: ReadOptions, fix: Path | None, as_json: bool) -> int:
-    check_scene(path, read)
     from hapscene.io.files import check_file
-    from hapscene.scene.mesh_check import CODES, verdict_of
-    from hapscene.scene.mesh_doctor import examine, repair
-    from hapscene.scene.mesh_file import load_mesh
+    from hapscene.scene.mesh_doctor import repair
     from hapscene.scene.ply import save_mesh
-    from hapscene.scene.size_advice import size_advice
-    from hapscene.touch import step
 
     if fix is not None:
         check_file(fix, MeshError)
-    progress = _say_nothing if as_json else print_progress
-    with step(progress, loading(path)):
-        mesh = load_mesh(path, read.unit, **read.reading())
-    with step(progress, f"examining {len(mesh.faces):,} faces"):
-        report = examine(mesh)
-    if as_json:
-        print(json.dumps(json.loads(report.to_json()), indent=2, ensure_ascii=False))
-    else:
-        print_lines(report.text().split("\n"))
-        if words := size_advice(mesh).words:
-            print_lines(["", f"size: {words}"])
+    found = [mesh for name in meshes for mesh in _meshes_of(name, read)]
+    if fix is not None and len(found) != 1:
+        raise MeshError(f"--fix repairs a single mesh; got {len(found)}")
+    sound = list[bool]()
+    for mesh in found:
+        print("\n" if sound else "", end="")
+        sound.append(_report_on(mesh))
     if fix is None:
-        return CODES[verdict_of(report)]
-    mended, done = repair(mesh)
+        return 0 if all(sound) else 1
+    mended, done = repair(found[0])
     save_mesh(mended, fix)
-    if not as_json:
-        print_lines(["", *(f"repaired: {line}" for line in done or ["nothing; the mesh has no defects to repair"])])
-        print_files([fix])
-        print("its unit is the metre: read it with --unit m")
+    print_lines(["", *(f"repaired: {line}" for line in done or ["nothing; the mesh has no defects to repair"])])
+    print_files([fix])
+    print("its unit is the metre: read it with --unit m")
     return 0
 
 
-def _check_all(meshes: Sequence[str], read: ReadOptions, as_json: bool) -> int:
-    from hapscene.scene.mesh import unit_name
-    from hapscene.scene.mesh_check import CODES, examined, mesh_sources
+def _meshes_of(name: str, read: ReadOptions) -> "list[Mesh]":
+    """Load a mesh, or the meshes of a scene."""
+    path, read = find_asset(name, read)
+    check_there(path)
+    from hapscene.scene.mesh_file import load_mesh
+    from hapscene.scene.scene import load_scene
+    from hapscene.touch import step
 
-    if read.unit is not None:
-        unit_name(read.unit)
-    sources = [source for name in meshes for source in mesh_sources(name)]
-    if not sources:
-        raise MeshError(f"{meshes[0]}: no mesh file in this folder")
-    progress = _say_nothing if as_json else print_progress
-    results = []
-    for file, mesh in sources:
-        progress(f"{file}: ")
-        results.append(examined(file, mesh, read.unit, **read.reading()))
-        progress(f"{results[-1]['verdict']}{results[-1].pop('words')}\n")
-    count = Counter(one["verdict"] for one in results)
-    if as_json:
-        print(json.dumps(results, indent=2, ensure_ascii=False))
-    else:
-        print(f"{len(results)} meshes: " + ", ".join(f"{count[v]} {v}" for v in CODES if count[v]))
-    return max(CODES[verdict] for verdict in count)
+    if path.endswith(SCENES):
+        return list({id(body.mesh): body.mesh for body in load_scene(path).bodies}.values())
+    check_scene(path, read)
+    with step(print_progress, loading(path)):
+        return [load_mesh(path, read.unit, **read.reading())]
 
 
-def _say_nothing(text: str) -> None:
-    """Print no progress: standard output has the JSON."""
+def _report_on(mesh: "Mesh") -> bool:
+    """Print the report on a mesh; return whether it has no defects."""
+    from hapscene.scene.mesh_doctor import examine
+    from hapscene.scene.size_advice import size_advice
+
+    report = examine(mesh)
+    print_lines(report.text().split("\n"))
+    if words := size_advice(mesh).words:
+        print_lines(["", f"size: {words}"])
+    if not report.can_be_touched:
+        print_lines(["", "the mesh cannot be touched: no face has an area"])
+    return report.can_be_touched and not report.fault_count
 
 
 def convert(
@@ -180,7 +156,6 @@ def convert(
     /,
     *,
     replace: Annotated[bool, Help("Replace the target if it exists")] = False,
-    body: Annotated[str | None, Help("Body to draw as .png, if several have texture coordinates")] = None,
     show: Annotated[ShowLayers, Help("Layers shown by .glb: materials of the meshes, paint, or both")] = "both",
     cut: Annotated[bool, Help("Cut faces at painted borders in .glb, to paint on in Blender")] = False,
     read: ReadOptions = ReadOptions(),
@@ -194,9 +169,6 @@ def convert(
       .glb .gltf .ply .obj .stl       export of a scene
       .html                           page that anyone can touch and listen to:
                                       one file, for any browser, also on a phone
-      .png                            swatches of a body over its texture
-                                      coordinates, a colour each, with a legend;
-                                      `hapscene paint --map` reads it
 
     examples:
       hapscene convert desk.scene.json              # to desk.glb
@@ -215,18 +187,13 @@ def convert(
         raise SceneError(
             f"{source}: is already a scene file; name a target of another type, as in {base_name(source)}.glb"
         )
-    for file in (target, target.with_suffix(".json")) if name == "png" else (target,):
-        if file.exists() and not replace:
-            raise SaveConflict(f"{file}: exists already; choose another name, or add --replace")
+    if target.exists() and not replace:
+        raise SaveConflict(f"{target}: exists already; choose another name, or add --replace")
     with step(print_progress, loading(source)):
         opened = open_scene if source.endswith(SCENES) else import_scene
         scene = opened(source, read.unit, **read.reading())
     if not name:
         _save(scene, source, target)
-    elif name == "png":
-        from hapscene.scene.uv_paint import body_with_uv, save_picture
-
-        print_files(save_picture(scene, body_with_uv(scene, body), target))
     else:
         print_files(export_scene(scene, target, name, replace=replace, show=show, cut=cut))
         lost = (*losses(scene, name), *(["faces before they were cut"] if cut else []))

@@ -123,8 +123,7 @@ def _serve(session: "Session", player: "OutputPlayer", page: PageOptions) -> str
 
 def _next_participant(folder: Path) -> str:
     """The first of P01, P02, … without answers."""
-    from hapscene.study.results_file import load_rows
-    from hapscene.study.session import RESULTS
+    from hapscene.study.session import RESULTS, load_rows
 
     known = {row["person"] for row in load_rows(folder / RESULTS)} if (folder / RESULTS).exists() else set()
     return next(name for k in range(1, len(known) + 2) if (name := f"P{k:02}") not in known)

@@ -182,19 +182,17 @@ def import_files(
       hapscene swatch import Models_oak.xml Taps_oak.xml -o swatches
       hapscene swatch import Models10000Hz/XML Taps/XML -o swatches
     """
-    from hapscene.capture.io.hatt import ImportOutcome, import_many
+    from hapscene.capture.io.hatt import import_many
 
-    outcome = ImportOutcome()
     try:
-        import_many(files, str(out), lambda line: print_progress(f"{line}\n"), outcome)
+        broken = import_many(files, str(out), lambda line: print_progress(f"{line}\n"))
     except KeyboardInterrupt:
         clear_interrupt()
-        print_error(f"interrupted; {len(outcome.made)} swatches were written completely")
+        print_error("interrupted; the swatches in the list above are complete")
         return 130
-    print(f"{len(outcome.made)} swatches written, {len(outcome.broken)} files could not be imported")
-    for line in outcome.broken:
+    for line in broken:
         print_error(line)
-    return 2 if outcome.broken else 0
+    return 2 if broken else 0
 
 
 # Comparison.

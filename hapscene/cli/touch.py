@@ -153,23 +153,25 @@ def touch(
     from hapscene.view.offscreen import started_ahead
 
     with started_ahead(not no_picture):
-        if view:
-            from hapscene.view.window import check_display
-
-            check_display()
+        _check_display(view)
         of_effects = _parse_settings(settings or ())
         _check_effects(effects or (), of_effects)
         loaded, bridge = _opened(scene, mesh, hand.device)
         render = {"settings": of_effects, "seed": seed, "a_rate_Hz": rate, "fidelity": fidelity}
         render |= {"tip_radius_m": tip_radius} | ({} if effects is None else {"effects": effects})
         write = {"title": Path(scene).name, "with_picture": not no_picture, "dark": dark, "bridge": bridge}
-        if hand.hand is None:
-            made = _touch_along(loaded, path, out, render | write)
-        else:
-            made = _touch_by_hand(loaded, path, out, hand, render, write)
-        print_files(made)
+        by_hand = hand.hand is not None
+        print_files((_touch_by_hand if by_hand else _touch_along)(loaded, path, out, hand, render, write))
         if view:
-            _show(loaded, out, dark, hand.hand is not None, f"hapscene: {Path(scene).name}")
+            _show(loaded, out, dark, by_hand, f"hapscene: {Path(scene).name}")
+
+
+def _check_display(view: bool) -> None:
+    """Check before the computation that a window can be shown."""
+    if view:
+        from hapscene.view.window import check_display
+
+        check_display()
 
 
 def _check_effects(effects: Sequence[str], settings: Iterable[str]) -> None:
@@ -196,13 +198,16 @@ def _opened(scene: str, mesh: MeshOptions, device: str) -> "tuple[Scene, MuJoCo 
     return bridge.scene, bridge
 
 
-def _touch_along(scene: "Scene", path: Path | None, out: Path, how: dict[str, Any]) -> Sequence[Path]:
+def _touch_along(
+    scene: "Scene", path: Path | None, out: Path, hand: HandOptions, render: dict[str, Any], write: dict[str, Any]
+) -> Sequence[Path]:
     """Render a touch along a path from a file, or along one that explores the scene."""
     from hapscene.motion.hand_path import explore
     from hapscene.motion.path_file import load_path
     from hapscene.touch import step
     from hapscene.touch import touch as run
 
+    how = render | write
     if path is not None:
         t_s, p_WT = load_path(path, TICK_S)
         return run(scene, out, p_WT, t_s=t_s, say=print_progress, caution=print_warning, **how)

@@ -31,6 +31,21 @@ LAG: Final = 3
 one, which takes 1.5 times as long at order 40."""
 
 
+def _step(builder: ir.IRBuilder, n: int, past: list[ir.Value], first: list[ir.Value]) -> list[ir.Value]:
+    """Emit one step of all n lanes.
+
+    `past` holds f, b of the last LAG − 1 steps, and k and c of LAG steps; `first` is k, c, b of the first sample.
+    """
+    place = ir.IntType(32)
+    silent = ir.Constant(ir.VectorType(ir.DoubleType(), n), [0.0] * n)
+    along = ir.Constant(ir.VectorType(place, n), [*range(1, n), n])
+    f, bs, rows = past[0], past[1:LAG], past[LAG:]
+    ones = (builder.insert_element(silent, one, place(0)) for one in first)
+    k, c, before = map(builder.shuffle_vector, (rows[0], rows[1], bs[0]), ones, [along] * 3)
+    left = builder.fsub(builder.fmul(c, f), builder.fmul(k, before))
+    return [left, *bs[1:], builder.fadd(builder.fmul(k, f), builder.fmul(c, before)), *rows[2:], k, c]
+
+
 def lanes_of(n: int) -> tuple[Callable[..., None], int]:
     """Generates a function that processes n samples, and returns it with the lowest order that it supports.
 
@@ -43,24 +58,12 @@ def lanes_of(n: int) -> tuple[Callable[..., None], int]:
         number, index, place, order = ir.DoubleType(), ir.IntType(64), ir.IntType(32), arguments[3]
         k, c, b, samples = (builder.inttoptr(arguments[i], number.as_pointer()) for i in (0, 1, 2, 4))
         silent = ir.Constant(ir.VectorType(number, n), [0.0] * n)
-        along = ir.Constant(ir.VectorType(place, n), [*range(1, n), n])
 
         def at(array: ir.Value, i: ir.Value, less: int = 0) -> ir.Value:
             return builder.gep(array, [builder.sub(i, index(less))])
 
         def read(m: ir.Value, less: int) -> list[ir.Value]:
             return [builder.load(at(*one)) for one in ((k, m, less), (c, m, less), (b, m, less + 1))]
-
-        def step(past: list[ir.Value], first: list[ir.Value]) -> list[ir.Value]:
-            """One step of all lanes.
-
-            `past` holds f, b of the last LAG − 1 steps, and k and c of LAG steps; `first` is k, c, b of the first
-            sample."""
-            f, bs, rows = past[0], past[1:LAG], past[LAG:]
-            ones = (builder.insert_element(silent, one, place(0)) for one in first)
-            k, c, before = map(builder.shuffle_vector, (rows[0], rows[1], bs[0]), ones, [along] * 3)
-            left = builder.fsub(builder.fmul(c, f), builder.fmul(k, before))
-            return [left, *bs[1:], builder.fadd(builder.fmul(k, f), builder.fmul(c, before)), *rows[2:], k, c]
 
         def write(past: list[ir.Value], m: ir.Value, less: int = 0) -> None:
             builder.store(builder.extract_element(past[LAG - 1], place(0)), at(b, m, less))
@@ -70,11 +73,11 @@ def lanes_of(n: int) -> tuple[Callable[..., None], int]:
             if i % LAG == 0:
                 sample = builder.load(at(samples, index(i // LAG)))
                 past[0] = builder.insert_element(past[0], sample, place(n - 1 - i // LAG))
-            past = step(past, read(order, i)) if i < apart else past
+            past = _step(builder, n, past, read(order, i)) if i < apart else past
         kept = [_cgutils.alloca_once_value(builder, value) for value in past]
         with _cgutils.for_range(builder, builder.sub(order, index(apart))) as loop:
             m = builder.sub(order, loop.index)
-            past = step([builder.load(where) for where in kept], read(m, apart))
+            past = _step(builder, n, [builder.load(where) for where in kept], read(m, apart))
             write(past, m)
             for value, where in zip(past, kept, strict=True):
                 builder.store(value, where)
@@ -82,7 +85,7 @@ def lanes_of(n: int) -> tuple[Callable[..., None], int]:
         for i in range(apart + 1):  # epilogue: the samples end one after the other; b_0 is f_0
             lane = place(n - 1 - i // LAG)
             output = builder.extract_element(past[0], lane)
-            past = step(past, [number(0.0)] * 3)
+            past = _step(builder, n, past, [number(0.0)] * 3)
             if i % LAG == 0:
                 builder.store(output, at(samples, index(i // LAG)))
                 past[LAG - 1] = builder.insert_element(past[LAG - 1], output, lane)

@@ -236,7 +236,6 @@ def import_scene(
     path: str | os.PathLike[str],
     unit: str | None = None,
     *,
-    accept_damaged: bool = False,
     up: str | None = None,
     scale: float = 1.0,
 ) -> Scene:
@@ -248,7 +247,6 @@ def import_scene(
     Args:
         path: GLB, glTF, PLY, or any mesh file.
         unit: unit of length of a mesh file, see `hapscene.load_mesh`; exported scenes are in metres.
-        accept_damaged: load the readable part of a damaged mesh, see `hapscene.load_mesh`.
         up, scale: vertical axis and scale of a mesh file, see `hapscene.load_mesh`; exported scenes define them.
 
     Raises:
@@ -261,4 +259,4 @@ def import_scene(
     if scene is not None:
         return scene
     with naming(path):
-        return read_named(path, unit, accept_damaged, up, scale)
+        return read_named(path, unit, up, scale)

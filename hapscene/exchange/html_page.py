@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ
-from hapscene.dsp.slow_gain import log_power
+from hapscene.dsp.texture_voice import log_power
 from hapscene.errors import SceneError, printable
 from hapscene.exchange.cut_faces import cut_faces
 from hapscene.io.files import Json, write_whole

@@ -75,9 +75,7 @@ def _world(body: Body, vertices_m: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3])
 
 
-def read_named(
-    path: Path, unit: str | None, accept_damaged: bool = False, up: str | None = None, scale: float = 1.0
-) -> Scene:
+def read_named(path: Path, unit: str | None, up: str | None = None, scale: float = 1.0) -> Scene:
     """Read a scene from any mesh file; faces with the name of a library swatch are painted.
 
     Raises:
@@ -85,7 +83,7 @@ def read_named(
         SwatchError: a swatch of the library is invalid.
     """
     scene = Scene()
-    body = scene.add(scene.mesh_of(path, unit, accept_damaged, up=up, scale=scale))
+    body = scene.add(scene.mesh_of(path, unit, up=up, scale=scale))
     for index, full in enumerate(body.mesh.group_names):
         # The last part is the material name, which takes precedence over the object name.
         known = next((name for name in full.split("/")[::-1] if known_swatch(name) is not None), None)

@@ -4,8 +4,8 @@ from .fit import identify as identify
 from .handle_file import load_handle as load_handle
 from .handle_file import save_handle as save_handle
 from .plant import Plant as Plant
+from .plant import Sensor as Sensor
 from .playback import PlaybackResult as PlaybackResult
 from .playback import play as play
 from .playback import spectrogram_error as spectrogram_error
 from .response import estimate_response as estimate_response
-from .sensor import Sensor as Sensor

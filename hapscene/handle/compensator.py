@@ -16,6 +16,7 @@ __all__ = [
     "COMPENSATORS",
     "COUNT",
     "CRITICAL",
+    "Compensator",
     "differences",
     "find_compensator",
     "integrals",

@@ -2,15 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
-from hapscene.handle.plant import Array, Complex, Plant
+from hapscene.handle.plant import ACCELEROMETER_HZ, DELAY_MAX_S, NUMBER_MAX, Array, Complex, Plant, Sensor
 from hapscene.handle.response import BAND_PER_OCTAVE, Response
-from hapscene.handle.sensor import ACCELEROMETER_HZ, DELAY_MAX_S, Sensor
 
 __all__ = [
     "GRIP_MAX",
@@ -23,7 +23,15 @@ __all__ = [
     "sampled_response",
 ]
 
-Interval = tuple[float, float]
+GRIP_MAX: Final = 20
+"""Most grips of an identification [count]."""
+
+# the types of a handle file, with the limits that `handle_file` checks
+_Text = Annotated[str, Meta(max_length=10_000)]
+_Number = Annotated[float, Meta(ge=-NUMBER_MAX, le=NUMBER_MAX)]
+_Positive = Annotated[float, Meta(gt=0.0, le=NUMBER_MAX)]
+_NotNegative = Annotated[float, Meta(ge=0.0, le=NUMBER_MAX)]
+Interval = tuple[_Number, _Number]
 
 HANDLE_PARAMETERS: Final = ("m_c_kg", "k_s_N_m", "b_s_Ns_m", "m_h_kg")
 """Parameters of the handle, the same in every grip."""
@@ -45,13 +53,13 @@ class IdentifiedGrip:
         coherence_least: lowest coherence in the band [1].
     """
 
-    name: str
-    k_u_N_m: float
-    b_u_Ns_m: float
-    coherence: float
-    coherence_least: float
+    name: _Text
+    k_u_N_m: _NotNegative
+    b_u_Ns_m: _NotNegative
+    coherence: _NotNegative
+    coherence_least: _NotNegative
     intervals: Mapping[str, Interval] = field(default_factory=dict)
-    absent: Mapping[str, str] = field(default_factory=dict)
+    absent: Mapping[str, _Text] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -74,19 +82,19 @@ class Identification:
         provenance: origin of the recordings.
     """
 
-    name: str
+    name: _Text
     plant: Plant
-    grips: tuple[IdentifiedGrip, ...]
+    grips: Annotated[tuple[IdentifiedGrip, ...], Meta(min_length=1, max_length=GRIP_MAX)]
     intervals: Mapping[str, Interval]
-    absent: Mapping[str, str]
-    asymptote_kg: float
+    absent: Mapping[str, _Text]
+    asymptote_kg: _Positive
     asymptote_Hz: Interval
-    delay_s: float
-    accelerometer_Hz: float
-    rate_Hz: float
+    delay_s: _Number
+    accelerometer_Hz: _Positive
+    rate_Hz: _Positive
     band_Hz: Interval
-    misfit: float
-    provenance: str = ""
+    misfit: _Number
+    provenance: _Text = ""
 
     def __repr__(self) -> str:
         return (
@@ -184,9 +192,6 @@ def _remainder(tau: float, z: Complex, period_s: float) -> Complex:
 # to separate the mass of the coil from its spring. The intervals show how well the grips determine the parameters; the
 # result lists parameters that they do not determine.
 
-
-GRIP_MAX: Final = 20
-"""Most grips of an identification [count]."""
 
 PRIOR: Final = 2.0
 """Prior standard deviation of the logarithm of each parameter about the guess [1]: a factor of seven in both

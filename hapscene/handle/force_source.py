@@ -12,8 +12,7 @@ from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.errors import HandleError
 from hapscene.handle.handle_dynamics import delay, set_delay
 from hapscene.handle.handle_record import DELAY_LINE
-from hapscene.handle.plant import Array, Plant
-from hapscene.handle.sensor import ACCELEROMETER_HZ, ACCELEROMETER_NOISE_M_S2_RTHZ
+from hapscene.handle.plant import ACCELEROMETER_HZ, ACCELEROMETER_NOISE_M_S2_RTHZ, Array, Plant
 from hapscene.records import records
 
 __all__ = ["FIRM", "LIGHT", "SCATTER", "ForceSource", "SimulatedSource", "grip_names", "simulated_grips"]

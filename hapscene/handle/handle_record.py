@@ -11,12 +11,11 @@ import numpy as np
 
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import HandleError
-from hapscene.handle.compensator import COUNT, find_compensator, weights
+from hapscene.handle.compensator import COUNT, Compensator, find_compensator, weights
 from hapscene.handle.governor import HIGH_HZ, LOOK_AHEAD_S, ONE, RELEASE_S, TRAVEL_SHARE
 from hapscene.handle.handle_dynamics import RING, hold, set_delay
-from hapscene.handle.plant import Array, Plant
-from hapscene.handle.sensor import Sensor
-from hapscene.records import Records
+from hapscene.handle.plant import Array, Plant, Sensor
+from hapscene.records import Record, Records
 
 __all__ = ["DELAY_LINE", "HANDLE", "RATE_MAX_HZ", "RATE_MIN_HZ", "SPREAD", "new_handle", "prior"]
 
@@ -214,50 +213,59 @@ def new_handle(
     chosen = find_compensator(compensator)
     if not RATE_MIN_HZ <= rate_Hz <= RATE_MAX_HZ:
         raise HandleError(f"rate_Hz of a handle must be {RATE_MIN_HZ:g} to {RATE_MAX_HZ:g}, is {rate_Hz!r}")
+    sensor = Sensor() if sensor is None else sensor
+    nominal_sensor = sensor if nominal_sensor is None else nominal_sensor
     handle = np.zeros(1, HANDLE).view(np.recarray)
     h = handle[0]
     h.rate_Hz = rate_Hz
     _set_plant(h, nominal)
     hold(h, h.nominal_step)
-    h.swing_rad_s = math.sqrt(nominal.k_s_N_m * (1.0 / nominal.m_c_kg + 1.0 / nominal.m_h_kg))
     _set_plant(h, plant)
     hold(h, h.step)
-    h.force_limit_N = min(plant.force_limit_N, nominal.force_limit_N)
-    h.travel_limit_m = plant.travel_limit_m
-    travel_m = min(plant.travel_limit_m, nominal.travel_limit_m)
-    h.room, h.room_m = 1.0, chosen.travel_share * travel_m
-    h.yield_m, h.nominal_m = chosen.yield_share * travel_m, TRAVEL_SHARE * travel_m
-    sensor = Sensor() if sensor is None else sensor
-    nominal_sensor = sensor if nominal_sensor is None else nominal_sensor
     _set_amplifier(h, plant, nominal, chosen.leads)
     h.rng = seeded_state(seed, "accelerometer")
     _set_sensor(h, sensor, nominal_sensor)
     h.kind = 0 if compensator == "none" else 1 if chosen.mass_only else 3 if chosen.adapts else 2
-    h.g = math.tan(math.pi * LEARN_HZ / rate_Hz)
-    h.g_low = h.g_now = math.tan(math.pi * chosen.corner_Hz / rate_Hz)
-    h.g_high = math.tan(math.pi * HIGH_HZ / rate_Hz)
-    h.d1, h.d2 = chosen.damping
-    h.force_share = chosen.force_share
-    h.nominal = h.theta = h.used = weights(nominal, LEARN_HZ)
-    if chosen.mass_only:
-        h.nominal[1:] = h.theta[1:] = h.used[1:] = 0.0
-    h.delay = round(LOOK_AHEAD_S * rate_Hz)
-    h.ahead = np.linalg.matrix_power(h.nominal_step, h.delay)
-    h.ahead[:, 4] = 0.0
-    h.released, h.backoff, h.release = 1.0, 1.0, -math.expm1(-1.0 / (RELEASE_S * rate_Hz))
-    h.gains[:] = ONE
-    h.total = (h.delay + 1) * ONE
-    h.share = 1.0 / float(h.total)
+    _set_inverse(h, nominal, chosen)
+    _set_governor(h, plant, nominal, chosen)
     _set_adaptation(h, nominal, nominal_sensor, LEARN_HZ)
     return handle
 
 
-def _set_plant(h: np.record, plant: Plant) -> None:
+def _set_inverse(h: Record, nominal: Plant, chosen: Compensator) -> None:
+    """Set the corners and weights of the inverse."""
+    h.g = math.tan(math.pi * LEARN_HZ / h.rate_Hz)
+    h.g_low = h.g_now = math.tan(math.pi * chosen.corner_Hz / h.rate_Hz)
+    h.g_high = math.tan(math.pi * HIGH_HZ / h.rate_Hz)
+    h.d1, h.d2 = chosen.damping
+    h.nominal = h.theta = h.used = weights(nominal, LEARN_HZ)
+    if chosen.mass_only:
+        h.nominal[1:] = h.theta[1:] = h.used[1:] = 0.0
+
+
+def _set_governor(h: Record, plant: Plant, nominal: Plant, chosen: Compensator) -> None:
+    """Set the limits of force and travel, and the look-ahead."""
+    h.force_limit_N = min(plant.force_limit_N, nominal.force_limit_N)
+    h.force_share, h.travel_limit_m = chosen.force_share, plant.travel_limit_m
+    travel_m = min(plant.travel_limit_m, nominal.travel_limit_m)
+    h.room, h.room_m = 1.0, chosen.travel_share * travel_m
+    h.yield_m, h.nominal_m = chosen.yield_share * travel_m, TRAVEL_SHARE * travel_m
+    h.swing_rad_s = math.sqrt(nominal.k_s_N_m * (1.0 / nominal.m_c_kg + 1.0 / nominal.m_h_kg))
+    h.delay = round(LOOK_AHEAD_S * h.rate_Hz)
+    h.ahead = np.linalg.matrix_power(h.nominal_step, h.delay)
+    h.ahead[:, 4] = 0.0
+    h.released, h.backoff, h.release = 1.0, 1.0, -math.expm1(-1.0 / (RELEASE_S * h.rate_Hz))
+    h.gains[:] = ONE
+    h.total = (h.delay + 1) * ONE
+    h.share = 1.0 / float(h.total)
+
+
+def _set_plant(h: Record, plant: Plant) -> None:
     for name in SPREAD:  # its keys are the parameters of the handle's equation
         setattr(h, name, getattr(plant, name))
 
 
-def _set_amplifier(h: np.record, plant: Plant, nominal: Plant, leads: bool) -> None:
+def _set_amplifier(h: Record, plant: Plant, nominal: Plant, leads: bool) -> None:
     """Set the amplifier that is simulated, and the lead filter for the nominal one."""
     h.amplifier_pole, h.amplifier_mean = _lag(plant.amplifier_Hz, h.rate_Hz)
     pole, mean = _lag(nominal.amplifier_Hz, h.rate_Hz)
@@ -266,7 +274,7 @@ def _set_amplifier(h: np.record, plant: Plant, nominal: Plant, leads: bool) -> N
     h.nominal_pole, h.nominal_mean = pole, mean
 
 
-def _set_sensor(h: np.record, sensor: Sensor, nominal_sensor: Sensor) -> None:
+def _set_sensor(h: Record, sensor: Sensor, nominal_sensor: Sensor) -> None:
     """Set the accelerometer that is simulated, and the one that the compensator assumes."""
     h.sensor_pole = math.exp(-2.0 * math.pi * sensor.bandwidth_Hz / h.rate_Hz)
     h.noise_m_s2 = sensor.noise_m_s2_rtHz * math.sqrt(0.5 * h.rate_Hz)
@@ -287,7 +295,7 @@ def _lag(bandwidth_Hz: float, rate_Hz: float) -> tuple[float, float]:
     return math.exp(-lag), -math.expm1(-lag) / lag
 
 
-def _set_adaptation(h: np.record, nominal: Plant, nominal_sensor: Sensor, corner_Hz: float) -> None:
+def _set_adaptation(h: Record, nominal: Plant, nominal_sensor: Sensor, corner_Hz: float) -> None:
     """Set the parameters of the estimate of θ."""
     middle_Hz, omega = math.sqrt(READING_BAND_HZ[0] * READING_BAND_HZ[1]), 2.0 * math.pi * corner_Hz
     h.band_g, h.band_d = math.tan(math.pi * middle_Hz / h.rate_Hz), sum(READING_BAND_HZ) / middle_Hz

@@ -14,8 +14,7 @@ from hapscene.dsp.spectrogram import (
 )  # public as hapscene.handle.spectrogram_error
 from hapscene.handle.handle_loop import vibrate
 from hapscene.handle.handle_record import new_handle
-from hapscene.handle.plant import Array, Plant
-from hapscene.handle.sensor import Sensor
+from hapscene.handle.plant import Array, Plant, Sensor
 from hapscene.io.files import whole_file
 from hapscene.records import Record
 

@@ -4,7 +4,8 @@ They raise `FormatError`, see `hapscene.io.files`.
 """
 
 import math
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["TOO_MUCH", "Npz", "lines_of", "open_npz"]
+__all__ = ["TOO_MUCH", "Npz", "lines_of", "numbered", "open_npz", "read_table"]
 
 LINE_MAX: Final = 65_536
 """Maximum length of a line in a table [characters]: more than a thousand columns."""
@@ -43,6 +44,87 @@ def lines_of(path: Path, file: IO[str], line_B: int) -> Iterator[str]:
             raise FormatError(f"line {number} is longer than {LINE_MAX:,} characters")
         yield line
     check_memory((most + 1) * line_B, own_B, "the table", TOO_MUCH)
+
+
+def read_table(path: Path, wanted: Sequence[str] = ()) -> "dict[str, NDArray[np.float64]]":
+    """Read the columns (n,) of a text table by name; without a header line they are called "1", "2", ….
+
+    Columns are separated by commas, semicolons, tabs or spaces; with semicolons, numbers may have decimal commas.
+
+    Args:
+        path: the file, in UTF-8. Lines that start with # are ignored.
+        wanted: columns to read, from a table with a header line; by default all.
+
+    Raises:
+        FormatError: a column is missing or named twice, a cell is not a number, or there are no rows.
+    """
+    import numpy as np
+
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            lines = enumerate(lines_of(path, file, 1), 1)
+            skip, first = next(((n, line) for n, line in lines if line.strip() and not line.startswith("#")), (0, ""))
+        delimiter = next((d for d in (";", "\t", ",") if d in first), None)
+        names = [name.strip().strip('"') for name in first.strip().split(delimiter)]
+        header = bool(wanted) or not all(_is_number(_with_decimal_points(name, delimiter)) for name in names)
+        if not names or not names[0]:
+            raise FormatError("the file must begin with a header line of column names or with a line of numbers")
+        for name in wanted:
+            if name not in names:
+                raise FormatError(f"no column {name!r}; expected {', '.join(wanted)}, found {', '.join(names)[:200]}")
+        chosen = [names.index(name) for name in wanted or names] if header else list(range(len(names)))
+        skip = skip if header else 0  # comments before the numbers are skipped by NumPy
+        with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a file without data is reported below
+            rows = (_with_decimal_points(line, delimiter) for line in lines_of(path, file, 8 * len(names)))
+            columns = chosen if wanted else None
+            table = np.loadtxt(rows, delimiter=delimiter, skiprows=skip, ndmin=2, usecols=columns)
+    except UnicodeDecodeError:
+        raise FormatError("not a text file in UTF-8") from None
+    except ValueError:
+        reason = _first_invalid_line(path, delimiter, skip, len(names), chosen)
+        raise FormatError(f"not a table of numbers: {reason}") from None
+    if len(table) == 0:
+        raise FormatError(f"the file contains no numbers after its first line {first.strip()[:40]!r}")
+    if table.shape[1] != len(chosen):
+        raise FormatError(f"the header names {len(names)} columns, but the rows have {table.shape[1]}")
+    if len(set(names)) < len(names) and header:
+        raise FormatError(f"duplicate column names: {', '.join(names)}")
+    return dict(zip(wanted or (names if header else numbered(len(names))), table.T, strict=True))
+
+
+def numbered(count: int) -> list[str]:
+    """Names of columns without a header: "1", "2", …."""
+    return [str(i + 1) for i in range(count)]
+
+
+def _with_decimal_points(text: str, delimiter: str | None) -> str:
+    """Replace decimal commas by points; tables with semicolons between the columns use decimal commas."""
+    return text.replace(",", ".") if delimiter == ";" else text
+
+
+def _first_invalid_line(path: Path, delimiter: str | None, skip: int, count: int, chosen: Sequence[int]) -> str:
+    """Describe the first line that does not hold `count` cells with numbers in the chosen columns."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        for number, line in enumerate(lines_of(path, file, 1), 1):
+            text = line.split("#", 1)[0].strip("\r\n")
+            if number <= skip or not text.strip():
+                continue
+            cells = [cell.strip() for cell in text.split(delimiter)]
+            if len(cells) != count:
+                return f"line {number}: {count} columns expected, {len(cells)} found"
+            for column in chosen:
+                if not _is_number(_with_decimal_points(cells[column], delimiter)):
+                    return f"line {number}, column {column + 1}: expected a number, found {cells[column][:40]!r}"
+    return f"expected {count} numbers per line"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 @contextmanager

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.device.sim.hand import GRIPS, Grip, grip_named
+from hapscene.device.sim.hand import Grip, grip_named
 from hapscene.errors import PathError, no_such
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
-from hapscene.motion.hand_path import HOVER_M, STROKE_M_S, PathBuilder, explore
+from hapscene.motion.hand_path import HOVER_M, PathBuilder, explore
 from hapscene.motion.look_from_above import UNSEEN, Line, Look, between, look_from_above, places_to_feel
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
-__all__ = ["FREE_S", "GESTURES", "PRESS_N", "RAMP_S", "REACH", "STROKE_N", "TOOL_KG", "act", "calm_time_s"]
+__all__ = ["FREE_S", "GESTURES", "PRESS_N", "RAMP_S", "STROKE_N", "TOOL_KG", "act", "calm_time_s"]
 
 STROKE_N: Final = 0.6
 """Force of strokes and taps [N]. People explore textures with 0.3 to 1 N."""
@@ -43,9 +43,6 @@ TOOL_KG: Final = 0.075
 CALM_PERIODS: Final = 1.5
 """Shortest movement in the air, in periods of the tool's oscillation on the spring of the grip [1]. With a third of it,
 a tool in a light grip landed 12 mm beside its target, next to the bracket of the demo, and slid along its side."""
-
-REACH: Final = 0.35
-"""Radius of a circle relative to the shorter of the two best lines [1]."""
 
 
 def act(name: str, scene: "Scene", tick_s: float, *, grip: str = "light") -> ReferenceTrajectory:
@@ -88,7 +85,6 @@ class _Place:
             raise PathError(f"{UNSEEN}; or use a recorded path: --hand follow --path hand.csv")
         self.line = _without_steep_ends(look, lines[0])
         self.middle_m = between(*self.line, 0.5)
-        self.reach_m = REACH * min(float(np.hypot(*np.subtract(b, a))) for a, b in lines)
         hover_m = min(HOVER_M, 0.2 * size_m)
         z_m = float(look(np.array([self.middle_m[0]]), np.array([self.middle_m[1]])).z_m[0])
         self.hand = PathBuilder((*self.middle_m, z_m + hover_m), tick_s, look, hover_m, calm_s)
@@ -126,16 +122,8 @@ def _stroke(place: _Place, grip: Grip) -> None:
     place.hand.stroke(*place.line[::-1], STROKE_N / grip.k_N_m)
 
 
-def _circle(place: _Place, grip: Grip) -> None:
-    place.hand.circle(place.middle_m, place.reach_m, STROKE_N / grip.k_N_m)
-
-
 def _scrub(place: _Place, grip: Grip) -> None:
     place.hand.scrub(between(*place.line, 0.3), between(*place.line, 0.7), 2 * STROKE_N / grip.k_N_m)
-
-
-def _hesitate(place: _Place, grip: Grip) -> None:
-    place.hand.hesitate(*place.line, STROKE_N / grip.k_N_m)
 
 
 def _let_go(place: _Place, grip: Grip) -> NDArray[np.float64]:
@@ -148,18 +136,6 @@ def _let_go(place: _Place, grip: Grip) -> NDArray[np.float64]:
     return np.concatenate((pressed, free, _ramp(Grip(0.0, 0.0), grip, place.tick_s)))
 
 
-def _grip_firmly(place: _Place, grip: Grip) -> NDArray[np.float64]:
-    """A stroke during which the grip becomes firm, at the same normal force."""
-    way = place.hand.line(*place.line, STROKE_M_S)
-    ramp = _ramp(grip, GRIPS["firm"], place.tick_s)
-    before = max((len(way) - len(ramp)) // 2, 0)
-    rows = np.concatenate((np.tile(grip.row(), (before, 1)), ramp))[: len(way)]
-    rows = np.concatenate((rows, np.tile(GRIPS["firm"].row(), (len(way) - len(rows), 1))))
-    start, at = place.hand.trace(way, STROKE_N / rows[:, 0])
-    rows = np.column_stack([np.interp(at, np.arange(len(rows)), column) for column in rows.T])
-    return np.concatenate((np.tile(grip.row(), (start, 1)), rows))
-
-
 def _ramp(grip: Grip, to: Grip, tick_s: float) -> NDArray[np.float64]:
     """Rows (k, 3) of a linear transition from one grip to another."""
     share = np.linspace(0.0, 1.0, max(round(RAMP_S / tick_s), 2))[:, None]
@@ -167,8 +143,7 @@ def _ramp(grip: Grip, to: Grip, tick_s: float) -> NDArray[np.float64]:
 
 
 _AT_A_PLACE: Final[dict[str, Callable[[_Place, Grip], NDArray[np.float64] | None]]] = {
-    **{"tap": _tap, "press": _press, "stroke": _stroke, "circle": _circle, "scrub": _scrub},
-    **{"hesitate": _hesitate, "let-go": _let_go, "grip-firmly": _grip_firmly},
+    **{"tap": _tap, "press": _press, "stroke": _stroke, "scrub": _scrub, "let-go": _let_go},
 }
 """Gestures at a place. Each extends the path of the hand, and returns the grip (n, 3) for each tick if it varies."""
 

@@ -15,7 +15,7 @@ from hapscene.motion.look_from_above import UNSEEN, Look, between, look_from_abo
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
-__all__ = ["DEPTH_M", "HESITATION_S", "HOVER_M", "STROKE_M_S", "PathBuilder", "explore"]
+__all__ = ["DEPTH_M", "HOVER_M", "STROKE_M_S", "PathBuilder", "explore"]
 
 HOVER_M: Final = 0.012
 """Height above the surface at which movements start and end [m]."""
@@ -28,9 +28,6 @@ STROKE_M_S: Final = 0.12
 
 SCRUB_M_S: Final = 0.25
 """Mean speed of scrubbing [m/s]."""
-
-HESITATION_S: Final = 0.4
-"""Pause of a hesitating hand [s], long enough to observe a tool that creeps."""
 
 SMOOTH_S: Final = 0.006
 """Standard deviation of the smoothing of a stroke's height [s]. A hand does not move in steps."""
@@ -112,19 +109,6 @@ class PathBuilder:
         """Move back and forth along a line `count` times, without lifting."""
         way = self.line(start_m, end_m, SCRUB_M_S)
         self.trace(np.concatenate([way if k % 2 == 0 else way[::-1] for k in range(2 * count)]), depth_m)
-
-    def circle(self, centre_m: tuple[float, float], radius_m: float, depth_m: float, turns: int = 3) -> None:
-        """Circle around a point on the surface, at the speed of a stroke."""
-        duration_s = 2.0 * np.pi * radius_m * turns / STROKE_M_S
-        angle = 2.0 * np.pi * turns * np.append(0.0, self._share(duration_s))
-        self.trace(np.add(centre_m, radius_m * np.column_stack((np.cos(angle), np.sin(angle)))), depth_m)
-
-    def hesitate(self, start_m: tuple[float, float], end_m: tuple[float, float], depth_m: float) -> None:
-        """Stroke half of a line, stop while pressed, and continue."""
-        middle_m = between(start_m, end_m, 0.5)
-        first, second = self.line(start_m, middle_m, STROKE_M_S), self.line(middle_m, end_m, STROKE_M_S)
-        wait = np.tile(first[-1], (len(self._share(HESITATION_S)), 1))
-        self.trace(np.concatenate((first, wait, second)), depth_m)
 
     def trace(
         self, way_m: NDArray[np.float64], depth_m: float | NDArray[np.float64]

@@ -1,20 +1,16 @@
 """Recorded paths of the tool: read from CSV, checked, and resampled to the renderer's ticks."""
 
-import csv
-from array import array
-from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
-from typing import IO, Final
+from typing import Final
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from hapscene.constants import REACH_MAX_M
-from hapscene.errors import FormatError, PathError
+from hapscene.errors import PathError
 from hapscene.io.files import check_file_size, check_memory, refusing
-from hapscene.io.number_files import lines_of
+from hapscene.io.number_files import read_table
 
 __all__ = ["TICKS_PER_ROW_MAX", "TICK_FREE", "load_path"]
 
@@ -36,9 +32,6 @@ TICK_FREE: Final = 200_000
 TICKS_PER_ROW_MAX: Final = 100
 """Most ticks for each row of a longer path [1]: ten rows a second. Memory is allocated for each tick, so a file of a
 few rows must not exhaust it."""
-
-ROW_LINES_MAX: Final = 16
-"""Most lines of a row with quoted cells [count]. A row is held in memory."""
 
 _ROW_B: Final = 32
 """Size of a row in memory [bytes]."""
@@ -102,83 +95,27 @@ def _read(path: Path) -> NDArray[np.float64]:
     """The columns t, x, y, z (n, 4) of the file."""
     with refusing(PathError):
         check_file_size(path, BYTES_MAX, "recorded path (CSV with the header t,x,y,z)")
-    numbers = array("d")
-    for line, row, places in _rows(path):
-        numbers.extend(_numbers(path, line, row, places))
-    if len(numbers) < 2 * len(COLUMNS):
-        rows = len(numbers) // len(COLUMNS)
-        raise PathError(f"{path}: {rows} rows; expected at least 2 below the header t,x,y,z")
-    return np.frombuffer(numbers).reshape(-1, len(COLUMNS))
-
-
-def _rows(path: Path) -> Iterator[tuple[int, list[str], list[int]]]:
-    """Line number and cells of each row, and the column indices of t, x, y, z."""
-    read = 0
-
-    def lines(file: IO[str]) -> Iterator[str]:
-        for number, line in enumerate(lines_of(path, file, _ROW_B), 1):
-            if number - read > ROW_LINES_MAX:
-                raise FormatError(
-                    f"line {read + 1}: a row with more than {ROW_LINES_MAX} lines: check its quotation marks"
-                )
-            yield line
-
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(lines(file))
-            places = _places(path, next(reader, None))
-            for row in reader:
-                read = reader.line_num
-                if row:  # skip empty lines
-                    yield read, row, places
-    except PathError:
-        raise
-    except OSError as error:
-        raise PathError(f"{path}: cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, csv.Error, FormatError) as error:
-        raise PathError(f"{path}: not a CSV text ({error}); expected the header t,x,y,z") from None
-
-
-def _places(path: Path, header: list[str] | None) -> list[int]:
-    """Column indices of t, x, y, z."""
-    if not header:
-        raise PathError(f"{path}: empty file; expected CSV with the header t,x,y,z in s and m")
-    names = [name.strip() for name in header]
-    for name in COLUMNS:
-        if names.count(name) != 1:
-            what = "present twice" if name in names else f"not among the columns {', '.join(names)[:200]}"
-            raise PathError(f"{path}, line 1: column {name!r} is {what}; expected the header t,x,y,z in s and m")
-    return [names.index(name) for name in COLUMNS]
-
-
-def _numbers(path: Path, line: int, row: list[str], places: list[int]) -> list[float]:
-    """The four numbers of one row."""
-    numbers = []
-    for name, place in zip(COLUMNS, places, strict=True):
+    with refusing(PathError, path):
         try:
-            numbers.append(float(row[place]))
-        except IndexError:
-            raise PathError(f"{path}, line {line}: has {len(row)} cells; expected {max(places) + 1} or more") from None
-        except ValueError:
-            raise PathError(f"{path}, line {line}: {name} is {row[place][:40]!r}; expected a number") from None
-    return numbers
+            table = np.column_stack(list(read_table(path, COLUMNS).values()))
+        except OSError as error:
+            raise PathError(f"cannot be read: {error.strerror}") from None
+        if len(table) < 2:
+            raise PathError("1 row; expected at least 2 below the header t,x,y,z")
+    return table
 
 
 def _check(path: Path, table: NDArray[np.float64]) -> None:
-    """Check the values of a path. The error names the first invalid line."""
-
-    def line(row: int) -> int:
-        return next(islice(_rows(path), row, None))[0]
-
+    """Check the values of a path. The error names the first invalid row below the header."""
     bad = np.argwhere(~np.isfinite(table))
     if len(bad):
         row, column = bad[0]
         cell = table[row, column]
-        raise PathError(f"{path}, line {line(row)}: {COLUMNS[column]} is {cell}; expected a finite number")
+        raise PathError(f"{path}, row {row + 1}: {COLUMNS[column]} is {cell}; expected a finite number")
     far = np.argwhere((table[:, 1:] > REACH_MAX_M) | (table[:, 1:] < -REACH_MAX_M))
     if len(far):
         row, column = far[0]
-        place = f"{path}, line {line(row)}: {COLUMNS[column + 1]} is {table[row, column + 1]:g} m"
+        place = f"{path}, row {row + 1}: {COLUMNS[column + 1]} is {table[row, column + 1]:g} m"
         raise PathError(f"{place}; expected at most {REACH_MAX_M:g} m (is the path in mm?)")
     step_s = np.diff(table[:, 0])
     wrong = np.flatnonzero((step_s <= 0) | (step_s > GAP_MAX_S))
@@ -186,7 +123,7 @@ def _check(path: Path, table: NDArray[np.float64]) -> None:
         row = wrong[0] + 1
         before_s, now_s = table[row - 1 : row + 1, 0]
         expected = "time that increases" if now_s <= before_s else f"at most {GAP_MAX_S:g} s between rows"
-        raise PathError(f"{path}, line {line(row)}: t is {now_s:g} s after {before_s:g} s; expected {expected}")
+        raise PathError(f"{path}, row {row + 1}: t is {now_s:g} s after {before_s:g} s; expected {expected}")
     duration_s = table[-1, 0] - table[0, 0]
     if duration_s > DURATION_MAX_S:
         raise PathError(f"{path}: lasts {duration_s:g} s; expected at most {DURATION_MAX_S:g} s (is t in ms?)")

@@ -53,7 +53,7 @@ def open_session(
         if name.endswith(ZIP_SUFFIX):
             name = str(unpacked_beside(Path(name)))
             say(f"unpacked to {Path(name).parent}\n")
-        changes = reading | {"scale": reading.get("scale", 1.0) != 1.0, "accept_damaged": False}
+        changes = reading | {"scale": reading.get("scale", 1.0) != 1.0}
         is_scene = name.endswith(SUFFIX) and (bool(more) or not any(changes.values()))
         # with options for a mesh, a scene file goes through `opened`, which raises the error
         session = (

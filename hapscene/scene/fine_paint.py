@@ -2,8 +2,7 @@
 
 Each cut goes from a corner to the midpoint of the longest side, so parts of a sliver soon have balanced proportions.
 The uncut parts are the *subfaces*. Each has one paint: a swatch, or a blend of two swatches. The mesh itself, and thus
-    the
-contact geometry, does not change.
+the contact geometry, does not change.
 """
 
 import math
@@ -302,8 +301,7 @@ def paint_region(
         region: region in the body frame.
         swatch: index into the swatches of the scene.
         resolution_m: longest side of the subfaces along the border [m]; infinity selects whole faces by their
-            centroids.
-            Default: `finest_of`.
+            centroids. Default: `finest_of`.
         falloff_m: width over which the weight of the swatch rises from 0 to 1, centred on the border [m]. A face within
             the transition, such as one in a side of a box, gets half the weight: extend the region beyond the surface.
         opacity: weight of the swatch inside the region [0, 1].
@@ -318,28 +316,13 @@ def paint_region(
     """
     mesh = body.mesh
     resolution_m = finest_of(mesh) if resolution_m is None else resolution_m
-    try:
-        is_valid = resolution_m > 0 and 0 <= falloff_m < math.inf and 0 <= opacity <= 1
-    except (TypeError, ValueError):  # text or an array
-        is_valid = False
-    if not is_valid:
-        raise SceneError(
-            "expected resolution_m above 0, falloff_m 0 or more, and opacity from 0 to 1, got "
-            f"{resolution_m!r}, {falloff_m!r} and {opacity!r}"
-        )
-    chosen = np.arange(len(mesh.faces)) if faces is None else np.asarray(faces)
-    chosen = np.flatnonzero(chosen) if chosen.dtype == np.bool_ else np.unique(chosen)
-    corners = np.take(mesh.vertices_m, mesh.faces[chosen], axis=0)
-    centre = corners.mean(axis=1)
-    reach_m = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-    chosen = chosen[region.distance_m(centre) < reach_m + falloff_m / 2 + _ROUNDING * mesh.diagonal_m]
-    longest_m = max(resolution_m, falloff_m * SOFT_STEP)
-    painter = _Painter(region, longest_m, falloff_m, _ROUNDING * mesh.diagonal_m, sight)
+    _check_numbers(resolution_m, falloff_m, opacity)
+    painter = _Painter(region, max(resolution_m, falloff_m * SOFT_STEP), falloff_m, _ROUNDING * mesh.diagonal_m, sight)
+    chosen = painter.faces_near(mesh, faces)
     had = body.fine or NOTHING
     fine = had.of_faces(chosen)
     plain = np.setdiff1d(chosen, fine.faces, assume_unique=True)
-    pieces = [fine, whole_faces(plain, body.face_swatch[plain])]
-    front = FinePaint(*(np.concatenate(values) for values in zip(*(piece.columns for piece in pieces), strict=True)))
+    front = fine.with_faces(plain, whole_faces(plain, body.face_swatch[plain]))
     where_m = front.corners_m(mesh)
     done: list[FinePaint] = []
     reached: list[NDArray[np.int32]] = []
@@ -357,13 +340,28 @@ def paint_region(
                 f"which is {resolution_m:.2g} m, or paint a smaller region"
             )
     hit = np.unique(np.concatenate([*reached, np.zeros(0, np.int32)]))
-    columns = [
-        np.concatenate(values) for values in zip(*(subfaces.columns for subfaces in (NOTHING, *done)), strict=True)
-    ]
-    subfaces = FinePaint(*columns)
-    subfaces = subfaces[np.isin(subfaces.face, hit)]
-    set_subfaces(body, subfaces[np.argsort(subfaces.face.astype(np.int64) << LEVEL_MAX | subfaces.path)])
+    subfaces = _sorted(done)
+    set_subfaces(body, subfaces[np.isin(subfaces.face, hit)])
     return hit.astype(np.int64)
+
+
+def _sorted(pieces: list[FinePaint]) -> FinePaint:
+    """Join subfaces, sorted by face and path."""
+    columns = zip(*(piece.columns for piece in (NOTHING, *pieces)), strict=True)
+    subfaces = FinePaint(*(np.concatenate(values) for values in columns))
+    return subfaces[np.argsort(subfaces.face.astype(np.int64) << LEVEL_MAX | subfaces.path)]
+
+
+def _check_numbers(resolution_m: float, falloff_m: float, opacity: float) -> None:
+    try:
+        is_valid = resolution_m > 0 and 0 <= falloff_m < math.inf and 0 <= opacity <= 1
+    except (TypeError, ValueError):  # text or an array
+        is_valid = False
+    if not is_valid:
+        raise SceneError(
+            "expected resolution_m above 0, falloff_m 0 or more, and opacity from 0 to 1, got "
+            f"{resolution_m!r}, {falloff_m!r} and {opacity!r}"
+        )
 
 
 @dataclass(frozen=True)
@@ -375,6 +373,16 @@ class _Painter:
     falloff_m: float
     rounding_m: float
     sight: Sight | None
+
+    def faces_near(self, mesh: Mesh, faces: NDArray[np.generic] | None) -> NDArray[np.int64]:
+        """Return the indices of those of the `faces` that may reach into the region, ascending."""
+        chosen = np.arange(len(mesh.faces)) if faces is None else np.asarray(faces)
+        chosen = np.flatnonzero(chosen) if chosen.dtype == np.bool_ else np.unique(chosen)
+        corners = np.take(mesh.vertices_m, mesh.faces[chosen], axis=0)
+        centre = corners.mean(axis=1)
+        reach_m = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+        near = self.region.distance_m(centre) < reach_m + self.falloff_m / 2 + self.rounding_m
+        return np.asarray(chosen[near], np.int64)
 
     def look(self, where_m: NDArray[np.float64], level: NDArray[np.uint8]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         """Return the weight at the centre of triangles (n, 3, 3), and whether they must be cut."""

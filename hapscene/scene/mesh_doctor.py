@@ -102,8 +102,6 @@ def examine(mesh: Mesh) -> Report:
         vertex_count=len(mesh.vertices_m),
         face_count=len(mesh.faces),
         group_names=mesh.group_names,
-        low_m=tuple(low.tolist()),
-        high_m=tuple(high.tolist()),
         size_m=tuple((high - low).tolist()),
         skin_m=_skin_m(mesh),
         shell_count=len(np.unique(body.winding.shell[body.kept])),

@@ -1,15 +1,11 @@
-"""Reports of the mesh check: findings, and their presentation as text and JSON."""
+"""Reports of the mesh check: findings, and their presentation as text."""
 
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Final
 
 from hapscene.errors import printable
 
 __all__ = ["Finding", "Report", "length", "number"]
-
-VERSION: Final = 1
-"""Version of the JSON format."""
 
 NAME_SHOWN: Final = 60
 """Maximum length of a group name in the report [characters]."""
@@ -47,7 +43,7 @@ class Report:
     Attributes:
         path: the mesh file, or None.
         unit: unit of length in that file.
-        low_m: lowest corner of the bounding box (3,) [m]; `high_m` is the highest corner and `size_m` their difference.
+        size_m: size of the bounding box (3,) [m].
         skin_m: skin of contact on this mesh [m]; contact ignores narrower details.
         shell_count: number of connected sets of faces.
         closed: whether every edge has exactly two faces.
@@ -59,8 +55,6 @@ class Report:
     vertex_count: int
     face_count: int
     group_names: tuple[str, ...]
-    low_m: tuple[float, ...]
-    high_m: tuple[float, ...]
     size_m: tuple[float, ...]
     skin_m: float
     shell_count: int
@@ -77,9 +71,10 @@ class Report:
         """Number of findings that affect contact."""
         return sum(finding.level == "fault" for finding in self.findings)
 
-    def to_json(self) -> str:
-        """Return the report as JSON."""
-        return json.dumps({"format": "hapscene mesh report", "version": VERSION, **asdict(self)}, indent=2)
+    @property
+    def can_be_touched(self) -> bool:
+        """Whether a face has an area."""
+        return sum(find.count for find in self.findings if find.kind in ("zero_area", "needles")) < self.face_count
 
     def text(self) -> str:
         """Return the report as text, faults first."""

@@ -14,9 +14,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.errors import MeshError, printable, warn
+from hapscene.errors import MeshError
 from hapscene.scene.material import Material
-from hapscene.scene.mesh import UNNAMED, MeshWarning, Part, sample
+from hapscene.scene.mesh import UNNAMED, Part, sample
 
 __all__ = ["LINE_MAX", "read_obj"]
 
@@ -33,14 +33,9 @@ def read_obj(content: bytes, where: str, resolver: object) -> Part:
         MeshError: an invalid line, or an index out of range.
     """
     reader = _Reader(where)
-    unknown: list[str] = []
     for reader.line, tokens in _lines(content, where):
-        if tokens and (read := _READ.get(tokens[0])):
+        if tokens and (read := _READ.get(tokens[0])):  # other statements are lines, points, and free-form geometry
             read(reader, tokens[1:])
-        elif tokens and tokens[0] not in _IGNORED and tokens[0][0] != "#":
-            unknown.append(f"line {reader.line}, {printable(tokens[0], 40)!r}")
-    if unknown:
-        warn(f"{where}: skipped {len(unknown):,} unknown OBJ statements, the first in {unknown[0]}", MeshWarning)
     group = np.asarray(reader.group)
     uv = _uv(reader)
     materials = _materials(reader, resolver) if reader.f else {}
@@ -195,15 +190,6 @@ _READ = {
     "usemtl": _named("material"),
     "mtllib": _library,
 }
-
-# fmt: off
-_IGNORED: Final = frozenset((
-    "s", "l", "p", "vp", "fo", "mg", "lod", "bevel", "c_interp", "d_interp", "shadow_obj", "trace_obj", "usemap",
-    "maplib", "ctech", "stech", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole",
-    "scrv", "sp", "end", "con", "call", "csh",
-))
-# fmt: on
-"""OBJ statements that are ignored: lines, points, smoothing and free-form geometry."""
 
 
 def _uv(reader: _Reader) -> NDArray[np.float32] | None:

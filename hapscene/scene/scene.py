@@ -261,7 +261,6 @@ class Scene:
         self,
         mesh: Any,
         unit: str | None = None,
-        accept_damaged: bool = False,
         *,
         up: str | None = None,
         scale: float = 1.0,
@@ -277,9 +276,9 @@ class Scene:
             return mesh
         if not isinstance(mesh, str | os.PathLike):
             return Mesh.from_trimesh(mesh, unit, up=up, scale=scale)
-        key = (Path(mesh).resolve(), unit, accept_damaged, up, scale)
+        key = (Path(mesh).resolve(), unit, up, scale)
         if key not in self._loaded:
-            self._loaded[key] = load_mesh(Path(mesh), unit, up=up, scale=scale, accept_damaged=accept_damaged)
+            self._loaded[key] = load_mesh(Path(mesh), unit, up=up, scale=scale)
         return self._loaded[key]
 
     def _name(self, name: str | None, mesh: Mesh) -> str:

@@ -478,8 +478,7 @@ def _load_mesh(item: _JsonValue, path: Path, accept_changed: bool) -> Mesh:
     up, scale = item.value.get("up", "z"), item.value.get("scale", 1.0)  # since version 3
     with refusing(SceneError, f"{path}: {item.where}"):
         check_reading(up, scale)
-    # a STEP file that was damaged when the scene was saved still has the same hash
-    mesh = load_mesh(file, unit, up=up, scale=scale, accept_damaged=True)
+    mesh = load_mesh(file, unit, up=up, scale=scale)
     if mesh.digest == item.get("sha256", str):
         return mesh
     was, now = item.get("face_count", int), len(mesh.faces)

@@ -34,12 +34,11 @@ TIME_S: Final = (10.0, 20e-6)
 
 
 class Declared(NamedTuple):
-    """Declarations in the text of a STEP file, and descriptions of its damage and of possible damage."""
+    """Declarations in the text of a STEP file, and descriptions of its damage."""
 
     face_count: int
     is_closed: bool
     damage: list[str]
-    doubts: list[str]
 
 
 def step_glb(content: bytes, where: str) -> tuple[bytes, list[str]]:
@@ -104,9 +103,6 @@ _SHELL: Final = re.compile(
     rb"\b(?:CLOSED_SHELL|(OPEN_SHELL|CONNECTED_FACE_SET))\s*\((.*)\)\s*\Z", re.DOTALL | re.IGNORECASE
 )
 _FACE: Final = re.compile(rb"#(\d+)\s*=\s*(?:ADVANCED_FACE|FACE_SURFACE)\b", re.IGNORECASE)
-_PIECE: Final = re.compile(
-    rb"#(\d+)\s*=\s*(?:CARTESIAN_POINT|VERTEX_POINT|EDGE_CURVE|ORIENTED_EDGE|EDGE_LOOP|FACE_\w*BOUND)\b", re.IGNORECASE
-)
 
 
 def declared_by(content: bytes, where: str) -> Declared:
@@ -123,7 +119,7 @@ def declared_by(content: bytes, where: str) -> Declared:
     parts = [(_DATA.search(part), part) for part in _END.split(text)[:-1]]
     sections = [part[data.end() :].split(b";") for data, part in parts if data]
     statements = [statement for section in sections for statement in section[:-1]]
-    damage, doubts = [], []
+    damage = []
     if b"END-ISO-10303-21" not in text[-1000:]:
         damage.append("an unterminated comment")
     incomplete = sum(
@@ -142,9 +138,7 @@ def declared_by(content: bytes, where: str) -> Declared:
     faces = np.unique(np.concatenate([*(of_shell for _, of_shell in shells), np.zeros(0, np.uint64)]))
     if lost := np.count_nonzero(~np.isin(_numbers(_FACE, text), faces)):
         damage.append(f"{lost:,} faces that belong to no shell")
-    if loose := np.count_nonzero(~np.isin(_numbers(_PIECE, text), named)):
-        doubts.append(f"{loose:,} unused points, edges and bounds")
-    return Declared(len(faces), bool(shells) and not any(is_open for is_open, _ in shells), damage, doubts)
+    return Declared(len(faces), bool(shells) and not any(is_open for is_open, _ in shells), damage)
 
 
 def _numbers(pattern: re.Pattern[bytes], text: bytes) -> NDArray[np.uint64]:

@@ -124,10 +124,8 @@ class StaircaseBlock(Block, frozen=True, kw_only=True, tag="staircase"):
     parameter: Literal["force_N", "speed_m_s", "seconds", "gain_dB"]
     reference: float = 0.0
     """Value of the parameter in the other interval."""
-    below: bool = False
-    """Whether the levels are below the reference."""
     levels: tuple[float, float, Annotated[int, Meta(ge=2, le=200)]]
-    """Smallest and largest distance from the reference, and the number of levels."""
+    """Smallest and largest distance above the reference, and the number of levels."""
     trials: Annotated[int, Meta(ge=5, le=1000)] = 40
 
     trial_count = property(lambda self: self.trials)
@@ -140,7 +138,7 @@ class StaircaseBlock(Block, frozen=True, kw_only=True, tag="staircase"):
 
     def varied(self, stimulus: Stimulus, distance: float) -> Stimulus:
         """The stimulus at a distance from the reference."""
-        changed: dict[str, Any] = {self.parameter: self.reference + (-distance if self.below else distance)}
+        changed: dict[str, Any] = {self.parameter: self.reference + distance}
         return replace(stimulus, **changed)
 
 

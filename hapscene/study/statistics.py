@@ -20,9 +20,8 @@ from scipy import special, stats
 from hapscene.errors import StudyError
 from hapscene.io.files import naming, refusing, short
 from hapscene.study.plan import ChoiceBlock, Plan, RatingBlock, StaircaseBlock, load_plan
-from hapscene.study.results_file import MISSING, load_rows
-from hapscene.study.session import PLAN, RESULTS
-from hapscene.study.staircase import Staircase
+from hapscene.study.session import MISSING, PLAN, RESULTS, load_rows
+from hapscene.study.trial_order import Staircase
 
 __all__ = [
     "CERTAINTY",
@@ -104,7 +103,7 @@ def analyse_rows(plan: Plan, rows: Sequence[Row]) -> Analysis:
 
     Args:
         plan: the plan.
-        rows: answers by column, as in `hapscene.study.results_file`.
+        rows: answers by column, as in `hapscene.study.session`.
 
     Raises:
         StudyError: the answers belong to another plan, or a field is out of range.

@@ -11,8 +11,7 @@ import numpy as np
 
 from hapscene.errors import StudyError
 from hapscene.io.files import write_whole
-from hapscene.study.results_file import load_rows
-from hapscene.study.session import RESULTS
+from hapscene.study.session import RESULTS, load_rows
 from hapscene.study.statistics import Analysis, Estimate, Finding, Row, analyse
 from hapscene.view.chart import inline_svg, new_chart
 from hapscene.view.palette import INK, OKABE_ITO

@@ -36,7 +36,7 @@ class GainModulation(ByContent):
 
     gain = exp(X)/√E[exp(2X)]: its mean square is 1, so the mean power of the texture is unchanged. X has the
     covariance Σ spread² exp(−decay_1_s |t| − decay_1_m |x|) over a time t and a distance x; it is clipped at 2.5
-    standard deviations (`hapscene.dsp.slow_gain`).
+    standard deviations (`hapscene.dsp.texture_voice`).
 
     Attributes:
         spread: (k,) standard deviation of each process [1], ≥ 0; k is 1 to `LIFE_MAX`.

@@ -165,28 +165,16 @@ def build_surface(
     swatches = scene.swatches
     paint, leaf, leaf_start = _leaves(scene)
     contact = effects[: len(effects) - len(fields)]
-    params = _by_row(
-        [
-            [_packed(e, {p.name: swatch.parameter(e.name, p.name, p.default) for p in e.params}) for e in contact]
-            for swatch in swatches
-        ],
-        [_packed(e, field.numbers) for e, field in zip(effects[len(contact) :], fields, strict=True)],
-        np.uint8,
-    )
+    params = _params(swatches, contact, effects[len(contact) :], fields)
     tables = _by_row(
         [[_table(effect, swatch, a_rate_Hz) for effect in contact] for swatch in swatches],
         [field.table for field in fields],
         np.float64,
     )
-    shape = len(swatches) + 1, len(effects)
     param_start, table_start = _starts(map(len, params)), _starts(map(len, tables))
     last = table_start[len(effects) * np.arange(1, len(swatches) + 2)]  # end of the tables of each swatch
     state_start = _starts(effect.state_dtype.itemsize for effect in effects)
-    frames = [
-        (body, start + POSE_SIZE * i)
-        for field, start in zip(fields, table_start[-1 - len(fields) : -1], strict=True)
-        for i, body in enumerate(field.bodies)
-    ]
+    frames = _frames(fields, table_start[-1 - len(fields) : -1])
     surface = Surface(
         stiffness_N_m=np.array([swatch.stiffness_N_m for swatch in swatches], np.float64),
         paint=paint,
@@ -196,9 +184,9 @@ def build_surface(
         effects=np.array([compile_effect(effect) for effect in effects], np.int64),
         contact_count=np.array([len(contact)]),
         params=np.concatenate([np.zeros(0, np.uint8), *params]),
-        param_start=param_start[:-1].reshape(shape),
+        param_start=param_start[:-1].reshape(len(swatches) + 1, len(effects)),
         tables=np.concatenate([np.zeros(0), *tables]),
-        table_start=np.column_stack((table_start[:-1].reshape(shape), last)),
+        table_start=np.column_stack((table_start[:-1].reshape(len(swatches) + 1, len(effects)), last)),
         frame_body=np.array([body for body, _ in frames], np.int64),
         frame_at=np.array([at for _, at in frames], np.int64),
         states=np.zeros(2 * state_start[-1], np.uint8),
@@ -214,6 +202,28 @@ def build_surface(
         clock=new_clock(),
         entries=np.zeros(PHASE_COUNT, np.int64),
     )
+    return _ready(surface, tick_s, a_rate_Hz)
+
+
+def _frames(fields: Sequence[FieldSetting], starts: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Return each body whose pose an effect of the scene reads, and where the pose is stored in the tables."""
+    each = zip(fields, starts, strict=True)
+    return [(body, start + POSE_SIZE * i) for field, start in each for i, body in enumerate(field.bodies)]
+
+
+def _params(
+    swatches: "Sequence[Swatch]", contact: Sequence[Effect], of_scene: Sequence[Effect], fields: Sequence[FieldSetting]
+) -> Rows:
+    """Return the packed parameters of all effects, in storage order."""
+    of_swatches = [
+        [_packed(e, {p.name: swatch.parameter(e.name, p.name, p.default) for p in e.params}) for e in contact]
+        for swatch in swatches
+    ]
+    return _by_row(of_swatches, [_packed(e, f.numbers) for e, f in zip(of_scene, fields, strict=True)], np.uint8)
+
+
+def _ready(surface: Surface, tick_s: float, a_rate_Hz: float) -> Surface:
+    """Return the surface with its hot arrays side by side, and its rates set."""
     near = pack_small_arrays([getattr(surface, name) for name in HOT])
     surface = surface._replace(**dict(zip(HOT, near, strict=True)))
     touch = surface.touch[0]

@@ -11,9 +11,8 @@ import json
 import operator
 import os
 import re
-import time
-from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from dataclasses import replace as with_changes
 from functools import cache
@@ -21,9 +20,7 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 from itertools import chain, count
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from threading import Event, Thread
-from typing import Any, Final
+from typing import TYPE_CHECKING, Final
 from urllib.parse import quote, urljoin, urlsplit
 
 from hapscene.errors import SwatchError, no_such, printable
@@ -31,6 +28,9 @@ from hapscene.io.files import parse_format, read_bytes, refusing, short, write_w
 from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, is_number, read_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.swatch_summary import figures, words
+
+if TYPE_CHECKING:
+    from requests import Response
 
 __all__ = [
     "LibraryEntry",
@@ -527,32 +527,17 @@ def _tokens(*texts: str) -> list[str]:
 # Download of swatches from a library folder on a web server.
 #
 # Servers are untrusted: names and sizes in the index are checked, at most the declared size is read, hashes must match,
-# and swatches are parsed as untrusted files. Interrupted transfers are restarted.
+# and swatches are parsed as untrusted files.
 
 
 TIMEOUT_S: Final = 20.0
 """Timeout of a server [s]."""
-
-PATIENCE_S: Final = 60.0
-"""Time for a transfer in addition to that of its bytes [s]: name resolution, connections, redirections, retries."""
-
-RATE_MIN_B_S: Final = 16_384
-"""Minimum rate of a transfer after `PATIENCE_S` [bytes/s]; else a server that sends one byte per timeout would
-block."""
-
-TRIES: Final = 4
-"""Maximum number of attempts [count]."""
 
 REDIRECTIONS_MAX: Final = 5
 """Maximum number of redirections per attempt [count]; two or three are common."""
 
 REASON_SHOWN: Final = 120
 """Maximum length of text from a server in a message [characters]."""
-
-WAIT_S: Final = 0.25
-"""Maximum time until Ctrl-C takes effect on systems where it does not interrupt waiting [s]."""
-
-_CHUNK: Final = 1 << 16  # bytes
 
 
 def read_index(url: str) -> tuple[str, list[LibraryEntry]]:
@@ -600,89 +585,37 @@ def get(
 
 
 def _downloaded(url: str, most: int) -> bytes:
-    """Download at most `most` bytes, with retries."""
-    from requests import RequestException
+    """Download at most `most` bytes."""
+    import requests
     from urllib3.exceptions import HTTPError
 
-    problem, start_s, data = "", time.monotonic(), bytearray()
-
-    def left_s() -> float:
-        took_s = time.monotonic() - start_s
-        if took_s > PATIENCE_S + len(data) / RATE_MIN_B_S:
-            raise SwatchError(f"{url}: too slow: {len(data)} bytes in {took_s:.0f} s; try again later")
-        return PATIENCE_S + len(data) / RATE_MIN_B_S - took_s
-
-    for _ in range(TRIES):
-        data.clear()
-        try:
-            with closing(_arriving(url, most, left_s)) as arriving:
-                answer = next(arriving)
-                if answer.status_code != 200:
-                    raise SwatchError(
-                        f"{url}: the server returns {answer.status_code} {printable(str(answer.reason), REASON_SHOWN)}"
-                    )
-                if answer.headers.get("Content-Encoding", "identity").lower() != "identity":
-                    raise SwatchError(f"{url}: the server sends compressed data, which was not requested")
-                for part in arriving:
-                    if len(data) + len(part) > most:
-                        raise SwatchError(f"{url}: is longer than {most} bytes")
-                    data += part
-                return bytes(data)
-        except (RequestException, HTTPError) as error:
-            problem = _reason(error)
-            if isinstance(error, ValueError):  # such as an invalid address
-                break
-    raise SwatchError(f"{url}: cannot be downloaded: {printable(problem)}")
-
-
-def _arriving(url: str, most: int, left_s: Callable[[], float]) -> Generator[Any, None, None]:
-    """Yield the response, then its content in chunks, up to slightly more than `most` bytes.
-
-    A thread waits for the server, since socket timeouts limit each wait but not their sum. It is abandoned when
-    `left_s` raises, or on Ctrl-C.
-    """
-    found: SimpleQueue[Any] = SimpleQueue()
-    left = Event()
-    Thread(target=_ask, args=(url, most, found.put, left.is_set), daemon=True).start()
-    try:
-        while True:
-            try:
-                item = found.get(timeout=min(left_s(), WAIT_S))
-            except Empty:
-                continue
-            if isinstance(item, BaseException):
-                raise item
-            if item is None:
-                return
-            yield item
-    finally:
-        left.set()
-
-
-def _ask(url: str, most: int, put: Callable[[Any], None], left: Callable[[], bool]) -> None:
-    """Pass the response, its content in chunks, and None to `put`; or the exception."""
-    import requests
-
+    place = url
     try:
         with requests.Session() as session:
             # requests would follow redirections itself and read their content without a limit
             session.get_redirect_target = lambda resp: None  # type: ignore[method-assign]
-            place, headers = url, {"Accept-Encoding": "identity"}
             for _ in range(REDIRECTIONS_MAX + 1):
+                headers = {"Accept-Encoding": "identity"}
                 with session.get(place, headers=headers, stream=True, timeout=TIMEOUT_S) as answer:
-                    if answer.is_redirect:
-                        place = _redirected(place, answer.headers["Location"])
-                        continue
-                    put(answer)
-                    size = 0
-                    while size <= most and not left() and (data := answer.raw.read(_CHUNK, decode_content=False)):
-                        size += len(data)
-                        put(data)
-                    put(None)
-                    return
-            raise SwatchError(f"{url}: more than {REDIRECTIONS_MAX} redirections")
-    except BaseException as error:
-        put(error)
+                    if not answer.is_redirect:
+                        return _content(url, answer, most)
+                    place = _redirected(place, answer.headers["Location"])
+    except (requests.RequestException, HTTPError) as error:
+        raise SwatchError(f"{url}: cannot be downloaded: {printable(_reason(error))}; try again") from None
+    raise SwatchError(f"{url}: more than {REDIRECTIONS_MAX} redirections")
+
+
+def _content(url: str, answer: "Response", most: int) -> bytes:
+    """Read the content of a response, which must not be compressed or longer than `most` bytes."""
+    if answer.status_code != 200:
+        reason = printable(str(answer.reason), REASON_SHOWN)
+        raise SwatchError(f"{url}: the server returns {answer.status_code} {reason}")
+    if answer.headers.get("Content-Encoding", "identity").lower() != "identity":
+        raise SwatchError(f"{url}: the server sends compressed data, which was not requested")
+    data: bytes = answer.raw.read(most + 1, decode_content=False)
+    if len(data) > most:
+        raise SwatchError(f"{url}: is longer than {most} bytes")
+    return data
 
 
 def _redirected(place: str, target: str) -> str:

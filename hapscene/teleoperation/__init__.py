@@ -16,12 +16,11 @@ result = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(ReferenceT
 
 | module | content |
 |---|---|
-| `leader_follower` | one tick of each device: arm, hand, handle, accelerometer |
-| `body_follower` | a follower that is a body of a simulation, for example the tip of a robot in MuJoCo |
+| `leader_follower` | one tick of each device: arm, hand, handle, accelerometer; a follower that is a body of MuJoCo |
 | `endpoint` | state of one end, the position–position controller, the timeout |
 | `wave`, `jitter_buffer` | wave variables, passive over any link; the queue that reorders and delays messages |
-| `datagram`, `link` | messages and their UDP format; a simulated link with delay, jitter and loss |
-| `operation` | both devices in one compiled loop: `Operation` |
+| `datagram` | messages and their UDP format |
+| `operation` | both devices and a simulated link with delay, jitter and loss in one compiled loop: `Operation` |
 | `udp_session` | one device per process, over UDP |
 | `plate` | a plate to touch, and a hand that explores it |
 """

@@ -1,4 +1,4 @@
 from .endpoint import Coupling as Coupling
-from .link import Impairment as Impairment
+from .operation import Impairment as Impairment
 from .operation import Operation as Operation
 from .operation import OperationResult as OperationResult

@@ -5,8 +5,8 @@ Kuchenbecker 2014), synthesised by `hapscene.dsp.texture_voice`. A change of mod
 level is ramped over the block of the tick, so that there are no clicks when a contact begins, ends or crosses to
 another swatch.
 
-A texture can have amplitude modulation by a slow random gain (`hapscene.dsp.slow_gain`), which advances with time and
-with the travelled distance.
+A texture can have amplitude modulation by a slow random gain (`hapscene.dsp.texture_voice`), which advances with time
+and with the travelled distance.
 
 Table of a swatch:
 

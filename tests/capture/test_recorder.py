@@ -95,18 +95,6 @@ def test_dropped_torn_and_garbage(play: Play, tmp_path: Path) -> None:
     np.testing.assert_allclose(np.stack(list(kept.streams.values()))[:, there], truth(there), atol=1e-12)
 
 
-def test_npz_replaces_the_record(play: Play, tmp_path: Path) -> None:
-    parts = lines(0, 600)
-    parts[5] = b""
-    made = play([HEADER, *parts], out="a.npz", duration_s=0.25)
-    assert made.path == tmp_path / "a.npz" and [f.name for f in tmp_path.iterdir()] == ["a.npz"]
-    with np.load(tmp_path / "a.npz", allow_pickle=False) as kept:
-        assert kept["rate_Hz"] == RATE_HZ and set(kept["units"]) == {"acceleration=m/s2", "force=N"}
-        assert np.flatnonzero(np.isnan(kept["force"])).tolist() == [5]
-        there = np.delete(np.arange(500), 5)
-        np.testing.assert_allclose(kept["acceleration"][there], truth(there)[0], atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("more", "ended", "complete"),
     [
@@ -153,13 +141,13 @@ def test_a_port_that_closes_or_is_stopped_before_a_header(play: Play) -> None:
 
 def test_a_probe_without_samples_leaves_no_file(play: Play, tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="no samples"):
-        play([HEADER], out="a.npz", last="unplugged")
+        play([HEADER], last="unplugged")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
     ("out", "message"),
-    [("a.wav", r"expected \.hsrec or \.npz"), ("there.hsrec", "exists"), ("there.npz", "exists")],
+    [("a.wav", r"expected \.hsrec"), ("there.hsrec", "exists")],
 )
 def test_existing_files_are_not_overwritten(tmp_path: Path, out: str, message: str) -> None:
     (tmp_path / "there.hsrec").write_bytes(b"dear")

@@ -6,7 +6,7 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from hapscene.dsp.noise import normal, seeded_state
-from hapscene.dsp.slow_gain import BOUND, advance_gain, log_power
+from hapscene.dsp.texture_voice import BOUND, advance_gain, log_power
 
 ROWS = np.array([9.0, 0.3, 40.0, 0.0, 0.4, 0.0, 500.0, 0.2, 20.0, 200.0])  # three processes, from 1 on
 SPREAD, DECAY_1_S, DECAY_1_M = ROWS[1:].reshape(3, 3).T

@@ -10,10 +10,9 @@ import pytest
 from hapscene.errors import HandleError
 from hapscene.handle.fit import HANDLE_PARAMETERS, Identification, _Fit, asymptote, identify, sampled_response
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
-from hapscene.handle.plant import Plant
+from hapscene.handle.measure import Sweep
+from hapscene.handle.plant import ACCELEROMETER_HZ, Plant
 from hapscene.handle.response import Response, estimate_response
-from hapscene.handle.sensor import ACCELEROMETER_HZ
-from hapscene.handle.sweep import Sweep
 
 RATE_HZ = 10_000.0
 

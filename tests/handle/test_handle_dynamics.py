@@ -11,7 +11,7 @@ from hapscene.handle import Plant
 from hapscene.handle.handle_dynamics import amplify, grip_handle, move, sense
 from hapscene.handle.handle_loop import vibrate
 from hapscene.handle.handle_record import new_handle
-from hapscene.handle.sensor import ACCELEROMETER_NOISE_M_S2_RTHZ
+from hapscene.handle.plant import ACCELEROMETER_NOISE_M_S2_RTHZ
 
 RATE_HZ = 10_000.0
 

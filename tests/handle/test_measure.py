@@ -11,9 +11,8 @@ from hapscene.handle.fit import HANDLE_PARAMETERS, Identification, identify
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_file import load_handle
 from hapscene.handle.identification_report import _degrees, describe_lines, modelled, write_result
-from hapscene.handle.measure import GripRecording, load_grip, load_grips, play_grips
+from hapscene.handle.measure import GripRecording, Sweep, load_grip, load_grips, play_grips
 from hapscene.handle.plant import Plant
-from hapscene.handle.sweep import Sweep
 
 RATE_HZ = 4000.0
 SWEEP = Sweep(high_Hz=600.0, sweep_s=4.0)

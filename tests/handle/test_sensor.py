@@ -13,9 +13,8 @@ from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_dynamics import delay, set_delay
 from hapscene.handle.handle_loop import command_force, learn
 from hapscene.handle.handle_record import DELAY_LINE, new_handle
-from hapscene.handle.measure import play_grips
+from hapscene.handle.measure import Sweep, play_grips
 from hapscene.handle.playback import run
-from hapscene.handle.sweep import Sweep
 from hapscene.records import records
 from hapscene_evidence.bench import handle as bench
 

@@ -5,8 +5,8 @@ import pytest
 
 from hapscene.errors import HandleError
 from hapscene.handle.force_source import FIRM, LIGHT, SimulatedSource
+from hapscene.handle.measure import REST_S, TRAVEL_SHARE, Sweep
 from hapscene.handle.plant import Plant
-from hapscene.handle.sweep import REST_S, TRAVEL_SHARE, Sweep
 
 RATE_HZ = 10_000.0
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from hapscene.errors import MeshError
-from hapscene.scene.mesh import MeshWarning
 from hapscene.scene.mesh_file import load_mesh
 
 
@@ -90,12 +89,6 @@ def test_too_long_line_raises(tmp_path):
     (tmp_path / "fan.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf " + "1 2 3 " * 200_000)
     with pytest.raises(MeshError, match="line 4"):
         load_mesh(tmp_path / "fan.obj", "m")
-
-
-def test_unknown_statement_warns(tmp_path):
-    (tmp_path / "odd.obj").write_text("# a\nv 0 0 0\nv 1 0 0\nv 0 1 0\ns off\nf 1 2 3\nq 1 2 3\nq 1 2 3\n")
-    with pytest.warns(MeshWarning, match="line 7"):
-        assert len(load_mesh(tmp_path / "odd.obj", "m").faces) == 1
 
 
 def test_texture_coordinates_may_come_after_the_first_faces(tmp_path):

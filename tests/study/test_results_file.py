@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hapscene.errors import StudyError
-from hapscene.study.results_file import COLUMNS, ResultsFile, load_rows
+from hapscene.study.session import COLUMNS, ResultsFile, load_rows
 
 ROW = {"person": "P01", "trial": 0, "block": "real", "choice": 'so, "so"', "rating": None, "level": 0.5}
 

@@ -7,8 +7,7 @@ from msgspec.structs import replace
 
 from hapscene.errors import StudyError
 from hapscene.study.plan import Plan, parse_plan
-from hapscene.study.results_file import COLUMNS, load_rows
-from hapscene.study.session import Session
+from hapscene.study.session import COLUMNS, Session, load_rows
 from hapscene.study.trial_order import Trial
 from hapscene.swatches.library import swatch_place
 

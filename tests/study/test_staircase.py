@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hapscene.study.staircase import LAPSES, SLOPES, Staircase
+from hapscene.study.trial_order import LAPSES, SLOPES, Staircase
 
 pytestmark = pytest.mark.nightly
 

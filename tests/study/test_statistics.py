@@ -9,7 +9,7 @@ from scipy import stats
 
 from hapscene.errors import StudyError
 from hapscene.study.plan import Plan, parse_plan
-from hapscene.study.results_file import load_rows
+from hapscene.study.session import load_rows
 from hapscene.study.statistics import (
     Analysis,
     Estimate,

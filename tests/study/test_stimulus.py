@@ -169,9 +169,8 @@ def test_all_levels_of_a_staircase_are_stimuli(maker: StimulusMaker) -> None:
         stimulus = "a"
         parameter = "gain_dB"
         reference = 3.0
-        below = true
         levels = [1.0, 4.0, 3]
         """
     )
-    assert [one.gain_dB for one in all_stimuli(plan)] == pytest.approx([3.0, 2.0, 1.0, -1.0])
+    assert [one.gain_dB for one in all_stimuli(plan)] == pytest.approx([3.0, 4.0, 5.0, 7.0])
     assert {one.name for one in all_stimuli(plan)} == {"a"}

@@ -13,8 +13,7 @@ from websockets.sync.client import connect
 
 from hapscene.errors import StudyError
 from hapscene.study.plan import parse_plan
-from hapscene.study.results_file import load_rows
-from hapscene.study.session import Session
+from hapscene.study.session import Session, load_rows
 from hapscene.study.study_server import StudyServer, practice_trials
 from hapscene.study.trial_order import Interval
 from tests.virtual_clock import VirtualClock

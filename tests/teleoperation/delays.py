@@ -11,8 +11,7 @@ from hapscene.device.sim.point import PointMass
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import Coupling
-from hapscene.teleoperation.link import Impairment
-from hapscene.teleoperation.operation import Operation, OperationResult
+from hapscene.teleoperation.operation import Impairment, Operation, OperationResult
 from hapscene.teleoperation.plate import plate
 
 BAD: Final = {"jitter_s": 0.005, "loss": 0.05}

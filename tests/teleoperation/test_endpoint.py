@@ -23,7 +23,7 @@ from hapscene.teleoperation.endpoint import (
     receive_message,
     set_start,
 )
-from hapscene.teleoperation.link import Impairment, collect, new_link, post
+from hapscene.teleoperation.operation import Impairment, collect, new_link, post
 
 Array = NDArray[np.float64]
 

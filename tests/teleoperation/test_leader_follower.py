@@ -31,8 +31,18 @@ from hapscene.teleoperation.leader_follower import (
     step_leader,
     tip_acceleration,
 )
-from hapscene.teleoperation.link import Impairment, Link, new_link, post
-from hapscene.teleoperation.operation import TICK_RECORD, UP, Line, follower_renderer, operate, receive
+from hapscene.teleoperation.operation import (
+    TICK_RECORD,
+    UP,
+    Impairment,
+    Line,
+    Link,
+    follower_renderer,
+    new_link,
+    operate,
+    post,
+    receive,
+)
 from hapscene.teleoperation.plate import plate
 
 DEVICE = PointMass(0.05, 0.1, 0.1, 55e-6)

@@ -11,8 +11,7 @@ from hapscene.device.sim.point import PointMass
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import ALLOWANCE_J, Coupling
-from hapscene.teleoperation.link import Impairment
-from hapscene.teleoperation.operation import Operation
+from hapscene.teleoperation.operation import Impairment, Operation
 from hapscene.teleoperation.plate import START_M, explore, plate
 from tests.teleoperation.delays import (
     BAD,

@@ -27,7 +27,7 @@ from hapscene.capture.io.hsrec import TruncatedWarning, load_record
 from hapscene.errors import CaptureError, FormatError, warn
 from hapscene.io.confined import confined
 from hapscene.io.files import check_file_size, check_unpacked, memory_most_B, refusing, unpacked_most_B
-from hapscene.io.number_files import TOO_MUCH, lines_of, open_npz
+from hapscene.io.number_files import TOO_MUCH, numbered, open_npz, read_table
 
 __all__ = [
     "AXES",
@@ -113,56 +113,7 @@ def _source(file: Path) -> RecordingSource:
 
 
 def _text(file: Path) -> RecordingSource:
-    try:
-        with file.open(encoding="utf-8-sig") as f:
-            lines = enumerate(lines_of(file, f, 1), 1)
-            skip, first = next(((n, line) for n, line in lines if line.strip() and not line.startswith("#")), (0, ""))
-        delimiter = next((d for d in (";", "\t", ",") if d in first), None)
-        names = [name.strip().strip('"') for name in first.strip().split(delimiter)]
-        header = not all(_is_number(_with_decimal_points(name, delimiter)) for name in names)
-        if not names or not names[0]:
-            raise CaptureError("the file must begin with a header line of column names or with a line of numbers")
-        skip = skip if header else 0  # comments before the numbers are skipped by NumPy
-        with file.open(encoding="utf-8-sig") as f, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a file without data is reported below
-            rows = (_with_decimal_points(line, delimiter) for line in lines_of(file, f, 8 * len(names)))
-            table = np.loadtxt(rows, delimiter=delimiter, skiprows=skip, ndmin=2)
-    except UnicodeDecodeError:
-        raise CaptureError("not a text file in UTF-8") from None
-    except ValueError:
-        raise CaptureError(
-            f"not a table of numbers: {_first_invalid_line(file, delimiter, skip, len(names))}"
-        ) from None
-    if len(table) == 0:
-        raise CaptureError(f"the file contains no numbers after its first line {first.strip()[:40]!r}")
-    if table.shape[1] != len(names):
-        raise CaptureError(f"the header names {len(names)} columns, but the rows have {table.shape[1]}")
-    if not header:
-        names = _numbered(len(names))
-    if len(set(names)) < len(names):
-        raise CaptureError(f"duplicate column names: {', '.join(names)}")
-    return RecordingSource(dict(zip(names, table.T, strict=True)), own_B=file.stat().st_size)
-
-
-def _with_decimal_points(text: str, delimiter: str | None) -> str:
-    """Replaces decimal commas by points; tables with semicolons between the columns use decimal commas."""
-    return text.replace(",", ".") if delimiter == ";" else text
-
-
-def _first_invalid_line(file: Path, delimiter: str | None, skip: int, count: int) -> str:
-    """Describes the first line that does not hold `count` numbers."""
-    with file.open(encoding="utf-8-sig", errors="replace") as f:
-        for number, line in enumerate(lines_of(file, f, 1), 1):
-            text = line.split("#", 1)[0].strip("\r\n")
-            if number <= skip or not text.strip():
-                continue
-            cells = [cell.strip() for cell in text.split(delimiter)]
-            if len(cells) != count:
-                return f"line {number}: {count} columns expected, {len(cells)} found"
-            for column, cell in enumerate(cells, 1):
-                if not _is_number(_with_decimal_points(cell, delimiter)):
-                    return f"line {number}, column {column}: expected a number, found {cell[:40]!r}"
-    return f"expected {count} numbers per line"
+    return RecordingSource(read_table(file), own_B=file.stat().st_size)
 
 
 def _wav(file: Path) -> RecordingSource:
@@ -180,7 +131,7 @@ def _wav(file: Path) -> RecordingSource:
     if data.dtype == np.uint8:
         data = (data ^ 128).view(np.int8)  # unsigned, 128 is zero
     scale = 1.0 if data.dtype.kind == "f" else 1.0 / (float(np.iinfo(data.dtype).max) + 1.0)
-    columns = dict(zip(_numbered(data.shape[1]), data.T, strict=True))
+    columns = dict(zip(numbered(data.shape[1]), data.T, strict=True))
     return RecordingSource(columns, float(rate), scale=scale, own_B=file.stat().st_size)
 
 
@@ -294,15 +245,3 @@ def _units(value: NDArray[Any] | None) -> dict[str, str]:
         return {}
     pairs = (str(text).partition("=") for text in value.reshape(-1)[:1000])
     return {name: unit.strip() for name, equals, unit in pairs if equals}  # MATLAB pads shorter texts with spaces
-
-
-def _numbered(count: int) -> list[str]:
-    return [str(i + 1) for i in range(count)]
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

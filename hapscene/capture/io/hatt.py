@@ -4,9 +4,8 @@ Culbertson, López Delgado & Kuchenbecker 2014, "One Hundred Data-Driven Haptic 
 for Rendering on 3D Objects", IEEE Haptics Symposium.
 
 The swatch uses the triangles and line spectral frequencies of the file, interpolates the variance as the toolkit does
-(interpolation "hatt"), and takes the friction coefficient as both static and dynamic. ARcoeff are used only if the line
-spectral frequencies are missing or do not ascend. The files contain no stiffness and no damping; the swatch has the
-default values. ARMA models (the 1 kHz files of the toolkit) are not supported.
+(interpolation "hatt"), and takes the friction coefficient as both static and dynamic. The files contain no stiffness
+and no damping; the swatch has the default values. ARMA models (the 1 kHz files of the toolkit) are not supported.
 
 The renderer of the toolkit is silent below 0.05 mm/s and 0.05 N. The files do not contain these thresholds, and the
 swatch does not have them.
@@ -14,7 +13,7 @@ swatch does not have them.
 
 import os
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
@@ -24,7 +23,6 @@ import scipy
 from numpy.typing import NDArray
 
 from hapscene.capture.io.streams import Array
-from hapscene.dsp.ar_filter import lsf_from_ar
 from hapscene.errors import HapsceneError, SwatchError
 from hapscene.io.files import read_bytes, refusing
 from hapscene.surface.swatch import Swatch
@@ -32,7 +30,7 @@ from hapscene.surface.swatch_file import SUFFIX, save_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import MODEL_MAX, Texture
 
-__all__ = ["HattModels", "ImportOutcome", "import_hatt", "import_many", "read_models", "read_taps"]
+__all__ = ["HattModels", "import_hatt", "import_many", "read_models", "read_taps"]
 
 TAP_RATE_HZ: Final = 1000.0
 """Sample rate of the recorded taps [Hz]; the files do not state it."""
@@ -161,8 +159,6 @@ class HattModels:
     """(m, p) line spectral frequencies"""
     variance_m2_s4: Array
     """(m,) variance of the excitation, gain included"""
-    notes: tuple[str, ...]
-    """irregularities of the file that the import corrected"""
 
 
 def read_models(path: str | os.PathLike[str]) -> HattModels:
@@ -177,9 +173,8 @@ def read_models(path: str | os.PathLike[str]) -> HattModels:
         raise source.error("<SampleRate>", "100 to 1000000 Hz", f"{rate_Hz:g}")
     _unit(source, "AccelUnits", _ACCELERATION)
     _unit(source, "ForceUnits", _FORCE)
-    notes: list[str] = []
     models = sorted(source.children("model", "numMod"), key=lambda model: model.number("modNum") or 0.0)
-    lsf = [_frequencies(model, notes) for model in models]
+    lsf = [_frequencies(model) for model in models]
     for model, own in zip(models, lsf, strict=True):
         if len(own) != len(lsf[0]):
             raise model.error("", f"{len(lsf[0])} ARlsf as in model 1", f"{len(own)}")
@@ -187,11 +182,11 @@ def read_models(path: str | os.PathLike[str]) -> HattModels:
         np.array([model.positive(name) for model in models]) for name in ("speedMod", "forceMod", "var")
     )
     gain = np.array([model.positive("gain") if model.text("gain") else 1.0 for model in models])
-    triangles = _triangles(source, force, speed, notes)
+    triangles = _triangles(source, force, speed)
     text = source.text("material") or source.path.stem.removeprefix("Models_")
     material = "".join(c if c.isprintable() else " " for c in text).strip()[:200] or "unnamed"
     places = force, speed * _unit(source, "SpeedUnits", _SPEED), triangles
-    return HattModels(material, rate_Hz, source.number("mu"), *places, np.stack(lsf), gain**2 * variance, tuple(notes))
+    return HattModels(material, rate_Hz, source.number("mu"), *places, np.stack(lsf), gain**2 * variance)
 
 
 def _unit(source: _Xml, name: str, known: dict[str, float]) -> float:
@@ -202,23 +197,17 @@ def _unit(source: _Xml, name: str, known: dict[str, float]) -> float:
     return known[unit]
 
 
-def _frequencies(model: _Xml, notes: list[str]) -> Array:
-    """Line spectral frequencies (p,) of a model, from ARlsf or else from ARcoeff."""
+def _frequencies(model: _Xml) -> Array:
+    """Line spectral frequencies (p,) of a model."""
     if len(model.numbers("MAlsf")) or len(model.numbers("MAcoeff")) > 1:
         raise model.error("<MAcoeff>", "an AR model, as in the 10 kHz files of the toolkit", "an ARMA model")
-    lsf, coefficients = model.numbers("ARlsf"), model.numbers("ARcoeff")
-    if len(lsf) and np.all(np.diff(lsf, prepend=0.0, append=np.pi) > 0.0):
-        return lsf
-    if len(coefficients) <= 1 or coefficients[0] != 1.0:
-        raise model.error("<ARlsf>", "ascending numbers between 0 and π, or <ARcoeff> that begin with 1", "neither")
-    notes.append(f"{model.place}: ARlsf is missing or does not ascend; ARcoeff was used")
-    try:
-        return lsf_from_ar(coefficients)
-    except SwatchError:
-        raise model.error("<ARcoeff>", "a stable filter", "an unstable one") from None
+    lsf = model.numbers("ARlsf")
+    if not len(lsf) or not np.all(np.diff(lsf, prepend=0.0, append=np.pi) > 0.0):
+        raise model.error("<ARlsf>", "ascending numbers between 0 and π", "others")
+    return lsf
 
 
-def _triangles(source: _Xml, force: Array, speed: Array, notes: list[str]) -> NDArray[np.int32]:
+def _triangles(source: _Xml, force: Array, speed: Array) -> NDArray[np.int32]:
     """Triangles (t, 3) of the file as indices from 0, without degenerate ones."""
     elements = source.children("tri", "numTri")
     rows = [tri.numbers() for tri in elements]
@@ -231,8 +220,6 @@ def _triangles(source: _Xml, force: Array, speed: Array, notes: list[str]) -> ND
         raise source.error("the models", "a model at a force and a speed above 0", "no such model")
     area = np.abs(_doubled_area(force[triangles], speed[triangles])) / top
     kept = triangles[area > 1e-6]
-    if len(kept) < len(triangles):
-        notes.append(f"{len(triangles) - len(kept)} triangles without area were omitted")
     if not len(kept) or abs(0.5 * area.sum() - 1.0) > 0.01:
         raise source.error(
             "<tri>", "triangles that cover the plane of force and speed exactly once", f"{0.5 * area.sum():.0%}"
@@ -307,8 +294,6 @@ def import_hatt(models_xml: str | os.PathLike[str], taps_xml: str | os.PathLike[
     path = Path(models_xml)
     models = read_models(path)
     taps = None if taps_xml is None else _as_taps(*read_taps(taps_xml))
-    unknown = () if models.friction is not None else ("mu is missing; friction was not measured",)
-    notes = "".join(f" {note}." for note in (*unknown, *models.notes)[:20])
     files = path.name if taps_xml is None else f"{path.name} and {Path(taps_xml).name}"
     places = models.force_N, models.speed_m_s, models.triangles
     with refusing(SwatchError, path):
@@ -319,7 +304,7 @@ def import_hatt(models_xml: str | os.PathLike[str], taps_xml: str | os.PathLike[
             texture=Texture(models.rate_Hz, *places, models.ar_lsf_rad, models.variance_m2_s4, interpolation="hatt"),
             taps=taps,
             absent=_absent(models, taps),
-            provenance=f"Imported from {files} (layout of the Penn Haptic Texture Toolkit).{notes}",
+            provenance=f"Imported from {files} (layout of the Penn Haptic Texture Toolkit).",
             licence=LICENCE,
         )
 
@@ -340,76 +325,46 @@ def _as_taps(approach_m_s: Array, waves_m_s2: Array) -> Taps:
     return Taps(approach_m_s, rows[:, 0], rows[:, 1], rows[:, 2], waves_m_s2, TAP_RATE_HZ)
 
 
-@dataclass
-class ImportOutcome:
-    """Result of importing several files: the swatches written, and an error for each file that was not imported."""
-
-    made: list[Path] = field(default_factory=list)
-    broken: list[str] = field(default_factory=list)
-
-
-def import_many(
-    files: Iterable[str | Path],
-    folder: str | Path,
-    say: Callable[[str], None] = lambda line: None,
-    outcome: ImportOutcome | None = None,
-) -> ImportOutcome:
+def import_many(files: Iterable[str | Path], folder: str | Path, say: Callable[[str], None]) -> list[str]:
     """Imports models files, with the taps files of the same name, as `folder`/<name>.swatch.
 
-    `Models_X.xml` and `Taps_X.xml` form a pair. If there is exactly one file of each kind, they form a pair whatever
-    their names. An error in one file does not stop the import of the others.
+    An error in one file does not stop the import of the others.
 
     Args:
-        files: XML files, and folders of XML files.
+        files: XML files, and folders of XML files; `Models_X.xml` and `Taps_X.xml` form a pair.
         folder: output folder; it is created if it does not exist.
         say: called with a line of output for each swatch.
-        outcome: updated file by file, so that an interrupted caller has a partial result; None creates a new one.
+
+    Returns:
+        An error for each models file that was not imported.
 
     Raises:
-        SwatchError: the folder cannot be created.
+        SwatchError: two models files have the same name, or a taps file has no models file.
     """
-    outcome = ImportOutcome() if outcome is None else outcome
-    pairs, target = _pairs(files, outcome), Path(folder)
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SwatchError(f"{target}: the folder cannot be created: {error.strerror or error}") from None
-    taken: dict[str, Path] = {}
+    pairs, errors = _pairs(files), list[str]()
+    Path(folder).mkdir(parents=True, exist_ok=True)
     for i, (models, taps) in enumerate(pairs, 1):
-        path = target / (_key(models) + SUFFIX)
+        path = Path(folder) / (_key(models) + SUFFIX)
         try:
-            if path.name.casefold() in taken:
-                raise SwatchError(
-                    f"{models}: {path.name} was already imported from {taken[path.name.casefold()]}: use two folders"
-                )
-            taken[path.name.casefold()] = models
             save_swatch(import_hatt(models, taps), path)
-        except HapsceneError as error:
-            outcome.broken.append(str(error))
-            say(f"{i}/{len(pairs)}  {models.name}: not imported")
-        else:
-            outcome.made.append(path)
             say(f"{i}/{len(pairs)}  {models.name} → {path.name}")
-    return outcome
-
-
-def _pairs(files: Iterable[str | Path], outcome: ImportOutcome) -> list[tuple[Path, Path | None]]:
-    """Pairs of a models file and its taps file or None, in the given order."""
-    paths: list[Path] = []
-    for file in map(Path, files):
-        paths += sorted(file.glob("*.xml")) if file.is_dir() else [file]
-    found: dict[str, list[Path]] = {"modelSet": [], "tapSet": []}
-    for path in dict.fromkeys(paths):
-        try:
-            found[_name(_read_xml(path, *found).element)].append(path)
         except HapsceneError as error:
-            outcome.broken.append(str(error))
-    models, taps = found.values()
-    if len(models) == len(taps) == 1:
-        return [(models[0], taps[0])]
-    partners = {_key(path): path for path in taps}
-    pairs = [(path, partners.pop(_key(path), None)) for path in models]
-    outcome.broken += [f"{path}: no matching Models_{key}.xml among the files" for key, path in partners.items()]
+            errors.append(str(error))
+            say(f"{i}/{len(pairs)}  {models.name}: not imported")
+    return errors
+
+
+def _pairs(files: Iterable[str | Path]) -> list[tuple[Path, Path | None]]:
+    """Pairs of a models file and its taps file or None, in the given order."""
+    each = (sorted(file.glob("*.xml")) if file.is_dir() else [file] for file in map(Path, files))
+    paths = dict.fromkeys(path for group in each for path in group)
+    taps = {_key(path): path for path in paths if path.name.startswith("Taps_")}
+    models = [path for path in paths if path not in taps.values()]
+    if len({_key(path) for path in models}) < len(models):
+        raise SwatchError("two models files have the same name: import them into two folders")
+    pairs = [(path, taps.pop(_key(path), None)) for path in models]
+    for key, path in taps.items():
+        raise SwatchError(f"{path}: no matching Models_{key}.xml among the files")
     return pairs
 
 

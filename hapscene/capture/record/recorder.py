@@ -6,14 +6,14 @@ import shutil
 import sys
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.io.hsrec import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, file_exists, load_record, save_npz
+from hapscene.capture.io.hsrec import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, file_exists
 from hapscene.errors import CaptureError, Codes
 from hapscene.io.files import refusing
 from hapscene.io.wire.port import BAUD, Port
@@ -131,8 +131,7 @@ def record(
 
     Args:
         port: name of the serial port, for example "/dev/ttyUSB0" or "COM3".
-        path: file to write. A .hsrec file is written while recording. For a .npz file, a .hsrec file of the same name
-            is written first and converted at the end.
+        path: .hsrec file to write.
         baud: speed of the port [bit/s].
         duration_s: length of the recording [s]; None: until `stopped` returns True.
         stopped: called about 20 times per second.
@@ -143,13 +142,11 @@ def record(
     Raises:
         CaptureError: the port cannot be opened, sends nothing or speaks another protocol; the file exists already.
     """
-    target = Path(path)
-    if target.suffix not in (SUFFIX, ".npz"):
-        raise CaptureError(f"{target}: invalid suffix; expected {SUFFIX} or .npz")
-    place = target.with_suffix(SUFFIX)
-    for file in {target, place}:
-        if file.exists():
-            raise file_exists(file)
+    place = Path(path)
+    if place.suffix != SUFFIX:
+        raise CaptureError(f"{place}: invalid suffix; expected {SUFFIX}")
+    if place.exists():
+        raise file_exists(place)
     with closing(Port(port, baud)) as opened:
         decoder, runs = _wait_for_header(opened, port, baud, silence_s, stopped, clock)
         assert decoder.header is not None
@@ -161,10 +158,7 @@ def record(
     if not result.count.received:
         place.unlink()
         raise CaptureError(f"{port}: the probe sent a header but no samples ({result.ended}); no file was written")
-    if target != place:
-        save_npz(load_record(place), target)
-        place.unlink()
-    return replace(result, path=target)
+    return result
 
 
 def _wait_for_header(

@@ -14,7 +14,7 @@ from hapscene.errors import SwatchError, no_such
 from hapscene.paint.model.cards import Card, all_cards, matching, scene_cards
 from hapscene.paint.web.context import PageContext, aria, card_html, escape_html, set_html
 from hapscene.paint.web.view import rgb_bytes
-from hapscene.scene.uv_paint import read_picture
+from hapscene.scene.material import read_picture
 from hapscene.surface.look import Look, picture_png
 from hapscene.surface.swatch import touched_with
 from hapscene.surface.swatch_file import SUFFIX, read_swatch

@@ -122,7 +122,7 @@ class Voice {
     for (const tap of this.taps) for (let i = 0; i < BLOCK && tap.at < tap.wave.length; i++) out[start + i] += tap.gain * tap.wave[tap.at++];
     this.taps = this.taps.filter((tap) => tap.at < tap.wave.length);
   }
-  // Gain of the amplitude modulation: see hapscene/dsp/slow_gain.py.
+  // Gain of the amplitude modulation: see hapscene/dsp/texture_voice.py.
   modulation({ table, depth, norm }) {
     let log = 0, variance = 0;
     for (let i = 0; i < table[PROCESSES]; i++) {

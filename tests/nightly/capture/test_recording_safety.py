@@ -113,7 +113,6 @@ BOMBS: dict[str, tuple[str, Callable[[Path], Any], str]] = {
     "path.csv": ("path", lambda p: write(p, b"t,x,y,z\n" + b"".join(b"%f,0,0,0\n" % (9.9 * i) for i in range(360))),
                  "lasts 3,554 s; expected at most 236 s .* for 360 rows"),
     "row.csv": ("path", lambda p: write(p, b"t,x,y,z\n" + b"0,0,0,0," * 2_000_000), "line 2 is longer than"),
-    "quoted.csv": ("path", lambda p: write(p, b't,x,y,z\n"' + b'\n' * 100), "row with more than 16 lines"),
 }  # fmt: skip
 """Invalid files: reader, function that writes the file, expected text of the error."""
 

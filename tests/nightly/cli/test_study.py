@@ -16,7 +16,7 @@ pytest.importorskip("websockets", reason="websockets is not installed: pip insta
 from websockets.sync.client import connect
 
 from hapscene.cli import main
-from hapscene.study.results_file import load_rows
+from hapscene.study.session import load_rows
 from tests.cli.test_study import folder
 
 __all__ = ["folder"]  # fixtures

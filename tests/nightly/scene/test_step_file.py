@@ -1,6 +1,5 @@
 """STEP files with Open CASCADE: intact, damaged and crashing files."""
 
-import json
 import time
 import warnings
 from pathlib import Path
@@ -13,7 +12,6 @@ from hapscene.cli import main
 from hapscene.errors import MeshError
 from hapscene.scene.mesh import MeshWarning
 from hapscene.scene.mesh_file import load_mesh
-from hapscene.scene.scene import Scene, load_scene
 from hapscene.scene.step_file import declared_by
 from tests.nightly.fuzz import formats
 
@@ -73,14 +71,11 @@ def test_colours_are_groups(step) -> None:
 
 
 @pytest.mark.parametrize("name", DAMAGED)
-def test_damaged_file_raises_unless_accepted(name: str, step) -> None:
+def test_damaged_file_raises(name: str, step) -> None:
     text = DAMAGED[name]
     assert text != BOX
-    with pytest.raises(MeshError, match="--accept-damaged"):
+    with pytest.raises(MeshError, match="damaged"):
         load_mesh(step(text))
-    if name != "number given twice":  # the parser crashes
-        with pytest.warns(MeshWarning):
-            assert len(load_mesh(step(text), accept_damaged=True).faces) in (10, 12)
 
 
 def test_open_shell_warns(step) -> None:
@@ -88,31 +83,13 @@ def test_open_shell_warns(step) -> None:
         load_mesh(step(BOX.replace("#1,#2,#4,#3", "#1,#2,#4,#4")))
 
 
-@pytest.mark.parametrize("words", [["check", "--json"], ["touch"]])
+@pytest.mark.parametrize("words", [["check"], ["touch"]])
 def test_crash_of_the_parser_is_one_error(words: list[str], step, capfd, monkeypatch, tmp_path) -> None:
     monkeypatch.chdir(tmp_path)
     assert main([words[0], str(step(CRASHING)), *words[1:]]) == 2
     out, err = capfd.readouterr()
     assert "SIGSEGV" in err and err.count("\n") == 1
     assert out.count("\n") <= 1 and "\x1b" not in out + err
-
-
-def test_json_output_with_parser_errors(step, capfd) -> None:
-    text = BOX.replace(FACE, "")
-    assert main(["check", str(step(text)), "--json", "--accept-damaged"]) in (0, 1)
-    out, err = capfd.readouterr()
-    assert json.loads(out)["face_count"] == 10
-    assert err
-
-
-def test_scene_with_a_damaged_mesh(step, tmp_path) -> None:
-    with pytest.warns(MeshWarning):
-        mesh = load_mesh(step(BOX.replace(FACE, "")), accept_damaged=True)
-    scene = Scene()
-    scene.add(mesh)
-    scene.save(tmp_path / "box.scene.json")
-    with pytest.warns(MeshWarning):
-        assert load_scene(tmp_path / "box.scene.json").bodies[0].mesh.digest == mesh.digest
 
 
 @pytest.mark.parametrize("beginning", ["/* ", "DATA;", "DATA(", "CLOSED_SHELL(", "CLOSED_SHELL()", "#1 ", "'", "#1=A("])

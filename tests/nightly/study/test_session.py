@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from hapscene.study.plan import parse_plan
-from hapscene.study.results_file import load_rows
-from hapscene.study.session import Session
+from hapscene.study.session import Session, load_rows
 from tests.study.plans import TEXT
 from tests.study.test_session import answer_trials, answers, complete
 

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
 
-from hapscene.study.results_file import load_rows
+from hapscene.study.session import load_rows
 from tests.chromium import AXE, AXE_RUN
 from tests.study.test_study_server import PLAN, Asked, ask
 from tests.until import until

@@ -10,8 +10,7 @@ import pytest
 
 from hapscene.device.sim.point import PointMass
 from hapscene.loop.reference_trajectory import ReferenceTrajectory
-from hapscene.teleoperation.link import Impairment
-from hapscene.teleoperation.operation import Operation
+from hapscene.teleoperation.operation import Impairment, Operation
 from hapscene.teleoperation.plate import plate
 from tests.teleoperation.delays import CASES, ENERGY_MAX_J, REST_MAX_M_S, energy_out_J, final_speed_m_s, operate_case
 
