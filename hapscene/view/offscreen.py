@@ -4,6 +4,7 @@ A process can load only one GL platform, so each platform needs a separate proce
 the main process. The child reads a pickled `Drawing` from standard input and writes pixels to standard output.
 """
 
+import gc
 import os
 import pickle
 import subprocess
@@ -170,9 +171,11 @@ def _main() -> None:
         os.dup2(2, 1)  # keeps output of a driver out of the pixels
         sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]  # None blocks the import
         without_viewer()
+        gc.freeze()  # pyrender collects garbage each time it frees a buffer
         for pixels in render(pickle.load(sys.stdin.buffer)):
             out.write(pixels.tobytes())
             out.flush()
+    os._exit(0)  # taking GL down takes longer than a small drawing
 
 
 if __name__ == "__main__":

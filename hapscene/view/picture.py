@@ -17,7 +17,7 @@ from hapscene.view.feel_layer import Show
 from hapscene.view.figure_parts import ARROW_SPACING, arrow_ticks, make_figure_parts
 from hapscene.view.legend import Legend, entries_of, measures_of
 from hapscene.view.offscreen import draw
-from hapscene.view.palette import LIGHT, Theme
+from hapscene.view.palette import AIR, FORCE, LIGHT, PATH, Theme, rgb
 from hapscene.view.triangles import Drawing, Frame
 
 if TYPE_CHECKING:
@@ -45,6 +45,10 @@ RATES_HZ: Final = {".gif": 12.5, ".mp4": 25.0}
 
 GIF_COLOURS: Final = 255
 """Number of colours of a GIF [count]; the remaining one of 256 means "unchanged pixel", which reduces the size."""
+
+GIF_MARK_PX: Final = 24
+"""Rows of each colour of path and arrows in the picture from which the palette is computed [pixels]: these colours
+must not be lost among those of the bodies."""
 
 KEY_FRAMES: Final = 5
 """Number of frames from which the palette of a GIF is computed [count]."""
@@ -115,7 +119,7 @@ def write_picture(
         size = width, int(np.clip(width * height_m / width_m, *HEIGHTS)) + legend.height
     area = _area_over(legend, size)
     (X_SC,), extent_m, pixel_m = fit_cameras(points_m, R_SC, area)
-    drawing = Drawing(parts, [Frame(X_SC, shown)], extent_m, area, theme.background, OVERSAMPLING)
+    drawing = Drawing(parts, [Frame(X_SC, shown)], extent_m, area, theme.background, OVERSAMPLING, figure.casters)
     strip = legend.draw(measures_of(pixel_m, width, theme, figure.arrow_m_N, figure.f_max_N))
     (picture,) = _drawn(drawing, strip)
     with whole_file(path) as part:
@@ -163,7 +167,7 @@ def _compose(scene: "Scene", recording: Recording | None, film: Film, count: int
     poses, extent_m, pixel_m = fit_cameras(figure.points_m(tool=True), R_SC, area)
     shown = [figure.shown(int(tick) if touched else None) for tick in ticks]
     frames = [Frame(X_SC, parts) for X_SC, parts in zip(poses, shown, strict=True)]
-    drawing = Drawing(figure.parts, frames, extent_m, area, film.theme.background, OVERSAMPLING)
+    drawing = Drawing(figure.parts, frames, extent_m, area, film.theme.background, OVERSAMPLING, figure.casters)
     return drawing, legend.draw(measures_of(pixel_m, area[0], film.theme, figure.arrow_m_N, figure.f_max_N))
 
 
@@ -193,7 +197,8 @@ def _drawn(drawing: Drawing, strip: Image.Image) -> Iterator[Image.Image]:
 def _write_gif(part: Path, frames: Frames, count: int, size: tuple[int, int]) -> None:
     """Write a GIF with one palette for all frames, since separate palettes cause flicker."""
     key = np.unique(np.linspace(0, count - 1, KEY_FRAMES).round().astype(int)).tolist()
-    sheet = Image.fromarray(np.concatenate([np.asarray(picture) for picture in frames(key)]))
+    marks = [np.full((GIF_MARK_PX, size[0], 3), np.rint(255 * rgb(colour)), np.uint8) for colour in (PATH, FORCE, AIR)]
+    sheet = Image.fromarray(np.concatenate([*(np.asarray(picture) for picture in frames(key)), *marks]))
     palette = sheet.quantize(GIF_COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     pictures = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames(range(count)))
     next(pictures).save(

@@ -38,7 +38,7 @@ class Triangles(NamedTuple):
     """k triangles in the world frame, by corner: position [m], unit normal, linear RGB; each (3 k, 3) float64.
 
     The colour may have an opacity as fourth channel. With a picture (h, w, 3 or 4) uint8, sRGB, which repeats, `uv` has
-    texture coordinates (3 k, 2), v upward, and the picture multiplies the colour.
+    texture coordinates (3 k, 2), v upward, and the picture multiplies the colour. The roughness is 0 for a mirror to 1.
     """
 
     corner_m: NDArray[np.float64]
@@ -46,6 +46,7 @@ class Triangles(NamedTuple):
     colour: NDArray[np.float64]
     uv: NDArray[np.float64] | None = None
     picture: NDArray[np.uint8] | None = None
+    roughness: float = 0.85
 
     @property
     def simple(self) -> bool:
@@ -55,7 +56,8 @@ class Triangles(NamedTuple):
     def in_float32(self) -> "Triangles":
         """Return the triangles in float32, the precision of GL, which halves the data for the child process."""
         uv = None if self.uv is None else self.uv.astype(np.float32)
-        return Triangles(*(values.astype(np.float32) for values in self[:3]), uv, self.picture)  # type: ignore[call-arg, arg-type]
+        corner_m, normal, colour = (values.astype(np.float32) for values in self[:3])
+        return self._replace(corner_m=corner_m, normal=normal, colour=colour, uv=uv)  # type: ignore[arg-type]
 
 
 NOTHING: Final = Triangles(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
@@ -65,7 +67,8 @@ def joined(solids: list[Triangles]) -> Triangles:
     """Concatenate simple triangles."""
     if not solids:
         return NOTHING
-    return Triangles(*(np.concatenate(values) for values in zip(*(solid[:3] for solid in solids), strict=True)))
+    corner_m, normal, colour = (np.concatenate([solid[k] for solid in solids]) for k in range(3))
+    return Triangles(corner_m, normal, colour)
 
 
 def moved(solid: Triangles, X: NDArray[np.float64]) -> Triangles:
@@ -170,6 +173,8 @@ class Drawing:
     """Background colour, "#rrggbb"."""
     oversampling: int
     """Rendered pixels per pixel of `size`, along each side."""
+    casters: Sequence[int] = ()
+    """Indices of the parts that cast shadows."""
 
 
 def same(a: Shown, b: Shown) -> bool:
