@@ -189,7 +189,7 @@ def _scene_json(scene: Scene, title: str, shown_max: int) -> str:
         "uv": arrays.add(uv if pictures else uv[:0], "f4"),
         "faces": arrays.add(np.concatenate([row[6] + at for row, at in zip(rows, start[:-1], strict=True)]), "u4"),
         "bodies": bodies,
-        "swatches": [{"plain": i == 0} | _swatch(scene.swatches[i], colours[i], arrays) for i in used.tolist()],
+        "swatches": [{"plain": i == 0} | _swatch(scene.swatches[i], colours[i], diagonal_m, arrays) for i in used.tolist()],
     }
     return json.dumps(content | {"data": arrays.text()}, allow_nan=False)
 
@@ -331,7 +331,7 @@ def _octant(solid: _Solid) -> Array:
 # --- feel ---
 
 
-def _swatch(swatch: Swatch, colour: str, arrays: _Arrays) -> dict[str, Json]:
+def _swatch(swatch: Swatch, colour: str, diagonal_m: float, arrays: _Arrays) -> dict[str, Json]:
     """Return what the page needs of a swatch: see class `Voice` in sound.js."""
     texture, effect, sound = swatch.texture, load_effect("lpc_texture"), swatch_sound(swatch)
     table = np.zeros(0) if effect.table is None else effect.table(swatch, ACCELERATION_RATE_HZ)
@@ -347,14 +347,15 @@ def _swatch(swatch: Swatch, colour: str, arrays: _Arrays) -> dict[str, Json]:
         "tap": arrays.add(np.trim_zeros(sound.a_m_s2[: sound.start], "b"), "f4"),
         "listen": HEADROOM * sound.gain / FULL_SCALE_M_S2,  # factor from acceleration to sound: texture,
         "knock": HEADROOM / FULL_SCALE_M_S2,  # and taps
-        **_grain(swatch, arrays),
+        **_grain(swatch, diagonal_m, arrays),
     }
 
 
-def _grain(swatch: Swatch, arrays: _Arrays) -> dict[str, Json]:
+def _grain(swatch: Swatch, diagonal_m: float, arrays: _Arrays) -> dict[str, Json]:
     """Return a periodic grain (GRAIN_PX, GRAIN_PX, 3), its size, and the gloss.
 
-    Its bytes are two slopes of the relief, 1 to 255 for ±`STEEPEST`, and a brightness, 128 for that of the colour.
+    Its bytes are two slopes of the relief, 1 to 255 for ±`STEEPEST`, and a brightness, 128 for that of the colour. It
+    is magnified on large scenes.
     """
     from PIL import Image
 
@@ -366,4 +367,5 @@ def _grain(swatch: Swatch, arrays: _Arrays) -> dict[str, Json]:
     picture = Image.fromarray((128 + np.rint(rows)).astype(np.uint8))
     small = picture.resize((GRAIN_PX, GRAIN_PX), Image.Resampling.BOX)
     roughness = (swatch.look or plain_look(swatch)).roughness
-    return {"grain": arrays.add(np.asarray(small), "u1"), "grain_m": grain.size_m, "gloss": 1.0 - roughness}
+    tile_m = grain.tile_m(diagonal_m)
+    return {"grain": arrays.add(np.asarray(small), "u1"), "grain_m": tile_m, "gloss": 1.0 - roughness}
