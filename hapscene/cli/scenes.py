@@ -1,7 +1,6 @@
 """`hapscene view`, `hapscene check` and `hapscene convert`: commands for scenes and meshes."""
 
 import json
-import math
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -38,7 +37,6 @@ def view(
     seconds: Annotated[
         Positive | None, Help("Duration of a video [s] (default: duration of the touch, without one 6)")
     ] = None,
-    turn: Annotated[float, Help("Angle by which the camera of a video turns around the scene [degrees]")] = 360.0,
     show: Annotated[ShowLayers, Help("Layers shown: materials of the meshes, paint, or both")] = "both",
     mesh: MeshOptions = MeshOptions(),
 ) -> None:
@@ -75,7 +73,7 @@ def view(
         if kind == ".png":
             write_picture(loaded, recording, out, size=size, theme=theme, show=show)
         else:
-            film = Film(size or Film.size, seconds, math.radians(turn), theme, show)
+            film = Film(size or Film.size, seconds, theme, show)
             write_film(loaded, recording, out, film)
     print_files([out])
 

@@ -130,7 +130,6 @@ def touch(
     tip_radius: TipRadius = 0.0,
     no_picture: Annotated[bool, Help("Skip the picture scene.png")] = False,
     dark: Dark = False,
-    view: Annotated[bool, Help("Show the touch in a window afterwards, in real time")] = False,
     hand: HandOptions = HandOptions(),
     mesh: MeshOptions = MeshOptions(),
 ) -> None:
@@ -153,10 +152,6 @@ def touch(
     from hapscene.view.offscreen import started_ahead
 
     with started_ahead(not no_picture):
-        if view:
-            from hapscene.view.window import check_display
-
-            check_display()
         of_effects = _parse_settings(settings or ())
         _check_effects(effects or (), of_effects)
         loaded, bridge = _opened(scene, mesh, hand.device)
@@ -168,8 +163,6 @@ def touch(
         else:
             made = _touch_by_hand(loaded, path, out, hand, render, write)
         print_files(made)
-        if view:
-            _show(loaded, out, dark, hand.hand is not None, f"hapscene: {Path(scene).name}")
 
 
 def _check_effects(effects: Sequence[str], settings: Iterable[str]) -> None:
@@ -248,16 +241,3 @@ def _aim(scene: "Scene", bridge: "MuJoCo | None") -> "Scene":
     moving = copy(scene)
     moving.bodies = [body for body in scene.bodies if body.name in bridge.names]
     return moving
-
-
-def _show(scene: "Scene", out: Path, dark: bool, by_hand: bool, title: str) -> None:
-    """Show a recorded touch in a window until the window is closed."""
-    from hapscene.render.recording import Recording
-    from hapscene.view.palette import DARK, LIGHT
-    from hapscene.view.window import play_in_window, with_hand
-
-    recording = Recording.load(out / "touch.npz")
-    if by_hand:
-        recording = with_hand(recording, out / "hand.npz")
-    print("showing the touch in a window; close the window or press Ctrl-C to end", flush=True)
-    play_in_window(scene, recording, title, theme=DARK if dark else LIGHT)

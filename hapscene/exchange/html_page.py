@@ -189,7 +189,9 @@ def _scene_json(scene: Scene, title: str, shown_max: int) -> str:
         "uv": arrays.add(uv if pictures else uv[:0], "f4"),
         "faces": arrays.add(np.concatenate([row[6] + at for row, at in zip(rows, start[:-1], strict=True)]), "u4"),
         "bodies": bodies,
-        "swatches": [{"plain": i == 0} | _swatch(scene.swatches[i], colours[i], diagonal_m, arrays) for i in used.tolist()],
+        "swatches": [
+            {"plain": i == 0} | _swatch(scene.swatches[i], colours[i], diagonal_m, arrays) for i in used.tolist()
+        ],
     }
     return json.dumps(content | {"data": arrays.text()}, allow_nan=False)
 

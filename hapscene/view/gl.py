@@ -1,7 +1,7 @@
-"""Rendering of frames and of the window with pyrender. No other module imports pyrender."""
+"""Rendering of frames with pyrender. No other module imports pyrender."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from importlib import import_module
 from types import ModuleType
 from typing import Any, Final
@@ -9,12 +9,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.view.camera import facing, fit_cameras, orbit, pose_of
-from hapscene.view.palette import Theme, rgb
+from hapscene.view.camera import facing, fit_cameras, pose_of
+from hapscene.view.palette import rgb
 from hapscene.view.shadows import SUN, ZENITH, DepthPicture, Shadows
 from hapscene.view.triangles import Drawing, Shown, Triangles, joined, moved, same
 
-__all__ = ["render", "watch", "without_viewer"]
+__all__ = ["render", "without_viewer"]
 
 AMBIENT: Final = (0.32, 0.32, 0.32)
 """Ambient light."""
@@ -24,17 +24,8 @@ SUN_INTENSITY: Final = 2.4
 FILL: Final = ((1.0, 0.1, 0.6), 0.7)
 """Second light, which is fixed to the camera: direction to the light in the camera frame, and intensity."""
 
-CAPTION_PT: Final = 18
-"""Text size of the window [pixels]."""
-
-WINDOW_PX: Final = (1000, 750)
-"""Size of the window [pixels]."""
-
 NEAR: Final = 1e-4
 """Nearest visible depth of an orthographic camera, relative to the farthest [1]."""
-
-VIEW_RAD: Final = np.radians(30.0)
-"""Vertical field of view of the window [rad]: little distortion, but still perspective."""
 
 
 def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
@@ -125,67 +116,6 @@ def without_viewer() -> ModuleType:
     return import_module("pyrender")
 
 
-def watch(
-    parts: Sequence[Triangles],
-    points_m: NDArray[np.float64],
-    title: str,
-    theme: Theme,
-    now: Callable[[], tuple[Shown, str]],
-) -> None:
-    """Open a window and return when it is closed.
-
-    Args:
-        parts: parts that can be shown.
-        points_m: points that must be visible (k, 3) [m].
-        title: title of the window.
-        theme: colours of background and text.
-        now: returns the visible parts of the next frame and its caption.
-    """
-    import pyrender
-
-    scene = _empty(pyrender, theme.background)
-    nodes = [scene.add(_mesh(pyrender, part)) if len(part.corner_m) else None for part in parts]
-    (R_SC,) = orbit([0.0])
-    distance_m = 0.85 * float(np.linalg.norm(points_m, axis=1).max()) / np.sin(VIEW_RAD / 2)
-    camera = pyrender.PerspectiveCamera(VIEW_RAD, znear=distance_m * 1e-2, zfar=10.0 * distance_m)
-    scene.add(camera, pose=pose_of(R_SC, R_SC[:, 2] * distance_m))
-
-    class Window(pyrender.Viewer):  # type: ignore[misc]
-        due = False
-
-        def draw(self, dt: float) -> None:
-            """Called by the event loop of pyglet for each frame that is shown."""
-            self.due = True
-            super().draw(dt)
-
-        def on_draw(self) -> None:
-            if not self.due or self._renderer is None:
-                return  # pyrender's timer also requests frames, which would not be shown
-            self.due = False
-            shown, line = now()
-            _arrange(scene, nodes, shown)
-            text = line.encode("ascii", "replace").decode()  # pyrender has only ASCII glyphs
-            ink = np.append(rgb(theme.ink), 1.0)
-            style = {"font_name": "OpenSans-Regular", "font_pt": CAPTION_PT, "color": ink, "scale": 1.0}
-            where = pyrender.constants.TextAlign.BOTTOM_LEFT
-            self.viewer_flags["caption"] = [{"text": text, "location": where, **style}]
-            super().on_draw()
-
-    window = Window(
-        scene,
-        viewport_size=WINDOW_PX,
-        auto_start=False,
-        use_raymond_lighting=True,
-        cull_faces=False,
-        window_title=title,
-        view_center=np.zeros(3),
-    )
-    try:
-        window.start()
-    except KeyboardInterrupt:
-        window.on_close()
-
-
 def _empty(pyrender: ModuleType, background: str) -> Any:
     """Return an empty scene."""
     return pyrender.Scene(bg_color=(*rgb(background), 1.0), ambient_light=AMBIENT)
@@ -211,14 +141,3 @@ def _mesh(pyrender: ModuleType, solid: Triangles) -> Any:
         ),
     )
     return pyrender.Mesh([primitive])
-
-
-def _arrange(scene: Any, nodes: Sequence[Any], shown: Shown) -> None:
-    """Show exactly these parts at their poses."""
-    poses = dict(shown)
-    for index, node in enumerate(nodes):
-        if node is None:
-            continue
-        node.mesh.is_visible = index in poses
-        if index in poses and not np.array_equal(node.matrix, poses[index]):
-            scene.set_pose(node, poses[index])

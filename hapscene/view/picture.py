@@ -64,14 +64,12 @@ class Film:
     Attributes:
         size: width and height including the legend [pixels].
         seconds: length [s]; None for that of the touch, or `SECONDS`.
-        turn_rad: rotation of the camera around the scene [rad].
         theme: colours of background and text.
         show: visible layers of the bodies.
     """
 
     size: tuple[int, int] = (800, 600)
     seconds: float | None = None
-    turn_rad: float = 2.0 * np.pi
     theme: Theme = LIGHT
     show: Show = "both"
 
@@ -127,7 +125,7 @@ def write_picture(
 
 
 def write_film(scene: "Scene", recording: Recording | None, path: str | Path, film: Film) -> None:
-    """Write a film of a scene with a moving camera and a recorded touch, as GIF or MP4 depending on the suffix.
+    """Write a film of a recorded touch, or of a scene that turns once, as GIF or MP4 depending on the suffix.
 
     Args:
         scene: scene to draw.
@@ -161,7 +159,7 @@ def _compose(scene: "Scene", recording: Recording | None, film: Film, count: int
     touched = recording is not None
     ticks = np.linspace(0, 0 if recording is None else len(recording) - 1, count).round().astype(np.int64)
     figure = make_figure_parts(scene, recording, film.theme, ticks, film.show)
-    R_SC = orbit((film.turn_rad * np.arange(count) / count).tolist())
+    R_SC = orbit([0.0] * count if touched else (2.0 * np.pi * np.arange(count) / count).tolist())
     legend = Legend(entries_of(scene, film.theme, path=touched, tool=touched), film.size[0], film.theme)
     area = _area_over(legend, film.size)
     poses, extent_m, pixel_m = fit_cameras(figure.points_m(tool=True), R_SC, area)

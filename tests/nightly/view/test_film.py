@@ -59,7 +59,7 @@ def test_mp4(tmp_path: Path, scene: Scene, recording: Recording) -> None:
 
 
 def test_touch_is_in_real_time(scene: Scene, recording: Recording) -> None:
-    drawing, _ = _compose(scene, recording, Film(size=(320, 240), turn_rad=0.0), 30)
+    drawing, _ = _compose(scene, recording, Film(size=(320, 240)), 30)
     tips_m = np.array([dict(frame.shown)[0][:3, 3] for frame in drawing.frames])
     ticks = np.linspace(0, 1999, 30).round().astype(int)
     np.testing.assert_allclose(np.diff(tips_m, axis=0), np.diff(recording.p_WT_m[ticks], axis=0), atol=1e-12)
