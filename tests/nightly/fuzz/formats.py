@@ -427,7 +427,6 @@ FORMATS: Mapping[str, Format] = {
     "zip": Format(packed, read_mesh),
     "step": Format(step, read_mesh, soak=90, quick=2),
     "painted-glb": painted("x.glb"),
-    "painted-ply": painted("x.ply"),
     "fine-glb": painted("x.gltf", fine=True),
     "scene": Format(
         written(lambda path: scene().save(path), "x.scene.json"),
