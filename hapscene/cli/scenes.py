@@ -56,7 +56,7 @@ def view(
     from hapscene.touch import step
     from hapscene.view.offscreen import started_ahead
     from hapscene.view.palette import DARK, LIGHT
-    from hapscene.view.picture import RATES_HZ, Film, write_film, write_picture
+    from hapscene.view.picture import RATES_HZ, write_picture
 
     kind = out.suffix.lower()
     if kind not in (".png", *RATES_HZ):
@@ -70,11 +70,7 @@ def view(
         loaded = load_input(scene, mesh)
         recording = None if touch is None else Recording.load(touch)
         stack.enter_context(step(print_progress, f"drawing {out}"))
-        if kind == ".png":
-            write_picture(loaded, recording, out, size=size, theme=theme, show=show)
-        else:
-            film = Film(size or Film.size, seconds, theme, show)
-            write_film(loaded, recording, out, film)
+        write_picture(loaded, recording, out, size=size, seconds=seconds, theme=theme, show=show)
     print_files([out])
 
 

@@ -1,4 +1,3 @@
-from .picture import write_film as write_film
 from .picture import write_picture as write_picture
 from .plot import draw_plot as draw_plot
 from .plot import write_plot as write_plot

@@ -25,7 +25,7 @@ from hapscene.io.confined import import_path
 if TYPE_CHECKING:
     from hapscene.view.triangles import Drawing
 
-__all__ = ["draw", "last_line", "platforms", "started_ahead"]
+__all__ = ["draw", "platforms", "started_ahead"]
 
 LINE_MAX: Final = 160
 """Maximum length of a reason in an error [characters]."""
@@ -153,14 +153,10 @@ def _draw_batch(platform: str, drawing: "Drawing") -> NDArray[np.uint8]:
     if len(pixels) < len(drawing.frames) * height * width * 3:
         # PyOpenGL's message about a missing library does not name the library
         installed = all(map(find_library, LIBRARIES[platform]))
-        raise _DrawingFailed(last_line(complaint, process.returncode) if installed else "not installed")
+        lines = [line.strip() for line in complaint.decode(errors="replace").splitlines() if line.strip()]
+        last = lines[-1][:LINE_MAX] if lines else f"ended with code {process.returncode}"
+        raise _DrawingFailed(last if installed else "not installed")
     return np.frombuffer(pixels, np.uint8).reshape(-1, height, width, 3)
-
-
-def last_line(complaint: bytes, code: int) -> str:
-    """Return the last line of the error output of a process, else its exit code."""
-    lines = [line.strip() for line in complaint.decode(errors="replace").splitlines() if line.strip()]
-    return lines[-1][:LINE_MAX] if lines else f"ended with code {code}"
 
 
 def _main() -> None:

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.view.palette import rgb
+from hapscene.view.palette import linear, rgb
 
 __all__ = [
     "NOTHING",
@@ -21,7 +21,6 @@ __all__ = [
     "Triangles",
     "joined",
     "lathe",
-    "linear_rgb",
     "moved",
     "same",
     "tube",
@@ -94,7 +93,7 @@ def lathe(profile_m: list[tuple[float, float]], colour: str) -> Triangles:
         corner_m.append(np.stack([at[k : k + LATHE_SIDES] for at, k in quads], axis=1).reshape(-1, 3))
         normal.append(np.stack([side[k : k + LATHE_SIDES] for _, k in quads], axis=1).reshape(-1, 3))
     corners_m = np.concatenate(corner_m)
-    return Triangles(corners_m, np.concatenate(normal), np.tile(linear_rgb(rgb(colour)), (len(corners_m), 1)))
+    return Triangles(corners_m, np.concatenate(normal), np.tile(linear(rgb(colour)), (len(corners_m), 1)))
 
 
 def tube(line_m: NDArray[np.float64], radius_m: float, colour: str) -> Triangles:
@@ -113,7 +112,7 @@ def tube(line_m: NDArray[np.float64], radius_m: float, colour: str) -> Triangles
     quads = np.stack((a, b, b + TUBE_SIDES, a, b + TUBE_SIDES, a + TUBE_SIDES), axis=-1).ravel()
     normal = out.reshape(-1, 3)
     corner_m = (line_m[:, None] + radius_m * out).reshape(-1, 3)
-    return Triangles(corner_m[quads], normal[quads], np.tile(linear_rgb(rgb(colour)), (len(quads), 1)))
+    return Triangles(corner_m[quads], normal[quads], np.tile(linear(rgb(colour)), (len(quads), 1)))
 
 
 def _spaced(line_m: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
@@ -138,11 +137,6 @@ def _sides(along: NDArray[np.float64]) -> NDArray[np.float64]:
             length = np.linalg.norm(last)
         last = side[i] = last / length
     return side
-
-
-def linear_rgb(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Convert sRGB from 0 to 1 to linear values with the exponent of pyrender."""
-    return np.asarray(srgb**2.2)
 
 
 Shown = list[tuple[int, NDArray[np.float64]]]
