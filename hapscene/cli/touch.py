@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from copy import copy
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -151,7 +151,7 @@ def touch(
     hand.check(path)
     from hapscene.view.offscreen import started_ahead
 
-    with started_ahead(not no_picture):
+    with nullcontext() if no_picture else started_ahead():
         of_effects = _parse_settings(settings or ())
         _check_effects(effects or (), of_effects)
         loaded, bridge = _opened(scene, mesh, hand.device)

@@ -77,11 +77,6 @@ class FigureParts:
         return shown + self._arrow(tick)
 
     @property
-    def casters(self) -> range:
-        """Indices of the parts that cast shadows: the bodies."""
-        return range(BODIES, BODIES + self.body_count)
-
-    @property
     def f_max_N(self) -> float:
         """Maximum force [N]."""
         return float(np.linalg.norm(self.f_N, axis=1).max(initial=0.0))

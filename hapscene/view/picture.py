@@ -16,7 +16,7 @@ from hapscene.io.files import whole_file
 from hapscene.render.recording import Recording
 from hapscene.view.camera import fit_cameras, orbit, visible_size
 from hapscene.view.feel_layer import Show
-from hapscene.view.figure_parts import ARROW_SPACING, arrow_ticks, make_figure_parts
+from hapscene.view.figure_parts import ARROW_SPACING, BODIES, arrow_ticks, make_figure_parts
 from hapscene.view.legend import Legend, entries_of, measures_of
 from hapscene.view.offscreen import draw
 from hapscene.view.palette import AIR, FORCE, LIGHT, PATH, Theme, rgb
@@ -52,8 +52,7 @@ GIF_COLOURS: Final = 255
 """Number of colours of a GIF [count]; the remaining one of 256 means "unchanged pixel", which reduces the size."""
 
 GIF_MARK_PX: Final = 24
-"""Rows of each colour of path and arrows in the picture from which the palette is computed [pixels]: these colours
-must not be lost among those of the bodies."""
+"""Rows of each colour of path and arrows that are added to the key frames [pixels], to keep it in the palette."""
 
 KEY_FRAMES: Final = 5
 """Number of frames from which the palette of a GIF is computed [count]."""
@@ -145,16 +144,13 @@ def _compose(
     area = _area_over(legend, size)
     poses, extent_m, pixel_m = fit_cameras(points_m, R_SC, area)
     frames = [Frame(X_SC, these) for X_SC, these in zip(poses, shown, strict=True)]
-    drawing = Drawing(parts, frames, extent_m, area, theme.background, OVERSAMPLING, figure.casters)
+    bodies = range(BODIES, BODIES + figure.body_count)
+    drawing = Drawing(parts, frames, extent_m, area, theme.background, OVERSAMPLING, casters=bodies)
     return drawing, legend.draw(measures_of(pixel_m, width, theme, figure.arrow_m_N, figure.f_max_N))
 
 
 def _area_over(legend: Legend, size: tuple[int, int]) -> tuple[int, int]:
-    """Return width and height of the drawing above a legend in a picture of `size` [pixels].
-
-    Raises:
-        ViewError: the picture is too small.
-    """
+    """Return width and height of the drawing above a legend in a picture of `size` [pixels]; it may be too small."""
     height = size[1] - legend.height
     if height < HEIGHT_MIN:
         raise ViewError(

@@ -116,8 +116,8 @@ class Shadows:
         normal = _normals(p_S)
         toward = np.tensordot(np.array(SUN, np.float32) / np.float32(np.linalg.norm(SUN)), normal, 1)
         shadow = self._hidden_sun(p_S, normal, turn) * np.clip(3.0 * toward, 0.0, 1.0)  # else it is dark anyway
-        dark = [np.clip(part, 0.0, 1.0) for part in (_mean(shadow), _mean(self._hidden_sky(p_S, turn)))]
-        return np.asarray(1.0 - (1.0 - DARK[0] * dark[0]) * (1.0 - DARK[1] * dark[1]))
+        sun, sky = (np.clip(_mean(part), 0.0, 1.0) for part in (shadow, self._hidden_sky(p_S, turn)))
+        return np.asarray(1.0 - (1.0 - DARK[0] * sun) * (1.0 - DARK[1] * sky))
 
     def _hidden_sun(self, p_S: Array, normal: Array, turn: Array) -> Array:
         """Return the hidden share of the sun, with a border whose width depends on the distance of the bodies."""
