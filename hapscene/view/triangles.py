@@ -11,9 +11,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.view.palette import linear, rgb
+from hapscene.view.palette import rgb
 
 __all__ = [
+    "GAMMA",
     "NOTHING",
     "Drawing",
     "Frame",
@@ -26,6 +27,7 @@ __all__ = [
     "tube",
 ]
 
+GAMMA: Final = 2.2  # exponent with which pyrender converts linear colours to those of a screen
 TUBE_SIDES: Final = 8
 TUBE_RINGS_MAX: Final = 3000
 
@@ -93,7 +95,7 @@ def lathe(profile_m: list[tuple[float, float]], colour: str) -> Triangles:
         corner_m.append(np.stack([at[k : k + LATHE_SIDES] for at, k in quads], axis=1).reshape(-1, 3))
         normal.append(np.stack([side[k : k + LATHE_SIDES] for _, k in quads], axis=1).reshape(-1, 3))
     corners_m = np.concatenate(corner_m)
-    return Triangles(corners_m, np.concatenate(normal), np.tile(linear(rgb(colour)), (len(corners_m), 1)))
+    return Triangles(corners_m, np.concatenate(normal), np.tile(rgb(colour) ** GAMMA, (len(corners_m), 1)))
 
 
 def tube(line_m: NDArray[np.float64], radius_m: float, colour: str) -> Triangles:
@@ -112,7 +114,7 @@ def tube(line_m: NDArray[np.float64], radius_m: float, colour: str) -> Triangles
     quads = np.stack((a, b, b + TUBE_SIDES, a, b + TUBE_SIDES, a + TUBE_SIDES), axis=-1).ravel()
     normal = out.reshape(-1, 3)
     corner_m = (line_m[:, None] + radius_m * out).reshape(-1, 3)
-    return Triangles(corner_m[quads], normal[quads], np.tile(linear(rgb(colour)), (len(quads), 1)))
+    return Triangles(corner_m[quads], normal[quads], np.tile(rgb(colour) ** GAMMA, (len(quads), 1)))
 
 
 def _spaced(line_m: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
