@@ -13,7 +13,7 @@ from hapscene.render.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.view.palette import LIGHT
+from hapscene.view.palette import LIGHT, PATH, rgb
 from hapscene.view.picture import _compose, write_picture
 
 SMALL = {"size": (320, 240), "seconds": 0.48}
@@ -48,6 +48,13 @@ def test_gif(tmp_path: Path, scene: Scene) -> None:
     assert duration_ms == 480
     assert all((np.abs(a - b)[:100] > 30).any() for a, b in pairwise(frames))
     assert all(np.array_equal(frames[0][-30:], frame[-30:]) for frame in frames)  # the legend stands still
+
+
+def test_gif_keeps_the_colour_of_the_path(tmp_path: Path, scene: Scene, recording: Recording) -> None:
+    write(scene, recording, tmp_path / "a.gif", **SMALL)
+    with Image.open(tmp_path / "a.gif") as image:
+        palette = np.reshape(image.getpalette(), (-1, 3))
+    assert np.abs(palette - 255 * rgb(PATH)).max(axis=1).min() < 6
 
 
 def test_mp4(tmp_path: Path, scene: Scene, recording: Recording) -> None:
